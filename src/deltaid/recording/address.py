@@ -190,7 +190,9 @@ def _index(
         raise _refused(f"{field.name} is one number, not a column", field, where)
     if ":" in inner:
         return _as_written(field, inner, where)
-    axis = _sample_axis(field, samples)
+    # The axis that is as long as time; without time the longest one.
+    fitting = [a for a, size in enumerate(field.shape) if size in (None, samples)]
+    axis = [*fitting, max(range(len(field.shape)), key=lambda a: field.shape[a] or 0)][0]
     across = [a for a in field.wide if a != axis]
     if len(across) > 1:
         raise _refused(f"{field} has more than two axes", field, where)
@@ -205,15 +207,6 @@ def _index(
     return tuple(
         None if a == axis else number if a in across else 0 for a in range(len(field.shape))
     )
-
-
-def _sample_axis(field: RecordedField, samples: int | None) -> int:
-    """The axis that is as long as time; without time the longest one."""
-    fitting = [a for a, size in enumerate(field.shape) if size in (None, samples)]
-    if fitting:
-        return fitting[0]
-    sizes = [size or 0 for size in field.shape]
-    return sizes.index(max(sizes))
 
 
 def _number(field: RecordedField, inner: str, count: int, where: str) -> int:

@@ -154,11 +154,11 @@ class Columns:
             time: of the samples, as the recording has it [s].
             extra: numbers of the channels beside the drives.
         """
-        states = np.zeros((len(self.loads), len(time)), dtype=bool)
-        for k, load in enumerate(self.loads):
-            column = extra[:, self.beside(load.column)] if load.column is not None else None
-            states[k] = load.held(time, column)
-        return states
+        states = [
+            load.held(time, None if load.column is None else extra[:, self.beside(load.column)])
+            for load in self.loads
+        ]
+        return np.array(states, dtype=bool).reshape(len(self.loads), len(time))
 
     @property
     def recorded(self) -> tuple[Channel, ...]:

@@ -11,7 +11,7 @@ import zlib
 from collections.abc import Callable, Generator, Iterable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, ExitStack, contextmanager
 from dataclasses import dataclass, replace
-from functools import partial
+from functools import partial, reduce
 from pathlib import Path
 from typing import Any, Protocol, runtime_checkable
 
@@ -62,22 +62,6 @@ class ArrayTable(LogTable):
                 yield Rows(numbers, numbers)
 
 
-def fields_of(name: str, shape: tuple[int, ...], dtype: np.dtype[Any]) -> Iterator[RecordedField]:
-    """What an array holds; the entries of a structured one under names of their own."""
-    if dtype.names:
-        for entry, inner in entries_of_type(dtype).items():
-            yield from fields_of(f"{name}.{entry}", shape, inner)
-    elif dtype.subdtype:
-        base, inner = dtype.subdtype
-        yield from fields_of(name, (*shape, *inner), base)
-    elif dtype.kind == "M" and np.datetime_data(dtype)[0] in _UNITS:
-        yield RecordedField(name, shape, is_clock=True)
-    elif dtype.kind in "iufb":
-        yield RecordedField(name, shape, is_truth=dtype.kind == "b")
-    else:
-        yield RecordedField(name, shape, holds=_KINDS.get(dtype.kind, str(dtype)[:40]))
-
-
 _KINDS = {
     "S": "text",
     "U": "text",
@@ -88,20 +72,40 @@ _KINDS = {
 }
 
 
-def entries_of_type(dtype: np.dtype[Any]) -> dict[str, np.dtype[Any]]:
-    """The entries of a structured type, in order."""
-    fields: Any = dtype.fields
-    return {name: fields[name][0] for name in dtype.names or ()}
+def entries_of(dtype: Any) -> Iterator[tuple[tuple[str, ...], tuple[int, ...], Any]]:
+    """Of each plain entry of a type the names that lead to it, the axes that it adds, its type."""
+    for name in dtype.names or ():
+        for names, axes, plain in entries_of(dtype.fields[name][0]):
+            yield (name, *names), axes, plain
+    if dtype.subdtype:
+        base, outer = dtype.subdtype
+        for names, axes, plain in entries_of(base):
+            yield names, (*outer, *axes), plain
+    elif not dtype.names:
+        yield (), (), dtype
 
 
-def entries_of(name: str, array: np.ndarray) -> dict[str, np.ndarray]:
+def fields_of(name: str, shape: tuple[int, ...], dtype: np.dtype[Any]) -> Iterator[RecordedField]:
+    """What an array holds; the entries of a structured one under names of their own."""
+    for names, axes, plain in entries_of(dtype):
+        is_clock = plain.kind == "M" and np.datetime_data(plain)[0] in _UNITS
+        yield RecordedField(
+            ".".join((name, *names)),
+            (*shape, *axes),
+            holds=""
+            if is_clock or plain.kind in "iufb"
+            else _KINDS.get(plain.kind, str(plain)[:40]),
+            is_clock=is_clock,
+            is_truth=plain.kind == "b",
+        )
+
+
+def parts_of(name: str, array: np.ndarray) -> dict[str, np.ndarray]:
     """The arrays behind the names of `fields_of`, without a copy."""
-    if not array.dtype.names:
-        return {name: array}
-    parts: dict[str, np.ndarray] = {}
-    for entry in array.dtype.names:
-        parts |= entries_of(f"{name}.{entry}", array[entry])
-    return parts
+    return {
+        ".".join((name, *names)): reduce(lambda part, entry: part[entry], names, array)
+        for names, _, _ in entries_of(array.dtype)
+    }
 
 
 def _cut(
@@ -157,7 +161,7 @@ def open_npy(path: Path, mapping: ColumnMapping) -> LogTable:
 def _mapped(path: Path, picks: Sequence[Pick]) -> Generator[Arrays, None, None]:
     with _damage(path):
         array = np.load(path, mmap_mode="r", allow_pickle=False)
-    parts = entries_of("" if array.dtype.names else _ONLY, array)
+    parts = parts_of("" if array.dtype.names else _ONLY, array)
     yield {name.removeprefix("."): part for name, part in parts.items()}, BATCH_ROWS
 
 
@@ -198,7 +202,7 @@ def _members(path: Path, picks: Sequence[Pick]) -> Generator[Arrays, None, None]
                 continue
             with archive.open(member) as file:
                 array = np.lib.format.read_array(file, allow_pickle=False)
-            found = entries_of(base, array) | found
+            found = parts_of(base, array) | found
         yield found, BATCH_ROWS
 
 

@@ -15,7 +15,7 @@ from deltaid.recording.address import Pick, RecordedField
 from deltaid.recording.formats.arrays import (
     Arrays,
     ArrayTable,
-    entries_of_type,
+    entries_of,
     fields_of,
 )
 from deltaid.recording.formats.matlab import matlab_object
@@ -176,8 +176,9 @@ def _held(
         yield RecordedField(name, item.shape, holds="numbers kept in other files"), None
     elif item.shape is not None:
         dtype = np.dtype(bool) if kind == "logical" else item.dtype  # kept as bytes
-        for field in fields_of(name, item.shape[::-1] if by_matlab else item.shape, dtype):
-            yield field, (item.name or item.ref, _entry(item.dtype, field.name[len(name) + 1 :]))
+        fields = fields_of(name, item.shape[::-1] if by_matlab else item.shape, dtype)
+        for field, (entry, *_) in zip(fields, entries_of(dtype), strict=True):
+            yield field, (item.name or item.ref, entry)
 
 
 def _members(name: str, item: Any, depth: int) -> Iterator[tuple[RecordedField, _Place | None]]:
@@ -190,13 +191,6 @@ def _members(name: str, item: Any, depth: int) -> Iterator[tuple[RecordedField, 
     for i, reference in enumerate(item[()].T.ravel()[:_MOST] if depth <= _DEEPEST else ()):
         numbered = f"{base}[{i}].{last}" if in_struct else f"{name}[{i}]"
         yield from _held(numbered, item.file[reference], True, depth + 1)
-
-
-def _entry(dtype: np.dtype[Any], name: str) -> tuple[str, ...]:
-    for first, inner in entries_of_type(dtype).items():
-        if f"{name}.".startswith(f"{first}."):
-            return first, *_entry(inner, name[len(first) + 1 :])
-    return ()
 
 
 def _is_by_matlab(path: str) -> bool:

@@ -115,7 +115,11 @@ class Decoder:
                 if known < len(kinds):
                     layout = kinds[known]
                 else:
-                    layout = self._layout_of(raws, int(left[0]))
+                    try:
+                        layout = self.layout(raws[left[0]])
+                    except MessageError as error:
+                        error.index = int(left[0])
+                        raise
                     kinds += [layout] * (known < _KINDS)
                 known += 1
                 at = layout.fits(rows)
@@ -123,12 +127,6 @@ class Decoder:
                 values[left[at]] = layout.values(rows[at], wanted)
                 left, rows = left[~at], rows[~at]
         return stamps, values
-
-    def _layout_of(self, raws: Sequence[bytes], index: int) -> MessageLayout:
-        try:
-            return self.layout(raws[index])
-        except MessageError as error:
-            raise MessageError(error.what, index) from None
 
 
 class _Cursor:

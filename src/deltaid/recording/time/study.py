@@ -132,14 +132,12 @@ class _Reading:
     Attributes:
         holes, lost, since, until: as of `Clock`, block by block.
         extra: rows left out.
-        steps, total, squares: number and sum of periods [s], and of squares that give the jitter.
+        sums: number and sum of periods [s], and of squares that give the jitter.
     """
 
     holes: list[np.ndarray] = field(default_factory=list[np.ndarray])
     extra: list[np.ndarray] = field(default_factory=list[np.ndarray])
-    steps: int = 0
-    total: float = 0.0
-    squares: float = 0.0
+    sums: np.ndarray = field(default_factory=lambda: np.zeros(3))
 
     def add(self, time: np.ndarray, kept: Places, lost: Places, own: range, start: int) -> None:
         """Take in a block that begins with row `start`, as far as it speaks for its rows."""
@@ -156,9 +154,9 @@ class _Notes:
 
     def __init__(self, dof: int) -> None:
         self.dof = dof
-        self.rows = self.doubled = self.wild = 0
+        self.rows = self.doubled = 0
         self.first = self.last = np.nan
-        self.first_wild = -1
+        self.wild = np.zeros(0, dtype=int)
         self.even, self.uneven = _Reading(), _Reading()
         self.rounded = False
         self.by_grid, self.by_stamps = np.zeros((2, dof))
@@ -172,9 +170,7 @@ class _Notes:
         if wild.any():
             block = np.column_stack([time, block[:, 1:]])
             rows = np.flatnonzero(wild[own.start : own.stop]) + own.start + start
-            self.wild += len(rows)
-            if self.first_wild < 0 and len(rows):
-                self.first_wild = int(rows[0])
+            self.wild = np.append(self.wild, rows)
         doubled = _doubled(block)
         self.doubled += int(np.count_nonzero(doubled[own.start : own.stop]))
         self.rows += len(own)
@@ -192,7 +188,7 @@ class _Notes:
             self.even.add(time, single, np.zeros_like(single), own, start)
             return
         grid = place(time[single])
-        kept, reading = single[grid.kept], self.even
+        kept = single[grid.kept]
         if spread(grid.off) > SHARP:
             grid = revised(grid, block[kept, 1 : 1 + self.dof])
         # Where many were stamped alike, or written between others, nobody knows what is missing.
@@ -200,18 +196,16 @@ class _Notes:
         if wild.any():
             grid = grid.without(wild[kept])
             kept = single[grid.kept]
-        reading.add(time, kept, grid.lost, own, start)
+        self.even.add(time, kept, grid.lost, own, start)
         inside = (kept >= own.start) & (kept < own.stop)
         off = grid.period * grid.off[inside]
-        reading.steps += off.size
-        reading.total += off.size * grid.period
-        reading.squares += float(off.size * np.var(off)) if off.size else 0.0
+        if off.size:
+            self.even.sums += off.size, off.size * grid.period, off.size * np.var(off)
         index = np.cumsum(1 + np.maximum(grid.lost, 0)).astype(float)
         self._compare(index, time[kept] / grid.period, block[kept, 1 : 1 + self.dof], inside)
 
     def _read_uneven(self, time: np.ndarray, single: Places, own: range, start: int) -> None:
-        reading, period = self.uneven, usual_step(time[single])[0]
-        again = far_steps(time[single], period, 1.0)
+        again = far_steps(time[single], usual_step(time[single])[0], 1.0)
         again = again[time[single[again]] < time[single[again - 1]]]
         later = [_later(time, rows) for rows in np.split(single, again)]
         kept = np.concatenate(later)
@@ -222,11 +216,10 @@ class _Notes:
         restarts = np.cumsum([len(rows) for rows in later[:-1]], dtype=int)
         lost[restarts] = -1
         far[restarts] = True
-        reading.add(time, kept, lost, own, start)
+        self.uneven.add(time, kept, lost, own, start)
         near = steps[(kept >= max(own.start, 1)) & (kept < own.stop) & ~far]
-        reading.steps += near.size
-        reading.total += float(near.sum())
-        reading.squares += float(near.size * np.var(near)) / 2 if near.size else 0.0
+        if near.size:
+            self.uneven.sums += near.size, near.sum(), near.size * np.var(near) / 2
 
     def _compare(
         self,
@@ -250,8 +243,8 @@ class _Notes:
     @property
     def is_even(self) -> bool | None:
         """Whether positions follow the grid; None if they do not tell."""
-        even = self.even
-        if self.rounded or even.squares * even.steps < (_SHARP * even.total) ** 2:
+        steps, total, squares = self.even.sums
+        if self.rounded or squares * steps < (_SHARP * total) ** 2:
             return True
         least = _SMOOTH * self.rows
         ratio = np.maximum(self.by_stamps, least) / np.maximum(self.by_grid, least)
@@ -263,19 +256,20 @@ class _Notes:
         even = self.is_even
         reading = self.uneven if even is False else self.even
         holes, lost, since, until = np.concatenate(reading.holes, axis=1)
+        steps, total, squares = reading.sums.tolist()
         return Clock(
-            period=reading.total / max(1, reading.steps),
+            period=total / max(1, steps),
             rows=self.rows,
             first=self.first,
             last=self.last,
             steady=False,
             even=even,
-            jitter=float(np.sqrt(reading.squares / max(1, reading.steps))),
-            wild=self.wild,
-            first_wild=self.first_wild,
+            jitter=float(np.sqrt(squares / max(1, steps))),
+            wild=len(self.wild),
+            first_wild=next(iter(self.wild.tolist()), -1),
             extra=np.concatenate(reading.extra),
             doubled=self.doubled,
-            late=sum(map(len, reading.extra)) - self.doubled - self.wild,
+            late=sum(map(len, reading.extra)) - self.doubled - len(self.wild),
             holes=holes.astype(int),
             lost=lost.astype(int),
             since=since,
