@@ -116,15 +116,12 @@ class Load(Part):
             raise ValueError(
                 "mass_tolerance is more than half the mass; leave the mass out to have it found"
             )
-        own = None if self.inertia is None else RigidBody(self._about_centre()).with_thickness()
-        if own is not None and own.why_inconsistent:
-            raise ValueError(f"the load is not a physical body: {own.why_inconsistent}")
+        if (I := self.inertia) is not None:  # about the load's own centre of mass
+            ten = [self.mass, 0, 0, 0, I.xx, I.yy, I.zz, I.xy, I.yz, I.xz]
+            own = RigidBody(np.array(ten, dtype=float)).with_thickness()
+            if own.why_inconsistent:
+                raise ValueError(f"the load is not a physical body: {own.why_inconsistent}")
         return self
-
-    def _about_centre(self) -> Float[np.ndarray, " 10"]:
-        m, I = self.mass, self.inertia
-        assert I is not None
-        return np.array([m, 0, 0, 0, I.xx, I.yy, I.zz, I.xy, I.yz, I.xz], dtype=float)
 
 
 def carrier(load: Load, robot: RobotDescription) -> str:

@@ -140,7 +140,11 @@ class Shift:
             out[:, 0] -= self.common / rate
             beyond = np.any([np.isnan(later(0, by)) for by, _ in at], axis=0)
             out[beyond, wide.shape[1] - drives :] = 0.0
-        grown = self._growing(wide[before : before + count, 0], rate)
+        grown = None
+        if self.growth is not None:  # by how many samples lags are longer at these times
+            time = np.nan_to_num(wide[before : before + count, 0])
+            grown = self.growth.rate * (time - self.growth.about) * rate
+            grown = np.clip(grown, 1 - self.grown, self.grown - 1)
         constants = self.constants or (0.0,) * drives
         for i, (whole, rest, T) in enumerate(zip(self.whole, self.rest, constants, strict=True)):
             tau, weight = 1 + motion + i, wide.shape[1] - drives + i
@@ -154,13 +158,6 @@ class Shift:
                 out[:, tau], least = _read(wide[:, tau], wide[:, weight], place, T)
             out[:, weight] = np.minimum(out[:, weight], least)
         return out
-
-    def _growing(self, time: np.ndarray, rate: float) -> np.ndarray | None:
-        """By how many samples lags are longer at some times; None where they do not grow."""
-        if self.growth is None:
-            return None
-        grown = self.growth.rate * (np.nan_to_num(time) - self.growth.about) * rate
-        return np.clip(grown, 1 - self.grown, self.grown - 1)
 
 
 def delayed(segment: Iterable[Rows], columns: Columns, shift: Shift, rate: float) -> Iterator[Rows]:

@@ -156,8 +156,10 @@ def holds(stretches: Iterable[Iterable[Rows]], columns: Columns, rate: float) ->
     for place in range(columns.torque_places.start, columns.torque_places.stop):
         tau = [part[:, place] for part in parts]
         rows = _repeated(tau)
-        pairs = list(zip(numbers, tau, strict=True))
-        found.append(Hold(rows) if rows else _rising(pairs, round(_LONGEST * rate)))
+        pairs = zip(numbers, tau, strict=True)
+        split = [[np.array_split(x, _PARTS) for x in pair] for pair in pairs]
+        halves = [[(n[k], y[k]) for n, y in split] for k in range(_PARTS)]
+        found.append(Hold(rows) if rows else _rising(halves, round(_LONGEST * rate)))
     return tuple(found)
 
 
@@ -179,31 +181,23 @@ def _repeated(stretches: Sequence[np.ndarray]) -> float:
     return period if np.mean(regular) > _MOST else 0.0
 
 
-def _rising(stretches: Sequence[Stretch], longest: int) -> Hold:
+def _rising(parts: Sequence[Sequence[Stretch]], longest: int) -> Hold:
     """The longest hold by which torques rise in updates only."""
     primes = [k for k in _PRIMES if k <= longest]
-    first = [k for k in primes if _phase(stretches, k) is not None]
+    first = [k for k in primes if _phase(parts, k) is not None]
     for k in range(longest, 1, -1) if first else ():
-        if any(k % prime == 0 for prime in first) and (phase := _phase(stretches, k)) is not None:
+        if any(k % prime == 0 for prime in first) and (phase := _phase(parts, k)) is not None:
             return Hold(float(k), phase)
     return Hold(0.0)
 
 
-def _phase(stretches: Sequence[Stretch], k: int) -> int | None:
+def _phase(parts: Sequence[Sequence[Stretch]], k: int) -> int | None:
     """The phase of the updates of a torque that is held for k rows; None where it is not.
 
     All parts of a recording show the same, which steps of friction at some rows do not.
     """
-    phases = {_phase_of(part, k) for part in _parts(stretches)}
+    phases = {_phase_of(part, k) for part in parts}
     return phases.pop() if len(phases) == 1 else None
-
-
-def _parts(stretches: Sequence[Stretch]) -> list[list[Stretch]]:
-    split = [
-        list(zip(np.array_split(n, _PARTS), np.array_split(tau, _PARTS), strict=True))
-        for n, tau in stretches
-    ]
-    return [list(part) for part in zip(*split, strict=True)]
 
 
 def _limit(rises: np.ndarray, phases: np.ndarray, k: int) -> float:

@@ -183,12 +183,6 @@ class Log(Shown):
     def _stale(self) -> list[Mask]:
         return [mask for mask in self.masks if mask.reason == "stale rows"]
 
-    @property
-    def _untold(self) -> list[Mask]:
-        """Where rows or motion are wrong, so that nothing beside the drives counts either."""
-        reasons = ("stale rows", "emergency stop", "before a stop", "load changes")
-        return [replace(mask, drives=(0,)) for mask in self.masks if mask.reason in reasons]
-
     def _is_long(self, mask: Mask) -> bool:
         return mask.last - mask.first >= _HELD * self.rate
 
@@ -200,7 +194,10 @@ class Log(Shown):
         where nothing counts.
         """
         weights = Weights(self.masks, len(self.columns.torque))
-        sensors, untold = self.columns.sensor_places, Weights(self._untold, 1)
+        # Where rows or motion are wrong, nothing beside the drives counts either.
+        reasons = ("stale rows", "emergency stop", "before a stop", "load changes")
+        wrong = [replace(mask, drives=(0,)) for mask in self.masks if mask.reason in reasons]
+        sensors, untold = self.columns.sensor_places, Weights(wrong, 1)
         stale = [mask for mask in self._stale if not self._is_long(mask)]
         row, read = 0, self.kept.read(self.columns) if self.kept else None
         batches = read or read_batches(self.table, self.columns)

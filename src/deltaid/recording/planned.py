@@ -5,8 +5,8 @@ it, and a periodic one goes on as it begins; so rows are put there, and every ro
 kept. Beyond an end that moves nothing is known, and the filter's length is lost there.
 """
 
-from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from itertools import chain
 from typing import Literal
 
 import numpy as np
@@ -219,17 +219,15 @@ def _ends(log: Log, count: int) -> PlanEnds:
     c = log.columns
     head = tail = np.zeros((0, 1))
     speed, rows = np.zeros(len(c.position)), 0
-    for values in _blocks(log):
+    for values in chain.from_iterable(log.segments(None)):
+        if not len(values):
+            continue
         head = values[:count] if not rows else np.vstack([head, values[: count - len(head)]])
         joined = values if not rows else np.vstack([tail, values])
         q = joined[:, 1 : 1 + len(c.position)]
         speed = np.maximum(speed, np.abs(np.diff(q, axis=0)).max(axis=0, initial=0.0) * log.rate)
         tail, rows = joined[-count:], rows + len(values)
     return PlanEnds(log, head, tail, rows, speed)
-
-
-def _blocks(log: Log) -> Iterator[Rows]:
-    return (values for segment in log.segments(None) for values in segment if len(values))
 
 
 def _stretches(ends: PlanEnds, period: int, rests: list[bool]) -> tuple[Rows | None, Rows | None]:

@@ -73,7 +73,9 @@ def rows_of(part: pl.DataFrame, picks: Sequence[Pick], origins: dict[str, int]) 
 def _written(part: pl.DataFrame, pick: Pick, origins: dict[str, int]) -> pl.Series:
     series = _column(part, pick.field.name)
     if isinstance(series.dtype, pl.List):
-        series = _element(series, pick)
+        element = series.list.get(pick.at[1] or 0, null_on_oob=True)
+        # Null where the list is not as long as the first one.
+        series = element.set((series.list.len() != pick.field.shape[1]).fill_null(True), None)
     elif isinstance(series.dtype, pl.Array):
         series = series.arr.get(pick.at[1] or 0)
     if pick.field.is_clock and series.dtype == pl.String:
@@ -102,7 +104,9 @@ def _fields(name: str, kind: _DataType, first: pl.Series | None) -> Iterator[Rec
         yield RecordedField(name, (None, size or 0))
     elif isinstance(kind, pl.Array) and _is_number(kind.inner):
         yield RecordedField(name, (None, *kind.shape))
-    elif isinstance(kind, pl.Datetime | pl.Time) or _is_clock(kind, first):
+    elif isinstance(kind, pl.Datetime | pl.Time) or (
+        isinstance(kind, pl.String) and first is not None and len(first) and is_clock(first[0])
+    ):
         yield RecordedField(name, is_clock=True)
     elif _is_number(kind):
         yield RecordedField(name, is_duration=isinstance(kind, pl.Duration))
@@ -110,12 +114,6 @@ def _fields(name: str, kind: _DataType, first: pl.Series | None) -> Iterator[Rec
         yield RecordedField(name, is_truth=True)
     else:
         yield RecordedField(name, holds=str(kind))
-
-
-def _is_clock(kind: _DataType, first: pl.Series | None) -> bool:
-    if not isinstance(kind, pl.String) or first is None or not len(first):
-        return False
-    return first[0] is not None and is_clock(str(first[0]))
 
 
 def _is_number(kind: _DataType) -> bool:
@@ -136,13 +134,6 @@ def _top(columns: Sequence[str], name: str) -> str:
     if name in columns:
         return name
     return next(column for column in columns if name.startswith(f"{column}."))
-
-
-def _element(series: pl.Series, pick: Pick) -> pl.Series:
-    """An element of each list, null where the list is not as long as the first one."""
-    _, size = pick.field.shape
-    element = series.list.get(pick.at[1] or 0, null_on_oob=True)
-    return element.set((series.list.len() != size).fill_null(True), None)
 
 
 def _seconds(series: pl.Series, name: str, origins: dict[str, int]) -> pl.Series:

@@ -53,8 +53,8 @@ def is_hdf5(start: bytes, path: Path) -> bool:
 
 def open_hdf5(path: Path, mapping: ColumnMapping) -> LogTable:
     """An HDF5 file: its groups and datasets."""
-    with _opened(path) as file:
-        by_matlab = file.userblock_size >= 512 and _is_by_matlab(file.filename)
+    with _opened(path) as file, path.open("rb") as start:
+        by_matlab = file.userblock_size >= 512 and start.read(6) == b"MATLAB"
         found = list(islice(_contents(file, by_matlab), _MOST))
     places = {field.name: place for field, place in found if place}
     fields = tuple(field for field, _ in found)
@@ -191,11 +191,6 @@ def _members(name: str, item: Any, depth: int) -> Iterator[tuple[RecordedField, 
     for i, reference in enumerate(item[()].T.ravel()[:_MOST] if depth <= _DEEPEST else ()):
         numbered = f"{base}[{i}].{last}" if in_struct else f"{name}[{i}]"
         yield from _held(numbered, item.file[reference], True, depth + 1)
-
-
-def _is_by_matlab(path: str) -> bool:
-    with open(path, "rb") as file:
-        return file.read(6) == b"MATLAB"
 
 
 def _matlab_class(item: Any) -> str:

@@ -22,7 +22,8 @@ from deltaid.recording.source import Column, LogTable, Rows
 # a time of day alone.
 _ISO = (
     r"^(?:(?P<date>\d{4}-\d{2}-\d{2})[T ])?(?P<hour>\d{1,2}):(?P<minute>\d{2}):(?P<second>\d{2})"
-    r"(?:[.,](?P<fraction>\d{1,9})\d*)?(?: ?(?P<zone>Z|UTC|[+-]\d{2}(?::?\d{2})?))?$"
+    r"(?:[.,](?P<fraction>\d{1,9})\d*)?"
+    r"(?: ?(?:Z|UTC|(?P<sign>[+-])(?P<ahead>\d{2})(?::?(?P<past>\d{2}))?))?$"
 )
 # Nanoseconds in a second.
 _NANO = 10**9
@@ -86,18 +87,9 @@ def _nanoseconds(texts: pl.Series) -> pl.Series:
     days = days.set(parts["date"].is_null() & days.is_null(), 0)
     fraction = parts["fraction"].fill_null("0").str.pad_end(9, "0").cast(pl.Int64, strict=False)
     seconds = ((days * 24 + whole("hour")) * 60 + whole("minute")) * 60 + whole("second")
-    return (seconds - _offset(parts["zone"])) * _NANO + fraction
-
-
-def _offset(zones: pl.Series) -> pl.Series:
-    """Seconds by which zones are ahead of UTC; 0 without a zone."""
-    parts = zones.str.extract_groups(r"([+-])(\d{2}):?(\d{2})?").struct.unnest()
-    hours, minutes = (
-        parts[name].cast(pl.Int64, strict=False).fill_null(0) for name in parts.columns[1:]
-    )
-    ahead = (hours * 60 + minutes) * 60
-    sign = np.where((parts[parts.columns[0]] == "-").fill_null(False).to_numpy(), -1, 1)
-    return ahead * pl.Series(sign)
+    ahead = (whole("ahead").fill_null(0) * 60 + whole("past").fill_null(0)) * 60
+    sign = 1 - 2 * (parts["sign"] == "-").fill_null(False).cast(pl.Int64)
+    return (seconds - sign * ahead) * _NANO + fraction
 
 
 # A step counts as a new round if it misses the period by less than this share, and so do its
