@@ -90,7 +90,7 @@ class _Several(Part):
                 what = f"{key if key == 'column' else 'value'}{'s' * (len(value) != 1)}"
                 raise RecordingError(
                     f"lists {len(value)} {what}, but {wanted}",
-                    where=where if key == "column" else f"{where}.{key}",
+                    where=f"{where}.{'columns' if key == 'column' else key}",
                     cure=cure if key == "column" else f"{cure}, or give one value for all",
                 )
         split = {k: x if isinstance(x, tuple) else (x,) * count for k, x in given.items()}
