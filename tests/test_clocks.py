@@ -187,7 +187,7 @@ def test_no_window_holds_rows_of_both_sides_of_a_gap(clavel: Dynamics) -> None:
             np.testing.assert_allclose(np.diff(time), 1 / 2000, rtol=0, atol=1e-9)
             assert not ((time[0] < before) & (time[-1] > after)).any(), trial
             assert window.start >= start
-            assert window.start % recording.thinned == 0
+            assert window.start % recording.filter.thinned == 0
             start = window.start + len(window.own.time)
 
 

@@ -204,7 +204,7 @@ def test_rows_are_weighted_before_the_filter(tmp_path, rate, cutoff) -> None:
     log = opened(one, tmp_path, keep_all=True)
     log = by_hand(log, ((0,), 300, 1500), ((1, 2), 1000, 1400), ((2,), 800, 805))
     recording = with_filter(replace(log, motion_cutoff=cutoff or log.motion_cutoff), cutoff)
-    assert (recording.stride > 1) == (rate > 8000)
+    assert (recording.filter.stride > 1) == (rate > 8000)
     low_pass = recording.low_pass
     assert low_pass is not None
     windows = list(recording.windows(one.dynamics.kinematics))
@@ -218,15 +218,15 @@ def test_rows_are_weighted_before_the_filter(tmp_path, rate, cutoff) -> None:
     m = m[first : first + len(wide.time)].T
     h = low_pass.response
     for k in (0, 17, len(values) - 1):
-        direct = np.convolve(values[k] * m[drives[k]], h, "valid")[:: recording.thinned]
+        direct = np.convolve(values[k] * m[drives[k]], h, "valid")[:: recording.filter.thinned]
         got = window.filtered(lambda w: w.weighted(_entries(one.dynamics, w), drives))[k]
         count = min(len(got), len(direct))
         assert count > 5
         np.testing.assert_allclose(
             got[:count], direct[:count], rtol=0, atol=1e-9 * np.abs(direct).max()
         )
-    worth = [np.convolve(x**2, h**2, "valid")[:: recording.thinned] / (h @ h) for x in m]
-    counted = window.counted(recording.thinned)
+    worth = [np.convolve(x**2, h**2, "valid")[:: recording.filter.thinned] / (h @ h) for x in m]
+    counted = window.counted(recording.filter.thinned)
     np.testing.assert_allclose(counted, np.array(worth)[:, : counted.shape[1]], atol=1e-12)
     information = merge(gather(one.dynamics, recording))
     np.testing.assert_allclose(information.samples, counted.sum(axis=1))

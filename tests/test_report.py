@@ -141,7 +141,7 @@ def test_torque_errors_are_drawn(result: Identification, comparison: TorqueCompa
     drawn = comparison.measured - comparison.predicted
     np.testing.assert_allclose(np.sqrt(np.mean(drawn**2, axis=0)), error.rms, rtol=0.1)
     np.testing.assert_array_equal(drawn, comparison.residual)
-    step = recording.thinned / recording.log.rate
+    step = recording.filter.thinned / recording.log.rate
     np.testing.assert_allclose(np.diff(comparison.time), step, rtol=1e-6)
     # Parseval: the spectrum holds the power of what was recorded, but for its slowest part.
     bandwidth = comparison.frequency[1] - comparison.frequency[0]

@@ -122,7 +122,7 @@ def gather(
     rows = _measured(regressor)
     low_pass, robot = recording.low_pass, rows.regressor.kinematics.robot
     lost = low_pass.stride * len(low_pass.first) if low_pass else 0
-    length = max(1, -(-(recording.log.samples - lost) // (recording.thinned * count)))
+    length = max(1, -(-(recording.log.samples - lost) // (recording.filter.thinned * count)))
 
     def share(window: Window) -> tuple[list[tuple[int, Condensed]], list[Visits]]:
         """A window's samples condensed, with the numbers of their blocks, and by place."""
@@ -138,10 +138,10 @@ def gather(
                 ),
             )
             for number, part in _cuts(
-                window.start // recording.thinned, of_window.y.shape[1], length
+                window.start // recording.filter.thinned, of_window.y.shape[1], length
             )
         ]
-        r = robot.task.point(window.own.z[:: recording.thinned])
+        r = robot.task.point(window.own.z[:: recording.filter.thinned])
         return pieces, places.visits(r, chunks) if places else []
 
     def numbered() -> Iterator[tuple[int, Condensed]]:

@@ -40,7 +40,7 @@ class TorqueError(Shown):
 class PredictedTorques:
     """Measured and predicted torques of consecutive samples, and the drives' speeds there.
 
-    Those through the filter are of every `PreparedRecording.stride`-th sample, from the first on,
+    Those through the filter are of every `LowPass.stride`-th sample, from the first on,
     and have been multiplied by the weights before.
 
     Attributes:
@@ -126,7 +126,10 @@ def torque_error(dynamics: Dynamics, p: Parameters, recording: PreparedRecording
         torques = wide.weighted(np.hstack([error, wide.tau]).T, np.tile(np.arange(dof), 2))
         filtered, tau = np.split(window.smoothed(torques, thinned=True), 2)
         raw = np.sum((own.weights * window.trimmed(error)) ** 2, axis=0)
-        samples = window.counted(recording.thinned).sum(axis=1), np.sum(own.weights**2, axis=0)
+        samples = (
+            window.counted(recording.filter.thinned).sum(axis=1),
+            np.sum(own.weights**2, axis=0),
+        )
         counts = np.stack([*samples, window.turning, np.full(dof, len(own.time))])
         power = np.sum(tau**2, axis=1)
         return filtered @ filtered.T, power, raw, counts, np.abs(own.qd).max(axis=0, initial=0.0)

@@ -14,7 +14,7 @@ from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Float
 from scipy.ndimage import maximum_filter1d
 
 from deltaid.recording.columns import Columns, Rows
@@ -92,15 +92,14 @@ class Gears:
         out[:, columns.motion_places] -= np.hstack(kept)
         motion = [x[lost : len(x) - lost] for x in (qd, qdd)]
         out[:, columns.torque_places] -= self.less(*motion, *wound[1:])
-        unknown = self._unknown(wide[:, -dof:], low_pass.rate)
+        # While a robot rests or brakes hold it, gears need not carry what its drives exert.
+        idle, reach = (
+            wide[:, -dof:].max(axis=1) == 0.0,
+            round(_PERIODS * low_pass.rate / self.cutoff),
+        )
+        unknown = maximum_filter1d(idle, 2 * reach + 1)
         out[unknown[2 * lost : len(wide) - 2 * lost], -dof:] = 0.0
         return out
-
-    def _unknown(self, weights: Values, rate: float) -> Bool[np.ndarray, " samples"]:
-        """Rows near those that count for no drive: while a robot rests or brakes hold it, gears
-        need not carry what its drives exert."""
-        reach = round(_PERIODS * rate / self.cutoff)
-        return maximum_filter1d(weights.max(axis=1) == 0.0, 2 * reach + 1)
 
 
 def convolved(taps: Float[np.ndarray, " taps"], x: Values) -> Float[np.ndarray, "fewer drives"]:

@@ -49,25 +49,19 @@ class PlanEnds:
     rows: int
     speed: Drives
 
-    def before(self, count: int, period: int) -> Rows:
-        """So many rows ahead of the first one of a plan that repeats itself, or rests if 0."""
-        return self._beyond(np.arange(-count, 0), period, self.head[0], 0)
-
-    def after(self, count: int, period: int) -> Rows:
-        """So many rows behind the last one of a plan that repeats itself, or rests if 0."""
-        return self._beyond(self.rows + np.arange(count), period, self.tail[-1], self.rows - 1)
-
-    def _beyond(self, places: np.ndarray, period: int, end: np.ndarray, row: int) -> Rows:
-        """Rows by their numbers from 0, next to an end and its number."""
-        c, rate = self.log.columns, self.log.rate
-        found = np.repeat(end[None], len(places), axis=0)
+    def beyond(self, end: End, count: int, period: int) -> Rows:
+        """Rows beyond an end of a plan that repeats itself after a period, or rests if it is 0."""
+        c, rate, ahead = self.log.columns, self.log.rate, end == "first"
+        places = np.arange(-count, 0) if ahead else self.rows + np.arange(count)
+        edge, row = (self.head[0], 0) if ahead else (self.tail[-1], self.rows - 1)
+        found = np.repeat(edge[None], count, axis=0)
         found[:, 1 + len(c.position) : c.motion_places.stop] = 0.0
         if period:
             at = np.mod(places, period)
             behind = at >= len(self.head)
             found = self.head[np.where(behind, 0, at)]
             found[behind] = self.tail[at[behind] - (self.rows - len(self.tail))]
-        found[:, 0] = end[0] + (places - row) / rate
+        found[:, 0] = edge[0] + (places - row) / rate
         return found
 
     @property
@@ -181,8 +175,8 @@ def planned(log: Log, cutoff: float | None = None, *, periodic: bool = False) ->
     if not periodic and log.samples <= max(0, needed):
         raise _too_short(log, needed + 1, "last" if rests[0] else "first")
     ends = ends if max(first, last) <= _ROWS else _ends(log, max(first, last) + 1)
-    before = (ends.before(first, period),) if periodic or rests[0] else ()
-    after = (ends.after(last, period),) if periodic or rests[1] else ()
+    before = (ends.beyond("first", first, period),) if periodic or rests[0] else ()
+    after = (ends.beyond("last", last, period),) if periodic or rests[1] else ()
     return PreparedRecording(log, low_pass, before=before, after=after)
 
 
@@ -235,10 +229,12 @@ def _stretches(ends: PlanEnds, period: int, rests: list[bool]) -> tuple[Rows | N
     known = [bool(period) or rest for rest in rests]
     first = last = None
     if known[0]:
-        first = np.vstack([ends.before(_ROWS, period), ends.head[:_ROWS]])
+        first = np.vstack([ends.beyond("first", _ROWS, period), ends.head[:_ROWS]])
     if known[1]:
-        last = np.vstack([ends.tail[-_ROWS:], ends.after(_ROWS, period)])
+        last = np.vstack([ends.tail[-_ROWS:], ends.beyond("last", _ROWS, period)])
     if all(known) and ends.rows < _ROWS:  # all of a short plan lies in the middle of one stretch
         half = _ROWS - ends.rows // 2
-        return np.vstack([ends.before(half, period), ends.head, ends.after(half, period)]), None
+        return np.vstack(
+            [ends.beyond("first", half, period), ends.head, ends.beyond("last", half, period)]
+        ), None
     return first, last

@@ -254,7 +254,8 @@ def _by_derivatives(
     for quantity, per in _RATES.items():
         if place and place.unit in ("deg", "mm") and quantity in parts and parts[quantity].assumed:
             why = f"{place.unit}{per} is assumed, as positions are"
-            parts[quantity] = _with_unit(parts[quantity], place.unit + per, assumed=why)
+            units = (place.unit + per,) * len(linear)
+            parts[quantity] = replace(parts[quantity], units=units, assumed=why)
     rate = parts.get("velocity")
     if not (time and place and rate and time.unit and place.unit and rate.unit):
         return list(parts.values())
@@ -269,7 +270,9 @@ def _by_derivatives(
             why = (
                 f"{fitting[0]} follows from the rest, as velocities are the positions' derivatives"
             )
-            parts[unknown[0].quantity] = _with_unit(unknown[0], fitting[0], reason=why)
+            part, reasons = unknown[0], (*unknown[0].reasons, why)
+            found_units = (fitting[0],) * len(part.units)
+            parts[part.quantity] = replace(part, units=found_units, reasons=reasons, assumed="")
     elif not unknown and not fitting_units(factor, units, ""):
         doubt = (
             f"the positions' derivative is {factor:.4g} times these numbers, which does not fit "
@@ -277,13 +280,6 @@ def _by_derivatives(
         )
         parts["velocity"] = replace(rate, doubts=(*rate.doubts, doubt))
     return list(parts.values())
-
-
-def _with_unit(
-    part: FoundColumns, unit: str, *, reason: str = "", assumed: str = ""
-) -> FoundColumns:
-    reasons = (*part.reasons, reason) if reason else part.reasons
-    return replace(part, units=(unit,) * len(part.units), reasons=reasons, assumed=assumed)
 
 
 def _entries(part: FoundColumns, columns: Sequence[Column], known: Known) -> Any:

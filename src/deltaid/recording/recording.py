@@ -76,16 +76,6 @@ class PreparedRecording(Shown):
         return self.low_pass or no_filter(self.log.rate)
 
     @property
-    def stride(self) -> int:
-        """Every how many samples of the log `Window.smoothed` gives one."""
-        return self.filter.stride
-
-    @property
-    def thinned(self) -> int:
-        """Every how many samples of the log are kept in the end."""
-        return self.filter.thinned
-
-    @property
     def clock(self) -> ClockReport:
         """What was seen and done about its time."""
         return self.log.laid.report(self.log.bridged(self.motion_cutoff), self.filter.reach + 1)

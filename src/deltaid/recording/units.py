@@ -103,7 +103,17 @@ def si_factor(
             return number * float(quantity.m_as("A")) * torque_constant
         return number * float(quantity.m_as(target.replace(" ", "*")))
     except pint.DimensionalityError:
-        raise _other_kind(unit, target, where, torque_constant, cure) from None
+        what, likely = f"is not a unit of {target}", "revolutions are rev, and rev/min is rpm"
+        if target in ("m", "m/s", "m/s^2", "N"):
+            likely = (
+                "columns of the motor that drives a rail also need its lead in m per revolution"
+            )
+        if torque_constant is not None:
+            what = "is not a current"
+            likely = "leave torque_constant out, or give the unit as A or mA"
+        elif target == "N m":
+            likely = "a current also needs its torque_constant in N m/A"
+        raise RecordingError(f"unit '{unit}' {what}", where=where, cure=cure or likely) from None
 
 
 def factor_among(unit: str, *targets: str) -> float | None:
@@ -134,19 +144,6 @@ def _parsed(unit: str) -> tuple[float, Any] | None:
         return number, _registry().Quantity(1.0, re.sub(r"[·.]", "*", match["unit"]))
     except (pint.UndefinedUnitError, ValueError):  # the latter for words that are numbers: nan
         return None
-
-
-def _other_kind(
-    unit: str, target: str, where: str, torque_constant: float | None, other: str = ""
-) -> RecordingError:
-    what, cure = f"is not a unit of {target}", "revolutions are rev, and rev/min is rpm"
-    if target in ("m", "m/s", "m/s^2", "N"):
-        cure = "columns of the motor that drives a rail also need its lead in m per revolution"
-    if torque_constant is not None:
-        what, cure = "is not a current", "leave torque_constant out, or give the unit as A or mA"
-    elif target == "N m":
-        cure = "a current also needs its torque_constant in N m/A"
-    return RecordingError(f"unit '{unit}' {what}", where=where, cure=other or cure)
 
 
 @cache

@@ -315,7 +315,7 @@ def _verify(candidate: Candidate, recording: PreparedRecording) -> Verified:
     parts = list(predict(compiled(candidate.robot), candidate.p, recording))
     error = np.vstack([part.filtered_measured - part.filtered_predicted for part in parts])
     predicted = np.vstack([part.filtered_predicted for part in parts])
-    rows = slice(None, None, recording.thinned // recording.stride)
+    rows = slice(None, None, recording.filter.thinned // recording.filter.stride)
     return Verified(np.sqrt(np.mean(error**2, axis=0)), predicted[rows])
 
 
@@ -328,7 +328,7 @@ def _track(
     recording: PreparedRecording,
 ) -> Track:
     """A verification motion. Of white noise the filter h leaves σ ‖h‖."""
-    parts, thinned = list(predict(dynamics, truth, recording)), recording.thinned
+    parts, thinned = list(predict(dynamics, truth, recording)), recording.filter.thinned
     z, zd, zdd = run.evaluate(np.arange(0, run.duration, 1 / settings.rate))
     _, qd, qdd = dynamics.kinematics.drive_motion(z, zd, zdd)
     tau = dynamics.torque(z, qd, qdd, truth) + friction.unmodelled(qd)
@@ -336,7 +336,9 @@ def _track(
     return Track(
         time=np.concatenate([part.time for part in parts])[::thinned],
         speed=np.vstack([part.speed for part in parts])[::thinned],
-        measured=np.vstack([p.filtered_measured for p in parts])[:: thinned // recording.stride],
+        measured=np.vstack([p.filtered_measured for p in parts])[
+            :: thinned // recording.filter.stride
+        ],
         noise=noise * recording.filter.noise_gain,
         speed_max=float(np.abs(qd[:, 3]).max()),
         acceleration_max=float(np.abs(qdd[:, 3]).max()),

@@ -55,7 +55,7 @@ class TorqueComparison:
 
 def compare(dynamics: Dynamics, p: Parameters, recording: PreparedRecording) -> TorqueComparison:
     """What figures need to know of a model's torques along a recording; reads it once."""
-    log, thinned = recording.log, recording.thinned
+    log, thinned = recording.log, recording.filter.thinned
     stretch = stretch_length(log.samples, thinned * _SHOWN)
     scale = np.where(log.torque_max > 0, log.torque_max, 1.0)
     spectrum = _Spectrum(log.rate)
@@ -87,7 +87,7 @@ def _thinned(
     dynamics: Dynamics, p: Parameters, recording: PreparedRecording, spectrum: "_Spectrum"
 ) -> Iterator[Float[np.ndarray, "samples 4 dof"]]:
     """Time (in every drive's column), measured, predicted and speed, at the filter's own rate."""
-    step, apart = recording.thinned, recording.stride
+    step, apart = recording.filter.thinned, recording.filter.stride
     for part in predict(dynamics, p, recording):
         spectrum.add(part)
         time = np.repeat(part.time[:, None], dynamics.dof, axis=1)

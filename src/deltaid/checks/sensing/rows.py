@@ -111,7 +111,7 @@ def sensed_rows(dynamics: Dynamics, recording: PreparedRecording) -> SensedRows 
         return np.vstack(parts)
 
     windows = list(recording.spread(dynamics.kinematics, _WINDOWS))
-    every = max(1, -(-recording.log.samples // (recording.thinned * _MOST)))
+    every = max(1, -(-recording.log.samples // (recording.filter.thinned * _MOST)))
     parts = [window.filtered(measured)[:, ::every] for window in windows]
     parts = [part for part in parts if part.shape[1] > 1]
     if not parts:
@@ -137,5 +137,5 @@ def sensed_rows(dynamics: Dynamics, recording: PreparedRecording) -> SensedRows 
     starts = np.cumsum([0, *(part.shape[1] for part in parts)])[:-1]
     row = 1 / recording.log.rate
     return SensedRows(
-        dynamics, tuple(signals), torques, starts, recording.thinned * every * row, row
+        dynamics, tuple(signals), torques, starts, recording.filter.thinned * every * row, row
     )

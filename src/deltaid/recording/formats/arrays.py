@@ -49,7 +49,6 @@ class ArrayTable(LogTable):
     arrays: Callable[[Sequence[Pick]], AbstractContextManager[Arrays]]
 
     def rows(self, columns: Sequence[str]) -> Iterator[Rows]:
-        """Rows of some columns, as in `LogTable.rows`."""
         picks, origins = self.picks(columns), dict[str, np.datetime64]()
         samples = picks[0].samples or 0
         with self.arrays(picks) as (arrays, step):

@@ -159,7 +159,6 @@ class ParquetTable(LogTable):
     """An open Parquet file; in memory are a slice at a time and the row group that holds it."""
 
     def rows(self, columns: Sequence[str]) -> Iterator[Rows]:
-        """Rows of some columns, as in `LogTable.rows`."""
         picks, origins, row = self.picks(columns), dict[str, int](), 0
         with _decoding(self.path):
             frame = _scan(self.path)
@@ -244,7 +243,6 @@ class FrameTable(LogTable):
     )
 
     def rows(self, columns: Sequence[str]) -> Iterator[Rows]:
-        """Rows of some columns, as in `LogTable.rows`."""
         picks, origins = self.picks(columns), dict[str, int]()
         for part in self.frame.select(tops(self.frame.columns, picks)).iter_slices(BATCH_ROWS):
             yield rows_of(part, picks, origins)

@@ -87,7 +87,6 @@ class BagTable(LogTable):
     names: dict[str, tuple[str, Number]]
 
     def picks(self, columns: Sequence[str]) -> list[Pick]:
-        """Columns by their addresses, as in `LogTable.picks`."""
         for column in columns:
             found = find(self.fields, column)
             if found and found[0].holds:
@@ -110,7 +109,6 @@ class BagTable(LogTable):
         return digest.hexdigest()
 
     def row_place(self, row: int) -> str:
-        """One row, for messages."""
         return f"{self.path}, sample {row}"
 
     def rows(self, columns: Sequence[str]) -> Iterator[Rows]:
