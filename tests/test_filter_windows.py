@@ -99,7 +99,7 @@ def test_two_stages_are_the_same_low_pass(
     two, one = (
         PreparedRecording(log, design_low_pass(50.0, HIGH, single=s)) for s in (False, True)
     )
-    assert (two.stride, one.stride) == (5, 1)
+    assert (two.filter.stride, one.filter.stride) == (5, 1)
     found, expected = together(two, clavel), together(one, clavel)
     time = frame["t"].to_numpy()
     (first,) = np.flatnonzero(time == found[0][0])
