@@ -15,7 +15,6 @@ from deltaid.exports.functions import (
     STATUSES,
     ExportedCycle,
     ExportedFunction,
-    Newton,
     ParameterTable,
     parameter_table,
 )
@@ -63,23 +62,20 @@ def function_texts(
         "inner": f.name,
         "given": ", ".join(name for name, _ in inputs),
         "checked": [*inputs, *([(outputs[0])] if f.newton else [])],
-        "newton": _newton(f, f.newton, precision) if f.newton else None,
+        "newton": f.newton
+        and {
+            "name": f.outputs[0].name,
+            "size": f.newton.x.numel(),
+            "steps": f.newton.steps,
+            "last": precision.c_number(f.newton.last),
+            "closed": precision.c_number(f.newton.closed),
+        },
         "texts": [] if f.after else _straight(f, precision, care),
         "size": f.everything.numel(),
         "results": size,
         "demands": _demands(f, size, precision),
         "unfit": f.unfit,
         "outputs": [(n, at, k) for (n, k), at in zip(outputs, offsets, strict=True)],
-    }
-
-
-def _newton(f: ExportedFunction, newton: Newton, precision: Precision) -> dict[str, object]:
-    return {
-        "name": f.outputs[0].name,
-        "size": newton.x.numel(),
-        "steps": newton.steps,
-        "last": precision.c_number(newton.last),
-        "closed": precision.c_number(newton.closed),
     }
 
 

@@ -105,41 +105,30 @@ def handover(
     """
     vectors = reference_states(subject, precision)
     made = {f"{stem}_vectors.csv": vectors.csv}
+    states = vectors.z, vectors.qd, vectors.qdd, vectors.tau
     if to == "c":
-        made[f"{stem}_test.c"] = _c_test(stem, vectors, precision)
-    if to == "st":
-        made[f"{stem}_test.st"] = st_test(
-            subject, stem, precision, (vectors.z, vectors.qd, vectors.qdd, vectors.tau)
-        )
-    readme = f"README_{stem}_{to}.md"
-    return {readme: _readme(subject, to, stem, (*files, *made), len(vectors.z)), **made}
-
-
-def _readme(subject: Model, to: TargetName, stem: str, files: Sequence[str], count: int) -> str:
-    named = {"stem": stem, "STEM": stem.upper(), "count": count}
-    run = _RUN.get(to, "Compare what you compute with their torques.").format(**named)
-    return rendered(
-        "readme.md.jinja",
-        title=subject.robot.title or subject.name,
-        provenance=subject.provenance,
-        files=files,
-        quantities=quantities(subject),
-        call=_CALLS[to].format(**named),
-        run=run,
-        stem=stem,
-        count=count,
-    )
-
-
-def _c_test(stem: str, vectors: ReferenceStates, precision: Precision) -> str:
-    rows = np.hstack([vectors.z, vectors.q, vectors.qd, vectors.qdd, vectors.tau])
-    return plain_letters(
-        rendered(
+        rows = np.hstack([vectors.z, vectors.q, *states[1:]]).tolist()
+        program = rendered(
             "test.c.jinja",
             prefix=stem,
             guard=stem.upper(),
             real=precision.c_type,
             share="1e-5" if precision is SINGLE else "1e-12",
-            rows=[", ".join(precision.c_number(x) for x in row) for row in rows.tolist()],
+            rows=[", ".join(precision.c_number(x) for x in row) for row in rows],
         )
+        made[f"{stem}_test.c"] = plain_letters(program)
+    if to == "st":
+        made[f"{stem}_test.st"] = st_test(subject, stem, precision, states)
+    named = {"stem": stem, "STEM": stem.upper(), "count": len(vectors.z)}
+    readme = rendered(
+        "readme.md.jinja",
+        title=subject.robot.title or subject.name,
+        provenance=subject.provenance,
+        files=(*files, *made),
+        quantities=quantities(subject),
+        call=_CALLS[to].format(**named),
+        run=_RUN.get(to, "Compare what you compute with their torques.").format(**named),
+        stem=stem,
+        count=len(vectors.z),
     )
+    return {f"README_{stem}_{to}.md": readme, **made}

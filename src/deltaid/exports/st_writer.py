@@ -64,11 +64,6 @@ class Writer:
             (*lines, self.returns(whole, "OK")),
         )
 
-    def home(self) -> Unit:
-        """A pose in the middle of the workspace."""
-        note = "A pose z in the middle of the workspace."
-        return self.table("home", note, self.subject.home.tolist(), ())
-
     def unit(self, f: ExportedFunction) -> Unit:
         """One function, or a function block where a pose is kept."""
         return self._block(f) if f.after else self._function(f)

@@ -232,12 +232,16 @@ def plc_program(
     units = [
         *helpers(prefix, precision),
         writer.table("parameters", what, subject.p[subject.p != 0].tolist(), notes),
-        writer.home(),
+        writer.table("home", "A pose z in the middle of the workspace.", subject.home.tolist(), ()),
         *(pair_functions(prefix) if single else []),
         *map(writer.unit, functions),
     ]
     units += [unit for cycle in cycles for unit in cycle_units(writer, cycle)]
-    head = (subject.provenance, *_conventions(subject, precision, writer.statuses))
+    conventions = (
+        f"IEC 61131-3 structured text, {precision.st_type}. Functions return a status; their "
+        "outputs mean something only where that is 0:"
+    )
+    head = (subject.provenance, conventions, *writer.statuses, *quantities(subject))
     return PlcProgram(prefix, head, tuple(units))
 
 
@@ -256,13 +260,4 @@ def quantities(subject: Model) -> list[str]:
         "at the joint, behind the gear; positive as in docs/conventions.md of deltaid.",
         f"Task coordinates z: x, y, z of the platform point in the world [m]{turn}.",
         "Equation of motion: M(q) qdd + C(q, qd) qd + g(q) + f(qd) = tau.",
-    ]
-
-
-def _conventions(subject: Model, precision: Precision, statuses: list[str]) -> list[str]:
-    return [
-        f"IEC 61131-3 structured text, {precision.st_type}. Functions return a status; their "
-        "outputs mean something only where that is 0:",
-        *statuses,
-        *quantities(subject),
     ]

@@ -141,16 +141,15 @@ def states(s: Signals, period: float, friction_time: float) -> States:
 
 # How fast [s] sizes are learnt, within which bounds, and the most by which one cycle counts.
 _LEARNT, _LEVELS, _LARGEST_STEP = 2.0, (0.15, 20.0), 10.0
-# Sizes of moving and of slow drives, in units of what was thought.
-LEVELS = tuple(f"{kind}_level" for kind in ("moving", "slow"))
+# Drives whose sizes are learnt apart, in units of what was thought.
+_DRIVES = ("moving", "slow")
 
 
 def keep_levels(fields: CycleFields, dof: int) -> tuple[ca.SX, ...]:
     """Sizes of torques that the model has not, as the cycle before left them."""
     doc = "how much more than thought the model lacks of {} drives"
-    kinds = (name.removesuffix("_level") for name in LEVELS)
     return fields.keep(
-        *(Field(f"{kind}_level", dof, doc.format(kind), initial=1.0) for kind in kinds)
+        *(Field(f"{kind}_level", dof, doc.format(kind), initial=1.0) for kind in _DRIVES)
     )
 
 
@@ -165,7 +164,7 @@ def learn_levels(
         calm: 1 where it may be learnt from.
     """
     beyond = ca.fmin(d.x**2 + ca.diag(d.P) - 1, _LARGEST_STEP)
-    for name, part in zip(LEVELS, parts, strict=True):
+    for kind, part in zip(_DRIVES, parts, strict=True):
         share = (part / (parts[0] + parts[1])) ** 2
-        grown = fields.before[name] * (1 + period / _LEARNT * calm * beyond * share)
-        fields.following[name] = ca.fmin(ca.fmax(grown, _LEVELS[0]), _LEVELS[1])
+        grown = fields.before[f"{kind}_level"] * (1 + period / _LEARNT * calm * beyond * share)
+        fields.following[f"{kind}_level"] = ca.fmin(ca.fmax(grown, _LEVELS[0]), _LEVELS[1])

@@ -4,7 +4,7 @@ import numpy as np
 from plotly.subplots import make_subplots
 
 from deltaid.reproduce.accuracy import Accuracy
-from deltaid.reproduce.descent import Descent, Descents, Way
+from deltaid.reproduce.descent import Descents, Way
 from deltaid.reproduce.surrogate_figures import above_titles
 from deltaid.reproduce.surrogate_result import Reproduction
 from deltaid.view import style
@@ -73,21 +73,20 @@ def minimisers_section(result: Reproduction) -> Section:
 
 
 def _efforts(prior: str, descents: Descents) -> Rows:
-    best = descents.conic
-    milliseconds = f"{1e3 * descents.conic_seconds:.2g}"
+    best, milliseconds = descents.conic, f"{1e3 * descents.conic_seconds:.2g}"
     conic = ("conic", str(best.iterations), milliseconds, number(best.objective), "—", "—")
-    return ((prior, *conic), *((prior, *_effort_of(way)) for way in descents.ways))
-
-
-def _effort_of(way: Descent) -> tuple[str, ...]:
-    return (
-        WAY_LABELS[way.way][0],
-        str(len(way.objective) - 1),
-        f"{1e3 * way.seconds[-1]:.0f}",
-        number(float(way.objective[-1])),
-        number(float(way.gradient[-1]), 2),
-        f"{number(way.smallest, 2)} ({way.smallest_name})",
+    ways = (
+        (
+            WAY_LABELS[way.way][0],
+            str(len(way.objective) - 1),
+            f"{1e3 * way.seconds[-1]:.0f}",
+            number(float(way.objective[-1])),
+            number(float(way.gradient[-1]), 2),
+            f"{number(way.smallest, 2)} ({way.smallest_name})",
+        )
+        for way in descents.ways
     )
+    return tuple((prior, *row) for row in (conic, *ways))
 
 
 def _judged(a: Accuracy | None) -> tuple[str, ...]:
