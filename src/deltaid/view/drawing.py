@@ -93,22 +93,17 @@ def _written(labels: list[_Label], width: float, height: float) -> list[Markup]:
         edge, anchor = (_NAMES - 16, "end") if left else (width - _NAMES + 16, "start")
         for label, y in zip(own, _apart([label.at[1] for label in own], height), strict=True):
             start = edge + (5 if left else -5)
-            parts.append(
+            words = body_in_words(label.body)
+            below = Markup('<tspan class="words" x="{:.1f}" dy="12">{}</tspan>')
+            second = below.format(edge, visible(words)) if words != label.body else Markup("")
+            parts += [
                 Markup('<line class="lead" x1="{:.1f}" y1="{:.1f}" x2="{:.1f}" y2="{:.1f}"/>'
                        '<circle class="lead" cx="{:.1f}" cy="{:.1f}" r="2.5"/>')
-                .format(start, y, *label.at, *label.at)
-            )  # fmt: skip
-            parts.append(_named(edge, y, anchor, label.body, body_in_words(label.body)))
+                .format(start, y, *label.at, *label.at),
+                Markup('<text x="{:.1f}" y="{:.1f}" text-anchor="{}">{}{}</text>')
+                .format(edge, y + 4 - (4 if second else 0), anchor, visible(label.body), second),
+            ]  # fmt: skip
     return parts
-
-
-def _named(x: float, y: float, anchor: str, short: str, words: str) -> Markup:
-    second = Markup('<tspan class="words" x="{:.1f}" dy="12">{}</tspan>').format(x, visible(words))
-    if words == short:
-        second = Markup("")
-    return Markup('<text x="{:.1f}" y="{:.1f}" text-anchor="{}">{}{}</text>').format(
-        x, y + 4 - (4 if second else 0), anchor, visible(short), second
-    )
 
 
 def _apart(wanted: list[float], height: float) -> list[float]:

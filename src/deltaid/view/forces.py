@@ -164,37 +164,34 @@ def _over_time(study: Forces) -> Figure:
 
 def tables(study: Forces) -> tuple[Table, ...]:
     """Forces along struts, margins of sockets if there are any, loads of other joints."""
-    socket_force = study.constraint_forces.socket_force
-    sockets = () if socket_force is None else (_sockets(study, socket_force),)
-    return (_struts(study), *sockets, _loads(study))
+    how = "range" if any(f.range for f in study.findings) else "± open"
+    pairs = zip(_findings(study, "tension"), _findings(study, "compression"), strict=True)
+    struts = _titled(
+        "force along the struts, N; tension is positive",
+        ("strut", "largest", how, "at, s", "least", how, "at, s"),
+        [(most.worst.part, *_cells(most), *_cells(least)) for most, least in pairs],
+    )
+    loads = _titled(
+        "loads of the other joints, each where its size is largest",
+        ("load", "unit", "largest", how, "at, s"),
+        [(f.worst.part, f.worst.unit, *_cells(f)) for f in _findings(study, "load")],
+    )
+    force = study.constraint_forces.socket_force
+    if force is None:
+        return struts, loads
+    sockets = _titled(
+        f"margin of the ball joints, N; springs hold them with {number(force)} N",
+        ("strut", "at the", "least margin", how, "at, s"),
+        [
+            (f.worst.part, f.worst.channel.split(".")[1], *_cells(f, force))
+            for f in _findings(study, "socket")
+        ],
+    )
+    return struts, sockets, loads
 
 
 def _titled(title: str, columns: tuple[str, ...], rows: list[tuple[str, ...]]) -> Table:
     return Table(columns, tuple(rows), f"{title}.", title=title)
-
-
-def _struts(study: Forces) -> Table:
-    pairs = zip(_findings(study, "tension"), _findings(study, "compression"), strict=True)
-    rows = [(most.worst.part, *_cells(most), *_cells(least)) for most, least in pairs]
-    how = _heading(study)
-    columns = ("strut", "largest", how, "at, s", "least", how, "at, s")
-    return _titled("force along the struts, N; tension is positive", columns, rows)
-
-
-def _sockets(study: Forces, socket_force: float) -> Table:
-    rows = [
-        (finding.worst.part, finding.worst.channel.split(".")[1], *_cells(finding, socket_force))
-        for finding in _findings(study, "socket")
-    ]
-    columns = ("strut", "at the", "least margin", _heading(study), "at, s")
-    title = f"margin of the ball joints, N; springs hold them with {number(socket_force)} N"
-    return _titled(title, columns, rows)
-
-
-def _loads(study: Forces) -> Table:
-    rows = [(f.worst.part, f.worst.unit, *_cells(f)) for f in _findings(study, "load")]
-    columns = ("load", "unit", "largest", _heading(study), "at, s")
-    return _titled("loads of the other joints, each where its size is largest", columns, rows)
 
 
 def places(study: Forces) -> Table:
@@ -238,10 +235,6 @@ def what_is_open(study: Forces) -> str:
 
 def _findings(study: Forces, kind: str) -> list[ForceFinding]:
     return [finding for finding in study.findings if finding.worst.kind == kind]
-
-
-def _heading(study: Forces) -> str:
-    return "range" if any(f.range for f in study.findings) else "± open"
 
 
 def _cells(finding: ForceFinding, offset: float = 0.0) -> tuple[str, str, str]:

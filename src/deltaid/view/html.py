@@ -11,7 +11,7 @@ import re
 from functools import cache
 from importlib.resources import files
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import plotly.io
 from jinja2 import ChoiceLoader, Environment, PackageLoader
@@ -69,15 +69,16 @@ def environment(room: str = "view") -> Environment:
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    environment.tests |= {
-        kind.__name__.lower(): lambda block, kind=kind: isinstance(block, kind)
-        for kind in (Text, Table, Lines, Figure, Chart)
-    }
-    environment.filters |= {
-        "json": _figure_json,
-        "long": lambda cell: len(cell) > _LONG,
-        **{f.__name__: f for f in (paragraphs, numeric, cell, heading, typeset, explained, legend)},
-    }
+    kinds: tuple[type, ...] = (Text, Table, Lines, Figure, Chart)
+    cast("dict[str, Any]", environment.tests).update(
+        {k.__name__.lower(): lambda block, kind=k: isinstance(block, kind) for k in kinds}
+    )
+    setters = (paragraphs, numeric, cell, heading, typeset, explained, legend)
+    cast("dict[str, Any]", environment.filters).update(
+        {f.__name__: f for f in setters},
+        json=_figure_json,
+        long=lambda cell: len(cell) > _LONG,
+    )
     return environment
 
 

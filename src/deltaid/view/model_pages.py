@@ -167,6 +167,10 @@ def validation_page(value: Validation) -> Page:
     dynamics, known, recording = model.dynamics, model.identified, model_filtered(model, log)
     comparison = compare(dynamics, model.p, recording)
     torques = torque_section(model.robot, comparison, "Torques", front=True)
+    base = ()
+    if known and known.base_parameters:  # which models of earlier versions do not hold
+        tables = (base_table(known.base_parameters),)
+        base = (Section("Base parameters", tables, "combinations that the torques determine"),)
     missing = left_out_table([(log.path.name, left_out(log, model.robot.drives, error))])
     return Page(
         title=model.robot.title or model.robot.name,
@@ -187,7 +191,8 @@ def validation_page(value: Validation) -> Page:
             replace(torques, blocks=(*((missing,) if missing else ()), *torques.blocks)),
             motion_section(dynamics, recording),
             friction_section(model, (comparison,)),
-            *(_parameter_sections(known) if known else ()),
+            *((parameter_section(known),) if known else ()),
+            *base,
             *put_right_sections(model.identified),
             provenance_section(model, "The model"),
         ),
@@ -196,12 +201,6 @@ def validation_page(value: Validation) -> Page:
             *(known.warnings if known else ()),
         ),
     )
-
-
-def _parameter_sections(model: IdentifiedModel) -> tuple[Section, ...]:
-    about, tables = "combinations that the torques determine", (base_table(model.base_parameters),)
-    base = (Section("Base parameters", tables, about),) if model.base_parameters else ()
-    return parameter_section(model), *base
 
 
 def model_page(value: Model | IdentifiedModel) -> Page:

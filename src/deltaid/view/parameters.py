@@ -187,36 +187,13 @@ def _percent(share: float) -> str:
 def information_section(result: Identification) -> Section:
     """Base parameters with their intervals, singular values and correlations."""
     base = result.problem.base
-    R = _scaled_factor(result)
-    visible = len(base.layout.names) - len(base.invisible)
-    return Section(
-        "Base parameters",
-        (
-            Text(
-                f"Of {len(base.layout.names)} parameters {visible} show in torques at all, and of "
-                f"these the motion determines {base.rank} combinations, the base parameters. "
-                "Their values here come from weighted least squares alone, without prior and "
-                "without physical consistency. The condition number of the base regressor, its "
-                f"columns scaled to unit length, is {number(base.condition, 3)}."
-            ),
-            base_table(result.model.base_parameters),
-            _singular_values(R),
-            _correlations(result, R),
-        ),
-        "combinations that the torques determine, and how well",
-    )
-
-
-def _scaled_factor(result: Identification) -> Float[np.ndarray, "base base"]:
     information = result.problem.information
-    columns = [group.representative for group in result.problem.base.groups]
+    columns = [group.representative for group in base.groups]
     Y = information.weighted()[:, np.searchsorted(information.columns, columns)]
-    return triangle(Y / np.linalg.norm(Y, axis=0))
-
-
-def _singular_values(R: Float[np.ndarray, "base base"]) -> Figure:
+    # Triangular factor of the weighted base regressor, columns of unit length.
+    R = triangle(Y / np.linalg.norm(Y, axis=0))
     values = np.linalg.svd(R, compute_uv=False)
-    figure = go.Figure(
+    spectrum = go.Figure(
         go.Scatter(
             x=np.arange(1, len(values) + 1),
             y=values,
@@ -233,11 +210,28 @@ def _singular_values(R: Float[np.ndarray, "base base"]) -> Figure:
             "margin": {"t": 20},
         },
     )  # fmt: skip
-    return Figure(
-        figure,
-        "Singular values of the base regressor, rows weighted by the drives' largest torques and "
-        "columns scaled to unit length. A small one is a combination that the motion hardly "
-        f"excites; largest over smallest is {number(values[0] / values[-1], 3)}.",
+    visible = len(base.layout.names) - len(base.invisible)
+    return Section(
+        "Base parameters",
+        (
+            Text(
+                f"Of {len(base.layout.names)} parameters {visible} show in torques at all, and of "
+                f"these the motion determines {base.rank} combinations, the base parameters. "
+                "Their values here come from weighted least squares alone, without prior and "
+                "without physical consistency. The condition number of the base regressor, its "
+                f"columns scaled to unit length, is {number(base.condition, 3)}."
+            ),
+            base_table(result.model.base_parameters),
+            Figure(
+                spectrum,
+                "Singular values of the base regressor, rows weighted by the drives' largest "
+                "torques and columns scaled to unit length. A small one is a combination that the "
+                f"motion hardly excites; largest over smallest is "
+                f"{number(values[0] / values[-1], 3)}.",
+            ),
+            _correlations(result, R),
+        ),
+        "combinations that the torques determine, and how well",
     )
 
 

@@ -41,10 +41,16 @@ def untold(plan: SensorPlan) -> tuple[str, ...]:
     return tuple(name for name, owner, share in names if owner and share > _LEARNT)
 
 
+def known_entries(plan: SensorPlan) -> list[int]:
+    """Numbers of the entries and gains that something tells of."""
+    hidden, u = untold(plan), plan.unknowns
+    owned = (k for k, name in enumerate(u.names) if u.owners[k] or name.startswith("gain."))
+    return [k for k in owned if u.names[k] not in hidden]
+
+
 def entry_table(plan: SensorPlan) -> Table:
     """Every entry of every body that something tells of: before and after."""
-    hidden, u = untold(plan), plan.unknowns
-    stages = {"torques": plan.torques}
+    u, stages = plan.unknowns, {"torques": plan.torques}
     if plan.has_described:
         stages["described"] = plan.described
     if plan.steps:
@@ -53,14 +59,13 @@ def entry_table(plan: SensorPlan) -> Table:
         ("entry", "prior", "unit", "prior ±", *stages),
         tuple(
             (
-                name,
+                u.names[k],
                 number(u.prior[k]),
                 u.units[k] or "1",
                 percent(u.spread[k]),
                 *(percent(outlook.shares[k]) for outlook in stages.values()),
             )
-            for k, name in enumerate(u.names)
-            if (u.owners[k] or name.startswith("gain.")) and name not in hidden
+            for k in known_entries(plan)
         ),
         "Standard deviation of each entry, in per cent of its prior value; of an entry whose "
         "prior is zero, of what it is at most for a body with its other entries.",

@@ -15,6 +15,7 @@ from deltaid.view.sensor_plan import (
     chosen_entries,
     count_table,
     entry_table,
+    known_entries,
     open_table,
     step_table,
     stopped,
@@ -130,12 +131,7 @@ def _verdict(plan: SensorPlan, open_now: int) -> Summary:
 
 def _bars(plan: SensorPlan) -> Figure:
     """Standard deviations before and after, a bar each; wide ones behind narrow ones."""
-    hidden, u = untold(plan), plan.unknowns
-    shown = [
-        k
-        for k, name in enumerate(u.names)
-        if (u.owners[k] or name.startswith("gain.")) and name not in hidden
-    ]
+    u, shown = plan.unknowns, known_entries(plan)
     stages: list[tuple[str, Outlook, str, float]] = [
         ("torques alone", plan.torques, style.PRIOR, 0.8)
     ]
