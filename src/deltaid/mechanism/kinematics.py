@@ -15,7 +15,7 @@ from deltaid.mechanism.mechanism import Mechanism
 from deltaid.mechanism.one_or_many import one_or_many
 from deltaid.mechanism.regularity import SINGULAR_CONDITION, Regularity, passages, written
 from deltaid.mechanism.rotation import inverse
-from deltaid.mechanism.tree_joints import PassiveJoints, WithJointStates
+from deltaid.mechanism.tree_joints import JointStates, PassiveJoints, TreeJoints, tree_joints
 from deltaid.robot.load import RobotLike, described
 from deltaid.shown import Plotted, Shown
 
@@ -40,7 +40,7 @@ class BodyPoses(Shown):
     r_WB: Float[np.ndarray, "*samples 3"]
 
 
-class Kinematics(WithJointStates, Shown, Plotted):
+class Kinematics(Shown, Plotted):
     """Kinematics of a described robot. Arrays have one sample a row; kernels compile when needed.
 
     A single sample may be given as a vector, and then what is returned has no axis of samples.
@@ -189,6 +189,39 @@ class Kinematics(WithJointStates, Shown, Plotted):
             R_LB = block[:, :9].reshape(-1, 3, 3).swapaxes(1, 2)  # CasADi stores columns
             result.append(BodyPoses(body.name, body.R_WL @ R_LB, block[:, 9:] @ body.R_WL.T))
         return tuple(result)
+
+    @one_or_many("q", "qd")
+    def joint_states(self, q: Samples, qd: Samples | None = None) -> JointStates:
+        """All joints of the robot's tree, drives first.
+
+        Names, signs and zeros are those of the MJCF and URDF exports (`mechanism.tree_joints`).
+
+        Args:
+            q: drive coordinates; rows are consecutive samples, as in `forward`.
+            qd: drive velocities; without them there are no velocities.
+
+        Raises:
+            KinematicsError: q closes no loop or is singular.
+            DeltaidError: the mechanism is the user's own, so its joints are not known.
+        """
+        return self._all_joints.states(self.forward(q), qd)
+
+    @one_or_many("z", "qd")
+    def passive_joints(self, z: Samples, qd: Samples | None = None) -> JointStates:
+        """The same for the joints without a drive, from task coordinates z; NaN out of reach.
+
+        Raises:
+            DeltaidError: the mechanism is the user's own, so its joints are not known.
+        """
+        return self._passive_joints.states(z, qd)
+
+    @cached_property
+    def _all_joints(self) -> TreeJoints:
+        return tree_joints(self.robot, self.mechanism)
+
+    @cached_property
+    def _passive_joints(self) -> TreeJoints:
+        return tree_joints(self.robot, self.mechanism, passive=True)
 
     def require_regular(self, z: Samples) -> None:
         """Raise KinematicsError when a pose is singular."""

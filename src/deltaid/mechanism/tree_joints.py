@@ -10,11 +10,11 @@ each joint's coordinate is a function of z, and these functions stand here:
     platform, partN_turn, tool, …   the platform's own joints
     platform_x, middle_x, part1_x, tool_x, …   where a part of the platform is in the world
 
-`WithJointStates` has them in numbers, as a publisher of joint states wants them; `PassiveJoints`
-how fast those without a drive move along a motion.
+`JointStates` has them in numbers, as a publisher of joint states wants them; `PassiveJoints` how
+fast those without a drive move along a motion.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -25,7 +25,6 @@ from jaxtyping import Float
 from deltaid.errors import DeltaidError
 from deltaid.kernel.batch import BatchKernel
 from deltaid.mechanism.mechanism import Mechanism
-from deltaid.mechanism.one_or_many import one_or_many
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.platform import H4Platform, I4Platform, Par4Platform, RigidPlatform, Telescope
 from deltaid.shown import Named
@@ -167,48 +166,6 @@ def _of_telescope(bar: Telescope, z: ca.SX) -> dict[str, ca.SX]:
 def _positions(name: str, r: ca.SX) -> dict[str, ca.SX]:
     """Coordinates of three sliding joints along the world's axes."""
     return {f"{name}_{k}": r[i] for i, k in enumerate("xyz")}
-
-
-class WithJointStates:
-    """Kinematics that knows all joints of the tree."""
-
-    robot: RobotDescription
-    mechanism: Mechanism
-
-    forward: Callable[[Samples], Samples]
-
-    @one_or_many("q", "qd")
-    def joint_states(self, q: Samples, qd: Samples | None = None) -> JointStates:
-        """All joints of the robot's tree, drives first.
-
-        Names, signs and zeros are those of the MJCF and URDF exports (`mechanism.tree_joints`).
-
-        Args:
-            q: drive coordinates; rows are consecutive samples, as in `forward`.
-            qd: drive velocities; without them there are no velocities.
-
-        Raises:
-            KinematicsError: q closes no loop or is singular.
-            DeltaidError: the mechanism is the user's own, so its joints are not known.
-        """
-        return self._all_joints.states(self.forward(q), qd)
-
-    @one_or_many("z", "qd")
-    def passive_joints(self, z: Samples, qd: Samples | None = None) -> JointStates:
-        """The same for the joints without a drive, from task coordinates z; NaN out of reach.
-
-        Raises:
-            DeltaidError: the mechanism is the user's own, so its joints are not known.
-        """
-        return self._passive_joints.states(z, qd)
-
-    @cached_property
-    def _all_joints(self) -> TreeJoints:
-        return tree_joints(self.robot, self.mechanism)
-
-    @cached_property
-    def _passive_joints(self) -> TreeJoints:
-        return tree_joints(self.robot, self.mechanism, passive=True)
 
 
 @dataclass(frozen=True, eq=False)
