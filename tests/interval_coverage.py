@@ -111,7 +111,7 @@ def recorded(groups: Gathered, seed: int, seeds: int, torque_max: np.ndarray) ->
     places[..., :n, n] += noise[..., :n]
     places[..., n, :n] = places[..., :n, n]
     places[..., n, n] += 2 * noise[..., n] + noise[..., -1]
-    return Gathered((tuple(blocks),), places)
+    return Gathered((tuple(blocks),), places, merge(blocks))
 
 
 def covered(truth: np.ndarray, found: list[BaseEstimate]) -> np.ndarray:

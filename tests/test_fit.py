@@ -213,9 +213,10 @@ def test_a_binding_cone_is_respected_and_certified() -> None:
     """A prior far off and little weight on it drives a strut's second moments to the edge."""
     objective = problem(noise=0.2, gamma=1e-9)
     reduction = objective.reduction
-    unconstrained = conic._unconstrained(conic._stacked(objective))
-    assert unconstrained is not None
-    assert not all(conic._interior(block, unconstrained) for block in reduction.blocks)
+    quadratic = conic._stacked(objective)
+    unconstrained = np.linalg.solve(quadratic.R, quadratic.b)
+    blocks = (block.normalised_at(unconstrained) for block in reduction.blocks)
+    assert min(np.linalg.eigvalsh(block)[0] for block in blocks) <= INTERIOR
     best = Conic().solve(objective)
     assert objective.value(unconstrained) < best.objective
     assert best.duality_gap <= 1e-5 * best.objective

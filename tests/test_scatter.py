@@ -10,7 +10,7 @@ import pytest
 from scipy import stats
 from scipy.stats import binom
 
-from deltaid.estimation.information import Information
+from deltaid.estimation.information import Information, merge
 from deltaid.estimation.scatter import Noise, Scatter, half_width, inverse, observe
 from deltaid.identification.gathering import Gathered
 from interval_coverage import ROBOTS, covered, covered_by_white_formula, estimates, wandering
@@ -114,7 +114,8 @@ def test_groups_are_weighed_drive_by_drive() -> None:
         Information(np.arange(2), np.linalg.qr(own, mode="r"), np.full(2, 8.0), np.ones(2))
         for own in rows
     )
-    found = Gathered((blocks,), np.swapaxes(rows, 2, 3) @ rows).weighted(weights)
+    places = np.swapaxes(rows, 2, 3) @ rows
+    found = Gathered((blocks,), places, merge(blocks)).weighted(weights)
     expected = [sum(w * x.T @ x for w, x in zip(weights, own, strict=True)) for own in rows]
     np.testing.assert_allclose(found["time"], expected)
     np.testing.assert_allclose(found["place"], expected)

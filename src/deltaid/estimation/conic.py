@@ -50,9 +50,10 @@ class Conic:
                 "close to the Riemannian",
             )
         quadratic = _stacked(objective)
-        if spectral is None:
-            x = _unconstrained(quadratic)
-            if x is not None and all(_interior(block, x) for block in objective.reduction.blocks):
+        if spectral is None and np.all(np.diag(quadratic.R) != 0):
+            x = solve_triangular(quadratic.R, quadratic.b)
+            blocks = (block.normalised_at(x) for block in objective.reduction.blocks)
+            if all(np.linalg.eigvalsh(block)[0] > INTERIOR for block in blocks):
                 value = objective.value(x)
                 return Solution(x, value, value, 0, "interior optimum")
         return _Program(objective, quadratic, self).solve()
@@ -77,16 +78,6 @@ def _stacked(objective: Objective) -> Quadratic:
         [np.column_stack([data.R, data.b]) / root, np.column_stack([prior.R, prior.b])]
     )
     return Quadratic.from_rows(rows, data.c / objective.gamma)
-
-
-def _unconstrained(quadratic: Quadratic) -> Vector | None:
-    if np.min(np.abs(np.diag(quadratic.R))) == 0:
-        return None
-    return solve_triangular(quadratic.R, quadratic.b)
-
-
-def _interior(block: Block, x: Vector) -> bool:
-    return bool(np.linalg.eigvalsh(block.normalised_at(x))[0] > INTERIOR)
 
 
 class _Program:

@@ -140,12 +140,11 @@ class TraceRows:
     def size(self) -> int:
         return self.reduction.size
 
-    def of_trace(self, trace: Trace, beside: Sequence[Addition] = ()) -> RecordingRows:
-        """Rows of a trace, with additional columns."""
-        Y, active = trace.regressor((*self.additions, *beside)), self.active
-        fit, added = Y[:, :, : len(active)], Y[:, :, len(active) :]
-        tau = trace.torques() - fit @ self.reduction.p_0[active]
-        return RecordingRows(np.concatenate([fit @ self.reduction.A[active], added], axis=2), tau)
+    def of_trace(self, trace: Trace) -> RecordingRows:
+        """Rows of a trace."""
+        Y, active = trace.regressor(self.additions), self.active
+        tau = trace.torques() - Y @ self.reduction.p_0[active]
+        return RecordingRows(Y @ self.reduction.A[active], tau)
 
     def prior(self, width: int) -> tuple[Columns, Rows]:
         """What is known of parameters, as rows D x = d over so many columns."""

@@ -126,11 +126,10 @@ def _of_problem(name: str, problem: FittedProblem) -> TypeMember:
     Least squares errs by R⁻¹ s, s with deviations as intervals have them. For white noise s has no
     correlations, and groups are too few to tell others of them.
     """
-    estimate, count, geometry = problem.estimate, len(problem.p), problem.geometry
+    estimate, count, shifts = problem.estimate, len(problem.p), problem.geometry.shifts
     noise = estimate.noise
     half = inverse(noise.root) * noise.deviations(np.eye(len(noise.root)))[0]
-    names = geometry.names if geometry else ()
-    shifts = geometry.shifts if geometry else np.zeros((len(half), 0))
+    names = problem.geometry.names
     common = np.array([not any(word in name for word in _OWN) for name in names], dtype=bool)
     covariance = half @ half.T + shifts[:, ~common] @ shifts[:, ~common].T
     size = np.sqrt(np.diag(covariance))

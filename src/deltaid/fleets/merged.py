@@ -167,7 +167,7 @@ def merged(merging: Merging, files: Sequence[FactorFile]) -> Gathered:
         stretches.append(part.stretches if fine else (part.information,))
         whole.append(part.information)
     every = np.stack([places[name] for name in sorted(places)])
-    return Gathered(tuple(stretches), every, whole=merge(whole))
+    return Gathered(tuple(stretches), every, merge(whole))
 
 
 def fitted(

@@ -155,7 +155,7 @@ def _of_measured(problem: FittedProblem) -> Iterator[str]:
         residual, free = float(row[-1] - row[columns] @ estimate.values), float(1.0 - u @ u)
         std, _ = noise.deviations(u[:, None])
         others = max(float(std[0]) ** 2 - (noise.sigma * (1.0 - free)) ** 2, 0.0)
-        others += float(np.sum((row[columns] @ problem.shifts) ** 2))
+        others += float(np.sum((row[columns] @ problem.geometry.shifts) ** 2))
         who, apart, value = "the recording", 0.0, 0.0
         if free > _REDUNDANT:
             apart = abs(residual / free / np.hypot(noise.sigma, np.sqrt(others) / free))

@@ -109,7 +109,7 @@ class FittedProblem:
         base: which combinations of parameters the motion determines.
         estimate: their weighted least-squares values, without prior and consistency.
         additions: what was fitted with the robot.
-        geometry: what the robot's tolerances do to base parameters; None before that is known.
+        geometry: what the robot's tolerances do to base parameters, once that is known.
         moves: what parameters, by name, move by where corrected causes are off as they may be.
     """
 
@@ -120,8 +120,8 @@ class FittedProblem:
     solution: Solution
     base: BaseParameters
     estimate: BaseEstimate
+    geometry: Geometry
     additions: tuple[Addition, ...] = ()
-    geometry: Geometry | None = None
     moves: tuple[Mapping[str, float], ...] = ()
 
     @property
@@ -152,11 +152,6 @@ class FittedProblem:
     @property
     def p(self) -> Float[np.ndarray, " own"]:
         return self.values[: len(self.values) - self.layout.added]
-
-    @property
-    def shifts(self) -> Float[np.ndarray, "base quantities"]:
-        """Of base parameters by one standard deviation of each geometric quantity."""
-        return self.geometry.shifts if self.geometry else np.zeros((self.base.rank, 0))
 
     @cached_property
     def noise(self) -> float:
@@ -267,6 +262,7 @@ def fit_to(
         raise IdentificationError(message, cure=CURE) from error
     base = base_parameters(information, reduction.layout)
     estimate = estimate_base(base, information, groups=gathered)
+    exact = Geometry((), np.zeros((base.rank, 0)))
     return FittedProblem(
-        dynamics, settings, gathered, objective, solution, base, estimate, tuple(additions)
+        dynamics, settings, gathered, objective, solution, base, estimate, exact, tuple(additions)
     )

@@ -5,7 +5,6 @@ Windows are condensed to triangles apart from each other, on all cores, and adde
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
 from itertools import groupby
 
 import numpy as np
@@ -49,11 +48,7 @@ class Gathered:
     parts: tuple[tuple[Information, ...], ...]
     # the same samples by place of the platform and drive (or channel) i, as [Y_i, τ_i]ᵀ[Y_i, τ_i]
     places: Float[np.ndarray, "places rows augmented augmented"]
-    # levels, facts: as of `Information`, for everything together (`balance`)
-    levels: Float[np.ndarray, " channels"] | None = None
-    facts: Float[np.ndarray, "facts augmented"] | None = None
-    # everything together, where it is known more exactly than in parts
-    whole: Information | None = None
+    information: Information  # everything together, with levels and facts once `balanced`
 
     @property
     def blocks(self) -> tuple[Information, ...]:
@@ -69,10 +64,6 @@ class Gathered:
             "place": np.einsum("i,pijk->pjk", weights, self.places),
         }
 
-    @cached_property
-    def information(self) -> Information:
-        return replace(self.whole or merge(self.blocks), levels=self.levels, facts=self.facts)
-
 
 def gather_all(
     regressor: _Columns,
@@ -87,7 +78,7 @@ def gather_all(
     for recording in recordings:
         progress(f"evaluating {recording.log.samples} samples of {recording.path}")
         parts.append(gather(rows, recording, places, load, whitening=whitening))
-    return Gathered(tuple(parts), places.sums)
+    return Gathered(tuple(parts), places.sums, merge(block for part in parts for block in part))
 
 
 def places_of(regressor: _Columns, recordings: Iterable[PreparedRecording]) -> PlaceSums:
@@ -203,7 +194,8 @@ def balanced(gathered: Gathered, weighings: Sequence[Weighing]) -> Gathered:
         for fact in weighings
     ]
     facts = np.reshape(rows, (len(rows), len(information.columns) + 1))
-    return replace(gathered, levels=_levels(replace(information, facts=facts), sigma), facts=facts)
+    known = replace(information, facts=facts)
+    return replace(gathered, information=replace(known, levels=_levels(known, sigma)))
 
 
 def _levels(information: Information, sigma: float) -> Float[np.ndarray, " channels"]:

@@ -116,9 +116,9 @@ def identify_base(
     base = base_parameters(gathered.information, dynamics.layout)
     if method == "gauss-markov":
         whitening = _whitening(dynamics, recordings, estimate_base(base, gathered.information).full)
-        white = replace(gather_all(dynamics, recordings, whitening=whitening), facts=gathered.facts)
-        estimate = estimate_base(base, white.information, "ordinary", white)
-        estimate = replace(estimate, method=method)
+        white = gather_all(dynamics, recordings, whitening=whitening)
+        information = replace(white.information, facts=gathered.information.facts)
+        estimate = replace(estimate_base(base, information, "ordinary", white), method=method)
     else:
         estimate = estimate_base(base, gathered.information, method, gathered)
     # p nearest to the prior, by its sizes S: p_reg + S² Kᵀ (K S² Kᵀ)⁻¹ (p_B − K p_reg).

@@ -67,7 +67,7 @@ def posterior_record(problem: FittedProblem) -> PosteriorRecord:
 
 def base_covariance(problem: FittedProblem) -> Matrix:
     """Covariance of the base parameters' errors, with the deviations that their intervals have."""
-    noise, shifts = problem.estimate.noise, problem.shifts
+    noise, shifts = problem.estimate.noise, problem.geometry.shifts
     of_geometry = np.sum(shifts**2, axis=1)
     white = NOISE_FLOOR * np.linalg.norm(inverse(noise.root), axis=1)
     variances = np.maximum((problem.estimate.interval / NORMAL) ** 2 - of_geometry, white**2)

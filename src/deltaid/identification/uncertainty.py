@@ -132,7 +132,7 @@ def uncertainty(
     sources = Sources(problem.information, problem.base, noise).parts(to_scores)
     parts = [by_noise**2 * part for part in sources]
     parts.append(unit**2 * np.sum((root @ H_inverse_A) ** 2, axis=0))
-    parts.append(np.sum((follows.T @ problem.shifts) ** 2, axis=1))
+    parts.append(np.sum((follows.T @ problem.geometry.shifts) ** 2, axis=1))
     variance = np.sum(parts, axis=0)
     std = np.sqrt(variance)
     return Uncertainty(
@@ -182,7 +182,7 @@ class ConsistentRanges:
         self._centre = scale * (determined @ (U[:, :rank].T @ b))
         combination = base.combination() @ self._reduction.A
         self._scores = self._noise.root @ combination @ self._map[:, :rank]
-        self._shifts = self._noise.root @ problem.shifts
+        self._shifts = self._noise.root @ problem.geometry.shifts
         # Rows of the ball, the first for its radius, and of the cones.
         ball = np.eye(rank + 1, self._map.shape[1], -1)
         parts = [(-ball, np.zeros(rank + 1), clarabel.SecondOrderConeT(rank + 1))]
