@@ -96,7 +96,7 @@ def information_of(evidence: Evidence) -> Information | None:
     if isinstance(evidence.fitted, FittedProblem):
         return evidence.fitted.information
     try:
-        return merge(gather_all(evidence.dynamics, [evidence.surveyed]).blocks)
+        return gather_all(evidence.dynamics, [evidence.surveyed]).information
     except IdentificationError:
         return None
 

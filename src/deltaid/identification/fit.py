@@ -10,20 +10,18 @@ from jaxtyping import Float
 from deltaid.dynamics.dynamics import Dynamics, Parameters
 from deltaid.dynamics.parameters import ParameterLayout, prior_parameters
 from deltaid.errors import IdentificationError, UnsettledFrictionError
-from deltaid.estimation.additions import Addition, extended
+from deltaid.estimation.additions import Addition
 from deltaid.estimation.base_parameters import BaseParameters, base_parameters
 from deltaid.estimation.conic import SOLVERS, minimise
 from deltaid.estimation.information import Information
 from deltaid.estimation.objective import Objective, Solution, noise_level, pose
 from deltaid.estimation.reduction import Reduction, build_reduction
-from deltaid.identification.gathering import Gathered, balanced, gather_all
+from deltaid.identification.gathering import Gathered, gather_balanced
 from deltaid.identification.least_squares import BaseEstimate, Geometry, estimate_base, geometry
-from deltaid.identification.measured_rows import MeasuredRows
 from deltaid.model.record import Settings
 from deltaid.progress import Progress
 from deltaid.recording.recording import PreparedRecording
 from deltaid.robot.description import RobotDescription
-from deltaid.sensors.weighings import weighings
 
 # A drive contradicts itself when the more certain of inertia and friction is negative by so many of
 # its standard deviations. Right signs are some fifty on the other side.
@@ -234,8 +232,7 @@ def posed(
     progress: Progress = lambda _: None,
 ) -> FittedProblem:
     """One round of a fit, with what gears carry by parameters `load`; errors as of `fit`."""
-    rows = MeasuredRows(extended(dynamics, additions), weighings(dynamics.robot))
-    gathered = balanced(gather_all(rows, recordings, load, progress), rows.weighings)
+    gathered = gather_balanced(dynamics, recordings, additions, load, progress)
     progress("fitting")
     return fit_to(gathered, dynamics, settings, additions)
 

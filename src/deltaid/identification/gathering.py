@@ -3,15 +3,15 @@
 Windows are condensed to triangles apart from each other, on all cores, and added up in order.
 """
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import groupby
 
 import numpy as np
 from jaxtyping import Float
 
-from deltaid.dynamics.dynamics import Parameters, Regressor
-from deltaid.estimation.additions import Extended
+from deltaid.dynamics.dynamics import Dynamics, Parameters, Regressor
+from deltaid.estimation.additions import Addition, Extended, extended
 from deltaid.estimation.information import (
     NOISE_FLOOR,
     Chunk,
@@ -26,9 +26,10 @@ from deltaid.estimation.information import (
 from deltaid.estimation.objective import noise_level
 from deltaid.estimation.scatter import PlaceSums, Sums, Visits
 from deltaid.identification.measured_rows import FilteredRows, MeasuredRows
+from deltaid.progress import Progress
 from deltaid.recording.recording import PreparedRecording
 from deltaid.recording.windows import Window
-from deltaid.sensors.weighings import Weighing
+from deltaid.sensors.weighings import Weighing, weighings
 
 # Blocks that a log is cut into: enough to judge by their scatter, each still much longer than the
 # filter's memory.
@@ -65,11 +66,25 @@ class Gathered:
         }
 
 
+def gather_balanced(
+    dynamics: Dynamics,
+    recordings: Sequence[PreparedRecording],
+    additions: Sequence[Addition] = (),
+    load: Parameters | None = None,
+    progress: Progress = lambda _: None,
+) -> Gathered:
+    """All that recordings and measured values say of a robot and of additions, `balanced`; as
+    `gather_all`."""
+    known = weighings(dynamics.robot)
+    rows = MeasuredRows(extended(dynamics, additions), known)
+    return balanced(gather_all(rows, recordings, load, progress), known)
+
+
 def gather_all(
     regressor: _Columns,
     recordings: Sequence[PreparedRecording],
     load: Parameters | None = None,
-    progress: Callable[[str], None] = lambda _: None,
+    progress: Progress = lambda _: None,
     whitening: Float[np.ndarray, "dof dof"] | None = None,
 ) -> Gathered:
     """The information of recordings of the same robot, in blocks and by place; as `gather`."""

@@ -33,7 +33,7 @@ from deltaid.estimation.information import Information, active_columns
 from deltaid.estimation.objective import parameter_scale
 from deltaid.estimation.problem import LinearProblem, lengths
 from deltaid.estimation.scatter import Noise, half_width, inverse, observe, quantile
-from deltaid.identification.gathering import Gathered, balanced, gather_all
+from deltaid.identification.gathering import Gathered, gather_all, gather_balanced
 from deltaid.identification.measured_rows import MeasuredRows
 from deltaid.identification.torque_error import torque_error
 from deltaid.model.options import LeastSquaresMethod
@@ -44,7 +44,6 @@ from deltaid.robot.tolerances import Tolerances
 from deltaid.sensors.about import RowsAbout
 from deltaid.sensors.geometry import sensor_errors
 from deltaid.sensors.rows import GraphRows
-from deltaid.sensors.weighings import weighings
 
 # Of each recording at most so many windows and seconds of its beginning, and of these so many
 # samples.
@@ -111,8 +110,7 @@ def identify_base(
                 where=str(recording.path),
                 cure="give a recording without load; `deltaid identify` fits loads with the robot",
             )
-    facts = weighings(dynamics.robot)
-    gathered = balanced(gather_all(MeasuredRows(dynamics, facts), recordings), facts)
+    gathered = gather_balanced(dynamics, recordings)
     base = base_parameters(gathered.information, dynamics.layout)
     if method == "gauss-markov":
         whitening = _whitening(dynamics, recordings, estimate_base(base, gathered.information).full)

@@ -27,11 +27,10 @@ from deltaid.errors import DescriptionError, RecordingError
 from deltaid.estimation.base_parameters import BaseParameters, base_parameters
 from deltaid.estimation.information import NOISE_FLOOR, Information, triangle
 from deltaid.estimation.scatter import NORMAL, half_width
-from deltaid.identification.gathering import balanced, gather_all
+from deltaid.identification.gathering import gather_balanced
 from deltaid.identification.generic_motion import random_motion_base
 from deltaid.identification.least_squares import BaseEstimate, Geometry, estimate_base, geometry
 from deltaid.identification.loads import as_known
-from deltaid.identification.measured_rows import MeasuredRows
 from deltaid.identification.sources import model_filtered
 from deltaid.joint_forces.unknowns import ConsistentBall, ForceUnknowns, unknowns
 from deltaid.model.model import Model, ModelLike, load
@@ -39,7 +38,6 @@ from deltaid.model.record import IdentifiedModel
 from deltaid.recording.mapping import ColumnMappings
 from deltaid.recording.memory import RecordingLike
 from deltaid.recording.recording import PreparedRecording, open_recordings
-from deltaid.sensors.weighings import weighings
 
 # A force of whose prior variance torques leave less than this share (squared) is determined.
 _DETERMINED = 1e-6
@@ -158,9 +156,7 @@ def evidence(
     _require_sources(known, recordings)
     recordings = [as_known(model_filtered(model, recording.log), model) for recording in recordings]
     predicted_by = model.p if model.robot.load_drives else None
-    facts = weighings(model.robot)
-    rows = MeasuredRows(dynamics, facts)
-    gathered = balanced(gather_all(rows, recordings, predicted_by, progress), facts)
+    gathered = gather_balanced(dynamics, recordings, load=predicted_by, progress=progress)
     information = gathered.information
     base = base_parameters(information, dynamics.layout)
     estimate = estimate_base(base, information, groups=gathered)
