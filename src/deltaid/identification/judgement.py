@@ -2,7 +2,6 @@
 parameter: data, measured values, data with others' priors, prior, or consistency."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from datetime import UTC, datetime
 from functools import cached_property
 from importlib.metadata import version
@@ -63,32 +62,8 @@ def judged_parameters(problem: FittedProblem, first: int = 0) -> tuple[Parameter
 
     Those of additions follow the robot's.
     """
-    labels, p_reg, judged = _Labels(problem), problem.reduction.p_reg, list[Parameter]()
-    moves = ambiguous(problem)
-    for i, parameter in enumerate(problem.layout.parameters[first:], start=first):
-        label, value = labels.label(i), float(problem.values[i])
-        low, high = label.low, label.high
-        if label.by != "prior":
-            # Ranges are those of the recording alone; where a fit holds what the recording would
-            # have otherwise, its estimate may be at their end.
-            low, high = min(low, value - label.std), max(high, value + label.std)
-        moved = moves.get(parameter.name, 0.0)
-        low, high = min(low, low + moved), max(high, high + moved)
-        judged.append(
-            Parameter(
-                name=parameter.name,
-                value=value,
-                std=float(label.std),
-                low=float(min(max(low, parameter.low), value)),
-                high=float(max(min(high, parameter.high), value)),
-                unit=parameter.unit,
-                prior=float(p_reg[i]),
-                determined_by=label.by,
-                rests_on=label.rests_on,
-                share=label.share,
-            )
-        )
-    return tuple(judged)
+    judge = _Judge(problem)
+    return tuple(judge.judged(i) for i in range(first, len(problem.layout.parameters)))
 
 
 def judged_base(problem: FittedProblem) -> tuple[BaseParameter, ...]:
@@ -227,25 +202,13 @@ def _fitted_sensors(
     return tuple(sensors)
 
 
-@dataclass(frozen=True)
-class _Label:
-    """What decided a parameter, its standard deviation, and the ends of its 95 % interval."""
-
-    by: Origin
-    std: float
-    low: float
-    high: float
-    rests_on: tuple[str, ...] = ()  # other parameters whose priors it rests on, if it does
-    share: Share | None = None  # what its interval comes from, where data has a part in it
-
-
-class _Labels:
-    """Decides for each parameter of a fit what decided it."""
+class _Judge:
+    """Judges each parameter of a fit: how far it is known, and what decided it."""
 
     def __init__(self, problem: FittedProblem) -> None:
         reduction = problem.reduction
         self._problem, self._reduction, self._p = problem, reduction, problem.values
-        self._parameters = reduction.layout.parameters
+        self._parameters, self._moves = reduction.layout.parameters, ambiguous(problem)
         self._free = np.any(reduction.A != 0, axis=1)
         self._visible = np.isin(np.arange(len(self._p)), problem.information.columns)
         spread, scale = problem.settings.prior_spread, prior_scale(reduction)
@@ -260,27 +223,26 @@ class _Labels:
             plain = [name not in stated for name in reduction.layout.names[part]]
             self._least_std[part] = np.where(plain, spread * size, 0.0)
 
-    def label(self, i: int) -> _Label:
+    def judged(self, i: int) -> Parameter:
         value, prior = float(self._p[i]), float(self._reduction.p_reg[i])
         if self._free[i]:
             return self._of_added(i) if self._parameters[i].kind in ADDED else self._of_free(i)
         if value == 0:
-            return _Label("structure", 0.0, value, value)
+            return self._parameter(i, "structure", 0.0, value, value)
         if self._visible[i]:
-            return _Label("fixed", 0.0, value, value)
+            return self._parameter(i, "fixed", 0.0, value, value)
         by = "prior" if np.isclose(value, prior, rtol=1e-9) else "consistency"
         return self._around_prior(i, by, self._held_std[i])
 
-    def _of_added(self, i: int) -> _Label:
+    def _of_added(self, i: int) -> Parameter:
         known, value = self._known, float(self._p[i])
-        if known.std[i] >= _SHRUNK * known.prior_std[i]:
+        std, half = float(known.std[i]), float(known.interval[i])
+        if std >= _SHRUNK * known.prior_std[i]:
             return self._around_prior(i, "prior", known.prior_std[i])
-        low, high = value - float(known.interval[i]), value + float(known.interval[i])
-        return _Label(
-            "data", float(known.std[i]), low, high, share=Share.from_parts(known.shares[i])
-        )
+        share = Share.from_parts(known.shares[i])
+        return self._parameter(i, "data", std, value - half, value + half, share=share)
 
-    def _of_free(self, i: int) -> _Label:
+    def _of_free(self, i: int) -> Parameter:
         """One that the fit may change.
 
         Data alone decides where its range without any prior is narrow. Where it is not, but data
@@ -296,32 +258,68 @@ class _Labels:
         unit = np.eye(len(self._p))[i]
         low, high = self._ranges.ends(unit)
         ended, at_edge = np.isfinite(low) and np.isfinite(high), self._at_edge(i)
-        around = self._around_prior(i, "prior", prior_std)
         if at_edge and value < _FELL * self._reduction.p_reg[i]:
-            low, high = self._parameters[i].low, high if ended else around.high
-            return _Label("limit", max(high - value, value - low) / NORMAL, low, high)
+            low = self._parameters[i].low
+            high = high if ended else self._prior_interval(i, prior_std)[2]
+            return self._parameter(i, "limit", max(high - value, value - low) / NORMAL, low, high)
         enough = _SHRUNK * min(prior_std, float(self._own_std[i]))
         on = self._known.rests_on(i, self._visible & self._free)
         half = 0.5 * (high - low)
         if half < NORMAL * enough or (ended and std < enough and not on):
             share = self._ranges.share(unit, low, high)
             by = "measured" if share.measured > _MOSTLY else "data"
-            return _Label(by, min(std, half / NORMAL), low, high, share=share)
+            return self._parameter(i, by, min(std, half / NORMAL), low, high, share=share)
         if ended and std < enough:
             names = tuple(self._parameters[k].name for k in on)
-            return _Label("sum", std, low, high, names, self._ranges.share(unit, low, high))
+            share = self._ranges.share(unit, low, high)
+            return self._parameter(i, "sum", std, low, high, names, share)
         if ended and at_edge:  # the distance of the far end stands for a standard deviation
-            return _Label("limit", max(high - value, value - low) / NORMAL, low, high)
-        return around
+            return self._parameter(i, "limit", max(high - value, value - low) / NORMAL, low, high)
+        return self._around_prior(i, "prior", prior_std)
 
-    def _around_prior(self, i: int, by: Origin, std: float) -> _Label:
-        """The prior's own interval. A moment of inertia, positive and of a size that is known at
-        most roughly, is log-normal."""
+    def _around_prior(self, i: int, by: Origin, std: float) -> Parameter:
+        return self._parameter(i, by, *self._prior_interval(i, std))
+
+    def _prior_interval(self, i: int, std: float) -> tuple[float, float, float]:
+        """Standard deviation and ends of the prior's own interval. A moment of inertia, positive
+        and of a size that is known at most roughly, is log-normal."""
         prior, std = float(self._reduction.p_reg[i]), max(float(std), float(self._least_std[i]))
         if prior > 0 and self._parameters[i].symbol in MOMENTS_OF_INERTIA:
             factor = float(np.exp(NORMAL * np.sqrt(np.log1p((std / prior) ** 2))))
-            return _Label(by, std, prior / factor, prior * factor)
-        return _Label(by, std, prior - NORMAL * std, prior + NORMAL * std)
+            return std, prior / factor, prior * factor
+        return std, prior - NORMAL * std, prior + NORMAL * std
+
+    def _parameter(
+        self,
+        i: int,
+        by: Origin,
+        std: float,
+        low: float,
+        high: float,
+        rests_on: tuple[str, ...] = (),
+        share: Share | None = None,
+    ) -> Parameter:
+        """One that rests on the priors of others, if it does; with what its interval comes from,
+        where data has a part in it."""
+        parameter, value = self._parameters[i], float(self._p[i])
+        if by != "prior":
+            # Ranges are those of the recording alone; where a fit holds what the recording would
+            # have otherwise, its estimate may be at their end.
+            low, high = min(low, value - std), max(high, value + std)
+        moved = self._moves.get(parameter.name, 0.0)
+        low, high = min(low, low + moved), max(high, high + moved)
+        return Parameter(
+            name=parameter.name,
+            value=value,
+            std=float(std),
+            low=float(min(max(low, parameter.low), value)),
+            high=float(max(min(high, parameter.high), value)),
+            unit=parameter.unit,
+            prior=float(self._reduction.p_reg[i]),
+            determined_by=by,
+            rests_on=rests_on,
+            share=share,
+        )
 
     def _at_edge(self, i: int) -> bool:
         """Whether consistency alone keeps a moment or a coefficient from being smaller."""
