@@ -192,8 +192,8 @@ def _confirmed(first: Setup, progress: Progress) -> tuple[Setup, FittedProblem]:
     setup, detected = unwatched(setup)
     if detected:
         return _confirmed(first.changed(closely=True), progress)
-    terms, effects = idle(setup, problem)
-    barred, effects = first.barred | terms, first.barred_effects | effects
+    needless = idle(setup, problem)
+    barred, effects = first.barred | needless.terms, first.barred_effects | needless.effects
     if (barred, effects) != (first.barred, first.barred_effects):
         return _confirmed(first.changed(barred=barred, barred_effects=effects), progress)
     return setup, problem

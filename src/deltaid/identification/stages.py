@@ -6,6 +6,8 @@ is then at its bound. A law that does without such a term is chosen instead. So 
 effect that others have made needless.
 """
 
+from typing import NamedTuple
+
 import numpy as np
 
 from deltaid.effects.along_motion import AlongMotion, RippleColumns
@@ -103,9 +105,16 @@ def prepared(setup: Setup, progress: Progress, stages: tuple[Stage, ...] = STAGE
     return setup
 
 
-def idle(setup: Setup, problem: FittedProblem) -> tuple[frozenset[JointTerm], frozenset[str]]:
-    """What a fit has no use for: chosen terms of one coefficient, and effects along the motion of
-    any number, whose coefficients may all be zero; and detected loads whose mass may be.
+class Idle(NamedTuple):
+    """What a fit has no use for."""
+
+    terms: frozenset[JointTerm] = frozenset()
+    effects: frozenset[str] = frozenset()
+
+
+def idle(setup: Setup, problem: FittedProblem) -> Idle:
+    """Chosen terms of one coefficient, and effects along the motion of any number, whose
+    coefficients may all be zero; and detected loads whose mass may be.
 
     No ripples: each has an order of its own, which was searched because it is beyond chance.
     """
@@ -125,9 +134,9 @@ def idle(setup: Setup, problem: FittedProblem) -> tuple[frozenset[JointTerm], fr
             values[places[0]] += addition.taken[0]
             effects[addition.load.name] = [places[0]]
     if not (terms or effects):
-        return frozenset(), frozenset()
+        return Idle()
     may_be_zero = np.abs(values) < _MAY_BE_ZERO * uncertainty(freed(problem)).std
-    return (
+    return Idle(
         frozenset(term for term, k in terms.items() if may_be_zero[k]),
         frozenset(name for name, places in effects.items() if all(may_be_zero[places])),
     )
