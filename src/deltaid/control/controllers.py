@@ -30,9 +30,9 @@ from deltaid.control.plant import loaded, point_mass
 from deltaid.dynamics.dynamics import Dynamics, Parameters, compiled
 from deltaid.dynamics.joint_columns import with_load_friction
 from deltaid.kernel.batch import BatchKernel
-from deltaid.kernel.real import real_numbers
 from deltaid.mechanism.kinematics import Samples
 from deltaid.mechanism.mechanism import Mechanism
+from deltaid.mechanism.one_or_many import real_numbers
 from deltaid.robot.description import RobotDescription
 
 # Newton steps from the desired to the measured pose. Each squares the distance: a centimetre of

@@ -16,8 +16,8 @@ from scipy.integrate import solve_ivp
 from deltaid.dynamics.dynamics import Parameters
 from deltaid.dynamics.forward_dynamics import ForwardDynamics
 from deltaid.errors import DeltaidError, KinematicsError, within
-from deltaid.kernel.real import real_numbers
 from deltaid.mechanism.kinematics import Samples
+from deltaid.mechanism.one_or_many import real_numbers
 from deltaid.shown import Shown
 
 # Torques of a time and of the drives' q and q̇, one state a row.

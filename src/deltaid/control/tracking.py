@@ -26,8 +26,8 @@ from deltaid.control.controllers import Controller, ControlModel, Desired, Measu
 from deltaid.control.plant import Plant, Running, as_plant
 from deltaid.dynamics.limits import effort_limits
 from deltaid.errors import RecordingError
-from deltaid.kernel.real import real_numbers
 from deltaid.mechanism.kinematics import Kinematics, Samples
+from deltaid.mechanism.one_or_many import real_numbers
 from deltaid.model.model import Model
 from deltaid.motion.surrogate import Motion
 from deltaid.recording.log import Log

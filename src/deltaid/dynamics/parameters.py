@@ -15,7 +15,7 @@ from pydantic import BaseModel
 
 from deltaid.dynamics.joint_columns import joint_columns
 from deltaid.errors import DescriptionError
-from deltaid.kernel.real import real_numbers
+from deltaid.mechanism.one_or_many import real_numbers
 from deltaid.robot.body import Entry, ExplicitInertia, Prior, reduced_prior
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.inertia import INERTIA_NAMES, INERTIA_UNITS, POSITIVE_NAMES, consistency

@@ -6,8 +6,7 @@ import numpy as np
 from jaxtyping import Float
 
 from deltaid.errors import DeltaidError, positive
-from deltaid.kernel.real import real_numbers
-from deltaid.mechanism.one_or_many import one_or_many_times
+from deltaid.mechanism.one_or_many import one_or_many_times, real_numbers
 from deltaid.shown import Shown
 
 Coefficients = Float[np.ndarray, "coordinates harmonics"]

@@ -11,7 +11,7 @@ from jaxtyping import Float
 from deltaid.errors import DeltaidError
 from deltaid.estimation.scatter import NORMAL
 from deltaid.kernel.batch import BatchKernel, Recurrence
-from deltaid.kernel.real import real_numbers
+from deltaid.mechanism.one_or_many import real_numbers
 from deltaid.model.model import Model, ModelLike, load
 from deltaid.online.cycle import MorePart, standard_parts, step_graph
 from deltaid.online.entries import LoadEntries

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from deltaid.errors import RecordingError
-from deltaid.kernel.real import real_numbers
+from deltaid.mechanism.one_or_many import real_numbers
 from deltaid.recording.mapping import SHORT_NAMES, ColumnMapping, DriveColumn, Quantity, TimeColumn
 
 # In one unit for all drives, or one a drive.
