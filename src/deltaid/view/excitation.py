@@ -27,13 +27,10 @@ def excitation_page(result: Excitation) -> Page:
     exciter, run = result.exciter, result.run
     robot, settings = exciter.dynamics.robot, exciter.settings
     fullest, periods = _fullest(result), f"{run.repeats} period{'s' * (run.repeats > 1)}"
+    drawn = f"{number(result.criterion_before)} as drawn at random"
     facts = [
         Fact("duration", f"{run.duration:.4g} s", f"{periods} of {run.motion.period:.3g} s"),
-        Fact(
-            f"criterion {settings.criterion}",
-            number(result.criterion_after),
-            f"{number(result.criterion_before)} as drawn at random",
-        ),
+        Fact(f"criterion {settings.criterion}", number(result.criterion_after), drawn),
     ]
     if fullest is not None:
         facts.append(Fact("fullest limit", f"{100 * fullest.share:.1f} %", fullest.name))
@@ -70,9 +67,7 @@ def excitation_page(result: Excitation) -> Page:
         facts=tuple(facts),
         sections=(
             Section(
-                "Motion",
-                (moving, _over_time(result)),
-                "the robot moving, and its drives over time",
+                "Motion", (moving, _over_time(result)), "the robot moving, and its drives over time"
             ),
             Section("Limits", (_limit_bars(result),), "how much of each the motion uses"),
             Section(
@@ -202,8 +197,7 @@ def excitation_card(value: Excitation) -> Card:
          f"{number(value.criterion_before)} before"),
         ("base parameters", f"{len(value.predictions)} made visible"),
     ]  # fmt: skip
-    fullest = _fullest(value)
-    if fullest is not None:
+    if (fullest := _fullest(value)) is not None:
         facts.append(("fullest limit", f"{percent(fullest.share)} ({fullest.name})"))
     return Card(
         f"Motion of {robot.title or robot.name} from rest to rest, within all limits",
