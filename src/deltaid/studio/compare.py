@@ -121,6 +121,8 @@ def _lines(
 
 # Parameters of a comparison: those that changed most, in standard deviations of both.
 _SHOWN = 12
+# Endings of inputs that are no recordings.
+_TEXT = (".yaml", ".yml")
 _KINDS = {"good": "good", "poor": "bad"}
 
 
@@ -139,7 +141,13 @@ def comparison(folder: Folder, pair: Sequence[FinishedRun]) -> list[tuple[str, .
     rows: list[tuple[str, ...]] = [
         ("verdict", *(str(result.get("summary", {}).get("sentence", "–")) for result in found)),
         ("robot", *(str(result.get("robot", "")) for result in found)),
-        ("recordings", *(_logs(run) for run in pair)),
+        (
+            "recordings",
+            *(
+                ", ".join(r.file for r in run.record.inputs if not r.file.endswith(_TEXT))
+                for run in pair
+            ),
+        ),
         ("error on them", *(_share(result.get("nrmse")) for result in found)),
         (
             "error on an unseen motion",
@@ -176,11 +184,6 @@ def _parameters(folder: Folder, pair: Sequence[FinishedRun]) -> list[tuple[str, 
         )
         for name in sorted(shared, key=apart)[:_SHOWN]
     ]  # fmt: skip
-
-
-def _logs(run: FinishedRun) -> str:
-    files = (read.file for read in run.record.inputs)
-    return ", ".join(file for file in files if not file.endswith((".yaml", ".yml")))
 
 
 def _share(values: Sequence[float] | None) -> str:
