@@ -155,7 +155,7 @@ class CycleFields:
 
     def __init__(self) -> None:
         self.before, self.following, self.spoilt = (dict[str, ca.SX]() for _ in range(3))
-        self._kept, self._given = list[Field](), dict[Field, ca.SX]()
+        self._kept, self._given = list[Field](), list[tuple[Field, ca.SX]]()
 
     def keep(self, *fields: Field) -> tuple[ca.SX, ...]:
         """Declare fields of the state, behind those before; returns their symbols."""
@@ -166,7 +166,7 @@ class CycleFields:
 
     def give(self, name: str, value: ca.SX, doc: str, unit: str = "") -> None:
         """Add an output."""
-        self._given[Field(name, value.numel(), doc, unit)] = value
+        self._given.append((Field(name, value.numel(), doc, unit), value))
 
     def graph(self, inputs: Layout, u: dict[str, ca.SX], good: ca.SX, period: float) -> StepGraph:
         """One graph of all fields.
@@ -176,11 +176,12 @@ class CycleFields:
             good: 1 where the inputs can be used.
         """
         self.give("status", 1 - good, "0 for a good cycle, 1 for one that could not be used")
-        state, outputs = Layout.from_fields(*self._kept), Layout.from_fields(*self._given)
+        state = Layout.from_fields(*self._kept)
+        outputs = Layout.from_fields(*(field for field, _ in self._given))
         following = self.following | {
             name: chosen(good, self.following[name], spoilt) for name, spoilt in self.spoilt.items()
         }
-        given = {field.name: value for field, value in self._given.items()}
+        given = {field.name: value for field, value in self._given}
         return StepGraph(
             state,
             inputs,
