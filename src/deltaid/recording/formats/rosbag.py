@@ -4,13 +4,13 @@ import hashlib
 import json
 import re
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 
 from deltaid.errors import Doubt, RecordingError
-from deltaid.recording.address import Pick, RecordedField, find, listing
+from deltaid.recording.address import Pick, RecordedField, listing
 from deltaid.recording.formats.bag_reader import (
     JOINT_STATE,
     QUANTITIES,
@@ -45,7 +45,10 @@ def open_bag(path: Path, mapping: ColumnMapping) -> LogTable:
         cause="their names end in numbers, and no mapping says more",
         cure="if the order is another, name the joints in a mapping",
     )
-    arrays = [array for topic in topics for array in topic.fields]
+    fields = [field for topic in topics for field in topic.fields]
+    joints = listing([field for field in fields if field.labels])
+    silent = f"let the driver publish it and record again, or map what holds it: {joints}"
+    arrays = [replace(field, cure=silent) if field.holds else field for field in fields]
     hollow = [f"{t.name}.effort holds {t.hollow['effort']}" for t in topics if "effort" in t.hollow]
     told = [topic for topic in topics if "position" in topic.joints]
     several = f" ({'; '.join(map(str, told))})" if len(told) > 1 else ""
@@ -85,18 +88,6 @@ class BagTable(LogTable):
 
     topics: dict[str, Topic]
     names: dict[str, tuple[str, Number]]
-
-    def picks(self, columns: Sequence[str]) -> list[Pick]:
-        for column in columns:
-            found = find(self.fields, column)
-            if found and found[0].holds:
-                raise RecordingError(
-                    f"{found[0].name} holds {found[0].holds}, so nothing is recorded there",
-                    where=str(self.path),
-                    cure="let the driver publish it and record again, or map what holds it: "
-                    + listing([field for field in self.fields if field.labels]),
-                )
-        return super().picks(columns)
 
     def checksum(self, columns: Sequence[str]) -> str:
         """SHA-256 of the file, or of the files of messages in a folder."""
