@@ -51,6 +51,24 @@ _SIGNAL = re.compile(
     + "|".join(re.escape(name) for name in sorted(SIGNALS, key=len, reverse=True))
     + r")(?![a-z0-9])"
 )
+Signal = Float[np.ndarray, " rows"]
+# Share of steps of a time that may run backwards, as damage.
+_BACKWARDS = 0.01
+# Usual steps that can be of one unit only, recorded at 10 Hz to 20 kHz: seconds up to the step
+# that would be 100 kHz in ms; ms where seconds would be slower than 10 Hz and the number is no
+# cycle's; ns where ticks of 100 ns would be slower.
+_STEPS = (("s", 5e-5, 0.0100001), ("ms", 0.11, 0.9), ("ns", 1.1e6, 1e8))
+# Rows on either side over which a position is differentiated, and a velocity averaged.
+_HALF = 4
+# Correlation of a derivative at least, and how far factors of drives or units may differ.
+_SAME, _APART = 0.98, 0.03
+_UNITS = {
+    ("time", False): ("s", "ms", "us", "ns"),
+    ("position", False): ("rad", "deg", "rev"),
+    ("velocity", False): ("rad/s", "deg/s", "rpm", "rev/s"),
+    ("position", True): ("m", "mm"),
+    ("velocity", True): ("m/s", "mm/s"),
+}
 
 
 @dataclass(frozen=True)
@@ -227,27 +245,6 @@ def _quantity(words: Sequence[str]) -> tuple[str, bool]:
     if present[:1] == ["position"]:
         return next((DERIVATIVES[word] for word in words if word in DERIVATIVES), "position"), False
     return (present[0] if present else ""), False
-
-
-Signal = Float[np.ndarray, " rows"]
-
-# Share of steps of a time that may run backwards, as damage.
-_BACKWARDS = 0.01
-# Usual steps that can be of one unit only, recorded at 10 Hz to 20 kHz: seconds up to the step
-# that would be 100 kHz in ms; ms where seconds would be slower than 10 Hz and the number is no
-# cycle's; ns where ticks of 100 ns would be slower.
-_STEPS = (("s", 5e-5, 0.0100001), ("ms", 0.11, 0.9), ("ns", 1.1e6, 1e8))
-# Rows on either side over which a position is differentiated, and a velocity averaged.
-_HALF = 4
-# Correlation of a derivative at least, and how far factors of drives or units may differ.
-_SAME, _APART = 0.98, 0.03
-_UNITS = {
-    ("time", False): ("s", "ms", "us", "ns"),
-    ("position", False): ("rad", "deg", "rev"),
-    ("velocity", False): ("rad/s", "deg/s", "rpm", "rev/s"),
-    ("position", True): ("m", "mm"),
-    ("velocity", True): ("m/s", "mm/s"),
-}
 
 
 def time_unit(start: Signal | None) -> str | None:

@@ -16,6 +16,11 @@ from deltaid.robot.part import Part
 
 # Rows of a log in SI units, columns as in `Columns.all` and what a pass puts behind them.
 Rows = Float[np.ndarray, "_ _"]
+Torque = Float[np.ndarray, "samples dof"]
+# By what share of the torque for little current a motor's torque grows at least.
+LEAST_SLOPE = 0.1
+# Steps of Newton's method.
+_ROUNDS = 12
 
 
 @dataclass(frozen=True)
@@ -164,14 +169,6 @@ class Columns:
     def recorded(self) -> tuple[Channel, ...]:
         """The channels that stand in the log: all, or all but the time."""
         return self.all[1:] if self.time.is_absent else self.all
-
-
-Torque = Float[np.ndarray, "samples dof"]
-
-# By what share of the torque for little current a motor's torque grows at least.
-LEAST_SLOPE = 0.1
-# Steps of Newton's method.
-_ROUNDS = 12
 
 
 class Readings(Part):

@@ -36,6 +36,10 @@ _LONG = 8
 _WHOLE = 2.0
 # Numbers that are kept at most: 128 MiB, or two million rows of four drives' positions and torques.
 _MOST_NUMBERS = 1 << 24
+# The longest stretch of stale rows in whose place a motion is put [s].
+_HELD = 0.1
+# The rule of `Log.suggested_cutoff`: multiple of the bandwidth, Hz, and periods in a segment.
+_ABOVE, _AT_LEAST, _LEAST_PERIODS = 2.0, 12.0, 100.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -94,12 +98,6 @@ def taken_down(batches: Iterable[Rows], kept: list[Rows], row: int) -> Iterator[
             kept[-1].flags.writeable = False
         yield row, values
         row += len(values)
-
-
-# The longest stretch of stale rows in whose place a motion is put [s].
-_HELD = 0.1
-# The rule of `Log.suggested_cutoff`: multiple of the bandwidth, Hz, and periods in a segment.
-_ABOVE, _AT_LEAST, _LEAST_PERIODS = 2.0, 12.0, 100.0
 
 
 @dataclass(frozen=True, repr=False)

@@ -12,6 +12,22 @@ from deltaid.robot.load import load_yaml
 from deltaid.robot.part import Part, Positive
 from deltaid.shown import Shown
 
+Sign = Literal[1, -1]
+Delay = Annotated[float, Field(ge=-1, le=1)]
+Quantity = Literal["position", "velocity", "acceleration", "torque"]
+# Default names of their columns, without the drives' numbers.
+SHORT_NAMES: dict[Quantity, str] = {
+    "position": "q",
+    "velocity": "qd",
+    "acceleration": "qdd",
+    "torque": "tau",
+}
+QUANTITIES = tuple(SHORT_NAMES)
+# Default names of the time.
+TIMES = ("t", "time")
+# What may be given for the unit of dates, which have none.
+DATES = ("iso", "datetime")
+
 
 def _numbered(value: object) -> object:
     """A column's number as the name that it has in a log without header."""
@@ -23,8 +39,6 @@ Name = Annotated[
     BeforeValidator(_numbered, json_schema_input_type=str | int),
     Field(min_length=1, description="as in the log's header; its number from 1 if there is none"),
 ]
-Sign = Literal[1, -1]
-Delay = Annotated[float, Field(ge=-1, le=1)]
 
 
 class DriveColumn(Part):
@@ -211,21 +225,6 @@ class SensorColumns(_Several):
     def names(self, count: int) -> tuple[str, ...]:
         """The columns of a sensor with so many channels."""
         return (self.column,) if count == 1 and self.column else super().names(count)
-
-
-Quantity = Literal["position", "velocity", "acceleration", "torque"]
-# Default names of their columns, without the drives' numbers.
-SHORT_NAMES: dict[Quantity, str] = {
-    "position": "q",
-    "velocity": "qd",
-    "acceleration": "qdd",
-    "torque": "tau",
-}
-QUANTITIES = tuple(SHORT_NAMES)
-# Default names of the time.
-TIMES = ("t", "time")
-# What may be given for the unit of dates, which have none.
-DATES = ("iso", "datetime")
 
 
 class ColumnMapping(Shown, Part):

@@ -31,6 +31,13 @@ if TYPE_CHECKING:
 Column = pl.Series | np.ndarray
 # Rows that are read or looked at together, unless a file has pieces of its own.
 BATCH_ROWS = 1 << 16
+# Bytes read at once: few, because a chunk may unpack to a thousand times its size.
+_CHUNK = 1 << 14
+_GZIP = b"\x1f\x8b"
+ZSTD = b"\x28\xb5\x2f\xfd"
+_UTF_16 = (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)
+# One member of a gzip file or one frame of a zstd file: each library has a class of its own.
+_Unpacker = Any
 
 
 @dataclass(frozen=True)
@@ -195,17 +202,6 @@ def library(name: str, kind: str, path: Path) -> Any:
             where=str(path),
             cure=f"pip install {package}",
         ) from None
-
-
-# Bytes read at once: few, because a chunk may unpack to a thousand times its size.
-_CHUNK = 1 << 14
-_GZIP = b"\x1f\x8b"
-ZSTD = b"\x28\xb5\x2f\xfd"
-_UTF_16 = (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)
-
-
-# One member of a gzip file or one frame of a zstd file: each library has a class of its own.
-_Unpacker = Any
 
 
 @contextmanager

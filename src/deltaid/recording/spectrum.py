@@ -18,6 +18,16 @@ LOWEST_CUTOFF = 2.0
 _OUTPUTS, _CHUNK = 16, 1 << 17
 # Outputs that are so many samples apart are few.
 _SPARSE = 8
+# Samples of a segment.
+_SEGMENT = 4096
+# Power that stands out is so many times the noise: 20 dB. Noise of an encoder that stays on its
+# steps is taken for what it is where it is so many times that of the upper half of the band.
+_ABOVE, _COLOURED = 100.0, 4.0
+# Nearly all of the speeds' power; and the bins by which the window widens that of a single wave.
+_NEARLY_ALL, _WIDENED = 0.999, 2
+# A drive rests whose power is this share of the liveliest one's: 0.1 % of its way.
+_RESTS = 1e-6
+_BLACKMAN_HARRIS = np.array([0.35875, -0.48829, 0.14128, -0.01168])  # of cos 0, 2πk/n, 4πk/n, …
 
 
 def apply(
@@ -113,18 +123,6 @@ def _sparse(
         for j in range(pieces):
             out[k] += products[:, k * pieces + j, j : j + kept]
     return out
-
-
-# Samples of a segment.
-_SEGMENT = 4096
-# Power that stands out is so many times the noise: 20 dB. Noise of an encoder that stays on its
-# steps is taken for what it is where it is so many times that of the upper half of the band.
-_ABOVE, _COLOURED = 100.0, 4.0
-# Nearly all of the speeds' power; and the bins by which the window widens that of a single wave.
-_NEARLY_ALL, _WIDENED = 0.999, 2
-# A drive rests whose power is this share of the liveliest one's: 0.1 % of its way.
-_RESTS = 1e-6
-_BLACKMAN_HARRIS = np.array([0.35875, -0.48829, 0.14128, -0.01168])  # of cos 0, 2πk/n, 4πk/n, …
 
 
 @dataclass(frozen=True, eq=False)

@@ -31,6 +31,10 @@ from deltaid.recording.table import recut
 _CERTAIN = 3.0
 # Torques and positions of one row are taken at the same instant within this [s].
 _SAME = 1e-3
+# Samples of a window: long against the filter's length, short against memory, and no power of two,
+# because rows of an array that lie a power of two apart fight for the same lines of the cache.
+WINDOW = 8000
+Values = Float[np.ndarray, "_ _"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,13 +78,6 @@ class Directions:
                 sure = speed > apart * rise[:, None] + _CERTAIN * noise[:, k, None]
                 known &= sure | ~moved_by
         return known
-
-
-# Samples of a window: long against the filter's length, short against memory, and no power of two,
-# because rows of an array that lie a power of two apart fight for the same lines of the cache.
-WINDOW = 8000
-
-Values = Float[np.ndarray, "_ _"]
 
 
 @dataclass(frozen=True, eq=False)

@@ -24,6 +24,23 @@ from deltaid.recording.source import BATCH_ROWS, LogTable, Rows, first_line, ope
 
 # Units of dates that are finer than the month, whose length is not even.
 _UNITS = ("W", "D", "h", "m", "s", "ms", "us", "ns")
+_KINDS = {
+    "S": "text",
+    "U": "text",
+    "O": "objects, which are never loaded",
+    "c": "complex numbers",
+    "M": "dates",
+    "m": "durations",
+}
+# The one array of a .npy file is called so.
+_ONLY = "array"
+_END = ".npy"
+# What numpy and zipfile raise over damaged files.
+_DAMAGE = (
+    ValueError, OSError, EOFError, zipfile.BadZipFile, zlib.error, NotImplementedError,
+    RuntimeError, KeyError, TypeError, OverflowError, MemoryError, SyntaxError, IndexError,
+    tokenize.TokenError,
+)  # fmt: skip
 
 
 @runtime_checkable
@@ -59,16 +76,6 @@ class ArrayTable(LogTable):
                     for pick, part in zip(picks, parts, strict=True)
                 ]
                 yield Rows(numbers, numbers)
-
-
-_KINDS = {
-    "S": "text",
-    "U": "text",
-    "O": "objects, which are never loaded",
-    "c": "complex numbers",
-    "M": "dates",
-    "m": "durations",
-}
 
 
 def entries_of(dtype: Any) -> Iterator[tuple[tuple[str, ...], tuple[int, ...], Any]]:
@@ -132,17 +139,6 @@ def _seconds(dates: np.ndarray, name: str, origins: dict[str, np.datetime64]) ->
     seconds = since.astype("m8[ns]").astype(np.int64) / 1e9
     seconds[np.isnat(since)] = np.nan
     return seconds
-
-
-# The one array of a .npy file is called so.
-_ONLY = "array"
-_END = ".npy"
-# What numpy and zipfile raise over damaged files.
-_DAMAGE = (
-    ValueError, OSError, EOFError, zipfile.BadZipFile, zlib.error, NotImplementedError,
-    RuntimeError, KeyError, TypeError, OverflowError, MemoryError, SyntaxError, IndexError,
-    tokenize.TokenError,
-)  # fmt: skip
 
 
 def open_npy(path: Path, mapping: ColumnMapping) -> LogTable:

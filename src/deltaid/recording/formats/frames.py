@@ -29,6 +29,8 @@ from deltaid.recording.time.counts import is_clock
 _DataType = Any
 # Ticks a second of the units of dates.
 _PER_SECOND = {"ns": 1e9, "us": 1e6, "ms": 1e3}
+# Several slices share a row group, of which each decodes more than its own rows.
+_SLICE_ROWS = 1 << 17
 
 
 def fields_of(frame: pl.LazyFrame) -> tuple[RecordedField, ...]:
@@ -142,10 +144,6 @@ def _seconds(series: pl.Series, name: str, origins: dict[str, int]) -> pl.Series
     if name not in origins and len(ticks) and ticks[0] is not None:
         origins[name] = ticks[0]
     return (ticks - origins.get(name, 0)).cast(pl.Float64) / _PER_SECOND[unit or "us"]
-
-
-# Several slices share a row group, of which each decodes more than its own rows.
-_SLICE_ROWS = 1 << 17
 
 
 def open_parquet(path: Path, mapping: ColumnMapping) -> LogTable:

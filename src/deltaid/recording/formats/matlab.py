@@ -48,6 +48,11 @@ _COMPLEX = 0x800
 _LOGICAL = 0x200
 # Levels of structs, and fields of a variable, that are looked at; bytes that hold every header.
 _DEEPEST, _MOST, _HEAD = 16, 2000, 1 << 14
+_CURES = {
+    "timetable": "s.t = seconds(x.Time - x.Time(1)); s.q = x.Variables",
+    "timeseries": "s.t = x.Time; s.q = squeeze(x.Data)",
+    "Simulink.SimulationData.Dataset": "v = x.get('q').Values; s.t = v.Time; s.q = v.Data",
+}
 
 
 class DamagedMatError(Exception):
@@ -262,13 +267,6 @@ class _Reader:
 
 def _padded(at: int) -> int:
     return at + -at % 8
-
-
-_CURES = {
-    "timetable": "s.t = seconds(x.Time - x.Time(1)); s.q = x.Variables",
-    "timeseries": "s.t = x.Time; s.q = squeeze(x.Data)",
-    "Simulink.SimulationData.Dataset": "v = x.get('q').Values; s.t = v.Time; s.q = v.Data",
-}
 
 
 def matlab_object(name: str, kind: str) -> RecordedField:

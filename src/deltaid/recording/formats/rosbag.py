@@ -28,6 +28,8 @@ from deltaid.recording.time.segments import Signal, merged
 # Names of the times: of the headers, and of the receipt.
 _STAMPED, _RECEIVED = "t", "received"
 _NUMBERED = re.compile(r"(?P<before>.*?)(?P<number>\d{1,4})(?P<after>\D*)")
+# Some messages of a topic: when they were sent or received [s], and the numbers wanted.
+_Piece = tuple[str, Signal]
 
 
 def open_bag(path: Path, mapping: ColumnMapping) -> LogTable:
@@ -68,10 +70,6 @@ def open_bag(path: Path, mapping: ColumnMapping) -> LogTable:
         if hollow
         else cure,
     )
-
-
-# Some messages of a topic: when they were sent or received [s], and the numbers wanted.
-_Piece = tuple[str, Signal]
 
 
 @dataclass(frozen=True)

@@ -42,6 +42,18 @@ from deltaid.recording.time.segments import Signal, merged
 TIME = "t"
 # What scales nothing.
 _NEUTRAL = {"ScaleFactor": 1.0, "Offset": 0.0, "Unit ScaleFactor": 1.0, "Unit Offset": 0.0}
+# Lines in which the first data is looked for, and of data that show how many columns there are.
+_SEARCHED_LINES, _SHOWING_LINES = 500, 50
+_NAMES = ("Name", "SymbolName")
+_WORDS = {*_NAMES, *_NEUTRAL, "Unit"}
+_FIRST = re.compile(rb'\A(?:\xef\xbb\xbf)?"?Name"?(?P<separator>[^\w"\r\n])')
+# Words that stand at the head of a line of such a file and hardly of another.
+_MARKS = re.compile(
+    rb'\n"?(?:File|Starttime of export|StartRecord|SymbolName|SymbolComment|Data-Type|NetI[dD]|'
+    rb'SampleTime\[ms\]|IndexGroup)"?[^\w"\r\n]'
+)
+# Times as Windows counts them, in 100 ns since 1601, are beyond this; in ms they never are.
+_FILE_TIME = 1e16
 
 
 @dataclass(frozen=True)
@@ -274,20 +286,6 @@ def _number(text: str | None, otherwise: float) -> float:
         return float((text or "").replace(",", "."))
     except ValueError:
         return otherwise
-
-
-# Lines in which the first data is looked for, and of data that show how many columns there are.
-_SEARCHED_LINES, _SHOWING_LINES = 500, 50
-_NAMES = ("Name", "SymbolName")
-_WORDS = {*_NAMES, *_NEUTRAL, "Unit"}
-_FIRST = re.compile(rb'\A(?:\xef\xbb\xbf)?"?Name"?(?P<separator>[^\w"\r\n])')
-# Words that stand at the head of a line of such a file and hardly of another.
-_MARKS = re.compile(
-    rb'\n"?(?:File|Starttime of export|StartRecord|SymbolName|SymbolComment|Data-Type|NetI[dD]|'
-    rb'SampleTime\[ms\]|IndexGroup)"?[^\w"\r\n]'
-)
-# Times as Windows counts them, in 100 ns since 1601, are beyond this; in ms they never are.
-_FILE_TIME = 1e16
 
 
 def is_scope(start: bytes, path: Path) -> bool:

@@ -15,6 +15,18 @@ from deltaid.errors import RecordingError
 Runs = Int[np.ndarray, "_ 2"]
 
 NONE: Runs = np.zeros((0, 2), dtype=np.int64)
+# A recording is refused where less than this share of the rows is left for a drive.
+_LEAST = 0.02
+Reason = Literal[
+    "standing still",
+    "on brakes",
+    "before a stop",
+    "emergency stop",
+    "saturated torque",
+    "stale rows",
+    "load changes",
+]
+LOAD_CHANGES: Reason = "load changes"
 
 
 def runs_of(flags: Bool[np.ndarray, " rows"], row: int = 0) -> Runs:
@@ -76,19 +88,6 @@ def _extremes(
     return found
 
 
-# A recording is refused where less than this share of the rows is left for a drive.
-_LEAST = 0.02
-
-Reason = Literal[
-    "standing still",
-    "on brakes",
-    "before a stop",
-    "emergency stop",
-    "saturated torque",
-    "stale rows",
-    "load changes",
-]
-LOAD_CHANGES: Reason = "load changes"
 # Why such rows say nothing, or something wrong, about the drives' torques.
 WHY: dict[Reason, str] = {
     "standing still": "at rest friction is whatever balances the torque",

@@ -30,6 +30,13 @@ _STAYS = 0.25
 _SMALL = 0.1
 # A torque is at a limit of the description within this share of it.
 _CLOSE = 1e-3
+Rows = Float[np.ndarray, "_ _"]
+# Positions jump by so many steps of the encoder, and so many times as far as from row to row
+# before and after.
+_STEPS, _FARTHER = 3.0, 1.5
+# Rows on either side of a bridge, half as many as it is long, and the degree of the polynomial that
+# fits them all; a lower one over a bridge much longer than what is beside it.
+_FEWEST, _BESIDE, _DEGREE, _STIFF = 6, 32, 5, 3
 
 
 @dataclass
@@ -89,16 +96,6 @@ class Extreme:
         if abs(top) < _SMALL * torque_max or not (often or (limited and count > beside)):
             return NONE
         return joined(np.concatenate(self._found))
-
-
-Rows = Float[np.ndarray, "_ _"]
-
-# Positions jump by so many steps of the encoder, and so many times as far as from row to row
-# before and after.
-_STEPS, _FARTHER = 3.0, 1.5
-# Rows on either side of a bridge, half as many as it is long, and the degree of the polynomial that
-# fits them all; a lower one over a bridge much longer than what is beside it.
-_FEWEST, _BESIDE, _DEGREE, _STIFF = 6, 32, 5, 3
 
 
 class StaleSearch:

@@ -29,6 +29,12 @@ _ISO = (
 _NANO = 10**9
 # Whole numbers beyond this are no longer exact as float64.
 _EXACT = 2**53
+# A step counts as a new round if it misses the period by less than this share, and so do its
+# neighbours from rest.
+_NEAR = 0.25
+# Counts after which counters start again.
+_OVERFLOWS = tuple(2.0**bits for bits in (16, 24, 32))
+_CYCLES = (2.0**8, *_OVERFLOWS)
 
 
 def is_clock(text: str | None) -> bool:
@@ -90,14 +96,6 @@ def _nanoseconds(texts: pl.Series) -> pl.Series:
     ahead = (whole("ahead").fill_null(0) * 60 + whole("past").fill_null(0)) * 60
     sign = 1 - 2 * (parts["sign"] == "-").fill_null(False).cast(pl.Int64)
     return (seconds - sign * ahead) * _NANO + fraction
-
-
-# A step counts as a new round if it misses the period by less than this share, and so do its
-# neighbours from rest.
-_NEAR = 0.25
-# Counts after which counters start again.
-_OVERFLOWS = tuple(2.0**bits for bits in (16, 24, 32))
-_CYCLES = (2.0**8, *_OVERFLOWS)
 
 
 @dataclass

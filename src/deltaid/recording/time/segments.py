@@ -29,6 +29,12 @@ _HOLE = 4.0
 Times = Float[np.ndarray, " samples"]
 Instants = Float[np.ndarray, " instants"]
 Values = Float[np.ndarray, "samples channels"]
+Rows = Float[np.ndarray, "_ _"]
+Places = Float[np.ndarray, " _"]
+# Samples on either side under the polynomial that bridges a hole.
+_SIDE = 4
+# Uneven samples so many periods apart say nothing of the torques between them.
+_UNTOLD = 2.5
 
 
 def interpolate(
@@ -162,15 +168,6 @@ def _covered(time: Times, at: Instants) -> Bool[np.ndarray, " instants"]:
     after = np.clip(np.searchsorted(time, at), 1, len(time) - 1)
     close = time[after] - time[after - 1] < _HOLE * _period(time)
     return (at >= time[0]) & (at <= time[-1]) & (close | (time[after] == at))
-
-
-Rows = Float[np.ndarray, "_ _"]
-Places = Float[np.ndarray, " _"]
-
-# Samples on either side under the polynomial that bridges a hole.
-_SIDE = 4
-# Uneven samples so many periods apart say nothing of the torques between them.
-_UNTOLD = 2.5
 
 
 def longest_hole(rate: float, cutoff: float) -> int:

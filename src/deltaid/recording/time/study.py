@@ -36,6 +36,20 @@ _DEGREE = 5
 _LONGEST = 3
 # By how much the log-likelihood must be better before stamps are overruled.
 _BETTER = 10.0
+# Rows that are placed at once, and as many at either end of them whose places are not trusted.
+_SIZE, _EDGE = 1 << 16, 1024
+# A step so many times the usual one is a gap where samples are uneven.
+_GAP = 3.0
+# Of two times the one over which positions are rougher by less than this share explains them.
+_CLEAR = 0.7
+# Rows on either side of one that may be there twice.
+_ABOUT = 12
+# So many rows out of place in a row end a segment.
+_OUT_OF_PLACE = 4
+# Roughness of numbers without noise [rad or m]; and jitter that needs no explanation [periods].
+_SMOOTH, _SHARP = 1e-12, 0.01
+Rows = Float[np.ndarray, "_ _"]
+Places = Int[np.ndarray, " _"]
 
 
 def revised(grid: Grid, q: Float[np.ndarray, "kept dof"]) -> Grid:
@@ -84,23 +98,6 @@ def _likelihood(
         squares = np.einsum("hrd,hrd->hd", rest, rest)
         found.append(-0.5 * free * np.log(squares + 1e-20).sum(axis=1))
     return np.stack(found, axis=1)
-
-
-# Rows that are placed at once, and as many at either end of them whose places are not trusted.
-_SIZE, _EDGE = 1 << 16, 1024
-# A step so many times the usual one is a gap where samples are uneven.
-_GAP = 3.0
-# Of two times the one over which positions are rougher by less than this share explains them.
-_CLEAR = 0.7
-# Rows on either side of one that may be there twice.
-_ABOUT = 12
-# So many rows out of place in a row end a segment.
-_OUT_OF_PLACE = 4
-# Roughness of numbers without noise [rad or m]; and jitter that needs no explanation [periods].
-_SMOOTH, _SHARP = 1e-12, 0.01
-
-Rows = Float[np.ndarray, "_ _"]
-Places = Int[np.ndarray, " _"]
 
 
 def study(batches: Iterable[Rows], dof: int) -> Clock:
