@@ -135,14 +135,9 @@ def geometric_errors(
 
     Friction's steps have no slope and are left out, as is friction that depends on load.
     """
-    grown, robot = grown_torques(dynamics.robot), dynamics.robot
-    smooth, layout = p.copy(), dynamics.layout
-    smooth[layout.friction] = 0.0
-    smooth[layout.viscous] = p[layout.viscous]
-    slopes = TorqueSlopes(grown, z, np.hstack([qd, qdd]), np.array(robot.gravity), smooth)
-    torque = dynamics.torque(z, qd, qdd, p).T
+    robot, torque = dynamics.robot, dynamics.torque(z, qd, qdd, p).T
     return (
-        *errors_by(robot, slopes, tolerances),
+        *errors_by(robot, torque_slopes(dynamics, z, qd, qdd, p), tolerances),
         *_of_constants(robot, tolerances or robot.tolerances, torque),
     )
 
@@ -160,6 +155,17 @@ def errors_by(
         tilts.append(Error(name, by.mounting * slopes.of_gravity(axis)))
     found = (*_of_lengths(robot, by, slopes), *zeros, *tilts)
     return tuple(error for error in found if error.effect.any())
+
+
+def torque_slopes(
+    dynamics: Dynamics, z: Samples, qd: Samples, qdd: Samples, p: Parameters
+) -> TorqueSlopes:
+    """Slopes of torques along a motion, without friction's steps, which have none."""
+    smooth, layout, gravity = p.copy(), dynamics.layout, np.array(dynamics.robot.gravity)
+    smooth[layout.friction] = 0.0
+    smooth[layout.viscous] = p[layout.viscous]
+    grown = grown_torques(dynamics.robot)
+    return TorqueSlopes(grown, z, np.hstack([qd, qdd]), gravity, smooth)
 
 
 def _of_lengths(robot: RobotDescription, by: Tolerances, slopes: GeometrySlopes) -> Iterator[Error]:

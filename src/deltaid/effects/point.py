@@ -9,8 +9,7 @@ import numpy as np
 from jaxtyping import Float
 
 from deltaid.dynamics.dynamics import Dynamics, Parameters
-from deltaid.dynamics.geometry import TorqueSlopes
-from deltaid.dynamics.grown import grown_torques
+from deltaid.dynamics.geometry import TorqueSlopes, torque_slopes
 from deltaid.effects.joint import FrictionJoint, Shape, joint_columns, joints_of
 from deltaid.estimation.additions import Addition
 from deltaid.estimation.drive_rows import ColumnsOfDrives, DriveRows, OfDrives
@@ -105,11 +104,8 @@ class TracePoint:
     @cached_property
     def slopes(self) -> TorqueSlopes:
         """Of torques without friction's steps, which have none."""
-        smooth, layout, robot = self.p.copy(), self.dynamics.layout, self.dynamics.robot
-        smooth[layout.friction] = 0.0
-        smooth[layout.viscous] = self.p[layout.viscous]
-        rates, gravity = np.hstack([self.motion.qd, self.motion.qdd]), np.array(robot.gravity)
-        return TorqueSlopes(grown_torques(robot), self.motion.z, rates, gravity, smooth)
+        w = self.motion
+        return torque_slopes(self.dynamics, w.z, w.qd, w.qdd, self.p)
 
     def size(self, name: str) -> float:
         """Of a parameter, such as 'coulomb.drive1'."""
