@@ -124,9 +124,9 @@ def log_card(value: Log | recording.PreparedRecording) -> Card:
 
 def mapping_card(value: ColumnMapping) -> Card:
     """Which column is what, and in which unit; what is left to the default names is not told."""
-    time, along = value.time, f"{value.time.rate:g} Hz"
-    if not time.is_absent:
-        along = f"{time.column} [{time.unit if time.rate is None else f'{time.rate:g} / s'}]"
+    time = value.time
+    unit = time.unit if time.rate is None else f"{time.rate:g} / s"
+    along = f"{time.rate:g} Hz" if time.is_absent else f"{time.column} [{unit}]"
     facts = [("time", along)]
     for quantity in QUANTITIES:
         columns: AllDrives | tuple[DriveColumn, ...] | None = getattr(value, quantity)
