@@ -10,8 +10,7 @@ import pytest
 
 import deltaid
 from deltaid.dynamics.dynamics import compiled
-from deltaid.effects.along_motion import DriveSpring, RippleColumns
-from deltaid.effects.at_platform import platform_forces
+from deltaid.effects.along_motion import DriveSpring, RippleColumns, platform_forces
 from deltaid.effects.geometry import Structure, lengths_of, reshaped
 from deltaid.effects.lag_columns import LagColumns
 from deltaid.effects.lag_groups import LagGroup

@@ -13,8 +13,7 @@ import polars as pl
 import pytest
 
 from deltaid.checks.evidence import evidence
-from deltaid.checks.identified import identify
-from deltaid.checks.run import check
+from deltaid.checks.run import check, identify
 from deltaid.checks.sensing.misfit import Misfit
 from deltaid.checks.sensing.sensors import checked_sensors
 from deltaid.checks.verdicts import changes, mended

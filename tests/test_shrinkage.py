@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 
 from deltaid.dynamics.dynamics import compiled
-from deltaid.effects.along_motion import RippleColumns
-from deltaid.effects.at_platform import AtPlatform, platform_forces
+from deltaid.effects.along_motion import AtPlatform, RippleColumns, platform_forces
 from deltaid.estimation.cause_columns import CauseColumns, NoiseBlock
 from deltaid.estimation.shrinkage import _ALIKE, Shrunk
 from deltaid.identification.contest import reduced, rivals

@@ -19,8 +19,7 @@ if TYPE_CHECKING:
     from deltaid.calibration.calibrate import Calibration, calibrate
     from deltaid.calibration.next_readings import next_readings
     from deltaid.calibration.readings import Measurements
-    from deltaid.checks.identified import identify
-    from deltaid.checks.run import check
+    from deltaid.checks.run import check, identify
     from deltaid.checks.verdicts import Verdicts
     from deltaid.control.simulate import Comparison, Simulation, compare_controllers, simulate
     from deltaid.control.simulation import integrate, step_through
@@ -122,7 +121,7 @@ _HOME = {
     "random_motion": "deltaid.motion.random_motion",
     "simulate_recording": "deltaid.motion.surrogate",
     "surrogate_parameters": "deltaid.motion.surrogate",
-    "identify": "deltaid.checks.identified",
+    "identify": "deltaid.checks.run",
     "integrate": "deltaid.control.simulation",
     "jax_functions": "deltaid.exports.jax_functions",
     "load": "deltaid.model.model",

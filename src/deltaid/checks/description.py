@@ -76,8 +76,8 @@ def checked_lengths(data: dict[str, Any]) -> Verdict:
     limbs, groups = _lengths(data.get("limbs"), _LIMBS, "limbs"), list(_groups(data))
     arms = [length for length in limbs if length[0].startswith("limbs.upper_arm")]
     struts = [length for length in limbs if length[0].partition("[")[0] == "limbs.strut"]
-    space = _lengths(data.get("workspace"), _OTHERS["workspace"], "workspace")
     # A mechanism of the user's own names no limbs.
+    space = _lengths(data.get("workspace"), _OTHERS["workspace"], "workspace")
     size = _longest(arms) + _longest(struts) or _longest(space)
     small = size < _DWARF
     factor, unit = (1e3, "divided by 1000 once too often") if small else (1e-3, "in millimetres")
@@ -119,8 +119,7 @@ def _groups(data: dict[str, Any]) -> Iterator[list[Length]]:
 
 def _lengths(part: Any, keys: tuple[str, ...], path: str) -> list[Length]:
     """All numbers under some keys of a part of a description, if it is one."""
-    held = _mapping(part)
-    return [length for key in keys for length in _numbers(held.get(key), f"{path}.{key}")]
+    return [length for key in keys for length in _numbers(_mapping(part).get(key), f"{path}.{key}")]
 
 
 def _mapping(part: Any) -> dict[str, Any]:
@@ -137,15 +136,17 @@ def _numbers(value: object, path: str) -> Iterator[Length]:
         yield path, float(value)
 
 
-def checked_friction(robot: RobotDescription) -> Iterable[Verdict]:
+def checked_friction(robot: RobotDescription) -> Verdict:
     """Whether every drive has a friction law."""
     missing = [drive for drive in robot.drives if drive not in robot.friction]
     if not missing:
-        yield _FRICTION.good(f"described of {listed(robot.friction_joints)}")
-        return
-    laws = ((drive, *law) for drive in missing for law in _law(robot, drive).items())
-    changes = tuple((f"friction.{drive}.{key}", value) for drive, key, value in laws)
-    yield _FRICTION.poor(
+        return _FRICTION.good(f"described of {listed(robot.friction_joints)}")
+    changes = tuple(
+        (f"friction.{drive}.{key}", value)
+        for drive in missing
+        for key, value in _law(robot, drive).items()
+    )
+    return _FRICTION.poor(
         f"no friction is described of {listed(missing)}",
         listed(missing),
         float(len(missing)),
@@ -168,7 +169,7 @@ def _law(robot: RobotDescription, drive: str) -> dict[str, float]:
     return {"viscous": float(f"{coulomb / _SPEED[slides]:.2g}"), "coulomb": coulomb}
 
 
-def checked_limits(robot: RobotDescription) -> Iterable[Verdict]:
+def checked_limits(robot: RobotDescription) -> Verdict:
     """Whether limits are given, and what acts where they are not."""
     defaults, limits = [k for k in _DEFAULTS if k not in robot.model_fields_set], robot.drive_limits
     seen = [f"{k} is not given: {getattr(robot, k):g} {_DEFAULTS[k]} acts" for k in defaults]
@@ -177,13 +178,12 @@ def checked_limits(robot: RobotDescription) -> Iterable[Verdict]:
         efforts = {robot.units(drive).effort for drive in free}
         seen.append(f"no {' or '.join(sorted(efforts))} limit of {listed(free)}")
     if not seen:
-        yield _LIMITS.good(
+        return _LIMITS.good(
             f"platform {robot.platform_speed:g} m/s, {robot.platform_acceleration:g} m/s²; effort "
             "of all drives"
         )
-        return
     subject = listed(defaults + ["drive_limits"] * bool(free))
-    yield _LIMITS.poor("; ".join(seen), subject, float(len(seen)))
+    return _LIMITS.poor("; ".join(seen), subject, float(len(seen)))
 
 
 def checked_workspace(description: RobotDescription) -> Iterable[Verdict]:
@@ -215,8 +215,8 @@ def _points(robot: RobotDescription) -> Float[np.ndarray, "points dof"]:
     while len(inside) < _POINTS:
         points = rng.uniform(low, high, (_POINTS, 3))
         inside = np.concatenate([inside, points[robot.workspace.contains(points)]])
-    count = 1 if robot.task.turn is not None else 0
-    angles = rng.uniform(robot.turn.low, robot.turn.high, (_POINTS, count))
+    turns = robot.task.turn is not None
+    angles = rng.uniform(robot.turn.low, robot.turn.high, (_POINTS, int(turns)))
     return np.hstack([robot.task.of_point(inside[:_POINTS]), angles])
 
 

@@ -1,5 +1,7 @@
-"""Input of checks: a robot, and a recording as far as it can be read."""
+"""Input of checks: a robot, and a recording as far as it can be read, with its mapping and entries
+that would correct it."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -15,6 +17,7 @@ from deltaid.identification.loads import declared_loads
 from deltaid.identification.setup import Setup
 from deltaid.identification.study import Study, studied
 from deltaid.model.record import Settings
+from deltaid.model.verdict import Proposal
 from deltaid.recording.columns import Columns
 from deltaid.recording.mapping import QUANTITIES, AllDrives, ColumnMapping, DriveColumn, Quantity
 from deltaid.recording.memory import Recording as InMemory
@@ -26,8 +29,29 @@ from deltaid.recording.source import LogTable
 from deltaid.recording.table import read_batches
 from deltaid.robot.description import RobotDescription
 
+# What a unit becomes by a factor of its numbers.
+_UNITS = {
+    ("rad", np.pi / 180): "deg",
+    ("rad", 2 * np.pi): "rev",
+    ("deg", 180 / np.pi): "rad",
+    ("m", 1e-3): "mm",
+    ("mm", 1e3): "m",
+    ("rad/s", np.pi / 30): "rpm",
+    ("rad/s", np.pi / 180): "deg/s",
+    ("rpm", 30 / np.pi): "rad/s",
+    ("deg/s", 180 / np.pi): "rad/s",
+    ("m/s", 1e-3): "mm/s",
+    ("mm/s", 1e3): "m/s",
+    ("N m", 1e-3): "mN*m",
+    ("N*m", 1e-3): "mN*m",
+    ("N", 1e-3): "mN",
+}
 # RawRows that hypotheses are tried on: enough for any motion, few enough to try a hundred.
 _MOST = 1 << 18
+
+
+# New values of keys of entries, by drive.
+Values = dict[int, dict[str, object]]
 
 
 @dataclass(frozen=True, eq=False)
@@ -116,6 +140,53 @@ class Evidence:
         pairs = zip(names, usual, strict=True)
         return tuple(DriveColumn(column=k, unit=units.get(k, unit)) for k, unit in pairs)
 
+    def turned(self, quantity: Quantity, drive: int) -> dict[str, object]:
+        return {"sign": -self.entries(quantity)[drive].sign}
+
+    def in_unit(self, quantity: Quantity, drive: int, factor: float) -> dict[str, object]:
+        """With a unit whose numbers are `factor` times those of the unit now; empty if unnamed."""
+        now = self.entries(quantity)[drive].unit
+        for (unit, by), name in _UNITS.items():
+            if unit == now and abs(by / factor - 1) < 1e-6:
+                return {"unit": name}
+        return {}
+
+    def of_motor(self, quantity: Quantity, drive: int, factor: float) -> dict[str, object]:
+        """Of a motor whose numbers must be multiplied by `factor`."""
+        slower, robot = 1 / factor if quantity == "torque" else factor, self.robot
+        if robot.is_linear(robot.drives[drive]):
+            return {"unit": si_unit(quantity, linear=False), "lead": _rounded(2 * np.pi * slower)}
+        return {"gear": _rounded(self.entries(quantity)[drive].gear / slower)}
+
+    def taken_from(self, source: int, quantity: Quantity, drive: int) -> dict[str, object]:
+        """All that another drive's entry says."""
+        own, other = (self.entries(quantity)[i].model_dump() for i in (drive, source))
+        return {key: value for key, value in other.items() if value != own[key]}
+
+    def shifted(self, drive: int, shift: float) -> dict[str, object]:
+        """With a zero at which the joint value is larger by `shift` [rad or m]."""
+        now = self.entries("position")[drive].zero
+        scale = self.columns.position[drive].scale
+        return {"zero": float(f"{now - shift / scale:.6g}")}
+
+    def proposal(self, values: Mapping[Quantity, Values]) -> tuple[Proposal, ...]:
+        """New values of entries, by quantity, drive and key, as changes of the mapping."""
+        changes: list[tuple[str, object]] = []
+        for quantity, drives in values.items():
+            columns, now = getattr(self.mapping, quantity), self.entries(quantity)
+            entries = [(i, key, value) for i, new in drives.items() for key, value in new.items()]
+            if not isinstance(columns, AllDrives):
+                changes += [(f"{quantity}[{i}].{key}", value) for i, key, value in entries]
+                continue
+            for key in dict.fromkeys(key for _, key, _ in entries):
+                new = [drives.get(i, {}).get(key, getattr(own, key)) for i, own in enumerate(now)]
+                plural = "columns" if key == "column" else key
+                same = all(value == new[0] for value in new)
+                changes.append((f"{quantity}.{plural}", new[0] if same else new))
+                if key == "column" and columns.column is not None:
+                    changes.append((f"{quantity}.column", None))
+        return (Proposal("mapping", tuple(changes)),) if changes else ()
+
     @cached_property
     def setup(self) -> Setup | RecordingError:
         """The recording, without the torques of what it is declared to hold."""
@@ -189,3 +260,11 @@ def with_fit(
         known["study"] = study
     vars(fitted).update(known, surveyed=recording)  # where cached properties are kept
     return fitted
+
+
+def _rounded(value: float) -> float:
+    """Three digits, or a whole number that is within 2 %."""
+    whole = round(value)
+    if whole >= 2 and abs(value / whole - 1) < min(0.02, 0.25 / whole):
+        return float(whole)
+    return float(f"{value:.3g}")

@@ -9,6 +9,7 @@ same holds for a motion within the robot's limits (as many samples, same noise),
 together: G adds up. The motion with the least std is the one to record.
 """
 
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
@@ -65,20 +66,19 @@ class _Certainty:
     names: tuple[str, ...]  # of the parameters that stand for the groups
     recorded: Float[np.ndarray, " base"]  # after the recording alone
     usual: Float[np.ndarray, " base"]  # after a usual motion of as many samples and the same noise
-    best: tuple[str, ...]  # words of the motion that narrows each most beside the recording
+    best: np.ndarray  # words of the motion that narrows each most beside the recording
 
     def named(self, places: Int[np.ndarray, " some"]) -> str:
-        """The first of some parameters, and how many more there are."""
         more = f" and {len(places) - _SHOWN} more" if len(places) > _SHOWN else ""
         return ", ".join(self.names[k] for k in places[:_SHOWN]) + more
 
     def cure(self, places: Int[np.ndarray, " some"]) -> str:
         """What to record, most asked for first."""
-        motions = [self.best[k] for k in places]
-        order = sorted(dict.fromkeys(motions), key=lambda words: -motions.count(words))
-        shown = [places[[best == words for best in motions]] for words in order[:2]]
-        texts = [f"{words} (shows {self.named(k)})" for words, k in zip(order, shown, strict=False)]
-        return "also record " + "; and ".join(texts)
+        motions = self.best[places]
+        return "also record " + "; and ".join(
+            f"{words} (shows {self.named(places[motions == words])})"
+            for words, _ in Counter(motions.tolist()).most_common(2)
+        )
 
 
 def checked_information(evidence: Evidence) -> tuple[Verdict, ...]:
@@ -148,8 +148,7 @@ def _assess(
     own, others = factor(recorded), [factor(motion) for motion in motions.values()]
     best = np.argmin([_stds(np.vstack([own, added])) for added in others], axis=0)
     names = tuple(base.layout.names[k] for k in base.representatives)
-    words = list(motions)
-    return _Certainty(names, _stds(own), _stds(others[0]), tuple(words[k] for k in best))
+    return _Certainty(names, _stds(own), _stds(others[0]), np.array([*motions])[best])
 
 
 def _stds(F: Float[np.ndarray, "rows base"]) -> Float[np.ndarray, " base"]:
@@ -179,9 +178,8 @@ def _parameters(certainty: _Certainty) -> Verdict:
 def _excitation(certainty: _Certainty, still: Sequence[str]) -> Verdict:
     """Whether the motion is as informative as the robot's limits allow; some drives are still."""
     if still:
-        seen = (
-            f"{listed(still)} hardly {'moves' if len(still) == 1 else 'move'} in what is recorded"
-        )
+        move = "moves" if len(still) == 1 else "move"
+        seen = f"{listed(still)} hardly {move} in what is recorded"
         return _STILL.poor(seen, listed(still), float(len(still)))
     ratio = certainty.recorded / certainty.usual
     number = float(np.quantile(ratio, 0.75, method="higher"))
@@ -211,8 +209,7 @@ def _motions(dynamics: Dynamics) -> tuple[dict[str, Information], Float[np.ndarr
     """
     task, kinematics, every = dynamics.robot.task, dynamics.kinematics, range(dynamics.dof)
     rng, time = np.random.default_rng(0), np.linspace(0.0, _PERIOD, _SAMPLES)
-    runs = [random_motion(kinematics, rng, period=_PERIOD) for _ in range(_USUAL)]
-    states = [run.evaluate(time) for run in runs]
+    states = [random_motion(kinematics, rng, period=_PERIOD).evaluate(time) for _ in range(_USUAL)]
     z, zd, zdd = (np.concatenate(parts) for parts in zip(*states, strict=True))
     # Which coordinates move, and how fast; the others rest in the middle.
     moving: dict[str, tuple[Sequence[int], float]] = {

@@ -52,10 +52,8 @@ def checked_priors(robot: RobotDescription) -> tuple[Verdict, ...]:
         if isinstance(prior, ExplicitInertia):
             verdicts.append(_explicit(robot, name, prior))
         else:
-            paths = (f"bodies.{name}.prior[{k}]" for k in range(len(prior)))
-            verdicts += [_shape(robot, name, *each) for each in zip(paths, prior, strict=True)]
-    wrong = tuple(verdict for verdict in verdicts if verdict is not None)
-    if wrong:
+            verdicts += [_shape(robot, name, k, shape) for k, shape in enumerate(prior)]
+    if wrong := tuple(filter(None, verdicts)):
         return wrong
     mass = sum(float(body.prior_parameters()[0]) for body in robot.bodies.values())
     seen = f"{len(robot.bodies)} bodies, together {mass:.3g} kg, go with the lengths"
@@ -63,10 +61,11 @@ def checked_priors(robot: RobotDescription) -> tuple[Verdict, ...]:
 
 
 def _shape(
-    robot: RobotDescription, name: str, path: str, shape: HollowCylinder | PointMass
+    robot: RobotDescription, name: str, k: int, shape: HollowCylinder | PointMass
 ) -> Verdict | None:
     """The first thing out of scale of a shape: the rest would repeat it."""
     mass, by_density, density = float(shape.parameters()[0]), shape.mass is None, np.nan
+    path = f"bodies.{name}.prior[{k}]"
     if isinstance(shape, HollowCylinder):
         section = np.pi * (shape.outer_radius**2 - shape.inner_radius**2)
         density = mass / (section * shape.length)

@@ -96,8 +96,9 @@ class HeldOut:
         """
         if len(self.causes) < len(other.causes) and self.as_good(other):
             return _smaller(self.squares, other.of_causes(self.causes))
-        all_squares = self.squares, other.squares, other.of_causes(())
-        own, others, plain = (squares.mean(axis=1) for squares in all_squares)
+        own, others, plain = (
+            squares.mean(axis=1) for squares in (self.squares, other.squares, other.of_causes(()))
+        )
         smaller = np.minimum(own, others)
         explained, together = np.sum((others - own) / smaller), np.sum((plain - own) / smaller)
         return bool(explained > SHARE * together) and _smaller(self.squares, other.squares)
@@ -121,17 +122,15 @@ def held_out(record: Evidence) -> HeldOut | None:
     halves = None if trace is None else _halves(trace, setup.additions)
     if halves is None:
         return None
-    best, chosen, others = halves.squares(()), list[int](), list(range(len(halves.ends)))
+    best, causes, others = halves.squares(()), (), set(range(len(halves.ends)))
     while others:
-        trials = [(halves.squares((*chosen, cause)), cause) for cause in others]
         weights = 1.0 / best.mean(axis=1)
-        least, cause = min(trials, key=lambda trial: float(np.sum(weights @ trial[0])))
-        if not _smaller(least, best):
+        trials = {cause: halves.squares((*causes, cause)) for cause in sorted(others)}
+        cause = min(trials, key=lambda cause: float(np.sum(weights @ trials[cause])))
+        if not _smaller(trials[cause], best):
             break
-        best = least
-        chosen.append(cause)
-        others.remove(cause)
-    return HeldOut(halves.squares, tuple(chosen))
+        best, causes, others = trials[cause], (*causes, cause), others - {cause}
+    return HeldOut(halves.squares, causes)
 
 
 @dataclass(frozen=True, eq=False)
@@ -154,9 +153,8 @@ class _Halves:
         prior = np.where(used < len(robot), _OF_ROBOT, _CORRECTED) * np.linalg.norm(self.b)
         A, left, odd = self.columns[:, used], np.empty_like(self.b), self.rows.groups % 2 == 1
         for seen in (odd, ~odd):
-            A_seen = A[seen]
-            H = A_seen.T @ A_seen + np.diag(prior**-2.0)
-            x = solve(H, A_seen.T @ self.b[seen], assume_a="pos")
+            H = A[seen].T @ A[seen] + np.diag(prior**-2.0)
+            x = solve(H, A[seen].T @ self.b[seen], assume_a="pos")
             left[~seen] = self.b[~seen] - A[~seen] @ x
         starts = stretch_starts(self.rows.samples)
         errors, torques = (self.rows.of_drives(rows) ** 2 for rows in (left, self.b))
@@ -172,8 +170,7 @@ def _halves(trace: Trace, declared: Sequence[Addition]) -> _Halves | None:
     p = parameters_of(dynamics, span, rows.stack(trace.torques()))
     motors = motors_of(dynamics.robot, p, low_pass.cutoff, low_pass.rate)
     winding = Windings.modelled(trace, motors, p)
-    trace = winding.trace
-    tau = trace.torques()
+    trace, tau = winding.trace, winding.trace.torques()
     if tau.shape[1] < STRETCHES:
         return None
     friction, steps = free_friction(trace, p), np.diag(LITTLE / rows.scale)
@@ -205,16 +202,16 @@ def _with_useful(
     record: Evidence, verdicts: Sequence[Verdict], judge: _Judge
 ) -> tuple[Verdict, ...]:
     """Verdicts that keep what helps of the proposals that are to be written."""
-    kept, judged = _useful(record, [v for v in verdicts if v.proposals], judge), list[Verdict]()
-    for verdict in verdicts:
-        written = tuple(proposal for proposal in verdict.proposals if proposal.is_written)
+    kept = _useful(record, [v for v in verdicts if v.proposals], judge)
+
+    def with_lines(verdict: Verdict) -> Verdict:
         if verdict.proposals and verdict not in kept:  # what it says explains nothing
             grade = min(verdict.grade, Grade.DOUBTFUL, key=list(Grade).index)
-            verdict = replace(verdict, grade=grade, cause="", cure=_NO_CHANGE, proposals=())
-        elif written != verdict.proposals:
-            verdict = replace(verdict, proposals=written)
-        judged.append(verdict)
-    return tuple(judged)
+            return replace(verdict, grade=grade, cause="", cure=_NO_CHANGE, proposals=())
+        written = tuple(proposal for proposal in verdict.proposals if proposal.is_written)
+        return verdict if written == verdict.proposals else replace(verdict, proposals=written)
+
+    return tuple(map(with_lines, verdicts))
 
 
 def _useful(record: Evidence, proposing: Sequence[Verdict], judge: _Judge) -> list[Verdict]:

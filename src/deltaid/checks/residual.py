@@ -78,10 +78,8 @@ def checked_residual(evidence: Evidence) -> Iterator[Verdict]:
     yield _lag(study, _why_left(evidence, study, recording), unknown=unknown)
     ringing = _resonance(study)
     yield ringing
-    for cause in causes_of(study.fit, study.account):
-        effect = effect_of(cause)
-        if isinstance(effect, DescribedEffect):
-            yield _verdict(effect, cause, recording)
+    verdicts = (_verdict(cause, recording) for cause in causes_of(study.fit, study.account))
+    yield from filter(None, verdicts)
     yield _rest(study, rings=ringing.grade is not Grade.GOOD)
 
 
@@ -90,14 +88,17 @@ def detected_load(study: Study) -> Verdict:
     the recording before that."""
     cause = load_change(study)
     assert cause is not None
-    effect = effect_of(cause)
-    assert isinstance(effect, DescribedEffect)
-    verdict = _verdict(effect, cause, study.fit.trace.recording)
+    verdict = _verdict(cause, study.fit.trace.recording)
+    assert verdict is not None
     seen = f"{verdict.seen}, and it is identified with the robot"
     return replace(verdict, grade=Grade.DOUBTFUL, seen=seen, cure=_DECLARE)
 
 
-def _verdict(effect: DescribedEffect, cause: Cause, recording: PreparedRecording) -> Verdict:
+def _verdict(cause: Cause, recording: PreparedRecording) -> Verdict | None:
+    """None where another check judges the effect."""
+    effect = effect_of(cause)
+    if not isinstance(effect, DescribedEffect):
+        return None
     share = cause.rms / np.maximum(cause.fit.model.std(axis=1), 1e-300)
     subject, drives = effect.subject(cause), cause.fit.drives
     worst = int(np.argmax(share)) if subject not in drives else drives.index(subject)
@@ -110,19 +111,22 @@ def _verdict(effect: DescribedEffect, cause: Cause, recording: PreparedRecording
 def _why_left(evidence: Evidence, study: Study, recording: PreparedRecording) -> str:
     """Why an identification has not corrected a lag that is detected; empty before there is one."""
     chosen = evidence.settings.lag
-    if evidence.problem is None:
-        return ""
-    if chosen == "none":
-        return "lags were not to be corrected (--lag none)"
-    if not isinstance(chosen, str):
-        return "torques were read by the lag that was given (--lag)"
-    if study.is_disturbed:
-        return "a load that comes and goes explains more of the torques, and may look like a lag"
-    if study.hidden:
-        return "a fault listed below explains more of the torques, and may look like a lag"
-    if any(recording.repairs.lag):
-        return "it is in addition to the lag that was corrected, which steps of friction determine"
-    return "the fit of all parameters does not confirm it; something undescribed may look like it"
+    reasons = {
+        "": evidence.problem is None,
+        "lags were not to be corrected (--lag none)": chosen == "none",
+        "torques were read by the lag that was given (--lag)": not isinstance(chosen, str),
+        "a load that comes and goes explains more of the torques, and may look like a lag": (
+            study.is_disturbed
+        ),
+        "a fault listed below explains more of the torques, and may look like a lag": study.hidden,
+        "it is in addition to the lag that was corrected, which steps of friction determine": any(
+            recording.repairs.lag
+        ),
+        "the fit of all parameters does not confirm it; something undescribed may look like it": (
+            True
+        ),
+    }
+    return next(reason for reason, holds in reasons.items() if holds)
 
 
 def _lag(study: Study, why: str, *, unknown: bool) -> Verdict:
@@ -148,8 +152,20 @@ def _lag(study: Study, why: str, *, unknown: bool) -> Verdict:
         )
     if study.late and matters:
         grade = Grade.WRONG if np.abs(harm).max() > _SPOILT else Grade.DOUBTFUL
-        describe = _common_lag if study.alike else _differing_lags
-        return describe(study, _cost(study, harm, why), grade)
+        if not study.alike:
+            return _differing_lags(study, _cost(study, harm, why), grade)
+        rows = 1e-3 * lag * study.fit.trace.low_pass.rate
+        return _LAG.poor(
+            f"torques come {abs(lag):.3g} ± {half:.1g} ms {_late(lag)} against positions; "
+            f"{_cost(study, harm, why)}",
+            "",
+            lag,
+            grade=grade,
+            cause="torque and position are not of the same instant: a filter in the torque's way, "
+            "a bus cycle, or two clocks",
+            cure="record both in the same cycle of the controller and without filter, or shift the "
+            f"torque columns by {-rows:+.2g} rows ({-lag:+.3g} ms)",
+        )
     if unknown:
         return _LAG.poor(
             f"the lag of torques behind positions is hardly known, {lag:.2g} ± {half:.2g} ms; none "
@@ -182,28 +198,14 @@ def _cost(study: Study, harm: Float[np.ndarray, " dof"], why: str) -> str:
     return f"{cost}; not corrected: {why}" if why else cost
 
 
-def _common_lag(study: Study, cost: str, grade: Grade) -> Verdict:
-    """The verdict on a lag that all drives have."""
-    lag, half = 1e3 * float(study.common.values[0]), 1e3 * float(study.common.interval[0])
-    rows = 1e-3 * lag * study.fit.trace.low_pass.rate
-    return _LAG.poor(
-        f"torques come {abs(lag):.3g} ± {half:.1g} ms {_late(lag)} against positions; {cost}",
-        "",
-        lag,
-        grade=grade,
-        cause="torque and position are not of the same instant: a filter in the torque's way, a "
-        "bus cycle, or two clocks",
-        cure="record both in the same cycle of the controller and without filter, or shift the "
-        f"torque columns by {-rows:+.2g} rows ({-lag:+.3g} ms)",
-    )
-
-
 def _differing_lags(study: Study, cost: str, grade: Grade) -> Verdict:
     """The verdict on lags of which each drive has its own."""
     drives, common = study.fit.drives, 1e3 * float(study.common.values[0])
     values, halves = 1e3 * study.each.values, 1e3 * study.each.interval
-    pairs = zip(values, halves, strict=True)
-    lags = [f"{abs(lag):.2g} ± {half:.1g} ms {_late(lag)}" for lag, half in pairs]
+    lags = [
+        f"{abs(lag):.2g} ± {half:.1g} ms {_late(lag)}"
+        for lag, half in zip(values, halves, strict=True)
+    ]
     differing = np.abs(values - common) > np.maximum(halves, _APART)
     return _LAG.poor(
         "torques and positions do not agree in time, and drives differ: "
@@ -230,7 +232,6 @@ def _agreement(study: Study) -> str:
 
 
 def _by_drive(drives: Sequence[str], texts: Sequence[str]) -> str:
-    """Each drive with its text, if any."""
     return ", ".join(f"{drive} {text}" for drive, text in zip(drives, texts, strict=True) if text)
 
 
@@ -286,9 +287,8 @@ def _rest(study: Study, *, rings: bool) -> Verdict:
     if rings or rest is None:
         seen = "what the fit leaves of the torques follows neither speed, place, time nor load"
         return Verdict("residual", Grade.GOOD, seen, number=every[0].times, unit="times the noise")
-    drive = study.fit.drives[rest.drive]
+    drive, cause, cure = study.fit.drives[rest.drive], "", ""
     seen = f"unexplained: {percent(rest.part)} of {drive}'s torque, "
-    cause, cure = "", ""
     squares = np.sort(study.fit.rows.of_drives(study.account.left)[rest.drive] ** 2)
     if rest.follows:
         seen += f"it varies with {rest.follows.words} ({percent(rest.follows.share)} of it)"

@@ -1,7 +1,8 @@
-"""All checks in order: of the description, of each recording, and of all recordings together."""
+"""All checks in order: by themselves (`check`), and about an identification (`identify`), where
+wrong input is refused first and doubts become warnings."""
 
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import replace
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -13,26 +14,40 @@ from deltaid.checks.description import (
     checked_limits,
     checked_workspace,
 )
-from deltaid.checks.evidence import Evidence, evidence
+from deltaid.checks.evidence import Evidence, evidence, forget, with_fit
 from deltaid.checks.information import checked_information, information_of, judged_information
 from deltaid.checks.priors import checked_measured, checked_priors
 from deltaid.checks.proposals import proved, unharmed
-from deltaid.checks.residual import checked_residual
+from deltaid.checks.residual import checked_residual, detected_load
 from deltaid.checks.sensing.sensors import checked_sensors
 from deltaid.checks.signal import checked_signals
-from deltaid.checks.verdicts import Verdicts, as_written, changes, mended
+from deltaid.checks.verdicts import KEYS, Verdicts, as_written, changes, files_of, mended, pasted
 from deltaid.checks.wiring.wiring import checked_wirings
+from deltaid.checks.wiring.zeros import still_seen
 from deltaid.dynamics.dynamics import compiled
-from deltaid.errors import DeltaidError, DescriptionError
+from deltaid.errors import DeltaidError, DescriptionError, RecordingError
 from deltaid.estimation.information import Information, merge
+from deltaid.estimation.posterior_draws import with_posterior_intervals
+from deltaid.identification.identify import Identification
+from deltaid.identification.identify import identify as fitted
+from deltaid.identification.judgement import doubts_of_fit
 from deltaid.model.settings import Settings, settings_of
 from deltaid.model.verdict import Grade, Verdict, worst
 from deltaid.progress import Watch, watched
 from deltaid.recording.mapping import ColumnMappings, mapping_each
 from deltaid.recording.mapping_proposal import FOUND
 from deltaid.recording.memory import RecordingLike, as_sources
+from deltaid.recording.recording import PreparedRecording
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.load import RobotLike, described, described_in, yaml_text
+
+# Verdicts on excluded rows, which the table of masks reports with their spans.
+_MASKED = {"standing", "saturation"}
+
+# Verdicts that say why a fit contradicts the recording or the prior.
+_EXPLAIN_A_FIT = {
+    *KEYS["units and wiring"], *KEYS["the fit"], "torque-lag", "prior-scale", "length-unit",
+}  # fmt: skip
 
 
 def check(
@@ -96,7 +111,7 @@ def check(
             else:
                 on_log = of_recording(record, wiring, several)
             on_log = proved(record, on_log)
-            of_logs += named(record, on_log, several=several)
+            of_logs += _named(record, on_log, several=several)
             wrong = Grade.WRONG in (worst(common), worst(on_log))
             if several and not wrong and (known := information_of(record)):
                 informations.append(known)
@@ -124,10 +139,10 @@ def of_robot(
     """Verdicts on a description; on the workspace, unless it is to be quick or something is wrong
     already, which that would only repeat. Limits that are missing matter before a recording, when a
     motion is planned, and not after it."""
-    judged = [checked_lengths(as_written(robot)), *checked_friction(robot)]
-    judged += [v for v in checked_limits(robot) if v.grade is Grade.GOOD or not recorded]
-    for judge in (checked_priors, checked_measured):
-        judged += judge(robot)
+    judged = [checked_lengths(as_written(robot)), checked_friction(robot), checked_limits(robot)]
+    if recorded and judged[-1].grade is not Grade.GOOD:
+        del judged[-1]
+    judged += (*checked_priors(robot), *checked_measured(robot))
     if not quick and worst(judged) is not Grade.WRONG:
         judged += checked_workspace(robot)
     return tuple(judged)
@@ -150,7 +165,7 @@ def of_recording(record: Evidence, wiring: Sequence[Verdict], several: bool) -> 
     return (*judged, *checked_residual(record), *checked_feedback(record))
 
 
-def named(record: Evidence, judged: Iterable[Verdict], *, several: bool) -> tuple[Verdict, ...]:
+def _named(record: Evidence, judged: Iterable[Verdict], *, several: bool) -> tuple[Verdict, ...]:
     """Verdicts on one of several recordings say which."""
     if not several:
         return tuple(judged)
@@ -159,3 +174,176 @@ def named(record: Evidence, judged: Iterable[Verdict], *, several: bool) -> tupl
         replace(verdict, subject=f"{name}: {verdict.subject}" if verdict.subject else name)
         for verdict in judged
     )
+
+
+@dataclass(frozen=True, repr=False)
+class Judged(Identification):
+    """An identification with the verdicts that it began and ended with: those of `deltaid check`
+    but for the workspace, good ones included."""
+
+    verdicts: Verdicts = field(default_factory=Verdicts)
+
+
+def identify(
+    robot: RobotLike,
+    logs: RecordingLike | Sequence[RecordingLike],
+    *,
+    columns: ColumnMappings = None,
+    settings: Settings | Mapping[str, Any] | None = None,
+    force: bool = False,
+    progress: Watch = None,
+    **options: Any,
+) -> Judged:
+    """Identify a robot's dynamic parameters from recordings of the same machine.
+
+    Checks of `deltaid.check` come first, of the description and of units and wiring: what they
+    call wrong is refused in their words. Signals, information and what the fit leaves are judged
+    after it. What is not good stands in `model.warnings`, before anything else that does.
+
+    Args:
+        robot: the description with geometry, priors and reductions; or what has one, a catalogue
+            name, a file of a robot or of a model.
+        logs: one recording or a sequence of them: a log file, a table of polars or pandas, or
+            `PreparedRecording.from_arrays`.
+        columns: names and units of their columns, if not the default ones, and loads that are
+            held: one mapping for all recordings, or a sequence with one each (None for the default
+            names). Arrays with units of their own keep these.
+        settings: method, regulariser, γ, filter, friction laws; by value or as a dictionary.
+        force: go on with what is wrong, which then stands in the model's warnings.
+        progress: called with a sentence before each stage; or whether to show them, None for where
+            someone is watching.
+        options: single settings by name, such as `lag="none"`.
+
+    Raises:
+        DescriptionError: the description is wrong.
+        RecordingError: a log cannot be used, or is wrong.
+        IdentificationError: the fit cannot be posed or did not converge.
+    """
+    description, settings = described(robot), settings_of(settings, options)
+    with watched(progress, "identify") as say:
+        judged = of_robot(description, quick=True, recorded=True)
+        _refuse(judged, description, force)
+        sources, before_fit = as_sources(logs), list[tuple[Verdict, ...]]()
+        mappings = mapping_each(columns, len(sources))
+        places = zip(sources, mappings, strict=True)
+        opened = [evidence(description, *place, settings) for place in places]
+        say(f"judging {', '.join(str(source) for source in sources)}")
+        common, on_columns = checked_wirings(opened)
+        for record in opened:
+            common = unharmed(record, common)
+        if common:
+            _refuse(common, opened[0], force)
+        for record, wiring in zip(opened, on_columns, strict=True):
+            first = _first(record, wiring, force)
+            if record.columns.sensors:  # which need a survey, made again for the fit
+                first += _first(record, checked_sensors(record), force)
+            before_fit.append(first)
+            if len(opened) > 1:
+                forget(record)
+        result = fitted(description, sources, columns=mappings, settings=settings, progress=say)
+        say("judging the result")
+        after_fit = _after_fit(result, opened, before_fit, description)
+        kept = (v for v in after_fit if settings.keep_all or v.key not in _MASKED)
+        verdicts = Verdicts((*judged, *common, *kept), description, sources, mappings)
+        poor = (verdict.sentence for verdict in verdicts if verdict.grade is not Grade.GOOD)
+        model = result.model.changed(warnings=(*poor, *_warnings(result, verdicts)))
+        model = verdicts.noted(model)
+        if settings.intervals == "posterior":
+            say("drawing models")
+            model = with_posterior_intervals(model)
+        fit = result.problem, result.recordings, result.studies, result.detected
+        return Judged(model, *fit, verdicts)
+
+
+def _first(record: Evidence, judged: tuple[Verdict, ...], force: bool) -> tuple[Verdict, ...]:
+    """Verdicts that may refuse a recording, which those do whose proposals explain it better."""
+    if worst(judged) is Grade.WRONG:
+        judged = proved(record, judged)
+        _refuse(judged, record, force)
+    return judged
+
+
+def _refuse(verdicts: Iterable[Verdict], subject: RobotDescription | Evidence, force: bool) -> None:
+    """Raise the first wrong verdict, unless forced to go on, with the lines that its files should
+    get: of a mapping lines to paste, of a description values by path."""
+    for verdict in verdicts:
+        if force or verdict.grade is not Grade.WRONG:
+            continue
+        if isinstance(subject, Evidence):
+            kind, where = RecordingError, str(subject.table.path)
+        else:
+            kind, where = DescriptionError, subject.name
+        lines = ""
+        for file in files_of([verdict]):
+            proposed = changes([verdict], file)
+            if file == "mapping" and isinstance(subject, Evidence):
+                text = pasted(subject.written_mapping, proposed)
+                lines += f"\ninto the mapping (--columns):\n{text}"
+            else:
+                values = "".join(f"\n{path}: {value}" for path, value in proposed.items())
+                lines += f"\nin the description:{values}"
+        raise kind(
+            verdict.finding,
+            where=where,
+            cure=f"{verdict.cure}; `deltaid check` shows more and --write writes what it "
+            f"proposes, --force goes on as it is{lines}",
+        )
+
+
+def _after_fit(
+    result: Identification,
+    opened: Sequence[Evidence],
+    before: Sequence[Sequence[Verdict]],
+    described: RobotDescription,
+) -> Iterator[Verdict]:
+    """Verdicts on columns as they hold after a fit, then on signals, information and residuals."""
+    problem, several = result.problem, len(opened) > 1
+    for record, verdicts, recording in zip(opened, before, result.recordings, strict=True):
+        kept = [v for verdict in verdicts if (v := _kept(verdict, recording, result, described))]
+        yield from _named(record, proved(record, kept), several=several)
+    if several:  # together they may determine what none does alone
+        strokes = [record.moved for record in opened]
+        yield from judged_information(problem.dynamics, problem.information, strokes)
+    studies = result.studies or (None,) * len(opened)
+    for record, recording, study in zip(opened, result.recordings, studies, strict=True):
+        fitted = with_fit(record, problem, recording, study)
+        judged = list(checked_signals(fitted))
+        judged += () if several else checked_information(fitted)
+        judged += (*checked_residual(fitted), *checked_feedback(fitted))
+        detected = (result.detected.get(load.name) for load in recording.log.columns.loads)
+        judged += [detected_load(before) for before in detected if before is not None]
+        yield from _named(record, proved(record, judged), several=several)
+
+
+def _kept(
+    verdict: Verdict,
+    recording: PreparedRecording,
+    result: Identification,
+    described: RobotDescription,
+) -> Verdict | None:
+    """A verdict on a recording's columns after the fit; None where that has made it needless."""
+    fixes, doubtful = result.model.corrections, verdict.grade is Grade.DOUBTFUL
+    if verdict.key == "sensor-gain" and any(fix.kind == "gain" for fix in fixes):
+        return None  # the drives were off, not the sensor, and have been corrected
+    if doubtful and verdict.key == "homing-or-tilt":
+        return verdict if still_seen(result.problem, recording, described) else None
+    logs = [fix.log for fix in fixes if fix.kind == "velocity"]
+    if doubtful and verdict.key == "velocity" and recording.path.name in logs:
+        seen = f"{verdict.seen}, which has been corrected: they are excluded, and positions "
+        seen += "differentiated"
+        return replace(verdict, grade=Grade.GOOD, seen=seen, cause="", cure="")
+    return verdict
+
+
+def _warnings(result: Identification, verdicts: Sequence[Verdict]) -> tuple[str, ...]:
+    """Warnings of survey and fit whose cause no verdict reports: contradictions of the fit follow
+    from poor units, wiring and priors."""
+    doubts = [
+        (recording.path, text) for recording in result.recordings for text in recording.log.warnings
+    ]
+    judged = {verdict.key for verdict in verdicts}
+    poor = {v.key for v in verdicts if v.grade in (Grade.DOUBTFUL, Grade.WRONG)}
+    explained = doubts_of_fit(result.problem) if poor & _EXPLAIN_A_FIT else ()
+    kept = (f"{path}: {text}" for path, text in doubts if text.key not in judged)
+    of_fit = (text for text in result.model.warnings[len(doubts) :] if text not in explained)
+    return (*kept, *of_fit)

@@ -2,7 +2,13 @@
 
 At single drives these are springs and ripples,
 
-    τ_i = Y_i p + k_i (q_i − q_0) + Σ_n (a_n sin n q_i + b_n cos n q_i).
+    τ_i = Y_i p + k_i (q_i − q_0) + Σ_n (a_n sin n q_i + b_n cos n q_i);
+
+at the platform forces of a hose, a cable or a spring,
+
+    F = f − K (x − x_0) − d v/|v| − c v,    τ = Y p − J_xᵀ F,    J_x = ∂x/∂q
+
+with the place x of the platform, its velocity v, and its home x_0.
 """
 
 from abc import abstractmethod
@@ -13,6 +19,7 @@ from typing import ClassVar
 import numpy as np
 from jaxtyping import Float
 
+from deltaid.dynamics.dynamics import Dynamics
 from deltaid.estimation.additions import Addition, Own, Values, of_each, torques_of
 from deltaid.model.corrections import Correction, FittedEffect, Kind
 from deltaid.model.parameter_record import Parameter
@@ -22,9 +29,13 @@ from deltaid.robot.description import RobotDescription
 from deltaid.robot.parameter import PRIOR_SPREAD, PriorParameter
 
 WITHOUT = "the model is of the robot without it"
+# Velocities below this share of the largest have no direction yet.
+_STILL = 0.01
 
 InTask = Float[np.ndarray, "samples dof"]
 Position = Float[np.ndarray, " samples"]
+InWorld = Float[np.ndarray, "samples 3"]
+Forces = Float[np.ndarray, "columns samples 3"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -182,6 +193,102 @@ class RippleColumns(AtDrives):
 
 
 @dataclass(frozen=True, eq=False)
+class AtPlatform(AlongMotion):
+    """A force at the platform."""
+
+    deviation: tuple[float, ...]  # prior standard deviation of each coefficient
+    fastest: float  # largest speed of the platform [m/s]
+
+    kind = "platform-force"
+    units: ClassVar[tuple[str, ...]]
+
+    @abstractmethod
+    def forces(self, x: InWorld, v: InWorld) -> Forces:
+        """F for a coefficient of 1, one after the other."""
+
+    @property
+    def coefficients(self) -> Iterable[tuple[str, str, str, float]]:
+        rows = zip(self.symbols, self.units, self.deviation, strict=True)
+        return [("platform", *row) for row in rows]
+
+    @property
+    def pattern(self) -> tuple[np.ndarray, np.ndarray]:
+        drives, count = np.arange(self.dynamics.dof), len(self.symbols)
+        return np.tile(drives, count), np.repeat(np.arange(count), len(drives))
+
+    def of_motion(self, z: InTask, qd: InTask) -> Values:
+        T, home = self.dynamics.kinematics.platform_jacobian(z), self.dynamics.kinematics.home
+        x = self.dynamics.robot.task.point(z) - self.dynamics.robot.task.point(home)
+        along = np.ascontiguousarray(T.transpose(1, 2, 0))
+        forces = self.forces(x, np.sum(along * qd.T, axis=1).T).transpose(0, 2, 1)
+        torques = sum(forces[:, None, i] * along[i] for i in range(3))
+        return -np.reshape(torques, (-1, len(z)))
+
+    def record(self, values: tuple[float, ...]) -> FittedEffect:
+        return FittedEffect(name=self.name, values=values, fastest=self.fastest)
+
+    def correction(
+        self, value: float, judged: Sequence[Parameter], unit: str, text: str
+    ) -> tuple[Correction, ...]:
+        """Its size, with the largest half width of an interval."""
+        ends = [(x.low, x.high) for x in judged if x.low is not None and x.high is not None]
+        half = max((high - low) / 2 for low, high in ends)
+        return (
+            Correction(kind=self.kind, subject="platform", value=value, low=value - half,
+                       high=value + half, unit=unit, text=f"{text}; {WITHOUT}"),
+        )  # fmt: skip
+
+
+class ConstantForce(AtPlatform):
+    """f: a force that is the same everywhere."""
+
+    name = "platform-force"
+    symbols = ("Fx", "Fy", "Fz")
+    units = ("N",) * 3
+
+    def forces(self, x: InWorld, v: InWorld) -> Forces:
+        return np.eye(3)[:, None, :] * np.ones((len(x), 1))
+
+    def to_corrections(self, judged: Sequence[Parameter]) -> tuple[Correction, ...]:
+        f = np.array([entry.value for entry in judged])
+        way = ", ".join(f"{share:.2f}" for share in f / max(np.linalg.norm(f), 1e-300))
+        text = f"a constant force pulls at the platform along ({way}), as a hose or cable does"
+        return self.correction(float(np.linalg.norm(f)), judged, "N", text)
+
+
+class PlatformSpring(AtPlatform):
+    """K: a force that grows with the way from home, in any direction."""
+
+    name = "platform-spring"
+    symbols = tuple(f"K{i}{j}" for i in "xyz" for j in "xyz")
+    units = ("N/m",) * 9
+
+    def forces(self, x: InWorld, v: InWorld) -> Forces:
+        return -np.einsum("ik,sj->ijsk", np.eye(3), x).reshape(9, len(x), 3)
+
+    def to_corrections(self, judged: Sequence[Parameter]) -> tuple[Correction, ...]:
+        K = np.array([entry.value for entry in judged]).reshape(3, 3)
+        text = "a spring pulls the platform back, as a hose, a cable or a balancer does"
+        return self.correction(float(np.trace(K)) / 3, judged, "N/m", text)
+
+
+class Drag(AtPlatform):
+    """d, c: a force against the velocity, constant or in proportion to it."""
+
+    name = "platform-drag"
+    symbols = ("d", "c")
+    units = ("N", "N s/m")
+
+    def forces(self, x: InWorld, v: InWorld) -> Forces:
+        speed = np.hypot(np.linalg.norm(v, axis=1), _STILL * self.fastest)
+        return -np.stack([v / speed[:, None], v])
+
+    def to_corrections(self, judged: Sequence[Parameter]) -> tuple[Correction, ...]:
+        text = "something drags at the platform against its motion, as a hose or cable does"
+        return self.correction(judged[0].value, judged[:1], "N", text)
+
+
+@dataclass(frozen=True, eq=False)
 class FittedTorques:
     """An effect with its coefficients; a `recording.repairs.Pull`."""
 
@@ -202,3 +309,25 @@ def fitted_effects(
         for addition, own in of_each(tuple(additions), judged)
         if isinstance(addition, AlongMotion)
     )
+
+
+FORCES: tuple[type[AtPlatform], ...] = (ConstantForce, PlatformSpring, Drag)
+
+
+def platform_forces(dynamics: Dynamics, fastest: float) -> tuple[AtPlatform, ...]:
+    """Each force with a prior of 1 in its units."""
+    return tuple(force(dynamics, (1.0,) * len(force.symbols), fastest) for force in FORCES)
+
+
+def as_fitted(dynamics: Dynamics, record: FittedEffect) -> FittedTorques:
+    """An effect of a model file."""
+    drives = tuple(dynamics.robot.drives.index(drive) for drive in record.drives)
+    deviation = (1.0,) * len(record.values)
+    if record.name == RippleColumns.name:
+        addition = RippleColumns(dynamics, drives, deviation, record.orders)
+    elif record.name == DriveSpring.name:
+        addition = DriveSpring(dynamics, drives, deviation)
+    else:
+        force = next(force for force in FORCES if force.name == record.name)
+        addition = force(dynamics, deviation, record.fastest)
+    return FittedTorques(addition, record.values)

@@ -41,7 +41,6 @@ class FrictionLaw(DescribedEffect):
         yield from self.of_each([joint.name for joint in drives], loads, _LOAD)
 
     def why(self, cause: Cause) -> str:
-        other = (
-            "the torque channel has an offset" if cause.first.words == _WAY else "gears have play"
-        )
+        one_way = cause.first.words == _WAY
+        other = "the torque channel has an offset" if one_way else "gears have play"
         return f"the described friction law has no term for it, or {other}"

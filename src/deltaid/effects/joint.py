@@ -65,11 +65,8 @@ class FrictionJoint:
 def joints_of(dynamics: Dynamics) -> tuple[FrictionJoint, ...]:
     """Joints with friction, their speeds unknown."""
     rows, columns = dynamics.regressor_pattern
-    names, robot, joints = (
-        np.array(dynamics.layout.names)[columns],
-        dynamics.robot,
-        list[FrictionJoint](),
-    )
+    names, robot = np.array(dynamics.layout.names)[columns], dynamics.robot
+    joints = list[FrictionJoint]()
     for joint in robot.friction_joints:
         viscous, coulomb = (
             np.flatnonzero(names == f"{term}.{joint}") for term in ("viscous", "coulomb")
@@ -83,9 +80,9 @@ def joint_columns(
     trace: Trace, p: Parameters, shapes: Sequence[tuple[FrictionJoint, Shape]]
 ) -> ColumnsOfDrives:
     """One filtered column for each shape of a joint, where gears carry what p says."""
-    drives = [joint.drives for joint, _ in shapes]
-    columns = [np.full(len(own), k) for k, own in enumerate(drives)]
     none = np.zeros(0, dtype=int)
+    drives = [none, *(joint.drives for joint, _ in shapes)]
+    columns = [none, *(np.full(len(own), k) for k, own in enumerate(drives[1:]))]
 
     def values(w: SampleBlock) -> np.ndarray:
         carried, entries = trace.dynamics.carried(w.z, w.qd, w.qdd, p), trace.entries(w)
@@ -96,8 +93,7 @@ def joint_columns(
         ]
         return np.concatenate([entries[:0], *parts])
 
-    pattern = np.concatenate([none, *drives]), np.concatenate([none, *columns])
-    return trace.columns(values, pattern, len(shapes))
+    return trace.columns(values, (np.concatenate(drives), np.concatenate(columns)), len(shapes))
 
 
 def one_way(_v: np.ndarray, C: np.ndarray, _load: np.ndarray) -> np.ndarray:

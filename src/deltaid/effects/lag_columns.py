@@ -122,12 +122,17 @@ class LagColumns(TimingColumns):
     @property
     def columns(self) -> Sequence[TimingColumn]:
         """One lag a group that is free."""
-        free = [group for group in self.groups if group.free]
-        names = ["+".join(group.subjects(self.dynamics)) or "torques" for group in free]
-        deviations = [min(group.deviation, PRIOR_SPREAD * _SIZE) for group in free]
         return [
-            TimingColumn(group.drives, name, "s", _late, deviation, group.beside)
-            for group, name, deviation in zip(free, names, deviations, strict=True)
+            TimingColumn(
+                group.drives,
+                "+".join(group.subjects(self.dynamics)) or "torques",
+                "s",
+                lambda w, late, rise: late,
+                min(group.deviation, PRIOR_SPREAD * _SIZE),
+                group.beside,
+            )
+            for group in self.groups
+            if group.free
         ]
 
     def to_corrections(self, judged: Sequence[Parameter]) -> tuple[Correction, ...]:
@@ -193,14 +198,9 @@ def timing_slopes(
         late = -rate * slope(once, columns.reversals(own) & sharp[:, None])
         return np.vstack([late, rate * slope(once - twice), (w.time - about) * late])
 
-    late, longer, growing = np.split(
-        trace.filtered(derivatives, np.tile(drives, 3), trace.settling), 3
-    )
+    filtered = trace.filtered(derivatives, np.tile(drives, 3), trace.settling)
+    late, longer, growing = np.split(filtered, 3)
     return late, longer, growing
-
-
-def _late(w: SampleBlock, late: Values, rise: Callable[[Values], Values]) -> Values:
-    return late
 
 
 def slope(tau: OfDrives, turned: Bool[np.ndarray, "dof steps"] | bool = False) -> OfDrives:
@@ -218,10 +218,10 @@ def slope(tau: OfDrives, turned: Bool[np.ndarray, "dof steps"] | bool = False) -
 
 
 def _sentence(value: float, spread: float, *, held: bool) -> str:
-    late, later = ("late", "later") if value > 0 else ("early", "earlier")
+    late = "late" if value > 0 else "early"
     text = (
         f"torques come {late} against positions, drive filters counted in, and are read so much "
-        f"{later}"
+        f"{'later' if value > 0 else 'earlier'}"
     )
     if held:
         return (

@@ -57,8 +57,8 @@ def two_levels(fit: RigidFit, column: Rows, residual: Rows) -> Held | None:
     for split in _SPLITS:
         course, errors = (share > split).astype(int), np.zeros((2, count))
         for _ in range(_ROUNDS):
-            sums = [(np.sum(u[part]), np.sum(d[part])) for part in (course == 0, course == 1)]
-            levels = [total / max(weight, 1e-300) for total, weight in sums]
+            parts = course == 0, course == 1
+            levels = [np.sum(u[part]) / max(np.sum(d[part]), 1e-300) for part in parts]
             errors = np.stack([d * level**2 - 2 * u * level for level in levels])
             course = _course(errors, cost)
         changes = int(np.sum(np.diff(course) != 0))

@@ -6,7 +6,7 @@ Where a torque is late by L and its filter has the time constant T, the recordin
 what remains of it has the column −(t − t_0) τ̇.
 """
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -15,13 +15,11 @@ from jaxtyping import Bool, Float
 from deltaid.dynamics.dynamics import Parameters
 from deltaid.effects.lag_columns import NORMAL, TimingColumn, TimingColumns
 from deltaid.effects.lag_groups import common_lag
-from deltaid.estimation.additions import Values
 from deltaid.estimation.problem import LinearProblem
 from deltaid.estimation.traces import Delay, Trace
 from deltaid.model.corrections import Correction
 from deltaid.model.parameter_record import Parameter
 from deltaid.recording.delay import LagGrowth
-from deltaid.recording.windows import SampleBlock
 
 # Standard deviations of what lags [s], time constants [s] and rates of clocks may be.
 _LAG, _CONSTANT, _RATE = 0.01, 0.005, 1e-3
@@ -127,13 +125,15 @@ class UnknownFilter(TimingColumns):
     def columns(self) -> Sequence[TimingColumn]:
         """By how much a response is wider than that of a delay, T², one a group."""
 
-        def wider(w: SampleBlock, late: Values, rise: Callable[[Values], Values]) -> Values:
-            return -0.5 * rise(late)
-
-        names = [f"filter.{'+'.join(group.subjects(self.dynamics))}" for group in self.groups]
         return [
-            TimingColumn(group.drives, name, "s²", wider, 0.5 * group.delay**2)
-            for name, group in zip(names, self.groups, strict=True)
+            TimingColumn(
+                group.drives,
+                f"filter.{'+'.join(group.subjects(self.dynamics))}",
+                "s²",
+                lambda w, late, rise: -0.5 * rise(late),
+                0.5 * group.delay**2,
+            )
+            for group in self.groups
         ]
 
 
@@ -146,20 +146,26 @@ class RestOfTiming(TimingColumns):
     @property
     def columns(self) -> Sequence[TimingColumn]:
         timing, names = self.timing, self.dynamics.robot.drives
-
-        def longer(w: SampleBlock, late: Values, rise: Callable[[Values], Values]) -> Values:
-            return -timing.constants[:, None] * rise(late)
-
-        def growing(w: SampleBlock, late: Values, rise: Callable[[Values], Values]) -> Values:
-            return (w.time - timing.about) * late
-
         columns = [
-            TimingColumn((i,), f"filter.{names[i]}", "s", longer, float(timing.deviation[i]))
+            TimingColumn(
+                (i,),
+                f"filter.{names[i]}",
+                "s",
+                lambda w, late, rise: -timing.constants[:, None] * rise(late),
+                float(timing.deviation[i]),
+            )
             for i in self._filters
         ]
         if timing.rate:
-            deviation = float(timing.covariance[-1, -1]) ** 0.5
-            columns.append(TimingColumn(range(len(names)), "clock", "1", growing, deviation))
+            columns.append(
+                TimingColumn(
+                    range(len(names)),
+                    "clock",
+                    "1",
+                    lambda w, late, rise: (w.time - timing.about) * late,
+                    float(timing.covariance[-1, -1]) ** 0.5,
+                )
+            )
         return columns
 
     @property
@@ -171,8 +177,9 @@ class RestOfTiming(TimingColumns):
         corrections, names = list(self._pure_filters()), self.dynamics.robot.drives
         for i, rest in zip(self._filters, judged, strict=False):
             T = rest.moved(float(self.timing.constants[i]))
-            ends = T.low, T.high
-            corrections.append(self.correction("filter", T.value, ends, "s", _FILTER, names[i]))
+            corrections.append(
+                self.correction("filter", T.value, (T.low, T.high), "s", _FILTER, names[i])
+            )
         if rate := self.timing.rate:
             clock = judged[-1].moved(rate)
             low, high = (None if end is None else _PPM * end for end in (clock.low, clock.high))

@@ -83,25 +83,25 @@ class Windings:
         """A torque that gears carry and its derivatives, without the ends that filters take."""
         low_pass = motors.low_pass(trace.low_pass.rate)
         taps = (low_pass.level, low_pass.first, low_pass.second)
-        torques = ((w, torque(w)) for w in trace.stretches)
-        pairs = [(w, np.array([convolved(tap, along) for tap in taps])) for w, along in torques]
-        return cls._cut(trace, motors, pairs, low_pass.margin)
+        along = map(torque, trace.stretches)
+        carried = [np.array([convolved(tap, tau) for tap in taps]) for tau in along]
+        return cls._cut(trace, motors, carried, low_pass.margin)
 
     @classmethod
     def _cut(
-        cls, trace: Trace, motors: Gears, pairs: Sequence[tuple[SampleBlock, np.ndarray]], lost: int
+        cls, trace: Trace, motors: Gears, carried: Sequence[np.ndarray], lost: int
     ) -> "Windings":
         """Stretches without ends that are lost, with what is carried in between; none for those
         that nothing is left of."""
-        kept = [(w.part(slice(lost, -lost)), c) for w, c in pairs if c.shape[1] > 0]
-        stretches = tuple(w for w, _ in kept)
-        return cls(replace(trace, stretches=stretches), motors, tuple(c for _, c in kept))
+        pairs = zip(trace.stretches, carried, strict=True)
+        stretches = tuple(w.part(slice(lost, -lost)) for w, c in pairs if c.shape[1] > 0)
+        kept = tuple(c for c in carried if c.shape[1] > 0)
+        return cls(replace(trace, stretches=stretches), motors, kept)
 
     def inner(self, times: int) -> "Windings":
         """The same without the ends that a filter takes which is applied so many times."""
         lost = times * self.motors.low_pass(self.trace.low_pass.rate).margin
-        pairs = zip(self.trace.stretches, self.carried, strict=True)
-        inner = [(w, carried[:, lost:-lost]) for w, carried in pairs]
+        inner = [carried[:, lost:-lost] for carried in self.carried]
         return self._cut(self.trace, self.motors, inner, lost)
 
     @property

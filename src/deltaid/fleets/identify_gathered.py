@@ -7,7 +7,7 @@ from statistics import median
 
 import numpy as np
 
-from deltaid.checks.identified import Judged
+from deltaid.checks.run import Judged
 from deltaid.checks.verdicts import KEYS, Verdicts
 from deltaid.dynamics.dynamics import Parameters
 from deltaid.effects.load_columns import LoadColumns

@@ -7,8 +7,13 @@ import numpy as np
 
 from deltaid.dynamics.dynamics import Parameters
 from deltaid.effects.all import UNKNOWNS
-from deltaid.effects.along_motion import AtDrives, DriveSpring, with_rests
-from deltaid.effects.at_platform import AtPlatform, platform_forces
+from deltaid.effects.along_motion import (
+    AtDrives,
+    AtPlatform,
+    DriveSpring,
+    platform_forces,
+    with_rests,
+)
 from deltaid.effects.geometry import Structure, opened, reshaped
 from deltaid.effects.point import TracePoint, points_of
 from deltaid.effects.unknown import Added, UnknownEffect

@@ -8,7 +8,7 @@ from typing import Literal
 import numpy as np
 from jaxtyping import Float
 
-from deltaid.effects.at_platform import as_fitted
+from deltaid.effects.along_motion import as_fitted
 from deltaid.effects.windings import motors_of
 from deltaid.identification.torque_error import TorqueError
 from deltaid.model.corrections import Event, LeftOut, Source, TimeSpan

@@ -1,17 +1,39 @@
-"""One assignment of columns to drives, and how well it explains a recording."""
+"""One assignment of columns to drives, and how well a robot that may exist explains a recording
+under it,
+
+    −2 log L = N log σ² + ‖W(E u − Y p)‖²/σ² + d²(p, p₀),   p in its cones,
+
+with the entropic distance d² to the prior: a wrong sign explains a poor motion by masses that no
+body has. Rows W are shares of each drive's recorded torque, so that units do not decide.
+"""
 
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 
 import numpy as np
 from jaxtyping import Bool, Float
 from scipy.linalg import eigh
 
 from deltaid.checks.wiring.motion import FilteredMotion
-from deltaid.checks.wiring.residual import Map, MapResidual, Patterns, Posed, poses, residual
+from deltaid.checks.wiring.residual import (
+    AT_REST,
+    LEAST,
+    OFFSET,
+    UNIT,
+    Map,
+    MapResidual,
+    patterns,
+    poses,
+    residual,
+    rms_torques,
+)
 from deltaid.dynamics.dynamics import Dynamics
+from deltaid.errors import IdentificationError
+from deltaid.estimation.conic import Conic
+from deltaid.estimation.objective import METRICS, Objective, Quadratic, Regularizer
 from deltaid.estimation.problem import Span
+from deltaid.estimation.reduction import Reduction, build_reduction
 from deltaid.robot.description import RobotDescription
 
 # A gain so far from the others' is no calibration error; least margin that it needs.
@@ -33,6 +55,9 @@ _DOUBTED = 0.03
 _TIED = 0.25
 # Patterns of one map that are judged.
 _JUDGED = 4
+# γ of the prior; rounds of fit and noise level, and change of the latter that ends them.
+_GAMMA, _ROUNDS, _SETTLED = 1.0, 4, 0.05
+_SOLVER = Conic(tolerance=1e-7, largest_gap=1e-2)
 
 # Units that numbers may really be in, by the factor to the joint's own.
 TURNING = {np.pi / 180: "degrees", 2 * np.pi: "revolutions", 180 / np.pi: "radians"}
@@ -40,6 +65,18 @@ SLIDING = {1e-3: "millimetres", 1e3: "metres"}
 
 # A map of positions, the torque column of each drive, and gains of these.
 Assignment = tuple[Map, tuple[int, ...], tuple[float, ...]]
+
+
+@dataclass(frozen=True)
+class Consistent:
+    """The fit of a robot that may exist."""
+
+    score: float  # log likelihood and log prior of it
+    left: float  # share of the torques that it leaves, of each drive alike
+    distance: float  # d² to the prior; below some 10 where bodies are as described
+
+
+IMPOSSIBLE = Consistent(-np.inf, 1.0, np.inf)
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,21 +113,67 @@ class WiringHypothesis:
         rest = self.residual.span.without(self.columns)
         return rest.T @ rest
 
+    @property
+    def _prior(self) -> tuple[Reduction, Regularizer]:
+        return _prior(self.residual.dynamics, tuple(self.residual.columns.tolist()))
+
     @cached_property
-    def posed(self) -> Posed:
-        """Its torques, to be fitted by a robot that may exist."""
-        tau = (self.residual.tau[:, list(self.order)] * self.gains).T
-        return Posed.from_residual(self.residual, tau)
+    def _rows(self) -> Float[np.ndarray, "drives samples augmented"]:
+        """[A b], A x = b over what is free of a robot, each drive as a share of its torques."""
+        residual, tau = self.residual, (self.residual.tau[:, list(self.order)] * self.gains).T
+        Y = residual.Y.reshape(*tau.shape, -1) * residual.rows.scale[:, None, None]
+        weights, sizes = np.where(residual.still, AT_REST, 1.0), rms_torques(tau)
+        expected = Y @ residual.prior * weights[:, None]
+        by = np.linalg.norm(expected) / np.linalg.norm(tau * weights[:, None])
+        by = 1.0 if abs(np.log(by)) < np.log(UNIT) else by
+        reduction, _ = self._prior
+        A, p_0 = reduction.A[residual.columns], reduction.p_0[residual.columns]
+        rows = np.concatenate([Y @ A, (by * tau - Y @ p_0)[:, :, None]], axis=2)
+        return rows * (weights / (by * sizes))[:, None, None]
+
+    @cached_property
+    def highest(self) -> float:
+        """No robot has a higher score: that of the least squares of any masses and constants."""
+        left = self._level(Quadratic.from_rows(self._without_constant(1.0)).c)
+        return -self._size * float(np.log(left))
+
+    @cached_property
+    def fit(self) -> Consistent:
+        """Of a robot that may exist."""
+        noise, best, samples = 0.02, IMPOSSIBLE, self._rows.shape[1]
+        reduction, regularizer = self._prior
+        for _ in range(_ROUNDS):
+            # A constant torque costs what its prior says: one of usual size is as likely as noise.
+            constant = 1 - 1 / np.sqrt(1 + samples * (OFFSET / noise) ** 2)
+            data = Quadratic.from_rows(self._without_constant(constant) / noise)
+            try:
+                solution = _SOLVER.solve(Objective(reduction, data, regularizer, _GAMMA))
+            except IdentificationError:
+                return IMPOSSIBLE
+            misfit, before = data.evaluate(solution.x)[0], noise
+            distance, noise = solution.objective - misfit, self._level(misfit * noise**2)
+            best = Consistent(float(-self._size * np.log(noise) - 0.5 * distance), noise, distance)
+            if abs(np.log(noise / before)) < _SETTLED:
+                break
+        return best
+
+    def _without_constant(self, share: float) -> Float[np.ndarray, "rows augmented"]:
+        """The rows without a share of each drive's mean."""
+        rows = self._rows - share * self._rows.mean(axis=1, keepdims=True)
+        return rows.reshape(-1, rows.shape[2])
 
     @property
-    def score(self) -> float:
-        """Log likelihood; samples without poses count as not explained."""
-        return self.posed.fit.score
+    def _size(self) -> int:
+        return self._rows.shape[0] * self._rows.shape[1]
+
+    def _level(self, squares: float) -> float:
+        """Share of the torques that squares of so much leave."""
+        return float(np.sqrt(squares / self._size + LEAST**2))
 
     @property
     def left(self) -> float:
         """Share of the torques that no parameters explain, raised by samples that do not close."""
-        return (1 + 3 * (1 - self.residual.share)) * self.posed.fit.left
+        return (1 + 3 * (1 - self.residual.share)) * self.fit.left
 
     @cached_property
     def loose(self) -> Bool[np.ndarray, " drives"]:
@@ -113,7 +196,7 @@ class WiringHypothesis:
     @property
     def clear(self) -> bool:
         """Whether units need no search."""
-        near = self._goes_along(_ALONG, _ALONG_LOOSE) and self.posed.fit.distance < _NEAR
+        near = self._goes_along(_ALONG, _ALONG_LOOSE) and self.fit.distance < _NEAR
         return near and self.closes and self.left < LITTLE
 
     @property
@@ -150,7 +233,7 @@ class WiringHypothesis:
 
     def as_likely_as(self, best: "WiringHypothesis") -> bool:
         """Whether noise, or what no model has, explains the difference to the best."""
-        return best.score - self.score < as_good(len(best.residual.Y))
+        return best.fit.score - self.fit.score < as_good(len(best.residual.Y))
 
 
 def as_good(rows: int) -> float:
@@ -193,16 +276,16 @@ def tried(
     `as_is`, torque columns keep their order."""
     for solved in residuals(dynamics, motion, maps):
         dof = len(solved.still)
-        patterns, in_order, values = Patterns.all_of(dof), np.arange(dof), solved.evidences.copy()
+        (orders, signs), values = patterns(dof), solved.evidences.copy()
+        moved = orders != np.arange(dof)
         # At rest friction balances any torque: neither sign nor order shows.
-        unmoved = (patterns.orders != in_order) | (patterns.signs < 0)
-        values[np.any(unmoved[:, solved.still], axis=1)] = -np.inf
+        values[np.any((moved | (signs < 0))[:, solved.still], axis=1)] = -np.inf
         if as_is:
-            values[np.any(patterns.orders != in_order, axis=1)] = -np.inf
+            values[np.any(moved, axis=1)] = -np.inf
         ranked = np.argsort(-values, kind="stable")[: 1 if as_is else _JUDGED]
         for k in ranked[np.isfinite(values[ranked])]:
-            order, evidence = tuple(patterns.orders[k].tolist()), float(values[k])
-            yield WiringHypothesis(solved, order, patterns.signs[k], evidence)
+            order = tuple(orders[k].tolist())
+            yield WiringHypothesis(solved, order, signs[k], float(values[k]))
         if not as_is and (far := _far_gains(solved)) is not None:
             yield far
 
@@ -239,3 +322,10 @@ def _far_gains(residual: MapResidual) -> WiringHypothesis | None:
 def _share(span: Span, tau: Float[np.ndarray, " rows"]) -> float:
     """Residual as a share of the torques' root mean square."""
     return float(np.linalg.norm(span.without(tau)) / np.linalg.norm(tau))
+
+
+@lru_cache(maxsize=8)
+def _prior(dynamics: Dynamics, columns: tuple[int, ...]) -> tuple[Reduction, Regularizer]:
+    """What every hypothesis about columns is fitted with."""
+    reduction = build_reduction(dynamics.robot, np.array(columns))
+    return reduction, METRICS["entropic"].regularizer(reduction)

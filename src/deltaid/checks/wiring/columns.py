@@ -4,12 +4,12 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from deltaid.checks.evidence import Values
 from deltaid.checks.wiring.explained import (
     DOUBTFUL_SCALE,
     INERTIA,
     WRONG_SCALE,
     RemappedRecording,
-    Values,
     in_unit,
     overall,
 )
@@ -53,9 +53,9 @@ def _positions(case: RemappedRecording) -> Iterator[Verdict]:
 
 def _scaled(case: RemappedRecording, drives: list[int], factor: float) -> Verdict:
     """Positions that must be multiplied by a factor."""
-    entries, best, whose = case.entries, case.best, case.all_or(drives)
+    record, best, whose = case.evidence, case.best, case.all_or(drives)
     name, ratio = case.named(drives[0]).get(factor), 1 / factor
-    change = entries.of_motor if name is None else entries.in_unit
+    change = record.of_motor if name is None else record.in_unit
     changes: dict[Quantity, Values] = {
         quantity: {i: change(quantity, best.map.order[i], factor) for i in drives}
         for quantity in _follow(case, drives)
@@ -79,7 +79,7 @@ def _scaled(case: RemappedRecording, drives: list[int], factor: float) -> Verdic
         case.whose(drives),
         f"positions of {whose} are {cause}",
         cure,
-        entries.proposal(changes) if best.left < _SURE else (),
+        record.proposal(changes) if best.left < _SURE else (),
         number=factor,
     )
 
@@ -107,7 +107,7 @@ def _angle_sign(
     case: RemappedRecording, i: int, *, both: bool = False, sure: bool = True
 ) -> Verdict:
     """`both`: the torque's sign is wrong as well; `sure`: nothing else explains it as well."""
-    name, turned, source = case.names[i], case.entries.turned, case.best.map.order[i]
+    name, turned, source = case.names[i], case.evidence.turned, case.best.map.order[i]
     changes: dict[Quantity, Values] = {q: {i: turned(q, source)} for q in _follow(case, [i])}
     cause, columns = f"the angle of {name} counts the other way", "position"
     if both:
@@ -121,14 +121,14 @@ def _angle_sign(
         name,
         cause if sure else f"{cause}, or another sign is wrong; {_UNDECIDED}",
         f"turn the sign of its {columns} column",
-        case.entries.proposal(changes) if sure else (),
+        case.evidence.proposal(changes) if sure else (),
     )
 
 
 def _torque_sign(case: RemappedRecording, drives: list[int], *, sure: bool = True) -> Verdict:
-    order, whose, entries = case.best.order, case.all_or(drives), case.entries
+    order, whose, record = case.best.order, case.all_or(drives), case.evidence
     against = float(-case.best.along[drives].min())
-    changes: Values = {i: entries.turned("torque", order[i]) for i in drives} if sure else {}
+    changes: Values = {i: record.turned("torque", order[i]) for i in drives} if sure else {}
     instead = "" if sure else f", or the angle does; {_UNDECIDED}"
     return Verdict(
         "torque-sign",
@@ -138,7 +138,7 @@ def _torque_sign(case: RemappedRecording, drives: list[int], *, sure: bool = Tru
         case.whose(drives),
         f"the torque of {whose} counts the other way{instead}",
         "turn the sign of the torque column" + ("s" if len(drives) > 1 else ""),
-        entries.proposal({"torque": changes}),
+        record.proposal({"torque": changes}),
         number=against,
     )
 
@@ -153,7 +153,7 @@ def _order(case: RemappedRecording) -> Iterator[Verdict]:
     order: dict[Quantity, tuple[int, ...]] = dict.fromkeys(_follow(case, moved), position)
     order["torque"] = torque
     changes: dict[Quantity, Values] = {
-        quantity: {i: case.entries.moved(quantity, i, j) for i, j in enumerate(columns)}
+        quantity: {i: case.evidence.taken_from(j, quantity, i) for i, j in enumerate(columns)}
         for quantity, columns in order.items()
     }
     given, quantities, instead = position, "positions", "torques"
@@ -176,7 +176,7 @@ def _order(case: RemappedRecording) -> Iterator[Verdict]:
         case.whose(moved),
         cause,
         "map the columns in the order of the drives",
-        case.entries.proposal(changes) if sure else (),
+        case.evidence.proposal(changes) if sure else (),
     )
 
 
@@ -201,18 +201,18 @@ def _torques(case: RemappedRecording) -> Iterator[Verdict]:
 
 def _one_torque(case: RemappedRecording, i: int, gain: float, *, rough: bool = False) -> Verdict:
     """A drive whose torques must be multiplied by `gain` relative to the others."""
-    source, entries, whose = case.best.order[i], case.entries, f"the torque of {case.names[i]}"
+    source, record, whose = case.best.order[i], case.evidence, f"the torque of {case.names[i]}"
     beside = "the prior says" if rough else "those of the other drives ask for"
     change: dict[str, object] = {}
     if gain > 1:
         key, number = "gear", gain
         cause = f"that of the motor, behind a gear of about {gain:.3g}"
         cure = "declare the gear (or lead) of its torque column, exactly"
-        change = {} if rough else entries.of_motor("torque", source, gain)
+        change = {} if rough else record.of_motor("torque", source, gain)
     else:
         key, number, unit = "torque-unit", 1 / gain, _MILLI[case.linear(i)]
         if 0.8 < 1e3 * gain < 1.25:
-            change = entries.in_unit("torque", source, 1e-3)
+            change = record.in_unit("torque", source, 1e-3)
         cause = f"in another unit, such as {unit} or per mille of a rated torque"
         cause = f"in {unit}" if change else cause
         cure = "declare the unit of its torque column"
@@ -223,7 +223,7 @@ def _one_torque(case: RemappedRecording, i: int, gain: float, *, rough: bool = F
         case.names[i],
         f"{whose} is {cause}",
         cure,
-        entries.proposal({"torque": {i: change}}),
+        record.proposal({"torque": {i: change}}),
         number,
     )
 
@@ -241,7 +241,7 @@ def _all_torques(case: RemappedRecording, size: float) -> Verdict:
     elif 300 < size < 3000:
         cause = f"torques are in {_MILLI[linear]}, or in per mille of a rated torque of about 1"
         order = enumerate(case.best.order)
-        changes = {i: case.entries.in_unit("torque", column, 1e-3) for i, column in order}
+        changes = {i: case.evidence.in_unit("torque", column, 1e-3) for i, column in order}
         cure = "declare the unit of the torque columns"
     else:
         unit = "N" if linear else "N m"
@@ -261,6 +261,6 @@ def _all_torques(case: RemappedRecording, size: float) -> Verdict:
         "",
         cause,
         cure,
-        case.entries.proposal({"torque": changes}),
+        case.evidence.proposal({"torque": changes}),
         number=size,
     )

@@ -1,10 +1,9 @@
-"""A recording under the columns that explain it best, and lines of its mapping that correct them:
-the input of all verdicts on wiring.
+"""A recording under the columns that explain it best: the input of all verdicts on wiring.
 
 A scale common to all drives is judged by the ratio of torques to the prior's alone.
 """
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -17,9 +16,7 @@ from deltaid.checks.wiring.motion import FilteredMotion
 from deltaid.checks.wiring.residual import Map
 from deltaid.dynamics.dynamics import Dynamics
 from deltaid.identification.fit import row_at_home
-from deltaid.model.verdict import Proposal, listed, percent
-from deltaid.recording.mapping import AllDrives, Quantity
-from deltaid.recording.resolution import si_unit
+from deltaid.model.verdict import listed, percent
 
 # Torques so many times larger or smaller than the prior's are in another unit, or may be.
 WRONG_SCALE, DOUBTFUL_SCALE = 4.0, 2.5
@@ -37,80 +34,6 @@ _AGREED = 0.5
 _CREEP = 1e-6
 # Components: inertia, gravity, viscous and Coulomb friction.
 INERTIA, VISCOUS = 0, 2
-# What a unit becomes by a factor of its numbers.
-_UNITS = {
-    ("rad", np.pi / 180): "deg",
-    ("rad", 2 * np.pi): "rev",
-    ("deg", 180 / np.pi): "rad",
-    ("m", 1e-3): "mm",
-    ("mm", 1e3): "m",
-    ("rad/s", np.pi / 30): "rpm",
-    ("rad/s", np.pi / 180): "deg/s",
-    ("rpm", 30 / np.pi): "rad/s",
-    ("deg/s", 180 / np.pi): "rad/s",
-    ("m/s", 1e-3): "mm/s",
-    ("mm/s", 1e3): "m/s",
-    ("N m", 1e-3): "mN*m",
-    ("N*m", 1e-3): "mN*m",
-    ("N", 1e-3): "mN",
-}
-
-Values = dict[int, dict[str, object]]
-
-
-@dataclass(frozen=True, eq=False)
-class Entries:
-    """Entries of a recording's mapping for each drive's columns, corrected."""
-
-    evidence: Evidence
-
-    def turned(self, quantity: Quantity, drive: int) -> dict[str, object]:
-        return {"sign": -self.evidence.entries(quantity)[drive].sign}
-
-    def in_unit(self, quantity: Quantity, drive: int, factor: float) -> dict[str, object]:
-        """With a unit whose numbers are `factor` times those of the unit now; empty if unnamed."""
-        now = self.evidence.entries(quantity)[drive].unit
-        for (unit, by), name in _UNITS.items():
-            if unit == now and abs(by / factor - 1) < 1e-6:
-                return {"unit": name}
-        return {}
-
-    def of_motor(self, quantity: Quantity, drive: int, factor: float) -> dict[str, object]:
-        """Of a motor whose numbers must be multiplied by `factor`."""
-        slower, robot = 1 / factor if quantity == "torque" else factor, self.evidence.robot
-        if robot.is_linear(robot.drives[drive]):
-            return {"unit": si_unit(quantity, linear=False), "lead": rounded(2 * np.pi * slower)}
-        return {"gear": rounded(self.evidence.entries(quantity)[drive].gear / slower)}
-
-    def moved(self, quantity: Quantity, drive: int, source: int) -> dict[str, object]:
-        """All that another drive's entry says."""
-        entries = self.evidence.entries(quantity)
-        own, moved_entry = (entries[i].model_dump() for i in (drive, source))
-        return {key: value for key, value in moved_entry.items() if value != own[key]}
-
-    def shifted(self, drive: int, shift: float) -> dict[str, object]:
-        """With a zero at which the joint value is larger by `shift` [rad or m]."""
-        now = self.evidence.entries("position")[drive].zero
-        scale = self.evidence.columns.position[drive].scale
-        return {"zero": float(f"{now - shift / scale:.6g}")}
-
-    def proposal(self, values: Mapping[Quantity, Values]) -> tuple[Proposal, ...]:
-        """New values of entries, by quantity, drive and key, as changes of the mapping."""
-        changes: list[tuple[str, object]] = []
-        for quantity, drives in values.items():
-            columns, now = getattr(self.evidence.mapping, quantity), self.evidence.entries(quantity)
-            entries = [(i, key, value) for i, new in drives.items() for key, value in new.items()]
-            if not isinstance(columns, AllDrives):
-                changes += [(f"{quantity}[{i}].{key}", value) for i, key, value in entries]
-                continue
-            for key in dict.fromkeys(key for _, key, _ in entries):
-                new = [drives.get(i, {}).get(key, getattr(own, key)) for i, own in enumerate(now)]
-                plural = "columns" if key == "column" else key
-                same = all(value == new[0] for value in new)
-                changes.append((f"{quantity}.{plural}", new[0] if same else new))
-                if key == "column" and columns.column is not None:
-                    changes.append((f"{quantity}.column", None))
-        return (Proposal("mapping", tuple(changes)),) if changes else ()
 
 
 @dataclass(frozen=True, eq=False)
@@ -121,11 +44,6 @@ class RemappedRecording:
     motion: FilteredMotion  # the stretch that was evaluated
     # hypotheses that explain it equally well, simplest first; none if no loops close
     good: tuple[WiringHypothesis, ...]
-
-    @cached_property
-    def entries(self) -> Entries:
-        """Entries of the mapping, as written."""
-        return Entries(self.evidence)
 
     @property
     def best(self) -> WiringHypothesis:
@@ -281,11 +199,3 @@ def in_unit(ratios: Float[np.ndarray, "*_ components"], unit: float) -> np.ndarr
 def _logs(ratios: np.ndarray) -> np.ndarray:
     positive = ratios[ratios > 0]  # a wrong sign is noise, or reported by sign checks
     return np.log(positive) if positive.size else np.zeros(1)
-
-
-def rounded(value: float) -> float:
-    """Three digits, or a whole number that is within 2 %."""
-    whole = round(value)
-    if whole >= 2 and abs(value / whole - 1) < min(0.02, 0.25 / whole):
-        return float(whole)
-    return float(f"{value:.3g}")

@@ -69,7 +69,7 @@ def explained(
     ]
     keys = [own.key for own in mapped]
     examined = [c for c in examined if c.key not in keys and c.sensible] + mapped
-    best = max(examined, key=lambda trial: trial.score, default=None)
+    best = max(examined, key=lambda trial: trial.fit.score, default=None)
     good = [trial for trial in examined if best is not None and trial.as_likely_as(best)]
     for own in mapped:
         if own.residual.share >= MOSTLY_CLOSED:
@@ -120,7 +120,7 @@ def together(
             under, (_, order, gains) = solved[key[0]], key
             own.append(under and WiringHypothesis(under, order, np.array(gains)))
     posed = {key: [c for c in own if c is not None] for key, own in trials.items()}
-    scores = {key: sum(c.score for c in own) for key, own in posed.items()}
+    scores = {key: sum(c.fit.score for c in own) for key, own in posed.items()}
     best = max(scores, key=lambda key: scores[key])
     margin = as_good(sum(len(c.residual.Y) for c in posed[best]))
     good = [key for key in keys if scores[best] - scores[key] < margin]
@@ -159,12 +159,12 @@ def _ranked(dynamics: Dynamics, candidates: Collection[WiringHypothesis]) -> lis
     """By likelihood, without those that cannot be as likely as the best whatever masses are: these
     need no fit of a consistent robot."""
     margin, best = as_good(dynamics.dof * _SAMPLES), -np.inf
-    for trial in sorted(candidates, key=lambda candidate: -candidate.posed.highest):
-        if trial.posed.highest < best - margin:
+    for trial in sorted(candidates, key=lambda candidate: -candidate.highest):
+        if trial.highest < best - margin:
             break
-        best = max(best, trial.score)
-    fitted = (trial for trial in candidates if trial.posed.highest >= best - margin)
-    return sorted(fitted, key=lambda candidate: -candidate.score)
+        best = max(best, trial.fit.score)
+    fitted = (trial for trial in candidates if trial.highest >= best - margin)
+    return sorted(fitted, key=lambda candidate: -candidate.fit.score)
 
 
 def _wirings(dynamics: Dynamics) -> Iterator[Map]:

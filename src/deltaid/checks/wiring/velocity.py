@@ -9,7 +9,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from deltaid.checks.wiring.explained import RemappedRecording, Values
+from deltaid.checks.evidence import Values
+from deltaid.checks.wiring.explained import RemappedRecording
 from deltaid.checks.wiring.motion import FilteredMotion
 from deltaid.checks.wiring.residual import Map
 from deltaid.model.verdict import Fault, Grade, Verdict
@@ -130,19 +131,21 @@ def velocity_verdicts(case: RemappedRecording) -> Iterator[Verdict]:
 
 
 def _order(case: RemappedRecording, swapped: list[Rate]) -> Verdict:
-    entries, weakest = case.entries, min(rate.correlation for rate in swapped)
+    record, weakest = case.evidence, min(rate.correlation for rate in swapped)
     columns = case.evidence.columns.velocity
     pairs = ", ".join(
         f"{columns[rate.drive].column} is that of {case.names[rate.nearest]}" for rate in swapped
     )
-    moved = {rate.nearest: entries.moved("velocity", rate.nearest, rate.drive) for rate in swapped}
+    moved = {
+        rate.nearest: record.taken_from(rate.drive, "velocity", rate.nearest) for rate in swapped
+    }
     return _ORDER.poor(
         f"velocity columns go with the changes of other drives' positions, by correlations of at "
         f"least {weakest:.3f}: {pairs}",
         case.whose([rate.drive for rate in swapped]),
         weakest,
         grade=Grade.WRONG,
-        proposals=entries.proposal({"velocity": moved}),
+        proposals=record.proposal({"velocity": moved}),
     )
 
 
@@ -150,18 +153,18 @@ def _scale(case: RemappedRecording, scaled: list[Rate], name: str, *, reversed_:
     """Of drives whose velocities are in one unit, or in none that has a name."""
     scale = float(np.median([rate.scale for rate in scaled]))
     size = float(np.median([abs(rate.scale) for rate in scaled]))
-    far, entries = max(size, 1 / size) > _UNIT, case.entries
+    far, record = max(size, 1 / size) > _UNIT, case.evidence
     whose = case.whose([rate.drive for rate in scaled])
     whom = f" of {whose}" if whose else ""
     factor = min((*_TURNING, *_SLIDING), key=lambda f: abs(np.log(size / f)))
     changes: Values = {}
     for rate in scaled:
         i = rate.drive
-        changes[i] = entries.turned("velocity", i) if reversed_ else {}
+        changes[i] = record.turned("velocity", i) if reversed_ else {}
         if name:
-            changes[i] |= entries.in_unit("velocity", i, 1 / factor)
+            changes[i] |= record.in_unit("velocity", i, 1 / factor)
         elif far:
-            changes[i] |= entries.of_motor("velocity", i, 1 / abs(rate.scale))
+            changes[i] |= record.of_motor("velocity", i, 1 / abs(rate.scale))
     cause = f"velocities{whom} have a wrong scale, or those of another time"
     cure = "declare unit, sign and gear of the velocity columns"
     if name:
@@ -179,7 +182,7 @@ def _scale(case: RemappedRecording, scaled: list[Rate], name: str, *, reversed_:
         whose,
         cause,
         cure,
-        entries.proposal({"velocity": changes}),
+        record.proposal({"velocity": changes}),
         number=scale,
     )
 

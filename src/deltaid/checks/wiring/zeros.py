@@ -14,7 +14,7 @@ from threadpoolctl import threadpool_limits
 
 from deltaid.checks.evidence import Evidence
 from deltaid.checks.wiring.candidate import WiringHypothesis
-from deltaid.checks.wiring.explained import Entries, RemappedRecording
+from deltaid.checks.wiring.explained import RemappedRecording
 from deltaid.checks.wiring.homing import Shifts, shifts
 from deltaid.checks.wiring.motion import FilteredMotion
 from deltaid.checks.wiring.residual import residual
@@ -165,8 +165,8 @@ def _verdict(
     if zero:
         share, number, text, rival = shift.gain([rivals[0]]), way[0], of_zero, of_tilt
         cause, cure = f"homing: {of_zero}", "home the drive anew, or declare its zero"
-        entries = Entries(evidence)
-        proposals = entries.proposal({"position": {rivals[0]: entries.shifted(rivals[0], way[0])}})
+        shifted = {rivals[0]: evidence.shifted(rivals[0], way[0])}
+        proposals = evidence.proposal({"position": shifted})
     else:
         share, number, text, rival, unit = shift.gain(shift.tilt), angle, of_tilt, of_zero, "mrad"
         cause = f"a tilted base: {of_tilt}"
