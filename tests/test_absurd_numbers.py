@@ -108,6 +108,16 @@ def test_no_command_goes_on(tmp_path, model_file, command, column, value) -> Non
     assert re.search(rf"row {ROW + 2}: column {column} is", message)
 
 
+def test_numbers_that_overflow_beside_a_row_that_is_missing(tmp_path) -> None:
+    frame = spoilt("q1", 1e308)[np.delete(np.arange(ROWS), ROW + 1)]
+    log = write(tmp_path / "log.csv", frame)
+    message = refused("identify", "clavel-delta3", log, folder=tmp_path)
+    assert re.search(rf"row {ROW + 2}: column q1 is", message)
+    checked = run("check", "clavel-delta3", log)
+    assert checked.code == 4
+    assert f"row {ROW + 2}: column q1 is" in checked.out
+
+
 NUMBERS = st.floats(allow_nan=False, allow_infinity=False)
 
 

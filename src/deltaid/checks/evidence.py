@@ -48,6 +48,8 @@ _UNITS = {
 }
 # RawRows that hypotheses are tried on: enough for any motion, few enough to try a hundred.
 _MOST = 1 << 18
+# Numbers whose squares and slopes may be too large for a float; a recording is refused for them.
+_OVERFLOWS = 1e100
 
 
 # New values of keys of entries, by drive.
@@ -95,6 +97,8 @@ class Evidence:
     def rows(self) -> RawRows:
         """The recording's beginning, unchecked; of a log of usual length all of it.
 
+        What no float can be computed with is not a number here.
+
         Raises:
             RecordingError: it cannot be read at all.
         """
@@ -105,6 +109,7 @@ class Evidence:
             if not left:
                 break
         values = np.concatenate(parts)
+        values = np.where(np.abs(values) < _OVERFLOWS, values, np.nan)
         counts = np.cumsum([len(columns.position), len(columns.velocity)])
         q, qd, _ = np.split(values[:, columns.motion_places], counts, axis=1)
         return RawRows(values[:, 0], q, qd, values[:, columns.torque_places])
