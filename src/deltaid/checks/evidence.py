@@ -97,7 +97,7 @@ class Evidence:
     def rows(self) -> RawRows:
         """The recording's beginning, unchecked; of a log of usual length all of it.
 
-        What no float can be computed with is not a number here.
+        Of drives, what no float can be computed with is not a number here.
 
         Raises:
             RecordingError: it cannot be read at all.
@@ -109,10 +109,10 @@ class Evidence:
             if not left:
                 break
         values = np.concatenate(parts)
-        values = np.where(np.abs(values) < _OVERFLOWS, values, np.nan)
+        time, values = values[:, 0], np.where(np.abs(values) < _OVERFLOWS, values, np.nan)
         counts = np.cumsum([len(columns.position), len(columns.velocity)])
         q, qd, _ = np.split(values[:, columns.motion_places], counts, axis=1)
-        return RawRows(values[:, 0], q, qd, values[:, columns.torque_places])
+        return RawRows(time, q, qd, values[:, columns.torque_places])
 
     @cached_property
     def moved(self) -> Float[np.ndarray, " drives"]:
