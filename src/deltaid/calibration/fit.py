@@ -15,8 +15,8 @@ from scipy.stats import chi2
 
 from deltaid.calibration.gauss_newton import (
     GeometryFit,
-    Rows,
     UsedReadings,
+    WeightedRows,
     solved,
     tools_of,
 )
@@ -186,7 +186,7 @@ def _outliers(
     return outliers
 
 
-def _level(rows: Rows, knowledge: Knowledge) -> float:
+def _level(rows: WeightedRows, knowledge: Knowledge) -> float:
     """How many times larger the noise of some rows is than assumed; 1 where chance explains it."""
     square, freedom = _chance(rows, knowledge)
     if freedom < 1 or square <= chi2.ppf(1 - _CHANCE, freedom):
@@ -194,7 +194,7 @@ def _level(rows: Rows, knowledge: Knowledge) -> float:
     return float(np.sqrt(square / freedom))
 
 
-def _chance(rows: Rows, knowledge: Knowledge) -> tuple[float, float]:
+def _chance(rows: WeightedRows, knowledge: Knowledge) -> tuple[float, float]:
     """Sum of squares of some rows in units of their noise, and what it should be in the mean."""
     freedom = len(rows.used_errors) - float(np.sum((rows.used_slopes @ knowledge.inverse) ** 2))
     return float(rows.used_errors @ rows.used_errors), freedom

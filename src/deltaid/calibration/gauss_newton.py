@@ -27,7 +27,7 @@ FAR = 10.0
 
 
 @dataclass(frozen=True, eq=False)
-class Rows:
+class WeightedRows:
     """Rows of an instrument, or of torques, at some geometry, in units of their noise.
 
     Attributes:
@@ -83,7 +83,7 @@ class UsedReadings:
         by_u: Float[np.ndarray, "readings coordinates free"],
         own: Int[np.ndarray, " own"],
         width: int,
-    ) -> Rows:
+    ) -> WeightedRows:
         """Rows at tool points.
 
         Args:
@@ -95,7 +95,7 @@ class UsedReadings:
         A = np.zeros((*at.error.shape, width))
         A[..., : by_u.shape[2]] = at.tools @ by_u
         A[..., own] = at.own
-        return Rows(A / self.noise, at.error / self.noise, self.used)
+        return WeightedRows(A / self.noise, at.error / self.noise, self.used)
 
 
 @dataclass(frozen=True, eq=False)
@@ -111,7 +111,7 @@ class GeometryFit:
     known: Unknowns = field(repr=False)
     readings: tuple[UsedReadings, ...]
     u: Float[np.ndarray, " free"]
-    rows: tuple[Rows, ...]
+    rows: tuple[WeightedRows, ...]
     knowledge: Knowledge
 
     @property
@@ -176,7 +176,9 @@ def solved(
         if known.torques is not None:  # which say nothing of the instruments' unknowns
             by_torques = np.pad(known.torques.A @ known.G, ((0, 0), (0, width - n)))
             error = known.torques.b - by_torques[:, :n] @ u
-            rows.append(Rows(by_torques[:, None], error[:, None], np.ones(len(error), dtype=bool)))
+            rows.append(
+                WeightedRows(by_torques[:, None], error[:, None], np.ones(len(error), dtype=bool))
+            )
         A = np.vstack([part.used_slopes for part in rows])
         error = np.concatenate([part.used_errors for part in rows])
         problem = LinearProblem(A, error, np.zeros(len(error), dtype=int))

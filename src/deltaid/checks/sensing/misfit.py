@@ -120,7 +120,11 @@ def sensed_rows(dynamics: Dynamics, recording: PreparedRecording) -> SensedRows 
             sensor = shown[rows.name]
             counts = free & np.isfinite(sensor).all(axis=0)
             C = rows.entries(w.z, w.qd, w.qdd, np.zeros_like(sensor))
-            parts += [C * counts, np.where(counts, sensor, 0.0), np.atleast_2d(counts).astype(float)]
+            parts += [
+                C * counts,
+                np.where(counts, sensor, 0.0),
+                np.atleast_2d(counts).astype(float),
+            ]
         return np.vstack(parts)
 
     windows = list(recording.spread(dynamics.kinematics, _WINDOWS))
