@@ -172,7 +172,8 @@ class CycleFields:
         """One graph of all fields.
 
         Args:
-            inputs, u: what is read, with its symbols.
+            inputs: what is read.
+            u: its symbols.
             good: 1 where the inputs can be used.
         """
         self.give("status", 1 - good, "0 for a good cycle, 1 for one that could not be used")
