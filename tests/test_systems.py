@@ -11,7 +11,7 @@ import deltaid
 from deltaid.exports import fmu_binaries
 from deltaid.exports.fmu import fmu
 from deltaid.kernel import store
-from deltaid.recording.formats import parquet
+from deltaid.recording.formats import frames
 
 
 @pytest.fixture(autouse=True)
@@ -44,8 +44,8 @@ def test_kernels_are_kept_where_a_system_keeps_such_things(
 
 def test_no_signal_is_touched_where_there_is_none(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(sys, "platform", "win32")
-    monkeypatch.setattr(parquet.ctypes, "CDLL", lambda _: pytest.fail("there is no such library"))
-    with parquet.last_words("message", 2):
+    monkeypatch.setattr(frames.ctypes, "CDLL", lambda _: pytest.fail("there is no such library"))
+    with frames.last_words("message", 2):
         pass
 
 

@@ -164,13 +164,15 @@ def base(
     from deltaid.estimation.information import active_columns
     from deltaid.estimation.reduction import build_reduction
     from deltaid.identification.generic_motion import measured_base
-    from deltaid.identification.least_squares import identify_base
     from deltaid.view.model_tables import estimate_table
 
     description, estimate = deltaid.load_robot(robot), None
     dynamics = compiled(description)
     with progress(as_json) as say:
         if logs:
+            # loads SciPy and polars, which formulas alone need not
+            from deltaid.identification.least_squares import identify_base
+
             say("reading logs")
             result, estimate = identify_base(
                 dynamics, logs, method, columns=columns, cutoff=cutoff, keep_all=keep_all
