@@ -10,7 +10,7 @@ from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import islice
-from typing import ClassVar, Self, TypeVar
+from typing import ClassVar, TypeVar
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -58,7 +58,7 @@ class Addition(ABC):
         """The entries along consecutive samples w of a recording, at the full rate; `own` are those
         of the robot's regressor there, in the order of its pattern."""
 
-    def on(self, dynamics: Dynamics) -> Self:
+    def on(self, dynamics: Dynamics) -> "Addition":
         """The same for a robot with other friction laws."""
         return replace(self, dynamics=dynamics)
 
@@ -93,7 +93,7 @@ class OfTorques(Addition):
     beside: tuple[Addition, ...]
     p: Parameters  # of both, in their order
 
-    def on(self, dynamics: Dynamics) -> Self:
+    def on(self, dynamics: Dynamics) -> "OfTorques":
         """The same where friction laws have come or gone: coefficients that p₀ lacks are zero."""
         if dynamics is self.dynamics:
             return self

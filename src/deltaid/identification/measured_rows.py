@@ -8,7 +8,7 @@ been subtracted from the torques is subtracted here.
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import NamedTuple, Self
+from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -51,7 +51,7 @@ class SensorAddition(Addition):
         name: str,
         prior_spread: float,
         known: Mapping[str, float] | None = None,
-    ) -> Self:
+    ) -> "SensorAddition":
         """A sensor of a robot by its name in the description; `known` as there."""
         rows = sensor_rows(dynamics, name, dynamics.robot.sensors[name], prior_spread)
         columns = cls(dynamics, rows, prior_spread, known or {})
@@ -66,7 +66,7 @@ class SensorAddition(Addition):
         """Whether some columns depend on its expected reading, and so on other parameters."""
         return any(entry.symbol == "gain" or is_of_pose(entry) for entry in self.rows.parameters)
 
-    def on(self, dynamics: Dynamics) -> Self:
+    def on(self, dynamics: Dynamics) -> "SensorAddition":
         same, name = dynamics is self.dynamics, self.rows.name
         return self if same else self.for_sensor(dynamics, name, self.prior_spread, self.known)
 
