@@ -53,6 +53,14 @@ def test_a_cause_is_found_with_its_noise_and_nothing_else_is_kept() -> None:
     assert reduced(full, LEAST).candidates == ("cause",)
 
 
+def test_by_how_much_chance_changes_the_level_of_noise() -> None:
+    """Of a quarter of 800 rows that are independent, against 2,000 levels of 200 numbers."""
+    blocks = tuple(replace(block, independent=0.25) for block in problem().blocks)
+    levels = np.std(np.random.default_rng(0).standard_normal((2000, 200)), axis=1)
+    spread = replace(problem(), blocks=blocks).noise_spread
+    assert spread == pytest.approx(float(np.std(np.log(levels))), rel=0.05)
+
+
 def test_what_is_not_needed_shrinks_and_what_is_large_widens() -> None:
     small, large = problem(size=0.0), problem(size=10.0)
     assert small.alpha[0] < 0.2 < 2.9 < large.alpha[0]

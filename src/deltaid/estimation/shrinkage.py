@@ -97,6 +97,13 @@ class Shrunk:
         noise = [block.noise(self.residual(block)) for block in self.blocks]
         return np.maximum(noise, [NOISE_FLOOR * block.largest for block in self.blocks])
 
+    @property
+    def noise_spread(self) -> float:
+        """Standard deviation of the logarithm of white noise's level by chance, 1/√(2n) of n
+        independent rows."""
+        rows = sum(block.independent * len(block.b) for block in self.blocks)
+        return float(1.0 / np.sqrt(2.0 * rows))
+
     def residual(self, block: NoiseBlock) -> Rows:
         return block.b - block.A @ self.x
 

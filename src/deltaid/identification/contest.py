@@ -66,12 +66,6 @@ class Contest:
         rows = [len(block.b) for block in self.shrunk.blocks]
         return float(np.average(np.log(self.shrunk.sigma), weights=rows))
 
-    @property
-    def noise_spread(self) -> float:
-        """Standard deviation of `noise` by chance, 1/√(2n) of n independent rows."""
-        rows = sum(block.independent * len(block.b) for block in self.shrunk.blocks)
-        return float(1.0 / np.sqrt(2.0 * rows))
-
     def with_ripples(self) -> "Contest":
         """With columns of ripples, the largest of each drive, and again, until none is beyond
         chance; orders as they are beside all others."""

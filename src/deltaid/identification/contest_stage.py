@@ -79,7 +79,7 @@ class _Settled:
 
     Attributes:
         setup: with what is kept.
-        noise, noise_spread: what is left, as of `Contest`.
+        noise, noise_spread: what is left, and by how much chance changes that.
         moves: of parameters, by what is corrected, and by what is beyond its limit.
         beyond: errors of the description that would be further off than they ever are.
         why_not: why this is not what acts on the robot; empty where it may be.
@@ -148,7 +148,7 @@ def _settled(bare: Setup, end: _Sweeps) -> _Settled:
             setup = _finished(_read(bare, outcome, last.p), outcome, last)
         why = why_not(setup, beyond)
     moves = (last.p - end.plain, *end.dismissed)
-    return _Settled(setup, outcome, last.noise, last.noise_spread, moves, beyond, why)
+    return _Settled(setup, outcome, last.noise, last.shrunk.noise_spread, moves, beyond, why)
 
 
 def _sweeps(bare: Setup, since: _Sweeps | None = None) -> _Sweeps:
