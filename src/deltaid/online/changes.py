@@ -94,7 +94,7 @@ class Onset(NamedTuple):
         """This one, or another one."""
         return Onset(*(ca.if_else(condition, a, b) for a, b in zip(self, other, strict=True)))
 
-    def at(self, j: int) -> "Onset":
+    def candidate(self, j: int) -> "Onset":
         """One of several times."""
         return Onset(*(part[:, j] for part in self))
 
@@ -156,12 +156,12 @@ class Onsets:
     def untold(self) -> list[tuple[Onset, ca.SX]]:
         """Times of a change that no gripper tells of: each, and 1 if it is recent."""
         places = range(0, self.ages.numel(), _UNTOLD_EVERY)
-        return [(self.each.at(j), self.ages[j] < _UNTOLD_LIFE) for j in places]
+        return [(self.each.candidate(j), self.ages[j] < _UNTOLD_LIFE) for j in places]
 
     @property
     def likeliest(self) -> Onset:
         """The one with the largest score."""
-        best, most = self.each.at(0), ca.SX(-1)
+        best, most = self.each.candidate(0), ca.SX(-1)
         for onset, recent in self.untold:
             score = ca.if_else(recent, ca.fabs(onset.score), -1.0)
             best, most = onset.chosen(score > most, best), ca.fmax(score, most)
@@ -185,7 +185,7 @@ class Onsets:
             closes: 1 where it was open until now when it was taken or left.
             once, twice: the load's column, filtered.
         """
-        count, waits = self.ages.numel(), self.each.at(self.ages.numel())
+        count, waits = self.ages.numel(), self.each.candidate(self.ages.numel())
         told = ca.logic_and(change.told, ca.logic_not(self.open_))
         stays = (1 - closes) * (1 - change.changed)
         for name, now in zip(Onset._fields, self.each, strict=True):
