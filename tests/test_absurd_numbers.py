@@ -118,6 +118,14 @@ def test_numbers_that_overflow_beside_a_row_that_is_missing(tmp_path) -> None:
     assert f"row {ROW + 2}: column q1 is" in checked.out
 
 
+def test_a_time_that_cannot_be_is_refused_as_one(tmp_path) -> None:
+    times = [f"{number}" for number in np.linspace(1e150, 1e152, ROWS)]
+    log = write(tmp_path / "log.csv", recorded(ROWS).with_columns(t=pl.Series(times)))
+    checked = run("check", "clavel-delta3", log)
+    assert f"{log}" in "".join((checked.out + checked.err).split())
+    assert "nan Hz" not in checked.out + checked.err
+
+
 NUMBERS = st.floats(allow_nan=False, allow_infinity=False)
 
 
