@@ -53,8 +53,8 @@ def _at_prompt() -> bool:
 def share_of(text: str) -> float | None:
     """How far work is by its own words, '3 of 8'; None where they do not say."""
     words = text.split()
-    for before, of, after in zip(words, words[1:], words[2:], strict=False):
-        if of == "of" and before.isdigit() and after.isdigit() and int(after):
+    for before, word, after in zip(words, words[1:], words[2:], strict=False):
+        if word == "of" and before.isdigit() and after.isdigit() and int(after):
             return int(before) / int(after)
     return None
 

@@ -170,8 +170,8 @@ def solved(
     for _ in range(_STEPS):
         tools = [tools_of(loops, known, part.instrument, u) for part in readings]
         rows = [
-            part.rows(*points, own, width)
-            for part, points, own in zip(readings, tools, columns, strict=True)
+            part.rows(*points, places, width)
+            for part, points, places in zip(readings, tools, columns, strict=True)
         ]
         if known.torques is not None:  # which say nothing of the instruments' unknowns
             by_torques = np.pad(known.torques.A @ known.G, ((0, 0), (0, width - n)))
@@ -189,8 +189,8 @@ def solved(
             )
         u = u + step[:n]
         readings = [
-            replace(part, state=part.instrument.moved(part.state, step[own]))
-            for part, own in zip(readings, columns, strict=True)
+            replace(part, state=part.instrument.moved(part.state, step[places]))
+            for part, places in zip(readings, columns, strict=True)
         ]
     raise IdentificationError(
         f"the geometry does not settle, {np.abs(u).max():.0f} standard deviations from the "

@@ -78,7 +78,7 @@ class Loops:
             offset = ca.DM(list(tool)) + ca.vertcat(*[platform[key] for key in TOOL])
             x = x + turn @ offset
         c = ca.vertcat(*gaps)
-        parts = [c, x, *(ca.jacobian(of, by) for of in (c, x) for by in (y, theta))]
+        parts = [c, x, *(ca.jacobian(f, by) for f in (c, x) for by in (y, theta))]
         self._shapes = [part.shape for part in parts]
         inputs = ca.vertcat(y, q)
         self._newton = BatchKernel(inputs, ca.vertcat(c, ca.vec(ca.jacobian(c, y))), theta)

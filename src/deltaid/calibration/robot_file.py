@@ -51,7 +51,7 @@ def calibrated_robot(
         updates["platform"] = robot.platform.changed(half_length=robot.platform.half_length + half)
     elif isinstance(robot.platform, Par4Platform):
         updates["platform"] = robot.platform.changed(length=robot.platform.length + 2 * half)
-    zeros = {f"drive{i + 1}": own["zero"] for i, own in enumerate(each)} if rotary else {}
+    zeros = {f"drive{i + 1}": numbers["zero"] for i, numbers in enumerate(each)} if rotary else {}
     said = "deltaid calibrate"
     if zeros:
         listed = ", ".join(f"{drive} {-value:.6f}" for drive, value in zeros.items())
@@ -59,7 +59,7 @@ def calibrated_robot(
     updates["sources"] = {k: v for k, v in robot.sources.items() if not k.startswith("limbs.")} | {
         "limbs": said
     }
-    scales = {} if rotary else {f"drive{i + 1}": own["scale"] for i, own in enumerate(each)}
+    scales = {} if rotary else {f"drive{i + 1}": numbers["scale"] for i, numbers in enumerate(each)}
     return robot.changed(**updates), zeros, scales, held
 
 
@@ -68,18 +68,21 @@ def _changed(limbs: Limbs, each: Sequence[dict[str, float]]) -> dict[str, object
     rotary = limbs.drive == "rotary"
     bases, azimuths, tilts = [], [], []
     given = np.broadcast_to(limbs.tilt_deg, limbs.count)
-    for limb, own, azimuth, tilt in zip(
+    for limb, numbers, azimuth, tilt in zip(
         limbs.geometry(), each, limbs.azimuth_deg, given, strict=True
     ):
         if rotary:
-            by, sideways = [own["base_out"], own["base_across"], own["base_up"]], own["azimuth"]
+            by, sideways = (
+                [numbers["base_out"], numbers["base_across"], numbers["base_up"]],
+                numbers["azimuth"],
+            )
         else:
-            by = [own["rail_out"], own["rail_across"], -own["zero"]]
+            by = [numbers["rail_out"], numbers["rail_across"], -numbers["zero"]]
             leans = abs(limb.rail[0]) > _LEANS
-            sideways = own["lean_across"] / limb.rail[0] if leans else 0.0
+            sideways = numbers["lean_across"] / limb.rail[0] if leans else 0.0
         bases.append(tuple((limb.base + mounting_axes(limb) @ by).tolist()))
         azimuths.append(azimuth + float(np.rad2deg(sideways)))
-        tilts.append(float(tilt + np.rad2deg(own["tilt" if rotary else "lean_out"])))
+        tilts.append(float(tilt + np.rad2deg(numbers["tilt" if rotary else "lean_out"])))
     changed: dict[str, object] = {
         "base_radius": None,
         "platform_radius": None,
@@ -90,8 +93,8 @@ def _changed(limbs: Limbs, each: Sequence[dict[str, float]]) -> dict[str, object
     }
     for kind in ("strut", "upper_arm") if rotary else ("strut",):
         changed[kind] = tuple(
-            getattr(limb, kind) + own[kind]
-            for limb, own in zip(limbs.geometry(), each, strict=True)
+            getattr(limb, kind) + numbers[kind]
+            for limb, numbers in zip(limbs.geometry(), each, strict=True)
         )
     return changed
 

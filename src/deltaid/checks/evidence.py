@@ -184,7 +184,9 @@ class Evidence:
                 changes += [(f"{quantity}[{i}].{key}", value) for i, key, value in entries]
                 continue
             for key in dict.fromkeys(key for _, key, _ in entries):
-                new = [drives.get(i, {}).get(key, getattr(own, key)) for i, own in enumerate(now)]
+                new = [
+                    drives.get(i, {}).get(key, getattr(entry, key)) for i, entry in enumerate(now)
+                ]
                 plural = "columns" if key == "column" else key
                 same = all(value == new[0] for value in new)
                 changes.append((f"{quantity}.{plural}", new[0] if same else new))

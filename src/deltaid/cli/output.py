@@ -141,7 +141,7 @@ def print_json(value: Mapping[str, Any]) -> None:
     """One JSON object on standard output, with times as text."""
     of_time = partial(datetime.isoformat, timespec="seconds")
     text = json.dumps(value, indent=2, allow_nan=False, ensure_ascii=False, default=of_time)
-    print(_CONTROL.sub(lambda found: f"\\u{ord(found[0]):04x}", text))
+    print(_CONTROL.sub(lambda match: f"\\u{ord(match[0]):04x}", text))
 
 
 def require_outputs(inputs: Iterable[str | Path | None], files: Mapping[str, Path | None]) -> None:

@@ -107,12 +107,12 @@ class Plant:
         if not self.elastic:
             return
         robot, where = self.model.robot, self.model.source or self.model.robot.name
-        for drive, own in zip(robot.drives, motor_inertia(robot, self.model.p), strict=True):
+        for drive, inertia in zip(robot.drives, motor_inertia(robot, self.model.p), strict=True):
             if not np.isfinite(robot.stiffness(drive)):
                 cure = "give gear_stiffness in the plant's description, N m/rad or N/m"
                 what = f"nothing says how stiff the gear of {drive} is"
                 raise DescriptionError(what, where=where, cure=cure)
-            if not own > 0:
+            if not inertia > 0:
                 cure = (
                     "give rotor_inertia, kg m² or kg at the joint: an elastic gear needs two sides"
                 )

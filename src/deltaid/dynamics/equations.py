@@ -95,7 +95,7 @@ def _coriolis(forces: SpeedForces, motion: SpeedMaps, N: ca.SX) -> ca.SX:
     rate of ∂ω/∂q̇ by ½ ω × ∂ω/∂q̇, because ω is no derivative of coordinates.
     """
     speeds, bodies = motion.speeds, forces.mechanism.bodies
-    accelerations = [ca.vertcat(b.origin.acceleration, b.rotation.alpha) for b in bodies]
+    accelerations = [ca.vertcat(body.origin.acceleration, body.rotation.alpha) for body in bodies]
     slopes = 0.5 * ca.jacobian(motion(ca.vertcat(*accelerations)), speeds.q.u)
     rates, spins = [], []
     for k, body in enumerate(bodies):

@@ -305,8 +305,8 @@ def fitted_effects(
 ) -> tuple[FittedTorques, ...]:
     """Those among the additions of a fit, by what it judged of all their parameters."""
     return tuple(
-        FittedTorques(addition, tuple(entry.value for entry in own))
-        for addition, own in of_each(tuple(additions), judged)
+        FittedTorques(addition, tuple(entry.value for entry in parameters))
+        for addition, parameters in of_each(tuple(additions), judged)
         if isinstance(addition, AlongMotion)
     )
 

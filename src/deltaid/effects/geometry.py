@@ -47,7 +47,7 @@ class GearRatios(UnknownEffect):
         w, slopes = point.motion, point.slopes
         each = np.eye(point.dof)
         return point.weighted([
-            slopes.of_motion(point.q * own, w.qd * own, w.qdd * own) for own in each
+            slopes.of_motion(point.q * unit, w.qd * unit, w.qdd * unit) for unit in each
         ])  # fmt: skip
 
 

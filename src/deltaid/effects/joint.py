@@ -82,7 +82,7 @@ def joint_columns(
     """One filtered column for each shape of a joint, where gears carry what p says."""
     none = np.zeros(0, dtype=int)
     drives = [none, *(joint.drives for joint, _ in shapes)]
-    columns = [none, *(np.full(len(own), k) for k, own in enumerate(drives[1:]))]
+    columns = [none, *(np.full(len(places), k) for k, places in enumerate(drives[1:]))]
 
     def values(w: SampleBlock) -> np.ndarray:
         carried, entries = trace.dynamics.carried(w.z, w.qd, w.qdd, p), trace.entries(w)

@@ -171,4 +171,4 @@ def _swept(
         delays, sweep = np.clip(delays + step, -REACH, REACH), sweep + 1
         if np.abs(step).max() < _SETTLED or sweep == _SWEEPS:
             covariance = problem.covariance(slice(rows.size, None))
-            return delays, np.array([covariance[np.ix_(own, own)] for own in every]), p
+            return delays, np.array([covariance[np.ix_(places, places)] for places in every]), p

@@ -77,7 +77,8 @@ class LoadChange(DescribedEffect):
         ends = [*([start] if held_first else []), *changes.tolist()]
         ends += [end + _BEYOND] if len(ends) % 2 else []
         spans = tuple(
-            (round(a, 3), round(b, 3)) for a, b in zip(ends[::2], ends[1::2], strict=True)
+            (round(start, 3), round(end, 3))
+            for start, end in zip(ends[::2], ends[1::2], strict=True)
         )
         return Load(spans=spans, body=None if first.words in ("EE", "P") else first.words)
 

@@ -210,7 +210,7 @@ class WindUp(UnknownEffect):
         filtered = point.trace.filtered(carried, np.tile(np.arange(dof), 3), 2)
         turns = [-part.T for part in np.split(filtered, 3)]
         return point.weighted([
-            point.slopes.of_motion(*(turn * own for turn in turns)) for own in np.eye(dof)
+            point.slopes.of_motion(*(turn * unit for turn in turns)) for unit in np.eye(dof)
         ])  # fmt: skip
 
     def deviations(self, point: TracePoint, columns: ColumnsOfDrives) -> Deviations:

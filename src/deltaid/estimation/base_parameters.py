@@ -121,9 +121,9 @@ def base_parameters(information: Information, layout: ParameterLayout) -> BasePa
     groups = (
         BaseGroup(
             int(columns[chosen[k]]),
-            dict(zip(columns[others[at]].tolist(), row[at].tolist(), strict=True)),
+            dict(zip(columns[others[counted]].tolist(), row[counted].tolist(), strict=True)),
         )
-        for k, at, row in zip(order, counts[order], K[order], strict=True)
+        for k, counted, row in zip(order, counts[order], K[order], strict=True)
     )
     return BaseParameters(
         layout=layout,

@@ -59,7 +59,7 @@ class Cones:
         have blocks for their upper bounds too."""
         blocks = [
             (variables, fixed - INTERIOR * np.eye(len(fixed)), per_variable)
-            for variables, fixed, per_variable in (b.normalised for b in reduction.blocks)
+            for variables, fixed, per_variable in (block.normalised for block in reduction.blocks)
         ]
         for k, variable in enumerate(reduction.variables):
             if np.isfinite(variable.high):
@@ -158,7 +158,9 @@ def density(model: IdentifiedModel, where: str = "") -> Density:
         else model.value(variable.name)
         for variable in reduction.variables
     ]
-    fitted, prior = (np.linalg.solve(root, at - mean) for at in (np.array(x), reduction.prior))
+    fitted, prior = (
+        np.linalg.solve(root, point - mean) for point in (np.array(x), reduction.prior)
+    )
     return Density(
         reduction, mean, root, Cones.in_prior_units(reduction, mean, root), fitted, prior, rest
     )

@@ -250,7 +250,7 @@ def build_reduction(
         ),
         p_reg=np.array([parameter.prior for parameter in layout.parameters]),
         completed=completed,
-        stated={name: own / spread for name, own in stated_spreads(robot).items()},
+        stated={name: stated / spread for name, stated in stated_spreads(robot).items()},
     )
 
 

@@ -65,7 +65,10 @@ class Shrunk:
         start = cls(tuple(blocks), D, d, tuple(groups), np.ones(len(groups)), np.ones(len(blocks)))
         now = start._settled()
         bounded = tuple(group.held(now.x) for group in now.groups)
-        if all(np.all(a.deviation == b.deviation) for a, b in zip(groups, bounded, strict=True)):
+        if all(
+            np.all(group.deviation == held.deviation)
+            for group, held in zip(groups, bounded, strict=True)
+        ):
             return now
         return replace(now, groups=bounded)._settled()
 

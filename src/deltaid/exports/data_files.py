@@ -47,7 +47,7 @@ def model_arrays(subject: Model) -> dict[str, np.ndarray]:
         "units": np.array(layout.units),
         "bodies": np.array(layout.bodies),
         "count": np.array(
-            [sum(b.count for b in moved if b.name == name) for name in layout.bodies]
+            [sum(body.count for body in moved if body.name == name) for name in layout.bodies]
         ),
         "mass": np.array([body.mass for body in bodies]),
         "com": np.array([body.com for body in bodies]),

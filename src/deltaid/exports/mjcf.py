@@ -61,7 +61,7 @@ def mjcf(subject: Model) -> str:
     base = element(
         "body",
         *(geom(shape) for shape in drawn if not shape.body),
-        *(_body(subject, tree, b, drawn, forces, home, order) for b in tree.children("")),
+        *(_body(subject, tree, body, drawn, forces, home, order) for body in tree.children("")),
         name="base",
     )
     root = element(
@@ -252,7 +252,7 @@ def _sensors(subject: Model, tree: Tree) -> ET.Element:
     return element(
         "sensor",
         *sensors,
-        *(element("force", name=f"strut{b[1:]}_force", site=f"{b}_pull") for b in limbs),
+        *(element("force", name=f"strut{limb[1:]}_force", site=f"{limb}_pull") for limb in limbs),
         element("framepos", name="tool_position", **tool),
         element("framequat", name="tool_orientation", **tool),
         element("framelinvel", name="tool_velocity", **tool),

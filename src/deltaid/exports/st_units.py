@@ -199,7 +199,8 @@ def _pou(unit: Unit) -> ET.Element:
         ("localVars", (*unit.own, *scratch)),
     )
     interface = element(
-        "interface", *(element(tag, *map(_variable, own)) for tag, own in sections if own)
+        "interface",
+        *(element(tag, *map(_variable, variables)) for tag, variables in sections if variables),
     )
     if unit.result:
         interface.insert(0, element("returnType", element(unit.result)))

@@ -83,16 +83,16 @@ class Writer:
 
     def _function(self, f: ExportedFunction) -> Unit:
         name, real = f"{self.prefix}_{f.name}", self.precision.st_type
-        inputs = [self.array(a.name, a.symbols.numel()) for a in f.arguments]
+        inputs = [self.array(argument.name, argument.symbols.numel()) for argument in f.arguments]
         newton = f.newton
         start = [self.array("z_start", newton.x.numel())] if newton else []
         own = [Variable("i", "INT")]
         lines = [self.returns(name, "BAD_INPUT")]
-        for a in f.arguments:
-            lines += self.sane(a.name, a.symbols.numel(), LARGEST_INPUT)
+        for argument in f.arguments:
+            lines += self.sane(argument.name, argument.symbols.numel(), LARGEST_INPUT)
         if newton:
             lines += self.sane("z_start", newton.x.numel(), LARGEST_INPUT)
-        tables = [a for a in f.inputs if a.is_table and a.symbols.numel()]
+        tables = [table for table in f.inputs if table.is_table and table.symbols.numel()]
         for table in tables:
             own.append(self.array(table.name, table.symbols.numel()))
             lines.append(f"i := {self.prefix}_parameters({TABLE} => {table.name});")
@@ -195,7 +195,7 @@ class Writer:
     def _block(self, f: ExportedFunction) -> Unit:
         """A function of q: the pose first, which is kept, then a function of z."""
         name, n = f"{self.prefix}_{f.name}", self.subject.dynamics.dof
-        inputs = [self.array(a.name, a.symbols.numel()) for a in f.arguments]
+        inputs = [self.array(argument.name, argument.symbols.numel()) for argument in f.arguments]
         newton = self.subject.dynamics.kinematics.mechanism.forward is None
         start = ", z_start := z" if newton else ""
         passed = ", ".join(

@@ -193,9 +193,10 @@ def straight_line(
     (out_name, expression), real = output, precision.c_type
     dense = ca.vec(ca.densify(expression).T)
     found = body(inputs, out_name, dense, _C(precision, sign), care, parts)
-    arguments = [f"const {real} {a.name}[{a.symbols.numel()}]" for a in inputs if not a.is_table]
+    arrays = [array for array in inputs if not array.is_table]
+    arguments = [f"const {real} {array.name}[{array.symbols.numel()}]" for array in arrays]
     signature = ", ".join([*arguments, f"{real} {out_name}[{dense.numel()}]"])
-    unused = [f"    (void){a.name};" for a in inputs if not a.is_table and a.name not in found.used]
+    unused = [f"    (void){array.name};" for array in arrays if array.name not in found.used]
     return "\n".join(
         [
             *wrapped(f"{linkage}void {name}({signature})"),

@@ -180,7 +180,11 @@ def _placeholder() -> ET.Element:
 def _placeholders(root: ET.Element) -> list[str]:
     mass = numbers(PLACEHOLDER[:1])
     found = {link.get("name", ""): link.find("inertial/mass") for link in root.iter("link")}
-    return [name for name, of in found.items() if of is not None and of.get("value") == mass]
+    return [
+        name
+        for name, mass_element in found.items()
+        if mass_element is not None and mass_element.get("value") == mass
+    ]
 
 
 def _inertial(com: Float[np.ndarray, " 3"], mass: float, T: Float[np.ndarray, "3 3"]) -> ET.Element:

@@ -128,9 +128,9 @@ def left_out(
 def chance(robot: AgainstOthers, coordinates: Coordinates, m: U) -> float:
     """How often a robot that belongs is as far from the others as this one."""
     owners = coordinates.owners().values()
-    bodies = [robot.H[:, at] for at in owners if not coordinates.is_friction[at[0]]]
+    bodies = [robot.H[:, places] for places in owners if not coordinates.is_friction[places[0]]]
     parts = [robot.along(HF) for HF in bodies]
-    chances = [robot.chance(own.gain, own.rank) for own in parts if own.rank]
+    chances = [robot.chance(part.gain, part.rank) for part in parts if part.rank]
     chances.append(robot.chance(robot.distance, robot.rows))
     scale = robot.along(torques(robot, coordinates, m)[:, None])
     return min(1.0, 2 * robot.chance(scale.gain, scale.rank), 2 * len(chances) * min(chances))

@@ -174,7 +174,11 @@ def _widened(members: Sequence[TypeMember]) -> dict[str, float]:
     for member in members:
         for name, factor in (member.widened or {}).items():
             factors.setdefault(name, []).append(factor)
-    return {n: float(np.median(own)) for n, own in factors.items() if len(own) > len(members) / 2}
+    return {
+        name: float(np.median(values))
+        for name, values in factors.items()
+        if len(values) > len(members) / 2
+    }
 
 
 def _times(p: np.ndarray, prior: np.ndarray, entry: int) -> float:

@@ -124,7 +124,7 @@ def friction_series(files: Sequence[FactorFile], model: IdentifiedModel) -> Fric
 
 def _unknowns(merging: Merging, model: IdentifiedModel) -> FrictionUnknowns:
     robot, layout = model.robot, merging.dynamics.layout
-    place = {k: at for at, k in enumerate(merging.active.tolist())}
+    place = {k: column for column, k in enumerate(merging.active.tolist())}
     rows = list[tuple[str, int, int, float, float]]()
     for term in robot.friction_terms:
         k = layout.names.index(term.name)

@@ -86,12 +86,13 @@ def drift_table(robots: Iterable[RobotDrift]) -> pl.DataFrame:
 
 def _rows(robot: RobotDrift) -> Iterator[tuple[object, ...]]:
     tool = (robot.date(robot.tools[-1].day), robot.tools[-1].mass) if robot.tools else (None, None)
-    for drive, unit, own in zip(robot.drives, robot.units, robot.findings, strict=True):
+    for drive, unit, finding in zip(robot.drives, robot.units, robot.findings, strict=True):
         yield (
-            robot.robot, drive, own.state, *robot.dates(own.change), *astuple(own.rate),
-            *astuple(own.step), own.limit, *robot.dates(own.horizon), *astuple(own.temperature),
-            _known(own.level), unit, own.recordings, own.scatter, own.R, own.threshold,
-            robot.bound, *tool, own.reason,
+            robot.robot, drive, finding.state, *robot.dates(finding.change),
+            *astuple(finding.rate), *astuple(finding.step), finding.limit,
+            *robot.dates(finding.horizon), *astuple(finding.temperature), _known(finding.level),
+            unit, finding.recordings, finding.scatter, finding.R, finding.threshold, robot.bound,
+            *tool, finding.reason,
         )  # fmt: skip
 
 

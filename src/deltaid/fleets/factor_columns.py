@@ -233,10 +233,10 @@ def _friction(
     """Friction h(v) in a term's joint, or its share of the load, in gathered columns."""
     if term.of_load:
         return {f"carried.{term.joint}": 1.0}
-    speeds = (own for own in columns.additions if isinstance(own, SpeedColumns))
-    own = next(own for own in speeds if own.name == term.joint)
-    names = (parameter.name for parameter in own.parameters)
-    return dict(zip(names, own.following(h).tolist(), strict=True))
+    speeds = (addition for addition in columns.additions if isinstance(addition, SpeedColumns))
+    group = next(group for group in speeds if group.name == term.joint)
+    names = (parameter.name for parameter in group.parameters)
+    return dict(zip(names, group.following(h).tolist(), strict=True))
 
 
 def _slope(term: FrictionTerm, constant: str, v: np.ndarray) -> np.ndarray:

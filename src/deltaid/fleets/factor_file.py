@@ -193,9 +193,9 @@ def require_alike(files: Sequence[FactorFile], robot: RobotDescription) -> None:
         raise RecordingError("no factor file was given", where="logs", cure="give at least one")
     expected, paths = _mechanism(robot), dict[str, str]()
     for file in files:
-        for key, here, there in _differences(_mechanism(file.record.robot), expected):
+        for key, gathered, described in _differences(_mechanism(file.record.robot), expected):
             raise RecordingError(
-                f"was gathered with {key} {here}, and the robot has {there}",
+                f"was gathered with {key} {gathered}, and the robot has {described}",
                 where=file.path,
                 cure="gather its recording again with this description",
             )

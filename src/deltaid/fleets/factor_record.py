@@ -71,10 +71,10 @@ class FactorGroups:
 
     def __iter__(self) -> Iterator[FactorGroup]:
         beside = (self.samples, self.torque_max)
-        for name, factors, *own in zip(
+        for name, factors, *numbers in zip(
             self.names, zip(*self.factors, strict=True), *beside, strict=True
         ):
-            yield FactorGroup(name, factors, *own)
+            yield FactorGroup(name, factors, *numbers)
 
     def named(self, first: str) -> "FactorGroups":
         """Those whose names begin so."""

@@ -142,8 +142,8 @@ def condensed(columns: GatheredColumns, recording: PreparedRecording) -> Recordi
         np.flatnonzero(np.isin(columns.kept, entries[drives == i])) for i in range(rows.dof)
     )
     column = np.append(np.searchsorted(rows.active, columns.kept), len(rows.active))
-    with_tau = [column[np.append(own, -1)] for own in felt]
-    sizes = [len(own) for own in with_tau]
+    with_tau = [column[np.append(places, -1)] for places in felt]
+    sizes = [len(places) for places in with_tau]
     # As many stretches of time and places as a file has room for, by the sizes of its factors.
     room = int((_BYTES - _BESIDE) / (_GROUP * sum(n * (n + 1) // 2 for n in sizes)) - _WHOLES)
     most_places = min(max(room - _STRETCHES, _FEWEST_PLACES), _PLACES)
@@ -151,12 +151,14 @@ def condensed(columns: GatheredColumns, recording: PreparedRecording) -> Recordi
     blocks = gather(rows, recording, places, count=stretches)
 
     def group(name: str, part: Information) -> FactorGroup:
-        factors = (triangle(part.factors[i][:, own]) for i, own in enumerate(with_tau))
+        factors = (triangle(part.factors[i][:, places]) for i, places in enumerate(with_tau))
         return FactorGroup(name, tuple(factors), part.samples, part.torque_max)
 
     groups = [group(f"time {k}", block) for k, block in enumerate(blocks)]
     for name, sums in _by_place(places.sums, names, most_places):
-        factors = (_root(G[np.ix_(own, own)]) for G, own in zip(sums, with_tau, strict=True))
+        factors = (
+            _root(G[np.ix_(places, places)]) for G, places in zip(sums, with_tau, strict=True)
+        )
         groups.append(FactorGroup(name, tuple(factors), np.zeros(rows.dof), np.zeros(rows.dof)))
     whole = group("whole", merge(blocks))
     return RecordingFactors(tuple(columns.place), felt, whole, FactorGroups.pack(groups))

@@ -145,7 +145,9 @@ def _once(outcomes: Iterable[GatherResult]) -> list[GatherResult]:
     What is still there comes before what is not, and the first in order before others.
     """
     kept, first = list[GatherResult](), dict[str, Recorded]()
-    for outcome in sorted(outcomes, key=lambda own: (not own.recorded.stamp, own.recorded)):
+    for outcome in sorted(
+        outcomes, key=lambda outcome: (not outcome.recorded.stamp, outcome.recorded)
+    ):
         log = outcome.recorded
         original = first.setdefault(outcome.sha256, log) if outcome.file else log
         if original == log:

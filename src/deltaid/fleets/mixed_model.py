@@ -124,7 +124,7 @@ def mean(rows: RobotRows, variance: U, precision: Square, prior: U) -> Mean:
     information, right = precision.copy(), precision @ prior
     evidence = -0.5 * float(prior @ right)
     for _, part in rows.parts():
-        A, c, logs = (own[part.counts] for own in part.whitened(variance))
+        A, c, logs = (array[part.counts] for array in part.whitened(variance))
         flat = A.reshape(-1, A.shape[2])
         information += flat.T @ flat
         right += flat.T @ c.ravel()

@@ -196,8 +196,8 @@ def _quarantine(
     yield from (absent for absent in fleet.absent if (absent.robot, absent.which) not in used)
     for log, outcome in ((outcome.recorded, outcome) for outcome in outcomes if outcome.reason):
         yield Quarantined("recording", log.robot, log.path, outcome.reason, outcome.key)
-    for step, own in results.items():
-        for result in own:
+    for step, done in results.items():
+        for result in done:
             for name in result.job.names if result.reason else ():
                 key = result.job.key * result.lasting
                 yield Quarantined(step.what, result.job.robot, name, result.reason, key)
@@ -211,10 +211,10 @@ def _write(
     for file in (*(f"{name}.parquet" for name in TABLES), RECORDINGS, QUARANTINE):
         if (before := place.read(file)) is not None:
             place.write(f"{BEFORE}/{file}", before)
-    for step, own in results.items():
-        keys = [result.job.key for result in own]
+    for step, done in results.items():
+        keys = [result.job.key for result in done]
         for name in step.tables:
-            new = {result.job.key: result.tables[name] for result in own if name in result.tables}
+            new = {result.job.key: result.tables[name] for result in done if name in result.tables}
             tables[name] = call.known.with_new(name, keys, new)
             place.save(f"{name}.parquet", tables[name])
     tables |= {

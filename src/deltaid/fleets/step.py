@@ -155,7 +155,7 @@ class FleetStep:
         for folder in {file.partition("/")[0] for file in absent}:
             absent.difference_update(call.place.listing(folder))
         for job in jobs:
-            if self.file(job) not in absent and all(job.key in own for own in keys):
+            if self.file(job) not in absent and all(job.key in known for known in keys):
                 results[job.key] = JobResult(job)
             elif job.key in call.known.refused:
                 results[job.key] = JobResult(job, reason=call.known.refused[job.key])
@@ -211,7 +211,7 @@ def run_chains(
     jobs = dict[FleetStep, list[FleetJob]]()
     for step, job in (link for chain in chains for link in chain):
         jobs.setdefault(step, []).append(job)
-    results = {step: step.known(call, own) for step, own in jobs.items()}
+    results = {step: step.known(call, asked) for step, asked in jobs.items()}
     by_name = {step.what: step for step in jobs}
 
     def reached(chain: Chain) -> Chain:

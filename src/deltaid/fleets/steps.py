@@ -72,9 +72,9 @@ def fit_jobs(
     }
     jobs = list[FleetJob]()
     for (robot, kind), periods in robots.items():
-        for names, own in _with_all(periods):
-            files = tuple(outcome.file for outcome in own)
-            sources = sorted((outcome.sha256, outcome.file) for outcome in own)
+        for names, used in _with_all(periods):
+            files = tuple(outcome.file for outcome in used)
+            sources = sorted((outcome.sha256, outcome.file) for outcome in used)
             key = digest([common[kind], robot, names, sources])
             jobs.append(FleetJob(robot, kind, names, files, key, descriptions[kind], settings))
     return jobs
@@ -85,10 +85,10 @@ def _with_all(
 ) -> list[tuple[tuple[str, ...], list[GatherResult]]]:
     """Periods, and all of them together; the only one is all."""
     if len(periods) == 1:
-        ((name, own),) = periods.items()
-        return [(tuple(dict.fromkeys((name, ALL))), own)]
-    every = [outcome for own in periods.values() for outcome in own]
-    return [*(((name,), own) for name, own in periods.items()), ((ALL,), every)]
+        ((name, used),) = periods.items()
+        return [(tuple(dict.fromkeys((name, ALL))), used)]
+    every = [outcome for used in periods.values() for outcome in used]
+    return [*(((name,), used) for name, used in periods.items()), ((ALL,), every)]
 
 
 def _model_file(job: FleetJob) -> str:
@@ -227,9 +227,9 @@ def type_jobs(robots: Iterable[JobResult]) -> list[FleetJob]:
         if not robot.reason:
             types.setdefault(robot.job.type, []).append(robot.job)
     jobs = list[FleetJob]()
-    for kind, own in sorted(types.items()):
-        key = digest([version("deltaid"), kind, sorted(job.key for job in own)])
-        files, first = tuple(map(member_file, own)), own[0]
+    for kind, members in sorted(types.items()):
+        key = digest([version("deltaid"), kind, sorted(job.key for job in members)])
+        files, first = tuple(map(member_file, members)), members[0]
         jobs.append(FleetJob("", kind, (kind,), files, key, first.description, first.settings))
     return jobs
 

@@ -66,12 +66,12 @@ def stamps_of(paths: Iterable[str]) -> dict[str, str]:
     folders, stamps = dict[str, list[str]](), dict[str, str]()
     for path in dict.fromkeys(paths):
         folders.setdefault(path.rpartition("/")[0] if is_address(path) else "", []).append(path)
-    for folder, own in folders.items():
-        if folder and len(own) >= _MANY:
+    for folder, files in folders.items():
+        if folder and len(files) >= _MANY:
             listed = _listed(folder)
-            stamps |= {path: listed[path] for path in own if path in listed}
+            stamps |= {path: listed[path] for path in files if path in listed}
         else:
-            stamps |= {path: stamp for path in own if (stamp := stamp_of(path))}
+            stamps |= {path: stamp for path in files if (stamp := stamp_of(path))}
     return stamps
 
 

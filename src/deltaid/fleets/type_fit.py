@@ -220,11 +220,15 @@ def _causes(robot: AgainstOthers, coordinates: Coordinates, m: U) -> Iterator[_C
     variables, rigid = coordinates.reduction.variables, ~coordinates.is_friction
     yield _Cause((), "", robot.along(torques(robot, coordinates, m)[:, None]))
     single = [(k,) for k in range(coordinates.size) if rigid[k]]
-    single.sort(key=lambda at: (variables[at[0]].owner in _CARRIERS,
-                                coordinates.kinds[at[0]] == "mass"))  # fmt: skip
-    bodies = [tuple(at) for at in coordinates.owners().values() if len(at) > 1 and rigid[at[0]]]
-    for at in (*single, *bodies):
-        yield _Cause(at, variables[at[0]].owner, robot.along(robot.H[:, at]))
+    single.sort(key=lambda places: (variables[places[0]].owner in _CARRIERS,
+                                coordinates.kinds[places[0]] == "mass"))  # fmt: skip
+    bodies = [
+        tuple(places)
+        for places in coordinates.owners().values()
+        if len(places) > 1 and rigid[places[0]]
+    ]
+    for places in (*single, *bodies):
+        yield _Cause(places, variables[places[0]].owner, robot.along(robot.H[:, places]))
 
 
 def _described(cause: _Cause, coordinates: Coordinates) -> str:
@@ -245,11 +249,14 @@ def _friction_reason(
     for k in np.flatnonzero(coordinates.is_friction):
         joints.setdefault(coordinates.reduction.variables[k].owner, []).append(int(k))
     candidates: list[tuple[float, list[int], str]] = []
-    for joint, at in joints.items():
-        off = robot.along(robot.H[:, at])
+    for joint, places in joints.items():
+        off = robot.along(robot.H[:, places])
         k = int(np.argmax(np.abs(off.values)))
-        times, name = (1 + off.values[k] / m[at[k]], coordinates.reduction.variables[at[k]].symbol)
+        times, name = (
+            1 + off.values[k] / m[places[k]],
+            coordinates.reduction.variables[places[k]].symbol,
+        )
         text = f"{name} friction of {joint} is {times:.2f} times the type's"
-        candidates.append((len(joints) * robot.chance(off.gain, off.rank), at, text))
-    chance, at, text = min(candidates, default=(1.0, [], ""), key=lambda entry: entry[0])
-    return (at, text) if chance < naming else ([], "")
+        candidates.append((len(joints) * robot.chance(off.gain, off.rank), places, text))
+    chance, places, text = min(candidates, default=(1.0, [], ""), key=lambda entry: entry[0])
+    return (places, text) if chance < naming else ([], "")

@@ -281,8 +281,8 @@ class DaskWorkers:
                 else:
                     yield future.result() if error is None else failed(item, defect(error))
                 future.release()
-                for more in submitted(1):
-                    coming.add(more)
+                for submission in submitted(1):
+                    coming.add(submission)
             for item in suspects:
                 future = self.client.submit(work, item, pure=False)
                 error = future.exception()
@@ -298,16 +298,16 @@ class DaskWorkers:
 
 def _require_same_version(client: "Client", scheduler: str) -> None:
     own = version("deltaid")
-    for worker, theirs in _of_each(client, version, "deltaid").items():
-        if isinstance(theirs, ImportError):
+    for worker, installed in _of_each(client, version, "deltaid").items():
+        if isinstance(installed, ImportError):
             raise DeltaidError(
-                f"worker {worker} cannot import deltaid: {theirs}",
+                f"worker {worker} cannot import deltaid: {installed}",
                 where=f"--scheduler {scheduler}",
                 cure=f"install deltaid {own} where workers run",
             )
-        if isinstance(theirs, str) and theirs != own:
+        if isinstance(installed, str) and installed != own:
             raise DeltaidError(
-                f"worker {worker} has deltaid {theirs}, and this is {own}",
+                f"worker {worker} has deltaid {installed}, and this is {own}",
                 where=f"--scheduler {scheduler}",
                 cure="install the same version where workers run",
             )

@@ -199,7 +199,7 @@ def with_new_entries(
         consists = np.any(entry_map()[new[layout.body(name)]] != 0, axis=0)
         free = bodies[name].free
         pairs = zip(PSEUDO_INERTIA_ENTRIES, consists, strict=True)
-        entries = tuple(entry for entry, of_new in pairs if of_new or entry in free)
+        entries = tuple(entry for entry, is_needed in pairs if is_needed or entry in free)
         if free and set(entries) != set(free):
             bodies[name] = bodies[name].changed(free=entries)
     return robot if bodies == robot.bodies else robot.changed(bodies=bodies)

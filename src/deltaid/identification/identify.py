@@ -142,7 +142,9 @@ def identify(
     some = [recording.sparser(_COMPARED) for recording in recordings]
     errors = [torque_error(compiled(robot), problem.p, recording) for recording in some]
     corrections = (
-        c for addition, own in of_each(additions, added) for c in addition.to_corrections(own)
+        correction
+        for addition, parameters in of_each(additions, added)
+        for correction in addition.to_corrections(parameters)
     )
     model = assembled(
         problem,

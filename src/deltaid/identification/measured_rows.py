@@ -115,12 +115,12 @@ class SensorPart:
         count = len(layout.names)
         rows, places = [channels], [np.where(columns < count, columns, columns - count + first)]
         carried = [(load, load.carried(columns)) for load, _ in loads]
-        for (load, own), (_, start) in zip(carried, loads, strict=True):
-            rows.append(channels[own])
-            places.append(columns[own] - layout.body(load.body).start + start)
+        for (load, loaded), (_, start) in zip(carried, loads, strict=True):
+            rows.append(channels[loaded])
+            places.append(columns[loaded] - layout.body(load.body).start + start)
         pattern = row + np.concatenate(rows), np.concatenate(places)
-        own = slice(row, row + len(sensor.rows.channels))
-        return cls(sensor, own, first, pattern, tuple(carried))
+        place = slice(row, row + len(sensor.rows.channels))
+        return cls(sensor, place, first, pattern, tuple(carried))
 
     def shown(self, w: SampleBlock, recording: PreparedRecording) -> tuple[PerRow, PerRow]:
         """Its readings along samples, and weights; zero where there is no number."""
@@ -241,7 +241,11 @@ class MeasuredRows:
         additions, sizes = self.regressor.additions, [self.regressor.own]
         sizes += [len(addition.parameters) for addition in additions]
         placed = list(zip(additions, np.cumsum(sizes).tolist(), strict=False))
-        loads = [(a, k) for a, k in placed if isinstance(a, LoadColumns) and not a.is_fixed]
+        loads = [
+            (addition, first)
+            for addition, first in placed
+            if isinstance(addition, LoadColumns) and not addition.is_fixed
+        ]
         row, sensors = self.drives, list[SensorPart]()
         for addition, first in placed:
             if isinstance(addition, SensorAddition):

@@ -153,7 +153,8 @@ def left_out(
                 drives=_names(numbers, drives),
                 share=min(1.0, rows / log.samples),
                 spans=tuple(
-                    TimeSpan(start=a, end=b) for a, b in np.round(times, 6)[:_LISTED].tolist()
+                    TimeSpan(start=start, end=end)
+                    for start, end in np.round(times, 6)[:_LISTED].tolist()
                 ),
                 more=max(0, len(times) - _LISTED),
             )

@@ -141,11 +141,11 @@ def _require(
             f"returns {len(parts.drives)} drives, but the description has {len(own.drives)}"
         )
     names = [body.name for body in parts.bodies]
-    for kind, found, wanted in (
+    for what, given, wanted in (
         ("body", names, robot.body_names),
         ("joint", list(parts.joints), tuple(own.joints)),
     ):
-        check.names(kind, found, wanted)
+        check.names(what, given, wanted)
 
 
 def _body(body: BodyPose, z: Path, check: Checker) -> MovingBody:

@@ -191,8 +191,8 @@ def _index(
     if ":" in inner:
         return _as_written(field, inner, where)
     # The axis that is as long as time; without time the longest one.
-    fitting = [a for a, size in enumerate(field.shape) if size in (None, samples)]
-    axis = [*fitting, max(range(len(field.shape)), key=lambda a: field.shape[a] or 0)][0]
+    fitting = [axis for axis, size in enumerate(field.shape) if size in (None, samples)]
+    axis = [*fitting, max(range(len(field.shape)), key=lambda axis: field.shape[axis] or 0)][0]
     across = [a for a in field.wide if a != axis]
     if len(across) > 1:
         raise _refused(f"{field} has more than two axes", field, where)

@@ -168,8 +168,8 @@ def groups_of(names: Sequence[str], drives: int) -> Iterator[Group]:
             stem = f"{name[: match.start()]}{family}{name[match.end() :]}"
             lettered.setdefault(stem, {})[family.index(match[0])] = place
     grouped = set[int]()
-    for found, by_letter in ((numbered, False), (lettered, True)):
-        for axes in found.values():
+    for stems, by_letter in ((numbered, False), (lettered, True)):
+        for axes in stems.values():
             grouped |= {*axes.values()} if len(axes) > 1 else set()
             first = min(axes)
             run = range(first, first + drives)
@@ -233,7 +233,7 @@ def _parts(word: str) -> tuple[str, ...]:
 def _quantity(words: Sequence[str]) -> tuple[str, bool]:
     """What words stand for, and whether 'current' among them means that it is now."""
     found = {quantity: [w for w in words if w in known] for quantity, known in QUANTITIES.items()}
-    present = [quantity for quantity, of_it in found.items() if of_it]
+    present = [quantity for quantity, matching in found.items() if matching]
     others = [quantity for quantity in present if quantity not in ("current", "time")]
     if found["current"] and others:
         first = min(words.index(word) for quantity in others for word in found[quantity])

@@ -134,11 +134,11 @@ class Shift:
             return wide[before + by : before + by + count, channels]
 
         if self.common:
-            at = around(-self.common, _MOTION)
+            taps = around(-self.common, _MOTION)
             for moved in (slice(1, 1 + motion), sensors):
-                out[:, moved] = sum(share * later(moved, by) for by, share in at)
+                out[:, moved] = sum(share * later(moved, by) for by, share in taps)
             out[:, 0] -= self.common / rate
-            beyond = np.any([np.isnan(later(0, by)) for by, _ in at], axis=0)
+            beyond = np.any([np.isnan(later(0, by)) for by, _ in taps], axis=0)
             out[beyond, wide.shape[1] - drives :] = 0.0
         grown = None
         if self.growth is not None:  # by how many samples lags are longer at these times
@@ -149,10 +149,10 @@ class Shift:
         for i, (whole, rest, T) in enumerate(zip(self.whole, self.rest, constants, strict=True)):
             tau, weight = 1 + motion + i, wide.shape[1] - drives + i
             if grown is None:
-                taps = around(rest, _SLOPE if T else _TORQUE, T)
-                at = [(whole + by, share) for by, share in taps]
-                out[:, tau] = sum(share * later(tau, by) for by, share in at)
-                least = np.min([later(weight, by) for by, _ in at], axis=0)
+                unshifted = around(rest, _SLOPE if T else _TORQUE, T)
+                taps = [(whole + by, share) for by, share in unshifted]
+                out[:, tau] = sum(share * later(tau, by) for by, share in taps)
+                least = np.min([later(weight, by) for by, _ in taps], axis=0)
             else:
                 place = before + np.arange(count) + whole + rest + grown
                 out[:, tau], least = _read(wide[:, tau], wide[:, weight], place, T)
@@ -192,20 +192,22 @@ def in_time(segment: Iterable[Rows], columns: Columns, rate: float) -> Iterator[
     # Columns of one sensor, and shares of the samples so many later.
     shifts, start = list[tuple[slice, list[tuple[int, float]]]](), columns.sensor_places.start
     for sensor in columns.sensors:
-        own = slice(start, start + len(sensor.channels))
-        start = own.stop
+        channels = slice(start, start + len(sensor.channels))
+        start = channels.stop
         if sensor.delay:
-            shifts.append((own, around(sensor.delay * rate, _MOTION)))
+            shifts.append((channels, around(sensor.delay * rate, _MOTION)))
     if not shifts:
         yield from segment
         return
-    places = [by for _, at in shifts for by, _ in at]
+    places = [by for _, taps in shifts for by, _ in taps]
     before, after = max(0, -min(places)), max(0, *places)
     for wide in recut(padded(segment, before, after, columns), AT_ONCE, before + after):
         count = len(wide) - before - after
         out = wide[before : before + count].copy()
-        for own, at in shifts:
-            out[:, own] = sum(share * wide[before + by :][:count, own] for by, share in at)
+        for channels, taps in shifts:
+            out[:, channels] = sum(
+                share * wide[before + by :][:count, channels] for by, share in taps
+            )
         yield out
 
 

@@ -82,18 +82,18 @@ def filled(
         hold: of each drive.
         rate: rows per second.
     """
-    margin, drives = 2 * max(own.spread for own in hold) + 1, len(hold)
+    margin, drives = 2 * max(held.spread for held in hold) + 1, len(hold)
     marked = padded(_marked(segment, columns, hold, rate), margin, margin, columns)
     for wide in recut(marked, AT_ONCE, 2 * margin):
         out = wide[margin : len(wide) - margin, :-drives].copy()
         inner = np.arange(margin, len(wide) - margin)
-        for i, own in enumerate(hold):
-            if own:
+        for i, held in enumerate(hold):
+            if held:
                 place, weight = columns.torque_places.start + i, out.shape[1] - drives + i
                 knots, tau = np.flatnonzero(wide[:, i - drives] > 0), wide[:, place]
-                if own.phase is not None:  # means of an update's rows
+                if held.phase is not None:  # means of an update's rows
                     sums = np.append(0.0, np.cumsum(tau))
-                    ends = np.minimum(np.arange(len(tau)) + round(own.rows), len(tau))
+                    ends = np.minimum(np.arange(len(tau)) + round(held.rows), len(tau))
                     tau = (sums[ends] - sums[:-1]) / (ends - np.arange(len(tau)))
                 out[:, place], least = _between(tau, wide[:, weight], knots, inner)
                 out[:, weight] = np.minimum(out[:, weight], least)
@@ -120,7 +120,7 @@ def _marked(
 ) -> Iterator[Rows]:
     """Rows with a further column a drive: 1 where its torque has been updated."""
     before, since = None, np.full(len(hold), _NEVER)
-    longest = np.array([max(1, int(np.ceil(own.rows))) for own in hold])
+    longest = np.array([max(1, int(np.ceil(held.rows))) for held in hold])
     for rows in segment:
         if not len(rows):
             continue
@@ -130,9 +130,9 @@ def _marked(
         number = np.arange(len(rows))[:, None]
         last = np.maximum.accumulate(np.where(changed, number, since), axis=0)
         marks = ((number - last) % longest == 0) & (last > _NEVER // 2)
-        for i, own in enumerate(hold):
-            if own.phase is not None:
-                marks[:, i] = row_numbers(rows, rate) % round(own.rows) == own.phase
+        for i, held in enumerate(hold):
+            if held.phase is not None:
+                marks[:, i] = row_numbers(rows, rate) % round(held.rows) == held.phase
         yield np.hstack([rows, marks])
         before, since = tau[-1:], np.where(last[-1] > _NEVER // 2, last[-1] - len(rows), _NEVER)
 

@@ -164,8 +164,8 @@ def planned(log: Log, cutoff: float | None = None, *, periodic: bool = False) ->
     period = ends.period(judged) if periodic else 0
     rests = [not periodic and ends.moving(end, judged) is None for end in ("first", "last")]
     stretches = [stretch for stretch in _stretches(ends, period, rests) if stretch is not None]
-    seen = [spectrum_of(ends.positions(rows)).cutoff(log.rate) for rows in stretches]
-    motion = max([least, *(found for found in seen if found is not None)])
+    cutoffs = [spectrum_of(ends.positions(rows)).cutoff(log.rate) for rows in stretches]
+    motion = max([least, *(cutoff for cutoff in cutoffs if cutoff is not None)])
     if not motion:
         raise _too_short(log, SpectrumEstimate.SHORTEST, "first")
     low_pass = _only_motion(design_low_pass(motion, log.rate))

@@ -132,12 +132,12 @@ def _candidates(
         members = [columns[place] for place in group.places]
         reading = read_name(members[0].address)
         quantity = "torque" if reading.quantity == "current" else reading.quantity
-        of_it = found.get(quantity, [])
-        is_new = not any(members == others for _, _, others in of_it)
+        candidates = found.get(quantity, [])
+        is_new = not any(members == others for _, _, others in candidates)
         if reading.is_usable and is_new:
-            of_it.append((reading, group, members))
-    for of_it in found.values():
-        of_it.sort(key=lambda c: (not _are_constant(c[2]), c[0].rank), reverse=True)
+            candidates.append((reading, group, members))
+    for candidates in found.values():
+        candidates.sort(key=lambda c: (not _are_constant(c[2]), c[0].rank), reverse=True)
     return found
 
 

@@ -208,7 +208,7 @@ class Repairs:
         if not any(self.hold):
             return smear
         smear = smear or (0,) * len(self.hold)
-        return tuple(a + hold.spread for a, hold in zip(smear, self.hold, strict=True))
+        return tuple(extra + hold.spread for extra, hold in zip(smear, self.hold, strict=True))
 
     def _weighed(self, rows: Rows, columns: Columns) -> Rows:
         """Weights of zero in all stretches that are left out; few of many are near a block.
@@ -219,8 +219,8 @@ class Repairs:
             return rows
         drives = len(columns.torque)
         copied, time = rows, rows[:, 0]
-        for some, ends in self._by_drives.items():
-            which = np.array(some or range(drives))
+        for drives_of, ends in self._by_drives.items():
+            which = np.array(drives_of or range(drives))
             near = slice(
                 np.searchsorted(ends[:, 1], time[0], side="left"),
                 np.searchsorted(ends[:, 0], time[-1], side="right"),
@@ -243,7 +243,7 @@ class Repairs:
         found: dict[tuple[int, ...], list[tuple[float, float]]] = {}
         for span in self.left_out:
             found.setdefault(span.drives, []).append((span.first, span.last))
-        return {which: joined_times(np.array(spans)) for which, spans in found.items()}
+        return {drives: joined_times(np.array(spans)) for drives, spans in found.items()}
 
 
 NO_REPAIRS = Repairs()

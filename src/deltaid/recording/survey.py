@@ -46,8 +46,10 @@ class Survey:
         """Forget what compares rows over a distance: it holds for evenly spaced samples only."""
         c = self.columns
         self.spectrum = spectrum_of(np.zeros((0, self.kinematics.dof)))
-        pairs = [(a.column, b.column) for a, b in zip(c.position, c.velocity, strict=False)]
-        pairs += [(a.column, b.column) for a, b in zip(c.velocity, c.acceleration, strict=False)]
+        pairs = [(q.column, qd.column) for q, qd in zip(c.position, c.velocity, strict=False)]
+        pairs += [
+            (qd.column, qdd.column) for qd, qdd in zip(c.velocity, c.acceleration, strict=False)
+        ]
         self.derivatives = DerivativeCheck(pairs)
 
     @property

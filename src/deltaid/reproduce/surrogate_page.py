@@ -106,7 +106,10 @@ def _comparison(result: Reproduction) -> Section:
     largest = np.abs(result.terms.coriolis).max(axis=0)
     places = [*(claim.place.removeprefix("Sec. VII, ") for claim in CLAIMS), "at Fig. 6"]
     judged = [(f.accuracy.definite, f.accuracy.samples) for f in result.fits if f.certified]
-    counts = (f"{n} (all)" if some == n else f"{some} of {n}" for some, n in judged)
+    counts = (
+        f"{samples} (all)" if definite == samples else f"{definite} of {samples}"
+        for definite, samples in judged
+    )
     rows = (*comparison_rows(result), ("Cholesky factor of M", "at all samples", *counts))
     return Section(
         "The paper's numbers beside ours",

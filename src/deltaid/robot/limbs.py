@@ -165,9 +165,9 @@ class Limbs(Part):
                     "is in degrees"
                 )
         limbs = self.geometry()
-        for i, a in enumerate(limbs):
-            for j, b in enumerate(limbs[:i]):
-                if np.allclose(a.base, b.base, atol=1e-6) and _parallel(a, b):
+        for i, limb in enumerate(limbs):
+            for j, other in enumerate(limbs[:i]):
+                if np.allclose(limb.base, other.base, atol=1e-6) and _parallel(limb, other):
                     what = "rails coincide" if self.drive == "linear" else "drives coincide"
                     raise ValueError(f"the {what}, those of limbs {j + 1} and {i + 1}")
         if self.drive == "linear" or self.base_points is not None or self.platform_points:

@@ -58,9 +58,9 @@ class RowsAbout(SensorRows):
     ) -> Float[np.ndarray, "entries samples"]:
         straight, half, expected = self._expected(z, qd, qdd)
         entries = self.rows.entries(z, qd, qdd, expected)
-        for of, what in ((self._position, straight), (self._rotation, half)):
-            if of.any():
-                entries[of] = self.rows.entries(z, qd, qdd, what)[of]
+        for selected, seen in ((self._position, straight), (self._rotation, half)):
+            if selected.any():
+                entries[selected] = self.rows.entries(z, qd, qdd, seen)[selected]
         return entries
 
     def expected(self, z: Motion, qd: Motion, qdd: Motion) -> Seen:

@@ -81,7 +81,7 @@ def correction_table(corrections: Sequence[Correction]) -> Table | None:
     if not corrections:
         return None
     several = len({correction.log for correction in corrections if correction.log}) > 1
-    alike = groupby(corrections, key=lambda each: (each.kind, each.log, _size(each), each.text))
+    alike = groupby(corrections, key=lambda c: (c.kind, c.log, _size(c), c.text))
     return Table(
         ("corrected", "of", *(("recording",) if several else ()), "by (95 %)", "why"),
         tuple(

@@ -273,19 +273,19 @@ def prediction_table(result: Excitation) -> Table:
 def start_table(result: Excitation) -> Table:
     """What became of each start of the search."""
     accounts = result.optimum.accounts
-    judged = any(a.judged is not None for a in accounts)
+    judged = any(account.judged is not None for account in accounts)
     rows = tuple(
         (
-            str(a.seed),
-            number(a.before),
-            number(a.after),
-            str(a.evaluations),
-            f"{a.seconds:.1f}",
-            f"{100 * a.use:.1f} %",
-            "yes" if a.feasible else "no",
-            *([number(a.judged, 5) if a.judged is not None else ""] if judged else []),
+            str(account.seed),
+            number(account.before),
+            number(account.after),
+            str(account.evaluations),
+            f"{account.seconds:.1f}",
+            f"{100 * account.use:.1f} %",
+            "yes" if account.feasible else "no",
+            *([number(account.judged, 5) if account.judged is not None else ""] if judged else []),
         )
-        for a in accounts
+        for account in accounts
     )
     columns = (
         "start", "as drawn", "optimised", "evaluations", "seconds", "fullest limit", "feasible",

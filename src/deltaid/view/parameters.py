@@ -133,7 +133,7 @@ def share_table(model: IdentifiedModel) -> Table | None:
     None for a model of an earlier version, which does not know them.
     """
     shown = [(p.name, p.share) for p in _decided(model.parameters)]
-    shown += [(f"base: {b.representative}", b.share) for b in model.base_parameters]
+    shown += [(f"base: {group.representative}", group.share) for group in model.base_parameters]
     known = [(name, share) for name, share in shown if share is not None]
     if not known:
         return None

@@ -67,13 +67,13 @@ def explained(
         for trial in likely
         if trial.map == map
     ]
-    keys = [own.key for own in mapped]
+    keys = [trial.key for trial in mapped]
     examined = [c for c in examined if c.key not in keys and c.sensible] + mapped
     best = max(examined, key=lambda trial: trial.fit.score, default=None)
     good = [trial for trial in examined if best is not None and trial.as_likely_as(best)]
-    for own in mapped:
-        if own.residual.share >= MOSTLY_CLOSED:
-            good = [trial for trial in good if trial.beats(own)] or [own]
+    for as_mapped in mapped:
+        if as_mapped.residual.share >= MOSTLY_CLOSED:
+            good = [trial for trial in good if trial.beats(as_mapped)] or [as_mapped]
     return tuple(sorted(good, key=_complexity))
 
 
@@ -116,16 +116,17 @@ def together(
     trials: dict[Assignment, list[WiringHypothesis | None]] = {key: [] for key in keys}
     for motion in motions:
         solved = {map: residual(dynamics, motion, map) for map, *_ in keys}
-        for key, own in trials.items():
+        for key, fits in trials.items():
             under, (_, order, gains) = solved[key[0]], key
-            own.append(under and WiringHypothesis(under, order, np.array(gains)))
-    posed = {key: [c for c in own if c is not None] for key, own in trials.items()}
-    scores = {key: sum(c.fit.score for c in own) for key, own in posed.items()}
+            fits.append(under and WiringHypothesis(under, order, np.array(gains)))
+    posed = {key: [c for c in fits if c is not None] for key, fits in trials.items()}
+    scores = {key: sum(c.fit.score for c in fits) for key, fits in posed.items()}
     best = max(scores, key=lambda key: scores[key])
     margin = as_good(sum(len(c.residual.Y) for c in posed[best]))
     good = [key for key in keys if scores[best] - scores[key] < margin]
     good.sort(key=lambda key: min(map(_complexity, posed[key])))
-    return tuple(tuple(filter(None, own)) for own in zip(*(trials[k] for k in good), strict=True))
+    by_recording = zip(*(trials[key] for key in good), strict=True)
+    return tuple(tuple(filter(None, hypotheses)) for hypotheses in by_recording)
 
 
 def _complexity(candidate: WiringHypothesis) -> tuple[int, bool, bool]:

@@ -248,7 +248,7 @@ def _recorded(rows: Sequence[Row], usable: Sequence[datetime], now: Any) -> list
         why = _short(rows[-1]["reason"])
         return [Concern(Urgency.LOOK, f"its last {late} recordings are in quarantine: {why}")]
     if usable and now is not None:
-        pauses = [(b - a).total_seconds() for a, b in pairwise(usable)]
+        pauses = [(after - before).total_seconds() for before, after in pairwise(usable)]
         usual = timedelta(seconds=median(pauses or [0.0]))
         if now - usable[-1] > max(_SILENT, _PAUSES * usual):
             return [Concern(Urgency.LOOK, f"no recording since {day(usable[-1])}")]

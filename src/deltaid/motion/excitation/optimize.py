@@ -74,7 +74,10 @@ class Optimum:
     @property
     def best(self) -> StartAccount:
         """The start that it comes from."""
-        return min((a for a in self.accounts if a.feasible), key=lambda a: a.merit)
+        return min(
+            (account for account in self.accounts if account.feasible),
+            key=lambda account: account.merit,
+        )
 
 
 Progress = Callable[[StartAccount], None]

@@ -180,7 +180,7 @@ def _holds(text: str, needed: tuple[tuple[str, ...], ...]) -> bool:
 
 
 def _are_among(needed: tuple[tuple[str, ...], ...], names: Sequence[str]) -> bool:
-    return all(any(name in names for name in one_of) for one_of in needed)
+    return all(any(name in names for name in spellings) for spellings in needed)
 
 
 def _after_comments(lines: HeadLines, row: int) -> int:
@@ -197,7 +197,7 @@ def _units(line: bytes, header: _NameLine, mapping: ColumnMapping) -> dict[str, 
     cells = cells_of(as_text(line), header.separator)
     if len(cells) != len(header.names) or any(cell and is_number(cell) for cell in cells):
         return {}
-    needed = [name for one_of in mapping.needed for name in one_of]
+    needed = [name for spellings in mapping.needed for name in spellings]
     is_foreign = not {*needed} & {*header.names}
     used = {
         name: cell.strip("[]() ")

@@ -105,10 +105,10 @@ def _blocks(table: CsvTable) -> Iterator[tuple[int, bytes]]:
     for whole in whole_lines(table.path, table.data_start, table.data_size):
         block, found = _without_comments(whole, table.separator, row)
         # A later pass meets the same comments again.
-        for at, line in found[max(0, len(table.comments) - comments) :]:
+        for after, line in found[max(0, len(table.comments) - comments) :]:
             if is_marked_row(line, table.separator, len(table.header)):
-                table.marked.append(at + len(table.comments))
-            table.comments.append(at)
+                table.marked.append(after + len(table.comments))
+            table.comments.append(after)
         comments += len(found)
         if not block:
             continue

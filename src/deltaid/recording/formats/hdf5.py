@@ -48,7 +48,7 @@ _PLAIN = (
 
 def is_hdf5(start: bytes, path: Path) -> bool:
     """Whether the signature of HDF5 stands where one may."""
-    return any(start[at:].startswith(_SIGNATURE) for at in _STARTS)
+    return any(start[place:].startswith(_SIGNATURE) for place in _STARTS)
 
 
 def open_hdf5(path: Path, mapping: ColumnMapping) -> LogTable:

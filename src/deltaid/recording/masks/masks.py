@@ -54,10 +54,10 @@ def without(runs: Runs, others: Runs) -> Runs:
     kept = []
     for first, last in runs:
         start = first
-        for a, b in others[(others[:, 1] >= first) & (others[:, 0] <= last)]:
-            if a > start:
-                kept.append((start, a - 1))
-            start = b + 1
+        for cut_first, cut_last in others[(others[:, 1] >= first) & (others[:, 0] <= last)]:
+            if cut_first > start:
+                kept.append((start, cut_first - 1))
+            start = cut_last + 1
         if start <= last:
             kept.append((start, last))
     return np.array(kept, dtype=np.int64).reshape(-1, 2)

@@ -113,7 +113,10 @@ def doubts_about_holes(
     gaps = cuts & ~restarts
     if gaps.any():
         length = (clock.until - clock.since)[gaps]
-        spans = [f"{a:.6g} to {b:.6g} s" for a, b in zip(clock.since, clock.until, strict=True)]
+        spans = [
+            f"{since:.6g} to {until:.6g} s"
+            for since, until in zip(clock.since, clock.until, strict=True)
+        ]
         shown = ", ".join(np.array(spans)[gaps][:5]) + (" …" if gaps.sum() > 5 else "")
         yield Doubt(
             f"{gaps.sum()} gap{'s' if gaps.sum() > 1 else ''} of up to "

@@ -140,11 +140,13 @@ def merged(
         RecordingError: a signal has fewer than two samples.
     """
     signals = list[Signal]()
-    for name, own in zip(names, parts, strict=True):
-        if sum(len(part.time) for part in own) < 2:
+    for name, pieces in zip(names, parts, strict=True):
+        if sum(len(part.time) for part in pieces) < 2:
             cure = "give a whole recording, or leave it out of the mapping"
             raise RecordingError(f"{name} has fewer than two samples", where=where, cure=cure)
-        columns = [np.concatenate(x) for x in zip(*((p.time, p.values) for p in own), strict=True)]
+        columns = [
+            np.concatenate(x) for x in zip(*((p.time, p.values) for p in pieces), strict=True)
+        ]
         signals.append(Signal(*columns))
     onto = signals[fastest(signals)].time
     time, values = merge(signals)
@@ -225,12 +227,12 @@ def _parts(batches: Iterable[Rows], clock: Clock, run: "_Run") -> Iterator[tuple
             *(np.split(x, ends) for x in (rows, lost, kept)),
             strict=True,
         )
-        for k, (values, missing, own) in enumerate(pieces):
+        for k, (values, missing, used) in enumerate(pieces):
             if k:
                 yield from ((number, block) for block in run.end())
                 begin = float(clock.until[here][cuts[here]][k - 1])
                 number, run = number + 1, replace(empty, begin=begin)
-            yield from ((number, block) for block in run.add(values[own], missing[own]))
+            yield from ((number, block) for block in run.add(values[used], missing[used]))
         start = stop
     yield from ((number, block) for block in run.end())
 

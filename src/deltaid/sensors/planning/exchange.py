@@ -50,14 +50,14 @@ def exchanges(
     pairs = [(by_name[a], by_name[b]) for a, b in combinations(robot.body_names, 2)]
     proposed = [exchange for a, b in pairs for exchange in _between(layout, a, b)]
     proposed += [exchange for a, b in pairs for exchange in _alike(layout, a, b)]
-    resting = {name: _resting(layout, some, found[-1]) for name, some in by_name.items()}
+    resting = {name: _resting(layout, bodies, found[-1]) for name, bodies in by_name.items()}
     for a, b in combinations([name for name, moments in resting.items() if moments], 2):
         # Mass at rest may pass from one body to another wherever the base carries both.
         words = f"mass at rest in the base {_passes(a, b)}"
         proposed.append(Exchange(words, resting[a][0][1] - resting[b][0][1]))
-    for name, some in resting.items():
-        what = f"{body_in_words(name)}'s" if some else ""
-        for kind, direction in some:
+    for name, moments in resting.items():
+        what = f"{body_in_words(name)}'s" if moments else ""
+        for kind, direction in moments:
             proposed.append(Exchange(f"the {what} {kind} at rest in the base", direction))
     moving = [exchange for a, b in pairs for exchange in _between(layout, a, b, move_alike)]
     return (*proposed, *moving, *_rotors(robot, layout), *_geared(robot, layout))

@@ -170,9 +170,9 @@ async def _proposal(
     parts.note(f"{head}, and not used yet:\n" + "\n".join(lines))
     fitting = _fitting(session, contents, state.dof)
     with ui.row():
-        for mapping, of in fitting.items():
+        for mapping, sharing in fitting.items():
             point = partial(parts.change_use, session, used, mapping=mapping)
-            ui.button(f"Use {mapping}{of}", on_click=point).props("no-caps")
+            ui.button(f"Use {mapping}{sharing}", on_click=point).props("no-caps")
     figure = ui.column().classes("w-full figure")
     form(state)
     take = ui.button(f"Use these, write {name}", on_click=partial(_take, state, used, name))

@@ -193,9 +193,9 @@ def _export(session: Session, model: str) -> None:
             single = ui.checkbox("Single precision").props("dense")
             fmi = ui.select(list(get_args(FmiVersion)), value="2", label="FMI")
             fmi.props("outlined dense").classes("w-24")
-        for of, field in (("code", further), ("code", single), ("unit", fmi)):
+        for choice, field in (("code", further), ("code", single), ("unit", fmi)):
             field.bind_visibility_from(
-                form, "value", backward=lambda to, of=of: of in _CHOICES_OF.get(to, ())
+                form, "value", backward=lambda to, choice=choice: choice in _CHOICES_OF.get(to, ())
             )
         fields = {
             "form": form, "friction": friction, "further": further, "single": single, "fmi": fmi
