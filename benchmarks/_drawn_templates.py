@@ -66,7 +66,7 @@ class Template:
         """From parameters, those of loads behind them, to gathered columns."""
         found = FactorFile(self.record, replace(self.condensed, names=self.names))
         merging = merging_of([found], self.record.robot, SETTINGS)
-        loads = [one for one in merging.additions if isinstance(one, LoadColumns)]
+        loads = [addition for addition in merging.additions if isinstance(addition, LoadColumns)]
         T = map_to(merging.columns, merging.dynamics, loads)
         wide = np.zeros((len(self.names), T.shape[1]))  # lags are no parameters
         for k, name in enumerate(merging.columns.place):
@@ -90,8 +90,8 @@ class Template:
         """Parameters with those of the load as columns have them."""
         if self.load is None:
             return p
-        taken = [np.array(one.taken) for one in self.record.loads]
-        return np.concatenate([p, *(self.load - one for one in taken)])
+        taken = [np.array(load.taken) for load in self.record.loads]
+        return np.concatenate([p, *(self.load - load for load in taken)])
 
 
 def simulated(
@@ -120,9 +120,12 @@ def simulated(
     full = simulate_recording(dynamics, more, motion, np.random.default_rng(noise_seed), **args)
     state = np.sin(2 * np.pi * bare["t"].to_numpy() / 1.37) > 0.2
     tau = [f"tau{i + 1}" for i in range(dynamics.dof)]
-    mixed = {one: np.where(state, full[one].to_numpy(), bare[one].to_numpy()) for one in tau}
+    mixed = {
+        column: np.where(state, full[column].to_numpy(), bare[column].to_numpy()) for column in tau
+    }
     return bare.with_columns(
-        *(pl.Series(one, x) for one, x in mixed.items()), pl.Series("gripper", state.astype(float))
+        *(pl.Series(column, x) for column, x in mixed.items()),
+        pl.Series("gripper", state.astype(float)),
     ), held
 
 

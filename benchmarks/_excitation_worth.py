@@ -43,7 +43,7 @@ def long_run(problem: ExcitationProblem, x: np.ndarray) -> Run:
 
 def predicted(exciter: Exciter, run: Run) -> np.ndarray:
     """Predicted standard deviations for a recording of the common duration."""
-    std = np.array([one.std for one in exciter.predict(run)])
+    std = np.array([entry.std for entry in exciter.predict(run)])
     return std * np.sqrt(run.duration / DURATION)
 
 

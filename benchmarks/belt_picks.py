@@ -138,7 +138,7 @@ def row(made: Line, case: Case) -> tuple[object, ...]:
     settings = OnlineSettings(largest_mass=PAYLOAD, grip_time=case.grip_time or 0.0)
     found = watch(made.model, replay, settings)
     near, holds = judged(made, found)
-    said = any("the gripper signals" in one for one in found.doubts)
+    said = any("the gripper signals" in doubt for doubt in found.doubts)
     return (
         case.name, case.signal, PICKS, f"{np.mean(near):.0%}", f"{np.mean(holds):.0%}",
         _offset(made, replay, settings, case), len(found.touches), "yes" if said else "no",
@@ -160,10 +160,10 @@ def judged(made: Line, found: Watched) -> tuple[list[bool], list[bool]]:
     """Of each pick whether its mass is near, and whether its interval holds, 0.2 s after it."""
     columns = found.series.select("t", "mass", "mass_low", "mass_high")
     (time, masses, lows, highs), near, holds = columns.to_numpy().T, list[bool](), list[bool]()
-    for k, one in enumerate(made.loads):
+    for k, held in enumerate(made.loads):
         i = int(np.searchsorted(time, (k + 0.3) * EVERY + 0.2))
-        near.append(bool(abs(masses[i] - one[0]) <= max(0.1 * one[0], 0.06)))
-        holds.append(bool(lows[i] <= one[0] <= highs[i]))
+        near.append(bool(abs(masses[i] - held[0]) <= max(0.1 * held[0], 0.06)))
+        holds.append(bool(lows[i] <= held[0] <= highs[i]))
     return near, holds
 
 

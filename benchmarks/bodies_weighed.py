@@ -106,7 +106,9 @@ def main() -> None:
     """Count, print, and write a table."""
     seeds = int(sys.argv[1]) if sys.argv[1:] else STATED["bodies_weighed"]["seeds"]
     with ProcessPoolExecutor(cores()) as pool:
-        table = [one for name in ROBOTS for case in CASES for one in rows(name, case, seeds, pool)]
+        table = [
+            line for name in ROBOTS for case in CASES for line in rows(name, case, seeds, pool)
+        ]
     note = "Robots drawn from their priors; entries that data or a scale decides."
     leave(HEAD, table, note, seeds=seeds)
 

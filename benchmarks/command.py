@@ -141,7 +141,7 @@ def _identify(log: Path) -> list[str]:
 def _print_before(log: Path, sources: Path, repeats: int) -> None:
     """CPU time of this version and of another one, by turns."""
     runs = [(_cost(_identify(log), 1, sources), _cost(_identify(log), 1)) for _ in range(repeats)]
-    before, now = (statistics.median(one.cpu for one in side) for side in zip(*runs, strict=True))
+    before, now = (statistics.median(run.cpu for run in side) for side in zip(*runs, strict=True))
     print(f"{log.name:18} {before:6.2f} CPU s before, {now:6.2f} now, {now / before:.2f} times")
 
 

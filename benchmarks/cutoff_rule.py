@@ -19,8 +19,8 @@ from _table import leave
 from deltaid.model.record import Settings
 from drives import Case, case
 from drives.errors import friction_error, mass_matrix_error
+from drives.identify import identified
 from drives.rows import lever
-from drives.told import identified
 
 # Play [°] and stiffness [N m/rad] of the gears.
 GEARS = ((0.0, np.inf), (0.05, np.inf), (0.1, np.inf), (0.0, 5e3))

@@ -37,11 +37,11 @@ def _compared(name: str, count: int) -> tuple[object, ...]:
             one = gathered(robot, path, settings=SETTINGS)
         found["simulated"].append(_estimate(robot, [one], truth))
     row: list[object] = [name, count]
-    for own in found.values():
-        errors, halves = (np.array(x) for x in zip(*own, strict=True))
+    for picks in found.values():
+        errors, halves = (np.array(x) for x in zip(*picks, strict=True))
         row += [f"{np.median(np.abs(errors) / halves):.2f}"]
         row += [f"{np.mean(np.abs(errors) <= halves):.1%}"]
-    halves = {kind: np.array([s for _, s in own]) for kind, own in found.items()}
+    halves = {kind: np.array([s for _, s in picks]) for kind, picks in found.items()}
     ratio = np.exp(np.mean(np.log(halves["drawn"])) - np.mean(np.log(halves["simulated"])))
     return (*row, f"{ratio:.2f}")
 

@@ -99,7 +99,7 @@ class _Plants:
 def _levers(robot: RobotDescription, e: TaskDynamics) -> ca.SX:
     """∂(platform point)/∂q (3 × δ), and the lever of each drive's elbow or carriage."""
     T, moves = e.T, robot.task.moves
-    arms = [1.0 if one.drive == "linear" else one.upper_arm for one in robot.limb_geometry]
+    arms = [1.0 if limb.drive == "linear" else limb.upper_arm for limb in robot.limb_geometry]
     return ca.vertcat(ca.vec(ca.densify(T[moves, :])), ca.SX(np.array(arms)))
 
 
@@ -164,10 +164,10 @@ def _parameters(
     layout = compiled(kind.robot).layout
     body = layout.body("EE" if "EE" in layout.bodies else "P")
     held = np.full((len(time), len(picks)), -1)
-    for i, own in enumerate(picks):
-        for j, pick in enumerate(own):
+    for i, of_plant in enumerate(picks):
+        for j, pick in enumerate(of_plant):
             held[(time >= pick.start - 1e-9) & (time < pick.end - 1e-9), i] = j
-    loads = [np.stack([*(one.p for one in own), np.zeros(10)]) for own in picks]
+    loads = [np.stack([*(load.p for load in pick), np.zeros(10)]) for pick in picks]
     now = kind.truth.copy()
     before = np.full(len(picks), -1)
 
@@ -186,21 +186,21 @@ class _Forces:
 
     def __init__(self, robot: RobotDescription, pushes: list[list[Push]]) -> None:
         self._robot = robot
-        self._all = sorted(((i, one) for i, own in enumerate(pushes) for one in own),
+        self._all = sorted(((i, push) for i, plant in enumerate(pushes) for push in plant),
                            key=lambda pair: pair[1].start)  # fmt: skip
 
     def at(self, time: float, z: np.ndarray, plants: _Plants) -> np.ndarray:
         torque = np.zeros_like(z)
-        acting = [(i, one) for i, one in self._all if one.start - 1e-9 <= time < one.end - 1e-9]
+        acting = [(i, push) for i, push in self._all if push.start - 1e-9 <= time < push.end - 1e-9]
         if not acting:
             return torque
         moves, dof = len(self._robot.task.axes), z.shape[1]
         levers = plants.pushed(z.T, threads=1).T
-        for i, one in acting:
-            if one.place == "platform":
+        for i, push in acting:
+            if push.place == "platform":
                 T = levers[i, : moves * dof].reshape(dof, moves).T
-                torque[i] += T.T @ one.force[list(self._robot.task.axes)]
+                torque[i] += T.T @ push.force[list(self._robot.task.axes)]
             else:
-                j = self._robot.drives.index(one.place)
-                torque[i, j] += levers[i, moves * dof + j] * one.force[0]
+                j = self._robot.drives.index(push.place)
+                torque[i, j] += levers[i, moves * dof + j] * push.force[0]
         return torque

@@ -125,27 +125,27 @@ def files(robots: int) -> None:
     for k in range(robots):
         fleet = drawn(case, 1, np.random.default_rng([21, k]), drives)
         friction, own, model = _recorded(kind, fleet, k)
-        at = [int(one.time.toordinal() - _START.toordinal()) for one in own]
+        at = [int(recorded.time.toordinal() - _START.toordinal()) for recorded in own]
         looks, hit, last = [], [], None
         for day in _looks(fleet.onset[0]):
             n = int(np.searchsorted(at, day, side="right"))
             last = drift_of(own[:n], _first(friction, n), model, DriftSettings())
             looks.append(float(day))
-            hit.append([one.state not in ("steady", "unknown") for one in last.findings])
+            hit.append([finding.state not in ("steady", "unknown") for finding in last.findings])
         totals += judged(np.array(looks), np.array(hit)[:, None], fleet.onset)
         clean += float(np.minimum(fleet.onset, DAYS).sum()) / YEAR / drives
         assert last is not None
         first = at[0]
-        near = [abs(one.day + first - fleet.tool[0]) <= 2 for one in last.tools]
+        near = [abs(tool.day + first - fleet.tool[0]) <= 2 for tool in last.tools]
         there = int(np.isfinite(fleet.tool[0]))
         tools = [tools[0] + any(near), tools[1] + len(near) - sum(near), tools[2] + there]
-        late += [100 * one.scatter for one in last.findings]
-        for i, one in enumerate(last.findings):
+        late += [100 * finding.scatter for finding in last.findings]
+        for i, finding in enumerate(last.findings):
             onset = fleet.onset[0, i]
-            if np.isfinite(onset) and one.state == "rising":
+            if np.isfinite(onset) and finding.state == "rising":
                 truth = np.expm1(CASES[0].rate / 100.0)
-                inside[0] += (one.rate.low <= truth <= one.rate.high, 1)
-                inside[1] += (one.change.low <= onset - first <= one.change.high, 1)
+                inside[0] += (finding.rate.low <= truth <= finding.rate.high, 1)
+                inside[1] += (finding.change.low <= onset - first <= finding.change.high, 1)
         if k % 10 == 9 or k == robots - 1:
             drifting, soon, ever, false = totals.tolist()
             leave(
@@ -173,8 +173,8 @@ with no more than the files up to then."""
 def _looks(onset: np.ndarray) -> list[int]:
     """Days on which a robot is evaluated."""
     weekly = set(range(FIRST, DAYS, 7))
-    for one in onset[np.isfinite(onset)]:
-        weekly |= set(range(int(one) + 21, int(one) + WITHIN + 1, 3))
+    for change in onset[np.isfinite(onset)]:
+        weekly |= set(range(int(change) + 21, int(change) + WITHIN + 1, 3))
     return sorted({*weekly, DAYS - 1})
 
 
@@ -205,15 +205,15 @@ def _recorded(
             loaded=bool(rng.uniform() < 1 / 3),
         )  # fmt: skip
         own.append(DriftRecording(file, _START + timedelta(days=day)))
-    early = [one.file for one in own if one.time < _START + timedelta(days=FIRST)]
+    early = [recorded.file for recorded in own if recorded.time < _START + timedelta(days=FIRST)]
     model = identify_gathered(kind.robot, early, SETTINGS).model
-    return friction_series([one.file for one in own], model), own, model
+    return friction_series([recorded.file for recorded in own], model), own, model
 
 
 def main() -> None:
     """Study, print, and write tables."""
     level = sys.argv[sys.argv.index("--level") + 1] if "--level" in sys.argv else "series"
-    given = [int(one) for one in sys.argv[1:] if one.isdigit()]
+    given = [int(word) for word in sys.argv[1:] if word.isdigit()]
     if level == "series":
         series(given[0] if given else STATED["drift"]["robots"])
     else:

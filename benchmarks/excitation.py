@@ -129,11 +129,11 @@ def _beside(pair: Comparison) -> str:
 
 def _summary(pairs: list[Comparison]) -> str:
     """Median ratios, and from how many starts deltaid has what is aimed at."""
-    medians = [statistics.median(one.ratio(share) for one in pairs) for share in SHARES]
-    tenth = sum(one.ratio() >= 10 for one in pairs)
-    better = sum(one.then < one.theirs.best for one in pairs)
+    medians = [statistics.median(pair.ratio(share) for pair in pairs) for share in SHARES]
+    tenth = sum(pair.ratio() >= 10 for pair in pairs)
+    better = sum(pair.then < pair.theirs.best for pair in pairs)
     return (
-        f"median ratios {', '.join(f'{one:.0f}' for one in medians)}; of {len(pairs)} starts "
+        f"median ratios {', '.join(f'{median:.0f}' for median in medians)}; of {len(pairs)} starts "
         f"deltaid has its best value in a tenth of the time from {tenth}, and a better one at "
         f"equal time from {better}"
     )

@@ -82,10 +82,10 @@ def gather(paths: Sequence[Path], folder: Path, workers: int) -> dict[str, float
     place, how = Place.named(folder), How(load_robot(ROBOT), None, Settings(cutoff=CUTOFF))
     jobs = [
         GatherJob.for_recording(
-            Recorded("r", datetime(2026, 1, 1), str(one), ROBOT, stamp=stamp_of(str(one))),
+            Recorded("r", datetime(2026, 1, 1), str(path), ROBOT, stamp=stamp_of(str(path))),
             how,
         )
-        for one in paths
+        for path in paths
     ]
     with LocalPool(workers) as pool:
         list(pool.done(nothing, range(workers), _fail))
@@ -175,7 +175,7 @@ def main() -> None:
         folder = Path(name)
         long = write_recordings(folder, [length] * (total // length))
         short = write_recordings(folder, [SHORT] * SHORTS)
-        size = sum(one.stat().st_size for one in long)
+        size = sum(path.stat().st_size for path in long)
         few = long[: max(2, len(long) // 5)]
         one = gather(few, folder / "one", 1)
         two = gather(long, folder / "two", 2)

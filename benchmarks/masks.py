@@ -41,17 +41,17 @@ def mean(ratios: Sequence[float]) -> float:
 
 def row(name: str, rate: str, costs: Sequence[Cost]) -> tuple[str, ...]:
     """One line of the table."""
-    widths = [float(np.median(one.widths)) for one in costs]
+    widths = [float(np.median(cost.widths)) for cost in costs]
     return (
         name,
         rate,
-        f"{np.mean([one.lost for one in costs]):.2%}",
-        f"{mean([mean(one.known_less) for one in costs]) - 1:.1%}",
-        f"{max(float(one.known_less.max()) for one in costs) - 1:.1%}",
+        f"{np.mean([cost.lost for cost in costs]):.2%}",
+        f"{mean([mean(cost.known_less) for cost in costs]) - 1:.1%}",
+        f"{max(float(cost.known_less.max()) for cost in costs) - 1:.1%}",
         f"{mean(widths):.3f}",
         f"{max(widths):.3f}",
-        f"{mean([one.errors[0] for one in costs]):.2%}",
-        f"{mean([one.errors[1] for one in costs]):.2%}",
+        f"{mean([cost.errors[0] for cost in costs]):.2%}",
+        f"{mean([cost.errors[1] for cost in costs]):.2%}",
     )
 
 

@@ -27,7 +27,7 @@ def main() -> None:
     parser.add_argument("after", type=Path)
     given = parser.parse_args()
     before, after = (
-        {one["case"]: one for one in json.loads(path.read_text())}
+        {kept["case"]: kept for kept in json.loads(path.read_text())}
         for path in (given.before, given.after)
     )
     cases = [case for case in after if case in before]
@@ -43,7 +43,7 @@ def main() -> None:
     for case in cases:
         if is_other(before[case], after[case]):
             print(f"\n{case}: {before[case]['errors']} → {after[case]['errors']}")
-            print(f"  before {told(before[case])}\n  after  {told(after[case])}")
+            print(f"  before {said_of(before[case])}\n  after  {said_of(after[case])}")
 
 
 def ratio(own: list[tuple[dict, dict]], kind: str) -> str:
@@ -56,14 +56,14 @@ def ratio(own: list[tuple[dict, dict]], kind: str) -> str:
     return f"{np.median(found):.3f}, {max(found):.2f}" if found else "–"
 
 
-def told(one: dict) -> str:
+def said_of(one: dict) -> str:
     """What is said of a case."""
     return one["refused"] or ", ".join(one["said"]) or "nothing"
 
 
 def is_other(before: dict, after: dict) -> bool:
     """Whether something else is said."""
-    return told(before) != told(after)
+    return said_of(before) != said_of(after)
 
 
 if __name__ == "__main__":

@@ -79,7 +79,9 @@ def fleet(
         [kind.drawn(f"robot {k}", day, p, seed=seed) for day in range(RECORDINGS)]
         for k, p in enumerate(truths)
     ]
-    members = [member(f"robot {k:03}", own, kind.robot, FIT) for k, own in enumerate(files)]
+    members = [
+        member(f"robot {k:03}", recordings, kind.robot, FIT) for k, recordings in enumerate(files)
+    ]
     own = weighed(kind.robot, truths[0], kind, rng)
     return members, truths, member("robot 000", files[0], own, FIT)
 
@@ -115,16 +117,19 @@ def study(name: str, robots: int, types: int) -> tuple[list[tuple[object, ...]],
         rng = np.random.default_rng([seed, 11])
         mean = surrogate_parameters(kind.robot, rng, TYPE)
         members, truths, with_scale = fleet(kind, mean, robots, rng, seed)
-        for what, own in (("none", members), ("one", [with_scale, *members[1:]])):
-            found = fitted(own, kind.robot, settings)
+        for what, counted in (("none", members), ("one", [with_scale, *members[1:]])):
+            found = fitted(counted, kind.robot, settings)
             _count(found, truths, mean, counts, what)
             at = np.flatnonzero(found.free)
             bodies = at < 10 * len(found.layout.bodies)
             size = np.abs(mean[at[bodies]])
             add = columns.setdefault
             for key, std in (
-                ("alone", np.mean([one.alone_std for one in found.members[1:]], axis=0)),
-                (f"within, {what}", np.mean([one.within.std for one in found.members[1:]], axis=0)),
+                ("alone", np.mean([robot.alone_std for robot in found.members[1:]], axis=0)),
+                (
+                    f"within, {what}",
+                    np.mean([robot.within.std for robot in found.members[1:]], axis=0),
+                ),
                 ("differ", truths.std(axis=0)),
             ):
                 add(key, []).append(std[at][bodies] / np.where(size > 0, size, np.nan))
@@ -132,12 +137,12 @@ def study(name: str, robots: int, types: int) -> tuple[list[tuple[object, ...]],
             add(f"next, {what}", []).append(ratio)
             names = [found.layout.names[k] for k in at[bodies]]
             print(name, seed, what, counts.held.keys(), flush=True)
-    mean_of = {key: np.mean(own, axis=0) for key, own in columns.items()}
+    mean_of = {key: np.mean(values, axis=0) for key, values in columns.items()}
     rows = [
-        (name, one, *(_percent(mean_of[key][k]) for key in ("differ", "alone", "within, none",
+        (name, entry, *(_percent(mean_of[key][k]) for key in ("differ", "alone", "within, none",
                                                             "within, one")),
          *(f"{mean_of[key][k]:.2f}" for key in ("next, none", "next, one")))
-        for k, one in enumerate(names)
+        for k, entry in enumerate(names)
     ]  # fmt: skip
     return rows, counts
 
@@ -151,10 +156,10 @@ def _count(
 ) -> None:
     """What holds of a fit."""
     at = found.free
-    for one, p in zip(found.members, truths, strict=True):
-        inside = np.abs(one.within.value - p) <= one.within.half
+    for robot, p in zip(found.members, truths, strict=True):
+        inside = np.abs(robot.within.value - p) <= robot.within.half
         counts.count(f"robots, {what}", inside[at])
-        counts.count(f"named, {what}", np.array([not one.belongs]))
+        counts.count(f"named, {what}", np.array([not robot.belongs]))
     inside = np.abs(found.mean.value - mean) <= found.mean.half
     counts.count(f"mean, {what}", inside[at])
     truly = {"viscous": FRICTION, "coulomb": FRICTION, "rotor": FRICTION}

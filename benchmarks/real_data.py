@@ -57,4 +57,4 @@ def compared(log: Path) -> list[tuple[str, ...]]:
 if __name__ == "__main__":
     if len(sys.argv) < 2:
         sys.exit(__doc__)
-    main([Path(one) for one in sys.argv[1:]])
+    main([Path(argument) for argument in sys.argv[1:]])

@@ -18,7 +18,7 @@ import os
 import sys
 import time
 from collections import Counter
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
@@ -31,9 +31,9 @@ from _table import STATED, leave
 
 from deltaid.errors import DeltaidError
 from drives import CAUSES, KINDS, ROWS, TIMING, case
+from drives.identify import identified
 from drives.judge import Judged, judge
 from drives.noise import noise_limit
-from drives.told import identified
 
 HEAD = (
     "recording",
@@ -133,11 +133,11 @@ def result(row: str, kind: str, seed: int) -> Result:
     return Result(row, kind, seed, judge(made, found), limit, seconds, drawn=made.drawn)
 
 
-def line(row: str, own: Sequence[Result]) -> tuple[object, ...]:
+def line(row: str, outcomes: Sequence[Result]) -> tuple[object, ...]:
     """A row of the table."""
-    ok = [one.judged for one in own if one.judged is not None]
-    inside = [within(one) for one in own]
-    limits = 100 * np.array([one.limit for one in own])
+    judgements = [outcome.judged for outcome in outcomes if outcome.judged is not None]
+    inside = [within(outcome) for outcome in outcomes]
+    limits = 100 * np.array([outcome.limit for outcome in outcomes])
     bounds = ", ".join("–" if a is None else f"{a:g}" for a in asked(row)[:2])
     if asked(row)[2] is not None:
         bounds += f"; {asked(row)[2]:g} without its constant"
@@ -146,13 +146,13 @@ def line(row: str, own: Sequence[Result]) -> tuple[object, ...]:
     return (
         row,
         bounds,
-        spread([100 * one.M for one in ok]),
-        spread([100 * one.friction for one in ok]),
-        spread([100 * one.friction_shape for one in ok]),
-        f"{np.mean(inside):.0%}, {len(own)}",
+        spread([100 * judgement.M for judgement in judgements]),
+        spread([100 * judgement.friction for judgement in judgements]),
+        spread([100 * judgement.friction_shape for judgement in judgements]),
+        f"{np.mean(inside):.0%}, {len(outcomes)}",
         ", ".join(f"{x:.2g}" for x in np.quantile(limits, 0.9, axis=0)),
-        "; ".join(more(row, own, ok)),
-        said(own),
+        "; ".join(more(row, outcomes, judgements)),
+        said(outcomes),
     )
 
 
@@ -165,14 +165,14 @@ def asked(row: str) -> tuple[float | None, float | None, float | None]:
     return M, friction, None
 
 
-def within(one: Result) -> bool:
+def within(outcome: Result) -> bool:
     """Whether errors are within what is asked, or within what the noise alone leaves."""
-    if one.judged is None:
+    if outcome.judged is None:
         return False
-    errors = (one.judged.M, one.judged.friction, one.judged.friction_shape)
+    errors = (outcome.judged.M, outcome.judged.friction, outcome.judged.friction_shape)
     return all(
         bound is None or error <= max(bound / 100, limit)
-        for error, bound, limit in zip(errors, asked(one.row), one.limit, strict=True)
+        for error, bound, limit in zip(errors, asked(outcome.row), outcome.limit, strict=True)
     )
 
 
@@ -183,68 +183,71 @@ def spread(values: Sequence[float]) -> str:
     return ", ".join(f"{x:.2g}" for x in (*np.quantile(values, [0.5, 0.9]), max(values)))
 
 
-def more(row: str, own: Sequence[Result], ok: Sequence[Judged]) -> Iterable[str]:
+def more(row: str, outcomes: Sequence[Result], judgements: Sequence[Judged]) -> Iterable[str]:
     """What else is asked of a row."""
-    lags = [1e3 * one.lag for one in ok if one.lag is not None]
+    lags = [1e3 * judgement.lag for judgement in judgements if judgement.lag is not None]
     if lags:
         yield f"lag within {np.quantile(lags, 0.9):.2g} ms in 90 %, worst {max(lags):.2g}"
-    loads = [100 * one.load for one in ok if one.load is not None]
+    loads = [100 * judgement.load for judgement in judgements if judgement.load is not None]
     if loads:
         yield f"load within {np.quantile(loads, 0.9):.2g} % in 90 %, worst {max(loads):.2g}"
-    yield from _contacts(ok)
-    yield from _gains(ok)
+    yield from _contacts(judgements)
+    yield from _gains(judgements)
     if row.endswith("undeclared"):
-        yield from _undeclared(row, ok)
+        yield from _undeclared(row, judgements)
     if row == "realistic":
-        yield f"friction as measured {spread([100 * one.friction_as_measured for one in ok])}"
-    curves = [share for one in ok for share in one.curves]
+        measured = [100 * judgement.friction_as_measured for judgement in judgements]
+        yield f"friction as measured {spread(measured)}"
+    curves = [share for judgement in judgements for share in judgement.curves]
     if curves:
         yield f"friction curves' intervals hold {np.mean(curves):.0%}"
     if row in ("clean", "homing", "poor-priors", "closed-loop", "unlogged", *CAUSES):
-        yield f"intervals of bodies hold {share(ok, lambda one: one.bodies)}"
-        yield f"of base parameters {share(ok, lambda one: one.base)}"
-    refused = Counter(one.error for one in own if one.error)
+        yield f"intervals of bodies hold {share(judgement.bodies for judgement in judgements)}"
+        yield f"of base parameters {share(judgement.base for judgement in judgements)}"
+    refused = Counter(outcome.error for outcome in outcomes if outcome.error)
     yield from (f"refused {n} times: {error[:120]}" for error, n in refused.items())
 
 
-def _contacts(ok: Sequence[Judged]) -> Iterable[str]:
-    if not any(one.contacts for one in ok):
-        return
-    yield f"found {share(ok, lambda one: one.contacts.strong if one.contacts else ())} above 100 N"
-    yield f"{share(ok, lambda one: one.contacts.weak if one.contacts else ())} below"
-    elsewhere = [one.contacts.elsewhere for one in ok if one.contacts]
-    yield f"elsewhere {np.quantile(elsewhere, 0.9):.1%} in 90 %"
+def _contacts(judgements: Sequence[Judged]) -> Iterable[str]:
+    contacts = [judgement.contacts for judgement in judgements if judgement.contacts]
+    if contacts:
+        yield f"found {share(known.strong for known in contacts)} above 100 N"
+        yield f"{share(known.weak for known in contacts)} below"
+        elsewhere = np.quantile([known.elsewhere for known in contacts], 0.9)
+        yield f"elsewhere {elsewhere:.1%} in 90 %"
 
 
-def _undeclared(row: str, ok: Sequence[Judged]) -> Iterable[str]:
-    yield f"reported in {share(ok, lambda one: (one.changes is not None,))}"
-    late = [1e3 * one.changes.late for one in ok if one.changes and one.changes.late is not None]
+def _undeclared(row: str, judgements: Sequence[Judged]) -> Iterable[str]:
+    yield f"reported in {share([[judgement.changes is not None for judgement in judgements]])}"
+    changes = [judgement.changes for judgement in judgements if judgement.changes]
+    late = [1e3 * change.late for change in changes if change.late is not None]
     if late and row == "load-half-undeclared":
         yield f"its time within {np.quantile(late, 0.9):.2g} ms in 90 %"
-    right = [one.changes.right for one in ok if one.changes and one.changes.right is not None]
+    right = [change.right for change in changes if change.right is not None]
     if right:
         yield f"state right for {np.quantile(right, 0.1):.0%} of the time in 90 %"
 
 
-def _gains(ok: Sequence[Judged]) -> Iterable[str]:
-    first = [100 * gain for one in ok for gain in one.gains[:3]]
+def _gains(judgements: Sequence[Judged]) -> Iterable[str]:
+    first = [100 * gain for judgement in judgements for gain in judgement.gains[:3]]
     if first:
         rms = np.sqrt(np.mean(np.square(first)))
         yield f"gains 1–3 {rms:.2g} % rms, worst {np.abs(first).max():.2g} %"
-        yield f"all gains' intervals hold {share(ok, lambda one: one.gains_held)}"
+        held = share(judgement.gains_held for judgement in judgements)
+        yield f"all gains' intervals hold {held}"
 
 
-def share(ok: Sequence[Judged], of: Callable[[Judged], Sequence[bool]]) -> str:
+def share(groups: Iterable[Sequence[bool]]) -> str:
     """Of all that is counted."""
-    all_of = [one for judged in ok for one in of(judged)]
-    return f"{np.mean(all_of):.0%}" if all_of else "–"
+    counted = [is_so for group in groups for is_so in group]
+    return f"{np.mean(counted):.0%}" if counted else "–"
 
 
-def said(own: Sequence[Result]) -> str:
+def said(outcomes: Sequence[Result]) -> str:
     """In how many cases each kind of correction was made, and each verdict is not good."""
-    ok = [one.judged for one in own if one.judged]
-    kinds = Counter(kind for one in ok for kind, _ in one.said)
-    keys = Counter(key for one in ok for key in one.verdicts)
+    judgements = [outcome.judged for outcome in outcomes if outcome.judged]
+    kinds = Counter(kind for judgement in judgements for kind, _ in judgement.said)
+    keys = Counter(key for judgement in judgements for key in judgement.verdicts)
     done = ", ".join(f"{kind} {n}" for kind, n in kinds.most_common())
     words = ", ".join(f"{key} {n}" for key, n in keys.most_common())
     return "; ".join(filter(None, (done, words and f"verdicts: {words}"))) or "nothing"
@@ -259,15 +262,15 @@ def note(seeds: int, kinds: str, seconds: float) -> str:
     )
 
 
-def kept(one: Result) -> dict[str, object]:
+def kept(outcome: Result) -> dict[str, object]:
     """A case as `paired.py` reads it."""
-    found = one.judged
+    found = outcome.judged
     errors = {} if found is None else {"M": found.M, "friction": found.friction,
                                        "friction_shape": found.friction_shape}  # fmt: skip
     said = [] if found is None else [f"{kind} {count}" for kind, count in found.said]
-    return {"case": f"{one.row} {one.kind} {one.seed}", "row": one.row, "errors": errors,
-            "seconds": one.seconds, "said": said, "refused": one.error,
-            "drawn": list(one.drawn)}  # fmt: skip
+    return {"case": f"{outcome.row} {outcome.kind} {outcome.seed}", "row": outcome.row,
+            "errors": errors, "seconds": outcome.seconds, "said": said, "refused": outcome.error,
+            "drawn": list(outcome.drawn)}  # fmt: skip
 
 
 def main() -> int:
@@ -287,15 +290,15 @@ def main() -> int:
             for kind in given.kinds.split(",")]  # fmt: skip
     with ProcessPoolExecutor(given.processes) as pool:
         found = list[Result]()
-        for some in pool.map(results, *zip(*jobs, strict=True)):
-            found += some
+        for of_robot in pool.map(results, *zip(*jobs, strict=True)):
+            found += of_robot
             if given.each:
-                print(*some, sep="\n", flush=True)
+                print(*of_robot, sep="\n", flush=True)
     if given.keep:
-        given.keep.write_text(json.dumps([kept(one) for one in found], indent=1))
+        given.keep.write_text(json.dumps([kept(outcome) for outcome in found], indent=1))
         return 0
-    table = [line(row, [one for one in found if one.row == row]) for row in rows]
-    seconds = float(np.median([one.seconds for one in found]))
+    table = [line(row, [outcome for outcome in found if outcome.row == row]) for row in rows]
+    seconds = float(np.median([outcome.seconds for outcome in found]))
     kinds = len(given.kinds.split(","))
     leave(HEAD, table, note(given.seeds, given.kinds, seconds), kinds=kinds, seeds=given.seeds)
     return 0

@@ -32,7 +32,7 @@ from deltaid.kernel.target import VARIABLE
 from deltaid.recording.mapping import ColumnMapping
 from deltaid.robot.description import RobotDescription
 from drives import KINDS, ROWS, case
-from drives.told import columns, described
+from drives.identify import columns, described
 
 # Relative change of each recorded number: larger than rounding, smaller than any sensor's noise.
 CHANGE = 1e-12
@@ -97,16 +97,19 @@ def answer(folder: Path) -> dict[str, Any]:
         model = identify(robot, logs, columns=mappings or None).model
     except DeltaidError as error:
         return {"decisions": [f"refused: {type(error).__name__}"], "values": {}}
-    decisions = {f"correction {one.kind} {one.subject}".strip() for one in model.corrections}
+    decisions = {
+        f"correction {correction.kind} {correction.subject}".strip()
+        for correction in model.corrections
+    }
     terms = model.friction_choice.steps if model.friction_choice else ()
-    decisions |= {f"law {one.joint} {one.addition}" for one in terms if one.useful}
+    decisions |= {f"law {term.joint} {term.addition}" for term in terms if term.useful}
     for source in model.sources:
-        decisions |= {f"excluded {one.reason}" for one in source.left_out}
+        decisions |= {f"excluded {stretch.reason}" for stretch in source.left_out}
         decisions |= {f"{len(source.events)} events"} if source.events else set()
-    values = {one.name: (one.value, half_width(one.low, one.high)) for one in model.parameters
-              if one.determined_by == "data"}  # fmt: skip
-    values |= {f"base {one.representative}": (one.value, half_width(one.low, one.high))
-               for one in model.base_parameters}  # fmt: skip
+    values = {p.name: (p.value, half_width(p.low, p.high)) for p in model.parameters
+              if p.determined_by == "data"}  # fmt: skip
+    values |= {f"base {base.representative}": (base.value, half_width(base.low, base.high))
+               for base in model.base_parameters}  # fmt: skip
     return {"decisions": sorted(decisions), "values": values}
 
 

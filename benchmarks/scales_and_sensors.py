@@ -82,9 +82,9 @@ def main() -> None:
     plans = [plan(robot, seed) for seed in range(SEEDS)]
     entries = [name for name in ENTRIES if name in plans[0].unknowns.names]
     shares = []
-    for one in plans:
-        at = [one.entry(name) for name in entries]
-        shares.append([each.shares[at] for each in (one.torques, *one.combinations)])
+    for planned in plans:
+        at = [planned.entry(name) for name in entries]
+        shares.append([each.shares[at] for each in (planned.torques, *planned.combinations)])
     means = 100 * np.mean(shares, axis=0)
     rows = [
         (words, *(f"{value:.2g}" for value in row))
@@ -93,8 +93,8 @@ def main() -> None:
     gains = [plan(robot, seed, "gains") for seed in range(SEEDS)]
     names = [name for name in gains[0].unknowns.names if name.startswith("gain.")]
     at = [gains[0].entry(name) for name in names]
-    tared = next(k for k, one in enumerate(gains[0].uses) if one.name == "tared")
-    told = 100 * np.mean([one.uses[tared].shares[at] for one in gains], axis=0)
+    tared = next(k for k, use in enumerate(gains[0].uses) if use.name == "tared")
+    told = 100 * np.mean([gain.uses[tared].shares[at] for gain in gains], axis=0)
     said = ", ".join(f"{name} {value:.2g} %" for name, value in zip(names, told, strict=True))
     leave(
         ("information", *entries),

@@ -115,11 +115,11 @@ def on(core: str, seeds: Sequence[int]) -> list[dict[str, Any]]:
     environment = os.environ | {"OPENBLAS_CORETYPE": core}
     done = subprocess.run(command, env=environment, stdout=subprocess.PIPE, text=True, check=True)
     found = [json.loads(line) for line in done.stdout.splitlines() if line.startswith("{")]
-    for seed, one in zip(seeds, found, strict=True):
-        rest = "other drives {consistent:.3g} and {base:.3g} times the noise".format(**one)
-        unseen = "unseen stretches {plain:.2g} % and {chosen:.2g} %".format(**one)
-        left = f"{one['slow'][CHOSEN]:.3g} N m"
-        print(core, f"seed {seed}", left, one["law"], rest, unseen, sep="; ", flush=True)
+    for seed, run in zip(seeds, found, strict=True):
+        rest = "other drives {consistent:.3g} and {base:.3g} times the noise".format(**run)
+        unseen = "unseen stretches {plain:.2g} % and {chosen:.2g} %".format(**run)
+        left = f"{run['slow'][CHOSEN]:.3g} N m"
+        print(core, f"seed {seed}", left, run["law"], rest, unseen, sep="; ", flush=True)
     return found
 
 
@@ -137,15 +137,15 @@ def span(values: Sequence[float], digits: int = 2) -> str:
 
 def rows(found: dict[str, list[dict[str, Any]]], seeds: Sequence[int]) -> list[list[str]]:
     """Of the table."""
-    every, table = [one for runs in found.values() for one in runs], []
+    every, table = [run for runs in found.values() for run in runs], []
     for name, (words, paper) in MODELS.items():
-        own = [span([one["slow"][name] for one in runs]) for runs in found.values()]
-        both = [span([one[motion][name] for one in every]) for motion in ("slow", "fast")]
+        own = [span([run["slow"][name] for run in runs]) for runs in found.values()]
+        both = [span([run[motion][name] for run in every]) for motion in ("slow", "fast")]
         table.append([words, "–" if paper is None else f"{paper:.2f}", *own, *both])
         for k, seed in enumerate(seeds if name == CHOSEN else ()):
             slow, fast = ([runs[k][motion][name] for runs in found.values()]
                           for motion in ("slow", "fast"))  # fmt: skip
-            singles = [span([one]) for one in slow]
+            singles = [span([run]) for run in slow]
             table.append([f"– seed {seed}", "", *singles, span(slow), span(fast)])
     return table
 
@@ -153,12 +153,12 @@ def rows(found: dict[str, list[dict[str, Any]]], seeds: Sequence[int]) -> list[l
 def note(every: list[dict[str, Any]], seeds: int, example: str) -> str:
     """What the runs have in common."""
     chosen, by_hand, plain = (
-        np.array([one["slow"][name] for one in every]) for name in (CHOSEN, RETUNED_4, GEOM)
+        np.array([run["slow"][name] for run in every]) for name in (CHOSEN, RETUNED_4, GEOM)
     )
     speed, acceleration, slow_speed, slow_acceleration = (
-        span(values, 3) for values in zip(*(one["speeds"] for one in every), strict=True)
+        span(values, 3) for values in zip(*(run["speeds"] for run in every), strict=True)
     )
-    exponents = [one["exponent"] for one in every if one["exponent"] is not None]
+    exponents = [run["exponent"] for run in every if run["exponent"] is not None]
     return NOTE.format(
         seeds=seeds,
         runs=len(every),
@@ -167,13 +167,13 @@ def note(every: list[dict[str, Any]], seeds: int, example: str) -> str:
         times=span((chosen / plain).tolist()),
         power=len(exponents),
         exponent=span(exponents) if exponents else "–",
-        stribeck=sum(one["stribeck"] for one in every),
-        plain=span([one["plain"] for one in every]),
-        chosen=span([one["chosen"] for one in every]),
-        middle_plain=short(float(np.median([one["plain"] for one in every]))),
-        middle_chosen=short(float(np.median([one["chosen"] for one in every]))),
-        consistent=short(max(one["consistent"] for one in every), 3),
-        base=short(max(one["base"] for one in every), 3),
+        stribeck=sum(run["stribeck"] for run in every),
+        plain=span([run["plain"] for run in every]),
+        chosen=span([run["chosen"] for run in every]),
+        middle_plain=short(float(np.median([run["plain"] for run in every]))),
+        middle_chosen=short(float(np.median([run["chosen"] for run in every]))),
+        consistent=short(max(run["consistent"] for run in every), 3),
+        base=short(max(run["base"] for run in every), 3),
         speed=speed,
         acceleration=acceleration,
         slow_speed=slow_speed,
@@ -196,7 +196,7 @@ def main() -> None:
             print(json.dumps(run(replace(settings, seed=seed))), flush=True)
         return
     found = {core: on(core, seeds) for core in CORES}
-    every = [one for runs in found.values() for one in runs]
+    every = [run for runs in found.values() for run in runs]
     example = "the quick example" if asked.quick else "the full example, as it is without `--quick`"
     text, seconds = note(every, asked.seeds, example), int(settings.duration)
     leave(HEAD, rows(found, seeds), text, seeds=asked.seeds, seconds=seconds)

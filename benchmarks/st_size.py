@@ -20,7 +20,7 @@ def main() -> None:
     for name in sys.argv[1:] or ["irb360-6-1600"]:
         model = load(name)
         for precision in (DOUBLE, SINGLE):
-            for further in ((), *((one,) for one in FURTHER)):
+            for further in ((), *((function,) for function in FURTHER)):
                 program = plc_program(model, "rob", precision, further)
                 chosen = f"--with {further[0]}" if further else ""
                 print(f"\n{name} {precision.st_type} {chosen}")
@@ -38,12 +38,12 @@ def taken(unit: Unit, precision: Precision) -> int:
     real = 8 if precision is DOUBLE else 4
     each = {"INT": 2, "BOOL": 1, precision.st_type: real}
 
-    def of(variable: Variable) -> int:
+    def bytes_of(variable: Variable) -> int:
         array = variable.array
         return real * array.size if array is not None else each[variable.type]
 
-    own = sum(map(of, unit.own)) + real * len(unit.scratch)
-    return own + sum(map(of, (*unit.inputs, *unit.outputs)))
+    own = sum(map(bytes_of, unit.own)) + real * len(unit.scratch)
+    return own + sum(map(bytes_of, (*unit.inputs, *unit.outputs)))
 
 
 if __name__ == "__main__":

@@ -102,7 +102,7 @@ def shortest(truth: Model, mass: float) -> Picks:
     raise SystemExit(f"{truth.name} does not move {mass:g} kg")
 
 
-def told(model: ControlModel, picks: Picks, mass: float, late: float = 0.0) -> Knowledge:
+def knowledge_of(model: ControlModel, picks: Picks, mass: float, late: float = 0.0) -> Knowledge:
     """The model with the load while it is held, from some time after the pick on."""
     with_load, times = model.holding(mass), picks.held(mass)
 
@@ -145,9 +145,9 @@ def errors(result: Tracking, picks: Picks) -> str:
         return f"lost after {result.ended:.2f} s"
     held = np.zeros(len(result.time), dtype=bool)
     ends = []
-    for one in picks.held(0.0):
-        held |= (result.time >= one.start) & (result.time < one.end)
-        ends.append(int(np.searchsorted(result.time, one.end)) - 1)
+    for pick in picks.held(0.0):
+        held |= (result.time >= pick.start) & (result.time < pick.end)
+        ends.append(int(np.searchsorted(result.time, pick.end)) - 1)
     e = 1e3 * result.platform_error
     return f"{np.sqrt((e[held] ** 2).mean()):.2f}, {e[held].max():.2f}, {e[ends].max():.2f}"
 
@@ -176,10 +176,10 @@ def main() -> None:
                 runs: list[tuple[Plant, Controller, Knowledge]] = [
                     (Plant(truth), law, model),
                     (plant, law, model),
-                    (plant, law, told(model, picks, mass, LATE)),
+                    (plant, law, knowledge_of(model, picks, mass, LATE)),
                     (plant, online, model),
-                    (plant, law, told(model, picks, (1 + OFF) * mass)),
-                    (plant, law, told(model, picks, mass)),
+                    (plant, law, knowledge_of(model, picks, (1 + OFF) * mass)),
+                    (plant, law, knowledge_of(model, picks, mass)),
                 ]
                 cells = [
                     errors(track(moved, by, known, trajectory, drives), picks)

@@ -59,38 +59,39 @@ def result(kind: str, seed: int) -> Result:
 
 def rows(results: list[Result]) -> Iterable[tuple[object, ...]]:
     """One line a kind of recording."""
-    for kind in dict.fromkeys(one.kind for one in results):
-        own = [one.score for one in results if one.kind == kind]
-        counts = Counter(key for one in own for key in {f"{k} ({g})" for k, g in one.said})
-        counts["none"] = sum(not one.said for one in own)
+    for kind in dict.fromkeys(result.kind for result in results):
+        scores = [result.score for result in results if result.kind == kind]
+        counts = Counter(key for score in scores for key in {f"{k} ({g})" for k, g in score.said})
+        counts["none"] = sum(not score.said for score in scores)
         said = ", ".join(f"{key} {n}" for key, n in counts.most_common() if n)
-        yield kind, len(own), f"{sum(one.right for one in own) / len(own):.0%}", said
+        yield kind, len(scores), f"{sum(score.right for score in scores) / len(scores):.0%}", said
 
 
 def summary(results: list[Result]) -> str:
     """The figures that count."""
-    ok = [one for one in results if one.kind == "clean"]
-    bad = [one for one in results if one.kind != "clean"]
+    ok = [result for result in results if result.kind == "clean"]
+    bad = [result for result in results if result.kind != "clean"]
     lines = []
     if bad:
-        right = sum(one.score.right for one in bad)
+        right = sum(result.score.right for result in bad)
         lines.append(f"{right} of {len(bad)} faulty recordings get the right verdict "
                      f"({right / len(bad):.1%}).")  # fmt: skip
     if ok:
-        wrong = sum(one.score.graver for one in ok)
+        wrong = sum(result.score.graver for result in ok)
+        doubtful = len(ok) - sum(result.score.right for result in ok) - wrong
         lines.append(f"Of {len(ok)} clean ones {wrong} are called wrong and "
-                     f"{sum(not one.score.right for one in ok) - wrong} doubtful.")  # fmt: skip
-    seconds = sorted(one.seconds for one in results)[len(results) // 2]
+                     f"{doubtful} doubtful.")  # fmt: skip
+    seconds = sorted(result.seconds for result in results)[len(results) // 2]
     return " ".join(lines) + f" A check takes {seconds:.1f} s of processor time (median)."
 
 
 def missed(results: list[Result]) -> str:
     """What was not right, with the command that shows it."""
     lines = [
-        f"- `--only {one.kind} --seed {one.seed} --show` {one.words}: "
-        + (", ".join(f"{key} ({grade})" for key, grade in one.score.said) or "nothing said")
-        for one in results
-        if not one.score.right
+        f"- `--only {result.kind} --seed {result.seed} --show` {result.words}: "
+        + (", ".join(f"{key} ({grade})" for key, grade in result.score.said) or "nothing said")
+        for result in results
+        if not result.score.right
     ]
     return "Not right:\n\n" + "\n".join(lines) if lines else "All are right."
 
@@ -106,11 +107,11 @@ def show(kind: str, seed: int) -> None:
         f"rest {s.rest}"
     )
     found = said_of(case)
-    for one in found:
-        number = "" if one.number is None else f" [{one.number:.4g} {one.unit}]"
-        print(f"{one.grade:12} {one.key} {one.subject}{number}: {one.seen}")
-        if one.grade is not Grade.GOOD:
-            print(f"             cause: {one.cause}\n             cure: {one.cure}")
+    for verdict in found:
+        number = "" if verdict.number is None else f" [{verdict.number:.4g} {verdict.unit}]"
+        print(f"{verdict.grade:12} {verdict.key} {verdict.subject}{number}: {verdict.seen}")
+        if verdict.grade is not Grade.GOOD:
+            print(f"             cause: {verdict.cause}\n             cure: {verdict.cure}")
     print(score(case, found))
 
 
@@ -133,7 +134,7 @@ def main() -> None:
     asked += [("clean", given.seed + 10_000 + i) for i in range(given.clean)]
     with ProcessPoolExecutor(given.processes) as pool:
         results = list(pool.map(result, *zip(*asked, strict=True), chunksize=1))
-    results.sort(key=lambda one: (one.kind != "clean", one.kind))
+    results.sort(key=lambda result: (result.kind != "clean", result.kind))
     note = summary(results) + "\n\n" + missed(results)
     leave(HEAD, list(rows(results)), note, clean=given.clean, faulty=given.faulty)
 

@@ -103,11 +103,13 @@ def _ros1(path: Path, messages: Iterable[State], packed: str = "") -> Path:
         writer.set_compression(writer.CompressionFormat[packed])
     with writer:
         topics: dict[str, Any] = {}
-        for k, one in enumerate(messages):
-            if one.topic not in topics:
-                topics[one.topic] = writer.add_connection(one.topic, one.type, typestore=_ROS_1)
-            one.number = k
-            writer.write(topics[one.topic], one.received, one.raw(ros1=True))
+        for k, message in enumerate(messages):
+            if message.topic not in topics:
+                topics[message.topic] = writer.add_connection(
+                    message.topic, message.type, typestore=_ROS_1
+                )
+            message.number = k
+            writer.write(topics[message.topic], message.received, message.raw(ros1=True))
     return path
 
 
@@ -125,10 +127,12 @@ def _ros2(
         writer.set_compression(mode, rosbag2.CompressionFormat.ZSTD)
     with writer:
         topics: dict[str, Any] = {}
-        for one in messages:
-            if one.topic not in topics:
-                topics[one.topic] = writer.add_connection(one.topic, one.type, typestore=_ROS_2)
-            writer.write(topics[one.topic], one.received, one.raw())
+        for message in messages:
+            if message.topic not in topics:
+                topics[message.topic] = writer.add_connection(
+                    message.topic, message.type, typestore=_ROS_2
+                )
+            writer.write(topics[message.topic], message.received, message.raw())
     return path
 
 
@@ -140,11 +144,13 @@ def _mcap(path: Path, messages: Iterable[State], packed: str = "LZ4", **options:
         writer = mcap.writer.Writer(file, compression=kind, **{"chunk_size": 1 << 14} | options)
         writer.start("ros2", "test")
         channels: dict[str, int] = {}
-        for one in messages:
-            if one.topic not in channels:
-                schema = writer.register_schema(one.type, "ros2msg", b"")
-                channels[one.topic] = writer.register_channel(one.topic, "cdr", schema)
-            writer.add_message(channels[one.topic], one.received, one.raw(), one.received)
+        for message in messages:
+            if message.topic not in channels:
+                schema = writer.register_schema(message.type, "ros2msg", b"")
+                channels[message.topic] = writer.register_channel(message.topic, "cdr", schema)
+            writer.add_message(
+                channels[message.topic], message.received, message.raw(), message.received
+            )
         writer.finish()
     return path
 
@@ -163,12 +169,12 @@ def _oldest(path: Path, messages: Iterable[State]) -> Path:
         base.execute(f"CREATE TABLE topics({columns})")
         base.execute("CREATE TABLE messages(id INTEGER PRIMARY KEY, topic_id, timestamp, data)")
         topics: dict[str, int] = {}
-        for one in messages:
-            if one.topic not in topics:
-                topics[one.topic] = len(topics) + 1
-                row = (topics[one.topic], one.topic, one.type, "cdr")
+        for message in messages:
+            if message.topic not in topics:
+                topics[message.topic] = len(topics) + 1
+                row = (topics[message.topic], message.topic, message.type, "cdr")
                 base.execute("INSERT INTO topics VALUES (?, ?, ?, ?)", row)
-            row = (topics[one.topic], one.received, one.raw())
+            row = (topics[message.topic], message.received, message.raw())
             base.execute("INSERT INTO messages(topic_id, timestamp, data) VALUES (?, ?, ?)", row)
         base.commit()
     return path
@@ -234,7 +240,7 @@ def address(quantity: str, joint: str, topic: str = "/joint_states") -> str:
     return f"{topic}.{quantity}[{joint}]"
 
 
-def told(path: Path) -> str:
+def complaint(path: Path) -> str:
     """What is said of a bag that cannot be read; nothing if it can."""
     try:
         read(open_table(path), ["t", *NAMES])

@@ -28,7 +28,7 @@ def scaled(data: Data, factor: float, part: str = "") -> Data:
     }  # fmt: skip
 
     def times(value: Any) -> Any:
-        return [times(one) for one in value] if isinstance(value, list) else value * factor
+        return [times(entry) for entry in value] if isinstance(value, list) else value * factor
 
     result = json.loads(json.dumps(data))
     for name, keys in lengths.items():
@@ -56,8 +56,8 @@ def mended_file(folder: Path, changes: dict[str, Any]) -> Path:
     return written(mended(as_written("clavel-delta3"), changes), folder / "robot.yaml")
 
 
-def of(found: tuple[Verdict, ...], key: str) -> Verdict:
-    matches = [one for one in found if one.key == key]
+def verdict_of(found: tuple[Verdict, ...], key: str) -> Verdict:
+    matches = [verdict for verdict in found if verdict.key == key]
     assert len(matches) == 1, found
     return matches[0]
 

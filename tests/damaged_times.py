@@ -113,8 +113,8 @@ def _halted(time: np.ndarray, at: np.ndarray, rng: Rng) -> None:
 
 
 DAMAGE: dict[str, Callable[[np.ndarray, np.ndarray, Rng], None]] = {
-    one.__name__.strip("_"): one
-    for one in (
+    damage.__name__.strip("_"): damage
+    for damage in (
         _wild, _bits, _near, _stretch, _shifted, _zeroed, _repeated,
         _backwards, _swapped, _moved, _copied, _halted,
     )

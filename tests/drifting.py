@@ -69,7 +69,7 @@ def with_other(file: FactorFile, merging: Merging, more: dict[str, float], name:
     found = replace(
         condensed,
         whole=moved(condensed.whole),
-        groups=FactorGroups.pack(moved(one) for one in condensed.groups),
+        groups=FactorGroups.pack(moved(group) for group in condensed.groups),
         geometry=None if condensed.geometry is None else moved(condensed.geometry),
     )
     return FactorFile(type(record).model_construct(**own), found, name)
@@ -97,11 +97,11 @@ def write_months(folder: Path, count: int = 42, every: int = 2) -> None:
 
     with TemporaryDirectory() as logs:
         file = one_recording(Path(logs))
-    for k, one in enumerate(days(file, count, share, held=held, every=every)):
+    for k, recorded in enumerate(days(file, count, share, held=held, every=every)):
         T = float(warm[k])
-        record = one.file.record
+        record = recorded.file.record
         fields: dict[str, Any] = dict(record) | {"temperature": Temperature(mean=T, low=T, high=T)}
-        own = FactorFile(type(record).model_construct(**fields), one.file.condensed)
+        own = FactorFile(type(record).model_construct(**fields), recorded.file.condensed)
         write(own, folder / f"{record.log.removesuffix('.csv')}{ENDING}")
 
 
@@ -125,10 +125,10 @@ def days(
     merging = merging_of([file], robot, SETTINGS)
     for day in range(count):
         more = {"P.m": held(day)}
-        for drive, own in zip(robot.drives, share(day), strict=True):
+        for drive, times in zip(robot.drives, share(day), strict=True):
             for kind in ("viscous", "coulomb"):
                 name = f"{kind}.{drive}"
-                more[name] = own * float(p[layout.names.index(name)])
+                more[name] = times * float(p[layout.names.index(name)])
         time = START + timedelta(days=every * day)
         one = with_other(file, merging, more, f"line3-{time:%Y-%m-%d}.csv")
         found.append(DriftRecording(one, time, temperature(day)))

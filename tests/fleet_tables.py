@@ -185,9 +185,9 @@ def _members(named: Names, foreign: Which, usable: list[int], rng: Random) -> pl
 
 def _types(robots: int) -> pl.DataFrame:
     rows = [
-        (own, parameter, mean, 0.004 * mean, 0.992 * mean, 1.008 * mean, 0.02 * mean, 0.015 * mean,
+        (kind, parameter, mean, 0.004 * mean, 0.992 * mean, 1.008 * mean, 0.02 * mean, 0.015 * mean,
          0.03 * mean, unit, mean, len(range(k, robots, len(TYPES))), "")
-        for k, own in enumerate(TYPES)
+        for k, kind in enumerate(TYPES)
         for parameter, (mean, unit) in PARAMETERS.items()
     ]  # fmt: skip
     names = ("type", "parameter", "mean", "std", "low", "high", "spread", "spread_low",

@@ -180,12 +180,12 @@ def cost_of_masks(name: str, rate: float, seed: int, settings: Settings | None =
     both = [settings.changed(keep_all=keep) for keep in (True, False)]
     fits = [identify(name, one.frame, settings=each) for each in both]
     all_rows, masked = (uncertainty(fit.problem) for fit in fits)
-    told = [one.std < 0.5 * one.prior_std for one in (all_rows, masked)]
+    told = [known_to.std < 0.5 * known_to.prior_std for known_to in (all_rows, masked)]
     shown = told[0] & told[1] & (all_rows.interval > 0)
     roots = (fit.problem.estimate.noise.root for fit in fits)
     known = [np.linalg.norm(inverse(root), axis=1) for root in roots]
     return Cost(
-        lost=sum(one.share for one in fits[1].model.sources[0].left_out),
+        lost=sum(stretch.share for stretch in fits[1].model.sources[0].left_out),
         known_less=known[1] / known[0],
         widths=masked.interval[shown] / all_rows.interval[shown],
         errors=(mass_error(one, fits[0].model.p), mass_error(one, fits[1].model.p)),

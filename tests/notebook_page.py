@@ -50,7 +50,7 @@ def executed() -> Any:
         client = NotebookClient(notebook, timeout=120, kernel_name="python3", resources=where)
         client.execute(env=os.environ | {"PYTHONPATH": str(ROOT / "src")})
     for cell in code(notebook):
-        cell["outputs"] = [one for one in map(_kept, cell["outputs"]) if one is not None]
+        cell["outputs"] = [output for output in map(_kept, cell["outputs"]) if output is not None]
         cell["metadata"].pop("execution", None)
     return notebook
 
@@ -97,7 +97,7 @@ def page(notebook: Any) -> str:
 
 def shown(figure: dict[str, Any]) -> str:
     """What a figure shows: its curves, by kind and name."""
-    curves = (f"{one['type']} {one.get('name', '')}".strip() for one in figure["data"])
+    curves = (f"{trace['type']} {trace.get('name', '')}".strip() for trace in figure["data"])
     return "; ".join(curves)
 
 
@@ -133,7 +133,7 @@ def _words(output: Any) -> str:
 
 
 def _numbers(texts: list[str]) -> list[float]:
-    return [float(one.replace("−", "-")) for text in texts for one in _NUMBER.findall(text)]
+    return [float(number.replace("−", "-")) for text in texts for number in _NUMBER.findall(text)]
 
 
 def _one_line(html: str) -> str:

@@ -57,8 +57,8 @@ def torques(setting: Setting, forces: tuple[Force, ...]) -> Array:
     """What drives need more to go on against forces on the platform: Jᵀ τ + F = 0."""
     time, oracle = setting.time, setting.plant.oracle
     out = np.zeros_like(setting.truth.tau)
-    for one in forces:
-        at = np.flatnonzero(one.share(time))
+    for force in forces:
+        at = np.flatnonzero(force.share(time))
         z = places(setting, time[at])
         steps = _STEP * np.eye(z.shape[1])
         J = np.stack(
@@ -66,7 +66,7 @@ def torques(setting: Setting, forces: tuple[Force, ...]) -> Array:
             axis=2,
         )
         F = np.zeros((len(at), z.shape[1], 1))
-        F[:, :3, 0] = np.outer(one.share(time[at]), one.force)
+        F[:, :3, 0] = np.outer(force.share(time[at]), force.force)
         out[at] -= np.linalg.solve(J.transpose(0, 2, 1), F)[:, :, 0]
     return out
 

@@ -67,7 +67,9 @@ def scope(
         lines += [f"Starttime of export{separator}132959733843760000{separator}Montag, 2. Mai 2022"]
         lines += [f"Endtime of export{separator}132959733853750000", "", ""]
     for word in words:
-        cells = [cell for group in groups for cell in (word, *(one.row(word) for one in group))]
+        cells = [
+            cell for group in groups for cell in (word, *(channel.row(word) for channel in group))
+        ]
         lines.append(separator.join(cells))
     lines.append("")
     every = max(curves, key=lambda one: len(one.time)).time
@@ -77,7 +79,7 @@ def scope(
             time = group[0].time
             i = int(np.searchsorted(time, every[k], side="right")) - 1 if align else k
             if i < len(time) and (align != "shift" or time[i] == every[k]):
-                cells += [instant(time[i]), *(number(one.values[i]) for one in group)]
+                cells += [instant(time[i]), *(number(channel.values[i]) for channel in group)]
             else:
                 cells += [" "] * (1 + len(group))
         while cells[-1] == " ":

@@ -83,8 +83,8 @@ def sensed(name: str, case: str, spread: float) -> Sensed:
         ],
     )
     dynamics = compiled(robot)
-    known = [np.flatnonzero(one.coefficients) for one in weighings(robot)]
-    seen = [one.pattern[1] for one in all_sensor_rows(dynamics, spread)]
+    known = [np.flatnonzero(weighing.coefficients) for weighing in weighings(robot)]
+    seen = [group.pattern[1] for group in all_sensor_rows(dynamics, spread)]
     shown = np.unique(np.concatenate([np.zeros(0, dtype=int), *known, *seen]))
     shown = shown[shown < len(dynamics.layout.names)]
     torques = np.unique(dynamics.regressor_pattern[1])
@@ -167,7 +167,9 @@ def recorded(
     columns = {"t": time} | {f"q{i + 1}": x for i, x in enumerate(q.T)}
     columns |= {f"tau{i + 1}": x / (gains or {}).get(i, 1.0) for i, x in enumerate(tau.T)}
     for rows in of.sensors:
-        u = np.array([one.scale * 0.1 * rng.standard_normal() for one in rows.parameters])
+        u = np.array(
+            [parameter.scale * 0.1 * rng.standard_normal() for parameter in rows.parameters]
+        )
         u = u if unknowns is None else unknowns
         shown = shown_by(rows, p, u, (z, qd, qdd))
         for channel, x in zip(rows.channels, shown, strict=True):
@@ -178,9 +180,9 @@ def recorded(
 def weighed(of: Sensed, p: np.ndarray, rng: np.random.Generator) -> RobotDescription:
     """The robot with what scales say of one whose parameters are p."""
     return of.robot.changed(measured=[
-        {"of": one.of, "mass": float(row.coefficients @ p + row.std * rng.standard_normal()),
+        {"of": part.of, "mass": float(row.coefficients @ p + row.std * rng.standard_normal()),
          "std": row.std}
-        for one, row in zip(of.robot.measured, weighings(of.robot), strict=True)
+        for part, row in zip(of.robot.measured, weighings(of.robot), strict=True)
     ])  # fmt: skip
 
 

@@ -115,7 +115,7 @@ def dense(robot: RobotDescription, names: tuple[str, ...]) -> dict[str, float]:
         own = len(rows.parameters)
         larger = np.zeros((len(information) + own,) * 2)
         larger[:-own, :-own] = information
-        larger[-own:, -own:] = np.diag([one.std**-2.0 for one in rows.parameters])
+        larger[-own:, -own:] = np.diag([parameter.std**-2.0 for parameter in rows.parameters])
         for c, channel in enumerate(rows.channels):
             A = np.zeros((len(q), len(larger)))
             A[:, : len(columns)] = C[:, c, : len(p)] @ J

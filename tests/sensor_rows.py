@@ -51,7 +51,7 @@ def sensor_twin(make: Make, seed: int = 5) -> SensorTwin:
     if make.kind == "h4":  # a tool that the middle bar can carry
         plain = replace(plain, tool=np.array([0.0, 0.0, -0.07]))
     cut = {name: _on_the_axis(rng) for name in {limb.strut_body for limb in plain.limbs}}
-    bodies = plain.bodies | {name: _sum(plain.bodies[name], one) for name, one in cut.items()}
+    bodies = plain.bodies | {name: _sum(plain.bodies[name], body) for name, body in cut.items()}
     plain = replace(plain, bodies=bodies)
     turns = rng.uniform(2, 9, plain.dof) * rng.choice([-1, 1], plain.dof)
     if make.linear:
@@ -119,7 +119,7 @@ def axes() -> np.ndarray:
 def wrenches(twin: SensorTwin) -> np.ndarray:
     """What it shows, by the oracle."""
     states = zip(*twin.states, strict=True)
-    return np.array([twin.oracle.base_wrench(*one, np.array(PLACE), axes()) for one in states])
+    return np.array([twin.oracle.base_wrench(*state, np.array(PLACE), axes()) for state in states])
 
 
 def assert_same(found: np.ndarray, expected: np.ndarray) -> None:

@@ -117,7 +117,7 @@ class Visitor:
 
     def _hear(self, kind: str, text: str) -> None:
         if kind in ("error", "warning") and not any(
-            own in text for own in (*BROWSERS_OWN, *_HARMLESS)
+            harmless in text for harmless in (*BROWSERS_OWN, *_HARMLESS)
         ):
             self.said.append(f"{kind}: {text}")
 

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 import deltaid
-from checked import Data, mended_file, moved, of, scaled, written
+from checked import Data, mended_file, moved, scaled, verdict_of, written
 from deltaid.checks.description import checked_lengths
 from deltaid.checks.evidence import evidence
 from deltaid.checks.information import checked_information
@@ -26,7 +26,7 @@ PLAIN = deltaid.Settings(
 @pytest.mark.parametrize("name", swept(catalogue(), "irb360-6-1600", "i4-linear"))
 def test_the_catalogue_is_good(name: str) -> None:
     found = of_robot(load_robot(name))
-    assert [one for one in found if one.grade is not Grade.GOOD] == []
+    assert [verdict for verdict in found if verdict.grade is not Grade.GOOD] == []
     assert len(found) == 6
 
 
@@ -35,7 +35,7 @@ def test_the_catalogue_is_good(name: str) -> None:
 def test_millimetres_are_seen_and_mended_exactly(name: str, part: str, tmp_path: Path) -> None:
     data = as_written(name)
     wrong = written(scaled(data, 1000, part), tmp_path / "robot.yaml")
-    verdict = of(check(wrong), "length-unit")
+    verdict = verdict_of(check(wrong), "length-unit")
     assert verdict.grade is Grade.WRONG
     assert "metres" in verdict.cause
     again = mended(as_written(wrong), changes([verdict], "robot"))
@@ -50,7 +50,9 @@ def test_what_describes_no_robot_is_refused(tmp_path: Path, key: str, value: obj
 
 
 def test_one_length_in_millimetres(tmp_path: Path) -> None:
-    verdict = of(check(mended_file(tmp_path, {"limbs.platform_radius": 125})), "length-unit")
+    verdict = verdict_of(
+        check(mended_file(tmp_path, {"limbs.platform_radius": 125})), "length-unit"
+    )
     (proposal,) = verdict.proposals
     assert proposal.changes == (("limbs.platform_radius", 0.125),)
 
@@ -91,11 +93,11 @@ def test_priors_out_of_scale(case: str, tmp_path: Path) -> None:
     make, path, value = PRIORS[case]
     data = as_written("clavel-delta3")
     found = check(written(mended(data, make(data)), tmp_path / "robot.yaml"))
-    verdict = of(found, "prior-scale")
+    verdict = verdict_of(found, "prior-scale")
     assert verdict.grade in (Grade.WRONG, Grade.DOUBTFUL)
     assert dict(verdict.proposals[0].changes) == {path: value}
     if verdict.grade is Grade.WRONG:  # what follows from it is not said as well
-        assert not [one for one in found if one.key == "torque-limit"]
+        assert not [verdict for verdict in found if verdict.key == "torque-limit"]
 
 
 @pytest.mark.parametrize(
@@ -111,14 +113,14 @@ def test_numbers_of_a_body_out_of_scale(
         "first_moment": [0.11 * c, 0.0, 0.0],
         "inertia": {"xx": 1e-5 * i, "yy": 0.08 * i, "zz": 0.08 * i},
     }
-    verdict = of(check(mended_file(tmp_path, {"bodies.S.prior": prior})), "prior-scale")
+    verdict = verdict_of(check(mended_file(tmp_path, {"bodies.S.prior": prior})), "prior-scale")
     assert verdict.grade is (Grade.DOUBTFUL if word == "kg" else Grade.WRONG)
     assert verdict.subject == "S"
     assert word in verdict.seen
 
 
 def test_missing_friction_is_proposed_from_a_drive_alike(tmp_path: Path) -> None:
-    verdict = of(check(mended_file(tmp_path, {"friction.drive2": None})), "friction")
+    verdict = verdict_of(check(mended_file(tmp_path, {"friction.drive2": None})), "friction")
     assert (verdict.grade, verdict.subject) == (Grade.DOUBTFUL, "drive2")
     assert dict(verdict.proposals[0].changes) == {
         "friction.drive2.viscous": 1.5,
@@ -128,7 +130,7 @@ def test_missing_friction_is_proposed_from_a_drive_alike(tmp_path: Path) -> None
 
 def test_missing_limits_say_which_defaults_act(tmp_path: Path) -> None:
     gone = {"platform_speed": None, "platform_acceleration": None, "drive_limits.drive1": None}
-    verdict = of(check(mended_file(tmp_path, gone)), "limits")
+    verdict = verdict_of(check(mended_file(tmp_path, gone)), "limits")
     assert verdict.grade is Grade.DOUBTFUL
     assert "5 m/s" in verdict.seen
     assert "50 m/s²" in verdict.seen
@@ -137,7 +139,7 @@ def test_missing_limits_say_which_defaults_act(tmp_path: Path) -> None:
 
 def test_a_workspace_that_limits_cut(tmp_path: Path) -> None:
     ranges = {f"drive_limits.drive{i}.angle_deg": [-10, 30] for i in (1, 2, 3)}
-    verdict = of(check(mended_file(tmp_path, ranges)), "workspace")
+    verdict = verdict_of(check(mended_file(tmp_path, ranges)), "workspace")
     assert verdict.grade is Grade.DOUBTFUL
     assert "drive angle" in verdict.seen
     assert 0.2 < verdict.number < 0.95
@@ -146,13 +148,13 @@ def test_a_workspace_that_limits_cut(tmp_path: Path) -> None:
 
 def test_a_torque_limit_below_gravity(tmp_path: Path) -> None:
     low = {f"drive_limits.drive{i}.torque": 2.0 for i in (1, 2, 3)}
-    verdict = of(check(mended_file(tmp_path, low)), "torque-limit")
+    verdict = verdict_of(check(mended_file(tmp_path, low)), "torque-limit")
     assert verdict.grade is Grade.WRONG
     assert verdict.number == pytest.approx(9.15 / 2.0, rel=0.02)
 
 
 @pytest.fixture(scope="module")
-def told() -> dict[str, tuple[Verdict, ...]]:
+def by_motion() -> dict[str, tuple[Verdict, ...]]:
     """Verdicts on recordings of the 4-DOF Delta by their motion: all of a usual one."""
     name, kinds = "irb360-6-1600", {"slow": {"pace": 1 / 15}, "tool rests": {"which": (0, 1, 2)}}
     found = {"usual": check(name, moved(name))}
@@ -162,23 +164,23 @@ def told() -> dict[str, tuple[Verdict, ...]]:
     return found
 
 
-def test_a_usual_motion_is_good(told: dict[str, tuple[Verdict, ...]]) -> None:
-    assert worst(told["usual"]) is Grade.GOOD
-    assert of(told["usual"], "excitation").number == pytest.approx(1.0, abs=0.3)
+def test_a_usual_motion_is_good(by_motion: dict[str, tuple[Verdict, ...]]) -> None:
+    assert worst(by_motion["usual"]) is Grade.GOOD
+    assert verdict_of(by_motion["usual"], "excitation").number == pytest.approx(1.0, abs=0.3)
 
 
-def test_a_slow_motion_is_doubtful(told: dict[str, tuple[Verdict, ...]]) -> None:
-    verdict = of(told["slow"], "excitation")
+def test_a_slow_motion_is_doubtful(by_motion: dict[str, tuple[Verdict, ...]]) -> None:
+    verdict = verdict_of(by_motion["slow"], "excitation")
     assert verdict.grade is Grade.DOUBTFUL
     assert verdict.number > 10
     assert "as fast as the limits allow" in verdict.cure
 
 
 def test_a_tool_that_rests_is_named_with_the_motion_that_shows_it(
-    told: dict[str, tuple[Verdict, ...]],
+    by_motion: dict[str, tuple[Verdict, ...]],
 ) -> None:
-    assert of(told["tool rests"], "excitation").subject == "drive4"
-    verdict = of(told["tool rests"], "base-parameters")
+    assert verdict_of(by_motion["tool rests"], "excitation").subject == "drive4"
+    verdict = verdict_of(by_motion["tool rests"], "base-parameters")
     assert verdict.grade is Grade.DOUBTFUL
     assert "viscous.drive4" in verdict.cure
     assert "fast turns of the tool" in verdict.cure
@@ -193,7 +195,7 @@ def test_a_recording_that_cannot_be_used_has_a_verdict() -> None:
 
 def test_identify_refuses_what_is_wrong_in_the_words_of_the_check(tmp_path: Path) -> None:
     robot = mended_file(tmp_path, {"bodies.P.prior[0].mass": 1000.0})
-    words = of(check(robot), "prior-scale")
+    words = verdict_of(check(robot), "prior-scale")
     log = moved("clavel-delta3")
     with pytest.raises(deltaid.DeltaidError) as error:
         deltaid.identify(robot, log)
@@ -206,10 +208,10 @@ def test_identify_refuses_what_is_wrong_in_the_words_of_the_check(tmp_path: Path
 def test_identify_begins_with_what_is_doubtful(tmp_path: Path) -> None:
     log = moved("clavel-delta3", pace=1 / 15)
     result = deltaid.identify("clavel-delta3", log)
-    poor = [one for one in result.verdicts if one.grade is not Grade.GOOD]
-    assert [one.key for one in poor] == ["base-parameters", "excitation", "torque-lag"]
+    poor = [verdict for verdict in result.verdicts if verdict.grade is not Grade.GOOD]
+    assert [verdict.key for verdict in poor] == ["base-parameters", "excitation", "torque-lag"]
     assert poor[2].grade is Grade.CANNOT_TELL  # at this pace a lag hardly shows
-    assert result.model.warnings[:3] == tuple(one.sentence for one in poor)
+    assert result.model.warnings[:3] == tuple(verdict.sentence for verdict in poor)
 
 
 def test_two_recordings_are_judged_together() -> None:
@@ -217,21 +219,21 @@ def test_two_recordings_are_judged_together() -> None:
     name = "irb360-6-1600"
     logs = [moved(name, which=(0, 1, 2)), moved(name, which=(2, 3))]
     result = deltaid.identify(name, logs, settings=PLAIN)
-    told = of(result.verdicts, "base-parameters")
+    told = verdict_of(result.verdicts, "base-parameters")
     assert "drive4" not in told.seen + told.cure
-    assert "drive4" not in of(result.verdicts, "excitation").seen
+    assert "drive4" not in verdict_of(result.verdicts, "excitation").seen
     assert not any("constant" in text for text in result.model.warnings)
     found = check(name, logs)
-    assert of(found, "base-parameters").seen == told.seen
-    assert of(found, "excitation").seen == of(result.verdicts, "excitation").seen
-    assert {one.subject for one in found if one.key == "velocity"} == {"arrays"}
+    assert verdict_of(found, "base-parameters").seen == told.seen
+    assert verdict_of(found, "excitation").seen == verdict_of(result.verdicts, "excitation").seen
+    assert {verdict.subject for verdict in found if verdict.key == "velocity"} == {"arrays"}
 
 
 def test_a_drive_that_rests_in_all_recordings_is_named_once() -> None:
     name = "irb360-6-1600"
     logs = [moved(name, which=which) for which in ((0, 1, 2), (0, 1))]
     result = deltaid.identify(name, logs, settings=PLAIN)
-    assert of(result.verdicts, "excitation").subject == "drive4"
+    assert verdict_of(result.verdicts, "excitation").subject == "drive4"
     assert sum("drive4 hardly moves" in text for text in result.model.warnings) == 1
     assert not any("constant" in text for text in result.model.warnings)
 
@@ -241,7 +243,7 @@ def test_what_a_fit_contradicts_is_not_said_where_a_verdict_tells_why() -> None:
     rows = evidence(load_robot(name), moved(name)).rows
     log = deltaid.Recording.from_arrays(t=rows.time, q=rows.q, tau=rows.tau * [1, -1, 1])
     forced = deltaid.identify(name, log, force=True, settings=PLAIN)
-    assert of(forced.verdicts, "torque-sign").grade is Grade.WRONG
+    assert verdict_of(forced.verdicts, "torque-sign").grade is Grade.WRONG
     assert (
         sum("contradict" in text or "no robot has" in text for text in forced.model.warnings) == 0
     )
@@ -252,5 +254,5 @@ def test_missing_limits_are_said_of_a_description_not_of_every_recording(tmp_pat
     data.pop("platform_speed", None)
     robot, log = written(data, tmp_path / "robot.yaml"), tmp_path / "log.csv"
     recorded(3000).write_csv(log)
-    assert of(check(robot), "limits").grade is Grade.DOUBTFUL
+    assert verdict_of(check(robot), "limits").grade is Grade.DOUBTFUL
     assert "limits" not in {verdict.key for verdict in check(robot, log).poor}

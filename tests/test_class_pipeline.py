@@ -181,7 +181,7 @@ class Found:
 
 
 @pytest.fixture(scope="module")
-def found(case: Case, tmp_path_factory) -> Found:
+def commanded(case: Case, tmp_path_factory) -> Found:
     folder, rng = tmp_path_factory.mktemp(case.name), np.random.default_rng(1)
     truth = surrogate_parameters(case.robot, rng)
     motion = random_motion(case.dynamics.kinematics, rng)
@@ -193,30 +193,30 @@ def found(case: Case, tmp_path_factory) -> Found:
 
 
 @each("h4", "i4-linear")
-def test_an_identification_without_noise_finds_the_truth(case: Case, found: Found) -> None:
-    dynamics, truth, model = case.dynamics, found.truth, IdentifiedModel.load(found.model)
+def test_an_identification_without_noise_finds_the_truth(case: Case, commanded: Found) -> None:
+    dynamics, truth, model = case.dynamics, commanded.truth, IdentifiedModel.load(commanded.model)
     assert model.consistent
     assert model.fit.base_parameters == case.base
     friction = dynamics.layout.friction
     np.testing.assert_allclose(model.p[friction], truth[friction], rtol=1e-4)
-    z, _, _ = found.motion.evaluate(np.linspace(0, 10, 300))
+    z, _, _ = commanded.motion.evaluate(np.linspace(0, 10, 300))
     assert max(mass_matrix_error(dynamics, z, truth, model.p)) < 1e-4
 
 
 @each("h4", "i4-linear")
-def test_commands_and_pages(case: Case, found: Found) -> None:
+def test_commands_and_pages(case: Case, commanded: Found) -> None:
     linear, rng = case.robot.is_linear("drive1"), np.random.default_rng(2)
-    folder = found.model.parent
+    folder = commanded.model.parent
     page, log = folder / "page.html", folder / "verify.csv"
     recording = simulate_recording(
-        case.dynamics, found.truth, random_motion(case.dynamics.kinematics, rng), rng,
+        case.dynamics, commanded.truth, random_motion(case.dynamics.kinematics, rng), rng,
         duration=5.0, rate=400.0, noise=SensorNoise(),
     )  # fmt: skip
     write_recording(recording, log)
-    assert ("force error, N " if linear else "torque error, N m") in found.outcome.out
+    assert ("force error, N " if linear else "torque error, N m") in commanded.outcome.out
     full = run("identify", case.name, folder / "log.csv", "--full").out
     assert ("N s/m" if linear else "N m s/rad") in full
-    outcome = run("validate", found.model, log, "--report", page, "--json")
+    outcome = run("validate", commanded.model, log, "--report", page, "--json")
     assert outcome.code == 0, outcome.err
     assert max(json.loads(outcome.out)["nrmse"]) < 0.03
     text = page.read_text(encoding="utf-8")
@@ -224,7 +224,7 @@ def test_commands_and_pages(case: Case, found: Found) -> None:
     assert f"drive1 [{unit}]" in text
     assert f"residual [{unit}]" in text
     assert f"residual [{other}]" not in text
-    outcome = run("torque", found.model, log, "-o", folder / "torque.csv")
+    outcome = run("torque", commanded.model, log, "-o", folder / "torque.csv")
     assert outcome.code == 0, outcome.err
     predicted = pl.read_csv(folder / "torque.csv")
     assert predicted.columns == ["t", *(f"tau{i + 1}" for i in range(len(case.robot.drives)))]

@@ -56,7 +56,7 @@ def test_json_has_all_fields(tmp_path: Path) -> None:
     outcome = run("check", mended_file(tmp_path, {"bodies.P.prior[0].mass": 1000.0}), "--json")
     value = json.loads(outcome.out)
     assert (value["robot"], value["grade"]) == ("clavel-delta3", "wrong")
-    verdict = next(one for one in value["verdicts"] if one["key"] == "prior-scale")
+    verdict = next(entry for entry in value["verdicts"] if entry["key"] == "prior-scale")
     assert set(verdict) == {
         "key", "grade", "subject", "seen", "number", "unit", "cause", "cure", "proposals"
     }  # fmt: skip

@@ -39,10 +39,10 @@ def test_json_has_what_the_tables_say() -> None:
     assert len(found["steps"]) == 2
     torques, plan = found["torques"]["std"], found["steps"][-1]["std"]
     assert all(plan[name] <= torques[name] * (1 + 1e-9) for name in torques)
-    opened = {one["with"]: one for one in found["open"]}
+    opened = {opening["with"]: opening for opening in found["open"]}
     assert (opened["torques"]["seen"], opened["torques"]["told"]) == (20, 18)
     assert len(opened["plan"]["directions"]) == opened["plan"]["seen"] - opened["plan"]["told"]
-    assert set(opened) == {"torques", "plan", *(one["name"] for one in found["uses"])}
+    assert set(opened) == {"torques", "plan", *(use["name"] for use in found["uses"])}
 
 
 def test_the_list_is_printed_and_read_again(tmp_path: Path) -> None:

@@ -228,7 +228,7 @@ def test_a_payload_and_its_uncertainty(folder: Path, tmp_path: Path) -> None:
 def test_a_comparison_with_a_load(folder: Path) -> None:
     arguments = ("compare-controllers", folder / "model.yaml", folder / "shorter.csv", "--plant")
     outcome = run(*arguments, folder / "truth.yaml", "--payload", "1+-0.1", "--json")
-    runs = {(one["controller"], one["model"]): one for one in json.loads(outcome.out)["runs"]}
+    runs = {(run["controller"], run["model"]): run for run in json.loads(outcome.out)["runs"]}
     blind = runs["pd-feedforward", "identified"]
     known = runs["pd-feedforward", "identified, load known"]
     assert known["platform_rms"] < 0.2 * blind["platform_rms"]

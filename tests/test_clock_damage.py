@@ -102,7 +102,7 @@ def test_wild_stamps_leave_uneven_samples_their_own(clavel: Dynamics) -> None:
     assert log.clock.even is False
     assert log.clock.extra.tolist() == [700, 2500]
     assert log.clock.wild == 2
-    (segment,) = [np.concatenate(list(one)) for one in log.segments(30.0)]
+    (segment,) = [np.concatenate(list(segment)) for segment in log.segments(30.0)]
     marks = np.interp(segment[:, 0], fine.time[at], _MARK * at)
     np.testing.assert_allclose(segment[:, 4], marks, atol=30 * _MARK)
 
@@ -198,7 +198,7 @@ def test_long_stale_stretches_are_gaps(clavel: Dynamics) -> None:
     assert "1 gap of up to 201 ms (1.999 to 2.2 s)" in recording.log.warnings[-1]
     assert recording.clock.gaps == (pytest.approx((1.999, 2.2)),)
     assert recording.clock.out_of_place == 0
-    first, second = (np.concatenate(list(one)) for one in log.segments(30.0))
+    first, second = (np.concatenate(list(segment)) for segment in log.segments(30.0))
     np.testing.assert_allclose(first[:, 1:4], whole.to_numpy()[:2000, 1:4], atol=3e-5)
     np.testing.assert_array_equal(second[:, 1:4], whole.to_numpy()[2200:5800, 1:4])
     np.testing.assert_allclose(second[:, 0], whole["t"][2200:5800], atol=1e-9)

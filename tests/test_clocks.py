@@ -39,7 +39,7 @@ def opened(rows: Rows, clavel: Dynamics) -> Log:
     return open_log(deltaid.Recording.from_table(rows.log), clavel.kinematics)
 
 
-def found(clock: Clock) -> dict[int, int]:
+def holes_of(clock: Clock) -> dict[int, int]:
     return dict(zip(clock.holes.tolist(), clock.lost.tolist(), strict=True))
 
 
@@ -51,7 +51,7 @@ def test_places_are_right_to_the_row(rate: float, jitter: float, share: float) -
     whole = even(rate, 4000 / rate)
     rows = whole.gap(1500 / rate, 87 / rate).losing(share, rng).jittering(jitter, rng)
     clock = clock_of(rows)
-    missed = rows.holes.items() ^ found(clock).items()
+    missed = rows.holes.items() ^ holes_of(clock).items()
     # Where many rows are lost, two stamps may leave open between which rows one is missing.
     assert len(missed) <= (6 if jitter > 0.35 and share > 0.01 else 0), missed
     assert clock.lost.sum() == sum(rows.holes.values())
@@ -89,7 +89,7 @@ def test_rows_out_of_order_are_left_out() -> None:
     at[[800, 801]] = at[[801, 800]]
     clock = clock_of(Rows(rows.frame, at, rows.time[at]))
     assert clock.extra.tolist() == [801]
-    assert found(clock) == {800: 1}
+    assert holes_of(clock) == {800: 1}
     assert clock.doubled == 0
 
 
@@ -108,7 +108,7 @@ def test_time_that_starts_again_begins_a_segment(clavel: Dynamics) -> None:
     rows = even(1000.0)
     time = np.where(rows.at < 3000, rows.time, rows.time - 3.0)
     log = opened(Rows(rows.frame, rows.at, time), clavel)
-    assert found(log.clock) == {3000: -1}
+    assert holes_of(log.clock) == {3000: -1}
     (told,) = with_filter(log).log.warnings
     assert told.startswith("time starts again in 1 place, the first in row 3001: a new segment")
 
@@ -134,7 +134,7 @@ def test_positions_know_where_rows_are_missing(rate: float, step: float) -> None
     rows = even(rate, 4.0)
     rows = rows.without(np.arange(200, 3600, 300) + rng.integers(0, 150, 12))
     rows = Rows(rows.frame, rows.at, rows.time * (1 + 4e-5)).rounded(step)
-    assert found(clock_of(rows)) == rows.holes
+    assert holes_of(clock_of(rows)) == rows.holes
 
 
 def test_blocks_change_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -222,7 +222,7 @@ def test_uneven_samples_are_interpolated(clavel: Dynamics) -> None:
     log = opened(rows, clavel)
     assert log.clock.even is False
     assert log.rate == pytest.approx(1000, rel=1e-3)
-    assert list(found(log.clock).values()) in ([79], [80])
+    assert list(holes_of(log.clock).values()) in ([79], [80])
     assert log.warnings[0].startswith("samples were taken at uneven times, off by 0.2")
     parts = [np.vstack(list(segment)) for segment in log.segments(30.0)]
     assert len(parts) == 2

@@ -42,7 +42,7 @@ def wound(share: float = 1.0, noise: float = 0.01) -> tuple[Dynamics, np.ndarray
     z, zd, zdd = motion.evaluate(time)
     q, qd, qdd = dynamics.kinematics.drive_motion(z, zd, zdd)
     carried = dynamics.carried(z, qd, qdd, p)
-    named = dict(zip((one.name for one in dynamics.layout.parameters), p, strict=True))
+    named = dict(zip((parameter.name for parameter in dynamics.layout.parameters), p, strict=True))
     viscous, coulomb = (
         np.array([named[f"{kind}.{drive}"] for drive in dynamics.robot.drives])
         for kind in ("viscous", "coulomb")
@@ -76,7 +76,9 @@ def mass_error(dynamics: Dynamics, p: np.ndarray, true: np.ndarray) -> float:
 
 
 def gears(p: np.ndarray, dynamics: Dynamics) -> Gears:
-    named = dict(zip((one.name for one in dynamics.layout.parameters), p.tolist(), strict=True))
+    named = dict(
+        zip((parameter.name for parameter in dynamics.layout.parameters), p.tolist(), strict=True)
+    )
     viscous, coulomb, rotor = (
         tuple(named.get(f"{kind}.{drive}", 0.0) for drive in dynamics.robot.drives)
         for kind in ("viscous", "coulomb", "rotor")
@@ -125,13 +127,15 @@ def test_rows_near_brakes_do_not_count() -> None:
 def test_compliances_are_found_and_put_right() -> None:
     dynamics, p, table = wound()
     found = fitted(1.0)
-    told = [one for one in found.model.corrections if one.kind == "compliance"]
-    assert [one.subject for one in told] == list(dynamics.robot.drives)
-    values = np.array([one.value for one in told])
+    told = [correction for correction in found.model.corrections if correction.kind == "compliance"]
+    assert [correction.subject for correction in told] == list(dynamics.robot.drives)
+    values = np.array([correction.value for correction in told])
     np.testing.assert_allclose(values, 1 / STIFFNESS, rtol=0.1)
-    low, high = (np.array([getattr(one, side) for one in told]) for side in ("low", "high"))
+    low, high = (
+        np.array([getattr(correction, side) for correction in told]) for side in ("low", "high")
+    )
     assert np.all((low > 0) & (low < values) & (values < high))
-    assert {one.unit for one in told} == {"rad/(N m)"}
+    assert {correction.unit for correction in told} == {"rad/(N m)"}
     assert mass_error(dynamics, found.model.p, p) < 0.005
     stiff = replace(found.recordings[0], repairs=Repairs())
     wrong = fit(dynamics, [stiff], found.model.settings)
@@ -142,7 +146,9 @@ def test_compliances_are_found_and_put_right() -> None:
 
 def test_stiff_gears_stay_stiff() -> None:
     found = fitted(0.0)
-    assert not [one for one in found.model.corrections if one.kind == "compliance"]
+    assert not [
+        correction for correction in found.model.corrections if correction.kind == "compliance"
+    ]
     assert found.recordings[0].repairs.gears is None
     assert model_filtered(found.model, found.recordings[0].log).repairs.gears is None
 
@@ -157,7 +163,7 @@ def test_noise_of_a_short_recording_is_no_gear_that_winds_up(seed: int) -> None:
     table = simulate_recording(dynamics, p, motion, rng, duration=6.0, rate=500.0, noise=noise)
     settings = Settings(cutoff=15.0, friction="described", lag="none", events=False)
     found = at_stage(dynamics.robot, table, settings)
-    assert all(one.repairs.gears is None for one in found.recordings)
+    assert all(recording.repairs.gears is None for recording in found.recordings)
 
 
 def at_stage(
@@ -179,9 +185,9 @@ def test_a_stiffness_that_is_stated_is_applied() -> None:
     named = dict(zip(dynamics.robot.drives, STIFFNESS.tolist(), strict=True))
     robot = dynamics.robot.model_copy(update={"gear_stiffness": named})
     setup = at_stage(robot, table, Settings(compliance="none", effects="none"))
-    told = [one for one in setup.corrections if one.kind == "compliance"]
-    np.testing.assert_allclose([one.value or 0.0 for one in told], 1 / STIFFNESS)
-    assert all("as stated" in one.text and one.low is None for one in told)
+    told = [correction for correction in setup.corrections if correction.kind == "compliance"]
+    np.testing.assert_allclose([correction.value or 0.0 for correction in told], 1 / STIFFNESS)
+    assert all("as stated" in correction.text and correction.low is None for correction in told)
     assert mass_error(dynamics, fit(dynamics, setup.recordings, Settings()).p, p) < 0.003
 
 

@@ -27,8 +27,8 @@ from deltaid.model.settings import Settings
 from deltaid.robot.friction import Stribeck
 from deltaid.robot.load import described
 from drives import case, mixture
+from drives.identify import identified
 from drives.judge import judge
-from drives.told import identified
 
 KINDS = ("clavel-delta3", "irb360-6-1600", "linear-delta", "h4", "par4")
 

@@ -41,7 +41,7 @@ def test_rows_lose_without_bias_what_positions_keep(cutoff: float) -> None:
     apart = with_filter(replace(log, motion_cutoff=40.0), cutoff)
     assert (apart.cutoff, apart.motion_cutoff) == (cutoff, 40.0)
     alike = with_filter(replace(log, motion_cutoff=cutoff), cutoff)
-    wrong, bent = (merge(gather(dynamics, one)).rms(p).max() for one in (apart, alike))
+    wrong, bent = (merge(gather(dynamics, recording)).rms(p).max() for recording in (apart, alike))
     assert wrong < 1e-4 * log.torque_max.max()
     assert bent > 5 * wrong
 

@@ -35,7 +35,7 @@ def warnings(tmp_path: Path) -> Callable[[Torques], tuple[str, ...]]:
     frame = recorded(1500, derivatives=True)
     qd, tau = (frame.select(names(kind)).to_numpy() for kind in ("qd", "tau"))
 
-    def of(changed: Torques, light: str = "") -> tuple[str, ...]:
+    def warnings_of(changed: Torques, light: str = "") -> tuple[str, ...]:
         noisy = changed(tau, qd) * (1 + 0.01 * np.random.default_rng(0).standard_normal(tau.shape))
         columns = dict(zip(names("tau"), noisy.T, strict=True))
         log = write(tmp_path / "log.parquet", frame.with_columns(pl.from_dict(columns)))
@@ -47,7 +47,7 @@ def warnings(tmp_path: Path) -> Callable[[Torques], tuple[str, ...]]:
             robot = RobotDescription.model_validate(data)
         return identify(robot, [log]).model.warnings
 
-    return of
+    return warnings_of
 
 
 def test_a_healthy_recording_raises_no_doubts(warnings) -> None:
@@ -166,7 +166,7 @@ def test_inertia_alone_tells_where_there_is_no_friction() -> None:
     tau = dynamics.torque(z, qd, qdd, prior_parameters(dynamics.robot))
     tau = (tau + 0.05 * rng.standard_normal(tau.shape)) * [1, -1, 1]
     found = against_motion(dynamics, gather_samples(dynamics, z, qd, qdd, tau))
-    assert [one.drive for one in found] == ["drive2"]
+    assert [ripple.drive for ripple in found] == ["drive2"]
     assert "friction" not in contradiction(found, dynamics.robot)
 
 

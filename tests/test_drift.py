@@ -50,49 +50,49 @@ def months(file: FactorFile) -> list[DriftRecording]:
 
 @pytest.fixture(scope="module")
 def model(months: list[DriftRecording]) -> IdentifiedModel:
-    return identify_gathered(ROBOT, [one.file for one in months[:10]], SETTINGS).model
+    return identify_gathered(ROBOT, [month.file for month in months[:10]], SETTINGS).model
 
 
 @pytest.fixture(scope="module")
-def found(months: list[DriftRecording], model: IdentifiedModel) -> RobotDrift:
+def drift(months: list[DriftRecording], model: IdentifiedModel) -> RobotDrift:
     return robot_drift(months, model, DriftSettings(limit=1.5))
 
 
-def test_the_drive_that_drifts_is_found_and_no_other(found: RobotDrift) -> None:
-    assert [one.state for one in found.findings] == ["steady", "rising", "steady"]
-    one = found.findings[1]
-    low, high = found.date(one.change.low), found.date(one.change.high)
+def test_the_drive_that_drifts_is_found_and_no_other(drift: RobotDrift) -> None:
+    assert [finding.state for finding in drift.findings] == ["steady", "rising", "steady"]
+    one = drift.findings[1]
+    low, high = drift.date(one.change.low), drift.date(one.change.high)
     assert low <= START + timedelta(days=ONSET) <= high
     assert one.rate.low < 0.03 < one.rate.high
     truth = START + timedelta(days=ONSET + 30.4375 * np.log(1.5) / 0.03)
-    assert found.date(one.horizon.low) < truth < found.date(one.horizon.high)
-    assert "0.1 a robot-year over 3 drives" in found.bound
-    for own in found.findings:
-        assert own.temperature.low < SLOPE < own.temperature.high
-        assert 0.003 < own.scatter < 0.012
+    assert drift.date(one.horizon.low) < truth < drift.date(one.horizon.high)
+    assert "0.1 a robot-year over 3 drives" in drift.bound
+    for finding in drift.findings:
+        assert finding.temperature.low < SLOPE < finding.temperature.high
+        assert 0.003 < finding.scatter < 0.012
 
 
-def test_friction_is_that_of_the_day(found: RobotDrift, model: IdentifiedModel) -> None:
+def test_friction_is_that_of_the_day(drift: RobotDrift, model: IdentifiedModel) -> None:
     """Within a recording's own noise, however far the model's bodies are off."""
     expected = np.array([1.0 + _share(day) for day in range(COUNT)]).T
-    ratio = found.friction.mean / expected
+    ratio = drift.friction.mean / expected
     assert np.all(np.abs(ratio / ratio.mean(axis=1, keepdims=True) - 1.0) < 2e-3)
-    assert np.all(found.friction.std / found.friction.mean < 0.01)
-    curves = {one.joint: one for one in model.friction_curves}
-    for drive, level in zip(found.drives, found.friction.mean[:, 0], strict=True):
+    assert np.all(drift.friction.std / drift.friction.mean < 0.01)
+    curves = {friction_curve.joint: friction_curve for friction_curve in model.friction_curves}
+    for drive, level in zip(drift.drives, drift.friction.mean[:, 0], strict=True):
         assert min(map(abs, curves[drive].friction)) < level < max(map(abs, curves[drive].friction))
 
 
-def test_a_tool_that_nobody_told_is_no_friction(found: RobotDrift) -> None:
-    assert [one.day for one in found.tools] == [float(TOOL)]
-    assert found.tools[0].mass == pytest.approx(0.12, rel=0.1)
-    table = drift_table([found])
+def test_a_tool_that_nobody_told_is_no_friction(drift: RobotDrift) -> None:
+    assert [tool.day for tool in drift.tools] == [float(TOOL)]
+    assert drift.tools[0].mass == pytest.approx(0.12, rel=0.1)
+    table = drift_table([drift])
     assert table["tool_change"].to_list() == [START + timedelta(days=TOOL)] * 3
 
 
-def test_order_does_not_matter(found: RobotDrift, months, model: IdentifiedModel) -> None:
+def test_order_does_not_matter(drift: RobotDrift, months, model: IdentifiedModel) -> None:
     again = robot_drift(months[::-1], model, DriftSettings(limit=1.5))
-    assert drift_table([again]).equals(drift_table([found]))
+    assert drift_table([again]).equals(drift_table([drift]))
 
 
 def test_deviations_are_those_of_seeds(file: FactorFile, tmp_path: Path, model) -> None:
@@ -107,7 +107,7 @@ def test_deviations_are_those_of_seeds(file: FactorFile, tmp_path: Path, model) 
 def test_since_leaves_out_and_too_few_say_nothing(months, model: IdentifiedModel) -> None:
     late = START + timedelta(days=COUNT - 8)
     found = robot_drift(months, model, DriftSettings(since=late))
-    assert {one.state for one in found.findings} == {"unknown"}
+    assert {finding.state for finding in found.findings} == {"unknown"}
     assert found.findings[0].recordings == 8
     with pytest.raises(RecordingError, match="none since"):
         robot_drift(months, model, DriftSettings(since=START + timedelta(days=400)))
@@ -124,23 +124,25 @@ def test_a_step_in_eight_files_is_reported(file: FactorFile, model: IdentifiedMo
     assert {other.state for other in others} == {"unknown"}
 
 
-def test_tables_are_tidy(found: RobotDrift, tmp_path: Path) -> None:
-    friction, drift = friction_table([found, found]), drift_table([found])
+def test_tables_are_tidy(drift: RobotDrift, tmp_path: Path) -> None:
+    friction, table = friction_table([drift, drift]), drift_table([drift])
     assert dict(friction.schema) == FRICTION
-    assert dict(drift.schema) == DRIFT
+    assert dict(table.schema) == DRIFT
     assert len(friction) == 2 * COUNT * 3 * 3
     assert set(friction["quantity"]) == {"friction", "viscous", "coulomb"}
     assert drift_table([]).is_empty()
     for name in ("a.parquet", "a.csv"):
-        save(drift, tmp_path / name)
-    assert pl.read_parquet(tmp_path / "a.parquet").equals(drift)
+        save(table, tmp_path / name)
+    assert pl.read_parquet(tmp_path / "a.parquet").equals(table)
     with pytest.raises(DeltaidError, match="must end in"):
         save(drift, tmp_path / "a.xlsx")
 
 
 def test_times_come_from_names_or_stamps(file: FactorFile, months) -> None:
-    found = recorded([one.file for one in months[5:2:-1]])
-    assert [one.time for one in found] == [START + timedelta(days=day) for day in (3, 4, 5)]
+    found = recorded([month.file for month in months[5:2:-1]])
+    assert [recording.time for recording in found] == [
+        START + timedelta(days=day) for day in (3, 4, 5)
+    ]
     stamped = replace(file, record=file.record.changed(first=1.8e9))
     assert recorded([stamped])[0].time == datetime(2027, 1, 15, 8)
     with pytest.raises(RecordingError, match="nothing says when"):
@@ -150,8 +152,8 @@ def test_times_come_from_names_or_stamps(file: FactorFile, months) -> None:
 @pytest.fixture(scope="module")
 def folder(months: list[DriftRecording], tmp_path_factory: pytest.TempPathFactory) -> Path:
     path = tmp_path_factory.mktemp("factors")
-    for one in months[:30]:
-        write(one.file, path / f"{one.time:%m%d}{ENDING}")
+    for month in months[:30]:
+        write(month.file, path / f"{month.time:%m%d}{ENDING}")
     return path
 
 
@@ -166,7 +168,7 @@ def test_the_command(folder: Path, model: IdentifiedModel, tmp_path: Path) -> No
     assert len(pl.read_parquet(out)) == 3
     told = json.loads(run("drift", ROBOT, folder, "--json").out)
     assert told["recordings"] == 30
-    assert [one["drive"] for one in told["drives"]]
+    assert [drive["drive"] for drive in told["drives"]]
     assert told["drives"][0]["state"] in ("steady", "unknown")
 
 

@@ -158,6 +158,6 @@ def test_what_a_drive_shows_of_scatter_reckons_with_a_change() -> None:
     factor = np.exp(alone.log_factor).sum(axis=(0, 3)) * WEEK / YEAR
     likely = np.exp(alone.log_none - alone.log_none.max()) * (1 + _A_YEAR * factor)
     likely /= SCATTER.usual[:, None]
-    for own, other in ((0, 1), (1, 0)):
+    for drive, other in ((0, 1), (1, 0)):
         expected = SCATTER.usual * likely[:, other] ** _TOGETHER
-        np.testing.assert_allclose(np.exp(found.log_kinds[:, own]), expected / expected.sum())
+        np.testing.assert_allclose(np.exp(found.log_kinds[:, drive]), expected / expected.sum())

@@ -105,13 +105,13 @@ def test_what_a_drive_is_told_comes_from_the_other_alone() -> None:
     changed = _A_YEAR * alone.R / (1 + _A_YEAR * alone.R)
     mean, covariance = _moments(alone, changed)
     sigma2 = np.sum(alone.of_kinds * alone.sigma**2, axis=0)
-    for own, other in ((0, 1), (1, 0)):
-        common, apart = sigma2[own] / prior.precision[own, 1, 1], unlike[1] ** 2
+    for drive, other in ((0, 1), (1, 0)):
+        common, apart = sigma2[drive] / prior.precision[drive, 1, 1], unlike[1] ** 2
         gain = common / (common + apart + covariance[other, 1, 1])
-        np.testing.assert_allclose(found.mean[own, 1], gain * mean[other, 1], rtol=1e-9)
+        np.testing.assert_allclose(found.mean[drive, 1], gain * mean[other, 1], rtol=1e-9)
         left = common + apart - gain * common
-        np.testing.assert_allclose(found.precision[own, 1, 1], sigma2[own] / left, rtol=1e-9)
-        np.testing.assert_array_equal(found.precision[own, 0], prior.precision[own, 0])
+        np.testing.assert_allclose(found.precision[drive, 1, 1], sigma2[drive] / left, rtol=1e-9)
+        np.testing.assert_array_equal(found.precision[drive, 0], prior.precision[drive, 0])
 
 
 def _log_kinds(changes: Changes, a: int) -> np.ndarray:
@@ -227,8 +227,8 @@ def _few(change: np.ndarray, known: bool, seed: int, apart: float = 7.0, drives:
 def test_few_recordings_show_a_large_change(change, apart, state: str, known: bool) -> None:
     """A step of 30 % in 4 + 4; 60 % in eight weeks."""
     series = [_few(change, known, seed, apart) for seed in range(3)]
-    for own in series:
-        first, *others = (finding(own, drive, DriftSettings(), 3) for drive in range(3))
+    for estimate in series:
+        first, *others = (finding(estimate, drive, DriftSettings(), 3) for drive in range(3))
         assert first.state == state
         assert {other.state for other in others} == {"unknown"}
         assert all(other.reason.startswith("not enough data") for other in others)
@@ -274,7 +274,7 @@ def test_a_tool_change_has_its_day_and_mass() -> None:
     days = np.arange(100.0)
     mass = 0.02 * rng.standard_normal(100) + 0.3 * (days >= 37) - 0.1 * (days >= 70)
     found = tool_changes(days, mass, np.full(100, 0.02))
-    assert [one.day for one in found] == [37.0, 70.0]
+    assert [tool.day for tool in found] == [37.0, 70.0]
     assert found[0].mass == pytest.approx(0.3, abs=0.03)
     assert found[1].mass == pytest.approx(-0.1, abs=0.03)
     assert tool_changes(days, 0.02 * rng.standard_normal(100), np.full(100, 0.02)) == ()

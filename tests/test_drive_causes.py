@@ -41,9 +41,9 @@ def through_drives(of: Case, truth: Truth, F: Array) -> Array:
     """Jᵀ F with J = (∂q/∂r)⁻¹ by differences of the oracle's positions."""
     oracle, h = of.machine.plant.oracle, 1e-6
     tau = []
-    for z, one in zip(truth.z[::EVERY], F[::EVERY], strict=True):
+    for z, force in zip(truth.z[::EVERY], F[::EVERY], strict=True):
         steps = [oracle.positions(z + h * e) - oracle.positions(z - h * e) for e in np.eye(3)]
-        tau.append(np.linalg.solve(np.array(steps) / (2 * h), one))
+        tau.append(np.linalg.solve(np.array(steps) / (2 * h), force))
     return np.array(tau)
 
 
@@ -198,10 +198,10 @@ def test_a_bodys_true_shape_is_in_its_torques() -> None:
 def test_a_mixture_is_drawn_by_its_seed_from_all_causes() -> None:
     start = Made(made("force").happenings[0], Sensors())
     found = [CAUSES["mixture"].make(start, np.random.default_rng(seed)) for seed in range(16)]
-    assert {len(one.words) for one in found} == {3, 4, 5}
+    assert {len(mixture.words) for mixture in found} == {3, 4, 5}
     again = CAUSES["mixture"].make(start, np.random.default_rng(3))
     assert again.words == found[3].words
-    assert len({one.words for one in found}) == len(found)
+    assert len({mixture.words for mixture in found}) == len(found)
     of = made("mixture")
     assert 3 <= len(of.drawn) <= 5
     assert np.all(np.isfinite(of.logs[0].to_numpy()))

@@ -38,7 +38,7 @@ PUSHES = (
 ONE_AFTER_ANOTHER = (2.0, 3.0, 4.5, 5.5, 7.0, 8.2)
 
 
-def found(name: str, log: RawRecording) -> tuple[LeftSpan, ...]:
+def spans_left_out(name: str, log: RawRecording) -> tuple[LeftSpan, ...]:
     dynamics = compiled(load_robot(name))
     (recording,) = open_recordings(log, dynamics.kinematics)
     expected = on_time(ExplainedRecording(dynamics, (), recording))
@@ -61,19 +61,19 @@ def mass_error(result: Identification, setting: Setting) -> float:
 def test_contacts_are_found_with_time_place_and_force(name: str, lag: float) -> None:
     """Against forces that statics of the oracle turn into torques, late or not."""
     setting = moving(name)
-    spans = found(name, recorded(setting, torques(setting, PUSHES), lag))
+    spans = spans_left_out(name, recorded(setting, torques(setting, PUSHES), lag))
     assert [span.reason for span in spans] == ["contact"] * len(PUSHES)
-    for span, one in zip(spans, PUSHES, strict=True):
-        assert span.first < one.start + lag + 0.012
-        assert one.end + lag - 0.012 < span.last
-        assert span.first > one.start + lag - 0.03
-        assert span.last < one.end + lag + 0.03
+    for span, pushed in zip(spans, PUSHES, strict=True):
+        assert span.first < pushed.start + lag + 0.012
+        assert pushed.end + lag - 0.012 < span.last
+        assert span.first > pushed.start + lag - 0.03
+        assert span.last < pushed.end + lag + 0.03
         push = span.push
-        assert abs(push.time - one.middle) < 0.015
+        assert abs(push.time - pushed.middle) < 0.015
         place = places(setting, np.array([push.time]))[0, :3]
         np.testing.assert_allclose(push.place, place, atol=2e-3)
-        size = np.linalg.norm(one.force)
-        np.testing.assert_allclose(push.force, one.force, atol=0.15 * size + 3.0)
+        size = np.linalg.norm(push.force)
+        np.testing.assert_allclose(push.force, pushed.force, atol=0.15 * size + 3.0)
         assert (push.moment is None) == (name != IRB)
 
 
@@ -87,8 +87,10 @@ def test_a_fit_without_contacts_is_that_of_a_clean_recording(tmp_path) -> None:
     assert mass_error(without, setting) < 2e-3 < 0.02 < mass_error(with_all, setting)
     (source,) = without.model.sources
     assert len(source.events) == len(PUSHES)
-    assert [one.reason for one in source.left_out].count("contact") == 1
-    (told,) = [one for one in without.model.corrections if one.kind == "contact"]
+    assert [stretch.reason for stretch in source.left_out].count("contact") == 1
+    (told,) = [
+        correction for correction in without.model.corrections if correction.kind == "contact"
+    ]
     assert told.value == pytest.approx(sum(e.end - e.start for e in source.events), rel=1e-6)
     assert "5 times" in told.text
     assert "4.34" in told.text
@@ -107,7 +109,7 @@ def test_a_fit_without_contacts_is_that_of_a_clean_recording(tmp_path) -> None:
 @pytest.mark.parametrize("name", [CLAVEL, IRB])
 @pytest.mark.parametrize("noise", [1e-4, 0.05])
 def test_a_clean_recording_keeps_all(name: str, noise: float) -> None:
-    assert found(name, recorded(replace(moving(name), noise=noise))) == ()
+    assert spans_left_out(name, recorded(replace(moving(name), noise=noise))) == ()
 
 
 def test_a_spike_is_one_of_a_channel() -> None:
@@ -115,7 +117,7 @@ def test_a_spike_is_one_of_a_channel() -> None:
     more = torques(setting, PUSHES[:1])
     more[2000, 1] += 60.0
     more[3100:3102, 3] -= 2.0
-    spans = found(IRB, recorded(setting, more))
+    spans = spans_left_out(IRB, recorded(setting, more))
     assert [(span.reason, span.drives) for span in spans] == [
         ("contact", ()),
         ("torque spike", (1,)),
@@ -135,7 +137,7 @@ def test_a_load_is_no_event(held: tuple[float, ...]) -> None:
     weights = tuple(
         Force(a, b, (0.0, 0.0, -6.0)) for a, b in zip(held[::2], held[1::2], strict=True)
     )
-    spans = found(CLAVEL, recorded(setting, torques(setting, weights)))
+    spans = spans_left_out(CLAVEL, recorded(setting, torques(setting, weights)))
     assert sum(span.last - span.first for span in spans) < 0.05
 
 
@@ -145,7 +147,7 @@ def test_stribeck_friction_is_left_to_the_choice_of_laws() -> None:
     knee = 0.05 * np.abs(v).max(axis=0)
     coulomb = setting.plant.friction[1, :3]
     more = 0.8 * coulomb * np.sign(v) * np.exp(-((v / knee) ** 2))
-    assert found(CLAVEL, recorded(setting, more)) == ()
+    assert spans_left_out(CLAVEL, recorded(setting, more)) == ()
 
 
 def test_play_in_gears_is_left_out_where_torques_change_their_sign() -> None:
@@ -154,7 +156,7 @@ def test_play_in_gears_is_left_out_where_torques_change_their_sign() -> None:
     play = np.deg2rad(0.05) * np.tanh(gear / (0.01 * setting.scale))
     columns = setting.sensed()
     log = RawRecording.from_arrays(t=columns["t"], q=columns["q"] + 0.5 * play, tau=columns["tau"])
-    spans = found(IRB, log)
+    spans = spans_left_out(IRB, log)
     reasons = [span.reason for span in spans]
     assert reasons.count("backlash") > 0.9 * len(reasons) > 20
     # All turns of a drive whose play is told are left out, whether they stand out or not.
@@ -174,7 +176,7 @@ def test_play_in_gears_is_left_out_where_torques_change_their_sign() -> None:
 def test_nothing_depends_on_how_windows_are_cut(monkeypatch) -> None:
     setting = moving(CLAVEL)
     log = recorded(setting, torques(setting, PUSHES))
-    whole = found(CLAVEL, log)
+    whole = spans_left_out(CLAVEL, log)
     dynamics = compiled(load_robot(CLAVEL))
     (recording,) = open_recordings(log, dynamics.kinematics)
     expected = on_time(ExplainedRecording(dynamics, (), recording))
@@ -182,11 +184,15 @@ def test_nothing_depends_on_how_windows_are_cut(monkeypatch) -> None:
     monkeypatch.setattr(windows, "WINDOW", 1100)
     cut = events(expected)
     np.testing.assert_allclose(
-        [(one.first, one.last) for one in cut], [(one.first, one.last) for one in whole], atol=4e-3
+        [(stretch.first, stretch.last) for stretch in cut],
+        [(stretch.first, stretch.last) for stretch in whole],
+        atol=4e-3,
     )
     # What is kept of a recording of any length keeps no samples alive.
     arrays = [
-        x for one in detected_outliers(expected).stretches for x in (one.z, one.speed, one.left)
+        x
+        for stretch in detected_outliers(expected).stretches
+        for x in (stretch.z, stretch.speed, stretch.left)
     ]
     assert arrays
     assert all(x.base is None for x in arrays)

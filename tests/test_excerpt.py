@@ -58,10 +58,10 @@ def test_stretches_are_rows_of_the_log_and_end_where_it_has_holes() -> None:
         ]
 
     stretches = list(surveyed._cut(segments(), [100, 800, 1500], 300))
-    ends = [(one[0, 0], one[-1, 0]) for one in stretches]
+    ends = [(stretch[0, 0], stretch[-1, 0]) for stretch in stretches]
     assert ends == [(100, 399), (800, 899), (1000, 1199), (1600, 1899)]
-    for one in stretches:
-        np.testing.assert_array_equal(np.diff(one[:, 0]), 1.0)
+    for stretch in stretches:
+        np.testing.assert_array_equal(np.diff(stretch[:, 0]), 1.0)
 
 
 @pytest.mark.usefixtures("short")
@@ -69,8 +69,8 @@ def test_an_excerpt_has_rows_of_its_log(clavel: Dynamics) -> None:
     (recording,) = open_recordings(recorded(moving(CLAVEL)), clavel.kinematics)
     brief = recording.excerpted().brief
     assert brief.log.held is not None
-    (rows,) = (np.concatenate(list(one)) for one in brief.log.segments(None))
-    (whole,) = (np.concatenate(list(one)) for one in recording.log.segments(None))
+    (rows,) = (np.concatenate(list(segment)) for segment in brief.log.segments(None))
+    (whole,) = (np.concatenate(list(segment)) for segment in recording.log.segments(None))
     at = np.searchsorted(whole[:, 0], rows[0, 0])
     np.testing.assert_array_equal(rows, whole[at : at + len(rows)])
 

@@ -32,7 +32,7 @@ def exciters() -> dict[str, Exciter]:
 
 
 @pytest.fixture(scope="module")
-def found(exciters) -> dict[str, Excitation]:
+def optima(exciters) -> dict[str, Excitation]:
     """What either exciter finds, for all that only look at it."""
     return {name: exciter.optimise() for name, exciter in exciters.items()}
 
@@ -120,8 +120,8 @@ def test_limits_hold_on_a_grid_ten_times_finer(exciters, seed: int) -> None:
 
 
 @pytest.mark.parametrize("name", ["irb360-6-1600", "clavel-delta3"])
-def test_a_run_starts_and_ends_at_rest_and_keeps_its_limits(exciters, found, name: str) -> None:
-    exciter, result = exciters[name], found[name]
+def test_a_run_starts_and_ends_at_rest_and_keeps_its_limits(exciters, optima, name: str) -> None:
+    exciter, result = exciters[name], optima[name]
     assert all(limit.share <= 1.0 for limit in result.limits)
     assert result.criterion_after < result.criterion_before
     file = sample_run(exciter.dynamics.kinematics, result.run, 1000.0)
@@ -145,8 +145,8 @@ def test_a_run_repeats_its_periods(exciters) -> None:
     assert run.duration == pytest.approx(2 * run.ramp + 3 * run.motion.period)
 
 
-def test_same_seed_same_motion_and_other_seeds_another(exciters, found) -> None:
-    exciter, a = exciters["clavel-delta3"], found["clavel-delta3"]
+def test_same_seed_same_motion_and_other_seeds_another(exciters, optima) -> None:
+    exciter, a = exciters["clavel-delta3"], optima["clavel-delta3"]
     b, c = exciter.optimise(), exciter.optimise(offset=1000)
     assert np.array_equal(a.optimum.x, b.optimum.x)
     assert not np.allclose(a.optimum.x, c.optimum.x, atol=1e-3)
@@ -160,12 +160,12 @@ def test_a_stopped_search_still_gives_a_feasible_motion(exciters) -> None:
     assert all(limit.share <= 1.0 for limit in result.limits)
 
 
-def test_predicted_deviations_are_those_of_repeated_identification(exciters, found) -> None:
+def test_predicted_deviations_are_those_of_repeated_identification(exciters, optima) -> None:
     from deltaid.estimation.information import gather_samples
     from deltaid.identification.least_squares import estimate_base
 
     exciter = exciters["clavel-delta3"]
-    run, samples = found["clavel-delta3"].run, 1000
+    run, samples = optima["clavel-delta3"].run, 1000
     z, zd, zdd = run.evaluate(np.linspace(0, run.duration, samples))
     _, qd, qdd = exciter.dynamics.kinematics.drive_motion(z, zd, zdd)
     tau, rng = exciter.preview(run, samples), np.random.default_rng(0)
@@ -182,15 +182,15 @@ def test_predicted_deviations_are_those_of_repeated_identification(exciters, fou
 
 
 @pytest.mark.slow
-def test_weighing_the_prior_attends_to_what_it_knows_least(exciters, found) -> None:
-    dynamics, plain = exciters["clavel-delta3"].dynamics, found["clavel-delta3"]
+def test_weighing_the_prior_attends_to_what_it_knows_least(exciters, optima) -> None:
+    dynamics, plain = exciters["clavel-delta3"].dynamics, optima["clavel-delta3"]
     exciter = Exciter(dynamics, ExcitationSettings(starts=2, weigh_prior=True))
     assert not np.allclose(plain.optimum.x, exciter.optimise().optimum.x, atol=1e-3)
 
 
-def test_prior_and_recording_weigh_as_in_a_posterior(exciters, found) -> None:
+def test_prior_and_recording_weigh_as_in_a_posterior(exciters, optima) -> None:
     """What is optimised is the precision of both together for each sample, written out here."""
-    plain, x, n = exciters["clavel-delta3"], found["clavel-delta3"].optimum.x, 200
+    plain, x, n = exciters["clavel-delta3"], optima["clavel-delta3"].optimum.x, 200
     dynamics, layout = plain.dynamics, plain.base.layout
     asked = ExcitationSettings(weigh_prior=True, duration=8.0, rate=500.0, torque_noise=0.03)
     exciter = Exciter(dynamics, asked)

@@ -88,7 +88,7 @@ def test_no_input_that_is_no_number_passes(name: str, precision: Precision, tmp_
     iterated = library.fill("forward_kinematics", q, outs=(np.full(z.size, np.nan),))
     assert iterated == (BAD_INPUT if "h4" in name else OK)
     for function, names in functions.items():
-        good = [at[one] for one in names.split()]
+        good = [at[name] for name in names.split()]
         for k, value in enumerate(good):
             for wrong in (np.nan, np.inf, -np.inf):
                 spoilt = value.copy()

@@ -225,9 +225,9 @@ def test_what_is_imported_is_the_same_text() -> None:
         [body] = pou.findall(f"{space}body/{space}ST/")
         unit = found.text[found.text.index(f"\n{head}\n") :].partition(f"END_{kind}\n")[0]
         assert unit.endswith(f"END_VAR\n{body.text}\n")
-        declared = [one.get("name") for one in pou.iter(f"{space}variable")]
+        declared = [variable.get("name") for variable in pou.iter(f"{space}variable")]
         texts = unit[: unit.rindex("END_VAR")]
-        assert all(re.search(rf"\b{one}\b", texts) for one in declared)
+        assert all(re.search(rf"\b{name}\b", texts) for name in declared)
         assert len(declared) == len(re.findall(r"^ +\w+ : |\bw\d+\b", texts, re.MULTILINE))
         names.append(str(name).lower())
     assert names == list(program("h4").units)

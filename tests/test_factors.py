@@ -49,7 +49,7 @@ def logs(tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
 
 @pytest.fixture(scope="module")
 def files(logs: list[Path]) -> list[FactorFile]:
-    return [gathered(ROBOT, one, settings=SETTINGS) for one in logs]
+    return [gathered(ROBOT, log, settings=SETTINGS) for log in logs]
 
 
 @pytest.fixture(scope="module")
@@ -83,7 +83,7 @@ def test_rigid_bodies_and_plain_friction_are_exact_combinations(name: str) -> No
 )
 def test_friction_of_any_law_is_a_combination(law: dict[str, object], within: float) -> None:
     robot = load_robot(ROBOT)
-    joints = {joint: one.changed(**law) for joint, one in robot.friction.items()}
+    joints = {joint: friction.changed(**law) for joint, friction in robot.friction.items()}
     assert _apart(robot.changed(friction=joints)) < within
 
 
@@ -103,7 +103,13 @@ def _apart(robot) -> float:
     none = np.zeros((len(z), 0))
     w = SampleBlock(np.arange(len(z)) * 1.0, z, qd, qdd, none, none, none, np.zeros_like(qd))
     G = np.vstack(
-        [own, *(one.entries(w, own, Mock(spec=PreparedRecording)) for one in columns.additions)]
+        [
+            own,
+            *(
+                addition.entries(w, own, Mock(spec=PreparedRecording))
+                for addition in columns.additions
+            ),
+        ]
     )
     rows, at = extended(columns.dynamics, columns.additions).regressor_pattern
     T, worst = map_to(columns, dynamics), 0.0
@@ -132,18 +138,18 @@ def test_a_fit_from_factors_is_that_from_recordings(logs: list[Path], files) -> 
     np.testing.assert_allclose(found.fit.noise_level, expected.fit.noise_level, rtol=0.02)
     np.testing.assert_allclose(found.fit.rms, expected.fit.rms, rtol=0.02)
     np.testing.assert_allclose(found.fit.rms_unfiltered, expected.fit.rms_unfiltered, rtol=0.02)
-    own = {one.name: one for one in found.parameters}
-    for one in expected.parameters:
-        if one.determined_by == "data":
-            same = own[one.name]
+    own = {parameter.name: parameter for parameter in found.parameters}
+    for parameter in expected.parameters:
+        if parameter.determined_by == "data":
+            same = own[parameter.name]
             assert same.determined_by == "data"
-            assert abs(same.value - one.value) < 0.35 * one.std, one.name
-            assert 0.6 < same.std / one.std < 1.7, one.name
+            assert abs(same.value - parameter.value) < 0.35 * parameter.std, parameter.name
+            assert 0.6 < same.std / parameter.std < 1.7, parameter.name
 
 
 def test_order_changes_no_bit(files) -> None:
     found = [identify_gathered(ROBOT, order, SETTINGS).model for order in permutations(files)]
-    assert all(one.parameters == found[0].parameters for one in found[1:])
+    assert all(group.parameters == found[0].parameters for group in found[1:])
 
 
 def test_a_file_is_small_and_keeps_what_it_is_given(files, tmp_path: Path) -> None:
@@ -184,7 +190,7 @@ def test_priors_may_change_after_gathering(files) -> None:
 
 def test_what_is_no_recording_is_refused_and_the_rest_gathered(known) -> None:
     _, found = known
-    assert [one.state for one in found] == ["refused", "new"]
+    assert [outcome.state for outcome in found] == ["refused", "new"]
     assert "no column t" in found[0].reason
 
 
@@ -274,7 +280,7 @@ def test_a_model_is_compared_with_a_recording_by_its_factors(logs, files, tmp_pa
 )
 def test_laws_that_a_recording_asks_for_are_those_of_its_factors(law, tmp_path: Path) -> None:
     robot = load_robot(ROBOT)
-    joints = {joint: one.changed(**law) for joint, one in robot.friction.items()}
+    joints = {joint: friction.changed(**law) for joint, friction in robot.friction.items()}
     true = robot.changed(friction=joints)
     dynamics, rng = compiled(true), np.random.default_rng(5)
     motion = random_motion(dynamics.kinematics, rng)

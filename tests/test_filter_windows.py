@@ -54,9 +54,9 @@ def test_windows_equal_the_whole(
         kept = len(whole[0])
         assert kept == samples - lost
         assert len(whole[-1]) == -(-kept // (low_pass.decimation if low_pass else 1))
-        for one, other in zip(pieces, whole, strict=True):
+        for piece, other in zip(pieces, whole, strict=True):
             scale = np.abs(other).max()
-            np.testing.assert_allclose(one, other, rtol=0, atol=1e-12 * scale)
+            np.testing.assert_allclose(piece, other, rtol=0, atol=1e-12 * scale)
 
 
 @pytest.mark.parametrize("recorded_rates", ["", "qd", "qd qdd"])

@@ -285,10 +285,10 @@ class Site:
 
     def workers(self) -> list[psutil.Process]:
         """Processes that do the work."""
-        nannies = [one for one in psutil.process_iter(["cmdline"])
-                   if {"worker", self.scheduler} <= set(one.info["cmdline"] or ())]  # fmt: skip
+        nannies = [process for process in psutil.process_iter(["cmdline"])
+                   if {"worker", self.scheduler} <= set(process.info["cmdline"] or ())]  # fmt: skip
         return [
-            child for one in nannies for child in one.children(recursive=True)
+            child for nanny in nannies for child in nanny.children(recursive=True)
             if "spawn_main" in " ".join(child.cmdline())
         ]  # fmt: skip
 
@@ -378,7 +378,7 @@ def test_what_kills_workers_stops_nothing_else(
     failed: dict[int, str] = {}
     with LocalPool(1) as pool:
         results = list(pool.done(_deadly, range(8), lambda item, why: failed.setdefault(item, why)))
-    assert sorted(one for one in results if isinstance(one, int)) == [0, 1, 2, 4, 6, 7]
+    assert sorted(result for result in results if isinstance(result, int)) == [0, 1, 2, 4, 6, 7]
     assert "workers die of it" in failed[3]
     assert "ZeroDivisionError: a defect" in failed[5]
 

@@ -31,8 +31,8 @@ def test_a_table_says_the_same_as_yaml(tmp_path: Path) -> None:
     )  # fmt: skip
     found = [find_fleet(str(tmp_path / f"fleet.{kind}")) for kind in ("yaml", "csv", "parquet")]
     assert found[0].recordings == found[1].recordings == found[2].recordings
-    assert [one.load for one in found[0].recordings] == [None, 0.5]
-    assert [f"{one.time:%Y-%m-%d}" for one in found[0].recordings] == list(DAYS[:2])
+    assert [recording.load for recording in found[0].recordings] == [None, 0.5]
+    assert [f"{recording.time:%Y-%m-%d}" for recording in found[0].recordings] == list(DAYS[:2])
     assert own.manifest.exists()
 
 

@@ -72,7 +72,7 @@ def test_all_pages_draw_and_ask_nobody(browser: sync_api.Browser, site: Path, sc
             assert visit.page.locator(".js-plotly-plot svg.main-svg").count() > 0
             assert visit.eventually(visit.fits)
             assert visit.said == []
-            assert all(one.startswith(site.as_uri()) for one in visit.asked)
+            assert all(address.startswith(site.as_uri()) for address in visit.asked)
 
 
 def test_one_goes_from_the_fleet_to_a_robot_and_back(browser: sync_api.Browser, site: Path) -> None:

@@ -140,7 +140,7 @@ def test_struct_arrays_of_matlab_7_3(tmp_path: Path) -> None:
         signals = file.create_group("signals")
         signals.attrs["MATLAB_class"] = np.bytes_("struct")
         signals.create_dataset("values", (2, 1), dtype=h5py.ref_dtype)
-        signals["values"][:, 0] = [one.ref for one in held]
+        signals["values"][:, 0] = [values.ref for values in held]
     with path.open("r+b") as file:
         file.write(b"MATLAB 7.3 MAT-file")
     columns = ColumnMapping.model_validate(

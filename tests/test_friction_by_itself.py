@@ -87,7 +87,7 @@ def curve(law: Friction, v: np.ndarray) -> np.ndarray:
 
 
 @cache
-def found() -> Identification:
+def fitted_once() -> Identification:
     robot = load_robot(ROBOT)
     return identify(robot, recorded(robot.changed(friction=TRUE), 1, late=8e-4))
 
@@ -105,17 +105,24 @@ def further(laws: Mapping[str, Friction]) -> dict[str, set[str]]:
 
 def test_each_drive_gets_its_law_and_the_lag_is_no_part_of_it() -> None:
     """0.8 ms of lag, which ±10 % of friction by direction would otherwise be mistaken for."""
-    model = found().model
+    model = fitted_once().model
     assert further(model.robot.friction) == {
         "drive1": {"viscous_back", "coulomb_back"},
         "drive2": {"stribeck"},
         "drive3": {"load"},
     }
-    told = {one.subject: one.text for one in model.corrections if one.kind == "friction"}
+    told = {
+        correction.subject: correction.text
+        for correction in model.corrections
+        if correction.kind == "friction"
+    }
     assert set(told) == set(TRUE)
     assert "Stribeck" in told["drive2"]
     assert "share of the load" in told["drive3"]
-    lags = np.array([one.value for one in model.corrections if one.kind == "lag"], dtype=float)
+    lags = np.array(
+        [correction.value for correction in model.corrections if correction.kind == "lag"],
+        dtype=float,
+    )
     assert len(lags)
     np.testing.assert_allclose(lags, 8e-4, atol=1e-4)
     assert model.value("load.drive3") == pytest.approx(0.08, rel=0.1)
@@ -131,7 +138,11 @@ def test_a_plain_recording_gets_no_term_and_nothing_is_told() -> None:
     mapping = ColumnMapping.model_validate({"temperature": {"column": "oil"}})
     model = identify(robot, log.with_columns(pl.Series("oil", oil)), columns=mapping).model
     assert model.robot == robot
-    assert not [one for one in model.corrections if one.kind in ("friction", "temperature")]
+    assert not [
+        correction
+        for correction in model.corrections
+        if correction.kind in ("friction", "temperature")
+    ]
     assert model.friction_choice.steps == ()
 
 
@@ -160,22 +171,23 @@ def test_described_terms_stay_and_constants_that_are_wrong_are_moved() -> None:
 
 def test_intervals_hold_whole_curves_and_are_of_use() -> None:
     shares = []
-    for one in found().model.friction_curves:
-        v = np.linspace(0.05, 1.0, 30) * max(one.speed)
+    for friction_curve in fitted_once().model.friction_curves:
+        v = np.linspace(0.05, 1.0, 30) * max(friction_curve.speed)
         v = np.concatenate([-v[::-1], v])
-        truth, (low, high) = curve(TRUE[one.joint], v), one.band(v)
+        truth, (low, high) = curve(TRUE[friction_curve.joint], v), friction_curve.band(v)
         shares.append(np.mean((low <= truth) & (truth <= high)))
         largest = np.abs(truth).max()
         # What may be an offset of the torque is counted twice, for either way.
         constant = np.abs(truth + truth[::-1]).min()
-        assert np.all(high - low < 0.12 * largest + 1.1 * constant), one.joint
+        assert np.all(high - low < 0.12 * largest + 1.1 * constant), friction_curve.joint
         np.testing.assert_allclose(0.5 * (low + high), truth, atol=0.03 * largest)
     assert len(shares) == 3
     assert np.mean(shares) >= 0.85
 
 
 def test_a_curve_is_less_certain_where_its_constants_are_unknown() -> None:
-    problem = with_geometry(replace(found().problem, moves=()), found().recordings)
+    fitted = fitted_once()
+    problem = with_geometry(replace(fitted.problem, moves=()), fitted.recordings)
     rows = curve_rows(problem, "drive2", np.array([0.4, 5.0]))
     (constants,) = (extra for extra in problem.additions if isinstance(extra, LawConstants))
     names = [parameter.name for parameter in constants.parameters]
@@ -192,13 +204,17 @@ def test_a_curve_is_less_certain_where_its_constants_are_unknown() -> None:
 
 
 def test_the_curve_is_the_law_of_the_model() -> None:
-    result = found()
+    result = fitted_once()
     law = result.model.robot.friction["drive2"]
     values = {t.kind: result.model.value(f"{t.kind}.drive2")
               for t in friction_terms({"drive2": (law, TURNING)})}  # fmt: skip
     settled = Friction(viscous=values["viscous"], coulomb=values["coulomb"],
         stribeck=law.stribeck.changed(coefficient=values["stribeck"]))  # fmt: skip
-    one = next(one for one in result.model.friction_curves if one.joint == "drive2")
+    one = next(
+        friction_curve
+        for friction_curve in result.model.friction_curves
+        if friction_curve.joint == "drive2"
+    )
     v = np.array(one.speed)
     np.testing.assert_allclose(curve(settled, v), one.friction, atol=1e-9 * max(one.friction))
     saved = IdentifiedModel.model_validate(result.model.model_dump())
@@ -258,7 +274,7 @@ def cooling(time: np.ndarray) -> np.ndarray:
 def test_friction_of_a_robot_that_warms_up_is_that_of_the_mean() -> None:
     robot = load_robot(ROBOT)
     model = identify(robot, recorded(robot, 4, warm=cooling), settings=FRICTION).model
-    (told,) = (one for one in model.corrections if one.kind == "temperature")
+    (told,) = (correction for correction in model.corrections if correction.kind == "temperature")
     assert told.value == pytest.approx(4.0, rel=0.3)
     assert not any(further(model.robot.friction).values())
     mean = 1 + np.mean(cooling(np.arange(0, SECONDS, 0.001)))
@@ -272,7 +288,7 @@ def test_a_warm_up_changes_both_directions_of_a_law() -> None:
     dynamics = compiled(load_robot(ROBOT).changed(friction=TRUE))
     (one,) = open_recordings(recorded(dynamics.robot, 1), dynamics.kinematics)
     warmth = Warmth(dynamics, (Course(one, 0.0, 4.0, 0.2, -0.9),))
-    names = [one.name for one in warmth.parameters]
+    names = [parameter.name for parameter in warmth.parameters]
     assert {f"{kind}_change.drive1" for kind in ("viscous_back", "coulomb_back")} < set(names)
     w = next(one.windows(dynamics.kinematics)).own
     own = dynamics.sparse_regressor(w.z, w.qd, w.qdd, 0 * w.qd).values
@@ -294,7 +310,9 @@ def test_friction_follows_a_temperature_that_is_recorded() -> None:
     for drive in robot.drives:
         change = problem.values[names.index(f"coulomb_change.{drive}")]
         assert change == pytest.approx(-robot.friction[drive].coulomb / 100, rel=0.2)
-    (told,) = (one for one in result.model.corrections if one.kind == "temperature")
+    (told,) = (
+        correction for correction in result.model.corrections if correction.kind == "temperature"
+    )
     assert "with its temperature" in told.text
     mean = 1 + np.mean(cooling(log["t"].to_numpy()))
     law = robot.friction["drive1"]

@@ -20,8 +20,8 @@ from deltaid.recording.windows import SampleBlock
 from deltaid.robot.load import load_robot
 from deltaid.robot.parameter import PriorParameter
 from drives import case
+from drives.identify import identified
 from drives.judge import judge
-from drives.told import identified
 
 GAIN = np.array([1.2, 0.9, 1.05])
 
@@ -56,9 +56,9 @@ def gains(alike: tuple[int, ...] = ()) -> tuple[Dynamics, Gains]:
 def test_before_any_recording_torque_constants_are_right_to_a_tenth() -> None:
     """Where torques have been multiplied by c already, what is left is 1/c."""
     _, found = gains()
-    left = np.exp([one.prior for one in found.parameters])
+    left = np.exp([parameter.prior for parameter in found.parameters])
     np.testing.assert_allclose(GAIN * left, 1.0)
-    np.testing.assert_allclose([0.5 * one.scale for one in found.parameters], SPREAD)
+    np.testing.assert_allclose([0.5 * parameter.scale for parameter in found.parameters], SPREAD)
     np.testing.assert_array_equal(found.free.A, np.eye(3))
 
 
@@ -66,10 +66,10 @@ def test_before_any_recording_drives_of_limbs_that_are_alike_are_alike() -> None
     """Ratios are right to a tenth; what is common to all is left as it is."""
     _, found = gains(alike=(0, 1, 2))
     free = found.free
-    left = free.A @ [one.prior for one in free.variables]
+    left = free.A @ [variable.prior for variable in free.variables]
     total = GAIN * np.exp(left)
     np.testing.assert_allclose(total, np.exp(np.mean(np.log(GAIN))))
-    np.testing.assert_allclose([0.5 * one.scale for one in free.variables], SPREAD)
+    np.testing.assert_allclose([0.5 * variable.scale for variable in free.variables], SPREAD)
     np.testing.assert_allclose(free.A.T @ free.A, np.eye(2), atol=1e-12)
     np.testing.assert_allclose(free.A.sum(axis=0), 0.0, atol=1e-12)
 
@@ -111,11 +111,13 @@ def test_what_is_told_is_the_whole_gain_with_its_interval(
 ) -> None:
     """c times what is left of it; told by a load where its prior is not most of what is known."""
     told = gains(alike)[1].to_corrections(judged(std))
-    assert [one.subject for one in told] == ["drive1", "drive2", "drive3"][: len(alike) or 3]
-    for c, one in zip(GAIN, told, strict=False):
+    assert [correction.subject for correction in told] == ["drive1", "drive2", "drive3"][
+        : len(alike) or 3
+    ]
+    for c, correction in zip(GAIN, told, strict=False):
         expected = c * np.exp([0.02 - 2 * std, 0.02, 0.02 + 2 * std])
-        np.testing.assert_allclose([one.low, one.value, one.high], expected)
-        assert words in one.text
+        np.testing.assert_allclose([correction.low, correction.value, correction.high], expected)
+        assert words in correction.text
 
 
 def test_readings_give_positions_and_torques_as_they_are() -> None:

@@ -114,10 +114,12 @@ def test_gains_are_found_with_a_known_load_in_one_of_two_recordings(
     np.testing.assert_allclose(last.gain, gain, rtol=0.01)
     assert found.recordings[0].repairs.gain == tuple(last.gain.tolist())
     problem = fit(dynamics, found.recordings, Settings(), additions=found.additions)
-    for c, one in zip(gain, last.to_corrections(judged_parameters(problem)[-3:]), strict=True):
-        assert one.low < c < one.high
-        assert one.high - one.low < 0.03
-        assert "known load weighs" in one.text
+    for c, correction in zip(
+        gain, last.to_corrections(judged_parameters(problem)[-3:]), strict=True
+    ):
+        assert correction.low < c < correction.high
+        assert correction.high - correction.low < 0.03
+        assert "known load weighs" in correction.text
     home = dynamics.kinematics.inverse(dynamics.kinematics.home[None])
     M, true = (dynamics.mass_matrix(home, x)[0] for x in (problem.p, p))
     np.testing.assert_allclose(M, true, rtol=0, atol=0.015 * true.max())
@@ -135,12 +137,12 @@ def test_limbs_that_are_alike_tell_ratios_without_any_load() -> None:
     model = identify(dynamics.robot, table(1, gain, 0.0), settings=only).model
     common = np.exp(np.mean(np.log(gain)))
     np.testing.assert_allclose(model.gains, gain / common, rtol=2e-3)
-    told = [one for one in model.corrections if one.kind == "gain"]
-    assert [one.subject for one in told] == list(dynamics.robot.drives)
-    for one, true in zip(told, gain / common, strict=True):
-        assert one.low < true < one.high
-        assert "taken to be right" in one.text
-    assert not [one for one in model.corrections if one.kind != "gain"]
+    told = [correction for correction in model.corrections if correction.kind == "gain"]
+    assert [correction.subject for correction in told] == list(dynamics.robot.drives)
+    for correction, true in zip(told, gain / common, strict=True):
+        assert correction.low < true < correction.high
+        assert "taken to be right" in correction.text
+    assert not [correction for correction in model.corrections if correction.kind != "gain"]
     q = np.zeros((1, 3))
     ratio = dynamics.mass_matrix(q, model.p) / dynamics.mass_matrix(q, p)
     np.testing.assert_allclose(np.diag(ratio[0]), 1 / common, rtol=3e-3)
@@ -153,10 +155,10 @@ def test_a_load_that_is_always_there_tells_no_gains_and_that_is_said() -> None:
     weight = Weight(dynamics, str(loaded.recordings[0].path))
     found = gains(loaded.changed(additions=(weight,)), lambda _: None)
     problem = fit(dynamics, found.recordings, Settings(), additions=found.additions)
-    for one in found.additions[-1].to_corrections(judged_parameters(problem)[-3:]):
-        assert one.low < 1.04 < one.high
-        assert one.high - one.low > 0.15
-        assert "hardly shows" in one.text
+    for correction in found.additions[-1].to_corrections(judged_parameters(problem)[-3:]):
+        assert correction.low < 1.04 < correction.high
+        assert correction.high - correction.low > 0.15
+        assert "hardly shows" in correction.text
 
 
 def test_a_model_knows_its_gains_when_it_is_verified_and_when_it_commands(tmp_path: Path) -> None:
@@ -174,7 +176,7 @@ def test_a_model_knows_its_gains_when_it_is_verified_and_when_it_commands(tmp_pa
     )
     np.testing.assert_array_equal(load(known).gains, gain)
     unseen = table(9, gain, 0.0)
-    with_gains, without = (validate(one, unseen)[0].nrmse for one in (known, bare))
+    with_gains, without = (validate(model, unseen)[0].nrmse for model in (known, bare))
     assert np.all(without > 1.5 * with_gains)
     log, model, planned = (tmp_path / name for name in ("log.csv", "model.yaml", "tau.csv"))
     unseen.write_csv(log)
@@ -232,9 +234,9 @@ def test_an_addition_is_fitted_in_the_recording_that_has_it_and_judged_like_the_
     assert len(problem.p) == len(p) == len(problem.values) - 1
     assert problem.noise < 0.9 * plain.noise
     assert problem.solution.duality_gap <= 1e-5 * problem.solution.objective
-    names = [one.representative for one in judged_base(problem)]
+    names = [parameter.representative for parameter in judged_base(problem)]
     assert "hum.drive2" not in names
-    assert names == [one.representative for one in judged_base(plain)]
+    assert names == [parameter.representative for parameter in judged_base(plain)]
 
 
 def test_rows_that_are_left_out_by_time_do_not_count_and_no_others_do_less() -> None:

@@ -134,7 +134,7 @@ def test_two_logs_together_are_more_certain_than_one() -> None:
     # Intervals are estimates themselves, so a single one may come out larger. By white noise the
     # median would be at most 1/√2, against the better of the two.
     alone = with_geometry(replace(both, moves=()), made.result.recordings)  # by noise
-    ratios = alone.estimate.interval / np.min([one.interval for one in estimates], axis=0)
+    ratios = alone.estimate.interval / np.min([estimate.interval for estimate in estimates], axis=0)
     assert np.median(ratios) < 0.85
 
 

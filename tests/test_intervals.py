@@ -159,6 +159,6 @@ def test_variances_from_few_groups_are_unbiased_with_the_freedom_that_they_say()
     scores = own - own.sum(axis=0) @ shares  # of the residuals, group by group
     U = np.array([[3.0], [-2.0], [1.0]])
     found = [Scatter(shares, scores[:, k]).variances(U) for k in range(draws)]
-    v, freedom = np.array([one[0][0] for one in found]), found[0][1][0]
+    v, freedom = np.array([variances[0][0] for variances in found]), found[0][1][0]
     assert v.mean() == pytest.approx(np.sum(U**2), rel=0.05)
     assert 2 * v.mean() ** 2 / v.var() == pytest.approx(freedom, rel=0.1)

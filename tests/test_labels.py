@@ -22,7 +22,7 @@ from poor_priors import PLAIN, Outcome, outcome
 ROBOT = "irb360-6-1600"
 
 
-def found(model: IdentifiedModel, name: str) -> Parameter:
+def parameter_named(model: IdentifiedModel, name: str) -> Parameter:
     return model.parameters[model.layout.names.index(name)]
 
 
@@ -90,21 +90,21 @@ def test_intervals_hold_all_robots_with_the_same_torques(case) -> None:
     for name, others in at_the_ends(p).items():
         for other in others:
             assert np.allclose(dynamics.torque(z, qd, qdd, other), tau, rtol=0, atol=1e-9), name
-            for parameter, value, own in zip(result.model.parameters, other, p, strict=True):
-                if value != own and parameter.determined_by in ("data", "sum", "limit"):
+            for parameter, value, true in zip(result.model.parameters, other, p, strict=True):
+                if value != true and parameter.determined_by in ("data", "sum", "limit"):
                     assert inside(parameter, value), (name, parameter.name)
 
 
 def test_what_only_a_sum_shows_says_whose_prior_it_rests_on(case) -> None:
     result, p = case
-    rotor = found(result.model, "rotor.drive4")
+    rotor = parameter_named(result.model, "rotor.drive4")
     assert (rotor.determined_by, rotor.rests_on) == ("sum", ("EE.Izz",))
     assert rotor.high is not None
     total = p[result.model.layout.names.index("EE.Izz")] + rotor.prior
     assert rotor.low == 0
     assert total < rotor.high < 1.2 * total  # no farther than the sum and its noise
-    assert found(result.model, "EE.mcx").determined_by == "data"
-    assert found(result.model, "EE.mcx").rests_on == ()
+    assert parameter_named(result.model, "EE.mcx").determined_by == "data"
+    assert parameter_named(result.model, "EE.mcx").rests_on == ()
     table = parameter_table(result.model)
     row = next(row for row in table.rows if row[0] == "rotor.drive4")
     assert "…" in row[3]
@@ -122,7 +122,7 @@ def test_what_fell_to_its_bound_is_at_the_limit_with_one_end() -> None:
     model = identify(
         load_robot(ROBOT), log.with_columns(pl.col("tau1") - 0.05 * speed), settings=PLAIN
     ).model
-    fell = found(model, "viscous.drive1")
+    fell = parameter_named(model, "viscous.drive1")
     assert fell.value < 1e-3 * fell.prior
     assert fell.determined_by == "limit"
     assert fell.low == 0
@@ -147,7 +147,7 @@ def test_a_prior_that_the_recording_contradicts_is_widened_and_said(contradicted
     assert correction.value > 1000
     (warning,) = model.warnings
     assert warning.startswith("the prior of S has to be ")
-    entry = found(model, "S.Ixx")
+    entry = parameter_named(model, "S.Ixx")
     assert entry.determined_by == "data"
     assert inside(entry, 0.0246)
     assert entry.low > 0.01
@@ -182,7 +182,8 @@ def test_moments_have_log_normal_priors_no_surer_than_bodies_are_symmetric(
     case, name: str, is_small: bool
 ) -> None:
     result, p = case
-    parameter, body, names = found(result.model, name), name[:-4], result.model.layout.names
+    parameter = parameter_named(result.model, name)
+    body, names = name[:-4], result.model.layout.names
     assert parameter.determined_by == "prior"
     moments = [p[names.index(f"{body}.{axis}")] for axis in ("Ixx", "Iyy", "Izz")]
     least = 0.3 * 0.5 * sum(moments) / parameter.prior  # m ℓ² = tr Σ
@@ -197,7 +198,7 @@ def test_a_spread_that_is_stated_is_taken_at_its_word() -> None:
     robot, p = load_robot(ROBOT), prior_parameters(load_robot(ROBOT))
     bodies = robot.bodies | {"S": robot.bodies["S"].changed(spread={"Ixx": 0.1})}
     result = identify(robot.changed(bodies=bodies), recorded(p, 0), settings=PLAIN)
-    parameter = found(result.model, "S.Ixx")
+    parameter = parameter_named(result.model, "S.Ixx")
     assert parameter.high / parameter.prior == pytest.approx(1.216, abs=0.002)
 
 
@@ -260,13 +261,13 @@ def robots() -> list[Outcome]:
 
 
 def test_intervals_by_the_data_hold_although_priors_are_far_off(robots) -> None:
-    hold, every = zip(*(one.held() for one in robots), strict=True)
+    hold, every = zip(*(robot.held() for robot in robots), strict=True)
     for label in ("data", "sum"):
         count = sum(each[label] for each in every)
         assert count > 10
         assert sum(each[label] for each in hold) >= 0.9 * count, label
-    assert sum(one.mass_error < 0.02 for one in robots) >= 0.9 * len(robots)
-    assert any(one.found.model.corrections for one in robots)
+    assert sum(robot.mass_error < 0.02 for robot in robots) >= 0.9 * len(robots)
+    assert any(robot.found.model.corrections for robot in robots)
 
 
 def test_a_heavy_strut_described_as_light_is_corrected_by_its_body() -> None:
@@ -281,7 +282,7 @@ def test_a_heavy_strut_described_as_light_is_corrected_by_its_body() -> None:
     model = identify(
         robot.changed(bodies={**robot.bodies, "S": light}, sources={}), log, settings=PLAIN
     ).model
-    (told,) = (one for one in model.corrections if one.kind == "prior")
+    (told,) = (correction for correction in model.corrections if correction.kind == "prior")
     assert told.subject == "S"
     for parameter, true in zip(model.parameters[part], p[part], strict=True):
         if parameter.determined_by in ("data", "sum"):

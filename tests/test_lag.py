@@ -58,14 +58,14 @@ def traced(table: pl.DataFrame) -> Trace:
     return trace(dynamics, recording, prior_parameters(dynamics.robot), cutoff=15.0)
 
 
-def found(table: pl.DataFrame) -> Lags:
+def searched_lags(table: pl.DataFrame) -> Lags:
     """With a wide prior: a surrogate's parameters are far from it."""
     return estimate_lags([traced(table)], spread=1.0)
 
 
 @pytest.mark.parametrize("late", [-7.3e-3, 0.0, 0.6e-3, 13.1e-3])
 def test_a_common_lag_is_found_with_an_interval_that_holds_it(late: float) -> None:
-    lag = found(frame(np.full(3, late))).common(0)
+    lag = searched_lags(frame(np.full(3, late))).common(0)
     assert np.ptp(lag.values) == 0
     assert lag.values[0] == pytest.approx(late, abs=1.5 * lag.interval[0])
     assert lag.interval[0] < 0.3e-3
@@ -73,7 +73,7 @@ def test_a_common_lag_is_found_with_an_interval_that_holds_it(late: float) -> No
 
 def test_lags_of_drives_are_told_apart() -> None:
     late = np.array([2e-3, 2e-3, -1.5e-3])
-    lag = found(frame(late)).each(0)
+    lag = searched_lags(frame(late)).each(0)
     np.testing.assert_array_less(np.abs(lag.values - late), 1.5 * lag.interval)
     assert lag.interval.max() < 0.5e-3
 
@@ -93,7 +93,7 @@ def test_a_common_lag_is_the_mean_by_generalised_least_squares() -> None:
 
 
 def test_without_noise_a_lag_and_the_parameters_come_out() -> None:
-    lag = found(frame(np.full(3, 4e-3), noise=0.0))
+    lag = searched_lags(frame(np.full(3, 4e-3), noise=0.0))
     assert lag.values[0] == pytest.approx(
         np.full(3, 4e-3), abs=0.15e-3
     )  # reversals: a sample is 2 ms

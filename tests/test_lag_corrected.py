@@ -78,7 +78,7 @@ def recorded(
         parts = [at(t - edge)[2] for edge in edges]
         tau = np.mean(parts, axis=0)
     else:
-        tau = np.column_stack([at(t - one)[2][:, i] for i, one in enumerate(delays)])
+        tau = np.column_stack([at(t - delay)[2][:, i] for i, delay in enumerate(delays)])
     tau = tau + NOISE * np.abs(tau).max(axis=0) * rng.standard_normal(tau.shape)
     columns = {"t": t} | {f"q{i + 1}": 1e-6 * np.round(1e6 * x) for i, x in enumerate(q.T)}
     if velocity is not None:
@@ -90,8 +90,8 @@ def estimated(*tables: pl.DataFrame, name: str = "clavel-delta3") -> Lags:
     dynamics, _ = robot(name)
     prior = prior_parameters(dynamics.robot)
     held = [
-        trace(dynamics, one, prior, cutoff=one.cutoff)
-        for one in open_recordings(tables, dynamics.kinematics)
+        trace(dynamics, recording, prior, cutoff=recording.cutoff)
+        for recording in open_recordings(tables, dynamics.kinematics)
     ]
     return estimate_lags(held, spread=0.5)
 
@@ -150,7 +150,7 @@ def late_model() -> IdentifiedModel:
 
 def test_a_lag_is_corrected_told_and_kept() -> None:
     model, (dynamics, p) = late_model(), robot()
-    (told,) = [one for one in model.corrections if one.kind == "lag"]
+    (told,) = [correction for correction in model.corrections if correction.kind == "lag"]
     assert told.subject == ""
     assert told.unit == "s"
     assert told.value == pytest.approx(2.3e-3, abs=5e-5)
@@ -187,7 +187,7 @@ def test_another_recording_is_compared_with_the_lag_of_the_model() -> None:
 def test_forces_are_judged_with_the_lag_of_the_model() -> None:
     given, _ = evidence(late_model(), recorded(2.3e-3))
     untold = late_model().changed(
-        sources=tuple(one.changed(delay=()) for one in late_model().sources)
+        sources=tuple(source.changed(delay=()) for source in late_model().sources)
     )
     wrong, _ = evidence(untold, recorded(2.3e-3))
     assert wrong.estimate.noise.sigma > 2 * given.estimate.noise.sigma
@@ -208,7 +208,7 @@ def test_a_lag_that_is_given_is_applied_as_it_is() -> None:
     table = recorded([1e-3, 1e-3, 4e-3])
     result = identify(dynamics.robot, table, settings=PLAIN.changed(lag=(1e-3, 1e-3, 4e-3)))
     assert result.recordings[0].repairs.delay == (1e-3, 1e-3, 4e-3)
-    assert [one.value for one in result.model.corrections] == [1e-3, 1e-3, 4e-3]
+    assert [correction.value for correction in result.model.corrections] == [1e-3, 1e-3, 4e-3]
     assert not result.problem.additions
     with pytest.raises(DeltaidError, match="has 2 values, and the robot has 3 drives"):
         identify(dynamics.robot, table, settings=PLAIN.changed(lag=(1e-3, 2e-3)))
@@ -251,7 +251,7 @@ def test_velocities_that_lag_are_left_out(late: float) -> None:
 
 def test_columns_that_have_been_left_out_are_not_complained_about() -> None:
     judged = checked(robot()[0].robot, [recorded(0.0, velocity=2e-3)])
-    (told,) = (one for one in judged.verdicts if one.key == "velocity")
+    (told,) = (verdict for verdict in judged.verdicts if verdict.key == "velocity")
     assert told.grade is Grade.GOOD
     assert "excluded" in told.seen
     assert not any("velocit" in text for text in judged.model.warnings)

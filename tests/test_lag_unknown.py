@@ -46,7 +46,7 @@ def recorded(motion: int, noise: int) -> Recording:
 
 
 @cache
-def found(motion: int, noise: int, lag: LagChoice = "estimate") -> Identification:
+def fitted_to(motion: int, noise: int, lag: LagChoice = "estimate") -> Identification:
     return identify(true()[0].robot, recorded(motion, noise), settings=PLAIN.changed(lag=lag))
 
 
@@ -68,13 +68,13 @@ def friction_widths(one: Identification) -> list[float]:
 
 @pytest.mark.parametrize("motion", [3, 4])
 def test_intervals_allow_for_a_lag_that_is_not_told(motion: int) -> None:
-    assert holds(found(motion, 0))
-    assert not holds(found(motion, 0, "none"))
+    assert holds(fitted_to(motion, 0))
+    assert not holds(fitted_to(motion, 0, "none"))
 
 
 def test_those_of_friction_do_too() -> None:
     """Late, M q̈ looks like viscous friction in part: both are 2.2 times as wide."""
-    allowed, alone = friction_widths(found(3, 0)), friction_widths(found(3, 0, "none"))
+    allowed, alone = friction_widths(fitted_to(3, 0)), friction_widths(fitted_to(3, 0, "none"))
     assert np.all(np.array(allowed) > 1.5 * np.array(alone))
 
 
@@ -82,5 +82,5 @@ def test_those_of_friction_do_too() -> None:
 def test_intervals_hold_as_often_as_they_say() -> None:
     """Of 40 that hold with 95 %, fewer than 34 do in 0.3 % (binomial); without the lag, none."""
     asked = [(motion, noise) for motion in (3, 4) for noise in range(20)]
-    assert sum(holds(found(*one)) for one in asked) >= 34
-    assert not any(holds(found(*one, "none")) for one in asked[::5])
+    assert sum(holds(fitted_to(*arguments)) for arguments in asked) >= 34
+    assert not any(holds(fitted_to(*arguments, "none")) for arguments in asked[::5])

@@ -57,7 +57,7 @@ def test_reversals_tell_a_lag_and_whether_there_is_a_filter(dead: float, constan
 
 
 @pytest.fixture
-def told(monkeypatch: pytest.MonkeyPatch):
+def lags_together(monkeypatch: pytest.MonkeyPatch):
     """Lags where reversals tell so much."""
 
     def estimate(
@@ -77,18 +77,18 @@ def told(monkeypatch: pytest.MonkeyPatch):
 
 
 @pytest.fixture
-def others(told) -> tuple[np.ndarray, np.ndarray]:
+def others(lags_together) -> tuple[np.ndarray, np.ndarray]:
     """What all other rows say, and its covariance, where reversals tell nothing."""
-    found = told(np.zeros(3), NOTHING)
+    found = lags_together(np.zeros(3), NOTHING)
     np.testing.assert_allclose(found.values[0], 2e-3, atol=2e-4)
     return found.values[0], found.covariance[0]
 
 
-def test_what_agrees_is_a_weighted_mean(told, others) -> None:
+def test_what_agrees_is_a_weighted_mean(lags_together, others) -> None:
     rough, covariance = others
     variance = np.diag(covariance)
     steps, std = np.add(rough, [2e-5, -1e-5, 3e-5]), np.array([1e-5, 4e-5, 2e-4])
-    found = told(steps, std)
+    found = lags_together(steps, std)
     weights = np.array([std**-2.0, 1 / variance])
     mean = np.sum(weights * [steps, rough], axis=0) / weights.sum(axis=0)
     np.testing.assert_allclose(found.values[0], mean, rtol=1e-9)
@@ -97,37 +97,39 @@ def test_what_agrees_is_a_weighted_mean(told, others) -> None:
 
 
 @pytest.mark.parametrize("share", [0.99, 1.01])
-def test_what_is_three_deviations_apart_disagrees(told, others, share: float) -> None:
+def test_what_is_three_deviations_apart_disagrees(lags_together, others, share: float) -> None:
     """Then reversals alone are believed, which nothing else can imitate."""
     rough, covariance = others
     std = 0.5 * np.sqrt(np.diag(covariance))
     apart = share * 3 * np.hypot(std[1], 2 * std[1])
-    found = told(np.add(rough, [0.0, apart, 0.0]), std)
+    found = lags_together(np.add(rough, [0.0, apart, 0.0]), std)
     assert found.agrees[0].tolist() == [True, share < 1, True]
     if share > 1:
         assert found.values[0, 1] == pytest.approx(rough[1] + apart)
         assert found.covariance[0, 1, 1] == pytest.approx(std[1] ** 2)
 
 
-def test_a_filter_that_other_rows_contradict_is_not_told(told, others) -> None:
+def test_a_filter_that_other_rows_contradict_is_not_told(lags_together, others) -> None:
     """Friction that yields looks like one; how late this drive is is in doubt by 3 ms."""
     rough, _ = others
     steps, std = np.add(rough, [0.0, 4e-3, 0.0]), np.full(3, 5e-5)
-    found = told(steps, std, filtered=(1,))
+    found = lags_together(steps, std, filtered=(1,))
     assert np.isinf(found.step_std[0, 1])
     assert found.agrees.all()
     assert abs(found.values[0, 1] - rough[1]) < 2e-4
     assert found.covariance[0, 1, 1] == pytest.approx(3e-3**2, rel=0.1)
     assert found.covariance[0, 0, 0] < std[0] ** 2
-    agreed = told(rough + 1e-5, std, filtered=(0, 1, 2))
+    agreed = lags_together(rough + 1e-5, std, filtered=(0, 1, 2))
     assert np.all(np.isfinite(agreed.step_std))
 
 
 @pytest.mark.parametrize("known", [NOTHING, np.array([5e-5, np.inf, np.inf])])
-def test_steps_that_follow_no_law_leave_a_lag_in_doubt(told, others, known: np.ndarray) -> None:
+def test_steps_that_follow_no_law_leave_a_lag_in_doubt(
+    lags_together, others, known: np.ndarray
+) -> None:
     """Where nothing is told of a drive for that; those that are told are in none."""
     rough, _ = others
-    found = told(rough, known, doubtful=(0, 2))
-    more = found.covariance[0] - told(rough, known).covariance[0]
+    found = lags_together(rough, known, doubtful=(0, 2))
+    more = found.covariance[0] - lags_together(rough, known).covariance[0]
     expected = 3e-3**2 * (np.isinf(known) & [True, False, True])
     np.testing.assert_allclose(more, np.diag(expected), atol=1e-12)

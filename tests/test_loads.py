@@ -104,7 +104,7 @@ def test_an_unknown_load_is_found_and_the_model_is_of_the_robot_without_it() -> 
     assert found.parameters[3].determined_by != "data"
     assert consistency(value) > 0
     assert mass_error(model) < 0.003
-    (told,) = [one for one in model.corrections if one.kind == "load"]
+    (told,) = [correction for correction in model.corrections if correction.kind == "load"]
     assert told.value == found.mass.value
     assert told.low == found.mass.low
     assert "was identified" in told.text
@@ -156,7 +156,7 @@ def test_what_is_known_of_a_load_stays(known: str) -> None:
     held = ColumnMapping(load=Load.model_validate({"column": "gripper"} | given))
     model = identify(robot()[0].robot, table(1, "cycles"), columns=held, settings=PLAIN).model
     (found,) = model.loads
-    (told,) = [one for one in model.corrections if one.kind == "load"]
+    (told,) = [correction for correction in model.corrections if correction.kind == "load"]
     assert ("its mass is known" in told.text) == (known != "tolerance")
     if known == "tolerance":
         assert found.mass.determined_by == "data"
@@ -172,7 +172,7 @@ def test_what_is_known_of_a_load_stays(known: str) -> None:
 def test_a_load_that_is_held_all_the_time_is_hardly_told_from_the_tool() -> None:
     held = ColumnMapping(load=Load(always=True))
     model = identify(robot()[0].robot, table(1, "always"), columns=held, settings=PLAIN).model
-    (told,) = [one for one in model.corrections if one.kind == "load"]
+    (told,) = [correction for correction in model.corrections if correction.kind == "load"]
     assert told.low < MASS < told.high
     assert "hardly separate it from EE itself" in told.text
 
@@ -185,7 +185,7 @@ def test_a_platform_shows_the_mass_only() -> None:
     (found,) = model.loads
     assert found.body == "P"
     assert abs(found.mass.value / MASS - 1) < 0.003
-    assert [one.determined_by for one in found.parameters].count("data") == 1
+    assert [parameter.determined_by for parameter in found.parameters].count("data") == 1
     assert mass_error(model, name) < 0.003
 
 
@@ -193,7 +193,7 @@ def test_a_lag_and_a_load_are_found_together() -> None:
     model = identify(
         robot()[0].robot, table(1, "cycles", late=1), columns=GRIPPER, settings=LATE
     ).model
-    lags = [one.value for one in model.corrections if one.kind == "lag"]
+    lags = [correction.value for correction in model.corrections if correction.kind == "lag"]
     assert lags
     for value in lags:
         assert value == pytest.approx(4e-3, abs=1e-4)
@@ -255,8 +255,10 @@ def test_an_export_takes_a_load_by_its_name(tmp_path: Path) -> None:
 @pytest.mark.slow
 def test_a_load_that_nobody_declares_is_detected_and_is_no_gear_that_winds_up() -> None:
     found = judged(robot()[0].robot, table(1, "cycles"))
-    assert [one.grade for one in found.verdicts if one.key == "load-change"] == [Grade.DOUBTFUL]
-    assert [one.kind for one in found.model.corrections] == ["load"]
+    assert [verdict.grade for verdict in found.verdicts if verdict.key == "load-change"] == [
+        Grade.DOUBTFUL
+    ]
+    assert [correction.kind for correction in found.model.corrections] == ["load"]
     (study,) = found.detected.values()
     assert study.is_disturbed
 
@@ -266,7 +268,7 @@ def test_contradictions_about_a_load_are_refused() -> None:
     tables = [table(2, "never"), table(3, "always")]
 
     def opened(first: Load, second: Load) -> tuple[Load, ...]:
-        columns = [ColumnMapping(load=one) for one in (first, second)]
+        columns = [ColumnMapping(load=load) for load in (first, second)]
         return joined(held(open_recordings(tables, dynamics.kinematics, columns)))
 
     one, other = Load(column="gripper", mass=1.0), Load(always=True, mass=2.0)

@@ -40,10 +40,10 @@ def test_what_is_left_gives_the_robot(name) -> None:
     assert mass_error(one, found.model.p) < 0.03
     assert mass_error(one, taken.model.p) > 0.2
     (source,) = found.model.sources
-    reasons = {one.reason for one in source.left_out}
+    reasons = {stretch.reason for stretch in source.left_out}
     assert reasons >= {"standing still", "on brakes", "saturated torque", "stale rows", "reversal"}
     assert not taken.model.sources[0].left_out
-    standing = next(one for one in source.left_out if one.reason == "standing still")
+    standing = next(stretch for stretch in source.left_out if stretch.reason == "standing still")
     assert standing.spans[0].start == 0
     assert standing.share == pytest.approx(0.24, abs=0.05)
 

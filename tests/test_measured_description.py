@@ -124,7 +124,7 @@ def test_known_bodies_may_be_weighed_with_others() -> None:
 def test_measured_values_in_another_unit_are_told(value: str, grade: str, words: str) -> None:
     text = of_body(f"free: [m, mcx, Sxx, Syy, Szz]\n    measured: [{value}]")
     robot = parse(text, RobotDescription, where="robot.yaml")
-    (found,) = (one for one in of_robot(robot) if one.key == "measured-scale")
+    (found,) = (verdict for verdict in of_robot(robot) if verdict.key == "measured-scale")
     assert found.grade == grade
     assert words in found.sentence
     if "210" in value:

@@ -35,13 +35,13 @@ def written(found: FactorFile, folder: Path) -> FactorFile:
 
 def require_same(found: IdentifiedModel, expected: IdentifiedModel, within: float = 0.35) -> None:
     """What data tell is the same, with the same intervals."""
-    own = {one.name: one for one in found.parameters}
-    for one in expected.parameters:
-        if one.determined_by == "data":
-            same = own[one.name]
-            assert abs(same.value - one.value) < within * one.std, one.name
-            widths = [(x.high or 0.0) - (x.low or 0.0) for x in (same, one)]
-            assert 0.6 < widths[0] / widths[1] < 1.6, one.name
+    own = {parameter.name: parameter for parameter in found.parameters}
+    for parameter in expected.parameters:
+        if parameter.determined_by == "data":
+            same = own[parameter.name]
+            assert abs(same.value - parameter.value) < within * parameter.std, parameter.name
+            widths = [(x.high or 0.0) - (x.low or 0.0) for x in (same, parameter)]
+            assert 0.6 < widths[0] / widths[1] < 1.6, parameter.name
 
 
 @pytest.fixture(scope="module")
@@ -64,11 +64,11 @@ def test_loads_of_some_recordings_are_found_from_all(loaded: list[FactorFile]) -
     require_same(found, expected)
     (load,), (same,) = found.loads, expected.loads
     assert load.logs == ("table", "table")
-    for one, other, true in zip(load.parameters, same.parameters, body(), strict=True):
+    for parameter, other, true in zip(load.parameters, same.parameters, body(), strict=True):
         if other.determined_by == "data":
-            assert abs(one.value - other.value) < 0.35 * other.std
-            assert 0.7 < one.std / other.std < 1.4
-            assert abs(one.value - true) < 4.0 * one.std
+            assert abs(parameter.value - other.value) < 0.35 * other.std
+            assert 0.7 < parameter.std / other.std < 1.4
+            assert abs(parameter.value - true) < 4.0 * parameter.std
 
 
 @pytest.mark.slow
@@ -104,14 +104,14 @@ def test_what_was_taken_for_a_load_to_begin_with_does_not_matter(loaded) -> None
 def test_friction_that_warms_up_in_one_recording_is_that_of_its_mean(tmp_path: Path) -> None:
     robot = load_robot("clavel-delta3")
     tables = [recorded(robot, 4, warm=cooling), recorded(robot, 5)]
-    files = [written(gathered(robot, one), tmp_path) for one in tables]
-    names = [set(one.condensed.names) for one in files]
+    files = [written(gathered(robot, table), tmp_path) for table in tables]
+    names = [set(file.condensed.names) for file in files]
     assert any("change" in name for name in names[0] - names[1])
     alone = identify_gathered(robot, files[:1]).model
     require_same(alone, files[0].record.model)
     both = identify_gathered(robot, files).model
     for drive in robot.drives:
-        own = [one.record.model.value(f"coulomb.{drive}") for one in files]
+        own = [file.record.model.value(f"coulomb.{drive}") for file in files]
         assert min(own) < both.value(f"coulomb.{drive}") < max(own)
 
 
@@ -120,7 +120,11 @@ def test_tolerances_widen_intervals_from_files_as_well(tmp_path: Path) -> None:
     one = gathered(robot, recorded(robot, 6), settings=PLAIN)
     kept = identify_gathered(robot, [written(one, tmp_path)], PLAIN).model
     require_same(kept, one.record.model)
-    geometry = [one.share.geometry for one in kept.parameters if one.determined_by == "data"]
+    geometry = [
+        parameter.share.geometry
+        for parameter in kept.parameters
+        if parameter.determined_by == "data"
+    ]
     assert max(geometry) > 0.3
 
 
@@ -163,7 +167,7 @@ def test_torque_constants_put_right_in_one_of_several_are_refused(loaded: list[F
 
 def test_places_of_all_recordings_add_up(loaded: list[FactorFile]) -> None:
     merging = merging_of(loaded, robot()[0].robot, PLAIN)
-    apart = [merged(merging, [one]).places.sum(axis=0) for one in loaded]
+    apart = [merged(merging, [file]).places.sum(axis=0) for file in loaded]
     together = merged(merging, loaded)
     np.testing.assert_allclose(together.places.sum(axis=0), sum(apart), rtol=1e-9, atol=1e-6)
     assert len(together.parts) == 3

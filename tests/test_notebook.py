@@ -173,7 +173,7 @@ def test_verdicts_are_told_the_worst_first() -> None:
     )
     assert found.grade == "wrong"
     assert found.poor[0].key == "key2"
-    assert {one.key for one in found.poor} == {"key0", "key2", "key3"}
+    assert {verdict.key for verdict in found.poor} == {"key0", "key2", "key3"}
     assert repr(found).index("key2") < repr(found).index("key0")
     assert "key1" not in repr(found)
 

@@ -178,7 +178,7 @@ def test_ipython_shows_the_line_and_the_message(session: str) -> None:
 @pytest.mark.slow
 def test_ipython_completes_names_of_our_own(session: str) -> None:
     lines = [line.split()[1:] for line in session.splitlines() if line.startswith("completed")]
-    found = {text: {one.rpartition(".")[2] for one in names} for text, *names in lines}
+    found = {text: {name.rpartition(".")[2] for name in names} for text, *names in lines}
     assert found["deltaid."] - {"__version__"} == set(deltaid.__all__)
     assert found["deltaid.load"] == {"load", "load_mapping", "load_offers", "load_robot"}
     assert {"plot", "report", "changed", "workspace"} <= found["robot."]

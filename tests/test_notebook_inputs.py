@@ -71,7 +71,7 @@ def whole_way(robot: object, log: object, unseen: object, folder: Path) -> dict[
     z = deltaid.Kinematics(robot).forward(q)
     written = deltaid.export(folder / "model.yaml", "c", folder / "model.c")
     return {
-        "verdicts": [(one.key, one.grade) for one in checks],
+        "verdicts": [(check.key, check.grade) for check in checks],
         "p": result.to_frame()["value"].to_numpy(),
         "error": proof.error.rms,
         "torque": model.dynamics.inverse_dynamics(q, rates, rates),
@@ -124,8 +124,12 @@ def test_recordings_are_mixed_in_a_list(tmp_path: Path) -> None:
     kinds = (csv, LOGS["pandas"], LOGS["a dictionary"])
     mixed = [make(frame, tmp_path) for make, frame in zip(kinds, frames, strict=True)]
     opened = open_recordings(mixed, deltaid.Kinematics(NAME))
-    assert [one.log.samples for one in opened] == [1200, 1300, 1400]
-    assert [str(one.log.path.name) for one in opened] == ["1200.csv", "table 2", "table 3"]
+    assert [recording.log.samples for recording in opened] == [1200, 1300, 1400]
+    assert [str(recording.log.path.name) for recording in opened] == [
+        "1200.csv",
+        "table 2",
+        "table 3",
+    ]
 
 
 def test_every_robot_is_taken_everywhere(tmp_path: Path) -> None:

@@ -102,7 +102,7 @@ def left_open(name: str, *sensors: BaseWrench | StrutForce) -> NullSpace:
     where = scene(name)
     dynamics, motion = where.dynamics, where.motion
     rows = [torque_rows(where, torques(dynamics, where.p, motion))]
-    rows += [sensor_rows(where, rows_of(dynamics, "s", one)).sure for one in sensors]
+    rows += [sensor_rows(where, rows_of(dynamics, "s", sensor)).sure for sensor in sensors]
     mechanism = with_turned_half(dynamics.kinematics.mechanism)
     found = exchanges(dynamics.robot, dynamics.layout, instances(mechanism, motion.z[::50]))
     return null_space(np.vstack(rows)[:, : len(where.p)], dynamics.layout, found)
@@ -120,7 +120,7 @@ def test_all_directions_by_name_with_a_wrench(name: str) -> None:
     null = left_open(name, BaseWrench(kind="base-wrench", **TARED))
     seen, told, words = KNOWN[name]
     assert (null.visible, null.rank) == (seen, told)
-    assert {one.words for one in null.directions} == words
+    assert {direction.words for direction in null.directions} == words
     assert len(null.directions) == seen - told == len(words)
 
 
@@ -129,9 +129,14 @@ def test_all_directions_by_name_by_torques_alone(name: str) -> None:
     null = left_open(name)
     assert (null.visible, null.rank) == ALONE[name]
     assert len(null.directions) == null.visible - null.rank
-    assert not any("combination" in one.words or "together" in one.words for one in null.directions)
+    assert not any(
+        "combination" in direction.words or "together" in direction.words
+        for direction in null.directions
+    )
     assert "P.Sxx" not in null.invisible
-    assert all(entry not in null.invisible for one in null.directions for entry in one.entries)
+    assert all(
+        entry not in null.invisible for direction in null.directions for entry in direction.entries
+    )
 
 
 def test_an_offset_that_nobody_knows_hides_what_only_weighs() -> None:
@@ -143,7 +148,7 @@ def test_an_offset_that_nobody_knows_hides_what_only_weighs() -> None:
     spun = left_open("irb360-6-1600", BaseWrench(kind="base-wrench"))
     assert spun.rank == 44
     words = "inertia may pass between the rotor of drive4 and the tool"
-    assert words in {one.words for one in spun.directions}
+    assert words in {direction.words for direction in spun.directions}
 
 
 @pytest.mark.parametrize(
@@ -152,7 +157,7 @@ def test_an_offset_that_nobody_knows_hides_what_only_weighs() -> None:
 def test_only_a_cut_at_a_joint_parts_it(cut: str, count: int) -> None:
     sensors = (*gauge("platform"), *gauge("elbow")) if cut == "both" else gauge(cut)
     null = left_open("clavel-delta3", *sensors)
-    words = {one.words for one in null.directions}
+    words = {direction.words for direction in null.directions}
     assert len(words) == count
     if cut == "platform":
         assert words == {ELBOW}
@@ -177,12 +182,12 @@ def test_nothing_changes_along_a_direction(name: str) -> None:
         np.add.at(values, channels, entries * p[columns][:, None])
         return np.hstack([dynamics.torque(*states, p), values.T])
 
-    for one in null.directions:
+    for direction in null.directions:
         p = where.p * rng.uniform(0.5, 2.0, len(where.p))
-        size = 0.1 / max(np.abs(one.direction / where.p[where.p != 0].max()).max(), 1e-9)
-        before, after = shown(p), shown(p + size * one.direction)
-        assert np.abs(after - before).max() < 1e-8 * np.abs(before).max(), one.words
-        assert np.abs(one.direction).max() > 0
+        size = 0.1 / max(np.abs(direction.direction / where.p[where.p != 0].max()).max(), 1e-9)
+        before, after = shown(p), shown(p + size * direction.direction)
+        assert np.abs(after - before).max() < 1e-8 * np.abs(before).max(), direction.words
+        assert np.abs(direction.direction).max() > 0
 
 
 def test_forces_at_the_joint_do_change() -> None:
@@ -191,7 +196,7 @@ def test_forces_at_the_joint_do_change() -> None:
     null = left_open("clavel-delta3")
     states = motion.z[::200], motion.qd[::200], motion.qdd[::200]
     C = forces.coefficients(*states)
-    by_words = {one.words: C @ one.direction for one in null.directions}
+    by_words = {direction.words: C @ direction.direction for direction in null.directions}
     elbow, platform = forces.index("strut1.elbow.x"), forces.index("strut1.platform.x")
     at_elbow, at_platform = by_words[ELBOW], by_words[PLATFORM.format("platform")]
     assert np.abs(at_elbow[:, elbow]).max() > 1.0 > 1e-9 > np.abs(at_elbow[:, platform]).max()
@@ -219,15 +224,15 @@ def test_random_robots_have_all_of_their_directions_named(make: Make) -> None:
     mechanism = with_turned_half(dynamics.kinematics.mechanism)
     found = exchanges(robot, dynamics.layout, instances(mechanism, motion.z[::50]))
     null = null_space(rows, dynamics.layout, found)
-    words = [one.words for one in null.directions]
+    words = [direction.words for direction in null.directions]
     assert len(words) == null.visible - null.rank > 0
-    assert not any("combination" in one for one in words), words
+    assert not any("combination" in word for word in words), words
     # Struts that are alike in limbs of unequal lengths share no end with any of them.
-    assert any("the platform's ball joints" in one for one in words) == (
+    assert any("the platform's ball joints" in word for word in words) == (
         make.own or not make.unequal
     )
     if make.own:
-        assert any("strut 3" in one for one in words)
+        assert any("strut 3" in word for word in words)
 
 
 def test_what_parts_a_direction_is_what_leaves_it_no_way_out() -> None:
@@ -244,12 +249,12 @@ def test_what_parts_a_direction_is_what_leaves_it_no_way_out() -> None:
     uses = [weighed("S"), weighed("P"), weighed("U"), weighed("S", "P")]
     none = np.zeros((0, where.width))
     found = openings(where.dynamics, where.motion, torque, none, uses, [])
-    assert [one.name for one in found] == ["torques", *(one.name for one in uses)]
+    assert [outlook.name for outlook in found] == ["torques", *(use.name for use in uses)]
     parted = {
-        one.words: names
-        for one, names in zip(found[0].null.directions, found[0].parted, strict=True)
+        direction.words: names
+        for direction, names in zip(found[0].null.directions, found[0].parted, strict=True)
     }
     # The arm's own mass is seen by no torque, so weighing it says nothing of what passes there.
     assert parted[ELBOW] == ("scale:S", "scale:S+P")
     assert parted[PLATFORM.format("platform")] == ("scale:S", "scale:P", "scale:S+P")
-    assert [len(one.null.directions) for one in found] == [2, 1, 1, 2, 1]
+    assert [len(outlook.null.directions) for outlook in found] == [2, 1, 1, 2, 1]

@@ -44,7 +44,7 @@ def test_other_estimates_are_those_of_a_filter_that_knew(free: float) -> None:
             onset = onset.measured(0, ca.SX(psi), told)
     other = Change(changed=ONE, held=ONE, told=NONE, seen=ONE)
     found = estimate_after(blamed, onset, other, 1)
-    wrong, right, mended = (float(ca.evalf(one.x)[1]) for one in (blamed, knew, found))
+    wrong, right, mended = (float(ca.evalf(estimate.x)[1]) for estimate in (blamed, knew, found))
     assert abs(wrong - right) > 0.1
     assert (abs(float(ca.evalf(blamed.x)[0])) > 0.2 * mass) == (free > 0)
     assert abs(mended - right) < 0.1 * abs(wrong - right)
@@ -126,8 +126,8 @@ def test_how_much_a_model_lacks_is_learnt(
     t = np.arange(CYCLES)[:, None] / 1000.0
     pulled = replace(run, tau=run.tau + 3.0 * np.sin(2 * np.pi * 5.0 * t + np.arange(3)))
     levels = [
-        outputs(graph, one, np.zeros(CYCLES))["state"][-1, graph.state.places["moving_level"]]
-        for one in (run, pulled)
+        outputs(graph, result, np.zeros(CYCLES))["state"][-1, graph.state.places["moving_level"]]
+        for result in (run, pulled)
     ]
     assert np.all(levels[0] < 0.98)
     assert np.all(levels[1] > 1.3)

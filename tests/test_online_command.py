@@ -32,7 +32,7 @@ def folder(made: Picked, tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture(scope="module")
-def told(folder: Path, tmp_path_factory: pytest.TempPathFactory) -> tuple[dict[str, Any], Path]:
+def results(folder: Path, tmp_path_factory: pytest.TempPathFactory) -> tuple[dict[str, Any], Path]:
     """What the command says of it as JSON, and the table and page that it wrote."""
     out = tmp_path_factory.mktemp("told")
     files = ("-o", out / "time.parquet", "--report", out / "page.html")
@@ -41,18 +41,20 @@ def told(folder: Path, tmp_path_factory: pytest.TempPathFactory) -> tuple[dict[s
     return json.loads(outcome.out), out
 
 
-def test_loads_are_those_that_were_held(told: tuple[dict[str, Any], Path]) -> None:
-    loads = told[0]["loads"]
-    assert [(one["start"], one["end"]) for one in loads] == [pytest.approx(h) for h in HELD]
-    for one in loads:
-        mass = one["entries"][0]
+def test_loads_are_those_that_were_held(results: tuple[dict[str, Any], Path]) -> None:
+    loads = results[0]["loads"]
+    assert [(load["start"], load["end"]) for load in loads] == [pytest.approx(h) for h in HELD]
+    for load in loads:
+        mass = load["entries"][0]
         assert mass["low"] < MASS < mass["high"] < mass["low"] + 0.1
-        assert one["mass_soon"]["value"] == pytest.approx(MASS, abs=0.06)
-        assert one["mass_soon"]["low"] < MASS < one["mass_soon"]["high"]
+        assert load["mass_soon"]["value"] == pytest.approx(MASS, abs=0.06)
+        assert load["mass_soon"]["low"] < MASS < load["mass_soon"]["high"]
 
 
-def test_pushes_are_found_where_and_as_hard_as_they_were(told: tuple[dict[str, Any], Path]) -> None:
-    contacts = told[0]["contacts"]
+def test_pushes_are_found_where_and_as_hard_as_they_were(
+    results: tuple[dict[str, Any], Path],
+) -> None:
+    contacts = results[0]["contacts"]
     assert len(contacts) == len(PUSHES)
     for one, (start, end, drive, size) in zip(contacts, PUSHES, strict=True):
         assert start < one["start"] < start + 0.01
@@ -62,19 +64,19 @@ def test_pushes_are_found_where_and_as_hard_as_they_were(told: tuple[dict[str, A
         np.testing.assert_allclose(found, size, atol=0.2 * float(np.linalg.norm(size)))
 
 
-def test_what_can_be_told(told: tuple[dict[str, Any], Path]) -> None:
-    found = told[0]
+def test_what_can_be_told(results: tuple[dict[str, Any], Path]) -> None:
+    found = results[0]
     assert 0.5 < found["smallest_force"]["best"] < found["smallest_force"]["worst"] < 30
     assert found["cycles"] == 10_000
     assert found["bad"] == 0
     assert found["told"]
     # It was recorded with the friction that the model has.
-    for one in found["friction"]:
-        assert abs(one["value"] - one["before"]) < 3 * one["std"] + 0.1
+    for joint in found["friction"]:
+        assert abs(joint["value"] - joint["before"]) < 3 * joint["std"] + 0.1
 
 
-def test_table_and_page(told: tuple[dict[str, Any], Path]) -> None:
-    table = pl.read_parquet(told[1] / "time.parquet")
+def test_table_and_page(results: tuple[dict[str, Any], Path]) -> None:
+    table = pl.read_parquet(results[1] / "time.parquet")
     assert len(table) == 10_000
     middle = table.filter((pl.col("t") > 4.0) & (pl.col("t") < 4.9))
     assert middle["mass"].mean() == pytest.approx(MASS, abs=0.05)
@@ -82,7 +84,7 @@ def test_table_and_page(told: tuple[dict[str, Any], Path]) -> None:
     pushed = table.filter((pl.col("t") > 3.53) & (pl.col("t") < 3.6))
     assert pushed["contact_size"].to_numpy().min() > 1
     assert pushed["force_x"].mean() == pytest.approx(25, abs=3)
-    page = (told[1] / "page.html").read_text(encoding="utf-8")
+    page = (results[1] / "page.html").read_text(encoding="utf-8")
     assert "limb of drive2" in page
     assert "2 loads and 2 contacts" in page
 
@@ -109,7 +111,7 @@ def test_recorded_velocities_are_taken(made: Picked) -> None:
     assert replay.has_velocity
     found = watch(made.model, replay, OnlineSettings(largest_mass=2.0))
     assert found.loads[0].mass.value == pytest.approx(MASS, abs=0.05)
-    assert [one.place for one in found.touches] == ["platform"]
+    assert [touch.place for touch in found.touches] == ["platform"]
 
 
 def test_a_hole_begins_anew_without_a_contact(made: Picked) -> None:
@@ -119,7 +121,7 @@ def test_a_hole_begins_anew_without_a_contact(made: Picked) -> None:
     found = watch(made.model, replay, OnlineSettings(largest_mass=2.0))
     assert found.touches == ()
     assert found.cycles == 2900
-    assert any("1 gap" in one for one in found.doubts)
+    assert any("1 gap" in doubt for doubt in found.doubts)
 
 
 @pytest.mark.slow
@@ -128,7 +130,7 @@ def test_torques_that_lag_are_not_taken_for_contacts_without_a_word(made: Picked
     found = watch(
         made.model, open_replay(made.model, made.table.with_columns(late)), OnlineSettings()
     )
-    assert any("ms early against positions" in one for one in found.doubts)
+    assert any("ms early against positions" in doubt for doubt in found.doubts)
 
 
 @pytest.mark.slow

@@ -63,7 +63,7 @@ def test_torques_of_another_scale(made: Picked) -> None:
     (doubt,) = found.doubts
     assert "torques of all drives are 0.7" in doubt
     assert "torque constant" in doubt
-    assert max(one.mass.value for one in found.loads) < 0.8 * MASS  # so it has to be said
+    assert max(load.mass.value for load in found.loads) < 0.8 * MASS  # so it has to be said
 
 
 def test_a_channel_ends_at_the_number_that_it_stays_on(made: Picked) -> None:
@@ -100,7 +100,7 @@ def test_brakes_are_no_contact(made: Picked) -> None:
     found = watched(made, table.with_columns(**stopped, **off))
     assert "brakes hold the robot in 13 % of the rows" in found.doubts[0]
     assert found.bad == 800
-    assert [round(one.start, 1) for one in found.touches] == [PUSHES[0][0]]
+    assert [round(touch.start, 1) for touch in found.touches] == [PUSHES[0][0]]
 
 
 def test_velocities_that_are_late_or_noisy_are_left_out(made: Picked) -> None:
@@ -132,8 +132,8 @@ def test_loads_of_a_mapping(made: Picked) -> None:
     """Numbers of a column, and spans of time, in place of `--gripper`."""
     table = changed(made, {"gripper": 255 * pl.col("gripper")})
     of_numbers = Load(column="gripper", when=255.0)
-    for one, rows in ((of_numbers, table), (Load(spans=HELD), made.table)):
-        replay = open_replay(made.model, rows, ColumnMapping(load=one))
+    for load, rows in ((of_numbers, table), (Load(spans=HELD), made.table)):
+        replay = open_replay(made.model, rows, ColumnMapping(load=load))
         found = watch(made.model, replay, OnlineSettings(largest_mass=2.0))
         assert_as_it_was(found)
         assert not found.doubts
@@ -153,8 +153,8 @@ def test_a_gripper_that_tells_early(made: Picked) -> None:
 
 
 def assert_as_it_was(found: Watched) -> None:
-    assert [one.mass.value for one in found.loads] == pytest.approx([MASS, MASS], abs=0.02)
-    assert [one.start for one in found.loads] == pytest.approx([a for a, _ in HELD], abs=2e-3)
+    assert [load.mass.value for load in found.loads] == pytest.approx([MASS, MASS], abs=0.02)
+    assert [load.start for load in found.loads] == pytest.approx([a for a, _ in HELD], abs=2e-3)
     assert len(found.touches) == len(PUSHES)
 
 
@@ -180,8 +180,8 @@ def timing(off: float, count: int, rng: np.random.Generator) -> GripTiming:
     residual = held[:, None] * lifted * 0.8 + 0.1 * rng.standard_normal(lifted.shape)
     residual[(t % 0.83 < 0.1)] += [0.0, 2.0]
     lacking = np.full_like(lifted, 0.7)
-    for some in np.array_split(np.arange(len(t)), 7):
-        found.add(told[some].astype(float), residual[some], lifted[some], lacking[some])
+    for part in np.array_split(np.arange(len(t)), 7):
+        found.add(told[part].astype(float), residual[part], lifted[part], lacking[part])
     found.broken()
     return found
 
@@ -221,7 +221,7 @@ def test_torques_beyond_the_model_for_most_of_the_time_are_no_contact(made: Pick
 
     def keys(touched: float, untouched: float) -> list[str]:
         seen = replace(NOTHING, touched=touched, untouched=untouched)
-        return [one.key for one in doubts(made.model, replay, settings, seen, [load()], [])]
+        return [doubt.key for doubt in doubts(made.model, replay, settings, seen, [load()], [])]
 
     assert "residual" in keys(60.0, 40.0)
     assert "residual" not in keys(10.0, 90.0)

@@ -115,7 +115,10 @@ def test_directions_and_what_they_leave_are_all_that_a_model_may_be_off_by(
     Y = model.dynamics.regressor(q, qd, qdd, np.zeros_like(q))
     spreads = stated_spreads(model.robot)
     spread = np.array(
-        [spreads.get(one.name, model.prior_spread) * one.scale for one in model.layout.parameters]
+        [
+            spreads.get(parameter.name, model.prior_spread) * parameter.scale
+            for parameter in model.layout.parameters
+        ]
     )
     spread[list(known.followed)] = 0.0
     largest = np.abs(Y @ model.p).max(axis=0)

@@ -32,7 +32,7 @@ def test_steps_runs_and_the_graph_are_one(online: deltaid.Online) -> None:
     online.reset()
     first = online.run(run.q[:311], run.qd[:311], run.tau[:311], run.held[:311].astype(float))
     steps = [online.step(run.q[k], run.qd[k], run.tau[k], gripper=True) for k in range(311, 320)]
-    assert [float(one.mass) for one in steps] == whole.mass[311:].tolist()
+    assert [float(step.mass) for step in steps] == whole.mass[311:].tolist()
     assert np.array_equal(first.mass, whole.mass[:311])
     low, high = steps[-1].mass_interval
     assert low <= 1.0 <= high

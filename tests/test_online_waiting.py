@@ -116,7 +116,7 @@ def test_structured_text_lets_signals_wait_too() -> None:
 
 def with_delay(model: Model, delay: tuple[float, ...]) -> Model:
     known = model.identified
-    sources = tuple(one.changed(delay=delay) for one in known.sources)
+    sources = tuple(source.changed(delay=delay) for source in known.sources)
     return load(known.changed(sources=sources))
 
 
@@ -132,12 +132,12 @@ def late(made: Picked) -> pl.DataFrame:
 
 def assert_right(found: Watched) -> None:
     """Loads and pushes as they were."""
-    assert [one.mass.value for one in found.loads] == pytest.approx([MASS, MASS], abs=0.02)
-    assert [one.start for one in found.loads] == pytest.approx([a for a, _ in HELD], abs=1e-9)
+    assert [load.mass.value for load in found.loads] == pytest.approx([MASS, MASS], abs=0.02)
+    assert [load.start for load in found.loads] == pytest.approx([a for a, _ in HELD], abs=1e-9)
     assert len(found.touches) == len(PUSHES)
-    for one, (start, _, drive, _) in zip(found.touches, PUSHES, strict=True):
-        assert start < one.start < start + 0.01
-        assert one.place == ("platform" if drive is None else f"drive{drive + 1}")
+    for touch, (start, _, drive, _) in zip(found.touches, PUSHES, strict=True):
+        assert start < touch.start < start + 0.01
+        assert touch.place == ("platform" if drive is None else f"drive{drive + 1}")
 
 
 def test_loads_and_contacts_are_those_without_a_lag(made: Picked) -> None:
@@ -147,8 +147,8 @@ def test_loads_and_contacts_are_those_without_a_lag(made: Picked) -> None:
     found = watch(lagging, replay, settings)
     assert_right(found)
     assert not found.doubts
-    wrong = replace(settings, delay=tuple(-one for one in DELAY))
-    assert any("against positions" in one for one in watch(lagging, replay, wrong).doubts)
+    wrong = replace(settings, delay=tuple(-delay for delay in DELAY))
+    assert any("against positions" in doubt for doubt in watch(lagging, replay, wrong).doubts)
 
 
 def test_a_stream_with_a_lag_is_the_replay(made: Picked) -> None:

@@ -59,11 +59,11 @@ def test_a_load_pulls_until_it_is_let_go_or_known(robot: Model, motion: MotionTr
     without, own = ControlModel(robot.robot, robot.p), robot.with_load(point_mass(2.0)).p
     assert (without.holding(2.0).p == own).all()
 
-    def told(time: float) -> ControlModel:
+    def known_model(time: float) -> ControlModel:
         return without.holding(2.0) if 0.2 <= time < 0.4 else without
 
     law = tuned("pd-feedforward", without.mass_diagonal(motion.desired(np.zeros(1)).q), 10.0)
-    known = track(plant, law, told, motion, Drives())
+    known = track(plant, law, known_model, motion, Drives())
     assert known.error.platform_rms < 0.1 * blind.error.platform_rms
 
 

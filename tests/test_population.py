@@ -85,7 +85,7 @@ def fleet(count: int, seed: int = 0) -> tuple[np.ndarray, np.ndarray, list[TypeM
 
 
 def member_of(found: Population, name: str):
-    return next(one for one in found.members if one.name == name)
+    return next(robot for robot in found.members if robot.name == name)
 
 
 @pytest.fixture(scope="module")
@@ -121,13 +121,13 @@ def test_what_all_see_well_is_their_average(known) -> None:
 def test_intervals_hold_and_what_no_torque_tells_stays_open(known) -> None:
     _, truths, _, found = known
     inside = [
-        np.abs(one.within.value - p)[found.free] <= one.within.half[found.free]
-        for one, p in zip(found.members, truths, strict=True)
+        np.abs(robot.within.value - p)[found.free] <= robot.within.half[found.free]
+        for robot, p in zip(found.members, truths, strict=True)
     ]
     assert 0.92 < np.mean(inside) <= 1.0
     one = found.members[0]
     assert one.within.std[MASS] > 0.9 * one.alone_std[MASS]
-    assert all(one.belongs for one in found.members)
+    assert all(robot.belongs for robot in found.members)
 
 
 def test_one_weighed_robot_tells_of_all_others(known) -> None:
@@ -135,9 +135,9 @@ def test_one_weighed_robot_tells_of_all_others(known) -> None:
     c = np.eye(len(LAYOUT.names))[STRUT]
     weighed = replace(members[0], facts=(MeasuredFact("scale", c, truths[0, STRUT], 1e-3),))
     found = fitted([weighed, *members[1:]], ROBOT)
-    errors = [one.within.value[STRUT] - p[STRUT]
-              for one, p in zip(found.members, truths, strict=True)]  # fmt: skip
-    stds = np.array([one.within.std[STRUT] for one in found.members])
+    errors = [robot.within.value[STRUT] - p[STRUT]
+              for robot, p in zip(found.members, truths, strict=True)]  # fmt: skip
+    stds = np.array([robot.within.std[STRUT] for robot in found.members])
     assert np.all(stds[1:] < 0.2 * before.members[1].within.std[STRUT])
     assert np.mean(np.abs(errors) < 1.96 * stds) > 0.8
     assert np.all(stds[1:] > 0.4 * BODY * truths[0, STRUT])
@@ -147,7 +147,7 @@ def test_the_same_measurement_in_all_descriptions_is_one(known) -> None:
     _, truths, members, _ = known
     c = np.eye(len(LAYOUT.names))[STRUT]
     fact = MeasuredFact("scale", c, truths[0, STRUT], 1e-4)
-    every = fitted([replace(one, facts=(fact,)) for one in members], ROBOT)
+    every = fitted([replace(robot, facts=(fact,)) for robot in members], ROBOT)
     own = replace(members[0], facts=(fact,))
     one = fitted([own, *members[1:]], ROBOT)
     # Were it one of each robot, the mean would be known √40 times better.
@@ -165,8 +165,8 @@ def test_robots_that_do_not_belong_are_named_and_have_no_say(known) -> None:
         *(seen(f"amplified {k}", alike(mean, rng), rng, 1.3) for k in range(9)),
     ]
     found = fitted([*members, *strangers], ROBOT)
-    assert not any(member_of(found, one.name).belongs for one in strangers)
-    assert all(one.belongs for one in found.members if one.name.startswith("r"))
+    assert not any(member_of(found, stranger.name).belongs for stranger in strangers)
+    assert all(robot.belongs for robot in found.members if robot.name.startswith("r"))
     assert member_of(found, "heavy").reason.startswith("P.m is 0.")
     assert "more than in the type: another tool" in member_of(found, "heavy").reason
     assert "its torques are 1." in member_of(found, "amplified 3").reason
@@ -202,7 +202,7 @@ def test_one_of_few_is_named_though_it_would_widen_the_spreads() -> None:
     heavy = alike(mean, np.random.default_rng(8))
     heavy[MASS] *= 1.3
     found = fitted([*members, seen("heavy", heavy, np.random.default_rng(9))], ROBOT)
-    assert [one.name for one in found.members if not one.belongs] == ["heavy"]
+    assert [robot.name for robot in found.members if not robot.belongs] == ["heavy"]
     assert np.exp(found.spreads.log[0]) < 2 * BODY
 
 
@@ -215,7 +215,7 @@ def test_a_wrong_scale_of_torques_is_named_among_eight(
     _, truths, members = fleet(8, 2)
     members[0] = seen("r000", truths[0], np.random.default_rng(102), gain)
     found = fitted(members, ROBOT)
-    assert [one.name for one in found.members if not one.belongs] == ["r000"]
+    assert [robot.name for robot in found.members if not robot.belongs] == ["r000"]
     assert found.members[0].reason.startswith("its torques are ")
     assert "torque constants" in found.members[0].reason
 
@@ -297,7 +297,7 @@ def test_a_prior_is_as_wide_as_more_than_half_of_the_recordings_ask_for(
     """The median of what they ask for: 4, 5, 6 … times."""
     _, _, members = fleet(6, 1)
     asked = [{"P.m": 4.0 + k} if k < wide else None for k in range(6)]
-    some = [replace(one, widened=own) for one, own in zip(members, asked, strict=True)]
+    some = [replace(member, widened=asks) for member, asks in zip(members, asked, strict=True)]
     reduction = Coordinates.for_type(ROBOT, some, Settings()).reduction
     assert reduction.widened.get("P.m", 1.0) == factor
 

@@ -142,7 +142,7 @@ def test_robots_that_belong_are_as_far_as_their_chance_says() -> None:
     e = rng.standard_normal((draws, 6)) @ np.linalg.cholesky(V).T
     level = rng.chisquare(freedom, draws) / freedom
     distance = np.einsum("ki,ij,kj->k", e, np.linalg.inv(V), e) / level
-    chances = [against_others(freedom=freedom).chance(float(one), 6) for one in distance]
+    chances = [against_others(freedom=freedom).chance(float(value), 6) for value in distance]
     assert np.mean(np.array(chances) < 0.1) == pytest.approx(0.1, abs=0.025)  # ± 0.007
 
 
@@ -166,7 +166,7 @@ def test_the_middle_robot_is_at_first_as_far_as_it_should_be(share: float) -> No
     usual, unit = stats.chi2.ppf(0.5, 6), E / np.sqrt(against_others().distance)
     times = np.array([3.0, 4.0, 5.0, 40.0])
     robots = [against_others(np.sqrt(usual * each) * unit) for each in times]
-    chances = np.array([one.chance(one.distance, 6) for one in robots])
+    chances = np.array([robot.chance(robot.distance, 6) for robot in robots])
     scaled = stats.f.sf(times / 4.5 * usual / 6, 6, 12.0)
     first = _belonging(chances, robots, share * scaled[2], first=True)
     np.testing.assert_array_equal(first, [True, True, share < 1, False])
@@ -177,7 +177,7 @@ def test_the_middle_robot_is_at_first_as_far_as_it_should_be(share: float) -> No
 def type_of_robots() -> Coordinates:
     robot = load_robot("clavel-delta3")
     reduction = build_reduction(robot, np.arange(len(parameter_layout(robot).names)), (), 0.5)
-    kinds = tuple(_kind(one) for one in reduction.variables)
+    kinds = tuple(_kind(variable) for variable in reduction.variables)
     return Coordinates(robot, reduction, kinds, (), reduction.scale, 0.5)
 
 

@@ -31,13 +31,13 @@ BY_CHANCE = 1e-6
 
 
 @pytest.fixture(scope="module")
-def found() -> Judged:
+def judged() -> Judged:
     return identified("stout").result
 
 
 @pytest.fixture(scope="module")
-def model(found) -> IdentifiedModel:
-    return found.model
+def model(judged) -> IdentifiedModel:
+    return judged.model
 
 
 @pytest.fixture(scope="module")
@@ -175,22 +175,26 @@ def test_where_data_decides_models_spread_as_the_intervals(
     """
     name = f"{kind}.{drive}"
     at = model.layout.names.index(name)
-    (base,) = (one for one in model.base_parameters if one.representative == name)
+    (base,) = (
+        base_parameter
+        for base_parameter in model.base_parameters
+        if base_parameter.representative == name
+    )
     interval = (base.high - base.low) / (2 * stats.norm.ppf(0.975))
     expected = float(np.linalg.norm(normal(model).spread[at]))
     assert 0.9 * interval < expected < interval
     assert drawn.p[:, at].std() == pytest.approx(expected, rel=0.08)
 
 
-def test_the_record_has_the_deviations_of_the_intervals(found: Judged) -> None:
-    problem = found.problem
+def test_the_record_has_the_deviations_of_the_intervals(judged: Judged) -> None:
+    problem = judged.problem
     V = base_covariance(problem)
     half = stats.norm.ppf(0.975) * np.sqrt(np.diag(V))
     np.testing.assert_allclose(half, problem.estimate.interval, rtol=5e-3)
-    record = found.model.posterior
+    record = judged.model.posterior
     np.testing.assert_allclose(record.root @ record.root.T, V, rtol=1e-3)
     K = problem.base.combination()
-    np.testing.assert_allclose(record.combination(found.model.layout.names), K, atol=1e-7)
+    np.testing.assert_allclose(record.combination(judged.model.layout.names), K, atol=1e-7)
 
 
 def test_limbs_scatter_about_what_they_share(model: IdentifiedModel, monkeypatch) -> None:
@@ -207,8 +211,8 @@ def test_limbs_scatter_about_what_they_share(model: IdentifiedModel, monkeypatch
         if entry == "m":
             scatter = (limbs / whole[:, None]).std(axis=0)
             np.testing.assert_allclose(scatter, tolerance, rtol=0.12)  # five standard errors
-    for one in islice(own.models(), 10):
-        assert least_margin(one.layout, one.p)[1] > 0
+    for drawn in islice(own.models(), 10):
+        assert least_margin(drawn.layout, drawn.p)[1] > 0
     with pytest.raises(DeltaidError, match=r"limb_tolerance: must lie between 0 and 0\.3"):
         model.sample(10, limb_tolerance=0.5)
 

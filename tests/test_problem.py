@@ -65,8 +65,8 @@ def test_what_is_not_known_before_errs_as_its_covariance_says() -> None:
         )
         for _ in range(600)
     ]
-    errors = np.array([one.x[2] - 3.0 for one in found])
-    deviations = np.array([one.covariance(slice(2, 3))[0, 0] ** 0.5 for one in found])
+    errors = np.array([solution.x[2] - 3.0 for solution in found])
+    deviations = np.array([solution.covariance(slice(2, 3))[0, 0] ** 0.5 for solution in found])
     assert np.sqrt(np.mean(errors**2)) == pytest.approx(0.1 / np.sqrt(339), rel=0.2)
     assert np.mean(deviations) == pytest.approx(np.std(errors), rel=0.2)
 

@@ -103,7 +103,7 @@ def test_a_notebook_has_a_bar_that_goes_away(notebook: Display) -> None:
     assert "value=" not in second["text/html"].replace("vertical", "")
     assert "work: &lt;b&gt;file&lt;/b&gt;" in second["text/html"]
     assert set(last.values()) == {""}
-    assert all(set(one) == {"text/plain", "text/html"} for one in notebook.shown)
+    assert all(set(bundle) == {"text/plain", "text/html"} for bundle in notebook.shown)
 
 
 def test_the_bar_goes_away_after_a_failure(notebook: Display) -> None:

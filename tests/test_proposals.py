@@ -16,7 +16,7 @@ from identified import identified, simulated
 LOG = "clavel-delta3"
 
 
-def of(key: str, found: tuple[Verdict, ...]) -> Verdict:
+def verdict_of(key: str, found: tuple[Verdict, ...]) -> Verdict:
     (verdict,) = (verdict for verdict in found if verdict.key == key)
     return verdict
 
@@ -37,7 +37,7 @@ def shifted() -> Evidence:
 
 def test_friction_by_load_is_no_zero_that_is_off() -> None:
     made = case("load-friction", "delta3", 1)
-    homing = of("homing-or-tilt", deltaid.check(made.robot, made.logs[0]))
+    homing = verdict_of("homing-or-tilt", deltaid.check(made.robot, made.logs[0]))
     assert homing.grade is Grade.DOUBTFUL
     assert not homing.proposals
     assert "no change of the files explains this" in homing.cure
@@ -45,7 +45,7 @@ def test_friction_by_load_is_no_zero_that_is_off() -> None:
 
 def test_a_zero_that_is_off_is_proposed() -> None:
     found = deltaid.check(shifted().robot, shifted().source)
-    (proposal,) = of("homing-or-tilt", found).proposals
+    (proposal,) = verdict_of("homing-or-tilt", found).proposals
     ((key, value),) = proposal.changes
     assert key == "position[0].zero"
     np.testing.assert_allclose(float(str(value)), 0.02, atol=2e-3)
@@ -55,7 +55,7 @@ def test_a_base_far_out_of_level_is_looked_at_and_not_written() -> None:
     found = identified(LOG)
     tilted = {"gravity": (0.0, 9.81 * np.sin(0.15), -9.81 * np.cos(0.15))}
     frame = simulated(found.robot.changed(**tilted), found.p, seed=3)
-    verdict = of("homing-or-tilt", deltaid.check(found.robot, frame))
+    verdict = verdict_of("homing-or-tilt", deltaid.check(found.robot, frame))
     assert verdict.grade is not Grade.GOOD
     assert "base out of level" in verdict.seen
     assert not verdict.proposals

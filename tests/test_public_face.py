@@ -144,8 +144,8 @@ def arrays(found: Any) -> list[np.ndarray]:
     if isinstance(found, tuple):
         return [array for part in found for array in arrays(part)]
     if is_dataclass(found):
-        held = [getattr(found, one.name) for one in fields(found)]
-        return [np.asarray(one) for one in held if not isinstance(one, str)]
+        held = [getattr(found, field.name) for field in fields(found)]
+        return [np.asarray(value) for value in held if not isinstance(value, str)]
     return [np.asarray(found)]
 
 
@@ -191,15 +191,15 @@ def test_other_shapes_are_refused(shape: tuple[int, ...]) -> None:
 def test_a_model_brings_its_parameters_to_all_that_computes() -> None:
     p = 1.5 * deltaid.prior_parameters(NAME)
     model = deltaid.load(deltaid.load_robot(NAME))
-    for own, call, arguments in (
+    for changed, call, arguments in (
         (DYNAMICS.with_parameters(p), "torque", (Z, RATE, RATE)),
         (FORWARD.with_parameters(p), "acceleration", (Z, RATE, TORQUE)),
         (FORCES.with_parameters(p), "evaluate", (Z, RATE, RATE)),
     ):
-        found = getattr(own, call)(*arguments)
-        np.testing.assert_array_equal(found, getattr(own, call)(*arguments, p))
-        assert not np.allclose(found, getattr(own, call)(*arguments, model.p))
-        np.testing.assert_array_equal(own.p, p)
+        found = getattr(changed, call)(*arguments)
+        np.testing.assert_array_equal(found, getattr(changed, call)(*arguments, p))
+        assert not np.allclose(found, getattr(changed, call)(*arguments, model.p))
+        np.testing.assert_array_equal(changed.p, p)
     np.testing.assert_array_equal(DYNAMICS.p, model.p)  # `at` leaves the other as it was
 
 

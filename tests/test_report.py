@@ -56,7 +56,7 @@ def test_a_page_is_one_file_that_loads_nothing(result: Identification) -> None:
     policies = [a.get("content") or "" for tag, a in document.tags if tag == "meta"]
     assert any(p.startswith("default-src 'none'") and "http" not in p for p in policies)
     packed = [base64.b64decode(s) for s in document.scripts if len(s) > 1e6]
-    assert [b"Plotly" in gzip.decompress(one) for one in packed] == [True]
+    assert [b"Plotly" in gzip.decompress(script) for script in packed] == [True]
     assert len(html.encode()) < 4e6
 
 

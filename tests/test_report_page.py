@@ -54,7 +54,7 @@ def test_hostile_text_in_every_part_of_a_page() -> None:
     # Title twice, subtitle, fact 3, warning, contents, heading, text, column, cell, 2 captions.
     assert document.texts.count(HOSTILE) == 14
     data = [json.loads(s) for s in document.scripts if s.startswith('{"data"')]
-    assert [trace["name"] for one in data for trace in one["data"]] == [HOSTILE]
+    assert [trace["name"] for figure in data for trace in figure["data"]] == [HOSTILE]
 
 
 def test_a_long_recording_is_thinned_and_keeps_its_outlier(tmp_path: Path) -> None:
@@ -130,7 +130,7 @@ def test_a_drive_at_rest_and_times_since_1970() -> None:
     blocks = torque_blocks(c, {"drive1": TURNING, "drive2": TURNING})
     np.testing.assert_array_equal(blocks[0].figure.data[0].x, time)
     assert blocks[0].figure.data[0].y.dtype == np.float32
-    (marks, _) = (one for one in blocks[0].figure.data if one.name == "left out: events")
+    (marks, _) = (trace for trace in blocks[0].figure.data if trace.name == "left out: events")
     np.testing.assert_array_equal(marks.x[[0, 1, 3, 4]], time[[10, 20, 40, 45]])
     assert len(render(Page("t", "", (), (Section("s", blocks),)))) > 1.9e6
 
@@ -183,9 +183,9 @@ def test_names_in_sentences_are_explained(text: str, short: str, words: str) -> 
 
 def corrections(**subjects: tuple[str, ...]) -> tuple[Correction, ...]:
     return tuple(
-        Correction.model_validate({"kind": kind, "subject": one, "text": "why"})
+        Correction.model_validate({"kind": kind, "subject": subject, "text": "why"})
         for kind, several in subjects.items()
-        for one in several
+        for subject in several
     )
 
 

@@ -95,15 +95,15 @@ def test_weights_and_ways_down_are_judged_by_the_truth() -> None:
     assert (light.gamma, heavy.gamma) == (1e-8, 1e-2)
     assert heavy.accuracy.mass_diagonal > 3 * light.accuracy.mass_diagonal
     found = descend(objective, judge, iterations=5)
-    assert [one.way for one in found.ways] == list(WAYS)
+    assert [way.way for way in found.ways] == list(WAYS)
     ends = iter(judged)
-    for one in found.ways:
-        if one.usual is not None:
+    for way in found.ways:
+        if way.usual is not None:
             next(ends)
         apart = (next(ends) - found.conic.x) / objective.reduction.scale
-        assert one.distance == pytest.approx(np.linalg.norm(apart))
-        assert one.objective[0] > one.objective[-1] >= found.conic.objective * (1 - 1e-9)
-        assert one.at_end.samples == 50
+        assert way.distance == pytest.approx(np.linalg.norm(apart))
+        assert way.objective[0] > way.objective[-1] >= found.conic.objective * (1 - 1e-9)
+        assert way.at_end.samples == 50
 
 
 def fits(results: dict, *, noise: bool) -> list[dict]:

@@ -33,7 +33,7 @@ from deltaid.recording.table import open_table
 @pytest.mark.parametrize("kind", KINDS)
 def test_every_kind_of_bag_gives_the_same_samples(kind: str, tmp_path: Path) -> None:
     """And by the default names, since those of the joints leave no doubt."""
-    other = [replace(one, topic="/other", at=one.stamp + 7) for one in MESSAGES[::50]]
+    other = [replace(message, topic="/other", at=message.stamp + 7) for message in MESSAGES[::50]]
     messages = sorted(MESSAGES + other, key=lambda one: one.received)
     table = open_table(KINDS[kind](tmp_path, messages if "ros1" not in kind else MESSAGES))
     topics = [address("position", joint) for joint in JOINTS]
@@ -60,7 +60,9 @@ def test_both_orders_of_bytes_and_any_padding_are_read() -> None:
 def test_messages_of_more_kinds_than_are_kept_are_decoded() -> None:
     many = [replace(MESSAGES[k], joints=[f"{k:03}", "b", "c"]) for k in range(200)]
     decoder = Decoder(many[0].type, True)
-    _, values = decoder.decode([one.raw() for one in many], [("position", "b"), ("effort", "199")])
+    _, values = decoder.decode(
+        [message.raw() for message in many], [("position", "b"), ("effort", "199")]
+    )
     assert np.array_equal(values[:, 0], COLUMNS["position"][:200, 1])
     assert values[199, 1] == COLUMNS["effort"][199, 0]
 
@@ -81,10 +83,12 @@ def test_a_message_without_a_joint_is_a_lost_row(tmp_path: Path) -> None:
 def test_a_second_publisher_without_torques_is_left_out(tmp_path: Path) -> None:
     """As joint_state_publisher does: zeros for positions, and nothing else."""
     second = [
-        replace(one, numbers={"position": np.zeros(3)}, joints=JOINTS[::-1], at=one.stamp + 5)
-        for one in MESSAGES
+        replace(
+            message, numbers={"position": np.zeros(3)}, joints=JOINTS[::-1], at=message.stamp + 5
+        )
+        for message in MESSAGES
     ]
-    messages = [one for pair in zip(MESSAGES, second, strict=True) for one in pair]
+    messages = [message for pair in zip(MESSAGES, second, strict=True) for message in pair]
     table = open_table(KINDS["sqlite"](tmp_path, messages))
     assert np.array_equal(read(table, ["t", *NAMES]), ALL)
     assert "500 of 1000" in table.doubts[0]
@@ -103,14 +107,16 @@ def test_torques_that_are_not_recorded_are_said(
 
 
 def test_headers_without_stamps_leave_the_time_of_receipt(tmp_path: Path) -> None:
-    messages = [replace(one, stamp=0, at=one.stamp) for one in MESSAGES]
+    messages = [replace(message, stamp=0, at=message.stamp) for message in MESSAGES]
     table = open_table(KINDS["ros1"](tmp_path, messages))
     assert np.array_equal(read(table, ["t", "q1"]), ALL[:, :2])
     assert "header stamps are all zero; the time of receipt is used" in table.doubts[0]
 
 
 def test_the_time_of_receipt_may_be_asked_for(tmp_path: Path) -> None:
-    messages = [replace(one, at=one.stamp + 10**6 * (k % 3)) for k, one in enumerate(MESSAGES)]
+    messages = [
+        replace(message, at=message.stamp + 10**6 * (k % 3)) for k, message in enumerate(MESSAGES)
+    ]
     table = open_table(KINDS["ros1"](tmp_path, messages))
     late = TIME + np.arange(ROWS) % 3 / 1000
     assert read(table, ["received", "q1"])[:, 0] == pytest.approx(np.sort(late), abs=1e-12)
@@ -139,7 +145,7 @@ def test_topics_with_clocks_of_their_own_are_brought_together(tmp_path: Path) ->
 def test_topics_that_share_their_stamps_stay_as_they_are(tmp_path: Path) -> None:
     torques = states(TIME, {"effort": COLUMNS["effort"]}, JOINTS, topic="/torques")
     positions = states(TIME, {"position": COLUMNS["position"]}, JOINTS)
-    messages = [one for pair in zip(positions, torques, strict=True) for one in pair]
+    messages = [message for pair in zip(positions, torques, strict=True) for message in pair]
     table = open_table(KINDS["sqlite"](tmp_path, messages))
     columns = [address("effort", joint, "/torques") for joint in JOINTS]
     assert np.array_equal(read(table, ["t", *columns, "q1"]), ALL[:, [0, 7, 8, 9, 1]])

@@ -21,10 +21,10 @@ from bags import (
     TIME,
     State,
     address,
+    complaint,
     read,
     refused,
     states,
-    told,
 )
 from deltaid.dynamics.dynamics import Dynamics
 from deltaid.errors import RecordingError
@@ -43,11 +43,13 @@ def test_joints_are_found_by_name_whatever_their_order(
 ) -> None:
     shuffle = random.Random(3)
     messages: list[State] = []
-    for one in MESSAGES:
+    for message in MESSAGES:
         order = shuffle.sample(range(3), 3)
-        numbers = {key: np.asarray(value)[order] for key, value in one.numbers.items()}
+        numbers = {key: np.asarray(value)[order] for key, value in message.numbers.items()}
         joints, frame = [JOINTS[k] for k in order], "base"[: shuffle.randrange(5)]
-        messages.append(replace(one, joints=joints, numbers=numbers, frame=frame, dynamic=dynamic))
+        messages.append(
+            replace(message, joints=joints, numbers=numbers, frame=frame, dynamic=dynamic)
+        )
     table = open_table(KINDS[kind](tmp_path, messages))
     assert np.array_equal(read(table, ["t", *NAMES]), ALL)
 
@@ -103,13 +105,15 @@ def test_numbered_joints_are_drives(joints: list[str], tmp_path: Path) -> None:
 
 def test_several_topics_of_joints_are_listed(clavel: Dynamics, tmp_path: Path) -> None:
     """Unless the second one is the same as DynamicJointState, as ros2_control publishes both."""
-    second = [replace(one, topic="/left/joint_states") for one in MESSAGES]
+    second = [replace(message, topic="/left/joint_states") for message in MESSAGES]
     path = KINDS["mcap"](tmp_path, MESSAGES + second)
     with pytest.raises(RecordingError) as caught:
         open_log(path, clavel.kinematics)
     both = "/joint_states (joint_1, joint_2, joint_3); /left/joint_states (joint_1"
     assert both in str(caught.value)
-    dynamic = [replace(one, topic="/dynamic_joint_states", dynamic=True) for one in MESSAGES]
+    dynamic = [
+        replace(message, topic="/dynamic_joint_states", dynamic=True) for message in MESSAGES
+    ]
     (tmp_path / "both").mkdir()
     table = open_table(KINDS["mcap-lz4"](tmp_path / "both", MESSAGES + dynamic))
     assert isinstance(table, BagTable)
@@ -133,7 +137,7 @@ BAD_MESSAGES: dict[str, tuple[Callable[[bytes], bytes], str]] = {
 
 @pytest.mark.parametrize(("change", "said"), BAD_MESSAGES.values(), ids=BAD_MESSAGES)
 def test_a_damaged_message_is_told(change: Callable[[bytes], bytes], said: str) -> None:
-    raws = [one.raw() for one in MESSAGES[:9]]
+    raws = [message.raw() for message in MESSAGES[:9]]
     raws[7] = change(raws[7])
     with pytest.raises(MessageError, match=said) as caught:
         Decoder(MESSAGES[0].type, True).decode(raws, [("position", "joint_1")])
@@ -162,7 +166,7 @@ def test_damaged_bags_get_one_message(kind: str, tmp_path: Path) -> None:
         for _ in range(rng.choice((1, 3, 30))):
             spoiled[rng.randrange(len(whole))] = rng.randrange(256)
         file.write_bytes(spoiled[: rng.choice((len(whole), rng.randrange(len(whole))))])
-        said = told(good)
+        said = complaint(good)
         count += bool(said)
         assert not said or (str(good) in said and "→" in said)
     assert count > 5

@@ -80,7 +80,7 @@ def test_the_command_writes_arrays(model_file: Path, tmp_path: Path) -> None:
     np.testing.assert_array_equal(arrays["p"], load(model_file).sample(50, seed=3).p)
     assert said["models"] == 50
     assert said["rhat"] == arrays["rhat"].max()
-    assert [one["unit"] for one in said["parameters"]] == arrays["units"].tolist()
+    assert [parameter["unit"] for parameter in said["parameters"]] == arrays["units"].tolist()
     wrong = run("sample", model_file, "-o", tmp_path / "models.txt")
     assert wrong.code == 2
     assert "must end in .npz" in wrong.err
@@ -146,8 +146,8 @@ def test_what_is_beside_the_robot_is_averaged_out(held: str) -> None:
     design = np.zeros((len(K), r + added))
     design[robots, :r] = np.eye(r)
     design[:, r:] = K[:, own:]
-    scale = np.array([one.scale for one in problem.layout.parameters[own:]])
-    prior = np.array([one.prior for one in problem.layout.parameters[own:]])
+    scale = np.array([parameter.scale for parameter in problem.layout.parameters[own:]])
+    prior = np.array([parameter.prior for parameter in problem.layout.parameters[own:]])
     size = np.sqrt(np.diag(base_covariance(problem)))
     information = np.linalg.inv(base_covariance(problem) / np.outer(size, size))
     unit = np.concatenate([size[robots], record.spread * scale])

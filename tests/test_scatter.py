@@ -111,12 +111,12 @@ def test_groups_are_weighed_drive_by_drive() -> None:
     rng, weights = np.random.default_rng(5), np.array([4.0, 0.25])
     rows = rng.standard_normal((3, 2, 8, 3))  # groups, drives, samples, columns
     blocks = tuple(
-        Information(np.arange(2), np.linalg.qr(own, mode="r"), np.full(2, 8.0), np.ones(2))
-        for own in rows
+        Information(np.arange(2), np.linalg.qr(row, mode="r"), np.full(2, 8.0), np.ones(2))
+        for row in rows
     )
     places = np.swapaxes(rows, 2, 3) @ rows
     found = Gathered((blocks,), places, merge(blocks)).weighted(weights)
-    expected = [sum(w * x.T @ x for w, x in zip(weights, own, strict=True)) for own in rows]
+    expected = [sum(w * x.T @ x for w, x in zip(weights, row, strict=True)) for row in rows]
     np.testing.assert_allclose(found["time"], expected)
     np.testing.assert_allclose(found["place"], expected)
 

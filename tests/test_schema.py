@@ -28,17 +28,17 @@ IN_CONTEXT: dict[str, dict[str, Any]] = {
 def parts(model: type[BaseModel]) -> Iterator[type[BaseModel]]:
     """A model and all models that its schema refers to."""
     named = {model.__name__, *model.model_json_schema().get("$defs", {})}
-    yield from {one for one in models(BaseModel) if one.__name__ in named}
+    yield from {model for model in models(BaseModel) if model.__name__ in named}
 
 
 def models(base: type[BaseModel]) -> Iterator[type[BaseModel]]:
-    for own in base.__subclasses__():
-        if own.__module__.startswith("deltaid."):
-            yield own
-        yield from models(own)
+    for subclass in base.__subclasses__():
+        if subclass.__module__.startswith("deltaid."):
+            yield subclass
+        yield from models(subclass)
 
 
-PARTS = sorted({one for model in WRITTEN for one in parts(model)}, key=lambda one: one.__name__)
+PARTS = sorted({part for model in WRITTEN for part in parts(model)}, key=lambda one: one.__name__)
 
 
 @pytest.mark.parametrize("model", WRITTEN, ids=lambda model: model.__name__)
@@ -49,13 +49,13 @@ def test_every_key_is_described(model: type[BaseModel]) -> None:
         f"{name}.{key}"
         for name, part in found.items()
         for key, own in part.get("properties", {}).items()
-        if len(own.get("description", "")) < 1 and len(told(own, schema)) < 1
+        if len(own.get("description", "")) < 1 and len(description_of(own, schema)) < 1
     ]
     assert bare == []
     assert sum(len(part.get("properties", {})) for part in found.values()) > 20
 
 
-def told(own: dict[str, Any], schema: dict[str, Any]) -> str:
+def description_of(own: dict[str, Any], schema: dict[str, Any]) -> str:
     """What a named type says, where a key is of that type alone."""
     target = schema["$defs"][own["$ref"].rpartition("/")[2]] if "$ref" in own else {}
     return "" if "properties" in target else target.get("description", "")
@@ -71,8 +71,8 @@ def bounds(node: object) -> Iterator[float]:
             else:
                 yield from bounds(value)
     elif isinstance(node, list):
-        for one in node:
-            yield from bounds(one)
+        for entry in node:
+            yield from bounds(entry)
 
 
 def tried(schema: dict[str, Any], rng: np.random.Generator) -> Iterator[Any]:
@@ -133,7 +133,7 @@ def test_schema_and_program_have_the_same_limits(part: type[BaseModel]) -> None:
     ],
 )  # fmt: skip
 def test_what_a_part_refuses_as_a_whole(name: str, key: str, wrong: Any, right: Any) -> None:
-    part = next(one for one in PARTS if one.__name__ == name)
+    part = next(kind for kind in PARTS if kind.__name__ == name)
     for value, outside in ((wrong, True), (right, False)):
         data = IN_CONTEXT[name] | {key: value}
         assert refused(part, data) == outside

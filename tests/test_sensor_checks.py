@@ -125,7 +125,7 @@ FAULTS = {
 
 
 @cache
-def told(name: str) -> tuple[Verdict, ...]:
+def verdicts_on(name: str) -> tuple[Verdict, ...]:
     return judged(recorded()[0], fault(name))
 
 
@@ -137,20 +137,20 @@ QUICK = ("kN", "sign of fz", "moments first", "x and y exchanged", "tilted", "or
 )
 def test_a_fault_is_told_and_what_is_proposed_mends_it(name: str) -> None:
     dynamics, frame = recorded()[0], fault(name)
-    poor = [one for one in told(name) if one.grade is not Grade.GOOD]
-    assert [(one.key, one.subject) for one in poor] == [(FAULTS[name], "plate")]
+    poor = [verdict for verdict in verdicts_on(name) if verdict.grade is not Grade.GOOD]
+    assert [(verdict.key, verdict.subject) for verdict in poor] == [(FAULTS[name], "plate")]
     assert poor[0].grade is (Grade.DOUBTFUL if name == "late" else Grade.WRONG)
     data = evidence(dynamics.robot, frame).written_mapping
     mapping = ColumnMapping.model_validate(mended(data, changes(poor, "mapping")))
     described = mended(dynamics.robot.model_dump(mode="json"), changes(poor, "robot"))
     robot = compiled(RobotDescription.model_validate(described))
     again = judged(robot, frame, mapping)
-    assert [one.grade for one in again] == [Grade.GOOD] * 4, again
+    assert [verdict.grade for verdict in again] == [Grade.GOOD] * 4, again
 
 
 def test_what_was_found_is_what_was_made() -> None:
     def proposed(name: str, key: str) -> Any:
-        poor = next(one for one in told(name) if one.cause)
+        poor = next(verdict for verdict in verdicts_on(name) if verdict.cause)
         return dict(poor.proposals[0].changes)[f"sensors.plate.{key}"]
 
     assert proposed("lbf and lbf*in", "unit") == ["lbf"] * 3 + ["lbf*in"] * 3
@@ -164,13 +164,13 @@ def test_what_was_found_is_what_was_made() -> None:
 def test_gauges_are_told_apart() -> None:
     dynamics = recorded()[0]
     poor = [v for v in judged(dynamics, fault("gauge in kgf")) if v.grade is not Grade.GOOD]
-    assert [(one.key, one.subject) for one in poor] == [
+    assert [(verdict.key, verdict.subject) for verdict in poor] == [
         ("sensor-unit", "gauge1"), ("sensor-sign", "torque1"),
     ]  # fmt: skip
     assert dict(poor[0].proposals[0].changes)["sensors.gauge1.unit"] == "kgf"
     assert dict(poor[1].proposals[0].changes)["sensors.torque1.sign"] == -1
     poor = [v for v in judged(dynamics, fault("gauges exchanged")) if v.grade is not Grade.GOOD]
-    assert [one.key for one in poor] == ["sensor-order"] * 2
+    assert [verdict.key for verdict in poor] == ["sensor-order"] * 2
     assert "the column of gauge2 shows" in poor[0].seen
 
 
@@ -212,7 +212,7 @@ def test_good_recordings_of_all_robots_have_no_verdict(seed: int) -> None:
     names = KINDS
     dynamics, frame = recorded(names[seed % len(names)], seed, tared=seed % 3 == 1)
     found = judged(dynamics, frame)
-    assert [one.grade for one in found] == [Grade.GOOD] * 4, found
+    assert [verdict.grade for verdict in found] == [Grade.GOOD] * 4, found
 
 
 def test_check_tells_and_identify_refuses() -> None:

@@ -150,8 +150,8 @@ def test_each_recording_has_a_mapping_of_its_own() -> None:
     other = table(1400).rename({"gauge1": "s1"})
     mappings = [None, ColumnMapping(sensors={"gauge1": SensorColumns(column="s1"), "plate": None})]
     first, second = open_recordings([table(), other], kinematics, mappings)
-    assert [one.name for one in first.log.columns.sensors] == ["plate", "gauge1"]
-    assert [one.name for one in second.log.columns.sensors] == ["gauge1"]
+    assert [sensor.name for sensor in first.log.columns.sensors] == ["plate", "gauge1"]
+    assert [sensor.name for sensor in second.log.columns.sensors] == ["gauge1"]
 
 
 def test_numbers_that_are_missing_do_not_count_and_are_told(tmp_path: Path) -> None:

@@ -43,7 +43,7 @@ def shown(
     """What the robot's only sensor shows at its prior, (samples, channels), and its columns."""
     dynamics = Dynamics(robot)
     (rows,) = all_sensor_rows(dynamics)
-    values = np.append(prior_parameters(robot), [one.prior for one in rows.parameters])
+    values = np.append(prior_parameters(robot), [parameter.prior for parameter in rows.parameters])
     Y = dense(rows, (dynamics.kinematics.forward(q), qd, qdd))
     return Y @ values, values
 
@@ -62,7 +62,10 @@ def test_slopes_are_those_of_changed_robots(name: str, sensor: dict[str, Any]) -
     q, qd, qdd = dynamics.kinematics.drive_motion(z, zd, zdd)
     (rows,) = all_sensor_rows(dynamics)
     was, values = shown(robot, q, qd, qdd)
-    found = {one.name: one.effect for one in sensor_errors(rows, z, qd, qdd, values)}
+    found = {
+        sensor_error.name: sensor_error.effect
+        for sensor_error in sensor_errors(rows, z, qd, qdd, values)
+    }
 
     def agree(name: str, expected: np.ndarray) -> None:
         mine = found.get(name, np.zeros_like(expected.T))
@@ -87,7 +90,7 @@ def deviations(case: str, **tolerances: float) -> dict[str, Parameter]:
     p, exact = of.reduction.p_reg, {"lengths": 0.0, "homing": 0.0, "mounting": 0.0}
     robot = weighed(of, p, rng).changed(tolerances=exact | tolerances)
     model = identify(robot, recorded("clavel-delta3", of, p, rng), settings=PLAIN).model
-    return {one.name: one for one in model.parameters}
+    return {parameter.name: parameter for parameter in model.parameters}
 
 
 def test_geometry_is_in_what_only_a_plate_shows() -> None:
@@ -123,18 +126,20 @@ def test_errors_of_pose_and_gain_are_slopes_of_what_is_shown() -> None:
         gain_tolerance=0.01,
     )  # fmt: skip
     rows = twin.rows(sensor, spread=0.25)
-    names = [f"{one}_bias" for one in CHANNELS]
+    names = [f"{channel}_bias" for channel in CHANNELS]
     names += [f"{what}_{axis}" for what in ("position", "rotation") for axis in "xyz"]
-    assert [one.name for one in rows.parameters] == [f"{one}.s" for one in (*names, "gain")]
+    assert [parameter.name for parameter in rows.parameters] == [
+        f"{name}.s" for name in (*names, "gain")
+    ]
     stds = [2.0] * 3 + [None] * 3 + [1e-3] * 3 + [2e-3] * 3 + [0.01]
-    for one, std in zip(rows.parameters, stds, strict=True):
-        assert one.std == pytest.approx(0.25 * one.scale)
-        assert one.kind == "sensor"
-        assert one.signed
+    for parameter, std in zip(rows.parameters, stds, strict=True):
+        assert parameter.std == pytest.approx(0.25 * parameter.scale)
+        assert parameter.kind == "sensor"
+        assert parameter.signed
         if std is not None:
-            assert one.std == pytest.approx(std)
+            assert parameter.std == pytest.approx(std)
         else:
-            assert one.std > 10 * 9.81 * twin.oracle.bodies["U"].m
+            assert parameter.std > 10 * 9.81 * twin.oracle.bodies["U"].m
 
     nominal = wrenches(twin)
 
@@ -159,7 +164,7 @@ def test_one_channel_has_a_bias_and_a_gain() -> None:
         StrutForce(kind="strut-force", strut="strut1a", at="elbow", gain_tolerance=0.02),
     ):
         rows = twin.rows(sensor)
-        assert [one.name for one in rows.parameters] == ["bias.s", "gain.s"]
+        assert [parameter.name for parameter in rows.parameters] == ["bias.s", "gain.s"]
         weight = 9.81 * sum(body.m for body in twin.oracle.bodies.values())
         assert rows.parameters[0].std > 10 * weight
         assert rows.parameters[0].unit == "N"
@@ -172,7 +177,7 @@ def test_a_gain_is_told_without_bias_about_what_a_fit_expects() -> None:
     """As measured, y and the gain's column share their noise, and the gain runs off towards one."""
     dynamics = Dynamics(load_robot("clavel-delta3"))
     p, scale = (
-        np.array([getattr(one, what) for one in dynamics.layout.parameters])
+        np.array([getattr(parameter, what) for parameter in dynamics.layout.parameters])
         for what in ("prior", "scale")
     )
     rng, n, gain = np.random.default_rng(3), 1000, 0.03
@@ -192,7 +197,7 @@ def test_a_gain_is_told_without_bias_about_what_a_fit_expects() -> None:
     sigma = 0.02 * np.abs(tau @ truth).max()
     torque = tau @ truth + sigma * rng.standard_normal(3 * n)
     prior = np.append(p, np.zeros(len(u)))
-    stds = np.append(0.5 * scale, [one.std for one in rows.parameters])
+    stds = np.append(0.5 * scale, [parameter.std for parameter in rows.parameters])
 
     def fitted(seen: np.ndarray) -> tuple[np.ndarray, float]:
         A = (dense(rows, states, seen) / noise[:, None]).reshape(6 * n, -1)

@@ -42,7 +42,7 @@ def test_combinations_are_all_of_it_together() -> None:
 def test_what_a_scale_does_that_a_plate_does_not() -> None:
     # A mass at a ball joint passes from body to body unseen by any sensor at the base.
     plan = sensor_plan(DELTA, combinations=[("kitchen-scale:S", "kitchen-scale:P")])
-    by_name = {one.name: one for one in (*plan.uses, *plan.combinations)}
+    by_name = {outlook.name: outlook for outlook in (*plan.uses, *plan.combinations)}
 
     def share(use: str, entry: str) -> float:
         return float(by_name[use].shares[plan.entry(entry)])
@@ -58,7 +58,7 @@ def test_what_a_scale_does_that_a_plate_does_not() -> None:
 
 def test_a_plate_tells_gains_without_any_load() -> None:
     plan = sensor_plan(DELTA, goal="gains")
-    by_name = {one.name: one for one in plan.uses}
+    by_name = {use.name: use for use in plan.uses}
     # Limbs that are alike tell the gains' ratios, nothing their common scale.
     assert plan.torques.goal > 0.04
     assert by_name["plate"].goal < 0.005
@@ -67,7 +67,7 @@ def test_a_plate_tells_gains_without_any_load() -> None:
 
 def test_greedy_buys_what_gains_most_for_its_price() -> None:
     plan = planned()
-    ratios = {one.name: one.gain / one.cost for one in plan.uses}
+    ratios = {use.name: use.gain / use.cost for use in plan.uses}
     first, outlook = plan.steps[0]
     assert first.use.name == max(ratios, key=lambda name: ratios[name])
     assert first.gain == pytest.approx(outlook.gain, rel=1e-9)
@@ -87,7 +87,7 @@ def test_every_greedy_step_is_the_best_of_all_left() -> None:
     plan = planned()
     taken = list[str]()
     for step, outlook in plan.steps:
-        left = [one.name for one in plan.uses if one.name not in taken]
+        left = [use.name for use in plan.uses if use.name not in taken]
         tried = sensor_plan(
             DELTA,
             offers=offers(),
@@ -140,7 +140,7 @@ def test_of_a_group_one_is_bought() -> None:
     two = Offers.model_validate({"offers": {"a": plate, "b": tared}})
     plan = sensor_plan(DELTA, offers=two)
     assert [step.use.name for step, _ in plan.steps] == ["b"]
-    alone = {key: one.changed(group="") for key, one in two.offers.items()}
+    alone = {key: offer.changed(group="") for key, offer in two.offers.items()}
     plan = sensor_plan(DELTA, offers=Offers.model_validate({"offers": alone}), budget=10.0)
     assert [step.use.name for step, _ in plan.steps] == ["b", "a"]
 
@@ -158,7 +158,7 @@ def test_what_the_description_has_counts_before_anything_is_bought() -> None:
         assert plan.torques.shares[k] == pytest.approx(planned().torques.shares[k], rel=1e-9)
         assert plan.described.shares[k] <= expected[name] * (1 + 1e-6)
     assert plan.described.shares[plan.entry("S.m")] < 0.001 / 0.21
-    scale = next(one for one in plan.uses if one.name == "scale:S")
+    scale = next(use for use in plan.uses if use.name == "scale:S")
     assert scale.gain < 1.0 < next(o for o in planned().uses if o.name == "scale:S").gain
 
 
@@ -180,7 +180,7 @@ def test_stated_spreads_and_known_bodies() -> None:
     assert u.bodies == ("U", "S")
     assert "P.m" not in u.names
     plan = sensor_plan(robot.changed(bodies=bodies))
-    assert "scale:P" not in {one.name for one in plan.uses}
+    assert "scale:P" not in {use.name for use in plan.uses}
     assert any("known by the description: P" in note for note in plan.notes)
 
 
@@ -195,7 +195,7 @@ def test_a_plan_is_the_same_every_time() -> None:
 @pytest.mark.parametrize("goal", ["forces", "P", "gains", "bodies"])
 def test_goals_gain_by_what_tells_of_them(goal: str) -> None:
     plan = sensor_plan(DELTA, goal=goal, offers=offers(), budget=1e5, settings=SETTINGS)
-    gains = {one.name: one.gain for one in plan.uses}
+    gains = {use.name: use.gain for use in plan.uses}
     assert min(gains.values()) > -1e-9
     assert plan.steps
     assert plan.last.goal < plan.described.goal
@@ -214,7 +214,7 @@ def test_enough_is_no_gain_to_exceed() -> None:
             offers=Offers.model_validate({"offers": {"fine": fine, "rough": rough}}),
             settings=replace(SETTINGS, enough=enough),
         )
-        gains[enough] = [one.gain for one in plan.uses]
+        gains[enough] = [use.gain for use in plan.uses]
     assert gains[0.1][0] < 1.05 * gains[0.1][1]
     assert gains[1e-4][0] > 1.5 * gains[1e-4][1]
 
@@ -234,20 +234,21 @@ def test_a_motion_for_sensors_is_that_of_the_start_that_tells_most() -> None:
     robot = load_robot(DELTA).changed(sensors={"plate": PLATE})
     settings = ExcitationSettings(duration=4.0, harmonics=2, starts=2, by="sensors")
     result = Exciter(robot, settings).optimise()
-    judged = [one.judged for one in result.optimum.accounts]
-    assert result.optimum.best.judged == min(one for one in judged if one is not None)
+    judged = [account.judged for account in result.optimum.accounts]
+    assert result.optimum.best.judged == min(value for value in judged if value is not None)
     # A plate that is nothing but noise leaves more open.
     blind = robot.changed(sensors={"plate": {**PLATE, "force_noise": 1e9, "moment_noise": 1e9}})
     motion = result.optimum.motion
-    exciters = (Exciter(one, settings) for one in (robot, blind))
+    exciters = (Exciter(described, settings) for described in (robot, blind))
     sharp, dull = (
-        by_bodies(one.dynamics, 0.02 * one.torque_reference, 1000.0)(motion) for one in exciters
+        by_bodies(exciter.dynamics, 0.02 * exciter.torque_reference, 1000.0)(motion)
+        for exciter in exciters
     )
     assert sharp < dull - 5
     plain = Exciter(robot, replace(settings, by="torques")).optimise()
-    assert all(one.judged is None for one in plain.optimum.accounts)
-    assert [one.after for one in plain.optimum.accounts] == pytest.approx(
-        [one.after for one in result.optimum.accounts]
+    assert all(account.judged is None for account in plain.optimum.accounts)
+    assert [account.after for account in plain.optimum.accounts] == pytest.approx(
+        [account.after for account in result.optimum.accounts]
     )
     with pytest.raises(DescriptionError, match="no sensors to plan a motion for"):
         Exciter(DELTA, settings)
@@ -257,12 +258,12 @@ def test_measured_values_of_a_list_are_as_in_a_description() -> None:
     entry = {"of": {"U": 1, "S": 2}, "mass": 1.4, "std": 0.002}
     given = {"offers": {"arm": {"title": "arm", "price": 1, "measured": [entry]}}}
     plan = sensor_plan(DELTA, offers=Offers.model_validate(given), settings=SETTINGS)
-    same = next(one for one in planned().uses if one.name == "scale:U+2S")
+    same = next(use for use in planned().uses if use.name == "scale:U+2S")
     assert np.allclose(plan.uses[0].shares, same.shares, rtol=1e-9)
 
 
 def test_each_is_one_on_every_limb_or_drive() -> None:
-    by_name = {one.name: one for one in planned().uses}
+    by_name = {use.name: use for use in planned().uses}
     assert by_name["gauges"].cost == 3 * (300 + 2 * 30)
     assert set(by_name) == {
         *(f"scale:{name}" for name in ("U", "S", "P", "U+2S")),

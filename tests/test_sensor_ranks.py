@@ -130,8 +130,8 @@ def transfers(robot: Moved) -> dict[str, np.ndarray]:
     )
     platform, geometry = description.platform, list(enumerate(description.limb_geometry))
     if not isinstance(platform, RigidPlatform):  # a half turn takes one half to the other
-        geometry = [(i, one) for i, one in geometry if platform.on_first(i)]
-    places = [one.attachment.tolist() for _, one in geometry]
+        geometry = [(i, limb_geometry) for i, limb_geometry in geometry if platform.on_first(i)]
+    places = [limb_geometry.attachment.tolist() for _, limb_geometry in geometry]
     others = np.sum([limb.struts * point((x, y, z)) for x, y, z in places], axis=0)
     found["platform"] = change(S=-point((limb.strut, 0, 0)), **{platform.bodies[0]: others})
     return found
@@ -165,7 +165,7 @@ def test_only_a_cut_at_a_joint_parts_what_it_joins(name: str, bias: float | None
     robot = moved(name)
     plated = np.vstack([robot.Y, robot.rows(plate())[0]])
 
-    def told(*places: str) -> int:
+    def rank_measured(*places: str) -> int:
         A, own = plated, 0
         for at in places:
             sensor = GAUGE | {"strut": "strut1", "at": at, "bias": bias}
@@ -175,9 +175,9 @@ def test_only_a_cut_at_a_joint_parts_what_it_joins(name: str, bias: float | None
         return rank(A) - own
 
     before = rank(plated)
-    assert told("platform") == told("elbow") == before + 1
-    assert told("platform", "elbow") == before + 2
-    assert told("middle") == before
+    assert rank_measured("platform") == rank_measured("elbow") == before + 1
+    assert rank_measured("platform", "elbow") == before + 2
+    assert rank_measured("middle") == before
 
 
 def test_what_no_proposal_explains_is_told_by_its_entries() -> None:
@@ -207,7 +207,7 @@ def test_what_is_left_beside_named_directions_is_told_sparsely() -> None:
     named = np.zeros(len(layout.names))
     named[[a, b]] = 1.0, -1.0
     null = null_space(rows, layout, [Exchange("the first two", named)])
-    assert [one.words for one in null.directions] == [
+    assert [direction.words for direction in null.directions] == [
         "the first two",
         f"a combination of {layout.names[c]}, {layout.names[d]}",
     ]
@@ -225,13 +225,13 @@ def test_a_whole_null_space_holds_what_is_not_seen_at_all() -> None:
     rows[:, 3:5] = np.random.default_rng(0).standard_normal((5, 2))
     basis = whole_null_space(rows, layout)
     assert basis.shape == (len(layout.names), len(layout.names) - 2)
-    assert np.abs(rows * [one.scale for one in layout.parameters] @ basis).max() < 1e-9
+    assert np.abs(rows * [parameter.scale for parameter in layout.parameters] @ basis).max() < 1e-9
 
 
 def test_what_is_weaker_than_a_billionth_of_the_strongest_is_open() -> None:
     """n columns of length 1 that are nearly the same have singular values √n and √n ε."""
     layout = parameter_layout(load_robot("clavel-delta3"))
-    scale = np.array([one.scale for one in layout.parameters])
+    scale = np.array([parameter.scale for parameter in layout.parameters])
     n = len(scale)
     for small, dimension in ((3e-9, n - 1), (3e-8, n - 2)):
         turned = small / np.sqrt(n) * np.where(np.arange(n) % 2, 1.0, -1.0)

@@ -34,8 +34,8 @@ def test_a_base_carries_what_an_independent_library_says(make: Make) -> None:
     found = dense(rows, twin.states) @ twin.p
     for part in (slice(0, 3), slice(3, 6)):
         assert_same(found[:, part], expected[:, part])
-    assert [one.name for one in rows.channels] == [f"s.{x}" for x in CHANNELS]
-    assert [one.unit for one in rows.channels] == ["N"] * 3 + ["N m"] * 3
+    assert [channel.name for channel in rows.channels] == [f"s.{x}" for x in CHANNELS]
+    assert [channel.unit for channel in rows.channels] == ["N"] * 3 + ["N m"] * 3
 
 
 @every_robot
@@ -46,7 +46,7 @@ def test_spins_of_rotors_that_nobody_knows_are_unknowns(make: Make) -> None:
     rows = twin.rows(plate(twin, motor_turns=known))
     unknown = [i for i, drive in enumerate(drives) if drive != "drive2"]
     names = [f"spin_drive{i + 1}.s" for i in unknown]
-    assert [one.name for one in rows.parameters] == names
+    assert [parameter.name for parameter in rows.parameters] == names
     spin = (twin.oracle.rotor_inertia / n)[unknown]
     found = dense(rows, twin.states) @ np.append(twin.p, spin)
     assert_same(found[:, 3:], wrenches(twin)[:, 3:])
@@ -63,7 +63,7 @@ def test_a_gear_passes_on_what_an_independent_library_says(make: Make) -> None:
         found = dense(rows, twin.states)[:, 0] @ twin.p
         assert_same(found, expected[:, i])
         unit = "N" if make.linear and i < len(twin.oracle.limbs) else "N m"
-        assert [one.unit for one in rows.channels] == [unit]
+        assert [channel.unit for channel in rows.channels] == [unit]
         parameters = np.array(twin.dynamics.layout.names)[np.unique(rows.pattern[1])]
         assert f"spring.{drive}" in parameters
         assert not {f"{what}.{drive}" for what in ("viscous", "coulomb", "rotor")} & set(parameters)
@@ -77,12 +77,12 @@ def test_friction_that_depends_on_load_stands_on_the_motors_side() -> None:
     rng = np.random.default_rng(0)
     states = np.tile(robot.home, (3, 1)), *rng.standard_normal((2, 3, 3))
     found = {}
-    for one in (robot, loaded):
-        rows = sensor_rows(Dynamics(one), "s", sensor)
-        names = Dynamics(one).layout.names
+    for described in (robot, loaded):
+        rows = sensor_rows(Dynamics(described), "s", sensor)
+        names = Dynamics(described).layout.names
         values = dense(rows, states)[:, 0].T
         shown = zip(names, values, strict=True)
-        found[one is loaded] = {name: row.tolist() for name, row in shown if np.any(row)}
+        found[described is loaded] = {name: row.tolist() for name, row in shown if np.any(row)}
     assert found[True] == found[False]
 
 
@@ -126,7 +126,7 @@ def test_gauges_of_a_limb_show_a_sum_that_is_independent_of_how_its_struts_share
         outer = beyond[limb.strut_body]
         u = [outer.m, outer.mc[0]] if at == "middle" else []
         found = dense(rows, twin.states)[:, 0] @ np.append(twin.p, u)
-        assert_same(found, np.array([one[f"strut{i + 1}.{at}"] for one in sums]))
+        assert_same(found, np.array([forces[f"strut{i + 1}.{at}"] for forces in sums]))
 
 
 def test_a_sum_in_the_middle_has_both_outer_parts() -> None:
@@ -145,7 +145,7 @@ def test_a_mechanism_of_ones_own_has_the_same_rows(tmp_path: Path) -> None:
     robots = load_robot("clavel-delta3"), own_delta(tmp_path)
     rng, sensor = np.random.default_rng(1), plate()
     states = robots[0].home + rng.uniform(-0.1, 0.1, (5, 3)), *rng.standard_normal((2, 5, 3))
-    mine, theirs = (dense(sensor_rows(Dynamics(one), "s", sensor), states) for one in robots)
+    mine, theirs = (dense(sensor_rows(Dynamics(robot), "s", sensor), states) for robot in robots)
     np.testing.assert_allclose(mine, theirs, rtol=0, atol=1e-10 * np.abs(mine).max())
     visible = [np.abs(found).max(axis=(0, 1)) > 0 for found in (mine, theirs)]
     np.testing.assert_array_equal(*visible)
@@ -155,7 +155,7 @@ def test_motors_of_a_mechanism_of_ones_own_may_turn_about_any_axis(tmp_path: Pat
     robot = own_delta(tmp_path).changed(rotor_inertia={"drive1": 0.02, "drive3": 0.03})
     rows = sensor_rows(Dynamics(robot), "s", plate(rotation_deg=(0, 0, 0)))
     spins = [f"spin_{axis}_drive{i}.s" for i in (1, 3) for axis in "xyz"]
-    assert [one.name for one in rows.parameters] == spins
+    assert [parameter.name for parameter in rows.parameters] == spins
     qdd = np.array([[2.0, 3.0, 5.0]])
     found = dense(rows, (robot.home[None], np.zeros((1, 3)), qdd))[0, 3:, -6:]
     np.testing.assert_allclose(found, np.hstack([2 * np.eye(3), 5 * np.eye(3)]))
@@ -201,4 +201,4 @@ def test_a_robot_without_sensors_pays_nothing() -> None:
     told = {"plate": plate(), "gauge": StrutForce(kind="strut-force", strut="strut1")}
     robot = dynamics.robot.changed(sensors=told)
     rows = all_sensor_rows(Dynamics(robot))
-    assert [one.name for one in rows] == ["plate", "gauge"]
+    assert [row.name for row in rows] == ["plate", "gauge"]

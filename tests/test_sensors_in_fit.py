@@ -37,10 +37,20 @@ def test_intervals_of_what_sensors_show_hold(case: str) -> None:
         problem, found = identified("clavel-delta3", of, p, SPREAD, rng)
         left = problem.information.rms(problem.values)[3:]
         np.testing.assert_allclose(left / problem.information.levels, problem.noise, rtol=0.1)
-        told = [(one, x) for one, x in zip(found, p, strict=True) if one.determined_by == "data"]
-        held += [one.low <= x <= one.high for one, x in told if one.low is not None]
-        z += [(one.value - x) / one.std for one, x in told]
-        shares = {one.name: one.share for one, _ in told if one.share is not None}
+        told = [
+            (parameter, x)
+            for parameter, x in zip(found, p, strict=True)
+            if parameter.determined_by == "data"
+        ]
+        held += [
+            parameter.low <= x <= parameter.high
+            for parameter, x in told
+            if parameter.low is not None
+        ]
+        z += [(parameter.value - x) / parameter.std for parameter, x in told]
+        shares = {
+            parameter.name: parameter.share for parameter, _ in told if parameter.share is not None
+        }
         name = "P.mcx" if case == "wrench" else "P.m"
         assert shares[name].sensors > 0.5
         assert shares["viscous.drive2"].sensors < 0.2
@@ -53,14 +63,18 @@ def test_gains_of_drives_follow_from_a_plate_without_any_load() -> None:
     gains = {0: 1.05, 1: 0.93, 2: 1.02}
     log = recorded("clavel-delta3", of, of.reduction.p_reg, rng, gains)
     model = identify(of.robot, log, settings=PLAIN).model
-    found = {one.subject: one for one in model.corrections if one.kind == "gain"}
+    found = {
+        correction.subject: correction
+        for correction in model.corrections
+        if correction.kind == "gain"
+    }
     for i, c in gains.items():
         one = found[f"drive{i + 1}"]
         assert one.value == pytest.approx(c, rel=3e-3)
         assert "plate" in one.text
     (plate,) = model.sensors
-    assert [one.name for one in plate.channels][:2] == ["plate.fx", "plate.fy"]
-    biases = [one for one in plate.parameters if "bias" in one.name]
+    assert [channel.name for channel in plate.channels][:2] == ["plate.fx", "plate.fy"]
+    biases = [parameter for parameter in plate.parameters if "bias" in parameter.name]
     assert len(biases) == 6
 
 
@@ -116,9 +130,11 @@ def test_gain_and_pose_of_a_plate_are_found_and_do_not_follow_its_noise() -> Non
     log = recorded("clavel-delta3", of, of.reduction.p_reg, rng, unknowns=true)
     model = identify(of.robot, log, settings=PLAIN).model
     (plate,) = model.sensors
-    assert [one.name for one in plate.parameters] == [one.name for one in rows.parameters]
-    for one, x in zip(plate.parameters, true, strict=True):
-        assert abs(one.value - x) < 4 * one.std, one.name
+    assert [parameter.name for parameter in plate.parameters] == [
+        parameter.name for parameter in rows.parameters
+    ]
+    for parameter, x in zip(plate.parameters, true, strict=True):
+        assert abs(parameter.value - x) < 4 * parameter.std, parameter.name
     # Neither torques nor the plate are known in N better than the plate's tolerance.
     assert plate.parameters[-1].std > 1e-4
     assert "gain" in plate.parameters[-1].name
@@ -145,7 +161,9 @@ def test_a_plate_outside_of_its_tolerance_is_reported_and_not_absorbed(
     log = simulate_recording(dynamics, p, path, rng, rate=500.0, noise=SensorNoise())
     model = identify(robot, log, settings=PLAIN).model
     warnings = [text for text in model.warnings if text.startswith("sensors.plate")]
-    found = {one.name.partition(".")[0]: one for one in model.sensors[0].parameters}
+    found = {
+        parameter.name.partition(".")[0]: parameter for parameter in model.sensors[0].parameters
+    }
     for axis, x in zip("xyz", place, strict=True):
         offset = found[f"position_{axis}"]
         assert offset.low is not None
@@ -181,9 +199,11 @@ def test_a_plate_that_truly_stands_elsewhere_is_found_there(
     log = recorded("clavel-delta3", other, of.reduction.p_reg, np.random.default_rng(7))
     log = log.with_columns(pl.selectors.starts_with("plate") / (1.0 - gain))
     (plate,) = identify(of.robot, log, settings=PLAIN).model.sensors
-    for one, x in zip(plate.parameters[6:], (*place, *turn, gain), strict=True):
+    for parameter, x in zip(plate.parameters[6:], (*place, *turn, gain), strict=True):
         # A turn is told as 2 tan(θ/2), which is 0.1 mrad more at a tenth of a radian.
-        assert abs(one.value - x) < 4 * one.std + 1e-4 * (one.unit == "rad"), one.name
+        assert abs(parameter.value - x) < 4 * parameter.std + 1e-4 * (parameter.unit == "rad"), (
+            parameter.name
+        )
 
 
 @pytest.mark.parametrize("known", [pytest.param(True, marks=pytest.mark.slow), False])
@@ -201,9 +221,9 @@ def test_what_the_robot_holds_hangs_on_the_plate_too(known: bool) -> None:
     model = identify(of.robot, log, columns=mapping, settings=PLAIN).model
     (part,), (plate,) = model.loads, model.sensors
     assert part.mass.value == pytest.approx(0.8, abs=0.01)
-    for one, x in zip(plate.parameters[:6], bias, strict=True):
+    for parameter, x in zip(plate.parameters[:6], bias, strict=True):
         # Of the force upwards the base's own weight is a part.
-        assert abs(one.value - x) < 4 * one.std, one.name
+        assert abs(parameter.value - x) < 4 * parameter.std, parameter.name
     for channel in plate.channels:
         assert channel.left < channel.stated
 
@@ -214,7 +234,11 @@ def test_verdicts_after_a_fit_with_more_than_torques_are_those_of_torques(name: 
     plain = more.robot.changed(sensors={}, measured=[])
     bare = more.frames[0].select(~pl.selectors.starts_with("plate"))
     found, alone = (
-        {one.key: one.seen for one in verdicts if one.key in ("base-parameters", "excitation")}
+        {
+            verdict.key: verdict.seen
+            for verdict in verdicts
+            if verdict.key in ("base-parameters", "excitation")
+        }
         for verdicts in (more.result.verdicts, deltaid.identify(plain, bare).verdicts)
     )
     assert found == alone
@@ -258,10 +282,10 @@ def test_friction_that_the_description_lacks_is_found_beside_sensors_and_scales(
         log = log.with_columns(pl.Series(f"tau{i + 1}", tau + more))
     settings = PLAIN.changed(prior_spread=SPREAD, friction="choose")
     model = identify(weighed(of, p, rng), log, settings=settings).model
-    laws = [one.text for one in model.corrections if one.kind == "friction"]
+    laws = [correction.text for correction in model.corrections if correction.kind == "friction"]
     assert len(laws) == 3
     assert any(word in text for text in laws)
-    gains = [one.value for one in model.corrections if one.kind == "gain"]
+    gains = [correction.value for correction in model.corrections if correction.kind == "gain"]
     assert gains == pytest.approx([1.0] * len(gains), abs=5e-3)
     true = dict(zip(of.reduction.layout.names, p, strict=True))
     for i, v in enumerate(qd.T):

@@ -22,7 +22,7 @@ from deltaid.model.parameter_record import FrictionChoice, FrictionTrial
 from deltaid.model.record import Settings
 from deltaid.recording.recording import open_recordings
 from drives import case
-from drives.told import identified as cause_identified
+from drives.identify import identified as cause_identified
 from identified import identified
 
 LEAST = 6.0

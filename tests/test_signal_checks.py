@@ -229,7 +229,7 @@ def test_the_shake_is_as_large_as_it_is_told() -> None:
 
 
 def test_encoders_of_today_do_no_harm() -> None:
-    assert all(one.grade is Grade.GOOD for one in shake_verdicts(20, 20.0))
+    assert all(shake_verdict.grade is Grade.GOOD for shake_verdict in shake_verdicts(20, 20.0))
 
 
 def test_noise_that_does_not_come_back_is_no_feedback() -> None:
@@ -250,6 +250,6 @@ def test_a_lag_that_noise_hides_is_left_alone_and_said() -> None:
     log = Recording.from_arrays(q=seen.rows.q, tau=seen.rows.tau, rate=RATE)
     found = identify(seen.robot, log, settings=Settings(friction="described"))
     assert found.recordings[0].repairs.delay == ()
-    (lag,) = [one for one in found.verdicts if one.key == "torque-lag"]
+    (lag,) = [verdict for verdict in found.verdicts if verdict.key == "torque-lag"]
     assert lag.grade is Grade.CANNOT_TELL
     assert "hardly known" in lag.seen

@@ -67,12 +67,20 @@ def test_noise_and_unknowns_are_those_described() -> None:
             assert np.std(noise) == pytest.approx(channel.noise, rel=0.05)
     # The same unknowns in every recording: what differs but for noise is bias, gain and pose.
     (plate, gauge, _) = all_sensor_rows(robot())
-    u = dict(zip((one.symbol for one in gauge.parameters), drawn_unknowns(gauge), strict=True))
+    u = dict(
+        zip(
+            (parameter.symbol for parameter in gauge.parameters), drawn_unknowns(gauge), strict=True
+        )
+    )
     off = (first["gauge"] - clean["gauge"]).to_numpy()
     slope = np.cov(off, clean["gauge"].to_numpy())[0, 1] / clean["gauge"].var()
     assert abs(slope) < 0.1
     assert u["bias"] != 0
-    gain = dict(zip((one.symbol for one in plate.parameters), drawn_unknowns(plate), strict=True))
+    gain = dict(
+        zip(
+            (parameter.symbol for parameter in plate.parameters), drawn_unknowns(plate), strict=True
+        )
+    )
     assert 0 < abs(gain["gain"]) < 0.2
     shown = clean["plate.fz"].to_numpy()
     off = (first["plate.fz"] - clean["plate.fz"]).to_numpy()

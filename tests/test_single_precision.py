@@ -39,8 +39,8 @@ SHARE, POSES = 1e-5, 24
 
 def closer(found: np.ndarray, expected: np.ndarray) -> None:
     """To a share of each state's own largest entry."""
-    for one, other in zip(found, expected, strict=True):
-        assert_close(one, other.ravel(), SHARE)
+    for state, other in zip(found, expected, strict=True):
+        assert_close(state, other.ravel(), SHARE)
 
 
 def assert_same(library: Library, model_: Model, z: np.ndarray) -> None:
@@ -120,11 +120,11 @@ def test_the_online_cycle_closes_its_loops(tmp_path: Path) -> None:
     (tmp_path / "pose.c").write_text(f"#include <math.h>\n{head};\n{text}\n")
     cycle = ctypes.CDLL(str(compiled(tmp_path / "pose.c", tmp_path / "pose.so"))).cycle
     z, q, *_ = states(chosen, 20)
-    for one, drives in zip(z, q, strict=True):
-        given = [x.astype(np.float32) for x in (one + 0.003, drives, np.empty(5))]
+    for start, drives in zip(z, q, strict=True):
+        given = [x.astype(np.float32) for x in (start + 0.003, drives, np.empty(5))]
         cycle(*(ctypes.c_void_p(x.ctypes.data) for x in given))
         assert given[2][4] == 1
-        assert_close(given[2][:4].astype(float), one, SHARE)
+        assert_close(given[2][:4].astype(float), start, SHARE)
 
 
 PAIRS = """

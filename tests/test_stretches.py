@@ -46,9 +46,9 @@ def recorded(rng: np.random.Generator) -> LinearProblem:
 
 def clustered(parts: list[LinearProblem]) -> tuple[np.ndarray, np.ndarray]:
     """x by least squares, and its covariance (Liang and Zeger's, n/(n − 1) for n stretches)."""
-    A, b = np.vstack([one.A for one in parts]), np.concatenate([one.b for one in parts])
+    A, b = np.vstack([part.A for part in parts]), np.concatenate([part.b for part in parts])
     x = np.linalg.lstsq(A, b, rcond=None)[0]
-    sums = np.vstack([of_stretches(one.A, one.b - one.A @ x) for one in parts])
+    sums = np.vstack([of_stretches(part.A, part.b - part.A @ x) for part in parts])
     bread, n = np.linalg.inv(A.T @ A), len(sums)
     return x, bread @ sums.T @ sums @ bread * n / (n - 1)
 
@@ -67,8 +67,8 @@ def test_a_linear_problem_has_the_covariance_of_clusters(recordings: int) -> Non
 def test_a_linear_problem_errs_as_its_scatter_says() -> None:
     rng = np.random.default_rng(5)
     found = [recorded(rng) for _ in range(600)]
-    errors = np.array([one.x[2:] for one in found]) - [3.0, 0.5]
-    said = np.mean([np.diag(one.covariance(slice(2, 4))) for one in found], axis=0)
+    errors = np.array([solution.x[2:] for solution in found]) - [3.0, 0.5]
+    said = np.mean([np.diag(solution.covariance(slice(2, 4))) for solution in found], axis=0)
     np.testing.assert_allclose(np.mean(errors**2, axis=0), said, rtol=0.2)  # 600 draws: ±6 %
 
 

@@ -94,7 +94,7 @@ def test_no_write_of_two_servers_is_lost(folder: Folder) -> None:
     assert not first.look()
     for store in (first, second, Store(folder)):
         assert store.plan.robot == "h4"
-        assert [one.file for one in store.plan.recordings] == ["log.csv"]
+        assert [recording.file for recording in store.plan.recordings] == ["log.csv"]
 
 
 def test_a_plan_that_is_broken_is_said_with_its_place(folder: Folder) -> None:
@@ -107,7 +107,7 @@ def test_at_most_one_recording_verifies(folder: Folder) -> None:
     plan = Plan().with_recording(Used(file="a.csv", use="verify"))
     plan = plan.with_recording(Used(file="b.csv", use="verify"))
     assert plan.verified.file == "b.csv"
-    assert [one.file for one in plan.fitted] == ["a.csv"]
+    assert [recording.file for recording in plan.fitted] == ["a.csv"]
 
 
 def test_a_check_holds_for_exactly_what_it_saw(folder: Folder) -> None:

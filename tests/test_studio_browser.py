@@ -116,7 +116,7 @@ def test_from_an_empty_folder_to_an_exported_model(visitor: Visitor, place: Path
     xml.etree.ElementTree.parse(work / done["export"].file("clavel_delta3.xml"))
     # The lag was found and put right, and nothing of it all left this machine.
     model = load(work / done["fit"].file("model.yaml")).identified
-    (lag,) = [one for one in model.corrections if one.kind == "lag"]
+    (lag,) = [correction for correction in model.corrections if correction.kind == "lag"]
     assert abs(1e3 * lag.value - LATE) < 0.3 or abs(lag.value - LATE) < 0.3
     assert visitor.said == []
     assert visitor.others == []

@@ -49,7 +49,7 @@ def test_columns_are_found_by_their_names(position: str, torque: str, unit: str)
     assert found.missing == (("torque_constant",) if unit == "A" else ())
     for quantity, name, of in (("position", position, "rad"), ("torque", torque, unit)):
         names = [name.replace("#", str(i + 1)) for i in range(3)]
-        assert found.data[quantity] == [{"column": one, "unit": of} for one in names]
+        assert found.data[quantity] == [{"column": name, "unit": of} for name in names]
 
 
 def test_what_was_asked_for_is_not_what_was_measured() -> None:
@@ -57,7 +57,11 @@ def test_what_was_asked_for_is_not_what_was_measured() -> None:
     assert set(found.data) == {"time"}
     assert found.missing == ("position", "torque")
     found = proposed_mapping(columns("pos#_set", "pos#_act", "pos#", "torque#"), TURNING)
-    assert [one["column"] for one in found.data["position"]] == ["pos1_act", "pos2_act", "pos3_act"]
+    assert [entry["column"] for entry in found.data["position"]] == [
+        "pos1_act",
+        "pos2_act",
+        "pos3_act",
+    ]
 
 
 def test_numbers_of_another_count_of_drives_are_not_guessed() -> None:
@@ -88,9 +92,9 @@ def test_a_foreign_recording_is_read_as_it_was(tmp_path: Path) -> None:
     assert found.proposal.complete
     parse(written(found.proposal.data, "x"), ColumnMapping, where="x")
     seen = preview(path, "clavel-delta3", found.proposal.data, points=10_000)
-    assert [(one.quantity, one.unit) for one in seen.curves] == 3 * [("position", "deg")] + 3 * [
-        ("torque", "N m")
-    ]
+    assert [(curve.quantity, curve.unit) for curve in seen.curves] == 3 * [
+        ("position", "deg")
+    ] + 3 * [("torque", "N m")]
     np.testing.assert_allclose(seen.curves[1].values, np.rad2deg(log["q2"]), atol=1e-9)
     np.testing.assert_allclose(seen.curves[5].values, log["tau3"], atol=1e-9)
     np.testing.assert_allclose(seen.curves[0].time, log["t"], atol=1e-9)
@@ -102,7 +106,7 @@ def test_a_file_that_cannot_be_read_is_a_value(tmp_path: Path) -> None:
     assert "no such file" in found.what
     (tmp_path / "words.csv").write_text("a,b\n1,x\n2,y\n")
     partly = read_contents(str(tmp_path / "words.csv"), TURNING)
-    assert [(one.address, one.high) for one in partly.columns] == [("a", 2.0), ("b", None)]
+    assert [(column.address, column.high) for column in partly.columns] == [("a", 2.0), ("b", None)]
 
 
 def test_a_cure_goes_into_a_mapping_that_is_there_or_not(tmp_path: Path) -> None:
@@ -111,7 +115,7 @@ def test_a_cure_goes_into_a_mapping_that_is_there_or_not(tmp_path: Path) -> None
     wanted = [("torque[1].sign", -1)]
     text = mapping_cured(str(path), "clavel-delta3", None, wanted)
     data = read(text, "mapping.yaml")
-    assert [one.get("sign", 1) for one in data["torque"]] == [1, -1, 1]
+    assert [entry.get("sign", 1) for entry in data["torque"]] == [1, -1, 1]
     mapping = tmp_path / "mapping.yaml"
     mapping.write_text(text)
     again = mapping_cured(str(path), "clavel-delta3", str(mapping), [("position[0].zero", 1.5)])
@@ -131,12 +135,12 @@ def test_one_value_changes_nothing_else() -> None:
     data = read(text, "mapping.yaml")
     changed = with_value(data, "position", 2, "sign", -1, 3, alike=True)
     assert changed["load"] == data["load"]
-    assert [one.get("sign", 1) for one in changed["position"]] == [1, -1, -1]
-    assert [one["gear"] for one in changed["position"]] == [10, 10, 10]
+    assert [entry.get("sign", 1) for entry in changed["position"]] == [1, -1, -1]
+    assert [entry["gear"] for entry in changed["position"]] == [10, 10, 10]
     changed = with_value(changed, "position", 0, "unit", "rad", 3, alike=True)
-    assert [one["unit"] for one in changed["position"]] == ["rad", "rad", "rad"]
+    assert [entry["unit"] for entry in changed["position"]] == ["rad", "rad", "rad"]
     changed = with_value(changed, "position", 0, "gear", 1.0, 3, alike=False)
-    assert [one.get("gear", 1) for one in changed["position"]] == [1, 10, 10]
+    assert [entry.get("gear", 1) for entry in changed["position"]] == [1, 10, 10]
     assert data == read(text, "mapping.yaml")
     written(changed, "mapping.yaml")
 

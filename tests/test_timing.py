@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from drives import case
+from drives.identify import identified
 from drives.judge import judge
-from drives.told import identified
 
 
 @pytest.mark.parametrize(
@@ -26,11 +26,17 @@ def test_its_cause_is_named_and_the_model_is_right(
     errors = judge(made, result)
     assert errors.M < 3e-3
     assert errors.friction < 1e-2
-    found = [abs(one.value or 0.0) for one in result.model.corrections if one.kind == kind]
+    found = [
+        abs(correction.value or 0.0)
+        for correction in result.model.corrections
+        if correction.kind == kind
+    ]
     assert found
     np.testing.assert_allclose(found, value, atol=within)
 
 
 def test_late_torques_are_no_filter() -> None:
-    kinds = [one.kind for one in identified(case("lag", "delta3", 0)).model.corrections]
+    kinds = [
+        correction.kind for correction in identified(case("lag", "delta3", 0)).model.corrections
+    ]
     assert set(kinds) == {"lag"}

@@ -75,7 +75,10 @@ def test_slopes_are_those_of_changed_lengths(name: str, length: str, limb: int |
     changed = Dynamics(longer(dynamics.robot, length, STEP, limb))
     later = changed.torque(changed.kinematics.forward(q), qd, qdd, p)
     expected = 0.05 / STEP * (later - dynamics.torque(z, qd, qdd, p)).T
-    found = {one.name: one.effect for one in geometric_errors(dynamics, z, qd, qdd, p)}
+    found = {
+        geometric_error.name: geometric_error.effect
+        for geometric_error in geometric_errors(dynamics, z, qd, qdd, p)
+    }
     mine = found[length if limb is None else f"{length} of limb {limb}"]
     assert np.abs(mine).max() > 0
     np.testing.assert_allclose(mine, expected, atol=1e-3 * np.abs(expected).max())
@@ -84,7 +87,10 @@ def test_slopes_are_those_of_changed_lengths(name: str, length: str, limb: int |
 @pytest.mark.parametrize("name", ["irb360-6-1600", pytest.param("par4-linear", marks=slow)])
 def test_slopes_are_those_of_zeros_and_of_gravity(name: str) -> None:
     dynamics, (z, q, qd, qdd), p = moved(name)
-    found = {one.name: one.effect for one in geometric_errors(dynamics, z, qd, qdd, p)}
+    found = {
+        geometric_error.name: geometric_error.effect
+        for geometric_error in geometric_errors(dynamics, z, qd, qdd, p)
+    }
     for i, drive in enumerate(dynamics.robot.drives):
         step = STEP * np.eye(dynamics.dof)[i]
         up, down = (dynamics.inverse_dynamics(q + s * step, qd, qdd, p).T for s in (1, -1))
@@ -176,7 +182,7 @@ def held(result: Identification, p: np.ndarray) -> float:
     own = [group.representative < len(p) for group in result.base.groups]
     truth = true_values(result.base, p)[own]
     pairs = zip(result.model.base_parameters, truth, strict=True)
-    return float(np.mean([one.low <= value <= one.high for one, value in pairs]))
+    return float(np.mean([parameter.low <= value <= parameter.high for parameter, value in pairs]))
 
 
 def true_values(base: BaseParameters, p: np.ndarray) -> np.ndarray:
@@ -195,7 +201,10 @@ def test_intervals_of_a_machine_that_is_not_as_described_hold(wrong: Wrong) -> N
     assert min(wider) >= 1 - 1e-9
     assert max(wider) > 1.3
     base, estimate = identify_base(compiled(wrong.robot), wrong.recording)
-    values = [0.5 * (one.high - one.low) for one in honest.model.base_parameters]
+    values = [
+        0.5 * (base_parameter.high - base_parameter.low)
+        for base_parameter in honest.model.base_parameters
+    ]
     assert base.rank == len(values)
     np.testing.assert_allclose(estimate.interval, values, rtol=0.05)
 
@@ -203,21 +212,25 @@ def test_intervals_of_a_machine_that_is_not_as_described_hold(wrong: Wrong) -> N
 def test_shares_say_what_an_interval_comes_from(wrong: Wrong, tmp_path: Path) -> None:
     result = wrong.honest
     shared = [p for p in result.model.parameters if p.determined_by in ("data", "sum")]
-    for one in (*shared, *result.model.base_parameters):
-        parts = one.share.noise, one.share.prior, one.share.geometry, one.share.unseen
-        assert sum(parts) == pytest.approx(1.0)
-        assert one.share.prior == 0  # these intervals take no prior on trust
+    for parameter in (*shared, *result.model.base_parameters):
+        share = parameter.share
+        assert share.noise + share.prior + share.geometry + share.unseen == pytest.approx(1.0)
+        assert parameter.share.prior == 0  # these intervals take no prior on trust
     decided = [p for p in shared if p.determined_by == "data"]
-    assert max(one.share.geometry for one in decided if one.share) > 0.5
-    assert max(one.share.unseen for one in shared if one.share) > 0.5
-    assert all(one.share.unseen == 0 for one in result.model.base_parameters if one.share)
+    assert max(parameter.share.geometry for parameter in decided if parameter.share) > 0.5
+    assert max(parameter.share.unseen for parameter in shared if parameter.share) > 0.5
+    assert all(
+        base_parameter.share.unseen == 0
+        for base_parameter in result.model.base_parameters
+        if base_parameter.share
+    )
     assert all(p.share is None for p in result.model.parameters if p not in shared)
     # An interval without the part of the geometry is that of a robot without tolerances, but for
     # Student's t, which is larger where all comes from noise. That of a sum ends where bodies would
     # not be possible, so its parts do not just add up.
-    for one, other in zip(result.model.parameters, wrong.exact.model.parameters, strict=True):
-        if one in decided and one.share:
-            assert width(one) ** 2 * (1 - one.share.geometry) == pytest.approx(
+    for parameter, other in zip(result.model.parameters, wrong.exact.model.parameters, strict=True):
+        if parameter in decided and parameter.share:
+            assert width(parameter) ** 2 * (1 - parameter.share.geometry) == pytest.approx(
                 width(other) ** 2, rel=0.3
             )
     table = share_table(result.model)
@@ -262,7 +275,7 @@ def test_lengths_given_one_a_limb_have_no_error_in_common() -> None:
     limbs = robot.limbs.changed(upper_arm=(0.42, 0.42, 0.42))
     dynamics = compiled(robot.changed(limbs=limbs))
     _, (z, _, qd, qdd), p = moved("clavel-delta3")
-    names = [one.name for one in geometric_errors(dynamics, z, qd, qdd, p)]
+    names = [geometric_error.name for geometric_error in geometric_errors(dynamics, z, qd, qdd, p)]
     assert "upper_arm" not in names
     assert "upper_arm of limb 1" in names
     assert "strut" in names

@@ -175,9 +175,9 @@ def test_a_step_is_told_from_a_slope_over_many_samples() -> None:
     abrupt = steps(rng, 0.0, 0.0, noise=0.01)
     ramp = np.clip(abrupt.after / (14 * PERIOD), -0.5, 0.5)
     yielding = Steps(abrupt.after, abrupt.jump[:, None] * ramp, abrupt.jump)
-    for one, expected in ((abrupt, True), (yielding, False)):
-        local = locally(one, sharp(one.after, 0.0))
-        assert is_abrupt(local, one, 0.0) == expected
+    for recorded, expected in ((abrupt, True), (yielding, False)):
+        local = locally(recorded, sharp(recorded.after, 0.0))
+        assert is_abrupt(local, recorded, 0.0) == expected
 
 
 @pytest.mark.parametrize(("share", "expected"), [(0.8, True), (1.25, False)])

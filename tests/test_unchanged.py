@@ -22,7 +22,7 @@ RATE, STEP = 500.0, 2 * np.pi / 2**20
 
 
 def _some_slow(names: tuple[str, ...], *quick: str) -> list[object]:
-    return [one if one in quick else pytest.param(one, marks=pytest.mark.slow) for one in names]
+    return [name if name in quick else pytest.param(name, marks=pytest.mark.slow) for name in names]
 
 
 def states(dynamics: deltaid.Dynamics, seed: int) -> tuple[np.ndarray, ...]:

@@ -17,12 +17,12 @@ from deltaid.model.settings import Settings
 from deltaid.model.verdict import Grade
 from drives import Case, case
 from drives.happening import within
+from drives.identify import identified
 from drives.judge import judge
-from drives.told import identified
 
 
 @cache
-def of(row: str, kind: str) -> tuple[Case, Judged]:
+def identified_case(row: str, kind: str) -> tuple[Case, Judged]:
     made = case(row, kind)
     return made, identified(made)
 
@@ -37,7 +37,7 @@ def of(row: str, kind: str) -> tuple[Case, Judged]:
     ],
 )
 def test_the_robot_is_right_without_its_load(row: str, kind: str, right: float) -> None:
-    made, result = of(row, kind)
+    made, result = identified_case(row, kind)
     judged = judge(made, result)
     assert judged.M < 0.005  # 2 to 24 % where nothing is corrected
     (verdict,) = (v for v in result.verdicts if v.key == "load-change")
@@ -51,7 +51,7 @@ def test_the_robot_is_right_without_its_load(row: str, kind: str, right: float) 
 
 
 def test_rows_about_its_changes_do_not_count() -> None:
-    made, result = of("load-half-undeclared", "delta4")
+    made, result = identified_case("load-half-undeclared", "delta4")
     (recording,) = result.recordings
     spans = [
         (span.first, span.last)
@@ -69,7 +69,7 @@ def test_rows_about_its_changes_do_not_count() -> None:
 
 
 def test_when_it_is_held_is_known_from_all_of_a_recording_only() -> None:
-    _, result = of("load-half-undeclared", "delta4")
+    _, result = identified_case("load-half-undeclared", "delta4")
     (whole,) = result.detected.values()
     recording = whole.fit.trace.recording
     some = studied(whole.fit.trace.dynamics, replace(recording, excerpt=None), seconds=5.0)
@@ -88,7 +88,7 @@ def test_gears_that_wind_up_are_no_load() -> None:
 
 def test_a_load_whose_mass_may_be_zero_is_idle() -> None:
     """As one that is detected in place of another cause and hardly weighs anything."""
-    _, result = of("load-half-undeclared", "delta4")
+    _, result = identified_case("load-half-undeclared", "delta4")
     problem, (load,) = result.problem, result.model.loads
     setup = Setup(result.robot, result.recordings, Settings())
     assert not idle(setup, problem).effects

@@ -249,7 +249,8 @@ def test_a_wrapped_fourth_axis_goes_on(tmp_path) -> None:
         f"{rows[0]}: taken to go on; likeliest cause: the controller keeps angles within one turn"
     )
     a, b = (
-        np.concatenate(list(open_log(one, dynamics.kinematics).batches())) for one in (whole, path)
+        np.concatenate(list(open_log(source, dynamics.kinematics).batches()))
+        for source in (whole, path)
     )
     shift = b[0, 4] - a[0, 4]
     assert abs(shift / (2 * np.pi) - round(shift / (2 * np.pi))) < 1e-12

@@ -82,7 +82,7 @@ def test_weighed_bodies_are_known_as_well_as_they_were_weighed() -> None:
     for _ in range(6):
         p = drawn(of.reduction, 0.2, rng)
         _, found = identified("clavel-delta3", of, p, 0.2, rng)
-        by_name = {one.name: one for one in found}
+        by_name = {weighing.name: weighing for weighing in found}
         for name, std in (("S.m", 0.005 * 0.21), ("P.m", 0.005)):
             assert by_name[name].determined_by == "measured"
             assert by_name[name].std == pytest.approx(std, rel=0.05)
@@ -90,9 +90,9 @@ def test_weighed_bodies_are_known_as_well_as_they_were_weighed() -> None:
             assert share.measured > 0.9
         assert by_name["viscous.drive1"].determined_by == "data"
         held += [
-            one.low <= value <= one.high
-            for one, value in zip(found, p, strict=True)
-            if one.determined_by in ("data", "measured") and one.low is not None
+            parameter.low <= value <= parameter.high
+            for parameter, value in zip(found, p, strict=True)
+            if parameter.determined_by in ("data", "measured") and parameter.low is not None
         ]
     assert np.mean(held) > 0.88
 
@@ -105,7 +105,7 @@ def test_a_weighing_that_the_recording_contradicts_is_told(body: str, off: float
     p = of.reduction.p_reg
     log = recorded("clavel-delta3", of, p, rng)
     # Three values of two bodies: of S.m, P.m and a sum that torques know, the odd one is seen.
-    true = {one.name: one.coefficients @ p for one in weighings(of.robot)}
+    true = {weighing.name: weighing.coefficients @ p for weighing in weighings(of.robot)}
     values = [
         {"of": "S", "mass": true["mass of S"], "std": 0.0005},
         {"of": "P", "mass": true["mass of P"], "std": 0.0005},
@@ -114,7 +114,9 @@ def test_a_weighing_that_the_recording_contradicts_is_told(body: str, off: float
     robot = of.robot.changed(measured=values)
     right = identify(robot, log, settings=PLAIN).model.warnings
     assert not [text for text in right if text.startswith("measured")]
-    wrong = [one | {"mass": one["mass"] + off} if one["of"] == body else one for one in values]
+    wrong = [
+        value | {"mass": value["mass"] + off} if value["of"] == body else value for value in values
+    ]
     told = identify(robot.changed(measured=wrong), log, settings=PLAIN).model.warnings
     assert any(
         "standard deviations apart" in text and "the recording says" in text for text in told
@@ -164,9 +166,12 @@ def test_spread_of_an_entry_is_that_of_its_prior() -> None:
     bodies["S"] = bodies["S"].changed(spread={"m": 0.01})
     of, rng = sensed("clavel-delta3", "torque", 0.5), np.random.default_rng(0)
     log = recorded("clavel-delta3", of, of.reduction.p_reg, rng)
-    wide = {one.name: one for one in identify(of.robot, log, settings=PLAIN).model.parameters}
+    wide = {
+        parameter.name: parameter
+        for parameter in identify(of.robot, log, settings=PLAIN).model.parameters
+    }
     sure = identify(of.robot.changed(bodies=bodies), log, settings=PLAIN).model
-    narrow = {one.name: one for one in sure.parameters}
+    narrow = {parameter.name: parameter for parameter in sure.parameters}
     assert wide["S.m"].std == pytest.approx(0.5 * 0.21, rel=1e-6)
     assert narrow["S.m"].std == pytest.approx(0.01 * 0.21, rel=1e-6)
     assert narrow["U.mcx"].std < 0.5 * wide["U.mcx"].std  # with which it makes a sum
@@ -179,11 +184,11 @@ def test_a_prior_that_is_stated_to_be_wide_is_not_contradicted() -> None:
     log = recorded("clavel-delta3", of, heavy, rng)
     settings = PLAIN.changed(prior_spread=0.1)
     told = identify(of.robot, log, settings=settings).model.corrections
-    assert any((one.kind, one.subject) == ("prior", "P") for one in told)
+    assert any((correction.kind, correction.subject) == ("prior", "P") for correction in told)
     bodies = dict(of.robot.bodies)
     bodies["P"] = bodies["P"].changed(spread=1.0)
     unsure = identify(of.robot.changed(bodies=bodies), log, settings=settings).model.corrections
-    assert not [one.subject for one in unsure if one.kind == "prior"]
+    assert not [parameter.subject for parameter in unsure if parameter.kind == "prior"]
 
 
 def test_what_is_weighed_says_that_it_rests_on_torque_constants() -> None:
@@ -194,25 +199,28 @@ def test_what_is_weighed_says_that_it_rests_on_torque_constants() -> None:
     p = of.reduction.p_reg
     log = recorded(name, of, p, rng)
     large = log.with_columns(pl.selectors.starts_with("tau") * 1.03)
-    right, wrong = (identify(of.robot, one, settings=PLAIN).model for one in (log, large))
+    right, wrong = (identify(of.robot, table, settings=PLAIN).model for table in (log, large))
     (told,) = (text for text in right.warnings if "torque constants" in text)
     foretold = dict(re.findall(r"(\S+) by ([\d.]+) %", told))
     assert len(foretold) == 3
-    values = [{one.name: one.value for one in model.parameters} for model in (right, wrong)]
+    values = [
+        {parameter.name: parameter.value for parameter in model.parameters}
+        for model in (right, wrong)
+    ]
     for entry, share in foretold.items():
         seen = abs(values[1][entry] / values[0][entry] - 1) / 0.03
         assert seen == pytest.approx(float(share) / 100 / 0.01, rel=0.2), entry
     unsure = of.robot.changed(tolerances={**EXACT, "torque_constants": 0.03})
     model = identify(unsure, large, settings=PLAIN).model
     assert not [text for text in model.warnings if "torque constants" in text]
-    for one, true in zip(model.parameters, p, strict=True):
-        if one.determined_by in ("data", "measured"):
-            assert abs(one.value - true) < 3 * one.std, one.name
+    for parameter, true in zip(model.parameters, p, strict=True):
+        if parameter.determined_by in ("data", "measured"):
+            assert abs(parameter.value - true) < 3 * parameter.std, parameter.name
     # The constants that a plate tells are not in its intervals twice.
     of = sensed(name, "wrench", 0.5)
     log = recorded(name, of, of.reduction.p_reg, rng)
     widths = [
-        [one.std for one in identify(robot, log, settings=PLAIN).model.parameters]
+        [parameter.std for parameter in identify(robot, log, settings=PLAIN).model.parameters]
         for robot in (of.robot, of.robot.changed(tolerances={**EXACT, "torque_constants": 0.03}))
     ]
     np.testing.assert_allclose(widths[0], widths[1], rtol=1e-6)

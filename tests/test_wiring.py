@@ -221,7 +221,7 @@ def test_several_recordings_get_one_verdict() -> None:
     assert [(verdict.key, verdict.subject, verdict.grade) for verdict in common] == [
         ("angle-sign", "drive1", Grade.WRONG)
     ]
-    assert not [verdict for own in each for verdict in bad(own)]
+    assert not [verdict for verdicts in each for verdict in bad(verdicts)]
 
 
 def test_a_torque_column_copied_from_another_drive_is_refused() -> None:

@@ -44,7 +44,7 @@ class Visit:
         self.page.wait_for_selector("html.drawn", timeout=60_000, state="attached")
 
     def _hear(self, kind: str, text: str) -> None:
-        harmless = any(own in text for own in BROWSERS_OWN)
+        harmless = any(known in text for known in BROWSERS_OWN)
         if kind in ("error", "warning") and not harmless:
             self.said.append(f"{kind}: {text}")
 

@@ -91,7 +91,7 @@ def judge(case: Case, result: Identified) -> Judged:
     """Compare what was identified with what is true."""
     model, happening, sensors = result.model, case.happenings[0], case.sensors[0]
     told = model.corrections
-    kinds = [one.kind for one in told]
+    kinds = [correction.kind for correction in told]
     offset = np.asarray(sensors.offset) * np.abs(happening.truth.tau).max(axis=0)
     link = happening.carried
     return Judged(
@@ -111,16 +111,22 @@ def judge(case: Case, result: Identified) -> Judged:
         said=tuple((kind, kinds.count(kind)) for kind in dict.fromkeys(kinds)),
         verdicts=tuple(
             dict.fromkeys(
-                one.key for one in result.verdicts if one.grade in (Grade.DOUBTFUL, Grade.WRONG)
+                verdict.key
+                for verdict in result.verdicts
+                if verdict.grade in (Grade.DOUBTFUL, Grade.WRONG)
             )
         ),
-        texts=(*(one.text for one in told), *model.warnings),
+        texts=(*(correction.text for correction in told), *model.warnings),
     )
 
 
 def _of(told: Sequence[Correction], kind: str, drive: str) -> Correction | None:
     """The last correction of a kind about a drive, or about all."""
-    found = [one for one in told if one.kind == kind and one.subject in (drive, "")]
+    found = [
+        correction
+        for correction in told
+        if correction.kind == kind and correction.subject in (drive, "")
+    ]
     return found[-1] if found else None
 
 
@@ -129,16 +135,16 @@ def _lag_error(case: Case, told: Sequence[Correction]) -> float | None:
     robot = case.robot
     true = np.broadcast_to(np.asarray(case.sensors[0].lag), len(robot.drives))
     found = [_of(told, "lag", drive) for drive in robot.drives]
-    if all(one is None for one in found):
+    if all(correction is None for correction in found):
         return None
-    values = [0.0 if one is None or one.value is None else one.value * _SECONDS.get(one.unit, 1.0)
-              for one in found]  # fmt: skip
+    values = [0.0 if lag is None or lag.value is None else lag.value * _SECONDS.get(lag.unit, 1.0)
+              for lag in found]  # fmt: skip
     return float(np.max(np.abs(np.array(values) - true)))
 
 
 def _load_error(happening: Happening, told: Sequence[Correction]) -> float | None:
-    masses = [one.value for one in told if one.kind == "load" and one.unit == "kg"
-              and one.value is not None]  # fmt: skip
+    loads = [correction for correction in told if correction.kind == "load"]
+    masses = [load.value for load in loads if load.unit == "kg" and load.value is not None]
     if happening.load is None or not masses:
         return None
     return abs(masses[0] / happening.load.mass - 1)
@@ -148,27 +154,38 @@ def _gain_errors(case: Case, told: Sequence[Correction]) -> list[float]:
     """A gain told is what recorded torques are to be multiplied by."""
     gain = np.broadcast_to(np.asarray(case.sensors[0].gain), len(case.robot.drives))
     found = [_of(told, "gain", drive) for drive in case.robot.drives]
-    if any(one is None or one.value is None for one in found):
+    if any(correction is None or correction.value is None for correction in found):
         return []
-    return [float(one.value * true - 1) for one, true in zip(found, gain, strict=True)
-            if one is not None and one.value is not None]  # fmt: skip
+    return [
+        float(correction.value * true - 1)
+        for correction, true in zip(found, gain, strict=True)
+        if correction is not None and correction.value is not None
+    ]
 
 
 def _gains_held(case: Case, told: Sequence[Correction]) -> list[bool]:
     gain = np.broadcast_to(np.asarray(case.sensors[0].gain), len(case.robot.drives))
     found = [_of(told, "gain", drive) for drive in case.robot.drives]
-    return [one.low <= 1 / true <= one.high for one, true in zip(found, gain, strict=True)
-            if one is not None and one.low is not None and one.high is not None]  # fmt: skip
+    pairs = [(told, true) for told, true in zip(found, gain, strict=True) if told is not None]
+    return [
+        told.low <= 1 / true <= told.high
+        for told, true in pairs
+        if told.low is not None and told.high is not None
+    ]
 
 
 def _changes(happening: Happening, verdicts: Sequence[Verdict]) -> Changes | None:
     """By the times in the verdict's words and the spans in the lines that it proposes."""
-    found = [one for one in verdicts if one.key == "load-change" and one.grade is not Grade.GOOD]
+    found = [
+        verdict
+        for verdict in verdicts
+        if verdict.key == "load-change" and verdict.grade is not Grade.GOOD
+    ]
     if not found or not happening.held:
         return Changes(None, None) if found else None
     times = re.findall(r"(?:at|,) ([0-9.]+)(?=,| s| and)", found[0].seen)
     late = float(times[0]) - happening.held[0][0] if times else None
-    lines = dict(line for one in found[0].proposals for line in one.changes)
+    lines = dict(line for proposal in found[0].proposals for line in proposal.changes)
     spans = lines.get("load.spans")
     right = None
     if spans is not None:
@@ -185,14 +202,17 @@ def spans_left_out(result: Identified) -> list[Span]:
 def _contacts(happening: Happening, result: Identified) -> Contacts:
     spans = spans_left_out(result)
 
-    def found(one: Contact) -> bool:
+    def is_left_out(one: Contact) -> bool:
         end = one.start + one.length
         return any(first < end and last > one.start for first, last in spans)
 
     strong, weak = [], []
-    for one in happening.contacts:
-        (strong if one.size >= 100 else weak).append(found(one))
-    near = [(one.start - _NEAR, one.start + one.length + _NEAR) for one in happening.contacts]
+    for contact in happening.contacts:
+        (strong if contact.size >= 100 else weak).append(is_left_out(contact))
+    near = [
+        (contact.start - _NEAR, contact.start + contact.length + _NEAR)
+        for contact in happening.contacts
+    ]
     elsewhere = sum(outside(span, near) for span in spans)
     return Contacts(tuple(strong), tuple(weak), elsewhere / happening.duration)
 
@@ -212,10 +232,10 @@ def _bodies(case: Case, model: IdentifiedModel) -> list[bool]:
     bodies = model.layout.parameters[: 10 * len(model.layout.bodies)]
     names = {parameter.name for parameter in bodies}
     return [
-        bool(one.low <= truth[one.name] <= one.high)
-        for one in model.parameters
-        if one.name in names and one.determined_by.startswith("data")
-        and one.low is not None and one.high is not None
+        bool(parameter.low <= truth[parameter.name] <= parameter.high)
+        for parameter in model.parameters
+        if parameter.name in names and parameter.determined_by.startswith("data")
+        and parameter.low is not None and parameter.high is not None
     ]  # fmt: skip
 
 
@@ -229,6 +249,6 @@ def _base(case: Case, result: Identified) -> list[bool]:
     combination = result.base.combination()
     values = combination[:, : len(p)] @ p
     return [
-        bool(one.low <= value <= one.high)
-        for one, value in zip(result.model.base_parameters, values, strict=False)
+        bool(parameter.low <= value <= parameter.high)
+        for parameter, value in zip(result.model.base_parameters, values, strict=False)
     ]

@@ -20,10 +20,10 @@ __all__ = ["KINDS", "LEAST", "Case", "clean", "fault", "faulty"]
 
 # All kinds, by the names of their functions.
 KINDS = {
-    name.replace("_", "-"): one
+    name.replace("_", "-"): member
     for module in (behaviour, descriptions, signals, wiring)
-    for name, one in vars(module).items()
-    if isinstance(one, Kind)
+    for name, member in vars(module).items()
+    if isinstance(member, Kind)
 }
 # Three times the half width of a 95 % interval, in standard deviations for white noise; intervals
 # by scatter, as the package has them, are up to half as wide again.
