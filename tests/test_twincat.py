@@ -9,7 +9,7 @@ import pytest
 
 from deltaid.dynamics.dynamics import Dynamics
 from deltaid.errors import RecordingError
-from deltaid.recording.formats.twincat import ScopeTable
+from deltaid.recording.formats.twincat_table import ScopeTable
 from deltaid.recording.opening import open_log
 from deltaid.recording.resolution import resolve_columns
 from deltaid.recording.source import LogTable

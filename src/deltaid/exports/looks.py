@@ -11,7 +11,7 @@ import numpy as np
 from jaxtyping import Float
 from scipy.spatial.transform import Rotation
 
-from deltaid.exports.tree import Tree, Vector
+from deltaid.exports.tree_parts import Tree, Vector
 from deltaid.model.model import Model
 from deltaid.robot.limbs import LimbGeometry
 from deltaid.robot.platform import H4Platform, I4Platform, Par4Platform, RigidPlatform

@@ -26,16 +26,10 @@ from deltaid.exports.mjcf_scene import (
     scene,
     struts,
 )
+from deltaid.exports.plain_friction import JointForces, joint_forces
 from deltaid.exports.text import element, xml_comment
-from deltaid.exports.tree import (
-    JointForces,
-    Tree,
-    TreeBody,
-    TreeJoint,
-    TreePoint,
-    joint_forces,
-    spanning_tree,
-)
+from deltaid.exports.tree import spanning_tree
+from deltaid.exports.tree_parts import Tree, TreeBody, TreeJoint, TreePoint
 from deltaid.files import new_folder
 from deltaid.model.model import Model
 from deltaid.model.samples import Samples

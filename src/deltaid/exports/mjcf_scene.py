@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 
 from deltaid.exports.looks import COLOURS, Ball, Rod, Shape, strut_radius, thickness
 from deltaid.exports.text import element
-from deltaid.exports.tree import Tree, Vector
+from deltaid.exports.tree_parts import Tree, Vector
 from deltaid.model.model import Model
 
 # Programs that draw no tendons (Drake) show each limb's struts as one line in their middle. They

@@ -5,6 +5,7 @@ Along a random motion within the robot's limits, torques at the drives of furthe
     τ_f ≈ Σ_J Y_viscous.J a_J + Y_coulomb.J b_J,   least squares over a, b ≥ 0
 
 over the joints J that have such terms. Speeds and loads of the motion decide what is near.
+Coefficients of joints are there for programs with such friction (`joint_forces`).
 """
 
 from collections.abc import Iterator
@@ -15,6 +16,7 @@ from scipy.optimize import nnls
 
 from deltaid.dynamics.dynamics import compiled
 from deltaid.dynamics.parameters import parameter_layout
+from deltaid.errors import DeltaidError
 from deltaid.model.model import Model
 from deltaid.motion.random_motion import random_motion
 from deltaid.robot.friction_terms import FrictionTerm
@@ -42,6 +44,54 @@ def further_terms(model: Model) -> Iterator[FrictionTerm]:
     for term in model.robot.friction_terms:
         if term.kind not in _PLAIN and model.value(term.name):
             yield term
+
+
+@dataclass(frozen=True)
+class JointForces:
+    """Coefficients of one joint, all at the joint and not at the motor.
+
+    Attributes:
+        viscous: [N m s/rad or N s/m].
+        coulomb: [N m or N].
+        armature: inertia of motor and gear [kg m² or kg].
+        stiffness, rest: linear spring [N m/rad or N/m], coordinate without force [rad or m].
+    """
+
+    viscous: float = 0.0
+    coulomb: float = 0.0
+    armature: float = 0.0
+    stiffness: float = 0.0
+    rest: float = 0.0
+
+
+def joint_forces(subject: Model, target: str) -> dict[str, JointForces]:
+    """Coefficients of the joints of a description.
+
+    Args:
+        target: whose only friction is viscous·v + coulomb·sign(v); for messages.
+
+    Raises:
+        DeltaidError: a joint's friction law has other terms.
+    """
+    robot = subject.robot
+    for term in further_terms(subject):
+        raise DeltaidError(
+            f"{target} has viscous and Coulomb friction only, but the model has {term.name}",
+            where=subject.source,
+            cure="approximate it, with the error stated (--plain-friction), or leave friction out "
+            "(--without-friction) and add it as a joint torque there; c, fmu and casadi have "
+            "every law",
+        )
+    return {
+        joint: JointForces(
+            viscous=subject.value(f"viscous.{joint}"),
+            coulomb=subject.value(f"coulomb.{joint}"),
+            armature=subject.value(f"rotor.{joint}"),
+            stiffness=subject.value(f"spring.{joint}"),
+            rest=robot.spring_rest(joint) if joint in robot.spring_joints else 0.0,
+        )
+        for joint in robot.joints
+    }
 
 
 def plain_friction(model: Model) -> PlainFriction:

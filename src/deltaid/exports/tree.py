@@ -10,184 +10,26 @@ them. So the tree has exactly as many closing conditions as it needs, none of th
 
 Joints with friction, springs and motors are joints of the tree and have the description's names.
 Body frames are the link frames of docs/conventions.md.
-What joints feel beside rigid bodies is there for programs with viscous and dry friction.
 """
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 
-import casadi as ca
 import numpy as np
-from jaxtyping import Float
 
-from deltaid.errors import DeltaidError
-from deltaid.exports.plain_friction import further_terms
+from deltaid.exports.tree_parts import (
+    Coupling,
+    LoopCut,
+    Tree,
+    TreeBody,
+    TreeJoint,
+    TreePoint,
+    TreeStrut,
+)
 from deltaid.mechanism.mechanism import LimbBodies
 from deltaid.mechanism.tree_joints import tree_coordinates
 from deltaid.model.model import Model
 from deltaid.robot.limbs import LimbGeometry
 from deltaid.robot.platform import H4Platform, I4Platform, Par4Platform, RigidPlatform, Telescope
-
-Vector = Float[np.ndarray, " 3"]
-
-
-@dataclass(frozen=True)
-class TreeJoint:
-    """A joint with one coordinate, whose axis goes through the body's origin.
-
-    Attributes:
-        name: 'drive1', 'limb1_swing', …
-        slides: or turns.
-        axis: unit vector in the frame that the body's joints before this one leave.
-    """
-
-    name: str
-    slides: bool
-    axis: Vector
-
-
-@dataclass(frozen=True)
-class TreeBody:
-    """A body and what joins it to its parent.
-
-    Attributes:
-        name: unique in the tree.
-        parent: name of another body; empty for the world.
-        R, r: pose of the link frame in the parent's, with all joints at zero [m].
-        joints: one after the other.
-        p: the ten inertia parameters of all bodies that move as this one.
-    """
-
-    name: str
-    parent: str
-    R: Float[np.ndarray, "3 3"]
-    r: Vector
-    joints: tuple[TreeJoint, ...]
-    p: Float[np.ndarray, " 10"]
-
-
-@dataclass(frozen=True)
-class TreePoint:
-    """A named point of a body, in its link frame [m]."""
-
-    name: str
-    body: str
-    position: Vector
-
-
-@dataclass(frozen=True)
-class LoopCut:
-    """Two points that coincide in the closed robot."""
-
-    name: str
-    first: TreePoint
-    second: TreePoint
-
-
-@dataclass(frozen=True)
-class TreeStrut:
-    """One strut as it is drawn, between two points of other bodies.
-
-    The struts of a limb are one body of the tree, in their middle. They keep their distance along
-    the driven body's y, about which they do not tilt, so no body of the tree carries both as lines.
-
-    Attributes:
-        name: 'strut1a', 'strut1b', …; 'strut1' where a limb has one.
-        body: of the tree whose part it is.
-        first, second: at the driven body and at the platform.
-    """
-
-    name: str
-    body: str
-    first: TreePoint
-    second: TreePoint
-
-
-@dataclass(frozen=True)
-class Coupling:
-    """A joint whose coordinate is `ratio` times that of the joint `follows`."""
-
-    joint: str
-    follows: str
-    ratio: float
-
-
-@dataclass(frozen=True)
-class Tree:
-    """The cut robot.
-
-    Attributes:
-        bodies: parents before children.
-        cuts, couplings: what closes the loops.
-        struts: to draw.
-        coordinates: of every joint, by name, as functions of z in the closed robot.
-        z: their symbols.
-    """
-
-    bodies: tuple[TreeBody, ...]
-    cuts: tuple[LoopCut, ...]
-    couplings: tuple[Coupling, ...]
-    struts: tuple[TreeStrut, ...]
-    coordinates: Mapping[str, ca.SX]
-    z: ca.SX
-
-    def joint_coordinates(self, z: Float[np.ndarray, " dof"]) -> dict[str, float]:
-        """Coordinates of all joints at one pose."""
-        values = ca.Function("x", [self.z], [ca.vertcat(*self.coordinates.values())])(z)
-        return dict(zip(self.coordinates, np.asarray(values).ravel().tolist(), strict=True))
-
-    def children(self, parent: str) -> tuple[TreeBody, ...]:
-        """The bodies on one body; on the world for an empty name."""
-        return tuple(body for body in self.bodies if body.parent == parent)
-
-
-@dataclass(frozen=True)
-class JointForces:
-    """Coefficients of one joint, all at the joint and not at the motor.
-
-    Attributes:
-        viscous: [N m s/rad or N s/m].
-        coulomb: [N m or N].
-        armature: inertia of motor and gear [kg m² or kg].
-        stiffness, rest: linear spring [N m/rad or N/m], coordinate without force [rad or m].
-    """
-
-    viscous: float = 0.0
-    coulomb: float = 0.0
-    armature: float = 0.0
-    stiffness: float = 0.0
-    rest: float = 0.0
-
-
-def joint_forces(subject: Model, target: str) -> dict[str, JointForces]:
-    """Coefficients of the joints of a description.
-
-    Args:
-        target: whose only friction is viscous·v + coulomb·sign(v); for messages.
-
-    Raises:
-        DeltaidError: a joint's friction law has other terms.
-    """
-    robot = subject.robot
-    for term in further_terms(subject):
-        raise DeltaidError(
-            f"{target} has viscous and Coulomb friction only, but the model has {term.name}",
-            where=subject.source,
-            cure="approximate it, with the error stated (--plain-friction), or leave friction out "
-            "(--without-friction) and add it as a joint torque there; c, fmu and casadi have "
-            "every law",
-        )
-    return {
-        joint: JointForces(
-            viscous=subject.value(f"viscous.{joint}"),
-            coulomb=subject.value(f"coulomb.{joint}"),
-            armature=subject.value(f"rotor.{joint}"),
-            stiffness=subject.value(f"spring.{joint}"),
-            rest=robot.spring_rest(joint) if joint in robot.spring_joints else 0.0,
-        )
-        for joint in robot.joints
-    }
-
 
 _X, _Y, _Z = np.eye(3)
 # What two struts are drawn apart whose distance is not described, as a share of their length.

@@ -19,16 +19,10 @@ from jaxtyping import Float
 
 from deltaid.errors import Doubt
 from deltaid.exports.looks import Rod, Shape, shapes, strut_radius, tool_body
+from deltaid.exports.plain_friction import JointForces, joint_forces
 from deltaid.exports.text import Export, element, numbers, xml_comment
-from deltaid.exports.tree import (
-    JointForces,
-    Tree,
-    TreeBody,
-    TreeJoint,
-    TreeStrut,
-    joint_forces,
-    spanning_tree,
-)
+from deltaid.exports.tree import spanning_tree
+from deltaid.exports.tree_parts import Tree, TreeBody, TreeJoint, TreeStrut
 from deltaid.exports.urdf_parts import colours, control, visual
 from deltaid.model.model import Model
 from deltaid.robot.description import RobotDescription

@@ -12,8 +12,8 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from deltaid.exports.looks import COLOURS, Ball, Rod, Shape
+from deltaid.exports.plain_friction import JointForces
 from deltaid.exports.text import element, numbers
-from deltaid.exports.tree import JointForces
 from deltaid.model.model import Model
 from deltaid.sensors.weighings import roll_pitch_yaw
 

@@ -12,40 +12,21 @@ decimal mark are options of the export.
 """
 
 import csv
-import io
 import re
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Iterator
 from pathlib import Path
 
-import numpy as np
-import polars as pl
-
-from deltaid.errors import Doubt, RecordingError, visible
+from deltaid.errors import RecordingError, visible
 from deltaid.recording.address import RecordedField
-from deltaid.recording.formats.csv_lines import (
-    NO_LINE_BREAK,
-    Decimals,
-    HeadLines,
-    as_text,
-    find_end,
-    is_number,
-    line_ends,
-    per_line,
-    whole_lines,
-)
+from deltaid.recording.formats.csv_lines import HeadLines, as_text, find_end, is_number
+from deltaid.recording.formats.twincat_table import NEUTRAL, TIME, ScopeChannel, ScopeTable
 from deltaid.recording.mapping import ColumnMapping
-from deltaid.recording.source import LogTable, Rows, content
-from deltaid.recording.time.segments import Signal, merged
+from deltaid.recording.source import LogTable, content
 
-# The name of the time, which the export has under none of its own.
-TIME = "t"
-# What scales nothing.
-_NEUTRAL = {"ScaleFactor": 1.0, "Offset": 0.0, "Unit ScaleFactor": 1.0, "Unit Offset": 0.0}
 # Lines in which the first data is looked for, and of data that show how many columns there are.
 _SEARCHED_LINES, _SHOWING_LINES = 500, 50
 _NAMES = ("Name", "SymbolName")
-_WORDS = {*_NAMES, *_NEUTRAL, "Unit"}
+_WORDS = {*_NAMES, *NEUTRAL, "Unit"}
 _FIRST = re.compile(rb'\A(?:\xef\xbb\xbf)?"?Name"?(?P<separator>[^\w"\r\n])')
 # Words that stand at the head of a line of such a file and hardly of another.
 _MARKS = re.compile(
@@ -54,238 +35,6 @@ _MARKS = re.compile(
 )
 # Times as Windows counts them, in 100 ns since 1601, are beyond this; in ms they never are.
 _FILE_TIME = 1e16
-
-
-@dataclass(frozen=True)
-class ScopeChannel:
-    """A channel: its names, where its columns are, and what the export says about it.
-
-    Attributes:
-        time, values: numbers of its columns.
-        unit: empty if none is stated.
-        scales: factor and offset of the channel and of its unit, as far as stated.
-    """
-
-    name: str
-    symbol: str
-    time: int
-    values: int
-    unit: str
-    scales: dict[str, str]
-
-
-@dataclass(frozen=True)
-class ScopeTable(LogTable):
-    """An open export.
-
-    Where all channels in use share their times, a block of lines is in memory at a time; otherwise
-    these channels are, as a whole.
-
-    Attributes:
-        separator: between fields.
-        columns: how many there are, times included.
-        ends_on_separator: whether lines have a separator after their last field.
-        data_start, data_size: where the data starts, and how much there is [bytes].
-        ends_open: whether the file ends without a line break.
-        origin: the first time of all, where times are in 100 ns since 1601; None where they are in
-            ms since the first sample.
-        channels: in order.
-        traces: channels by name, and by symbol where that is another one.
-        shared: whether channels of some columns of times share them, as far as looked at.
-    """
-
-    separator: str
-    columns: int
-    ends_on_separator: bool
-    data_start: int
-    data_size: int
-    ends_open: bool
-    origin: int | None
-    channels: tuple[ScopeChannel, ...]
-    traces: dict[str, ScopeChannel]
-    shared: dict[tuple[int, ...], bool] = field(
-        default_factory=dict[tuple[int, ...], bool], compare=False
-    )
-    cure_of_missing: str = field(
-        default="say with --columns MAPPING.yaml which channel is what, by its name or its symbol; "
-        f"the time is {TIME}, in s, whatever the export counts in",
-        kw_only=True,
-    )
-
-    def row_place(self, row: int) -> str:
-        """One row, for messages: a line, or where lines are no instants a sample."""
-        if all(self.shared.values()):
-            return f"{self.path}, row {row}"
-        return f"{self.path}, sample {row - self.first_row + 1}"
-
-    def rows(self, columns: Sequence[str]) -> Iterator[Rows]:
-        """As in `LogTable.rows`; the time is in s since the first sample."""
-        names = [pick.field.name for pick in self.picks(columns)]
-        used = [self.traces[name] for name in names if name != TIME]
-        times = tuple(sorted({trace.time for trace in used or self.channels[:1]}))
-        self.doubts[:] = [said for trace in used for said in _scaled(trace)]
-        if self.ends_open:
-            self.doubts.append(NO_LINE_BREAK)
-        if times not in self.shared:
-            self.shared[times] = self._share(times)
-        groups = {k: [trace.values for trace in used if trace.time == k] for k in times}
-        at = [times[0] if name == TIME else self.traces[name].values for name in names]
-        if self.shared[times]:
-            yield from self._streamed(at, groups)
-        else:
-            yield self._merged(at, groups)
-
-    def _share(self, times: Sequence[int]) -> bool:
-        """Whether some columns of times are the same, line by line, until one of them ends."""
-        if len(times) == 1:
-            return True
-        lines: list[np.ndarray] = []
-        for _, frame in self._blocks(times):
-            texts = [frame[str(k)] for k in times]
-            filled = np.column_stack([(text != "").to_numpy() for text in texts])
-            equal = np.column_stack([(text == texts[0]).to_numpy() for text in texts])
-            lines.append(np.column_stack([filled.all(1), filled.any(1), equal.all(1)]))
-        whole, some, equal = np.vstack(lines).T
-        until = np.flatnonzero(whole)[-1] if whole.any() else 0
-        return not (whole & ~equal).any() and not (some & ~whole)[:until].any()
-
-    def _streamed(self, at: list[int], groups: dict[int, list[int]]) -> Iterator[Rows]:
-        decimals = Decimals(self.separator)
-        for _, frame in self._blocks([*groups, *at]):
-            there = [_filled(frame, [time, *values]) for time, values in groups.items()]
-            frame = frame.filter(np.logical_and.reduce(there))
-            texts = [frame[str(k)] for k in at]
-            numbers = [
-                self._seconds(text, series) if k in groups else series
-                for k, text, series in zip(at, texts, decimals.numbers(texts), strict=True)
-            ]
-            yield Rows(numbers, texts)
-
-    def _merged(self, at: list[int], groups: dict[int, list[int]]) -> Rows:
-        columns = [k for time, values in groups.items() for k in (time, *values)]
-        decimals = Decimals(self.separator)
-        parts: dict[int, list[Signal]] = {time: [] for time in groups}
-        for row, frame in self._blocks(columns):
-            # Whichever column has a decimal mark first, it holds for all.
-            decimals.numbers([frame[str(k)] for k in columns])
-            for time, values in groups.items():
-                there = np.flatnonzero(_filled(frame, [time, *values]))
-                texts = [frame[str(k)].gather(there) for k in (time, *values)]
-                numbers = decimals.numbers(texts)
-                block = np.column_stack([self._seconds(texts[0], numbers[0]), *numbers[1:]])
-                bad = np.argwhere(~np.isfinite(block))
-                if bad.size:
-                    i, k = (int(index) for index in bad[0])
-                    place = f"{self.path}, row {row + int(there[i])}"
-                    raise self.bad_value(self._named((time, *values)[k]), texts[k][i], place)
-                parts[time].append(Signal(block[:, 0], block[:, 1:]))
-        named = [f"channel {self._named(values[0])}" for values in groups.values()]
-        signal, same = merged(named, parts.values(), str(self.path))
-        instants = [
-            self._named(k)
-            for is_same, group in zip(same, groups.values(), strict=True)
-            for k in group
-            if is_same
-        ]
-        self.doubts.append(
-            Doubt(
-                "channels in use have times of their own; they are interpolated to those of "
-                f"{', '.join(instants)}",
-                cause="they are recorded in tasks of different cycles",
-                cure="nothing is to be done if all were of one controller; one task for all of "
-                "them keeps them in step",
-            )
-        )
-        order = [k for group in groups.values() for k in group]
-        found = dict(zip(order, signal.values.T, strict=True))
-        numbers = [signal.time if k in groups else found[k] for k in at]
-        return Rows(numbers, numbers)
-
-    def _seconds(self, text: pl.Series, numbers: pl.Series) -> np.ndarray:
-        if self.origin is not None:
-            ticks = text.cast(pl.Int64, strict=False) - self.origin
-            return ticks.cast(pl.Float64).to_numpy() / 1e7
-        return numbers.to_numpy() / 1e3
-
-    def _blocks(self, columns: Sequence[int]) -> Iterator[tuple[int, pl.DataFrame]]:
-        """Some columns as text, empty where there is none, with the row of the first line."""
-        row = self.first_row
-        names = [str(k) for k in dict.fromkeys(columns)]
-        # polars takes the number of columns from the first line.
-        above = (self.separator * (self.columns - 1)).encode() + b"\n"
-        for block in whole_lines(self.path, self.data_start, self.data_size):
-            lines = self._require_fields(block, row)
-            frame = pl.read_csv(
-                io.BytesIO(above + block),
-                has_header=False,
-                separator=self.separator,
-                schema={str(k): pl.String for k in range(self.columns)},
-                truncate_ragged_lines=True,
-                quote_char=None,
-                encoding="utf8-lossy",
-            )
-            frame = frame[1:].select(pl.col(names).str.strip_chars().fill_null(""))
-            if frame.height != lines:
-                last = row + lines - 1
-                raise RecordingError(
-                    "are not lines of an export of TwinCAT Scope",
-                    where=f"{self.path}, rows {row} to {last}",
-                    cure="export it again",
-                )
-            yield row, frame
-            row += lines
-
-    def _require_fields(self, block: bytes, row: int) -> int:
-        """The number of lines of a block, none with more fields than there are columns."""
-        ends = line_ends(block)
-        marks = np.flatnonzero(np.frombuffer(block, np.uint8) == ord(self.separator))
-        fields = per_line(marks, ends) + 1
-        long = np.flatnonzero(fields > self.columns + self.ends_on_separator)
-        if long.size:
-            i = int(long[0])
-            raise RecordingError(
-                f"has {fields[i]} fields, but the header has {self.columns}",
-                where=f"{self.path}, row {row + i}",
-                cure="export it again with tabs or semicolons between the columns; decimal commas "
-                "do not go with commas between them",
-            )
-        return len(ends)
-
-    def _named(self, column: int) -> str:
-        found = [trace.name for trace in self.channels if trace.values == column]
-        return found[0] if found else TIME
-
-
-def _filled(frame: pl.DataFrame, columns: Sequence[int]) -> np.ndarray:
-    return np.logical_or.reduce([(frame[str(k)] != "").to_numpy() for k in columns])
-
-
-def _scaled(trace: ScopeChannel) -> list[Doubt]:
-    scales = {word: _number(trace.scales.get(word), usual) for word, usual in _NEUTRAL.items()}
-    said = [f"{word} {scales[word]:g}" for word, usual in _NEUTRAL.items() if scales[word] != usual]
-    if not said:
-        return []
-    factor, offset = scales["ScaleFactor"], scales["Offset"]
-    how = "change unit and zero of its column accordingly"
-    if factor and not any(word.startswith("Unit") for word in said):
-        sign = ", sign: -1" * (factor < 0)
-        unit = f"{abs(factor):g} {trace.unit or 'UNIT'}"
-        how = f"declare {{unit: {unit}, zero: {0 - offset / factor:g}{sign}}}"
-    return [
-        Doubt(
-            f"channel {trace.name} is scaled in Scope ({', '.join(said)}); the file does not say "
-            "whether its numbers are, and they are taken as they stand",
-            cause="an export scales them only with the option Scale values before export",
-            cure=f"if they are those of the PLC, {how}",
-        )
-    ]
-
-
-def _number(text: str | None, otherwise: float) -> float:
-    try:
-        return float((text or "").replace(",", "."))
-    except ValueError:
-        return otherwise
 
 
 def is_scope(start: bytes, path: Path) -> bool:
@@ -391,7 +140,7 @@ def _channels(
                 start,
                 k,
                 "" if unit == "(None)" else unit,
-                {word: value for word in _NEUTRAL if (value := cell(word, k))},
+                {word: value for word in NEUTRAL if (value := cell(word, k))},
             )
 
 
