@@ -19,7 +19,8 @@ from deltaid.fleets.gather import gathered
 from deltaid.fleets.identify_gathered import identify_gathered
 from deltaid.fleets.robot_drift import RobotDrift, robot_drift
 from deltaid.model.record import IdentifiedModel
-from deltaid.recording.mapping import ColumnMapping, TemperatureColumn
+from deltaid.recording.mapped_columns import TemperatureColumn
+from deltaid.recording.mapping import ColumnMapping
 from drifting import ROBOT, SETTINGS, START, days, one_recording, recording
 
 COUNT, ONSET, TOOL = 90, 40, 55

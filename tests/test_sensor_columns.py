@@ -11,7 +11,8 @@ import pytest
 import deltaid
 from deltaid.dynamics.dynamics import Dynamics, compiled
 from deltaid.errors import DescriptionError
-from deltaid.recording.mapping import ColumnMapping, SensorColumns
+from deltaid.recording.mapped_columns import SensorColumns
+from deltaid.recording.mapping import ColumnMapping
 from deltaid.recording.memory import RecordingLike
 from deltaid.recording.recording import PreparedRecording, open_recordings
 from deltaid.recording.repairs import LeftSpan, Repairs

@@ -20,7 +20,8 @@ from deltaid.checks.wiring.zeros import _good, _verdict, _zero
 from deltaid.dynamics.geometry import across
 from deltaid.model.record import Settings
 from deltaid.model.verdict import Grade, Verdict
-from deltaid.recording.mapping import ColumnMapping, DriveColumn
+from deltaid.recording.mapped_columns import DriveColumn
+from deltaid.recording.mapping import ColumnMapping
 from deltaid.robot.load import load_robot
 from wired import bad, only_verdict, recorded, seen, table, without
 

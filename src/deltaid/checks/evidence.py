@@ -19,7 +19,8 @@ from deltaid.identification.study import Study, studied
 from deltaid.model.record import Settings
 from deltaid.model.verdict import Proposal
 from deltaid.recording.columns import Columns
-from deltaid.recording.mapping import QUANTITIES, AllDrives, ColumnMapping, DriveColumn, Quantity
+from deltaid.recording.mapped_columns import QUANTITIES, AllDrives, DriveColumn, Quantity
+from deltaid.recording.mapping import ColumnMapping
 from deltaid.recording.memory import Recording as InMemory
 from deltaid.recording.memory import RecordingLike, as_source
 from deltaid.recording.opening import resolved_table

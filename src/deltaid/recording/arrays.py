@@ -8,7 +8,8 @@ from numpy.typing import ArrayLike
 
 from deltaid.errors import RecordingError
 from deltaid.mechanism.one_or_many import real_numbers
-from deltaid.recording.mapping import SHORT_NAMES, ColumnMapping, DriveColumn, Quantity, TimeColumn
+from deltaid.recording.mapped_columns import SHORT_NAMES, DriveColumn, Quantity, TimeColumn
+from deltaid.recording.mapping import ColumnMapping
 
 # In one unit for all drives, or one a drive.
 Units = str | Sequence[str]

@@ -7,7 +7,8 @@ from typing import Any
 
 from deltaid.errors import RecordingError
 from deltaid.files import written_whole
-from deltaid.recording.mapping import QUANTITIES, ColumnMapping
+from deltaid.recording.mapped_columns import QUANTITIES
+from deltaid.recording.mapping import ColumnMapping
 from deltaid.robot.load import yaml_text
 
 # The source of a mapping that nobody gave: one that is found with certainty.

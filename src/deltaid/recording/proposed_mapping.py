@@ -22,7 +22,7 @@ from deltaid.recording.column_meanings import (
     unit_of,
 )
 from deltaid.recording.column_words import QUANTITIES as WORDS
-from deltaid.recording.mapping import QUANTITIES, SHORT_NAMES, Quantity
+from deltaid.recording.mapped_columns import QUANTITIES, SHORT_NAMES, Quantity
 from deltaid.recording.mapping_proposal import FoundColumns, Known, MappingProposal
 from deltaid.recording.resolution import si_unit
 

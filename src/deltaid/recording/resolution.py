@@ -8,16 +8,16 @@ from collections.abc import Mapping
 from deltaid.errors import RecordingError
 from deltaid.recording.address import Pick, find, listing
 from deltaid.recording.columns import Channel, Columns, SensorChannels, TimeChannel
-from deltaid.recording.mapping import (
+from deltaid.recording.mapped_columns import (
     DATES,
     QUANTITIES,
     SHORT_NAMES,
     TIMES,
     AllDrives,
-    ColumnMapping,
     DriveColumn,
     Quantity,
 )
+from deltaid.recording.mapping import ColumnMapping
 from deltaid.recording.source import LogTable
 from deltaid.recording.units import si_factor
 from deltaid.robot.sensor_channels import SensorChannel

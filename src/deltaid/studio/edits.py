@@ -10,7 +10,8 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from deltaid.recording.column_meanings import groups_of, kind_of, read_name
-from deltaid.recording.mapping import SHORT_NAMES, TIMES, AllDrives, ColumnMapping, Quantity
+from deltaid.recording.mapped_columns import SHORT_NAMES, TIMES, AllDrives, Quantity
+from deltaid.recording.mapping import ColumnMapping
 from deltaid.robot.load import catalogue, catalogue_text, described_in, parse, plain_data, yaml_text
 from deltaid.robot.yaml_edit import edited, mended
 from deltaid.studio.folder import Folder

@@ -9,7 +9,8 @@ import polars as pl
 from deltaid.recording import recording
 from deltaid.recording.formats.frames import FrameTable
 from deltaid.recording.log import Log
-from deltaid.recording.mapping import QUANTITIES, TIMES, AllDrives, ColumnMapping, DriveColumn
+from deltaid.recording.mapped_columns import QUANTITIES, TIMES, AllDrives, DriveColumn
+from deltaid.recording.mapping import ColumnMapping
 from deltaid.recording.memory import Recording
 from deltaid.view import style
 from deltaid.view.comparison import extreme_rows, stretch_length

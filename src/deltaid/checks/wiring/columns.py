@@ -16,7 +16,7 @@ from deltaid.checks.wiring.explained import (
 from deltaid.checks.wiring.residual import Map
 from deltaid.checks.wiring.velocity import rates
 from deltaid.model.verdict import Grade, Verdict, listed
-from deltaid.recording.mapping import Quantity
+from deltaid.recording.mapped_columns import Quantity
 
 # With a larger residual share of the torques, a factor of positions is doubtful.
 _SURE = 0.08

@@ -8,7 +8,7 @@ from nicegui.elements.mixins.value_element import ValueElement
 
 from deltaid.errors import DeltaidError
 from deltaid.recording.contents import Contents
-from deltaid.recording.mapping import QUANTITIES, Quantity
+from deltaid.recording.mapped_columns import QUANTITIES, Quantity
 from deltaid.robot.description import RobotDescription
 from deltaid.studio.edits import (
     DEFAULTS,
