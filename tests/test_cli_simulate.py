@@ -7,6 +7,7 @@ import numpy as np
 import polars as pl
 import pytest
 
+import deltaid
 from command import Outcome, refused, run
 from deltaid.control.comparison import _lack, base_vector, candidates
 from deltaid.control.controllers import CONTROLLERS
@@ -155,6 +156,21 @@ def test_json_of_simulate(folder: Path) -> None:
     assert answer["ended"] is None
     assert answer["platform_rms"] < 1e-4
     assert len(answer["drive_rms"]) == 3
+
+
+def test_settings_are_given_whole_or_one_by_one(folder: Path) -> None:
+    asked = {"rate": 500.0, "delay": 1, "encoder": 0.0}
+    whole, single, usual = (
+        deltaid.simulate(ROBOT, folder / "short.csv", progress=False, **given)
+        for given in ({"settings": deltaid.ControlSettings(**asked)}, asked, {})
+    )
+    assert whole.conditions.drives == single.conditions.drives
+    assert (whole.conditions.drives.rate, whole.conditions.drives.delay) == (500.0, 1)
+    np.testing.assert_array_equal(whole.tracking.q, single.tracking.q)
+    assert whole.error.platform_rms != usual.error.platform_rms
+    message = r"has no setting 'rates'\n.*did you mean rate\?"
+    with pytest.raises(deltaid.DeltaidError, match=message):
+        deltaid.simulate(ROBOT, folder / "short.csv", rates=500.0)
 
 
 BAD = [

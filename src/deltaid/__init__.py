@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from deltaid.calibration.readings import Measurements
     from deltaid.checks.run import check, identify
     from deltaid.checks.verdicts import Verdicts
+    from deltaid.control.options import ControlSettings
     from deltaid.control.simulate import Comparison, Simulation, compare_controllers, simulate
     from deltaid.control.simulation import integrate, step_through
     from deltaid.dynamics.dynamics import Dynamics
@@ -68,6 +69,7 @@ _HOME = {
     "Measurements": "deltaid.calibration.readings",
     "BodyPose": "deltaid.mechanism.own",
     "ColumnMapping": "deltaid.recording.mapping",
+    "ControlSettings": "deltaid.control.options",
     "ConstraintForces": "deltaid.joint_forces.constraint_forces",
     "DeltaidError": "deltaid.errors",
     "Dynamics": "deltaid.dynamics.dynamics",
@@ -146,6 +148,7 @@ __all__ = [
     "ColumnMapping",
     "Comparison",
     "ConstraintForces",
+    "ControlSettings",
     "DeltaidError",
     "Dynamics",
     "Excitation",

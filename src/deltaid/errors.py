@@ -4,8 +4,15 @@ import difflib
 import linecache
 import math
 import re
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
+from dataclasses import replace
 from types import TracebackType
+from typing import TYPE_CHECKING, Any, TypeVar
+
+if TYPE_CHECKING:
+    from _typeshed import DataclassInstance
+
+_Settings = TypeVar("_Settings", bound="DataclassInstance")
 
 # Spaces that do not break a line: plain, narrow, thin.
 _SPACES = "\N{NO-BREAK SPACE}\N{NARROW NO-BREAK SPACE}\N{THIN SPACE}"
@@ -119,6 +126,18 @@ def unknown(
     return UnknownNameError(
         f"has no {what} '{text}'", where=where, cure=f"{hint}there are: {listed}"
     )
+
+
+def with_options(settings: _Settings, options: Mapping[str, Any], where: str) -> _Settings:
+    """Settings of a frozen dataclass with some of them given by name.
+
+    Raises:
+        UnknownNameError: there is no such setting.
+    """
+    for name in options:
+        if name not in vars(settings):
+            raise unknown(name, vars(settings), "setting", where)
+    return replace(settings, **options)
 
 
 def positive(

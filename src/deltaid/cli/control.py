@@ -23,7 +23,7 @@ from deltaid.cli.output import (
     used,
     write_files,
 )
-from deltaid.control.options import ControllerName
+from deltaid.control.options import ControllerName, ControlSettings
 from deltaid.files import write_bytes
 
 if TYPE_CHECKING:
@@ -63,7 +63,7 @@ ElasticGears = Annotated[
     typer.Option("--elastic-gears", help="Gears wind up by the plant's gear_stiffness."),
 ]
 
-DEFAULT_RATE, DEFAULT_BANDWIDTH = 1000.0, 10.0
+_USUAL = ControlSettings()
 
 
 def simulate(
@@ -74,8 +74,8 @@ def simulate(
         typer.Option(help="What the drives' computer does."),
     ] = "computed-torque",
     plant: OnPlant = None,
-    rate: Rate = DEFAULT_RATE,
-    bandwidth: Bandwidth = DEFAULT_BANDWIDTH,
+    rate: Rate = _USUAL.rate,
+    bandwidth: Bandwidth = _USUAL.bandwidth,
     encoder: Encoder = None,
     delay: Delay = 0,
     current_loop: CurrentLoop = None,
@@ -104,9 +104,10 @@ def simulate(
     require_outputs(inputs, {"--output": output, "--report": report})
     with used(deltaid.load(model), force=force), progress(as_json) as say:
         result = deltaid.simulate(
-            model, trajectory, controller=controller, plant=plant, rate=rate, bandwidth=bandwidth,
-            encoder=encoder, delay=delay, current_loop=current_loop, payload=payload,
-            payload_known=payload_known, elastic_gears=elastic_gears, columns=columns, progress=say,
+            model, trajectory, controller=controller, plant=plant, payload_known=payload_known,
+            columns=columns, progress=say, settings=ControlSettings(
+                rate, bandwidth, encoder, delay, current_loop, payload, elastic_gears
+            ),
         )  # fmt: skip
         write_files(
             (output, lambda path: write_bytes(path, result.table().write_csv().encode())),
@@ -153,8 +154,8 @@ def compare_controllers(
     model: ModelOrRobot,
     trajectory: Trajectory,
     plant: Annotated[str, typer.Option(help="The true robot: another model, robot name or file.")],
-    rate: Rate = DEFAULT_RATE,
-    bandwidth: Bandwidth = DEFAULT_BANDWIDTH,
+    rate: Rate = _USUAL.rate,
+    bandwidth: Bandwidth = _USUAL.bandwidth,
     encoder: Encoder = None,
     delay: Delay = 0,
     current_loop: CurrentLoop = None,
@@ -177,9 +178,9 @@ def compare_controllers(
     require_outputs((model, trajectory, plant, columns), {"--report": report})
     with used(deltaid.load(model), force=force), progress(as_json) as say:
         result = deltaid.compare_controllers(
-            model, trajectory, plant=plant, rate=rate, bandwidth=bandwidth, encoder=encoder,
-            delay=delay, current_loop=current_loop, payload=payload, elastic_gears=elastic_gears,
-            columns=columns, progress=say,
+            model, trajectory, plant=plant, columns=columns, progress=say, settings=ControlSettings(
+                rate, bandwidth, encoder, delay, current_loop, payload, elastic_gears
+            ),
         )  # fmt: skip
         write_files((report, result.report))
     on = result.conditions

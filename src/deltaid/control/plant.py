@@ -1,6 +1,7 @@
 """What a controller runs on: a robot, what it does that no model of rigid bodies says, and its
 state under torques that are held from one sample of its drives to the next."""
 
+import re
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -10,10 +11,15 @@ from scipy.linalg import inv
 from deltaid.control.simulation import time_steps
 from deltaid.dynamics.motor_side import link_side, motor_inertia, motor_speeds
 from deltaid.dynamics.parameters import Parameters, parameter_layout
-from deltaid.errors import DescriptionError
+from deltaid.errors import DeltaidError, DescriptionError
 from deltaid.mechanism.kinematics import Samples
 from deltaid.model.model import Model
 from deltaid.robot.description import RobotDescription
+
+_NUMBER = r"[0-9]*\.?[0-9]+(?:[eE][-+]?[0-9]+)?"
+_PAYLOAD = re.compile(rf"({_NUMBER})(?:\s*(?:±|\+-|\+/-)\s*({_NUMBER}))?\s*(?:kg)?")
+# Kilograms, beyond which it is another unit.
+_HEAVY = 1000.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,6 +61,26 @@ class Payload:
         if self.std == 0:
             return ()
         return max(self.mass - 2 * self.std, 0.0), self.mass + 2 * self.std
+
+
+def as_payload(given: Payload | float | str | None) -> Payload | None:
+    """A load from kilograms, or from text such as '1.5±0.1'.
+
+    Raises:
+        DeltaidError: it is no mass, or none that a robot carries.
+    """
+    if given is None or isinstance(given, Payload):
+        return given
+    text = str(given)
+    found = _PAYLOAD.fullmatch(text.strip())
+    if found is None:
+        cure = "give kilograms, with a standard deviation or without: 1.5 or 1.5±0.1"
+        raise DeltaidError(f"'{text[:40]}' is no mass", where="--payload", cure=cure)
+    mass, std = float(found[1]), float(found[2] or 0.0)
+    if not 0 < mass < _HEAVY or not std <= mass:
+        cure = "give kilograms; the standard deviation is no more than the mass"
+        raise DeltaidError(f"'{text[:40]}' is no load of a robot", where="--payload", cure=cure)
+    return Payload(mass, std)
 
 
 def loaded(robot: RobotDescription, p: Parameters, load: Float[np.ndarray, " 10"]) -> Parameters:

@@ -1,10 +1,10 @@
 """A controller that knows a model, on a robot that may be another one, along a motion."""
 
 import math
-import re
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import polars as pl
@@ -12,8 +12,8 @@ import polars as pl
 from deltaid.control.comparison import ControllerRun, ModelCandidate, candidates, compare, gains
 from deltaid.control.controllers import ControlModel
 from deltaid.control.infeasible import MotionProblem, of_motion, of_tracking
-from deltaid.control.options import ControllerName
-from deltaid.control.plant import Payload, Plant
+from deltaid.control.options import ControllerName, ControlSettings
+from deltaid.control.plant import Payload, Plant, as_payload
 from deltaid.control.tracking import (
     ENCODER_STEP,
     Drives,
@@ -25,7 +25,7 @@ from deltaid.control.tracking import (
     track,
 )
 from deltaid.dynamics.dynamics import compiled
-from deltaid.errors import DeltaidError, positive
+from deltaid.errors import DeltaidError, with_options
 from deltaid.model.model import Model, ModelLike, load
 from deltaid.motion.surrogate import Motion
 from deltaid.progress import Progress, Watch, watched
@@ -34,11 +34,6 @@ from deltaid.recording.memory import RecordingLike, as_source
 from deltaid.robot.description import RobotDescription
 from deltaid.sensors.robot_sensors import simulated_sensors
 from deltaid.shown import Plotted, Reported, Shown, Tabled
-
-_NUMBER = r"[0-9]*\.?[0-9]+(?:[eE][-+]?[0-9]+)?"
-_PAYLOAD = re.compile(rf"({_NUMBER})(?:\s*(?:±|\+-|\+/-)\s*({_NUMBER}))?\s*(?:kg)?")
-# Kilograms, beyond which it is another unit.
-_HEAVY = 1000.0
 
 
 @dataclass(frozen=True)
@@ -149,17 +144,12 @@ def simulate(
     *,
     controller: ControllerName = "computed-torque",
     plant: ModelLike | None = None,
-    rate: float = 1000.0,
-    bandwidth: float = 10.0,
-    encoder: float | None = None,
-    delay: int = 0,
-    current_loop: float | None = None,
-    payload: Payload | float | str | None = None,
     payload_known: bool = False,
-    elastic_gears: bool = False,
     columns: MappingLike | None = None,
     duration: float | None = None,
+    settings: ControlSettings | None = None,
     progress: Watch = None,
+    **options: Any,
 ) -> Simulation:
     """Follow a motion with a controller that knows `model`, on a robot that may be another one.
 
@@ -169,38 +159,30 @@ def simulate(
     Args:
         motion: a file of `deltaid excite`, a recording, or a motion in memory.
         plant: the robot it runs on; that of the model if None.
-        rate: samples a second of the drives.
-        bandwidth: of the feedback [Hz].
-        encoder: step [rad or m]; 0 for none, 2⁻²⁰ of a turn if None.
-        delay: samples from an encoder's reading to its use.
-        current_loop: bandwidth of the drives' current loop [Hz]; torques at once if None.
-        payload: load at the tool of the robot that is moved [kg]; "1.5±0.1" with its standard
-            deviation.
         payload_known: whether the controller is told of its mass.
-        elastic_gears: gears wind up by the plant's `gear_stiffness`.
         columns: of a recording, if not the default ones.
         duration: of a motion in memory [s], if not its own.
+        settings: of drives, feedback and load.
         progress: as of `identify`.
+        options: single settings by name, such as `rate=500`.
 
     Raises:
-        DeltaidError: a number is out of bounds, or the plant's drives are not those of the model.
+        DeltaidError: there is no such setting, a number is out of bounds, or the plant's drives are
+            not those of the model.
         RecordingError: the motion's file cannot be used.
         KinematicsError: the motion leaves the plant's reach, or the model's.
     """
-    if payload is None and payload_known:
+    asked = with_options(settings or ControlSettings(), options, "simulate")
+    if asked.payload is None and payload_known:
         cure = "give --payload MASS too"
         raise DeltaidError("there is no load to know", where="--payload-known", cure=cure)
     with watched(progress, "simulate") as say:
-        on = conditions(
-            model, motion, plant=plant, rate=rate, bandwidth=bandwidth, encoder=encoder,
-            delay=delay, current_loop=current_loop, payload=payload, elastic_gears=elastic_gears,
-            columns=columns, duration=duration, progress=say,
-        )  # fmt: skip
+        on = conditions(asked, model, motion, plant, columns, duration, say)
         say("simulating")
         known = ControlModel(on.model.robot, on.model.p)
         if on.payload is not None and payload_known:
             known = known.holding(on.payload.mass)
-        law = gains(controller, known, on.motion, bandwidth)
+        law = gains(controller, known, on.motion, on.bandwidth)
         problems = of_motion(on.loaded.model_at(0.0), on.motion)
         result = track(on.loaded, law, known, on.motion, on.drives)
         problems += of_tracking(on.plant.model, result)
@@ -241,61 +223,42 @@ def compare_controllers(
     motion: RecordingLike | Motion | Trajectory,
     *,
     plant: ModelLike,
-    rate: float = 1000.0,
-    bandwidth: float = 10.0,
-    encoder: float | None = None,
-    delay: int = 0,
-    current_loop: float | None = None,
-    payload: Payload | float | str | None = None,
-    elastic_gears: bool = False,
     columns: MappingLike | None = None,
     duration: float | None = None,
+    settings: ControlSettings | None = None,
     progress: Watch = None,
+    **options: Any,
 ) -> Comparison:
     """Compare tracking with the prior, the base parameters and the identified model.
 
     Every controller runs with every model on the plant, all tuned alike: what differs is what they
     know of the robot. Arguments and errors are those of `simulate`.
     """
+    asked = with_options(settings or ControlSettings(), options, "compare_controllers")
     with watched(progress, "compare") as say:
-        on = conditions(
-            model, motion, plant=plant, rate=rate, bandwidth=bandwidth, encoder=encoder,
-            delay=delay, current_loop=current_loop, payload=payload, elastic_gears=elastic_gears,
-            columns=columns, duration=duration, progress=say,
-        )  # fmt: skip
+        on = conditions(asked, model, motion, plant, columns, duration, say)
         problems, models = of_motion(on.loaded.model_at(0.0), on.motion), candidates(on.model)
-        runs = compare(on.plant, models, on.motion, on.drives, bandwidth, say, on.payload)
+        runs = compare(on.plant, models, on.motion, on.drives, on.bandwidth, say, on.payload)
     return Comparison(on, models, runs, problems)
 
 
 def conditions(
+    asked: ControlSettings,
     model: ModelLike,
     motion: RecordingLike | Motion | Trajectory,
-    *,
     plant: ModelLike | None,
-    rate: float,
-    bandwidth: float,
-    encoder: float | None,
-    delay: int,
-    current_loop: float | None,
-    payload: Payload | float | str | None,
-    elastic_gears: bool,
     columns: MappingLike | None,
     duration: float | None,
     progress: Progress,
 ) -> Conditions:
     """What `simulate` and `compare_controllers` try controllers on; arguments as there."""
-    positive("--rate", rate, (10.0, 1e5))
-    positive("--bandwidth", bandwidth, (0.01, rate / 10))
-    positive("--encoder", encoder or None, (0.0, 1.0))
-    positive("--current-loop", current_loop, (1.0, 1e5))
-    step = ENCODER_STEP if encoder is None else encoder
-    drives = Drives(rate, step, delay, current_loop=current_loop or math.inf)
-    held = as_payload(payload)
+    step = ENCODER_STEP if asked.encoder is None else asked.encoder
+    drives = Drives(asked.rate, step, asked.delay, current_loop=asked.current_loop or math.inf)
+    bandwidth, held = asked.bandwidth, as_payload(asked.payload)
     known = load(model)
     moved = known if plant is None else load(plant)
     _require_alike(moved.robot, known.robot, plant)
-    robot = Plant(moved, elastic=elastic_gears)
+    robot = Plant(moved, elastic=asked.elastic_gears)
     kinematics = compiled(known.robot).kinematics
     if isinstance(motion, Motion):
         length = duration or getattr(motion, "duration", 0.0) or getattr(motion, "period", 0.0)
@@ -307,26 +270,6 @@ def conditions(
     path, log = open_trajectory(source, kinematics, as_mapping(columns))
     warnings = tuple(f"{source}: {text}" for text in log.warnings)
     return Conditions(known, robot, path, log.path.name, drives, bandwidth, held, warnings)
-
-
-def as_payload(given: Payload | float | str | None) -> Payload | None:
-    """A load from kilograms, or from text such as '1.5±0.1'.
-
-    Raises:
-        DeltaidError: it is no mass, or none that a robot carries.
-    """
-    if given is None or isinstance(given, Payload):
-        return given
-    text = str(given)
-    found = _PAYLOAD.fullmatch(text.strip())
-    if found is None:
-        cure = "give kilograms, with a standard deviation or without: 1.5 or 1.5±0.1"
-        raise DeltaidError(f"'{text[:40]}' is no mass", where="--payload", cure=cure)
-    mass, std = float(found[1]), float(found[2] or 0.0)
-    if not 0 < mass < _HEAVY or not std <= mass:
-        cure = "give kilograms; the standard deviation is no more than the mass"
-        raise DeltaidError(f"'{text[:40]}' is no load of a robot", where="--payload", cure=cure)
-    return Payload(mass, std)
 
 
 def _require_alike(plant: RobotDescription, robot: RobotDescription, source: object) -> None:

@@ -1,6 +1,6 @@
 """From a robot to a motion that makes its parameters visible: the whole of Sec. IV."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import count
 from pathlib import Path
 from threading import Event
@@ -12,7 +12,7 @@ from jaxtyping import Float
 from deltaid.dynamics.dynamics import Dynamics, compiled
 from deltaid.dynamics.limits import torque_limits
 from deltaid.dynamics.parameters import prior_parameters
-from deltaid.errors import unknown
+from deltaid.errors import with_options
 from deltaid.estimation.base_parameters import BaseParameters
 from deltaid.estimation.objective import parameter_scale
 from deltaid.identification.generic_motion import random_motion_base
@@ -127,11 +127,8 @@ def excite(
     Raises:
         DeltaidError: there is no such setting, or the limits leave no room.
     """
-    asked = settings or ExcitationSettings()
-    for name in options:
-        if not hasattr(asked, name):
-            raise unknown(name, vars(asked), "setting", "excite")
-    return Exciter(robot, replace(asked, **options)).optimise(stop, progress)
+    asked = with_options(settings or ExcitationSettings(), options, "excite")
+    return Exciter(robot, asked).optimise(stop, progress)
 
 
 class Exciter(Shown, Plotted):
