@@ -24,8 +24,6 @@ from deltaid.robot.description import RobotDescription
 from deltaid.robot.load import RobotLike, described, load_yaml, save_yaml
 from deltaid.shown import Plotted, Reported, Shown, Tabled
 
-# Half width of a 95 % interval, in standard deviations.
-WIDE = 1.96
 # Parts are off by less [m, rad], or they are of another robot.
 _FARTHEST, _STEEPEST = 0.1, 0.3
 # Noise that is so many times as large as stated is doubted.

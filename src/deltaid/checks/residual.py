@@ -15,7 +15,7 @@ from threadpoolctl import threadpool_limits
 from deltaid.checks.evidence import Evidence
 from deltaid.effects.all import effect_of
 from deltaid.effects.effect import Cause, DescribedEffect, causes_of
-from deltaid.effects.lag_columns import UnknownLag
+from deltaid.effects.lag_columns import APART, UnknownLag
 from deltaid.estimation.spectra import bandwidth, density
 from deltaid.identification.loads import load_change
 from deltaid.identification.study import Study, longest, rests, spoilt, unexplained
@@ -43,8 +43,6 @@ _HARMS = 0.003
 # as large: a slow motion determines a lag by its reversals alone, where encoder steps and friction
 # near rest interfere.
 _UNKNOWN, _WIDE, _CLEAR = 1e-3, 3e-4, 4.0
-# Lags of drives differ by more than this at least [ms].
-_APART = 0.3
 # What no cause explains is said and not doubtful below this share of a drive's torque, which the
 # ripple of a good drive makes.
 _LITTLE = 0.01
@@ -206,7 +204,7 @@ def _differing_lags(study: Study, cost: str, grade: Grade) -> Verdict:
         f"{abs(lag):.2g} ± {half:.1g} ms {_late(lag)}"
         for lag, half in zip(values, halves, strict=True)
     ]
-    differing = np.abs(values - common) > np.maximum(halves, _APART)
+    differing = np.abs(values - common) > np.maximum(halves, 1e3 * APART)
     return _LAG.poor(
         "torques and positions do not agree in time, and drives differ: "
         f"{_by_drive(drives, lags)}; {cost}",

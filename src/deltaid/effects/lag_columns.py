@@ -33,7 +33,7 @@ from deltaid.robot.parameter import PRIOR_SPREAD, PriorParameter
 _SIZE = 0.02
 _UNSURE = "; a first-order filter of this time constant would look the same here"
 # Lags that differ by more [s] are reported to do so.
-_APART = 3e-4
+APART = 3e-4
 # Half a 95 % interval in standard deviations.
 NORMAL = 1.96
 
@@ -228,4 +228,4 @@ def _sentence(value: float, spread: float, *, held: bool) -> str:
             f"{text}; only steps of friction show it, other rows ask for another lag: friction "
             "law, load or torque constants are in doubt"
         )
-    return f"{text}; drives differ by {1e3 * spread:.2g} ms" if spread > _APART else text
+    return f"{text}; drives differ by {1e3 * spread:.2g} ms" if spread > APART else text

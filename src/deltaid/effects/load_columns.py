@@ -41,8 +41,8 @@ _ENTRIES = {
     "centre": ("mcx", "mcy", "mcz"),
     "inertia": ("Sxx", "Syy", "Szz", "Sxy", "Syz", "Sxz"),
 }
-# A mass that is known no better than this determines torques worse than torque constants do.
-_SURE = 0.02
+# A mass or gain that is known no better than this determines torques worse than torque constants.
+SURE = 0.02
 # A mass whose interval is wider than so many times itself is hardly known.
 _VAGUE = 1.0
 
@@ -157,7 +157,7 @@ class LoadColumns(Addition):
     @property
     def witness(self) -> str | None:
         mass, tolerance = self.load.mass, self.load.mass_tolerance or 0.0
-        is_known = mass is not None and tolerance <= _SURE * mass
+        is_known = mass is not None and tolerance <= SURE * mass
         return "what the known load weighs and how it resists" if is_known else None
 
     def to_corrections(self, judged: Sequence[Parameter]) -> tuple[Correction, ...]:

@@ -25,7 +25,7 @@ _MOST = 32
 # Time constants after which a filter has forgotten its beginning.
 _FORGOTTEN = 10.0
 # A time step this much longer than the usual one ends a stretch.
-_GAP = 1.5
+GAP = 1.5
 
 Values = Float[np.ndarray, "channels samples"]
 Delay = Float[np.ndarray, " dof"]
@@ -182,7 +182,7 @@ def trace(
     assert recording.low_pass is not None  # positions alone are always filtered
     some = recording.spread(dynamics.kinematics, windows or _MOST)
     joined = _joined([window.own for window in some])
-    gaps = np.flatnonzero(np.diff(joined.time) > _GAP / log.rate) + 1
+    gaps = np.flatnonzero(np.diff(joined.time) > GAP / log.rate) + 1
     stretches = tuple(
         joined.part(slice(first, last))
         for first, last in pairwise([0, *gaps.tolist(), len(joined.time)])

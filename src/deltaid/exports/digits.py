@@ -24,7 +24,7 @@ CONDITION, SHARE = 100.0, 2e-7
 # How far states are drawn about the workspace's box, how many poses, how many are kept.
 _BEYOND, _DRAWN, _KEPT = 2.5, 40_000, 80
 # What one rounding to a float moves a number by at most, as a share of it.
-_ROUNDING = 2.0**-24
+_ROUNDING = float(np.finfo(np.float32).eps) / 2
 # Operations that round nothing, and those that have a form for pairs (`text`).
 _EXACT = {ca.OP_ASSIGN, ca.OP_NEG, ca.OP_TWICE, ca.OP_FABS, ca.OP_IF_ELSE_ZERO}
 PAIRED = _EXACT | {

@@ -15,7 +15,7 @@ from jaxtyping import Bool, Float, Int
 
 from deltaid.dynamics.dynamics import Dynamics, Parameters, Regressor
 from deltaid.dynamics.parameters import parameter_layout
-from deltaid.effects.load_columns import LoadColumns
+from deltaid.effects.load_columns import SURE, LoadColumns
 from deltaid.estimation.additions import Addition, Extended, Own, Values, entries
 from deltaid.estimation.information import active_columns
 from deltaid.model.corrections import Correction
@@ -28,9 +28,6 @@ from deltaid.sensors.about import about, is_of_pose
 from deltaid.sensors.robot_sensors import sensor_rows
 from deltaid.sensors.rows import Pattern, SensorRows
 from deltaid.sensors.weighings import Weighing
-
-# A sensor whose gain is known no better than this determines torques worse than torque constants.
-_SURE = 0.02
 
 PerRow = Float[np.ndarray, "rows samples"]
 
@@ -83,7 +80,7 @@ class SensorAddition(Addition):
 
     @property
     def witness(self) -> str | None:
-        is_sure = self.dynamics.robot.sensors[self.rows.name].gain_tolerance <= _SURE
+        is_sure = self.dynamics.robot.sensors[self.rows.name].gain_tolerance <= SURE
         return f"sensor {self.rows.name}" if is_sure else None
 
     def to_corrections(self, judged: Sequence[Parameter]) -> tuple[Correction, ...]:

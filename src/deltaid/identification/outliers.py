@@ -17,6 +17,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 from scipy.special import bdtrc
 
+from deltaid.estimation.traces import GAP
 from deltaid.identification.expectation import NOISE, Expectation, deviation
 from deltaid.identification.inspected_window import (
     ROUGH,
@@ -37,8 +38,6 @@ _WIDEST = 3.0
 # Of what does not fit, thresholds stay as they are where no more than this share of the stretches
 # beyond them reaches only this part of them.
 _FEW, _NEARLY = 0.5, 0.5
-# A step in time so many times the usual one ends a stretch.
-_GAP = 1.5
 # A stretch belongs to a change of sign within so much time [s] and this share of the low-pass's
 # period; so many must for a drive, this share of its stretches, by chance this unlikely.
 _NEAR, _PERIOD, _FEWEST, _OFTEN, _CHANCE = 6e-3, 0.6, 8, 0.5, 1e-6
@@ -133,13 +132,13 @@ def has_outliers(expected: Expectation, window: Window) -> bool:
 def _outliers(expected: Expectation, windows: Iterable[InspectedWindow | None]) -> Outliers:
     step, inspected = 1.0 / expected.rate, 0
     wider = np.clip(expected.misfit / NOISE, 1.0, _WIDEST)
-    narrow, wide = JoinedStretches(_GAP * step), JoinedStretches(_GAP * step)
+    narrow, wide = JoinedStretches(GAP * step), JoinedStretches(GAP * step)
     changes, spikes = list[list[np.ndarray]](), list[LeftSpan]()
     for part in together(w for w in windows if w is not None and len(w.time)):
         inspected += len(part.time)
         changes.append([part.time[flags] for flags in part.signs])
         local = np.maximum(1.0, deviation(part.size))
-        cuts = np.flatnonzero(np.diff(part.time) > _GAP * step) + 1
+        cuts = np.flatnonzero(np.diff(part.time) > GAP * step) + 1
         for first, last in zip([0, *cuts], [*cuts, len(part.time)], strict=True):
             run = part.part(slice(first, last))
             spikes += [

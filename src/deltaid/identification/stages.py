@@ -11,6 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from deltaid.effects.along_motion import AlongMotion, RippleColumns
+from deltaid.effects.lag_columns import NORMAL
 from deltaid.effects.load_columns import LoadColumns
 from deltaid.errors import RecordingError
 from deltaid.estimation.additions import of_each
@@ -33,9 +34,6 @@ from deltaid.identification.setup import Progress, Setup, Stage
 from deltaid.identification.uncertainty import uncertainty
 from deltaid.identification.warmth import changing_friction
 from deltaid.model.parameter_record import JointTerm
-
-# Half a 95 % interval in standard deviations: a coefficient within it may be zero.
-_MAY_BE_ZERO = 1.96
 
 
 def recordings_studied(setup: Setup, progress: Progress) -> Setup:
@@ -135,7 +133,7 @@ def idle(setup: Setup, problem: FittedProblem) -> Idle:
             effects[addition.load.name] = [places[0]]
     if not (terms or effects):
         return Idle()
-    may_be_zero = np.abs(values) < _MAY_BE_ZERO * uncertainty(freed(problem)).std
+    may_be_zero = np.abs(values) < NORMAL * uncertainty(freed(problem)).std
     return Idle(
         frozenset(term for term, k in terms.items() if may_be_zero[k]),
         frozenset(name for name, places in effects.items() if all(may_be_zero[places])),

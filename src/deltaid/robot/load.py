@@ -21,7 +21,7 @@ from deltaid.robot.yaml_tree import Entry, child, plain, read_tree, yaml_text
 _Model = TypeVar("_Model", bound=BaseModel)
 
 # Bytes. A model file has some 15 kB; what is much larger is a log, and YAML takes minutes over it.
-_LARGEST = 1 << 20
+LARGEST_FILE = 1 << 20
 # A key that every model file has at its left edge, and no robot file.
 _OF_MODELS = re.compile(r"^[\"']?parameters[\"']?\s*:", re.MULTILINE)
 _KINDS = {
@@ -227,8 +227,8 @@ def read_text(path: Path) -> str:
                 cure="give the name of a file in it",
             )
         with path.open("rb") as file:
-            data = file.read(_LARGEST + 1)
-        if len(data) > _LARGEST:
+            data = file.read(LARGEST_FILE + 1)
+        if len(data) > LARGEST_FILE:
             raise DescriptionError(
                 "is too large for a description, mapping or model",
                 where=str(path),

@@ -13,11 +13,9 @@ from pathlib import Path
 from deltaid.errors import DeltaidError
 from deltaid.files import written_whole
 from deltaid.recording.formats import FORMATS
-from deltaid.robot.load import holds_a_model, read_text
+from deltaid.robot.load import LARGEST_FILE, holds_a_model, read_text
 
 RUNS = "runs"
-# Bytes; what is much larger is no file that one edits.
-_LARGEST = 1 << 20
 _TEXT = (".yaml", ".yml")
 _PACKED = (".gz", ".zst", ".zstd")
 # Keys at the left edge of a file of each kind.
@@ -166,7 +164,7 @@ class Folder:
         return [
             (path.name, path.read_text(encoding="utf-8", errors="replace"))
             for path in found
-            if (size := stamp(path)) is not None and size[0] <= _LARGEST
+            if (size := stamp(path)) is not None and size[0] <= LARGEST_FILE
         ]
 
 

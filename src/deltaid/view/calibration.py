@@ -6,18 +6,16 @@ import numpy as np
 import plotly.graph_objects as go
 import polars as pl
 
-from deltaid.calibration.calibrate import WIDE, Calibration
+from deltaid.calibration.calibrate import Calibration
 from deltaid.calibration.instruments import KINDS
 from deltaid.calibration.next_readings import NextReadings
 from deltaid.calibration.unknowns import TOOL, WORDS
 from deltaid.view import style
 from deltaid.view.drawing import drawing
-from deltaid.view.numbers import percent, with_uncertainty
+from deltaid.view.numbers import FEW, WIDTH, percent, with_uncertainty
 from deltaid.view.page import Fact, Figure, Page, Section, Summary, Table, Text, Trust
 from deltaid.view.show import Card
 
-# Excluded rows that a line names.
-_ROWS = 3
 # Units that numbers are shown in: 1000 to m and rad, per mille.
 _SHOWN = {"m": "mm", "rad": "mrad", "": "‰"}
 
@@ -32,8 +30,8 @@ def session_lines(found: Calibration) -> list[str]:
         left = f"residual {1e3 * x.residual:.2g} mm ({noise})"
         lines.append(f"{x.source}: {x.readings} {KINDS[x.kind].readings}, {left}")
         if x.excluded:
-            more = f"; and {len(x.excluded) - _ROWS} more" if len(x.excluded) > _ROWS else ""
-            lines.append(f"  excluded {'; '.join(x.excluded[:_ROWS])}{more}")
+            more = f"; and {len(x.excluded) - FEW} more" if len(x.excluded) > FEW else ""
+            lines.append(f"  excluded {'; '.join(x.excluded[:FEW])}{more}")
     if (torques := found.known.torques) is not None:
         own = [name for name, by in zip(found.names, found.decided, strict=True) if by == "torques"]
         noise = f", {torques.grown:.2g}× their noise" if torques.grown > 1 else ""
@@ -46,9 +44,9 @@ def next_line(plan: NextReadings, currency: str) -> str:
     places = [
         " to ".join(f"({', '.join(f'{1e3 * value:.0f}' for value in end)})" for end in ends)
         + (f" on {1e3 * block:.0f}" if block else "")
-        for ends, block in zip(plan.poses[:_ROWS], plan.blocks, strict=False)
+        for ends, block in zip(plan.poses[:FEW], plan.blocks, strict=False)
     ]
-    more = ", …" if len(plan.poses) > _ROWS else ""
+    more = ", …" if len(plan.poses) > FEW else ""
     what = f"best for its price, {plan.cost:.0f} {currency}: {plan.name}, "
     what += f"{len(plan.poses)} {KINDS[plan.kind].readings}"
     return f"{what} at {', '.join(places)}{more} mm"
@@ -83,7 +81,7 @@ def number_table(found: Calibration) -> Table:
             continue
         at = [k for name in (tools if kind in tools else [kind]) for k in found.known.of_kind(name)]
         unit = _SHOWN[found.known.numbers[at[0]].unit]
-        values = (1e3 * np.array([found.values[at], WIDE * found.std[at]])).T.tolist()
+        values = (1e3 * np.array([found.values[at], WIDTH * found.std[at]])).T.tolist()
         cells = ["±".join(filter(None, with_uncertainty(value, half))) for value, half in values]
         decided = found.sources[int(np.argmax(found.shares[:, at].sum(axis=1)))]
         label = "tool x, y, z" if kind in tools else WORDS[kind]

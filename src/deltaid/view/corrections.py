@@ -18,7 +18,7 @@ from deltaid.model.parameter_record import HeldLoad
 from deltaid.model.record import IdentifiedModel
 from deltaid.robot.body import body_in_words
 from deltaid.view.model_tables import MEASURED, value_and_width
-from deltaid.view.numbers import in_words, number, percent, with_uncertainty
+from deltaid.view.numbers import FEW, in_words, number, percent, with_uncertainty
 from deltaid.view.page import Section, Table
 
 # Units that are shown by a thousandth, with what they then are called.
@@ -35,8 +35,6 @@ _EVENT_COLUMNS = (
     "force on it x, y, z [N]",
     "|F| [N]",
 )
-# Spans that a cell lists.
-_SPANS = 3
 # Events that a page lists.
 _EVENTS = 200
 
@@ -238,8 +236,8 @@ def left_out_table(logs: Iterable[tuple[str, Sequence[LeftOut]]]) -> Table | Non
             part.reason,
             ", ".join(drive.removeprefix("drive") for drive in part.drives),
             percent(part.share),
-            ", ".join(f"{span.start:.3f}–{span.end:.3f}" for span in part.spans[:_SPANS])
-            + (f" and {rest} more" if (rest := len(part.spans) + part.more - _SPANS) > 0 else ""),
+            ", ".join(f"{span.start:.3f}–{span.end:.3f}" for span in part.spans[:FEW])
+            + (f" and {rest} more" if (rest := len(part.spans) + part.more - FEW) > 0 else ""),
         )
         for name, parts in logs
         for part in parts

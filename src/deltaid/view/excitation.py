@@ -6,6 +6,7 @@ import polars as pl
 from jaxtyping import Bool, Float
 
 from deltaid.motion.excitation.excite import Excitation, Exciter, LimitUse
+from deltaid.motion.excitation.plot import SAMPLES
 from deltaid.motion.excitation.run import Run, sample_run
 from deltaid.motion.fourier import FourierMotion
 from deltaid.view import style
@@ -16,8 +17,6 @@ from deltaid.view.page import Fact, Figure, Page, Section, Summary, Table, Text,
 from deltaid.view.robots import robot_figure
 from deltaid.view.show import Card
 
-# Points over time that a figure draws quickly.
-_SAMPLES = 2000
 # A limit that a search has reached counts as kept.
 _ROUNDING = 1e-6
 
@@ -51,7 +50,7 @@ def excitation_page(result: Excitation) -> Page:
         ("starts", str(settings.starts)),
         ("seed", str(settings.seed)),
     )
-    time = np.linspace(0, run.duration, max(_SAMPLES, int(50 * run.duration)))
+    time = np.linspace(0, run.duration, max(SAMPLES, int(50 * run.duration)))
     moving = animation(
         exciter.dynamics.kinematics,
         ShownMotion(time, run.evaluate(time)[0]),
@@ -113,7 +112,7 @@ def exciter_figure(exciter: Exciter) -> go.Figure:
 
 def _over_time(result: Excitation) -> Figure:
     run, dynamics = result.run, result.exciter.dynamics
-    time = np.linspace(0, run.duration, _SAMPLES)
+    time = np.linspace(0, run.duration, SAMPLES)
     z, zd, zdd = run.evaluate(time)
     q, qd, _ = dynamics.kinematics.drive_motion(z, zd, zdd)
     units = dynamics.robot.drive_units
@@ -125,7 +124,7 @@ def _over_time(result: Excitation) -> Figure:
         ("platform [m]", z[:, task.moves], axes),
         ("{0.motion} [{0.shown}]", q * shown, turns),
         ("speed [{0.shown}/s]", qd * shown, turns),
-        ("{0.effort} [{0.force}]", result.exciter.preview(run, _SAMPLES), turns),
+        ("{0.effort} [{0.force}]", result.exciter.preview(run, SAMPLES), turns),
     ]
     foreign = np.array([u != first for u in units.values()])
     figure = style.stacked(

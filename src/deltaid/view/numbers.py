@@ -8,6 +8,8 @@ _WORDS = (
 )  # fmt: skip
 # Half the 95 % interval of a normal distribution, in standard deviations.
 WIDTH = 1.96
+# So many of several a line names before it counts the others.
+FEW = 3
 # Numbers within these are written without a power of ten.
 _SMALL, _LARGE = 1e-4, 1e6
 

@@ -13,7 +13,7 @@ from deltaid.identification.torque_error import TorqueError
 from deltaid.model.model import Model, load
 from deltaid.model.record import Fit, IdentifiedModel, Verification
 from deltaid.view.corrections import corrected
-from deltaid.view.numbers import in_words, number, percent
+from deltaid.view.numbers import FEW, in_words, number, percent
 from deltaid.view.page import Section, Summary, Table, Text, Trust
 
 # Torque errors, rms as a share of the torque's own rms, of the worst drive. Feed-forward with a
@@ -21,8 +21,6 @@ from deltaid.view.page import Section, Summary, Table, Text, Trust
 # much as friction or a load usually is, something is missing in the model.
 GOOD_WITHIN, FAIR_WITHIN = 0.05, 0.15
 _Errors = TorqueError | Verification
-# Doubts that are told in words; more are counted.
-_TOLD = 3
 _DOUBT = "Doubtful: "
 _ONLY = "only within"
 _CAUSE = re.compile(r"[;.] +(?:likeliest|deltaid check|identify |take |weigh )", re.IGNORECASE)
@@ -151,8 +149,8 @@ def _scale(model: IdentifiedModel) -> tuple[str, ...]:
 
 
 def _doubts(doubts: Sequence[str]) -> list[str]:
-    lines = [f"{_DOUBT}{_CAUSE.split(text)[0].rstrip('.')}." for text in doubts[:_TOLD]]
-    more = len(doubts) - _TOLD
+    lines = [f"{_DOUBT}{_CAUSE.split(text)[0].rstrip('.')}." for text in doubts[:FEW]]
+    more = len(doubts) - FEW
     return lines + [f"{_DOUBT}{_count(more, 'more thing')}, listed in the warnings."] * (more > 0)
 
 

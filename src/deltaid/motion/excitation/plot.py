@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 # Samples of a curve; a picture is not wider.
-_SAMPLES = 2000
+SAMPLES = 2000
 
 
 def require_matplotlib() -> None:
@@ -49,13 +49,13 @@ def plot_run(exciter: Exciter, run: Run, file_format: str) -> bytes:
     FigureCanvasAgg(figure)
     panels: Any = figure.subfigures(1, 2, width_ratios=(1, 2))
     left, right = panels
-    time = np.linspace(0, run.duration, _SAMPLES)
+    time = np.linspace(0, run.duration, SAMPLES)
     z, zd, zdd = run.evaluate(time)
     q, qd, _ = exciter.dynamics.kinematics.drive_motion(z, zd, zdd)
     _draw_path(left.subplots(2, 1), z)
     units = exciter.dynamics.robot.drive_units
     shown = np.array([u.per_shown for u in units.values()])
-    rows = (q * shown, qd * shown, exciter.preview(run, _SAMPLES))
+    rows = (q * shown, qd * shown, exciter.preview(run, SAMPLES))
     labels = ("{0.motion} [{0.shown}]", "speed [{0.shown}/s]", "{0.effort}, predicted [{0.force}]")
     axes = right.subplots(3, 1, sharex=True)
     for axis, values, label in zip(axes, rows, labels, strict=True):

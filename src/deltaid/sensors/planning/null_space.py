@@ -16,14 +16,13 @@ from jaxtyping import Bool, Float
 
 from deltaid.dynamics.dynamics import Dynamics
 from deltaid.dynamics.parameters import ParameterLayout
+from deltaid.estimation.problem import DEPENDENT
 from deltaid.mechanism.platform import with_turned_half
 from deltaid.sensors.planning.exchange import Exchange, exchanges
 from deltaid.sensors.planning.rows import Extended, PlannedMotion
 from deltaid.sensors.planning.shared_points import instances
 from deltaid.sensors.planning.uses import Use
 
-# A column or a singular value below this share of the largest is zero.
-_ZERO = 1e-9
 # A direction that rows see by less than this share of what they see of its entries is not seen.
 _UNSEEN = 1e-8
 # A direction is another one than those before if so much of it is not along them.
@@ -92,10 +91,10 @@ def null_space(
     scale = np.array([parameter.scale for parameter in layout.parameters])
     scaled = rows * scale
     norms = np.linalg.norm(scaled, axis=0)
-    seen = norms > _ZERO * norms.max(initial=0.0)
+    seen = norms > DEPENDENT * norms.max(initial=0.0)
     unit = scaled[:, seen] / norms[seen]
     _, S, Vt = np.linalg.svd(unit)
-    rank = int(np.sum(_ZERO * S[0] < S))
+    rank = int(np.sum(DEPENDENT * S[0] < S))
     to_p = scale[seen] / norms[seen]
     chosen, basis = list[Open](), np.zeros((int(seen.sum()), 0))
     for exchange in (*exchanges, *_together(unit, to_p, seen, exchanges)):
@@ -145,9 +144,9 @@ def whole_null_space(
     """A basis of all that rows do not see, whether by sums or at all, in units of the scales."""
     scaled = rows * np.array([parameter.scale for parameter in layout.parameters])
     norms = np.linalg.norm(scaled, axis=0)
-    norms[norms <= _ZERO * norms.max(initial=0.0)] = np.inf
+    norms[norms <= DEPENDENT * norms.max(initial=0.0)] = np.inf
     _, S, Vt = np.linalg.svd(scaled / norms)
-    rank = int(np.sum(_ZERO * S[0] < S))
+    rank = int(np.sum(DEPENDENT * S[0] < S))
     return Vt[rank:].T / np.where(np.isfinite(norms), norms, 1.0)[:, None]
 
 
@@ -181,7 +180,7 @@ def _left(
         others = np.arange(len(rows)) != k
         rows[others] -= np.outer(rows[others, pivot], rows[k])
         pivots.append(pivot)
-    yield from np.where(np.abs(rows[-count:]) > _ZERO, rows[-count:], 0.0)
+    yield from np.where(np.abs(rows[-count:]) > DEPENDENT, rows[-count:], 0.0)
 
 
 # Poses that tell which points bodies share.
