@@ -15,7 +15,7 @@ from scipy.stats import rankdata
 from threadpoolctl import threadpool_limits
 
 from deltaid.dynamics.parameters import parameter_layout
-from deltaid.errors import DeltaidError, DescriptionError, IdentificationError
+from deltaid.errors import DeltaidError, DescriptionError, IdentificationError, within
 from deltaid.estimation.posterior_density import density
 from deltaid.estimation.posterior_sampler import Chains
 from deltaid.estimation.reduction import connected
@@ -59,10 +59,8 @@ def draw(model: Model, n: int, seed: int = 0, limb_tolerance: float = 0.0) -> Sa
         DescriptionError: the model is a robot at its prior, or of a version that kept no posterior.
         IdentificationError: the chains do not agree, so their draws are not of the posterior.
     """
-    bounded = ("n", n, SAMPLES_LIMITS), ("limb_tolerance", limb_tolerance, TOLERANCE_LIMITS)
-    for name, value, (low, high) in bounded:
-        if not low <= value <= high:
-            raise DeltaidError(f"must lie between {low:g} and {high:g}, not {value:g}", where=name)
+    within("n", n, SAMPLES_LIMITS)
+    within("limb_tolerance", limb_tolerance, TOLERANCE_LIMITS)
     if seed < 0:
         raise DeltaidError(f"must not be negative, and is {seed}", where="seed")
     if model.identified is None:

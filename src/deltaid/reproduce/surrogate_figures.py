@@ -23,8 +23,7 @@ def identified(prior: str) -> str:
 
 def parameters_figure(result: Reproduction) -> Figure:
     """Fig. 3: regularisations and identified values of all free parameters, over the true ones."""
-    reduction = result.fits[0].identification.problem.reduction
-    free = np.flatnonzero(np.any(reduction.A != 0, axis=1) & (result.truth != 0))
+    free = result.free
     names, truth = [result.dynamics.layout.names[i] for i in free], result.truth[free]
     figure = go.Figure()
     for prior, symbol in (("RG1", "triangle-left"), ("RG2", "triangle-right")):

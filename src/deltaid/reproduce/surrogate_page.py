@@ -172,8 +172,7 @@ def _effort(fit: SurrogateFit) -> tuple[str, ...]:
 
 
 def _parameters(result: Reproduction) -> Section:
-    reduction = result.fits[0].identification.problem.reduction
-    free = np.flatnonzero(np.any(reduction.A != 0, axis=1) & (result.truth != 0))
+    free = result.free
     fits = [result.fit(prior, noisy=noisy) for prior in result.priors for noisy in (False, True)]
     heads, columns = ["nominal"], [result.truth]
     for fit in fits:

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 import polars as pl
+from jaxtyping import Int
 
 from deltaid.dynamics.dynamics import Dynamics, Parameters
 from deltaid.estimation.conic import SOLVERS
@@ -153,6 +154,12 @@ class Reproduction:
     descents: dict[str, Descents] = field(default_factory=dict[str, Descents])
     sweeps: tuple[Sweep, ...] = ()
     seconds: float = 0.0
+
+    @property
+    def free(self) -> Int[np.ndarray, " free"]:
+        """Parameters that fits choose and whose truth is not zero."""
+        reduction = self.fits[0].identification.problem.reduction
+        return np.flatnonzero(np.any(reduction.A != 0, axis=1) & (self.truth != 0))
 
     def fit(self, prior: str, *, noisy: bool, method: Method = "conic") -> SurrogateFit:
         """One of the fits."""

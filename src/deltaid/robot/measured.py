@@ -15,6 +15,16 @@ Count = Annotated[int, Field(ge=1, le=1000)]
 _QUANTITIES = ("mass", "first_moment", "centre", "inertia")
 
 
+def require_axis(quantity: str, axis: str | Vector | None, ways: str) -> None:
+    """Refuse an axis of a mass, none of anything else, and one without a direction."""
+    if quantity == "mass" and axis is not None:
+        raise ValueError("a mass has no axis; leave it out")
+    if quantity != "mass" and axis is None:
+        raise ValueError(f"{quantity} needs its axis: {ways}")
+    if not isinstance(axis, str) and axis is not None and not any(axis):
+        raise ValueError("axis has no direction")
+
+
 class Measured(Part):
     """One measured value of a body, in its link frame, with its standard deviation.
 
@@ -56,12 +66,7 @@ class Measured(Part):
             raise ValueError(
                 f"gives {' and '.join(given) or 'no value'}: give one of {', '.join(_QUANTITIES)}"
             )
-        if given == ["mass"] and self.axis is not None:
-            raise ValueError("a mass has no axis; leave it out")
-        if given != ["mass"] and self.axis is None:
-            raise ValueError(f"{given[0]} needs its axis: x, y, z or a direction")
-        if not isinstance(self.axis, str) and self.axis is not None and not any(self.axis):
-            raise ValueError("axis has no direction")
+        require_axis(given[0], self.axis, "x, y, z or a direction")
         if given != ["inertia"] and any(self.about):
             raise ValueError("about is for inertia alone")
         return self

@@ -20,7 +20,7 @@ from deltaid.estimation.problem import DEPENDENT
 from deltaid.mechanism.platform import with_turned_half
 from deltaid.sensors.planning.exchange import Exchange, exchanges
 from deltaid.sensors.planning.rows import Extended, PlannedMotion
-from deltaid.sensors.planning.shared_points import instances
+from deltaid.sensors.planning.shared_points import eliminate, instances
 from deltaid.sensors.planning.uses import Use
 
 # A direction that rows see by less than this share of what they see of its entries is not seen.
@@ -176,9 +176,7 @@ def _left(
         free = np.ones(rows.shape[1], dtype=bool)
         free[pivots] = False
         pivot = int(np.argmax(np.abs(rows[k]) * free))
-        rows[k] /= rows[k, pivot]
-        others = np.arange(len(rows)) != k
-        rows[others] -= np.outer(rows[others, pivot], rows[k])
+        eliminate(rows, k, pivot)
         pivots.append(pivot)
     yield from np.where(np.abs(rows[-count:]) > DEPENDENT, rows[-count:], 0.0)
 

@@ -12,7 +12,7 @@ from typing import Annotated, Literal
 from pydantic import Field, model_validator
 
 from deltaid.robot.load import load_yaml, parse
-from deltaid.robot.measured import Axis, Count, MeasuredTogether, Placed
+from deltaid.robot.measured import Axis, Count, MeasuredTogether, Placed, require_axis
 from deltaid.robot.part import NotNegative, Part, Point, Positive, Vector
 from deltaid.robot.sensors import Sensor, Share
 from deltaid.shown import Shown
@@ -57,18 +57,11 @@ class Weigh(Part):
     def _check(self) -> "Weigh":
         if self.std == 0 and self.share == 0:
             raise ValueError("gives neither std nor share; nothing is measured exactly")
-        if self.quantity == "mass" and self.axis is not None:
-            raise ValueError("a mass has no axis; leave it out")
-        if self.quantity != "mass" and self.axis is None:
-            raise ValueError(
-                f"{self.quantity} needs its axis: x, y, z, along, across or a direction"
-            )
+        require_axis(self.quantity, self.axis, "x, y, z, along, across or a direction")
         if self.quantity == "centre" and self.std == 0:
             raise ValueError("centre needs std, in m; a share of a position means nothing")
         if self.quantity == "centre" and self.of == LIMB:
             raise ValueError(f"centre of a {LIMB} means nothing; say of which bodies, and where")
-        if not isinstance(self.axis, str) and self.axis is not None and not any(self.axis):
-            raise ValueError("axis has no direction")
         return self
 
 

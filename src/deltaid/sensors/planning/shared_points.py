@@ -123,8 +123,13 @@ def _upright(free: Float[np.ndarray, "free 6"]) -> Float[np.ndarray, "free 6"]:
         if abs(rows[at, column]) < _ZERO:
             continue
         rows[[done, at]] = rows[[at, done]]
-        rows[done] /= rows[done, column]
-        others = np.arange(len(rows)) != done
-        rows[others] -= np.outer(rows[others, column], rows[done])
+        eliminate(rows, done, column)
         done += 1
     return rows
+
+
+def eliminate(rows: Float[np.ndarray, "rows columns"], k: int, column: int) -> None:
+    """Make, in place, a column 1 in row k and 0 in all others, by multiples of that row."""
+    rows[k] /= rows[k, column]
+    others = np.arange(len(rows)) != k
+    rows[others] -= np.outer(rows[others, column], rows[k])
