@@ -31,9 +31,10 @@ if TYPE_CHECKING:
     from deltaid.exports.files import export
     from deltaid.exports.jax_functions import JaxFunctions, jax_functions
     from deltaid.fleets.run import FleetRun, fleet
+    from deltaid.identification.feed_forward import FeedForward, torque
     from deltaid.identification.generic_motion import base
     from deltaid.identification.identify import Identification
-    from deltaid.identification.prediction import FeedForward, Validation, torque, validate
+    from deltaid.identification.prediction import Validation, validate
     from deltaid.joint_forces.constraint_forces import ConstraintForces
     from deltaid.joint_forces.forces import Forces, forces
     from deltaid.mechanism.kinematics import Kinematics
@@ -113,7 +114,7 @@ _HOME = {
     "excite": "deltaid.motion.excitation.excite",
     "export": "deltaid.exports.files",
     "forces": "deltaid.joint_forces.forces",
-    "FeedForward": "deltaid.identification.prediction",
+    "FeedForward": "deltaid.identification.feed_forward",
     "Forces": "deltaid.joint_forces.forces",
     "SensorNoise": "deltaid.motion.surrogate",
     "FleetRun": "deltaid.fleets.run",
@@ -135,7 +136,7 @@ _HOME = {
     "sensor_plan": "deltaid.sensors.planning.plan",
     "step_through": "deltaid.control.simulation",
     "use_mechanism": "deltaid.mechanism.user_code",
-    "torque": "deltaid.identification.prediction",
+    "torque": "deltaid.identification.feed_forward",
     "validate": "deltaid.identification.prediction",
 }
 

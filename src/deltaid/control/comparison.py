@@ -16,7 +16,8 @@ from deltaid.control.controllers import (
 from deltaid.control.infeasible import MotionProblem, of_tracking
 from deltaid.control.options import ControllerName
 from deltaid.control.plant import Payload, Plant, as_plant
-from deltaid.control.tracking import Drives, Tracking, Trajectory, track
+from deltaid.control.tracking import Drives, Tracking, track
+from deltaid.control.trajectory import Trajectory
 from deltaid.dynamics.dynamics import Parameters
 from deltaid.dynamics.parameters import parameter_layout, prior_parameters
 from deltaid.errors import DeltaidError

@@ -14,16 +14,8 @@ from deltaid.control.controllers import ControlModel
 from deltaid.control.infeasible import MotionProblem, of_motion, of_tracking
 from deltaid.control.options import ControllerName, ControlSettings
 from deltaid.control.plant import Payload, Plant, as_payload
-from deltaid.control.tracking import (
-    ENCODER_STEP,
-    Drives,
-    MotionTrajectory,
-    Tracking,
-    TrackingError,
-    Trajectory,
-    open_trajectory,
-    track,
-)
+from deltaid.control.tracking import ENCODER_STEP, Drives, Tracking, TrackingError, track
+from deltaid.control.trajectory import MotionTrajectory, Trajectory, open_trajectory
 from deltaid.dynamics.dynamics import compiled
 from deltaid.errors import DeltaidError, with_options
 from deltaid.model.model import Model, ModelLike, load

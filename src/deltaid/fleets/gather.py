@@ -22,7 +22,7 @@ from deltaid.fleets.factor_file import ENDING, FactorFile, digest, read_key, saf
 from deltaid.fleets.factor_record import FactorGroup, FactorGroups, RecordingFactors, record_of
 from deltaid.identification.fit import FittedProblem, Progress
 from deltaid.identification.gathering import gather
-from deltaid.identification.least_squares import geometric_rows
+from deltaid.identification.geometric_rows import geometric_rows
 from deltaid.identification.measured_rows import MeasuredRows
 from deltaid.identification.warmth import Warmth
 from deltaid.model.record import Settings

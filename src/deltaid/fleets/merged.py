@@ -19,7 +19,7 @@ from deltaid.fleets.factor_record import FactorGroups
 from deltaid.identification.fit import FittedProblem, fit_to
 from deltaid.identification.friction_constants import LawConstants
 from deltaid.identification.gathering import Gathered, balanced
-from deltaid.identification.least_squares import GeometricRows, shifted
+from deltaid.identification.geometric_rows import GeometricRows, shifted
 from deltaid.identification.loads import Held, joined
 from deltaid.identification.widening import widened
 from deltaid.model.record import Settings

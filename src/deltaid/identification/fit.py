@@ -17,7 +17,8 @@ from deltaid.estimation.information import Information
 from deltaid.estimation.objective import Objective, Solution, noise_level, pose
 from deltaid.estimation.reduction import Reduction, build_reduction
 from deltaid.identification.gathering import Gathered, gather_balanced
-from deltaid.identification.least_squares import BaseEstimate, Geometry, estimate_base, geometry
+from deltaid.identification.geometric_rows import Geometry, geometry
+from deltaid.identification.least_squares import BaseEstimate, estimate_base
 from deltaid.model.record import Settings
 from deltaid.progress import Progress
 from deltaid.recording.recording import PreparedRecording

@@ -3,53 +3,31 @@
 p_B = (Y_BᵀWY_B)⁻¹ Y_BᵀW τ̄, solved by QR from the information. The weight W is the identity
 (ordinary), diag(τ_max)⁻² (weighted) or Σ⁻¹ with the covariance Σ of the drives' torque residuals
 (Gauss–Markov, of least variance when the noise is white in time).
-
-What a robot's tolerances do to identified parameters follows by linearisation. A machine whose
-lengths, zeros and mounting are off by δg has torques D δg that the description does not know of,
-D = dτ/dg (`dynamics.geometry`). Least squares takes them for
-
-    δp_B = (Y_BᵀWY_B)⁻¹ Y_BᵀW D δg
-
-and the fit with a prior as much of these as of all other data. D is evaluated
-at the fitted parameters, at some samples spread over the beginning of the recordings.
 """
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from itertools import islice
 from typing import Literal
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Float
 from threadpoolctl import threadpool_limits
 
 from deltaid.dynamics.dynamics import Dynamics, Parameters
-from deltaid.dynamics.geometry import Error, geometric_errors
 from deltaid.dynamics.parameters import prior_parameters
 from deltaid.errors import IdentificationError, RecordingError
-from deltaid.estimation.additions import Addition, Extended, extended
 from deltaid.estimation.base_parameters import BaseParameters, base_parameters
-from deltaid.estimation.information import Information, active_columns
+from deltaid.estimation.information import Information
 from deltaid.estimation.objective import parameter_scale
-from deltaid.estimation.problem import LinearProblem, lengths
+from deltaid.estimation.problem import LinearProblem
 from deltaid.estimation.scatter import Noise, half_width, inverse, observe, quantile
 from deltaid.identification.gathering import Gathered, gather_all, gather_balanced
-from deltaid.identification.measured_rows import MeasuredRows
+from deltaid.identification.geometric_rows import geometry
 from deltaid.identification.torque_error import torque_error
 from deltaid.model.options import LeastSquaresMethod
 from deltaid.recording.mapping import ColumnMappings
 from deltaid.recording.memory import RecordingLike
 from deltaid.recording.recording import PreparedRecording, open_recordings
-from deltaid.robot.tolerances import Tolerances
-from deltaid.sensors.about import RowsAbout
-from deltaid.sensors.geometry import sensor_errors
-from deltaid.sensors.rows import GraphRows
-
-# Of each recording at most so many windows and seconds of its beginning, and of these so many
-# samples.
-_WINDOWS, _SECONDS, _SAMPLES = 32, 40.0, 1500
-# Weight of all information relative to these samples, which may determine less.
-_BESIDE = 1e-3
 
 
 @dataclass(frozen=True)
@@ -174,142 +152,3 @@ def _whitening(
             cure="use weighted least squares",
         ) from None
     return inverse(L.T).T
-
-
-@dataclass(frozen=True, eq=False)
-class Geometry:
-    """Quantities that may be off, and what one standard deviation of each shifts least-squares
-    base parameters by."""
-
-    names: tuple[str, ...]
-    shifts: Float[np.ndarray, "base quantities"]
-
-    def beside(self, base: BaseParameters, moves: Sequence[Mapping[str, float]]) -> "Geometry":
-        """With other causes, of which each moves parameters, by name, by one standard deviation."""
-        names = base.layout.names
-        parameters = np.array([[move.get(name, 0.0) for name in names] for move in moves])
-        shifts = base.combination() @ parameters.reshape(-1, len(names)).T
-        causes = tuple(f"cause {k + 1}" for k in range(len(moves)))
-        return Geometry((*self.names, *causes), np.hstack([self.shifts, shifts]))
-
-
-@dataclass(frozen=True, eq=False)
-class GeometricRows:
-    """Some filtered samples, those of one drive after those of the other, weighted as in a fit."""
-
-    Y: Float[np.ndarray, "rows columns"]  # active columns
-    tau: Float[np.ndarray, " rows"]  # measured torques
-    D: Float[np.ndarray, "rows quantities"]  # torques of one standard deviation of each quantity
-    names: tuple[str, ...]  # of the quantities
-
-    def over(self, names: Sequence[str]) -> Float[np.ndarray, "rows named"]:
-        """D for more quantities; those that do nothing here are zero."""
-        known, nothing = dict(zip(self.names, self.D.T, strict=True)), np.zeros(len(self.tau))
-        effects = [known.get(name, nothing) for name in names]
-        return np.reshape(effects, (len(names), len(self.tau))).T
-
-
-def geometry(
-    dynamics: Dynamics,
-    recordings: Sequence[PreparedRecording],
-    base: BaseParameters,
-    information: Information,
-    values: Float[np.ndarray, " parameters"],
-    additions: Sequence[Addition] = (),
-) -> Geometry:
-    """What the tolerances of a robot's description do to base parameters from recordings, by their
-    information, at all fitted parameters, those of additions behind the robot's."""
-    if dynamics.robot.tolerances.exact:
-        return Geometry((), np.zeros((base.rank, 0)))
-    regressor, weights = extended(dynamics, additions), np.sqrt(information.weights)
-    rows = [
-        row
-        for recording in recordings
-        for row in geometric_rows(
-            regressor, dynamics, recording, values, weights, active=information.columns
-        )
-    ]
-    return shifted(rows, base, information, additions)
-
-
-def shifted(
-    rows: Sequence[GeometricRows],
-    base: BaseParameters,
-    information: Information,
-    additions: Sequence[Addition] = (),
-) -> Geometry:
-    """Shifts of base parameters by what quantities do to some rows, as of `geometry`."""
-    active = information.columns
-    determined = tuple(start for addition in additions for start in addition.determines)
-    all_names = dict.fromkeys(name for row in rows for name in row.names)
-    names = tuple(name for name in all_names if not (determined and name.startswith(determined)))
-    k = np.searchsorted(active, [group.representative for group in base.groups])
-    Y, D = np.vstack([row.Y for row in rows])[:, k], np.vstack([row.over(names) for row in rows])
-    total = replace(information, facts=None).weighted()[:, k]
-    norms = lengths(total)  # 1 for those that measured values alone determine
-    share = np.linalg.norm(Y / norms) / np.sqrt(base.rank)
-    # Measured values are of the machine as it is, so they constrain a shift as well.
-    facts = np.zeros((0, len(k))) if information.facts is None else information.facts[:, k]
-    extra = share / norms * np.vstack([np.sqrt(_BESIDE) * total, facts])
-    D = np.vstack([D, np.zeros((len(extra), len(names)))])
-    shifts, *_ = np.linalg.lstsq(np.vstack([Y / norms, extra]), D, rcond=None)
-    return Geometry(names, shifts / norms[:, None])
-
-
-def geometric_rows(
-    regressor: Dynamics | Extended,
-    dynamics: Dynamics,
-    recording: PreparedRecording,
-    values: Float[np.ndarray, " parameters"],
-    weights: Float[np.ndarray, " rows"],
-    tolerances: Tolerances | None = None,
-    active: Int[np.ndarray, " columns"] | None = None,
-) -> Iterator[GeometricRows]:
-    """Samples spread evenly over the beginning of a recording, and the effects of tolerances there,
-    by default of the description's: of torques, then of each sensor; with the columns of torques,
-    or `active`, all fitted parameters, and weights of drives and channels of sensors."""
-    measured, p = MeasuredRows(regressor), values[: len(dynamics.layout.names)]
-    entries, y, counts, motion = _beginning(measured, dynamics, recording, p)
-    active = active_columns(regressor) if active is None else active
-    places, columns = measured.regressor_pattern
-    kept = np.isin(columns, active)
-    Y = np.zeros((*y.shape, len(active)))
-    Y[places[kept], :, np.searchsorted(active, columns[kept])] = entries[kept]
-
-    def rows_of(own: slice, errors: Sequence[Error]) -> GeometricRows:
-        w = weights[own, None]
-        D = [w * counts[own] * error.effect for error in errors]
-        return GeometricRows(
-            (w[:, :, None] * Y[own]).reshape(-1, len(active)),
-            (w * y[own]).ravel(),
-            np.reshape(D, (len(D), y[own].size)).T,
-            tuple(error.name for error in errors),
-        )
-
-    yield rows_of(slice(measured.drives), geometric_errors(dynamics, *motion, p, tolerances))
-    for part in measured.sensors:
-        rows = part.columns.rows
-        graph = rows.rows if isinstance(rows, RowsAbout) else rows
-        assert isinstance(graph, GraphRows)
-        own = values[part.first : part.first + len(rows.parameters)]
-        yield rows_of(part.rows, sensor_errors(graph, *motion, np.append(p, own)))
-
-
-def _beginning(
-    measured: MeasuredRows, dynamics: Dynamics, recording: PreparedRecording, p: Parameters
-) -> tuple[np.ndarray, np.ndarray, np.ndarray, tuple[np.ndarray, np.ndarray, np.ndarray]]:
-    """Entries, y and what counts of it in the first windows of a recording, at samples spread
-    evenly, and z, q̇, q̈ there."""
-    most, drives, parts = _SECONDS * recording.log.rate, np.arange(measured.drives), []
-    for window in islice(recording.brief.windows(dynamics.kinematics), _WINDOWS):
-        rows, samples = measured.filtered(window, recording, p), window.own
-        counts = window.filtered(lambda w: w.weighted(np.ones_like(w.tau.T), drives))
-        counts = np.vstack([counts, np.sqrt(rows.counted[measured.drives :])])
-        motion = (x[:: window.low_pass.thinned].T for x in (samples.z, samples.qd, samples.qdd))
-        parts.append((rows.entries, rows.y, counts, *motion))
-        if window.start + len(samples.time) > most:
-            break
-    joined = [np.hstack(part) for part in zip(*parts, strict=True)]
-    sparse = slice(None, None, -(-joined[0].shape[1] // _SAMPLES))
-    entries, y, counts, z, qd, qdd = (part[:, sparse] for part in joined)
-    return entries, y, counts, (z.T, qd.T, qdd.T)

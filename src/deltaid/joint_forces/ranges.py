@@ -29,7 +29,8 @@ from deltaid.estimation.information import NOISE_FLOOR, Information, triangle
 from deltaid.estimation.scatter import NORMAL, half_width
 from deltaid.identification.gathering import gather_balanced
 from deltaid.identification.generic_motion import random_motion_base
-from deltaid.identification.least_squares import BaseEstimate, Geometry, estimate_base, geometry
+from deltaid.identification.geometric_rows import Geometry, geometry
+from deltaid.identification.least_squares import BaseEstimate, estimate_base
 from deltaid.identification.loads import as_known
 from deltaid.identification.sources import model_filtered
 from deltaid.joint_forces.unknowns import ConsistentBall, ForceUnknowns, unknowns

@@ -24,7 +24,7 @@ from deltaid.estimation.additions import extended
 from deltaid.estimation.information import active_columns
 from deltaid.estimation.problem import Span
 from deltaid.identification.fit import FittedProblem
-from deltaid.identification.least_squares import geometric_rows
+from deltaid.identification.geometric_rows import geometric_rows
 from deltaid.model.verdict import Grade, Proposal, Verdict, listed
 from deltaid.recording.recording import PreparedRecording
 from deltaid.robot.description import RobotDescription
