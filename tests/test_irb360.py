@@ -22,7 +22,7 @@ from deltaid.reproduce.irb360 import (
     write_files,
 )
 from deltaid.reproduce.irb360_page import irb360_page
-from deltaid.reproduce.surrogate_result import REPORT
+from deltaid.reproduce.surrogate_files import REPORT
 from deltaid.reproduce.table_one import (
     DETERMINED,
     RETUNED,

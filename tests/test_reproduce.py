@@ -26,7 +26,8 @@ from deltaid.reproduce.accuracy import (
 )
 from deltaid.reproduce.descent import WAYS, descend
 from deltaid.reproduce.irb360 import FILES as IRB360_FILES
-from deltaid.reproduce.surrogate_result import FILES, SurrogateSettings
+from deltaid.reproduce.surrogate_files import FILES
+from deltaid.reproduce.surrogate_result import SurrogateSettings
 from deltaid.reproduce.table_one import ABOVE, BELOW, nominal_robot, regularisation
 from deltaid.robot.inertia import consistency
 from identified import identified

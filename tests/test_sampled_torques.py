@@ -7,7 +7,7 @@ import pytest
 
 from deltaid.recording.delay import LagGrowth, Shift, delayed
 from deltaid.recording.hold import Hold, filled, holds
-from deltaid.recording.time.segments import Signal, fastest, interpolate, merge
+from deltaid.recording.time.signals import Signal, fastest, interpolate, merge
 from test_lag import columns
 
 RATE, SAMPLES = 1000.0, 12_000

@@ -53,13 +53,14 @@ def reproduce(
 
 def _surrogate(folder: Path, say: Progress, quick: bool, given: dict[str, int]) -> Reproduced:
     """Sec. VII, written into a folder."""
+    from deltaid.reproduce import surrogate_files as files
     from deltaid.reproduce import surrogate_page as view
-    from deltaid.reproduce import surrogate_result as files
     from deltaid.reproduce.surrogate import reproduce_surrogate
+    from deltaid.reproduce.surrogate_result import QUICK, SurrogateSettings
     from deltaid.view.html import write_page
 
     files.require_folder(folder, files.FILES)
-    settings = replace(files.QUICK if quick else files.SurrogateSettings(), **given)
+    settings = replace(QUICK if quick else SurrogateSettings(), **given)
     result = reproduce_surrogate(settings, progress=say)
     say("writing")
     with together():
@@ -82,7 +83,8 @@ def _irb360(folder: Path, say: Progress, quick: bool, given: dict[str, int]) -> 
     """Sec. VIII, written into a folder."""
     from deltaid.reproduce import irb360 as files
     from deltaid.reproduce import irb360_page as view
-    from deltaid.reproduce.surrogate_result import REPORT, RecordingSettings, require_folder
+    from deltaid.reproduce.surrogate_files import REPORT, require_folder
+    from deltaid.reproduce.surrogate_result import RecordingSettings
     from deltaid.view.html import write_page
 
     require_folder(folder, files.FILES)

@@ -23,7 +23,7 @@ import numpy as np
 
 from deltaid.recording.columns import Columns, Rows
 from deltaid.recording.table import AT_ONCE, padded, recut
-from deltaid.recording.time.segments import weights_at
+from deltaid.recording.time.signals import weights_at
 
 # Samples on either side that a torque, one with its slope, and a motion are interpolated from.
 _TORQUE, _SLOPE, _MOTION = 2, 3, 4

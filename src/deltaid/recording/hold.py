@@ -24,7 +24,7 @@ from scipy.stats import chi2
 
 from deltaid.recording.columns import Columns, Rows
 from deltaid.recording.table import AT_ONCE, padded, recut
-from deltaid.recording.time.segments import weights_at
+from deltaid.recording.time.signals import weights_at
 
 # Updates on either side that a value is interpolated from.
 _HALF = 2

@@ -27,7 +27,8 @@ from deltaid.motion.excitation.settings import VERIFICATION_OFFSET
 from deltaid.motion.surrogate import SensorNoise, simulate_recording, write_recording
 from deltaid.progress import Progress
 from deltaid.recording.recording import PreparedRecording, open_recordings
-from deltaid.reproduce.surrogate_result import REPORT, RESULTS, RecordingSettings, write_results
+from deltaid.reproduce.surrogate_files import REPORT, RESULTS, write_results
+from deltaid.reproduce.surrogate_result import RecordingSettings
 from deltaid.reproduce.table_one import (
     COLUMNS,
     DETERMINED,

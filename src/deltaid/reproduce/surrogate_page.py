@@ -10,8 +10,9 @@ from deltaid.reproduce.surrogate_figures import (
     sweep_figure,
     torque_figure,
 )
+from deltaid.reproduce.surrogate_files import FILES, REPORT
 from deltaid.reproduce.surrogate_minimisers import minimisers_section
-from deltaid.reproduce.surrogate_result import FILES, REPORT, Reproduction, SurrogateFit
+from deltaid.reproduce.surrogate_result import Reproduction, SurrogateFit
 from deltaid.view.numbers import number, percent
 from deltaid.view.page import Fact, Page, Section, Table, Text
 

@@ -22,7 +22,7 @@ from deltaid.estimation.information import Information, entries_at, triangle
 from deltaid.estimation.problem import LinearProblem
 from deltaid.recording.columns import SensorChannels
 from deltaid.recording.recording import PreparedRecording
-from deltaid.recording.time.segments import interpolate
+from deltaid.recording.time.signals import interpolate
 from deltaid.recording.windows import SampleBlock
 from deltaid.robot.parameter import PRIOR_SPREAD
 from deltaid.sensors.robot_sensors import all_sensor_rows

@@ -23,7 +23,7 @@ from deltaid.recording.formats.bag_reader import (
 from deltaid.recording.formats.ros_messages import Decoder, MessageError, Number
 from deltaid.recording.mapping import ColumnMapping
 from deltaid.recording.source import LogTable, Rows, opened
-from deltaid.recording.time.segments import Signal, merged
+from deltaid.recording.time.signals import Signal, merged
 
 # Names of the times: of the headers, and of the receipt.
 _STAMPED, _RECEIVED = "t", "received"

@@ -16,7 +16,7 @@ from deltaid.recording.formats.csv_lines import (
     whole_lines,
 )
 from deltaid.recording.source import LogTable, Rows
-from deltaid.recording.time.segments import Signal, merged
+from deltaid.recording.time.signals import Signal, merged
 
 # The name of the time, which the export has under none of its own.
 TIME = "t"

@@ -25,7 +25,7 @@ from deltaid.recording.time.grid import (
     spread,
     usual_step,
 )
-from deltaid.recording.time.segments import weights_at
+from deltaid.recording.time.signals import weights_at
 
 # How far from where stamps suggest it a hole may be: at least so many rows, and so many times the
 # jitter, and no more than so many. Rows beside these.
