@@ -12,8 +12,10 @@ from deltaid.online.contact import ContactResidual, contact
 from deltaid.online.estimates import CycleEstimates, estimates, friction_bounds, give_friction
 from deltaid.online.graph import CycleFields, Field, StepGraph
 from deltaid.online.grips import chosen_estimate
+from deltaid.online.instant import waits
 from deltaid.online.settings import OnlineKnowledge, OnlineSettings, knowledge
 from deltaid.online.signals import Signals, signals
+from deltaid.online.speed_noise import learn_speed_noise
 
 
 @dataclass(frozen=True, eq=False)
@@ -81,12 +83,8 @@ _FOREVER = 1e6
 # at most [s]: what stays is no push but something the model lacks, and estimates take it up.
 _REMEMBERED, _LONGEST = 0.03, 1.0
 # How much larger a residual is than expected, χ² of each drive, is learnt over [s] where it is
-# larger and where it is smaller, from so much at most; what chance makes where all noise is known;
-# and what is thought of speeds of unknown noise.
-_GROWS, _FALLS, _MOST, _TOLERATED, _UNKNOWN = 2.0, 10.0, 25.0, 2.0, 9.0
-# What speeds of unknown noise make begins large, so it grows and falls more slowly, and one cycle
-# counts as so many times what is known by then at most: weak pushes are seldom, noise is not.
-_GROWS_UNKNOWN, _FALLS_UNKNOWN, _MOST_UNKNOWN = 10.0, 20.0, 3.0
+# larger and where it is smaller, from so much at most; and what chance makes.
+_GROWS, _FALLS, _MOST, _TOLERATED = 2.0, 10.0, 25.0, 2.0
 
 
 def standard_parts(model: Model) -> tuple[MorePart, ...]:
@@ -100,17 +98,16 @@ def standard_parts(model: Model) -> tuple[MorePart, ...]:
 def contact_of(cycle: Cycle) -> None:
     """The part of a cycle that looks for contact."""
     s, settings, robot, fields = cycle.signals, cycle.settings, cycle.model.robot, cycle.fields
-    known = settings.speed_noise is not None
     since, rests, excess, _ = fields.keep(
         Field("contact_time", 1, "since a contact began, 0 without", "s"),
         Field("contact_rests", 1, "for which nothing is learnt yet", "s"),
-        Field("excess", 1, "how much larger residuals are", initial=1 if known else _UNKNOWN),
+        Field("excess", 1, "how much larger residuals are", initial=1.0),
         Field("hangs_on", 1, "of the load let go last, what may still be there"),
     )
     residual = _residual(cycle)
     dof = residual.levers.shape[1]
     u = settings.contact_threshold(dof)
-    larger = ca.fmax(excess / (_TOLERATED if known else 1.0), 1.0)
+    larger = ca.fmax(excess / _TOLERATED, 1.0)
     residual = replace(residual, covariance=residual.covariance * larger)
     judged = ca.logic_and(s.settled, ca.logic_or(s.calm, since > 0))
     seen = contact(residual, ca.if_else(since > 0, 1.0, 0.0), u, judged)
@@ -120,9 +117,7 @@ def contact_of(cycle: Cycle) -> None:
     # Filters begin anew with what the gripper tells, and a contact before may have been the load.
     waits = ca.if_else(cycle.estimates.told, 0.0, waits)
     found = ca.fmin((seen.size * u) ** 2 * larger / dof, _MOST)
-    found = found if known else ca.fmin(found, _MOST_UNKNOWN * excess)
-    grows, falls = (_GROWS, _FALLS) if known else (_GROWS_UNKNOWN, _FALLS_UNKNOWN)
-    memory = ca.if_else(found > excess, grows, falls)
+    memory = ca.if_else(found > excess, _GROWS, _FALLS)
     learns = ca.logic_and(ca.logic_and(s.settled, s.calm), seen.found < 0.5)
     learnt = excess + settings.period / memory * learns * (found - excess)
     of_drives = "N" if all(robot.is_linear(drive) for drive in robot.drives) else "N m"
@@ -144,6 +139,9 @@ def _residual(cycle: Cycle) -> ContactResidual:
     """The residual with its covariance: of what is estimated, of torques that the model has not,
     of torque noise behind the filter, and of noise of speeds in the momentum, K M v.
 
+    A load that is not known yet is in M too: it gives its column as measured, so what noise does to
+    that is no part of the column's span.
+
     Torques that the model has not are no longer than their own time taken for what they are: so
     they are left in the residual, and their whole size is in its covariance.
     """
@@ -158,9 +156,13 @@ def _residual(cycle: Cycle) -> ContactResidual:
     lifted, untold = s.columns[:, s.at_load], 1 - ca.if_else(s.gripper > -0.5, 1.0, 0.0)
     aside = ca.horzcat(lifted[:, 1:] * (_ASIDE * untold), lifted[:, 0] * partly)
     S = s.columns @ P @ s.columns.T + ca.diag(behind) + aside @ aside.T
-    noise = np.array(settings.speed_noise or 0.0)
-    speeds = settings.corner * _mass_matrix(cycle, x) @ ca.diag(ca.sqrt(noise**2 + s.bridged**2))
-    S += speeds @ speeds.T
+    if settings.speed_noise is None:
+        noise = learn_speed_noise(cycle.fields, s, waits(model, settings), settings)
+    else:
+        noise = ca.SX(np.array(settings.speed_noise) ** 2)
+    spread = ca.fmax(ca.diag(P)[s.at_load], 0)
+    spread[0] += partly**2
+    S += settings.corner**2 * _of_speeds(cycle, x[s.at_load], spread, noise + s.bridged**2)
     mechanism = model.dynamics.kinematics.mechanism
     T = mechanism.speeds.inverse_jacobian[model.robot.task.moves, :]
     levers = ca.Function("levers", [mechanism.z], [T])(s.z)
@@ -189,10 +191,23 @@ def _partly(cycle: Cycle, mass: ca.SX) -> ca.SX:
     return ca.if_else(e.differs, expected, hung)
 
 
-def _mass_matrix(cycle: Cycle, x: ca.SX) -> ca.SX:
-    """Of the robot with the load that is held, x in units of its largest entries."""
+def _of_speeds(cycle: Cycle, x: ca.SX, spread: ca.SX, noise: ca.SX) -> ca.SX:
+    """Covariance of the robot's momentum M v by noise of speeds, with the load that is held.
+
+    Args:
+        x, spread: entries of the load in units of its largest ones, and their variances.
+        noise: variances of speeds.
+    """
     momentum, known, model = cycle.signals.momentum, cycle.known, cycle.model
     p, first = ca.SX(model.p), model.layout.body(known.entries.body).start
+    entries = ca.SX.sym("entries", x.numel())
     for i, k in enumerate(known.entries.shown):
-        p[first + k] += known.load_scales[i] * x[i]
-    return ca.Function("M", [momentum.z, momentum.p], [momentum.M])(cycle.signals.z, p)
+        p[first + k] += known.load_scales[i] * entries[i]
+    M = ca.substitute(momentum.M, momentum.p, p)
+    by_entry = ca.horzsplit(ca.jacobian(ca.vec(M), entries))
+    parts = [M, *(ca.reshape(column, *M.shape) for column in by_entry)]
+    at_pose = ca.Function("M", [momentum.z, entries], parts)(cycle.signals.z, x)
+    found = ca.SX(*M.shape)
+    for part, share in zip(at_pose, (1.0, *ca.vertsplit(spread)), strict=True):
+        found += share * part @ ca.diag(noise) @ part.T
+    return found
