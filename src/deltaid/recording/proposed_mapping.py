@@ -9,18 +9,8 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 from deltaid.recording.address import RecordedField
-from deltaid.recording.column_meanings import (
-    Group,
-    Reading,
-    Signal,
-    derivative_factor,
-    fitting_units,
-    groups_of,
-    kind_of,
-    read_name,
-    time_unit,
-    unit_of,
-)
+from deltaid.recording.column_meanings import Group, Reading, groups_of, kind_of, read_name, unit_of
+from deltaid.recording.column_numbers import Signal, derivative_factor, fitting_units, time_unit
 from deltaid.recording.column_words import QUANTITIES as WORDS
 from deltaid.recording.mapped_columns import QUANTITIES, SHORT_NAMES, Quantity
 from deltaid.recording.mapping_proposal import FoundColumns, Known, MappingProposal

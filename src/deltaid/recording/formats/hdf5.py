@@ -18,7 +18,7 @@ from deltaid.recording.formats.arrays import (
     entries_of,
     fields_of,
 )
-from deltaid.recording.formats.matlab import matlab_object
+from deltaid.recording.formats.matlab_elements import matlab_object
 from deltaid.recording.mapping import ColumnMapping
 from deltaid.recording.source import BATCH_ROWS, LogTable, first_line, library, readable
 
