@@ -22,17 +22,8 @@ import _alone  # noqa: F401
 import numpy as np
 from _table import STATED, leave
 
-from deltaid.reproduce.irb360 import (
-    BASE,
-    CHOSEN,
-    GEOM,
-    QUICK,
-    RETUNED_4,
-    SIMPLE,
-    Irb360,
-    RecordingSettings,
-    reproduce_irb360,
-)
+from deltaid.reproduce.irb360 import RecordingSettings, reproduce_irb360
+from deltaid.reproduce.irb360_result import BASE, CHOSEN, GEOM, QUICK, RETUNED_4, SIMPLE, Irb360
 from deltaid.reproduce.table_one import RMS_BASE, RMS_IDENTIFIED, RMS_RETUNED
 from deltaid.robot.friction_terms import law_in_words
 

@@ -9,7 +9,9 @@ import pytest
 
 from deltaid.dynamics.parameters import parameter_layout, prior_parameters
 from deltaid.model.record import IdentifiedModel
-from deltaid.reproduce.irb360 import (
+from deltaid.reproduce.irb360 import reproduce_irb360
+from deltaid.reproduce.irb360_page import irb360_page
+from deltaid.reproduce.irb360_result import (
     BASE,
     CHOSEN,
     FILES,
@@ -18,10 +20,8 @@ from deltaid.reproduce.irb360 import (
     RETUNED_4,
     SIMPLE,
     Irb360,
-    reproduce_irb360,
     write_files,
 )
-from deltaid.reproduce.irb360_page import irb360_page
 from deltaid.reproduce.surrogate_files import REPORT
 from deltaid.reproduce.table_one import (
     DETERMINED,

@@ -25,7 +25,7 @@ from deltaid.reproduce.accuracy import (
     sweep,
 )
 from deltaid.reproduce.descent import WAYS, descend
-from deltaid.reproduce.irb360 import FILES as IRB360_FILES
+from deltaid.reproduce.irb360_result import FILES as IRB360_FILES
 from deltaid.reproduce.surrogate_files import FILES
 from deltaid.reproduce.surrogate_result import SurrogateSettings
 from deltaid.reproduce.table_one import ABOVE, BELOW, nominal_robot, regularisation

@@ -28,9 +28,9 @@ from deltaid.dynamics.dynamics import compiled
 from deltaid.errors import DeltaidError, DescriptionError, RecordingError
 from deltaid.estimation.information import Information, merge
 from deltaid.estimation.posterior_draws import with_posterior_intervals
+from deltaid.identification.assembly import doubts_of_fit
 from deltaid.identification.identify import Identification
 from deltaid.identification.identify import identify as fitted
-from deltaid.identification.judgement import doubts_of_fit
 from deltaid.model.settings import Settings, settings_of
 from deltaid.model.verdict import Grade, Verdict, worst
 from deltaid.progress import Watch, watched

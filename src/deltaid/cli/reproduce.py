@@ -81,15 +81,16 @@ def _surrogate(folder: Path, say: Progress, quick: bool, given: dict[str, int]) 
 
 def _irb360(folder: Path, say: Progress, quick: bool, given: dict[str, int]) -> Reproduced:
     """Sec. VIII, written into a folder."""
-    from deltaid.reproduce import irb360 as files
     from deltaid.reproduce import irb360_page as view
+    from deltaid.reproduce import irb360_result as files
+    from deltaid.reproduce.irb360 import reproduce_irb360
     from deltaid.reproduce.surrogate_files import REPORT, require_folder
     from deltaid.reproduce.surrogate_result import RecordingSettings
     from deltaid.view.html import write_page
 
     require_folder(folder, files.FILES)
     settings = replace(files.QUICK if quick else RecordingSettings(), **given)
-    result = files.reproduce_irb360(settings, progress=say)
+    result = reproduce_irb360(settings, progress=say)
     say("writing")
     with together():
         files.write_files(result, folder)

@@ -12,7 +12,7 @@ from pydantic import Field
 
 from deltaid.checks.run import Judged
 from deltaid.effects.lag_columns import LagColumns
-from deltaid.identification.judgement import doubts_of_fit
+from deltaid.identification.assembly import doubts_of_fit
 from deltaid.identification.warmth import temperature
 from deltaid.mechanism.kinematics import Kinematics
 from deltaid.model.record import IdentifiedModel

@@ -15,8 +15,9 @@ from deltaid.errors import RecordingError
 from deltaid.estimation.information import Information
 from deltaid.fleets.factor_file import FactorFile, require_alike
 from deltaid.fleets.merged import fitted, holding, merged, merging_of, ordered
+from deltaid.identification.assembly import assembled
 from deltaid.identification.friction_constants import freed
-from deltaid.identification.judgement import assembled, judged_parameters
+from deltaid.identification.judgement import judged_parameters
 from deltaid.identification.loads import found_loads, known_load
 from deltaid.identification.torque_error import TorqueError
 from deltaid.model.corrections import Correction

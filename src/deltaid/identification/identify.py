@@ -13,10 +13,11 @@ from deltaid.effects.along_motion import fitted_effects
 from deltaid.errors import UnsettledFrictionError
 from deltaid.estimation.additions import of_each
 from deltaid.estimation.base_parameters import BaseParameters
+from deltaid.identification.assembly import assembled
 from deltaid.identification.events import unwatched, watched
 from deltaid.identification.fit import FittedProblem, Progress, fit, with_geometry
 from deltaid.identification.friction_constants import LawConstants, freed
-from deltaid.identification.judgement import assembled, judged_parameters
+from deltaid.identification.judgement import judged_parameters
 from deltaid.identification.lags_and_gears import without_doubtful_lags
 from deltaid.identification.loads import found_loads, held, unloaded
 from deltaid.identification.setup import Setup

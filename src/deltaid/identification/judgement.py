@@ -1,47 +1,24 @@
-"""A fit as the model that a file keeps: values, intervals, what is doubtful, and what decided each
-parameter: data, measured values, data with others' priors, prior, or consistency."""
+"""What decided each parameter of a fit, data, measured values, data with others' priors, prior, or
+consistency, and its interval by that."""
 
-from collections.abc import Sequence
-from datetime import UTC, datetime
 from functools import cached_property
-from importlib.metadata import version
 
 import numpy as np
 
 from deltaid.dynamics.parameters import inertia_size, stated_spreads
-from deltaid.estimation.additions import of_each
 from deltaid.estimation.objective import prior_scale
 from deltaid.estimation.scatter import NORMAL, inverse
-from deltaid.identification.doubts import ambiguous, doubts, inseparable
+from deltaid.identification.doubts import ambiguous
 from deltaid.identification.fit import FittedProblem
-from deltaid.identification.friction_constants import friction_curves
-from deltaid.identification.gains import torque_scale
-from deltaid.identification.marginal import posterior_record
-from deltaid.identification.measured_rows import SensorAddition
-from deltaid.identification.setup import ContestOutcome
-from deltaid.identification.torque_error import TorqueError
 from deltaid.identification.uncertainty import ConsistentRanges, Uncertainty, uncertainty
-from deltaid.identification.widening import doubted_sensors, widened_priors
-from deltaid.model.corrections import (
-    Correction,
-    FittedChannel,
-    FittedEffect,
-    FittedSensor,
-    Source,
-)
 from deltaid.model.parameter_record import (
     BaseParameter,
-    FrictionChoice,
-    HeldLoad,
     Origin,
     Parameter,
     Share,
 )
-from deltaid.model.record import Consistency, Fit, IdentifiedModel, Settings
-from deltaid.recording.columns import Readings
-from deltaid.robot.inertia import MOMENTS_OF_INERTIA, pseudo_inertia
+from deltaid.robot.inertia import MOMENTS_OF_INERTIA
 from deltaid.robot.parameter import ADDED
-from deltaid.sensors.weighings import weighings
 
 # The data decides a parameter that it knows to less than this share of the prior's deviation.
 _SHRUNK = 0.5
@@ -86,120 +63,6 @@ def judged_base(problem: FittedProblem) -> tuple[BaseParameter, ...]:
         for group, (value, std, half, part) in zip(base.groups, rows, strict=True)
         if (parameter := base.layout.parameters[group.representative]).kind not in ADDED
     )
-
-
-def assembled(
-    problem: FittedProblem,
-    settings: Settings,
-    error: TorqueError,
-    judged: Sequence[Parameter],
-    *,
-    loads: tuple[HeldLoad, ...],
-    readings: Readings | None = None,
-    effects: tuple[FittedEffect, ...] = (),
-    corrections: Sequence[Correction],
-    sources: tuple[Source, ...],
-    remarks: Sequence[str],
-    choice: FrictionChoice | None = None,
-    outcome: ContestOutcome | None = None,
-) -> IdentifiedModel:
-    """The model of a fit.
-
-    Args:
-        error: its torque errors.
-        judged: its parameters, those of additions behind the robot's.
-        loads: what is held, as fitted.
-        readings: what drives read otherwise.
-        effects: what takes torques beside the robot.
-        corrections: what was corrected before it and by it, but for priors.
-        sources: the recordings behind it.
-        remarks: warnings about these.
-        choice: how friction laws were chosen, if they were.
-        outcome: of the contest that decided what was corrected.
-    """
-    count, layout, outcome = (
-        len(problem.p),
-        problem.layout,
-        outcome or ContestOutcome(problem.dynamics.robot),
-    )
-    # What determines the scale of a fit's torques and masses beside torque constants, in words.
-    facts = () if problem.information.facts is None else weighings(problem.dynamics.robot)
-    known = [addition.witness for addition in problem.additions if addition.witness]
-    absolute = (*known, *(fact.name for fact in facts))
-    moments = {body: pseudo_inertia(problem.p[layout.body(body)]) for body in layout.bodies}
-    return IdentifiedModel(
-        deltaid=version("deltaid"),
-        identified_on=datetime.now(UTC).date(),
-        robot=problem.dynamics.robot,
-        parameters=tuple(judged[:count]),
-        base_parameters=judged_base(problem),
-        consistency=tuple(
-            Consistency(body=body, eigenvalues=tuple(np.linalg.eigvalsh(M).tolist()))
-            for body, M in moments.items()
-        ),
-        fit=_record(problem, error),
-        settings=settings.changed(intervals="linear"),  # models are drawn where checks are made
-        posterior=posterior_record(problem),
-        loads=loads,
-        readings=readings,
-        effects=effects,
-        sensors=_fitted_sensors(problem, judged[count:]),
-        corrections=(*corrections, *widened_priors(problem)),
-        absolute=absolute,
-        inseparable=(*inseparable(problem, absolute=bool(absolute)), *outcome.inseparable),
-        friction_choice=choice,
-        friction_curves=friction_curves(problem, error.fastest),
-        sources=sources,
-        warnings=(
-            *remarks,
-            *outcome.doubts.values(),
-            *doubted_sensors(problem),
-            *doubts_of_fit(problem),
-        ),
-    )
-
-
-def doubts_of_fit(problem: FittedProblem) -> tuple[str, ...]:
-    """Warnings that follow from the fit, one sentence a cause."""
-    return (*doubts(problem), *torque_scale(problem))
-
-
-def _record(problem: FittedProblem, error: TorqueError) -> Fit:
-    solution, base = problem.solution, problem.base
-    certified = bool(np.isfinite(solution.bound))
-    return Fit(
-        objective=solution.objective,
-        lower_bound=solution.bound if certified else None,
-        duality_gap=solution.duality_gap if certified else None,
-        gamma=problem.objective.gamma,
-        status=solution.status,
-        iterations=solution.iterations,
-        optimization_variables=problem.reduction.size,
-        base_parameters=sum(k < len(problem.p) for k in base.representatives),
-        base_condition=base.condition,
-        noise_level=problem.noise,
-        rms=tuple(map(float, error.rms)),
-        nrmse=tuple(map(float, error.nrmse)),
-        rms_unfiltered=tuple(map(float, error.rms_unfiltered)),
-    )
-
-
-def _fitted_sensors(
-    problem: FittedProblem, judged: Sequence[Parameter]
-) -> tuple[FittedSensor, ...]:
-    """The fitted sensors, by the judged parameters of all additions."""
-    information, sensors = problem.information, list[FittedSensor]()
-    rows = np.stack([information.rms(problem.values), information.torque_max], axis=1)
-    sizes = iter(rows[information.drives.stop :].tolist())
-    for sensor, fitted in of_each(problem.additions, judged):
-        if not isinstance(sensor, SensorAddition):
-            continue
-        channels = tuple(
-            FittedChannel(name=c.name, unit=c.unit, stated=c.noise, left=left, largest=largest)
-            for c, (left, largest) in zip(sensor.rows.channels, sizes, strict=False)
-        )
-        sensors.append(FittedSensor(name=sensor.rows.name, channels=channels, parameters=fitted))
-    return tuple(sensors)
 
 
 class _Judge:

@@ -4,7 +4,7 @@ import numpy as np
 import plotly.graph_objects as go
 from plotly.subplots import make_subplots
 
-from deltaid.reproduce.irb360 import BASE, CHOSEN, GEOM, RETUNED_4, Candidate, Irb360
+from deltaid.reproduce.irb360_result import BASE, CHOSEN, GEOM, RETUNED_4, Candidate, Irb360
 from deltaid.view import style
 from deltaid.view.friction import law
 from deltaid.view.page import Figure

@@ -3,8 +3,8 @@
 import numpy as np
 
 from deltaid.model.record import IdentifiedModel
-from deltaid.reproduce.irb360 import CHOSEN, GEOM, RETUNED_4, SIMPLE, Irb360
 from deltaid.reproduce.irb360_figures import figure_7, figure_8, friction_curve
+from deltaid.reproduce.irb360_result import CHOSEN, GEOM, RETUNED_4, SIMPLE, Irb360
 from deltaid.reproduce.table_one import (
     COLUMNS,
     DETERMINED,

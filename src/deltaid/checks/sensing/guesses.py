@@ -8,7 +8,8 @@ from typing import Literal
 import numpy as np
 from jaxtyping import Float
 
-from deltaid.checks.sensing.misfit import Map, Misfit, SensorSignal
+from deltaid.checks.sensing.misfit import Map, Misfit
+from deltaid.checks.sensing.sensed_rows import SensorSignal
 from deltaid.model.verdict import Grade, Proposal, Verdict, listed, percent
 from deltaid.robot.sensors import BaseWrench, Sensor
 from deltaid.sensors.weighings import roll_pitch_yaw, rotation

@@ -11,15 +11,8 @@ from threadpoolctl import threadpool_limits
 
 from deltaid.checks.evidence import Evidence
 from deltaid.checks.sensing.guesses import Guess, best_guess, mapped, verdict_of
-from deltaid.checks.sensing.misfit import (
-    MapFit,
-    Misfit,
-    SensedRows,
-    SensorLag,
-    SensorSignal,
-    lag_of,
-    sensed_rows,
-)
+from deltaid.checks.sensing.misfit import MapFit, Misfit, SensorLag, lag_of
+from deltaid.checks.sensing.sensed_rows import SensedRows, SensorSignal, sensed_rows
 from deltaid.model.verdict import Grade, Proposal, Verdict, percent
 from deltaid.robot.sensors import BaseWrench, Sensor
 
