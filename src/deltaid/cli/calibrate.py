@@ -9,16 +9,8 @@ import typer
 
 import deltaid
 from deltaid.cli.options import AsJson, Report, Robot, bounded, names, output_file
-from deltaid.cli.output import (
-    console,
-    print_json,
-    print_written,
-    progress,
-    require_outputs,
-    styled,
-    table,
-    write_files,
-)
+from deltaid.cli.output import console, print_json, progress, styled, table
+from deltaid.cli.output_files import print_written, require_outputs, write_files
 from deltaid.errors import DeltaidError
 
 if TYPE_CHECKING:

@@ -16,17 +16,8 @@ from deltaid.cli.options import (
     Robot,
     output_file,
 )
-from deltaid.cli.output import (
-    console,
-    print_json,
-    print_note,
-    print_written,
-    progress,
-    require_outputs,
-    styled,
-    verdicts_shown,
-    write_files,
-)
+from deltaid.cli.output import console, print_json, print_note, progress, styled, verdicts_shown
+from deltaid.cli.output_files import print_written, require_outputs, write_files
 from deltaid.errors import DescriptionError
 
 if TYPE_CHECKING:

@@ -8,7 +8,8 @@ import typer
 
 import deltaid
 from deltaid.cli.options import AsJson, bounded, output_file
-from deltaid.cli.output import console, print_json, require_outputs, styled
+from deltaid.cli.output import console, print_json, styled
+from deltaid.cli.output_files import require_outputs
 from deltaid.errors import DeltaidError
 
 if TYPE_CHECKING:

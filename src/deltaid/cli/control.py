@@ -16,13 +16,11 @@ from deltaid.cli.output import (
     print_json,
     print_problems,
     print_warnings,
-    print_written,
     progress,
-    require_outputs,
     table,
     used,
-    write_files,
 )
+from deltaid.cli.output_files import print_written, require_outputs, write_files
 from deltaid.control.options import ControllerName, ControlSettings
 from deltaid.files import write_bytes
 

@@ -11,14 +11,8 @@ import typer
 import deltaid
 from deltaid.cli.gather import in_folders
 from deltaid.cli.options import AsJson, Full, UsePoor, output_file
-from deltaid.cli.output import (
-    judged,
-    print_found,
-    print_json,
-    print_written,
-    progress,
-    require_outputs,
-)
+from deltaid.cli.output import judged, print_found, print_json, progress
+from deltaid.cli.output_files import print_written, require_outputs
 from deltaid.errors import DeltaidError
 
 if TYPE_CHECKING:

@@ -7,7 +7,8 @@ import typer
 
 import deltaid
 from deltaid.cli.options import UsePoor, bounded, names
-from deltaid.cli.output import print_warnings, print_written, progress, used
+from deltaid.cli.output import print_warnings, progress, used
+from deltaid.cli.output_files import print_written
 from deltaid.errors import DeltaidError, within
 from deltaid.exports.options import FURTHER, FmiVersion, TargetName
 

@@ -26,17 +26,8 @@ from deltaid.cli.options import (
     bounded,
     output_file,
 )
-from deltaid.cli.output import (
-    console,
-    print_json,
-    print_next,
-    print_note,
-    print_warnings,
-    print_written,
-    progress,
-    require_outputs,
-    write_files,
-)
+from deltaid.cli.output import console, print_json, print_next, print_note, print_warnings, progress
+from deltaid.cli.output_files import print_written, require_outputs, write_files
 from deltaid.errors import DeltaidError
 from deltaid.model.options import (
     GAMMA_LIMITS,

@@ -17,16 +17,8 @@ from deltaid.cli.options import (
     bounded,
     output_file,
 )
-from deltaid.cli.output import (
-    console,
-    judged,
-    print_found,
-    print_json,
-    print_warnings,
-    print_written,
-    progress,
-    require_outputs,
-)
+from deltaid.cli.output import console, judged, print_found, print_json, print_warnings, progress
+from deltaid.cli.output_files import print_written, require_outputs
 from deltaid.model.options import LeastSquaresMethod
 
 if TYPE_CHECKING:

@@ -20,10 +20,9 @@ from deltaid.cli.output import (
     print_next,
     print_note,
     print_warnings,
-    require_outputs,
     styled,
-    write_files,
 )
+from deltaid.cli.output_files import require_outputs, write_files
 from deltaid.errors import DeltaidError
 from deltaid.files import require_writable
 from deltaid.studio.drafting.questions import KINDS, QUESTIONS, Question

@@ -8,16 +8,8 @@ import typer
 
 import deltaid
 from deltaid.cli.options import AsJson, Columns, Full, Report, UsePoor, bounded, lag_of, output_file
-from deltaid.cli.output import (
-    print_found,
-    print_json,
-    print_warnings,
-    print_written,
-    progress,
-    require_outputs,
-    used,
-    write_files,
-)
+from deltaid.cli.output import print_found, print_json, print_warnings, progress, used
+from deltaid.cli.output_files import print_written, require_outputs, write_files
 from deltaid.errors import DeltaidError, within
 
 if TYPE_CHECKING:

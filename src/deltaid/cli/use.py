@@ -16,17 +16,8 @@ from deltaid.cli.options import (
     bounded,
     output_file,
 )
-from deltaid.cli.output import (
-    console,
-    print_found,
-    print_json,
-    print_warnings,
-    print_written,
-    progress,
-    require_outputs,
-    used,
-    write_files,
-)
+from deltaid.cli.output import console, print_found, print_json, print_warnings, progress, used
+from deltaid.cli.output_files import print_written, require_outputs, write_files
 from deltaid.errors import DeltaidError
 from deltaid.files import require_new_folder, require_writable
 from deltaid.model.options import SAMPLES_LIMITS, TOLERANCE_LIMITS

@@ -9,16 +9,8 @@ import typer
 import deltaid
 from deltaid.cli.gather import are_factor_files, compared, require_open
 from deltaid.cli.options import AsJson, Columns, Full, KeepAll, ModelOrRobot, Report
-from deltaid.cli.output import (
-    print_found,
-    print_json,
-    print_origin,
-    print_warnings,
-    print_written,
-    progress,
-    require_outputs,
-    write_files,
-)
+from deltaid.cli.output import print_found, print_json, print_origin, print_warnings, progress
+from deltaid.cli.output_files import print_written, require_outputs, write_files
 
 if TYPE_CHECKING:
     from deltaid.identification.torque_error import TorqueError

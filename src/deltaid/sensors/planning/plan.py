@@ -250,7 +250,7 @@ def sensor_plan(
             torques=by_torques,
             described=described,
             uses=tuple(outlook([use]) for use in possible),
-            combinations=tuple(outlook(uses) for uses in tried if uses),
+            combinations=tuple(outlook(together) for together in tried if together),
             steps=tuple((step, outlook(bought[: k + 1])) for k, step in enumerate(steps)),
             openings=openings(dynamics, planned, rows, sure, possible, bought),
             notes=(*_notes(entries, goal, gain_spread), *left_out),
