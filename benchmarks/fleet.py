@@ -150,10 +150,10 @@ def fits(folder: Path, count: int) -> float:
     with threads(1):
         files = [read(paths[k % len(paths)]) for k in range(count)]
         own = []
-        for k, one in enumerate(files):  # each as if it were of another recording
-            source = one.record.model.sources[0].changed(sha256=f"{k:064x}")
-            model = one.record.model.changed(sources=(source,))
-            own.append(replace(one, record=one.record.changed(model=model)))
+        for k, file in enumerate(files):  # each as if it were of another recording
+            source = file.record.model.sources[0].changed(sha256=f"{k:064x}")
+            model = file.record.model.changed(sources=(source,))
+            own.append(replace(file, record=file.record.changed(model=model)))
         renamed = time.process_time()
         identify_gathered(ROBOT, own, Settings(cutoff=CUTOFF))
     del renamed

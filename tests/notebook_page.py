@@ -62,9 +62,9 @@ def code(notebook: Any) -> list[Any]:
 
 def differences(old: Any, new: Any) -> Iterator[str]:
     """What cells store and no longer give."""
-    for one, two in zip(code(old), code(new), strict=True):
-        first = one["source"].splitlines()[0]
-        before, after = (list(map(_words, cell["outputs"])) for cell in (one, two))
+    for pair in zip(code(old), code(new), strict=True):
+        first = pair[0]["source"].splitlines()[0]
+        before, after = (list(map(_words, cell["outputs"])) for cell in pair)
         if list(map(_masked, before)) != list(map(_masked, after)):
             yield f"{first}: stores {before}, gives {after}"
             continue

@@ -72,7 +72,7 @@ def scope(
         ]
         lines.append(separator.join(cells))
     lines.append("")
-    every = max(curves, key=lambda one: len(one.time)).time
+    every = max(curves, key=lambda curve: len(curve.time)).time
     for k in range(len(every)):
         cells: list[str] = []
         for group in groups:

@@ -44,11 +44,11 @@ def test_nothing_but_the_list_knows_an_effect() -> None:
         assert imported & names == (names if path.name == "all.py" else set()), path
 
 
-@pytest.mark.parametrize("one", EFFECTS, ids=lambda one: one.kind)
-def test_an_effect_is_short_and_can_be_detected(one: Effect) -> None:
-    own = type(one)
-    assert own.candidates is not Effect.candidates or own.search is not Effect.search
-    path = PACKAGE / "effects" / f"{own.__module__.rpartition('.')[2]}.py"
+@pytest.mark.parametrize("effect", EFFECTS, ids=lambda effect: effect.kind)
+def test_an_effect_is_short_and_can_be_detected(effect: Effect) -> None:
+    kind = type(effect)
+    assert kind.candidates is not Effect.candidates or kind.search is not Effect.search
+    path = PACKAGE / "effects" / f"{kind.__module__.rpartition('.')[2]}.py"
     assert len(path.read_text(encoding="utf-8").splitlines()) <= 150
 
 

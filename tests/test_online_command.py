@@ -56,11 +56,11 @@ def test_pushes_are_found_where_and_as_hard_as_they_were(
 ) -> None:
     contacts = results[0]["contacts"]
     assert len(contacts) == len(PUSHES)
-    for one, (start, end, drive, size) in zip(contacts, PUSHES, strict=True):
-        assert start < one["start"] < start + 0.01
-        assert end < one["end"] < end + 0.05
-        assert one["place"] == ("platform" if drive is None else f"drive{drive + 1}")
-        found = one["force"] if drive is None else [one["effort"]]
+    for contact, (start, end, drive, size) in zip(contacts, PUSHES, strict=True):
+        assert start < contact["start"] < start + 0.01
+        assert end < contact["end"] < end + 0.05
+        assert contact["place"] == ("platform" if drive is None else f"drive{drive + 1}")
+        found = contact["force"] if drive is None else [contact["effort"]]
         np.testing.assert_allclose(found, size, atol=0.2 * float(np.linalg.norm(size)))
 
 

@@ -189,9 +189,9 @@ def timing(off: float, count: int, rng: np.random.Generator) -> GripTiming:
 @pytest.mark.parametrize("off", [0.06, 0.02, -0.03, -0.12])
 def test_signals_that_are_early_or_late_are_timed(off: float) -> None:
     found = timing(off, 20, np.random.default_rng(1))
-    for one in (found.taken, found.left):
-        assert one.low - 6e-3 < off < one.high + 6e-3
-        assert one.high - one.low < 0.03
+    for timed in (found.taken, found.left):
+        assert timed.low - 6e-3 < off < timed.high + 6e-3
+        assert timed.high - timed.low < 0.03
     assert found.taken.signals + found.left.signals == 39
     (doubt,) = gripper_doubts(replace(NOTHING, taken=found.taken, left=found.left), [load()], 0.0)
     assert f" ms {'before' if off > 0 else 'after'} loads are taken, and left" in doubt

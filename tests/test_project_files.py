@@ -3,6 +3,7 @@
 Also tables of benchmarks: each is as large as its benchmark states.
 """
 
+import ast
 import importlib.util
 import re
 import subprocess
@@ -147,6 +148,20 @@ def path_in_package(path: Path) -> str:
 
 
 MODULES = [p for p in sorted(SOURCE.rglob("*.py")) if p != SOURCE / "__init__.py"]
+# Names that say nothing of what a variable of a loop holds.
+EMPTY = {"one", "own", "some", "it", "told", "found"}
+
+
+def test_variables_of_loops_are_named_after_what_they_hold() -> None:
+    bad = [
+        f"{path_in_package(path)}: {name.id}"
+        for path in MODULES
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8")))
+        if isinstance(node, ast.For | ast.comprehension)
+        for name in ast.walk(node.target)
+        if isinstance(name, ast.Name) and name.id in EMPTY
+    ]
+    assert bad == []
 
 
 def test_every_room_is_in_the_table() -> None:

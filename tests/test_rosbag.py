@@ -34,7 +34,7 @@ from deltaid.recording.table import open_table
 def test_every_kind_of_bag_gives_the_same_samples(kind: str, tmp_path: Path) -> None:
     """And by the default names, since those of the joints leave no doubt."""
     other = [replace(message, topic="/other", at=message.stamp + 7) for message in MESSAGES[::50]]
-    messages = sorted(MESSAGES + other, key=lambda one: one.received)
+    messages = sorted(MESSAGES + other, key=lambda message: message.received)
     table = open_table(KINDS[kind](tmp_path, messages if "ros1" not in kind else MESSAGES))
     topics = [address("position", joint) for joint in JOINTS]
     assert np.array_equal(read(table, ["t", *topics]), ALL[:, :4])
@@ -131,7 +131,7 @@ def test_topics_with_clocks_of_their_own_are_brought_together(tmp_path: Path) ->
     messages = states(time, {"position": wave(time)}, JOINTS) + states(
         slow, {"effort": wave(slow)}, JOINTS[::-1], topic="/torques"
     )
-    messages.sort(key=lambda one: one.received)
+    messages.sort(key=lambda message: message.received)
     table = open_table(KINDS["mcap-lz4"](tmp_path, messages))
     columns = [address("effort", joint, "/torques") for joint in JOINTS[::-1]]
     found = read(table, ["t", "q1", *columns])

@@ -38,7 +38,7 @@ def models(base: type[BaseModel]) -> Iterator[type[BaseModel]]:
         yield from models(subclass)
 
 
-PARTS = sorted({part for model in WRITTEN for part in parts(model)}, key=lambda one: one.__name__)
+PARTS = sorted({part for model in WRITTEN for part in parts(model)}, key=lambda part: part.__name__)
 
 
 @pytest.mark.parametrize("model", WRITTEN, ids=lambda model: model.__name__)
@@ -48,8 +48,8 @@ def test_every_key_is_described(model: type[BaseModel]) -> None:
     bare = [
         f"{name}.{key}"
         for name, part in found.items()
-        for key, own in part.get("properties", {}).items()
-        if len(own.get("description", "")) < 1 and len(description_of(own, schema)) < 1
+        for key, described in part.get("properties", {}).items()
+        if len(described.get("description", "")) < 1 and len(description_of(described, schema)) < 1
     ]
     assert bare == []
     assert sum(len(part.get("properties", {})) for part in found.values()) > 20

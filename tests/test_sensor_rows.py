@@ -50,7 +50,7 @@ def test_spins_of_rotors_that_nobody_knows_are_unknowns(make: Make) -> None:
     spin = (twin.oracle.rotor_inertia / n)[unknown]
     found = dense(rows, twin.states) @ np.append(twin.p, spin)
     assert_same(found[:, 3:], wrenches(twin)[:, 3:])
-    assert all(one.std > abs(s) for one, s in zip(rows.parameters, spin, strict=True))
+    assert all(parameter.std > abs(s) for parameter, s in zip(rows.parameters, spin, strict=True))
 
 
 @every_robot

@@ -44,7 +44,7 @@ def _begin(session: Session) -> None:
         ready = parts.all_mapped(session) and not session.busy
 
         def begin() -> None:
-            parts.attempt(lambda: session.begin("check", lambda at: check_step(session.plan, at)))
+            parts.attempt(lambda: session.begin("check", partial(check_step, session.plan)))
 
         ui.button("Check", on_click=begin).props("no-caps").set_enabled(ready)
         parts.progress(session, "check")

@@ -63,7 +63,7 @@ async def body(session: Session) -> None:
         def run() -> None:
             if not session.store.is_checked:
                 raise DeltaidError("it has changed since the check", cure="check again")
-            session.begin("fit", lambda at: fit_step(session.plan, at))
+            session.begin("fit", partial(fit_step, session.plan))
 
         ready = _gate(session) and not session.busy
         begin = partial(parts.attempt, run)
