@@ -16,8 +16,7 @@ from command import refused, run
 from deltaid.calibration.torques import GeometryNumbers, torque_rows
 from deltaid.calibration.unknowns import unknowns
 from deltaid.dynamics.dynamics import compiled
-from deltaid.dynamics.geometry import TorqueSlopes
-from deltaid.dynamics.grown import grown_torques
+from deltaid.dynamics.geometry import torque_slopes
 from deltaid.effects.point import TracePoint
 from deltaid.robot.load import save_yaml
 from oracle.measured_delta import DRAWINGS, BuiltDelta, built
@@ -74,8 +73,7 @@ def test_slopes_of_torques_by_each_number_are_those_of_machines_built_so(name: s
         return np.array([oracle.inverse_dynamics(*row) for row in rows]).T
 
     exact = built(rng, drawing, length=0.0, angle=0.0)
-    gravity = np.array(robot.gravity)
-    slopes = TorqueSlopes(grown_torques(robot), z, np.hstack([qd, qdd]), gravity, p)
+    slopes = torque_slopes(dynamics, z, qd, qdd, p)
     point = Mock(
         spec=TracePoint, dynamics=dynamics, dof=q.shape[1], slopes=slopes, q=q,
         motion=Mock(qd=qd, qdd=qdd), weighted=lambda slopes: np.stack(slopes, axis=2),

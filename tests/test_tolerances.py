@@ -49,13 +49,12 @@ def longer(robot: RobotDescription, name: str, by: float, limb: int | None) -> R
 
 
 def moved(name: str, samples: int = 40) -> tuple[Dynamics, tuple[np.ndarray, ...], np.ndarray]:
-    """A robot of which everything may be off by one, a motion, and parameters without steps."""
+    """A robot of which everything may be off by one, a motion, and parameters."""
     ones = {"lengths": 0.05, "homing": 0.2, "mounting": 0.2}
     dynamics = compiled(load_robot(name).changed(tolerances=ones))
     motion = random_motion(dynamics.kinematics, np.random.default_rng(4))
     z, zd, zdd = motion.evaluate(np.linspace(0, 4, samples))
     p = prior_parameters(dynamics.robot)
-    p[dynamics.layout.coulomb] = 0.0
     return dynamics, (z, *dynamics.kinematics.drive_motion(z, zd, zdd)), p
 
 

@@ -11,6 +11,7 @@ as far as the description's tolerance `mounting` lets it.
 """
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -54,12 +55,11 @@ class GeometryNumbers(UnknownEffect):
         self.known, self.mounting = known, mounting
 
     def columns(self, point: TracePoint) -> ColumnsOfDrives:
-        robot, gravity, p = point.dynamics.robot, point.slopes.gravity, point.slopes.p
-        grown = grown_torques(robot, mounted=True)
-        slopes = TorqueSlopes(grown, point.slopes.z, point.slopes.rates, gravity, p)
+        grown = grown_torques(point.dynamics.robot, mounted=True)
+        slopes = replace(point.slopes, grown=grown)
         return point.weighted([
             *(_slope(number, slopes, point) for number in self.known.numbers),
-            *(slopes.of_gravity(axis) for axis in across(gravity)),
+            *(slopes.of_gravity(axis) for axis in across(slopes.gravity)),
         ])  # fmt: skip
 
     def deviations(self, point: TracePoint, columns: ColumnsOfDrives) -> Deviations:

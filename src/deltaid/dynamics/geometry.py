@@ -109,9 +109,16 @@ class GeometrySlopes(ABC):
 
 @dataclass(frozen=True, eq=False)
 class TorqueSlopes(GeometrySlopes):
-    """Of torques with parameters p [N m/m, N m/rad, …]."""
+    """Of torques with parameters p [N m/m, N m/rad, …].
+
+    Attributes:
+        p: without friction's steps.
+        dry: friction of a passive joint each, which keeps its direction: drives feel it through the
+            joint's place, which changes.
+    """
 
     p: Parameters
+    dry: tuple[Parameters, ...] = ()
 
     def shown(
         self,
@@ -120,7 +127,16 @@ class TorqueSlopes(GeometrySlopes):
         growth: Float[np.ndarray, " growth"],
         gravity: Float[np.ndarray, " 3"],
     ) -> Shown:
-        return np.array(self.grown.torque(z.T, rates.T, self.p, growth, gravity))
+        torque = np.array(self.grown.torque(z.T, rates.T, self.p, growth, gravity))
+        for p, before in zip(self.dry, self._dry_as_described, strict=True):
+            after = np.array(self.grown.torque(z.T, rates.T, p, growth, gravity))
+            torque += np.sign(np.sum(before * after, axis=0)) * after
+        return torque
+
+    @cached_property
+    def _dry_as_described(self) -> list[Shown]:
+        z, rates, growth = self.z.T, self.rates.T, self._none
+        return [np.array(self.grown.torque(z, rates, p, growth, self.gravity)) for p in self.dry]
 
 
 def geometric_errors(
@@ -133,7 +149,7 @@ def geometric_errors(
 ) -> tuple[Error, ...]:
     """What each tolerance, by default of the description, does to the torques of a motion.
 
-    Friction's steps have no slope and are left out, as is friction that depends on load.
+    Friction keeps its direction; that which depends on load is left out.
     """
     robot, torque = dynamics.robot, dynamics.torque(z, qd, qdd, p).T
     return (
@@ -160,12 +176,15 @@ def errors_by(
 def torque_slopes(
     dynamics: Dynamics, z: Samples, qd: Samples, qdd: Samples, p: Parameters
 ) -> TorqueSlopes:
-    """Slopes of torques along a motion, without friction's steps, which have none."""
-    smooth, layout, gravity = p.copy(), dynamics.layout, np.array(dynamics.robot.gravity)
+    """Slopes of torques along a motion; friction keeps its direction."""
+    robot, layout, smooth = dynamics.robot, dynamics.layout, p.copy()
     smooth[layout.friction] = 0.0
     smooth[layout.viscous] = p[layout.viscous]
-    grown = grown_torques(dynamics.robot)
-    return TorqueSlopes(grown, z, np.hstack([qd, qdd]), gravity, smooth)
+    owners = np.array([parameter.owner for parameter in layout.parameters])
+    passive = [joint for joint in robot.friction_joints if joint not in robot.drives]
+    dry = tuple(np.where(owners == joint, p - smooth, 0.0) for joint in passive)
+    rates, gravity = np.hstack([qd, qdd]), np.array(robot.gravity)
+    return TorqueSlopes(grown_torques(robot), z, rates, gravity, smooth, dry)
 
 
 def _of_lengths(robot: RobotDescription, by: Tolerances, slopes: GeometrySlopes) -> Iterator[Error]:

@@ -103,7 +103,7 @@ class TracePoint:
 
     @cached_property
     def slopes(self) -> TorqueSlopes:
-        """Of torques without friction's steps, which have none."""
+        """Of torques; friction keeps its direction."""
         w = self.motion
         return torque_slopes(self.dynamics, w.z, w.qd, w.qdd, self.p)
 

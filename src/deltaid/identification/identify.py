@@ -22,7 +22,7 @@ from deltaid.identification.lags_and_gears import without_doubtful_lags
 from deltaid.identification.loads import found_loads, held, unloaded
 from deltaid.identification.setup import Setup
 from deltaid.identification.sources import source
-from deltaid.identification.stages import idle, prepared
+from deltaid.identification.stages import Prepared, idle
 from deltaid.identification.study import Study
 from deltaid.identification.torque_error import TorqueError, torque_error
 from deltaid.identification.widening import with_widened_prior
@@ -178,15 +178,22 @@ def _fitted(first: Setup, progress: Progress) -> tuple[Setup, FittedProblem]:
         return _confirmed(first.changed(barred=barred), progress)
 
 
-def _confirmed(first: Setup, progress: Progress) -> tuple[Setup, FittedProblem]:
+def _confirmed(
+    first: Setup, progress: Progress, corrected: Prepared | None = None
+) -> tuple[Setup, FittedProblem]:
     """The fit of a setup with all that is to be corrected in it; inspecting all rows where
     excerpts missed anything, and without corrections that it does not confirm, and terms of
-    friction and effects that it puts at zero."""
+    friction and effects that it puts at zero.
+
+    Args:
+        corrected: the setup before friction laws are chosen, where that is known already.
+    """
 
     def fitted(setup: Setup) -> FittedProblem:
         return fit(setup.dynamics, setup.recordings, setup.settings, progress, setup.additions)
 
-    setup = watched(prepared(first, progress))
+    corrected = corrected or Prepared(first).before_laws(progress)
+    setup = watched(corrected.with_laws(first.barred, progress))
     problem = fitted(setup)
     if setup.additions:
         confirmed = without_doubtful_lags(setup, judged_parameters(problem, len(problem.p)))
@@ -197,8 +204,10 @@ def _confirmed(first: Setup, progress: Progress) -> tuple[Setup, FittedProblem]:
         return _confirmed(first.changed(closely=True), progress)
     needless = idle(setup, problem)
     barred, effects = first.barred | needless.terms, first.barred_effects | needless.effects
-    if (barred, effects) != (first.barred, first.barred_effects):
+    if effects != first.barred_effects:
         return _confirmed(first.changed(barred=barred, barred_effects=effects), progress)
+    if barred != first.barred:
+        return _confirmed(first.changed(barred=barred), progress, corrected)
     return setup, problem
 
 

@@ -6,6 +6,8 @@ is then at its bound. A law that does without such a term is chosen instead. So 
 effect that others have made needless.
 """
 
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -88,19 +90,39 @@ STAGES: tuple[Stage, ...] = (
 
 def before_contest(setup: Setup, progress: Progress) -> Setup:
     """A setup after the stages before causes are weighed against each other."""
-    return prepared(setup, progress, STAGES[: STAGES.index(contested)])
+    return Prepared(setup).after(STAGES[: STAGES.index(contested)], progress).setup
 
 
-def prepared(setup: Setup, progress: Progress, stages: tuple[Stage, ...] = STAGES) -> Setup:
-    """A setup after all stages; one without effect is skipped until something has changed."""
-    needless: dict[Stage, Setup] = {}
-    for stage in stages:
-        if stage in needless and setup.poses_as(needless[stage]):
-            continue
-        before, setup = setup, stage(setup, progress)
-        if setup.poses_as(before):
-            needless[stage] = setup
-    return setup
+@dataclass(frozen=True, eq=False)
+class Prepared:
+    """A setup after some stages.
+
+    Attributes:
+        needless: setups that stages had no effect on; these are skipped until something changes.
+    """
+
+    setup: Setup
+    needless: Mapping[Stage, Setup] = field(default_factory=dict[Stage, Setup])
+
+    def before_laws(self, progress: Progress) -> "Prepared":
+        """After the stages before friction laws are chosen, which no barred term changes."""
+        return self.after(STAGES[: STAGES.index(chosen_friction)], progress)
+
+    def with_laws(self, barred: frozenset[JointTerm], progress: Progress) -> Setup:
+        """The setup after all others, without some terms."""
+        start = replace(self, setup=self.setup.changed(barred=barred))
+        return start.after(STAGES[STAGES.index(chosen_friction) :], progress).setup
+
+    def after(self, stages: Sequence[Stage], progress: Progress) -> "Prepared":
+        """After more stages."""
+        setup, needless = self.setup, dict(self.needless)
+        for stage in stages:
+            if stage in needless and setup.poses_as(needless[stage]):
+                continue
+            before, setup = setup, stage(setup, progress)
+            if setup.poses_as(before):
+                needless[stage] = setup
+        return Prepared(setup, needless)
 
 
 class Idle(NamedTuple):

@@ -16,8 +16,7 @@ from jaxtyping import Float
 from deltaid.checks.wiring.candidate import WiringHypothesis
 from deltaid.checks.wiring.motion import FilteredMotion
 from deltaid.dynamics.dynamics import Dynamics
-from deltaid.dynamics.geometry import TorqueSlopes, across
-from deltaid.dynamics.grown import grown_torques
+from deltaid.dynamics.geometry import across, torque_slopes
 from deltaid.dynamics.parameters import prior_parameters
 from deltaid.estimation.problem import LinearProblem, Span
 
@@ -115,13 +114,11 @@ def shifts(dynamics: Dynamics, motion: FilteredMotion, best: WiringHypothesis) -
     Y, left = residual.Y / noise, (tau - residual.Y @ residual.prior) / noise
     known = np.diag(1.0 / (_SPREAD * residual.scale)), np.zeros(Y.shape[1])
     p[residual.columns] += LinearProblem(Y, left, residual.rows.groups).with_known(*known).x
-    p[dynamics.layout.friction] = 0.0  # its steps have no slope
     # Slopes at the kept samples are smooth enough to need no filter.
     kept, low_pass = np.flatnonzero(residual.keep), motion.low_pass
     places = low_pass.half + low_pass.decimation * kept
-    rates = np.hstack([best.map.rates(rate[places]) for rate in (motion.qd, motion.qdd)])
-    grown, z = grown_torques(dynamics.robot), residual.z[places]
-    slopes, axes = TorqueSlopes(grown, z, rates, np.array(g), p), across(np.array(g))
+    qd, qdd = (best.map.rates(rate[places]) for rate in (motion.qd, motion.qdd))
+    slopes, axes = torque_slopes(dynamics, residual.z[places], qd, qdd, p), across(np.array(g))
     D = np.stack([*map(slopes.of_zero, range(dof)), *map(slopes.of_gravity, axes)], axis=2)
     offsets = residual.rows.per_drive(np.ones((dof, len(kept))))
     columns = np.hstack([residual.rows.stack(D), offsets, best.columns * best.gains])
