@@ -60,7 +60,8 @@ if TYPE_CHECKING:
     from deltaid.robot.limbs import LimbGeometry, Limbs
     from deltaid.robot.load import catalogue, load_robot
     from deltaid.sensors.planning.offers import Offers, load_offers
-    from deltaid.sensors.planning.plan import PlanSettings, SensorPlan, sensor_plan
+    from deltaid.sensors.planning.plan import SensorPlan, sensor_plan
+    from deltaid.sensors.planning.settings import PlanSettings
 
     __version__: str
 
@@ -94,7 +95,7 @@ _HOME = {
     "Online": "deltaid.online.online",
     "OnlineEstimate": "deltaid.online.online",
     "OnlineSettings": "deltaid.online.settings",
-    "PlanSettings": "deltaid.sensors.planning.plan",
+    "PlanSettings": "deltaid.sensors.planning.settings",
     "SensorPlan": "deltaid.sensors.planning.plan",
     "RobotDescription": "deltaid.robot.description",
     "Samples": "deltaid.model.samples",

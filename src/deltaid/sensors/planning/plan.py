@@ -19,7 +19,6 @@ from deltaid.model.model import Model, ModelLike, load
 from deltaid.progress import Watch, watched
 from deltaid.recording.mapping import MappingLike, as_mapping
 from deltaid.recording.memory import RecordingLike
-from deltaid.robot.parameter import PRIOR_SPREAD
 from deltaid.sensors.planning.knowledge import Knowledge, PlanUnknowns, unknowns
 from deltaid.sensors.planning.null_space import Opening, openings
 from deltaid.sensors.planning.offers import Offers, load_offers, shipped_offers
@@ -30,6 +29,7 @@ from deltaid.sensors.planning.rows import (
     torque_rows,
     torques,
 )
+from deltaid.sensors.planning.settings import PlanSettings
 from deltaid.sensors.planning.shopping import (
     BODIES,
     GAINS,
@@ -45,34 +45,6 @@ from deltaid.sensors.weighings import weighings
 from deltaid.shown import Plotted, Reported, Shown, Tabled
 
 Shares = Float[np.ndarray, " entries"]
-
-
-@dataclass(frozen=True)
-class PlanSettings:
-    """What a plan assumes.
-
-    Attributes:
-        torque_noise: standard deviation of the torques' noise, as a share of each drive's largest
-            torque along the motion.
-        rate: independent samples a second, of torques and of sensors.
-        duration: of the generic motion [s].
-        prior_spread: relative standard deviation of the prior, where the description has no other.
-        gain_spread: of the drives' torque constants; None for 0.1 if these are the goal, and for
-            drives that are right else.
-        enough: share of an entry, or of the largest force, that is good enough: to know it better
-            is no gain.
-        steps: how many things are bought at most.
-        seed: of the generic motion.
-    """
-
-    torque_noise: float = 0.02
-    rate: float = 200.0
-    duration: float = 20.0
-    prior_spread: float = PRIOR_SPREAD
-    gain_spread: float | None = None
-    enough: float = 0.01
-    steps: int = 10
-    seed: int = 0
 
 
 @dataclass(frozen=True, eq=False)
