@@ -11,12 +11,7 @@ import pytest
 
 import deltaid
 from command import refused
-from measured_poses import (
-    CLAVEL,
-    NOISE,
-    POINT,
-    measured,
-)
+from measured_poses import CLAVEL, NOISE, POINT, measured
 
 
 @pytest.fixture(scope="module")

@@ -9,10 +9,7 @@ import numpy as np
 import pytest
 
 import deltaid
-from measured_poses import (
-    KOSSEL,
-    NOISE,
-)
+from measured_poses import KOSSEL, NOISE
 from oracle.measured_delta import THREE, BuiltDelta, Drawing, built
 from oracle.tree import Array
 

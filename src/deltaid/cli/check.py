@@ -7,15 +7,7 @@ from typing import TYPE_CHECKING, Annotated, NamedTuple
 import typer
 
 import deltaid
-from deltaid.cli.options import (
-    AsJson,
-    ColumnFiles,
-    Cutoff,
-    KeepAll,
-    Report,
-    Robot,
-    output_file,
-)
+from deltaid.cli.options import AsJson, ColumnFiles, Cutoff, KeepAll, Report, Robot, output_file
 from deltaid.cli.output import console, print_json, print_note, progress, styled, verdicts_shown
 from deltaid.cli.output_files import print_written, require_outputs, write_files
 from deltaid.errors import DescriptionError

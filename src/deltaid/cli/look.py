@@ -8,15 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 import typer
 
 import deltaid
-from deltaid.cli.options import (
-    AsJson,
-    ColumnFiles,
-    Cutoff,
-    Full,
-    KeepAll,
-    bounded,
-    output_file,
-)
+from deltaid.cli.options import AsJson, ColumnFiles, Cutoff, Full, KeepAll, bounded, output_file
 from deltaid.cli.output import console, judged, print_found, print_json, print_warnings, progress
 from deltaid.cli.output_files import print_written, require_outputs
 from deltaid.model.options import LeastSquaresMethod

@@ -7,12 +7,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from deltaid.dynamics.dynamics import Dynamics, Parameters
-from deltaid.dynamics.limits import (
-    Limit,
-    kinematic_limits,
-    torque_limits,
-    workspace_limits,
-)
+from deltaid.dynamics.limits import Limit, kinematic_limits, torque_limits, workspace_limits
 from deltaid.errors import KinematicsError
 from deltaid.kernel.batch import BatchKernel
 from deltaid.mechanism.kinematics import Samples

@@ -17,15 +17,7 @@ from scipy.spatial.transform import Rotation
 
 from deltaid.errors import DeltaidError
 from deltaid.exports.looks import Shape, shapes, tool_body
-from deltaid.exports.mjcf_scene import (
-    assets,
-    extent,
-    geom,
-    middle,
-    scalar_first,
-    scene,
-    struts,
-)
+from deltaid.exports.mjcf_scene import assets, extent, geom, middle, scalar_first, scene, struts
 from deltaid.exports.plain_friction import JointForces, joint_forces
 from deltaid.exports.text import element, xml_comment
 from deltaid.exports.tree import spanning_tree

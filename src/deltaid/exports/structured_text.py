@@ -16,14 +16,7 @@ from deltaid.exports.digits import care_for
 from deltaid.exports.functions import ExportedCycle, parameter_table
 from deltaid.exports.model_functions import further_cycles, further_functions, model_functions
 from deltaid.exports.st_helpers import LARGEST_INPUT, LARGEST_RESULT, helpers, pair_functions
-from deltaid.exports.st_units import (
-    ArrayType,
-    Unit,
-    Variable,
-    array_types,
-    comments,
-    plcopen_xml,
-)
+from deltaid.exports.st_units import ArrayType, Unit, Variable, array_types, comments, plcopen_xml
 from deltaid.exports.st_writer import TABLE, Writer, each
 from deltaid.exports.straight_line import Array
 from deltaid.exports.text import DOUBLE, SINGLE, Precision

@@ -17,18 +17,8 @@ from deltaid.identification.measured_rows import SensorAddition
 from deltaid.identification.setup import ContestOutcome
 from deltaid.identification.torque_error import TorqueError
 from deltaid.identification.widening import doubted_sensors, widened_priors
-from deltaid.model.corrections import (
-    Correction,
-    FittedChannel,
-    FittedEffect,
-    FittedSensor,
-    Source,
-)
-from deltaid.model.parameter_record import (
-    FrictionChoice,
-    HeldLoad,
-    Parameter,
-)
+from deltaid.model.corrections import Correction, FittedChannel, FittedEffect, FittedSensor, Source
+from deltaid.model.parameter_record import FrictionChoice, HeldLoad, Parameter
 from deltaid.model.record import Consistency, Fit, IdentifiedModel, Settings
 from deltaid.recording.columns import Readings
 from deltaid.robot.inertia import pseudo_inertia

@@ -11,12 +11,7 @@ from deltaid.estimation.scatter import NORMAL, inverse
 from deltaid.identification.doubts import ambiguous
 from deltaid.identification.fit import FittedProblem
 from deltaid.identification.uncertainty import ConsistentRanges, Uncertainty, uncertainty
-from deltaid.model.parameter_record import (
-    BaseParameter,
-    Origin,
-    Parameter,
-    Share,
-)
+from deltaid.model.parameter_record import BaseParameter, Origin, Parameter, Share
 from deltaid.robot.inertia import MOMENTS_OF_INERTIA
 from deltaid.robot.parameter import ADDED
 

@@ -9,12 +9,7 @@ import numpy as np
 from deltaid.errors import DeltaidError, RecordingError
 from deltaid.recording.mapping_proposal import Known, MappingProposal
 from deltaid.recording.memory import Recording, RecordingLike, as_source
-from deltaid.recording.proposed_mapping import (
-    Column,
-    addresses,
-    count_drives,
-    proposed_mapping,
-)
+from deltaid.recording.proposed_mapping import Column, addresses, count_drives, proposed_mapping
 from deltaid.recording.source import LogTable
 from deltaid.recording.table import open_table
 from deltaid.robot.load import RobotLike, described

@@ -36,14 +36,7 @@ from deltaid.reproduce.irb360_result import (
     Verified,
 )
 from deltaid.reproduce.surrogate_result import RecordingSettings
-from deltaid.reproduce.table_one import (
-    RETUNED,
-    ROBOT,
-    Drive4Friction,
-    prior_robot,
-    slow,
-    stand_in,
-)
+from deltaid.reproduce.table_one import RETUNED, ROBOT, Drive4Friction, prior_robot, slow, stand_in
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.load import load_robot
 

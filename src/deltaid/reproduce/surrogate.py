@@ -25,13 +25,7 @@ from deltaid.motion.excitation.run import Run
 from deltaid.motion.excitation.settings import VERIFICATION_OFFSET
 from deltaid.motion.surrogate import SensorNoise, simulate_recording, write_recording
 from deltaid.progress import Progress
-from deltaid.reproduce.accuracy import (
-    Accuracy,
-    accuracy,
-    drive_motion,
-    motion_terms,
-    sweep,
-)
+from deltaid.reproduce.accuracy import Accuracy, accuracy, drive_motion, motion_terms, sweep
 from deltaid.reproduce.descent import Descents, descend
 from deltaid.reproduce.surrogate_result import Reproduction, SurrogateFit, SurrogateSettings, Sweep
 from deltaid.reproduce.table_one import ABOVE, BELOW, ROBOT, nominal_robot, regularisation

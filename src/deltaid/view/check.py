@@ -10,17 +10,7 @@ from deltaid.errors import DeltaidError
 from deltaid.model.verdict import Grade, Verdict
 from deltaid.view.drawing import drawing
 from deltaid.view.numbers import in_words
-from deltaid.view.page import (
-    Drawing,
-    Fact,
-    Lines,
-    Page,
-    Section,
-    Summary,
-    Table,
-    Text,
-    Trust,
-)
+from deltaid.view.page import Drawing, Fact, Lines, Page, Section, Summary, Table, Text, Trust
 from deltaid.view.show import Card
 
 COLUMNS = ("verdict", "check", "about", "seen", "likeliest cause", "next step")

@@ -6,14 +6,7 @@ from itertools import groupby
 
 import numpy as np
 
-from deltaid.model.corrections import (
-    NAMES,
-    Correction,
-    Event,
-    FittedSensor,
-    Kind,
-    LeftOut,
-)
+from deltaid.model.corrections import NAMES, Correction, Event, FittedSensor, Kind, LeftOut
 from deltaid.model.parameter_record import HeldLoad
 from deltaid.model.record import IdentifiedModel
 from deltaid.robot.body import body_in_words

@@ -7,15 +7,12 @@ with the entropic distance d² to the prior: a wrong sign explains a poor motion
 body has. Rows W are shares of each drive's recorded torque, so that units do not decide.
 """
 
-from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
 
 import numpy as np
 from jaxtyping import Bool, Float
-from scipy.linalg import eigh
 
-from deltaid.checks.wiring.motion import FilteredMotion
 from deltaid.checks.wiring.residual import (
     AT_REST,
     LEAST,
@@ -23,23 +20,17 @@ from deltaid.checks.wiring.residual import (
     UNIT,
     Map,
     MapResidual,
-    patterns,
-    poses,
-    residual,
     rms_torques,
 )
 from deltaid.dynamics.dynamics import Dynamics
 from deltaid.errors import IdentificationError
 from deltaid.estimation.conic import Conic
 from deltaid.estimation.objective import METRICS, Objective, Quadratic, Regularizer
-from deltaid.estimation.problem import Span
 from deltaid.estimation.reduction import Reduction, build_reduction
 from deltaid.robot.description import RobotDescription
 
-# A gain so far from the others' is no calibration error; least margin that it needs.
-_GAIN, _SHOWN_FAR = 2.5, 3.0
-# Share of the samples whose loops must close, and of the few tried first; how many these are.
-CLOSED, MOSTLY_CLOSED, _FEW = 0.98, 0.9, 40
+# Share of the samples whose loops must close, and of the few tried first.
+CLOSED, MOSTLY_CLOSED = 0.98, 0.9
 # A robot within so much of its prior, of which so little is left, and whose torques correlate so
 # with the prior's, is worth no search for units.
 _NEAR, LITTLE, _ALONG, _ALONG_LOOSE = 10.0, 0.05, 0.85, 0.6
@@ -53,8 +44,6 @@ _AS_GOOD, _CERTAIN = 1.1, 10.0
 _DOUBTED = 0.03
 # Correlation of residuals of drives that hang together.
 _TIED = 0.25
-# Patterns of one map that are judged.
-_JUDGED = 4
 # γ of the prior; rounds of fit and noise level, and change of the latter that ends them.
 _GAMMA, _ROUNDS, _SETTLED = 1.0, 4, 0.05
 _SOLVER = Conic(tolerance=1e-7, largest_gap=1e-2)
@@ -250,78 +239,6 @@ def _distinct(factors: Float[np.ndarray, " drives"]) -> int:
 def named_units(robot: RobotDescription, drive: int) -> dict[float, str]:
     """Units that a drive's positions may be in, by factor."""
     return SLIDING if robot.is_linear(robot.drives[drive]) else TURNING
-
-
-def closed_share(dynamics: Dynamics, motion: FilteredMotion, map: Map) -> float:
-    """Share of samples whose loops close, estimated from a few."""
-    chosen = np.linspace(0, len(motion.q) - 1, _FEW).astype(int)
-    return float(poses(dynamics, map.values(motion.q[chosen]))[1].mean())
-
-
-def residuals(
-    dynamics: Dynamics, motion: FilteredMotion, maps: Iterable[Map], least: float = MOSTLY_CLOSED
-) -> Iterator[MapResidual]:
-    """Least squares under maps whose loops close at a share of the samples."""
-    for map in maps:
-        if closed_share(dynamics, motion, map) >= least:
-            solved = residual(dynamics, motion, map)
-            if solved is not None:
-                yield solved
-
-
-def tried(
-    dynamics: Dynamics, motion: FilteredMotion, maps: Iterable[Map], *, as_is: bool = False
-) -> Iterator[WiringHypothesis]:
-    """The likeliest orders, signs and gains of the torque columns, under maps whose loops close;
-    `as_is`, torque columns keep their order."""
-    for solved in residuals(dynamics, motion, maps):
-        dof = len(solved.still)
-        (orders, signs), values = patterns(dof), solved.evidences.copy()
-        moved = orders != np.arange(dof)
-        # At rest friction balances any torque: neither sign nor order shows.
-        values[np.any((moved | (signs < 0))[:, solved.still], axis=1)] = -np.inf
-        if as_is:
-            values[np.any(moved, axis=1)] = -np.inf
-        ranked = np.argsort(-values, kind="stable")[: 1 if as_is else _JUDGED]
-        for k in ranked[np.isfinite(values[ranked])]:
-            order = tuple(orders[k].tolist())
-            yield WiringHypothesis(solved, order, signs[k], float(values[k]))
-        if not as_is and (far := _far_gains(solved)) is not None:
-            yield far
-
-
-def _far_gains(residual: MapResidual) -> WiringHypothesis | None:
-    """Torque columns in their order, some of them in another unit than those of the others."""
-    as_is = WiringHypothesis(
-        residual, tuple(range(len(residual.still))), np.ones(len(residual.still))
-    )
-    tied = np.flatnonzero(~as_is.loose & ~residual.still)
-    if len(tied) < 2:
-        return None
-    squares = np.sum(as_is.columns[:, tied] ** 2, axis=0)
-    values, vectors = eigh(as_is.left_by_any[np.ix_(tied, tied)], np.diag(squares))
-    if values[1] < _SHOWN_FAR**2 * max(values[0], 0.0):
-        return None
-    u = vectors[:, 0] * np.sign(np.sum(vectors[:, 0] * as_is.along[tied]))
-    u = u / np.median(np.abs(u))
-    far = (np.abs(u) > _GAIN) | (np.abs(u) < 1 / _GAIN)
-    if not np.any(far):
-        return None
-    gains = np.ones(len(residual.still))
-    gains[tied] = np.where(far, u, np.sign(u))
-    # A large gain must add no weight; else an unexplained drive is only weighted less.
-    by = np.repeat(np.abs(gains), residual.rows.samples)
-    better = _share(residual.span, as_is.columns @ np.sign(gains))
-    better /= _share(Span.of_columns(residual.Y / by[:, None]), as_is.columns @ gains / by)
-    if better < _SHOWN_FAR:
-        return None
-    evidence = float(residual.evidences.max()) + len(residual.Y) * float(np.log(better))
-    return WiringHypothesis(residual, as_is.order, gains, evidence)
-
-
-def _share(span: Span, tau: Float[np.ndarray, " rows"]) -> float:
-    """Residual as a share of the torques' root mean square."""
-    return float(np.linalg.norm(span.without(tau)) / np.linalg.norm(tau))
 
 
 @lru_cache(maxsize=8)

@@ -15,13 +15,7 @@ from scipy.signal import detrend
 from deltaid.checks.evidence import RawRows
 from deltaid.recording.filter import LowPass, design_low_pass, samples_needed
 from deltaid.recording.masks.masks import runs_of
-from deltaid.recording.spectrum import (
-    HIGHEST,
-    LOWEST_CUTOFF,
-    SpectrumEstimate,
-    apply,
-    spectrum_of,
-)
+from deltaid.recording.spectrum import HIGHEST, LOWEST_CUTOFF, SpectrumEstimate, apply, spectrum_of
 from deltaid.recording.time.clock import HIGHEST_RATE
 
 # The highest cut-off [Hz]: enough to distinguish columns.

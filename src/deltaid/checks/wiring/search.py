@@ -19,13 +19,11 @@ from deltaid.checks.wiring.candidate import (
     Assignment,
     WiringHypothesis,
     as_good,
-    closed_share,
     named_units,
-    residuals,
-    tried,
 )
 from deltaid.checks.wiring.motion import FilteredMotion
 from deltaid.checks.wiring.residual import Map, residual
+from deltaid.checks.wiring.trials import closed_share, residuals, tried
 from deltaid.dynamics.dynamics import Dynamics
 
 # Least share of samples with closed loops for the mapping itself to be evaluated.
