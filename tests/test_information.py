@@ -9,8 +9,9 @@ from deltaid.dynamics.dynamics import compiled
 from deltaid.dynamics.parameters import prior_parameters
 from deltaid.errors import IdentificationError
 from deltaid.estimation.base_parameters import base_parameters
+from deltaid.estimation.drive_rows import STRETCHES
 from deltaid.estimation.information import gather_samples, merge
-from deltaid.identification.gathering import BLOCKS, gather, places_of
+from deltaid.identification.gathering import gather, places_of
 from deltaid.identification.generic_motion import random_motion_base
 from deltaid.identification.least_squares import estimate_base, identify_base
 from deltaid.identification.torque_error import torque_error
@@ -209,7 +210,7 @@ def test_blocks_of_a_log_are_consecutive_equal_and_together_the_whole(tmp_path):
     write_recording(recording, tmp_path / "log.csv")
     log = open_log(tmp_path / "log.csv", dynamics.kinematics, None, keep_all=True)
     blocks = gather(dynamics, PreparedRecording(log, None))
-    length = -(-log.samples // BLOCKS)
+    length = -(-log.samples // STRETCHES)
     assert [b.mean_samples for b in blocks[:-1]] == [length] * (len(blocks) - 1)
     assert sum(b.mean_samples for b in blocks) == log.samples
     values = recording.to_numpy()

@@ -16,10 +16,11 @@ from deltaid.estimation.problem import DEPENDENT, Columns, LinearProblem, Rows, 
 from deltaid.estimation.reduction import Reduction, build_reduction
 from deltaid.estimation.traces import Trace
 
-# Stretches of time of a recording whose scatter gives covariances.
+# Stretches of time that a recording is cut into: enough to judge by their scatter, each still much
+# longer than the filter's memory.
 STRETCHES = 40
 # No recording fits a model better than to this share of its largest torque.
-_MISFIT_FLOOR = 1e-5
+MISFIT_FLOOR = 1e-5
 # What makes less of a drive's largest torque may be the error of differentiated positions.
 POSITION_ERROR = 3e-4
 
@@ -50,7 +51,7 @@ class DriveRows:
     def by_misfit(self, A: ColumnsOfDrives, b: OfDrives) -> "DriveRows":
         """Rows over the RMS residual of each drive's b by the columns of all drives together."""
         residual = self.of_drives(Span.of_columns(self.stack(A)).without(self.stack(b)))
-        scale = np.maximum(np.sqrt(np.mean(residual**2, axis=1)), _MISFIT_FLOOR * self.scale)
+        scale = np.maximum(np.sqrt(np.mean(residual**2, axis=1)), MISFIT_FLOOR * self.scale)
         return DriveRows(scale, self.samples)
 
     def stack(self, x: Float[np.ndarray, "dof samples *k"]) -> np.ndarray:

@@ -24,7 +24,7 @@ from deltaid.errors import RecordingError
 from deltaid.estimation.drive_rows import STRETCHES
 from deltaid.estimation.problem import Columns, Rows, independent, lengths
 from deltaid.estimation.scatter import surprise
-from deltaid.identification.friction_constants import LawConstants, Refined, refined
+from deltaid.identification.friction_constants import SELDOM, LawConstants, Refined, refined
 from deltaid.identification.friction_rows import (
     FrictionRows,
     JudgedColumns,
@@ -42,9 +42,9 @@ from deltaid.robot.description import RobotDescription
 from deltaid.robot.friction import Friction
 from deltaid.robot.friction_terms import law_in_words
 
-# A term is added where chance explains as much to one of all that were tried once in 3.5 decades of
-# recordings; the number of joints and kinds of terms takes 1.3 more.
-_SEEN = 3.5 + 1.3
+# A term is added where chance seldom explains as much to one of all that were tried; the number of
+# joints and kinds of terms takes 1.3 decades more.
+_SEEN = SELDOM + 1.3
 # Terms that are added at most.
 _MOST = 25
 

@@ -42,8 +42,9 @@ from deltaid.robot.parameter import PriorParameter
 
 # Steps at most, the largest of a logarithm, and the one below which constants have settled.
 _STEPS, _LARGEST, _SETTLED = 12, 0.4, 1e-3
-# Decades by which chance must be unlikely before exponents are none of the usual ones.
-_OTHER = 3.5
+# Once in so many decades of recordings chance may explain as much as what is then believed, such as
+# an exponent that is none of the usual ones.
+SELDOM = 3.5
 # Standard deviation of a logarithm about its value by the grid.
 _SPREAD = 1.0
 # Stribeck's speed stays within these shares of the joint's fastest.
@@ -98,7 +99,7 @@ def refined(rows: FrictionRows, laws: Mapping[str, Friction]) -> Refined:
     best = min(tried, key=lambda trial: trial.squares)
     level = free.squares / max(len(rows.tau) - rows.span.rank, 1)
     more = max(best.squares - free.squares, 0.0) / level
-    return best if surprise(more, len(added)) < _OTHER else free
+    return best if surprise(more, len(added)) < SELDOM else free
 
 
 def _refined(rows: FrictionRows, laws: Mapping[str, Friction], usual: Collection[str]) -> Refined:

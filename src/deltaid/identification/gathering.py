@@ -12,6 +12,7 @@ from jaxtyping import Float
 
 from deltaid.dynamics.dynamics import Dynamics, Parameters, Regressor
 from deltaid.estimation.additions import Addition, Extended, extended
+from deltaid.estimation.drive_rows import STRETCHES
 from deltaid.estimation.information import (
     NOISE_FLOOR,
     Chunk,
@@ -30,10 +31,6 @@ from deltaid.progress import Progress
 from deltaid.recording.recording import PreparedRecording
 from deltaid.recording.windows import Window
 from deltaid.sensors.weighings import Weighing, weighings
-
-# Blocks that a log is cut into: enough to judge by their scatter, each still much longer than the
-# filter's memory.
-BLOCKS = 40
 
 _Columns = Regressor | Extended | MeasuredRows
 
@@ -108,7 +105,7 @@ def gather(
     recording: PreparedRecording,
     places: PlaceSums | None = None,
     load: Parameters | None = None,
-    count: int = BLOCKS,
+    count: int = STRETCHES,
     whitening: Float[np.ndarray, "dof dof"] | None = None,
 ) -> tuple[Information, ...]:
     """The information of one recording, in `count` consecutive blocks of equal length.

@@ -26,7 +26,13 @@ from deltaid.effects.lags import Lag, estimate_lags
 from deltaid.effects.point import EffectCandidate, RigidFit
 from deltaid.errors import RecordingError
 from deltaid.estimation.additions import Addition
-from deltaid.estimation.drive_rows import POSITION_ERROR, ColumnsOfDrives, DriveRows, parameters_of
+from deltaid.estimation.drive_rows import (
+    MISFIT_FLOOR,
+    POSITION_ERROR,
+    ColumnsOfDrives,
+    DriveRows,
+    parameters_of,
+)
 from deltaid.estimation.information import active_columns
 from deltaid.estimation.problem import Rows, Span, independent, lengths, level_along
 from deltaid.estimation.scatter import surprise
@@ -43,7 +49,6 @@ LOAD_CHANGE = "load-change"  # the kind of an effect that hides others
 _SMALL, _AT_ONCE = 1.5e-4, 2.0
 # A residual is far above noise at so many times the noise and this share of the largest torque.
 _FAR, _SEEN = 3.0, 0.01
-_FLOOR = 1e-5  # least noise, as a share of the largest torque
 # Degree of the smooth functions of one quantity.
 _SMOOTH = 8
 # Corrections that leave this share of a drive's torque are not those of what acts on it.
@@ -222,7 +227,7 @@ def rests(study: Study) -> tuple[Rest, ...]:
         least = max(first_order[drive], (POSITION_ERROR * largest[drive]) ** 2)
         follows = trend.surprise > SEEN and explained > least
         beyond = max(power - noise[drive] ** 2, explained if follows else 0.0)
-        times = np.sqrt(power) / max(noise[drive], _FLOOR * largest[drive])
+        times = np.sqrt(power) / max(noise[drive], MISFIT_FLOOR * largest[drive])
         is_far = times > _FAR and power > max(first_order[drive], (_SEEN * largest[drive]) ** 2)
         part = np.sqrt(beyond) / max(float(study.fit.model[drive].std()), 1e-300)
         size = np.sqrt(beyond) / largest[drive]
