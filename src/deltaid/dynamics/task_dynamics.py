@@ -164,6 +164,7 @@ def cholesky_solve(A: ca.SX, B: ca.SX) -> ca.SX:
     return X
 
 
+# Rounds of a sweep and Newton steps: nothing changes once it is known which joints slip.
 _ROUNDS = 5
 # Share of its diagonal that keeps A invertible where joints that rest depend on each other; the
 # speeds err by this share of what friction does in a step.

@@ -33,6 +33,7 @@ from deltaid.robot.limbs import LimbGeometry
 
 Samples = Float[np.ndarray, "samples dof"]
 
+# Of so many samples the first is reached from home; the others begin there.
 _STRIDE = 32
 # Steps along the way from home, coarse and fine, and Newton iterations at each and at the end.
 _COARSE, _FINE, _ON_THE_WAY, _AT_THE_END = 6, 60, 2, 8

@@ -16,6 +16,7 @@ from deltaid.mechanism.mechanism import LimbBodies, Mechanism
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.platform import RigidPlatform
 
+# How far apart what nobody described is drawn, as a share of the size of what it is part of.
 _APART = 0.5
 _BASE = "base"
 

@@ -12,8 +12,9 @@ from deltaid.mechanism.kinematics import Kinematics
 from deltaid.motion.fourier import FourierMotion
 from deltaid.robot.description import RobotDescription
 
-# Samples of a period at which limits are checked, and motions that are tried.
+# Samples of a period at which limits are checked.
 _GRID = 400
+# Motions that are tried.
 _ATTEMPTS = 100
 
 

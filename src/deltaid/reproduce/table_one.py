@@ -55,7 +55,7 @@ DETERMINED = (
     "TL.m", "TL.mcz", "TL.Ixx", "TL.Iyy", "TL.Izz",
 )  # fmt: skip
 
-# Sec. VIII B: viscous and Coulomb friction, and the lumped inertia of the fourth motor [kg m²].
+# Sec. VIII B: viscous and Coulomb friction.
 FRICTION = {
     "drive1": (1.576, 4.659),
     "drive2": (1.667, 4.644),
@@ -63,6 +63,7 @@ FRICTION = {
     "drive4": (0.019, 0.807),
     "slide": (4.08, 5.36),
 }
+# The lumped inertia of the fourth motor [kg m²].
 ROTOR = 2.87e-3
 # What the text changes of drive 4 for Fig. 8: viscous times five, Coulomb times 0.75.
 RETUNED = (5.0, 0.75)
@@ -70,6 +71,7 @@ RETUNED = (5.0, 0.75)
 # Root mean square torque errors on the verification motion, captions of Figs. 7 and 8 [N m].
 RMS_BASE = (2.0, 1.8, 2.2, 0.25)
 RMS_IDENTIFIED = (2.0, 1.7, 2.2, 0.20)
+# The same of drive 4, retuned by hand [N m].
 RMS_RETUNED = 0.15
 
 # Speeds and accelerations of drive 4, Sec. VIII C [°/s, °/s²].

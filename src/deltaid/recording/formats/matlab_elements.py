@@ -37,6 +37,7 @@ _CELL, _STRUCT, _OBJECT, _TEXT, _SPARSE, _FUNCTION, _OPAQUE = 1, 2, 3, 4, 5, 16,
 _HOLDS = {_TEXT: "text", _SPARSE: "a sparse matrix", _FUNCTION: "a function"}
 # The flag of a matrix that has an imaginary part.
 _COMPLEX = 0x800
+# That of truth values.
 _LOGICAL = 0x200
 # Levels of structs, and fields of a variable, that are looked at; bytes that hold every header.
 _DEEPEST, _MOST, _HEAD = 16, 2000, 1 << 14
