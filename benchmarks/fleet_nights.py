@@ -1,13 +1,15 @@
 """What a night costs a robot after so many days: python benchmarks/fleet_nights.py.
 
-A year of a robot with one recording a day. On some days the jobs of that night's call are done, of
-the week and of all recordings so far, without gathering: what they read, and their time of
-processors. A few recordings are gathered; all others are these under checksums of their own.
+A year of a robot with one recording a day, night after night: each night does the jobs of its call,
+of the week and of all recordings so far, without gathering. Of some nights stands what the jobs of
+all recordings read and write, and their time of processors; with the week's fit, which reads up to
+seven factor files, the mean of seven nights. A few recordings are gathered; all others are these
+under checksums of their own.
 """
 
 import tempfile
 import time
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from datetime import datetime, timedelta
 from pathlib import Path
 
@@ -15,7 +17,7 @@ import numpy as np
 from _table import leave
 
 from deltaid.dynamics.dynamics import compiled
-from deltaid.fleets import factor_file, place
+from deltaid.fleets import factor_file, place, store
 from deltaid.fleets.drift_findings import DriftSettings
 from deltaid.fleets.factor_file import FactorFile
 from deltaid.fleets.fleet import Recorded
@@ -68,43 +70,88 @@ def of_day(day: int, files: list[FactorFile], folder: Path) -> GatherResult:
     return GatherResult(recorded, str(day), name, size=path.stat().st_size, sha256=sha256)
 
 
-def night(days: list[GatherResult], folder: Path) -> tuple[float, float]:
-    """Time of processors [s] and what is read [MB] by the jobs of the last day's call."""
-    jobs, read, seconds = (
+class Counted:
+    """Bytes that pass through files of a fleet's folder."""
+
+    def __init__(self) -> None:
+        self.read = self.written = 0
+        read, write, factors = store.read, store.write, factor_file.read
+
+        def counted_read(path: str) -> bytes | None:
+            data = read(path)
+            self.read += len(data or b"")
+            return data
+
+        def counted_write(path: str, data: bytes) -> None:
+            self.written += len(data)
+            write(path, data)
+
+        def counted_factors(path: Path) -> FactorFile:
+            self.read += path.stat().st_size
+            return factors(path)
+
+        store.read, store.write, place.read = counted_read, counted_write, counted_factors
+
+
+@dataclass(frozen=True)
+class Night:
+    """What the jobs of a night's call have read and written [MB], and their time of processors."""
+
+    read: float
+    written: float
+    seconds: float
+
+
+def night(days: list[GatherResult], folder: Path, counted: Counted) -> tuple[Night, Night]:
+    """The jobs of the last day's call: of all recordings, and of its week."""
+    jobs, nights = (
         fit_jobs(days, "week", {ROBOT: load_robot(ROBOT)}, SETTINGS),
-        list[int](),
-        0.0,
+        [Night(0, 0, 0)] * 2,
     )
-
-    def counted(path: Path) -> FactorFile:
-        read.append(path.stat().st_size)
-        return factor_file.read(path)
-
-    place.read = counted
     for chain in robot_chains(jobs, days, DriftSettings()):
         fit = chain[0][1]
-        if ALL in fit.names or days[-1].file in fit.files:
-            start = time.process_time()
+        is_week = ALL not in fit.names
+        if not is_week or days[-1].file in fit.files:
+            before, start = (counted.read, counted.written), time.process_time()
             for _, result in work_chain(chain, Place.named(folder)):
                 assert not result.reason, result.reason
-            seconds += time.process_time() - start
-    return seconds, sum(read) / 1e6
+            seconds = time.process_time() - start
+            read, written = counted.read - before[0], counted.written - before[1]
+            nights[is_week] = Night(read / 1e6, written / 1e6, seconds)
+    return nights[0], nights[1]
 
 
 def main() -> None:
-    rows = list[tuple[str, ...]]()
+    rows, counted = list[tuple[str, ...]](), Counted()
     with tempfile.TemporaryDirectory() as name:
-        folder, days = Path(name), list[GatherResult]()
+        folder, days, nights = Path(name), list[GatherResult](), list[tuple[Night, Night]]()
         files = gathered(folder)
         for day in range(max(DAYS)):
             days.append(of_day(day, files, folder))
+            nights.append(night(days, folder, counted))
             if len(days) in DAYS:
-                seconds, megabytes = night(days, folder)
-                hours, terabytes = ROBOTS * seconds / 3600, ROBOTS * megabytes / 1e6
-                figures = (f"{megabytes:.1f}", f"{seconds:.1f}", f"{terabytes:.2f}", f"{hours:.0f}")
-                rows.append((str(len(days)), *figures))
-    head = ("day", "read, MB a robot", "processor, s a robot", "10⁴ robots, TB", "core hours")
-    note = f"The night after so many days, one recording of a {ROBOT} a day, without gathering."
+                every = nights[-1][0]
+                both = [job for week in nights[-7:] for job in week]
+                read = sum(job.read for job in both) / 7
+                seconds = sum(job.seconds for job in both) / 7
+                scale = (ROBOTS * read / 1e6, ROBOTS * seconds / 3600)
+                figures = (every.read, every.written, every.seconds, read, seconds, *scale)
+                rows.append((str(len(days)), *(f"{x:.2f}" for x in figures)))
+    head = (
+        "day",
+        "read, MB a robot",
+        "written, MB",
+        "processor, s",
+        "with the week's fit: read, MB",
+        "processor, s",
+        "10⁴ robots: read, TB",
+        "core hours",
+    )
+    note = (
+        f"Nights of a year, one recording of a {ROBOT} a day, without gathering. Of all "
+        "recordings, with drift and type, on the night of that day; with the week's fit the mean "
+        "of seven nights until then."
+    )
     leave(head, rows, note)
 
 

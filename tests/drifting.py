@@ -122,7 +122,7 @@ def days(
     """
     robot, layout = load_robot(ROBOT), compiled(load_robot(ROBOT)).layout
     p, found = prior_parameters(robot), list[DriftRecording]()
-    merging = merging_of([file], robot, SETTINGS)
+    merging = merging_of([file.brief], robot, SETTINGS)
     for day in range(count):
         more = {"P.m": held(day)}
         for drive, times in zip(robot.drives, share(day), strict=True):

@@ -11,7 +11,7 @@ from deltaid.fleets.factor_file import FactorFile, read, write
 from deltaid.fleets.factor_record import FactorGroup, FactorGroups
 from deltaid.fleets.gather import gathered
 from deltaid.fleets.identify_gathered import identify_gathered, validate_gathered
-from deltaid.fleets.merged import merged, merging_of
+from deltaid.fleets.robot_recordings import merged_files
 from deltaid.fleets.steps import gain_rows
 from deltaid.identification.identify import identify
 from deltaid.identification.prediction import validate
@@ -166,12 +166,15 @@ def test_torque_constants_put_right_in_one_of_several_are_refused(loaded: list[F
 
 
 def test_places_of_all_recordings_add_up(loaded: list[FactorFile]) -> None:
-    merging = merging_of(loaded, robot()[0].robot, PLAIN)
-    apart = [merged(merging, [file]).places.sum(axis=0) for file in loaded]
-    together = merged(merging, loaded)
-    np.testing.assert_allclose(together.places.sum(axis=0), sum(apart), rtol=1e-9, atol=1e-6)
-    assert len(together.parts) == 3
-    assert all(20 < len(part) <= 26 for part in together.parts)
+    together = merged_files(loaded, robot()[0].robot, PLAIN)
+    parts = [together.merging.part(file) for file in loaded]
+    apart = [part.rows(part.groups.named("place")) for part in parts]
+    expected = sum((A.swapaxes(2, 3) @ A).sum(axis=0) for A in apart)
+    found = together.gathered.places.sum(axis=0)
+    size = np.sqrt(np.einsum("iaa,ibb->iab", expected, expected))
+    assert np.max(np.abs(found - expected)[size > 0] / size[size > 0]) < 1e-6  # seven digits
+    assert len(together.gathered.parts) == 3
+    assert all(20 < len(part) <= 26 for part in together.gathered.parts)
 
 
 def test_a_load_is_compared_as_the_model_knows_it(loaded: list[FactorFile]) -> None:

@@ -14,6 +14,7 @@ from deltaid.model.record import IdentifiedModel
 from deltaid.recording.mapping import ColumnMapping
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.load import parse, save_yaml
+from deltaid.robot.yaml_text import yaml_text
 from deltaid.robot.yaml_tree import plain, read_tree
 from descriptions import CLAVEL, refusal, replaced
 
@@ -119,6 +120,21 @@ def test_what_is_saved_is_read_again(tmp_path_factory, value: object) -> None:
     tree = read_tree(path.read_text(), "x.yaml")
     assert tree is not None
     assert repr(plain(tree, "x.yaml")) == repr({"key": value})
+
+
+@pytest.mark.parametrize("text", ["é: 'x' # \"y\" 😀", "two\nlines", "\x85", "\x00"])
+def test_a_long_list_of_mappings_is_a_line_an_entry(text: str) -> None:
+    entries = [{"log": f"{text}{k}", "share": 1e-05, "masks": [{"k": k}, []]} for k in range(200)]
+    data = {"name": "x", "recordings": entries, "after": {"fit": [1.5, True, None]}}
+    written = yaml_text(data)
+    tree = read_tree(written, "x.yaml")
+    assert tree is not None
+    assert plain(tree, "x.yaml") == data
+    if text.isprintable():
+        assert written.count("\n- {") == 200
+        assert len(written.splitlines()) < 210
+    few = {"name": "x", "recordings": entries[:49]}
+    assert "- log: " in yaml_text(few)
 
 
 def test_as_many_keys_as_a_file_may_hold_are_refused_at_once() -> None:

@@ -18,6 +18,7 @@ from deltaid.fleets.drift_evidence import FEWEST, KINDS, MONTH, YEAR
 from deltaid.fleets.drift_series import Explained
 from deltaid.fleets.factor_file import FactorFile
 from deltaid.fleets.fleet import DATE, datetime_of
+from deltaid.fleets.recording_brief import RecordingBrief
 
 State = Literal["steady", "rising", "falling", "stepped", "unknown"]
 # With fewer than `FEWEST` recordings, or over less time [days], none is called steady. Within the
@@ -35,7 +36,8 @@ _SINCE_1970 = 1e9
 
 @dataclass(frozen=True, eq=False)
 class DriftRecording:
-    """One recording's factors, and when it was made; for the rest None is what the file says.
+    """One recording's factors, or its brief where they have been merged, and when it was made; for
+    the rest None is what the file says.
 
     Attributes:
         temperature: of gears or oil [°C].
@@ -43,35 +45,34 @@ class DriftRecording:
         name: of the recording; empty for that in the factor file.
     """
 
-    file: FactorFile
+    file: FactorFile | RecordingBrief
     time: datetime
     temperature: float | None = None
     load: float | None = None
     name: str = ""
 
     @property
+    def brief(self) -> RecordingBrief:
+        """What is said of it beside its factors."""
+        return self.file.brief if isinstance(self.file, FactorFile) else self.file
+
+    @property
     def degrees(self) -> float:
         """Temperature; NaN where it is not known."""
         if self.temperature is not None:
             return float(self.temperature)
-        recorded = self.file.record.temperature
-        return float("nan") if recorded is None else recorded.mean
+        degrees = self.brief.degrees
+        return float("nan") if degrees is None else degrees
 
     @property
     def held(self) -> float:
         """Largest mass held [kg]; the identified one of a load without a declared mass."""
-        if self.load is not None:
-            return self.load
-        identified = {load.name: load.parameters[0].value for load in self.file.record.model.loads}
-        masses = [
-            identified.get(load.load.name, load.load.mass or 0.0) for load in self.file.record.loads
-        ]
-        return max(masses, default=0.0)
+        return self.brief.held if self.load is None else self.load
 
     @property
     def label(self) -> str:
         """Name of the recording."""
-        return self.name or self.file.record.log
+        return self.name or self.brief.log
 
 
 def recorded(

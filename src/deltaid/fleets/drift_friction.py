@@ -10,25 +10,31 @@ taken for friction. Noise is not white, so standard deviations come from the sca
 recording's stretches of time.
 """
 
-from collections.abc import Sequence
-from dataclasses import dataclass
-from functools import cached_property
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, fields
+from functools import cached_property, reduce
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int
 
 from deltaid.effects.load_columns import LoadColumns
 from deltaid.errors import DeltaidError
-from deltaid.estimation.problem import LinearProblem
+from deltaid.estimation.information import triangle
+from deltaid.estimation.problem import DEPENDENT, Span
 from deltaid.fleets.factor_file import FactorFile, require_alike
-from deltaid.fleets.merged import Merging, merging_of
+from deltaid.fleets.merged import MergedPart, Merging, merging_of
+from deltaid.fleets.recording_brief import RecordingBrief
 from deltaid.model.record import IdentifiedModel
+from deltaid.robot.parameter import PriorParameter
 
 # Undeclared load, as a standard deviation: share of the carrier's mass, distance off its axis [m].
 _HELD, _ARM = 0.3, 0.03
 _HELD_SYMBOLS = {"m": 1.0, "mcx": _ARM, "mcy": _ARM, "Izz": _ARM**2}
 # Prior spread of declared loads as a share; by how much scales of their parameters are wider.
 _TOLD, _WIDE = 0.3, 20.0
+
+# Mean and precision.
+Prior = tuple[float, float]
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,15 +44,52 @@ class FrictionUnknowns:
     Attributes:
         names: friction coefficients of drives, then what is held.
         drives: of which drive's friction each is, as a number; −1 of what is held.
+        units: of friction coefficients; empty of what is held.
         at: places of the coefficients among columns of the fit, in the order of `names`.
-        mean, precision: of the prior; none of friction.
     """
 
     names: tuple[str, ...]
     drives: Int[np.ndarray, " unknowns"]
+    units: tuple[str, ...]
     at: Int[np.ndarray, " unknowns"]
-    mean: Float[np.ndarray, " unknowns"]
-    precision: Float[np.ndarray, " unknowns"]
+
+    @cached_property
+    def is_carrier(self) -> Bool[np.ndarray, " unknowns"]:
+        """Which are changes of the body at the platform, whose own parameters stay held."""
+        return np.array([name.startswith("held.") for name in self.names])
+
+
+@dataclass(frozen=True, eq=False)
+class FrictionSums:
+    """What recordings say of friction for any rigid bodies, by rows of unit noise.
+
+    With bodies c over independent columns, a recording's unknowns x have the rows
+    R x = b − F (c − c₀), with c₀ and its residual those of the recording by itself.
+
+    Attributes:
+        root, cross, offset, reference: R, F, b, c₀.
+        scores: sums over stretches of g gᵀ, g = Aᵀe by columns A of the unknowns and residual e.
+        level: variance of white noise that would leave the residual; NaN of a single stretch, which
+            does not determine its noise.
+        scale: of each drive, variance of its noise over its number of samples.
+    """
+
+    root: Float[np.ndarray, "n unknowns unknowns"]
+    cross: Float[np.ndarray, "n unknowns columns"]
+    offset: Float[np.ndarray, "n unknowns"]
+    reference: Float[np.ndarray, "n columns"]
+    scores: Float[np.ndarray, "n unknowns unknowns"]
+    level: Float[np.ndarray, " n"]
+    scale: Float[np.ndarray, "n drives"]
+
+    def joined(self, other: "FrictionSums") -> "FrictionSums":
+        """Those of more recordings."""
+        own = ((getattr(sums, entry.name) for sums in (self, other)) for entry in fields(self))
+        return FrictionSums(*(np.concatenate([*arrays]) for arrays in own))
+
+    def only(self, places: Int[np.ndarray, " some"]) -> "FrictionSums":
+        """Those of some recordings, in this order."""
+        return FrictionSums(*(getattr(self, entry.name)[places] for entry in fields(self)))
 
 
 @dataclass(frozen=True, eq=False)
@@ -107,80 +150,140 @@ def friction_series(files: Sequence[FactorFile], model: IdentifiedModel) -> Fric
         RecordingError: files do not go together, or not with the model.
         DeltaidError: the robot has no friction in its drives.
     """
+    require_alike(files, model.robot)
+    merging = merging_of([file.brief for file in files], model.robot, model.settings)
+    each = (friction_sums(merging, merging.part(file), file.brief) for file in files)
+    return series_of(reduce(FrictionSums.joined, each), merging, model)
+
+
+def series_of(sums: FrictionSums, merging: Merging, model: IdentifiedModel) -> FrictionSeries:
+    """Friction of each recording with the bodies of a model, whose laws are those of the merging.
+
+    Raises:
+        DeltaidError: the robot has no friction in its drives.
+    """
     robot = model.robot
-    require_alike(files, robot)
     if not any(drive in robot.friction for drive in robot.drives):
         raise DeltaidError(
             "has no friction in its drives, so none of it can change",
             where=robot.name,
             cure="describe friction of the drives",
         )
-    merging = merging_of(files, robot, model.settings)
-    unknowns = _unknowns(merging, model)
-    estimates = (_friction(merging, unknowns, model, file) for file in files)
-    arrays = (np.stack(array) for array in zip(*estimates, strict=True))
-    return FrictionSeries(robot.drives, unknowns, *arrays)
+    unknowns, active = unknowns_of(merging), merging.active
+    mean, precision = _prior(merging, unknowns, model)
+    fixed = np.zeros(len(active))
+    of_robot = active < len(model.p)
+    fixed[of_robot] = model.p[active[of_robot]]
+    fixed[unknowns.at[~unknowns.is_carrier]] = 0.0
+    c = merging.independent.combinations @ fixed
+    b = sums.offset - np.einsum("nuc,nc->nu", sums.cross.astype(float), c - sums.reference)
+    known = precision > 0
+    D = np.diag(np.sqrt(precision))[known]
+    A = np.concatenate([sums.root, np.broadcast_to(D, (len(b), *D.shape))], axis=1)
+    right = np.concatenate([b, np.broadcast_to((D @ mean), (len(b), len(D)))], axis=1)
+    norms = np.linalg.norm(A, axis=1, keepdims=True)
+    norms = np.where(norms > 0, norms, 1.0)
+    U, s, Vt = np.linalg.svd(A / norms, full_matrices=False)
+    used = s > DEPENDENT * s.max(axis=1, keepdims=True)
+    inverse = Vt.swapaxes(1, 2) * (used / np.where(used, s, 1.0))[:, None] / norms.swapaxes(1, 2)
+    x = np.einsum("nur,nar,na->nu", inverse, U, right)
+    W, products = inverse @ inverse.swapaxes(1, 2), sums.root.swapaxes(1, 2) @ sums.root
+    covariance = W @ sums.scores.astype(float) @ W
+    white = np.einsum("nuv,nvw,nwu->nu", W, products, W) * sums.level[:, None]
+    variance = np.einsum("nuu->nu", covariance)
+    grown = np.sqrt(np.maximum(white / np.maximum(variance, 1e-300), 1.0))
+    covariance = covariance * grown[:, :, None] * grown[:, None, :] + W @ np.diag(precision) @ W
+    same = (unknowns.drives[:, None] == unknowns.drives) & (unknowns.drives >= 0)
+    scale = np.where(unknowns.drives >= 0, sums.scale[:, unknowns.drives], 0.0)
+    return FrictionSeries(
+        robot.drives, unknowns, x, covariance, np.where(same, products * scale[:, None], 0.0)
+    )
 
 
-def _unknowns(merging: Merging, model: IdentifiedModel) -> FrictionUnknowns:
-    robot, layout = model.robot, merging.dynamics.layout
+def unknowns_of(merging: Merging) -> FrictionUnknowns:
+    """What a recording is asked for: friction of drives, the carrier's change, and loads."""
+    robot, layout = merging.dynamics.robot, merging.dynamics.layout
     place = {k: column for column, k in enumerate(merging.active.tolist())}
-    rows = list[tuple[str, int, int, float, float]]()
+    rows = list[tuple[str, int, str, int]]()
     for term in robot.friction_terms:
         k = layout.names.index(term.name)
         if term.joint in robot.drives and k in place:
-            rows.append((term.name, robot.drives.index(term.joint), place[k], 0.0, 0.0))
-    carrier = "EE" if "EE" in layout.bodies else "P"
-    if carrier in layout.bodies:
-        mass = _HELD * abs(model.value(f"{carrier}.m")) + 1e-3
-        for symbol, arm in _HELD_SYMBOLS.items():
+            rows.append((term.name, robot.drives.index(term.joint), term.unit, place[k]))
+    if (carrier := _carrier(merging)) is not None:
+        for symbol in _HELD_SYMBOLS:
             k = layout.names.index(f"{carrier}.{symbol}")
             if k in place:
-                rows.append((f"held.{symbol}", -1, place[k], 0.0, (mass * arm) ** -2))
-    first, loads = len(layout.names), {load.name: load.parameters for load in model.loads}
-    for held_load in merging.additions:
-        if isinstance(held_load, LoadColumns):
-            known = loads.get(held_load.load.name)
-            for k, entry in enumerate(held_load.parameters):
-                if first + k in place:
-                    mean = known[k].value - float(held_load.taken[k]) if known else entry.prior
-                    size = _TOLD * entry.scale / _WIDE
-                    rows.append((entry.name, -1, place[first + k], mean, size**-2))
-        first += len(held_load.parameters)
-    names, drives, at, mean, precision = zip(*rows, strict=True)
-    return FrictionUnknowns(
-        names, np.array(drives), np.array(at), np.array(mean), np.array(precision)
-    )
+                rows.append((f"held.{symbol}", -1, "", place[k]))
+    rows += [(entry.name, -1, "", place[k]) for *_, k, entry in _of_loads(merging) if k in place]
+    names, drives, units, at = zip(*rows, strict=True) if rows else ((), (), (), ())
+    return FrictionUnknowns(names, np.array(drives, dtype=int), units, np.array(at, dtype=int))
 
 
-def _friction(
-    merging: Merging, unknowns: FrictionUnknowns, model: IdentifiedModel, file: FactorFile
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Values, covariance and products of one recording."""
-    part, dof, at = merging.part(file), merging.dynamics.dof, unknowns.at
-    fixed = np.zeros(len(merging.active))
-    of_robot = merging.active < len(model.p)
-    fixed[of_robot] = model.p[merging.active[of_robot]]
-    is_more = np.array([name.startswith("held.") for name in unknowns.names])
-    fixed[at[~is_more]] = 0.0
-    noise = np.maximum(np.array(file.record.noise), 1e-12)[:, None, None]
-    is_friction = unknowns.drives == np.arange(dof)[:, None]
+def _carrier(merging: Merging) -> str | None:
+    bodies = merging.dynamics.layout.bodies
+    return next((name for name in ("EE", "P") if name in bodies), None)
+
+
+def _of_loads(merging: Merging) -> Iterator[tuple[LoadColumns, int, int, PriorParameter]]:
+    """Parameters of loads, with their places in the load and in the layout."""
+    first = len(merging.dynamics.layout.names)
+    for added in merging.additions:
+        if isinstance(added, LoadColumns):
+            yield from ((added, k, first + k, entry) for k, entry in enumerate(added.parameters))
+        first += len(added.parameters)
+
+
+def _prior(
+    merging: Merging, unknowns: FrictionUnknowns, model: IdentifiedModel
+) -> tuple[Float[np.ndarray, " unknowns"], Float[np.ndarray, " unknowns"]]:
+    """Mean and precision of what is held; none of friction."""
+    known, priors = {load.name: load.parameters for load in model.loads}, dict[str, Prior]()
+    if (carrier := _carrier(merging)) is not None:
+        mass = _HELD * abs(model.value(f"{carrier}.m")) + 1e-3
+        for symbol, arm in _HELD_SYMBOLS.items():
+            priors[f"held.{symbol}"] = (0.0, (mass * arm) ** -2)
+    for load, k, _, entry in _of_loads(merging):
+        own = known.get(load.load.name)
+        mean = own[k].value - float(load.taken[k]) if own else entry.prior
+        priors[entry.name] = (mean, (_TOLD * entry.scale / _WIDE) ** -2)
+    mean, precision = zip(*(priors.get(name, (0.0, 0.0)) for name in unknowns.names), strict=True)
+    return np.array(mean), np.array(precision)
+
+
+def friction_sums(merging: Merging, part: MergedPart, brief: RecordingBrief) -> FrictionSums:
+    """Those of one recording, by its part of a fit."""
+    unknowns, at = unknowns_of(merging), merging.independent.at
+    noise = np.maximum(np.array(brief.noise), 1e-12)
+    is_friction = unknowns.drives == np.arange(len(noise))[:, None]
     visible = (is_friction | (unknowns.drives < 0))[:, None, :]
-    stretches = part.stretches
-    F = np.stack([stretch.factors for stretch in stretches]) / noise
-    b = (F[..., -1] - F[..., :-1] @ fixed).reshape(len(F), -1)
-    A = (F[..., at] * visible).reshape(b.size, -1)
-    groups = np.repeat(np.arange(len(F)), b.shape[1])
-    values = float(sum(stretch.samples.sum() for stretch in stretches))
-    measured = LinearProblem(A, b.ravel(), groups, values=values)
-    bodies = unknowns.precision > 0
-    size = np.sqrt(unknowns.precision[bodies])
-    estimate = measured.with_known(
-        np.diag(np.sqrt(unknowns.precision))[bodies], size * unknowns.mean[bodies]
+    count = len(unknowns.at)
+
+    def columns(rows: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Columns of unknowns, independent ones, and torques, of all drives together."""
+        F = rows / noise[:, None, None]
+        A = (F[..., unknowns.at] * visible).reshape(*F.shape[:-3], -1, count)
+        shape = (*F.shape[:-3], A.shape[-2])
+        return A, F[..., at].reshape(*shape, -1), F[..., -1].reshape(shape)
+
+    A, F, b = columns(part.information.factors)
+    fitted = Span.of_columns(F)
+    own = fitted.coefficients(b)
+    is_held = np.isin(at, unknowns.at[~unknowns.is_carrier], invert=True)
+    reference = np.where(is_held, own, 0.0)
+    R = triangle(np.pad(np.column_stack([A, F, b]), ((0, count), (0, 0))))[:count]
+    root, cross = R[:, :count], R[:, count:-1]
+    groups = part.groups.named("time")
+    A_g, F_g, b_g = columns(part.rows(groups))
+    e = b_g - F_g @ own
+    g, several = np.einsum("gru,gr->gu", A_g, e), len(groups) > 1
+    freedom = max(float(groups.samples.sum()) - fitted.rank, 1.0)
+    arrays = (
+        root,
+        cross.astype(np.float32),
+        R[:, -1] - cross @ reference,
+        reference,
+        (g.T @ g * (len(g) / max(len(g) - 1, 1))).astype(np.float32),
+        np.array(float(np.sum(e**2)) / freedom if several else np.nan),
+        noise**2 / np.maximum(part.information.samples[: len(noise)], 1.0),
     )
-    H = part.information.factors[:, :, at] * is_friction[:, None, :]
-    count = np.maximum(part.information.samples[:dof], 1.0)
-    # A single stretch does not determine its noise.
-    several = len(stretches) > 1
-    covariance = estimate.covariance() if several else np.full((len(at), len(at)), np.nan)
-    return estimate.x, covariance, np.einsum("inu,inv,i->uv", H, H, 1.0 / count)
+    return FrictionSums(*(array[None] for array in arrays))

@@ -58,17 +58,15 @@ def friction_table(robots: Iterable[RobotDrift]) -> pl.DataFrame:
     rows = list[tuple[object, ...]]()
     for robot in robots:
         friction, unknowns = robot.friction, robot.friction.unknowns
-        terms = robot.recordings[0].file.record.robot.friction_terms
-        units = {term.name: term.unit for term in terms}
         std = np.sqrt(np.maximum(np.einsum("nuu->un", friction.covariance), 0.0))
         means = zip(robot.drives, friction.mean, friction.std, robot.units, strict=True)
         series = [(drive, "friction", *values) for drive, *values in means]
-        for name, drive, *values in zip(
-            unknowns.names, unknowns.drives, friction.values.T, std, strict=True
+        for name, drive, *values, unit in zip(
+            unknowns.names, unknowns.drives, friction.values.T, std, unknowns.units, strict=True
         ):
             if drive >= 0:
                 kind, _, _ = name.partition(".")
-                series.append((robot.drives[drive], kind, *values, units[name]))
+                series.append((robot.drives[drive], kind, *values, unit))
         rows += [
             (robot.robot, drive, recording.time, recording.label, quantity, value[n], std[n], unit,
              _known(recording.degrees), recording.held)

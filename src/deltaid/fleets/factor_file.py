@@ -14,6 +14,7 @@ import os
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from io import BytesIO
 from pathlib import Path
 from typing import Any
@@ -32,6 +33,7 @@ from deltaid.fleets.factor_record import (
     RecordingFactors,
     packed,
 )
+from deltaid.fleets.recording_brief import RecordingBrief
 from deltaid.forked import require_threads
 from deltaid.model.record import Settings
 from deltaid.recording.mapping import ColumnMapping
@@ -73,6 +75,12 @@ class FactorFile:
     def where(self) -> str:
         """The file, or its recording, for messages."""
         return self.path or self.record.log
+
+    @cached_property
+    def brief(self) -> RecordingBrief:
+        """What a fit of many recordings needs of it beside its factors."""
+        samples = float(self.condensed.whole.samples.mean())
+        return RecordingBrief.of_record(self.record, self.path, samples)
 
 
 def is_factor_file(path: Path) -> bool:
@@ -191,30 +199,49 @@ def require_alike(files: Sequence[FactorFile], robot: RobotDescription) -> None:
     """
     if not files:
         raise RecordingError("no factor file was given", where="logs", cure="give at least one")
-    expected, paths = _mechanism(robot), dict[str, str]()
     for file in files:
-        for key, gathered, described in _differences(_mechanism(file.record.robot), expected):
+        require_mechanism(file, robot)
+    require_together([file.brief for file in files])
+
+
+def require_mechanism(file: FactorFile, robot: RobotDescription) -> None:
+    """Refuse a file of another mechanism.
+
+    Raises:
+        RecordingError: with what differs.
+    """
+    for key, gathered, described in _differences(_mechanism(file.record.robot), _mechanism(robot)):
+        raise RecordingError(
+            f"was gathered with {key} {gathered}, and the robot has {described}",
+            where=file.path,
+            cure="gather its recording again with this description",
+        )
+
+
+def require_together(briefs: Sequence[RecordingBrief]) -> None:
+    """Refuse recordings of one mechanism that cannot be merged.
+
+    Raises:
+        RecordingError: one is of another filter than the first, or the same as one before.
+    """
+    paths = dict[str, str]()
+    for brief in briefs:
+        if brief.sha256 in paths:
             raise RecordingError(
-                f"was gathered with {key} {gathered}, and the robot has {described}",
-                where=file.path,
-                cure="gather its recording again with this description",
-            )
-        if file.record.sha256 in paths:
-            raise RecordingError(
-                f"is of the same recording as {paths[file.record.sha256]}; a copy adds "
+                f"is of the same recording as {paths[brief.sha256]}; a copy adds "
                 "nothing, but would narrow every interval",
-                where=file.path,
+                where=brief.path,
                 cure="give each recording once",
             )
-        paths[file.record.sha256] = file.path
-    cutoffs = [file.record.model.sources[0].cutoff_hz for file in files]
+        paths[brief.sha256] = brief.path
+    cutoffs = [brief.source.cutoff_hz for brief in briefs]
     words = ["no cut-off" if value is None else f"{value:.4g} Hz" for value in cutoffs]
     first = cutoffs[0]
-    for file, cutoff, word in zip(files, cutoffs, words, strict=True):
+    for brief, cutoff, word in zip(briefs, cutoffs, words, strict=True):
         if cutoff != first and not (cutoff and first and abs(cutoff / first - 1.0) <= _SAME):
             raise RecordingError(
-                f"was filtered at {word}, {files[0].path} at {words[0]}",
-                where=file.path,
+                f"was filtered at {word}, {briefs[0].path} at {words[0]}",
+                where=brief.path,
                 cure="gather both with the same --cutoff",
             )
 

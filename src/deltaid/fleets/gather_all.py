@@ -12,6 +12,7 @@ from deltaid.fleets.gather import gathered
 from deltaid.fleets.gather_plan import FACTORS, GatherJob
 from deltaid.fleets.known import GatherResult
 from deltaid.fleets.place import Place
+from deltaid.fleets.recording_brief import RecordingBrief
 from deltaid.fleets.step import Call
 from deltaid.fleets.store import StoreError, has_pattern, local_file
 from deltaid.fleets.workers import ALONE
@@ -182,14 +183,14 @@ def gather_recorded(job: GatherJob, place: Place) -> GatherResult:
         size=size,
         sha256=file.record.sha256,
         samples=file.record.model.sources[0].samples,
-        verdicts=poor([file]),
+        verdicts=poor([file.brief]),
         how=job.how.digest,
     )
 
 
-def poor(files: list[FactorFile]) -> str:
+def poor(recordings: Iterable[RecordingBrief]) -> str:
     """Names of verdicts that are not good, joined."""
-    verdicts = (verdict for file in files for verdict in file.record.verdicts)
+    verdicts = (verdict for recording in recordings for verdict in recording.verdicts)
     return ", ".join(sorted({verdict.key for verdict in verdicts if verdict.grade in _POOR}))
 
 

@@ -1,9 +1,7 @@
 """`identify` and `validate` from factor files, without their recordings; verdicts, remarks and
 corrections come from the recordings' own identifications."""
 
-from collections import Counter
 from collections.abc import Sequence
-from statistics import median
 
 import numpy as np
 
@@ -14,7 +12,10 @@ from deltaid.effects.load_columns import LoadColumns
 from deltaid.errors import RecordingError
 from deltaid.estimation.information import Information
 from deltaid.fleets.factor_file import FactorFile, require_alike
-from deltaid.fleets.merged import fitted, holding, merged, merging_of, ordered
+from deltaid.fleets.friction_laws import terms_of
+from deltaid.fleets.merged import holding, merging_of, ordered
+from deltaid.fleets.recording_brief import RecordingBrief
+from deltaid.fleets.robot_recordings import RobotRecordings, fitted, merged_files
 from deltaid.identification.assembly import assembled
 from deltaid.identification.friction_constants import freed
 from deltaid.identification.judgement import judged_parameters
@@ -25,14 +26,11 @@ from deltaid.model.model import ModelLike, load
 from deltaid.model.record import Settings
 from deltaid.model.verdict import Grade, Verdict
 from deltaid.robot.description import RobotDescription
-from deltaid.robot.friction import Friction
 from deltaid.robot.friction_terms import law_in_words
 from deltaid.robot.load import RobotLike, described
 
 # Corrections that the common fit or `_torque_constants` report.
 _OF_FIT = ("friction", "prior", "load", "gain")
-# Terms with constants of their own beside the coefficient.
-_CURVED = {"power": ("exponent",), "stribeck": ("speed", "exponent"), "hess_soom": ("speed",)}
 
 
 def identify_gathered(
@@ -49,21 +47,29 @@ def identify_gathered(
         IdentificationError: the fit cannot be posed or did not converge.
     """
     settings, description = settings or Settings(), described(robot)
-    files, chosen = prepared(files, description, settings)
-    gains = _torque_constants(files)
-    problem = fitted(files, chosen, settings)
+    return identify_merged(merged_files(files, description, settings), description, settings)
+
+
+def identify_merged(
+    recordings: RobotRecordings, description: RobotDescription, settings: Settings
+) -> Judged:
+    """As `identify_gathered`, from recordings that have been merged for this description."""
+    briefs = ordered(recordings.briefs)
+    chosen = recordings.merging.dynamics.robot
+    gains = _torque_constants(briefs)
+    problem = fitted(recordings, chosen, settings)
     judged = judged_parameters(freed(problem))
     model = assembled(
         problem,
         settings,
-        _torque_errors(problem.information, problem.values, files),
+        _torque_errors(problem.information, problem.values, briefs),
         judged,
-        loads=found_loads(problem.additions, judged[len(problem.p) :], holding(files)),
-        corrections=[*_corrections(description, chosen, files), *gains],
-        sources=tuple(file.record.model.sources[0] for file in files),
-        remarks=_remarks(files, gains),
+        loads=found_loads(problem.additions, judged[len(problem.p) :], holding(briefs)),
+        corrections=[*_corrections(description, chosen, briefs), *gains],
+        sources=tuple(brief.source for brief in briefs),
+        remarks=_remarks(briefs, gains),
     )
-    verdicts = Verdicts(_verdicts(files))
+    verdicts = Verdicts(_verdicts(briefs))
     return Judged(verdicts.noted(model), problem, (), verdicts=verdicts)
 
 
@@ -78,24 +84,24 @@ def validate_gathered(model: ModelLike, file: FactorFile) -> TorqueError:
     """
     identified = load(model)
     require_alike([file], identified.robot)
-    merging = merging_of([file], identified.robot, Settings())
+    merging = merging_of([file.brief], identified.robot, Settings())
     loads = {
         columns.load.name: known_load(columns, identified, file.where)
         for columns in merging.additions
         if isinstance(columns, LoadColumns) and columns.parameters
     }
-    information = merged(merging, [file]).information
-    return _torque_errors(information, np.append(identified.p, merging.of_loads(loads)), [file])
+    information = merging.part(file).information
+    values = np.append(identified.p, merging.of_loads(loads))
+    return _torque_errors(information, values, [file.brief])
 
 
 def _torque_errors(
-    information: Information, values: Parameters, files: Sequence[FactorFile]
+    information: Information, values: Parameters, briefs: Sequence[RecordingBrief]
 ) -> TorqueError:
     """Residual torques of all recordings; unfiltered noise is that of the recordings' own fits."""
     rms, torque = information.rms(values), information.torque_rms()
-    fits = [file.record.model.fit for file in files]
-    samples = [file.condensed.whole.samples.mean() for file in files]
-    beyond = [np.square(fit.rms_unfiltered) - np.square(fit.rms) for fit in fits]
+    samples = [brief.samples for brief in briefs]
+    beyond = [np.square(brief.rms_unfiltered) - np.square(brief.rms) for brief in briefs]
     noise = np.average(beyond, axis=0, weights=samples)
     return TorqueError(
         rms=rms,
@@ -103,70 +109,33 @@ def _torque_errors(
         rms_unfiltered=np.sqrt(np.maximum(rms**2 + noise, 0.0)),
         covariance=np.diag(rms**2),
         turning=np.zeros(len(rms)),
-        cutoff=files[0].record.model.sources[0].cutoff_hz,
-        fastest=np.max([file.record.fastest for file in files], axis=0),
+        cutoff=briefs[0].source.cutoff_hz,
+        fastest=np.max([brief.fastest for brief in briefs], axis=0),
     )
 
 
-def prepared(
-    files: Sequence[FactorFile], robot: RobotDescription, settings: Settings
-) -> tuple[list[FactorFile], RobotDescription]:
-    """Files of a robot in an order of their own, and the robot with the friction laws to fit: those
-    of the description, or joint by joint what most of its recordings asked for, of as many the
-    simpler law. Constants of its terms, such as Stribeck's speed, are the medians over the
-    recordings that asked for it. Errors as of `require_alike`."""
-    require_alike(files, robot)
-    files = ordered(files)
-    if settings.friction != "choose":
-        return files, robot
-    chosen = [file.record.model.robot.friction for file in files]
-    laws = {
-        joint: _usual([laws[joint] for laws in chosen])
-        for joint in robot.friction
-        if all(joint in laws for laws in chosen)
-    }
-    return files, robot.changed(friction=dict(robot.friction) | laws)
-
-
-def _usual(laws: Sequence[Friction]) -> Friction:
-    """The most frequent law."""
-    kinds = Counter(_terms(law) for law in laws)
-    terms = min(kinds, key=lambda kind: (-kinds[kind], len(kind), kind))
-    same = [law for law in laws if _terms(law) == terms]
-    law = min(same, key=lambda law: law.model_dump_json())
-    for term in set(_CURVED).intersection(terms):
-        own = [getattr(law, term) for law in same]
-        values = {name: median(getattr(part, name) for part in own) for name in _CURVED[term]}
-        law = law.changed(**{term: getattr(law, term).changed(**values)})
-    return law
-
-
-def _terms(law: Friction) -> tuple[str, ...]:
-    return tuple(name for name, value in law if value is not None)
-
-
-def _verdicts(files: Sequence[FactorFile]) -> list[Verdict]:
+def _verdicts(briefs: Sequence[RecordingBrief]) -> list[Verdict]:
     """Verdicts on recordings, each with its subject; of several without those on information,
     which recordings determine together."""
-    several, verdicts = len(files) > 1, list[Verdict]()
-    for file in files:
-        for record in file.record.verdicts:
+    several, verdicts = len(briefs) > 1, list[Verdict]()
+    for brief in briefs:
+        for record in brief.verdicts:
             if not several or record.key not in KEYS["the information"]:
-                parts = (file.record.log if several else "", record.subject)
+                parts = (brief.log if several else "", record.subject)
                 subject = ": ".join(filter(None, parts))
                 verdicts.append(Verdict(**record.changed(subject=subject).model_dump()))
     return verdicts
 
 
-def _remarks(files: Sequence[FactorFile], gains: Sequence[Correction]) -> list[str]:
+def _remarks(briefs: Sequence[RecordingBrief], gains: Sequence[Correction]) -> list[str]:
     """Verdicts that are not good, warnings of the survey, and what factor files do not hold."""
-    remarks = [verdict.sentence for verdict in _verdicts(files) if verdict.grade is not Grade.GOOD]
-    for file in files:
-        remarks += file.record.warnings
-        if file.record.model.sensors:
-            names = ", ".join(sensor.name for sensor in file.record.model.sensors)
+    remarks = [verdict.sentence for verdict in _verdicts(briefs) if verdict.grade is not Grade.GOOD]
+    for brief in briefs:
+        remarks += brief.warnings
+        if brief.sensors:
+            names = ", ".join(brief.sensors)
             remarks.append(
-                f"{file.record.log}: factor files hold torques alone, so what {names} showed is "
+                f"{brief.log}: factor files hold torques alone, so what {names} showed is "
                 "not in this fit; identify the recording itself to have it"
             )
     remarks += [
@@ -178,46 +147,48 @@ def _remarks(files: Sequence[FactorFile], gains: Sequence[Correction]) -> list[s
 
 
 def _corrections(
-    described: RobotDescription, chosen: RobotDescription, files: Sequence[FactorFile]
+    described: RobotDescription, chosen: RobotDescription, briefs: Sequence[RecordingBrief]
 ) -> list[Correction]:
     """Corrections of each recording, and the most frequent friction laws."""
     corrections = [
-        correction if correction.log else correction.changed(log=file.record.log)
-        for file in files
-        for correction in file.record.model.corrections
+        correction if correction.log else correction.changed(log=brief.log)
+        for brief in briefs
+        for correction in brief.corrections
         if correction.kind not in _OF_FIT
     ]
     for joint, law in chosen.friction.items():
         if law != described.friction[joint]:
-            terms = [_terms(file.record.model.robot.friction[joint]) for file in files]
+            terms = [terms_of(brief.friction[joint]) for brief in briefs]
             text = (
                 f"the law is now {law_in_words(law)}, no longer "
                 f"{law_in_words(described.friction[joint])}: "
-                f"{terms.count(_terms(law))} of {len(files)} recordings ask for its terms by "
+                f"{terms.count(terms_of(law))} of {len(briefs)} recordings ask for its terms by "
                 "themselves"
             )
             corrections.append(Correction(kind="friction", subject=joint, text=text))
     return corrections
 
 
-def _torque_constants(files: Sequence[FactorFile]) -> list[Correction]:
+def _torque_constants(briefs: Sequence[RecordingBrief]) -> list[Correction]:
     """Torque constants that were corrected consistently in all recordings, of each the surest; a
     RecordingError where one was in some only, or by factors that exclude each other."""
-    gains: dict[str, list[tuple[FactorFile, Correction]]] = {}
-    for file in files:
-        for correction in file.record.model.corrections:
+    gains: dict[str, list[tuple[RecordingBrief, Correction]]] = {}
+    for brief in briefs:
+        for correction in brief.corrections:
             if correction.kind == "gain":
-                gains.setdefault(correction.subject, []).append((file, correction))
+                gains.setdefault(correction.subject, []).append((brief, correction))
     surest = list[Correction]()
     for drive, corrections in sorted(gains.items()):
         (first, gain), *others = corrections
         how = [
-            f"by {gain.value:.4g}, and in {file.where} by {correction.value:.4g}"
-            for file, correction in others
+            f"by {gain.value:.4g}, and in {brief.where} by {correction.value:.4g}"
+            for brief, correction in others
             if _exclude(gain, correction)
         ]
-        corrected = [file for file, _ in corrections]
-        how += [f"and in {file.where} it was not" for file in files if file not in corrected]
+        corrected = {brief.sha256 for brief, _ in corrections}
+        how += [
+            f"and in {brief.where} it was not" for brief in briefs if brief.sha256 not in corrected
+        ]
         if how:
             raise RecordingError(
                 f"the torque constant of {drive} was corrected in this recording, {how[-1]}",

@@ -22,8 +22,7 @@ from deltaid.errors import RecordingError
 from deltaid.estimation.information import triangle
 from deltaid.estimation.scatter import inverse
 from deltaid.fleets.factor_file import FactorFile
-from deltaid.fleets.identify_gathered import prepared
-from deltaid.fleets.merged import fitted
+from deltaid.fleets.robot_recordings import RobotRecordings, fitted, merged_files
 from deltaid.identification.fit import FittedProblem
 from deltaid.model.record import Settings
 from deltaid.robot.description import RobotDescription
@@ -106,8 +105,13 @@ def member(
         IdentificationError: the fit cannot be posed or did not converge.
     """
     settings = settings or Settings()
-    files, chosen = prepared(files, described(robot), settings)
-    estimate = _of_problem(name, fitted(files, unmeasured(chosen), settings))
+    return member_of(name, merged_files(files, described(robot), settings), settings)
+
+
+def member_of(name: str, recordings: RobotRecordings, settings: Settings) -> TypeMember:
+    """As `member`, from recordings that have been merged."""
+    chosen = recordings.merging.dynamics.robot
+    estimate = _of_problem(name, fitted(recordings, unmeasured(chosen), settings))
     facts = tuple(
         MeasuredFact(
             f"{row.where} {row.name} {row.value:.9g} {row.std:.9g}",
@@ -117,7 +121,7 @@ def member(
         )
         for row in weighings(chosen)
     )
-    return replace(estimate, facts=facts, recordings=len(files))
+    return replace(estimate, facts=facts, recordings=len(recordings.briefs))
 
 
 def _of_problem(name: str, problem: FittedProblem) -> TypeMember:

@@ -1,33 +1,31 @@
-"""Recordings of one robot together, from their factors: the input of a fit, and the fit."""
+"""How factors of a recording become rows of a robot's fit."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
+from hashlib import sha256
 
 import numpy as np
 from jaxtyping import Float, Int
+from scipy.linalg import qr
 
 from deltaid.dynamics.dynamics import Dynamics, compiled
 from deltaid.dynamics.parameters import prior_parameters
 from deltaid.effects.load_columns import LoadColumns
 from deltaid.estimation.additions import Addition
-from deltaid.estimation.information import Information, merge, triangle
-from deltaid.estimation.problem import Span
+from deltaid.estimation.information import Information, triangle
+from deltaid.estimation.problem import DEPENDENT, Span, lengths
 from deltaid.fleets.factor_columns import GatheredColumns, map_to, plain
-from deltaid.fleets.factor_file import FactorFile
+from deltaid.fleets.factor_file import FactorFile, digest
 from deltaid.fleets.factor_record import FactorGroups
-from deltaid.identification.fit import FittedProblem, fit_to
+from deltaid.fleets.recording_brief import RecordingBrief
 from deltaid.identification.friction_constants import LawConstants
-from deltaid.identification.gathering import Gathered, balanced
-from deltaid.identification.geometric_rows import GeometricRows, shifted
 from deltaid.identification.loads import Held, joined
-from deltaid.identification.widening import widened
 from deltaid.model.record import Settings
 from deltaid.robot.description import RobotDescription
-from deltaid.sensors.weighings import weighings
 
-# Stretches of all recordings together at most; of more recordings each is one stretch.
-_STRETCHES = 400
+# A share of a column that is rounding.
+_ROUNDING = 1e-12
 
 Rows = Float[np.ndarray, "_ _"]
 
@@ -44,18 +42,37 @@ class MergedPart:
     def stretches(self) -> tuple[Information, ...]:
         """Of time, in order."""
         groups, active = self.groups.named("time"), self.information.columns
-        each = zip(triangle(self._rows(groups)), groups.samples, groups.torque_max, strict=True)
+        each = zip(triangle(self.rows(groups)), groups.samples, groups.torque_max, strict=True)
         return tuple(Information(active, *stretch) for stretch in each)
 
-    @property
-    def places(self) -> dict[str, Float[np.ndarray, "drives augmented augmented"]]:
-        """[Y, τ]ᵀ[Y, τ] by place."""
-        groups = self.groups.named("place")
-        A = self._rows(groups)
-        return dict(zip(groups.names, A.swapaxes(2, 3) @ A, strict=True))
-
-    def _rows(self, groups: FactorGroups) -> Float[np.ndarray, "groups drives _ augmented"]:
+    def rows(self, groups: FactorGroups) -> Float[np.ndarray, "groups drives _ augmented"]:
+        """[Y, τ] of each group and drive."""
         return _stacked([R @ view for R, view in zip(groups.factors, self.views, strict=True)])
+
+
+@dataclass(frozen=True, eq=False)
+class Independent:
+    """Independent columns of some rows Y, and all of them as their combinations: Y = Y[:, at] C.
+
+    Attributes:
+        at: places of the independent columns.
+        combinations: C.
+    """
+
+    at: Int[np.ndarray, " rank"]
+    combinations: Float[np.ndarray, "rank columns"]
+
+    @classmethod
+    def of_columns(cls, Y: Rows) -> "Independent":
+        """Those of a matrix, by QR with pivoting of columns of unit length."""
+        R, order = qr(Y / lengths(Y), mode="r", pivoting=True)
+        size = np.abs(np.diag(R))
+        rank = np.count_nonzero(size > DEPENDENT * size.max(initial=0.0))
+        at = np.sort(order[:rank])
+        C = np.linalg.lstsq(Y[:, at], Y, rcond=None)[0]
+        C[np.abs(C) < _ROUNDING * np.abs(C).max(initial=0.0)] = 0.0
+        C[:, at] = np.eye(rank)
+        return cls(at, C)
 
 
 @dataclass(frozen=True, eq=False)
@@ -85,6 +102,33 @@ class Merging:
     def _active_map(self) -> Float[np.ndarray, "kept active"]:
         return self._map[:, self.active]
 
+    @cached_property
+    def independent(self) -> Independent:
+        """Of the active columns, over all drives."""
+        return Independent.of_columns(self._active_map)
+
+    @cached_property
+    def drives(self) -> tuple[Independent, ...]:
+        """Of the active columns, in the rows of each drive."""
+        drives, entries = self.columns.regressor.regressor_pattern
+        return tuple(
+            Independent.of_columns(
+                self._active_map[np.isin(self.columns.kept, entries[drives == i])]
+            )
+            for i in range(self.dynamics.dof)
+        )
+
+    @cached_property
+    def fingerprint(self) -> str:
+        """Checksum of all that rows of a recording depend on beside its factors."""
+        taken = {
+            added.load.name: added.taken.tolist()
+            for added in self.additions
+            if isinstance(added, LoadColumns)
+        }
+        of_map = sha256(np.ascontiguousarray(self._map).tobytes()).hexdigest()
+        return digest([list(self.columns.place), of_map, self.dynamics.layout.names, taken])
+
     def part(self, file: FactorFile) -> MergedPart:
         """A recording's part of the fit."""
         whole, views = list[Rows](), list[Rows]()
@@ -107,16 +151,14 @@ class Merging:
         information = Information(self.active, everything, group.samples, group.torque_max)
         return MergedPart(information, file.condensed.groups, tuple(views))
 
-    def geometry(self, file: FactorFile, weights: Float[np.ndarray, " drives"]) -> GeometricRows:
-        """What tolerances of the description do to rows of a recording, weighted as in the fit."""
-        group = file.condensed.geometry
-        assert group is not None
-        rows = list[Rows]()
-        for i, (R, weight) in enumerate(zip(group.factors, weights, strict=True)):
+    def geometry(self, file: FactorFile) -> list[Rows]:
+        """What tolerances of the description do to rows of each drive: of [Y, D, τ], D torques of
+        one standard deviation of each of the record's quantities; nothing without tolerances."""
+        group, rows = file.condensed.geometry, list[Rows]()
+        for i, R in enumerate(() if group is None else group.factors):
             view = self._view(file, i)[0][:-1, :-1]
-            rows.append(weight * np.column_stack([R[:, : len(view)] @ view, R[:, len(view) :]]))
-        Y, D, tau = np.split(np.vstack(rows), [len(self.active), -1], axis=1)
-        return GeometricRows(Y, tau[:, 0], D, file.record.quantities)
+            rows.append(np.column_stack([R[:, : len(view)] @ view, R[:, len(view) :]]))
+        return rows
 
     def _view(self, file: FactorFile, drive: int) -> tuple[Rows, dict[str, int]]:
         """V with [Y, τ] = R V of a drive's factors R, and places of its columns of this recording
@@ -156,60 +198,27 @@ def _stacked(
     return wide
 
 
-def merged(merging: Merging, files: Sequence[FactorFile]) -> Gathered:
-    """Recordings together, ordered by their checksums, so results do not depend on their order."""
-    fine = len(files) == 1 or sum(len(file.condensed.groups) for file in files) <= _STRETCHES
-    stretches, whole, places = [], list[Information](), dict[str, np.ndarray]()
-    for file in ordered(files):
-        part = merging.part(file)
-        for name, products in part.places.items():
-            places[name] = places.get(name, 0.0) + products
-        stretches.append(part.stretches if fine else (part.information,))
-        whole.append(part.information)
-    every = np.stack([places[name] for name in sorted(places)])
-    return Gathered(tuple(stretches), every, merge(whole))
-
-
-def fitted(
-    files: Sequence[FactorFile], robot: RobotDescription, settings: Settings
-) -> FittedProblem:
-    """The fit of a robot, with the friction laws that are to be fitted, to its recordings by their
-    factors, by the settings of method, regulariser, γ and prior's spread.
-
-    Raises:
-        IdentificationError: the fit cannot be posed, or its solver did not reach its end.
-    """
-    merging = merging_of(files, robot, settings)
-    gathered = balanced(merged(merging, files), weighings(robot))
-    problem = fit_to(gathered, merging.dynamics, settings, merging.additions)
-    weights = np.sqrt(problem.information.weights)
-    rows = [merging.geometry(file, weights) for file in files if file.condensed.geometry]
-    if rows:
-        geometry = shifted(rows, problem.base, problem.information, merging.additions)
-        estimate = problem.estimate.with_shifts(geometry.shifts)
-        problem = replace(problem, estimate=estimate, geometry=geometry)
-    return widened(problem)
-
-
-def merging_of(files: Sequence[FactorFile], robot: RobotDescription, settings: Settings) -> Merging:
-    """How files become rows of a robot's fit, with loads of all of them, one of each name, and
+def merging_of(
+    briefs: Sequence[RecordingBrief], robot: RobotDescription, settings: Settings
+) -> Merging:
+    """How recordings become rows of a robot's fit, with loads of all of them, one of each name, and
     changes of the laws' constants."""
-    dynamics, files = compiled(robot), ordered(files)
-    taken = {held.load.name: held.taken for file in reversed(files) for held in file.record.loads}
+    dynamics, briefs = compiled(robot), ordered(briefs)
+    taken = {held.load.name: held.taken for brief in reversed(briefs) for held in brief.loads}
     loads = tuple(
         LoadColumns(dynamics, load, settings.prior_spread, np.array(taken[load.name]))
-        for load in joined(holding(files))
+        for load in joined(holding(briefs))
     )
     constants = LawConstants(dynamics)
     columns = GatheredColumns.for_robot(robot, prior_parameters(plain(robot)), loads)
     return Merging(columns, dynamics, (*loads, constants) if constants.parameters else loads)
 
 
-def holding(files: Sequence[FactorFile]) -> Held:
-    """What the recordings of files hold."""
-    return [(file.record.log, [held.load for held in file.record.loads]) for file in files]
+def holding(briefs: Sequence[RecordingBrief]) -> Held:
+    """What recordings hold."""
+    return [(brief.log, [held.load for held in brief.loads]) for brief in briefs]
 
 
-def ordered(files: Sequence[FactorFile]) -> list[FactorFile]:
-    """By the recordings' checksums."""
-    return sorted(files, key=lambda file: file.record.sha256)
+def ordered(briefs: Sequence[RecordingBrief]) -> list[RecordingBrief]:
+    """By the recordings' checksums, so results do not depend on their order."""
+    return sorted(briefs, key=lambda brief: brief.sha256)

@@ -5,6 +5,7 @@ from dataclasses import dataclass, field, replace
 from io import BytesIO
 from pathlib import Path
 from tempfile import TemporaryDirectory
+from typing import Any
 
 import polars as pl
 
@@ -159,22 +160,13 @@ class Place:
 
 @dataclass(frozen=True)
 class ReadOnce(Place):
-    """The folder for some jobs in turn: each factor file is read once, however many ask for it, and
-    a model that one of them saves is not read."""
+    """The folder for some jobs in turn: recordings that one has merged, and a model that one saves,
+    are not read again."""
 
-    kept: dict[str, FactorFile] = field(default_factory=dict[str, FactorFile], compare=False)
+    merged: dict[tuple[str, ...], Any] = field(default_factory=dict[tuple[str, ...], Any])
     models: dict[str, IdentifiedModel] = field(
         default_factory=dict[str, IdentifiedModel], compare=False
     )
-
-    def factors(self, name: str, key: str | None = None) -> FactorFile | None:
-        """As of `Place`."""
-        if name not in self.kept:
-            file = super().factors(name)
-            if file is None:
-                return None
-            self.kept[name] = file
-        return self.kept[name] if key in (None, self.kept[name].key) else None
 
     def model(self, name: str) -> IdentifiedModel:
         """As of `Place`."""

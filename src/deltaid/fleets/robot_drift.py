@@ -29,6 +29,7 @@ from deltaid.fleets.drift_series import (
     explained,
     in_percent,
 )
+from deltaid.fleets.factor_file import FactorFile
 from deltaid.model.record import IdentifiedModel
 
 # Length of a day [s].
@@ -124,16 +125,29 @@ def robot_drift(
         RecordingError: there are none, or they do not go together or with the model.
     """
     settings = settings or DriftSettings()
+    kept = kept_since(recordings, settings)
+    files = [log.file for log in kept if isinstance(log.file, FactorFile)]
+    return drift_of(kept, friction_series(files, model), model, settings, name)
+
+
+def kept_since(
+    recordings: Sequence[DriftRecording], settings: DriftSettings
+) -> list[DriftRecording]:
+    """Recordings from when on drift is searched, in the order of time.
+
+    Raises:
+        RecordingError: there are none.
+    """
     since = settings.since
     kept = [log for log in recordings if since is None or log.time >= since]
-    kept.sort(key=lambda log: (log.time, log.file.record.sha256))
+    kept.sort(key=lambda log: (log.time, log.brief.sha256))
     if not kept:
         raise RecordingError(
             "there is none" if since is None else f"there is none since {since:%Y-%m-%d}",
             where="recordings",
             cure="give factor files of this robot",
         )
-    return drift_of(kept, friction_series([log.file for log in kept], model), model, settings, name)
+    return kept
 
 
 def drift_of(

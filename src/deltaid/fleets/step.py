@@ -6,13 +6,13 @@ made as a journal until the tables are written, so a call may be ended at any ti
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from datetime import datetime
 from functools import partial
 from typing import Any, TypeVar
 
 import polars as pl
 
 from deltaid.errors import DeltaidError
-from deltaid.fleets.factor_file import FactorFile
 from deltaid.fleets.fleet import Fleet
 from deltaid.fleets.gather_plan import GatherPlan
 from deltaid.fleets.known import EarlierCalls
@@ -80,6 +80,15 @@ class Call:
 
 
 @dataclass(frozen=True)
+class Leaf:
+    """A recording that a job reads: its factor file, its checksum, and when it was made."""
+
+    file: str
+    sha256: str
+    time: datetime
+
+
+@dataclass(frozen=True)
 class FleetJob:
     """A robot in some periods, a robot in all of them, or a type.
 
@@ -91,6 +100,8 @@ class FleetJob:
         key: checksum of all that the result follows from.
         description: of the robot or type.
         settings: of the fit.
+        leaves: of a robot, its recordings in the order of time.
+        common: of a robot, checksum of all that its fits follow from beside its recordings.
     """
 
     robot: str
@@ -100,6 +111,8 @@ class FleetJob:
     key: str
     description: RobotDescription
     settings: Settings
+    leaves: tuple[Leaf, ...] = ()
+    common: str = ""
 
 
 @dataclass(frozen=True)
@@ -264,18 +277,6 @@ class DamagedFactorsError(StoreError):
     def __init__(self, files: Sequence[str]) -> None:
         super().__init__(f"{files[0]} is damaged", cure="call again: it is gathered anew")
         self.files = tuple(files)
-
-
-def read_factors(job: FleetJob, place: Place) -> list[FactorFile]:
-    """The factor files of a job.
-
-    Raises:
-        DamagedFactorsError: some cannot be read.
-    """
-    files = {name: place.factors(name) for name in job.files}
-    if damaged := [name for name, file in files.items() if file is None]:
-        raise DamagedFactorsError(damaged)
-    return [file for file in files.values() if file is not None]
 
 
 def _journal(job: FleetJob, table: str) -> str:

@@ -5,24 +5,28 @@ kept, so that robots without news cost nothing.
 """
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field, fields
 from importlib.metadata import version
 
+import numpy as np
 import polars as pl
 
+from deltaid.fleets.block_tree import merged_recordings
 from deltaid.fleets.drift_findings import DriftRecording, DriftSettings
+from deltaid.fleets.drift_friction import series_of
 from deltaid.fleets.drift_tables import DRIFT, FRICTION, drift_table, friction_table
-from deltaid.fleets.factor_file import FIT_SETTINGS, FactorFile, digest, safe
+from deltaid.fleets.factor_file import FIT_SETTINGS, digest, safe
 from deltaid.fleets.fleet import Recorded, period_of
 from deltaid.fleets.gather_all import poor
-from deltaid.fleets.identify_gathered import identify_gathered
+from deltaid.fleets.identify_gathered import identify_merged
 from deltaid.fleets.known import GatherResult
-from deltaid.fleets.member import TypeMember, member, read_member, write_member
+from deltaid.fleets.member import TypeMember, member_of, read_member, write_member
 from deltaid.fleets.mixed_model import NORMAL
 from deltaid.fleets.place import Place
 from deltaid.fleets.population import MEMBERS, TYPES, members_table, save_next, types_table
-from deltaid.fleets.robot_drift import robot_drift
-from deltaid.fleets.step import Chain, FleetJob, FleetStep, JobResult, Tables, read_factors
+from deltaid.fleets.robot_drift import drift_of, kept_since
+from deltaid.fleets.robot_recordings import RobotRecordings
+from deltaid.fleets.step import Chain, FleetJob, FleetStep, JobResult, Leaf, Tables
 from deltaid.fleets.type_fit import PopulationSettings, fitted
 from deltaid.model.options import Period
 from deltaid.model.record import IdentifiedModel, Settings
@@ -72,11 +76,14 @@ def fit_jobs(
     }
     jobs = list[FleetJob]()
     for (robot, kind), periods in robots.items():
-        for names, used in _with_all(periods):
-            files = tuple(outcome.file for outcome in used)
-            sources = sorted((outcome.sha256, outcome.file) for outcome in used)
+        for names, own in _with_all(periods):
+            leaves = tuple(Leaf(x.file, x.sha256, x.recorded.time) for x in own)
+            sources = sorted((leaf.sha256, leaf.file) for leaf in leaves)
             key = digest([common[kind], robot, names, sources])
-            jobs.append(FleetJob(robot, kind, names, files, key, descriptions[kind], settings))
+            jobs.append(
+                FleetJob(robot, kind, names, tuple(leaf.file for leaf in leaves), key,
+                         descriptions[kind], settings, leaves, common[kind])
+            )  # fmt: skip
     return jobs
 
 
@@ -96,22 +103,23 @@ def _model_file(job: FleetJob) -> str:
     return f"models/{job.robot}.yaml"
 
 
-def _fit(job: FleetJob, files: list[FactorFile], place: Place) -> Tables:
+def _fit(job: FleetJob, recordings: RobotRecordings, place: Place) -> Tables:
     """The rows of the table of parameters, and the model where it is of all recordings."""
-    model = identify_gathered(job.description, files, job.settings).model
+    model = identify_merged(recordings, job.description, job.settings).model
     if ALL in job.names:
         place.save_model(_model_file(job), model)
-    verdicts, worst = poor(files), max(model.fit.nrmse)
+    briefs = recordings.briefs
+    verdicts, worst = poor(briefs), max(model.fit.nrmse)
     of_fit = (model.fit.noise_level, worst, verdicts)
     rows = [
-        (job.robot, job.type, period, len(files), parameter.name, parameter.value, parameter.std,
+        (job.robot, job.type, period, len(briefs), parameter.name, parameter.value, parameter.std,
          parameter.low, parameter.high, parameter.unit, parameter.prior, parameter.determined_by,
          *of_fit)
         for period in job.names
         for parameter in model.parameters
     ]  # fmt: skip
     rows += [
-        (job.robot, job.type, period, len(files), *gain, *of_fit)
+        (job.robot, job.type, period, len(briefs), *gain, *of_fit)
         for period in job.names
         for gain in gain_rows(model)
     ]
@@ -132,7 +140,7 @@ def _model_of_all(job: FleetJob) -> str:
 
 
 FITS = FleetStep(
-    "fit", read_factors, _fit, {"parameters": PARAMETERS | _KEY}, _model_of_all, leads=True
+    "fit", merged_recordings, _fit, {"parameters": PARAMETERS | _KEY}, _model_of_all, leads=True
 )
 
 
@@ -145,8 +153,8 @@ class StudyJob(FleetJob):
         drift: settings of the search for drift.
     """
 
-    recorded: tuple[Recorded, ...]
-    drift: DriftSettings
+    recorded: tuple[Recorded, ...] = ()
+    drift: DriftSettings = field(default_factory=DriftSettings)
 
 
 def _study(
@@ -156,22 +164,28 @@ def _study(
     own = tuple(recorded[name] for name in fit.files)
     known = [(str(x.time), x.load, x.temperature, x.path) for x in own]
     key = digest([version("deltaid"), fit.key, known, asked])
-    robot = (fit.robot, fit.type, (fit.type,), fit.files, key, fit.description, fit.settings)
-    return StudyJob(*robot, own, drift)
+    types = {"names": (fit.type,), "key": key}
+    common = {entry.name: getattr(fit, entry.name) for entry in fields(fit)} | types
+    return StudyJob(**common, recorded=own, drift=drift)
 
 
-def _with_model(job: StudyJob, place: Place) -> tuple[list[FactorFile], IdentifiedModel]:
-    return read_factors(job, place), place.model(_model_file(job))
+def _with_model(job: StudyJob, place: Place) -> tuple[RobotRecordings, IdentifiedModel]:
+    return merged_recordings(job, place), place.model(_model_file(job))
 
 
-def _drift(job: StudyJob, given: tuple[list[FactorFile], IdentifiedModel], place: Place) -> Tables:
+def _drift(job: StudyJob, given: tuple[RobotRecordings, IdentifiedModel], place: Place) -> Tables:
     del place
-    files, model = given
-    recordings = [
-        DriftRecording(file, known.time, known.temperature, known.load, known.path)
-        for file, known in zip(files, job.recorded, strict=True)
-    ]
-    drift = robot_drift(recordings, model, job.drift, name=job.robot)
+    recordings, model = given
+    known = dict(zip(job.files, job.recorded, strict=True))
+    number = {brief.sha256: k for k, brief in enumerate(recordings.briefs)}
+    each = [(brief, known[brief.path]) for brief in recordings.briefs]
+    kept = kept_since(
+        [DriftRecording(brief, x.time, x.temperature, x.load, x.path) for brief, x in each],
+        job.drift,
+    )
+    sums = recordings.block.friction.only(np.array([number[log.brief.sha256] for log in kept]))
+    friction = series_of(sums, recordings.merging, model)
+    drift = drift_of(kept, friction, model, job.drift, job.robot)
     table = drift_table([drift]).with_columns(
         bound=pl.col("false_alarms"), false_alarms=pl.lit(job.drift.false_alarms)
     )
@@ -194,14 +208,14 @@ def member_file(job: FleetJob) -> str:
     return f"{MEMBERS_FOLDER}/{job.robot}-{job.key[:12]}.npz"
 
 
-def _member(job: FleetJob, files: list[FactorFile], place: Place) -> Tables:
+def _member(job: FleetJob, recordings: RobotRecordings, place: Place) -> Tables:
     """What the robot tells of its type, as a file."""
-    robot = member(job.robot, files, job.description, job.settings)
+    robot = member_of(job.robot, recordings, job.settings)
     place.save_file(member_file(job), lambda path: write_member(robot, path))
     return {}
 
 
-ROBOTS = FleetStep("type", read_factors, _member, file=member_file)
+ROBOTS = FleetStep("type", merged_recordings, _member, file=member_file)
 
 
 def robot_chains(

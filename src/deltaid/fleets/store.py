@@ -163,11 +163,12 @@ def listing(folder: str) -> dict[str, int]:
         StoreError: the store cannot be reached.
     """
     if not is_address(folder):
-        return {
-            path.relative_to(folder).as_posix(): path.stat().st_size
-            for path in Path(folder).rglob("*")
-            if path.is_file()
-        }
+        sizes = dict[str, int]()
+        for path in Path(folder).rglob("*"):
+            with suppress(FileNotFoundError):  # another call removes it just now
+                if path.is_file():
+                    sizes[path.relative_to(folder).as_posix()] = path.stat().st_size
+        return sizes
     system = _system(folder)
     base = system._strip_protocol(folder).rstrip("/") + "/"
     files = _asked(lambda: system.find(folder, detail=True), folder)

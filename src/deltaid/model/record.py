@@ -32,7 +32,7 @@ from deltaid.robot.description import RobotDescription
 from deltaid.robot.inertia import RigidBody
 from deltaid.robot.load import bound, parse, read_text
 from deltaid.robot.part import Part
-from deltaid.robot.yaml_tree import yaml_text
+from deltaid.robot.yaml_text import yaml_text
 from deltaid.shown import Plotted, Reported, Shown, Tabled
 
 if TYPE_CHECKING:
@@ -45,6 +45,8 @@ if TYPE_CHECKING:
 FORMAT = 4
 _OF_DRIVES = ("rms", "nrmse", "rms_unfiltered")
 CHANGED = "the file was changed after deltaid wrote it: its checksum is another"
+# Nodes of a file of ten years of days, 50 a recording.
+_MOST_NODES = 200_000
 _VERSION = re.compile(r"^format: *(\d{1,9}) *$", re.MULTILINE)
 
 
@@ -246,7 +248,7 @@ class IdentifiedModel(Shown, Plotted, Tabled, Reported, Part):
                 where=where,
                 cure="update deltaid, or identify the model again with this one",
             )
-        model = parse(text, cls, where=where)
+        model = parse(text, cls, where=where, most=_MOST_NODES)
         warnings = model.warnings
         if is_intact(text.replace("\r\n", "\n").encode()) is False:
             warnings = (CHANGED, *warnings)

@@ -16,7 +16,8 @@ from deltaid.robot.complaints import complaints
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.fitting_parts import open_limb
 from deltaid.robot.own import with_named_file
-from deltaid.robot.yaml_tree import Entry, child, plain, read_tree, yaml_text
+from deltaid.robot.yaml_text import yaml_text
+from deltaid.robot.yaml_tree import MOST_NODES, Entry, child, plain, read_tree
 
 _Model = TypeVar("_Model", bound=BaseModel)
 
@@ -191,17 +192,18 @@ def plain_data(text: str, where: str) -> dict[str, Any]:
     return plain(_tree(text, where), where)
 
 
-def parse(text: str, model: type[_Model], *, where: str) -> _Model:
-    """Validate YAML text against a model; `where` names the text in messages.
+def parse(text: str, model: type[_Model], *, where: str, most: int = MOST_NODES) -> _Model:
+    """Validate YAML text of at most so many nodes against a model; `where` names the text in
+    messages.
 
     Numbers must be written as numbers: '0.5' in quotes, 0,5 or true are none.
 
     Raises:
         DescriptionError: with the line, the key and the reason of every complaint.
     """
-    tree = _tree(text, where)
+    tree = _tree(text, where, most)
     try:
-        return model.model_validate_json(json.dumps(plain(tree, where)), strict=True)
+        return model.model_validate_json(json.dumps(plain(tree, where, most)), strict=True)
     except ValidationError as error:
         kind = _KINDS.get(model.__name__, "robot")
         raise DescriptionError(
@@ -253,9 +255,9 @@ def read_text(path: Path) -> str:
         ) from None
 
 
-def _tree(text: str, where: str) -> Entry:
+def _tree(text: str, where: str, most: int = MOST_NODES) -> Entry:
     """The mapping that a text holds."""
-    tree = read_tree(text, where)
+    tree = read_tree(text, where, most)
     if tree is None or tree.value is None:
         raise DescriptionError(
             "is empty",

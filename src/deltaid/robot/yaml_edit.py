@@ -16,7 +16,8 @@ from ruamel.yaml.error import YAMLError
 from ruamel.yaml.nodes import CollectionNode, MappingNode, Node, ScalarNode, SequenceNode
 
 from deltaid.errors import DescriptionError
-from deltaid.robot.yaml_tree import plain, read_tree, yaml_text
+from deltaid.robot.yaml_text import yaml_text
+from deltaid.robot.yaml_tree import plain, read_tree
 
 Data = dict[str, Any]
 

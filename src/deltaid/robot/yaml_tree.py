@@ -5,7 +5,6 @@ schema of YAML 1.2 and without tags: no text can name a type, run a constructor 
 """
 
 import functools
-import io
 import math
 import re
 from collections.abc import Iterator
@@ -26,15 +25,15 @@ from ruamel.yaml.events import (
     StreamEndEvent,
 )
 from ruamel.yaml.reader import ReaderError
-from ruamel.yaml.scalarstring import DoubleQuotedScalarString
 
 from deltaid.errors import DescriptionError, quoted
 
 Scalar = bool | int | float | str | None
 Value = Scalar | list["Entry"] | dict[str, "Entry"]
 
-# A model file has some 700 nodes. Aliases may refer to aliases, so a short text can have billions.
-_MOST_NODES, _DEEPEST = 20_000, 30
+# A model file has some 700 nodes, and 50 more a recording. Aliases may refer to aliases, so a short
+# text can have billions.
+MOST_NODES, _DEEPEST = 20_000, 30
 _WORDS: dict[str, Scalar] = dict.fromkeys(("", "~", "null", "Null", "NULL"))
 
 
@@ -59,8 +58,9 @@ class Entry:
 
 
 @functools.lru_cache(maxsize=16)  # parsing takes most of the time that it takes to load a robot
-def read_tree(text: str, where: str) -> Entry | None:
-    """The one document of a YAML text; None if it is empty. `where` names the text in messages.
+def read_tree(text: str, where: str, most: int = MOST_NODES) -> Entry | None:
+    """The one document of a YAML text; None if it is empty. `where` names the text in messages, and
+    more than `most` nodes are too many.
 
     Nobody changes what this returns: the same text gives the same tree.
 
@@ -68,7 +68,7 @@ def read_tree(text: str, where: str) -> Entry | None:
         DescriptionError: the text is not YAML, has tags, keys that are not words, references to
             what is not there before them, or far too much.
     """
-    return _Composer(text, where).document()
+    return _Composer(text, where, most).document()
 
 
 def child(value: Value, key: object) -> Entry | None:
@@ -80,8 +80,9 @@ def child(value: Value, key: object) -> Entry | None:
     return None
 
 
-def plain(tree: Entry, where: str) -> Any:
-    """Strings, numbers, truth values, lists and dictionaries only; references written out.
+def plain(tree: Entry, where: str, most: int = MOST_NODES) -> Any:
+    """Strings, numbers, truth values, lists and dictionaries only; references written out, to
+    `most` nodes.
 
     Raises:
         DescriptionError: references make far too much of it.
@@ -91,7 +92,7 @@ def plain(tree: Entry, where: str) -> Any:
     def written_out(value: Value, depth: int) -> Any:
         nonlocal nodes
         nodes += 1
-        if nodes > _MOST_NODES or depth > _DEEPEST:
+        if nodes > most or depth > _DEEPEST:
             raise _too_much(where)
         if isinstance(value, dict):
             return {key: written_out(entry.value, depth + 1) for key, entry in value.items()}
@@ -105,9 +106,10 @@ def plain(tree: Entry, where: str) -> Any:
 class _Composer:
     """From the parser's events to entries."""
 
-    def __init__(self, text: str, where: str) -> None:
+    def __init__(self, text: str, where: str, most: int) -> None:
         self._events = _events(text, where)
         self._where = where
+        self._most = most
         self._anchors: dict[str, Value] = {}
         self._nodes = 0
 
@@ -180,7 +182,7 @@ class _Composer:
 
     def _count(self, nodes: int) -> None:
         self._nodes += nodes
-        if self._nodes > _MOST_NODES:
+        if self._nodes > self._most:
             raise _too_much(self._where)
 
     def _text(self, event: ScalarEvent) -> str:
@@ -257,26 +259,3 @@ def _too_much(where: str) -> DescriptionError:
     return DescriptionError(
         "has too many entries or levels", where=where, cure="is it a description at all?"
     )
-
-
-def yaml_text(data: dict[str, Any]) -> str:
-    """Plain data as YAML, the innermost lists and mappings on one line each."""
-    yaml, text = YAML(), io.StringIO()
-    yaml.default_flow_style = None
-    yaml.width = 100
-    yaml.dump(_quoted(data), text)
-    return text.getvalue()
-
-
-def _quoted(value: Any) -> Any:
-    """Text between quotes where something of it would be lost without.
-
-    Line breaks and control characters; and a question mark or colon at its beginning, which the
-    writer leaves plain and the parser takes for the mark of a key or a value.
-    """
-    if isinstance(value, dict):
-        return {key: _quoted(entry) for key, entry in value.items()}
-    if isinstance(value, list):
-        return [_quoted(entry) for entry in value]
-    special = isinstance(value, str) and (not value.isprintable() or value[:1] in ("?", ":"))
-    return DoubleQuotedScalarString(value) if special else value

@@ -1,0 +1,239 @@
+"""Blocks: recordings of one robot that have been merged, for fits and for drift.
+
+All that adds up is added up over independent columns of the fit: triangles of all samples, of
+places, and of what tolerances do. Each recording has its brief and what it says of friction. Groups
+whose scatter gives intervals are recordings, or several that follow each other, so there are never
+more than `MOST_GROUPS`.
+"""
+
+from bisect import bisect_left
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+
+from deltaid.estimation.information import Information, triangle
+from deltaid.fleets.drift_friction import FrictionSums, friction_sums
+from deltaid.fleets.factor_file import FactorFile
+from deltaid.fleets.factor_record import FactorGroups
+from deltaid.fleets.merged import Independent, MergedPart, Merging
+from deltaid.fleets.recording_brief import RecordingBrief
+from deltaid.identification.geometric_rows import GeometricRows
+
+# With so many groups Student's t is within 2 % of a normal distribution.
+MOST_GROUPS = 128
+_WHOLE = "whole"
+
+Rows = Float[np.ndarray, "_ _"]
+
+
+@dataclass(frozen=True, eq=False)
+class RecordingBlock:
+    """Recordings of a robot, merged.
+
+    Attributes:
+        fingerprint: of the `Merging` that made it.
+        keys: of its recordings, ascending; they decide what is merged with what.
+        briefs, friction: of each recording.
+        counts: how many recordings are in each group.
+        whole, groups, places: triangles of [Y, τ] over each drive's independent columns; those of
+            groups and places, which only determine uncertainty, keep seven digits.
+        geometry: triangles of [Y, D, τ], one group; none without tolerances.
+        quantities: those of D.
+    """
+
+    fingerprint: str
+    keys: tuple[int, ...]
+    briefs: tuple[RecordingBrief, ...]
+    friction: FrictionSums
+    counts: tuple[int, ...]
+    whole: FactorGroups
+    groups: FactorGroups
+    places: FactorGroups
+    geometry: FactorGroups | None
+    quantities: tuple[str, ...]
+
+    @classmethod
+    def of_file(
+        cls, merging: Merging, file: FactorFile, part: MergedPart, key: int
+    ) -> "RecordingBlock":
+        """The block of a single recording, by its part of the fit."""
+        information, columns = part.information, [[*own.at, -1] for own in merging.drives]
+        whole = _groups(
+            [_WHOLE],
+            [R[None][:, :, own] for R, own in zip(information.factors, columns, strict=True)],
+            information.samples[None],
+            information.torque_max[None],
+        )
+        places = part.groups.named("place")
+        rows = part.rows(places)
+        by_place = _groups(
+            places.names,
+            [rows[:, i][:, :, own] for i, own in enumerate(columns)],
+            places.samples,
+            places.torque_max,
+        )
+        shifted, geometry = merging.geometry(file), None
+        if shifted:
+            active, none = len(merging.active), np.zeros((1, len(shifted)))
+            each = (
+                R[None][:, :, [*own.at, *range(active, R.shape[1])]]
+                for R, own in zip(shifted, merging.drives, strict=True)
+            )
+            geometry = _rounded(_groups([_WHOLE], list(each), none, none))
+        friction = friction_sums(merging, part, file.brief)
+        return cls(
+            merging.fingerprint, (key,), (file.brief,), friction, (1,), whole, _rounded(whole),
+            _rounded(by_place), geometry, file.record.quantities,
+        )  # fmt: skip
+
+    def joined(self, other: "RecordingBlock") -> "RecordingBlock":
+        """Both together; all keys of the other are greater."""
+        keys = self.keys + other.keys
+        counts, groups = self.counts + other.counts, _both(self.groups, other.groups)
+        coarse = _cuts(keys, _in_group(len(keys)))
+        if len(coarse) < len(counts):
+            ends = np.searchsorted(np.cumsum(counts), np.cumsum(coarse)) + 1
+            members = np.split(np.arange(len(counts)), ends[:-1])
+            groups = _summed(groups, dict(enumerate(members)))
+        places, by_name = _both(self.places, other.places), dict[str, list[int]]()
+        for k, name in enumerate(places.names):
+            by_name.setdefault(name, []).append(k)
+        quantities = tuple(dict.fromkeys(self.quantities + other.quantities))
+        shifted = [block.over(quantities) for block in (self, other) if block.geometry]
+        geometry = shifted[0] if shifted else None
+        if len(shifted) > 1:
+            geometry = _summed(_both(*shifted), {_WHOLE: [0, 1]})
+        return RecordingBlock(
+            self.fingerprint,
+            keys,
+            self.briefs + other.briefs,
+            self.friction.joined(other.friction),
+            tuple(coarse),
+            _summed(_both(self.whole, other.whole), {_WHOLE: [0, 1]}, np.float64),
+            groups,
+            _summed(places, {name: by_name[name] for name in sorted(by_name)}),
+            geometry,
+            quantities,
+        )
+
+    def over(self, quantities: Sequence[str]) -> FactorGroups:
+        """Triangles of tolerances for more quantities; those that are not its own do nothing."""
+        geometry = self.geometry
+        assert geometry is not None
+        if tuple(quantities) == self.quantities:
+            return geometry
+        place = [quantities.index(name) for name in self.quantities]
+        wide = list[np.ndarray]()
+        for R in geometry.factors:
+            own = R.shape[2] - 1 - len(place)
+            A = np.zeros((*R.shape[:2], own + len(quantities) + 1))
+            A[..., [*range(own), *(own + k for k in place), -1]] = R
+            wide.append(A)
+        return _rounded(_groups(geometry.names, wide, geometry.samples, geometry.torque_max))
+
+    def information(self, merging: Merging, groups: FactorGroups) -> list[Information]:
+        """Some of its groups over all active columns."""
+        wide = _expanded(groups, merging.drives)
+        each = zip(wide, groups.samples, groups.torque_max, strict=True)
+        return [Information(merging.active, *group) for group in each]
+
+    def by_place(self, merging: Merging) -> Float[np.ndarray, "places drives augmented augmented"]:
+        """[Y, τ]ᵀ[Y, τ] of each place."""
+        A = _expanded(self.places, merging.drives)
+        return A.swapaxes(2, 3) @ A
+
+    def geometric_rows(
+        self, merging: Merging, weights: Float[np.ndarray, " drives"]
+    ) -> GeometricRows | None:
+        """What tolerances do to rows, weighted as in the fit; None without any."""
+        if self.geometry is None:
+            return None
+        rows, count = list[Rows](), len(self.quantities)
+        for R, own, weight in zip(self.geometry.factors, merging.drives, weights, strict=True):
+            n = len(own.at)
+            rows.append(weight * np.column_stack([R[0, :, :n] @ own.combinations, R[0, :, n:]]))
+        Y, D, tau = np.split(np.vstack(rows), [len(merging.active), -1], axis=1)
+        assert D.shape[1] == count
+        return GeometricRows(Y, tau[:, 0], D, self.quantities)
+
+
+def halved(keys: Sequence[int]) -> int:
+    """How many of some ascending keys are in the first half: those whose first bit that is not
+    common to all is 0. So each key goes where it goes, whichever others there are."""
+    bit = (keys[0] ^ keys[-1]).bit_length() - 1
+    return bisect_left(keys, keys[-1] >> bit << bit) if bit >= 0 else len(keys) // 2
+
+
+def _in_group(count: int) -> int:
+    """How many recordings are in a group at most."""
+    size = 1
+    while count > size * MOST_GROUPS:
+        size *= 2
+    return size
+
+
+def _cuts(keys: Sequence[int], most: int) -> list[int]:
+    """Numbers of recordings in the largest halves of halves that have at most so many."""
+    if len(keys) <= most:
+        return [len(keys)]
+    middle = halved(keys)
+    return _cuts(keys[:middle], most) + _cuts(keys[middle:], most)
+
+
+def _groups(
+    names: Sequence[str], rows: Sequence[np.ndarray], samples: np.ndarray, torque_max: np.ndarray
+) -> FactorGroups:
+    """Groups by rows of each drive, (groups, rows, columns)."""
+    packed = list[np.ndarray]()
+    for A in rows:
+        n = A.shape[2]
+        R = triangle(np.pad(A, ((0, 0), (0, max(n - A.shape[1], 0)), (0, 0))))
+        packed.append(R[:, *np.triu_indices(n)])
+    sizes = tuple(A.shape[2] for A in rows)
+    return FactorGroups(tuple(names), sizes, np.hstack(packed), samples, torque_max)
+
+
+def _rounded(groups: FactorGroups) -> FactorGroups:
+    beside = (groups.samples, groups.torque_max)
+    return FactorGroups(groups.names, groups.sizes, groups.packed.astype(np.float32), *beside)
+
+
+def _both(first: FactorGroups, second: FactorGroups) -> FactorGroups:
+    """Groups of the second behind those of the first."""
+    arrays = (
+        np.concatenate([getattr(first, name), getattr(second, name)])
+        for name in ("packed", "samples", "torque_max")
+    )
+    return FactorGroups(first.names + second.names, first.sizes, *arrays)
+
+
+def _summed(
+    groups: FactorGroups, members: Mapping[object, Sequence[int]], kind: type = np.float32
+) -> FactorGroups:
+    """Groups put together, by their new names; one that stays alone keeps every bit."""
+    factors, rows = groups.factors, list[np.ndarray]()
+    for own in members.values():
+        if len(own) == 1:
+            rows.append(groups.packed[own[0]])
+            continue
+        each = (triangle(R[own].reshape(-1, R.shape[2])) for R in factors)
+        rows.append(np.concatenate([R[np.triu_indices(len(R))] for R in each]).astype(kind))
+    samples = [groups.samples[own].sum(axis=0) for own in members.values()]
+    largest = [groups.torque_max[own].max(axis=0) for own in members.values()]
+    names = tuple(map(str, members))
+    return FactorGroups(names, groups.sizes, *map(np.stack, (rows, samples, largest)))
+
+
+def _expanded(
+    groups: FactorGroups, drives: Sequence[Independent]
+) -> Float[np.ndarray, "groups drives augmented augmented"]:
+    """Triangles over all columns, with zero rows behind them."""
+    wide = drives[0].combinations.shape[1] + 1
+    every = np.zeros((len(groups), len(drives), wide, wide))
+    for i, (R, own) in enumerate(zip(groups.factors, drives, strict=True)):
+        n = len(own.at)
+        every[:, i, : n + 1, :-1] = R[..., :-1] @ own.combinations
+        every[:, i, : n + 1, -1] = R[..., -1]
+    return every
