@@ -3,6 +3,7 @@
 import json
 from dataclasses import fields
 from io import BytesIO
+from typing import Any
 
 import numpy as np
 from pydantic import TypeAdapter
@@ -14,6 +15,8 @@ from deltaid.fleets.factor_record import FactorGroups
 from deltaid.fleets.recording_brief import RecordingBrief
 
 ENDING = ".block.npz"
+# Version of the file. It counts up with anything that changes what is in it.
+FORMAT = 1
 _BRIEFS = TypeAdapter(tuple[RecordingBrief, ...])
 _GROUPS = ("whole", "groups", "places", "geometry")
 _ARRAYS = ("packed", "samples", "torque_max")
@@ -22,7 +25,7 @@ _ARRAYS = ("packed", "samples", "torque_max")
 def block_bytes(block: RecordingBlock) -> bytes:
     """The file of a block."""
     arrays = {f"friction.{x.name}": getattr(block.friction, x.name) for x in fields(FrictionSums)}
-    known = {
+    known: dict[str, Any] = {
         "fingerprint": block.fingerprint,
         "keys": block.keys,
         "counts": block.counts,
@@ -45,7 +48,7 @@ def block_of(data: bytes | None) -> RecordingBlock | None:
     with np.load(BytesIO(data), allow_pickle=False) as file:
         arrays = dict(file)
     known = json.loads(arrays["known"].tobytes())
-    groups = {
+    groups: dict[str, Any] = {
         name: FactorGroups(
             tuple(known[name][0]),
             tuple(known[name][1]),

@@ -13,7 +13,7 @@ from datetime import UTC
 
 from deltaid.fleets import store
 from deltaid.fleets.block import RecordingBlock, halved
-from deltaid.fleets.block_file import ENDING, block_bytes, block_of
+from deltaid.fleets.block_file import ENDING, FORMAT, block_bytes, block_of
 from deltaid.fleets.factor_file import FactorFile, digest, require_mechanism, require_together, safe
 from deltaid.fleets.friction_laws import with_laws
 from deltaid.fleets.merged import Merging, merging_of
@@ -111,7 +111,7 @@ class _BlockTree:
         size, count = last - first, len(self.leaves)
         is_kept = size == 1 if last == count else size >= _LASTING or of_newest
         own = [(leaf.sha256, leaf.file) for leaf in self.leaves[first:last]]
-        name = f"{self.folder}/{digest([self.job.common, own])[:32]}{ENDING}"
+        name = f"{self.folder}/{digest([FORMAT, self.job.common, own])[:32]}{ENDING}"
         yield _Half(first, last, name, is_kept)
         if size > 1:
             middle = first + halved(self.keys[first:last])

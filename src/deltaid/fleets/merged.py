@@ -67,7 +67,7 @@ class Independent:
         """Those of a matrix, by QR with pivoting of columns of unit length."""
         R, order = qr(Y / lengths(Y), mode="r", pivoting=True)
         size = np.abs(np.diag(R))
-        rank = np.count_nonzero(size > DEPENDENT * size.max(initial=0.0))
+        rank = int(np.count_nonzero(size > DEPENDENT * size.max(initial=0.0)))
         at = np.sort(order[:rank])
         C = np.linalg.lstsq(Y[:, at], Y, rcond=None)[0]
         C[np.abs(C) < _ROUNDING * np.abs(C).max(initial=0.0)] = 0.0

@@ -5,7 +5,7 @@ kept, so that robots without news cost nothing.
 """
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import asdict, dataclass, field, fields
+from dataclasses import asdict, dataclass, field
 from importlib.metadata import version
 
 import numpy as np
@@ -164,9 +164,8 @@ def _study(
     own = tuple(recorded[name] for name in fit.files)
     known = [(str(x.time), x.load, x.temperature, x.path) for x in own]
     key = digest([version("deltaid"), fit.key, known, asked])
-    types = {"names": (fit.type,), "key": key}
-    common = {entry.name: getattr(fit, entry.name) for entry in fields(fit)} | types
-    return StudyJob(**common, recorded=own, drift=drift)
+    robot = (fit.robot, fit.type, (fit.type,), fit.files, key, fit.description, fit.settings)
+    return StudyJob(*robot, fit.leaves, fit.common, own, drift)
 
 
 def _with_model(job: StudyJob, place: Place) -> tuple[RobotRecordings, IdentifiedModel]:
