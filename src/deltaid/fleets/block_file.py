@@ -63,6 +63,7 @@ def block_of(data: bytes | None) -> RecordingBlock | None:
         _BRIEFS.validate_json(arrays["briefs"].tobytes()),
         FrictionSums(*(arrays[f"friction.{x.name}"] for x in fields(FrictionSums))),
         tuple(known["counts"]),
+        *(groups[name] for name in ("whole", "groups", "places")),
+        geometry=groups.get("geometry"),
         quantities=tuple(known["quantities"]),
-        **{"geometry": None, **groups},
     )
