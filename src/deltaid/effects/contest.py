@@ -77,9 +77,9 @@ def account(
     """
     detected, first = list[Contribution](), tuple[Contribution, ...]()
 
-    def unexplained(some: Sequence[EffectCandidate]) -> list[Columns]:
+    def unexplained(tried: Sequence[EffectCandidate]) -> list[Columns]:
         """Columns of unit length, without what is explained."""
-        return [span.without(candidate.columns / lengths(candidate.columns)) for candidate in some]
+        return [span.without(candidate.columns / lengths(candidate.columns)) for candidate in tried]
 
     bare = unexplained(candidates)
     for _ in range(_ROUNDS):

@@ -91,10 +91,10 @@ def _simplest(rows: TraceRows, trace: Trace, timing: Timing, free: FreeTiming) -
 
 
 def _dead_times(
-    timing: Timing, some: Drives
-) -> tuple[Float[np.ndarray, " some"], Float[np.ndarray, "some some"]]:
-    """L − T of some drives, and its covariance."""
-    each = np.eye(len(some))[some]
+    timing: Timing, chosen: Drives
+) -> tuple[Float[np.ndarray, " chosen"], Float[np.ndarray, "chosen chosen"]]:
+    """L − T of the chosen drives, and its covariance."""
+    each = np.eye(len(chosen))[chosen]
     S = np.hstack([each, -each, np.zeros((len(each), 1))])
     return S @ timing.values, S @ timing.covariance @ S.T
 
@@ -190,10 +190,10 @@ def _filtered(rows: TraceRows, trace: Trace, timing: Timing, free: FreeTiming) -
     return kept if wide or pure else np.zeros(dof, bool)
 
 
-def _seen(timing: Timing, some: Drives) -> Drives:
-    """Which of some drives' time constants are beyond chance: together, and each on its own or by
-    being that of the others."""
-    drives, dof, seen = np.flatnonzero(some), len(some), np.zeros(len(some), bool)
+def _seen(timing: Timing, chosen: Drives) -> Drives:
+    """Which of the chosen drives' time constants are beyond chance: together, and each by itself or
+    by being that of the others."""
+    drives, dof, seen = np.flatnonzero(chosen), len(chosen), np.zeros(len(chosen), bool)
     covariance = timing.covariance[np.ix_(dof + drives, dof + drives)]
     T, variance = timing.constants[drives], np.diag(covariance)
     if not len(drives) or not exceeded(T, covariance, 10**-SEEN):

@@ -90,8 +90,8 @@ class Shrunk:
         alpha, variance = self.alpha.copy(), np.sum(self._root**2, axis=0)
         for k, group in enumerate(self.groups):
             u = (self.x[group.columns] - group.mean) / group.deviation
-            told = variance[group.columns] / (self.alpha[k] * group.deviation) ** 2
-            gamma = max(len(told) - float(told.sum()), 0.0)
+            left = variance[group.columns] / (self.alpha[k] * group.deviation) ** 2
+            gamma = max(len(left) - float(left.sum()), 0.0)
             alpha[k] = np.sqrt((u @ u + _PULL) / (gamma + 1.0))
         return np.clip(alpha, _LOW, _HIGH)
 

@@ -180,8 +180,8 @@ def trace(
     # What a log masks stays masked either way; this is about its reversals only.
     recording = recording.brief.changed(cutoff, columns=columns, keep_all=False)
     assert recording.low_pass is not None  # positions alone are always filtered
-    some = recording.spread(dynamics.kinematics, windows or _MOST)
-    joined = _joined([window.own for window in some])
+    windows_kept = recording.spread(dynamics.kinematics, windows or _MOST)
+    joined = _joined([window.own for window in windows_kept])
     gaps = np.flatnonzero(np.diff(joined.time) > GAP / log.rate) + 1
     stretches = tuple(
         joined.part(slice(first, last))

@@ -140,8 +140,8 @@ def identify(
     carried = {load.name: load.p for load in loads}
     recordings = tuple(unloaded(r, carried).repaired(pulls=effects) for r in recordings)
     progress("comparing torques")
-    some = [recording.sparser(_COMPARED) for recording in recordings]
-    errors = [torque_error(compiled(robot), problem.p, recording) for recording in some]
+    compared = [recording.sparser(_COMPARED) for recording in recordings]
+    errors = [torque_error(compiled(robot), problem.p, recording) for recording in compared]
     corrections = (
         correction
         for addition, parameters in of_each(additions, added)

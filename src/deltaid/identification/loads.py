@@ -147,9 +147,9 @@ def _rough(setup: Setup, columns: Sequence[LoadColumns]) -> list[Ten]:
     if all(column.is_fixed for column in columns):
         return [column.prior for column in columns]
     additions = (*setup.additions, *columns)
-    some = [recording.brief for recording in setup.recordings]
+    brief = [recording.brief for recording in setup.recordings]
     rows, prior = extended(setup.dynamics, additions), prior_parameters(setup.robot)
-    information = gather_all(rows, some, prior).information
+    information = gather_all(rows, brief, prior).information
     added = [(addition.parameters, addition.free) for addition in additions]
     reduction = build_reduction(setup.robot, information.columns, added)
     _, gradient, hessian = pose(information, reduction, setup.settings).evaluate(reduction.prior)

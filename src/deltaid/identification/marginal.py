@@ -90,23 +90,23 @@ def with_variances(V: Matrix, variances: Float[np.ndarray, " n"]) -> Matrix:
     ratio = variances / size**2
     level = float(np.exp(np.mean(np.log(ratio))))
     w, U = np.linalg.eigh(correlations(V))
-    L, ratio, one = U * np.sqrt(np.maximum(w, ROUNDING)), ratio / level, np.eye(len(V))
+    L, ratio, unit = U * np.sqrt(np.maximum(w, ROUNDING)), ratio / level, np.eye(len(V))
 
     def covariance(lam: Float[np.ndarray, " n"]) -> Matrix:
         """(C⁻¹ + diag λ)⁻¹ = L (1 + Lᵀ diag(λ) L)⁻¹ Lᵀ with C = L Lᵀ, maybe nearly singular."""
-        root = solve_triangular(np.linalg.cholesky(one + (L.T * lam) @ L), L.T, lower=True)
+        root = solve_triangular(np.linalg.cholesky(unit + (L.T * lam) @ L), L.T, lower=True)
         return root.T @ root
 
     def value(lam: Float[np.ndarray, " n"]) -> float:
         """But for log det C; infinite where there is no covariance."""
-        values = np.linalg.eigvalsh(one + (L.T * lam) @ L)
+        values = np.linalg.eigvalsh(unit + (L.T * lam) @ L)
         if values[0] <= 0:
             return np.inf
         return float(lam @ ratio - np.log(values).sum() + 0.5 * _MISSED * lam @ lam)
 
     def curvature(lam: Float[np.ndarray, " n"]) -> Matrix:
         """Also where there is no covariance: SciPy asks for it before it rejects a step."""
-        return (covariance(lam) ** 2 if np.isfinite(value(lam)) else 0.0) + _MISSED * one
+        return (covariance(lam) ** 2 if np.isfinite(value(lam)) else 0.0) + _MISSED * unit
 
     solution = minimize(
         value,

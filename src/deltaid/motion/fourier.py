@@ -115,10 +115,10 @@ class Series:
         """Φ, Φ′, Φ″: values of [1, sin kφ, cos kφ] and their derivatives with respect to φ."""
         k = np.arange(1, self.harmonics + 1)
         s, c = np.sin(np.outer(phase, k)), np.cos(np.outer(phase, k))
-        one, zero = np.ones((len(phase), 1)), np.zeros((len(phase), 1))
+        constant, zero = np.ones((len(phase), 1)), np.zeros((len(phase), 1))
         return np.stack(
             [
-                np.hstack([one, s, c]),
+                np.hstack([constant, s, c]),
                 np.hstack([zero, c * k, -s * k]),
                 np.hstack([zero, -s * k**2, -c * k**2]),
             ]

@@ -215,8 +215,8 @@ def design_low_pass(
 
 def no_filter(rate: float) -> LowPass:
     """The filter of recorded velocities and accelerations: all that goes in at `rate` Hz stays."""
-    one = np.ones(1)
-    return LowPass(math.inf, math.inf, rate, 1, one, one, one, one, one, decimation=1)
+    tap = np.ones(1)
+    return LowPass(math.inf, math.inf, rate, 1, tap, tap, tap, tap, tap, decimation=1)
 
 
 def _smooth(cutoff: float) -> Float[np.ndarray, " taps"]:

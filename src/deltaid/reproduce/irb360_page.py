@@ -167,8 +167,9 @@ def _table_one(result: Irb360) -> Section:
 
 def _doubts(models: dict[str, IdentifiedModel]) -> tuple[Text, ...]:
     """What the fits say against themselves; the stand-in's strut gives them a reason."""
-    told = "\n\n".join(f"{name}: {text}." for name, m in models.items() for text in m.warnings)
-    return (Text(f"The fits give these warnings.\n\n{told}\n\n{_STRUT_TEXT}"),) if told else ()
+    warnings = [f"{name}: {text}." for name, m in models.items() for text in m.warnings]
+    text = "\n\n".join(["The fits give these warnings.", *warnings, _STRUT_TEXT])
+    return (Text(text),) if warnings else ()
 
 
 _STRUT_TEXT = (

@@ -73,10 +73,10 @@ def _joined(found: list[_Complaint]) -> list[_Complaint]:
         by_place.setdefault((c.line, c.path), []).append(c)
     joined = []
     for (line, path), same in by_place.items():
-        told = [c for c in same if not c.of_kind] or same
-        reasons = list(dict.fromkeys(c.reason for c in told))
+        best = [c for c in same if not c.of_kind] or same
+        reasons = list(dict.fromkeys(c.reason for c in best))
         reasons[1:] = [reason.removeprefix("must be ") for reason in reasons[1:]]
-        joined.append(_Complaint(line, path, " or ".join(reasons), told[0].value))
+        joined.append(_Complaint(line, path, " or ".join(reasons), best[0].value))
     return joined
 
 

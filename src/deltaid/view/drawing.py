@@ -49,11 +49,11 @@ def drawing(robot: RobotDescription, kinematics: Kinematics) -> Drawing:
     ]  # fmt: skip
     shown = [body for body in skeleton.bodies if body != "base"]
     others = [body for body in robot.body_names if body not in shown]
-    told = ", ".join(f"{body} {body_in_words(body)}" for body in shown)
+    names = ", ".join(f"{body} {body_in_words(body)}" for body in shown)
     svg = Markup(
         '<svg class="robot" viewBox="0 0 {:.0f} {:.0f}" role="img" aria-label="{}">'
         '<g stroke-linecap="round">{}</g>{}</svg>'
-    ).format(width, height, f"Drawing of the robot: {visible(told)}", Markup("\n").join(lines),
+    ).format(width, height, f"Drawing of the robot: {visible(names)}", Markup("\n").join(lines),
              Markup("\n").join(_written(labels, width, height)))  # fmt: skip
     return Drawing(svg, tuple((name, body_in_words(name)) for name in (*shown, *others)))
 

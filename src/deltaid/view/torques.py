@@ -94,8 +94,8 @@ def over_speed(c: TorqueComparison, drives: Drives) -> Figure:
     figure = grid(tuple(drives), 260)
     keep = even_rows(len(c.speed), _SCATTER)
     for i, units in enumerate(drives.values()):
-        told = np.isfinite(c.residual[:, i])
-        speed, residual = units.per_shown * c.speed[told, i], c.residual[told, i]
+        known = np.isfinite(c.residual[:, i])
+        speed, residual = units.per_shown * c.speed[known, i], c.residual[known, i]
         figure.add_scatter(
             x=speed[keep].astype(np.float32),
             y=residual[keep].astype(np.float32),

@@ -52,8 +52,8 @@ def open_bag(path: Path, mapping: ColumnMapping) -> LogTable:
     silent = f"let the driver publish it and record again, or map what holds it: {joints}"
     arrays = [replace(field, cure=silent) if field.holds else field for field in fields]
     hollow = [f"{t.name}.effort holds {t.hollow['effort']}" for t in topics if "effort" in t.hollow]
-    told = [topic for topic in topics if "position" in topic.joints]
-    several = f" ({'; '.join(map(str, told))})" if len(told) > 1 else ""
+    of_joints = [topic for topic in topics if "position" in topic.joints]
+    several = f" ({'; '.join(map(str, of_joints))})" if len(of_joints) > 1 else ""
     cure = (
         f"say with --columns MAPPING.yaml which joint is which drive{several}, in order of q "
         f"(units of drives that slide are m, m/s and N):\n    {mapping_lines(topics)}"
@@ -246,8 +246,8 @@ def _teller(topics: Sequence[Topic], quantity: str, joints: Sequence[str]) -> To
 
 
 def _main(topics: Sequence[Topic]) -> Topic | None:
-    told = [topic for topic in topics if "position" in topic.joints]
-    tellers = [topic for topic in told if topic.type == JOINT_STATE] or told
+    of_joints = [topic for topic in topics if "position" in topic.joints]
+    tellers = [topic for topic in of_joints if topic.type == JOINT_STATE] or of_joints
     return tellers[0] if len(tellers) == 1 else None
 
 

@@ -113,9 +113,9 @@ class ScopeTable(LogTable):
             filled = np.column_stack([(text != "").to_numpy() for text in texts])
             equal = np.column_stack([(text == texts[0]).to_numpy() for text in texts])
             lines.append(np.column_stack([filled.all(1), filled.any(1), equal.all(1)]))
-        whole, some, equal = np.vstack(lines).T
+        whole, part, equal = np.vstack(lines).T
         until = np.flatnonzero(whole)[-1] if whole.any() else 0
-        return not (whole & ~equal).any() and not (some & ~whole)[:until].any()
+        return not (whole & ~equal).any() and not (part & ~whole)[:until].any()
 
     def _streamed(self, at: list[int], groups: dict[int, list[int]]) -> Iterator[Rows]:
         decimals = Decimals(self.separator)

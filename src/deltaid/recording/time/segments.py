@@ -146,9 +146,9 @@ class _Run:
             out = interpolate(self.places, self.waiting, wanted)
             after = np.clip(np.searchsorted(self.places, wanted), 1, len(self.places) - 1)
             weights = np.minimum(self.waiting[after - 1, first:], self.waiting[after, first:])
-            told = self.places[after] - self.places[after - 1] < _UNTOLD
-            out[:, first:] = weights * told[:, None]
-            out[~told, self._shown] = np.nan
+            near = self.places[after] - self.places[after - 1] < _UNTOLD
+            out[:, first:] = weights * near[:, None]
+            out[~near, self._shown] = np.nan
         else:
             out = self._bridged(wanted, first)
         before = np.clip(np.searchsorted(self.places, wanted, side="right") - 1, 0, None)

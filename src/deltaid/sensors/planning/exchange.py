@@ -70,14 +70,14 @@ def point_mass(r: Float[np.ndarray, " 3"]) -> Ten:
 
 def _between(
     layout: ParameterLayout,
-    some: Sequence[Instance],
+    bodies: Sequence[Instance],
     others: Sequence[Instance],
     partner: Partner = shared,
 ) -> Iterator[Exchange]:
     """Exchanges of two bodies at the points that they share, or that move alike."""
-    if len(some) < len(others):
-        some, others = others, some
-    pairs = [_partner(body, others, partner) for body in some]
+    if len(bodies) < len(others):
+        bodies, others = others, bodies
+    pairs = [_partner(body, others, partner) for body in bodies]
     met = [pair for pair in pairs if pair is not None]
     if len(met) < len(pairs):
         return
@@ -86,10 +86,10 @@ def _between(
         np.ptp(points, axis=0).max() > 1e-7
     ):
         return
-    a, b = some[0].name, others[0].name
+    a, b = bodies[0].name, others[0].name
     moments = _moments([pair.a for pair in met], [pair.along for pair in met])
     counter = _moments([pair.b for pair in met], [pair.along_b for pair in met])
-    counts = np.array([body.count for body in some], dtype=float)
+    counts = np.array([body.count for body in bodies], dtype=float)
     all_b = sum(body.count for body in others)
     first, second = sorted((a, b), key=layout.bodies.index)
     place = _place(first, second) if partner is shared else "by points that move together"
@@ -100,9 +100,9 @@ def _between(
         yield Exchange(f"{what} {place} {_passes(first, second)}", direction)
 
 
-def _partner(one: Instance, others: Sequence[Instance], partner: Partner) -> Shared | None:
-    found = (partner(one, other) for other in others)
-    return next((each for each in found if each is not None), None)
+def _partner(body: Instance, others: Sequence[Instance], partner: Partner) -> Shared | None:
+    found = (partner(body, other) for other in others)
+    return next((point for point in found if point is not None), None)
 
 
 def _moments(
@@ -123,11 +123,11 @@ def _moments(
 
 
 def _alike(
-    layout: ParameterLayout, some: Sequence[Instance], others: Sequence[Instance]
+    layout: ParameterLayout, bodies: Sequence[Instance], others: Sequence[Instance]
 ) -> Iterator[Exchange]:
     """Second moments of bodies that turn alike."""
-    a, b = some[0], others[0]
-    R = turn_alike(a, b) if len(some) == len(others) == 1 else None
+    a, b = bodies[0], others[0]
+    R = turn_alike(a, b) if len(bodies) == len(others) == 1 else None
     if R is None:
         return
     for name, (i, j) in PSEUDO_INERTIA_ENTRIES.items():

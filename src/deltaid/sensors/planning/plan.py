@@ -192,15 +192,15 @@ def sensor_plan(
             title = "with what the description has"
             described = _outlook("described", title, start, alone, aim, entries)
 
-        def outlook(some: Sequence[Use]) -> Outlook:
-            """What is known after some uses together."""
+        def outlook(together: Sequence[Use]) -> Outlook:
+            """What is known after uses together."""
             known = start
-            for use in some:
+            for use in together:
                 known = known.and_rows(use.likely @ entries.W)
             name, title = (
-                " + ".join(getattr(use, key) for use in some) for key in ("name", "title")
+                " + ".join(getattr(use, key) for use in together) for key in ("name", "title")
             )
-            return _outlook(name, title, known, start, aim, entries, cost_of(some))
+            return _outlook(name, title, known, start, aim, entries, cost_of(together))
 
         say("comparing")
         steps = shopping(start, aim, possible, entries.W, budget, settings.steps)

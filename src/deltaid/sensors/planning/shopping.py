@@ -185,7 +185,7 @@ def enough(
     return tuple(steps)
 
 
-def cost_of(some: Sequence[Use]) -> float:
+def cost_of(uses: Sequence[Use]) -> float:
     """Of several uses together, each offer paid once."""
-    prices = {use.offer: use.price for use in some}
-    return sum(prices.values()) + sum(use.work for use in some)
+    prices = {use.offer: use.price for use in uses}
+    return sum(prices.values()) + sum(use.work for use in uses)

@@ -89,10 +89,10 @@ def _of_weighings(scene: Scene, offers: Offers, key: str, offer: Offer) -> Itera
     for weigh in offer.weighs:
         for placed in _placed(scene.dynamics.robot, weigh):
             _require_bodies(scene.dynamics.robot, placed, key)
-            one = planned(scene, weigh, placed)
-            if one is None and weigh.of == EACH:
+            value = planned(scene, weigh, placed)
+            if value is None and weigh.of == EACH:
                 continue
-            if one is None:
+            if value is None:
                 of = " + ".join(part.body for part in placed)
                 raise DescriptionError(
                     f"a share of {of}'s value is no standard deviation: the value is zero at the "
@@ -100,12 +100,12 @@ def _of_weighings(scene: Scene, offers: Offers, key: str, offer: Offer) -> Itera
                     where=f"offers.{key}.weigh",
                     cure="give std as well",
                 )
-            row = weighing_row(scene, one)
+            row = weighing_row(scene, value)
             what = "+".join(f"{p.count}{p.body}" if p.count > 1 else p.body for p in placed)
             names.append(what)
             again = names.count(what)
             name = f"{key}:{what}" + (f":{again}" if again > 1 else "")
-            yield Use(name, f"{offer.title}: {one.name}", key, group, offer.price, work, row, row)
+            yield Use(name, f"{offer.title}: {value.name}", key, group, offer.price, work, row, row)
 
 
 def planned(scene: Scene, weigh: Weigh, placed: Sequence[Placed]) -> Weighing | None:
@@ -123,8 +123,8 @@ def planned(scene: Scene, weigh: Weigh, placed: Sequence[Placed]) -> Weighing | 
 
     def row(quantity: str, value: float, std: float) -> Weighing:
         own = given if quantity != "mass" else {}
-        one = Measured.model_validate({quantity: value, "std": std, **own})
-        return weighing(one, placed, layout, p)
+        measured = Measured.model_validate({quantity: value, "std": std, **own})
+        return weighing(measured, placed, layout, p)
 
     if weigh.quantity == "centre":
         moment = float(row("first_moment", 0.0, 1.0).coefficients @ p)
