@@ -162,7 +162,7 @@ def _residual(cycle: Cycle) -> ContactResidual:
         noise = ca.SX(np.array(settings.speed_noise) ** 2)
     spread = ca.fmax(ca.diag(P)[s.at_load], 0)
     spread[0] += partly**2
-    S += settings.corner**2 * _of_speeds(cycle, x[s.at_load], spread, noise + s.bridged**2)
+    S += settings.corner**2 * of_speeds(cycle, x[s.at_load], spread, noise + s.bridged**2)
     mechanism = model.dynamics.kinematics.mechanism
     T = mechanism.speeds.inverse_jacobian[model.robot.task.moves, :]
     levers = ca.Function("levers", [mechanism.z], [T])(s.z)
@@ -191,7 +191,7 @@ def _partly(cycle: Cycle, mass: ca.SX) -> ca.SX:
     return ca.if_else(e.differs, expected, hung)
 
 
-def _of_speeds(cycle: Cycle, x: ca.SX, spread: ca.SX, noise: ca.SX) -> ca.SX:
+def of_speeds(cycle: Cycle, x: ca.SX, spread: ca.SX, noise: ca.SX) -> ca.SX:
     """Covariance of the robot's momentum M v by noise of speeds, with the load that is held.
 
     Args:
