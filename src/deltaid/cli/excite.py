@@ -12,11 +12,12 @@ import typer
 
 import deltaid
 from deltaid.cli.options import AsJson, Full, Report, Robot, UsePoor, bounded, output_file
-from deltaid.cli.output import judged, number, print_found, print_json, print_note, progress
+from deltaid.cli.output import judged, print_found, print_json, print_note, progress
 from deltaid.cli.output_files import print_written, require_outputs, write_files
 from deltaid.errors import DeltaidError, within
 from deltaid.files import write_bytes
 from deltaid.motion.excitation.settings import VERIFICATION_OFFSET, CriterionName, PurposeName
+from deltaid.view.numbers import number
 
 if TYPE_CHECKING:
     from deltaid.robot.parameter import JointUnits

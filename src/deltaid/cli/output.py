@@ -1,5 +1,4 @@
-"""What all commands print: results as they fit a screen, errors, tables, progress, JSON; and how
-they write files."""
+"""What all commands print: results as they fit a screen, errors, tables, progress, JSON."""
 
 import json
 import math
@@ -21,8 +20,6 @@ from rich.text import Text
 
 import deltaid
 from deltaid.errors import DeltaidError, visible
-from deltaid.view.numbers import number as number
-from deltaid.view.numbers import percent as percent  # for the commands too
 from deltaid.view.page import Table as Finished
 
 # Columns whose cells are words.

@@ -7,8 +7,9 @@ import typer
 
 import deltaid
 from deltaid.cli.options import AsJson, Full, Report, Robot, UsePoor, bounded, names
-from deltaid.cli.output import judged, percent, print_found, print_json, print_note, progress
+from deltaid.cli.output import judged, print_found, print_json, print_note, progress
 from deltaid.cli.output_files import print_written, require_outputs, write_files
+from deltaid.view.numbers import percent
 
 if TYPE_CHECKING:
     from deltaid.sensors.planning.plan import Outlook

@@ -8,8 +8,9 @@ import typer
 
 import deltaid
 from deltaid.cli.options import Full
-from deltaid.cli.output import Finished, console, percent, progress, table
+from deltaid.cli.output import Finished, console, progress, table
 from deltaid.files import require_writable, together, write_bytes
+from deltaid.view.numbers import percent
 
 
 def demo(
