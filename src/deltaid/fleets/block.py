@@ -59,10 +59,10 @@ class RecordingBlock:
         cls, merging: Merging, file: FactorFile, part: MergedPart, key: int
     ) -> "RecordingBlock":
         """The block of a single recording, by its part of the fit."""
-        information, columns = part.information, [[*own.at, -1] for own in merging.drives]
+        information, columns = part.information, [[*drive.at, -1] for drive in merging.drives]
         whole = _groups(
             [_WHOLE],
-            [R[None][:, :, own] for R, own in zip(information.factors, columns, strict=True)],
+            [R[None][:, :, places] for R, places in zip(information.factors, columns, strict=True)],
             information.samples[None],
             information.torque_max[None],
         )
@@ -70,7 +70,7 @@ class RecordingBlock:
         rows = part.rows(places)
         by_place = _groups(
             places.names,
-            [rows[:, i][:, :, own] for i, own in enumerate(columns)],
+            [rows[:, i][:, :, places] for i, places in enumerate(columns)],
             places.samples,
             places.torque_max,
         )
@@ -78,8 +78,8 @@ class RecordingBlock:
         if shifted:
             active, none = len(merging.active), np.zeros((1, len(shifted)))
             each = (
-                R[None][:, :, [*own.at, *range(active, R.shape[1])]]
-                for R, own in zip(shifted, merging.drives, strict=True)
+                R[None][:, :, [*drive.at, *range(active, R.shape[1])]]
+                for R, drive in zip(shifted, merging.drives, strict=True)
             )
             geometry = _rounded(_groups([_WHOLE], list(each), none, none))
         friction = friction_sums(merging, part, file.brief)
@@ -151,9 +151,9 @@ class RecordingBlock:
         if self.geometry is None:
             return None
         rows, count = list[Rows](), len(self.quantities)
-        for R, own, weight in zip(self.geometry.factors, merging.drives, weights, strict=True):
-            n = len(own.at)
-            rows.append(weight * np.column_stack([R[0, :, :n] @ own.combinations, R[0, :, n:]]))
+        for R, drive, weight in zip(self.geometry.factors, merging.drives, weights, strict=True):
+            n = len(drive.at)
+            rows.append(weight * np.column_stack([R[0, :, :n] @ drive.combinations, R[0, :, n:]]))
         Y, D, tau = np.split(np.vstack(rows), [len(merging.active), -1], axis=1)
         assert D.shape[1] == count
         return GeometricRows(Y, tau[:, 0], D, self.quantities)
@@ -214,14 +214,14 @@ def _summed(
 ) -> FactorGroups:
     """Groups put together, by their new names; one that stays alone keeps every bit."""
     factors, rows = groups.factors, list[np.ndarray]()
-    for own in members.values():
-        if len(own) == 1:
-            rows.append(groups.packed[own[0]])
+    for places in members.values():
+        if len(places) == 1:
+            rows.append(groups.packed[places[0]])
             continue
-        each = (triangle(R[own].reshape(-1, R.shape[2])) for R in factors)
+        each = (triangle(R[places].reshape(-1, R.shape[2])) for R in factors)
         rows.append(np.concatenate([R[np.triu_indices(len(R))] for R in each]).astype(kind))
-    samples = [groups.samples[own].sum(axis=0) for own in members.values()]
-    largest = [groups.torque_max[own].max(axis=0) for own in members.values()]
+    samples = [groups.samples[places].sum(axis=0) for places in members.values()]
+    largest = [groups.torque_max[places].max(axis=0) for places in members.values()]
     names = tuple(map(str, members))
     return FactorGroups(names, groups.sizes, *map(np.stack, (rows, samples, largest)))
 
@@ -232,8 +232,8 @@ def _expanded(
     """Triangles over all columns, with zero rows behind them."""
     wide = drives[0].combinations.shape[1] + 1
     every = np.zeros((len(groups), len(drives), wide, wide))
-    for i, (R, own) in enumerate(zip(groups.factors, drives, strict=True)):
-        n = len(own.at)
-        every[:, i, : n + 1, :-1] = R[..., :-1] @ own.combinations
+    for i, (R, drive) in enumerate(zip(groups.factors, drives, strict=True)):
+        n = len(drive.at)
+        every[:, i, : n + 1, :-1] = R[..., :-1] @ drive.combinations
         every[:, i, : n + 1, -1] = R[..., -1]
     return every

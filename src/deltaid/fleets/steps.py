@@ -76,8 +76,8 @@ def fit_jobs(
     }
     jobs = list[FleetJob]()
     for (robot, kind), periods in robots.items():
-        for names, own in _with_all(periods):
-            leaves = tuple(Leaf(x.file, x.sha256, x.recorded.time) for x in own)
+        for names, used in _with_all(periods):
+            leaves = tuple(Leaf(x.file, x.sha256, x.recorded.time) for x in used)
             sources = sorted((leaf.sha256, leaf.file) for leaf in leaves)
             key = digest([common[kind], robot, names, sources])
             jobs.append(
