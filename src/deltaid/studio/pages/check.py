@@ -9,7 +9,7 @@ from deltaid.errors import DeltaidError
 from deltaid.robot.load import catalogue, catalogue_text
 from deltaid.studio.edits import difference, own_copy, robot_cured, wanted
 from deltaid.studio.look import Problem, mapping_cured
-from deltaid.studio.pages import parts
+from deltaid.studio.pages import parts, texts
 from deltaid.studio.plan import Used
 from deltaid.studio.runs import FinishedRun, next_run, output, runs
 from deltaid.studio.session import Session, mapping_name, mapping_of
@@ -54,7 +54,7 @@ def _begin(session: Session) -> None:
                 "check again.",
                 "doubt",
             )
-        parts.commands(lambda: check_step(plan, next_run(session.folder, "check")))
+        texts.commands(lambda: check_step(plan, next_run(session.folder, "check")))
 
 
 def _verdicts(session: Session, run: FinishedRun) -> None:
@@ -134,7 +134,7 @@ async def _offer(
 
     with ui.dialog(value=True) as dialog, ui.card().style("min-width: min(640px, 90vw)"):
         ui.label(f"Change {name}?").classes("text-h6")
-        parts.difference(difference(name, before or "", after))
+        texts.difference(difference(name, before or "", after))
         with ui.row():
 
             def apply() -> None:

@@ -16,7 +16,7 @@ from deltaid.model.options import (
     RegularizerName,
 )
 from deltaid.model.record import Settings
-from deltaid.studio.pages import parts
+from deltaid.studio.pages import parts, texts
 from deltaid.studio.runs import next_run
 from deltaid.studio.session import Session
 from deltaid.studio.steps import fit_step
@@ -73,7 +73,7 @@ async def body(session: Session) -> None:
         if job is not None and job.step.kind == "fit" and job.state == "done":
             parts.note("The model is fitted.", "good")
             parts.go_to("result", "See the result", "no-caps")
-        parts.commands(lambda: fit_step(plan, next_run(session.folder, "fit")))
+        texts.commands(lambda: fit_step(plan, next_run(session.folder, "fit")))
     _settings(session)
 
 

@@ -7,7 +7,7 @@ from nicegui import ui
 
 from deltaid.studio.compare import Beside, comparison, describe_fit, torques
 from deltaid.studio.look import Problem
-from deltaid.studio.pages import parts
+from deltaid.studio.pages import parts, texts
 from deltaid.studio.pages.figures import beside, linked
 from deltaid.studio.plan import Used
 from deltaid.studio.runs import FinishedRun, runs
@@ -40,7 +40,7 @@ async def body(session: Session) -> None:
 
 def _commands(run: FinishedRun) -> None:
     with ui.expansion("Command line and Python of this run").classes("w-full").props("dense"):
-        parts.both(run.record)
+        texts.both(run.record)
 
 
 def _validate(session: Session, run: FinishedRun) -> None:

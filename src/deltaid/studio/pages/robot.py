@@ -15,9 +15,9 @@ from deltaid.studio.drafting.questions import KINDS, Question, asked
 from deltaid.studio.edits import own_copy
 from deltaid.studio.folder import ConflictError
 from deltaid.studio.look import Problem, try_look
-from deltaid.studio.pages import parts
+from deltaid.studio.pages import parts, texts
 from deltaid.studio.pages.live import live
-from deltaid.studio.pages.parts import attempt, commands, note, panel, problem, report, upload
+from deltaid.studio.pages.parts import attempt, note, panel, problem, report, upload
 from deltaid.studio.session import VIEW, FileEdit, Session
 from deltaid.studio.steps import show_step
 
@@ -119,7 +119,7 @@ async def _show_robot(session: Session, name: str) -> None:
             parts.failed(session.view)
         else:
             report(session, VIEW, f"{name}: picture, reach, limits")
-        commands(lambda: show_step(name, VIEW))
+        texts.commands(lambda: show_step(name, VIEW))
 
 
 _FILE = "my-robot.yaml"
@@ -160,7 +160,7 @@ def describe(session: Session) -> None:
             parts.attempt(take)
 
         ui.button(f"Write {name}", on_click=write).props("no-caps")
-        shown = ui.refreshable(lambda: parts.both(new_step(str(kind.value), name, answers)))
+        shown = ui.refreshable(lambda: texts.both(new_step(str(kind.value), name, answers)))
         with (
             ui.expansion("Command line and Python of this step")
             .classes("w-full")

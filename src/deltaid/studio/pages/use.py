@@ -10,7 +10,7 @@ from nicegui.elements.mixins.value_element import ValueElement
 from deltaid.control.options import ControllerName
 from deltaid.exports.options import FURTHER, FmiVersion
 from deltaid.studio.compare import describe_fit
-from deltaid.studio.pages import parts
+from deltaid.studio.pages import parts, texts
 from deltaid.studio.runs import FinishedRun, messages, next_run, runs
 from deltaid.studio.session import Session
 from deltaid.studio.steps import (
@@ -111,7 +111,7 @@ def _step(
     if (run := next(done, None)) is not None:
         _made(session, run)
     at = next_run(session.folder, kind)
-    parts.commands(lambda: made(at), *fields.values())
+    texts.commands(lambda: made(at), *fields.values())
 
 
 def _made(session: Session, run: FinishedRun) -> None:
@@ -126,7 +126,7 @@ def _made(session: Session, run: FinishedRun) -> None:
     for path in files:
         if path.name.startswith("README_"):
             with ui.expansion("README of this folder").classes("w-full").props("dense"):
-                parts.code(session.folder.text(run.file(path.name)), "Copy README")
+                texts.code(session.folder.text(run.file(path.name)), "Copy README")
 
 
 def _excite(session: Session, model: str) -> None:
