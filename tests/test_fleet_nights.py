@@ -20,6 +20,7 @@ from deltaid.fleets.block_file import block_bytes, block_of
 from deltaid.fleets.drift_findings import DriftSettings
 from deltaid.fleets.drift_friction import friction_series, unknowns_of
 from deltaid.fleets.factor_file import ENDING, FactorFile, digest, write
+from deltaid.fleets.factor_record import FactorGroups, GatheredLoad
 from deltaid.fleets.fleet import Recorded
 from deltaid.fleets.identify_gathered import identify_gathered
 from deltaid.fleets.known import GatherResult
@@ -29,6 +30,8 @@ from deltaid.fleets.robot_recordings import RobotRecordings
 from deltaid.fleets.step import FleetJob, Tables, work_chain
 from deltaid.fleets.steps import ALL, fit_jobs, robot_chains
 from deltaid.model.record import IdentifiedModel
+from deltaid.recording.carried import Load
+from deltaid.robot.friction import Stribeck
 from deltaid.robot.load import load_robot
 from drifting import ROBOT, SETTINGS, START, days, one_recording
 
@@ -218,6 +221,10 @@ def test_numbers_are_those_of_all_factor_files(merged, files: list[FactorFile]) 
     products, together = found.gathered.places, problem.gathered.places
     np.testing.assert_allclose(products, together, rtol=1e-6, atol=1e-6 * together.max())
     assert len(found.gathered.parts) == COUNT
+    wholes = [file.condensed.whole for file in files]
+    np.testing.assert_allclose(information.samples, sum(whole.samples for whole in wholes))
+    largest = np.max([whole.torque_max for whole in wholes], axis=0)
+    np.testing.assert_array_equal(information.torque_max, largest)
 
 
 def test_tables_do_not_depend_on_the_nights(files: list[FactorFile], folder: Path, written) -> None:
@@ -273,6 +280,43 @@ def test_halves_do_not_depend_on_other_keys() -> None:
         inside = keys[start:end]
         assert all(k < m for k, m in pairwise(inside))
         assert 0 < halved(inside) < len(inside)
+
+
+def test_rows_that_depend_on_other_constants_or_loads_have_another_fingerprint(
+    files: list[FactorFile],
+) -> None:
+    robot, fingerprints = load_robot(ROBOT), set[str]()
+    for speed in (0.1, 0.2):
+        law = robot.friction["drive1"].changed(stribeck=Stribeck(coefficient=0.1, speed=speed))
+        other = robot.changed(friction=dict(robot.friction) | {"drive1": law})
+        fingerprints.add(merging_of([files[0].brief], other, SETTINGS).fingerprint)
+    for taken in (0.0, 0.1):
+        load = GatheredLoad(load=Load(always=True, mass=0.5), taken=(taken, *[0.0] * 9))
+        brief = files[0].brief.changed(loads=(load,))
+        fingerprints.add(merging_of([brief], robot, SETTINGS).fingerprint)
+    assert len(fingerprints) == 4
+
+
+def test_quantities_of_tolerances_keep_their_torques(
+    merged: Callable[..., RobotRecordings],
+) -> None:
+    found = merged(EVERY[:2]).block
+    assert found.geometry is not None
+    names = ("another", *reversed(found.quantities))
+    for R, wide in zip(found.geometry.factors, found.over(names).factors, strict=True):
+        own, count = R.shape[2] - 1 - len(found.quantities), len(names)
+        back = wide[0][:, [*range(own), *reversed(range(own + 1, own + count)), own + count]]
+        np.testing.assert_allclose(back.T @ back, R[0].T @ R[0], rtol=1e-4, atol=1e-4)
+        assert not wide[0][:, own].any()
+
+
+def test_a_single_stretch_does_not_determine_its_noise(files: list[FactorFile]) -> None:
+    model, groups = identify_gathered(ROBOT, files[:2], SETTINGS).model, files[0].condensed.groups
+    kept = [group for group in groups if group.name == "time 3" or "place" in group.name]
+    own = replace(files[0].condensed, groups=FactorGroups.pack(kept))
+    series = friction_series([replace(files[0], condensed=own), files[1]], model)
+    assert np.isnan(series.std[:, 0]).all()
+    assert np.isfinite(series.std[:, 1]).all()
 
 
 def test_a_block_of_a_file_is_the_same(merged) -> None:
