@@ -75,7 +75,7 @@ def function_texts(
         "results": size,
         "demands": _demands(f, size, precision),
         "unfit": f.unfit,
-        "outputs": [(name, at, n) for (name, n), at in zip(outputs, offsets, strict=True)],
+        "outputs": [(name, offset, n) for (name, n), offset in zip(outputs, offsets, strict=True)],
     }
 
 
