@@ -350,6 +350,15 @@ def test_a_wrong_gear_ratio_is_not_mistaken_for_lengths_or_a_load(
     assert judge(made, result).M < 0.003
 
 
+def test_what_is_stated_to_be_off_is_not_dropped() -> None:
+    """Zeros and lengths are stated to be off by more than usual; zeros alone explain most."""
+    made = case("homing", "delta3", 0)
+    result = identified(made)
+    kinds = {correction.kind for correction in result.model.corrections}
+    assert kinds == {"zero", "length"}
+    assert judge(made, result).M < 0.004
+
+
 @pytest.mark.slow
 def test_what_is_within_parts_stands_in_place_of_what_is_not() -> None:
     """Zeros and lengths are off; slopes far from both make gear ratios and lengths of them."""

@@ -24,6 +24,7 @@ class Saturation(UnknownEffect):
     name = "torque-constant"
     corrects = "readings"
     deviation = 0.05
+    is_of_parts = False  # how far motors are driven into saturation is no matter of tolerances
     kind, unit = "torque-constant", "%"
     text = "its torque constant falls with current: the joint lacks this at its largest torque"
 
@@ -34,10 +35,6 @@ class Saturation(UnknownEffect):
         highest = np.maximum(point.highest or recording.log.torque_max, np.finfo(float).tiny)
         squared = (torque / highest[:, None]) ** 2
         return of_own_drives(np.stack([torque * squared, torque * squared**2], axis=2))
-
-    def stated(self, robot: RobotDescription) -> Deviations:
-        """Any: how far motors are driven into saturation is no matter of tolerances."""
-        return np.array([np.inf])
 
     def is_possible(self, values: Deviations) -> bool:
         """Torque constants fall with current; where they would grow, something else does."""

@@ -47,6 +47,8 @@ class UnknownEffect(ABC):
     # explaining what it may be, and stages of their own correct it
     is_candidate: ClassVar[bool] = True
     is_positive: ClassVar[bool] = False  # whether its coefficients are at least zero by physics
+    # whether parts are made and mounted within a few times its deviation
+    is_of_parts: ClassVar[bool] = True
     is_own: ClassVar[bool] = False  # whether each recording has its own
     # what its coefficients are applied to exactly: readings of the drives, the robot, or nothing
     # where they stay columns of a fit or stages of their own estimate them

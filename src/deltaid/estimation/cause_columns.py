@@ -23,7 +23,8 @@ class CauseColumns:
     Attributes:
         deviation: prior standard deviation of each coefficient.
         mean: of the prior, minus what has been applied already.
-        is_candidate: whether it may be dropped; else it stays whatever its evidence is.
+        is_candidate: whether it is corrected; else it only keeps others from explaining it.
+        may_be_dropped: whether a candidate goes where rows do not need it.
         is_positive: whether x less the mean, all that is applied, is at least zero by physics.
         is_possible: whether physics allows such values of x less the mean; a candidate whose
             estimate it does not allow stands for something else, and is dropped.
@@ -35,6 +36,7 @@ class CauseColumns:
     mean: Float[np.ndarray, " k"]
     is_candidate: bool = True
     is_positive: bool = False
+    may_be_dropped: bool = True
     is_possible: Callable[[Float[np.ndarray, " k"]], bool] = lambda _: True
 
     def allows(self, x: Float[np.ndarray, " n"]) -> bool:

@@ -311,6 +311,11 @@ class Shrunk:
     def candidates(self) -> tuple[str, ...]:
         return tuple(group.name for group in self.groups if group.is_candidate)
 
+    @property
+    def droppable(self) -> tuple[CauseColumns, ...]:
+        """Candidates that rows may do without."""
+        return tuple(group for group in self.groups if group.is_candidate and group.may_be_dropped)
+
     def of_candidates(self, names: Collection[str]) -> "Shrunk":
         """The same with some candidates only, and the noise that all of them leave."""
         out = [name for name in self.candidates if name not in names]
@@ -330,5 +335,4 @@ class Shrunk:
     @property
     def least_surprising(self) -> float:
         """Surprise of the candidate that rows need least [decades]."""
-        candidates = [group for group in self.groups if group.is_candidate]
-        return min((self.surprise(group) for group in candidates), default=np.inf)
+        return min((self.surprise(group) for group in self.droppable), default=np.inf)

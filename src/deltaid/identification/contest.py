@@ -140,6 +140,8 @@ def contest(
     Args:
         points: recordings at the parameters at which slopes are taken.
         applied: coefficients that recordings and robot have been corrected by.
+
+    What the description states to be off by more than usual is not dropped.
     """
     parts = [rows.of_trace(point.trace) for point in points]
     columns, groups, first = [part.A for part in parts], list[CauseColumns](), rows.size
@@ -148,7 +150,9 @@ def contest(
         width = own[0].shape[2]
         if not width:
             continue
-        deviation = unknown.deviations(points[0], own[0])
+        usual = unknown.deviations(points[0], own[0])
+        deviation = np.maximum(usual, unknown.stated(rows.dynamics.robot))
+        may_be_dropped = bool(np.all(deviation == usual))
         mean = -applied.get(unknown.name, np.zeros(width))
         if unknown.is_own:
             own, copies = _side_by_side(own), len(own)
@@ -167,6 +171,7 @@ def contest(
                 mean,
                 unknown.is_candidate,
                 unknown.is_positive,
+                may_be_dropped,
                 unknown.is_possible,
             )
         )
@@ -194,18 +199,17 @@ def reduced(full: Shrunk, least: float) -> Shrunk:
     the places of what is kept, one for one, where rows are more probable so.
     """
     now = full
-    while now.candidates:
+    while now.droppable:
         prices = {
             group.name: now.surprise(group)
             if now.size(group) > POSITION_ERROR and group.allows(now.x)
             else 0.0
-            for group in now.groups
-            if group.is_candidate
+            for group in now.droppable
         }
         cheapest = min(prices, key=lambda name: prices[name])
         if prices[cheapest] >= least:
             break
-        now = now.of_candidates([name for name in prices if name != cheapest])
+        now = now.of_candidates([name for name in now.candidates if name != cheapest])
     while better := rivals(full, now, least, 0.0):
         now = max(better.values(), key=lambda fit: fit.evidence)
     return now
@@ -219,8 +223,10 @@ def rivals(
     as probable that rows do not separate both."""
     dropped = [name for name in full.candidates if name not in now.candidates]
     trials = {
-        (kept, other): full.of_candidates([other, *(n for n in now.candidates if n != kept)])
-        for kept in now.candidates for other in dropped
+        (kept.name, other): full.of_candidates(
+            [other, *(name for name in now.candidates if name != kept.name)]
+        )
+        for kept in now.droppable for other in dropped
     }  # fmt: skip
     return {
         pair: trial for pair, trial in trials.items()

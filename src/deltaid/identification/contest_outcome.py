@@ -96,7 +96,7 @@ def beyond_parts(last: Contest) -> frozenset[str]:
     kept, robot = last.shrunk.candidates, last.rows.dynamics.robot
     return frozenset(
         unknown.name for unknown in UNKNOWNS
-        if len(kept) > 1 and unknown.name in kept
+        if len(kept) > 1 and unknown.name in kept and unknown.is_of_parts
         and last.shrunk.is_beyond(last.group(unknown.name), unknown.stated(robot))
     )  # fmt: skip
 
