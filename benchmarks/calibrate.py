@@ -27,8 +27,8 @@ import numpy as np
 from _table import STATED, leave
 
 import deltaid
-from deltaid.calibration.calibrate import WIDE
 from deltaid.calibration.outlook import drawn
+from deltaid.view.numbers import WIDTH
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests"))
 from oracle.measured_delta import DRAWINGS, THREE, TOOL, Drawing, built, shape_error
@@ -149,7 +149,7 @@ def row(name: str, kinematics: deltaid.Kinematics, drawing: Drawing, machines: i
         predicted.append(found.after.position)
         expected = study.machine.numbers()
         holds += [
-            abs(value - expected[number]) < WIDE * std
+            abs(value - expected[number]) < WIDTH * std
             for number, value, std in zip(found.names, found.values, found.std, strict=True)
         ]
         unknown = len(found.names) + sum(len(x.unknowns) for x in found.fit.instruments)
