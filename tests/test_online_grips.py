@@ -7,6 +7,7 @@ from deltaid.online.grips import UNKNOWN
 from deltaid.online.online import Online
 from deltaid.online.settings import OnlineSettings
 from online_runs import LOAD, outputs, robot, running
+from shuttling import shuttle
 
 TAKEN, LEFT, CYCLES = 400, 900, 1300
 
@@ -57,3 +58,22 @@ def test_python_gives_the_offset_in_seconds_or_nan() -> None:
     found = Online(model, settings).run(run.q, run.qd, run.tau, gripper_signal(50).astype(float))
     assert np.isnan(found.grip_offset[: TAKEN + 40]).all()
     assert found.grip_offset[LEFT - 1] == pytest.approx(0.05, abs=0.01)
+
+
+def test_a_load_that_rests_for_long_leaves_other_estimates_as_they_are() -> None:
+    """At rest friction hides it: no covariance is larger than its prior when it moves off."""
+    shuttle_robot = shuttle(dwell=280)
+    online = Online(shuttle_robot.model, OnlineSettings(speed="differenced", largest_mass=1.0))
+    rng = np.random.default_rng(0)
+    q, tau, held = shuttle_robot.rounds(rng.uniform(0.2, 1.0, 20))
+    tau += online.known.noise * rng.standard_normal(tau.shape)
+    places = online.graph.state.places
+    n = places["x"].stop - places["x"].start
+    corner = np.cumsum(np.arange(n, 0, -1)) - np.arange(n, 0, -1)
+    rows, largest = len(shuttle_robot.q), list[float]()
+    before = shuttle_robot.grips[0] + 270
+    for start in range(0, len(q), rows):
+        for part in (slice(start, start + before), slice(start + before, start + rows)):
+            online.run(q[part], None, tau[part], held[part])
+            largest.append(float(online.state[places["P"]][corner].max()))
+    assert max(largest) < 1.05

@@ -130,8 +130,11 @@ def grip_before(
     mass = ca.sum2(times.weight * times.mass) / came
     variance = ca.sum2(times.weight * (times.variance + (times.mass - mass) ** 2)) / came
     moves = times.weight * times.change / came
-    moved = onsets.symbols.moved[:, :-1] @ moves[:, :-1].T
-    known = _taken(estimate, moved, mass, variance, P0)
+    per_time = onsets.symbols.moved[:, :-1]
+    moved = per_time @ moves[:, :-1].T
+    squares = ca.sum2(times.weight * (times.variance + times.mass**2))
+    share = per_time @ (times.weight * times.moment / squares)[:, :-1].T
+    known = _taken(estimate, moved, share, mass, variance, P0)
     gone = _left(estimate, moved, variance, left.numel())
     likely = chosen_estimate(held, known, gone)
     likely = chosen_estimate(was_open, likely, estimate)
@@ -153,13 +156,14 @@ def grip_before(
 @dataclass(frozen=True, eq=False)
 class _Times:
     """Of each time, and last the signal's own: its probability, by how much the signal is off, the
-    mass, and the change that torques had before estimates knew of it."""
+    mass, the change that torques had before estimates knew of it, and the mean of their product."""
 
     weight: ca.SX
     off: ca.SX
     mass: ca.SX
     variance: ca.SX
     change: ca.SX
+    moment: ca.SX
 
 
 def _times(onsets: Onsets, since: ca.SX, left: ca.SX, held: ca.SX, x: ca.SX, P: ca.SX) -> _Times:
@@ -187,9 +191,10 @@ def _times(onsets: Onsets, since: ca.SX, left: ca.SX, held: ca.SX, x: ca.SX, P: 
         ca.if_else(pushed, ca.fmax(other, 0), B / A),
         ca.if_else(pushed, P, 1 / A),
         ca.if_else(pushed, push, B / A),
+        ca.if_else(pushed, push * ca.fmax(other, 0), (B / A) ** 2 + 1 / A),
     )
     mass = left[0] / ca.fmax(1 - F, _MOVED)
-    gone = -(2 * D + C * mass) * mass, 1.0, mass, (_ROUGH * mass) ** 2, -mass
+    gone = -(2 * D + C * mass) * mass, 1.0, mass, (_ROUGH * mass) ** 2, -mass, -(mass**2)
     gain, share, *rest = (ca.if_else(held, *pair) for pair in zip(taken, gone, strict=True))
     weight = prior * share * ca.exp(0.5 * (gain - ca.mmax(gain)))
     weight /= ca.sum2(weight)
@@ -198,15 +203,17 @@ def _times(onsets: Onsets, since: ca.SX, left: ca.SX, held: ca.SX, x: ca.SX, P: 
     return _Times(*(ca.horzcat(part[:signal], part[signal + 1]) for part in parts))
 
 
-def _taken(estimate: Estimate, moved: ca.SX, mass: ca.SX, variance: ca.SX, P: ca.SX) -> Estimate:
+def _taken(
+    estimate: Estimate, moved: ca.SX, share: ca.SX, mass: ca.SX, variance: ca.SX, P: ca.SX
+) -> Estimate:
     """With the mass known, and what went wrong before it was taken back.
 
     Args:
-        moved: by which estimates went wrong.
+        moved: by which estimates went wrong, and
+        share: how much of it goes with the mass, as E(moved m) / E(m²): where torques show nothing
+            yet the mean mass is near zero, and says nothing of that.
     """
     along = estimate.P[:, 0] / P
-    # A mass of nothing moves nothing.
-    share = moved * mass / (mass**2 + 1e-9)
     x = estimate.x - moved + along * (mass + moved[0] - estimate.x[0])
     g = along * (1 + share[0]) - share
     covariance = estimate.P - along @ along.T * P + g @ g.T * variance
