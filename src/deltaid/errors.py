@@ -5,14 +5,10 @@ import linecache
 import math
 import re
 from collections.abc import Iterable, Mapping
-from dataclasses import replace
 from types import TracebackType
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import Any, TypeVar
 
-if TYPE_CHECKING:
-    from _typeshed import DataclassInstance
-
-_Settings = TypeVar("_Settings", bound="DataclassInstance")
+_Settings = TypeVar("_Settings")
 
 # Spaces that do not break a line: plain, narrow, thin.
 _SPACES = "\N{NO-BREAK SPACE}\N{NARROW NO-BREAK SPACE}\N{THIN SPACE}"
@@ -129,7 +125,7 @@ def unknown(
 
 
 def with_options(settings: _Settings, options: Mapping[str, Any], where: str) -> _Settings:
-    """Settings of a frozen dataclass with some of them given by name.
+    """Settings of a dataclass with some of them given by name.
 
     Raises:
         UnknownNameError: there is no such setting.
@@ -137,7 +133,7 @@ def with_options(settings: _Settings, options: Mapping[str, Any], where: str) ->
     for name in options:
         if name not in vars(settings):
             raise unknown(name, vars(settings), "setting", where)
-    return replace(settings, **options)
+    return type(settings)(**{**vars(settings), **options})
 
 
 def positive(
