@@ -140,7 +140,9 @@ def _line(figure: go.Figure, i: int, time: Signal, values: Signal, color: str, h
     )
 
 
-def _peaks(time: Signal, values: Signal) -> tuple[Signal, Signal]:
+def _peaks(
+    time: Signal, values: Signal
+) -> tuple[Float[np.ndarray, " shown"], Float[np.ndarray, " shown"]]:
     """At most `_POINTS` samples: of each stretch the one of largest size."""
     rows = peak_rows(np.abs(values), _POINTS)
     return time[rows].astype(np.float32), values[rows].astype(np.float32)
