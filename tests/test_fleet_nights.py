@@ -4,6 +4,7 @@ Numbers are those of all factor files, to the bit, whichever blocks there are.
 """
 
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from datetime import timedelta
 from itertools import pairwise
@@ -14,7 +15,7 @@ import pytest
 
 from deltaid.errors import RecordingError
 from deltaid.estimation.problem import KNOWN, LinearProblem, Span, scatter
-from deltaid.fleets import block, block_tree, factor_file, place, store
+from deltaid.fleets import block, block_tree, factor_file, place, steps, store
 from deltaid.fleets.block import RecordingBlock, halved
 from deltaid.fleets.block_file import block_bytes, block_of
 from deltaid.fleets.drift_findings import DriftSettings
@@ -151,7 +152,7 @@ def test_a_night_reads_only_what_is_new(merged, fresh, reads: list[str]) -> None
 def test_small_blocks_are_kept_only_as_long_as_nights_need_them(merged, folder: Path) -> None:
     for day in range(12, COUNT):
         merged(EVERY[: day + 1])
-    sizes = [len(block_of(path.read_bytes()).keys) for path in (folder / "merged/r").iterdir()]
+    sizes = [len(block_of(path.read_bytes()).keys) for path in (folder / "merged/r/all").iterdir()]
     assert sum(size < 8 for size in sizes) <= 4
     assert sum(size >= 8 for size in sizes) >= 2
 
@@ -173,7 +174,7 @@ def test_a_block_that_cannot_be_used_is_made_again(
     merged, fresh, folder: Path, reads: list[str], harm: str
 ) -> None:
     merged(EVERY[:-1])
-    path = max((folder / "merged/r").iterdir(), key=lambda path: path.stat().st_size)
+    path = max((folder / "merged/r/all").iterdir(), key=lambda path: path.stat().st_size)
     whole = path.read_bytes()
     if harm == "removed":
         path.unlink()
@@ -202,8 +203,32 @@ def test_a_night_that_is_killed_is_done_again(
         patch.setattr(store, "write", dying)
         with pytest.raises(KeyboardInterrupt):
             merged(EVERY)
-    assert len(list((folder / "merged/r").iterdir())) == 2
+    assert len(list((folder / "merged/r/all").iterdir())) == 2
     assert same(merged(EVERY), fresh(EVERY))
+
+
+def test_calls_at_the_same_time_do_not_harm_each_other(merged, fresh) -> None:
+    """They read, write and remove blocks of the same robot, of other recordings."""
+    without = [k for k in EVERY if k != 5]
+    with ThreadPoolExecutor(2) as pool:
+        found = list(pool.map(merged, [EVERY[:-1], without, EVERY, without]))
+    assert same(found[1], fresh(without))
+    assert same(found[2], fresh(EVERY))
+    assert same(found[3], found[1])
+
+
+def test_blocks_of_a_long_period_are_beside_those_of_all(
+    files: list[FactorFile], folder: Path, reads: list[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(block_tree, "FEW", 2)
+    robots = {ROBOT: load_robot(ROBOT)}
+    for day in range(14, 18):  # within one week
+        reads.clear()
+        *_, week, every = fit_jobs(outcomes(files, EVERY[: day + 1]), "week", robots, SETTINGS)
+        for job in (week, every):
+            block_tree.merged_recordings(job, Place.named(folder))
+        if day > 14:
+            assert reads == [f"{day:02d}"] * 2
 
 
 def test_numbers_are_those_of_all_factor_files(merged, files: list[FactorFile]) -> None:
@@ -251,7 +276,7 @@ def test_there_are_never_more_groups_than_intervals_need(
 ) -> None:
     fine = merged(EVERY).gathered
     monkeypatch.setattr(block, "MOST_GROUPS", 8)
-    monkeypatch.setattr(block_tree, "BLOCKS", "coarse")
+    monkeypatch.setattr(steps, "BLOCKS", "coarse")
     found = merged(EVERY)
     assert sum(found.block.counts) == COUNT
     assert 6 <= len(found.block.counts) <= 16

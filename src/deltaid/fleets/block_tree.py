@@ -14,7 +14,7 @@ from datetime import UTC
 from deltaid.fleets import store
 from deltaid.fleets.block import RecordingBlock, halved
 from deltaid.fleets.block_file import ENDING, FORMAT, block_bytes, block_of
-from deltaid.fleets.factor_file import FactorFile, digest, require_mechanism, require_together, safe
+from deltaid.fleets.factor_file import FactorFile, digest, require_mechanism, require_together
 from deltaid.fleets.friction_laws import with_laws
 from deltaid.fleets.merged import Merging, merging_of
 from deltaid.fleets.place import Place, ReadOnce
@@ -22,8 +22,6 @@ from deltaid.fleets.recording_brief import RecordingBrief
 from deltaid.fleets.robot_recordings import FEW, RobotRecordings, merged_as
 from deltaid.fleets.step import DamagedFactorsError, FleetJob, Leaf
 
-# Folder of blocks.
-BLOCKS = "merged"
 # Smaller blocks are kept only as long as each night needs them.
 _LASTING = 8
 _BITS = 64
@@ -66,7 +64,6 @@ class _BlockTree:
     """Halves of halves of a robot's recordings; the last recording is the newest."""
 
     place: Place
-    folder: str
     job: FleetJob
     leaves: tuple[Leaf, ...]
     keys: tuple[int, ...]
@@ -74,7 +71,7 @@ class _BlockTree:
     @classmethod
     def of_job(cls, job: FleetJob, place: Place) -> "_BlockTree":
         leaves = tuple(sorted(job.leaves, key=_key))
-        return cls(place, f"{BLOCKS}/{safe(job.robot)}", job, leaves, tuple(map(_key, leaves)))
+        return cls(place, job, leaves, tuple(map(_key, leaves)))
 
     def recordings(self) -> RobotRecordings:
         """Read, merged, and kept."""
@@ -83,7 +80,7 @@ class _BlockTree:
             files = self._read(range(count))
             merging = self._merging([file.brief for file in files.values()])
             return merged_as(merging, [files[k] for k in range(count)], self.keys)
-        halves, there = list(self._halves(0, count)), self.place.listing(self.folder)
+        halves, there = list(self._halves(0, count)), self.place.listing(self.job.blocks)
         blocks, files = dict[_Half, RecordingBlock](), dict[int, FactorFile]()
         reached, missing = 0, list[int]()
         for half in halves:
@@ -111,7 +108,7 @@ class _BlockTree:
         size, count = last - first, len(self.leaves)
         is_kept = size == 1 if last == count else size >= _LASTING or of_newest
         own = [(leaf.sha256, leaf.file) for leaf in self.leaves[first:last]]
-        name = f"{self.folder}/{digest([FORMAT, self.job.common, own])[:32]}{ENDING}"
+        name = f"{self.job.blocks}/{digest([FORMAT, self.job.common, own])[:32]}{ENDING}"
         yield _Half(first, last, name, is_kept)
         if size > 1:
             middle = first + halved(self.keys[first:last])

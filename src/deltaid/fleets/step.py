@@ -102,6 +102,7 @@ class FleetJob:
         settings: of the fit.
         leaves: of a robot, its recordings in the order of time.
         common: of a robot, checksum of all that its fits follow from beside its recordings.
+        blocks: of a robot, folder of blocks of merged recordings, seen from the fleet's folder.
     """
 
     robot: str
@@ -113,6 +114,7 @@ class FleetJob:
     settings: Settings
     leaves: tuple[Leaf, ...] = ()
     common: str = ""
+    blocks: str = ""
 
 
 @dataclass(frozen=True)

@@ -36,6 +36,8 @@ from deltaid.robot.description import RobotDescription
 ALL = "all"
 # Folder of what robots tell of their types.
 MEMBERS_FOLDER = "members"
+# Folder of blocks of merged recordings: of each robot those of all, and those of a long period.
+BLOCKS = "merged"
 PARAMETERS = {
     "robot": pl.String,
     "type": pl.String,
@@ -82,7 +84,8 @@ def fit_jobs(
             key = digest([common[kind], robot, names, sources])
             jobs.append(
                 FleetJob(robot, kind, names, tuple(leaf.file for leaf in leaves), key,
-                         descriptions[kind], settings, leaves, common[kind])
+                         descriptions[kind], settings, leaves, common[kind],
+                         f"{BLOCKS}/{safe(robot)}/{ALL if ALL in names else 'period'}")
             )  # fmt: skip
     return jobs
 
@@ -165,7 +168,7 @@ def _study(
     known = [(str(x.time), x.load, x.temperature, x.path) for x in own]
     key = digest([version("deltaid"), fit.key, known, asked])
     robot = (fit.robot, fit.type, (fit.type,), fit.files, key, fit.description, fit.settings)
-    return StudyJob(*robot, fit.leaves, fit.common, own, drift)
+    return StudyJob(*robot, fit.leaves, fit.common, fit.blocks, own, drift)
 
 
 def _with_model(job: StudyJob, place: Place) -> tuple[RobotRecordings, IdentifiedModel]:
