@@ -46,6 +46,7 @@ STATED: dict[str, Size] = {
     "mutants": {"rows": 60},
     "online": {"rows": 12, "robots": 6, "minutes": 6},
     "online_cycle": {"rows": 4},
+    "online_hours": {"rows": 12, "minutes": 60},
     "population": {"rows": 38, "robots": 200, "types": 3},
     "posterior": {"rows": 4},
     "readers": {"rows": 20, "samples": 1_000_000, "repeats": 3},
@@ -66,6 +67,7 @@ STATED: dict[str, Size] = {
 BEHIND: dict[str, Size] = {
     "bodies_weighed": {"rows": 12, "seeds": 100},
     "coverage_of_labels": {"rows": 12, "robots": 12},
+    "online_hours": {"rows": 9, "minutes": 60},
     "readers": {"rows": 15, "samples": 1_000_000, "repeats": 3},
     "real_drives": {"rows": 29, "kinds": 6, "seeds": 1},
     "wiring": {"rows": 39, "kinds": 4, "seeds": 2},
