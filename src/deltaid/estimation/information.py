@@ -19,10 +19,11 @@ from threadpoolctl import threadpool_limits
 from deltaid.dynamics.dynamics import Parameters, Regressor
 from deltaid.errors import IdentificationError
 from deltaid.estimation.problem import LinearProblem
-from deltaid.recording.windows import WINDOW
 
 # Noise of torques is at least this share of the largest one.
 NOISE_FLOOR = 1e-6
+# Samples whose regressor is in memory at once, as in windows, which load much else.
+_AT_ONCE = 8000
 # Entries of a matrix that is factored at once: it stays in the cache.
 _PANEL = 60_000
 
@@ -178,9 +179,9 @@ def gather_samples(
 ) -> Information:
     """The information of samples in memory."""
     parts = []
-    for start in range(0, len(z), WINDOW):
-        motion = (x[start : start + WINDOW] for x in (z, qd, qdd, tau))
-        y = tau[start : start + WINDOW].T
+    for start in range(0, len(z), _AT_ONCE):
+        motion = (x[start : start + _AT_ONCE] for x in (z, qd, qdd, tau))
+        y = tau[start : start + _AT_ONCE].T
         chunks = chunks_of_drives(regressor, entries_at(regressor, *motion), y)
         parts.append(condense(chunks, y, np.ones_like(y)))
     return collect(regressor, parts, "samples")
