@@ -123,7 +123,7 @@ class Chain:
             heavy = p.copy()
             heavy[body] += shape / shape[0]
             loads.append(torque(oracle_of(robot, heavy)) - rigid)
-        arms = [1.0 if one.drive == "linear" else one.upper_arm for one in robot.limb_geometry]
+        arms = [1.0 if limb.drive == "linear" else limb.upper_arm for limb in robot.limb_geometry]
         arms += [1.0] * (dof - len(arms))
         known = np.stack([viscous[:dof], coulomb[:dof]])
         lacks = strange and (

@@ -7,9 +7,8 @@
 Recordings come from `tests/drives`: robots of six kinds, each row of the table with one fault or
 several (`rows.py`), or with faults that nobody named or drew together (`causes.py`). Leaves
 `tables/real_drives.md`, which `docs/real_drives.md` explains: so far of one seed, where five are
-stated. With `--keep` it leaves no table but
-every case in a file, for `paired.py`; with `--each` it prints every case and the faults drawn for
-it.
+stated. With `--keep` it leaves no table but every case in a file, for `paired.py`; with `--each`
+it prints every case and the faults drawn for it.
 """
 
 import argparse

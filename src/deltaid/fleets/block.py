@@ -96,7 +96,7 @@ class RecordingBlock:
         if len(coarse) < len(counts):
             ends = np.searchsorted(np.cumsum(counts), np.cumsum(coarse)) + 1
             members = np.split(np.arange(len(counts)), ends[:-1])
-            groups = _summed(groups, dict(enumerate(members)))
+            groups = _summed(groups, {k: part.tolist() for k, part in enumerate(members)})
         places, by_name = _both(self.places, other.places), dict[str, list[int]]()
         for k, name in enumerate(places.names):
             by_name.setdefault(name, []).append(k)
@@ -210,7 +210,7 @@ def _both(first: FactorGroups, second: FactorGroups) -> FactorGroups:
 
 
 def _summed(
-    groups: FactorGroups, members: Mapping[object, Sequence[int]], kind: type = np.float32
+    groups: FactorGroups, members: Mapping[int | str, Sequence[int]], kind: type = np.float32
 ) -> FactorGroups:
     """Groups put together, by their new names; one that stays alone keeps every bit."""
     factors, rows = groups.factors, list[np.ndarray]()
