@@ -7,7 +7,7 @@ import numpy as np
 from _pick_cycles import draw_cycles
 from jaxtyping import Float
 
-from deltaid.checks.run import identify
+from deltaid.checks.identify import identify
 from deltaid.dynamics.dynamics import compiled
 from deltaid.dynamics.limits import effort_limits
 from deltaid.model.model import Model, load

@@ -16,7 +16,7 @@ from _table import leave
 from jaxtyping import Float
 
 from deltaid import Recording
-from deltaid.checks.run import identify
+from deltaid.checks.identify import identify
 from deltaid.dynamics.dynamics import compiled
 from deltaid.model.model import Model, load
 from deltaid.model.settings import Settings

@@ -38,7 +38,7 @@ import numpy as np
 import polars as pl
 from _timing import machine, measure
 
-from deltaid.checks.run import identify
+from deltaid.checks.identify import identify
 from deltaid.dynamics.dynamics import Dynamics
 from deltaid.model.record import Settings
 from deltaid.motion.random_motion import random_motion

@@ -25,8 +25,9 @@ from drawn_fleet import DrawnType, drawn_type, made_alike
 
 from deltaid.dynamics.parameters import prior_parameters
 from deltaid.fleets.drift_evidence import YEAR
-from deltaid.fleets.drift_findings import DriftRecording, DriftSettings
+from deltaid.fleets.drift_findings import DriftSettings
 from deltaid.fleets.drift_friction import FrictionSeries, friction_series
+from deltaid.fleets.drift_recording import DriftRecording
 from deltaid.fleets.drift_series import Regressors, explained
 from deltaid.fleets.identify_gathered import identify_gathered
 from deltaid.fleets.robot_drift import drift_of

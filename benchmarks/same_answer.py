@@ -26,7 +26,7 @@ import numpy as np
 import polars as pl
 from _table import STATED, leave
 
-from deltaid.checks.run import identify
+from deltaid.checks.identify import identify
 from deltaid.errors import DeltaidError
 from deltaid.kernel.target import VARIABLE
 from deltaid.recording.mapping import ColumnMapping

@@ -12,7 +12,7 @@ import polars as pl
 
 from deltaid.dynamics.dynamics import compiled
 from deltaid.dynamics.parameters import prior_parameters
-from deltaid.fleets.drift_findings import DriftRecording
+from deltaid.fleets.drift_recording import DriftRecording
 from deltaid.fleets.factor_columns import map_to
 from deltaid.fleets.factor_file import ENDING, FactorFile, write
 from deltaid.fleets.factor_record import FactorGroup, FactorGroups, Temperature

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import polars as pl
 
-from deltaid.checks.run import identify
+from deltaid.checks.identify import identify
 from deltaid.dynamics.dynamics import compiled
 from deltaid.model.model import Model, load
 from deltaid.model.settings import Settings

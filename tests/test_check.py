@@ -7,10 +7,10 @@ import pytest
 
 import deltaid
 from checked import Data, mended_file, moved, scaled, verdict_of, written
+from deltaid.checks.check import check, of_robot
 from deltaid.checks.description import checked_lengths
 from deltaid.checks.evidence import evidence
 from deltaid.checks.information import checked_information
-from deltaid.checks.run import check, of_robot
 from deltaid.checks.verdicts import as_written, changes, mended
 from deltaid.errors import DescriptionError
 from deltaid.model.verdict import Grade, Verdict, worst

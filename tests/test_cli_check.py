@@ -108,7 +108,7 @@ def test_mapping_and_robot_go_into_two_files(tmp_path: Path, monkeypatch: Any) -
             Proposal("robot", (("friction.drive1.coulomb", 6.0),)),
         ),
     )  # fmt: skip
-    monkeypatch.setattr("deltaid.checks.run.of_recording", lambda *_: (wrong,))
+    monkeypatch.setattr("deltaid.checks.check.of_recording", lambda *_: (wrong,))
     outcome = run("check", "clavel-delta3", log, "--write", tmp_path / "fixed.yaml")
     assert outcome.code == 4
     mapping = deltaid.load_mapping(tmp_path / "fixed-columns.yaml")

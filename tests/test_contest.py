@@ -27,6 +27,7 @@ from deltaid.model.settings import Settings
 from deltaid.robot.friction import Stribeck
 from deltaid.robot.load import described
 from drives import case, mixture
+from drives.identify import described as described_in
 from drives.identify import identified
 from drives.judge import judge
 
@@ -350,9 +351,14 @@ def test_a_wrong_gear_ratio_is_not_mistaken_for_lengths_or_a_load(
     assert judge(made, result).M < 0.003
 
 
-def test_what_is_stated_to_be_off_is_not_dropped() -> None:
+@pytest.mark.parametrize("limb_lengths", ["all", "strut"])
+def test_what_is_stated_to_be_off_is_not_dropped(limb_lengths: str) -> None:
     """Zeros and lengths are stated to be off by more than usual; zeros alone explain most."""
     made = case("homing", "delta3", 0)
+    if limb_lengths == "strut":
+        robot = described_in(made)
+        stated = robot.tolerances.changed(lengths={"strut": robot.tolerances.of_length("strut")})
+        made = replace(made, robot=robot.changed(tolerances=stated), tells=())
     result = identified(made)
     kinds = {correction.kind for correction in result.model.corrections}
     assert kinds == {"zero", "length"}

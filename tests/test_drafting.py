@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from ruamel.yaml import YAML
 
-from deltaid.checks.run import of_robot
+from deltaid.checks.check import of_robot
 from deltaid.errors import DeltaidError
 from deltaid.robot.load import load_robot
 from deltaid.robot.platform import H4Platform, I4Platform, Par4Platform

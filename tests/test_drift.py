@@ -12,7 +12,8 @@ import pytest
 from command import run
 from deltaid.cli.drift import drift_settings
 from deltaid.errors import DeltaidError, RecordingError
-from deltaid.fleets.drift_findings import DriftRecording, DriftSettings, recorded
+from deltaid.fleets.drift_findings import DriftSettings
+from deltaid.fleets.drift_recording import DriftRecording, recorded
 from deltaid.fleets.drift_tables import DRIFT, FRICTION, drift_table, friction_table, save
 from deltaid.fleets.factor_file import ENDING, FactorFile, write
 from deltaid.fleets.gather import gathered

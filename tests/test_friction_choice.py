@@ -8,6 +8,9 @@ import pytest
 from deltaid.dynamics.dynamics import compiled
 from deltaid.errors import IdentificationError
 from deltaid.identification import fit as fit_module
+from deltaid.identification import identify as identify_module
+from deltaid.identification import stages
+from deltaid.identification.fit import FittedProblem
 from deltaid.identification.identify import Identification, identify
 from deltaid.model.record import Settings
 from deltaid.motion.random_motion import random_motion
@@ -17,8 +20,11 @@ from deltaid.motion.surrogate import (
     surrogate_parameters,
     write_recording,
 )
+from deltaid.progress import Progress
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.load import load_robot
+from drives import case
+from drives.identify import identified
 from sweeps import swept
 
 PLAIN = {"viscous": 1.2, "coulomb": 3.5}
@@ -142,3 +148,26 @@ def test_a_chosen_load_term_that_does_not_settle_is_dropped(tmp_path, monkeypatc
     assert result.model.robot.friction["drive2"].load is None
     with pytest.raises(IdentificationError, match="does not settle"):
         identify(robot_with(laws, "clavel-delta3"), [tmp_path / "log.csv"])
+
+
+def test_a_term_that_a_fit_puts_at_zero_is_not_chosen_and_causes_are_weighed_once(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    dropped, idle, weighed = frozenset({("drive1", "stribeck")}), stages.idle, list[int]()
+
+    def idle_at_first(setup: stages.Setup, problem: FittedProblem) -> stages.Idle:
+        return idle(setup, problem) if dropped & setup.barred else stages.Idle(dropped)
+
+    def contested(setup: stages.Setup, progress: Progress) -> stages.Setup:
+        weighed.append(1)
+        return contest(setup, progress)
+
+    contest = stages.contested
+    monkeypatch.setattr(identify_module, "idle", idle_at_first)
+    monkeypatch.setattr(
+        stages, "STAGES", tuple(contested if s is contest else s for s in stages.STAGES)
+    )
+    friction = identified(case("stribeck", "delta3", 0)).model.robot.friction
+    assert friction["drive1"].stribeck is None
+    assert friction["drive2"].stribeck is not None
+    assert weighed == [1]

@@ -6,7 +6,7 @@ import numpy as np
 import polars as pl
 import pytest
 
-from deltaid.checks.run import identify as checked
+from deltaid.checks.identify import identify as checked
 from deltaid.cli.options import lag_of
 from deltaid.dynamics.dynamics import Dynamics, compiled
 from deltaid.dynamics.parameters import prior_parameters

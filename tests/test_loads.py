@@ -8,7 +8,7 @@ import polars as pl
 import pytest
 
 from command import run
-from deltaid.checks.run import identify as judged
+from deltaid.checks.identify import identify as judged
 from deltaid.dynamics.dynamics import Dynamics, compiled
 from deltaid.effects.load_columns import LoadColumns
 from deltaid.errors import RecordingError, UnknownNameError

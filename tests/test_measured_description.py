@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from deltaid.checks.run import of_robot
+from deltaid.checks.check import of_robot
 from deltaid.dynamics.parameters import stated_spreads
 from deltaid.errors import DeltaidError, DescriptionError
 from deltaid.robot.description import RobotDescription

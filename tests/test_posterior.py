@@ -10,7 +10,7 @@ import pytest
 from scipy import stats
 
 import deltaid
-from deltaid.checks.run import Judged
+from deltaid.checks.identify import Judged
 from deltaid.dynamics.dynamics import compiled
 from deltaid.dynamics.parameters import least_margin, prior_parameters
 from deltaid.errors import DeltaidError, IdentificationError

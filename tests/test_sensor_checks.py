@@ -12,8 +12,9 @@ import numpy as np
 import polars as pl
 import pytest
 
+from deltaid.checks.check import check
 from deltaid.checks.evidence import evidence
-from deltaid.checks.run import check, identify
+from deltaid.checks.identify import identify
 from deltaid.checks.sensing.misfit import Misfit
 from deltaid.checks.sensing.sensors import checked_sensors
 from deltaid.checks.verdicts import changes, mended

@@ -10,7 +10,7 @@ from scipy.signal import butter, sosfiltfilt
 
 from deltaid.checks.closed_loop import checked_feedback, shaken
 from deltaid.checks.evidence import Evidence, evidence
-from deltaid.checks.run import identify
+from deltaid.checks.identify import identify
 from deltaid.checks.signal import checked_signals
 from deltaid.control.controllers import ControlModel, tuned
 from deltaid.control.tracking import Drives, track

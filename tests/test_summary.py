@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from command import run
-from deltaid.checks.run import Judged
+from deltaid.checks.identify import Judged
 from deltaid.checks.verdicts import Verdicts
 from deltaid.identification.prediction import validate
 from deltaid.identification.torque_error import TorqueError

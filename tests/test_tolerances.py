@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from deltaid.dynamics.dynamics import Dynamics, compiled
-from deltaid.dynamics.geometry import across, geometric_errors
+from deltaid.dynamics.geometry import across, geometric_errors, torque_slopes
 from deltaid.dynamics.parameters import prior_parameters
 from deltaid.errors import DescriptionError
 from deltaid.estimation.base_parameters import BaseParameters
@@ -106,6 +106,30 @@ def test_slopes_are_those_of_zeros_and_of_gravity(name: str) -> None:
         other = Dynamics(dynamics.robot.changed(gravity=tuple(turned.tolist())))
         expected = (other.torque(z, qd, qdd, p) - dynamics.torque(z, qd, qdd, p)).T
         np.testing.assert_allclose(torques, expected, atol=1e-9 * np.abs(expected).max())
+
+
+@pytest.mark.parametrize("name", ["h4", "irb360-6-1600"])
+def test_friction_of_a_joint_that_hardly_turns_keeps_its_direction(name: str) -> None:
+    """Steps of differences are larger than what would turn it round, 1 µrad/s or µm/s."""
+    dynamics, (z, _, qd, _), p = moved(name)
+    (k,) = [
+        k for k in range(dynamics.layout.coulomb.start, dynamics.layout.coulomb.stop)
+        if dynamics.layout.parameters[k].owner not in dynamics.robot.drives
+    ]  # fmt: skip
+    dry, still = np.zeros_like(p), np.zeros_like(qd)
+    dry[k] = p[k]
+    # The torque of a passive joint goes by its speed's slope, so along it the joint turns fastest.
+    along = dynamics.torque(z, qd, still, dry)
+    along /= np.linalg.norm(along, axis=1, keepdims=True)
+    slow = qd - np.sum(along * qd, axis=1, keepdims=True) * along + 1e-9 * along
+
+    def slopes(speed: np.ndarray) -> np.ndarray:
+        found = torque_slopes(dynamics, z, speed, still, dry)
+        return np.array([found.of_zero(drive) for drive in range(dynamics.dof)])
+
+    expected = slopes(slow + along)
+    assert np.abs(expected).max() > 1e-3
+    np.testing.assert_allclose(slopes(slow), expected, atol=1e-6 * np.abs(expected).max())
 
 
 def recorded(

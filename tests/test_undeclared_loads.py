@@ -6,7 +6,7 @@ from functools import cache
 import numpy as np
 import pytest
 
-from deltaid.checks.run import Judged
+from deltaid.checks.identify import Judged
 from deltaid.effects.effect import causes_of
 from deltaid.effects.load import LoadChange
 from deltaid.effects.load_columns import LoadColumns

@@ -10,7 +10,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from deltaid.checks.evidence import Evidence, evidence
-from deltaid.checks.run import identify
+from deltaid.checks.identify import identify
 from deltaid.checks.wiring.homing import BLOCKS, Shifts, shifts
 from deltaid.checks.wiring.motion import motion
 from deltaid.checks.wiring.residual import residual

@@ -19,7 +19,8 @@ if TYPE_CHECKING:
     from deltaid.calibration.calibrate import Calibration, calibrate
     from deltaid.calibration.next_readings import next_readings
     from deltaid.calibration.readings import Measurements
-    from deltaid.checks.run import check, identify
+    from deltaid.checks.check import check
+    from deltaid.checks.identify import identify
     from deltaid.checks.verdicts import Verdicts
     from deltaid.control.options import ControlSettings
     from deltaid.control.simulate import Comparison, Simulation, compare_controllers, simulate
@@ -105,7 +106,7 @@ _HOME = {
     "Verdicts": "deltaid.checks.verdicts",
     "build_limb": "deltaid.mechanism.limb",
     "catalogue": "deltaid.robot.load",
-    "check": "deltaid.checks.run",
+    "check": "deltaid.checks.check",
     "MappingProposal": "deltaid.recording.mapping_proposal",
     "columns": "deltaid.recording.contents",
     "compare_controllers": "deltaid.control.simulate",
@@ -125,7 +126,7 @@ _HOME = {
     "random_motion": "deltaid.motion.random_motion",
     "simulate_recording": "deltaid.motion.surrogate",
     "surrogate_parameters": "deltaid.motion.surrogate",
-    "identify": "deltaid.checks.run",
+    "identify": "deltaid.checks.identify",
     "integrate": "deltaid.control.simulation",
     "jax_functions": "deltaid.exports.jax_functions",
     "load": "deltaid.model.model",

@@ -12,7 +12,7 @@ from __future__ import annotations
 import casadi as ca
 import numpy as np
 
-from deltaid.checks.run import Judged as Identified
+from deltaid.checks.identify import Judged as Identified
 from deltaid.dynamics.parameters import parameter_layout
 from deltaid.kernel.batch import BatchKernel
 from deltaid.model.record import IdentifiedModel

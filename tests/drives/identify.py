@@ -1,6 +1,6 @@
 """The identification of a case, told what the case says is told; else without options."""
 
-from deltaid.checks.run import Judged, identify
+from deltaid.checks.identify import Judged, identify
 from deltaid.model.record import Settings
 from deltaid.recording.carried import Load
 from deltaid.recording.mapping import ColumnMapping

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from deltaid.checks.run import Judged as Identified
+from deltaid.checks.identify import Judged as Identified
 from deltaid.model.corrections import Correction
 from deltaid.model.record import IdentifiedModel
 from deltaid.model.verdict import Grade, Verdict

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-from deltaid.checks.run import check
+from deltaid.checks.check import check
 from deltaid.errors import DescriptionError
 from deltaid.model.verdict import Grade, Verdict
 from deltaid.robot.load import load_robot

@@ -103,7 +103,7 @@ def drift(
     Temperature and load are taken out. docs/drift.md says what alarms rest on.
     """
     from deltaid.fleets import drift_tables
-    from deltaid.fleets.drift_findings import recorded
+    from deltaid.fleets.drift_recording import recorded
     from deltaid.fleets.factor_file import read
     from deltaid.fleets.identify_gathered import identify_gathered
     from deltaid.fleets.robot_drift import robot_drift

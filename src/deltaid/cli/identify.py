@@ -119,7 +119,7 @@ def identify(
     Recordings hold joint positions and motor torques.
     """
     with _uncollected():
-        from deltaid.checks.run import identify as run
+        from deltaid.checks.identify import identify as run
         from deltaid.cli.identified import as_dictionary, print_result
         from deltaid.identification.prediction import noted, remarks
         from deltaid.recording.source import opened

@@ -2,8 +2,8 @@
 
 All that adds up is added up over independent columns of the fit: triangles of all samples, of
 places, and of what tolerances do. Each recording has its brief and what it says of friction. Groups
-whose scatter gives intervals are recordings, or several that follow each other, so there are never
-more than `MOST_GROUPS`.
+whose scatter gives intervals are recordings, or of more than `MOST_GROUPS` several that follow each
+other.
 """
 
 from bisect import bisect_left
@@ -21,7 +21,8 @@ from deltaid.fleets.merged import Independent, MergedPart, Merging
 from deltaid.fleets.recording_brief import RecordingBrief
 from deltaid.identification.geometric_rows import GeometricRows
 
-# With so many groups Student's t is within 2 % of a normal distribution.
+# With so many groups Student's t is within 2 % of a normal distribution. Halves that hold more than
+# others make some more groups, twice as many at most where recordings follow each other evenly.
 MOST_GROUPS = 128
 _WHOLE = "whole"
 

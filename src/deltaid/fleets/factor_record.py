@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Float, Int
 from pydantic import Field
 
-from deltaid.checks.run import Judged
+from deltaid.checks.identify import Judged
 from deltaid.effects.lag_columns import LagColumns
 from deltaid.identification.assembly import doubts_of_fit
 from deltaid.identification.warmth import temperature

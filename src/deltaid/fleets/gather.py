@@ -9,7 +9,7 @@ from typing import Literal
 import numpy as np
 from jaxtyping import Float
 
-from deltaid.checks.run import identify
+from deltaid.checks.identify import identify
 from deltaid.dynamics.parameters import parameter_layout, prior_parameters
 from deltaid.effects.lag_columns import LagColumns
 from deltaid.effects.lag_groups import alone

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from deltaid.checks.run import Judged
+from deltaid.checks.identify import Judged
 from deltaid.checks.verdicts import KEYS, Verdicts
 from deltaid.dynamics.dynamics import Parameters
 from deltaid.effects.load_columns import LoadColumns

@@ -13,14 +13,9 @@ from jaxtyping import Float
 
 from deltaid.errors import RecordingError
 from deltaid.fleets.drift_evidence import Changes
-from deltaid.fleets.drift_findings import (
-    Between,
-    DriftFinding,
-    DriftRecording,
-    DriftSettings,
-    finding,
-)
+from deltaid.fleets.drift_findings import Between, DriftFinding, DriftSettings, finding
 from deltaid.fleets.drift_friction import FrictionSeries, friction_series
+from deltaid.fleets.drift_recording import DriftRecording
 from deltaid.fleets.drift_series import (
     FLAT,
     ROBUST,

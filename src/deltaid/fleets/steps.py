@@ -12,8 +12,9 @@ import numpy as np
 import polars as pl
 
 from deltaid.fleets.block_tree import merged_recordings
-from deltaid.fleets.drift_findings import DriftRecording, DriftSettings
+from deltaid.fleets.drift_findings import DriftSettings
 from deltaid.fleets.drift_friction import series_of
+from deltaid.fleets.drift_recording import DriftRecording
 from deltaid.fleets.drift_tables import DRIFT, FRICTION, drift_table, friction_table
 from deltaid.fleets.factor_file import FIT_SETTINGS, digest, safe
 from deltaid.fleets.fleet import Recorded, period_of

@@ -5,9 +5,9 @@ from collections.abc import Iterable, Mapping
 from dataclasses import replace
 from typing import Protocol, runtime_checkable
 
+from deltaid.checks.check import of_robot
 from deltaid.checks.description import checked_workspace
 from deltaid.checks.priors import checked_priors
-from deltaid.checks.run import of_robot
 from deltaid.errors import DeltaidError, DescriptionError
 from deltaid.model.verdict import Grade, Verdict
 from deltaid.robot.description import RobotDescription

@@ -1,32 +1,22 @@
-"""All checks in order: by themselves (`check`), and about an identification (`identify`), where
-wrong input is refused first and doubts become warnings."""
+"""An identification with all checks about it: wrong input is refused first, and doubts become
+warnings (`identify`)."""
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
-import numpy as np
-
+from deltaid.checks.check import named_verdicts, of_robot
 from deltaid.checks.closed_loop import checked_feedback
-from deltaid.checks.description import (
-    checked_friction,
-    checked_lengths,
-    checked_limits,
-    checked_workspace,
-)
 from deltaid.checks.evidence import Evidence, evidence, forget, with_fit
-from deltaid.checks.information import checked_information, information_of, judged_information
-from deltaid.checks.priors import checked_measured, checked_priors
+from deltaid.checks.information import checked_information, judged_information
 from deltaid.checks.proposals import proved, unharmed
 from deltaid.checks.residual import checked_residual, detected_load
 from deltaid.checks.sensing.sensors import checked_sensors
 from deltaid.checks.signal import checked_signals
-from deltaid.checks.verdicts import KEYS, Verdicts, as_written, changes, files_of, mended, pasted
+from deltaid.checks.verdicts import KEYS, Verdicts, changes, files_of, pasted
 from deltaid.checks.wiring.wiring import checked_wirings
 from deltaid.checks.wiring.zeros import still_seen
-from deltaid.dynamics.dynamics import compiled
-from deltaid.errors import DeltaidError, DescriptionError, RecordingError
-from deltaid.estimation.information import Information, merge
+from deltaid.errors import DescriptionError, RecordingError
 from deltaid.estimation.posterior_draws import with_posterior_intervals
 from deltaid.identification.assembly import doubts_of_fit
 from deltaid.identification.identify import Identification
@@ -35,11 +25,10 @@ from deltaid.model.settings import Settings, settings_of
 from deltaid.model.verdict import Grade, Verdict, worst
 from deltaid.progress import Watch, watched
 from deltaid.recording.mapping import ColumnMappings, mapping_each
-from deltaid.recording.mapping_proposal import FOUND
 from deltaid.recording.memory import RecordingLike, as_sources
 from deltaid.recording.recording import PreparedRecording
 from deltaid.robot.description import RobotDescription
-from deltaid.robot.load import RobotLike, described, described_in, yaml_text
+from deltaid.robot.load import RobotLike, described
 
 # Verdicts on excluded rows, which the table of masks reports with their spans.
 _MASKED = {"standing", "saturation"}
@@ -48,132 +37,6 @@ _MASKED = {"standing", "saturation"}
 _EXPLAIN_A_FIT = {
     *KEYS["units and wiring"], *KEYS["the fit"], "torque-lag", "prior-scale", "length-unit",
 }  # fmt: skip
-
-
-def check(
-    robot: RobotLike,
-    logs: RecordingLike | Sequence[RecordingLike] = (),
-    *,
-    columns: ColumnMappings = None,
-    settings: Settings | Mapping[str, Any] | None = None,
-    progress: Watch = None,
-    **options: Any,
-) -> Verdicts:
-    """What is wrong with a robot's description and with recordings of it, before they are used.
-
-    Args:
-        robot: a description, or what has one: a catalogue name, a file of a robot or of a model.
-        logs: none, one recording or a sequence of them, the same as `identify` takes. Each is
-            judged on its own, but their columns, and what they tell of the parameters, by all of
-            them together.
-        columns: names and units of their columns, if not the default ones, and loads that are
-            held: one mapping for all recordings, or one each.
-        settings: of the fit that verdicts on the fit rest on, by value or as a dictionary.
-        progress: called with a sentence before each stage; or whether to show them, None for where
-            someone is watching.
-        options: single settings by name, such as `cutoff=30`.
-
-    Returns:
-        Verdicts, a tuple of them in the order of what they look at; of several recordings each
-        names its own.
-
-    Raises:
-        DescriptionError: there is no such robot, or its file does not describe one.
-        RecordingError: a recording cannot be read at all.
-    """
-    with watched(progress, "check") as say:
-        say("checking the description")
-        try:
-            description = described(robot)
-        except DescriptionError:
-            if (verdict := _in_metres(robot)) is None:
-                raise
-            return Verdicts((verdict,))
-        sources = as_sources(logs)
-        judged = of_robot(description, recorded=bool(sources))
-        mappings, fitting = mapping_each(columns, len(sources)), settings_of(settings, options)
-        places, several = zip(sources, mappings, strict=True), len(sources) > 1
-        records = [evidence(description, *place, fitting) for place in places]
-        if several:
-            say("checking the columns of all recordings")
-        mappings = [
-            record.mapping if record.mapping.source == FOUND else mapping
-            for record, mapping in zip(records, mappings, strict=True)
-        ]
-        common, on_columns = checked_wirings(records)
-        informations, strokes, of_logs = list[Information](), list[np.ndarray](), list[Verdict]()
-        for record, wiring in zip(records, on_columns, strict=True):
-            say(f"checking {record.source}")
-            _ = record.rows  # what cannot be read at all is an error and no verdict
-            judged, common = unharmed(record, judged), unharmed(record, common)
-            if worst(common) is Grade.WRONG:  # what rests on it would only repeat it
-                on_log = (*wiring, *checked_signals(record))
-            else:
-                on_log = of_recording(record, wiring, several)
-            on_log = proved(record, on_log)
-            of_logs += _named(record, on_log, several=several)
-            wrong = Grade.WRONG in (worst(common), worst(on_log))
-            if several and not wrong and (known := information_of(record)):
-                informations.append(known)
-                strokes.append(record.moved)
-        if several and len(informations) == len(sources):
-            say("checking what they determine together")
-            of_logs += judged_information(compiled(description), merge(informations), strokes)
-        return Verdicts((*judged, *common, *of_logs), description, sources, mappings)
-
-
-def _in_metres(robot: RobotLike) -> Verdict | None:
-    """The verdict on a file that no robot can be read from, if its lengths are in millimetres."""
-    try:
-        data = as_written(robot)
-        verdict = checked_lengths(data)
-        described_in(yaml_text(mended(data, changes([verdict], "robot"))), str(robot))
-    except DescriptionError:
-        return None
-    return verdict if verdict.grade is Grade.WRONG else None
-
-
-def of_robot(
-    robot: RobotDescription, *, quick: bool = False, recorded: bool = False
-) -> tuple[Verdict, ...]:
-    """Verdicts on a description; on the workspace, unless it is to be quick or something is wrong
-    already, which that would only repeat. Limits that are missing matter before a recording, when a
-    motion is planned, and not after it."""
-    judged = [checked_lengths(as_written(robot)), checked_friction(robot), checked_limits(robot)]
-    if recorded and judged[-1].grade is not Grade.GOOD:
-        del judged[-1]
-    judged += (*checked_priors(robot), *checked_measured(robot))
-    if not quick and worst(judged) is not Grade.WRONG:
-        judged += checked_workspace(robot)
-    return tuple(judged)
-
-
-def of_recording(record: Evidence, wiring: Sequence[Verdict], several: bool) -> tuple[Verdict, ...]:
-    """All verdicts on a recording, those on its columns first; but on its information only if it is
-    not one of several, which complement each other.
-
-    An error of survey or fit is reported as it is where no check explains it.
-    """
-    judged = [*wiring, *checked_signals(record)]
-    if worst(judged) is not Grade.WRONG and record.surveyed is not None:
-        judged += checked_sensors(record)
-        judged += () if several else checked_information(record)
-    if worst(judged) is Grade.WRONG:  # what rests on it would only repeat it
-        return tuple(judged)
-    if isinstance(error := record.fitted, DeltaidError):
-        return (*judged, Verdict("refused", Grade.WRONG, error.what, error.where, "", error.cure))
-    return (*judged, *checked_residual(record), *checked_feedback(record))
-
-
-def _named(record: Evidence, judged: Iterable[Verdict], *, several: bool) -> tuple[Verdict, ...]:
-    """Verdicts on one of several recordings say which."""
-    if not several:
-        return tuple(judged)
-    name = record.table.path.name
-    return tuple(
-        replace(verdict, subject=f"{name}: {verdict.subject}" if verdict.subject else name)
-        for verdict in judged
-    )
 
 
 @dataclass(frozen=True, repr=False)
@@ -300,7 +163,7 @@ def _after_fit(
     problem, several = result.problem, len(opened) > 1
     for record, verdicts, recording in zip(opened, before, result.recordings, strict=True):
         kept = [v for verdict in verdicts if (v := _kept(verdict, recording, result, described))]
-        yield from _named(record, proved(record, kept), several=several)
+        yield from named_verdicts(record, proved(record, kept), several=several)
     if several:  # together they may determine what none does alone
         strokes = [record.moved for record in opened]
         yield from judged_information(problem.dynamics, problem.information, strokes)
@@ -312,7 +175,7 @@ def _after_fit(
         judged += (*checked_residual(fitted), *checked_feedback(fitted))
         detected = (result.detected.get(load.name) for load in recording.log.columns.loads)
         judged += [detected_load(before) for before in detected if before is not None]
-        yield from _named(record, proved(record, judged), several=several)
+        yield from named_verdicts(record, proved(record, judged), several=several)
 
 
 def _kept(
