@@ -20,7 +20,7 @@ from jaxtyping import Bool, Float, Int
 from deltaid.effects.load_columns import LoadColumns
 from deltaid.errors import DeltaidError
 from deltaid.estimation.information import triangle
-from deltaid.estimation.problem import DEPENDENT, Span
+from deltaid.estimation.problem import LinearProblem, Span
 from deltaid.fleets.factor_file import FactorFile, require_alike
 from deltaid.fleets.merged import MergedPart, Merging, merging_of
 from deltaid.fleets.recording_brief import RecordingBrief
@@ -179,15 +179,14 @@ def series_of(sums: FrictionSums, merging: Merging, model: IdentifiedModel) -> F
     b = sums.offset - np.einsum("nuc,nc->nu", sums.cross.astype(float), c - sums.reference)
     known = precision > 0
     D = np.diag(np.sqrt(precision))[known]
-    A = np.concatenate([sums.root, np.broadcast_to(D, (len(b), *D.shape))], axis=1)
-    right = np.concatenate([b, np.broadcast_to((D @ mean), (len(b), len(D)))], axis=1)
-    norms = np.linalg.norm(A, axis=1, keepdims=True)
-    norms = np.where(norms > 0, norms, 1.0)
-    U, s, Vt = np.linalg.svd(A / norms, full_matrices=False)
-    used = s > DEPENDENT * s.max(axis=1, keepdims=True)
-    inverse = Vt.swapaxes(1, 2) * (used / np.where(used, s, 1.0))[:, None] / norms.swapaxes(1, 2)
-    x = np.einsum("nur,nar,na->nu", inverse, U, right)
-    W, products = inverse @ inverse.swapaxes(1, 2), sums.root.swapaxes(1, 2) @ sums.root
+    measured = np.zeros(sums.root.shape[1], dtype=int)
+    problems = [
+        LinearProblem(R, right, measured).with_known(D, D @ mean)
+        for R, right in zip(sums.root, b, strict=True)
+    ]
+    x = np.stack([problem.x for problem in problems])
+    W = np.stack([problem.inverse @ problem.inverse.T for problem in problems])
+    products = sums.root.swapaxes(1, 2) @ sums.root
     covariance = W @ sums.scores.astype(float) @ W
     white = np.einsum("nuv,nvw,nwu->nu", W, products, W) * sums.level[:, None]
     variance = np.einsum("nuu->nu", covariance)

@@ -163,7 +163,9 @@ class ReadOnce(Place):
     """The folder for some jobs in turn: recordings that one has merged, and a model that one saves,
     are not read again."""
 
-    merged: dict[tuple[str, ...], Any] = field(default_factory=dict[tuple[str, ...], Any])
+    merged: dict[tuple[str, ...], Any] = field(
+        default_factory=dict[tuple[str, ...], Any], compare=False
+    )
     models: dict[str, IdentifiedModel] = field(
         default_factory=dict[str, IdentifiedModel], compare=False
     )

@@ -113,15 +113,15 @@ def contact_of(cycle: Cycle) -> None:
     seen = contact(residual, ca.if_else(since > 0, 1.0, 0.0), u, judged)
     lasts = ca.if_else(seen.found > 0.5, ca.fmin(since + settings.period, _FOREVER), 0.0)
     pushed = ca.logic_and(seen.found > 0.5, lasts < _LONGEST)
-    waits = ca.if_else(pushed, _REMEMBERED, ca.fmax(rests - settings.period, 0.0))
+    pauses = ca.if_else(pushed, _REMEMBERED, ca.fmax(rests - settings.period, 0.0))
     # Filters begin anew with what the gripper tells, and a contact before may have been the load.
-    waits = ca.if_else(cycle.estimates.told, 0.0, waits)
+    pauses = ca.if_else(cycle.estimates.told, 0.0, pauses)
     found = ca.fmin((seen.size * u) ** 2 * larger / dof, _MOST)
     memory = ca.if_else(found > excess, _GROWS, _FALLS)
     learns = ca.logic_and(ca.logic_and(s.settled, s.calm), seen.found < 0.5)
     learnt = excess + settings.period / memory * learns * (found - excess)
     of_drives = "N" if all(robot.is_linear(drive) for drive in robot.drives) else "N m"
-    fields.following |= {"contact_time": lasts, "contact_rests": waits, "excess": learnt}
+    fields.following |= {"contact_time": lasts, "contact_rests": pauses, "excess": learnt}
     for name, value, doc, unit in (
         ("contact", seen.found, "1 while there is a contact", ""),
         ("contact_size", seen.size, "size of the residual, 1 at the threshold", ""),
