@@ -152,21 +152,30 @@ def _load_error(happening: Happening, told: Sequence[Correction]) -> float | Non
 
 def _gain_errors(case: Case, told: Sequence[Correction]) -> list[float]:
     """A gain told is what recorded torques are to be multiplied by."""
-    gain = np.broadcast_to(np.asarray(case.sensors[0].gain), len(case.robot.drives))
     found = [_of(told, "gain", drive) for drive in case.robot.drives]
     if any(correction is None or correction.value is None for correction in found):
         return []
     return [
         float(correction.value * true - 1)
-        for correction, true in zip(found, gain, strict=True)
+        for correction, true in zip(found, _true_gains(case), strict=True)
         if correction is not None and correction.value is not None
     ]
 
 
-def _gains_held(case: Case, told: Sequence[Correction]) -> list[bool]:
+def _true_gains(case: Case) -> np.ndarray:
+    """Of each drive; against the geometric mean of the limbs' drives where nothing is known in N m,
+    as gains are then stated."""
     gain = np.broadcast_to(np.asarray(case.sensors[0].gain), len(case.robot.drives))
+    limbs = case.robot.limbs
+    if "known" in case.tells or limbs is None:
+        return gain
+    return gain / np.exp(np.mean(np.log(gain[: limbs.count])))
+
+
+def _gains_held(case: Case, told: Sequence[Correction]) -> list[bool]:
     found = [_of(told, "gain", drive) for drive in case.robot.drives]
-    pairs = [(told, true) for told, true in zip(found, gain, strict=True) if told is not None]
+    truths = zip(found, _true_gains(case), strict=True)
+    pairs = [(told, true) for told, true in truths if told is not None]
     return [
         told.low <= 1 / true <= told.high
         for told, true in pairs

@@ -41,9 +41,14 @@ def largest_ripples(
 
 
 def nearest_order(points: Sequence[TracePoint], fit: Shrunk, i: int, order: float) -> float:
-    """The order near another that explains most beside all that a fit has, by filtered columns."""
+    """The order near another that explains most beside all that a fit has, by filtered columns.
+
+    No longer a wave than any that is searched: torques along a shorter part of one are those of a
+    spring, with coefficients as large as that part is small.
+    """
     orders = _orders(points, i)
-    near = order + (orders[1] - orders[0]) * np.linspace(-1.0, 1.0, _NEAR)
+    step = orders[1] - orders[0]
+    near = np.linspace(max(order - step, orders[0]), order + step, _NEAR)
     ripples = RippleColumns(points[0].dynamics, (i,) * _NEAR, (1.0,) * (2 * _NEAR), tuple(near))
     pairs = [point.added(ripples)[i].reshape(-1, _NEAR, 2) for point in points]
     return float(near[np.argmax(fit.explained(_blocks(points, i), pairs))])
