@@ -22,8 +22,17 @@ import _alone  # noqa: F401
 import numpy as np
 from _table import STATED, leave
 
-from deltaid.reproduce.irb360 import RecordingSettings, reproduce_irb360
-from deltaid.reproduce.irb360_result import BASE, CHOSEN, GEOM, QUICK, RETUNED_4, SIMPLE, Irb360
+from deltaid.reproduce.irb360 import (
+    BASE,
+    CHOSEN,
+    GEOM,
+    QUICK,
+    RETUNED_4,
+    SIMPLE,
+    Irb360,
+    reproduce_irb360,
+)
+from deltaid.reproduce.surrogate import RecordingSettings
 from deltaid.reproduce.table_one import RMS_BASE, RMS_IDENTIFIED, RMS_RETUNED
 from deltaid.robot.friction_terms import law_in_words
 
@@ -60,9 +69,8 @@ largest speed and acceleration are {speed} °/s and {acceleration} °/s² to ide
 def run(settings: RecordingSettings) -> dict[str, Any]:
     """Numbers of one run, in this process."""
     result = reproduce_irb360(settings)
-    found = result.candidates[CHOSEN].identification
-    assert found is not None
-    choice, law = found.model.friction_choice, found.model.robot.friction.get("drive4")
+    chosen = result.models[CHOSEN]
+    choice, law = chosen.friction_choice, chosen.robot.friction.get("drive4")
     assert choice is not None
     return {
         "slow": left(result, "slow"),
@@ -80,15 +88,14 @@ def run(settings: RecordingSettings) -> dict[str, Any]:
 
 def left(result: Irb360, motion: str) -> dict[str, float]:
     """What each model leaves of drive 4's torque [N m]."""
-    rms = {name: float(result.verified[name, motion].rms[3]) for name in MODELS if name != NOISE}
+    rms = {name: float(result.tracks[motion].rms[name][3]) for name in MODELS if name != NOISE}
     return rms | {NOISE: float(result.tracks[motion].noise[3])}
 
 
 def others(result: Irb360, name: str) -> float:
     """What a model leaves of the other drives' torques, in multiples of the noise, at most."""
     return max(
-        float(np.max(result.verified[name, motion].rms[:3] / result.tracks[motion].noise[:3]))
-        for motion in ("slow", "fast")
+        float(np.max(track.rms[name][:3] / track.noise[:3])) for track in result.tracks.values()
     )
 
 

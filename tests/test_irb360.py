@@ -9,25 +9,23 @@ import pytest
 
 from deltaid.dynamics.parameters import parameter_layout, prior_parameters
 from deltaid.model.record import IdentifiedModel
-from deltaid.reproduce.irb360 import reproduce_irb360
-from deltaid.reproduce.irb360_page import irb360_page
-from deltaid.reproduce.irb360_result import (
+from deltaid.reproduce.files import IRB360_FILES, REPORT, write_files
+from deltaid.reproduce.irb360 import (
     BASE,
     CHOSEN,
-    FILES,
     GEOM,
     QUICK,
     RETUNED_4,
     SIMPLE,
     Irb360,
-    write_files,
+    reproduce_irb360,
 )
-from deltaid.reproduce.surrogate_files import REPORT
+from deltaid.reproduce.irb360_page import irb360_page
 from deltaid.reproduce.table_one import (
     DETERMINED,
     RETUNED,
     TABLE,
-    Drive4Friction,
+    drive_4_friction,
     prior_robot,
     stand_in,
 )
@@ -66,7 +64,7 @@ def test_drive_4_is_what_the_text_says_of_it_at_both_speeds():
     def fitted(largest: float) -> np.ndarray:
         v = np.linspace(0.01, largest, 400)
         A = np.column_stack([v, np.ones_like(v)])
-        return np.linalg.lstsq(A, Drive4Friction().torque(v))[0]
+        return np.linalg.lstsq(A, drive_4_friction(v))[0]
 
     fast, slow = fitted(np.deg2rad(2760)), fitted(np.deg2rad(175))
     assert fast == pytest.approx([0.019, 0.807], rel=0.4)
@@ -83,7 +81,7 @@ def test_plain_friction_fails_on_drive_4_and_the_chosen_law_repairs_it(result):
     docs/reproduce.md the chosen law leaves at most 0.33 of what plain friction leaves."""
 
     def drive_4(name: str, motion: str) -> float:
-        return float(result.verified[name, motion].rms[3])
+        return float(result.tracks[motion].rms[name][3])
 
     assert drive_4(GEOM, "slow") > 0.15  # the failure of Fig. 7 is there
     assert drive_4(BASE, "slow") == pytest.approx(drive_4(GEOM, "slow"), rel=0.1)
@@ -95,12 +93,12 @@ def test_plain_friction_fails_on_drive_4_and_the_chosen_law_repairs_it(result):
     assert drive_4(CHOSEN, "fast") < 0.2 * drive_4(GEOM, "fast")
     for motion in ("slow", "fast"):  # the other drives are left alone
         others = slice(0, 3)
-        chosen, noise = result.verified[CHOSEN, motion].rms, result.tracks[motion].noise
+        chosen, noise = result.tracks[motion].rms[CHOSEN], result.tracks[motion].noise
         assert np.all(chosen[others] < 1.15 * noise[others])
 
 
 def test_both_priors_give_the_torques_of_the_stand_in(result):
-    simple, geom = (result.verified[name, "fast"].rms for name in (SIMPLE, GEOM))
+    simple, geom = (result.tracks["fast"].rms[name] for name in (SIMPLE, GEOM))
     np.testing.assert_allclose(simple, geom, rtol=0.02)
     p, names = result.candidates[GEOM].p, result.dynamics.layout.names
     for parameter in ("viscous.drive1", "coulomb.drive3", "viscous.slide", "rotor.drive4"):
@@ -110,12 +108,12 @@ def test_both_priors_give_the_torques_of_the_stand_in(result):
 
 
 def test_files_can_be_gone_on_with(result, tmp_path: Path):
-    written = {path.name for path in write_files(result, tmp_path)}
-    assert written | {REPORT} == set(FILES)
+    write_files(result, tmp_path)
+    assert {path.name for path in tmp_path.iterdir()} | {REPORT} == set(IRB360_FILES)
     model = IdentifiedModel.load(tmp_path / "id-geom-law-chosen.yaml")
     np.testing.assert_array_equal(model.p, result.candidates[CHOSEN].p)
     assert load_robot(str(tmp_path / "rg-geom.yaml")) == result.priors["RG geom"]
     numbers = json.loads((tmp_path / "results.json").read_text())
-    assert numbers["motions"]["slow"]["rms"][CHOSEN] == result.verified[CHOSEN, "slow"].rms.tolist()
+    assert numbers["motions"]["slow"]["rms"][CHOSEN] == result.tracks["slow"].rms[CHOSEN].tolist()
     text = render(irb360_page(result))
     assert "What is the paper's and what is simulated" in text.replace("&#39;", "'")

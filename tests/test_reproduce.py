@@ -25,9 +25,8 @@ from deltaid.reproduce.accuracy import (
     sweep,
 )
 from deltaid.reproduce.descent import WAYS, descend
-from deltaid.reproduce.irb360_result import FILES as IRB360_FILES
-from deltaid.reproduce.surrogate_files import FILES
-from deltaid.reproduce.surrogate_result import SurrogateSettings
+from deltaid.reproduce.files import IRB360_FILES, SURROGATE_FILES
+from deltaid.reproduce.surrogate import SurrogateSettings
 from deltaid.reproduce.table_one import ABOVE, BELOW, nominal_robot, regularisation
 from deltaid.robot.inertia import consistency
 from identified import identified
@@ -48,7 +47,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="module")
 def outcome(folder: Path) -> Iterator[Outcome]:
-    with patch("deltaid.reproduce.surrogate_result.QUICK", SETTINGS):
+    with patch("deltaid.reproduce.surrogate.QUICK", SETTINGS):
         yield run("reproduce", "surrogate", "--quick", "--starts", STARTS, "-o", folder)
 
 
@@ -65,8 +64,8 @@ def motion(dynamics: Dynamics) -> DriveMotion:
 
 def test_terms_add_up_to_the_torque(irb360: Dynamics) -> None:
     along, p = motion(irb360), prior_parameters(irb360.robot)
-    terms = motion_terms(irb360, along, p)
-    total = terms.coriolis + terms.acceleration + terms.gravity + terms.friction
+    terms, gravity = motion_terms(irb360, along, p), irb360.terms(along.q, along.qd, p).g
+    total = terms.coriolis + terms.acceleration + gravity + terms.friction
     expected = irb360.inverse_dynamics(along.q, along.qd, along.qdd, p)
     np.testing.assert_allclose(total, expected, atol=1e-9)
 
@@ -92,9 +91,10 @@ def test_weights_and_ways_down_are_judged_by_the_truth() -> None:
         judged.append(x)
         return accuracy(known.dynamics, along, known.p, objective.reduction.parameters(x))
 
-    light, heavy = sweep(known.dynamics, known.result, along, known.p, np.array([1e-8, 1e-2]))
+    light, heavy = sweep(objective, judge, (1e-8, 1e-2))
     assert (light.gamma, heavy.gamma) == (1e-8, 1e-2)
     assert heavy.accuracy.mass_diagonal > 3 * light.accuracy.mass_diagonal
+    judged.clear()
     found = descend(objective, judge, iterations=5)
     assert [way.way for way in found.ways] == list(WAYS)
     ends = iter(judged)
@@ -160,7 +160,7 @@ def test_numbers_are_those_of_the_saved_models(
 
 @pytest.mark.slow
 def test_files_repeat_the_fit(results: dict, folder: Path) -> None:
-    assert {path.name for path in folder.iterdir()} == set(FILES)
+    assert {path.name for path in folder.iterdir()} == set(SURROGATE_FILES)
     again = identify(load_robot(folder / "RG1.yaml"), [folder / "identify-noisy.csv"])
     saved = IdentifiedModel.load(folder / "ID1-noisy.yaml")
     np.testing.assert_allclose(again.model.p, saved.p, rtol=1e-9)
@@ -236,7 +236,9 @@ def test_folder_that_cannot_be_made_is_refused(tmp_path: Path, example: str) -> 
     assert "taken" in message
 
 
-@pytest.mark.parametrize(("example", "names"), [("surrogate", FILES), ("irb360", IRB360_FILES)])
+@pytest.mark.parametrize(
+    ("example", "names"), [("surrogate", SURROGATE_FILES), ("irb360", IRB360_FILES)]
+)
 def test_a_file_that_cannot_be_written_is_told_before_any_work(
     tmp_path: Path, example: str, names: Sequence[str]
 ) -> None:

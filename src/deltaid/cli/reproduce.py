@@ -53,13 +53,12 @@ def reproduce(
 
 def _surrogate(folder: Path, say: Progress, quick: bool, given: dict[str, int]) -> Reproduced:
     """Sec. VII, written into a folder."""
-    from deltaid.reproduce import surrogate_files as files
+    from deltaid.reproduce import files
     from deltaid.reproduce import surrogate_page as view
-    from deltaid.reproduce.surrogate import reproduce_surrogate
-    from deltaid.reproduce.surrogate_result import QUICK, SurrogateSettings
+    from deltaid.reproduce.surrogate import QUICK, SurrogateSettings, reproduce_surrogate
     from deltaid.view.html import write_page
 
-    files.require_folder(folder, files.FILES)
+    files.require_folder(folder, files.SURROGATE_FILES)
     settings = replace(QUICK if quick else SurrogateSettings(), **given)
     result = reproduce_surrogate(settings, progress=say)
     say("writing")
@@ -81,20 +80,19 @@ def _surrogate(folder: Path, say: Progress, quick: bool, given: dict[str, int]) 
 
 def _irb360(folder: Path, say: Progress, quick: bool, given: dict[str, int]) -> Reproduced:
     """Sec. VIII, written into a folder."""
+    from deltaid.reproduce import files
     from deltaid.reproduce import irb360_page as view
-    from deltaid.reproduce import irb360_result as files
-    from deltaid.reproduce.irb360 import reproduce_irb360
-    from deltaid.reproduce.surrogate_files import REPORT, require_folder
-    from deltaid.reproduce.surrogate_result import RecordingSettings
+    from deltaid.reproduce.irb360 import QUICK, reproduce_irb360
+    from deltaid.reproduce.surrogate import RecordingSettings
     from deltaid.view.html import write_page
 
-    require_folder(folder, files.FILES)
-    settings = replace(files.QUICK if quick else RecordingSettings(), **given)
+    files.require_folder(folder, files.IRB360_FILES)
+    settings = replace(QUICK if quick else RecordingSettings(), **given)
     result = reproduce_irb360(settings, progress=say)
     say("writing")
     with together():
         files.write_files(result, folder)
-        write_page(view.irb360_page(result), folder / REPORT)
+        write_page(view.irb360_page(result), folder / files.REPORT)
     title = "Sec. VIII with a simulated stand-in for the machine"
     table = Finished(view.rms_columns(result), view.rms_rows(result), title=title)
     notes = ("rows “the paper” hold numbers of its own machine; all others are simulated here",)

@@ -7,40 +7,105 @@ as for Fig. 8; and the friction law chosen from the fast recording alone.
 """
 
 import time
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
 import numpy as np
+import polars as pl
+from jaxtyping import Float
 
 from deltaid.dynamics.dynamics import Dynamics, Parameters, compiled
 from deltaid.dynamics.parameters import prior_parameters
 from deltaid.identification.identify import identify
 from deltaid.identification.torque_error import predict
-from deltaid.model.record import Settings
+from deltaid.model.record import IdentifiedModel, Settings
 from deltaid.motion.excitation.excite import Exciter
 from deltaid.motion.excitation.run import Run
 from deltaid.motion.excitation.settings import VERIFICATION_OFFSET
 from deltaid.motion.surrogate import SensorNoise, simulate_recording, write_recording
 from deltaid.progress import Progress
 from deltaid.recording.recording import PreparedRecording, open_recordings
-from deltaid.reproduce.irb360_result import (
-    BASE,
-    CHOSEN,
-    GEOM,
-    RETUNED_4,
-    SIMPLE,
-    Candidate,
-    Irb360,
-    Track,
-    Verified,
-)
-from deltaid.reproduce.surrogate_result import RecordingSettings
-from deltaid.reproduce.table_one import RETUNED, ROBOT, Drive4Friction, prior_robot, slow, stand_in
+from deltaid.reproduce.surrogate import RecordingSettings
+from deltaid.reproduce.table_one import RETUNED, ROBOT, prior_robot, slow, stand_in, unmodelled
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.load import load_robot
 
+# Names of what is compared; the law is chosen with 'RG geom' as prior.
+BASE, SIMPLE, GEOM, RETUNED_4, CHOSEN = (
+    "base parameters", "ID simple", "ID geom", "ID geom, drive 4 retuned", "ID geom, law chosen"
+)  # fmt: skip
 _PRIORS = {SIMPLE: "RG simple", GEOM: "RG geom"}
+QUICK = RecordingSettings(harmonics=5, duration=10.0, repeats=1)
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """Parameters to compare on the verification motions.
+
+    Attributes:
+        robot: whose friction laws they belong to.
+        p: the parameters.
+        model: where they come from; None for what is derived from another one.
+    """
+
+    robot: RobotDescription
+    p: Parameters
+    model: IdentifiedModel | None = None
+
+
+@dataclass(frozen=True)
+class Track:
+    """One verification motion as measured, through the filter, thinned to the rate it allows.
+
+    Attributes:
+        time [s], speed [rad/s], measured [N m].
+        noise: what the true model leaves of the measured torques, root mean square [N m].
+        speed_max, acceleration_max: of drive 4 [rad/s, rad/s²].
+        rms: root mean square of measured minus predicted torque, by candidate [N m].
+        predicted: torques of each candidate [N m].
+    """
+
+    time: Float[np.ndarray, " samples"]
+    speed: Float[np.ndarray, "samples dof"]
+    measured: Float[np.ndarray, "samples dof"]
+    noise: Float[np.ndarray, " dof"]
+    speed_max: float
+    acceleration_max: float
+    rms: dict[str, Float[np.ndarray, " dof"]]
+    predicted: dict[str, Float[np.ndarray, "samples dof"]]
+
+
+@dataclass(frozen=True)
+class Irb360:
+    """Sec. VIII with a stand-in for the machine.
+
+    Attributes:
+        settings: what was asked.
+        dynamics, truth: of the stand-in.
+        priors: by column of Table I.
+        runs: the motions by name: identify, slow, fast.
+        recordings: by file name.
+        candidates: what is compared, by name.
+        tracks: the verification motions: 'slow', as in Sec. VIII C, and 'fast', as fast as the
+            identification.
+        seconds: for all of it.
+    """
+
+    settings: RecordingSettings
+    dynamics: Dynamics
+    truth: Parameters
+    priors: dict[str, RobotDescription]
+    runs: dict[str, Run]
+    recordings: dict[str, pl.DataFrame]
+    candidates: dict[str, Candidate]
+    tracks: dict[str, Track]
+    seconds: float
+
+    @property
+    def models(self) -> dict[str, IdentifiedModel]:
+        """The identified candidates."""
+        return {name: c.model for name, c in self.candidates.items() if c.model is not None}
 
 
 def reproduce_irb360(
@@ -52,8 +117,7 @@ def reproduce_irb360(
         DeltaidError: no motion was found, or a fit did not converge.
     """
     settings, began = settings or RecordingSettings(), time.perf_counter()
-    rng, friction = np.random.default_rng(settings.seed), Drive4Friction()
-    robot = load_robot(ROBOT)
+    rng, robot = np.random.default_rng(settings.seed), load_robot(ROBOT)
     priors = {column: prior_robot(robot, column) for column in _PRIORS.values()}
     dynamics = compiled(stand_in(robot))
     truth = prior_parameters(dynamics.robot)
@@ -68,7 +132,7 @@ def reproduce_irb360(
             duration=run.duration,
             rate=settings.rate,
             noise=SensorNoise(settings.torque_noise),
-            unmodelled=friction.unmodelled,
+            unmodelled=unmodelled,
         )
         for name, run in runs.items()
     }
@@ -76,27 +140,15 @@ def reproduce_irb360(
         for name, recording in recordings.items():
             write_recording(recording, Path(folder) / name)
         candidates = _candidates(priors, Path(folder) / "identify.csv", progress)
-        tracks, verified = dict[str, Track](), dict[tuple[str, str], Verified]()
+        tracks = {}
         for motion in ("slow", "fast"):
             progress(f"verifying on the {motion} motion")
             log = Path(folder) / f"{motion}.csv"
             (recording,) = open_recordings([log], dynamics.kinematics, keep_all=True)
-            tracks[motion] = _track(runs[motion], settings, dynamics, truth, friction, recording)
-            for name, candidate in candidates.items():
-                verified[name, motion] = _verify(candidate, recording)
-    return Irb360(
-        settings=settings,
-        dynamics=dynamics,
-        truth=truth,
-        friction=friction,
-        priors=priors,
-        runs=runs,
-        recordings=recordings,
-        candidates=candidates,
-        tracks=tracks,
-        verified=verified,
-        seconds=time.perf_counter() - began,
-    )
+            stand_in_as = Candidate(dynamics.robot, truth)
+            tracks[motion] = _track(runs[motion], settings, stand_in_as, candidates, recording)
+    seconds = time.perf_counter() - began
+    return Irb360(settings, dynamics, truth, priors, runs, recordings, candidates, tracks, seconds)
 
 
 def _motions(
@@ -120,59 +172,66 @@ def _candidates(
     found = {}
     for name, column in _PRIORS.items():
         progress(f"identifying from {column}")
-        result = identify(
-            priors[column], [log], settings=Settings(friction="described", effects="none")
-        )
-        found[name] = Candidate(result.model.robot, result.model.p, result)
-    geom = found[GEOM].identification
-    assert geom is not None
+        plain = Settings(friction="described", effects="none")
+        found[name] = identify(priors[column], [log], settings=plain)
     progress("choosing friction laws")
     chosen = identify(priors["RG geom"], [log], settings=Settings(effects="none"))
+    geom = found[GEOM]
+    robot = geom.model.robot
     return {
-        BASE: Candidate(geom.model.robot, geom.problem.estimate.full, None),
-        **found,
-        RETUNED_4: Candidate(geom.model.robot, _retuned(found[GEOM]), None),
-        CHOSEN: Candidate(chosen.model.robot, chosen.model.p, chosen),
+        BASE: Candidate(robot, geom.problem.estimate.full),
+        **{name: _candidate(result.model) for name, result in found.items()},
+        RETUNED_4: Candidate(robot, _retuned(geom.model)),
+        CHOSEN: _candidate(chosen.model),
     }
 
 
-def _retuned(candidate: Candidate) -> Parameters:
+def _candidate(model: IdentifiedModel) -> Candidate:
+    return Candidate(model.robot, model.p, model)
+
+
+def _retuned(model: IdentifiedModel) -> Parameters:
     """Drive 4's viscous friction times five and its Coulomb friction times 0.75 (Sec. VIII C)."""
-    p, names = candidate.p.copy(), compiled(candidate.robot).layout.names
+    p, names = model.p, model.layout.names
     for name, factor in zip(("viscous.drive4", "coulomb.drive4"), RETUNED, strict=True):
         p[names.index(name)] *= factor
     return p
 
 
-def _verify(candidate: Candidate, recording: PreparedRecording) -> Verified:
-    parts = list(predict(compiled(candidate.robot), candidate.p, recording))
-    error = np.vstack([part.filtered_measured - part.filtered_predicted for part in parts])
-    predicted = np.vstack([part.filtered_predicted for part in parts])
-    rows = slice(None, None, recording.filter.thinned // recording.filter.stride)
-    return Verified(np.sqrt(np.mean(error**2, axis=0)), predicted[rows])
-
-
 def _track(
     run: Run,
     settings: RecordingSettings,
-    dynamics: Dynamics,
-    truth: Parameters,
-    friction: Drive4Friction,
+    truth: Candidate,
+    candidates: dict[str, Candidate],
     recording: PreparedRecording,
 ) -> Track:
     """A verification motion. Of white noise the filter h leaves σ ‖h‖."""
-    parts, thinned = list(predict(dynamics, truth, recording)), recording.filter.thinned
+    dynamics, thinned = compiled(truth.robot), recording.filter.thinned
+    found = {
+        name: list(predict(compiled(candidate.robot), candidate.p, recording))
+        for name, candidate in candidates.items()
+    }
+    predicted = {
+        name: np.vstack([part.filtered_predicted for part in parts])
+        for name, parts in found.items()
+    }
+    parts = found[GEOM]  # what is measured is the same in all of them
+    measured = np.vstack([part.filtered_measured for part in parts])
     z, zd, zdd = run.evaluate(np.arange(0, run.duration, 1 / settings.rate))
     _, qd, qdd = dynamics.kinematics.drive_motion(z, zd, zdd)
-    tau = dynamics.torque(z, qd, qdd, truth) + friction.unmodelled(qd)
+    tau = dynamics.torque(z, qd, qdd, truth.p) + unmodelled(qd)
     noise = settings.torque_noise * np.abs(tau).max(axis=0)
+    rows = slice(None, None, thinned // recording.filter.stride)
     return Track(
         time=np.concatenate([part.time for part in parts])[::thinned],
         speed=np.vstack([part.speed for part in parts])[::thinned],
-        measured=np.vstack([p.filtered_measured for p in parts])[
-            :: thinned // recording.filter.stride
-        ],
+        measured=measured[rows],
         noise=noise * recording.filter.noise_gain,
         speed_max=float(np.abs(qd[:, 3]).max()),
         acceleration_max=float(np.abs(qdd[:, 3]).max()),
+        rms={
+            name: np.sqrt(np.mean((measured - torque) ** 2, axis=0))
+            for name, torque in predicted.items()
+        },
+        predicted={name: torque[rows] for name, torque in predicted.items()},
     )

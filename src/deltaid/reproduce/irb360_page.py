@@ -1,27 +1,41 @@
 """The page of `reproduce irb360`: Table I, Figs. 7 and 8, and a friction law that fits."""
 
 import numpy as np
+import plotly.graph_objects as go
+from plotly.subplots import make_subplots
 
 from deltaid.model.record import IdentifiedModel
-from deltaid.reproduce.irb360_figures import figure_7, figure_8, friction_curve
-from deltaid.reproduce.irb360_result import CHOSEN, GEOM, RETUNED_4, SIMPLE, Irb360
+from deltaid.reproduce.irb360 import BASE, CHOSEN, GEOM, RETUNED_4, SIMPLE, Irb360
 from deltaid.reproduce.table_one import (
     COLUMNS,
     DETERMINED,
     FAST,
     FRICTION,
+    REST,
+    RISE,
     RMS_BASE,
     RMS_IDENTIFIED,
     RMS_RETUNED,
     ROTOR,
     SLOW,
+    SPEED,
     TABLE,
+    drive_4_friction,
 )
 from deltaid.robot.friction_terms import law_in_words
+from deltaid.view import style
+from deltaid.view.friction import law
 from deltaid.view.numbers import number, percent
-from deltaid.view.page import Fact, Page, Section, Table, Text
+from deltaid.view.page import Fact, Figure, Page, Section, Table, Text
 
 Rows = tuple[tuple[str, ...], ...]
+
+_COLORS = {
+    BASE: style.SERIES[5],
+    GEOM: style.IDENTIFIED,
+    RETUNED_4: style.LIMIT,
+    CHOSEN: style.RESIDUAL,
+}
 
 
 def irb360_page(result: Irb360) -> Page:
@@ -43,11 +57,11 @@ def irb360_page(result: Irb360) -> Page:
                         "Root mean square of measured minus predicted torque, after the filter. "
                         "The paper's errors are of its own machine and its own slow motion.",
                     ),
-                    figure_7(result),
+                    _figure_7(result),
                 ),
             ),
             _friction(result),
-            _files(),
+            Section("To go on from here", (Text(_FILES_TEXT),)),
         ),
     )
 
@@ -68,11 +82,9 @@ def rms_rows(result: Irb360) -> Rows:
         (name, "its own", *("—" if v is None else number(v, 2) for v in values))
         for name, values in paper
     ]
-    for motion in ("slow", "fast"):
-        for name in result.candidates:
-            rms = result.verified[name, motion].rms
+    for motion, track in result.tracks.items():
+        for name, rms in (track.rms | {"noise alone": track.noise}).items():
             rows.append((name, motion, *(number(v, 3) for v in rms)))
-        rows.append(("noise alone", motion, *(number(v, 3) for v in result.tracks[motion].noise)))
     return tuple(rows)
 
 
@@ -80,7 +92,7 @@ def _facts(result: Irb360) -> tuple[Fact, ...]:
     slow, fast = result.tracks["slow"], result.tracks["fast"]
 
     def drive_4(name: str, motion: str = "slow") -> str:
-        return f"{result.verified[name, motion].rms[3]:.3f} N m"
+        return f"{result.tracks[motion].rms[name][3]:.3f} N m"
 
     return (
         Fact("Drive 4, identified", drive_4(GEOM), "slow motion; the paper's robot: 0.20 N m"),
@@ -95,19 +107,17 @@ def _facts(result: Irb360) -> tuple[Fact, ...]:
 
 
 def _setting(result: Irb360) -> Section:
-    settings, f = result.settings, result.friction
-    rows = []
-    for motion, (speed, acceleration) in (("slow", SLOW), ("fast", FAST)):
-        track = result.tracks[motion]
-        rows.append(
-            (
-                motion,
-                f"{np.rad2deg(track.speed_max):.0f}",
-                f"{speed:.0f}",
-                f"{np.rad2deg(track.acceleration_max):.0f}",
-                f"{acceleration:.0f}",
-            )
+    settings = result.settings
+    rows = tuple(
+        (
+            motion,
+            f"{np.rad2deg(result.tracks[motion].speed_max):.0f}",
+            f"{speed:.0f}",
+            f"{np.rad2deg(result.tracks[motion].acceleration_max):.0f}",
+            f"{acceleration:.0f}",
         )
+        for motion, (speed, acceleration) in (("slow", SLOW), ("fast", FAST))
+    )
     return Section(
         "What is the paper's and what is simulated",
         (
@@ -120,14 +130,14 @@ def _setting(result: Irb360) -> Section:
                 "between joints, which are assumed as the catalogue says. The stand-in has the "
                 "paper's values identified from RG geom as its truth, and the paper's friction. "
                 "Drive 4's friction is in no model class of this package: "
-                f"sign(v)·({f.rest:g} + {f.rise:g}·asinh(|v|/{f.speed:g} rad/s)) N m. Recordings "
+                f"sign(v)·({REST:g} + {RISE:g}·asinh(|v|/{SPEED:g} rad/s)) N m. Recordings "
                 f"hold positions and torques, with {100 * settings.torque_noise:g} % of torque "
                 "noise and encoder steps. Errors of the stand-in may be compared with one another; "
                 "beside the paper's they show the same picture, not the same machine."
             ),
             Table(
                 ("motion", "speed [°/s]", "the paper's", "acceleration [°/s²]", "the paper's"),
-                tuple(rows),
+                rows,
                 "Largest speed and acceleration of drive 4.",
             ),
         ),
@@ -135,11 +145,7 @@ def _setting(result: Irb360) -> Section:
 
 
 def _table_one(result: Irb360) -> Section:
-    models = {
-        name: candidate.identification.model
-        for name in (SIMPLE, GEOM)
-        if (candidate := result.candidates[name]).identification is not None
-    }
+    models = {name: result.models[name] for name in (SIMPLE, GEOM)}
     rows = []
     for name, printed in TABLE.items():
         cells = [name + (" *" if name in DETERMINED else ""), *(number(v, 3) for v in printed)]
@@ -178,6 +184,16 @@ _STRUT_TEXT = (
     "this beyond doubt, the prior of that entry is widened, which is listed among its corrections."
 )
 
+_FILES_TEXT = (
+    "Beside this page: the recordings (identify.csv, slow.csv, fast.csv), the priors "
+    "(rg-simple.yaml, rg-geom.yaml), the models (id-simple.yaml, id-geom.yaml, "
+    "id-geom-law-chosen.yaml) and all numbers (results.json). Each step again by hand:"
+    "\n\n"
+    "deltaid identify rg-geom.yaml identify.csv --verify slow.csv --friction described"
+    "\n\n"
+    "deltaid identify rg-geom.yaml identify.csv --verify slow.csv"
+)
+
 _DETERMINED_TEXT = (
     "Entries with * follow from the text of Sec. VIII A; the catalogue's shapes reproduce them, "
     "and with the radii assumed there all of RG simple. The masses and radii behind the upper arm "
@@ -208,9 +224,7 @@ def _friction_table(result: Irb360) -> Table:
 
 
 def _friction(result: Irb360) -> Section:
-    model = result.candidates[CHOSEN].identification
-    assert model is not None
-    choice, robot = model.model.friction_choice, model.model.robot
+    choice, robot = result.models[CHOSEN].friction_choice, result.models[CHOSEN].robot
     assert choice is not None
     laws = tuple((joint, law_in_words(law)) for joint, law in robot.friction.items())
     steps = tuple(
@@ -238,24 +252,102 @@ def _friction(result: Irb360) -> Section:
             "What was added one after the other: by what share the squared error falls, and the "
             "multiple of what chance would explain.",
         ),
-        friction_curve(result),
-        figure_8(result),
+        _friction_curve(result),
+        _figure_8(result),
     ]
     return Section("The friction law that the paper asks for (Fig. 8)", tuple(blocks))
 
 
-def _files() -> Section:
-    return Section(
-        "To go on from here",
-        (
-            Text(
-                "Beside this page: the recordings (identify.csv, slow.csv, fast.csv), the priors "
-                "(rg-simple.yaml, rg-geom.yaml), the models (id-simple.yaml, id-geom.yaml, "
-                "id-geom-law-chosen.yaml) and all numbers (results.json). Each step again by hand:"
-                "\n\n"
-                "deltaid identify rg-geom.yaml identify.csv --verify slow.csv --friction described"
-                "\n\n"
-                "deltaid identify rg-geom.yaml identify.csv --verify slow.csv"
-            ),
-        ),
+def _figure_7(result: Irb360) -> Figure:
+    """Fig. 7: measured torques of the slow motion, base parameters and the consistent fit."""
+    drives = result.dynamics.robot.drives
+    figure = make_subplots(rows=len(drives), cols=1, shared_xaxes=True, vertical_spacing=0.04)
+    for i, drive in enumerate(drives):
+        _traces(figure, result, "slow", (BASE, GEOM), drive=i, row=i + 1)
+        figure.update_yaxes(title_text=f"{drive} [N m]", row=i + 1, col=1)
+    figure.update_xaxes(title_text="time [s]", row=len(drives), col=1)
+    figure.update_layout(height=180 * len(drives) + 100, hovermode="closest")
+    return Figure(
+        figure,
+        "Fig. 7 with the stand-in: torques on the slow verification motion, measured and predicted "
+        "by base parameters and by the consistent fit. Three drives fit; drive 4 does not, for "
+        "either method.",
     )
+
+
+def _figure_8(result: Irb360) -> Figure:
+    """Fig. 8: drive 4 retuned by hand, and with the law that cross-validation chose."""
+    figure = make_subplots(
+        rows=2,
+        cols=1,
+        vertical_spacing=0.16,
+        subplot_titles=("slow verification motion", "fast verification motion"),
+    )
+    for row, motion in enumerate(("slow", "fast"), start=1):
+        _traces(figure, result, motion, (GEOM, RETUNED_4, CHOSEN), drive=3, row=row)
+        figure.update_yaxes(title_text="drive 4 [N m]", row=row, col=1)
+        figure.update_xaxes(title_text="time [s]", row=row, col=1)
+    figure.update_layout(height=620, hovermode="closest", legend={"y": 1.06})
+    return Figure(
+        figure,
+        "Fig. 8 and beyond: torque of drive 4. Retuned by hand for the slow motion as in the "
+        "paper, the model fails on the fast one. The law chosen from the fast identification "
+        "recording fits both; the slow motion was not part of the fit.",
+    )
+
+
+def _friction_curve(result: Irb360) -> Figure:
+    """Friction of drive 4 over its speed: true, and as each model has it."""
+    speed = np.geomspace(0.03, np.abs(result.tracks["fast"].speed[:, 3]).max(), 200)
+    figure = go.Figure()
+    figure.add_scatter(
+        x=speed,
+        y=drive_4_friction(speed),
+        name="stand-in (truth)",
+        mode="lines",
+        line={"color": style.MEASURED, "width": 5},
+    )
+    for name in (GEOM, RETUNED_4, CHOSEN):
+        candidate = result.candidates[name]
+        figure.add_scatter(
+            x=speed,
+            y=law(candidate.robot, "drive4", speed, candidate.p),
+            name=name,
+            mode="lines",
+            line={"color": _COLORS[name], "width": 2},
+        )
+    slow = result.tracks["slow"].speed_max
+    figure.add_vline(x=slow, line={"color": style.PRIOR, "dash": "dot"})
+    figure.add_annotation(
+        x=np.log10(slow), y=0.02, yref="paper", text="largest speed of the slow motion",
+        showarrow=False, xanchor="right", xshift=-6,
+    )  # fmt: skip
+    figure.update_xaxes(title_text="speed of drive 4 [rad/s]", type="log")
+    figure.update_yaxes(title_text="friction [N m]", rangemode="tozero")
+    figure.update_layout(height=400)
+    return Figure(
+        figure,
+        "Friction of drive 4 over its speed. Viscous and Coulomb friction fit the fast motion on "
+        "average and no single speed; no choice of the two coefficients fits all speeds.",
+    )
+
+
+def _traces(
+    figure: go.Figure, result: Irb360, motion: str, names: tuple[str, ...], *, drive: int, row: int
+) -> None:
+    track = result.tracks[motion]
+    time = track.time.astype(np.float32)
+    lines = [("measured", track.measured, style.MEASURED, 3.0)]
+    lines += [(n, track.predicted[n], _COLORS[n], 1.3) for n in names]
+    for name, values, color, width in lines:
+        figure.add_scatter(
+            x=time,
+            y=values[:, drive].astype(np.float32),
+            name=name,
+            legendgroup=name,
+            showlegend=row == 1,
+            mode="lines",
+            line={"color": color, "width": width},
+            row=row,
+            col=1,
+        )

@@ -7,30 +7,188 @@ objective stop; and how all of it depends on γ.
 """
 
 import time
-from dataclasses import replace
-from functools import partial
+from dataclasses import dataclass, replace
 from itertools import product
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
 import numpy as np
+import polars as pl
+from jaxtyping import Int
 
-from deltaid.dynamics.dynamics import compiled
+from deltaid.dynamics.dynamics import Dynamics, Parameters, compiled
 from deltaid.dynamics.parameters import prior_parameters
-from deltaid.estimation.reduction import Reduction
-from deltaid.identification.identify import identify
+from deltaid.estimation.conic import SOLVERS
+from deltaid.identification.identify import Identification, identify
+from deltaid.model.options import Method
 from deltaid.model.record import Settings
 from deltaid.motion.excitation.excite import Exciter
 from deltaid.motion.excitation.run import Run
-from deltaid.motion.excitation.settings import VERIFICATION_OFFSET
+from deltaid.motion.excitation.settings import VERIFICATION_OFFSET, ExcitationSettings
 from deltaid.motion.surrogate import SensorNoise, simulate_recording, write_recording
 from deltaid.progress import Progress
-from deltaid.reproduce.accuracy import Accuracy, accuracy, drive_motion, motion_terms, sweep
+from deltaid.reproduce.accuracy import (
+    Accuracy,
+    DriveMotion,
+    MotionTerms,
+    SweepPoint,
+    accuracy,
+    drive_motion,
+    motion_terms,
+    sweep,
+)
 from deltaid.reproduce.descent import Descents, descend
-from deltaid.reproduce.surrogate_result import Reproduction, SurrogateFit, SurrogateSettings, Sweep
 from deltaid.reproduce.table_one import ABOVE, BELOW, ROBOT, nominal_robot, regularisation
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.load import load_robot
+
+# γ_p/γ_τ of the comparison of minimisers. The paper does not state its own.
+DESCENT_GAMMA = 1e-10
+
+
+@dataclass(frozen=True)
+class RecordingSettings:
+    """How motions are optimised and recorded.
+
+    Attributes:
+        seed: of motions, regularisations and noise.
+        starts: of each motion's optimisation.
+        harmonics, duration, repeats: of the motions, see `deltaid.ExcitationSettings`. With the
+            default ones a recording lasts about 40 s; in 10 s, friction and the small inertia of
+            the fourth drive drown in 2 % of noise.
+        torque_noise: of the noisy recordings, a share of each drive's largest torque.
+        rate: sampling rate [Hz].
+    """
+
+    seed: int = 0
+    starts: int = 4
+    harmonics: int = 8
+    duration: float = 20.0
+    repeats: int = 2
+    torque_noise: float = 0.02
+    rate: float = 1000.0
+
+    @property
+    def excitation(self) -> ExcitationSettings:
+        """What is asked of the motions."""
+        names = ("harmonics", "duration", "repeats", "starts", "seed")
+        return ExcitationSettings(**{name: getattr(self, name) for name in names})
+
+
+@dataclass(frozen=True)
+class SurrogateSettings(RecordingSettings):
+    """How much of Sec. VII to do.
+
+    Attributes:
+        methods: solvers of the fits; conic must be among them.
+        points: in pictures and in the sweep, over one period of the motion.
+        gammas: γ_p/γ_τ of the sweep.
+        iterations: of each of the other minimisers.
+    """
+
+    methods: tuple[Method, ...] = ("conic", "log-cholesky")
+    points: int = 500
+    gammas: tuple[float, ...] = tuple(float(g) for g in 10.0 ** np.arange(-14.0, -0.9, 0.5))
+    iterations: int = 1000
+
+
+# For a first look: with 10 s of motion the noise shows more.
+QUICK = SurrogateSettings(
+    starts=1,
+    harmonics=5,
+    duration=10.0,
+    repeats=1,
+    gammas=tuple(float(g) for g in 10.0 ** np.arange(-14.0, -0.9, 2.0)),
+    iterations=100,
+)
+
+
+@dataclass(frozen=True)
+class SurrogateFit:
+    """One identification and how far it is from the truth.
+
+    Attributes:
+        prior: 'RG1' or 'RG2'.
+        noisy: with noise.
+        method: which solver.
+        identification: the result.
+        seconds: from the file to the model.
+        accuracy, verified: along the motion of the data, and along the other one.
+        terms: along one period of the motion, for pictures.
+        sweep: accuracy over γ along that period, of certified fits.
+        descents: where other minimisers stop, of certified fits without noise.
+    """
+
+    prior: str
+    noisy: bool
+    method: Method
+    identification: Identification
+    seconds: float
+    accuracy: Accuracy
+    verified: Accuracy
+    terms: MotionTerms
+    sweep: tuple[SweepPoint, ...] = ()
+    descents: Descents | None = None
+
+    @property
+    def certified(self) -> bool:
+        """Whether its solver certifies the optimum by itself."""
+        return SOLVERS[self.method].certifies
+
+    @property
+    def name(self) -> str:
+        """The paper's name for what is identified from a regularisation: ID1 from RG1."""
+        return self.prior.replace("RG", "ID")
+
+
+@dataclass(frozen=True)
+class Reproduction:
+    """Everything Sec. VII shows, and more.
+
+    Attributes:
+        settings: what was asked for.
+        dynamics: of the robot whose prior is the truth.
+        truth: its parameters.
+        priors: the descriptions with RG1 and RG2.
+        run, verification: the motions.
+        period: one period of the identification motion, for pictures.
+        terms: the true terms along it.
+        recordings: by file name.
+        fits: the results.
+        seconds: of the whole.
+    """
+
+    settings: SurrogateSettings
+    dynamics: Dynamics
+    truth: Parameters
+    priors: dict[str, RobotDescription]
+    run: Run
+    verification: Run
+    period: DriveMotion
+    terms: MotionTerms
+    recordings: dict[str, pl.DataFrame]
+    fits: tuple[SurrogateFit, ...] = ()
+    seconds: float = 0.0
+
+    @property
+    def free(self) -> Int[np.ndarray, " free"]:
+        """Parameters that fits choose and whose truth is not zero."""
+        reduction = self.fits[0].identification.problem.reduction
+        return np.flatnonzero(np.any(reduction.A != 0, axis=1) & (self.truth != 0))
+
+    @property
+    def certified(self) -> tuple[SurrogateFit, ...]:
+        """The fits with a certificate."""
+        return tuple(fit for fit in self.fits if fit.certified)
+
+    @property
+    def descents(self) -> dict[str, Descents]:
+        """Where other minimisers stop on the recording without noise, by prior."""
+        return {fit.prior: fit.descents for fit in self.fits if fit.descents is not None}
+
+    def fit(self, prior: str, *, noisy: bool) -> SurrogateFit:
+        """The certified fit."""
+        return next(f for f in self.certified if (f.prior, f.noisy) == (prior, noisy))
 
 
 def reproduce_surrogate(
@@ -61,26 +219,21 @@ def reproduce_surrogate(
                 rate=settings.rate,
                 noise=SensorNoise(settings.torque_noise) if noisy else None,
             )
-    along = drive_motion(
-        dynamics, run, run.ramp + np.linspace(0, run.motion.period, settings.points)
-    )
-    period = replace(along, time=along.time - run.ramp)  # the first whole one
+    times = run.ramp + np.linspace(0, run.motion.period, settings.points)
+    along = drive_motion(dynamics, run, times)
     result = Reproduction(
         settings=settings,
         dynamics=dynamics,
-        nominal=nominal,
         truth=truth,
         priors=priors,
         run=run,
         verification=verification,
-        period=period,
-        terms=motion_terms(dynamics, period, truth),
+        period=replace(along, time=along.time - run.ramp),  # the first whole one
+        terms=motion_terms(dynamics, along, truth),
         recordings=recordings,
     )
     result = replace(result, fits=_fits(result, progress))
-    descents, sweeps = _descents(result, progress), _sweeps(result, progress)
-    seconds = time.perf_counter() - began
-    return replace(result, descents=descents, sweeps=sweeps, seconds=seconds)
+    return replace(result, seconds=time.perf_counter() - began)
 
 
 def recording_name(kind: str, *, noisy: bool) -> str:
@@ -120,32 +273,21 @@ def _fits(result: Reproduction, progress: Progress) -> tuple[SurrogateFit, ...]:
             seconds, p = time.perf_counter() - began, found.model.p
             fast, other = (accuracy(dynamics, along, result.truth, p) for along in motions)
             terms = motion_terms(dynamics, result.period, p)
-            fits.append(SurrogateFit(prior, noisy, method, found, seconds, fast, other, terms))
+            fit = SurrogateFit(prior, noisy, method, found, seconds, fast, other, terms)
+            fits.append(_compared(result, fit, progress) if fit.certified else fit)
     return tuple(fits)
 
 
-def _descents(result: Reproduction, progress: Progress) -> dict[str, Descents]:
-    """All minimisers on the recording without noise, from either prior."""
-    descents, settings = dict[str, Descents](), result.settings
-    for fit in result.fits:
-        if fit.certified and not fit.noisy:
-            progress(f"watching other minimisers from {fit.prior}")
-            objective = fit.identification.problem.objective
-            objective = replace(objective, gamma=settings.descent_gamma)
-            judge = partial(_judged, result, objective.reduction)
-            descents[fit.prior] = descend(objective, judge, settings.iterations)
-    return descents
+def _compared(result: Reproduction, fit: SurrogateFit, progress: Progress) -> SurrogateFit:
+    """A certified fit beside those of other γ and, without noise, of other minimisers."""
+    objective, settings, descents = fit.identification.problem.objective, result.settings, None
 
+    def judge(x: np.ndarray) -> Accuracy:
+        p = objective.reduction.parameters(x)
+        return accuracy(result.dynamics, result.period, result.truth, p)
 
-def _judged(result: Reproduction, reduction: Reduction, x: np.ndarray) -> Accuracy:
-    return accuracy(result.dynamics, result.period, result.truth, reduction.parameters(x))
-
-
-def _sweeps(result: Reproduction, progress: Progress) -> tuple[Sweep, ...]:
-    sweeps, gammas = list[Sweep](), np.array(result.settings.gammas)
-    for fit in result.fits:
-        if fit.certified:
-            progress(f"varying γ from {fit.prior}, {'with' if fit.noisy else 'without'} noise")
-            points = sweep(result.dynamics, fit.identification, result.period, result.truth, gammas)
-            sweeps.append(Sweep(fit.prior, fit.noisy, points))
-    return tuple(sweeps)
+    if not fit.noisy:
+        progress(f"watching other minimisers from {fit.prior}")
+        descents = descend(replace(objective, gamma=DESCENT_GAMMA), judge, settings.iterations)
+    progress(f"varying γ from {fit.prior}, {'with' if fit.noisy else 'without'} noise")
+    return replace(fit, descents=descents, sweep=sweep(objective, judge, settings.gammas))

@@ -1,4 +1,4 @@
-"""Figures 3 to 6 of the paper for our surrogate, and the sweep over γ."""
+"""Figures 3 to 6 of the paper for our surrogate, the ways down J, and the sweep over γ."""
 
 from collections.abc import Callable
 
@@ -8,17 +8,20 @@ from plotly.subplots import make_subplots
 
 from deltaid.identification.demo import mass_reference
 from deltaid.reproduce.accuracy import CLAIMS, MotionTerms
-from deltaid.reproduce.surrogate_result import Reproduction, SurrogateFit
+from deltaid.reproduce.descent import Way
+from deltaid.reproduce.surrogate import DESCENT_GAMMA, Reproduction, SurrogateFit
 from deltaid.view import style
 from deltaid.view.page import Figure
 
 _NOMINAL, _PAPER = style.MEASURED, style.LIMIT
 _COLOR = {"RG1": style.IDENTIFIED, "RG2": style.SERIES[2]}
-
-
-def identified(prior: str) -> str:
-    """The paper's name for what is identified from a regularisation: ID1 from RG1."""
-    return prior.replace("RG", "ID")
+# Name and colour of each way down.
+WAY_LABELS: dict[Way, tuple[str, str]] = {
+    "newton": ("Newton from π(p_reg)", style.SERIES[0]),
+    "levenberg-marquardt": ("Levenberg–Marquardt from π(p_reg)", style.SERIES[1]),
+    "bfgs": ("BFGS from π(p_reg)", style.SERIES[3]),
+    "relaxed": ("Newton, γ relaxed (deltaid)", style.SERIES[2]),
+}
 
 
 def parameters_figure(result: Reproduction) -> Figure:
@@ -41,7 +44,7 @@ def parameters_figure(result: Reproduction) -> Figure:
             figure.add_scatter(
                 x=fit.identification.model.p[free] / truth,
                 y=names,
-                name=f"{identified(prior)}{noise}",
+                name=f"{fit.name}{noise}",
                 mode="markers",
                 marker={
                     "symbol": "circle-open" if fit.noisy else "circle",
@@ -79,13 +82,13 @@ def mass_figure(result: Reproduction) -> Figure:
     )
     reference = mass_reference(result.terms.M)
     for k, (i, j) in enumerate(entries):
-        for fit in _pictured(result):
+        for fit in result.certified:
             error = 100 * (result.terms.M[:, i, j] - fit.terms.M[:, i, j]) / reference[i, j]
             _line(figure, result, fit, error, k // 2 + 1, k % 2 + 1, first=k == 0)
     figure.update_yaxes(title_text="[%]", col=1)
     figure.update_xaxes(title_text="time [s]", row=rows)
     figure.update_layout(height=170 * rows + 120)
-    above_titles(figure)
+    _above_titles(figure)
     return Figure(
         figure,
         "Fig. 4 of the paper for our surrogate: error of each entry of the mass matrix over one "
@@ -99,7 +102,7 @@ def torque_figure(
     result: Reproduction, of: Callable[[MotionTerms], np.ndarray], caption: str
 ) -> Figure:
     """Figs. 5 and 6: one term of (1) over one period, and its difference to the nominal one."""
-    drives = result.nominal.drives
+    drives = result.dynamics.robot.drives
     figure = make_subplots(
         rows=len(drives),
         cols=2,
@@ -120,7 +123,7 @@ def torque_figure(
             row=i + 1,
             col=1,
         )
-        for fit in _pictured(result):
+        for fit in result.certified:
             if fit.noisy:
                 _line(figure, result, fit, of(fit.terms)[:, i], i + 1, 1, first=i == 0)
             error = of(result.terms)[:, i] - of(fit.terms)[:, i]
@@ -129,7 +132,7 @@ def torque_figure(
     figure.update_xaxes(title_text="time [s]", row=len(drives))
     figure.update_yaxes(exponentformat="power")
     figure.update_layout(height=210 * len(drives) + 120)
-    above_titles(figure)
+    _above_titles(figure)
     return Figure(figure, caption)
 
 
@@ -144,27 +147,26 @@ def sweep_figure(result: Reproduction) -> Figure:
         vertical_spacing=0.025,
     )
     for row, claim in enumerate(CLAIMS, start=1):
-        for sweep in result.sweeps:
-            place = {"row": row, "col": 2 if sweep.noisy else 1}
-            own = {"legendgroup": sweep.prior, "showlegend": row == 1 and not sweep.noisy}
+        for fit in result.certified:
+            place = {"row": row, "col": 2 if fit.noisy else 1}
+            own = {"legendgroup": fit.prior, "showlegend": row == 1 and not fit.noisy}
             figure.add_scatter(
-                x=[point.gamma for point in sweep.points],
-                y=[100 * claim.value_of(point.accuracy) for point in sweep.points],
-                name=f"from {sweep.prior}",
+                x=[point.gamma for point in fit.sweep],
+                y=[100 * claim.value_of(point.accuracy) for point in fit.sweep],
+                name=f"from {fit.prior}",
                 mode="lines+markers",
-                line={"color": _COLOR[sweep.prior], "width": 1.6},
+                line={"color": _COLOR[fit.prior], "width": 1.6},
                 marker={"size": 4},
                 **own,
                 **place,
             )
-            fit = result.fit(sweep.prior, noisy=sweep.noisy)
             figure.add_scatter(
                 x=[fit.identification.model.fit.gamma],
                 y=[100 * claim.value_of(fit.accuracy)],
-                name=f"γ by the rule, {sweep.prior}",
+                name=f"γ by the rule, {fit.prior}",
                 mode="markers",
-                marker={"color": _COLOR[sweep.prior], "size": 12, "symbol": "star"},
-                **(own | {"legendgroup": f"rule {sweep.prior}"}),
+                marker={"color": _COLOR[fit.prior], "size": 12, "symbol": "star"},
+                **(own | {"legendgroup": f"rule {fit.prior}"}),
                 **place,
             )
         figure.add_hline(y=100 * claim.share, line={"color": _PAPER, "dash": "dash"}, row=row)
@@ -173,7 +175,7 @@ def sweep_figure(result: Reproduction) -> Figure:
     figure.update_yaxes(type="log", exponentformat="power", title_font_size=11)
     figure.update_xaxes(title_text="γ_p/γ_τ", row=len(CLAIMS))
     figure.update_layout(height=210 * len(CLAIMS) + 120)
-    above_titles(figure)
+    _above_titles(figure)
     return Figure(
         figure,
         "Largest errors of the global optimum over γ_p/γ_τ. Stars: the γ that maximum a posteriori "
@@ -183,8 +185,66 @@ def sweep_figure(result: Reproduction) -> Figure:
     )
 
 
-def _pictured(result: Reproduction) -> tuple[SurrogateFit, ...]:
-    return tuple(fit for fit in result.fits if fit.certified)
+def descent_figure(result: Reproduction) -> Figure:
+    """J over steps and over time for all minimisers, with the certified bound."""
+    figure = make_subplots(
+        rows=2,
+        cols=2,
+        subplot_titles=[f"from {prior}" for prior in result.descents] * 2,
+        shared_yaxes=True,
+        horizontal_spacing=0.06,
+        vertical_spacing=0.16,
+    )
+    for col, descents in enumerate(result.descents.values(), start=1):
+        for row in (1, 2):
+            for way in descents.ways:
+                label, color = WAY_LABELS[way.way]
+                shared = {"legendgroup": label, "row": row, "col": col}
+                x = np.arange(len(way.objective)) if row == 1 else 1e3 * way.seconds
+                figure.add_scatter(
+                    x=x[1:],
+                    y=way.objective[1:],
+                    name=label,
+                    showlegend=row == col == 1,
+                    mode="lines",
+                    line={"color": color, "width": 1.8},
+                    **shared,
+                )
+                if way.usual:
+                    figure.add_scatter(
+                        x=x[[way.usual]],
+                        y=way.objective[[way.usual]],
+                        name=f"{label}: |∇J| < 1e-6",
+                        showlegend=False,
+                        mode="markers",
+                        marker={"color": color, "size": 10, "symbol": "x"},
+                        **shared,
+                    )
+            figure.add_scatter(
+                x=[1, 1e3 if row == 1 else 1e3 * max(way.seconds[-1] for way in descents.ways)],
+                y=[descents.conic.bound] * 2,
+                name="certified lower bound (conic)",
+                legendgroup="bound",
+                showlegend=row == col == 1,
+                mode="lines",
+                line={"color": style.PRIOR, "dash": "dash"},
+                row=row,
+                col=col,
+            )
+    figure.update_xaxes(type="log", exponentformat="power", dtick=1)
+    figure.update_xaxes(title_text="step", row=1)
+    figure.update_xaxes(title_text="time [ms]", row=2)
+    figure.update_yaxes(type="log", exponentformat="power")
+    figure.update_yaxes(title_text="J", col=1)
+    figure.update_layout(height=780)
+    _above_titles(figure)
+    return Figure(
+        figure,
+        f"J of (15) on the recording without noise with γ_p/γ_τ = {DESCENT_GAMMA:.0e}, over steps "
+        "and over time on this machine. A cross "
+        "marks where no entry of ∇J exceeds 1e-6, a common default for being done. The conic "
+        "program has no steps to draw: its optimum lies on the dashed line.",
+    )
 
 
 def _line(
@@ -198,7 +258,7 @@ def _line(
     first: bool,
 ) -> None:
     """One fit's curve over one period; without noise as dots."""
-    name = f"{identified(fit.prior)}{', with noise' if fit.noisy else ', without noise'}"
+    name = f"{fit.name}{', with noise' if fit.noisy else ', without noise'}"
     figure.add_scatter(
         x=result.period.time.astype(np.float32),
         y=values.astype(np.float32),
@@ -216,7 +276,7 @@ def _line(
     )
 
 
-def above_titles(figure: go.Figure) -> None:
+def _above_titles(figure: go.Figure) -> None:
     """Put the legend above the panels' titles."""
     figure.update_annotations(font_size=12)
     legend = {"y": 1.0, "yanchor": "top", "yref": "container"}

@@ -3,20 +3,24 @@
 import numpy as np
 
 from deltaid.reproduce.accuracy import CLAIMS, Accuracy
+from deltaid.reproduce.descent import Descents
+from deltaid.reproduce.files import REPORT, SURROGATE_FILES
+from deltaid.reproduce.surrogate import Reproduction, SurrogateFit
 from deltaid.reproduce.surrogate_figures import (
-    identified,
+    WAY_LABELS,
+    descent_figure,
     mass_figure,
     parameters_figure,
     sweep_figure,
     torque_figure,
 )
-from deltaid.reproduce.surrogate_files import FILES, REPORT
-from deltaid.reproduce.surrogate_minimisers import minimisers_section
-from deltaid.reproduce.surrogate_result import Reproduction, SurrogateFit
 from deltaid.view.numbers import number, percent
 from deltaid.view.page import Fact, Page, Section, Table, Text
 
 Rows = tuple[tuple[str, ...], ...]
+
+# An exponential that has shrunk to less than this share of its start has no gradient to speak of.
+_DEAD = 1e-3
 
 
 def surrogate_page(result: Reproduction) -> Page:
@@ -31,31 +35,42 @@ def surrogate_page(result: Reproduction) -> Page:
             _comparison(result),
             _parameters(result),
             _terms(result),
-            minimisers_section(result),
+            _minimisers(result),
             Section("How all of it depends on γ", (_sweep_text(result), sweep_figure(result))),
-            _files(),
+            Section(
+                "Files beside this page",
+                (
+                    Table(
+                        ("file", "what it holds"),
+                        tuple(file for file in SURROGATE_FILES.items() if file[0] != REPORT),
+                        "deltaid identify RG1.yaml identify-noisy.csv --verify verify-noisy.csv "
+                        "repeats a fit.",
+                    ),
+                ),
+            ),
         ),
     )
 
 
 def comparison_columns(result: Reproduction) -> tuple[str, ...]:
     """Heads of `comparison_rows`."""
-    fits = (f for f in result.fits if f.certified)
-    return ("largest error", "the paper", *(_name(fit) for fit in fits))
+    return ("largest error", "the paper", *(_name(fit) for fit in result.certified))
 
 
 def comparison_rows(result: Reproduction) -> Rows:
     """The paper's numbers beside those of the certified fits, the largest of all drives."""
-    fits = [f for f in result.fits if f.certified]
-    rows = (
-        (claim.quantity, claim.words, *(percent(claim.value_of(fit.accuracy)) for fit in fits))
+    return tuple(
+        (
+            claim.quantity,
+            claim.words,
+            *(percent(claim.value_of(fit.accuracy)) for fit in result.certified),
+        )
         for claim in CLAIMS
     )
-    return tuple(rows)
 
 
 def _name(fit: SurrogateFit) -> str:
-    return f"{identified(fit.prior)} {'noise' if fit.noisy else 'clean'}"
+    return f"{fit.name} {'noise' if fit.noisy else 'clean'}"
 
 
 def _facts(result: Reproduction) -> tuple[Fact, ...]:
@@ -105,8 +120,8 @@ def _setting(result: Reproduction) -> Section:
 
 def _comparison(result: Reproduction) -> Section:
     largest = np.abs(result.terms.coriolis).max(axis=0)
-    places = [*(claim.place.removeprefix("Sec. VII, ") for claim in CLAIMS), "at Fig. 6"]
-    judged = [(f.accuracy.definite, f.accuracy.samples) for f in result.fits if f.certified]
+    places = [*(claim.place for claim in CLAIMS), "at Fig. 6"]
+    judged = [(f.accuracy.definite, f.accuracy.samples) for f in result.certified]
     counts = (
         f"{samples} (all)" if definite == samples else f"{definite} of {samples}"
         for definite, samples in judged
@@ -180,7 +195,7 @@ def _parameters(result: Reproduction) -> Section:
         if not fit.noisy:
             heads.append(fit.prior)
             columns.append(fit.identification.problem.reduction.p_reg)
-        heads.append(f"{identified(fit.prior)}{', noise' if fit.noisy else ''}")
+        heads.append(f"{fit.name}{', noise' if fit.noisy else ''}")
         columns.append(fit.identification.model.p)
     layout = result.dynamics.layout
     rows = tuple(
@@ -219,17 +234,91 @@ def _terms(result: Reproduction) -> Section:
     )
 
 
+def _minimisers(result: Reproduction) -> Section:
+    died = ", ".join(
+        f"{WAY_LABELS[way.way][0]} of {prior} "
+        f"({way.smallest_name} at {number(way.smallest, 1)} of its start)"
+        for prior, descents in result.descents.items()
+        for way in descents.ways
+        if way.smallest < _DEAD
+    )
+    return Section(
+        "Why the paper's minimisation stops where it does",
+        (
+            Text(
+                "The paper minimises J(π) from π(p_reg) with the small γ at once (Sec. VIII B). J "
+                "is convex in p, and π maps one to one onto the consistent p, so there is no bad "
+                "local minimum. But J is badly conditioned in π, and where an exponential e^d has "
+                "run towards zero its gradient dies with it. Two things then end the iteration "
+                "early: usual tolerances, because J and its gradient are small numbers long before "
+                "the parameters are right (crosses in the figure), and tails in which nothing "
+                "moves any more.\n\n"
+                + (f"An exponential ran towards zero with {died}.\n\n" if died else "")
+                + "The paper names Yalmip, which calls other solvers, but neither γ nor "
+                "tolerances; this shows what can happen to its problem, not what did. The conic "
+                "program solves the same problem with a certificate. The relaxed route starts "
+                "with a strong regulariser, near whose minimum it begins, and lowers γ tenfold at "
+                "a time."
+            ),
+            descent_figure(result),
+            Table(
+                ("from", "method", "steps", "ms", "J", "largest |∂J/∂π|", "smallest exponential"),
+                tuple(row for prior, d in result.descents.items() for row in _efforts(prior, d)),
+                "Where each method ends. The smallest exponential is the one that shrank most, as "
+                "a share of its value at the start.",
+            ),
+            Table(
+                ("from", "method", "M on", "M off", "friction", "M on*", "M off*", "friction*"),
+                tuple(
+                    (prior, WAY_LABELS[way.way][0], *_judged(way.at_end), *_judged(way.at_usual))
+                    for prior, descents in result.descents.items()
+                    for way in descents.ways
+                ),
+                "How far the model is from the truth where each method ends, and (*) where it "
+                "would have ended with a gradient tolerance of 1e-6.",
+            ),
+        ),
+    )
+
+
+def _efforts(prior: str, descents: Descents) -> Rows:
+    best, milliseconds = descents.conic, f"{1e3 * descents.conic_seconds:.2g}"
+    conic = ("conic", str(best.iterations), milliseconds, number(best.objective), "—", "—")
+    ways = (
+        (
+            WAY_LABELS[way.way][0],
+            str(len(way.objective) - 1),
+            f"{1e3 * way.seconds[-1]:.0f}",
+            number(float(way.objective[-1])),
+            number(float(way.gradient[-1]), 2),
+            f"{number(way.smallest, 2)} ({way.smallest_name})",
+        )
+        for way in descents.ways
+    )
+    return tuple((prior, *row) for row in (conic, *ways))
+
+
+def _judged(a: Accuracy | None) -> tuple[str, ...]:
+    if a is None:
+        return ("—",) * 3
+    errors = (a.mass_diagonal, a.mass_off_diagonal, a.friction_coefficients)
+    return tuple(percent(error) for error in errors)
+
+
 def _sweep_text(result: Reproduction) -> Text:
     chosen = {
         noisy: result.fit("RG2", noisy=noisy).identification.model.fit.gamma
         for noisy in (False, True)
     }
-    reach = [_gamma_of_paper(result, prior) for prior in result.priors]
-    found = ", ".join(
-        f"{number(gamma, 1)} ({prior})"
-        for prior, gamma in zip(result.priors, reach, strict=True)
-        if gamma is not None
-    )
+    off = {  # γ at which M is off on the diagonal by as much as the paper's
+        prior: [
+            point.gamma
+            for point in result.fit(prior, noisy=False).sweep
+            if point.accuracy.mass_diagonal > CLAIMS[0].share
+        ]
+        for prior in result.priors
+    }
+    found = ", ".join(f"{number(min(g), 1)} ({prior})" for prior, g in off.items() if g)
     return Text(
         "The regularisation pulls towards p_reg with the weight γ_p/γ_τ. Maximum a posteriori "
         f"chooses {number(chosen[False], 2)} without noise and {number(chosen[True], 2)} with it."
@@ -240,25 +329,4 @@ def _sweep_text(result: Reproduction) -> Text:
             if found
             else ""
         )
-    )
-
-
-def _gamma_of_paper(result: Reproduction, prior: str) -> float | None:
-    """The smallest γ of the sweep without noise at which M is 1 % off on the diagonal."""
-    sweep = next(s for s in result.sweeps if s.prior == prior and not s.noisy)
-    off = [p.gamma for p in sweep.points if p.accuracy.mass_diagonal > CLAIMS[0].share]
-    return min(off) if off else None
-
-
-def _files() -> Section:
-    return Section(
-        "Files beside this page",
-        (
-            Table(
-                ("file", "what it holds"),
-                tuple((name, holds) for name, holds in FILES.items() if name != REPORT),
-                "deltaid identify RG1.yaml identify-noisy.csv --verify verify-noisy.csv repeats a "
-                "fit.",
-            ),
-        ),
     )

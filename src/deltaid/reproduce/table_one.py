@@ -13,8 +13,6 @@ a symmetry that its reduction does not ask for. Friction is the paper's for the 
 for the telescope's slide, of which Sec. VII gives no value, it is that of Sec. VIII B.
 """
 
-from dataclasses import dataclass
-
 import numpy as np
 from jaxtyping import Float
 
@@ -22,7 +20,7 @@ from deltaid.mechanism.kinematics import Samples
 from deltaid.robot.body import Body, ExplicitInertia
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.friction import Friction
-from deltaid.robot.inertia import RigidBody, inertia_parameters
+from deltaid.robot.inertia import INERTIA_NAMES, RigidBody
 
 ROBOT = "irb360-6-1600"
 COLUMNS = ("RG simple", "ID simple", "RG geom", "ID geom")
@@ -81,33 +79,25 @@ FAST, SLOW = (2760.0, 13.8e3), (175.0, 500.0)
 _ARM_MASS = 1.0
 
 
-@dataclass(frozen=True)
-class Drive4Friction:
-    """Friction of drive 4 that is in no model class of this package: s (f_0 + f_1 asinh(|v|/v_0)).
+# Friction of drive 4 at rest [N m], its rise [N m] and the speed of that [rad/s]: such that a fit
+# at the speeds of the paper's identification gives about its coefficients (0.019, 0.807), and one
+# at the speeds of its verification about those that it retuned by hand (five and 0.75 times).
+REST, RISE, SPEED = 0.605, 0.32, 3.0
 
-    The rate-activated (Eyring) form of a sheared lubricant film, with constants such that a fit at
-    the speeds of the paper's identification gives about its coefficients (0.019, 0.807), and one at
-    the speeds of its verification about the ones that it retuned by hand (five and 0.75 times).
 
-    Attributes:
-        rest: f_0 [N m].
-        rise: f_1 [N m].
-        speed: v_0 [rad/s].
+def drive_4_friction(v: Float[np.ndarray, " samples"]) -> Float[np.ndarray, " samples"]:
+    """Friction of drive 4 at speeds v [rad/s], which is in no model class of this package [N m].
+
+    The rate-activated (Eyring) form of a sheared lubricant film, s (f_0 + f_1 asinh(|v|/v_0)).
     """
+    return np.sign(v) * (REST + RISE * np.arcsinh(np.abs(v) / SPEED))
 
-    rest: float = 0.605
-    rise: float = 0.32
-    speed: float = 3.0
 
-    def torque(self, v: Float[np.ndarray, " samples"]) -> Float[np.ndarray, " samples"]:
-        """Friction at speeds v [rad/s]."""
-        return np.sign(v) * (self.rest + self.rise * np.arcsinh(np.abs(v) / self.speed))
-
-    def unmodelled(self, qd: Samples) -> Samples:
-        """What drive 4 has and no model, of all drives."""
-        tau = np.zeros_like(qd)
-        tau[:, 3] = self.torque(qd[:, 3])
-        return tau
+def unmodelled(qd: Samples) -> Samples:
+    """What drive 4 has and no model, of all drives [N m]."""
+    tau = np.zeros_like(qd)
+    tau[:, 3] = drive_4_friction(qd[:, 3])
+    return tau
 
 
 def prior_robot(robot: RobotDescription, column: str) -> RobotDescription:
@@ -124,7 +114,7 @@ def prior_robot(robot: RobotDescription, column: str) -> RobotDescription:
 
 
 def stand_in(robot: RobotDescription) -> RobotDescription:
-    """The robot whose prior is the stand-in's truth; drive 4 has no friction but `Drive4Friction`.
+    """The robot whose prior is the stand-in's truth; of drive 4 without `drive_4_friction`.
 
     Its two coefficients are next to nothing, because a description's friction is positive.
     """
@@ -146,8 +136,7 @@ def slow(robot: RobotDescription) -> RobotDescription:
 def _body(robot: RobotDescription, name: str, column: str) -> Body:
     """A body with the entries of a column, those that Table I lacks as in the catalogue."""
     p, at = robot.bodies[name].reduced_prior(), COLUMNS.index(column)
-    entries = ("m", "mcx", "mcy", "mcz", "Ixx", "Iyy", "Izz", "Ixy", "Iyz", "Ixz")
-    for k, entry in enumerate(entries):
+    for k, entry in enumerate(INERTIA_NAMES):
         if f"{name}.{entry}" in TABLE:
             p[k] = TABLE[f"{name}.{entry}"][at]
     if name == "U":
@@ -185,9 +174,11 @@ def nominal_robot(robot: RobotDescription) -> RobotDescription:
         name=f"{robot.name}-nominal",
         bodies={
             name: robot.bodies[name].changed(
-                prior=ExplicitInertia.from_parameters(_nominal(*values))
+                prior=ExplicitInertia.from_parameters(
+                    RigidBody.of_moments(m, first, np.diag(second)).p
+                )
             )
-            for name, values in _BODIES.items()
+            for name, (m, first, second) in _BODIES.items()
         },
         friction={j: Friction(viscous=v, coulomb=c) for j, (v, c) in _FRICTION.items()},
         rotor_inertia={"drive4": ROTOR},
@@ -216,11 +207,3 @@ def regularisation(
     }
     rotors = {drive: I * rng.uniform(*share) for drive, I in nominal.rotor_inertia.items()}
     return nominal.changed(name=name, bodies=bodies, friction=friction, rotor_inertia=rotors)
-
-
-def _nominal(
-    mass: float, first_moment: tuple[float, ...], second_moments: tuple[float, ...]
-) -> np.ndarray:
-    M = np.diag([*second_moments, mass])
-    M[:3, 3] = M[3, :3] = first_moment
-    return inertia_parameters(M)

@@ -10,12 +10,7 @@ import numpy as np
 from jaxtyping import Float
 from pydantic import Field, model_validator
 
-from deltaid.robot.inertia import (
-    PSEUDO_INERTIA_ENTRIES,
-    RigidBody,
-    inertia_parameters,
-    pseudo_inertia,
-)
+from deltaid.robot.inertia import RigidBody
 from deltaid.robot.measured import Measured
 from deltaid.robot.part import (
     Coordinate,
@@ -125,17 +120,13 @@ class ExplicitInertia(Part):
 
     def parameters(self) -> Float[np.ndarray, " 10"]:
         """The ten inertia parameters about the link frame."""
-        I = self.inertia
-        return np.array(
-            [self.mass, *self.first_moment, I.xx, I.yy, I.zz, I.xy, I.yz, I.xz], dtype=float
-        )
+        return np.array([self.mass, *self.first_moment, *dict(self.inertia).values()], dtype=float)
 
     @classmethod
     def from_parameters(cls, p: Float[np.ndarray, " 10"]) -> "ExplicitInertia":
         """A body from its ten inertia parameters."""
         m, x, y, z, *inertia = (float(value) for value in p)
-        names = ("xx", "yy", "zz", "xy", "yz", "xz")
-        tensor = InertiaTensor(**dict(zip(names, inertia, strict=True)))
+        tensor = InertiaTensor(**dict(zip(InertiaTensor.model_fields, inertia, strict=True)))
         return cls(mass=m, first_moment=(x, y, z), inertia=tensor)
 
 
@@ -193,15 +184,16 @@ class Body(Part):
         return reduced_prior(self.prior, self.free)
 
 
+# First moments and products, which are zero where they are not free.
+_ZERO = ("mcx", "mcy", "mcz", "Sxy", "Syz", "Sxz")
+
+
 def reduced_prior(prior: Prior, free: tuple[Entry, ...]) -> Float[np.ndarray, " 10"]:
     """`Body.reduced_prior` of what a body says."""
-    if not free:
-        return RigidBody(_parameters(prior)).with_thickness().p
-    M = pseudo_inertia(_parameters(prior))
-    for name, (i, j) in PSEUDO_INERTIA_ENTRIES.items():
-        if i != j and name not in free:
-            M[i, j] = M[j, i] = 0.0
-    return RigidBody(inertia_parameters(M)).with_thickness().p
+    body = RigidBody(_parameters(prior))
+    if free:
+        body = body.without([entry for entry in _ZERO if entry not in free])
+    return body.with_thickness().p
 
 
 def _parameters(prior: Prior) -> Float[np.ndarray, " 10"]:

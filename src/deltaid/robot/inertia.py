@@ -19,7 +19,7 @@ MuJoCo, URDF and most CAD programs want the tensor about the centre of mass c, b
 in axes parallel to the link frame. Entries off the diagonal carry the minus sign everywhere.
 """
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -98,6 +98,9 @@ def consistency(p: Float[np.ndarray, "*batch 10"]) -> Float[np.ndarray, "*batch"
     return np.where(possible, np.linalg.eigvalsh(scaled)[..., 0], -np.inf)
 
 
+Vector = Sequence[float] | Float[np.ndarray, " 3"]
+
+
 @dataclass(frozen=True, eq=False)
 class RigidBody:
     """A rigid body by its ten parameters about the origin of a link frame; those of parts add up.
@@ -109,24 +112,34 @@ class RigidBody:
     p: Float[np.ndarray, " 10"]
 
     @classmethod
-    def centred(
-        cls, m: float, c: Float[np.ndarray, " 3"], Sigma_C: Float[np.ndarray, "3 3"]
-    ) -> "RigidBody":
-        """A mass m [kg] centred at c [m], whose second moments about c are Σ_C = ∫ r rᵀ dm."""
+    def of_moments(cls, m: float, mc: Vector, Sigma: Float[np.ndarray, "3 3"]) -> "RigidBody":
+        """A mass m [kg], its first moment [kg m] and second moments Σ = ∫ r rᵀ dm [kg m²]."""
         M = np.empty((4, 4))
-        M[:3, :3] = Sigma_C + m * np.outer(c, c)
-        M[:3, 3] = M[3, :3] = m * c
-        M[3, 3] = m
+        M[:3, :3], M[:3, 3], M[3, :3], M[3, 3] = Sigma, mc, mc, m
         return cls(inertia_parameters(M))
 
     @classmethod
-    def point(cls, m: float, c: Sequence[float] | Float[np.ndarray, " 3"]) -> "RigidBody":
+    def centred(cls, m: float, c: Vector, Sigma_C: Float[np.ndarray, "3 3"]) -> "RigidBody":
+        """A mass m [kg] centred at c [m], whose second moments about c are Σ_C = ∫ r rᵀ dm."""
+        c = np.asarray(c)
+        return cls.of_moments(m, m * c, Sigma_C + m * np.outer(c, c))
+
+    @classmethod
+    def point(cls, m: float, c: Vector) -> "RigidBody":
         """A mass m [kg] at a point c [m]."""
-        return cls.centred(m, np.array(c), np.zeros((3, 3)))
+        return cls.centred(m, c, np.zeros((3, 3)))
 
     def transformed(self, T: Float[np.ndarray, "4 4"]) -> "RigidBody":
         """The body whose points are (r, 1) → T (r, 1), M̄ → T M̄ Tᵀ: stretched with a diagonal T."""
         return RigidBody(inertia_parameters(T @ pseudo_inertia(self.p) @ T.T))
+
+    def without(self, entries: Collection[str]) -> "RigidBody":
+        """The body whose entries of M̄ of these names (`PSEUDO_INERTIA_ENTRIES`) are zero."""
+        M = pseudo_inertia(self.p)
+        for name in entries:
+            i, j = PSEUDO_INERTIA_ENTRIES[name]
+            M[i, j] = M[j, i] = 0.0
+        return RigidBody(inertia_parameters(M))
 
     def moved(self, R: Float[np.ndarray, "3 3"], d: Float[np.ndarray, " 3"]) -> "RigidBody":
         """The same in axes in which its link frame stands turned by R and shifted by d [m]."""
