@@ -371,7 +371,6 @@ def test_what_kills_workers_stops_nothing_else(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """All workers, also those that take the place of others, know the user's own mechanism."""
-    monkeypatch.setattr(user_code, "_files", {})
     monkeypatch.setattr(own, "_named", [])
     (tmp_path / "mine.py").write_text("def mechanism(z): pass\n", encoding="utf-8")
     user_code.use_mechanism(tmp_path / "mine.py")

@@ -14,7 +14,7 @@ from deltaid.model.record import IdentifiedModel
 from deltaid.recording.mapping import ColumnMapping
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.load import parse, save_yaml
-from deltaid.robot.yaml_text import yaml_text
+from deltaid.robot.yaml_edit import yaml_text
 from deltaid.robot.yaml_tree import plain, read_tree
 from descriptions import CLAVEL, refusal, replaced
 

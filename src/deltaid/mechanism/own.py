@@ -18,9 +18,9 @@ from deltaid.mechanism.mechanism import Mechanism, MovingBody
 from deltaid.mechanism.own_checks import Checker
 from deltaid.mechanism.rotation import Path, Rotation, along
 from deltaid.mechanism.speeds import Speed, Speeds
-from deltaid.mechanism.user_code import FUNCTION, NamedFile, failure, named_file
+from deltaid.mechanism.user_code import FUNCTION, failure, file_of
 from deltaid.robot.description import RobotDescription
-from deltaid.robot.own import OwnMechanism
+from deltaid.robot.own import NamedFile, OwnMechanism
 
 # What depends on z is an SX; what does not may be a number.
 Expression = ca.SX | ca.DM | np.ndarray | float
@@ -79,7 +79,7 @@ def build_own(robot: RobotDescription, own: OwnMechanism) -> Mechanism:
     """
     n = len(own.drives)
     z, q_symbols = ca.SX.sym("z", n), ca.SX.sym("q", n)
-    file = named_file(own)
+    file = file_of(own)
     check = Checker(f"{file.path}, {FUNCTION}(z)", z)
     parts = _called(file, z, check)
     _require(robot, own, parts, check)
@@ -91,8 +91,10 @@ def build_own(robot: RobotDescription, own: OwnMechanism) -> Mechanism:
     motion = Path(z, speeds.z.u, speeds.z.ud)
     bodies = tuple(_body(body, motion, check) for body in parts.bodies)
     joints = {name: check.scalar(parts.joints[name], f"joint '{name}'") for name in own.joints}
-    turn = check.positive(parts.turn_length, "turn_length")
-    lengths = tuple(turn if name == "psi" else 1.0 for name in own.task.names)
+    turn = parts.turn_length
+    if not isinstance(turn, int | float | np.number) or not 0 < turn < np.inf:
+        raise check.wrong(f"turn_length is {turn!r}; it must be a positive number")
+    lengths = tuple(float(turn) if name == "psi" else 1.0 for name in own.task.names)
     mechanism = Mechanism(
         z=z,
         q=q,
@@ -132,7 +134,7 @@ def _require(
 ) -> None:
     """Refuse what is of the wrong kind, or does not fit the description."""
     for name in ("drives", "bodies", "segments"):
-        check.sequence(getattr(parts, name), name)
+        check.kind(getattr(parts, name), Sequence, name, "a list")
     check.kind(parts.joints, Mapping, "joints", "a dict")
     for i, body in enumerate(parts.bodies):
         check.kind(body, BodyPose, f"entry {i + 1} of bodies", "a deltaid.BodyPose")
@@ -140,12 +142,8 @@ def _require(
         raise check.wrong(
             f"returns {len(parts.drives)} drives, but the description has {len(own.drives)}"
         )
-    names = [body.name for body in parts.bodies]
-    for what, given, wanted in (
-        ("body", names, robot.body_names),
-        ("joint", list(parts.joints), tuple(own.joints)),
-    ):
-        check.names(what, given, wanted)
+    check.names("body", [body.name for body in parts.bodies], robot.body_names)
+    check.names("joint", list(parts.joints), tuple(own.joints))
 
 
 def _body(body: BodyPose, z: Path, check: Checker) -> MovingBody:
@@ -158,7 +156,8 @@ def _body(body: BodyPose, z: Path, check: Checker) -> MovingBody:
             f"{what} has a rotation of shape {rotation.shape} and an origin of shape "
             f"{origin.shape}; they must be (3, 3) and (3, 1)"
         )
-    check.count(body.count, what)
+    if not isinstance(body.count, int) or body.count < 1:
+        raise check.wrong(f"{what} has the count {body.count!r}; it must be 1, 2, …")
     J_w = ca.horzcat(*(_turning(rotation, z.at[i]) for i in range(z.at.numel())))
     w = J_w @ z.rate
     spin = Rotation(rotation, w, J_w @ z.acceleration + ca.jtimes(w, z.at, z.rate))
@@ -174,7 +173,7 @@ def _turning(R: ca.SX, z: ca.SX) -> ca.SX:
 def _reach(parts: MechanismParts, check: Checker) -> ca.SX:
     if parts.reach is None:
         return ca.SX(1.0)
-    check.sequence(parts.reach, "reach")
+    check.kind(parts.reach, Sequence, "reach", "a list")
     values = [check.scalar(x, f"entry {i + 1} of reach") for i, x in enumerate(parts.reach)]
     return ca.vertcat(*values) if values else ca.SX(1.0)
 

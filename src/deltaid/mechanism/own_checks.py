@@ -30,20 +30,10 @@ class Checker:
         """An error that names the file's place."""
         return DescriptionError(what, where=self._where, cure="correct the Python file")
 
-    def sequence(self, value: object, name: str) -> None:
-        """Refuse what is not a list or tuple."""
-        if not isinstance(value, Sequence) or isinstance(value, str):
-            raise self.wrong(f"returns {name} as {type(value).__name__}, not as a list")
-
     def kind(self, value: object, wanted: type, name: str, words: str) -> None:
-        """Refuse what is of another type."""
-        if not isinstance(value, wanted):
+        """Refuse what is of another type, and text as a list."""
+        if not isinstance(value, wanted) or isinstance(value, str):
             raise self.wrong(f"returns {name} as {type(value).__name__}, not as {words}")
-
-    def count(self, value: object, what: str) -> None:
-        """Refuse what is no number of bodies."""
-        if not isinstance(value, int) or value < 1:
-            raise self.wrong(f"{what} has the count {value!r}; it must be 1, 2, …")
 
     def names(self, kind: str, found: Sequence[object], wanted: Sequence[str]) -> None:
         """Refuse names other than those of the description."""
@@ -84,12 +74,6 @@ class Checker:
             raise self.wrong(f"{what} has the shape {expression.shape}; it must be one value")
         return expression
 
-    def positive(self, value: Any, what: str) -> float:
-        """A positive finite number."""
-        if not isinstance(value, int | float | np.number) or not 0 < value < np.inf:
-            raise self.wrong(f"{what} is {value!r}; it must be a positive number")
-        return float(value)
-
     def motion(self, mechanism: Mechanism, robot: RobotDescription) -> None:
         """Refuse what is not finite in the middle of the workspace, no rigid motion, or does not
         let the drives move z there."""
@@ -119,14 +103,10 @@ class Checker:
         for body in mechanism.bodies:
             named.append((f"the rotation of body '{body.name}'", body.rotation.R))
             named.append((f"the origin of body '{body.name}'", body.origin.at))
-        named += [
-            (f"a segment of body '{name}'", ca.vertcat(start, end))
-            for name, start, end in mechanism.drawing
-        ]
+        named += [(f"a segment of body '{n}'", ca.vertcat(*ends)) for n, *ends in mechanism.drawing]
         for what, expression in named:
             values = self._evaluated(expression, home)
-            if not np.isfinite(values).all():
-                wrong = values[~np.isfinite(values)][0]
+            for wrong in values[~np.isfinite(values)]:
                 raise self.wrong(f"{what} is {wrong} in {_middle(home)}; check its formula there")
 
     def _require_rigid(

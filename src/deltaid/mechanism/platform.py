@@ -14,7 +14,7 @@ from deltaid.mechanism.mechanism import Mechanism, MovingBody, TelescopeBodies
 from deltaid.mechanism.rotation import Path, Rotation, Turn, along, fixed, pointing, rotation, skew
 from deltaid.mechanism.speeds import Speed
 from deltaid.robot.description import RobotDescription
-from deltaid.robot.platform import H4Platform, I4Platform, Par4Platform, RigidPlatform, Telescope
+from deltaid.robot.platform import I4Platform, Par4Platform, RigidPlatform, Telescope
 
 _HALF_TURN = np.diag([-1.0, -1.0, 1.0])
 
@@ -51,20 +51,29 @@ def build_platform(robot: RobotDescription, z: Path, grown: ca.SX | None = None)
         points = tuple(part.shifted(d) for d in attachments)
         return PlatformParts(points, (_body("P", part),), None, None, None)
     joint = z.at[3] / platform.ratio
-    half = _half(platform, joint)
-    if grown is not None and not platform.slides:
-        half += grown * _towards(joint)
+    towards = ca.sparsify(ca.vertcat(ca.cos(joint), ca.sin(joint), 0))  # u(θ)
+    if isinstance(platform, I4Platform):
+        half = platform.arm * joint * fixed(platform.direction)
+    else:
+        half = platform.arm * towards
+        if grown is not None:
+            half += grown * towards
     parts = along(r + half, z), along(r - half, z)
     points = tuple(
         parts[0 if platform.on_first(i) else 1].shifted(d) for i, d in enumerate(attachments)
     )
     carrier = {"middle": along(r, z), "first": parts[0], "second": parts[1]}[platform.tool_on]
+    # What joins both parts. Both rods of a par4 move alike but for where they are, which no torque
+    # shows.
+    joining = platform.bodies[1:-1]
+    count = 2 if isinstance(platform, Par4Platform) else 1
+    turn = turn_z(along(joint, z))
     bodies = (
         *(_body(platform.bodies[0], part) for part in parts),
-        *_joining(platform, along(r, z), turn_z(along(joint, z))),
+        *(_body(name, along(r, z), turn, count=count) for name in joining),
         _body("EE", carrier.shifted(np.array(platform.tool)), turn_z(z[3])),
     )
-    length = _half_length(platform) / abs(platform.ratio)
+    length = platform.arm / abs(platform.ratio)
     period = None if platform.slides else 2 * np.pi * abs(platform.ratio)
     return PlatformParts(points, bodies, joint, length, period)
 
@@ -76,43 +85,6 @@ def turn_z(angle: Path) -> Turn:
 
 def _body(name: str, origin: Path, *turns: Turn, count: int = 1) -> MovingBody:
     return MovingBody(name, count, np.eye(3), rotation(*turns), origin)
-
-
-def _half(platform: H4Platform | Par4Platform | I4Platform, joint: ca.SX) -> ca.SX:
-    """From the platform point to the point of the first part."""
-    if isinstance(platform, I4Platform):
-        return _half_length(platform) * joint * fixed(platform.direction)
-    return _half_length(platform) * _towards(joint)
-
-
-def _towards(joint: ca.SX) -> ca.SX:
-    """The direction u(θ) = (cos θ, sin θ, 0)."""
-    return ca.sparsify(ca.vertcat(ca.cos(joint), ca.sin(joint), 0))
-
-
-def _half_length(platform: H4Platform | Par4Platform | I4Platform) -> float:
-    """How far a part moves with the platform's own joint: h or L/2 [m], or one half."""
-    match platform:
-        case H4Platform():
-            return platform.half_length
-        case Par4Platform():
-            return 0.5 * platform.length
-        case I4Platform():
-            return 0.5
-
-
-def _joining(
-    platform: H4Platform | Par4Platform | I4Platform, r: Path, turn: Turn
-) -> tuple[MovingBody, ...]:
-    """What joins both parts, which only translate."""
-    match platform:
-        case H4Platform():
-            return (_body("MB", r, turn),)
-        case Par4Platform():
-            # Both rods move alike but for where they are, which no torque shows.
-            return (_body("R", r, turn, count=2),)
-        case I4Platform():
-            return ()
 
 
 def with_turned_half(mechanism: Mechanism) -> Mechanism:

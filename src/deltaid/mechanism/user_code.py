@@ -2,28 +2,13 @@
 
 import hashlib
 import runpy
-from collections.abc import Callable
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 from deltaid.errors import DescriptionError, quoted
-from deltaid.robot.own import OwnMechanism, name_file
+from deltaid.robot.own import NamedFile, OwnMechanism, name_file, named_file
 
 # The function that a Python file has to define.
 FUNCTION = "mechanism"
-
-
-@dataclass(frozen=True)
-class NamedFile:
-    """A Python file that the user has named, and the function that it defines."""
-
-    path: str
-    function: Callable[..., Any]
-
-
-# By SHA-256.
-_files: dict[str, NamedFile] = {}
 
 
 def use_mechanism(path: str | Path) -> str:
@@ -55,30 +40,30 @@ def use_mechanism(path: str | Path) -> str:
             where=str(path),
             cure=f"write `def {FUNCTION}(z):` that returns a deltaid.MechanismParts",
         )
-    _files.clear()
-    _files[digest] = NamedFile(str(path), found)
-    name_file(digest)
+    name_file(NamedFile(str(path), digest, found))
     return digest
 
 
 def named_path() -> Path | None:
-    """The Python file that the user has named, if there is one."""
-    return next((Path(file.path) for file in _files.values()), None)
+    """Where the Python file is that the user has named, if there is one."""
+    file = named_file()
+    return Path(file.path) if file else None
 
 
-def named_file(own: OwnMechanism) -> NamedFile:
+def file_of(own: OwnMechanism) -> NamedFile:
     """The file of a mechanism, with its function.
 
     Raises:
         DescriptionError: no file has been named, or another one.
     """
-    if own.sha256 is None or own.sha256 not in _files:
+    file = named_file()
+    if file is None or file.sha256 != own.sha256:
         raise DescriptionError(
             "the Python file of this mechanism has not been named",
             where="mechanism",
             cure="call deltaid.use_mechanism('FILE.py') before, or use deltaid --mechanism FILE.py",
         )
-    return _files[own.sha256]
+    return file
 
 
 def failure(error: BaseException, path: str | Path = "") -> str:

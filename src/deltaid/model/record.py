@@ -32,7 +32,7 @@ from deltaid.robot.description import RobotDescription
 from deltaid.robot.inertia import RigidBody
 from deltaid.robot.load import bound, parse, read_text
 from deltaid.robot.part import Part
-from deltaid.robot.yaml_text import yaml_text
+from deltaid.robot.yaml_edit import yaml_text
 from deltaid.shown import Plotted, Reported, Shown, Tabled
 
 if TYPE_CHECKING:

@@ -26,7 +26,7 @@ from deltaid.recording.time.clock import Clock, require_rate
 from deltaid.recording.time.counts import Unwrapping
 from deltaid.recording.time.segments import segments
 from deltaid.recording.time.study import study
-from deltaid.robot.sensor_channels import sensor_channels
+from deltaid.robot.sensors import channels_of
 
 # Holes that are bridged while the cut-off is not known yet [s].
 _BRIDGED = 0.005
@@ -137,7 +137,7 @@ def resolved_table(
         table = open_table(source, mapping)
     robot = kinematics.robot
     linear = tuple(robot.is_linear(drive) for drive in robot.drives)
-    channels = sensor_channels(robot)
+    channels = {name: channels_of(robot, name, sensor) for name, sensor in robot.sensors.items()}
     try:
         columns = resolve_columns(table, linear, mapping, channels)
     except RecordingError as error:

@@ -10,7 +10,7 @@ from deltaid.recording.columns import Channel, SensorChannels
 from deltaid.recording.mapping import ColumnMapping
 from deltaid.recording.source import LogTable
 from deltaid.recording.units import si_factor
-from deltaid.robot.sensor_channels import SensorChannel
+from deltaid.robot.sensors import SensorChannel
 
 Sensors = Mapping[str, tuple[SensorChannel, ...]]
 

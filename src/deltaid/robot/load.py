@@ -16,7 +16,7 @@ from deltaid.robot.complaints import complaints
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.fitting_parts import open_limb
 from deltaid.robot.own import with_named_file
-from deltaid.robot.yaml_text import yaml_text
+from deltaid.robot.yaml_edit import yaml_text
 from deltaid.robot.yaml_tree import MOST_NODES, Entry, child, plain, read_tree
 
 _Model = TypeVar("_Model", bound=BaseModel)

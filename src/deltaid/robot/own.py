@@ -5,7 +5,9 @@ to be known without running it: drives, bodies, joints, the checksum of the file
 never a description's doing: the user names the file, on the command line or by `use_mechanism`.
 """
 
-from typing import Annotated, Literal
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Annotated, Any, Literal
 
 from pydantic import Field, model_validator
 
@@ -16,8 +18,18 @@ from deltaid.robot.part import AngleRange, Part, Positive, require_increasing
 JointKind = Literal["rotary", "linear"]
 Name = Annotated[str, Field(pattern=r"^[A-Za-z][A-Za-z0-9_]{0,30}$")]
 
-# Checksums of the Python files that the user has named; the last one counts.
-_named: list[str] = []
+
+@dataclass(frozen=True)
+class NamedFile:
+    """A Python file that the user has named, its SHA-256, and the function that it defines."""
+
+    path: str
+    sha256: str
+    function: Callable[..., Any]
+
+
+# The file that counts, if there is one.
+_named: list[NamedFile] = []
 
 
 class OwnMechanism(Part):
@@ -79,9 +91,14 @@ class OwnMechanism(Part):
         return Task(self.coordinates or NAMES[: len(self.drives)])
 
 
-def name_file(digest: str) -> None:
-    """Take note of the file that the user has named, by its SHA-256."""
-    _named[:] = [digest]
+def name_file(file: NamedFile) -> None:
+    """Take note of the file that the user has named; it takes the place of one before."""
+    _named[:] = [file]
+
+
+def named_file() -> NamedFile | None:
+    """The Python file that the user has named last, if there is one."""
+    return _named[0] if _named else None
 
 
 def with_named_file(own: OwnMechanism, where: str) -> OwnMechanism:
@@ -91,16 +108,16 @@ def with_named_file(own: OwnMechanism, where: str) -> OwnMechanism:
         DescriptionError: no file has been named, or the description belongs to another one.
     """
     cure = "name it: deltaid --mechanism FILE.py COMMAND …, or deltaid.use_mechanism('FILE.py')"
-    if not _named:
+    file = named_file()
+    if file is None:
         raise DescriptionError(
             "has a mechanism of its own, whose geometry is in a Python file", where=where, cure=cure
         )
-    digest = _named[-1]
-    if own.sha256 not in (None, digest):
+    if own.sha256 not in (None, file.sha256):
         raise DescriptionError(
             f"belongs to a Python file with SHA-256 {str(own.sha256)[:12]}…, but the one that was "
-            f"named has {digest[:12]}…",
+            f"named has {file.sha256[:12]}…",
             where=where,
             cure="name the file that it was made with, or take mechanism.sha256 out of it",
         )
-    return own.changed(sha256=digest)
+    return own.changed(sha256=file.sha256)

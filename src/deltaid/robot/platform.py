@@ -74,9 +74,14 @@ class _Articulated(Part, ABC):
         require_increasing(self, "angle_deg")
         return self
 
+    @property
     @abstractmethod
+    def arm(self) -> float:
+        """How far a part moves with the platform's own joint: h or L/2 [m], or one half."""
+
     def half(self, psi: float) -> Float[np.ndarray, " 3"]:
         """From the platform point to the point of the first part [m] for a tool angle [rad]."""
+        return self.arm * _direction(psi / self.ratio)
 
     def on_first(self, limb: int) -> bool:
         """Whether limb 0, 1, … holds the first part."""
@@ -91,9 +96,9 @@ class H4Platform(_Articulated):
     slides: ClassVar[bool] = False
     half_length: Length = Field(description="h: middle of the middle bar to its ends, m")
 
-    def half(self, psi: float) -> Float[np.ndarray, " 3"]:
-        """From the middle to the first part, h u(θ) [m]."""
-        return self.half_length * _direction(psi / self.ratio)
+    @property
+    def arm(self) -> float:
+        return self.half_length
 
     @model_validator(mode="after")
     def _check_tool(self) -> "H4Platform":
@@ -113,9 +118,9 @@ class Par4Platform(_Articulated):
     slides: ClassVar[bool] = False
     length: Length = Field(description="L of the rods, m")
 
-    def half(self, psi: float) -> Float[np.ndarray, " 3"]:
-        """From the middle to the first part, ½ L u(θ) [m]."""
-        return 0.5 * self.length * _direction(psi / self.ratio)
+    @property
+    def arm(self) -> float:
+        return 0.5 * self.length
 
 
 class I4Platform(_Articulated):
@@ -131,14 +136,15 @@ class I4Platform(_Articulated):
         description="k of ψ = k s, rad/m: one over the diameter of a pinion between two racks"
     )
 
+    arm: ClassVar[float] = 0.5
+
     @property
     def direction(self) -> Float[np.ndarray, " 3"]:
         """Unit vector e along which the half platforms slide."""
         return _direction(np.deg2rad(self.direction_deg))
 
     def half(self, psi: float) -> Float[np.ndarray, " 3"]:
-        """From the middle to the first part, ½ s e [m]."""
-        return 0.5 * psi / self.ratio * self.direction
+        return self.arm * psi / self.ratio * self.direction
 
 
 Platform = Annotated[

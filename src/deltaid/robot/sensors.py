@@ -1,15 +1,19 @@
-"""Sensors beside the drives' own torques, as a user describes them.
+"""Sensors beside the drives' own torques, as a user describes them, and what they show.
 
 Noise, biases and tolerances are one standard deviation each. What a recording calls a sensor's
 columns stands in its mapping.
 """
 
-from typing import Annotated, Literal
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Annotated, Literal
 
 from pydantic import Field
 
 from deltaid.robot.part import Coordinate, NotNegative, Part, Point, Positive, Vector
 from deltaid.robot.tolerances import AngleTolerance, LengthTolerance
+
+if TYPE_CHECKING:
+    from deltaid.robot.description import RobotDescription
 
 Share = Annotated[float, Field(ge=0, lt=1)]
 Bias = Annotated[
@@ -71,3 +75,32 @@ class JointTorque(Part):
 
 
 Sensor = Annotated[BaseWrench | StrutForce | JointTorque, Field(discriminator="kind")]
+
+
+@dataclass(frozen=True)
+class SensorChannel:
+    """One number that a sensor shows.
+
+    Attributes:
+        name: as a column is called by default: 'plate.fx', 'gauge1'.
+        unit: N or N m.
+        noise: its standard deviation.
+    """
+
+    name: str
+    unit: str
+    noise: float
+
+
+def channels_of(robot: "RobotDescription", name: str, sensor: Sensor) -> tuple[SensorChannel, ...]:
+    """The channels of one sensor, which the robot's own description need not have, in the order of
+    its columns."""
+    if isinstance(sensor, BaseWrench):
+        kinds = ("f", "N", sensor.force_noise), ("m", "N m", sensor.moment_noise)
+        return tuple(
+            SensorChannel(f"{name}.{letter}{axis}", unit, noise)
+            for letter, unit, noise in kinds
+            for axis in "xyz"
+        )
+    turns = isinstance(sensor, JointTorque) and not robot.is_linear(sensor.drive)
+    return (SensorChannel(name, "N m" if turns else "N", sensor.noise),)

@@ -18,7 +18,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from deltaid.robot.parameter import PriorParameter
-from deltaid.robot.sensor_channels import SensorChannel
+from deltaid.robot.sensors import SensorChannel
 from deltaid.sensors.rows import Motion, SensorRows
 
 # Each makes what is left of a turn by 0.2 rad ten times smaller.

@@ -25,8 +25,7 @@ from deltaid.dynamics.dynamics import Dynamics
 from deltaid.dynamics.equations import beyond_rounding
 from deltaid.kernel.batch import BatchKernel
 from deltaid.robot.parameter import PriorParameter
-from deltaid.robot.sensor_channels import SensorChannel, channels_of
-from deltaid.robot.sensors import Sensor
+from deltaid.robot.sensors import Sensor, SensorChannel, channels_of
 
 Motion = Float[np.ndarray, "samples dof"]
 
