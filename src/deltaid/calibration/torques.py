@@ -20,8 +20,7 @@ from deltaid.calibration.unknowns import Number, TorqueRows, Unknowns
 from deltaid.checks.evidence import evidence
 from deltaid.checks.signal import checked_signals
 from deltaid.checks.wiring.wiring import checked_wirings
-from deltaid.dynamics.geometry import TorqueSlopes, across
-from deltaid.dynamics.grown import grown_torques
+from deltaid.dynamics.geometry import TorqueSlopes, across, grown_torques
 from deltaid.effects.geometry import GearRatios, Lengths, Tilt, Zeros
 from deltaid.effects.point import TracePoint
 from deltaid.effects.unknown import Deviations, UnknownEffect

@@ -7,7 +7,13 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from deltaid.dynamics.dynamics import Dynamics, Parameters
-from deltaid.dynamics.limits import Limit, kinematic_limits, torque_limits, workspace_limits
+from deltaid.dynamics.limits import (
+    Limit,
+    effort_names,
+    kinematic_limits,
+    torque_limits,
+    workspace_limits,
+)
 from deltaid.errors import KinematicsError
 from deltaid.kernel.batch import BatchKernel
 from deltaid.mechanism.kinematics import Samples
@@ -60,29 +66,22 @@ class AtRest:
         self.robot: RobotDescription = dynamics.robot
         mechanism = dynamics.kinematics.mechanism
         posed = kinematic_limits(self.robot, mechanism)
-        efforts = torque_limits(self.robot)
-        drives = [self.robot.drives[i] for i in efforts]
-        self.limits: tuple[str, ...] = (
-            *(limit.name for limit in posed),
-            *(f"{drive} {self.robot.units(drive).effort}" for drive in drives),
-        )
+        names = (*(limit.name for limit in posed), *effort_names(self.robot))
+        self.limits: tuple[str, ...] = names
         self.of_workspace = len(workspace_limits(self.robot, mechanism.z))
-        self._kernel = self._build(mechanism, posed, efforts)
+        self._kernel = self._build(mechanism, posed)
         self.home = dynamics.kinematics.home
         dynamics.kinematics.inverse(self.home[None])  # says which limb does not reach
         dynamics.kinematics.require_regular(self.home[None])
         self._side = np.sign(dynamics.kinematics.regularity(self.home[None]).determinant[0])
 
-    def _build(
-        self, mechanism: Mechanism, posed: tuple[Limit, ...], efforts: dict[int, float]
-    ) -> BatchKernel:
+    def _build(self, mechanism: Mechanism, posed: tuple[Limit, ...]) -> BatchKernel:
         """q, torque, condition, shares, reach and det J of z; p is uniform."""
         equations = self.dynamics.equations
-        still = ca.SX.zeros(2 * mechanism.dof)
-        moving = ca.vertcat(equations.qd, equations.qdd)
+        still, moving = ca.SX.zeros(2 * mechanism.dof), ca.vertcat(equations.qd, equations.qdd)
         torque = ca.substitute(ca.densify(equations.torque), moving, still)
         shares = [limit.u for limit in posed]
-        shares += [torque[i] / largest for i, largest in efforts.items()]
+        shares += [torque[i] / largest for i, largest in torque_limits(self.robot).items()]
         determinant = ca.det(mechanism.scaled_jacobian)
         parts = (mechanism.q, torque, mechanism.condition, *shares, determinant, mechanism.reach)
         return BatchKernel(equations.z, ca.vertcat(*parts), uniform=equations.p)

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
-from typing import Protocol, runtime_checkable
+from typing import Any, Protocol, TypeVar, runtime_checkable
 
 import casadi as ca
 import numpy as np
@@ -10,15 +10,16 @@ from jaxtyping import Float, Int
 
 from deltaid.dynamics.equations import Equations, beyond_rounding, build_equations
 from deltaid.dynamics.parameters import (
+    ParameterLayout,
     Parameters,
-    WithParameters,
     known_parameters,
     parameter_layout,
+    prior_parameters,
 )
 from deltaid.errors import DescriptionError
 from deltaid.kernel.batch import BatchKernel
 from deltaid.mechanism.kinematics import Kinematics, Samples
-from deltaid.mechanism.one_or_many import one_or_many
+from deltaid.mechanism.one_or_many import one_or_many, real_numbers
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.load import RobotLike, described
 from deltaid.shown import Plotted, Shown
@@ -78,20 +79,84 @@ class Regressor(Protocol):
         ...
 
 
-@lru_cache(maxsize=8)
-def _compiled(description: str) -> "Dynamics":
-    return Dynamics(RobotDescription.model_validate_json(description))
+_Self = TypeVar("_Self", bound="WithParameters")
+
+
+class WithParameters(Shown):
+    """What computes with parameters that are given, or with those it was made with.
+
+    Attributes:
+        robot: the description.
+        kinematics: of it.
+        layout: names and places of its parameters.
+    """
+
+    # Beside what instances of one robot share (`with_parameters`): their `__dict__`, with all
+    # compiled kernels.
+    __slots__ = ("_p",)
+    _p: Parameters | None
+
+    def __init__(self, robot: RobotLike) -> None:
+        self._p = known_parameters(robot)
+        self.robot: RobotDescription = described(robot)
+        self.kinematics = Kinematics(self.robot)
+        self.layout: ParameterLayout = parameter_layout(self.robot)
+
+    @property
+    def dof(self) -> int:
+        """Number of drives δ."""
+        return self.kinematics.dof
+
+    def with_parameters(self: _Self, p: Parameters) -> _Self:
+        """The same with other parameters to begin with; compiled kernels are shared."""
+        other = object.__new__(type(self))
+        other.__dict__ = self.__dict__
+        other._p = p
+        return other
+
+    @property
+    def p(self) -> Parameters:
+        """The parameters that hold where none are given."""
+        return prior_parameters(self.robot) if self._p is None else self._p
+
+    def _parameters(self, p: Parameters | None) -> Parameters:
+        """Those given, or its own.
+
+        Raises:
+            DescriptionError: they are not as many as the robot has.
+        """
+        if p is None:
+            return self.p
+        cure = "give one for each of layout.names, such as p of a model"
+        p = real_numbers(p, "p", cure=cure, error=DescriptionError).astype(float, copy=False)
+        if p.shape != (len(self.layout.names),):
+            raise DescriptionError(
+                f"p has shape {p.shape}, but the robot has {len(self.layout.names)} parameters",
+                where=self.robot.name,
+                cure=cure,
+            )
+        return p
+
+
+@lru_cache(maxsize=24)
+def _compiled(kind: type[Any], description: str) -> Any:
+    return kind(RobotDescription.model_validate_json(description))
+
+
+def compiled_as(kind: type[_Self], robot: RobotDescription) -> _Self:
+    """The `kind` of a robot, kept with its compiled kernels for the next call with an equal one.
+
+    Everything that it holds follows from the description, so sharing it changes no result.
+    """
+    return _compiled(kind, robot.model_dump_json())
 
 
 def compiled(robot: RobotDescription) -> "Dynamics":
-    """The dynamics of a robot, kept with its compiled kernels for the next call with an equal one.
-
-    Everything a `Dynamics` holds follows from the description, so sharing it changes no result.
-    """
-    return _compiled(robot.model_dump_json())
+    """The dynamics of a robot, kept with its compiled kernels for the next call."""
+    return compiled_as(Dynamics, robot)
 
 
-class Dynamics(WithParameters, Shown, Plotted):
+class Dynamics(WithParameters, Plotted):
     """Dynamics of a described robot. Arrays have one sample a row; kernels compile when needed.
 
     Drive coordinates q, q̇, q̈ come in rad (or m for a linear drive), torques in N m (or N).
@@ -100,22 +165,10 @@ class Dynamics(WithParameters, Shown, Plotted):
     its own; of a robot its prior.
     """
 
-    def __init__(self, robot: RobotLike) -> None:
-        self._p = known_parameters(robot)
-        robot = described(robot)
-        self.robot = robot
-        self.kinematics = Kinematics(robot)
-        self.layout = parameter_layout(robot)
-
     @cached_property
     def equations(self) -> Equations:
         """The symbolic equations behind all of this."""
         return build_equations(self.robot, self.kinematics.mechanism)
-
-    @property
-    def dof(self) -> int:
-        """Number of drives δ."""
-        return self.kinematics.dof
 
     @one_or_many("q", "qd", "qdd", "load")
     def regressor(
@@ -160,13 +213,9 @@ class Dynamics(WithParameters, Shown, Plotted):
         values = self._regressor_kernel(np.hstack(parts).T)
         return SparseRegressor(values, *self.regressor_pattern)
 
-    @property
+    @cached_property
     def regressor_pattern(self) -> tuple[np.ndarray, np.ndarray]:
         """Drive and parameter of every entry of Y that is not always zero, drive by drive."""
-        return self._pattern
-
-    @cached_property
-    def _pattern(self) -> tuple[np.ndarray, np.ndarray]:
         columns, rows = self.equations.Y.T.sparsity().get_triplet()
         return np.array(rows)[self._nonzero], np.array(columns)[self._nonzero]
 
@@ -228,12 +277,11 @@ class Dynamics(WithParameters, Shown, Plotted):
         Raises:
             KinematicsError: q closes no loop or is singular.
         """
-        z = self.kinematics.forward(q)
-        n, d = z.shape[0], self.dof
-        out = self._terms_kernel(np.hstack([z, qd]).T, uniform=self._parameters(p)).T
-        M, C = (out[:, k * d * d : (k + 1) * d * d].reshape(n, d, d) for k in range(2))
-        g, f = out[:, 2 * d * d : 2 * d * d + d], out[:, 2 * d * d + d :]
-        return Terms(M.swapaxes(1, 2), C.swapaxes(1, 2), g, f)  # CasADi stores columns
+        x, d = np.hstack([self.kinematics.forward(q), qd]).T, self.dof
+        out = self._terms_kernel(x, uniform=self._parameters(p)).T
+        M, C, g, f = np.split(out, np.cumsum([d * d, d * d, d]), axis=1)
+        M, C = (columns.reshape(-1, d, d).swapaxes(1, 2) for columns in (M, C))
+        return Terms(M, C, g, f)
 
     @cached_property
     def _regressor_kernel(self) -> BatchKernel:

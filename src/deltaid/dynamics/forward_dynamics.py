@@ -1,18 +1,14 @@
 """Forward dynamics in batches: accelerations, one step of time with friction, energy."""
 
-from functools import cached_property, lru_cache
+from functools import cached_property
 
 import casadi as ca
 import numpy as np
 from jaxtyping import Float
 
+from deltaid.dynamics.dynamics import WithParameters, compiled_as
 from deltaid.dynamics.joint_columns import carried, losses, rotor_inertia
-from deltaid.dynamics.parameters import (
-    Parameters,
-    WithParameters,
-    known_parameters,
-    parameter_layout,
-)
+from deltaid.dynamics.parameters import Parameters
 from deltaid.dynamics.task_dynamics import (
     TaskDynamics,
     build_task_dynamics,
@@ -20,17 +16,16 @@ from deltaid.dynamics.task_dynamics import (
     friction_impulses,
 )
 from deltaid.kernel.batch import BatchKernel
-from deltaid.mechanism.kinematics import Kinematics, Samples
+from deltaid.mechanism.kinematics import Samples
 from deltaid.mechanism.one_or_many import one_or_many
 from deltaid.robot.description import RobotDescription
-from deltaid.robot.load import RobotLike, described
-from deltaid.shown import Plotted, Shown
+from deltaid.shown import Plotted
 
 # How often impulses of friction and what gears carry are found in turn, from the motors' torques.
 _LOAD_TURNS = 4
 
 
-class ForwardDynamics(WithParameters, Shown, Plotted):
+class ForwardDynamics(WithParameters, Plotted):
     """Forward dynamics of a described robot. Arrays have one sample a row; kernels compile when
     needed.
 
@@ -40,18 +35,6 @@ class ForwardDynamics(WithParameters, Shown, Plotted):
 
     Where parameters p may be left out, those hold that it was made with, as in `Dynamics`.
     """
-
-    def __init__(self, robot: RobotLike) -> None:
-        self._p = known_parameters(robot)
-        robot = described(robot)
-        self.robot = robot
-        self.kinematics = Kinematics(robot)
-        self.layout = parameter_layout(robot)
-
-    @property
-    def dof(self) -> int:
-        """Number of drives δ."""
-        return self.kinematics.dof
 
     @cached_property
     def equations(self) -> TaskDynamics:
@@ -120,9 +103,8 @@ class ForwardDynamics(WithParameters, Shown, Plotted):
 
     def is_smooth(self, p: Parameters) -> bool:
         """Whether friction is continuous at rest with these coefficients."""
-        at = self.layout.friction.start
-        terms = enumerate(self.robot.friction_terms)
-        return not any(not term.continuous and p[at + k] != 0 for k, term in terms)
+        pairs = zip(self.robot.friction_terms, p[self.layout.friction], strict=True)
+        return all(term.continuous or coefficient == 0 for term, coefficient in pairs)
 
     @cached_property
     def _acceleration(self) -> ca.SX:
@@ -243,11 +225,6 @@ class ForwardDynamics(WithParameters, Shown, Plotted):
         return loads
 
 
-@lru_cache(maxsize=16)
-def _compiled(description: str) -> ForwardDynamics:
-    return ForwardDynamics(RobotDescription.model_validate_json(description))
-
-
 def compiled_forward(robot: RobotDescription) -> ForwardDynamics:
     """The forward dynamics of a robot, kept with its compiled kernels for the next call."""
-    return _compiled(robot.model_dump_json())
+    return compiled_as(ForwardDynamics, robot)

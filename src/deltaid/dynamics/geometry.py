@@ -9,22 +9,82 @@ coordinates q(z; g) of lengths g, and J = ∂q/∂z,
 from abc import ABC, abstractmethod
 from collections.abc import Iterator
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 
+import casadi as ca
 import numpy as np
 from jaxtyping import Float
 
 from deltaid.dynamics.dynamics import Dynamics, Parameters
-from deltaid.dynamics.grown import STEP, GrownPoses, GrownTorques, grown_torques
+from deltaid.dynamics.joint_columns import joint_columns
+from deltaid.dynamics.speed_forces import SpeedForces
+from deltaid.mechanism.composition import build_mechanism
+from deltaid.mechanism.growth import LengthGrowth, grown_by
 from deltaid.mechanism.kinematics import Samples
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.tolerances import Tolerances
 
+# Step of lengths [m] and zeros [rad or m], and the share of gravity that it turns by: large against
+# rounding, and so small that no other joint turns round within it.
+_STEP = 1e-6
 # Names of what is common to torque constants, and of one drive's.
 CONSTANTS, CONSTANT_OF = "torque constants", "torque constant of"
 
 # Torques of all drives, or channels of a sensor, at some samples.
 Shown = Float[np.ndarray, "channels samples"]
+
+
+@dataclass(frozen=True, eq=False)
+class GrownTorques:
+    """A robot's torques and drive coordinates as functions of its lengths and of gravity.
+
+    Attributes:
+        numbers: of the symbols of each kind of length.
+        symbols: how many there are.
+        torque: of (z, [q̇, q̈], p, growth, gravity).
+        position: q and J of (z, growth).
+    """
+
+    numbers: dict[str, tuple[int, ...]]
+    symbols: int
+    torque: ca.Function
+    position: ca.Function
+
+
+def grown_torques(robot: RobotDescription, mounted: bool = False) -> GrownTorques:
+    """Torques and drive coordinates of a robot that may grow, kept for the next call; with symbols
+    of how limbs are mounted, or without."""
+    return _grown(robot.model_dump_json(), mounted)
+
+
+class GrownDynamics(Dynamics):
+    """A robot whose lengths exceed those described by symbols."""
+
+    def __init__(self, robot: RobotDescription) -> None:
+        super().__init__(robot)
+        growth = LengthGrowth.named(len(robot.limb_geometry))
+        self.growth: ca.SX = growth.symbols
+        self.kinematics.mechanism = build_mechanism(robot, growth)
+
+
+@lru_cache(maxsize=4)
+def _grown(description: str, mounted: bool) -> GrownTorques:
+    robot, gravity = RobotDescription.model_validate_json(description), ca.SX.sym("g", 3)
+    growth = LengthGrowth.named(len(robot.limb_geometry), mounted)
+    mechanism, symbols = build_mechanism(robot, growth), growth.symbols
+    forces, speeds = SpeedForces(robot, mechanism, gravity), mechanism.speeds
+    motion, still = speeds.by_drives(), ca.SX.zeros(mechanism.dof)
+    joints = (
+        forces.joint_columns(joint_columns(robot), still) @ forces.p[forces.layout.coefficients]
+    )
+    torque = speeds.drives_to_all.T @ motion(forces.of_bodies() + joints)
+    rates = ca.vertcat(speeds.q.u, speeds.q.ud)
+    return GrownTorques(
+        grown_by(robot),
+        symbols.numel(),
+        ca.Function("torque", [mechanism.z, rates, forces.p, symbols, gravity], [torque]),
+        ca.Function("position", [mechanism.z, symbols], [mechanism.q, ca.densify(speeds.jacobian)]),
+    )
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,8 +135,10 @@ class GeometrySlopes(ABC):
 
     def of_growth(self, direction: Float[np.ndarray, " growth"]) -> Shown:
         """Along a direction of the symbols of the growth [1/m or 1/rad]."""
-        z, growth = self._places.with_growth(direction)
-        return (self.shown(z, self.rates, growth, self.gravity) - self._described) / STEP
+        growth, (q, J) = _STEP * direction, self._drives
+        later = np.array(self.grown.position(self.z.T, growth)[0]).T
+        z = self.z - np.linalg.solve(J, (later - q)[:, :, None])[:, :, 0]
+        return (self.shown(z, self.rates, growth, self.gravity) - self._described) / _STEP
 
     def of_zero(self, drive: int) -> Shown:
         """By a drive's zero, at the same speeds and accelerations [1/rad or 1/m]."""
@@ -86,8 +148,9 @@ class GeometrySlopes(ABC):
 
     def of_motion(self, q: Samples, qd: Samples, qdd: Samples) -> Shown:
         """By a change of the drives' positions, speeds and accelerations, per unit of it."""
-        z, rates = self._places.with_drives(q), self.rates + STEP * np.hstack([qd, qdd])
-        return (self.shown(z, rates, self._none, self.gravity) - self._described) / STEP
+        z = self.z + _STEP * np.linalg.solve(self._drives[1], q[:, :, None])[:, :, 0]
+        rates = self.rates + _STEP * np.hstack([qd, qdd])
+        return (self.shown(z, rates, self._none, self.gravity) - self._described) / _STEP
 
     def of_gravity(self, axis: Float[np.ndarray, " 3"]) -> Shown:
         """By a turn of gravity about an axis [1/rad]."""
@@ -103,8 +166,10 @@ class GeometrySlopes(ABC):
         return self.shown(self.z, self.rates, self._none, self.gravity)
 
     @cached_property
-    def _places(self) -> GrownPoses:
-        return GrownPoses(self.grown.position, self.z, self.grown.symbols)
+    def _drives(self) -> tuple[Samples, Float[np.ndarray, "samples dof dof"]]:
+        """Drive coordinates q and J = ∂q/∂z as described."""
+        (q, J), dof = self.grown.position(self.z.T, self._none), self.z.shape[1]
+        return np.array(q).T, np.array(J).reshape(dof, -1, dof).swapaxes(0, 1)
 
 
 @dataclass(frozen=True, eq=False)

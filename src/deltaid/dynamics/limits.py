@@ -74,10 +74,10 @@ def _platform_rates(robot: RobotDescription, motion: TaskMotion) -> list[Limit]:
         limits.append(Limit(f"platform speed {axis}", motion.zd[i] / robot.platform_speed, True))
         share = motion.zdd[i] / robot.platform_acceleration
         limits.append(Limit(f"platform acceleration {axis}", share, True))
-    if robot.platform_turns:  # of a telescope they are the drive's
-        turn, i = robot.turn, -1  # ψ is the last of z
-        limits.append(Limit("tool speed", motion.zd[i] / turn.speed, True))
-        limits.append(Limit("tool acceleration", motion.zdd[i] / turn.acceleration, True))
+    if robot.platform_turns:  # of a telescope they are the drive's; ψ is the last of z
+        turn = robot.turn
+        limits.append(Limit("tool speed", motion.zd[-1] / turn.speed, True))
+        limits.append(Limit("tool acceleration", motion.zdd[-1] / turn.acceleration, True))
     return limits
 
 
@@ -85,6 +85,12 @@ def torque_limits(robot: RobotDescription) -> dict[int, float]:
     """Largest torque of each drive that has one, by its place in q [N m or N]."""
     efforts = {i: robot.limits_of(drive).effort for i, drive in enumerate(robot.drives)}
     return {i: effort for i, effort in efforts.items() if effort is not None}
+
+
+def effort_names(robot: RobotDescription) -> tuple[str, ...]:
+    """Names of the limits of `torque_limits`."""
+    drives = (robot.drives[i] for i in torque_limits(robot))
+    return tuple(f"{drive} {robot.units(drive).effort}" for drive in drives)
 
 
 def effort_limits(robot: RobotDescription) -> Float[np.ndarray, " dof"]:
@@ -147,9 +153,7 @@ class LimitsAlong:
         self._motion = build_task_motion(robot, mechanism)
         self._limits = kinematic_limits(robot, mechanism, self._motion)
         self.names: tuple[str, ...] = tuple(limit.name for limit in self._limits)
-        self._largest = torque_limits(robot)
-        drives = [robot.drives[i] for i in self._largest]
-        self.efforts: tuple[str, ...] = tuple(f"{d} {robot.units(d).effort}" for d in drives)
+        self.efforts: tuple[str, ...] = effort_names(robot)
 
     def kinematic(self, z: Samples, zd: Samples, zdd: Samples) -> Shares:
         """Of speeds, accelerations, ranges, workspace, distance from singularities."""
@@ -159,8 +163,8 @@ class LimitsAlong:
     def effort(self, z: Samples, zd: Samples, zdd: Samples, p: Parameters) -> Shares:
         """Of the drives' torques, with parameters p."""
         _, qd, qdd = self.dynamics.kinematics.drive_motion(z, zd, zdd)
-        tau = self.dynamics.torque(z, qd, qdd, p)
-        return np.abs(tau[:, list(self._largest)]) / np.array(list(self._largest.values()))
+        tau, largest = self.dynamics.torque(z, qd, qdd, p), torque_limits(self.dynamics.robot)
+        return np.abs(tau[:, list(largest)]) / np.array(list(largest.values()))
 
     @cached_property
     def _kernel(self) -> BatchKernel:

@@ -60,17 +60,13 @@ def _kernel(description: str) -> BatchKernel:
     p, h = ca.SX.sym("p", len(parameter_layout(robot).names)), ca.SX.sym("h")
     at = [v[drives.index(joint)] if joint in drives else ca.SX(0) for joint in joints]
     laws = FrictionLaws(robot, ca.vertcat(*at), load, p)
-    smooth = laws.sum(ca.sign, lambda term: term.continuous)
-    low = -laws.sum(lambda v: ca.SX(1), lambda term: not term.continuous)
-    high = -laws.sum(lambda v: ca.SX(-1), lambda term: not term.continuous)
+    smooth, low, high = laws.smooth, -laws.step(1), -laws.step(-1)
+    places = [(j, drives.index(joint)) for j, joint in enumerate(joints) if joint in drives]
     inertia, force = rotor_inertia(robot, p), tau - load
-    for j, joint in enumerate(joints):
-        if joint in drives:
-            force[drives.index(joint)] -= smooth[j]
+    for j, i in places:
+        force[i] -= smooth[j]
     end = v + h * force / inertia
-    for j, joint in enumerate(joints):
-        if joint in drives:
-            i = drives.index(joint)
-            impulse = ca.fmax(h * low[j], ca.fmin(h * high[j], -inertia[i] * end[i]))
-            end[i] += impulse / inertia[i]
+    for j, i in places:
+        impulse = ca.fmax(h * low[j], ca.fmin(h * high[j], -inertia[i] * end[i]))
+        end[i] += impulse / inertia[i]
     return BatchKernel(ca.vertcat(v, tau, load), end, uniform=ca.vertcat(p, h))

@@ -7,7 +7,6 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
 from pathlib import Path
-from typing import TypeVar
 
 import numpy as np
 from jaxtyping import Float
@@ -15,7 +14,6 @@ from pydantic import BaseModel
 
 from deltaid.dynamics.joint_columns import joint_columns
 from deltaid.errors import DescriptionError
-from deltaid.mechanism.one_or_many import real_numbers
 from deltaid.robot.body import Entry, ExplicitInertia, Prior, reduced_prior
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.inertia import INERTIA_NAMES, INERTIA_UNITS, POSITIVE_NAMES, consistency
@@ -206,53 +204,6 @@ def with_prior(
 
 
 Parameters = Float[np.ndarray, " parameters"]
-_Self = TypeVar("_Self", bound="WithParameters")
-
-
-class WithParameters:
-    """What computes with parameters that are given, or with those it was made with.
-
-    Attributes:
-        robot: the description.
-        layout: names and places of its parameters.
-    """
-
-    # Beside what instances of one robot share (`with_parameters`): their `__dict__`, with all
-    # compiled kernels.
-    __slots__ = ("_p",)
-    _p: Parameters | None
-    robot: RobotDescription
-    layout: ParameterLayout
-
-    def with_parameters(self: _Self, p: Parameters) -> _Self:
-        """The same with other parameters to begin with; compiled kernels are shared."""
-        other = object.__new__(type(self))
-        other.__dict__ = self.__dict__
-        other._p = p
-        return other
-
-    @property
-    def p(self) -> Parameters:
-        """The parameters that hold where none are given."""
-        return prior_parameters(self.robot) if self._p is None else self._p
-
-    def _parameters(self, p: Parameters | None) -> Parameters:
-        """Those given, or its own.
-
-        Raises:
-            DescriptionError: they are not as many as the robot has.
-        """
-        if p is None:
-            return self.p
-        cure = "give one for each of layout.names, such as p of a model"
-        p = real_numbers(p, "p", cure=cure, error=DescriptionError).astype(float, copy=False)
-        if p.shape != (len(self.layout.names),):
-            raise DescriptionError(
-                f"p has shape {p.shape}, but the robot has {len(self.layout.names)} parameters",
-                where=self.robot.name,
-                cure=cure,
-            )
-        return p
 
 
 class _Value(BaseModel):

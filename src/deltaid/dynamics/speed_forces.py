@@ -59,7 +59,10 @@ def wrench(
         w: ω in B.
         spin: 3 × n.
     """
-    mc, Theta, W = p[1:4], inertia_tensor(p), skew(w)
+    mc, W = p[1:4], skew(w)
+    Theta = ca.vertcat(
+        ca.horzcat(p[4], p[7], p[9]), ca.horzcat(p[7], p[5], p[8]), ca.horzcat(p[9], p[8], p[6])
+    )
     second = w if spin is None else spin
     swing = -skew(mc) @ alpha - W @ (skew(mc) @ second)
     moment = skew(mc) @ (R.T @ a) + Theta @ alpha - skew(Theta @ w) @ second
@@ -68,34 +71,29 @@ def wrench(
     return Wrench(p[0] * a, swing, moment)
 
 
-def potential(body: MovingBody, p: ca.SX, gravity: ca.SX) -> ca.SX:
-    """Potential energy −gᵀ (m r + R mc) in gravity, which is given in L [J]."""
-    return -ca.dot(gravity, p[0] * body.origin.at + body.rotation.R @ p[1:4])
-
-
-def inertia_tensor(p: ca.SX) -> ca.SX:
-    """Θ of the ten parameters."""
-    return ca.vertcat(
-        ca.horzcat(p[4], p[7], p[9]), ca.horzcat(p[7], p[5], p[8]), ca.horzcat(p[9], p[8], p[6])
-    )
-
-
 class SpeedForces:
     """What acts on the speeds u of one robot, as functions of z, u, u̇ and p.
+
+    Args:
+        gravity: in the world, where it is another than the description's.
 
     Attributes:
         p: symbols of the parameters.
     """
 
-    def __init__(self, robot: RobotDescription, mechanism: Mechanism) -> None:
-        self.robot, self.mechanism = robot, mechanism
+    def __init__(
+        self, robot: RobotDescription, mechanism: Mechanism, gravity: ca.SX | None = None
+    ) -> None:
+        self.robot, self.mechanism, self._gravity = robot, mechanism, gravity
         self.layout: ParameterLayout = parameter_layout(robot)
         self.p = ca.SX.sym("p", len(self.layout.parameters))
         self._u = mechanism.speeds.u
 
     def gravity(self, body: MovingBody) -> ca.SX:
         """In the inertial frame of a body."""
-        return fixed(body.R_WL.T @ np.array(self.robot.gravity))
+        if self._gravity is None:
+            return fixed(body.R_WL.T @ np.array(self.robot.gravity))
+        return fixed(body.R_WL.T) @ self._gravity
 
     def wrench(self, body: MovingBody) -> Wrench:
         """Of one of `body.count` bodies along the motion, gravity taken off."""
@@ -151,10 +149,12 @@ class SpeedForces:
         return g
 
     def potential(self) -> ca.SX:
-        """Energy in gravity and springs [J]."""
+        """Energy −gᵀ (m r + R mc) in gravity, and that in springs [J]."""
         V = ca.SX(0)
         for body in self.mechanism.bodies:
-            V += body.count * potential(body, self._inertia_of(body), self.gravity(body))
+            p = self._inertia_of(body)
+            moment = p[0] * body.origin.at + body.rotation.R @ p[1:4]
+            V += body.count * -ca.dot(self.gravity(body), moment)
         for k, column in self._coefficients():
             V += self.p[k] * column.potential(self.mechanism.joints[column.joint])
         return V
@@ -167,19 +167,16 @@ class SpeedForces:
         Args:
             loads: what the drives' gears carry.
         """
-        found = [ca.SX(self._u.numel(), 0)]
+        found, drives = [ca.SX(self._u.numel(), 0)], self.robot.drives
         for column in columns:
-            joint, is_drive = self.joint(column.joint), column.joint in self.robot.drives
-            load = loads[self.robot.drives.index(column.joint)] if is_drive else ca.SX(0)
-            path = joint.path
-            motion = JointMotion(path.at, path.rate, path.acceleration, load, sign)
-            found.append(column.effort(motion) * joint.partial.T)
+            joint, drive = self.joint(column.joint), column.joint
+            load = loads[drives.index(drive)] if drive in drives else ca.SX(0)
+            found.append(column.effort(joint.motion(load, sign)) * joint.partial.T)
         return ca.horzcat(*found)
 
     def effort(self, name: str) -> ca.SX:
         """Friction and spring of a joint that is no drive: what its motion takes."""
-        path, total, none = self.joint(name).path, ca.SX(0), ca.SX(0)
-        motion = JointMotion(path.at, path.rate, path.acceleration, none)
+        motion, total = self.joint(name).motion(ca.SX(0)), ca.SX(0)
         for k, column in self._coefficients():
             if column.joint == name:
                 total += self.p[k] * column.effort(motion)
@@ -231,3 +228,8 @@ class Joint:
 
     path: Path
     partial: ca.SX
+
+    def motion(self, load: ca.SX, sign: Sign = ca.sign) -> JointMotion:
+        """The joint's motion under what its drive's gear carries."""
+        path = self.path
+        return JointMotion(path.at, path.rate, path.acceleration, load, sign)

@@ -113,10 +113,10 @@ def build_task_dynamics(robot: RobotDescription, mechanism: Mechanism) -> TaskDy
         M=M,
         h=h,
         R=R,
-        smooth=laws.sum(ca.sign, lambda term: term.continuous),
+        smooth=laws.smooth,
         friction=laws.sum(ca.sign, lambda term: not term.of_load),
-        forwards=laws.sum(lambda v: ca.SX(1), lambda term: not term.continuous),
-        backwards=-laws.sum(lambda v: ca.SX(-1), lambda term: not term.continuous),
+        forwards=laws.step(1),
+        backwards=-laws.step(-1),
         kinetic=0.5 * ca.dot(zd, M @ zd),
         potential=forces.potential(),
     )
@@ -130,6 +130,15 @@ class FrictionLaws:
     v: ca.SX
     loads: ca.SX
     p: ca.SX
+
+    @property
+    def smooth(self) -> ca.SX:
+        """What is continuous at rest."""
+        return self.sum(ca.sign, lambda term: term.continuous)
+
+    def step(self, side: int) -> ca.SX:
+        """The rest while joints move forwards, 1, or backwards, −1."""
+        return self.sum(lambda v: ca.SX(side), lambda term: not term.continuous)
 
     def sum(self, sign: Sign, wanted: Callable[[FrictionTerm], bool]) -> ca.SX:
         """Σ coefficient · h(v) of the wanted terms, joint by joint."""

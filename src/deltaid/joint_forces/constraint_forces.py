@@ -7,13 +7,9 @@ import casadi as ca
 import numpy as np
 from jaxtyping import Float
 
+from deltaid.dynamics.dynamics import WithParameters
 from deltaid.dynamics.force_equations import ForceEquations, build_forces, splits
-from deltaid.dynamics.parameters import (
-    Parameters,
-    WithParameters,
-    known_parameters,
-    parameter_layout,
-)
+from deltaid.dynamics.parameters import Parameters, known_parameters, parameter_layout
 from deltaid.errors import DescriptionError, Doubt, unknown
 from deltaid.kernel.batch import BatchKernel
 from deltaid.mechanism.kinematics import Kinematics, Samples

@@ -11,8 +11,14 @@ import casadi as ca
 import numpy as np
 from jaxtyping import Float
 
-from deltaid.dynamics.geometry import Error, GeometrySlopes, Shown, errors_by
-from deltaid.dynamics.grown import GrownDynamics, grown_torques
+from deltaid.dynamics.geometry import (
+    Error,
+    GeometrySlopes,
+    GrownDynamics,
+    Shown,
+    errors_by,
+    grown_torques,
+)
 from deltaid.mechanism.kinematics import Samples
 from deltaid.robot.description import RobotDescription
 from deltaid.sensors.rows import GraphRows
