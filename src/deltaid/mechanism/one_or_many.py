@@ -3,6 +3,7 @@ rows takes a single vector too, and returns its rank.
 """
 
 import functools
+import inspect
 from collections.abc import Callable
 from dataclasses import fields, is_dataclass, replace
 from typing import Any, ParamSpec, TypeVar
@@ -53,23 +54,22 @@ def one_or_many(*names: str) -> Callable[[Callable[_P, _R]], Callable[_P, _R]]:
     """
 
     def decorate(method: Callable[_P, _R]) -> Callable[_P, _R]:
+        signature = inspect.signature(method)
+
         @functools.wraps(method)
         def call(self: Any, /, *arguments: Any, **keywords: Any) -> Any:
-            given = list(arguments)
-            keywords = dict(keywords)
-            places: list[tuple[Any, Any, str]] = []
-            for k, name in enumerate(names):
-                if k < len(given):
-                    places.append((given, k, name))
-                elif keywords.get(name) is not None:
-                    places.append((keywords, name, name))
-            rows = [_array(held[key], self.dof, name) for held, key, name in places]
-            single = all(row.ndim == 1 for row in rows)
-            for (held, key, _), row in zip(places, rows, strict=True):
-                held[key] = np.atleast_2d(row)
-            _require_alike([(name, held[key]) for held, key, name in places])
-            out = method(self, *given, **keywords)  # pyright: ignore[reportCallIssue]
-            return _first(out) if single and rows else out
+            bound = signature.bind(self, *arguments, **keywords)
+            given = {name: bound.arguments.get(name) for name in names}
+            arrays = {
+                name: _array(value, self.dof, name)
+                for name, value in given.items()
+                if value is not None
+            }
+            rows = {name: np.atleast_2d(array) for name, array in arrays.items()}
+            _require_alike(rows)
+            bound.arguments |= rows
+            out = method(*bound.args, **bound.kwargs)
+            return _first(out) if all(array.ndim == 1 for array in arrays.values()) else out
 
         return call  # pyright: ignore[reportReturnType]
 
@@ -103,12 +103,12 @@ def _array(value: Any, dof: int, name: str) -> np.ndarray:
     return array
 
 
-def _require_alike(given: list[tuple[str, np.ndarray]]) -> None:
-    """All of them have as many rows as the first."""
-    for name, rows in given[1:]:
-        if len(rows) != len(given[0][1]):
+def _require_alike(given: dict[str, np.ndarray]) -> None:
+    (first, wanted), *others = given.items()
+    for name, rows in others:
+        if len(rows) != len(wanted):
             raise KinematicsError(
-                f"has {len(rows)} samples, but {given[0][0]} has {len(given[0][1])}",
+                f"has {len(rows)} samples, but {first} has {len(wanted)}",
                 where=name,
                 cure="give one row a sample in each of them",
             )
@@ -119,7 +119,7 @@ def _first(out: Any) -> Any:
     if isinstance(out, np.ndarray):
         return out[0]
     if isinstance(out, tuple):
-        return tuple(_first(part) for part in out)
+        return tuple(map(_first, out))
     if is_dataclass(out) and not isinstance(out, type):
         held = {field.name: getattr(out, field.name) for field in fields(out)}
         arrays = {key: np.asarray(x[0]) for key, x in held.items() if isinstance(x, np.ndarray)}

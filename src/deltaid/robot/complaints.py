@@ -8,7 +8,7 @@ from typing import Any
 
 from pydantic import BaseModel, ValidationError
 
-from deltaid.robot.yaml_tree import Entry, Value, child
+from deltaid.robot.yaml_tree import Entry, child
 
 # Complaints that one message lists.
 _MOST = 5
@@ -23,6 +23,10 @@ _REASONS = {
     "string_too_short": "must not be empty",
     "model_type": "must hold keys with values",
     "dict_type": "must hold keys with values",
+    "union_tag_not_found": "lacks the key {discriminator}",
+    "union_tag_invalid": "'{tag!s:.40}' is no {discriminator}; choose from {expected_tags}",
+    "too_short": "must have at least {min_length} entries, not {actual_length}",
+    "too_long": "must have at most {max_length} entries, not {actual_length}",
 }
 
 # A value of the wrong kind; where a key may hold one of several kinds, each says so.
@@ -56,9 +60,8 @@ def complaints(tree: Entry, error: ValidationError, model: type[BaseModel]) -> s
     """
     found = [_locate(tree, dict(item), model) for item in error.errors(include_url=False)]
     # what lies deeper says more
-    outer = {path[:k] for path in (c.path for c in found) for k in range(len(path))}
-    found = [c for c in found if c.path not in outer]
-    texts = [str(c) for c in _joined(found)]
+    outer = {c.path[:k] for c in found for k in range(len(c.path))}
+    texts = [str(c) for c in _joined([c for c in found if c.path not in outer])]
     more = f"; and {len(texts) - _MOST} more" if len(texts) > _MOST else ""
     return "; ".join(texts[:_MOST]) + more
 
@@ -74,69 +77,58 @@ def _joined(found: list[_Complaint]) -> list[_Complaint]:
     joined = []
     for (line, path), same in by_place.items():
         best = [c for c in same if not c.of_kind] or same
-        reasons = list(dict.fromkeys(c.reason for c in best))
-        reasons[1:] = [reason.removeprefix("must be ") for reason in reasons[1:]]
+        first, *others = dict.fromkeys(c.reason for c in best)
+        reasons = (first, *(reason.removeprefix("must be ") for reason in others))
         joined.append(_Complaint(line, path, " or ".join(reasons), best[0].value))
     return joined
 
 
 def _locate(tree: Entry, item: dict[str, Any], model: type[BaseModel]) -> _Complaint:
     path: list[str] = []
-    line, node = tree.line, tree.value
-    for depth, key in enumerate(item["loc"]):
-        found = child(node, key)
-        if found is None:
-            if item["type"] == "missing" and depth == len(item["loc"]) - 1:
-                if isinstance(key, int):  # entries of a list have no names
-                    return _Complaint(line, tuple(path), f"has no entry {key + 1}")
-                path.append(str(key))
-            continue  # the name of a union's branch is not a key of the file
-        line, node = found.line, found.value
-        path.append(str(key)[:60])
-    value, of_kind = _value(item), item["type"] in _KINDS
-    hint = _near(path[-1], model) if item["type"] == "extra_forbidden" and path else ""
-    return _deeper(node, _Complaint(line, tuple(path), _reason(item) + hint, value, of_kind))
+    place, kind = tree, item["type"]
+    for key in item["loc"]:
+        found = child(place.value, key)
+        if found is not None:  # else it is the name of a union's branch and no key of the file
+            place = found
+            path.append(str(key)[:60])
+    if kind == "missing":
+        missing = item["loc"][-1]
+        if isinstance(missing, int):  # entries of a list have no names
+            return _Complaint(place.line, tuple(path), f"has no entry {missing + 1}")
+        path.append(str(missing))
+    hint = _near(path[-1], model) if kind == "extra_forbidden" and path else ""
+    complaint = _Complaint(
+        place.line, tuple(path), _reason(item) + hint, _value(item), kind in _KINDS
+    )
+    return _deeper(place, complaint)
 
 
-def _deeper(node: Value, complaint: _Complaint) -> _Complaint:
+def _deeper(place: Entry, complaint: _Complaint) -> _Complaint:
     """The complaint at the key that its reason begins with, such as 'springs.drive1 has …'."""
     first, _, rest = complaint.reason.partition(" ")
-    line, path = complaint.line, list(complaint.path)
-    for key in first.split("."):
-        found = child(node, key)
+    path = first.split(".")
+    for key in path:
+        found = child(place.value, key)
         if found is None:
             return complaint
-        line, node = found.line, found.value
-        path.append(key)
-    return _Complaint(line, tuple(path), rest)
+        place = found
+    return _Complaint(place.line, (*complaint.path, *path), rest)
 
 
 def _reason(item: dict[str, Any]) -> str:
-    kind, context = item["type"], item.get("ctx", {})
-    if kind == "union_tag_not_found":
-        return f"lacks the key {context['discriminator']}"
-    if kind == "union_tag_invalid":
-        tag = str(context["tag"])[:40]
-        return f"'{tag}' is no {context['discriminator']}; choose from {context['expected_tags']}"
-    reason = _REASONS.get(kind)
-    if kind in ("too_short", "too_long"):
-        word, key = ("least", "min_length") if kind == "too_short" else ("most", "max_length")
-        return f"must have at {word} {context[key]} entries, not {context['actual_length']}"
-    if reason is None:
-        reason = str(item["msg"]).removeprefix("Value error, ")
-        reason = reason.replace("Input should be ", "must be ", 1)
-    return reason
+    if item["type"] in _REASONS:
+        return _REASONS[item["type"]].format(**item.get("ctx", {}))
+    said = str(item["msg"]).removeprefix("Value error, ")
+    return said.replace("Input should be ", "must be ", 1)
 
 
 def _value(item: dict[str, Any]) -> str:
     """What stands there instead, as ', not 0'; nothing where the reason says it or it is long."""
-    if item["type"] in _SAY_ALL:
-        return ""
     value = item.get("input")
-    if isinstance(value, bool | int | float | str) or value is None:
-        text = json.dumps(value, ensure_ascii=False)
-        return f", not {text if len(text) <= 40 else text[:39] + '…'}"
-    return ""
+    if item["type"] in _SAY_ALL or not isinstance(value, bool | int | float | str | None):
+        return ""
+    text = json.dumps(value, ensure_ascii=False)
+    return f", not {text if len(text) <= 40 else text[:39] + '…'}"
 
 
 def _near(key: str, model: type[BaseModel]) -> str:
@@ -150,8 +142,7 @@ def _keys(schema: Any) -> Iterator[str]:
     """All keys that a JSON Schema has anywhere."""
     if isinstance(schema, dict):
         yield from schema.get("properties", {})
-        for value in schema.values():
-            yield from _keys(value)
-    elif isinstance(schema, list):
+        schema = list(schema.values())
+    if isinstance(schema, list):
         for value in schema:
             yield from _keys(value)

@@ -44,6 +44,9 @@ class FrictionTerm(ABC):
     speed: float = 1.0
 
     kind: ClassVar[str]
+    # Unit of the coefficient, and the term in a sentence where its kind is none; with constants.
+    unit_form: ClassVar[str] = "{force}"
+    saying: ClassVar[str] = ""
     # Whether h(v) is continuous at rest, v = 0.
     continuous: ClassVar[bool] = False
     # Whether h depends on what the gear carries.
@@ -65,13 +68,8 @@ class FrictionTerm(ABC):
         constants = {name: getattr(stated, name) for name in cls.constants}
         size = stated.coefficient if constants else stated
         one_sided = cls.has_back and not law.both_ways
-        return cls(joint, cls.unit_of(units, constants), size, one_sided, **constants)
-
-    @classmethod
-    def unit_of(cls, units: JointUnits, constants: Mapping[str, float]) -> str:
-        """Unit of a coefficient with these constants."""
-        del constants
-        return units.force
+        unit = cls.unit_form.format(**vars(units), **constants)
+        return cls(joint, unit, size, one_sided, **constants)
 
     @abstractmethod
     def h(self, v: Any, s: Any, load: Any) -> Any:
@@ -99,7 +97,7 @@ class FrictionTerm(ABC):
     @property
     def words(self) -> str:
         """The term in a sentence, with its constants."""
-        return self.kind
+        return self.saying.format(**vars(self)) or self.kind
 
     @property
     def parameter(self) -> PriorParameter:
@@ -127,21 +125,13 @@ class FrictionTerm(ABC):
 
 
 class _Viscous(FrictionTerm):
-    """v, or v for v > 0 where the other direction has a coefficient of its own."""
-
-    kind, continuous, has_back = "viscous", True, True
-
-    @classmethod
-    def unit_of(cls, units: JointUnits, constants: Mapping[str, float]) -> str:
-        return f"{units.force} s/{units.coordinate}"
+    kind, continuous, has_back, unit_form = "viscous", True, True, "{force} s/{coordinate}"
 
     def h(self, v: Any, s: Any, load: Any) -> Any:
         return 0.5 * (1 + s) * v if self.one_sided else v
 
 
 class _Coulomb(FrictionTerm):
-    """s, or s for v > 0 where the other direction has a coefficient of its own."""
-
     kind, has_back = "coulomb", True
 
     def h(self, v: Any, s: Any, load: Any) -> Any:
@@ -149,8 +139,6 @@ class _Coulomb(FrictionTerm):
 
 
 class _ViscousBack(_Viscous):
-    """v for v < 0."""
-
     kind, has_back = "viscous_back", False
 
     def h(self, v: Any, s: Any, load: Any) -> Any:
@@ -158,8 +146,6 @@ class _ViscousBack(_Viscous):
 
 
 class _CoulombBack(FrictionTerm):
-    """s for v < 0."""
-
     kind = "coulomb_back"
 
     def h(self, v: Any, s: Any, load: Any) -> Any:
@@ -167,8 +153,6 @@ class _CoulombBack(FrictionTerm):
 
 
 class _Offset(FrictionTerm):
-    """A constant torque, h = 1."""
-
     kind, continuous, low = "offset", True, -float("inf")
 
     def h(self, v: Any, s: Any, load: Any) -> Any:
@@ -179,63 +163,34 @@ class _Offset(FrictionTerm):
 
 
 class _Power(FrictionTerm):
-    """A power of speed, s |v|^exponent."""
-
     kind, constants = "power", ("exponent",)
-
-    @classmethod
-    def unit_of(cls, units: JointUnits, constants: Mapping[str, float]) -> str:
-        return f"{units.force} (s/{units.coordinate})^{constants['exponent']:.3g}"
+    unit_form, saying = "{force} (s/{coordinate})^{exponent:.3g}", "|speed|^{exponent:.3g}"
 
     def h(self, v: Any, s: Any, load: Any) -> Any:
         return s * _size(v) ** self.exponent
 
-    @property
-    def words(self) -> str:
-        return f"|speed|^{self.exponent:.3g}"
-
 
 class _Stribeck(FrictionTerm):
-    """Friction near rest, s exp(−(|v|/speed)^exponent)."""
-
     kind, constants = "stribeck", ("speed", "exponent")
+    saying = "Stribeck (speed {speed:.3g}, exponent {exponent:.3g})"
 
     def h(self, v: Any, s: Any, load: Any) -> Any:
         return s * _exp(-((_size(v) / self.speed) ** self.exponent))
 
-    @property
-    def words(self) -> str:
-        return f"Stribeck (speed {self.speed:.3g}, exponent {self.exponent:.3g})"
-
 
 class _HessSoom(FrictionTerm):
-    """s / (1 + (v/speed)²)."""
-
-    kind, constants = "hess_soom", ("speed",)
+    kind, constants, saying = "hess_soom", ("speed",), "Hess–Soom (speed {speed:.3g})"
 
     def h(self, v: Any, s: Any, load: Any) -> Any:
         return s / (1 + (v / self.speed) ** 2)
 
-    @property
-    def words(self) -> str:
-        return f"Hess–Soom (speed {self.speed:.3g})"
-
 
 class _Load(FrictionTerm):
-    """s |x|; a share of what the gear carries, below one."""
-
     kind, of_load, high = "load", True, 1.0
-
-    @classmethod
-    def unit_of(cls, units: JointUnits, constants: Mapping[str, float]) -> str:
-        return "1"
+    unit_form, saying = "1", "share of the load"
 
     def h(self, v: Any, s: Any, load: Any) -> Any:
         return s * abs(load)
-
-    @property
-    def words(self) -> str:
-        return "share of the load"
 
 
 # In the order of p.
@@ -262,12 +217,8 @@ def friction_terms(laws: Mapping[str, tuple[Friction, JointUnits]]) -> tuple[Fri
 
 def at_rest(law: Friction) -> float:
     """Largest friction near rest, without its load-dependent part [N m or N]."""
-    rest, none = ca.SX(0), ca.SX(0)
     terms = friction_terms({"": (law, TURNING)})
-    sums = [
-        sum(abs(float(term.size * term.h(rest, ca.SX(s), none))) for term in terms) for s in (-1, 1)
-    ]
-    return max(sums)
+    return max(sum(abs(float(term.size * term.h(0.0, s, 0.0))) for term in terms) for s in (-1, 1))
 
 
 def law_in_words(law: Friction) -> str:
