@@ -11,7 +11,6 @@ import threading
 from collections.abc import Generator, Iterable
 from contextlib import contextmanager, suppress
 from contextvars import ContextVar
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, TextIO
 
@@ -23,15 +22,8 @@ _UNFINISHED = ".part"
 _NO_PLACE = (OSError, ValueError, RuntimeError)
 
 
-@dataclass(frozen=True)
-class _Finished:
-    """A temporary file that is to take a path's place; `path` is what the user called it."""
-
-    path: Path
-    target: Path
-    temporary: Path
-
-
+# A path as the user called it, where it leads, and the temporary file that is to take its place.
+_Finished = tuple[Path, Path, Path]
 _finished: ContextVar[list[_Finished] | None] = ContextVar("_finished", default=None)
 
 
@@ -58,8 +50,8 @@ def together() -> Generator[None, None, None]:
         _appear(finished)
     finally:
         _finished.reset(token)
-        for file in finished:
-            file.temporary.unlink(missing_ok=True)
+        for _, _, temporary in finished:
+            temporary.unlink(missing_ok=True)
 
 
 @contextmanager
@@ -107,22 +99,21 @@ def _replacing(path: Path) -> Generator[int, None, None]:
         target, handle, name = _begin(path)
         temporary, complete = Path(name), False
         try:
-            yield handle
-            temporary.chmod(0o666 & ~_umask())
-            complete = True
-        except OSError as error:
-            raise _failure(path, error) from None
+            with _telling(path):
+                yield handle
+                temporary.chmod(0o666 & ~_umask())
+                complete = True
         finally:
             if not complete:
                 temporary.unlink(missing_ok=True)
         finished = _finished.get()
         assert finished is not None
-        finished.append(_Finished(path, target, temporary))
+        finished.append((path, target, temporary))
 
 
 def _begin(path: Path) -> tuple[Path, int, str]:
     """Where a path leads, and an open temporary file beside it, or where its folders will be."""
-    try:
+    with _telling(path, _NO_PLACE):
         target = path.resolve()  # a link stays a link
         if target.is_dir():
             raise DeltaidError("is a folder; give the name of a file", where=str(path))
@@ -139,12 +130,9 @@ def _begin(path: Path) -> tuple[Path, int, str]:
         return target, *tempfile.mkstemp(
             dir=folder, prefix=_prefix(os.getpid()), suffix=_UNFINISHED
         )
-    except _NO_PLACE as error:
-        raise _failure(path, error) from None
 
 
 def _prefix(process: int) -> str:
-    """What names of unfinished files of a process on this machine begin with."""
     return f".deltaid-{socket.gethostname()}-{process}-"
 
 
@@ -162,11 +150,10 @@ def _remove_abandoned(folder: Path) -> None:
 
 def _is_alive(process: int) -> bool:
     try:
-        os.kill(process, 0)
+        with suppress(PermissionError, OverflowError):  # another account's
+            os.kill(process, 0)
     except ProcessLookupError:
         return False
-    except (PermissionError, OverflowError):  # another account's
-        return True
     return True
 
 
@@ -196,37 +183,37 @@ def _signals_held() -> Generator[None, None, None]:
 def _appear(finished: list[_Finished]) -> None:
     """Make the folders, then give all files their names."""
     made: list[Path] = []
-    for file in finished:
-        try:
-            for folder in reversed((file.target.parent, *file.target.parent.parents)):
-                if not folder.is_dir():
-                    folder.mkdir()
-                    made.append(folder)
-        except OSError as error:
-            _remove(made)
-            raise _failure(file.path, error) from None
-    with _signals_held():
-        for file in finished:
-            try:
-                file.temporary.replace(file.target)
-            except OSError as error:
-                _remove(made)
-                raise _failure(file.path, error) from None
+    try:
+        for path, target, _ in finished:
+            with _telling(path):
+                for folder in reversed(target.parents):
+                    if not folder.is_dir():
+                        folder.mkdir()
+                        made.append(folder)
+        with _signals_held():
+            for path, target, temporary in finished:
+                with _telling(path):
+                    temporary.replace(target)
+    except DeltaidError:
+        for folder in reversed(made):  # those that nothing has been put into
+            with suppress(OSError):
+                folder.rmdir()
+        raise
 
 
-def _remove(made: list[Path]) -> None:
-    """Remove folders that nothing has been put into."""
-    for folder in reversed(made):
-        with suppress(OSError):
-            folder.rmdir()
-
-
-def _failure(path: Path, error: Exception) -> DeltaidError:
-    return DeltaidError(
-        f"cannot be written: {getattr(error, 'strerror', None) or error}",
-        where=str(path).replace("\0", "\\0"),
-        cure="check the folder's permissions and the space left, or give another place",
-    )
+@contextmanager
+def _telling(
+    path: Path, kinds: tuple[type[Exception], ...] = (OSError,)
+) -> Generator[None, None, None]:
+    """A failure inside says which path cannot be written, and why."""
+    try:
+        yield
+    except kinds as error:
+        raise DeltaidError(
+            f"cannot be written: {getattr(error, 'strerror', None) or error}",
+            where=str(path).replace("\0", "\\0"),
+            cure="check the folder's permissions and the space left, or give another place",
+        ) from None
 
 
 def _umask() -> int:
@@ -243,21 +230,18 @@ def new_folder(path: Path) -> Generator[Path, None, None]:
         DeltaidError: there is such a file or folder, or it cannot be written.
     """
     target = _free_place(path)
-    try:
+    with _telling(path, _NO_PLACE):
         parent = next(folder for folder in target.parents if folder.is_dir())
         _remove_abandoned(parent)
         temporary = Path(
             tempfile.mkdtemp(dir=parent, prefix=_prefix(os.getpid()), suffix=_UNFINISHED)
         )
-    except _NO_PLACE as error:
-        raise _failure(path, error) from None
     try:
-        yield temporary
-        temporary.chmod(0o777 & ~_umask())
-        target.parent.mkdir(parents=True, exist_ok=True)
-        temporary.rename(_free_place(path))
-    except OSError as error:
-        raise _failure(path, error) from None
+        with _telling(path):
+            yield temporary
+            temporary.chmod(0o777 & ~_umask())
+            target.parent.mkdir(parents=True, exist_ok=True)
+            temporary.rename(_free_place(path))
     finally:
         shutil.rmtree(temporary, ignore_errors=True)
 
@@ -284,14 +268,11 @@ def resolved(path: Path) -> Path:
     Raises:
         DeltaidError: nowhere: it holds a NUL, or a link to itself.
     """
-    try:
+    with _telling(path, _NO_PLACE):
         return path.resolve()
-    except _NO_PLACE as error:
-        raise _failure(path, error) from None
 
 
 def _free_place(path: Path) -> Path:
-    """Where a path leads, if nothing is there."""
     target = resolved(path)
     if os.path.lexists(target):
         raise DeltaidError(

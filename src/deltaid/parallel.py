@@ -103,7 +103,6 @@ def _in_turn(
 
 
 def _next(source: Iterator[_Item]) -> list[_Item]:
-    """The next item, if there is one."""
     for item in source:
         return [item]
     return []

@@ -1,6 +1,7 @@
 """What long work is doing just now: in a terminal, in a notebook, or told to a function."""
 
 import html
+import re
 import sys
 from collections.abc import Callable, Generator
 from contextlib import contextmanager
@@ -52,11 +53,8 @@ def _at_prompt() -> bool:
 
 def share_of(text: str) -> float | None:
     """How far work is by its own words, '3 of 8'; None where they do not say."""
-    words = text.split()
-    for before, word, after in zip(words, words[1:], words[2:], strict=False):
-        if word == "of" and before.isdigit() and after.isdigit() and int(after):
-            return int(before) / int(after)
-    return None
+    stated = re.search(r"(?<!\S)(\d+) of (\d*[1-9]\d*)(?!\S)", text)
+    return int(stated[1]) / int(stated[2]) if stated else None
 
 
 def _shown_in_notebook(title: str) -> Generator[Progress, None, None]:

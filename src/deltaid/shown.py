@@ -36,7 +36,6 @@ class Shown(Named):
         return _notebook("show", "text")(self)
 
     def _repr_html_(self) -> str:
-        """The same as a card, for notebooks."""
         return _notebook("show", "html")(self)
 
 

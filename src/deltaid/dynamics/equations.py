@@ -17,7 +17,7 @@ from deltaid.dynamics.speed_forces import SpeedForces
 from deltaid.mechanism.kinematics import Kinematics
 from deltaid.mechanism.mechanism import Mechanism
 from deltaid.mechanism.rotation import skew
-from deltaid.mechanism.speeds import SpeedMaps
+from deltaid.mechanism.speeds import Along
 from deltaid.robot.description import RobotDescription
 
 # Generic states in which entries are looked at, and the share of the largest entry below which one
@@ -87,14 +87,14 @@ def build_equations(robot: RobotDescription, mechanism: Mechanism) -> Equations:
     )
 
 
-def _coriolis(forces: SpeedForces, motion: SpeedMaps, N: ca.SX) -> ca.SX:
+def _coriolis(forces: SpeedForces, motion: Along, N: ca.SX) -> ca.SX:
     """C of (1) from Christoffel symbols.
 
     Accelerations at q̈ = 0 are quadratic in q̇. For the origin of a body, half their slope ∂a/∂q̇ is
     the rate of the partial velocities ∂v/∂q̇; for its angular acceleration it falls short of the
     rate of ∂ω/∂q̇ by ½ ω × ∂ω/∂q̇, because ω is no derivative of coordinates.
     """
-    speeds, bodies = motion.speeds, forces.mechanism.bodies
+    speeds, bodies = forces.mechanism.speeds, forces.mechanism.bodies
     accelerations = [ca.vertcat(body.origin.acceleration, body.rotation.alpha) for body in bodies]
     slopes = 0.5 * ca.jacobian(motion(ca.vertcat(*accelerations)), speeds.q.u)
     rates, spins = [], []

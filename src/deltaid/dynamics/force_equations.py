@@ -251,18 +251,11 @@ def _bearing_channels(
 ) -> list[ForceChannel]:
     """Loads of the bearing of arm or carriage; without moments where single struts are unknown."""
     force, moment = bearing_load(strut, driven, at_elbow)
-    name = f"motor{i + 1}"
-    if strut.geometry.drive == "rotary":
-        found = _vector(f"{name}.force", "N", force)
-        moments = _vector(f"{name}.moment", "N m", moment, "xz")
-        return [
-            *found,
-            *(moments if complete else []),
-            ForceChannel(f"{name}.drive", "N m", moment[1]),
-        ]
-    found = _vector(f"{name}.force", "N", force, "xy")
-    moments = _vector(f"{name}.moment", "N m", moment)
-    return [*found, *(moments if complete else []), ForceChannel(f"{name}.drive", "N", -force[2])]
+    name, rotary = f"motor{i + 1}", strut.geometry.drive == "rotary"
+    forces = _vector(f"{name}.force", "N", force, "xyz" if rotary else "xy")
+    moments = _vector(f"{name}.moment", "N m", moment, "xz" if rotary else "xyz")
+    drive = ("N m", moment[1]) if rotary else ("N", -force[2])
+    return [*forces, *(moments if complete else []), ForceChannel(f"{name}.drive", *drive)]
 
 
 def _bar_channels(bar: Bar) -> list[ForceChannel]:

@@ -30,7 +30,7 @@ import numpy as np
 
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.friction_terms import FrictionTerm
-from deltaid.robot.parameter import PriorParameter
+from deltaid.robot.parameter import ParameterKind, PriorParameter
 
 Sign = Callable[[ca.SX], ca.SX]
 
@@ -125,8 +125,23 @@ def joint_columns(robot: RobotDescription) -> tuple[JointColumn, ...]:
     """All of a robot's, in the order of p, where they follow the bodies."""
     return (
         *friction_columns(robot.friction_terms),
-        *(_spring(robot, joint) for joint in robot.spring_joints),
-        *(_rotor(robot, drive) for drive in robot.rotor_drives),
+        *(
+            SpringColumn(
+                joint,
+                _positive(
+                    "spring", joint, robot.units(joint).stiffness, robot.springs[joint].stiffness
+                ),
+                robot.spring_rest(joint),
+            )
+            for joint in robot.spring_joints
+        ),
+        *(
+            RotorColumn(
+                drive,
+                _positive("rotor", drive, robot.units(drive).inertia, robot.rotor_inertia[drive]),
+            )
+            for drive in robot.rotor_drives
+        ),
     )
 
 
@@ -135,16 +150,8 @@ def friction_columns(terms: Iterable[FrictionTerm]) -> tuple[FrictionColumn, ...
     return tuple(FrictionColumn(term.joint, term.parameter, term) for term in terms)
 
 
-def _spring(robot: RobotDescription, joint: str) -> SpringColumn:
-    value, unit = robot.springs[joint].stiffness, robot.units(joint).stiffness
-    parameter = PriorParameter("spring", joint, "spring", unit, 0.0, np.inf, value, value)
-    return SpringColumn(joint, parameter, robot.spring_rest(joint))
-
-
-def _rotor(robot: RobotDescription, drive: str) -> RotorColumn:
-    value, unit = robot.rotor_inertia[drive], robot.units(drive).inertia
-    parameter = PriorParameter("rotor", drive, "rotor", unit, 0.0, np.inf, value, value)
-    return RotorColumn(drive, parameter)
+def _positive(kind: ParameterKind, joint: str, unit: str, value: float) -> PriorParameter:
+    return PriorParameter(kind, joint, kind, unit, 0.0, np.inf, value, value)
 
 
 # Newton steps on the signs of the loads: exact once these are right. They are those without losses

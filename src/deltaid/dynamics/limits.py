@@ -102,7 +102,6 @@ def effort_limits(robot: RobotDescription) -> Float[np.ndarray, " dof"]:
 def _of_drive(
     robot: RobotDescription, mechanism: Mechanism, motion: TaskMotion | None, i: int
 ) -> list[Limit]:
-    """Range, speed and acceleration of one drive."""
     drive, limits = robot.drives[i], []
     given = robot.limits_of(drive)
     if given.range is not None:

@@ -217,7 +217,6 @@ class SpeedForces:
         return V.T @ found.push + turned.T @ found.swing + W.T @ found.moment
 
     def _sum(self, of: Callable[[MovingBody], Wrench]) -> ca.SX:
-        """Sum over all bodies of forces on u."""
         parts = [body.count * self.on_speeds(body, of(body)) for body in self.mechanism.bodies]
         return sum(parts[1:], parts[0])
 

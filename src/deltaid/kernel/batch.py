@@ -183,7 +183,6 @@ def _compile(assembly: str) -> bytes:
 
 
 def _engine(code: bytes) -> llvm.ExecutionEngine:
-    """Machine code, loaded and linked with libm."""
     _initialise()
     engine = llvm.create_mcjit_compiler(llvm.parse_assembly(""), _machine())  # owns both
     engine.add_object_file(llvm.ObjectFileRef.from_data(code))

@@ -6,7 +6,6 @@ one loop over the samples. Samples lie in columns: entry k of an input or output
 samples, `stride` doubles from entry k+1. `uniform` inputs are the same for all samples.
 """
 
-import re
 import struct
 from collections.abc import Callable
 
@@ -42,11 +41,14 @@ LIBM_BINARY = {
     ca.OP_FMOD: "fmod",
     ca.OP_REMAINDER: "remainder",
 }
-LIBM_NAMES = tuple(sorted({*LIBM_UNARY.values(), *LIBM_BINARY.values()}))
+_LIBM = LIBM_UNARY | LIBM_BINARY
+LIBM_NAMES = tuple(sorted({*_LIBM.values()}))
 
 _ARITHMETIC = {ca.OP_ADD: "fadd", ca.OP_SUB: "fsub", ca.OP_MUL: "fmul", ca.OP_DIV: "fdiv"}
-_INTRINSIC = {ca.OP_SQRT: "sqrt", ca.OP_FABS: "fabs", ca.OP_FLOOR: "floor", ca.OP_CEIL: "ceil"}
-_INTRINSIC_BINARY = {ca.OP_FMIN: "minnum", ca.OP_FMAX: "maxnum", ca.OP_COPYSIGN: "copysign"}
+_INTRINSIC = {
+    ca.OP_SQRT: "sqrt", ca.OP_FABS: "fabs", ca.OP_FLOOR: "floor", ca.OP_CEIL: "ceil",
+    ca.OP_FMIN: "minnum", ca.OP_FMAX: "maxnum", ca.OP_COPYSIGN: "copysign",
+}  # fmt: skip
 _COMPARISON = {ca.OP_LT: "olt", ca.OP_LE: "ole", ca.OP_EQ: "oeq", ca.OP_NE: "une"}
 
 _TEMPLATE = """\
@@ -95,17 +97,17 @@ class _Emitter:
         self._count = 0
         self._slots: dict[int, str] = {}
         self._uniform_used: set[int] = set()
+        self._declared: set[str] = set()
 
     def text(self, apart: bool) -> str:
         for k in range(self._function.n_instructions()):
             self._instruction(k)
-        body = "\n".join(self._lines)
         return _TEMPLATE.format(
-            declarations=self._declarations(body),
+            declarations="\n".join(sorted(self._declared)),
             name=KERNEL_NAME,
             apart="noalias " if apart else "",
             uniform_loads=self._uniform_loads(),
-            body=body,
+            body="\n".join(self._lines),
             width=self._width,
             bits=64 * self._width,
         )
@@ -126,27 +128,22 @@ class _Emitter:
 
     def _operation(self, op: int, args: list[str]) -> str:
         """One scalar operation on all lanes; returns the value's name."""
-        V, a = self._vector, args[0]
+        V, operands = self._vector, ", ".join(args)
         if op in _ARITHMETIC:
-            return self._value(f"{_ARITHMETIC[op]} contract {V} {a}, {args[1]}")
+            return self._value(f"{_ARITHMETIC[op]} contract {V} {operands}")
         if op in _INTRINSIC:
             name = f"@llvm.{_INTRINSIC[op]}.v{self._width}f64"
-            return self._value(f"call {V} {name}({V} {a})")
-        if op in _INTRINSIC_BINARY:
-            name = f"@llvm.{_INTRINSIC_BINARY[op]}.v{self._width}f64"
-            return self._value(f"call {V} {name}({V} {a}, {V} {args[1]})")
-        if op in LIBM_UNARY:
-            return self._per_lane(LIBM_UNARY[op], args)
-        if op in LIBM_BINARY:
-            return self._per_lane(LIBM_BINARY[op], args)
+            self._declared.add(f"declare {V} {name}({', '.join([V] * len(args))})")
+            return self._value(f"call {V} {name}({', '.join(f'{V} {arg}' for arg in args)})")
+        if op in _LIBM:
+            return self._per_lane(_LIBM[op], args)
         if op in _COMPARISON:
-            return self._truth(f"fcmp {_COMPARISON[op]} {V} {a}, {args[1]}")
+            return self._truth(f"fcmp {_COMPARISON[op]} {V} {operands}")
         if op not in _WRITTEN_OUT:
             raise NotImplementedError(f"CasADi's {operation_name(op)} has no vector form here")
         return _WRITTEN_OUT[op](self, V, *args)
 
     def _logic(self, word: str, a: str, b: str) -> str:
-        """Both or either of two values that are not zero."""
         V, zero, bits = self._vector, self._constant(0.0), f"<{self._width} x i1>"
         masks = [self._value(f"fcmp une {V} {x}, {zero}") for x in (a, b)]
         mask = self._value(f"{word} {bits} {masks[0]}, {masks[1]}")
@@ -172,7 +169,8 @@ class _Emitter:
         return self._value(f"uitofp <{self._width} x i1> {mask} to {self._vector}")
 
     def _per_lane(self, name: str, args: list[str]) -> str:
-        result = "undef"
+        kinds, result = ", ".join(["double"] * len(args)), "undef"
+        self._declared.add(f"declare double @{name}({kinds}) memory(none) nounwind willreturn")
         for lane in range(self._width):
             scalars = [
                 self._value(f"extractelement {self._vector} {arg}, i64 {lane}") for arg in args
@@ -213,17 +211,6 @@ class _Emitter:
             ]
         return "\n".join(lines)
 
-    def _declarations(self, body: str) -> str:
-        V, W = self._vector, self._width
-        lines = []
-        for op in sorted(set(re.findall(r"@llvm\.(\w+)\.v", body))):
-            arguments = ", ".join([V] * (2 if op in _INTRINSIC_BINARY.values() else 1))
-            lines.append(f"declare {V} @llvm.{op}.v{W}f64({arguments})")
-        for name in sorted(set(re.findall(r"call double @(\w+)\(", body))):
-            arguments = ", ".join(["double"] * (2 if name in LIBM_BINARY.values() else 1))
-            lines.append(f"declare double @{name}({arguments}) memory(none) nounwind willreturn")
-        return "\n".join(lines)
-
     def _value(self, expression: str) -> str:
         self._count += 1
         name = f"%v{self._count}"
@@ -245,8 +232,8 @@ _WRITTEN_OUT: dict[int, Callable[..., str]] = {
     ca.OP_IF_ELSE_ZERO: lambda e, V, a, b: e._if_else_zero(a, b),
 }
 _KNOWN = {
-    ca.OP_CONST, ca.OP_INPUT, ca.OP_OUTPUT, *_ARITHMETIC, *_INTRINSIC, *_INTRINSIC_BINARY,
-    *_COMPARISON, *LIBM_UNARY, *LIBM_BINARY, *_WRITTEN_OUT,
+    ca.OP_CONST, ca.OP_INPUT, ca.OP_OUTPUT, *_ARITHMETIC, *_INTRINSIC, *_COMPARISON, *_LIBM,
+    *_WRITTEN_OUT,
 }  # fmt: skip
 
 

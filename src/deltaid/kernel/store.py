@@ -51,19 +51,16 @@ def folder() -> Path | None:
 
 def load(name: str) -> bytes | None:
     """An entry; None if there is none that is whole."""
-    place = folder()
-    if place is None:
+    if (place := folder()) is None:
         return None
-    path = place / name
-    try:
-        data = path.read_bytes()
-    except OSError:
-        return None
+    data = b""
+    with suppress(OSError):
+        data = (place / name).read_bytes()
     checksum, content = data[:_DIGEST], data[_DIGEST:]
     if hashlib.sha256(content).digest() != checksum:
         return None
     with suppress(OSError):  # of a folder that may only be read
-        os.utime(path)
+        os.utime(place / name)
     return content
 
 
@@ -74,8 +71,7 @@ def save(name: str, content: bytes) -> None:
     Raises:
         DeltaidError: the folder that `DELTAID_KERNEL_CACHE` names cannot be written.
     """
-    place = folder()
-    if place is None:
+    if (place := folder()) is None:
         return
     try:
         place.mkdir(parents=True, exist_ok=True, mode=0o700)
@@ -85,15 +81,12 @@ def save(name: str, content: bytes) -> None:
             _make_room(place)
     except (OSError, DeltaidError) as error:
         if os.environ.get(VARIABLE) and not os.access(place, os.W_OK):
+            reason = error.what if isinstance(error, DeltaidError) else error.strerror or error
             raise DeltaidError(
-                f"compiled kernels cannot be kept there: {_reason(error)}",
+                f"compiled kernels cannot be kept there: {reason}",
                 where=str(place),
                 cure=f"set {VARIABLE} to a folder that can be written, or to {_OFF}",
             ) from None
-
-
-def _reason(error: OSError | DeltaidError) -> str:
-    return error.what if isinstance(error, DeltaidError) else error.strerror or str(error)
 
 
 def _make_room(place: Path) -> None:

@@ -123,7 +123,6 @@ class NewtonForward:
         return self._from_neighbours(q, found)
 
     def _from_neighbours(self, q: Samples, found: Forward) -> Forward:
-        """Carry on from solved samples into lost ones, while that helps."""
         for _ in range(_HANDED_ON):
             solved = found.on_branch
             last = np.maximum.accumulate(np.where(solved, np.arange(len(q)), -1))
@@ -138,7 +137,6 @@ class NewtonForward:
         return found
 
     def _from_home(self, q: Samples, steps: int) -> Samples:
-        """Follow a straight line in q from the home pose."""
         z = np.repeat(self._home[None], len(q), axis=0)
         way = q - self._q_home
         turns = np.array([middle is not None for middle in self._mechanism.middles])

@@ -117,7 +117,9 @@ def limb_motion(
     s = Path(d - solved.elbow, R_LW @ point.rate - elbow.rate,
              R_LW @ point.acceleration - elbow.acceleration)  # fmt: skip
     turns = pointing("yz", s, Path.still(ca.SX(lengths[1])))
-    strut = rotation(*(turn.with_rates(swing.u[k], swing.ud[k]) for k, turn in enumerate(turns)))
+    strut = rotation(
+        *(replace(t, rate=swing.u[k], acceleration=swing.ud[k]) for k, t in enumerate(turns))
+    )
     if rotary:
         arm = rotation(Turn("y", solved.cos, solved.sin, qd, qdd))
         driven = MovingBody(names[0], 1, limb.R_WL, arm, Path.still(origin))
@@ -181,7 +183,6 @@ def _rotary(
 
 
 def _angle(cos: ca.SX, sin: ca.SX, middle: float) -> ca.SX:
-    """The angle within 180° of `middle`."""
     if middle == 0:
         return ca.atan2(sin, cos)
     c, s = np.cos(middle), np.sin(middle)

@@ -132,7 +132,6 @@ def _called(file: NamedFile, z: ca.SX, check: Checker) -> MechanismParts:
 def _require(
     robot: RobotDescription, own: OwnMechanism, parts: MechanismParts, check: Checker
 ) -> None:
-    """Refuse what is of the wrong kind, or does not fit the description."""
     for name in ("drives", "bodies", "segments"):
         check.kind(getattr(parts, name), Sequence, name, "a list")
     check.kind(parts.joints, Mapping, "joints", "a dict")

@@ -57,10 +57,6 @@ class Turn:
     rate: ca.SX
     acceleration: ca.SX
 
-    def with_rates(self, rate: ca.SX, acceleration: ca.SX) -> "Turn":
-        """The same turn with symbols for its rate and acceleration."""
-        return Turn(self.axis, self.cos, self.sin, rate, acceleration)
-
 
 @dataclass(frozen=True)
 class Rotation:

@@ -113,7 +113,6 @@ def _limb(
 
 
 def _joining(robot: RobotDescription, mechanism: Mechanism, size: float) -> list[Segment]:
-    """What joins the parts of an articulated platform, and the tool's x axis."""
     names = robot.platform.bodies
     if len(names) == 1:
         return []
@@ -127,7 +126,6 @@ def _joining(robot: RobotDescription, mechanism: Mechanism, size: float) -> list
 
 
 def _telescope(mechanism: Mechanism) -> list[Segment]:
-    """Upper and lower half of the bar, and the end effector's x axis, which turns with ψ."""
     bar = mechanism.telescope
     if bar is None:
         return []

@@ -9,7 +9,7 @@ so J = ∂q/∂z = B⁻¹ A and T = ∂z/∂q = A⁻¹ B, and neither inverse no
 differentiated. With y = q or y = z, u = N ẏ; forces Q on u become Nᵀ Q on y.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import casadi as ca
@@ -52,23 +52,8 @@ class Speed:
         return replace(self, value=value, rate=rate)
 
 
-@dataclass(frozen=True)
-class SpeedMaps:
-    """All generalised speeds of a mechanism as functions of those of q or of z.
-
-    Attributes:
-        u, ud: values of the speeds and of their derivatives.
-        speeds: whose they are.
-    """
-
-    u: ca.SX
-    ud: ca.SX
-    speeds: "Speeds"
-
-    def __call__(self, expression: ca.SX) -> ca.SX:
-        """An expression of the symbols u, u̇ along this motion."""
-        s = self.speeds
-        return ca.substitute(expression, ca.vertcat(s.u, s.ud), ca.vertcat(self.u, self.ud))
+# An expression of the symbols u, u̇ along a motion that is given by the speeds of q or of z.
+Along = Callable[[ca.SX], ca.SX]
 
 
 @dataclass(frozen=True)
@@ -93,12 +78,7 @@ class Speeds:
         """Symbols of all speeds."""
         return ca.vertcat(self.q.u, self.z.u, self.w.u)
 
-    @property
-    def ud(self) -> ca.SX:
-        """Symbols of their derivatives."""
-        return ca.vertcat(self.q.ud, self.z.ud, self.w.ud)
-
-    def by_drives(self) -> SpeedMaps:
+    def by_drives(self) -> Along:
         """Given q̇ and q̈: ż = T q̇, z̈ = A⁻¹ (B q̈ + c)."""
         inverse = self._inverse
         zd = inverse @ (self.B @ self.q.u)
@@ -106,7 +86,7 @@ class Speeds:
         zdd = inverse @ (self.B @ self.q.ud + c)
         return self._motion((self.q.u, self.q.ud), (zd, zdd))
 
-    def by_task(self) -> SpeedMaps:
+    def by_task(self) -> Along:
         """Given ż and z̈: q̇ = J ż, q̈ = B⁻¹ (A z̈ − c)."""
         over_gain = self._over_gain
         qd = over_gain @ (self.A @ self.z.u)
@@ -114,11 +94,13 @@ class Speeds:
         qdd = over_gain @ (self.A @ self.z.ud - c)
         return self._motion((qd, qdd), (self.z.u, self.z.ud))
 
-    def _motion(self, q: tuple[ca.SX, ca.SX], z: tuple[ca.SX, ca.SX]) -> SpeedMaps:
+    def _motion(self, q: tuple[ca.SX, ca.SX], z: tuple[ca.SX, ca.SX]) -> Along:
         known = ca.vertcat(self.q.u, self.z.u, self.q.ud, self.z.ud)
         values = ca.vertcat(q[0], z[0], q[1], z[1])
         w, wd = ca.substitute([self.w.value, self.w.rate], [known], [values])
-        return SpeedMaps(ca.vertcat(q[0], z[0], w), ca.vertcat(q[1], z[1], wd), self)
+        symbols = ca.vertcat(self.u, self.q.ud, self.z.ud, self.w.ud)
+        motion = ca.vertcat(q[0], z[0], w, q[1], z[1], wd)
+        return lambda expression: ca.substitute(expression, symbols, motion)
 
     @property
     def jacobian(self) -> ca.SX:
@@ -137,7 +119,6 @@ class Speeds:
 
     @property
     def _over_gain(self) -> ca.SX:
-        """The inverse of B, B⁻¹."""
         return ca.diag(reciprocal(ca.diag(self.B)))
 
     @property

@@ -134,7 +134,6 @@ Platform = RigidPlatform | H4Platform | Par4Platform | I4Platform
 
 
 def _of_platform(platform: Platform, z: ca.SX) -> dict[str, ca.SX]:
-    """Where the platform's parts are, and the joints between them."""
     if isinstance(platform, RigidPlatform):
         return _positions("platform", z[:3])
     joint = z[3] / platform.ratio
@@ -164,7 +163,6 @@ def _of_telescope(bar: Telescope, z: ca.SX) -> dict[str, ca.SX]:
 
 
 def _positions(name: str, r: ca.SX) -> dict[str, ca.SX]:
-    """Coordinates of three sliding joints along the world's axes."""
     return {f"{name}_{k}": r[i] for i, k in enumerate("xyz")}
 
 

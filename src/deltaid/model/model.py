@@ -92,7 +92,7 @@ class Model(Shown, Plotted, Tabled, Reported):
         """Where the parameters come from, in words."""
         if self.identified is None:
             return "the prior of its description"
-        return "identified from " + ", ".join(source.log for source in self.identified.sources)
+        return f"identified from {', '.join(source.log for source in self.identified.sources)}"
 
     @cached_property
     def layout(self) -> ParameterLayout:
@@ -147,9 +147,8 @@ class Model(Shown, Plotted, Tabled, Reported):
     @property
     def gains(self) -> Float[np.ndarray, " drives"]:
         """Torque at the joint for what each drive records and is commanded, as identified."""
-        if self.identified is None:
-            return np.ones(len(self.robot.drives))
-        return self.identified.gains
+        known = self.identified
+        return np.ones(len(self.robot.drives)) if known is None else known.gains
 
     def with_load(self, load: str | Float[np.ndarray, " 10"], body: str | None = None) -> "Model":
         """The same robot with a load that it holds all the time.

@@ -277,7 +277,6 @@ class IdentifiedModel(Shown, Plotted, Tabled, Reported, Part):
 def _why_inconsistent(
     layout: ParameterLayout, p: Float[np.ndarray, " parameters"], worst: str
 ) -> str:
-    """Which body or coefficient cannot exist, why, and how a file comes to have it."""
     if worst in layout.bodies:
         reason = RigidBody(p[layout.body(worst)]).why_inconsistent
         text = f"body {worst} cannot exist: {reason or 'it lies at the edge of consistency'}"

@@ -134,7 +134,6 @@ def _watched(
 def _run(
     way: Way, objective: Objective, chart: LogCholeskyMap, iterations: int, visit: _Visit
 ) -> None:
-    """Minimise J/γ from π(p_reg), calling `visit` after every step."""
     problem, start = Unconstrained(objective, chart), chart.pi(chart.reduction.prior)
     if way == "relaxed":
         LogCholesky(visit=visit).solve(objective)
@@ -179,7 +178,6 @@ def _levenberg_marquardt(
 
 
 def _smallest(reduction: Reduction, change: Vector) -> tuple[str, float]:
-    """The exponential of π that has shrunk most since the start, and to which share."""
     exponents = [k for k, variable in enumerate(reduction.variables) if not variable.signed]
     k = min(exponents, key=lambda k: change[k])
     return reduction.names[k], float(np.exp(change[k]))

@@ -259,7 +259,6 @@ def _friction(result: Irb360) -> Section:
 
 
 def _figure_7(result: Irb360) -> Figure:
-    """Fig. 7: measured torques of the slow motion, base parameters and the consistent fit."""
     drives = result.dynamics.robot.drives
     figure = make_subplots(rows=len(drives), cols=1, shared_xaxes=True, vertical_spacing=0.04)
     for i, drive in enumerate(drives):
@@ -276,7 +275,6 @@ def _figure_7(result: Irb360) -> Figure:
 
 
 def _figure_8(result: Irb360) -> Figure:
-    """Fig. 8: drive 4 retuned by hand, and with the law that cross-validation chose."""
     figure = make_subplots(
         rows=2,
         cols=1,
@@ -297,7 +295,6 @@ def _figure_8(result: Irb360) -> Figure:
 
 
 def _friction_curve(result: Irb360) -> Figure:
-    """Friction of drive 4 over its speed: true, and as each model has it."""
     speed = np.geomspace(0.03, np.abs(result.tracks["fast"].speed[:, 3]).max(), 200)
     figure = go.Figure()
     figure.add_scatter(

@@ -257,7 +257,6 @@ def _line(
     *,
     first: bool,
 ) -> None:
-    """One fit's curve over one period; without noise as dots."""
     name = f"{fit.name}{', with noise' if fit.noisy else ', without noise'}"
     figure.add_scatter(
         x=result.period.time.astype(np.float32),
@@ -277,7 +276,6 @@ def _line(
 
 
 def _above_titles(figure: go.Figure) -> None:
-    """Put the legend above the panels' titles."""
     figure.update_annotations(font_size=12)
     legend = {"y": 1.0, "yanchor": "top", "yref": "container"}
     figure.update_layout(legend=legend, margin={"t": 115})

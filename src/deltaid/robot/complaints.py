@@ -132,14 +132,12 @@ def _value(item: dict[str, Any]) -> str:
 
 
 def _near(key: str, model: type[BaseModel]) -> str:
-    """The known key that an unknown one may be a slip of."""
     known = set(_keys(model.model_json_schema())) - {key}  # it may be a key of another place
     near = difflib.get_close_matches(key, known, n=1, cutoff=0.75)
     return f"; did you mean {near[0]}?" if near else ""
 
 
 def _keys(schema: Any) -> Iterator[str]:
-    """All keys that a JSON Schema has anywhere."""
     if isinstance(schema, dict):
         yield from schema.get("properties", {})
         schema = list(schema.values())

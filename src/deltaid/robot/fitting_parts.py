@@ -38,20 +38,20 @@ def require_parts_that_fit(robot: "RobotDescription") -> None:
     for joint, law in robot.friction.items():
         if law.load is not None and joint not in robot.drives:
             raise ValueError(f"friction.{joint} has a load term, which only drives can have")
-    _among("rotor_inertia", robot.rotor_inertia, robot.drives)
-    _among("drive_limits", robot.drive_limits, robot.drives)
-    if isinstance(robot.gear_stiffness, dict):
-        _among("gear_stiffness", robot.gear_stiffness, robot.drives)
-    for key, known in (("lengths", LENGTHS), ("homing", robot.drives)):
-        given = getattr(robot.tolerances, key)
+    for key, given, known in (
+        ("rotor_inertia", robot.rotor_inertia, robot.drives),
+        ("drive_limits", robot.drive_limits, robot.drives),
+        ("gear_stiffness", robot.gear_stiffness, robot.drives),
+        ("tolerances.lengths", robot.tolerances.lengths, LENGTHS),
+        ("tolerances.homing", robot.tolerances.homing, robot.drives),
+    ):
         if isinstance(given, dict):
-            _among(f"tolerances.{key}", given, known)
+            _among(key, given, known)
     _check_measured(robot)
     _check_sensors(robot)
 
 
 def _check_workspace(robot: "RobotDescription") -> None:
-    """A workspace has room along the axes that the platform moves along, and no others."""
     moves = {"xyz"[axis] for axis in robot.task.axes}
     if isinstance(robot.workspace, Box):
         for axis in "xyz":
@@ -95,9 +95,9 @@ def _check_drives(robot: "RobotDescription") -> None:
 def _exactly(key: str, given: dict[str, Body], wanted: tuple[str, ...]) -> None:
     missing = [name for name in wanted if name not in given]
     extra = [name for name in given if name not in wanted]
-    if missing or extra:
-        parts = [f"lacks {', '.join(missing)}"] if missing else []
-        parts += [f"has unknown {', '.join(extra)}"] if extra else []
+    found = {"lacks": missing, "has unknown": extra}
+    parts = [f"{what} {', '.join(names)}" for what, names in found.items() if names]
+    if parts:
         raise ValueError(f"{key} {' and '.join(parts)}; this robot has {', '.join(wanted)}")
 
 
@@ -139,7 +139,6 @@ _OF_LOGS = re.compile(r"t|time|load|(?:q|qd|qdd|tau)[0-9]*")
 
 
 def _check_measured(robot: "RobotDescription") -> None:
-    """Measured values are of bodies that the robot has and that are not known."""
     for name, body in robot.bodies.items():
         if not body.free and body.spread is not None:
             raise ValueError(
@@ -159,7 +158,6 @@ def _check_measured(robot: "RobotDescription") -> None:
 
 
 def _check_sensors(robot: "RobotDescription") -> None:
-    """Sensors are where the robot has something to measure."""
     for name, sensor in robot.sensors.items():
         _check_name(robot, name)
         if isinstance(sensor, BaseWrench):
@@ -208,15 +206,13 @@ def _check_name(robot: "RobotDescription", name: str) -> None:
             f"sensors has the name '{name[:50]}': begin with a letter, then letters, digits, _ and "
             "-, 40 at most"
         )
-    taken = {"a body": robot.body_names, "a joint": robot.joints}
-    for what, names in taken.items():
-        if name in names:
+    for what, is_taken in (
+        ("a body", name in robot.body_names),
+        ("a joint", name in robot.joints),
+        ("another column of a log, or as a load,", _OF_LOGS.fullmatch(name)),
+    ):
+        if is_taken:
             raise ValueError(f"sensors.{name} is called as {what} is; give it another name")
-    if _OF_LOGS.fullmatch(name):
-        raise ValueError(
-            f"sensors.{name} is called as another column of a log, or as a load, is; give it "
-            "another name"
-        )
 
 
 def _check_turns(robot: "RobotDescription", name: str, sensor: BaseWrench) -> None:

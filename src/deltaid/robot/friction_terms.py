@@ -201,7 +201,6 @@ TERMS: tuple[type[FrictionTerm], ...] = (
 
 
 def _size(v: Any) -> Any:
-    """|v|, differentiable at rest."""
     return (v * v + _REST**2) ** 0.5
 
 

@@ -208,7 +208,6 @@ class Limbs(Part):
 
 
 def _parallel(a: LimbGeometry, b: LimbGeometry) -> bool:
-    """Whether two limbs turn about parallel axes, or slide along parallel rails."""
     along = [limb.rail if limb.drive == "linear" else np.array([0.0, 1.0, 0.0]) for limb in (a, b)]
     return bool(np.linalg.norm(np.cross(a.R_WL @ along[0], b.R_WL @ along[1])) < 1e-6)
 
@@ -231,7 +230,6 @@ def _either(first: str, a: object, second: str, b: object) -> None:
 
 
 def _of_limb(value: Any, i: int) -> Any:
-    """The value of limb i, of one for all or one a limb."""
     return value[i] if isinstance(value, tuple) else value
 
 

@@ -256,7 +256,6 @@ def read_text(path: Path) -> str:
 
 
 def _tree(text: str, where: str, most: int = MOST_NODES) -> Entry:
-    """The mapping that a text holds."""
     tree = read_tree(text, where, most)
     if tree is None or tree.value is None:
         raise DescriptionError(

@@ -71,18 +71,16 @@ class OwnMechanism(Part):
 
     def _check_coordinates(self) -> None:
         count, given = len(self.drives), self.coordinates
-        if given is None:
-            if count < 3:
-                raise ValueError(
-                    f"has {count} drive{'s' if count > 1 else ''}, so say which coordinates they "
-                    "move, such as coordinates: " + ("[x]" if count == 1 else "[x, z]")
-                )
-            return
-        if len(given) != count:
+        if given is None and count < 3:
+            raise ValueError(
+                f"has {count} drive{'s' if count > 1 else ''}, so say which coordinates they "
+                "move, such as coordinates: " + ("[x]" if count == 1 else "[x, z]")
+            )
+        if given is not None and len(given) != count:
             raise ValueError(
                 f"has {count} drives, but {len(given)} coordinates; there is one for each drive"
             )
-        if list(given) != [name for name in NAMES if name in given]:
+        if list(given or ()) != [name for name in NAMES if name in (given or ())]:
             raise ValueError("coordinates must be given once each, in the order x, y, z, psi")
 
     @property

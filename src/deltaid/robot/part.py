@@ -92,7 +92,6 @@ class Part(Named, BaseModel):
 def _refusal(
     error: ValidationError, values: Mapping[str, Any], kind: type[BaseModel], where: str
 ) -> DescriptionError:
-    """What pydantic found wrong in values that come from no file."""
     keys = ", ".join(kind.model_fields)
     few = len(kind.model_fields) <= _FEW and kind.__name__ != "RobotDescription"
     return DescriptionError(
@@ -114,7 +113,6 @@ def _listed(value: Any) -> Any:
 
 
 def _tree(value: Any) -> Value:
-    """Values as a file would hold them, without lines."""
     if isinstance(value, BaseModel):
         value = dict(value)
     if isinstance(value, Mapping):
@@ -165,13 +163,14 @@ def _limits(**limits: Any) -> Any:
     return Field(json_schema_extra=limits)
 
 
-_NOT_TINY = limited(_SMALLEST, math.inf, "{:g} is next to nothing; is its unit right?")
 _LENGTH = limited(_SHORTEST, _LONGEST, "{:g} m cannot be; lengths are in metres")
-_MASS = limited(_LIGHTEST, _HEAVIEST, "{:g} kg cannot be; masses are in kilograms")
-_POSITION = limited(-_LONGEST, _LONGEST, "{:g} m cannot be; positions are in metres")
-_SPEED = limited(0.0, _FASTEST, "{:g} m/s cannot be; speeds are in metres per second")
 
-Positive = Annotated[float, Field(gt=0, le=_LARGEST), _NOT_TINY, _limits(minimum=_SMALLEST)]
+Positive = Annotated[
+    float,
+    Field(gt=0, le=_LARGEST),
+    limited(_SMALLEST, math.inf, "{:g} is next to nothing; is its unit right?"),
+    _limits(minimum=_SMALLEST),
+]
 NotNegative = Annotated[float, Field(ge=0, le=_LARGEST)]
 Coordinate = Annotated[float, Field(ge=-_LARGEST, le=_LARGEST)]
 Length = Annotated[float, Field(gt=0), _LENGTH, _limits(minimum=_SHORTEST, maximum=_LONGEST)]
@@ -182,9 +181,22 @@ Radius = Annotated[
     _LENGTH,
     _limits(maximum=_LONGEST, anyOf=[{"const": 0}, {"minimum": _SHORTEST}]),
 ]
-Mass = Annotated[float, Field(gt=0), _MASS, _limits(minimum=_LIGHTEST, maximum=_HEAVIEST)]
-Position = Annotated[float, _POSITION, _limits(minimum=-_LONGEST, maximum=_LONGEST)]
-Speed = Annotated[Positive, _SPEED, _limits(minimum=_SMALLEST, maximum=_FASTEST)]
+Mass = Annotated[
+    float,
+    Field(gt=0),
+    limited(_LIGHTEST, _HEAVIEST, "{:g} kg cannot be; masses are in kilograms"),
+    _limits(minimum=_LIGHTEST, maximum=_HEAVIEST),
+]
+Position = Annotated[
+    float,
+    limited(-_LONGEST, _LONGEST, "{:g} m cannot be; positions are in metres"),
+    _limits(minimum=-_LONGEST, maximum=_LONGEST),
+]
+Speed = Annotated[
+    Positive,
+    limited(0.0, _FASTEST, "{:g} m/s cannot be; speeds are in metres per second"),
+    _limits(minimum=_SMALLEST, maximum=_FASTEST),
+]
 Vector = tuple[Coordinate, Coordinate, Coordinate]
 Point = tuple[Position, Position, Position]
 # Lowest and highest.

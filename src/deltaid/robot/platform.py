@@ -27,7 +27,6 @@ Stroke = Annotated[float, Field(json_schema_extra={"exclusiveMinimum": 0.0})]
 
 
 def _direction(angle: float) -> Float[np.ndarray, " 3"]:
-    """u = (cos, sin, 0)."""
     return np.array([np.cos(angle), np.sin(angle), 0.0])
 
 

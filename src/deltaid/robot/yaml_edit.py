@@ -160,7 +160,6 @@ def _child(node: Node, step: object) -> Node | None:
 
 
 def _inserted(text: str, node: Node, steps: list[Any], value: object) -> str:
-    """A new key at the end of a mapping, or in place of an empty value."""
     if isinstance(node, ScalarNode) and node.start_mark.index == node.end_mark.index:
         at = node.start_mark.index
         return _spliced(text, at, at, f" {_flow(_nested(steps, value))}")
@@ -178,7 +177,6 @@ def _inserted(text: str, node: Node, steps: list[Any], value: object) -> str:
 
 
 def _removed(text: str, parent: MappingNode, key: object) -> str:
-    """A mapping without one of its keys: of a block whole lines, of a flow the key and a comma."""
     if len(parent.value) < 2:
         raise _LayoutError
     place = next(k for k, (name, _) in enumerate(parent.value) if name.value == str(key))
@@ -217,14 +215,12 @@ def _nested(steps: list[Any], value: object) -> Data:
 
 
 def _block(steps: list[Any], value: object) -> str:
-    """A key and its value as lines."""
     (key, value), *_ = _nested(steps, value).items()
     is_short = not isinstance(value, dict | list)
     return f"{key}: {_flow(value)}" if is_short else yaml_text({key: value}).rstrip()
 
 
 def _flow(value: object) -> str:
-    """A value on one line."""
     yaml, text = YAML(), io.StringIO()
     yaml.default_flow_style, yaml.width = True, 1 << 16
     yaml.dump({"value": value}, text)

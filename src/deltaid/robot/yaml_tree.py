@@ -34,16 +34,17 @@ Value = Scalar | list["Entry"] | dict[str, "Entry"]
 # A model file has some 700 nodes, and 50 more a recording. Aliases may refer to aliases, so a short
 # text can have billions.
 MOST_NODES, _DEEPEST = 20_000, 30
-_WORDS: dict[str, Scalar] = dict.fromkeys(("", "~", "null", "Null", "NULL"))
-
-
-_WORDS |= dict.fromkeys(("true", "True", "TRUE"), True)
-_WORDS |= dict.fromkeys(("false", "False", "FALSE"), False)
-_WORDS |= dict.fromkeys((".nan", ".NaN", ".NAN"), math.nan)
+_WORDS: dict[str, Scalar] = {
+    **dict.fromkeys(("", "~", "null", "Null", "NULL")),
+    **dict.fromkeys(("true", "True", "TRUE"), True),
+    **dict.fromkeys(("false", "False", "FALSE"), False),
+    **dict.fromkeys((".nan", ".NaN", ".NAN"), math.nan),
+    **dict.fromkeys((".inf", ".Inf", ".INF", "+.inf", "+.Inf", "+.INF"), math.inf),
+    **dict.fromkeys(("-.inf", "-.Inf", "-.INF"), -math.inf),
+}
 _INTEGER = re.compile(r"[-+]?[0-9]+")
 _OTHER_BASE = re.compile(r"0o[0-7]+|0x[0-9a-fA-F]+")
 _FLOAT = re.compile(r"[-+]?(?:\.[0-9]+|[0-9]+(?:\.[0-9]*)?)(?:[eE][-+]?[0-9]+)?")
-_INFINITE = re.compile(r"([-+]?)\.(?:inf|Inf|INF)")
 # Integers of more characters are no finite numbers of a machine.
 _LONGEST_INTEGER = 250
 _MERGE = "<<"
@@ -225,18 +226,13 @@ def _events(text: str, where: str) -> Iterator[Event]:
 
 
 def _resolved(text: str) -> Scalar:
-    """What a word without quotes is: nothing, true or false, a number, or text."""
     if text in _WORDS:
         return _WORDS[text]
     if _INTEGER.fullmatch(text):
         return int(text) if len(text) <= _LONGEST_INTEGER else float(text)
     if _OTHER_BASE.fullmatch(text):
         return int(text, 0) if len(text) <= _LONGEST_INTEGER else math.inf
-    if _FLOAT.fullmatch(text):
-        return float(text)
-    if infinite := _INFINITE.fullmatch(text):
-        return -math.inf if infinite[1] == "-" else math.inf
-    return text
+    return float(text) if _FLOAT.fullmatch(text) else text
 
 
 def _code(character: int | str) -> str:
