@@ -14,9 +14,8 @@ from hypothesis.extra.numpy import arrays
 
 from deltaid.dynamics.dynamics import Dynamics
 from deltaid.kernel import batch
-from deltaid.kernel.batch import BatchKernel
+from deltaid.kernel.batch import BatchKernel, target
 from deltaid.kernel.llvm_ir import LIBM_BINARY, LIBM_UNARY, operations_unknown
-from deltaid.kernel.target import target
 from support import assert_close, random_twin
 
 A, B, U = ca.SX.sym("a"), ca.SX.sym("b"), ca.SX.sym("u")

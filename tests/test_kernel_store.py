@@ -15,9 +15,7 @@ from command import run
 from deltaid.dynamics import dynamics
 from deltaid.errors import DeltaidError
 from deltaid.kernel import batch, store
-from deltaid.kernel import target as module
-from deltaid.kernel.batch import BatchKernel
-from deltaid.kernel.target import VARIABLE, target
+from deltaid.kernel.batch import VARIABLE, BatchKernel, target
 
 X = np.random.default_rng(0).normal(size=(2, 37))
 
@@ -240,7 +238,7 @@ def test_a_processor_needs_all_that_a_level_has(
     """Early ones have AVX2 without fused operations."""
     there = {name: name != lacking for name in ("sse4.2", "popcnt", "avx2", "fma", "bmi2")}
     monkeypatch.setattr(module.llvm, "get_host_cpu_features", lambda: there)
-    monkeypatch.setattr(module, "_target", module._target.__wrapped__)  # without what it remembers
+    monkeypatch.setattr(batch, "_target", batch._target.__wrapped__)  # without what it remembers
     monkeypatch.setenv(VARIABLE, "x86-64-v2")
     assert (target().cpu, target().width) == ("x86-64-v2", 4)
     monkeypatch.setenv(VARIABLE, "x86-64-v3")

@@ -34,8 +34,8 @@ from deltaid.joint_forces.forces import Forces as Forces
 from deltaid.joint_forces.forces import forces as forces
 from deltaid.mechanism.kinematics import Kinematics as Kinematics
 from deltaid.mechanism.limb import build_limb as build_limb
-from deltaid.mechanism.own import BodyPose as BodyPose
-from deltaid.mechanism.own import MechanismParts as MechanismParts
+from deltaid.mechanism.user_code import BodyPose as BodyPose
+from deltaid.mechanism.user_code import MechanismParts as MechanismParts
 from deltaid.mechanism.user_code import use_mechanism as use_mechanism
 from deltaid.model.model import Model as Model
 from deltaid.model.model import load as load

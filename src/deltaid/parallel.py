@@ -11,7 +11,7 @@ from collections.abc import Callable, Generator, Iterable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import contextmanager
 from contextvars import ContextVar
-from typing import TypeVar
+from typing import Any, TypeVar
 
 from threadpoolctl import get_cached_controller
 
@@ -21,6 +21,8 @@ _Item = TypeVar("_Item")
 _Result = TypeVar("_Result")
 
 _limit: ContextVar[int | None] = ContextVar("threads", default=None)
+# What there is behind the last item.
+_END: Any = object()
 
 
 @functools.cache
@@ -81,28 +83,27 @@ def _in_turn(
     ahead: int,
 ) -> Iterator[_Result]:
     """Results in order; the next item is made while those before it are worked on."""
+
+    def attempt(item: _Item | DeltaidError) -> _Result:
+        if isinstance(item, DeltaidError):
+            raise item
+        return work(item)
+
     pending: deque[Future[_Result]] = deque()
-    failure: DeltaidError | None = None
-    coming = maker.submit(_next, source)
-    while True:
-        try:
-            items = coming.result()
-        except DeltaidError as error:
-            failure = error
-            break
-        if not items:
-            break
-        coming = maker.submit(_next, source)
-        pending.append(pool.submit(work, items[0]))
+    items = _or_failure(source)
+    coming = maker.submit(next, items, _END)
+    while (item := coming.result()) is not _END:
+        coming = maker.submit(next, items, _END)
+        pending.append(pool.submit(attempt, item))
         if len(pending) > ahead:
             yield pending.popleft().result()
     while pending:
         yield pending.popleft().result()
-    if failure is not None:
-        raise failure
 
 
-def _next(source: Iterator[_Item]) -> list[_Item]:
-    for item in source:
-        return [item]
-    return []
+def _or_failure(source: Iterator[_Item]) -> Iterator[_Item | DeltaidError]:
+    """The items, and behind them the error by which making one fails."""
+    try:
+        yield from source
+    except DeltaidError as error:
+        yield error

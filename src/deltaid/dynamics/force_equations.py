@@ -124,12 +124,11 @@ class _Build:
             for geometry, limb in zip(robot.limb_geometry, mechanism.limbs, strict=True)
         ]
         self._platform = tuple(self._part(body) for body in mechanism.platform)
-        self._telescope, self._bar = (), None
-        if mechanism.telescope is not None:
-            bodies, length = mechanism.telescope, mechanism.joints["slide"]
-            upper, lower, tool = map(self._part, (bodies.upper, bodies.lower, bodies.tool))
-            self._telescope = (upper, lower, tool)
-            self._bar = bar_forces(length, upper, lower, tool, forces.effort("slide"))
+        self._telescope = tuple(self._part(body) for body in mechanism.telescope)
+        self._bar = None
+        if self._telescope:
+            length, slide = mechanism.joints["slide"], forces.effort("slide")
+            self._bar = bar_forces(length, *self._telescope, slide)
 
     def _part(self, body: MovingBody) -> LoadedBody:
         return LoadedBody(body, self._forces.wrench(body))

@@ -6,12 +6,18 @@ No C compiler is needed: LLVM comes with llvmlite. Arrays hold samples in column
 A recurrence is a graph from state and inputs to next state and outputs, run sample after sample.
 The kernel's loop then reads its state where the sample before wrote it: all rows lie in one
 array, and outputs are one column further on than inputs.
+
+Kernels are compiled for this machine's processor, or a plainer one on request. Results for
+different processors differ by rounding, so two machines give two sets of bits. Tests and studies
+ask for another processor to see what that changes.
 """
 
 import ctypes
 import ctypes.util
 import functools
+import os
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
 from importlib.metadata import version
 from pathlib import Path
 
@@ -20,9 +26,9 @@ import llvmlite.binding as llvm
 import numpy as np
 from jaxtyping import Float
 
+from deltaid.errors import DescriptionError
 from deltaid.kernel import llvm_ir, store
 from deltaid.kernel.llvm_ir import KERNEL_NAME, LIBM_NAMES, vector_ir
-from deltaid.kernel.target import Target, target
 from deltaid.parallel import cores
 
 # Samples a thread takes at a time: few enough that in- and outputs of a block stay in the cache,
@@ -32,6 +38,55 @@ BLOCK = 2000
 _SHARE = 8
 
 _POINTER, _INT = ctypes.c_void_p, ctypes.c_int64
+
+VARIABLE = "DELTAID_KERNEL_CPU"
+# Levels of the x86-64 psABI: doubles in a vector, and the features that tell whether a processor
+# has the level.
+_LEVELS = {
+    "x86-64-v2": (4, ("sse4.2", "popcnt")),
+    "x86-64-v3": (4, ("avx2", "fma", "bmi2")),
+    "x86-64-v4": (8, ("avx512f", "avx512bw", "avx512cd", "avx512dq", "avx512vl")),
+}
+
+
+@dataclass(frozen=True)
+class Target:
+    """What machine code is made for.
+
+    Attributes:
+        cpu: name of the processor, as LLVM knows it.
+        features: of it, beyond those that its name stands for.
+        width: samples (doubles) that one instruction works on.
+    """
+
+    cpu: str
+    features: str
+    width: int
+
+
+def target() -> Target:
+    """This machine's processor, or the level that `DELTAID_KERNEL_CPU` names.
+
+    Raises:
+        DescriptionError: there is no such level, or this machine does not have it.
+    """
+    return _target(os.environ.get(VARIABLE, ""))
+
+
+@functools.cache
+def _target(level: str) -> Target:
+    present = llvm.get_host_cpu_features()
+    if not level:
+        width = 8 if present.get("avx512f", False) else 4
+        return Target(llvm.get_host_cpu_name(), present.flatten(), width)
+    usable = [name for name, (_, needed) in _LEVELS.items() if all(map(present.get, needed))]
+    if level not in usable:
+        raise DescriptionError(
+            f"is {level!r}, which this machine cannot run",
+            where=VARIABLE,
+            cure=f"use one of {', '.join(usable)}, or unset it" if usable else "unset it",
+        )
+    return Target(level, "", _LEVELS[level][0])
 
 
 class BatchKernel:
@@ -67,9 +122,13 @@ class BatchKernel:
         threads: int | None = None,
     ) -> Float[np.ndarray, "n_out samples"]:
         """Evaluate all samples, on all cores unless `threads` says otherwise or they are in use."""
-        x, shared = np.asarray(x, dtype=float), self._uniform(uniform)
-        if x.shape[0] != self.n_in:
-            raise ValueError(f"the kernel has {self.n_in} inputs, not {x.shape[0]}")
+        x, given = np.asarray(x, dtype=float), np.zeros(0) if uniform is None else uniform
+        shared = np.ascontiguousarray(given, dtype=float)
+        if (len(x), shared.shape) != (self.n_in, (self.n_uniform,)):
+            raise ValueError(
+                f"the kernel has {self.n_in} inputs, not {len(x)}, and {self.n_uniform} uniform "
+                f"inputs, not {shared.size}"
+            )
         out = np.empty((self.n_out, x.shape[1]))
         starts = range(0, x.shape[1], BLOCK)
         workers = min(threads or cores(), len(starts) if threads else len(starts) // _SHARE)
@@ -80,12 +139,6 @@ class BatchKernel:
                 shares = [starts[i::workers] for i in range(workers)]
                 list(pool.map(functools.partial(self._blocks, x, shared, out), shares))
         return out
-
-    def _uniform(self, uniform: Float[np.ndarray, " n"] | None) -> Float[np.ndarray, " n"]:
-        values = np.ascontiguousarray(np.zeros(0) if uniform is None else uniform, dtype=float)
-        if values.shape != (self.n_uniform,):
-            raise ValueError(f"the kernel has {self.n_uniform} uniform inputs, not {values.size}")
-        return values
 
     def _blocks(
         self,
@@ -177,13 +230,10 @@ def _circumstances(cpu: Target) -> tuple[str | bytes, ...]:
 
 
 def _compile(assembly: str) -> bytes:
-    _initialise()
-    module = llvm.parse_assembly(assembly)
-    return _machine().emit_object(module)
+    return _machine().emit_object(llvm.parse_assembly(assembly))
 
 
 def _engine(code: bytes) -> llvm.ExecutionEngine:
-    _initialise()
     engine = llvm.create_mcjit_compiler(llvm.parse_assembly(""), _machine())  # owns both
     engine.add_object_file(llvm.ObjectFileRef.from_data(code))
     engine.finalize_object()
@@ -191,6 +241,7 @@ def _engine(code: bytes) -> llvm.ExecutionEngine:
 
 
 def _machine() -> llvm.TargetMachine:
+    _initialise()
     cpu = target()
     return llvm.Target.from_default_triple().create_target_machine(
         cpu=cpu.cpu, features=cpu.features, opt=2, jit=True

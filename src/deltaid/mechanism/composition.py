@@ -6,11 +6,11 @@ import numpy as np
 from deltaid.mechanism.forward import meeting_point
 from deltaid.mechanism.growth import LengthGrowth
 from deltaid.mechanism.limb import LimbMotion, build_limb, elbow, limb_motion, mode_margin
-from deltaid.mechanism.mechanism import ClosedForm, Mechanism
-from deltaid.mechanism.own import build_own
+from deltaid.mechanism.mechanism import ClosedForm, Mechanism, MovingBody
 from deltaid.mechanism.platform import PlatformParts, build_platform, build_telescope
 from deltaid.mechanism.rotation import Path, fixed
 from deltaid.mechanism.speeds import Speed, Speeds
+from deltaid.mechanism.user_code import build_own
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.limbs import LimbGeometry
 from deltaid.robot.platform import H4Platform, RigidPlatform
@@ -57,22 +57,22 @@ def build_mechanism(robot: RobotDescription, growth: LengthGrowth | None = None)
     joints = {f"drive{i + 1}": limb.q for i, limb in enumerate(limbs)}
     if platform.joint is not None:
         joints["platform"] = platform.joint
-    passive, bar = [limb.swing for limb in limbs], None
+    passive, bar = [limb.swing for limb in limbs], tuple[MovingBody, ...]()
     if robot.telescope is not None:
         higher = growth.telescope if growth else None
-        bar = build_telescope(motion, robot.telescope, Speed.named("spin", 3), higher)
-        bodies += [bar.bodies.upper, bar.bodies.lower, bar.bodies.tool]
-        passive.append(bar.spin)
+        spin = Speed.named("spin", 3)
+        bar, length, spin = build_telescope(motion, robot.telescope, spin, higher)
+        passive.append(spin)
         q, closure = ca.vertcat(q, z[3]), ca.vertcat(closure, z[3] - q_symbols[3])
-        joints |= {"drive4": z[3], "slide": bar.length}
+        joints |= {"drive4": z[3], "slide": length}
     return Mechanism(
         z=z,
         q=q,
         speeds=Speeds(drives, task, Speed.joined(passive), *_loops(limbs, platform, motion)),
-        bodies=tuple(bodies),
+        bodies=(*bodies, *bar),
         limbs=tuple(limb.bodies for limb in limbs),
         platform=platform.bodies,
-        telescope=None if bar is None else bar.bodies,
+        telescope=bar,
         joints={name: joints[name] for name in robot.joints},
         reach=ca.vertcat(*[limb.reach for limb in limbs]),
         q_symbols=q_symbols,

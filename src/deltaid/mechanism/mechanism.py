@@ -73,15 +73,6 @@ class LimbBodies:
 
 
 @dataclass(frozen=True)
-class TelescopeBodies:
-    """The telescope bar's halves, and the end effector that it turns."""
-
-    upper: MovingBody
-    lower: MovingBody
-    tool: MovingBody
-
-
-@dataclass(frozen=True)
 class ClosedForm:
     """Forward kinematics written out.
 
@@ -109,7 +100,7 @@ class Mechanism:
         bodies: all moving bodies.
         limbs: those of each limb, and what it holds.
         platform: bodies of the platform, the parts that limbs hold first.
-        telescope: those of a telescope bar.
+        telescope: of a telescope bar, its upper and lower half and the end effector; or none.
         joints: friction joints' coordinates ϑ(z) by name, drives first.
         reach: for each limb, the distance in metres by which z is inside its reach, functions of z.
         q_symbols: δ symbols for the drive coordinates in what follows.
@@ -133,7 +124,7 @@ class Mechanism:
     bodies: tuple[MovingBody, ...]
     limbs: tuple[LimbBodies, ...]
     platform: tuple[MovingBody, ...]
-    telescope: TelescopeBodies | None
+    telescope: tuple[MovingBody, ...]
     joints: dict[str, ca.SX]
     reach: ca.SX
     q_symbols: ca.SX

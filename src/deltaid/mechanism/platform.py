@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 import casadi as ca
 import numpy as np
 
-from deltaid.mechanism.mechanism import Mechanism, MovingBody, TelescopeBodies
+from deltaid.mechanism.mechanism import Mechanism, MovingBody
 from deltaid.mechanism.rotation import Path, Rotation, Turn, along, fixed, pointing, rotation, skew
 from deltaid.mechanism.speeds import Speed
 from deltaid.robot.description import RobotDescription
@@ -105,25 +105,12 @@ def with_turned_half(mechanism: Mechanism) -> Mechanism:
     return replace(mechanism, bodies=bodies, platform=(parts[0], second, *parts[2:]))
 
 
-@dataclass(frozen=True)
-class TelescopeMotion:
-    """The telescope bar along a motion of r and ψ.
-
-    Attributes:
-        bodies: both halves and the end effector.
-        length: of the bar [m].
-        spin: the bar's angular velocity and acceleration, in its own frame.
-    """
-
-    bodies: TelescopeBodies
-    length: ca.SX
-    spin: Speed
-
-
 def build_telescope(
     z: Path, bar: Telescope, spin: Speed, grown: ca.SX | None = None
-) -> TelescopeMotion:
-    """Motion of the telescope bar; ψ turns the fork of its base joint about world z.
+) -> tuple[tuple[MovingBody, ...], ca.SX, Speed]:
+    """Upper and lower half of the telescope bar with the end effector; the bar's length [m]; its
+    angular velocity and acceleration, in its own frame. ψ turns the fork of its base joint about
+    world z.
 
     The bar's z axis points from platform to base. The cross of the base joint turns about the
     fork's x axis and the bar about the cross's y axis, so R_WT = R_z(ψ) R_x(η) R_y(ζ).
@@ -145,12 +132,12 @@ def build_telescope(
     turned = rotation(turn_z(z[3]), *pointing("xy", seen, along(length, z)))
     R_WT = Rotation(turned.R, spin.u, spin.ud)
     top, eye = Path.still(base), np.eye(3)
-    bodies = TelescopeBodies(
-        upper=MovingBody("TU", 1, eye, R_WT, top),
-        lower=MovingBody("TL", 1, eye, R_WT, lower),
-        tool=MovingBody("EE", 1, eye, fork, r),
+    bodies = (
+        MovingBody("TU", 1, eye, R_WT, top),
+        MovingBody("TL", 1, eye, R_WT, lower),
+        MovingBody("EE", 1, eye, fork, r),
     )
-    return TelescopeMotion(bodies, length, spin.being(turned.w, turned.alpha))
+    return bodies, length, spin.being(turned.w, turned.alpha)
 
 
 def _seen(frame: Rotation, v: Path) -> Path:

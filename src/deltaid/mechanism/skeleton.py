@@ -126,15 +126,14 @@ def _joining(robot: RobotDescription, mechanism: Mechanism, size: float) -> list
 
 
 def _telescope(mechanism: Mechanism) -> list[Segment]:
-    bar = mechanism.telescope
-    if bar is None:
+    if not mechanism.telescope:
         return []
-    top, bottom, tool = (part.world_origin for part in (bar.upper, bar.lower, bar.tool))
+    top, bottom, tool = (part.world_origin for part in mechanism.telescope)
     middle = 0.5 * (top + bottom)
     return [
         Segment("TU", top, middle),
         Segment("TL", middle, bottom),
-        Segment("EE", tool, tool + 0.05 * bar.tool.world_rotation[:, 0]),
+        Segment("EE", tool, tool + 0.05 * mechanism.telescope[-1].world_rotation[:, 0]),
     ]
 
 

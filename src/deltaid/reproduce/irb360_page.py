@@ -202,21 +202,20 @@ _DETERMINED_TEXT = (
 
 
 def _friction_table(result: Irb360) -> Table:
-    names, rows = result.dynamics.layout.names, []
-    fits = [result.candidates[name] for name in (SIMPLE, GEOM)]
-    for joint, values in FRICTION.items():
-        for kind, value in zip(("viscous", "coulomb"), values, strict=True):
-            at = names.index(f"{kind}.{joint}")
-            truth = "—" if joint == "drive4" else number(result.truth[at], 4)
-            rows.append(
-                (names[at], number(value, 4), truth, *(number(float(f.p[at]), 4) for f in fits))
-            )
-    at = names.index("rotor.drive4")
-    found = (number(float(f.p[at]), 3) for f in fits)
-    rows.append(("rotor.drive4", number(ROTOR, 3), number(result.truth[at], 3), *found))
-    columns = ("", "the paper", "stand-in", *(f"here: {name}" for name in (SIMPLE, GEOM)))
+    printed = {
+        f"{kind}.{joint}": value
+        for joint, values in FRICTION.items()
+        for kind, value in zip(("viscous", "coulomb"), values, strict=True)
+    }
+    rows = []
+    for name, value in {**printed, "rotor.drive4": ROTOR}.items():
+        at, digits = result.dynamics.layout.names.index(name), 4 if name in printed else 3
+        ours = (result.truth[at], *(result.candidates[fit].p[at] for fit in (SIMPLE, GEOM)))
+        truth, *fits = (number(float(v), digits) for v in ours)
+        is_another = name in ("viscous.drive4", "coulomb.drive4")
+        rows.append((name, number(value, digits), "—" if is_another else truth, *fits))
     return Table(
-        columns,
+        ("", "the paper", "stand-in", *(f"here: {name}" for name in (SIMPLE, GEOM))),
         tuple(rows),
         "Friction and the fourth motor's inertia, Sec. VIII B. Drive 4 of the stand-in has another "
         "law.",
