@@ -5,6 +5,7 @@ import linecache
 import math
 import re
 from collections.abc import Iterable, Mapping
+from functools import partial
 from types import TracebackType
 from typing import Any, TypeVar
 
@@ -35,7 +36,7 @@ class DeltaidError(Exception):
         super().__init__(what, where, cure)
 
     def __reduce__(self) -> tuple[object, ...]:
-        return _again, (type(self), self.what, self.where, self.cure)
+        return partial(type(self), where=self.where, cure=self.cure), (self.what,)
 
     def _render_traceback_(self) -> list[str]:
         """What IPython and Jupyter show: the line that was typed and the message.
@@ -49,11 +50,6 @@ class DeltaidError(Exception):
         place = f"{self.where}: " if self.where else ""
         cure = f"\n  → {self.cure}" if self.cure else ""
         return f"{place}{self.what}{cure}"
-
-
-def _again(kind: type[DeltaidError], what: str, where: str, cure: str) -> DeltaidError:
-    """An error that comes from another process."""
-    return kind(what, where=where, cure=cure)
 
 
 def _typed(traceback: TracebackType | None) -> str:

@@ -27,12 +27,13 @@ import casadi as ca
 import numpy as np
 
 from deltaid.dynamics.force_parts import (
-    Bar,
+    ForceChannel,
     LoadedBody,
     Strut,
     bar_forces,
     bearing_load,
     strut_forces,
+    vector,
 )
 from deltaid.dynamics.speed_forces import SpeedForces
 from deltaid.mechanism.mechanism import Mechanism, MovingBody
@@ -41,21 +42,6 @@ from deltaid.mechanism.rotation import inverse
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.limbs import LimbGeometry
 from deltaid.robot.platform import H4Platform, RigidPlatform
-
-
-@dataclass(frozen=True)
-class ForceChannel:
-    """One number of the result, such as the force along a strut at the platform.
-
-    Attributes:
-        name: as in files: 'strut1a.platform.x'.
-        unit: N or N m.
-        value: function of z, q̇, q̈ and p, linear in p.
-    """
-
-    name: str
-    unit: str
-    value: ca.SX
 
 
 @dataclass(frozen=True)
@@ -159,7 +145,7 @@ class _Build:
                     found += _socket_channels(name, strut, inner, outer, np.sign(aside))
             complete = differences is not None or geometry.struts == 1
             found += _bearing_channels(i, strut, self._driven[i], at_elbow, complete)
-        return found + (_bar_channels(self._bar) if self._bar else []), tuple(names)
+        return found + (self._bar.channels if self._bar else []), tuple(names)
 
     def _sums(self) -> ca.SX:
         """N_i, step 3. A telescope's ψ is held by its own drive."""
@@ -186,8 +172,8 @@ class _Build:
                 work[j] += ca.dot(turn.axis, part.world_moment)
                 work[j] += turn.moment(part.body.world_origin, part.world_force)
             if self._bar is not None:
-                work[j] += ca.dot(turn.axis, self._bar.lower_torque_W)
-                work[j] += turn.moment(self._bar.r_lower, self._bar.lower_force_W)
+                work[j] += ca.dot(turn.axis, self._bar.torque)
+                work[j] += turn.moment(self._telescope[1].body.world_origin, self._bar.force)
             for i in turn.limbs:
                 strut = self._struts[i]
                 force = strut.geometry.struts * strut.across + strut.along * sums[i]
@@ -215,17 +201,13 @@ def _half(geometry: LimbGeometry) -> float:
     return 0.5 * float(geometry.spacing or 0.0)
 
 
-def _vector(name: str, unit: str, value: ca.SX, axes: str = "xyz") -> list[ForceChannel]:
-    return [ForceChannel(f"{name}.{axis}", unit, value["xyz".index(axis)]) for axis in axes]
-
-
 def _strut_channels(
     name: str, strut: Strut, inner: ca.SX, outer: ca.SX, count: int
 ) -> list[ForceChannel]:
     """What is transmitted through both ends, in the strut's frame; tension is positive."""
     return [
-        *_vector(f"{name}.platform", "N", inner),
-        *_vector(f"{name}.elbow", "N", outer),
+        *vector(f"{name}.platform", "N", inner),
+        *vector(f"{name}.elbow", "N", outer),
         ForceChannel(f"{name}.elbow.moment", "N m", count * strut.spin),
     ]
 
@@ -251,18 +233,7 @@ def _bearing_channels(
     """Loads of the bearing of arm or carriage; without moments where single struts are unknown."""
     force, moment = bearing_load(strut, driven, at_elbow)
     name, rotary = f"motor{i + 1}", strut.geometry.drive == "rotary"
-    forces = _vector(f"{name}.force", "N", force, "xyz" if rotary else "xy")
-    moments = _vector(f"{name}.moment", "N m", moment, "xz" if rotary else "xyz")
+    forces = vector(f"{name}.force", "N", force, "xyz" if rotary else "xy")
+    moments = vector(f"{name}.moment", "N m", moment, "xz" if rotary else "xyz")
     drive = ("N m", moment[1]) if rotary else ("N", -force[2])
     return [*forces, *(moments if complete else []), ForceChannel(f"{name}.drive", *drive)]
-
-
-def _bar_channels(bar: Bar) -> list[ForceChannel]:
-    """Forces and torques that the universal joints exert on the bar, in its frame."""
-    return [
-        *_vector("telescope.base", "N", bar.upper_force),
-        ForceChannel("telescope.base.torque", "N m", bar.upper_torque),
-        *_vector("telescope.platform", "N", bar.lower_force),
-        ForceChannel("telescope.platform.torque", "N m", bar.lower_torque),
-        ForceChannel("telescope.drive", "N m", bar.drive),
-    ]

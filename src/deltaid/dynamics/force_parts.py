@@ -15,6 +15,26 @@ from deltaid.robot.limbs import LimbGeometry
 
 
 @dataclass(frozen=True)
+class ForceChannel:
+    """One number of the result, such as the force along a strut at the platform.
+
+    Attributes:
+        name: as in files: 'strut1a.platform.x'.
+        unit: N or N m.
+        value: function of z, q̇, q̈ and p, linear in p.
+    """
+
+    name: str
+    unit: str
+    value: ca.SX
+
+
+def vector(name: str, unit: str, value: ca.SX, axes: str = "xyz") -> list[ForceChannel]:
+    """Channels of a vector's entries along some axes."""
+    return [ForceChannel(f"{name}.{axis}", unit, value["xyz".index(axis)]) for axis in axes]
+
+
+@dataclass(frozen=True)
 class LoadedBody:
     """One body and what its motion takes from its joints, gravity taken off.
 
@@ -134,24 +154,18 @@ def bearing_load(
 
 @dataclass(frozen=True)
 class Bar:
-    """The telescope bar. Forces and torques are those of the joints on the bar, in its frame T.
+    """The telescope bar.
 
     Attributes:
-        r_lower: centre of the joint at the platform, in the world [m].
-        upper_force, lower_force: [N].
-        upper_torque, lower_torque: about the axis perpendicular to both axes of a joint [N m].
-        lower_force_W, lower_torque_W: in the world; the torque as a vector.
-        drive: torque on the fork of the joint at the base, about world z [N m].
+        channels: forces and torques of the universal joints on the bar, in its frame T, torques
+            about the axis perpendicular to both axes of a joint; and that of the drive on the fork
+            of the joint at the base, about world z.
+        force, torque: of the joint at the platform on the bar, as vectors in the world [N, N m].
     """
 
-    r_lower: ca.SX
-    upper_force: ca.SX
-    upper_torque: ca.SX
-    lower_force: ca.SX
-    lower_torque: ca.SX
-    lower_force_W: ca.SX
-    lower_torque_W: ca.SX
-    drive: ca.SX
+    channels: list[ForceChannel]
+    force: ca.SX
+    torque: ca.SX
 
 
 def bar_forces(
@@ -177,13 +191,11 @@ def bar_forces(
         lower.force[2] - slide,
     )
     upper_torque = torques - lower_torque
-    return Bar(
-        r_lower=lower.body.world_origin,
-        upper_force=upper.force + lower.force - f,
-        upper_torque=upper_torque,
-        lower_force=f,
-        lower_torque=lower_torque,
-        lower_force_W=R_WT @ f,
-        lower_torque_W=lower_torque * n_W,
-        drive=upper_torque * n_W[2],
-    )
+    channels = [
+        *vector("telescope.base", "N", upper.force + lower.force - f),
+        ForceChannel("telescope.base.torque", "N m", upper_torque),
+        *vector("telescope.platform", "N", f),
+        ForceChannel("telescope.platform.torque", "N m", lower_torque),
+        ForceChannel("telescope.drive", "N m", upper_torque * n_W[2]),
+    ]
+    return Bar(channels, R_WT @ f, lower_torque * n_W)

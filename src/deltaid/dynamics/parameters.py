@@ -152,12 +152,16 @@ def stated_spreads(robot: RobotDescription) -> dict[str, float]:
 
 
 def inertia_scale(p: Float[np.ndarray, " 10"]) -> Float[np.ndarray, " 10"]:
-    """|p| of one body; m ℓ for a first moment and m ℓ² for an inertia that is zero, with ℓ its
-    radius of gyration about the link frame, ℓ² = tr Σ / m."""
+    """|p| of one body; m ℓ for a first moment and m ℓ² for an inertia that is zero."""
+    return np.where(p != 0, np.abs(p), inertia_size(p))
+
+
+def inertia_size(p: Float[np.ndarray, " 10"]) -> Float[np.ndarray, " 10"]:
+    """m, m ℓ for first moments and m ℓ² for inertias of one body, with ℓ its radius of gyration
+    about the link frame, ℓ² = tr Σ / m."""
     m, second_moments = p[0], 0.5 * p[4:7].sum()
     length = np.sqrt(second_moments / m)
-    size = np.array([m, *[m * length] * 3, *[m * length**2] * 6])
-    return np.where(p != 0, np.abs(p), size)
+    return np.array([m, *[m * length] * 3, *[m * length**2] * 6])
 
 
 def prior_parameters(robot: RobotLike) -> Float[np.ndarray, " parameters"]:
