@@ -12,7 +12,7 @@ from deltaid.control.controllers import ComputedTorque, ControlModel, PDFeedForw
 from deltaid.control.plant import DriveRipple, Held, Payload, Plant, Running, point_mass
 from deltaid.control.tracking import Drives, track
 from deltaid.control.trajectory import MotionTrajectory, SampledTrajectory
-from deltaid.dynamics.motor_side import link_side, motor_inertia, motor_speeds
+from deltaid.dynamics.forward_dynamics import link_side, motor_inertia, motor_speeds
 from deltaid.errors import DescriptionError
 from deltaid.model.model import Model, load
 from deltaid.motion.random_motion import random_motion

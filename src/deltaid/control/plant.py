@@ -9,7 +9,7 @@ from jaxtyping import Float
 from scipy.linalg import inv
 
 from deltaid.control.simulation import time_steps
-from deltaid.dynamics.motor_side import link_side, motor_inertia, motor_speeds
+from deltaid.dynamics.forward_dynamics import link_side, motor_inertia, motor_speeds
 from deltaid.dynamics.parameters import Parameters, parameter_layout
 from deltaid.errors import DeltaidError, DescriptionError
 from deltaid.mechanism.kinematics import Samples

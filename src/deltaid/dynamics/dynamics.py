@@ -56,27 +56,22 @@ class Regressor(Protocol):
     @property
     def kinematics(self) -> Kinematics:
         """Kinematics of the robot, with its mechanism."""
-        ...
 
     @property
     def dof(self) -> int:
         """Number of drives δ."""
-        ...
 
     @property
     def regressor_pattern(self) -> tuple[np.ndarray, np.ndarray]:
         """Drive and column of every structurally nonzero entry, drive by drive."""
-        ...
 
     def sparse_regressor(
         self, z: Samples, qd: Samples, qdd: Samples, load: Samples | None = None
     ) -> SparseRegressor:
         """The nonzero entries at some samples; friction that depends on load needs the load."""
-        ...
 
     def carried(self, z: Samples, qd: Samples, qdd: Samples, p: Parameters) -> Samples:
         """What the robot's gears carry at some samples."""
-        ...
 
 
 _Self = TypeVar("_Self", bound="WithParameters")

@@ -227,13 +227,16 @@ def errors_by(
     robot: RobotDescription, slopes: GeometrySlopes, tolerances: Tolerances | None = None
 ) -> tuple[Error, ...]:
     """Each tolerance, by default of the description, with what it does if it does anything."""
-    by, zeros, tilts = tolerances or robot.tolerances, list[Error](), list[Error]()
-    for i, drive in enumerate(robot.drives):
-        if size := by.of_drive(drive):
-            zeros.append(Error(f"zero of {drive}", size * slopes.of_zero(i)))
-    for axis in across(slopes.gravity) if by.mounting else ():
-        name = f"tilt about {np.round(axis, 3).tolist()}"
-        tilts.append(Error(name, by.mounting * slopes.of_gravity(axis)))
+    by = tolerances or robot.tolerances
+    zeros = [
+        Error(f"zero of {drive}", size * slopes.of_zero(i))
+        for i, drive in enumerate(robot.drives)
+        if (size := by.of_drive(drive))
+    ]
+    tilts = [
+        Error(f"tilt about {np.round(axis, 3).tolist()}", by.mounting * slopes.of_gravity(axis))
+        for axis in (across(slopes.gravity) if by.mounting else ())
+    ]
     found = (*_of_lengths(robot, by, slopes), *zeros, *tilts)
     return tuple(error for error in found if error.effect.any())
 

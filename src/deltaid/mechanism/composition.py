@@ -119,11 +119,12 @@ def _closure(
     q: ca.SX, geometry: tuple[LimbGeometry, ...], platform: PlatformParts
 ) -> tuple[ca.SX, ca.SX]:
     """(|a_i − E_i(q_i)|² − l_i²) / (2 l_i) of each limb [m], and the limbs' mode margins [m]."""
-    closure, modes = [], []
-    for i, (limb, point) in enumerate(zip(geometry, platform.points, strict=True)):
-        gap = ca.sumsqr(point.at - elbow(q[i], limb)) - limb.strut**2
-        closure.append(gap / (2 * limb.strut))
-        modes.append(mode_margin(q[i], point.at, limb))
+    held = list(zip(ca.vertsplit(q[: len(geometry)]), platform.points, geometry, strict=True))
+    closure = [
+        (ca.sumsqr(point.at - elbow(q_i, limb)) - limb.strut**2) / (2 * limb.strut)
+        for q_i, point, limb in held
+    ]
+    modes = [mode_margin(q_i, point.at, limb) for q_i, point, limb in held]
     return ca.vertcat(*closure), ca.vertcat(*modes)
 
 

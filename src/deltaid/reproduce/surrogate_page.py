@@ -190,20 +190,17 @@ def _effort(fit: SurrogateFit) -> tuple[str, ...]:
 def _parameters(result: Reproduction) -> Section:
     free = result.free
     fits = [result.fit(prior, noisy=noisy) for prior in result.priors for noisy in (False, True)]
-    heads, columns = ["nominal"], [result.truth]
+    columns, layout = {"nominal": result.truth}, result.dynamics.layout
     for fit in fits:
-        if not fit.noisy:
-            heads.append(fit.prior)
-            columns.append(fit.identification.problem.reduction.p_reg)
-        heads.append(f"{fit.name}{', noise' if fit.noisy else ''}")
-        columns.append(fit.identification.model.p)
-    layout = result.dynamics.layout
+        columns.setdefault(fit.prior, fit.identification.problem.reduction.p_reg)
+        columns[f"{fit.name}{', noise' if fit.noisy else ''}"] = fit.identification.model.p
     rows = tuple(
-        (layout.names[i], *(number(float(p[i])) for p in columns), layout.units[i]) for i in free
+        (layout.names[i], *(number(float(p[i])) for p in columns.values()), layout.units[i])
+        for i in free
     )
     return Section(
         "Parameters (Fig. 3)",
-        (parameters_figure(result), Table(("parameter", *heads, "unit"), rows)),
+        (parameters_figure(result), Table(("parameter", *columns, "unit"), rows)),
     )
 
 

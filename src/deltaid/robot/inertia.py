@@ -75,12 +75,10 @@ def inertia_parameters(M: Float[np.ndarray, "*batch 4 4"]) -> Float[np.ndarray, 
 
 def entry_map() -> Float[np.ndarray, "10 10"]:
     """The linear map from the entries of M̄, in the order of PSEUDO_INERTIA_ENTRIES, to p."""
-    columns = []
-    for i, j in PSEUDO_INERTIA_ENTRIES.values():
-        unit = np.zeros((4, 4))
-        unit[i, j] = unit[j, i] = 1.0
-        columns.append(inertia_parameters(unit))
-    return np.column_stack(columns)
+    k, (i, j) = np.arange(10), np.transpose(list(PSEUDO_INERTIA_ENTRIES.values()))
+    units = np.zeros((10, 4, 4))
+    units[k, i, j] = units[k, j, i] = 1.0
+    return inertia_parameters(units).T.copy()
 
 
 def consistency(p: Float[np.ndarray, "*batch 10"]) -> Float[np.ndarray, "*batch"]:
