@@ -21,6 +21,7 @@ from deltaid.robot.yaml_tree import MOST_NODES, Entry, child, plain, read_tree
 
 _Model = TypeVar("_Model", bound=BaseModel)
 
+_CATALOGUE = resources.files("deltaid.robot") / "catalogue"
 # Bytes. A model file has some 15 kB; what is much larger is a log, and YAML takes minutes over it.
 LARGEST_FILE = 1 << 20
 # A key that every model file has at its left edge, and no robot file.
@@ -36,8 +37,7 @@ _KINDS = {
 
 def catalogue() -> tuple[str, ...]:
     """Names of the shipped robots."""
-    folder = resources.files("deltaid.robot") / "catalogue"
-    return tuple(sorted(f.name[:-5] for f in folder.iterdir() if f.name.endswith(".yaml")))
+    return tuple(sorted(f.name[:-5] for f in _CATALOGUE.iterdir() if f.name.endswith(".yaml")))
 
 
 def catalogue_text(name: str) -> str:
@@ -48,8 +48,7 @@ def catalogue_text(name: str) -> str:
     """
     if name not in catalogue():
         raise _unknown(name)
-    file = resources.files("deltaid.robot") / "catalogue" / f"{name}.yaml"
-    return file.read_text(encoding="utf-8")
+    return (_CATALOGUE / f"{name}.yaml").read_text(encoding="utf-8")
 
 
 @runtime_checkable
@@ -77,9 +76,7 @@ def described(robot: RobotLike) -> RobotDescription:
     if isinstance(robot, HasRobot):
         return robot.robot
     if isinstance(robot, Mapping):
-        found = RobotDescription.from_dict(robot, "robot")
-        _require_closing(found, "", "robot")
-        return bound(found, "robot")
+        return _usable(RobotDescription.from_dict(robot, "robot"), "", "robot")
     require_name(robot)
     return load_robot(robot)
 
@@ -128,9 +125,7 @@ def described_in(text: str, where: str) -> RobotDescription:
     Raises:
         DescriptionError: it does not describe a robot.
     """
-    found = parse(text, RobotDescription, where=where)
-    _require_closing(found, text, where)
-    return bound(found, where)
+    return _usable(parse(text, RobotDescription, where=where), text, where)
 
 
 def holds_a_model(text: str) -> bool:
@@ -138,8 +133,8 @@ def holds_a_model(text: str) -> bool:
     return bool(_OF_MODELS.search(text))
 
 
-def _require_closing(robot: RobotDescription, text: str, where: str) -> None:
-    """Refuse limbs that reach nowhere; without a text, no line of it is named."""
+def _usable(robot: RobotDescription, text: str, where: str) -> RobotDescription:
+    """The robot bound, unless its limbs reach nowhere; without a text, no line of it is named."""
     if reason := open_limb(robot):
         limbs = child(_tree(text, where).value, "limbs") if text else None
         strut = limbs and child(limbs.value, "strut")
@@ -150,6 +145,7 @@ def _require_closing(robot: RobotDescription, text: str, where: str) -> None:
             cure="check strut, upper_arm and radii or points of limbs, and workspace (z < 0 where "
             "the platform is below the base)",
         )
+    return bound(robot, where)
 
 
 def bound(robot: RobotDescription, where: str) -> RobotDescription:

@@ -220,7 +220,8 @@ def _events(text: str, where: str) -> Iterator[Event]:
         raise _not_yaml(str(error.problem or error.context), place) from None
     except ReaderError as error:
         place = f"{where}, line {text.count(chr(10), 0, error.position) + 1}"
-        raise _not_yaml(f"character {_code(error.character)} cannot be in it", place) from None
+        character = error.character if isinstance(error.character, int) else ord(error.character)
+        raise _not_yaml(f"character U+{character:04X} cannot be in it", place) from None
     except (YAMLError, ValueError, OverflowError) as error:  # chr() of what is no character
         raise _not_yaml(quoted(str(error).strip().split("\n", 1)[0]), where) from None
 
@@ -233,10 +234,6 @@ def _resolved(text: str) -> Scalar:
     if _OTHER_BASE.fullmatch(text):
         return int(text, 0) if len(text) <= _LONGEST_INTEGER else math.inf
     return float(text) if _FLOAT.fullmatch(text) else text
-
-
-def _code(character: int | str) -> str:
-    return f"U+{character if isinstance(character, int) else ord(character):04X}"
 
 
 def _line(event: Event) -> int:
