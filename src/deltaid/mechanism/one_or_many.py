@@ -3,7 +3,6 @@ rows takes a single vector too, and returns its rank.
 """
 
 import functools
-import inspect
 from collections.abc import Callable
 from dataclasses import fields, is_dataclass, replace
 from typing import Any, ParamSpec, TypeVar
@@ -54,22 +53,18 @@ def one_or_many(*names: str) -> Callable[[Callable[_P, _R]], Callable[_P, _R]]:
     """
 
     def decorate(method: Callable[_P, _R]) -> Callable[_P, _R]:
-        signature = inspect.signature(method)
-
         @functools.wraps(method)
         def call(self: Any, /, *arguments: Any, **keywords: Any) -> Any:
-            bound = signature.bind(self, *arguments, **keywords)
-            given = {name: bound.arguments.get(name) for name in names}
-            arrays = {
-                name: _array(value, self.dof, name)
-                for name, value in given.items()
-                if value is not None
-            }
+            first = dict(zip(names, arguments, strict=False))
+            given = first | {k: keywords[k] for k in names if keywords.get(k) is not None}
+            arrays = {name: _array(value, self.dof, name) for name, value in given.items()}
             rows = {name: np.atleast_2d(array) for name, array in arrays.items()}
             _require_alike(rows)
-            bound.arguments |= rows
-            out = method(*bound.args, **bound.kwargs)
-            return _first(out) if all(array.ndim == 1 for array in arrays.values()) else out
+            ordered = [*(rows[name] for name in first), *arguments[len(first) :]]
+            named = {name: rows.get(name, value) for name, value in keywords.items()}
+            out = method(self, *ordered, **named)  # pyright: ignore[reportCallIssue]
+            single = rows and all(array.ndim == 1 for array in arrays.values())
+            return _first(out) if single else out
 
         return call  # pyright: ignore[reportReturnType]
 
@@ -104,11 +99,11 @@ def _array(value: Any, dof: int, name: str) -> np.ndarray:
 
 
 def _require_alike(given: dict[str, np.ndarray]) -> None:
-    (first, wanted), *others = given.items()
-    for name, rows in others:
-        if len(rows) != len(wanted):
+    first = next(iter(given), "")
+    for name, rows in given.items():
+        if len(rows) != len(given[first]):
             raise KinematicsError(
-                f"has {len(rows)} samples, but {first} has {len(wanted)}",
+                f"has {len(rows)} samples, but {first} has {len(given[first])}",
                 where=name,
                 cure="give one row a sample in each of them",
             )
