@@ -237,7 +237,7 @@ def test_a_processor_needs_all_that_a_level_has(
 ) -> None:
     """Early ones have AVX2 without fused operations."""
     there = {name: name != lacking for name in ("sse4.2", "popcnt", "avx2", "fma", "bmi2")}
-    monkeypatch.setattr(module.llvm, "get_host_cpu_features", lambda: there)
+    monkeypatch.setattr(batch.llvm, "get_host_cpu_features", lambda: there)
     monkeypatch.setattr(batch, "_target", batch._target.__wrapped__)  # without what it remembers
     monkeypatch.setenv(VARIABLE, "x86-64-v2")
     assert (target().cpu, target().width) == ("x86-64-v2", 4)
