@@ -23,7 +23,7 @@ _HOME = {name: module for module, name in _IMPORTS}
 # Names of earlier versions, and what they are now.
 _RENAMED = {"verdicts": "check", "write_export": "export"}
 
-__all__ = sorted(_HOME)
+__all__ = sorted(_HOME)  # pyright: ignore[reportUnsupportedDunderAll]
 
 
 def __getattr__(name: str) -> object:

@@ -113,8 +113,9 @@ class _Build:
         self._telescope = tuple(self._part(body) for body in mechanism.telescope)
         self._bar = None
         if self._telescope:
+            upper, lower, tool = self._telescope
             length, slide = mechanism.joints["slide"], forces.effort("slide")
-            self._bar = bar_forces(length, *self._telescope, slide)
+            self._bar = bar_forces(length, upper, lower, tool, slide)
 
     def _part(self, body: MovingBody) -> LoadedBody:
         return LoadedBody(body, self._forces.wrench(body))

@@ -135,7 +135,9 @@ class I4Platform(_Articulated):
         description="k of ψ = k s, rad/m: one over the diameter of a pinion between two racks"
     )
 
-    arm: ClassVar[float] = 0.5
+    @property
+    def arm(self) -> float:
+        return 0.5
 
     @property
     def direction(self) -> Float[np.ndarray, " 3"]:
