@@ -21,7 +21,7 @@ from damage import complaint, damaged, outcome
 from deltaid.dynamics.dynamics import Dynamics
 from deltaid.errors import DeltaidError
 from deltaid.recording import log as surveyed
-from deltaid.recording.formats.matlab_elements import DamagedMatError, Numbers
+from deltaid.recording.formats.matlab import DamagedMatError, Numbers
 from kinds_of_files import KINDS
 from kinds_of_files import ROWS as SAVED
 from logs import read, recorded, refusal, write

@@ -11,8 +11,7 @@ from ruamel.yaml import YAML
 import deltaid
 from command import run
 from deltaid.errors import RecordingError
-from deltaid.recording.mapping import load_mapping
-from deltaid.recording.mapping_proposal import MappingProposal
+from deltaid.recording.mapping import MappingProposal, load_mapping
 from deltaid.recording.proposed_mapping import Column, proposed_mapping
 from logs import recorded
 

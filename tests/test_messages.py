@@ -15,7 +15,7 @@ FORBIDDEN = re.compile(
     re.IGNORECASE,
 )
 # Lists of words that columns of recordings may have are not sentences.
-NO_MESSAGES = ("recording/column_words.py",)
+NO_MESSAGES = ("recording/column_meanings.py",)
 
 
 def messages(tree: ast.AST) -> Iterator[tuple[int, str]]:

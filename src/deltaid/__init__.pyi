@@ -61,7 +61,7 @@ from deltaid.recording.carried import Load as Load
 from deltaid.recording.contents import columns as columns
 from deltaid.recording.mapping import ColumnMapping as ColumnMapping
 from deltaid.recording.mapping import load_mapping as load_mapping
-from deltaid.recording.mapping_proposal import MappingProposal as MappingProposal
+from deltaid.recording.mapping import MappingProposal as MappingProposal
 from deltaid.recording.memory import Recording as Recording
 from deltaid.robot.description import RobotDescription as RobotDescription
 from deltaid.robot.limbs import LimbGeometry as LimbGeometry

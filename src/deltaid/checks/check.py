@@ -28,8 +28,7 @@ from deltaid.estimation.information import Information, merge
 from deltaid.model.settings import Settings, settings_of
 from deltaid.model.verdict import Grade, Verdict, worst
 from deltaid.progress import Watch, watched
-from deltaid.recording.mapping import ColumnMappings, mapping_each
-from deltaid.recording.mapping_proposal import FOUND
+from deltaid.recording.mapping import FOUND, ColumnMappings, mapping_each
 from deltaid.recording.memory import RecordingLike, as_sources
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.load import RobotLike, described, described_in, yaml_text

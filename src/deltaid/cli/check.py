@@ -45,7 +45,7 @@ def check(
     Exit code 0: all is good; 3: something is doubtful or cannot be told; 4: something is wrong.
     """
     from deltaid.checks.verdicts import as_written
-    from deltaid.recording.mapping_proposal import FOUND, as_words
+    from deltaid.recording.mapping import FOUND, as_words
     from deltaid.view.check import tally, verdict_table
 
     logs, targets = logs or [], dict["File", Path]()

@@ -13,7 +13,7 @@ from deltaid.cli.output_files import require_outputs
 from deltaid.errors import DeltaidError
 
 if TYPE_CHECKING:
-    from deltaid.recording.mapping_proposal import FoundColumns
+    from deltaid.recording.mapping import FoundColumns
 
 # Exit code where something is in doubt or missing; 1 and 2 mean what they mean everywhere.
 DOUBTFUL = 3

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from deltaid.errors import DeltaidError, RecordingError
-from deltaid.recording.mapping_proposal import Known, MappingProposal
+from deltaid.recording.mapping import Known, MappingProposal
 from deltaid.recording.memory import Recording, RecordingLike, as_source
 from deltaid.recording.proposed_mapping import Column, addresses, count_drives, proposed_mapping
 from deltaid.recording.source import LogTable

@@ -12,8 +12,7 @@ from deltaid.recording.address import find, listing
 from deltaid.recording.columns import Columns, Rows
 from deltaid.recording.contents import proposal_for
 from deltaid.recording.log import Excerpt, Log, taken_down
-from deltaid.recording.mapping import ColumnMapping
-from deltaid.recording.mapping_proposal import FOUND, as_words
+from deltaid.recording.mapping import FOUND, ColumnMapping, as_words
 from deltaid.recording.masks.masks import require_rest, runs_of
 from deltaid.recording.masks.search import timed
 from deltaid.recording.memory import Recording, RecordingLike, as_source

@@ -9,12 +9,12 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 from deltaid.recording.address import RecordedField
+from deltaid.recording.column_meanings import QUANTITIES as WORDS
 from deltaid.recording.column_meanings import Group, Reading, groups_of, kind_of, read_name, unit_of
-from deltaid.recording.column_numbers import Signal, derivative_factor, fitting_units, time_unit
-from deltaid.recording.column_words import QUANTITIES as WORDS
 from deltaid.recording.mapped_columns import QUANTITIES, SHORT_NAMES, Quantity
-from deltaid.recording.mapping_proposal import FoundColumns, Known, MappingProposal
+from deltaid.recording.mapping import FoundColumns, Known, MappingProposal
 from deltaid.recording.resolution import si_unit
+from deltaid.recording.units import Signal, derivative_factor, fitting_units, time_unit
 
 # A carriage hardly travels 10 m; numbers of millimetres mostly exceed that.
 _MOST_METRES = 10.0

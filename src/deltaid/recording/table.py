@@ -14,8 +14,7 @@ from deltaid.forked import require_threads
 from deltaid.recording.columns import Columns
 from deltaid.recording.formats import FORMATS
 from deltaid.recording.mapping import ColumnMapping
-from deltaid.recording.packed import content, packed_by
-from deltaid.recording.source import BATCH_ROWS, Column, LogTable, Rows
+from deltaid.recording.source import BATCH_ROWS, Column, LogTable, Rows, content, packed_by
 from deltaid.recording.time.counts import Seconds, Unwrapping
 
 # Rows that are corrected together.

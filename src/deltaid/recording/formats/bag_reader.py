@@ -18,8 +18,7 @@ import numpy as np
 from deltaid.errors import RecordingError, visible
 from deltaid.recording.address import RecordedField
 from deltaid.recording.formats.ros_messages import TYPES, Decoder, MessageError
-from deltaid.recording.packed import ZSTD, content, unzstd
-from deltaid.recording.source import first_line, library, opened
+from deltaid.recording.source import ZSTD, content, first_line, library, opened, unzstd
 
 _ROS_1, _MCAP, _SQLITE = b"#ROSBAG V", b"\x89MCAP0\r\n", b"SQLite format 3\0"
 _SUFFIXES = {_ROS_1: ".bag", _MCAP: ".mcap", _SQLITE: ".db3"}

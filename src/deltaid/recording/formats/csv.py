@@ -27,8 +27,7 @@ from deltaid.recording.formats.csv_lines import (
 )
 from deltaid.recording.formats.csv_table import CsvTable
 from deltaid.recording.mapping import ColumnMapping
-from deltaid.recording.packed import content
-from deltaid.recording.source import LogTable
+from deltaid.recording.source import LogTable, content
 from deltaid.recording.units import is_unit
 
 # Lines in which the names are looked for, and comments that may stand together.

@@ -16,7 +16,7 @@ from jaxtyping import Int
 
 from deltaid.errors import Doubt, RecordingError
 from deltaid.recording.address import printable
-from deltaid.recording.packed import content, skip
+from deltaid.recording.source import content, skip
 from deltaid.recording.time.counts import is_clock
 
 # Longer than any line of samples [bytes], so that what has no line breaks is refused early.

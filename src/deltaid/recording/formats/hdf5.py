@@ -13,7 +13,7 @@ import numpy as np
 from deltaid.errors import RecordingError
 from deltaid.recording.address import Pick, RecordedField
 from deltaid.recording.formats.arrays import Arrays, ArrayTable, entries_of, fields_of
-from deltaid.recording.formats.matlab_elements import matlab_object
+from deltaid.recording.formats.matlab import matlab_object
 from deltaid.recording.mapping import ColumnMapping
 from deltaid.recording.source import BATCH_ROWS, LogTable, first_line, library, readable
 

@@ -1,23 +1,119 @@
-"""MATLAB files of versions 5 to 7; those of 7.3 are HDF5."""
+"""MATLAB files of versions 5 to 7; those of 7.3 are HDF5.
 
+A file is a row of tagged elements, in the byte order of the writer. Nothing of what a header claims
+is believed before it fits into the file. What a variable holds is found from its headers. Numbers
+are read where they lie in the file, or from the whole variable in memory if it is compressed, as
+MATLAB does unless told otherwise.
+"""
+
+import math
 import mmap
-from collections.abc import Generator, Mapping, Sequence
+import zlib
+from collections.abc import Generator, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from dataclasses import dataclass, replace
 from functools import partial
+from itertools import islice
 from pathlib import Path
+
+import numpy as np
 
 from deltaid.errors import RecordingError
 from deltaid.recording.address import Pick, RecordedField
 from deltaid.recording.formats.arrays import Arrays, ArrayTable
-from deltaid.recording.formats.matlab_elements import (
-    DamagedMatError,
-    MatVariable,
-    Numbers,
-    contents,
-    variables,
-)
 from deltaid.recording.mapping import ColumnMapping
 from deltaid.recording.source import BATCH_ROWS, LogTable, opened
+
+# Bytes before the first element, as the format has it; types of elements that are variables.
+_HEADER = 128
+_MATRIX, _COMPRESSED = 14, 15
+# Types of elements that hold numbers.
+_TYPES = {
+    1: "i1",
+    2: "u1",
+    3: "i2",
+    4: "u2",
+    5: "i4",
+    6: "u4",
+    7: "f4",
+    9: "f8",
+    12: "i8",
+    13: "u8",
+}
+# Classes of matrices: those of numbers are 6 to 15.
+_CELL, _STRUCT, _OBJECT, _TEXT, _SPARSE, _FUNCTION, _OPAQUE = 1, 2, 3, 4, 5, 16, 17
+_HOLDS = {_TEXT: "text", _SPARSE: "a sparse matrix", _FUNCTION: "a function"}
+# Flags of a matrix that has an imaginary part, and of one of truth values.
+_COMPLEX, _LOGICAL = 0x800, 0x200
+# Levels of structs, and fields of a variable, that are looked at; bytes that hold every header.
+_DEEPEST, _MOST, _HEAD = 16, 2000, 1 << 14
+_CURES = {
+    "timetable": "s.t = seconds(x.Time - x.Time(1)); s.q = x.Variables",
+    "timeseries": "s.t = x.Time; s.q = squeeze(x.Data)",
+    "Simulink.SimulationData.Dataset": "v = x.get('q').Values; s.t = v.Time; s.q = v.Data",
+}
+
+
+class DamagedMatError(Exception):
+    """A file does not hold what its headers say."""
+
+
+@dataclass(frozen=True)
+class MatVariable:
+    """Where a variable is in the file [bytes], and whether compressed."""
+
+    start: int
+    size: int
+    is_compressed: bool
+    order: str
+
+    def unpacked(self, data: memoryview, most: int | None = None) -> memoryview:
+        """Its element with the tag, or as much of it from its beginning.
+
+        Raises:
+            DamagedMatError: what is compressed is broken.
+        """
+        held, where = data[self.start :][: self.size], f"the variable at byte {self.start}"
+        if not self.is_compressed:
+            return held
+        try:
+            start = zlib.decompressobj().decompress(held, 8)
+            size = 8 + int(np.frombuffer(start, f"{self.order}u4", 2)[1])
+            if size > _HEAD + 1100 * len(held):  # no more than deflate can do
+                raise DamagedMatError(f"{where} claims {size} bytes")
+            size = min(size, most or size)
+            whole = zlib.decompressobj().decompress(held, size)
+        except (zlib.error, ValueError) as error:
+            raise DamagedMatError(f"{where} does not unpack: {error}") from None
+        if len(whole) < size:
+            raise DamagedMatError(f"{where} is cut off")
+        return memoryview(whole)
+
+
+@dataclass(frozen=True)
+class Numbers:
+    """Where in an unpacked variable an array is."""
+
+    offset: int
+    dtype: str
+    shape: tuple[int, ...]
+
+    def array(self, data: memoryview) -> np.ndarray:
+        """The array, in the memory of the variable.
+
+        Raises:
+            DamagedMatError: it does not fit into the variable.
+        """
+        count = math.prod(self.shape)
+        if self.offset + count * np.dtype(self.dtype).itemsize > len(data):
+            raise DamagedMatError(
+                f"an array of {count} numbers ends behind the end of its variable"
+            )
+        return np.frombuffer(data, self.dtype, count, self.offset).reshape(self.shape, order="F")
+
+
+# What stands under an address: an array, or something that is none.
+_Held = tuple[str, Numbers | RecordedField]
 
 
 def is_matlab(start: bytes, path: Path) -> bool:
@@ -30,8 +126,8 @@ def open_matlab(path: Path, mapping: ColumnMapping) -> LogTable:
     fields: list[RecordedField] = []
     places: dict[str, tuple[MatVariable, Numbers]] = {}
     with _mapped(path) as data:
-        for variable in variables(data):
-            for name, held in contents(data, variable):
+        for variable in _variables(data):
+            for name, held in _contents(data, variable):
                 if isinstance(held, Numbers):
                     fields.append(RecordedField(name, held.shape, is_truth=held.dtype == "?"))
                     places.setdefault(name, (variable, held))
@@ -72,3 +168,145 @@ def _mapped(path: Path) -> Generator[memoryview, None, None]:
                 where=str(path),
                 cure="copy it again, or save it again with save('log.mat', '-v7')",
             ) from None
+
+
+def matlab_object(name: str, kind: str) -> RecordedField:
+    """An object of a class, of which only MATLAB knows how it is stored."""
+    line = _CURES.get(kind, _CURES["timeseries"])
+    return RecordedField(
+        name,
+        (),
+        holds=f"a MATLAB object of class {kind[:40]}",
+        cure=f"in MATLAB: x = {name}; {line}; save('log.mat', '-struct', 's')",
+        is_opaque=True,
+    )
+
+
+def _variables(data: memoryview) -> Iterator[MatVariable]:
+    order = {b"IM": "<", b"MI": ">"}.get(bytes(data[126:128]))
+    if order is None:
+        raise DamagedMatError("its header of 128 bytes does not say the byte order")
+    at = _HEADER
+    while at + 8 <= len(data):
+        kind, size = (int(n) for n in np.frombuffer(data, f"{order}u4", 2, at))
+        if kind not in (_MATRIX, _COMPRESSED):
+            raise DamagedMatError(f"there is no variable at byte {at}")
+        if at + 8 + size > len(data):
+            raise DamagedMatError(f"the variable at byte {at} ends behind the end of the file")
+        packed = kind == _COMPRESSED
+        yield MatVariable(at + 8 * packed, size + 8 * (not packed), packed, order)
+        at += 8 + size + (0 if packed else -size % 8)
+
+
+def _contents(data: memoryview, variable: MatVariable) -> Iterator[_Held]:
+    head = _Reader(variable.unpacked(data, _HEAD), variable)
+    if head.next_class() in (_CELL, _STRUCT, _OBJECT):
+        head = _Reader(variable.unpacked(data), variable)
+    yield from islice(head.matrix("", 0), _MOST)
+
+
+class _Reader:
+    """Goes through the elements of a variable, whose headers may contradict one another."""
+
+    def __init__(self, data: memoryview, variable: MatVariable) -> None:
+        self._data, self._order, self._at = data, variable.order, 0
+        self._where = f"the variable at byte {variable.start}"
+
+    def next_class(self) -> int:
+        """Of the matrix that comes next; it is not read."""
+        _, self._at, _ = self._element()
+        flags, self._at = self._integers("u4", 1)[0], 0
+        return flags & 0xFF
+
+    def matrix(self, name: str, depth: int) -> Iterator[_Held]:
+        """What the matrix that comes next holds; its own name if none is given."""
+        kind, start, size = self._element()
+        end = _padded(start + size)
+        if kind != _MATRIX:
+            raise DamagedMatError(f"{self._where} has no matrix at its byte {start}")
+        if not size:
+            yield name, RecordedField(name, (0, 0))
+            return
+        self._at = start
+        flags = self._integers("u4", 1)[0]
+        kind = flags & 0xFF
+        if kind == _OPAQUE:
+            own, _, of_class = (self._text() for _ in range(3))
+            yield name or own, matlab_object(name or own, of_class)
+            self._at = end
+            return
+        shape, own = self._integers("i4", 64), self._text()
+        name = name or own
+        if min(shape, default=0) < 0 or len(shape) < 2:
+            raise DamagedMatError(f"{self._where} has the size {shape}")
+        if kind in _HOLDS or flags & _COMPLEX:
+            yield name, RecordedField(name, tuple(shape), holds=_HOLDS.get(kind, "complex numbers"))
+        elif kind in (_CELL, _STRUCT, _OBJECT):
+            if kind == _OBJECT:
+                self._element()
+            yield from self._entries(name, kind, math.prod(shape), start + size, depth)
+        elif name:  # what has none is MATLAB's own
+            numbers = self._numbers(tuple(shape))
+            is_truth = flags & _LOGICAL and np.dtype(numbers.dtype).itemsize == 1
+            yield name, replace(numbers, dtype="?") if is_truth else numbers
+        self._at = end
+
+    def _entries(self, name: str, kind: int, count: int, end: int, depth: int) -> Iterator[_Held]:
+        tails = [""] if kind == _CELL else self._fields()
+        entries = count * len(tails)
+        if entries * 8 > end - self._at or depth > _DEEPEST:
+            raise DamagedMatError(f"{self._where} claims {entries} entries at level {depth}")
+        for i in range(count):
+            base = name if kind != _CELL and count == 1 else f"{name}[{i}]"
+            for tail in tails:
+                yield from self.matrix(f"{base}{tail}", depth + 1)
+
+    def _fields(self) -> list[str]:
+        (length,), table = self._integers("i4", 1), bytes(self._held())
+        if length < 1:
+            raise DamagedMatError(f"{self._where} has names of fields of length {length}")
+        rows = (table[i : i + length] for i in range(0, len(table), length))
+        return ["." + row.partition(b"\0")[0].decode("utf-8", "replace") for row in rows]
+
+    def _numbers(self, shape: tuple[int, ...]) -> Numbers:
+        number, start, size = self._element()
+        kind = _TYPES.get(number)
+        if kind is None:
+            raise DamagedMatError(f"{self._where} holds elements of type {number}")
+        if math.prod(shape) * int(kind[1]) != size:
+            raise DamagedMatError(
+                f"{self._where} is of size {shape}, but holds {size} bytes of {kind}"
+            )
+        return Numbers(start, self._order + kind, shape)
+
+    def _element(self) -> tuple[int, int, int]:
+        """Type, start and size of the element that comes next, which is skipped [bytes]."""
+        at = self._at
+        if at + 8 > len(self._data):
+            raise DamagedMatError(f"{self._where} ends within a header")
+        kind, size = (int(n) for n in np.frombuffer(self._data, f"{self._order}u4", 2, at))
+        if kind >> 16:  # up to four bytes stand in the tag itself
+            self._at += 8
+            return kind & 0xFFFF, at + 4, min(kind >> 16, 4)
+        self._at = _padded(at + 8 + size)
+        return kind, at + 8, size
+
+    def _held(self) -> memoryview:
+        _, start, size = self._element()
+        held = self._data[start : start + size]
+        if len(held) < size:
+            raise DamagedMatError(f"{self._where} ends within a header")
+        return held
+
+    def _integers(self, kind: str, most: int) -> list[int]:
+        held = self._held()
+        if not int(kind[1]) <= len(held) <= 8 * most or len(held) % int(kind[1]):
+            raise DamagedMatError(f"{self._where} has a header of {len(held)} bytes")
+        return [int(n) for n in np.frombuffer(held, self._order + kind)]
+
+    def _text(self) -> str:
+        return bytes(self._held()).decode("utf-8", "replace")
+
+
+def _padded(at: int) -> int:
+    return at + -at % 8

@@ -21,8 +21,7 @@ from deltaid.recording.address import RecordedField
 from deltaid.recording.formats.csv_lines import HeadLines, as_text, find_end, is_number
 from deltaid.recording.formats.twincat_table import NEUTRAL, TIME, ScopeChannel, ScopeTable
 from deltaid.recording.mapping import ColumnMapping
-from deltaid.recording.packed import content
-from deltaid.recording.source import LogTable
+from deltaid.recording.source import LogTable, content
 
 # Lines in which the first data is looked for, and of data that show how many columns there are.
 _SEARCHED_LINES, _SHOWING_LINES = 500, 50
