@@ -15,7 +15,7 @@ from deltaid.recording.log import Log
 from deltaid.recording.opening import open_log
 from deltaid.recording.recording import PreparedRecording, with_filter
 from deltaid.recording.time.clock import Clock
-from deltaid.recording.time.segments import longest_hole, segments
+from deltaid.recording.time.signals import longest_hole, segments
 from deltaid.recording.time.study import study
 
 

@@ -18,10 +18,9 @@ from deltaid.identification.study import Study
 from deltaid.model.record import Settings
 from deltaid.motion.random_motion import random_motion
 from deltaid.motion.surrogate import SensorNoise, simulate_recording, surrogate_parameters
-from deltaid.recording.gears import Gears
 from deltaid.recording.opening import open_log
 from deltaid.recording.recording import open_recordings
-from deltaid.recording.repairs import Repairs
+from deltaid.recording.repairs import Gears, Repairs
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.load import load_robot
 

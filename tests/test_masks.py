@@ -9,7 +9,16 @@ from deltaid.dynamics.dynamics import Dynamics
 from deltaid.estimation.information import Information, merge
 from deltaid.identification.gathering import gather
 from deltaid.identification.torque_error import torque_error
-from deltaid.recording.masks.masks import Mask, Weights, joined, kept, rolling, runs_of, without
+from deltaid.recording.masks.masks import (
+    Mask,
+    joined,
+    kept,
+    left_out,
+    rolling,
+    runs_of,
+    within,
+    without,
+)
 from deltaid.recording.masks.search import MaskSearch
 from deltaid.recording.masks.stuck import bridge
 from deltaid.recording.recording import with_filter
@@ -111,7 +120,8 @@ def test_saturation_is_found_drive_by_drive_and_at_both_ends() -> None:
     tau[:, 2] = np.round(np.clip(tau[:, 2], -np.inf, 0.6 * high[2]), 2)
     found = searched(replace(one, tau=tau))
     assert {mask.reason for mask in found} == {"saturated torque"}
-    weights = Weights(found, 3).of_rows(0, len(tau))
+    rows = np.arange(len(tau))
+    weights = 1.0 - np.stack([within(left_out(found, i), rows) for i in range(3)], axis=1)
     at_end = np.zeros_like(tau, dtype=bool)
     at_end[:, 0] = (tau[:, 0] == tau[:, 0].max()) | (tau[:, 0] == tau[:, 0].min())
     at_end[:, 2] = tau[:, 2] == tau[:, 2].max()
@@ -189,9 +199,10 @@ def test_weights_of_any_rows() -> None:
     expected = np.ones((50, 2))
     expected[10:20] = 0
     expected[10:31, 1] = expected[40, 1] = 0
-    weights = Weights(masks, 2)
+    spans = [left_out(masks, i) for i in range(2)]
     for row, count in ((0, 50), (12, 5), (19, 3), (31, 9), (30, 11), (40, 1), (41, 9)):
-        np.testing.assert_array_equal(weights.of_rows(row, count), expected[row : row + count])
+        gone = np.stack([within(runs, np.arange(row, row + count)) for runs in spans], axis=1)
+        np.testing.assert_array_equal(1.0 - gone, expected[row : row + count])
     np.testing.assert_allclose(kept(masks, 2, 50), expected.mean(axis=0))
 
 

@@ -7,7 +7,7 @@ import pytest
 
 from deltaid.recording.delay import LagGrowth, Shift, delayed
 from deltaid.recording.hold import Hold, filled, holds
-from deltaid.recording.time.signals import Signal, fastest, interpolate, merge
+from deltaid.recording.time.signals import Signal, interpolate, merged
 from test_lag import columns
 
 RATE, SAMPLES = 1000.0, 12_000
@@ -132,22 +132,20 @@ def test_samples_are_kept_where_instants_meet_them() -> None:
 def test_signals_meet_on_the_grid_of_the_fastest() -> None:
     slow, fast = np.arange(0.1, 2, 1 / 250), np.arange(0, 1.9, 1 / 1000) + 3e-4
     slow = np.concatenate([slow[:200], slow[199:200], slow[200:]])  # a doubled sample
-    signals = [Signal(slow, waves(slow)), Signal(fast, waves(fast))]
-    assert fastest(signals) == 1
-    at, (low, high) = merge(signals)
+    parts = [[Signal(slow, waves(slow))], [Signal(x, waves(x)) for x in np.split(fast, [700])]]
+    together, same = merged(["slow", "fast"], parts, "log")
+    assert same == [False, True]
+    low, high = np.hsplit(together.values, 2)
     inside = (fast >= slow[0]) & (fast <= slow[-1])
-    np.testing.assert_array_equal(at, fast[inside])
-    np.testing.assert_array_equal(high, waves(at))
-    np.testing.assert_allclose(low, waves(at), atol=1e-4)
-    at, (low, high) = merge(signals, onto=0)
-    assert set(at) <= set(slow)
-    np.testing.assert_array_equal(low, waves(at))
-    np.testing.assert_allclose(high, waves(at), atol=1e-9)
+    np.testing.assert_array_equal(together.time, fast[inside])
+    np.testing.assert_array_equal(high, waves(together.time))
+    np.testing.assert_allclose(low, waves(together.time), atol=1e-4)
 
 
 def test_a_hole_in_one_signal_is_one_of_all() -> None:
     fast = np.arange(1000) / 1000
     slow = fast[::4]
     slow = slow[(slow < 0.301) | (slow > 0.37)]
-    at, _ = merge([Signal(fast, waves(fast)), Signal(slow, waves(slow))])
-    np.testing.assert_array_equal(at, np.concatenate([fast[:301], fast[372:997]]))
+    signals = [[Signal(fast, waves(fast))], [Signal(slow, waves(slow))]]
+    together, _ = merged(["fast", "slow"], signals, "log")
+    np.testing.assert_array_equal(together.time, np.concatenate([fast[:301], fast[372:997]]))

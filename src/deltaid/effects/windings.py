@@ -19,7 +19,7 @@ from deltaid.estimation.drive_rows import (
     of_own_drives,
 )
 from deltaid.estimation.traces import Trace
-from deltaid.recording.gears import Gears, convolved
+from deltaid.recording.repairs import Gears, convolved
 from deltaid.recording.spectrum import HIGHEST
 from deltaid.recording.windows import SampleBlock
 from deltaid.robot.description import RobotDescription

@@ -34,7 +34,7 @@ from deltaid.identification.lags_and_gears import estimated_anew, traced, withou
 from deltaid.identification.setup import WIND_UP, ContestOutcome, Progress, Setup
 from deltaid.model.corrections import Kind
 from deltaid.recording.columns import Readings
-from deltaid.recording.gears import Gears
+from deltaid.recording.repairs import Gears
 
 # Sweeps at most.
 _SWEEPS = 8

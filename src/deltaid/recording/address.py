@@ -114,22 +114,20 @@ def locate(
     Raises:
         RecordingError: there is no such column, or one is longer than the others.
     """
-    found = _matched(fields, addresses, where, cure)
-    plain = [field.shape[field.wide[0]] for field, _ in found if len(field.wide) == 1]
-    samples = plain[0] if plain else None
-    picks: list[Pick] = []
-    for address, (field, inner) in zip(addresses, found, strict=True):
-        pick = Pick(field, _index(field, inner, samples, address, where))
-        if samples is not None and pick.samples not in (None, samples):
+    matched = _matched(fields, addresses, where, cure)
+    plain = (field.shape[field.wide[0]] for field, _ in matched if len(field.wide) == 1)
+    samples, picks = next(plain, None), list[Pick]()
+    for address, (field, inner) in zip(addresses, matched, strict=True):
+        picks.append(Pick(field, _index(field, inner, samples, address, where)))
+        if samples is not None and picks[-1].samples not in (None, samples):
             raise RecordingError(
-                f"{address} has {pick.samples} samples, but {addresses[0]} has {samples}",
+                f"{address} has {picks[-1].samples} samples, but {addresses[0]} has {samples}",
                 where=where,
                 cure="all columns of a recording have one length; "
                 f"say which axis holds the samples, as in {field.name}[:,0]"
                 if len(field.wide) > 1
                 else "all columns of a recording have one length; name those that belong together",
             )
-        picks.append(pick)
     return picks
 
 
@@ -160,19 +158,17 @@ def _key(name: str) -> str:
 def _matched(
     fields: Sequence[RecordedField], addresses: Sequence[str], where: str, cure: str
 ) -> list[tuple[RecordedField, str]]:
-    found = [(address, find(fields, address)) for address in addresses]
-    missing = [address for address, match in found if match is None]
-    if missing:
-        meant = [match[0].name for _, match in found if match is not None and not match[1]]
+    found = {address: find(fields, address) for address in addresses}
+    if missing := [address for address, match in found.items() if match is None]:
+        meant = [match[0].name for match in found.values() if match is not None and not match[1]]
         guess = near([field for field in fields if field.name not in meant], missing[0])
-        opaque = [field.cure for field in fields if field.is_opaque]
-        cure = opaque[0] if opaque else cure
+        cure = next((field.cure for field in fields if field.is_opaque), cure)
         raise RecordingError(
             f"has no column {', '.join(map(quoted, missing))}; its columns are {listing(fields)}",
             where=where,
             cure=f"did you mean {guess}? Otherwise {cure}" if guess else cure,
         )
-    known = [match for _, match in found if match is not None]
+    known = [match for address in addresses if (match := found[address]) is not None]
     for field, _ in known:
         if field.holds:
             raise RecordingError(

@@ -31,12 +31,12 @@ QUANTITIES = {
         ),
         "current": ("current currents cur curr strom courant iq isq amps 电流 電流"),
         "position": (
-            "q pos position positions angle angles winkel lage theta enc encoder stellung 位置 角度 "
-            "关节角 関節角"
+            "q pos position positions angle angles winkel lage theta enc encoder stellung "
+            "位置 角度 关节角 関節角"
         ),
         "time": (
-            "t time timestamp zeit zeitstempel temps horodatage clock stamp millis 时间 时刻 时间戳 時間 "
-            "時刻 タイムスタンプ"
+            "t time timestamp zeit zeitstempel temps horodatage clock stamp millis 时间 时刻 "
+            "时间戳 時間 時刻 タイムスタンプ"
         ),
     }.items()
 }

@@ -43,8 +43,9 @@ def count_columns(path: str) -> int:
     """
     table = open_table(Path(path))
     columns = addresses(table.fields, table.units)
-    if any(column.is_date or _begins_with_numbers(table, column.address) for column in columns):
-        return len(columns)
+    for column in columns:
+        if column.is_date or _with_ranges(table, [column], 1)[0][0].low is not None:
+            return len(columns)
     raise RecordingError(
         "holds no column of numbers",
         where=path,
@@ -120,16 +121,8 @@ def proposal_for(table: LogTable, linear: Sequence[bool]) -> MappingProposal:
 def _columns_of(table: LogTable, rows: int | None = None) -> tuple[tuple[Column, ...], int]:
     plain = addresses(table.fields, table.units)
     numbers, count = _with_ranges(table, [column for column in plain if not column.is_date], rows)
-    read = iter(numbers)
-    return tuple(column if column.is_date else next(read) for column in plain), count
-
-
-def _begins_with_numbers(table: LogTable, name: str) -> bool:
-    try:
-        rows = next(iter(table.rows([name])), None)
-    except DeltaidError:
-        return False
-    return rows is not None and bool(np.isfinite(np.asarray(rows.numbers[0], dtype=float)).any())
+    ranges = {column.address: column for column in numbers}
+    return tuple(ranges.get(column.address, column) for column in plain), count
 
 
 def _with_ranges(
@@ -140,29 +133,23 @@ def _with_ranges(
     Columns that do not belong together, such as arrays of other lengths, are read by themselves;
     those that cannot be read stay as they are.
     """
+    low, high, count = np.full(len(columns), np.inf), np.full(len(columns), -np.inf), 0
+    starts = list[np.ndarray]()
     try:
-        return _with_ranges_together(table, columns, most)
+        for rows in table.rows([column.address for column in columns]) if columns else ():
+            numbers = np.array([np.asarray(values, dtype=float) for values in rows.numbers])
+            finite = np.isfinite(numbers)
+            low = np.minimum(low, numbers.min(axis=1, initial=np.inf, where=finite))
+            high = np.maximum(high, numbers.max(axis=1, initial=-np.inf, where=finite))
+            starts.append(numbers[:, : max(_DECIDING - count, 0)])
+            count += rows.size
+            if most is not None and count >= most:
+                break
     except DeltaidError:
         if len(columns) == 1:
             return columns, 0
         each = [_with_ranges(table, [column], most) for column in columns]
         return [column for (column,), _ in each], next((rows for _, rows in each if rows), 0)
-
-
-def _with_ranges_together(
-    table: LogTable, columns: Sequence[Column], most: int | None
-) -> tuple[list[Column], int]:
-    low, high, count = np.full(len(columns), np.inf), np.full(len(columns), -np.inf), 0
-    starts = list[np.ndarray]()
-    for rows in table.rows([column.address for column in columns]) if columns else ():
-        numbers = np.array([np.asarray(values, dtype=float) for values in rows.numbers])
-        finite = np.isfinite(numbers)
-        low = np.minimum(low, numbers.min(axis=1, initial=np.inf, where=finite))
-        high = np.maximum(high, numbers.max(axis=1, initial=-np.inf, where=finite))
-        starts.append(numbers[:, : max(_DECIDING - count, 0)])
-        count += rows.size
-        if most is not None and count >= most:
-            break
     ranges = zip(
         columns, low.tolist(), high.tolist(), np.hstack(starts or [low[:, None]]), strict=True
     )

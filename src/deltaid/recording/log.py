@@ -18,13 +18,13 @@ from jaxtyping import Float
 from deltaid.errors import Doubt
 from deltaid.recording.columns import Columns, Rows
 from deltaid.recording.filter import LowPass
-from deltaid.recording.masks.masks import Mask, Weights
+from deltaid.recording.masks.masks import Mask, as_runs, left_out, within
 from deltaid.recording.masks.stuck import bridged
 from deltaid.recording.source import LogTable
 from deltaid.recording.table import read_batches
 from deltaid.recording.time.clock import Clock
 from deltaid.recording.time.clock_doubts import doubts_about_holes
-from deltaid.recording.time.segments import longest_hole, segments
+from deltaid.recording.time.signals import longest_hole, segments
 from deltaid.recording.windows import WINDOW
 from deltaid.shown import Shown
 
@@ -58,29 +58,24 @@ class Excerpt:
 
     def read(self, columns: Columns) -> Iterator[Rows]:
         """The stretches with some of their columns."""
-        places, own = [self.columns.all.index(channel) for channel in columns.all], self.columns.all
+        own, wanted = self.columns.all, columns.all
+        places = [own.index(channel) for channel in wanted]
         for rows in self.stretches:
-            is_whole = len(places) == len(own)
-            yield rows if is_whole else rows[:, [*places, *range(len(own), rows.shape[1])]]
+            behind = range(len(own), rows.shape[1])
+            yield rows if len(wanted) == len(own) else rows[:, [*places, *behind]]
 
 
 def _cut(segments: Iterable[Iterable[Rows]], starts: Sequence[int], length: int) -> Iterator[Rows]:
-    row, waiting = 0, list(starts)
+    """Stretches of a length from some rows on, cut where segments end."""
+    row = 0
     for segment in segments:
-        parts: list[Rows] = []
+        parts = {start: list[Rows]() for start in starts}
         for rows in segment:
-            while waiting and rows.size:
-                first = waiting[0] - row
-                part = rows[max(0, first) : max(0, first + length)]
-                if len(part):
-                    parts.append(part.copy())
-                if first + length > len(rows):
-                    break
-                yield np.concatenate(parts)
-                parts, waiting = [], waiting[1:]
+            for start, held in parts.items():
+                part = rows[max(0, start - row) : max(0, start - row + length)]
+                held += [part.copy()] * bool(len(part))
             row += len(rows)
-        if parts:
-            yield np.concatenate(parts)
+        yield from (np.concatenate(held) for held in parts.values() if held)
 
 
 def taken_down(batches: Iterable[Rows], kept: list[Rows], row: int) -> Iterator[tuple[int, Rows]]:
@@ -174,15 +169,12 @@ class Log(Shown):
     @cached_property
     def laid(self) -> Clock:
         """The clock with long stretches of stale rows taken for holes."""
-        runs = [(mask.first, mask.last) for mask in self._stale if self._is_long(mask)]
-        return self.clock.without(np.array(runs, dtype=int).reshape(-1, 2))
+        return self.clock.without(as_runs((mask.first, mask.last) for mask in self._stale(True)))
 
-    @property
-    def _stale(self) -> list[Mask]:
-        return [mask for mask in self.masks if mask.reason == "stale rows"]
-
-    def _is_long(self, mask: Mask) -> bool:
-        return mask.last - mask.first >= _HELD * self.rate
+    def _stale(self, long: bool) -> list[Mask]:
+        """Stretches of stale rows that are long, in whose place no motion is put, or short."""
+        stale = (mask for mask in self.masks if mask.reason == "stale rows")
+        return [mask for mask in stale if (mask.last - mask.first >= _HELD * self.rate) == long]
 
     def batches(self) -> Iterator[Rows]:
         """All rows in SI units: columns as in `Columns.all`, then one weight a drive.
@@ -191,18 +183,17 @@ class Log(Shown):
         torques has none. In the place of a few stale rows stands a smooth motion. Sensors show NaN
         where nothing counts.
         """
-        weights = Weights(self.masks, len(self.columns.torque))
+        spans = [left_out(self.masks, drive) for drive in range(len(self.columns.torque))]
         # Where rows or motion are wrong, nothing beside the drives counts either.
         reasons = ("stale rows", "emergency stop", "before a stop", "load changes")
-        wrong = [replace(mask, drives=(0,)) for mask in self.masks if mask.reason in reasons]
-        sensors, untold = self.columns.sensor_places, Weights(wrong, 1)
-        stale = [mask for mask in self._stale if not self._is_long(mask)]
+        untold = left_out(mask for mask in self.masks if mask.reason in reasons)
         row, read = 0, self.kept.read(self.columns) if self.kept else None
         batches = read or read_batches(self.table, self.columns)
-        for block in bridged(batches, stale, self.columns.motion_places):
-            values = np.hstack([block, weights.of_rows(row, len(block))])
-            if sensors.start < sensors.stop:
-                values[untold.of_rows(row, len(values))[:, 0] == 0.0, sensors] = np.nan
+        for block in bridged(batches, self._stale(False), self.columns.motion_places):
+            rows = np.arange(row, row + len(block))
+            gone = [within(runs, rows) for runs in spans]
+            values = np.column_stack([block, *(1.0 - lost for lost in gone)])
+            values[within(untold, rows), self.columns.sensor_places] = np.nan
             yield values
             row += len(block)
 

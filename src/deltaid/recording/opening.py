@@ -23,7 +23,7 @@ from deltaid.recording.survey import Survey
 from deltaid.recording.table import open_table, read_batches
 from deltaid.recording.time.clock import Clock, require_rate
 from deltaid.recording.time.counts import Unwrapping
-from deltaid.recording.time.segments import segments
+from deltaid.recording.time.signals import segments
 from deltaid.recording.time.study import study
 from deltaid.robot.sensors import channels_of
 

@@ -116,7 +116,6 @@ class PlanEnds:
         closing = {rows: gap - _CLOSES * largest - 2 * unsure for rows, gap in apart.items()}
         period = min(closing, key=lambda rows: closing[rows].max())
         jump = np.abs(v_last - v) - 2 * _RESTS * self.speed - _SIGMAS * (spread + spread_last)
-        k = int(np.argmax(np.maximum(closing[period] / np.maximum(largest, 1e-30), jump)))
         if closing[period].max() > 0:
             k = int(np.argmax(closing[period]))
             what = f"the drive is at {q_last[k]:.6g} in the last row and at {q[k]:.6g} in the first"
@@ -163,9 +162,8 @@ def planned(log: Log, cutoff: float | None = None, *, periodic: bool = False) ->
     judged = least or 0.1 * log.rate
     period = ends.period(judged) if periodic else 0
     rests = [not periodic and ends.moving(end, judged) is None for end in ("first", "last")]
-    stretches = [stretch for stretch in _stretches(ends, period, rests) if stretch is not None]
-    cutoffs = [spectrum_of(ends.positions(rows)).cutoff(log.rate) for rows in stretches]
-    motion = max([least, *(cutoff for cutoff in cutoffs if cutoff is not None)])
+    spectra = [spectrum_of(ends.positions(rows)) for rows in _stretches(ends, period, rests)]
+    motion = max([least, *(spectrum.cutoff(log.rate) or 0.0 for spectrum in spectra)])
     if not motion:
         raise _too_short(log, SpectrumEstimate.SHORTEST, "first")
     low_pass = _only_motion(design_low_pass(motion, log.rate))
@@ -210,31 +208,26 @@ def _only_motion(low_pass: LowPass) -> LowPass:
 
 
 def _ends(log: Log, count: int) -> PlanEnds:
-    c = log.columns
     head = tail = np.zeros((0, 1))
-    speed, rows = np.zeros(len(c.position)), 0
+    speed, rows, drives = np.zeros(len(log.columns.position)), 0, len(log.columns.position)
     for values in chain.from_iterable(log.segments(None)):
         if not len(values):
             continue
-        head = values[:count] if not rows else np.vstack([head, values[: count - len(head)]])
-        joined = values if not rows else np.vstack([tail, values])
-        q = joined[:, 1 : 1 + len(c.position)]
-        speed = np.maximum(speed, np.abs(np.diff(q, axis=0)).max(axis=0, initial=0.0) * log.rate)
+        head = np.vstack([head, values[: count - len(head)]]) if rows else values[:count]
+        joined = np.vstack([tail, values]) if rows else values
+        steps = np.abs(np.diff(joined[:, 1 : 1 + drives], axis=0))
+        speed = np.maximum(speed, steps.max(axis=0, initial=0.0) * log.rate)
         tail, rows = joined[-count:], rows + len(values)
     return PlanEnds(log, head, tail, rows, speed)
 
 
-def _stretches(ends: PlanEnds, period: int, rests: list[bool]) -> tuple[Rows | None, Rows | None]:
+def _stretches(ends: PlanEnds, period: int, rests: list[bool]) -> list[Rows]:
     """Rows about each end beyond which the motion is known, half of them beyond it."""
-    known = [bool(period) or rest for rest in rests]
-    first = last = None
-    if known[0]:
-        first = np.vstack([ends.beyond("first", _ROWS, period), ends.head[:_ROWS]])
-    if known[1]:
-        last = np.vstack([ends.tail[-_ROWS:], ends.beyond("last", _ROWS, period)])
-    if all(known) and ends.rows < _ROWS:  # all of a short plan lies in the middle of one stretch
+    before, after = (bool(period) or rest for rest in rests)
+    if before and after and ends.rows < _ROWS:  # all of a short plan in the middle of one stretch
         half = _ROWS - ends.rows // 2
-        return np.vstack(
-            [ends.beyond("first", half, period), ends.head, ends.beyond("last", half, period)]
-        ), None
-    return first, last
+        around = [ends.beyond(end, half, period) for end in ("first", "last")]
+        return [np.vstack([around[0], ends.head, around[1]])]
+    first = [ends.beyond("first", _ROWS, period), ends.head[:_ROWS]]
+    last = [ends.tail[-_ROWS:], ends.beyond("last", _ROWS, period)]
+    return [np.vstack(rows) for rows, known in ((first, before), (last, after)) if known]

@@ -33,6 +33,12 @@ _KEEP_AWAY = (
 )
 
 
+_CHECK = (
+    "check sign, zero, unit and order of the drives (angle 0 = arm horizontal and outwards, "
+    "positive = down) and the robot's lengths"
+)
+
+
 @dataclass(frozen=True, eq=False)
 class Stretch:
     """Consecutive samples: times, drives, poses, and how regular these are."""
@@ -48,13 +54,9 @@ class Stretch:
 
     def after(self, before: "Stretch") -> "Stretch":
         """These samples behind others."""
+        own = ([getattr(s, name) for s in (before, self)] for name in ("time", "q", "z"))
         pairs = ([getattr(s.regular, f.name) for s in (before, self)] for f in fields(Regularity))
-        return Stretch(
-            np.concatenate([before.time, self.time]),
-            np.concatenate([before.q, self.q]),
-            np.concatenate([before.z, self.z]),
-            Regularity(*map(np.concatenate, pairs)),
-        )
+        return Stretch(*map(np.concatenate, own), Regularity(*map(np.concatenate, pairs)))
 
 
 @dataclass(frozen=True, eq=False)
@@ -163,23 +165,15 @@ class ReachCheck:
         """Refuse the first sample without a pose, or a passage before it that explains it."""
         if bad:
             self._check_branch(stretch.part(slice(bad)), row, apart[apart < bad])
-        q, time = stretch.q, stretch.time[bad]
-        carried = self.branch.carried
+        q, time, carried = stretch.q, stretch.time[bad], self.branch.carried
         before = float(carried.regular.worst[-1]) if carried else 0.0
         reason = f"{self.kinematics.why_not(q[bad : bad + 1])} at {self._angles(q[bad])}"
+        what, cure = f"{reason}, {time:.6g} s", _CHECK
         if before > self.kinematics.robot.largest_condition:
-            raise RecordingError(
-                f"the robot comes to a singular pose at {time:.6g} s: the condition number "
-                f"is {before:.4g} in the row before, and here {reason}",
-                where=self.table.row_place(row + bad),
-                cure=_KEEP_AWAY,
-            )
-        raise RecordingError(
-            f"{reason}, {time:.6g} s",
-            where=self.table.row_place(row + bad),
-            cure="check sign, zero, unit and order of the drives (angle 0 = arm horizontal and "
-            "outwards, positive = down) and the robot's lengths",
-        )
+            cure = _KEEP_AWAY
+            what = f"the robot comes to a singular pose at {time:.6g} s: the condition "
+            what += f"number is {before:.4g} in the row before, and here {reason}"
+        raise RecordingError(what, where=self.table.row_place(row + bad), cure=cure)
 
     def _angles(self, q: Float[np.ndarray, " dof"]) -> str:
         names = ", ".join(channel.column for channel in self.columns.position)
@@ -203,38 +197,31 @@ class BranchCheck:
         turned back where the robot went on (`passages`), or may have where J is next to singular.
         The sample is counted from the first one of this call; it is negative if it lies before.
         """
-        carried = 0
-        if self.carried is not None:
-            carried = len(self.carried.time)
-            stretch = stretch.after(self.carried)
-        self.carried = stretch.part(slice(-_CARRIED, None))
-        mechanism = self.kinematics.mechanism
-        lost = _LOST if mechanism.forward is None else np.inf
-        found = _first(stretch, np.array(mechanism.lengths), lost)
-        return None if found is None else (found[0] - carried, found[1])
-
-
-def _first(s: Stretch, lengths: Float[np.ndarray, " dof"], lost: float) -> tuple[int, str] | None:
-    sign = np.sign(s.regular.determinant)
-    flipped = np.diff(sign, prepend=sign[0]) != 0
-    flipped[passages(s.regular) + 1] = True
-    moved = np.linalg.norm(np.diff(s.z * lengths, axis=0, prepend=s.z[:1] * lengths), axis=1)
-    driven = np.linalg.norm(np.diff(s.q, axis=0, prepend=s.q[:1]), axis=1)
-    jumped = moved > _JUMP * s.regular.gain * (driven + _STILL)
-    near = s.regular.condition > lost
-    bad = np.flatnonzero(flipped | jumped | near)
-    if not bad.size:
-        return None
-    i = int(bad[0])
-    if near[i] and not flipped[i]:
-        return i, (
-            f"the robot comes to a singular pose at {s.time[i]:.6g} s (condition number "
-            f"{s.regular.condition[i]:.4g}), where it may have gone on to another branch"
-        )
-    if flipped[i]:
-        between = f"between {s.time[i - 1]:.6g} s and {s.time[i]:.6g} s"
-        return i, f"the robot passes through a singular pose {between}"
-    return i, (
-        f"the platform jumps by {moved[i]:.4g} m at {s.time[i]:.6g} s while the drives hardly "
-        "move: the loops close on another branch there"
-    )
+        before, mechanism = self.carried, self.kinematics.mechanism
+        s = stretch.after(before) if before else stretch
+        self.carried = s.part(slice(-_CARRIED, None))
+        sign, lengths = np.sign(s.regular.determinant), np.array(mechanism.lengths)
+        flipped = np.diff(sign, prepend=sign[0]) != 0
+        flipped[passages(s.regular) + 1] = True
+        moved = np.linalg.norm(np.diff(s.z * lengths, axis=0, prepend=s.z[:1] * lengths), axis=1)
+        driven = np.linalg.norm(np.diff(s.q, axis=0, prepend=s.q[:1]), axis=1)
+        jumped = moved > _JUMP * s.regular.gain * (driven + _STILL)
+        near = s.regular.condition > (_LOST if mechanism.forward is None else np.inf)
+        bad = np.flatnonzero(flipped | jumped | near)
+        if not bad.size:
+            return None
+        i = int(bad[0])
+        if flipped[i]:
+            between = f"between {s.time[i - 1]:.6g} s and {s.time[i]:.6g} s"
+            what = f"the robot passes through a singular pose {between}"
+        elif near[i]:
+            what = (
+                f"the robot comes to a singular pose at {s.time[i]:.6g} s (condition number "
+                f"{s.regular.condition[i]:.4g}), where it may have gone on to another branch"
+            )
+        else:
+            what = (
+                f"the platform jumps by {moved[i]:.4g} m at {s.time[i]:.6g} s while the drives "
+                "hardly move: the loops close on another branch there"
+            )
+        return i - (len(before.time) if before else 0), what

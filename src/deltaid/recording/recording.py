@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 from itertools import chain, islice
 from pathlib import Path
 from typing import Any, TypeVar
@@ -19,13 +20,15 @@ from deltaid.recording.mapping import ColumnMappings, mapping_each
 from deltaid.recording.masks.masks import before_stops
 from deltaid.recording.memory import RecordingLike, as_sources
 from deltaid.recording.opening import open_log
-from deltaid.recording.repairs import Burden, Repairs
+from deltaid.recording.repairs import Repairs, burden_of
 from deltaid.recording.spectrum import SpectrumEstimate
 from deltaid.recording.time.clock import ClockReport
-from deltaid.recording.windows import WINDOW, Directions, Uncut, Window, blocks
+from deltaid.recording.windows import WINDOW, Directions, Window, blocks, window_of
 from deltaid.shown import Shown
 
 _Result = TypeVar("_Result")
+# How many samples of its own a window has, and what makes it.
+_Uncut = tuple[int, Callable[[], Window]]
 # Full windows of whose rows some are chosen: of a recording without an excerpt its beginning.
 _FEW = 32
 
@@ -107,33 +110,33 @@ class PreparedRecording(Shown):
         A filter's length is lost at both ends of each segment.
         """
 
-        def done(uncut: Uncut) -> _Result:
-            window = uncut.window()
+        def done(uncut: _Uncut) -> _Result:
+            window = uncut[1]()
             if self.watch is not None:
                 self.watch(window)
             return work(window)
 
         return ordered(done, islice(self._uncut(kinematics), None, None, self.every))
 
-    def _uncut(self, kinematics: Kinematics) -> Iterator[Uncut]:
+    def _uncut(self, kinematics: Kinematics) -> Iterator[_Uncut]:
         """Windows to be made, segment by segment; none reaches beyond its segment."""
-        log, low_pass, start = self.log, self.filter, 0
+        log, low_pass, repairs, start = self.log, self.filter, self.repairs, 0
         directions = burden = None
         if not log.keep_all:
             noise = np.zeros_like(log.position_noise)  # that of recorded velocities is not known
             if not log.columns.velocity:
                 noise = log.position_noise * low_pass.speed_gain
-            directions = Directions(1 / log.rate, noise, self.repairs.smear(log.rate))
-        if (repairs := self.repairs).loads or repairs.pulls:
-            burden = Burden.of_loads(kinematics.robot, log.columns, repairs.loads, repairs.pulls)
+            directions = Directions(1 / log.rate, noise, repairs.smear(log.rate))
+        if repairs.loads or repairs.pulls:
+            burden = burden_of(kinematics.robot, log.columns, repairs.loads, repairs.pulls)
+        about = (log.columns, kinematics, low_pass, directions, burden)
         for segment in log.segments(self.motion_cutoff):
             timed = in_time(segment, log.columns, log.rate)
-            repaired = self.repairs.apply(timed, log.columns, log.rate)
+            repaired = repairs.apply(timed, log.columns, log.rate)
             for rows in blocks(chain(self.before, repaired, self.after), low_pass):
-                uncut = Uncut(start, rows, log.columns, kinematics, low_pass, directions, burden)
-                if uncut.samples:
-                    yield uncut
-                start += -(-uncut.samples // low_pass.thinned) * low_pass.thinned
+                if samples := low_pass.samples_of(len(rows)):
+                    yield samples, partial(window_of, rows, start, *about)
+                start += -(-samples // low_pass.thinned) * low_pass.thinned
 
     @property
     def without(self) -> tuple[int, int]:
@@ -165,15 +168,15 @@ class PreparedRecording(Shown):
 
         Gaps cut windows short, and it takes more of them then.
         """
-        every, rows = list[Uncut](), 0
-        for uncut in self._uncut(kinematics):
-            every.append(uncut)
-            rows += uncut.samples
+        every, rows = list[Callable[[], Window]](), 0
+        for samples, make in self._uncut(kinematics):
+            every.append(make)
+            rows += samples
             if rows >= _FEW * WINDOW:
                 break
         count = max(most, round(most * WINDOW * len(every) / max(rows, 1)))
         chosen = np.unique(np.linspace(0, len(every) - 1, count).round().astype(int))
-        return ordered(Uncut.window, [every[k] for k in chosen] if every else [])
+        return ordered(lambda make: make(), [every[k] for k in chosen] if every else [])
 
 
 def open_recordings(
@@ -193,26 +196,24 @@ def open_recordings(
     Raises:
         RecordingError: there is none, one cannot be used, or two are the same.
     """
-    sources = as_sources(logs)
+    sources, recordings = as_sources(logs), dict[str, PreparedRecording]()
     if not sources:
         raise RecordingError(
             "no log was given", where="logs", cure="give at least one recording: a file or a table"
         )
-    recordings: list[PreparedRecording] = []
     for source, mapping in zip(sources, mapping_each(columns, len(sources)), strict=True):
         progress(f"checking {source}")
         log = open_log(source, kinematics, mapping, keep_all=keep_all)
-        same = [other.path for other in recordings if other.log.sha256 == log.sha256]
-        if same:
+        if same := recordings.get(log.sha256):
             # It tells nothing new, but would count as twice the evidence.
             raise RecordingError(
-                f"is the same recording as {same[0]}; a copy adds nothing new, but would narrow "
+                f"is the same recording as {same.path}; a copy adds nothing new, but would narrow "
                 "every interval",
                 where=str(log.path),
                 cure="give each recording once",
             )
-        recordings.append(with_filter(log, cutoff))
-    return recordings
+        recordings[log.sha256] = with_filter(log, cutoff)
+    return list(recordings.values())
 
 
 def with_filter(log: Log, cutoff: float | None = None) -> PreparedRecording:
@@ -223,13 +224,11 @@ def with_filter(log: Log, cutoff: float | None = None) -> PreparedRecording:
     """
     if cutoff is None and log.has_derivatives:
         return PreparedRecording(log.cut_at(None, 1), None)
-    cutoff = cutoff or log.suggested_cutoff
-    # Before the design, because a tiny cut-off asks for an endless filter.
-    needed = (
-        samples_needed(cutoff, log.rate, str(log.path)) if cutoff else SpectrumEstimate.SHORTEST
-    )
-    if not cutoff:
-        log.cut_at(None, SpectrumEstimate.SHORTEST)
+    cutoff, needed = cutoff or log.suggested_cutoff, SpectrumEstimate.SHORTEST
+    if cutoff:  # before the design, because a tiny cut-off asks for an endless filter
+        needed = samples_needed(cutoff, log.rate, str(log.path))
+    else:
+        log.cut_at(None, needed)
     if not cutoff or log.samples < needed:
         at = f" at {cutoff:.4g} Hz" if cutoff else ""
         raise RecordingError(
@@ -239,6 +238,5 @@ def with_filter(log: Log, cutoff: float | None = None) -> PreparedRecording:
             cure="record longer, or record velocities and accelerations as well",
         )
     low_pass = design_low_pass(cutoff, log.rate, motion_cutoff=log.motion_cutoff or 0.0)
-    masks = before_stops(log.masks, low_pass.motion_cutoff, log.rate)
-    log = log if masks == log.masks else replace(log, masks=masks)
+    log = replace(log, masks=before_stops(log.masks, low_pass.motion_cutoff, log.rate))
     return PreparedRecording(log.cut_at(low_pass.motion_cutoff, low_pass.reach + 1), low_pass)

@@ -1,24 +1,42 @@
-"""What is put right in the rows of one recording before anything is computed from them."""
+"""What is put right in the rows of one recording before anything is computed from them.
 
-from collections.abc import Iterator, Sequence
+Positions of motors behind gears that wind up are turned back to those of the links. A gear of
+compliance s lets its motor go ahead by s τ_g, τ_g the torque that it carries:
+
+    q = q_motor − s τ_g,   τ_g = τ − viscous q̇ − coulomb sign(q̇) − rotor q̈
+
+the *measured* torque without the motor's own friction and rotor, low-passed. (With the torque of a
+model, which follows from q̈, the iteration diverges.) Friction and rotor see the motor's motion; a
+model of rigid gears has but the link's. So torques become those of a motor that moves as the link
+does: friction of the motor's speed is taken out of them, that of the link's put in.
+"""
+
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Protocol, runtime_checkable
 
 import numpy as np
 from jaxtyping import Float
+from scipy.ndimage import maximum_filter1d
 
-from deltaid.dynamics.dynamics import Dynamics, compiled
+from deltaid.dynamics.dynamics import compiled
 from deltaid.recording.carried import carrier
 from deltaid.recording.columns import Columns, Readings, Rows
 from deltaid.recording.delay import LagGrowth, Shift, delayed
-from deltaid.recording.gears import Gears
+from deltaid.recording.filter import LowPass, design_low_pass
 from deltaid.recording.hold import Hold, filled
-from deltaid.recording.masks.masks import joined_times
+from deltaid.recording.masks.masks import joined_times, within
+from deltaid.recording.table import AT_ONCE, recut
 from deltaid.robot.description import RobotDescription
 
-Samples = Float[np.ndarray, "samples dof"]
+Values = Float[np.ndarray, "samples drives"]
 
+# Rows put right at once are so many times the filter's length at least.
+_LONG = 4
+# Periods of the cut-off after which 3 % is left of what the second derivative makes of a step.
+_PERIODS = 2
+Samples = Float[np.ndarray, "samples dof"]
 # Reasons to leave stretches out, and why these say nothing about the robot.
 CONTACT, SPIKE, STOP, JOLT = "contact", "torque spike", "stop", "jolt"
 BACKLASH = "backlash"
@@ -29,6 +47,89 @@ WHY_REPAIRED = {
     JOLT: "torque and motion change faster than the low-pass follows",
     BACKLASH: "play in a gear lets its motor go ahead where the torque changes its sign",
 }
+
+
+@dataclass(frozen=True)
+class Gears:
+    """Gears of all drives.
+
+    Attributes:
+        compliance: s [rad/(N m) or m/N]; 0 for a stiff one.
+        viscous, coulomb, rotor: of the motors, on their own side of the gears.
+        cutoff: of the low-pass over what gears carry [Hz].
+    """
+
+    compliance: tuple[float, ...]
+    viscous: tuple[float, ...]
+    coulomb: tuple[float, ...]
+    rotor: tuple[float, ...]
+    cutoff: float
+
+    def low_pass(self, rate: float) -> LowPass:
+        """The filter of what gears carry, in one stage."""
+        return design_low_pass(self.cutoff, rate, single=True)
+
+    def of_motor(self, qd: Values, qdd: Values) -> Values:
+        """Torques of the motors' own friction and rotors."""
+        friction = np.array(self.viscous) * qd + np.array(self.coulomb) * np.sign(qd)
+        return friction + np.array(self.rotor) * qdd
+
+    def less(self, qd: Values, qdd: Values, ahead: Values, faster: Values) -> Values:
+        """How much more a motor takes than one that moves as the link does.
+
+        Args:
+            qd, qdd: of the motor.
+            ahead, faster: its speed and acceleration less those of the link.
+        """
+        return self.of_motor(qd, qdd) - self.of_motor(qd - ahead, qdd - faster)
+
+    def turned_back(self, segment: Iterable[Rows], columns: Columns, rate: float) -> Iterator[Rows]:
+        """Rows of a segment with the links' motion, in constant memory; fewer at both ends.
+
+        Args:
+            segment: evenly spaced rows in blocks: `columns`, then a weight a drive.
+            columns: what stands where.
+            rate: samples per second.
+        """
+        low_pass = self.low_pass(rate)
+        lost = 2 * low_pass.margin
+        size = max(AT_ONCE, _LONG * len(low_pass.first))
+        for wide in recut(segment, size, 2 * lost):
+            if len(wide) > 2 * lost:
+                yield self._rows(wide, columns, low_pass)
+
+    def _rows(self, wide: Rows, columns: Columns, low_pass: LowPass) -> Rows:
+        """All rows but those that the filters take at both ends."""
+        dof, lost = len(self.compliance), low_pass.margin
+        q, inner = wide[:, 1 : 1 + dof], slice(lost, len(wide) - lost)
+        qd, qdd = convolved(low_pass.first, q), convolved(low_pass.second, q)
+        tau = wide[inner, columns.torque_places] - self.of_motor(qd, qdd)
+        out = wide[2 * lost : len(wide) - 2 * lost].copy()
+        wound = [self.compliance * convolved(taps, tau)
+                 for taps in (low_pass.level, low_pass.first, low_pass.second)]  # fmt: skip
+        recorded = (columns.position, columns.velocity, columns.acceleration)
+        kept = [by for by, channels in zip(wound, recorded, strict=True) if channels]
+        out[:, columns.motion_places] -= np.hstack(kept)
+        motion = [x[lost : len(x) - lost] for x in (qd, qdd)]
+        out[:, columns.torque_places] -= self.less(*motion, *wound[1:])
+        # While a robot rests or brakes hold it, gears need not carry what its drives exert.
+        idle, reach = (
+            wide[:, -dof:].max(axis=1) == 0.0,
+            round(_PERIODS * low_pass.rate / self.cutoff),
+        )
+        unknown = maximum_filter1d(idle, 2 * reach + 1)
+        out[unknown[2 * lost : len(wide) - 2 * lost], -dof:] = 0.0
+        return out
+
+
+def convolved(taps: Float[np.ndarray, " taps"], x: Values) -> Float[np.ndarray, "fewer drives"]:
+    """Convolution of each column where the taps fit entirely, by Fourier transform."""
+    count = len(x) - len(taps) + 1
+    if count <= 0:
+        return x[:0]
+    size = 1 << (len(x) - 1).bit_length()
+    product = np.fft.rfft(x, size, axis=0) * np.fft.rfft(taps, size)[:, None]
+    return np.fft.irfft(product, size, axis=0)[len(taps) - 1 : len(x)]
 
 
 @dataclass(frozen=True)
@@ -77,58 +178,41 @@ class Pull(Protocol):
         ...
 
 
-@dataclass(frozen=True, eq=False)
-class Burden:
-    """Loads as parameters of a robot whose other bodies weigh nothing and that has no friction.
+def burden_of(
+    robot: RobotDescription,
+    columns: Columns,
+    loads: Sequence[Sequence[float]],
+    pulls: Sequence[Pull] = (),
+) -> Callable[..., Samples]:
+    """What is taken of the drives' torques: τ(time, z, q̇, q̈, extra), sample by sample.
 
-    Attributes:
-        dynamics: of the robot.
+    Args:
         columns: of the recording, which say when each load is held.
-        p: of each load, in the order of `Columns.loads`.
+        loads: ten parameters each, in the order of `Columns.loads`; none if their torques stay.
         pulls: what takes torques all the time.
+
+    Raises:
+        RecordingError: the robot has no body that carries one of them.
     """
-
-    dynamics: Dynamics
-    columns: Columns
-    p: Float[np.ndarray, "loads parameters"]
-    pulls: tuple[Pull, ...] = ()
-
-    @classmethod
-    def of_loads(
-        cls,
-        robot: RobotDescription,
-        columns: Columns,
-        loads: Sequence[Sequence[float]],
-        pulls: Sequence[Pull] = (),
-    ) -> "Burden":
-        """Loads by their ten parameters each; none if their torques stay.
-
-        Raises:
-            RecordingError: the robot has no body that carries one of them.
-        """
-        dynamics = compiled(robot)
-        p = np.zeros((len(columns.loads), len(dynamics.layout.names)))
-        for row, load, ten in zip(p, columns.loads if loads else (), loads, strict=True):
-            row[dynamics.layout.body(carrier(load, robot))] = ten
-        return cls(dynamics, columns, p, tuple(pulls))
+    dynamics = compiled(robot)
+    # Loads are parameters of a robot whose other bodies weigh nothing and that has no friction.
+    p = np.zeros((len(columns.loads), len(dynamics.layout.names)))
+    for row, load, ten in zip(p, columns.loads if loads else (), loads, strict=True):
+        row[dynamics.layout.body(carrier(load, robot))] = ten
 
     def torques(
-        self,
-        time: Float[np.ndarray, " samples"],
-        z: Samples,
-        qd: Samples,
-        qdd: Samples,
-        extra: Float[np.ndarray, "samples extra"],
+        time: np.ndarray, z: Samples, qd: Samples, qdd: Samples, extra: np.ndarray
     ) -> Samples:
-        """τ of all loads that are held, sample by sample, and of all that pulls."""
         taken = np.zeros_like(z)
-        for pull in self.pulls:
+        for pull in pulls:
             taken += pull.torques(z, qd)
-        for p, held in zip(self.p, self.columns.held(time, extra), strict=True):
+        for parameters, held in zip(p, columns.held(time, extra), strict=True):
             at = np.flatnonzero(held)
-            if at.size and p.any():
-                taken[at] += self.dynamics.torque(z[at], qd[at], qdd[at], p)
+            if at.size and parameters.any():
+                taken[at] += dynamics.torque(z[at], qd[at], qdd[at], parameters)
         return taken
+
+    return torques
 
 
 @dataclass(frozen=True)
@@ -180,15 +264,12 @@ class Repairs:
         if any(self.delay) or any(self.constants) or self.growth:
             segment = delayed(segment, columns, self.shift(rate), rate)
         if self.gain:
-            segment = (self._multiplied(rows, columns) for rows in segment)
+            factors = np.ones(columns.extra_places.stop + len(columns.torque))
+            factors[columns.torque_places] = self.gain
+            segment = (rows * factors for rows in segment)
         if self.gears is not None:
             segment = self.gears.turned_back(segment, columns, rate)
         return segment
-
-    def _multiplied(self, rows: Rows, columns: Columns) -> Rows:
-        rows = rows.copy()
-        rows[:, columns.torque_places] *= self.gain
-        return rows
 
     def shift(self, rate: float) -> Shift:
         """Delays, filters and clocks at a sampling rate [Hz]."""
@@ -199,42 +280,27 @@ class Repairs:
         """By how much torques are late, dead time and time constant [s]; empty for none."""
         if not any(self.constants):
             return self.delay
-        pairs = zip(self.delay or (0.0,) * len(self.constants), self.constants, strict=True)
-        return tuple(delay + constant for delay, constant in pairs)
+        return tuple(np.add(self.delay or 0.0, self.constants).tolist())
 
     def smear(self, rate: float) -> tuple[int, ...]:
         """Over how many samples to either side each drive's torque is spread; empty for none."""
-        smear = self.shift(rate).smear
-        if not any(self.hold):
-            return smear
-        smear = smear or (0,) * len(self.hold)
-        return tuple(extra + hold.spread for extra, hold in zip(smear, self.hold, strict=True))
+        smear, spread = self.shift(rate).smear, [hold.spread for hold in self.hold]
+        return tuple(np.add(smear or 0, spread).tolist()) if any(self.hold) else smear
 
     def _weighed(self, rows: Rows, columns: Columns) -> Rows:
-        """Weights of zero in all stretches that are left out; few of many are near a block.
+        """Weights of zero in all stretches that are left out.
 
         Sensors show nothing that counts in those that are left out for all drives.
         """
-        if not len(rows):
-            return rows
-        drives = len(columns.torque)
-        copied, time = rows, rows[:, 0]
+        drives, copied = len(columns.torque), rows
         for drives_of, ends in self._by_drives.items():
-            which = np.array(drives_of or range(drives))
-            near = slice(
-                np.searchsorted(ends[:, 1], time[0], side="left"),
-                np.searchsorted(ends[:, 0], time[-1], side="right"),
-            )
-            if near.start >= near.stop:
+            which, gone = drives_of or tuple(range(drives)), within(ends, rows[:, 0])
+            if not gone.any():
                 continue
             copied = rows.copy() if copied is rows else copied
-            starts = np.searchsorted(time, ends[near, 0], side="left")
-            stops = np.searchsorted(time, ends[near, 1], side="right")
-            weights = rows.shape[1] - drives + which
-            for first, last in zip(starts, stops, strict=True):
-                copied[first:last, weights] = 0.0
-                if len(which) == drives:
-                    copied[first:last, columns.sensor_places] = np.nan
+            copied[np.ix_(gone, rows.shape[1] - drives + np.array(which))] = 0.0
+            if len(which) == drives:
+                copied[gone, columns.sensor_places] = np.nan
         return copied
 
     @cached_property

@@ -11,7 +11,7 @@ from deltaid.recording.columns import Columns, Rows
 from deltaid.recording.masks.search import Found, LoadSearch, MaskSearch
 from deltaid.recording.reach import ReachCheck, Seen, Stretch
 from deltaid.recording.source import BATCH_ROWS, LogTable
-from deltaid.recording.spectrum import spectrum_of
+from deltaid.recording.spectrum import SpectrumEstimate, spectrum_of
 from deltaid.recording.survey_checks import Bounds, DerivativeCheck, SensorCheck
 from deltaid.recording.table import recut
 from deltaid.recording.time.clock import Clock, ClockCheck, require_rate
@@ -29,9 +29,9 @@ class Survey:
 
     def __init__(self, table: LogTable, columns: Columns, kinematics: Kinematics) -> None:
         self.table, self.columns, self.kinematics = table, columns, kinematics
-        self.last_q: np.ndarray | None = None
+        self.last_q = np.zeros((0, kinematics.dof))
         self.low, self.high = np.array(np.inf), np.array(-np.inf)
-        self.warnings: list[Doubt] = []
+        self.warnings = list[Doubt]()
         self.begin_again()
         self.reach = ReachCheck(table, columns, kinematics)
         self.bounds = Bounds(table, columns, kinematics.robot)
@@ -39,18 +39,15 @@ class Survey:
         limits = map(kinematics.robot.limits_of, kinematics.robot.drives)
         efforts = [limit.effort or np.inf for limit in limits]
         self.search = MaskSearch(kinematics.dof, efforts) if columns.torque else None
-        self.loads = LoadSearch(table, columns)
-        self.sensors = SensorCheck(table, columns)
+        self.loads, self.sensors = LoadSearch(table, columns), SensorCheck(table, columns)
 
     def begin_again(self) -> None:
         """Forget what compares rows over a distance: it holds for evenly spaced samples only."""
         c = self.columns
         self.spectrum = spectrum_of(np.zeros((0, self.kinematics.dof)))
-        pairs = [(q.column, qd.column) for q, qd in zip(c.position, c.velocity, strict=False)]
-        pairs += [
-            (qd.column, qdd.column) for qd, qdd in zip(c.velocity, c.acceleration, strict=False)
-        ]
-        self.derivatives = DerivativeCheck(pairs)
+        pairs = ((c.position, c.velocity), (c.velocity, c.acceleration))
+        columns = [(x.column, v.column) for pair in pairs for x, v in zip(*pair, strict=False)]
+        self.derivatives = DerivativeCheck(columns)
 
     @property
     def torque_max(self) -> Float[np.ndarray, " drives"]:
@@ -88,18 +85,15 @@ class Survey:
         self.sensors.add(values, row)
         self.low = np.fmin(self.low, np.fmin.reduce(values))  # of sensors without their NaN
         self.high = np.fmax(self.high, np.fmax.reduce(values))
-        self._check_angles(seen.stretch.q, row)
-        self._check_jumps(seen.stretch.q, row, apart)
+        self._check_angles(seen.stretch.q, row, apart)
         self.reach.add(seen, apart)
         if self.clock.steady:
-            self.spectrum += seen.spectrum
-            self._compare_derivatives(values)
+            self._compare(values, seen.spectrum)
 
     def add_even(self, segment: Iterable[Float[np.ndarray, "_ channels"]]) -> None:
         """Take in the samples of a segment for what holds for evenly spaced ones only."""
         for values in recut(segment, BATCH_ROWS):
-            self.spectrum += spectrum_of(values[:, 1 : 1 + self.kinematics.dof])
-            self._compare_derivatives(values)
+            self._compare(values, spectrum_of(values[:, 1 : 1 + self.kinematics.dof]))
 
     def finish(self, clock: Clock) -> None:
         """Check what only the whole log shows.
@@ -107,27 +101,27 @@ class Survey:
         Raises:
             RecordingError: an impossible rate; a torque or velocity is missing.
         """
-        where = str(self.table.path)
-        require_rate(
-            self.table,
-            self.columns.time.column,
-            clock.rate,
-            differentiated=not (self.columns.velocity and self.columns.acceleration),
-        )
+        c, samples, column = self.columns, self.clock.samples, self.columns.time.column
+        differentiated = not (c.velocity and c.acceleration)
+        require_rate(self.table, column, clock.rate, differentiated=differentiated)
         self._check_constant()
-        self.sensors.require(self.low, self.high, self.clock.samples)
-        self.warnings += self.derivatives.warnings(where)
-        self.warnings += self.reach.doubts(self.clock.samples)
-        self.warnings += self.loads.doubts() + self.sensors.doubts(self.clock.samples)
-        self.warnings += doubts_about_stamps(clock, self.table, self.columns.time.column)
-        self.warnings += self.table.doubts
+        self.sensors.require(self.low, self.high, samples)
+        self.warnings += [
+            *self.derivatives.warnings(str(self.table.path)),
+            *self.reach.doubts(samples),
+            *self.loads.doubts(),
+            *self.sensors.doubts(samples),
+            *doubts_about_stamps(clock, self.table, column),
+            *self.table.doubts,
+        ]
 
-    def _check_angles(self, q: Float[np.ndarray, "rows dof"], row: int) -> None:
-        middles = self.kinematics.mechanism.middles
+    def _check_angles(
+        self, q: Float[np.ndarray, "rows dof"], row: int, apart: Int[np.ndarray, " runs"]
+    ) -> None:
+        """Refuse angles that no arm takes, and jumps but those where time leaves off."""
+        middles, robot = self.kinematics.mechanism.middles, self.kinematics.robot
         largest = [np.inf if m is None else _LARGEST_ARM_ANGLE + abs(m) for m in middles]
-        large = np.argwhere(np.abs(q) > largest)
-        if large.size:
-            i, drive = (int(index) for index in large[0])
+        for i, drive in np.argwhere(np.abs(q) > largest)[:1].tolist():
             name = self.columns.position[drive].column
             raise RecordingError(
                 f"column {name} is {q[i, drive]:.4g} rad, more than half a revolution; it looks "
@@ -136,17 +130,10 @@ class Survey:
                 cure="declare its unit and gear with --columns MAPPING.yaml "
                 f"(position: - {{column: {name}, unit: deg, gear: 1}})",
             )
-
-    def _check_jumps(
-        self, q: Float[np.ndarray, "rows dof"], row: int, apart: Int[np.ndarray, " runs"]
-    ) -> None:
-        steps = np.diff(q, axis=0, prepend=q[:1] if self.last_q is None else self.last_q)
-        steps[apart] = 0.0
-        self.last_q = q[-1:].copy()
-        turning = [not self.kinematics.robot.is_linear(d) for d in self.kinematics.robot.drives]
-        jumps = np.argwhere((np.abs(steps) > _JUMP) & turning)
-        if jumps.size:
-            i, drive = (int(index) for index in jumps[0])
+        steps = np.diff(q, axis=0, prepend=self.last_q if len(self.last_q) else q[:1])
+        steps[apart], self.last_q = 0.0, q[-1:].copy()
+        turning = [not robot.is_linear(drive) for drive in robot.drives]
+        for i, drive in np.argwhere((np.abs(steps) > _JUMP) & turning)[:1].tolist():
             name = self.columns.position[drive].column
             raise RecordingError(
                 f"column {name} jumps by {np.rad2deg(steps[i, drive]):.4g} degrees from one row to "
@@ -156,14 +143,17 @@ class Survey:
                 "and gear with --columns MAPPING.yaml",
             )
 
-    def _compare_derivatives(self, values: Float[np.ndarray, "rows channels"]) -> None:
+    def _compare(
+        self, values: Float[np.ndarray, "rows channels"], spectrum: SpectrumEstimate
+    ) -> None:
         c, dof = self.columns, self.kinematics.dof
+        self.spectrum += spectrum
         known = 1 + dof * (1 + bool(c.velocity) + bool(c.velocity and c.acceleration))
         self.derivatives.add(values[:, 0], values[:, 1 : known - dof], values[:, 1 + dof : known])
 
     def _check_constant(self) -> None:
-        c, ends = self.columns, zip(self.low.tolist(), self.high.tolist(), strict=True)
-        resting = {x.column: low == high for x, (low, high) in zip(c.all, ends, strict=True)}
+        c, resting = self.columns, self.low == self.high
+        resting = {x.column: rests for x, rests in zip(c.all, resting.tolist(), strict=True)}
         for channel in c.torque:
             if resting[channel.column]:
                 raise self._nothing_recorded(channel.column, "no torque was recorded")

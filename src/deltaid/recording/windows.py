@@ -23,7 +23,6 @@ from jaxtyping import Bool, Float, Int, Shaped
 from deltaid.mechanism.kinematics import Kinematics
 from deltaid.recording.columns import Columns, Rows
 from deltaid.recording.filter import LowPass
-from deltaid.recording.repairs import Burden
 from deltaid.recording.spectrum import apply, convolve
 from deltaid.recording.table import recut
 
@@ -204,48 +203,44 @@ def blocks(rows: Iterable[Rows], low_pass: LowPass) -> Iterator[Rows]:
     return recut(rows, size, overlap)
 
 
-@dataclass(frozen=True, eq=False)
-class Uncut:
-    """Rows of one window, columns as in `Columns.all`, then one weight a drive."""
+def window_of(
+    rows: Rows,
+    start: int,
+    columns: Columns,
+    kinematics: Kinematics,
+    low_pass: LowPass,
+    directions: Directions | None,
+    burden: Callable[..., Values] | None,
+) -> Window:
+    """The window of some rows, columns as in `Columns.all`, then one weight a drive.
 
-    start: int
-    rows: Rows
-    columns: Columns
-    kinematics: Kinematics
-    low_pass: LowPass
-    directions: Directions | None = None
-    burden: Burden | None = None
+    Velocities and accelerations that are not recorded come from differentiating the highest
+    derivative that is, through the filter. `no_filter` has none: there both must be recorded.
 
-    @property
-    def samples(self) -> int:
-        """How many samples its window has of its own."""
-        return self.low_pass.samples_of(len(self.rows))
-
-    def window(self) -> Window:
-        """Their motion, differentiated where it is not recorded.
-
-        Velocities and accelerations that are not recorded come from differentiating the highest
-        derivative that is, through the filter. `no_filter` has none: there both must be recorded.
-        """
-        c, low_pass, first = self.columns, self.low_pass, self.low_pass.first_row
-        counts = [len(x) for x in (c.position, c.velocity, c.acceleration)]
-        q, *rates = np.split(self.rows[:, c.motion_places], np.cumsum(counts)[:2], axis=1)
-        smooth, qd, qdd = _motion(low_pass, q, *rates)
-        z, _ = self.kinematics.forward_unchecked(smooth)
-        rows = self.rows[first : first + len(smooth)]
-        time, tau, extra = rows[:, 0], rows[:, c.torque_places], rows[:, c.extra_places]
-        recorded = weights = rows[:, c.extra_places.stop :]
-        if self.directions is not None and weights.size:
-            weights = weights * self.directions.known(self.kinematics, z, qd, qdd)
-        carried = np.zeros_like(qd)
-        if self.burden is not None:
-            carried = self.burden.torques(time, z, qd, qdd, extra)
-            tau = tau - carried if tau.size else tau
-        wide = SampleBlock(time, z, qd, qdd, tau, weights, extra, carried)
-        lost = low_pass.lead_half + low_pass.stride * low_pass.half
-        own, off = slice(lost, lost + self.samples), q[first : first + len(smooth)] - smooth
-        turning = np.count_nonzero((weights[own] == 0.0) & (recorded[own] > 0.0), axis=0)
-        return Window(self.start, wide.part(own), wide, low_pass, off, turning)
+    Args:
+        start: number of the recording's samples before it.
+        directions: when joints turn round; None where all rows count.
+        burden: what is taken of the torques, as `burden_of` makes it.
+    """
+    c, first = columns, low_pass.first_row
+    counts = [len(x) for x in (c.position, c.velocity, c.acceleration)]
+    q, *rates = np.split(rows[:, c.motion_places], np.cumsum(counts)[:2], axis=1)
+    smooth, qd, qdd = _motion(low_pass, q, *rates)
+    z, _ = kinematics.forward_unchecked(smooth)
+    samples, inner = low_pass.samples_of(len(rows)), slice(first, first + len(smooth))
+    off, rows = q[inner] - smooth, rows[inner]
+    time, tau, extra = rows[:, 0], rows[:, c.torque_places], rows[:, c.extra_places]
+    recorded = weights = rows[:, c.extra_places.stop :]
+    if directions is not None and weights.size:
+        weights = weights * directions.known(kinematics, z, qd, qdd)
+    carried = burden(time, z, qd, qdd, extra) if burden else np.zeros_like(qd)
+    if burden and tau.size:
+        tau = tau - carried
+    wide = SampleBlock(time, z, qd, qdd, tau, weights, extra, carried)
+    lost = low_pass.lead_half + low_pass.stride * low_pass.half
+    own = slice(lost, lost + samples)
+    turning = np.count_nonzero((weights[own] == 0.0) & (recorded[own] > 0.0), axis=0)
+    return Window(start, wide.part(own), wide, low_pass, off, turning)
 
 
 def _motion(
@@ -259,8 +254,7 @@ def _motion(
         return [low_pass.spread(values).T for values in smoothed]
 
     if qd.size:
-        ((smooth,), rates) = derivatives(q, 1), derivatives(qd, 1 if qdd.size else 2)
+        (smooth,), rates = derivatives(q, 1), derivatives(qd, 1 if qdd.size else 2)
     else:
         smooth, *rates = derivatives(q, 2 if qdd.size else 3)
-    acceleration = derivatives(qdd, 1)[0] if qdd.size else rates[1]
-    return smooth, rates[0], acceleration
+    return smooth, rates[0], derivatives(qdd, 1)[0] if qdd.size else rates[1]

@@ -12,7 +12,7 @@ from pathlib import Path
 
 from deltaid.errors import DeltaidError
 from deltaid.files import written_whole
-from deltaid.recording.formats import FORMATS
+from deltaid.recording.table import FORMATS
 from deltaid.robot.load import LARGEST_FILE, holds_a_model, read_text
 
 RUNS = "runs"

@@ -10,7 +10,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
-from jaxtyping import Bool, Float, Int, UInt8
+from jaxtyping import Float, Int, UInt8
 
 # A quantity and a joint: ("position", "joint_1").
 Number = tuple[str, str]
@@ -44,25 +44,17 @@ class MessageLayout:
     fixed: Int[np.ndarray, " fixed"]
     pattern: UInt8[np.ndarray, " fixed"]
 
-    def fits(self, rows: UInt8[np.ndarray, "messages size"]) -> Bool[np.ndarray, " messages"]:
-        """Which messages of the same length are of this kind."""
-        return (rows[:, self.fixed] == self.pattern).all(axis=1)
-
-    def stamps(self, rows: UInt8[np.ndarray, "messages size"]) -> Int[np.ndarray, " messages"]:
-        """Stamps of the headers [ns]."""
-        words = np.ascontiguousarray(rows[:, self.stamp : self.stamp + 8]).view(f"{self.order}i4")
-        return words[:, 0].astype(np.int64) * 1_000_000_000 + words[:, 1]
-
-    def values(
+    def decode(
         self, rows: UInt8[np.ndarray, "messages size"], wanted: Sequence[Number]
-    ) -> Float[np.ndarray, "messages wanted"]:
-        """Some of the numbers; NaN for one that messages of this kind do not have."""
+    ) -> tuple[Int[np.ndarray, " messages"], Float[np.ndarray, "messages wanted"]]:
+        """Stamps [ns] of messages of this kind, and numbers, NaN for one that they do not have."""
+        words = np.ascontiguousarray(rows[:, self.stamp : self.stamp + 8]).view(f"{self.order}i4")
         values = np.full((len(rows), len(wanted)), np.nan)
-        found = [k for k, number in enumerate(wanted) if number in self.numbers]
-        starts = np.array([self.numbers[wanted[k]] for k in found], dtype=np.int64)
+        known = [k for k, number in enumerate(wanted) if number in self.numbers]
+        starts = np.array([self.numbers[wanted[k]] for k in known], dtype=np.int64)
         packed = rows[:, (starts[:, None] + np.arange(8)).ravel()]
-        values[:, found] = np.ascontiguousarray(packed).view(f"{self.order}f8")
-        return values
+        values[:, known] = np.ascontiguousarray(packed).view(f"{self.order}f8")
+        return words[:, 0].astype(np.int64) * 1_000_000_000 + words[:, 1], values
 
 
 @dataclass
@@ -89,11 +81,13 @@ class Decoder:
             cursor.skip(4)  # header.seq counts the messages
         stamp = cursor.skip(8)
         cursor.text(same=False)
-        numbers = TYPES[self.type](cursor)
-        cursor.finish()
+        numbers, rest = TYPES[self.type](cursor), len(raw) - cursor.at
+        if rest > 3 * self.cdr:  # padding
+            raise MessageError(f"has {rest} bytes after its last field")
         fixed = np.concatenate([np.array(part, dtype=np.int64) for part in cursor.fixed])
-        pattern = np.frombuffer(raw, np.uint8)[fixed]
-        return MessageLayout(cursor.order, stamp, numbers, fixed, pattern)
+        return MessageLayout(
+            cursor.order, stamp, numbers, fixed, np.frombuffer(raw, np.uint8)[fixed]
+        )
 
     def decode(
         self, raws: Sequence[bytes], wanted: Sequence[Number]
@@ -103,8 +97,7 @@ class Decoder:
         Raises:
             MessageError: as `layout`, with the index of the message.
         """
-        stamps = np.empty(len(raws), dtype=np.int64)
-        values = np.empty((len(raws), len(wanted)))
+        stamps, values = np.empty(len(raws), dtype=np.int64), np.empty((len(raws), len(wanted)))
         sizes = np.array([len(raw) for raw in raws])
         for size in np.unique(sizes).tolist():
             left = np.flatnonzero(sizes == size)
@@ -112,20 +105,16 @@ class Decoder:
             rows = np.frombuffer(joined, np.uint8).reshape(len(left), size)
             kinds, known = self._kinds.setdefault(size, []), 0
             while len(left):
-                if known < len(kinds):
-                    layout = kinds[known]
-                else:
-                    try:
-                        layout = self.layout(raws[left[0]])
-                    except MessageError as error:
-                        error.index = int(left[0])
-                        raise
-                    kinds += [layout] * (known < _KINDS)
+                try:
+                    layout = kinds[known] if known < len(kinds) else self.layout(raws[left[0]])
+                except MessageError as error:
+                    error.index = int(left[0])
+                    raise
+                kinds += [layout] * (len(kinds) == known < _KINDS)
                 known += 1
-                at = layout.fits(rows)
-                stamps[left[at]] = layout.stamps(rows[at])
-                values[left[at]] = layout.values(rows[at], wanted)
-                left, rows = left[~at], rows[~at]
+                fits = (rows[:, layout.fixed] == layout.pattern).all(axis=1)
+                stamps[left[fits]], values[left[fits]] = layout.decode(rows[fits], wanted)
+                left, rows = left[~fits], rows[~fits]
         return stamps, values
 
 
@@ -156,7 +145,6 @@ class _Cursor:
         return int.from_bytes(self._raw[start : self.at], "little" if self.order == "<" else "big")
 
     def text(self, *, same: bool = True) -> str:
-        """A text, which all messages of a kind have in common or not."""
         start = self.skip(self.count())
         if same:
             self.fixed.append(range(start, self.at))
@@ -167,8 +155,7 @@ class _Cursor:
 
     def numbers(self) -> list[int]:
         """Where the numbers of a list of binary64 stand."""
-        count = self.count()
-        if count:
+        if count := self.count():
             self._align(8)
         start = self.skip(8 * count)
         return list(range(start, self.at, 8))
@@ -180,19 +167,13 @@ class _Cursor:
             raise MessageError(f"says that it has a list of {count} entries, but is too short")
         return count
 
-    def finish(self) -> None:
-        """Refuse bytes after the last field, but for padding."""
-        if len(self._raw) - self.at > 3 * self._aligned:
-            raise MessageError(f"has {len(self._raw) - self.at} bytes after its last field")
-
     def _align(self, size: int) -> None:
         if self._aligned:
             self.at += -(self.at - self._start) % size
 
 
 def _joint_state(cursor: _Cursor) -> dict[Number, int]:
-    joints = _once(cursor.texts(), "joint")
-    numbers: dict[Number, int] = {}
+    joints, numbers = _once(cursor.texts(), "joint"), dict[Number, int]()
     for quantity in ("position", "velocity", "effort"):
         at = cursor.numbers()
         if at and len(at) != len(joints):
@@ -202,10 +183,9 @@ def _joint_state(cursor: _Cursor) -> dict[Number, int]:
 
 
 def _dynamic_joint_state(cursor: _Cursor) -> dict[Number, int]:
-    joints = _once(cursor.texts(), "joint")
+    joints, numbers = _once(cursor.texts(), "joint"), dict[Number, int]()
     if (count := cursor.items(8)) != len(joints):
         raise MessageError(f"has {len(joints)} joints but values of {count}")
-    numbers: dict[Number, int] = {}
     for joint in joints:
         interfaces, at = _once(cursor.texts(), f"interface of {joint}"), cursor.numbers()
         if len(at) != len(interfaces):

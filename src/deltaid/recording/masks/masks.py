@@ -9,6 +9,7 @@ from typing import Literal
 
 import numpy as np
 from jaxtyping import Bool, Float, Int, Shaped
+from scipy.ndimage import maximum_filter1d, minimum_filter1d
 
 from deltaid.errors import RecordingError
 
@@ -27,67 +28,6 @@ Reason = Literal[
     "load changes",
 ]
 LOAD_CHANGES: Reason = "load changes"
-
-
-def runs_of(flags: Bool[np.ndarray, " rows"], row: int = 0) -> Runs:
-    """Runs of true flags, the first of which belongs to `row`."""
-    edges = np.flatnonzero(np.diff(flags.astype(np.int8), prepend=0, append=0))
-    return edges.reshape(-1, 2) + np.array([row, row - 1])
-
-
-def joined(runs: Shaped[np.ndarray, "_ 2"], gap: int = 0) -> Shaped[np.ndarray, "_ 2"]:
-    """Ascending runs without what is between two with no more than `gap` rows between them."""
-    if not len(runs):
-        return runs
-    runs = np.column_stack([runs[:, 0], np.maximum.accumulate(runs[:, 1])])
-    apart = np.flatnonzero(runs[1:, 0] - runs[:-1, 1] > gap + 1)
-    return np.column_stack([runs[np.append(0, apart + 1), 0], runs[np.append(apart, -1), 1]])
-
-
-def joined_times(spans: Float[np.ndarray, "_ 2"]) -> Float[np.ndarray, "_ 2"]:
-    """Spans of time in any order as ascending ones that are apart from each other."""
-    return joined(spans[np.argsort(spans[:, 0])], gap=-1)
-
-
-def without(runs: Runs, others: Runs) -> Runs:
-    """Ascending runs less the rows of others."""
-    kept = []
-    for first, last in runs:
-        start = first
-        for cut_first, cut_last in others[(others[:, 1] >= first) & (others[:, 0] <= last)]:
-            if cut_first > start:
-                kept.append((start, cut_first - 1))
-            start = cut_last + 1
-        if start <= last:
-            kept.append((start, last))
-    return np.array(kept, dtype=np.int64).reshape(-1, 2)
-
-
-def rolling(
-    x: Float[np.ndarray, "rows channels"], length: int
-) -> tuple[Float[np.ndarray, "windows channels"], Float[np.ndarray, "windows channels"]]:
-    """Least and largest value in every window of `length` rows."""
-    return _extremes(np.minimum, x, length), _extremes(np.maximum, x, length)
-
-
-def least_about(
-    x: Float[np.ndarray, "rows channels"], reach: int
-) -> Float[np.ndarray, "rows channels"]:
-    """Least value within `reach` rows to either side; zero beyond the ends."""
-    return _extremes(np.minimum, np.pad(x, ((reach, reach), (0, 0))), 2 * reach + 1)
-
-
-def _extremes(
-    extreme: np.ufunc, x: Float[np.ndarray, "rows channels"], length: int
-) -> Float[np.ndarray, "windows channels"]:
-    """Those of windows of `length` rows, from those of half as many."""
-    found, size = x, 1
-    while size < length:
-        step = min(size, length - size)
-        found, size = extreme(found[:-step], found[step:]), size + step
-    return found
-
-
 # Why such rows say nothing, or something wrong, about the drives' torques.
 WHY: dict[Reason, str] = {
     "standing still": "at rest friction is whatever balances the torque",
@@ -119,29 +59,72 @@ class Mask:
     end: float
 
 
-class Weights:
-    """One weight a row and drive: 0 inside of some masks, else 1.
+def as_runs(pairs: Iterable[Sequence[int]]) -> Runs:
+    """Runs from their first and last rows."""
+    return np.array(list(pairs), dtype=np.int64).reshape(-1, 2)
 
-    Attributes:
-        spans: for each drive the rows without weight.
-    """
 
-    def __init__(self, masks: Iterable[Mask], drives: int) -> None:
-        self.spans: list[Runs] = []
-        for i in range(drives):
-            spans = sorted((mask.first, mask.last) for mask in masks if i in mask.drives)
-            self.spans.append(joined(np.array(spans, dtype=np.int64).reshape(-1, 2)))
+def runs_of(flags: Bool[np.ndarray, " rows"], row: int = 0) -> Runs:
+    """Runs of true flags, the first of which belongs to `row`."""
+    edges = np.flatnonzero(np.diff(flags.astype(np.int8), prepend=0, append=0))
+    return edges.reshape(-1, 2) + np.array([row, row - 1])
 
-    def of_rows(self, row: int, count: int) -> Float[np.ndarray, "rows drives"]:
-        """Weights of consecutive rows."""
-        weights = np.ones((count, len(self.spans)))
-        for i, spans in enumerate(self.spans):
-            near = slice(
-                np.searchsorted(spans[:, 1], row), np.searchsorted(spans[:, 0], row + count)
-            )
-            for first, last in spans[near]:
-                weights[max(first - row, 0) : last - row + 1, i] = 0.0
-        return weights
+
+def joined(runs: Shaped[np.ndarray, "_ 2"], gap: int = 0) -> Shaped[np.ndarray, "_ 2"]:
+    """Ascending runs without what is between two with no more than `gap` rows between them."""
+    if not len(runs):
+        return runs
+    runs = np.column_stack([runs[:, 0], np.maximum.accumulate(runs[:, 1])])
+    apart = np.flatnonzero(runs[1:, 0] - runs[:-1, 1] > gap + 1)
+    return np.column_stack([runs[np.append(0, apart + 1), 0], runs[np.append(apart, -1), 1]])
+
+
+def joined_times(spans: Float[np.ndarray, "_ 2"]) -> Float[np.ndarray, "_ 2"]:
+    """Spans of time in any order as ascending ones that are apart from each other."""
+    return joined(spans[np.argsort(spans[:, 0])], gap=-1)
+
+
+def without(runs: Runs, others: Runs) -> Runs:
+    """Ascending runs less the rows of others, which ascend as well."""
+    kept = list[tuple[int, int]]()
+    for first, last in runs.tolist():
+        cuts = others[(others[:, 1] >= first) & (others[:, 0] <= last)]
+        starts, stops = [first, *(cuts[:, 1] + 1).tolist()], [*cuts[:, 0].tolist(), last + 1]
+        kept += [(a, b - 1) for a, b in zip(starts, stops, strict=True) if a < b]
+    return as_runs(kept)
+
+
+def within(
+    spans: Shaped[np.ndarray, "_ 2"], x: Shaped[np.ndarray, " rows"]
+) -> Bool[np.ndarray, " rows"]:
+    """Which of ascending numbers lie in ascending spans that are apart, few of them near."""
+    inside = np.zeros(len(x), dtype=bool)
+    near = spans[(spans[:, 1] >= x[0]) & (spans[:, 0] <= x[-1])] if len(x) else NONE
+    for start, stop in near:
+        inside[np.searchsorted(x, start) : np.searchsorted(x, stop, side="right")] = True
+    return inside
+
+
+def rolling(
+    x: Float[np.ndarray, "rows channels"], length: int
+) -> tuple[Float[np.ndarray, "windows channels"], Float[np.ndarray, "windows channels"]]:
+    """Least and largest value in every window of `length` rows."""
+    inside = slice(length // 2, len(x) - (length - 1) // 2)
+    low, high = (f(x, length, axis=0)[inside] for f in (minimum_filter1d, maximum_filter1d))
+    return low, high
+
+
+def least_about(
+    x: Float[np.ndarray, "rows channels"], reach: int
+) -> Float[np.ndarray, "rows channels"]:
+    """Least value within `reach` rows to either side; zero beyond the ends."""
+    return minimum_filter1d(x, 2 * reach + 1, axis=0, mode="constant")
+
+
+def left_out(masks: Iterable[Mask], drive: int | None = None) -> Runs:
+    """Ascending runs of rows without weight for a drive, or for any."""
+    own = [mask for mask in masks if drive is None or drive in mask.drives]
+    return joined(as_runs(sorted((mask.first, mask.last) for mask in own)))
 
 
 def before_stops(masks: Iterable[Mask], cutoff: float, rate: float) -> tuple[Mask, ...]:
@@ -155,17 +138,16 @@ def before_stops(masks: Iterable[Mask], cutoff: float, rate: float) -> tuple[Mas
         rate: of the rows [Hz].
     """
     found = [mask for mask in masks if mask.reason != "before a stop"]
-    rows = math.ceil(rate / cutoff)
     for mask in [mask for mask in found if mask.reason == "emergency stop" and mask.first]:
-        first, last = max(0, mask.first - rows), mask.first - 1
+        first, last = max(0, mask.first - math.ceil(rate / cutoff)), mask.first - 1
         times = (mask.start - (mask.first - row) / rate for row in (first, last))
         found.append(Mask("before a stop", mask.drives, first, last, *times))
     return tuple(sorted(found, key=lambda mask: (mask.first, mask.drives)))
 
 
-def kept(masks: Iterable[Mask], drives: int, samples: int) -> Float[np.ndarray, " drives"]:
+def kept(masks: Sequence[Mask], drives: int, samples: int) -> Float[np.ndarray, " drives"]:
     """Share of the rows that is left of each drive."""
-    lost = [np.sum(ends[:, 1] - ends[:, 0] + 1) for ends in Weights(masks, drives).spans]
+    lost = [np.sum(left_out(masks, i) @ [-1, 1] + 1) for i in range(drives)]
     return 1.0 - np.array(lost) / samples
 
 
@@ -179,10 +161,9 @@ def require_rest(masks: Sequence[Mask], samples: int, drives: Sequence[str], whe
     i = int(np.argmin(left))
     if left[i] >= _LEAST:
         return
-    own = [mask for mask in masks if i in mask.drives]
     shares = {
-        reason: 1.0 - kept([m for m in own if m.reason == reason], len(drives), samples)[i]
-        for reason in dict.fromkeys(mask.reason for mask in own)
+        reason: 1.0 - kept([m for m in masks if m.reason == reason], len(drives), samples)[i]
+        for reason in dict.fromkeys(mask.reason for mask in masks if i in mask.drives)
     }
     reasons = ", ".join(f"{100 * share:.3g} % {reason}" for reason, share in shares.items())
     raise RecordingError(

@@ -1,21 +1,52 @@
 """Finding what of a recording is no motion under power of its drives, while it is surveyed.
 
 That is also when the loads of a recording are taken up and put down.
+
+At rest all drives stay within the steps and the noise of their encoders for longer than a reversal
+takes. Slow motion stays there as well if steps are coarse, so in hindsight rest must also be slow
+against the recording's largest speeds, as far as its length can tell; of what is not, parts may be.
+A torque that does not change at all is off only if its channel has noise elsewhere: without, what
+holds a robot at rest does not change either.
 """
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass, field
 
 import numpy as np
 from jaxtyping import Float
 
 from deltaid.errors import Doubt, RecordingError
 from deltaid.recording.columns import Columns
-from deltaid.recording.masks.masks import LOAD_CHANGES, NONE, Mask, Reason, Runs, joined, without
-from deltaid.recording.masks.rest import RestSearch
+from deltaid.recording.masks.masks import (
+    LOAD_CHANGES,
+    NONE,
+    Mask,
+    Reason,
+    Runs,
+    as_runs,
+    joined,
+    rolling,
+    runs_of,
+    without,
+)
 from deltaid.recording.masks.stuck import Extreme, StaleSearch
 from deltaid.recording.source import LogTable
 from deltaid.recording.time.clock import Clock
 
+# Rest lasts so long at least [s], and so many rows.
+_LASTS, _ROWS = 0.04, 5
+# In that time positions stay within so many encoder steps and so many times the narrowest band that
+# the drive ever stayed in; over a whole rest within so many times that, or that a second.
+_STEPS, _BANDS, _WANDER = 1.5, 2.0, 3.0
+# A robot at rest is slower than this share of its drives' largest speeds.
+_SLOW = 0.005
+# Torque is off where for so long [s] and so many rows its mean and its range stay below these
+# shares of the largest torque, or where no torque changes at all.
+_OFF_LASTS, _OFF_ROWS, _OFF, _OFF_RANGE = 0.01, 5, 0.04, 0.2
+# A channel has noise if so large a share of its changes go back on the one before; of white noise
+# two thirds do, of a smooth torque next to none.
+_NOISY = 0.2
+Rows = Float[np.ndarray, "rows dof"]
 # A channel at its end is taken to stay there for so long [s] between two samples on it: noise took
 # it off for a moment, and what it leaves there is noise of one sign.
 _BETWEEN = 0.003
@@ -25,9 +56,129 @@ _SHORT = 0.04
 _STOPS = 1.5
 # A gripper's signal and its grip are so far apart at most [s].
 _ABOUT = 0.012
-
 # What is left out: why, for which drives, and which rows counted from 0.
 Found = tuple[Reason, tuple[int, ...], Runs]
+
+
+@dataclass
+class _Rest:
+    """Rows at rest, the lowest and highest positions there, and parts that stay in a band each."""
+
+    first: int
+    last: int
+    low: Float[np.ndarray, " dof"]
+    high: Float[np.ndarray, " dof"]
+    parts: list["_Rest"] = field(default_factory=list["_Rest"])
+
+
+def _rest(q: Rows, row: int) -> _Rest:
+    return _Rest(row, row + len(q) - 1, q.min(axis=0), q.max(axis=0))
+
+
+class RestSearch:
+    """Looks for rest in blocks of rows that overlap by `overlap`.
+
+    `add` them, then read `at_rest` and `off`.
+
+    Attributes:
+        period: time between two rows [s].
+        length: rows of a rest at least; two blocks have `overlap`, one less, in common.
+    """
+
+    def __init__(self, dof: int, period: float) -> None:
+        self.period, self.length = period, max(_ROWS, round(_LASTS / period))
+        self.overlap = self.length - 1
+        self._step, self._band, self._low = np.full((3, dof), np.inf)
+        self._speed, self._torque = np.zeros((2, dof))
+        self._high, self._changes = np.full(dof, -np.inf), np.zeros((2, dof))
+        self._rests, self._off, self._constant = list[_Rest](), list[Runs](), list[Runs]()
+
+    @property
+    def steps(self) -> Float[np.ndarray, " dof"]:
+        """Smallest change of each position so far, the step of its encoder; 0 without any."""
+        return np.where(np.isfinite(self._step), self._step, 0.0)
+
+    def add(self, q: Rows, torque: Rows, row: int) -> None:
+        """Take in a block, the first row of which is number `row`."""
+        if len(q) < self.length:
+            return
+        self._look_at_torque(torque, row)
+        low, high = rolling(q, self.length)
+        width, change = high - low, np.abs(np.diff(q, axis=0))
+        self._step = np.minimum(self._step, np.where(change > 0, change, np.inf).min(axis=0))
+        self._band = np.minimum(self._band, width.min(axis=0))
+        ways = np.abs(q[self.overlap :] - q[: len(q) - self.overlap])
+        self._speed = np.maximum(self._speed, ways.max(axis=0) / (self.overlap * self.period))
+        self._low = np.minimum(self._low, q.min(axis=0))
+        self._high = np.maximum(self._high, q.max(axis=0))
+        for first, last in runs_of(np.all(width <= self._widest, axis=1), row).tolist():
+            stays = q[first - row : last - row + self.length]
+            rest = _rest(stays, first)
+            if np.any(rest.high - rest.low > self._widest):
+                rest.parts = list(self._parts(stays, first))
+            if self._rests and rest.first <= self._rests[-1].last + 1:
+                before = self._rests.pop()
+                low, high = np.minimum(rest.low, before.low), np.maximum(rest.high, before.high)
+                end, parts = max(rest.last, before.last), before.parts + rest.parts
+                rest = _Rest(before.first, end, low, high, parts)
+            self._rests.append(rest)
+
+    @property
+    def at_rest(self) -> Runs:
+        """Runs of rows at rest."""
+        rests = [
+            (part.first, part.last)
+            for rest in self._rests
+            for part in ([rest] if self._slow(rest) else filter(self._slow, rest.parts))
+        ]
+        return joined(as_runs(rests))
+
+    @property
+    def off(self) -> Runs:
+        """Runs without torque of any drive."""
+        back, changes = self._changes
+        noisy = np.any(back > _NOISY * changes)
+        return joined(np.concatenate([NONE, *self._off, *(self._constant if noisy else [])]))
+
+    @property
+    def _widest(self) -> Float[np.ndarray, " dof"]:
+        return _STEPS * self.steps + _BANDS * self._band
+
+    def _parts(self, q: Rows, row: int) -> Iterator[_Rest]:
+        """Consecutive parts of rows, each as long as it stays in the band of rest."""
+        start = 0
+        while start < len(q):
+            size, stays = self.length, np.ones(1, dtype=bool)
+            while stays.all() and len(stays) < len(q) - start:  # no longer than needed
+                size *= 2
+                ahead = q[start : start + size]
+                width = np.maximum.accumulate(ahead) - np.minimum.accumulate(ahead)
+                stays = np.all(width <= self._widest, axis=1)
+            count = len(stays) if stays.all() else int(np.argmin(stays))
+            yield _rest(q[start : start + count], row + start)
+            start += count
+
+    def _slow(self, rest: _Rest) -> bool:
+        time, width = (rest.last - rest.first) * self.period, rest.high - rest.low
+        moves = self._high - self._low > self._widest
+        slow = width + self.steps <= _SLOW * self._speed * time
+        steady = width <= self._widest * max(_WANDER, time)
+        return bool(np.all((slow & steady) | ~moves) and moves.any())
+
+    def _look_at_torque(self, torque: Rows, row: int) -> None:
+        length = max(_OFF_ROWS, round(_OFF_LASTS / self.period))
+        if len(torque) < length:
+            return
+        self._torque = np.maximum(self._torque, np.abs(torque).max(axis=0))
+        low, high = rolling(torque, length)
+        sums = np.cumsum(np.vstack([np.zeros_like(torque[:1]), torque]), axis=0)
+        mean = (sums[length:] - sums[:-length]) / length
+        near = (np.abs(mean) <= _OFF * self._torque) & (high - low <= _OFF_RANGE * self._torque)
+        for spans, flags in ((self._off, near), (self._constant, high == low)):
+            spans.append(joined(runs_of(np.all(flags, axis=1), row) + np.array([0, length - 1])))
+        change = np.diff(torque, axis=0)
+        turned = change[1:] * change[:-1]
+        self._changes += [np.count_nonzero(turned < 0, axis=0), np.count_nonzero(change, axis=0)]
 
 
 class MaskSearch:
@@ -39,11 +190,10 @@ class MaskSearch:
     """
 
     def __init__(self, dof: int, limits: Sequence[float]) -> None:
-        self._dof, self._row = dof, 0
-        self._stale = StaleSearch(dof)
+        self._dof, self._row, self._stale = dof, 0, StaleSearch(dof)
         self._ends = [(Extreme(limit), Extreme(limit)) for limit in limits]
         self._rest: RestSearch | None = None
-        self._before: np.ndarray | None = None
+        self._before = np.zeros((0, 0))
 
     def add(self, values: Float[np.ndarray, "rows channels"], period: float) -> None:
         """Take in rows: time, positions, what else is recorded, torques.
@@ -51,37 +201,34 @@ class MaskSearch:
         Args:
             period: usual time between two rows [s].
         """
-        n = self._dof
+        n, first = self._dof, self._row
+        self._row += len(values)
         if not period:  # stamps that several rows share
             period = float(np.ptp(values[:, 0])) / max(1, len(values) - 1)
         if not period and self._rest is None:
-            self._row += len(values)
             return
         rest = self._rest = self._rest or RestSearch(n, period)
-        block = values if self._before is None else np.vstack([self._before, values])
-        rest.add(block[:, 1 : 1 + n], block[:, -n:], self._row + len(values) - len(block))
+        block = np.vstack([self._before, values]) if self._before.size else values
+        rest.add(block[:, 1 : 1 + n], block[:, -n:], self._row - len(block))
         self._before = block[-rest.overlap :]
         new = self._stale.add(values[:, 1:], rest.steps)
         for (top, bottom), torque in zip(self._ends, values[:, -n:].T, strict=True):
-            top.add(torque, new, self._row)
-            bottom.add(-torque, new, self._row)
-        self._row += len(values)
+            top.add(torque, new, first)
+            bottom.add(-torque, new, first)
 
     def runs(self) -> list[Found]:
         """All that is left out."""
         rest, everyone = self._rest, tuple(range(self._dof))
         if rest is None:
             return []
-        stale = self._stale.runs(rest.steps)
-        short = round(_SHORT / rest.period)
-        off, resting = rest.off, without(rest.at_rest, stale)
+        stale, off = self._stale.runs(rest.steps), rest.off
+        resting = without(rest.at_rest, stale)
         resting = resting[resting[:, 1] - resting[:, 0] >= rest.overlap]
-        on_brakes, under_control = _told_apart(resting, off, short)
-        stopping = _stops(off, on_brakes, round(_STOPS / rest.period))
+        on_brakes = _on_brakes(resting, off, round(_SHORT / rest.period))
         found: list[Found] = [
-            ("standing still", everyone, under_control),
+            ("standing still", everyone, without(resting, on_brakes)),
             ("on brakes", everyone, on_brakes),
-            ("emergency stop", everyone, stopping),
+            ("emergency stop", everyone, _stops(off, on_brakes, round(_STOPS / rest.period))),
             ("stale rows", everyone, stale),
         ]
         between = round(_BETWEEN / rest.period)
@@ -98,9 +245,8 @@ class LoadSearch:
 
     def __init__(self, table: LogTable, columns: Columns) -> None:
         self._table, self._columns, self._rows = table, columns, 0
-        self._changes = [np.zeros(0, dtype=np.int64)]
-        self._last = np.zeros((len(columns.loads), 0), dtype=bool)
-        self._ever = np.zeros(len(columns.loads), dtype=bool)
+        self._changes, count = [np.zeros(0, dtype=np.int64)], len(columns.loads)
+        self._last, self._ever = np.zeros((count, 0), dtype=bool), np.zeros(count, dtype=bool)
 
     def add(self, values: Float[np.ndarray, "rows channels"], row: int) -> None:
         """Take in rows, columns as in `Columns.all`; `row` numbers the first for messages.
@@ -113,20 +259,18 @@ class LoadSearch:
             if load.column is None or load.holding is not None:
                 continue
             numbers = extra[:, self._columns.beside(load.column)]
-            other = np.flatnonzero((numbers != 0.0) & (numbers != 1.0))
-            if other.size:
+            for other in np.flatnonzero((numbers != 0.0) & (numbers != 1.0))[:1].tolist():
                 raise RecordingError(
-                    f"column {load.column} of load {load.name} is {numbers[other[0]]:.10g}, "
+                    f"column {load.column} of load {load.name} is {numbers[other]:.10g}, "
                     "neither 0 nor 1",
-                    where=self._table.row_place(row + int(other[0])),
+                    where=self._table.row_place(row + other),
                     cure="list the numbers at which the load is held: "
-                    f"load: {{column: {load.column}, when: [{numbers[other[0]]:.10g}]}}",
+                    f"load: {{column: {load.column}, when: [{numbers[other]:.10g}]}}",
                 )
         held = np.hstack([self._last, self._columns.held(values[:, 0], extra)])
         changes = np.flatnonzero(np.any(np.diff(held, axis=1), axis=0))
         self._changes.append(self._rows + changes + 1 - self._last.shape[1])
-        self._last = held[:, -1:]
-        self._ever |= held.any(axis=1)
+        self._last, self._ever = held[:, -1:], self._ever | held.any(axis=1)
         self._rows += len(values)
 
     def runs(self, rate: float) -> list[Found]:
@@ -160,10 +304,10 @@ def timed(found: Iterable[Found], clock: Clock) -> tuple[Mask, ...]:
     return tuple(sorted(masks, key=lambda mask: (mask.first, mask.drives)))
 
 
-def _told_apart(resting: Runs, off: Runs, short: int) -> tuple[Runs, Runs]:
-    """Rest on brakes and rest under control; the shorter parts belong to what they lie in."""
-    brakes: list[Runs] = []
-    for first, last in resting:
+def _on_brakes(resting: Runs, off: Runs, short: int) -> Runs:
+    """Rest on brakes; other rest is under control. The shorter parts belong to what they lie in."""
+    brakes = [NONE]
+    for first, last in resting.tolist():
         here = off[(off[:, 1] >= first) & (off[:, 0] <= last)]
         here = joined(np.clip(here, first, last), short)
         here = here[here[:, 1] - here[:, 0] >= min(short, last - first)]
@@ -171,14 +315,11 @@ def _told_apart(resting: Runs, off: Runs, short: int) -> tuple[Runs, Runs]:
             here[0, 0] = first if here[0, 0] - first <= short else here[0, 0]
             here[-1, 1] = last if last - here[-1, 1] <= short else here[-1, 1]
         brakes.append(here)
-    on_brakes = np.concatenate([NONE, *brakes])
-    return on_brakes, without(resting, on_brakes)
+    return np.concatenate(brakes)
 
 
 def _stops(off: Runs, on_brakes: Runs, longest: int) -> Runs:
-    stops = []
-    for first, last in off:
-        after = on_brakes[(on_brakes[:, 0] > first) & (on_brakes[:, 0] <= last + 1)]
-        if len(after) and after[0, 0] - first <= longest:
-            stops.append((first, after[0, 0] - 1))
-    return np.array(stops, dtype=np.int64).reshape(-1, 2)
+    after = np.searchsorted(on_brakes[:, 0], off[:, 0], side="right")
+    starts = np.append(on_brakes[:, 0], np.iinfo(np.int64).max)[after]
+    braked = (starts <= off[:, 1] + 1) & (starts - off[:, 0] <= longest)
+    return np.column_stack([off[:, 0], starts - 1])[braked]

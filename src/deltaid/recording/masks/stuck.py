@@ -18,7 +18,7 @@ from itertools import chain
 import numpy as np
 from jaxtyping import Float
 
-from deltaid.recording.masks.masks import NONE, Mask, Runs, joined, runs_of
+from deltaid.recording.masks.masks import NONE, Mask, Runs, as_runs, joined, runs_of
 
 # Levels next to the extreme that it is compared with, and how many times as often it is met.
 _NEXT_TO, _OFTEN = 4, 8
@@ -55,17 +55,15 @@ class Extreme:
 
     def add(self, torque: Float[np.ndarray, " rows"], new: np.ndarray, row: int) -> None:
         """Take in rows; those that only repeat the one before are not `new`, and not counted."""
-        before = self.level
-        counted = torque[new]
+        before, counted = self.level, torque[new]
         for _ in range(_NEXT_TO + 1):
             if not counted.size:
                 break
             level = float(counted.max())
-            at = counted == level
-            self._levels[level] = self._levels.get(level, 0) + int(at.sum())
-            counted = counted[~at]
-        kept = sorted(self._levels, reverse=True)[: _NEXT_TO + 1]
-        self._levels = {level: self._levels[level] for level in kept}
+            others = counted[counted != level]
+            self._levels[level] = self._levels.get(level, 0) + len(counted) - len(others)
+            counted = others
+        self._levels = dict(sorted(self._levels.items(), reverse=True)[: _NEXT_TO + 1])
         if self.level > before:
             self._found.clear()
         at = torque == self.level
@@ -73,9 +71,7 @@ class Extreme:
         stays = int(np.count_nonzero(elsewhere & (torque[1:] == torque[:-1])))
         self._stayed += stays
         self._moved += int(np.count_nonzero(elsewhere)) - stays
-        here = runs_of(at, row)
-        if len(here):
-            self._found.append(here)
+        self._found.append(runs_of(at, row))
 
     @property
     def level(self) -> float:
@@ -88,14 +84,13 @@ class Extreme:
         Args:
             torque_max: largest |τ| of the drive.
         """
-        (top, count), *others = sorted(self._levels.items(), reverse=True)
+        (top, count), *others = self._levels.items()
         beside = max((n for _, n in others), default=count)
         often = count >= _EQUAL + _OFTEN * (beside - 1) and self._stayed <= _STAYS * self._moved
         near = np.isfinite(self.limit) and abs(abs(top) - self.limit) <= _CLOSE * self.limit
-        limited = near and count >= _AT_LIMIT
-        if abs(top) < _SMALL * torque_max or not (often or (limited and count > beside)):
-            return NONE
-        return joined(np.concatenate(self._found))
+        limited = near and count >= max(_AT_LIMIT, beside + 1)
+        is_end = abs(top) >= _SMALL * torque_max and (often or limited)
+        return joined(np.concatenate(self._found)) if is_end else NONE
 
 
 class StaleSearch:
@@ -104,24 +99,33 @@ class StaleSearch:
     def __init__(self, dof: int) -> None:
         self._dof, self._count, self._judged = dof, 0, False
         self._rows, self._q = np.zeros(0, dtype=np.int64), np.zeros((0, dof))
-        self._last: np.ndarray | float = np.nan
-        self._found = [NONE]
+        self._last, self._found = np.array(np.nan), [NONE]
 
     def add(
         self, values: Float[np.ndarray, "rows channels"], step: Float[np.ndarray, " dof"]
     ) -> np.ndarray:
         """Take in rows without their time, positions first; which of them are new.
 
+        The last three new rows are looked at again with the next batch: of their two gaps the
+        second is judged then, when the way after its jump is there.
+
         Args:
             step: of each position's encoder, as far as it is known by now.
         """
         new = np.any(np.diff(values, axis=0, prepend=self._last) != 0, axis=1)
-        self._last = values[-1:].copy()
-        self._rows = np.concatenate([self._rows, self._count + np.flatnonzero(new)])
-        self._q = np.concatenate([self._q, values[new, : self._dof]])
+        rows = np.concatenate([self._rows, self._count + np.flatnonzero(new)])
+        q = np.concatenate([self._q, values[new, : self._dof]])
+        self._last, self._rows, self._q = values[-1:].copy(), rows[-3:], q[-3:]
         self._count += len(values)
-        self._look(step)
-        self._rows, self._q = self._rows[-3:], self._q[-3:]
+        gaps, ways = np.diff(rows), np.abs(np.diff(q, axis=0))
+        if len(gaps) >= 2:
+            pace = ways / gaps[:, None]
+            beside = np.maximum(np.concatenate([np.zeros((1, self._dof)), pace[:-2]]), pace[1:])
+            jumps = (ways[:-1] >= _STEPS * step) & (ways[:-1] > _FARTHER * beside)
+            held = (gaps[:-1] > 1) & jumps.any(axis=1)
+            held[0] &= not self._judged
+            self._judged, at = True, np.flatnonzero(held)
+            self._found.append(np.column_stack([rows[at] + 1, rows[at + 1] - 1]))
         return new
 
     def runs(self, step: Float[np.ndarray, " dof"]) -> Runs:
@@ -132,26 +136,6 @@ class StaleSearch:
                 self._found.append(np.array([[self._rows[-1] + 1, self._count - 1]]))
         return np.concatenate(self._found)
 
-    def _look(self, step: Float[np.ndarray, " dof"]) -> None:
-        """Gaps between new rows whose jump is known with the rows about it.
-
-        The last three new rows are seen again with the next batch: of their two gaps the second is
-        judged then, when the way after its jump is there.
-        """
-        gaps = np.diff(self._rows)
-        if len(gaps) < 2:
-            return
-        ways = np.abs(np.diff(self._q, axis=0))
-        pace = ways / gaps[:, None]
-        before = np.concatenate([np.zeros((1, self._dof)), pace[:-2]])
-        beside = np.maximum(before, pace[1:])
-        jumps = (ways[:-1] >= _STEPS * step) & (ways[:-1] > _FARTHER * beside)
-        held = (gaps[:-1] > 1) & jumps.any(axis=1)
-        held[0] &= not self._judged
-        self._judged = True
-        at = np.flatnonzero(held)
-        self._found.append(np.column_stack([self._rows[at] + 1, self._rows[at + 1] - 1]))
-
 
 def bridged(blocks: Iterable[Rows], stale: Iterable[Mask], recorded: slice) -> Iterator[Rows]:
     """Consecutive rows in blocks, with a smooth motion in the place of stale ones.
@@ -160,7 +144,7 @@ def bridged(blocks: Iterable[Rows], stale: Iterable[Mask], recorded: slice) -> I
         stale: which these are.
         recorded: columns of positions, velocities and accelerations.
     """
-    runs = np.array([(mask.first, mask.last) for mask in stale], dtype=np.int64).reshape(-1, 2)
+    runs = as_runs((mask.first, mask.last) for mask in stale)
     parts, given, known = list[Rows](), 0, 0
     for block in chain(blocks, [None]):
         if block is not None:
@@ -188,10 +172,8 @@ def bridge(values: Float[np.ndarray, "rows channels"], runs: Runs) -> None:
         values: evenly spaced rows of positions and their derivatives, changed in place.
         runs: of rows to replace.
     """
-    held = np.zeros(len(values), dtype=bool)
-    for first, last in runs:
-        held[first : last + 1] = True
-    good = np.flatnonzero(~held)
+    rows = np.arange(len(values))
+    good = np.setdiff1d(rows, np.concatenate([rows[first : last + 1] for first, last in runs]))
     for first, last in runs:
         at = np.searchsorted(good, first)
         beside = int(np.clip((last - first + 1) // 2, _FEWEST, _BESIDE))
@@ -199,11 +181,9 @@ def bridge(values: Float[np.ndarray, "rows channels"], runs: Runs) -> None:
         if not len(near):
             continue
         middle, half = 0.5 * (near[0] + near[-1]), max(0.5 * (near[-1] - near[0]), 1.0)
-        one_sided = at == 0 or at == len(good)
         highest = _STIFF if last - first > 3 * beside else _DEGREE
-        degree = 0 if one_sided else min(highest, len(near) - 1)
+        degree = 0 if at in (0, len(good)) else min(highest, len(near) - 1)
+        level, there = values[near].mean(axis=0), rows[first : last + 1]
         powers = np.vander((near - middle) / half, degree + 1)
-        level = values[near].mean(axis=0)
         fit, *_ = np.linalg.lstsq(powers, values[near] - level, rcond=None)
-        there = np.arange(first, last + 1)
-        values[first : last + 1] = np.vander((there - middle) / half, degree + 1) @ fit + level
+        values[there] = np.vander((there - middle) / half, degree + 1) @ fit + level

@@ -93,13 +93,13 @@ class Clock:
             inside = (holes[:, 0] >= first) & (holes[:, 0] <= after)
             before = holes[inside, 1]
             lost = -1 if (before < 0).any() else last - first + 1 + before.sum()
-            since, until = self.stamps(np.array([first - 1, after]))
-            holes = np.vstack([holes[~inside], [after, lost, since, until]])
-        holes = holes[np.argsort(holes[:, 0])].T
-        holes = holes[:, holes[0] < self.rows]
+            new = [after, lost, *self.stamps(np.array([first - 1, after]))]
+            holes = np.vstack([holes[~inside], new])
+        holes = holes[holes[:, 0] < self.rows]
+        at, lost, since, until = holes[np.argsort(holes[:, 0])].T
         return replace(
-            self, steady=False, extra=extra, holes=holes[0].astype(int), lost=holes[1].astype(int),
-            since=holes[2], until=holes[3],
+            self, steady=False, extra=extra, holes=at.astype(int), lost=lost.astype(int),
+            since=since, until=until,
         )  # fmt: skip
 
     def cuts(self, longest: int) -> Bool[np.ndarray, " holes"]:
@@ -191,9 +191,8 @@ class ClockCheck:
     def __init__(self, table: LogTable, column: str) -> None:
         self.table, self.column = table, column
         self.samples = self.uneven = self.backward = self.forward = 0
-        self.step = self.period = 0.0
+        self.step, self.period, self._apart = 0.0, 0.0, np.inf
         self.first_time = self.last_time = np.nan
-        self._apart = np.inf
 
     @property
     def steady(self) -> bool:
@@ -232,40 +231,29 @@ class ClockCheck:
             RecordingError: it stands still, or nearly so, goes backwards, or jumps about; or there
                 are too few rows.
         """
-        if self.samples < 2:
-            raise RecordingError(
-                "has fewer than two rows of data",
-                where=str(self.table.path),
-                cure="give a whole recording",
-            )
-        where, cure = (
-            str(self.table.path),
-            (
-                "map the column of the time with --columns MAPPING.yaml (time: {column: NAME}), or "
-                "give the sampling rate in its place (time: {rate: 1000})"
-            ),
-        )
-        if not self.forward:
+        where, samples = str(self.table.path), self.samples
+        if samples < 2:
+            cure = "give a whole recording"
+            raise RecordingError("has fewer than two rows of data", where=where, cure=cure)
+        if not self.forward and self.backward:
+            what = "runs backwards"
+        elif not self.forward:
+            what = f"is {self.first_time:.10g} s in all rows: it does not run"
+        elif self.forward < _FEWEST_STEPS and 2 * self.forward < samples - 1:
             what = (
-                "runs backwards"
-                if self.backward
-                else f"is {self.first_time:.10g} s in all rows: it does not run"
+                f"changes in only {self.forward} of {samples} rows, too few to determine the "
+                "sampling rate"
             )
-            raise RecordingError(f"column {self.column} {what}", where=where, cure=cure)
-        if self.forward < _FEWEST_STEPS and 2 * self.forward < self.samples - 1:
-            raise RecordingError(
-                f"column {self.column} changes in only {self.forward} of {self.samples} rows, too "
-                "few to determine the sampling rate",
-                where=where,
-                cure=cure,
-            )
-        if self.backward > _MOST_BACKWARD * self.samples:
-            raise RecordingError(
-                f"column {self.column} goes back in {self.backward} of {self.samples} rows; "
-                "it is no time",
-                where=where,
-                cure=cure,
-            )
+        elif self.backward > _MOST_BACKWARD * samples:
+            what = f"goes back in {self.backward} of {samples} rows; it is no time"
+        else:
+            return
+        raise RecordingError(
+            f"column {self.column} {what}",
+            where=where,
+            cure="map the column of the time with --columns MAPPING.yaml (time: {column: NAME}), "
+            "or give the sampling rate in its place (time: {rate: 1000})",
+        )
 
 
 def require_rate(table: LogTable, column: str, rate: float, *, differentiated: bool) -> None:
