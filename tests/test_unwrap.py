@@ -29,11 +29,11 @@ def unwrapped(one: Unwrapper, x: np.ndarray, *cuts: int) -> np.ndarray:
 
 
 def angle() -> Unwrapper:
-    return Unwrapper((TURN,), ())
+    return Unwrapper("q", (TURN,), ())
 
 
 def counter() -> Unwrapper:
-    return Unwrapper((), (2.0**16, 2.0**24))
+    return Unwrapper("q", (), (2.0**16, 2.0**24))
 
 
 @pytest.mark.parametrize("low", [0.0, -0.5], ids=["from zero on", "about zero"])
@@ -109,11 +109,11 @@ def test_counts_are_whole_numbers() -> None:
 
 
 def test_the_nearest_period_is_taken_and_kept() -> None:
-    one = Unwrapper((65_000.0,), (2.0**16, 2.0**24))
+    one = Unwrapper("q", (65_000.0,), (2.0**16, 2.0**24))
     x = np.array([65_000.0, 65_530.0, 2.0, 10.0])
     np.testing.assert_array_equal(unwrapped(one, x)[2:], x[2:] + 2.0**16)
     assert one.period == 2.0**16
-    other = Unwrapper((), (2.0**16, 2.0**24))
+    other = Unwrapper("q", (), (2.0**16, 2.0**24))
     top = np.array([2.0**24 - 8.0, 2.0**24 - 1.0, 6.0, 14.0])
     leap = np.array([65_540.0, 65_541.0])  # as far as a smaller counter goes, on a larger one
     found = unwrapped(other, np.concatenate([top, leap]), 4)
@@ -123,7 +123,7 @@ def test_the_nearest_period_is_taken_and_kept() -> None:
 def test_time_only_counts_up() -> None:
     """A leap back is a new round, one ahead is none: it lacks rows."""
     for x, expected in (([250.0, 2.0, 10.0], [250.0, 258.0, 266.0]), ([2.0, 250.0, 255.0], None)):
-        one = Unwrapper((), (2.0**8,), rising=True)
+        one = Unwrapper("q", (), (2.0**8,), rising=True)
         np.testing.assert_array_equal(unwrapped(one, np.array(x)), expected or x)
 
 

@@ -22,7 +22,7 @@ from deltaid.recording.spectrum import spectrum_of
 from deltaid.recording.survey import Survey
 from deltaid.recording.table import open_table, read_batches
 from deltaid.recording.time.clock import Clock, require_rate
-from deltaid.recording.time.counts import Unwrapping
+from deltaid.recording.time.counts import doubts_about_rounds, unwrappers
 from deltaid.recording.time.signals import segments
 from deltaid.recording.time.study import study
 from deltaid.robot.sensors import channels_of
@@ -79,11 +79,11 @@ def open_log(
         )
     with ThreadPoolExecutor(1) as beside:
         digest = beside.submit(table.checksum, [channel.column for channel in columns.recorded])
-        unwrapping, kept = Unwrapping(columns), list[Rows]()
+        unwrapping, kept = unwrappers(columns), list[Rows]()
         batches = read_batches(table, columns, unwrapping)
         for seen in ordered(survey.look, taken_down(batches, kept, table.first_row)):
             survey.add(seen)
-        survey.warnings += unwrapping.doubts(table)
+        survey.warnings += doubts_about_rounds(unwrapping, table)
         clock = _clock(survey)
         survey.finish(clock)
     masks = () if keep_all else timed(survey.excluded(clock.rate), clock)

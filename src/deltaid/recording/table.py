@@ -4,7 +4,7 @@ To add a kind, write how it is opened in a module of `formats/`, and put it into
 """
 
 import os
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from itertools import chain
 from pathlib import Path
@@ -26,7 +26,7 @@ from deltaid.recording.formats.rosbag import open_bag
 from deltaid.recording.formats.twincat import is_scope, open_scope
 from deltaid.recording.mapping import ColumnMapping
 from deltaid.recording.source import BATCH_ROWS, Column, LogTable, Rows, content, packed_by
-from deltaid.recording.time.counts import Seconds, Unwrapping
+from deltaid.recording.time.counts import Unwrapper, in_seconds, unwrappers
 
 # Rows that are corrected together.
 AT_ONCE = 8000
@@ -116,32 +116,30 @@ def open_table(path: Path, mapping: ColumnMapping | None = None) -> LogTable:
 
 
 def read_batches(
-    table: LogTable, columns: Columns, unwrapping: Unwrapping | None = None
+    table: LogTable, columns: Columns, unwrapping: Sequence[Unwrapper] = ()
 ) -> Iterator[Float[np.ndarray, "rows channels"]]:
     """The rows of a log in SI units, batch by batch, columns as in `Columns.all`.
 
     Batches have as many rows however the file is read, so that nothing depends on how it is.
 
     Args:
-        unwrapping: takes down which columns start again; a fresh one.
+        unwrapping: take down which columns start again; fresh ones.
 
     Raises:
         RecordingError: a value is missing, not a number or not finite; names row and column.
     """
-    unwrapping = unwrapping or Unwrapping(columns)
-    yield from recut(_in_si(table, columns, unwrapping), BATCH_ROWS)
+    yield from recut(_in_si(table, columns, unwrapping or unwrappers(columns)), BATCH_ROWS)
 
 
 def _in_si(
-    table: LogTable, columns: Columns, unwrapping: Unwrapping
+    table: LogTable, columns: Columns, unwrapping: Sequence[Unwrapper]
 ) -> Iterator[Float[np.ndarray, "rows channels"]]:
-    row, seconds, time = table.first_row, Seconds(), columns.time
-    for rows in table.rows([channel.column for channel in columns.recorded]):
+    row, time = table.first_row, columns.time
+    pieces = table.rows([channel.column for channel in columns.recorded])
+    for rows in pieces if time.is_absent else in_seconds(pieces):
         if time.is_absent:
             count = np.arange(row - table.first_row, row - table.first_row + rows.size, dtype=float)
             rows = Rows([count, *rows.numbers], [count, *rows.written])
-        else:
-            rows = seconds.numbers(rows)
         if time.counts:
             _require_whole(table, time.column, rows, row)
         yield to_si(table, columns, rows, row, unwrapping)
@@ -162,7 +160,7 @@ def _require_whole(table: LogTable, column: str, rows: Rows, row: int) -> None:
 
 
 def to_si(
-    table: LogTable, columns: Columns, rows: Rows, row: int, unwrapping: Unwrapping
+    table: LogTable, columns: Columns, rows: Rows, row: int, unwrapping: Sequence[Unwrapper]
 ) -> Float[np.ndarray, "rows channels"]:
     """Consecutive rows in SI units.
 
@@ -183,8 +181,8 @@ def to_si(
         for k, (channel, numbers) in enumerate(zip(channels, rows.numbers, strict=True)):
             # A null becomes NaN.
             array = numbers.to_numpy() if isinstance(numbers, pl.Series) else numbers
-            if unwrapper := unwrapping.unwrapper(k):
-                array = unwrapper.add(np.asarray(array, dtype=np.float64), row)
+            if k < len(unwrapping):
+                array = unwrapping[k].add(np.asarray(array, dtype=np.float64), row)
             if k >= columns.sensor_places.stop:
                 array = _states(array, rows.written[k])
             np.subtract(array, channel.zero, out=values[:, k])

@@ -66,16 +66,12 @@ class ArrayTable(LogTable):
     arrays: Callable[[Sequence[Pick]], AbstractContextManager[Arrays]]
 
     def rows(self, columns: Sequence[str]) -> Iterator[Rows]:
-        picks, origins = self.picks(columns), dict[str, np.datetime64]()
+        picks = self.picks(columns)
         samples = picks[0].samples or 0
         with self.arrays(picks) as (arrays, step):
             for start in range(0, samples, step):
-                parts = _cut(arrays, picks, start, min(start + step, samples))
-                numbers = [
-                    _seconds(part, pick.field.name, origins) if pick.field.is_clock else part
-                    for pick, part in zip(picks, parts, strict=True)
-                ]
-                yield Rows(numbers, numbers)
+                parts = list(_cut(arrays, picks, start, min(start + step, samples)))
+                yield Rows(parts, parts)
 
 
 def entries_of(dtype: Any) -> Iterator[tuple[tuple[str, ...], tuple[int, ...], Any]]:
@@ -131,14 +127,6 @@ def _cut(
         block, first = blocks[pick.field.name, pick.axis]
         at = [slice(None) if i is None else i - low for i, low in zip(pick.at, first, strict=True)]
         yield block[tuple(at)]
-
-
-def _seconds(dates: np.ndarray, name: str, origins: dict[str, np.datetime64]) -> np.ndarray:
-    """Dates as seconds since the first one, from whole numbers; NaN where there is no date."""
-    since = dates - origins.setdefault(name, dates[0])
-    seconds = since.astype("m8[ns]").astype(np.int64) / 1e9
-    seconds[np.isnat(since)] = np.nan
-    return seconds
 
 
 def open_npy(path: Path, mapping: ColumnMapping) -> LogTable:

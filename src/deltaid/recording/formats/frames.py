@@ -23,11 +23,11 @@ from deltaid.errors import RecordingError
 from deltaid.recording.address import Pick, RecordedField
 from deltaid.recording.mapping import ColumnMapping
 from deltaid.recording.source import BATCH_ROWS, LogTable, Rows, first_line, readable
-from deltaid.recording.time.counts import is_clock
+from deltaid.recording.time.counts import in_seconds, is_clock
 
 # One of polars; the run-time check of types cannot read the name of its class.
 _DataType = Any
-# Ticks a second of the units of dates.
+# Ticks a second of the units of durations.
 _PER_SECOND = {"ns": 1e9, "us": 1e6, "ms": 1e3}
 # Several slices share a row group, of which each decodes more than its own rows.
 _SLICE_ROWS = 1 << 17
@@ -53,16 +53,10 @@ def tops(columns: Sequence[str], picks: Sequence[Pick]) -> list[str]:
     return list(dict.fromkeys(_top(columns, pick.field.name) for pick in picks))
 
 
-def rows_of(part: pl.DataFrame, picks: Sequence[Pick], origins: dict[str, int]) -> Rows:
-    """Columns of consecutive rows, null where there is no number.
-
-    Args:
-        part: the rows.
-        picks: which columns.
-        origins: the first date of each column, which is set by the first rows.
-    """
-    written = [_written(part, pick, origins) for pick in picks]
-    # Text is no number; what it says as a time is for `Seconds` to tell.
+def rows_of(part: pl.DataFrame, picks: Sequence[Pick]) -> Rows:
+    """Columns of consecutive rows, null where there is no number."""
+    written = [_written(part, pick) for pick in picks]
+    # Text is no number; what it says as a time is for `in_seconds` to tell.
     numbers = [
         pl.repeat(None, len(column), dtype=pl.Float64, eager=True)
         if column.dtype == pl.String
@@ -72,7 +66,7 @@ def rows_of(part: pl.DataFrame, picks: Sequence[Pick], origins: dict[str, int]) 
     return Rows(numbers, written)
 
 
-def _written(part: pl.DataFrame, pick: Pick, origins: dict[str, int]) -> pl.Series:
+def _written(part: pl.DataFrame, pick: Pick) -> pl.Series:
     series = _column(part, pick.field.name)
     if isinstance(series.dtype, pl.List):
         element = series.list.get(pick.at[1] or 0, null_on_oob=True)
@@ -80,14 +74,10 @@ def _written(part: pl.DataFrame, pick: Pick, origins: dict[str, int]) -> pl.Seri
         series = element.set((series.list.len() != pick.field.shape[1]).fill_null(True), None)
     elif isinstance(series.dtype, pl.Array):
         series = series.arr.get(pick.at[1] or 0)
-    if pick.field.is_clock and series.dtype == pl.String:
-        return series
-    if pick.field.is_clock:
-        return _seconds(series, pick.field.name, origins)
     if isinstance(series.dtype, pl.Duration):
-        return series.to_physical().cast(pl.Float64) / _PER_SECOND[series.dtype.time_unit or "us"]
+        series = series.to_physical().cast(pl.Float64) / _PER_SECOND[series.dtype.time_unit or "us"]
     whole = series.dtype.is_integer() and not series.null_count()
-    return series if whole else series.cast(pl.Float64, strict=False)
+    return series if whole or pick.field.is_clock else series.cast(pl.Float64, strict=False)
 
 
 def _needs_a_look(kind: _DataType) -> bool:
@@ -138,14 +128,6 @@ def _top(columns: Sequence[str], name: str) -> str:
     return next(column for column in columns if name.startswith(f"{column}."))
 
 
-def _seconds(series: pl.Series, name: str, origins: dict[str, int]) -> pl.Series:
-    unit = series.dtype.time_unit if isinstance(series.dtype, pl.Datetime) else "ns"
-    ticks = series.to_physical()
-    if name not in origins and len(ticks) and ticks[0] is not None:
-        origins[name] = ticks[0]
-    return (ticks - origins.get(name, 0)).cast(pl.Float64) / _PER_SECOND[unit or "us"]
-
-
 def open_parquet(path: Path, mapping: ColumnMapping) -> LogTable:
     """A Parquet file: columns and types by its schema."""
     with _decoding(path):
@@ -157,14 +139,14 @@ class ParquetTable(LogTable):
     """An open Parquet file; in memory are a slice at a time and the row group that holds it."""
 
     def rows(self, columns: Sequence[str]) -> Iterator[Rows]:
-        picks, origins, row = self.picks(columns), dict[str, int](), 0
+        picks, row = self.picks(columns), 0
         with _decoding(self.path):
             frame = _scan(self.path)
             frame = frame.select(tops(frame.collect_schema().names(), picks))
         while True:
             with _decoding(self.path):
                 part = frame.slice(row, _SLICE_ROWS).collect()
-                found = rows_of(part, picks, origins)
+                found = rows_of(part, picks)
             if not part.height:
                 return
             yield found
@@ -241,9 +223,9 @@ class FrameTable(LogTable):
     )
 
     def rows(self, columns: Sequence[str]) -> Iterator[Rows]:
-        picks, origins = self.picks(columns), dict[str, int]()
+        picks = self.picks(columns)
         for part in self.frame.select(tops(self.frame.columns, picks)).iter_slices(BATCH_ROWS):
-            yield rows_of(part, picks, origins)
+            yield rows_of(part, picks)
 
     def checksum(self, columns: Sequence[str]) -> str:
         """SHA-256 of these columns: their addresses and, as binary64, their numbers in no unit.
@@ -251,7 +233,8 @@ class FrameTable(LogTable):
         Equal for equal numbers, whether from arrays, polars or pandas; a file's is of its bytes.
         """
         digest = hashlib.sha256("\0".join(columns).encode())
-        for rows in self.rows(columns):
+        has_dates = self.picks(columns)[0].field.is_clock
+        for rows in in_seconds(self.rows(columns)) if has_dates else self.rows(columns):
             for numbers in rows.numbers:
                 digest.update(np.asarray(numbers, dtype=np.float64).tobytes())
         return digest.hexdigest()

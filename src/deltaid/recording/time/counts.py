@@ -8,6 +8,7 @@ is the start of a new round: an encoder of 16 bits after 65 536 counts, an angle
 cycle counter of 8, 16, 24 or 32 bits.
 """
 
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -25,8 +26,8 @@ _ISO = (
     r"(?:[.,](?P<fraction>\d{1,9})\d*)?"
     r"(?: ?(?:Z|UTC|(?P<sign>[+-])(?P<ahead>\d{2})(?::?(?P<past>\d{2}))?))?$"
 )
-# Nanoseconds in a second.
-_NANO = 10**9
+# Ticks a second of the units of dates.
+_PER_SECOND = {"ns": 1e9, "us": 1e6, "ms": 1e3}
 # Whole numbers beyond this are no longer exact as float64.
 _EXACT = 2**53
 # A step counts as a new round if it misses the period by less than this share, and so do its
@@ -42,44 +43,36 @@ def is_clock(text: str | None) -> bool:
     return bool(text) and not pl.Series([text]).str.contains(_ISO).not_().any()
 
 
-class Seconds:
-    """The time column of one reading of a log, from its first row on."""
-
-    def __init__(self) -> None:
-        self._origin: int | None = None
-
-    def numbers(self, rows: Rows) -> Rows:
-        """The same rows with numbers for time, the first of their columns."""
-        found = self._numbers(rows.numbers[0], rows.written[0])
-        if found is rows.numbers[0]:
-            return rows
-        return replace(rows, numbers=[found, *rows.numbers[1:]])
-
-    def _numbers(self, numbers: Column, written: Column) -> Column:
-        if isinstance(written, pl.Series) and written.dtype == pl.String and len(written):
-            if is_clock(written[0]):
-                return self._since(_nanoseconds(written), 1 / _NANO)
-            # Text with so many digits is exact as a whole number only.
-            if written.str.contains(r"^\d{16,19}$").all():
-                return self._since(written.cast(pl.Int64, strict=False), 1.0)
-            return numbers
-        ticks = numbers
-        if isinstance(ticks, np.ndarray) and ticks.dtype.kind in "iu":
-            ticks = pl.Series(ticks)
-        if isinstance(ticks, pl.Series) and ticks.dtype.is_integer() and _is_large(ticks):
-            return self._since(ticks.cast(pl.Int64, strict=False), 1.0)
-        return numbers
-
-    def _since(self, ticks: pl.Series, size: float) -> pl.Series:
-        """Whole ticks since the first row, times their size."""
-        if self._origin is None:
-            first = ticks.drop_nulls()
-            self._origin = int(first[0]) if len(first) else 0
-        return (ticks - self._origin).cast(pl.Float64) * size
+def in_seconds(pieces: Iterable[Rows]) -> Iterator[Rows]:
+    """All rows of a log, with numbers for time, the first of their columns."""
+    origin: int | None = None
+    for rows in pieces:
+        if (ticks := _ticks(rows.numbers[0], rows.written[0])) is not None:
+            first = ticks[0].drop_nulls()
+            if origin is None:
+                origin = int(first[0]) if len(first) else 0
+            seconds = (ticks[0] - origin).cast(pl.Float64) / ticks[1]
+            rows = replace(rows, numbers=[seconds, *rows.numbers[1:]])
+        yield rows
 
 
-def _is_large(ticks: pl.Series) -> bool:
-    return max(abs(int(str(end or 0))) for end in (ticks.min(), ticks.max())) >= _EXACT
+def _ticks(numbers: Column, written: Column) -> tuple[pl.Series, float] | None:
+    """Whole ticks, and how many a second has; None for numbers that are exact as they are."""
+    if isinstance(numbers, np.ndarray) and numbers.dtype.kind in "iuM":
+        numbers = pl.Series(numbers.astype("M8[ns]") if numbers.dtype.kind == "M" else numbers)
+    if isinstance(numbers, pl.Series) and numbers.dtype in (pl.Datetime, pl.Time):
+        unit = getattr(numbers.dtype, "time_unit", "ns")
+        return numbers.to_physical(), _PER_SECOND[unit]
+    if isinstance(written, pl.Series) and written.dtype == pl.String and len(written):
+        if is_clock(written[0]):
+            return _nanoseconds(written), _PER_SECOND["ns"]
+        # Text with so many digits is exact as a whole number only.
+        exact = written.str.contains(r"^\d{16,19}$").all()
+        return (written.cast(pl.Int64, strict=False), 1.0) if exact else None
+    if isinstance(numbers, pl.Series) and numbers.dtype.is_integer():
+        ends = (abs(int(str(end or 0))) for end in (numbers.min(), numbers.max()))
+        return (numbers.cast(pl.Int64, strict=False), 1.0) if max(ends) >= _EXACT else None
+    return None
 
 
 def _nanoseconds(texts: pl.Series) -> pl.Series:
@@ -95,7 +88,7 @@ def _nanoseconds(texts: pl.Series) -> pl.Series:
     seconds = ((days * 24 + whole("hour")) * 60 + whole("minute")) * 60 + whole("second")
     ahead = (whole("ahead").fill_null(0) * 60 + whole("past").fill_null(0)) * 60
     sign = 1 - 2 * (parts["sign"] == "-").fill_null(False).cast(pl.Int64)
-    return (seconds - sign * ahead) * _NANO + fraction
+    return (seconds - sign * ahead) * 10**9 + fraction
 
 
 @dataclass
@@ -103,7 +96,8 @@ class Unwrapper:
     """One column on its way: how far it has gone on.
 
     Attributes:
-        periods: in the column's numbers, that it may have.
+        name: of the column.
+        periods: in its numbers, that it may have.
         overflows: that it may have if all its numbers are whole.
         rising: whether it only counts up.
         period: the one found; 0 as long as there is none.
@@ -111,6 +105,7 @@ class Unwrapper:
         count, first: how many new rounds there are, and the row of the first.
     """
 
+    name: str
     periods: tuple[float, ...]
     overflows: tuple[float, ...]
     rising: bool = False
@@ -122,10 +117,8 @@ class Unwrapper:
 
     def add(self, numbers: Float[np.ndarray, " rows"], row: int) -> Float[np.ndarray, " rows"]:
         """Consecutive numbers, which go on; `row` numbers the first."""
-        known = np.concatenate([self._last, numbers])
-        start = len(self._last)
-        self._last = known[-2:]
-        rounds = self._rounds(known)
+        known, start = np.concatenate([self._last, numbers]), len(self._last)
+        self._last, rounds = known[-2:], self._rounds(known)
         rounds = rounds[np.abs(rounds) >= max(start, 1)] if start else rounds
         if not rounds.size:
             return numbers + self.offset if self.offset else numbers
@@ -175,35 +168,27 @@ def _is_round(
     return near
 
 
-class Unwrapping:
-    """Time and positions of a log on their way."""
+def unwrappers(columns: Columns) -> list[Unwrapper]:
+    """Those of time and positions, in the order of `Columns.all`; others never start again."""
+    turning = (Unwrapper(c.column, (c.turn,) * bool(c.turn), _OVERFLOWS) for c in columns.position)
+    return [Unwrapper(columns.time.column, (), _CYCLES, rising=True), *turning]
 
-    def __init__(self, columns: Columns) -> None:
-        self._names = [channel.column for channel in columns.all]
-        self._unwrappers = [Unwrapper((), _CYCLES, rising=True)]
-        for channel in columns.position:
-            periods = (channel.turn,) if channel.turn else ()
-            self._unwrappers.append(Unwrapper(periods, _OVERFLOWS))
 
-    def unwrapper(self, channel: int) -> Unwrapper | None:
-        """What a channel of `Columns.all` takes; None if it never starts again."""
-        return self._unwrappers[channel] if channel < len(self._unwrappers) else None
-
-    def doubts(self, table: LogTable) -> list[Doubt]:
-        """Columns that were made to go on."""
-        return [
-            Doubt(
-                f"column {name} starts again after {_numbers(unwrapper.period)} in "
-                f"{unwrapper.count} row{'s' if unwrapper.count > 1 else ''}, the first "
-                f"{table.row_name(unwrapper.first)}: taken to go on",
-                cause="a counter that is full begins anew"
-                if _is_counter(unwrapper.period)
-                else "the controller keeps angles within one turn",
-                cure="nothing is to be done, unless it was set anew there: then split the log",
-            )
-            for name, unwrapper in zip(self._names, self._unwrappers, strict=False)
-            if unwrapper.count
-        ]
+def doubts_about_rounds(columns: Iterable[Unwrapper], table: LogTable) -> list[Doubt]:
+    """Columns that were made to go on."""
+    return [
+        Doubt(
+            f"column {column.name} starts again after {_numbers(column.period)} in "
+            f"{column.count} row{'s' if column.count > 1 else ''}, the first "
+            f"{table.row_name(column.first)}: taken to go on",
+            cause="a counter that is full begins anew"
+            if _is_counter(column.period)
+            else "the controller keeps angles within one turn",
+            cure="nothing is to be done, unless it was set anew there: then split the log",
+        )
+        for column in columns
+        if column.count
+    ]
 
 
 def _is_counter(period: float) -> bool:
