@@ -72,22 +72,19 @@ class Recording(Shown, Plotted, Tabled):
             RecordingError: two columns have one name, their lengths differ, they hold no numbers,
                 or a lazy table cannot be computed.
         """
-        _require_name(name)
         if isinstance(table, pl.LazyFrame):
             require_threads()
             try:
                 table = table.collect()
             except pl.exceptions.PolarsError as error:
-                reason = first_line(error)
                 raise RecordingError(
-                    f"cannot be computed: {reason}", where=name, cure="collect() it to see why"
+                    f"cannot be computed: {first_line(error)}",
+                    where=name,
+                    cure="collect() it to see why",
                 ) from None
         if isinstance(table, Mapping | np.ndarray):
-            frame = pl.DataFrame(columns_of(table, name))
-        elif isinstance(table, pl.DataFrame):
-            frame = table
-        else:
-            frame = _from_pandas(table, name)
+            table = pl.DataFrame(columns_of(table, name))
+        frame = table if isinstance(table, pl.DataFrame) else _from_pandas(table, name)
         return cls(_table(frame, name))
 
     @classmethod
@@ -129,7 +126,6 @@ class Recording(Shown, Plotted, Tabled):
             RecordingError: shapes do not fit, something holds no numbers, or neither or both of t
                 and rate are given. Values and units are checked when the recording is used.
         """
-        _require_name(name)
         given = {"q": q, "qd": qd, "qdd": qdd, "tau": tau}
         arrays = {
             key: numbers_of(value, f"{name}, {key}")
@@ -189,50 +185,44 @@ def as_sources(given: object) -> list[Path | Recording]:
 
 
 def _table(frame: pl.DataFrame, name: str) -> FrameTable:
+    if not Path(name).name:
+        raise RecordingError(
+            f"'{name}' is no name of a recording", where="name", cure="give it a word"
+        )
     return FrameTable(Path(name), fields_of(frame.lazy()), frame)
 
 
 def _from_pandas(table: PandasTable, name: str) -> pl.DataFrame:
     columns: dict[str, pl.Series] = {}
-    for k, label in enumerate(table.columns):
-        column, key = table.iloc[:, k], str(label)
+    for k, key in enumerate(map(str, table.columns)):
         if key in columns:
             raise RecordingError(
                 f"has several columns called {key}", where=name, cure="rename all but one"
             )
-        columns[key] = _series(key, column)
+        columns[key] = _series(key, table.iloc[:, k])
     return pl.DataFrame(columns)
 
 
 def _series(key: str, column: Any) -> pl.Series:
-    kind = column.dtype.kind
     if hasattr(column, "cat"):
         column = column.astype(column.cat.categories.dtype)
-        kind = column.dtype.kind
+    kind = column.dtype.kind
     if kind == "b":
         truths = column.to_numpy(dtype=object, na_value=None).tolist()
         return pl.Series(key, truths, dtype=pl.Boolean)
     if kind in "iuf":
         return pl.Series(key, copied(column.to_numpy(dtype=np.float64, na_value=math.nan)))
-    if kind == "M":
+    if kind in "mM":
         if getattr(column.dtype, "tz", None) is not None:
             column = column.dt.tz_convert("UTC").dt.tz_localize(None)
-        return pl.Series(key, column.to_numpy(dtype="datetime64[ns]"))
-    if kind == "m":
-        return pl.Series(key, column.to_numpy(dtype="timedelta64[ns]"))
-    if kind == "O" and len(column) and isinstance(column.iloc[0], list | tuple | np.ndarray):
+        return pl.Series(key, column.to_numpy(dtype=f"{kind}8[ns]"))
+    first = column.iloc[0] if kind == "O" and len(column) else None
+    if isinstance(first, list | tuple | np.ndarray):
         try:
             return pl.Series(key, np.stack([numbers_of(row, key) for row in column]))
         except (RecordingError, ValueError):
             pass  # no numbers, or not as many in each row
-    elif kind == "O" and len(column) and isinstance(column.iloc[0], str):
+    elif isinstance(first, str):
         texts = [text if isinstance(text, str) else None for text in column]
         return pl.Series(key, texts, dtype=pl.String)
     return pl.repeat(None, len(column), dtype=pl.String, eager=True)
-
-
-def _require_name(name: str) -> None:
-    if not Path(name).name:
-        raise RecordingError(
-            f"'{name}' is no name of a recording", where="name", cure="give it a word"
-        )

@@ -1,11 +1,11 @@
 """Which columns of a table are what, sensors too: by the user's mapping, or by default names."""
 
-import difflib
 import math
 from collections import Counter
 from collections.abc import Mapping
+from typing import Any
 
-from deltaid.errors import RecordingError
+from deltaid.errors import RecordingError, nearest
 from deltaid.recording.address import Pick, find, listing
 from deltaid.recording.columns import Channel, Columns, SensorChannels, TimeChannel
 from deltaid.recording.mapped_columns import (
@@ -151,16 +151,12 @@ def _under_default_names(
             return ()
         names = [f"{short}[{i}]" for i in range(len(linear))]
     # Some but not all: keep them all, so that the missing ones are named.
-    targets = [si_unit(quantity, linear=slides) for slides in linear]
-    where, units = table.header_place, table.units
-    scales = [
-        si_factor(units.get(name, si), si, where=f"{where}, unit of {name}")
-        for name, si in zip(names, targets, strict=True)
-    ]
-    return tuple(
-        Channel(name, scale, 0.0, turn=2 * math.pi / scale if si == "rad" else 0.0)
-        for name, scale, si in zip(names, scales, targets, strict=True)
-    )
+    channels = list[Channel]()
+    for name, slides in zip(names, linear, strict=True):
+        si, where = si_unit(quantity, linear=slides), f"{table.header_place}, unit of {name}"
+        scale = si_factor(table.units.get(name, si), si, where=where)
+        channels.append(Channel(name, scale, 0.0, 2 * math.pi / scale if si == "rad" else 0.0))
+    return tuple(channels)
 
 
 def _declared(
@@ -258,79 +254,71 @@ def sensor_columns(
             wrong length, a unit does not fit, or some columns of a sensor are missing.
     """
     for name in mapping.sensors:
-        if name in sensors:
-            continue
-        near = difflib.get_close_matches(name, sensors, n=1)
-        has = f"its sensors are {', '.join(sensors)}" if sensors else "it has none"
-        raise RecordingError(
-            f"the robot has no sensor {name[:40]}; {has}",
-            where=f"{mapping.source}, sensors",
-            cure=f"did you mean {near[0]}?"
-            if near
-            else "describe it under `sensors:` of the robot, or leave it out here",
-        )
+        if name not in sensors:
+            near = nearest(name, sensors)
+            has = f"its sensors are {', '.join(sensors)}" if sensors else "it has none"
+            raise RecordingError(
+                f"the robot has no sensor {name[:40]}; {has}",
+                where=f"{mapping.source}, sensors",
+                cure=f"did you mean {near}?"
+                if near
+                else "describe it under `sensors:` of the robot, or leave it out here",
+            )
     found: list[SensorChannels] = []
     for name, shown in sensors.items():
-        given, channels = mapping.sensors.get(name), tuple[Channel, ...]()
+        given, where = mapping.sensors.get(name), f"{mapping.source}, sensors.{name}"
         if name not in mapping.sensors:
-            channels = _sensor_by_default(table, name, shown)
+            entries = _default_sensor(table, name, [number.name for number in shown])
         elif given is not None:
-            where, numbers = f"{mapping.source}, sensors.{name}", [number.name for number in shown]
             wanted = f"the sensor shows {len(shown)} number{'s' * (len(shown) > 1)}: "
-            wanted += ", ".join(numbers)
+            wanted += ", ".join(number.name for number in shown)
             entries = given.each(len(shown), where, wanted, "list one a number, in this order")
-            channels = tuple(
-                Channel(
-                    entry["column"],
-                    entry["sign"]
-                    * _scale(entry["unit"], entry["column"], number, table, f"{where}.unit"),
-                    entry["zero"],
-                )
-                for entry, number in zip(entries, shown, strict=True)
+        else:
+            entries = []
+        channels = [
+            Channel(
+                entry["column"],
+                entry["sign"] * _scale(entry["unit"], entry["column"], number, table, where),
+                entry["zero"],
             )
+            for entry, number in zip(entries, shown, strict=False)
+        ]
         if channels:
-            found.append(SensorChannels(name, channels, given.delay if given else 0.0))
+            found.append(SensorChannels(name, tuple(channels), given.delay if given else 0.0))
     return tuple(found)
 
 
-def _sensor_by_default(
-    table: LogTable, name: str, shown: tuple[SensorChannel, ...]
-) -> tuple[Channel, ...]:
-    names = [number.name for number in shown]
-    there = [find(table.fields, column) is not None for column in names]
-    if not any(there):
-        names = [f"{name}[{i}]" for i in range(len(shown))]
+def _default_sensor(table: LogTable, name: str, names: list[str]) -> list[dict[str, Any]]:
+    """What a mapping would say of a sensor whose columns have their default names, if there are."""
+    missing = [column for column in names if find(table.fields, column) is None]
+    if len(missing) == len(names):
+        names = [f"{name}[{i}]" for i in range(len(names))]
         if not find(table.fields, names[0]):
-            return ()
-    elif not all(there):
-        missing = [column for column, is_there in zip(names, there, strict=True) if not is_there]
+            return []
+    elif missing:
         raise RecordingError(
             f"has some columns of sensor {name}, but no {', '.join(missing)}",
             where=table.header_place,
             cure="say which columns are its own by the line "
-            f"`sensors: {{{name}: {{columns: [{', '.join(['…'] * len(shown))}]}}}}` of a mapping, "
+            f"`sensors: {{{name}: {{columns: [{', '.join(['…'] * len(names))}]}}}}` of a mapping, "
             f"or leave it out of this recording by `sensors: {{{name}: null}}`",
         )
-    return tuple(
-        Channel(column, _scale(None, column, number, table, ""), 0.0)
-        for column, number in zip(names, shown, strict=True)
-    )
+    return [{"column": column, "unit": None, "sign": 1, "zero": 0.0} for column in names]
 
 
 def _scale(
     unit: str | None, column: str, shown: SensorChannel, table: LogTable, where: str
 ) -> float:
     """What a column's numbers are to be multiplied by to become SI."""
-    if unit is None:
-        where = f"{table.header_place}, unit of {column}"
-        unit = table.units.get(column, shown.unit)
+    place = f"{table.header_place}, unit of {column}" if unit is None else f"{where}.unit"
+    unit = table.units.get(column, shown.unit) if unit is None else unit
     cure = "a force is in N, kN, lbf or kgf, a moment in N*m, mN*m or lbf*in; a number may stand "
     cure += "before it, such as 12.5 N for each volt; of a wrench list six units, forces first"
-    factor = si_factor(unit, shown.unit, where=where, cure=cure)
+    factor = si_factor(unit, shown.unit, where=place, cure=cure)
     if not 0 < factor < math.inf:
         raise RecordingError(
             f"unit '{unit[:40]}' makes a factor of {factor:g}, which is no number to go on with",
-            where=where,
+            where=place,
             cure="check the number before the unit",
         )
     return factor

@@ -10,7 +10,7 @@ import zipfile
 import zlib
 from collections.abc import Callable, Generator, Iterable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, ExitStack, contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import partial, reduce
 from pathlib import Path
 from typing import Any, Protocol, runtime_checkable
@@ -91,12 +91,11 @@ def fields_of(name: str, shape: tuple[int, ...], dtype: np.dtype[Any]) -> Iterat
     """What an array holds; the entries of a structured one under names of their own."""
     for names, axes, plain in entries_of(dtype):
         is_clock = plain.kind == "M" and np.datetime_data(plain)[0] in _UNITS
+        holds = "" if plain.kind in "iufb" else _KINDS.get(plain.kind, str(plain)[:40])
         yield RecordedField(
-            ".".join((name, *names)),
+            ".".join(filter(None, (name, *names))),
             (*shape, *axes),
-            holds=""
-            if is_clock or plain.kind in "iufb"
-            else _KINDS.get(plain.kind, str(plain)[:40]),
+            holds="" if is_clock else holds,
             is_clock=is_clock,
             is_truth=plain.kind == "b",
         )
@@ -105,7 +104,7 @@ def fields_of(name: str, shape: tuple[int, ...], dtype: np.dtype[Any]) -> Iterat
 def parts_of(name: str, array: np.ndarray) -> dict[str, np.ndarray]:
     """The arrays behind the names of `fields_of`, without a copy."""
     return {
-        ".".join((name, *names)): reduce(lambda part, entry: part[entry], names, array)
+        ".".join(filter(None, (name, *names))): reduce(lambda part, key: part[key], names, array)
         for names, _, _ in entries_of(array.dtype)
     }
 
@@ -117,12 +116,11 @@ def _cut(
     for pick in picks:
         together.setdefault((pick.field.name, pick.axis), []).append(pick)
     blocks: dict[tuple[str, int], tuple[np.ndarray, list[int]]] = {}
-    for key, same in together.items():
-        first = [min(pick.at[a] or 0 for pick in same) for a in range(len(same[0].at))]
-        last = [max(pick.at[a] or 0 for pick in same) for a in range(len(same[0].at))]
-        index = [slice(low, high + 1) for low, high in zip(first, last, strict=True)]
-        index[key[1]] = slice(start, stop)
-        blocks[key] = arrays[key[0]][tuple(index)], first
+    for (name, axis), same in together.items():
+        places = [[i or 0 for i in numbers] for numbers in zip(*(p.at for p in same), strict=True)]
+        index = [slice(min(numbers), max(numbers) + 1) for numbers in places]
+        index[axis] = slice(start, stop)
+        blocks[name, axis] = arrays[name][tuple(index)], [min(numbers) for numbers in places]
     for pick in picks:
         block, first = blocks[pick.field.name, pick.axis]
         at = [slice(None) if i is None else i - low for i, low in zip(pick.at, first, strict=True)]
@@ -132,11 +130,11 @@ def _cut(
 def open_npy(path: Path, mapping: ColumnMapping) -> LogTable:
     """A file of one array: it is called `array`; of a structured one, its columns."""
     with _damage(path), opened(path) as file:
-        header = _header(file)
-        size = path.stat().st_size - file.tell()
-        if header.bytes > size and not header.dtype.hasobject:
-            raise ValueError(f"claims {header.bytes} bytes, but has {size}")
-    fields = header.fields("" if header.dtype.names else _ONLY)
+        shape, _, dtype = _header(file)
+        claimed, size = math.prod(shape) * dtype.itemsize, path.stat().st_size - file.tell()
+        if claimed > size and not dtype.hasobject:
+            raise ValueError(f"claims {claimed} bytes, but has {size}")
+    fields = fields_of("" if dtype.names else _ONLY, shape, dtype)
     return ArrayTable(path, tuple(fields), partial(_mapped, path))
 
 
@@ -144,8 +142,7 @@ def open_npy(path: Path, mapping: ColumnMapping) -> LogTable:
 def _mapped(path: Path, picks: Sequence[Pick]) -> Generator[Arrays, None, None]:
     with _damage(path):
         array = np.load(path, mmap_mode="r", allow_pickle=False)
-    parts = parts_of("" if array.dtype.names else _ONLY, array)
-    yield {name.removeprefix("."): part for name, part in parts.items()}, BATCH_ROWS
+    yield parts_of("" if array.dtype.names else _ONLY, array), BATCH_ROWS
 
 
 def is_npz(start: bytes, path: Path) -> bool:
@@ -160,9 +157,12 @@ def open_npz(path: Path, mapping: ColumnMapping) -> LogTable:
     with _archive(path) as archive:
         for member in _arrays_of(archive):
             with archive.open(member) as file:
-                header = _header(file)
-            _require_sane(header, member)
-            fields += header.fields(member.filename.removesuffix(_END))
+                shape, _, dtype = _header(file)
+            claimed, size = math.prod(shape) * dtype.itemsize, member.compress_size
+            is_sane = claimed <= member.file_size <= (size + 100) * 1100
+            if not (is_sane or dtype.hasobject):  # objects are not read at all
+                raise ValueError(f"{member.filename} claims {claimed} bytes, but has {size}")
+            fields += fields_of(member.filename.removesuffix(_END), shape, dtype)
     return ArrayTable(path, tuple(fields), partial(_members, path))
 
 
@@ -176,8 +176,7 @@ def _members(path: Path, picks: Sequence[Pick]) -> Generator[Arrays, None, None]
         found: dict[str, Sliceable] = {}
         for member in _arrays_of(archive):
             base = member.filename.removesuffix(_END)
-            used = [name for name in axes if f"{name}.".startswith(f"{base}.")]
-            if not used:
+            if not any(f"{name}.".startswith(f"{base}.") for name in axes):
                 continue
             stream = _Stream(members.enter_context(archive.open(member)))
             if axes.get(base) == {0} and stream.is_by_rows:
@@ -189,37 +188,22 @@ def _members(path: Path, picks: Sequence[Pick]) -> Generator[Arrays, None, None]
         yield found, BATCH_ROWS
 
 
-@dataclass(frozen=True)
-class _ArrayHeader:
-    shape: tuple[int, ...]
-    by_columns: bool
-    dtype: np.dtype[Any]
-
-    @property
-    def bytes(self) -> int:
-        return math.prod(self.shape) * self.dtype.itemsize
-
-    def fields(self, name: str) -> list[RecordedField]:
-        found = fields_of(name, self.shape, self.dtype)
-        return [replace(field, name=field.name.removeprefix(".")) for field in found]
-
-
 class _Stream:
     def __init__(self, file: Any) -> None:
-        self._file, self._header, self._row = file, _header(file), 0
-        self.is_by_rows = not self._header.by_columns or len(self._header.shape) == 1
+        self._file, self._row = file, 0
+        self._shape, by_columns, self._dtype = _header(file)
+        self.is_by_rows = not by_columns or len(self._shape) == 1
 
     def __getitem__(self, index: tuple[slice, ...], /) -> np.ndarray:
         rows = index[0]
         assert rows.start == self._row, "rows come in order"
         self._row = rows.stop
-        shape = (rows.stop - rows.start, *self._header.shape[1:])
-        size = math.prod(shape) * self._header.dtype.itemsize
+        shape = (rows.stop - rows.start, *self._shape[1:])
+        size = math.prod(shape) * self._dtype.itemsize
         data = self._file.read(size)
         if len(data) < size:
             raise EOFError("an array is cut off")
-        part = np.frombuffer(data, self._header.dtype).reshape(shape)
-        return part[(slice(None), *index[1:])]
+        return np.frombuffer(data, self._dtype).reshape(shape)[(slice(None), *index[1:])]
 
 
 def _arrays_of(archive: zipfile.ZipFile) -> list[zipfile.ZipInfo]:
@@ -244,27 +228,16 @@ def _damage(path: Path) -> Generator[None, None, None]:
         ) from None
 
 
-def _require_sane(header: _ArrayHeader, member: zipfile.ZipInfo) -> None:
-    if header.dtype.hasobject:
-        return  # is not read at all
-    if header.bytes > member.file_size or member.file_size > (member.compress_size + 100) * 1100:
-        raise ValueError(
-            f"{member.filename} claims {header.bytes} bytes, but has {member.compress_size}"
-        )
-
-
-def _header(file: Any) -> _ArrayHeader:
-    """The header of an array.
+def _header(file: Any) -> tuple[tuple[int, ...], bool, np.dtype[Any]]:
+    """Shape of an array, whether it lies in Fortran's order, and its type.
 
     Raises:
-        ValueError: it is damaged.
+        ValueError: the header is damaged.
     """
-    version = np.lib.format.read_magic(file)
-    read = np.lib.format.read_array_header_1_0
-    if version != (1, 0):
-        read = np.lib.format.read_array_header_2_0
+    is_first = np.lib.format.read_magic(file) == (1, 0)
+    read = np.lib.format.read_array_header_1_0 if is_first else np.lib.format.read_array_header_2_0
     with warnings.catch_warnings(action="ignore"):  # about headers that Python 2 wrote
         shape, by_columns, dtype = read(file)
     if min(shape, default=0) < 0:
         raise ValueError(f"it claims the shape {shape}")
-    return _ArrayHeader(shape, by_columns, dtype)
+    return shape, by_columns, dtype

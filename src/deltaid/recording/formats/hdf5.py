@@ -82,9 +82,21 @@ def _arrays(
 
 class _Dataset:
     def __init__(self, file: Any, place: _Place, reverse: bool, where: str) -> None:
-        dataset, self._entry = place
-        self._dataset, self._reverse = file[dataset], reverse
-        self._require_sane(where)
+        dataset, self._entry = file[place[0]], place[1]
+        order = slice(None, None, -1 if reverse else None)
+        self._dataset, self._reverse = dataset, reverse
+        self._shape, self._chunks = dataset.shape[order], (dataset.chunks or ())[order]
+        # Sizes that only a damaged header claims are refused before memory is asked for.
+        chunk = math.prod(self._chunks) * dataset.dtype.itemsize
+        stored = dataset.id.get_storage_size()
+        if chunk > _LARGEST_CHUNK or dataset.nbytes > max(stored * _BEST_RATIO, _ALWAYS_SANE):
+            raise RecordingError(
+                f"claims {dataset.nbytes:.3g} bytes in chunks of {chunk:.3g}, but "
+                f"{stored:.3g} are stored",
+                where=where,
+                cure="it is damaged or was never written; copy or export it again, in chunks of at "
+                f"most {_LARGEST_CHUNK >> 20} MB",
+            )
 
     def __getitem__(self, index: tuple[slice, ...], /) -> np.ndarray:
         outer = index[: self._dataset.ndim]
@@ -97,29 +109,11 @@ class _Dataset:
 
     def chunk(self, axis: int) -> int:
         """Samples in a chunk; 0 if the dataset lies in one piece."""
-        chunks = self._dataset.chunks
-        if not chunks or axis >= len(chunks):
-            return 0
-        return (chunks[::-1] if self._reverse else chunks)[axis]
+        return self._chunks[axis] if axis < len(self._chunks) else 0
 
     def row_bytes(self, axis: int) -> int:
         """Of one sample, all columns."""
-        samples = (self._dataset.shape[::-1] if self._reverse else self._dataset.shape)[axis]
-        return self._dataset.nbytes // max(samples, 1)
-
-    def _require_sane(self, where: str) -> None:
-        """Refuse sizes that only a damaged header claims, before memory is asked for."""
-        dataset = self._dataset
-        chunk = math.prod(dataset.chunks or ()) * dataset.dtype.itemsize
-        stored = dataset.id.get_storage_size()
-        if chunk > _LARGEST_CHUNK or dataset.nbytes > max(stored * _BEST_RATIO, _ALWAYS_SANE):
-            raise RecordingError(
-                f"claims {dataset.nbytes:.3g} bytes in chunks of {chunk:.3g}, but "
-                f"{stored:.3g} are stored",
-                where=where,
-                cure="it is damaged or was never written; copy or export it again, in chunks of at "
-                f"most {_LARGEST_CHUNK >> 20} MB",
-            )
+        return self._dataset.nbytes // max(self._shape[axis], 1)
 
 
 @contextmanager
