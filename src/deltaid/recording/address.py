@@ -58,19 +58,20 @@ class RecordedField:
 
 @dataclass(frozen=True)
 class Pick:
-    """One column: a field, and where in it; None stands for the axis of the samples."""
+    """One column: a field, and where in it; None stands for `axis`, that of the samples.
+
+    How many `samples` there are is None where only reading shows it.
+    """
 
     field: RecordedField
     at: tuple[int | None, ...]
 
     @property
     def axis(self) -> int:
-        """The axis of the samples."""
         return self.at.index(None)
 
     @property
     def samples(self) -> int | None:
-        """How many, as far as known without reading."""
         return self.field.shape[self.axis]
 
 

@@ -6,6 +6,7 @@ with a gear ratio that is off by r, a zero that is off by q_0, and a torque cons
 current, so that the joint lacks the share β_2 + β_4 at τ_max.
 """
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -76,6 +77,12 @@ class Columns:
         loads: what the robot carries, and when.
         temperature: one of `extra`, with its map to degrees Celsius; None if there is none.
         sensors: those that the log has; their channels are the first of `extra`.
+        drives: channels of the drives.
+        all: all channels, time first, those beside the drives last.
+        recorded: the channels that stand in the log: all, or all but the time.
+        motion_places: where positions, velocities and accelerations stand in `all`, as
+        torque_places, extra_places, sensor_places: torques, channels beside the drives, and those
+            of sensors among these.
     """
 
     time: TimeChannel
@@ -90,32 +97,26 @@ class Columns:
 
     @property
     def drives(self) -> tuple[Channel, ...]:
-        """Channels of the drives."""
         return self.position + self.velocity + self.acceleration + self.torque
 
     @property
     def all(self) -> tuple[Channel, ...]:
-        """All channels, time first, those beside the drives last."""
         return (self.time, *self.drives, *self.extra)
 
     @property
     def motion_places(self) -> slice:
-        """Where positions, velocities and accelerations stand in `all`."""
         return slice(1, 1 + len(self.drives) - len(self.torque))
 
     @property
     def torque_places(self) -> slice:
-        """Where the torques stand in `all`."""
         return slice(self.motion_places.stop, 1 + len(self.drives))
 
     @property
     def extra_places(self) -> slice:
-        """Where the channels beside the drives stand in `all`."""
         return slice(1 + len(self.drives), 1 + len(self.drives) + len(self.extra))
 
     @property
     def sensor_places(self) -> slice:
-        """Where the channels of sensors stand in `all`."""
         start = self.extra_places.start
         return slice(start, start + sum(len(sensor.channels) for sensor in self.sensors))
 
@@ -136,15 +137,19 @@ class Columns:
             extra: numbers of the channels beside the drives.
         """
         found: dict[str, np.ndarray] = {}
-        start = 0
-        for sensor in self.sensors:
-            numbers = extra[:, start : start + len(sensor.channels)]
-            start += len(sensor.channels)
+        for sensor, places in self.places_of_sensors():
             zeros = [channel.zero for channel in sensor.channels]
-            values = (numbers - zeros) * [channel.scale for channel in sensor.channels]
+            values = (extra[:, places] - zeros) * [channel.scale for channel in sensor.channels]
             values[~np.isfinite(values).all(axis=1)] = np.nan
             found[sensor.name] = np.ascontiguousarray(values.T)
         return found
+
+    def places_of_sensors(self) -> Iterator[tuple[SensorChannels, slice]]:
+        """Sensors, and where their channels stand in `extra`."""
+        start = 0
+        for sensor in self.sensors:
+            yield sensor, slice(start, start + len(sensor.channels))
+            start += len(sensor.channels)
 
     def beside(self, column: str) -> int:
         """Where a column stands in `extra`."""
@@ -167,7 +172,6 @@ class Columns:
 
     @property
     def recorded(self) -> tuple[Channel, ...]:
-        """The channels that stand in the log: all, or all but the time."""
         return self.all[1:] if self.time.is_absent else self.all
 
 

@@ -190,12 +190,11 @@ def in_time(segment: Iterable[Rows], columns: Columns, rate: float) -> Iterator[
         rate: rows per second.
     """
     # Columns of one sensor, and shares of the samples so many later.
-    shifts, start = list[tuple[slice, list[tuple[int, float]]]](), columns.sensor_places.start
-    for sensor in columns.sensors:
-        channels = slice(start, start + len(sensor.channels))
-        start = channels.stop
-        if sensor.delay:
-            shifts.append((channels, around(sensor.delay * rate, _MOTION)))
+    shifts = [
+        (np.arange(places.start, places.stop), around(sensor.delay * rate, _MOTION))
+        for sensor, places in columns.places_of_sensors()
+        if sensor.delay
+    ]
     if not shifts:
         yield from segment
         return
@@ -205,9 +204,8 @@ def in_time(segment: Iterable[Rows], columns: Columns, rate: float) -> Iterator[
         count = len(wide) - before - after
         out = wide[before : before + count].copy()
         for channels, taps in shifts:
-            out[:, channels] = sum(
-                share * wide[before + by :][:count, channels] for by, share in taps
-            )
+            own = columns.sensor_places.start + channels
+            out[:, own] = sum(share * wide[before + by :][:count, own] for by, share in taps)
         yield out
 
 

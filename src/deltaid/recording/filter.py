@@ -56,6 +56,10 @@ class LowPass:
         level, first, second: of the low-pass over positions and of its derivatives [1/s, 1/s²],
             all of one length.
         decimation: every how many of these samples of the output are kept.
+        thinned: every how many samples of a recording are kept in the end.
+        lead_half: samples that the first stage reaches to either side.
+        half, margin, spread_half: samples, `stride` apart, that the low-pass over rows, the motion
+            and `spread` reach to either side, and lose at either end.
     """
 
     cutoff: float
@@ -71,12 +75,10 @@ class LowPass:
 
     @property
     def half(self) -> int:
-        """Samples, `stride` apart, that the low-pass over rows reaches to either side."""
         return len(self.smooth) // 2
 
     @property
     def margin(self) -> int:
-        """Samples, `stride` apart, lost at either end by the motion."""
         return len(self.first) // 2
 
     @property
@@ -86,7 +88,6 @@ class LowPass:
 
     @property
     def thinned(self) -> int:
-        """Every how many samples of a recording are kept in the end."""
         return self.stride * self.decimation
 
     @property
@@ -110,7 +111,6 @@ class LowPass:
         return self._both_stages(self.smooth)
 
     def _both_stages(self, taps: Float[np.ndarray, " taps"]) -> Float[np.ndarray, " response"]:
-        """The first stage and a filter of samples `stride` apart as one filter."""
         apart = np.zeros((len(taps) - 1) * self.stride + 1)
         apart[:: self.stride] = taps
         return np.convolve(apart, self.lead)
@@ -122,20 +122,18 @@ class LowPass:
 
     @property
     def lead_half(self) -> int:
-        """Samples that the first stage reaches to either side."""
         return len(self.lead) // 2
 
     @property
     def spread_half(self) -> int:
-        """Samples, `stride` apart, lost at either end by `spread`."""
         return -(-self.lead_half // self.stride)
 
     @property
     def lost(self) -> int:
         """Samples, `stride` apart, lost by all there is: derivatives, then the low-pass."""
         # And what a run of n · `stride` samples loses in the first stage.
-        lead_loss = -(-len(self.lead) // self.stride) - 1
-        return 2 * (self.margin + self.half + self.spread_half) + lead_loss
+        first_stage = -(-len(self.lead) // self.stride) - 1
+        return 2 * (self.margin + self.half + self.spread_half) + first_stage
 
     @property
     def reach(self) -> int:

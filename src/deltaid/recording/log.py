@@ -116,6 +116,9 @@ class Log(Shown):
         warnings: what is doubtful, with rows and columns.
         kept: its rows as they were read; None if they are too many.
         held: what is read in the place of its rows; None for these.
+        path: where the log is; the name of one in memory.
+        rate: the sampling rate [Hz].
+        has_derivatives: whether velocities and accelerations are recorded.
     """
 
     table: LogTable
@@ -136,17 +139,14 @@ class Log(Shown):
 
     @property
     def path(self) -> Path:
-        """Where the log is; the name of one in memory."""
         return self.table.path
 
     @property
     def rate(self) -> float:
-        """The sampling rate [Hz]."""
         return self.clock.rate
 
     @property
     def has_derivatives(self) -> bool:
-        """Whether velocities and accelerations are recorded."""
         return bool(self.columns.velocity and self.columns.acceleration)
 
     @property

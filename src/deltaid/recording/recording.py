@@ -47,6 +47,8 @@ class PreparedRecording(Shown):
         before: rows of a motion that goes on ahead of the first one, as many as the filter takes,
             in blocks, columns as in `Log.batches`; none where they are not known.
         after: the same behind the last row, at least as many.
+        path: where the recording is.
+        cutoff, motion_cutoff: of the filter over rows and over positions [Hz]; None without one.
     """
 
     log: Log
@@ -60,17 +62,14 @@ class PreparedRecording(Shown):
 
     @property
     def path(self) -> Path:
-        """Where the recording is."""
         return self.log.path
 
     @property
     def cutoff(self) -> float | None:
-        """The filter's cut-off over rows [Hz]; None without one."""
         return self.low_pass.cutoff if self.low_pass else None
 
     @property
     def motion_cutoff(self) -> float | None:
-        """The filter's cut-off over positions [Hz]; None without one."""
         return self.low_pass.motion_cutoff if self.low_pass else None
 
     @property

@@ -43,6 +43,7 @@ class Rows:
     Attributes:
         numbers: one array or series a column; null or NaN where there is no number.
         written: the same as it stands in the file, for messages.
+        size: how many rows there are.
     """
 
     numbers: Sequence[Column]
@@ -50,7 +51,6 @@ class Rows:
 
     @property
     def size(self) -> int:
-        """How many rows there are."""
         return len(self.numbers[0])
 
 
@@ -69,6 +69,7 @@ class LogTable(ABC):
         cure_of_missing: what to do about a column that is not there.
         cure_without_torque: what to do if no torques are among the default columns.
         doubts: what was seen while all rows were read last.
+        header: names of what it holds.
     """
 
     path: Path
@@ -88,7 +89,6 @@ class LogTable(ABC):
 
     @property
     def header(self) -> tuple[str, ...]:
-        """Names of what it holds."""
         return tuple(entry.name for entry in self.fields)
 
     @property

@@ -127,13 +127,13 @@ def names_in(text: str, separator: str, place: str) -> tuple[str, ...]:
     text = text.strip() if separator == " " else text
     try:
         fields = next(csv.reader([text], delimiter=separator, skipinitialspace=True), [])
-        return tuple(field.strip() for field in fields)
     except csv.Error as error:
         raise RecordingError(
             f"is not a row of column names: {error}",
             where=place,
             cure="fix it, or say with --columns MAPPING.yaml (header_row) where the names are",
         ) from None
+    return tuple(field.strip() for field in fields)
 
 
 def find_end(file: io.BufferedReader, data_start: int, separator: str) -> tuple[int, str, bytes]:
@@ -146,13 +146,21 @@ def find_end(file: io.BufferedReader, data_start: int, separator: str) -> tuple[
         empty if there is no data.
     """
     skip(file, data_start)
-    size, tail = _tail(file)
-    stop, tag = len(tail), ""
+    size, tail, tag = 0, b"", ""
+    if file.seekable():
+        size = file.seek(0, io.SEEK_END) - data_start
+        file.seek(data_start + max(0, size - _TAIL))
+        tail = file.read()
+    while part := file.read(_TAIL):
+        size, tail = size + len(part), (tail + part)[-_TAIL:]
+    stop = len(tail)
     for _ in range(_LINES):
         filled = len(tail[:stop].rstrip())
         start = tail.rfind(b"\n", 0, filled) + 1
         line = tail[start:filled].decode("latin-1").strip()
-        if not start or not _is_text(line, separator):
+        fields = [field.strip(' "') for field in line.split(separator)]
+        is_text = re.match(r"[^\W\d_]", line) and not any(f and is_number(f) for f in fields)
+        if not start or not is_text:
             break
         stop, tag = start, line
     return size - len(tail) + stop, printable(tag[:40]), tail[-1:]
@@ -173,25 +181,6 @@ def is_number(text: str) -> bool:
     return True
 
 
-def _tail(file: io.BufferedReader) -> tuple[int, bytes]:
-    """How much there is from here on, and the last part of it."""
-    if file.seekable():
-        at = file.tell()
-        size = file.seek(0, io.SEEK_END) - at
-        file.seek(at + max(0, size - _TAIL))
-        return size, file.read()
-    size, tail = 0, b""
-    while part := file.read(_TAIL):
-        size += len(part)
-        tail = (tail + part)[-_TAIL:]
-    return size, tail
-
-
-def _is_text(line: str, separator: str) -> bool:
-    fields = [field.strip(' "') for field in line.split(separator)]
-    return bool(re.match(r"[^\W\d_]", line)) and not any(f and is_number(f) for f in fields)
-
-
 def whole_lines(path: Path, start: int, size: int) -> Iterator[bytes]:
     """A part of a file in blocks that end where a line ends.
 
@@ -203,12 +192,9 @@ def whole_lines(path: Path, start: int, size: int) -> Iterator[bytes]:
         rest, left = b"", size
         while block := file.read(min(_BLOCK_BYTES, left)):
             left -= len(block)
-            cut = block.rfind(b"\n") + 1
-            if cut:
+            if cut := block.rfind(b"\n") + 1:
                 yield rest + block[:cut]
-                rest = block[cut:]
-            else:
-                rest += block
+            rest = block[cut:] if cut else rest + block
             if len(rest) > _LONGEST_LINE + _BLOCK_BYTES:
                 raise RecordingError(
                     "has lines that are too long for CSV",
@@ -243,16 +229,15 @@ class Decimals:
 
     def numbers(self, texts: list[pl.Series]) -> list[pl.Series]:
         """Text as numbers, null where it is none."""
-        # Fractions of a second have a mark of their own.
-        self._mark = self._mark or _first_mark([x for x in texts if len(x) and not is_clock(x[0])])
+        if not self._mark:  # that of the first row with one; fractions of a second have their own
+            plain = [text for text in texts if len(text) and not is_clock(text[0])]
+            marked = [
+                (text.str.contains(m, literal=True).arg_true(), m) for m in ".," for text in plain
+            ]
+            rows = [(int(rows[0]), mark) for rows, mark in marked if len(rows)]
+            self._mark = min(rows, default=(0, ""))[1]
         if self._mark == ",":  # null where a number has a point
             pointed = [text.str.contains(".", literal=True) for text in texts]
             texts = [text.str.replace(",", ".", literal=True) for text in texts]
             texts = [text.set(is_, None) for text, is_ in zip(texts, pointed, strict=True)]
         return [text.cast(pl.Float64, strict=False) for text in texts]
-
-
-def _first_mark(texts: list[pl.Series]) -> str:
-    """The decimal mark in the first row that has one; none if all numbers are whole."""
-    marked = [(m, text.str.contains(m, literal=True).arg_true()) for m in ".," for text in texts]
-    return min(((int(rows[0]), mark) for mark, rows in marked if len(rows)), default=(0, ""))[1]

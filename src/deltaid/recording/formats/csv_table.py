@@ -8,6 +8,7 @@ import io
 import re
 from bisect import bisect_right
 from collections.abc import Iterator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -101,42 +102,41 @@ class CsvTable(LogTable):
 
 def _blocks(table: CsvTable) -> Iterator[tuple[int, bytes]]:
     """Whole lines with the row of the first, without the empty lines at the end of the file."""
-    row, empty_row, comments = table.first_row, 0, 0
+    row, empty_row, comments, separator = table.first_row, 0, 0, table.separator
     for whole in whole_lines(table.path, table.data_start, table.data_size):
-        block, found = _without_comments(whole, table.separator, row)
+        block, found = _without_comments(whole, separator, row)
         # A later pass meets the same comments again.
         for after, line in found[max(0, len(table.comments) - comments) :]:
-            if is_marked_row(line, table.separator, len(table.header)):
+            if is_marked_row(line, separator, len(table.header)):
                 table.marked.append(after + len(table.comments))
             table.comments.append(after)
         comments += len(found)
         if not block:
             continue
-        if table.separator == " ":
+        if separator == " ":
             block = _single_blanks(block)
-        lines = block.count(b"\n") + (not block.endswith(b"\n"))
-        filled = _without_empty_end(block, table.separator)
+        size = len(block.rstrip(b" \t\r\n\x0b\x0c" + separator.encode()))
+        filled = block[: (block.find(b"\n", size) + 1) or len(block)] if size else b""
         if filled and empty_row:
             raise _empty_line(table, empty_row)
         if filled:
             yield row, filled
         if len(filled) < len(block) and not empty_row:
             empty_row = row + filled.count(b"\n")
-        row += lines
+        row += block.count(b"\n") + (not block.endswith(b"\n"))
 
 
 def _without_comments(
     block: bytes, separator: str, row: int
 ) -> tuple[bytes, list[tuple[int, bytes]]]:
+    """A block without its comment lines, and these with the rows after them."""
     marks = [b"#", b"%", b"//"] + [b";"] * (separator != ";")
+    found, parts, start = list[tuple[int, bytes]](), list[bytes](), 0
     if not any(mark in block for mark in marks):
-        return block, []
-    found, start = list[tuple[int, bytes]](), 0
-    parts = list[bytes]()
+        return block, found
     for match in re.finditer(rb"(?m)^ *(?:" + b"|".join(marks) + rb")[^\n]*\n?", block):
-        kept = block[start : match.start()]
-        parts.append(kept)
-        row += kept.count(b"\n")
+        parts.append(block[start : match.start()])
+        row += parts[-1].count(b"\n")
         found.append((row, match[0]))
         start = match.end()
     return b"".join([*parts, block[start:]]), found
@@ -150,15 +150,9 @@ def _single_blanks(block: bytes) -> bytes:
     return block.removeprefix(b" ").removesuffix(b" ")
 
 
-def _without_empty_end(block: bytes, separator: str) -> bytes:
-    filled = len(block.rstrip(b" \t\r\n\x0b\x0c" + separator.encode()))
-    end = block.find(b"\n", filled) + 1
-    return block[: end or len(block)] if filled else b""
-
-
 def _fields(table: CsvTable, block: bytes, row: int) -> pl.DataFrame:
-    lines = _require_fields(table, block, row)
-    try:
+    lines, frame = _require_fields(table, block, row), None
+    with suppress(pl.exceptions.PolarsError, pl.exceptions.PanicException):
         frame = pl.read_csv(
             io.BytesIO(block),
             has_header=False,
@@ -166,8 +160,6 @@ def _fields(table: CsvTable, block: bytes, row: int) -> pl.DataFrame:
             infer_schema=False,
             encoding="utf8-lossy",  # only columns that are not used may hold other encodings
         )
-    except (pl.exceptions.PolarsError, pl.exceptions.PanicException):
-        frame = None
     if frame is None or frame.shape != (lines, len(table.header)):
         first, last = (table.row_name(end).removeprefix("row ") for end in (row, row + lines - 1))
         raise RecordingError(
@@ -180,7 +172,7 @@ def _fields(table: CsvTable, block: bytes, row: int) -> pl.DataFrame:
 
 def _require_fields(table: CsvTable, block: bytes, row: int) -> int:
     """The number of lines of a block, each with as many fields as the header has."""
-    data, ends = np.frombuffer(block, np.uint8), line_ends(block)
+    data, ends, wanted = np.frombuffer(block, np.uint8), line_ends(block), len(table.header)
     marks = np.flatnonzero(data == ord(table.separator))
     unclosed = np.zeros(0, dtype=int)
     if b'"' in block:
@@ -188,34 +180,27 @@ def _require_fields(table: CsvTable, block: bytes, row: int) -> int:
         unclosed = np.flatnonzero(per_line(quotes, ends) % 2)
         marks = marks[np.searchsorted(quotes, marks) % 2 == 0]
     fields = per_line(marks, ends) + 1
-    ragged = np.flatnonzero(fields != len(table.header))
+    ragged = np.flatnonzero(fields != wanted)
     if unclosed.size and not (ragged.size and ragged[0] < unclosed[0]):
         raise RecordingError(
             "has a quotation mark that is not closed",
             where=table.row_place(row + int(unclosed[0])),
             cure="repair or remove the row",
         )
-    if ragged.size:
-        i = int(ragged[0])
-        start = int(ends[i - 1]) + 1 if i else 0
-        at_end = i == len(ends) - 1 and not block.endswith(b"\n")
-        raise _ragged(table, row + i, block[start : int(ends[i])], int(fields[i]), at_end)
-    return len(ends)
-
-
-def _ragged(table: CsvTable, row: int, line: bytes, fields: int, at_end: bool) -> RecordingError:
-    if not line.strip():
-        return _empty_line(table, row)
-    wanted = len(table.header)
-    if at_end and fields < wanted:
-        cure = "the file is cut off there; delete the line or export the log again"
-    elif fields > wanted and table.separator == ",":
-        cure = "repair the line; decimal commas need semicolons or tabs between the columns"
-    else:
+    for i in ragged[:1].tolist():
+        if not block[ends[i - 1] + 1 if i else 0 : ends[i]].strip():
+            raise _empty_line(table, row + i)
         cure = "repair the line or remove it"
-    return RecordingError(
-        f"has {fields} fields, but the header has {wanted}", where=table.row_place(row), cure=cure
-    )
+        if fields[i] < wanted and i == len(ends) - 1 and not block.endswith(b"\n"):
+            cure = "the file is cut off there; delete the line or export the log again"
+        elif fields[i] > wanted and table.separator == ",":
+            cure = "repair the line; decimal commas need semicolons or tabs between the columns"
+        raise RecordingError(
+            f"has {fields[i]} fields, but the header has {wanted}",
+            where=table.row_place(row + i),
+            cure=cure,
+        )
+    return len(ends)
 
 
 def _empty_line(table: CsvTable, row: int) -> RecordingError:

@@ -11,14 +11,13 @@ channels simply end sooner: a line is not one instant. Which rows there are, the
 decimal mark are options of the export.
 """
 
-import csv
 import re
 from collections.abc import Iterator
 from pathlib import Path
 
 from deltaid.errors import RecordingError, visible
 from deltaid.recording.address import RecordedField
-from deltaid.recording.formats.csv_lines import HeadLines, as_text, find_end, is_number
+from deltaid.recording.formats.csv_lines import HeadLines, as_text, cells_of, find_end, is_number
 from deltaid.recording.formats.twincat_table import NEUTRAL, TIME, ScopeChannel, ScopeTable
 from deltaid.recording.mapping import ColumnMapping
 from deltaid.recording.source import LogTable, content
@@ -114,7 +113,8 @@ def _rows(lines: HeadLines, separator: str, path: Path) -> tuple[dict[str, list[
             break
         cells = _cells(lines[row], separator)
         if cells[0] in _WORDS:
-            rows[cells[0]] = [visible(cell) for cell in _without_empty_end(cells)]
+            last = max(k for k, cell in enumerate(cells) if cell)
+            rows[cells[0]] = [visible(cell) for cell in cells[: last + 1]]
         elif len(cells) > 1 and any(cells) and all(map(is_number, cells)):
             return rows, row
     raise RecordingError(
@@ -146,14 +146,4 @@ def _channels(
 
 def _cells(line: bytes, separator: str) -> list[str]:
     text = as_text(line)
-    try:
-        fields = next(csv.reader([text], delimiter=separator), [])
-    except csv.Error:
-        fields = text.split(separator)
-    return [field.strip() for field in fields] or [""]
-
-
-def _without_empty_end(cells: list[str]) -> list[str]:
-    while len(cells) > 1 and not cells[-1]:
-        cells = cells[:-1]
-    return cells
+    return cells_of(text, separator) or [field.strip() for field in text.split(separator)]

@@ -91,17 +91,25 @@ class ScopeTable(LogTable):
         names = [pick.field.name for pick in self.picks(columns)]
         used = [self.traces[name] for name in names if name != TIME]
         times = tuple(sorted({trace.time for trace in used or self.channels[:1]}))
-        self.doubts[:] = [said for trace in used for said in _scaled(trace)]
-        if self.ends_open:
-            self.doubts.append(NO_LINE_BREAK)
+        scaled = [said for trace in used for said in _scaled(trace)]
+        self.doubts[:] = scaled + [NO_LINE_BREAK] * self.ends_open
         if times not in self.shared:
             self.shared[times] = self._share(times)
         groups = {k: [trace.values for trace in used if trace.time == k] for k in times}
         at = [times[0] if name == TIME else self.traces[name].values for name in names]
-        if self.shared[times]:
-            yield from self._streamed(at, groups)
-        else:
+        if not self.shared[times]:
             yield self._merged(at, groups)
+            return
+        decimals = Decimals(self.separator)
+        for _, frame in self._blocks([*groups, *at]):
+            there = [_filled(frame, [time, *values]) for time, values in groups.items()]
+            frame = frame.filter(np.logical_and.reduce(there))
+            texts = [frame[str(k)] for k in at]
+            numbers = [
+                self._seconds(text, series) if k in groups else series
+                for k, text, series in zip(at, texts, decimals.numbers(texts), strict=True)
+            ]
+            yield Rows(numbers, texts)
 
     def _share(self, times: Sequence[int]) -> bool:
         """Whether some columns of times are the same, line by line, until one of them ends."""
@@ -116,18 +124,6 @@ class ScopeTable(LogTable):
         whole, part, equal = np.vstack(lines).T
         until = np.flatnonzero(whole)[-1] if whole.any() else 0
         return not (whole & ~equal).any() and not (part & ~whole)[:until].any()
-
-    def _streamed(self, at: list[int], groups: dict[int, list[int]]) -> Iterator[Rows]:
-        decimals = Decimals(self.separator)
-        for _, frame in self._blocks([*groups, *at]):
-            there = [_filled(frame, [time, *values]) for time, values in groups.items()]
-            frame = frame.filter(np.logical_and.reduce(there))
-            texts = [frame[str(k)] for k in at]
-            numbers = [
-                self._seconds(text, series) if k in groups else series
-                for k, text, series in zip(at, texts, decimals.numbers(texts), strict=True)
-            ]
-            yield Rows(numbers, texts)
 
     def _merged(self, at: list[int], groups: dict[int, list[int]]) -> Rows:
         columns = [k for time, values in groups.items() for k in (time, *values)]
