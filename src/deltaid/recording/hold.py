@@ -200,12 +200,6 @@ def _phase(parts: Sequence[Sequence[Stretch]], k: int) -> int | None:
     return phases.pop() if len(phases) == 1 else None
 
 
-def _limit(rises: np.ndarray, phases: np.ndarray, k: int) -> float:
-    """What most rises of every phase stay below: a few jumps that share a phase are no updates."""
-    own = (np.abs(rises[phases == phase]) for phase in range(k))
-    return max(float(np.quantile(rise, _USUAL)) for rise in own if rise.size)
-
-
 def _phase_of(stretches: Sequence[Stretch], k: int) -> int | None:
     products, squares = np.zeros(k), np.zeros(k)
     rises, count = 0.0, 0
@@ -219,7 +213,9 @@ def _phase_of(stretches: Sequence[Stretch], k: int) -> int | None:
         d = tau[n] - tau[n - 1]
         usual = np.abs(s) <= np.quantile(np.abs(s), _USUAL)
         d, s, r = d[usual], s[usual], numbers[n[usual]] % k
-        usual = np.abs(d) <= _limit(d, r, k)
+        # A few jumps that share a phase are no updates.
+        most = max(float(np.quantile(np.abs(d[r == phase]), _USUAL)) for phase in np.unique(r))
+        usual = np.abs(d) <= most
         d, s, r = d[usual], s[usual], r[usual]
         products += np.bincount(r, d * s, k)
         squares += np.bincount(r, s**2, k)

@@ -69,19 +69,17 @@ class Bag:
             found: Iterator[Any] = self._reader.messages(connections=wanted) if wanted else iter(())
         while True:
             with _reporting(self.path):
-                chunk = [_typed(c.topic, time, raw) for c, time, raw in islice(found, _CHUNK)]
+                chunk = [(c.topic, time, raw) for c, time, raw in islice(found, _CHUNK)]
+                for topic, time, raw in chunk:  # a damaged SQLite file holds things of any type
+                    if not (
+                        isinstance(time, int) and isinstance(raw, bytes) and abs(time) < 1 << 62
+                    ):
+                        raise ValueError(f"a message of {topic} is not one")
                 if chunk and chunk[0][2].startswith(ZSTD):
                     chunk = [(topic, time, unzstd(raw, self.path)) for topic, time, raw in chunk]
             if not chunk:
                 return
             yield chunk
-
-
-def _typed(topic: str, time: object, raw: object) -> tuple[str, int, bytes]:
-    """A message as it should be; a damaged SQLite file holds things of any type."""
-    if not (isinstance(time, int) and isinstance(raw, bytes) and abs(time) < 1 << 62):
-        raise ValueError(f"a message of {topic} is not one")
-    return topic, time, raw
 
 
 def is_bag(start: bytes, path: Path) -> bool:

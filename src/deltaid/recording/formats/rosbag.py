@@ -213,14 +213,12 @@ def default_columns(topics: Sequence[Topic]) -> dict[str, tuple[str, Number]]:
 
 def in_order(joints: Sequence[str]) -> list[str] | None:
     """Joints by their number; None if they are not numbered through."""
-    matches = [_NUMBERED.fullmatch(joint) for joint in joints]
-    found = {int(m["number"]): m for m in matches if m}
-    around = {(m["before"], m["after"]) for m in found.values()}
-    if len(found) < len(joints) or len(around) != 1:
-        return None
-    numbers = sorted(found)
-    through = numbers[0] in (0, 1) and numbers[-1] - numbers[0] == len(numbers) - 1
-    return [found[number].string for number in numbers] if through else None
+    ordered = _by_number(joints)
+    matches = [match for joint in ordered if (match := _NUMBERED.fullmatch(joint))]
+    numbers = [int(match["number"]) for match in matches]
+    alike = len({(match["before"], match["after"]) for match in matches}) == 1
+    through = numbers in (list(range(k, k + len(ordered))) for k in (0, 1))
+    return ordered if alike and through else None
 
 
 def mapping_lines(topics: Sequence[Topic]) -> str:

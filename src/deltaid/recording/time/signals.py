@@ -217,11 +217,6 @@ class _Run:
     given: int = 0
 
     @property
-    def _beside(self) -> int:
-        """Rows that must lie on either side of one that is interpolated."""
-        return _SIDE * (self.longest + 1)
-
-    @property
     def _shown(self) -> slice:
         stop = self.waiting.shape[1] - self.drives - self.held
         return slice(stop - self.sensors, stop)
@@ -239,11 +234,12 @@ class _Run:
             self.next_place = float(places[-1]) + 1
         self.waiting = np.concatenate([self.waiting, rows]) if self.waiting.size else rows
         self.places = np.concatenate([self.places, places])
-        ready = len(self.places) - self._beside
-        if ready > 2 * self._beside:
+        beside = _SIDE * (self.longest + 1)  # rows on either side of one that is interpolated
+        ready = len(self.places) - beside
+        if ready > 2 * beside:
             yield self._samples(int(self.places[ready]))
-            self.waiting = self.waiting[ready - self._beside :]
-            self.places = self.places[ready - self._beside :]
+            kept = slice(ready - beside, None)
+            self.waiting, self.places = self.waiting[kept], self.places[kept]
 
     def end(self) -> Iterator[Rows]:
         if len(self.places):

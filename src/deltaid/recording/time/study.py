@@ -6,8 +6,9 @@ suggest, a polynomial is laid through the positions with the hole before each of
 and without it; log-likelihoods −½ n log s², s² the residual of n rows, say which is right.
 """
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
+from itertools import chain
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -53,25 +54,19 @@ _BETTER = 10.0
 
 
 def study(batches: Iterable[Rows], dof: int) -> Clock:
-    """The clock of a recording, from its rows: time, positions of the drives, other channels."""
-    notes = _Notes(dof)
-    for block, start, last in _blocks(batches):
-        notes.add(block, start, last=last)
-    return notes.clock()
+    """The clock of a recording, from its rows: time, positions of the drives, other channels.
 
-
-def _blocks(batches: Iterable[Rows]) -> Iterator[tuple[Rows, int, bool]]:
-    """Rows in blocks that share 2 · _EDGE, the number of the first one, and whether it is the
-    last block."""
-    before, start = np.zeros((0, 0)), 0
-    for rows in recut(batches, _SIZE):
-        if before.size:
-            yield before, start, False
+    They are studied in blocks that share 2 · _EDGE rows.
+    """
+    notes, start = _Notes(dof), 0
+    before: Rows | None = None
+    for rows in chain(recut(batches, _SIZE), [None]):
+        if before is not None:
+            notes.add(before, start, last=rows is None)
             start += len(before) - 2 * _EDGE
-            rows = np.concatenate([before[-2 * _EDGE :], rows])
+            rows = None if rows is None else np.concatenate([before[-2 * _EDGE :], rows])
         before = rows
-    if before.size:
-        yield before, start, True
+    return notes.clock()
 
 
 @dataclass
