@@ -4,7 +4,6 @@ A load is held while a column says so, in spans of time, or always. What of it i
 the rest is identified. Loads of one name, in whatever recordings, are the same thing.
 """
 
-from collections.abc import Sequence
 from typing import Annotated, Literal
 
 import numpy as np
@@ -142,10 +141,3 @@ def carrier(load: Load, robot: RobotDescription) -> str:
         where="load.body",
         cure=f"name one of {', '.join(robot.body_names)} by the line `body: NAME`",
     )
-
-
-def as_loads(given: "Load | Sequence[Load] | None") -> tuple[Load, ...]:
-    """One load or several, as a mapping may have them."""
-    if given is None:
-        return ()
-    return (given,) if isinstance(given, Load) else tuple(given)

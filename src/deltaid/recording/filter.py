@@ -174,7 +174,7 @@ def samples_needed(cutoff: float, rate: float, where: str = "") -> int:
             where=where,
             cure=f"choose one between {_LOWEST * rate:g} and {HIGHEST * rate:g} Hz",
         )
-    taps, _ = _kaiser(_ATTENUATION, _TRANSITION * cutoff / rate)
+    taps = _taps(_ATTENUATION, _TRANSITION * cutoff / rate)
     return 8 * ((taps + len(_FIRST) - 1) // 2)
 
 
@@ -196,14 +196,17 @@ def design_low_pass(
     enough = max(_BETWEEN, _OVERSAMPLED * motion_cutoff)
     stride = 1 if single else max(1, int(rate / enough))
     between = rate / stride
-    level = _smooth(motion_cutoff / between)
+    smooth, level = (
+        _sinc(_ATTENUATION, _TRANSITION * share, share)
+        for share in (cutoff / between, motion_cutoff / between)
+    )
     return LowPass(
         cutoff=cutoff,
         motion_cutoff=motion_cutoff,
         rate=rate,
         stride=stride,
         lead=_lead(_highest(motion_cutoff), rate, stride),
-        smooth=_smooth(cutoff / between),
+        smooth=smooth,
         level=np.pad(level, len(_FIRST) // 2),
         first=np.convolve(level, _FIRST[::-1]) * between,
         second=np.convolve(level, _SECOND) * between**2,
@@ -217,11 +220,6 @@ def no_filter(rate: float) -> LowPass:
     return LowPass(math.inf, math.inf, rate, 1, tap, tap, tap, tap, tap, decimation=1)
 
 
-def _smooth(cutoff: float) -> Float[np.ndarray, " taps"]:
-    taps, beta = _kaiser(_ATTENUATION, _TRANSITION * cutoff)
-    return _sinc(taps, beta, cutoff)
-
-
 def _highest(cutoff: float) -> float:
     return (1 + 0.5 * _TRANSITION) * cutoff
 
@@ -233,28 +231,28 @@ def _lead(highest: float, rate: float, stride: int) -> Float[np.ndarray, " lead"
     """
     if stride == 1:
         return np.ones(1)
-    middle, width = 0.5 * rate / stride, rate / stride - 2 * highest
-    taps, beta = _kaiser(_LEAD_ATTENUATION, width / rate)
-    return _sinc(taps, beta, middle / rate)
+    width = rate / stride - 2 * highest
+    return _sinc(_LEAD_ATTENUATION, width / rate, 0.5 * rate / stride / rate)
 
 
-def _kaiser(attenuation: float, width: float) -> tuple[int, float]:
-    """Odd number of taps and shape β of a Kaiser window, by Kaiser's formulas.
+def _taps(attenuation: float, width: float) -> int:
+    """Odd number of taps of a Kaiser window, by Kaiser's formula.
 
     Args:
         attenuation: of the stop band, above 50 dB.
         width: of the transition, as a share of the sampling rate.
     """
-    taps = math.ceil((attenuation - 7.95) / (2.285 * 2 * np.pi * width) + 1)
-    return taps | 1, 0.1102 * (attenuation - 8.7)
+    return math.ceil((attenuation - 7.95) / (2.285 * 2 * np.pi * width) + 1) | 1
 
 
-def _sinc(taps: int, beta: float, cutoff: float) -> Float[np.ndarray, " taps"]:
+def _sinc(attenuation: float, width: float, cutoff: float) -> Float[np.ndarray, " taps"]:
     """The ideal low-pass within a Kaiser window, of gain 1 at rest.
 
     Args:
+        attenuation, width: of stop band and transition, as of `_taps`.
         cutoff: as a share of the sampling rate.
     """
-    n = np.arange(taps) - taps // 2
-    h = np.sinc(2 * cutoff * n) * np.kaiser(taps, beta)
+    taps = _taps(attenuation, width)
+    h = np.sinc(2 * cutoff * (np.arange(taps) - taps // 2))
+    h *= np.kaiser(taps, 0.1102 * (attenuation - 8.7))  # β by Kaiser's formula
     return h / h.sum()

@@ -12,7 +12,7 @@ from pydantic import Field, PrivateAttr, model_validator
 
 from deltaid.errors import RecordingError
 from deltaid.files import written_whole
-from deltaid.recording.carried import Load, as_loads
+from deltaid.recording.carried import Load
 from deltaid.recording.mapped_columns import (
     QUANTITIES,
     TIMES,
@@ -79,7 +79,7 @@ class ColumnMapping(Shown, Part):
     @property
     def loads(self) -> tuple[Load, ...]:
         """What the robot carries."""
-        return as_loads(self.load)
+        return (self.load,) if isinstance(self.load, Load) else self.load or ()
 
     @property
     def needed(self) -> tuple[tuple[str, ...], ...]:

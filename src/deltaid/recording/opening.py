@@ -86,7 +86,8 @@ def open_log(
         survey.warnings += doubts_about_rounds(unwrapping, table)
         clock = _clock(survey)
         survey.finish(clock)
-    masks = () if keep_all else timed(survey.excluded(clock.rate), clock)
+    excluded = [*(survey.search.runs() if survey.search else ()), *survey.loads.runs(clock.rate)]
+    masks = () if keep_all else timed(excluded, clock)
     if need_rest:
         require_rest(masks, survey.clock.samples, kinematics.robot.drives, str(table.path))
     log = Log(
@@ -95,7 +96,7 @@ def open_log(
         sha256=digest.result(),
         samples=survey.clock.samples,
         clock=clock,
-        torque_max=survey.torque_max,
+        torque_max=np.maximum(-survey.low, survey.high)[columns.torque_places],
         position_noise=survey.spectrum.noise,
         reach=np.array([survey.reach.nearest, survey.reach.farthest]),
         motion_cutoff=survey.spectrum.cutoff(clock.rate),

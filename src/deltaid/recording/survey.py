@@ -8,7 +8,7 @@ from jaxtyping import Float, Int
 from deltaid.errors import Doubt, RecordingError
 from deltaid.mechanism.kinematics import Kinematics
 from deltaid.recording.columns import Columns, Rows
-from deltaid.recording.masks.search import Found, LoadSearch, MaskSearch
+from deltaid.recording.masks.search import LoadSearch, MaskSearch
 from deltaid.recording.reach import ReachCheck, Seen, Stretch
 from deltaid.recording.source import BATCH_ROWS, LogTable
 from deltaid.recording.spectrum import SpectrumEstimate, spectrum_of
@@ -48,15 +48,6 @@ class Survey:
         pairs = ((c.position, c.velocity), (c.velocity, c.acceleration))
         columns = [(x.column, v.column) for pair in pairs for x, v in zip(*pair, strict=False)]
         self.derivatives = DerivativeCheck(columns)
-
-    @property
-    def torque_max(self) -> Float[np.ndarray, " drives"]:
-        """Largest |τ| of each drive [N m]."""
-        return np.maximum(np.abs(self.low), np.abs(self.high))[self.columns.torque_places]
-
-    def excluded(self, rate: float) -> list[Found]:
-        """All that is left out of a recording of some sampling rate [Hz]."""
-        return [*(self.search.runs() if self.search else ()), *self.loads.runs(rate)]
 
     def look(self, batch: tuple[int, Rows]) -> Seen:
         """Rows and the number of the first one, with poses, whatever they are worth, and spectra.

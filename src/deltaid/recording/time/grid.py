@@ -11,6 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
+from scipy.ndimage import median_filter, minimum_filter1d, uniform_filter1d
 
 Times = Float[np.ndarray, " rows"]
 
@@ -210,7 +211,6 @@ def _extra(place_: Times, noise: float, sharing: float) -> Bool[np.ndarray, " ro
 
 def _lowest(x: Times, count: int) -> Times:
     """Least of each value and those before it."""
-    from scipy.ndimage import minimum_filter1d
 
     return minimum_filter1d(x, count, mode="nearest", origin=(count - 1) // 2)
 
@@ -265,14 +265,12 @@ def _stairs(level: Times, noise: float, sharing: float, width: int) -> Int[np.nd
 def _mean(x: Times, width: int) -> Times:
     if width == 1:
         return x
-    from scipy.ndimage import uniform_filter1d
 
     return uniform_filter1d(x, width, mode="nearest")
 
 
 def medians(x: Times, width: int) -> Times:
     """Medians over neighbouring values."""
-    from scipy.ndimage import median_filter
 
     # One wider than x is slow, and no wiser.
     return median_filter(x, min(width, len(x) - 1 + len(x) % 2), mode="nearest")

@@ -16,7 +16,7 @@ from dataclasses import dataclass, field, replace
 from itertools import groupby
 
 import numpy as np
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Float, Int
 
 from deltaid.errors import RecordingError
 from deltaid.recording.time.clock import Clock
@@ -115,7 +115,11 @@ def merged(
         if not is_same:
             later = np.append(True, signal.time[1:] > np.maximum.accumulate(signal.time)[:-1])
             signals[k] = Signal(signal.time[later], signal.values[later])
-            keep &= _covered(signals[k].time, at)
+            # There are samples close before and close after an instant.
+            time = signals[k].time
+            after = np.clip(np.searchsorted(time, at), 1, len(time) - 1)
+            close = time[after] - time[after - 1] < _HOLE * _period(time)
+            keep &= (at >= time[0]) & (at <= time[-1]) & (close | (time[after] == at))
     values = [
         signal.values[keep] if is_same else interpolate(signal.time, signal.values, at[keep])
         for signal, is_same in zip(signals, same, strict=True)
@@ -127,13 +131,6 @@ def _period(time: Times) -> float:
     steps = np.diff(time)
     steps = steps[steps > 0]
     return float(np.median(steps)) if steps.size else np.inf
-
-
-def _covered(time: Times, at: Instants) -> Bool[np.ndarray, " instants"]:
-    """Whether there are samples close before and close after each instant."""
-    after = np.clip(np.searchsorted(time, at), 1, len(time) - 1)
-    close = time[after] - time[after - 1] < _HOLE * _period(time)
-    return (at >= time[0]) & (at <= time[-1]) & (close | (time[after] == at))
 
 
 def longest_hole(rate: float, cutoff: float) -> int:
