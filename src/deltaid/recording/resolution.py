@@ -255,14 +255,12 @@ def sensor_columns(
     """
     for name in mapping.sensors:
         if name not in sensors:
-            near = nearest(name, sensors)
             has = f"its sensors are {', '.join(sensors)}" if sensors else "it has none"
             raise RecordingError(
                 f"the robot has no sensor {name[:40]}; {has}",
                 where=f"{mapping.source}, sensors",
-                cure=f"did you mean {near}?"
-                if near
-                else "describe it under `sensors:` of the robot, or leave it out here",
+                cure=nearest(name, sensors).strip()
+                or "describe it under `sensors:` of the robot, or leave it out here",
             )
     found: list[SensorChannels] = []
     for name, shown in sensors.items():
