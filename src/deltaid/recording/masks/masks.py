@@ -9,7 +9,6 @@ from typing import Literal
 
 import numpy as np
 from jaxtyping import Bool, Float, Int, Shaped
-from scipy.ndimage import maximum_filter1d, minimum_filter1d
 
 from deltaid.errors import RecordingError
 
@@ -109,16 +108,25 @@ def rolling(
     x: Float[np.ndarray, "rows channels"], length: int
 ) -> tuple[Float[np.ndarray, "windows channels"], Float[np.ndarray, "windows channels"]]:
     """Least and largest value in every window of `length` rows."""
-    inside = slice(length // 2, len(x) - (length - 1) // 2)
-    low, high = (f(x, length, axis=0)[inside] for f in (minimum_filter1d, maximum_filter1d))
-    return low, high
+    return _extremes(np.minimum, x, length), _extremes(np.maximum, x, length)
 
 
 def least_about(
     x: Float[np.ndarray, "rows channels"], reach: int
 ) -> Float[np.ndarray, "rows channels"]:
     """Least value within `reach` rows to either side; zero beyond the ends."""
-    return minimum_filter1d(x, 2 * reach + 1, axis=0, mode="constant")
+    return _extremes(np.minimum, np.pad(x, ((reach, reach), (0, 0))), 2 * reach + 1)
+
+
+def _extremes(
+    extreme: np.ufunc, x: Float[np.ndarray, "rows channels"], length: int
+) -> Float[np.ndarray, "windows channels"]:
+    """Those of windows of `length` rows, from those of half as many: faster than SciPy's."""
+    found, size = x, 1
+    while size < length:
+        step = min(size, length - size)
+        found, size = extreme(found[:-step], found[step:]), size + step
+    return found
 
 
 def left_out(masks: Iterable[Mask], drive: int | None = None) -> Runs:
