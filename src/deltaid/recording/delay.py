@@ -45,11 +45,6 @@ class LagGrowth:
     about: float
     reach: float
 
-    @property
-    def most(self) -> float:
-        """By how much it changes a lag at most [s]."""
-        return abs(self.rate) * self.reach
-
 
 @dataclass(frozen=True)
 class Shift:
@@ -96,7 +91,8 @@ class Shift:
         rest = samples - common - whole
         rest[np.abs(rest) < _NONE] = 0.0
         filters = tuple((np.asarray(constants) * rate).tolist()) if any(constants) else ()
-        grown = int(np.ceil(growth.most * rate)) + 1 if growth else 0
+        # By how many samples growth changes a lag at most.
+        grown = int(np.ceil(abs(growth.rate) * growth.reach * rate)) + 1 if growth else 0
         places = tuple(whole.astype(int).tolist())
         return cls(common, places, tuple(rest.tolist()), filters, growth, grown)
 

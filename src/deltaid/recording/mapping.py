@@ -116,19 +116,16 @@ def mapping_each(columns: ColumnMappings, recordings: int) -> list[ColumnMapping
         RecordingError: there are several, but not as many as recordings; or something is none.
         DescriptionError: a file does not fit.
     """
-    if not isinstance(columns, Sequence) or isinstance(columns, str):
-        return [as_mapping(columns)] * recordings
-    columns = [as_mapping(mapping) for mapping in columns]
-    if len(columns) == 1:
-        return [columns[0]] * recordings
-    if len(columns) not in (0, recordings):
+    several = isinstance(columns, Sequence) and not isinstance(columns, str)
+    mappings = [as_mapping(mapping) for mapping in (columns if several else [columns])] or [None]
+    if len(mappings) not in (1, recordings):
         raise RecordingError(
-            f"{len(columns)} mappings are given for {recordings} "
+            f"{len(mappings)} mappings are given for {recordings} "
             f"recording{'s' if recordings > 1 else ''}",
             where="columns",
             cure="give one for all recordings, or one for each, in the same order",
         )
-    return list(columns) or [None] * recordings
+    return mappings * (recordings if len(mappings) == 1 else 1)
 
 
 def as_mapping(columns: object) -> ColumnMapping | None:
@@ -191,12 +188,6 @@ class FoundColumns:
         """All that is in doubt; nothing if it is certain."""
         return (*self.doubts, self.assumed) if self.assumed else self.doubts
 
-    @property
-    def sentence(self) -> str:
-        """All of it in one line."""
-        words = "; ".join((*self.reasons, *self.open_questions))
-        return f"{self.quantity}: {', '.join(self.columns)}; {words}"
-
 
 @dataclass(frozen=True)
 class MappingProposal:
@@ -215,7 +206,11 @@ class MappingProposal:
     @property
     def reasons(self) -> tuple[str, ...]:
         """Why, one sentence a quantity; what is assumed says so."""
-        return tuple(columns.sentence for columns in self.found)
+        return tuple(
+            f"{part.quantity}: {', '.join(part.columns)}; "
+            + "; ".join((*part.reasons, *part.open_questions))
+            for part in self.found
+        )
 
     @property
     def doubts(self) -> tuple[str, ...]:

@@ -48,11 +48,6 @@ class Column:
     start: Signal | None = field(default=None, compare=False, repr=False)
 
     @property
-    def largest(self) -> float:
-        """Of its numbers without sign; 0 as long as they are not known."""
-        return max(abs(self.low or 0.0), abs(self.high or 0.0))
-
-    @property
     def is_constant(self) -> bool:
         """Whether all its numbers are known to be the same."""
         return self.low is not None and self.low == self.high
@@ -224,7 +219,8 @@ def _by_size(
     quantity: Quantity, reading: Reading, members: Sequence[Column], *, slides: bool
 ) -> tuple[str, str]:
     """The unit that is assumed where none is stated, and the doubt."""
-    largest = max(column.largest for column in members)
+    ends = [end or 0.0 for column in members for end in (column.low, column.high)]
+    largest = max(map(abs, ends))
     if reading.quantity == "current":
         return "A", "ampere are assumed, for no unit is stated"
     if quantity == "position" and not slides and largest > _MOST_RADIANS:

@@ -13,9 +13,8 @@ from jaxtyping import Bool, Float, Int
 from deltaid.errors import Doubt, RecordingError
 from deltaid.mechanism.kinematics import Kinematics
 from deltaid.mechanism.regularity import SINGULAR_CONDITION, Regularity, passages
-from deltaid.recording.columns import Columns, Rows
+from deltaid.recording.columns import Columns
 from deltaid.recording.source import LogTable
-from deltaid.recording.spectrum import SpectrumEstimate
 
 # Rows between two places where time leaves off that show a passage from branch to branch.
 _SHOWN = 4
@@ -59,25 +58,6 @@ class Stretch:
         return Stretch(*map(np.concatenate, own), Regularity(*map(np.concatenate, pairs)))
 
 
-@dataclass(frozen=True, eq=False)
-class Seen:
-    """A batch with what can be computed from it apart from the rows before it.
-
-    Attributes:
-        row: number of the first row.
-        values: of consecutive rows.
-        stretch: their poses.
-        good: which of these there are.
-        spectrum: of the positions.
-    """
-
-    row: int
-    values: Rows
-    stretch: Stretch
-    good: Bool[np.ndarray, " rows"]
-    spectrum: SpectrumEstimate
-
-
 class ReachCheck:
     """Running state of the check. Add all batches in order.
 
@@ -92,17 +72,26 @@ class ReachCheck:
         self.outside, self.first_outside = 0, ""
         self.strained, self.first_strained = 0, ""
 
-    def add(self, seen: Seen, apart: Int[np.ndarray, " runs"]) -> None:
-        """Check consecutive rows; `apart` are those before which time leaves off.
+    def add(
+        self,
+        stretch: Stretch,
+        good: Bool[np.ndarray, " rows"],
+        row: int,
+        apart: Int[np.ndarray, " runs"],
+    ) -> None:
+        """Check consecutive rows.
+
+        Args:
+            good: which of the poses there are.
+            row: number of the first row.
+            apart: rows before which time leaves off.
 
         Raises:
             RecordingError: with the first row that cannot be.
         """
-        stretch, row = seen.stretch, seen.row
         time, q, worst = stretch.time, stretch.q, stretch.regular.worst
-        bad = np.flatnonzero(~seen.good)
-        if bad.size:
-            self._require_way(stretch, int(bad[0]), row, apart)
+        if not good.all():
+            self._require_way(stretch, int(np.argmin(good)), row, apart)
         points = self.kinematics.robot.task.point(stretch.z)
         self.nearest = np.minimum(self.nearest, points.min(axis=0))
         self.farthest = np.maximum(self.farthest, points.max(axis=0))
@@ -121,9 +110,9 @@ class ReachCheck:
         self._check_branch(stretch, row, apart)
         outside = np.flatnonzero(~self.kinematics.robot.workspace.contains(points))
         if outside.size and not self.outside:
-            i = int(outside[0])
-            x, y, height = points[i]
-            self.first_outside = f"row {row + i} at [{x:.3f}, {y:.3f}, {height:.3f}] m"
+            x, y, height = points[outside[0]]
+            place = f"[{x:.3f}, {y:.3f}, {height:.3f}] m"
+            self.first_outside = f"row {row + int(outside[0])} at {place}"
         self.outside += outside.size
 
     def doubts(self, samples: int) -> Iterator[Doubt]:

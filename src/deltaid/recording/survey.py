@@ -3,13 +3,13 @@
 from collections.abc import Iterable
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int
 
 from deltaid.errors import Doubt, RecordingError
 from deltaid.mechanism.kinematics import Kinematics
 from deltaid.recording.columns import Columns, Rows
 from deltaid.recording.masks.search import LoadSearch, MaskSearch
-from deltaid.recording.reach import ReachCheck, Seen, Stretch
+from deltaid.recording.reach import ReachCheck, Stretch
 from deltaid.recording.source import BATCH_ROWS, LogTable
 from deltaid.recording.spectrum import SpectrumEstimate, spectrum_of
 from deltaid.recording.survey_checks import Bounds, DerivativeCheck, SensorCheck
@@ -20,6 +20,9 @@ from deltaid.recording.time.clock_doubts import doubts_about_stamps
 # No rotary arm of a Delta turns half a revolution from the middle of its work; numbers beyond this
 # are degrees.
 _LARGEST_ARM_ANGLE = np.pi
+# Number of the first row, rows, their poses, which of these there are, spectra of positions: what
+# can be computed from a batch apart from the rows before it.
+Seen = tuple[int, Rows, Stretch, Bool[np.ndarray, " rows"], SpectrumEstimate]
 # A step of this much of a turn between two samples is a jump of the reading, not a motion.
 _JUMP = 0.75 * 2 * np.pi
 
@@ -60,15 +63,15 @@ class Survey:
         q = values[:, 1 : 1 + self.kinematics.dof]
         z, good = self.kinematics.forward_unchecked(q)
         stretch = Stretch(values[:, 0], q, z, self.kinematics.regularity(z))
-        return Seen(row, values, stretch, good, spectrum_of(q))
+        return row, values, stretch, good, spectrum_of(q)
 
     def add(self, seen: Seen) -> None:
-        """Check consecutive rows.
+        """Check consecutive rows, as `look` gives them.
 
         Raises:
             RecordingError: with the first row that cannot be.
         """
-        row, values = seen.row, seen.values
+        row, values, stretch, good, spectrum = seen
         apart = self.clock.add(values[:, 0])
         if self.search is not None:
             self.search.add(values[:, : self.columns.torque_places.stop], self.clock.period)
@@ -76,10 +79,10 @@ class Survey:
         self.sensors.add(values, row)
         self.low = np.fmin(self.low, np.fmin.reduce(values))  # of sensors without their NaN
         self.high = np.fmax(self.high, np.fmax.reduce(values))
-        self._check_angles(seen.stretch.q, row, apart)
-        self.reach.add(seen, apart)
+        self._check_angles(stretch.q, row, apart)
+        self.reach.add(stretch, good, row, apart)
         if self.clock.steady:
-            self._compare(values, seen.spectrum)
+            self._compare(values, spectrum)
 
     def add_even(self, segment: Iterable[Float[np.ndarray, "_ channels"]]) -> None:
         """Take in the samples of a segment for what holds for evenly spaced ones only."""
