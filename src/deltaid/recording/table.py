@@ -140,23 +140,18 @@ def _in_si(
         if time.is_absent:
             count = np.arange(row - table.first_row, row - table.first_row + rows.size, dtype=float)
             rows = Rows([count, *rows.numbers], [count, *rows.written])
-        if time.counts:
-            _require_whole(table, time.column, rows, row)
+        values = np.asarray(rows.numbers[0]) if time.counts else np.zeros(0)
+        for broken in np.flatnonzero(np.isfinite(values) & (values != np.round(values)))[
+            :1
+        ].tolist():
+            raise RecordingError(
+                f"column {time.column} counts no cycles: it is {float(values[broken]):.10g}",
+                where=table.row_place(row + broken),
+                cure=f"a column of times has a unit in place of a rate (time: {{column: "
+                f"{time.column}, unit: s}}); a rate alone stands for the time of a log without",
+            )
         yield to_si(table, columns, rows, row, unwrapping)
         row += rows.size
-
-
-def _require_whole(table: LogTable, column: str, rows: Rows, row: int) -> None:
-    numbers = rows.numbers[0]
-    values = numbers.to_numpy() if isinstance(numbers, pl.Series) else numbers
-    broken = np.flatnonzero(np.isfinite(values) & (values != np.round(values)))
-    if broken.size:
-        raise RecordingError(
-            f"column {column} counts no cycles: it is {float(values[broken[0]]):.10g}",
-            where=table.row_place(row + int(broken[0])),
-            cure=f"a column of times has a unit in place of a rate (time: {{column: {column}, "
-            "unit: s}); a rate alone stands for the time of a log without",
-        )
 
 
 def to_si(

@@ -75,7 +75,7 @@ def _arrays(
             name: _Dataset(file, places[name], by_matlab, f"{path}, {name}") for name, _ in used
         }
         chunk = max(arrays[name].chunk(axis) for name, axis in used)
-        row = sum(arrays[name].row_bytes(axis) for name, axis in used)
+        row = sum(arrays[name].nbytes // max(arrays[name].shape[axis], 1) for name, axis in used)
         whole = 0 < chunk * row <= _HELD
         yield arrays, -(-BATCH_ROWS // chunk) * chunk if whole else BATCH_ROWS
 
@@ -85,7 +85,8 @@ class _Dataset:
         dataset, self._entry = file[place[0]], place[1]
         order = slice(None, None, -1 if reverse else None)
         self._dataset, self._reverse = dataset, reverse
-        self._shape, self._chunks = dataset.shape[order], (dataset.chunks or ())[order]
+        self.shape, self.nbytes = dataset.shape[order], dataset.nbytes
+        self._chunks = (dataset.chunks or ())[order]
         # Sizes that only a damaged header claims are refused before memory is asked for.
         chunk = math.prod(self._chunks) * dataset.dtype.itemsize
         stored = dataset.id.get_storage_size()
@@ -110,10 +111,6 @@ class _Dataset:
     def chunk(self, axis: int) -> int:
         """Samples in a chunk; 0 if the dataset lies in one piece."""
         return self._chunks[axis] if axis < len(self._chunks) else 0
-
-    def row_bytes(self, axis: int) -> int:
-        """Of one sample, all columns."""
-        return self._dataset.nbytes // max(self._shape[axis], 1)
 
 
 @contextmanager
