@@ -9,7 +9,7 @@ from bad_logs import GOOD, NUMBERED, ROWS, changed, with_field, with_line, witho
 from deltaid.errors import DeltaidError
 from deltaid.recording.formats import csv_lines
 from deltaid.recording.recording import with_filter
-from deltaid.recording.time.clock_doubts import doubts_about_holes
+from deltaid.recording.time.clock import doubts_about_holes
 from logs import comma, read, recorded, refusal, text, write
 
 SEMICOLONS = text(recorded(ROWS), ";")

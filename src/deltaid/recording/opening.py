@@ -20,8 +20,9 @@ from deltaid.recording.resolution import extra_drives, resolve_columns
 from deltaid.recording.source import LogTable
 from deltaid.recording.spectrum import spectrum_of
 from deltaid.recording.survey import Survey
+from deltaid.recording.survey_checks import require_rate
 from deltaid.recording.table import open_table, read_batches
-from deltaid.recording.time.clock import Clock, require_rate
+from deltaid.recording.time.clock import Clock
 from deltaid.recording.time.counts import doubts_about_rounds, unwrappers
 from deltaid.recording.time.signals import segments
 from deltaid.recording.time.study import study

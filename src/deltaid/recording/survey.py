@@ -12,10 +12,15 @@ from deltaid.recording.masks.search import LoadSearch, MaskSearch
 from deltaid.recording.reach import ReachCheck, Stretch
 from deltaid.recording.source import BATCH_ROWS, LogTable
 from deltaid.recording.spectrum import SpectrumEstimate, spectrum_of
-from deltaid.recording.survey_checks import Bounds, DerivativeCheck, SensorCheck
+from deltaid.recording.survey_checks import (
+    Bounds,
+    ClockCheck,
+    DerivativeCheck,
+    SensorCheck,
+    require_rate,
+)
 from deltaid.recording.table import recut
-from deltaid.recording.time.clock import Clock, ClockCheck, require_rate
-from deltaid.recording.time.clock_doubts import doubts_about_stamps
+from deltaid.recording.time.clock import Clock, doubts_about_stamps
 
 # No rotary arm of a Delta turns half a revolution from the middle of its work; numbers beyond this
 # are degrees.

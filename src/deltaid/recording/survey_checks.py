@@ -1,4 +1,4 @@
-"""What a survey checks of numbers: whether they can be, go with their rates, and are there at all.
+"""What a survey checks: whether numbers can be, go with their rates, are there, and are even in time.
 
 Wrong units and broken rows make numbers that no recording of a robot holds, however finite they
 are. A recording may go beyond the limits that a description states, but not a hundred times; where
@@ -13,11 +13,14 @@ k = Σ ∫v dt Δq / Σ Δq² is 1 when both columns are declared rightly.
 from collections.abc import Iterator
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 
 from deltaid.errors import Doubt, RecordingError
 from deltaid.recording.columns import Columns
+from deltaid.recording.filter import LOWEST_RATE
 from deltaid.recording.source import LogTable
+from deltaid.recording.time.clock import HIGHEST_RATE, Clock
+from deltaid.recording.time.grid import FASTEST, usual_step
 from deltaid.robot.description import RobotDescription
 
 # How many times a described limit may be exceeded.
@@ -39,6 +42,14 @@ _SCALE = (0.8, 1.25)
 _SLIGHT = 1e-3
 # What a column of a wrong unit is too large by.
 _LIKELY = {"degrees": 180 / np.pi, "rpm": 30 / np.pi}
+# A step that is off the usual one by more than this share is uneven.
+_JITTER = 0.05
+# Rows so many usual steps apart are not compared with one another.
+_FAR_APART = 5.0
+# A time column that goes back in a larger share of its rows is none.
+_MOST_BACKWARD = 0.2
+# Fewest steps of stamps that several rows share; fewer do not tell the rate.
+_FEWEST_STEPS = 32
 
 
 class DerivativeCheck:
@@ -194,3 +205,100 @@ class SensorCheck:
             )
             for k, row in sorted(self._first.items())
         ]
+
+
+class ClockCheck:
+    """First look at consecutive rows: whether they are steady, and whether there is a time at all.
+
+    Attributes:
+        table, column: the log, and which of its columns is the time.
+        samples: rows so far.
+        step: the usual time between two rows, a median [s].
+        period: the same, if several rows share a stamp as well.
+        first_time, last_time: of the rows so far [s].
+        uneven, backward, forward: steps that are uneven, negative, positive.
+    """
+
+    def __init__(self, table: LogTable, column: str) -> None:
+        self.table, self.column = table, column
+        self.samples = self.uneven = self.backward = self.forward = 0
+        self.step, self.period, self._apart = 0.0, 0.0, np.inf
+        self.first_time = self.last_time = np.nan
+
+    @property
+    def steady(self) -> bool:
+        """Whether all steps are alike, so that nothing is missing."""
+        return not self.uneven
+
+    @property
+    def clock(self) -> Clock:
+        """Of a steady recording: its rate is the mean."""
+        period = (self.last_time - self.first_time) / (self.samples - 1)
+        return Clock(period, self.samples, self.first_time, self.last_time)
+
+    def add(self, time: Float[np.ndarray, " rows"]) -> Int[np.ndarray, " runs"]:
+        """Take in stamps of consecutive rows; gives those before which time leaves off, from 0."""
+        steps = np.diff(time, prepend=self.last_time)
+        known = steps[~np.isnan(steps)]
+        if not self.step and known.size:
+            self.step = float(np.median(known))
+            usual = self.step if self.step > 0 else usual_step(time)[0]
+            self.period = max(usual, FASTEST) if usual else 0.0
+            self._apart = _FAR_APART * max(self.step, float(np.quantile(known, 0.95)))
+        if not self.samples:
+            self.first_time = float(time[0])
+        self.last_time = float(time[-1])
+        self.backward += int(np.count_nonzero(known < 0))
+        self.forward += int(np.count_nonzero(known > 0))
+        self.uneven += int(np.count_nonzero(np.abs(known - self.step) > _JITTER * self.step))
+        self.uneven += int(self.step <= 0 < known.size)
+        self.samples += len(time)
+        return np.flatnonzero(np.abs(steps) > self._apart)
+
+    def require_time(self) -> None:
+        """Refuse what is no time.
+
+        Raises:
+            RecordingError: it stands still, or nearly so, goes backwards, or jumps about; or there
+                are too few rows.
+        """
+        where, samples = str(self.table.path), self.samples
+        if samples < 2:
+            cure = "give a whole recording"
+            raise RecordingError("has fewer than two rows of data", where=where, cure=cure)
+        if not self.forward and self.backward:
+            what = "runs backwards"
+        elif not self.forward:
+            what = f"is {self.first_time:.10g} s in all rows: it does not run"
+        elif self.forward < _FEWEST_STEPS and 2 * self.forward < samples - 1:
+            what = (
+                f"changes in only {self.forward} of {samples} rows, too few to determine the "
+                "sampling rate"
+            )
+        elif self.backward > _MOST_BACKWARD * samples:
+            what = f"goes back in {self.backward} of {samples} rows; it is no time"
+        else:
+            return
+        raise RecordingError(
+            f"column {self.column} {what}",
+            where=where,
+            cure="map the column of the time with --columns MAPPING.yaml (time: {column: NAME}), "
+            "or give the sampling rate in its place (time: {rate: 1000})",
+        )
+
+
+def require_rate(table: LogTable, column: str, rate: float, *, differentiated: bool) -> None:
+    """Refuse a rate at which nothing is sampled, or positions cannot be differentiated.
+
+    Raises:
+        RecordingError: with what can be.
+    """
+    slow = differentiated and rate < LOWEST_RATE
+    if slow or rate > HIGHEST_RATE:
+        limit = f"at least {LOWEST_RATE:g}" if slow else f"at most {HIGHEST_RATE:g}"
+        raise RecordingError(
+            f"column {column} makes a sampling rate of {rate:.4g} Hz; {limit} Hz can be",
+            where=str(table.path),
+            cure="declare the unit of time with --columns MAPPING.yaml (time: {column: "
+            f"{column}, unit: ms}}), or record faster",
+        )

@@ -1,26 +1,21 @@
-"""The time of a recording: what its first pass looks at, and what is known of it in the end."""
+"""The time of a recording: what is known of it in the end, and in words, one sentence each."""
 
+from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from deltaid.errors import RecordingError
-from deltaid.recording.filter import LOWEST_RATE
+from deltaid.errors import Doubt, RecordingError
 from deltaid.recording.masks.masks import Runs
 from deltaid.recording.source import LogTable
-from deltaid.recording.time.grid import FASTEST, usual_step
 
-# A step that is off the usual one by more than this share is uneven.
-_JITTER = 0.05
-# Rows so many usual steps apart are not compared with one another.
-_APART = 5.0
-# A time column that goes back in a larger share of its rows is none.
-_MOST_BACKWARD = 0.2
-# Fewest steps of stamps that several rows share; fewer do not tell the rate.
-_FEWEST_STEPS = 32
 # No drive is sampled faster [Hz]; a higher rate is a wrong unit of time.
 HIGHEST_RATE = 1e6
+# Jitter that is worth a word, as a share of a period.
+_WORTH = 0.01
+# Where a larger share of stamps is far off those about them, none is believed.
+_MOST_WILD = 0.2
 
 
 @dataclass(frozen=True, eq=False)
@@ -176,98 +171,146 @@ class ClockReport:
     too_short: float
 
 
-class ClockCheck:
-    """First look at consecutive rows: whether they are steady, and whether there is a time at all.
+def doubts_about_stamps(clock: Clock, table: LogTable, column: str) -> Iterator[Doubt]:
+    """Stamps that are none, jitter, uneven sampling, rows that are left out.
 
-    Attributes:
-        table, column: the log, and which of its columns is the time.
-        samples: rows so far.
-        step: the usual time between two rows, a median [s].
-        period: the same, if several rows share a stamp as well.
-        first_time, last_time: of the rows so far [s].
-        uneven, backward, forward: steps that are uneven, negative, positive.
+    Raises:
+        RecordingError: too many stamps are none.
     """
-
-    def __init__(self, table: LogTable, column: str) -> None:
-        self.table, self.column = table, column
-        self.samples = self.uneven = self.backward = self.forward = 0
-        self.step, self.period, self._apart = 0.0, 0.0, np.inf
-        self.first_time = self.last_time = np.nan
-
-    @property
-    def steady(self) -> bool:
-        """Whether all steps are alike, so that nothing is missing."""
-        return not self.uneven
-
-    @property
-    def clock(self) -> Clock:
-        """Of a steady recording: its rate is the mean."""
-        period = (self.last_time - self.first_time) / (self.samples - 1)
-        return Clock(period, self.samples, self.first_time, self.last_time)
-
-    def add(self, time: Float[np.ndarray, " rows"]) -> Int[np.ndarray, " runs"]:
-        """Take in stamps of consecutive rows; gives those before which time leaves off, from 0."""
-        steps = np.diff(time, prepend=self.last_time)
-        known = steps[~np.isnan(steps)]
-        if not self.step and known.size:
-            self.step = float(np.median(known))
-            usual = self.step if self.step > 0 else usual_step(time)[0]
-            self.period = max(usual, FASTEST) if usual else 0.0
-            self._apart = _APART * max(self.step, float(np.quantile(known, 0.95)))
-        if not self.samples:
-            self.first_time = float(time[0])
-        self.last_time = float(time[-1])
-        self.backward += int(np.count_nonzero(known < 0))
-        self.forward += int(np.count_nonzero(known > 0))
-        self.uneven += int(np.count_nonzero(np.abs(known - self.step) > _JITTER * self.step))
-        self.uneven += int(self.step <= 0 < known.size)
-        self.samples += len(time)
-        return np.flatnonzero(np.abs(steps) > self._apart)
-
-    def require_time(self) -> None:
-        """Refuse what is no time.
-
-        Raises:
-            RecordingError: it stands still, or nearly so, goes backwards, or jumps about; or there
-                are too few rows.
-        """
-        where, samples = str(self.table.path), self.samples
-        if samples < 2:
-            cure = "give a whole recording"
-            raise RecordingError("has fewer than two rows of data", where=where, cure=cure)
-        if not self.forward and self.backward:
-            what = "runs backwards"
-        elif not self.forward:
-            what = f"is {self.first_time:.10g} s in all rows: it does not run"
-        elif self.forward < _FEWEST_STEPS and 2 * self.forward < samples - 1:
-            what = (
-                f"changes in only {self.forward} of {samples} rows, too few to determine the "
-                "sampling rate"
-            )
-        elif self.backward > _MOST_BACKWARD * samples:
-            what = f"goes back in {self.backward} of {samples} rows; it is no time"
-        else:
-            return
+    if clock.wild > _MOST_WILD * clock.rows:
         raise RecordingError(
-            f"column {self.column} {what}",
-            where=where,
+            f"column {column} jumps about: {clock.wild} of {clock.rows} stamps are far off those "
+            "before and after them; it is no time",
+            where=table.row_place(table.first_row + clock.first_wild),
             cure="map the column of the time with --columns MAPPING.yaml (time: {column: NAME}), "
             "or give the sampling rate in its place (time: {rate: 1000})",
         )
+    if clock.wild:
+        yield Doubt(
+            f"{column} of {_rows(clock.wild)} far off the stamps before and after, the first "
+            f"in {_row(table, np.array([clock.first_wild]))}: excluded",
+            cause="numbers that were damaged on their way into the file",
+            cure="export the log again if there are many",
+            key="clock",
+        )
+    share = clock.jitter * clock.rate
+    off = f"{1e3 * clock.jitter:.3g} ms rms ({100 * share:.2g} % of a step)"
+    if clock.even is False:
+        yield Doubt(
+            f"samples were taken at uneven times, off by {off}: positions follow the stamps of "
+            f"{column}, so all is interpolated at {clock.rate:.6g} Hz",
+            cause="the logger asks the controller when it finds time to",
+            cure="log in the controller's own cycle",
+            key="clock",
+        )
+    elif share > _WORTH:
+        why = "positions are even" if clock.even else "positions do not show which is right"
+        yield Doubt(
+            f"stamps of {column} jitter by {off}; {why}, so rows are taken as evenly spaced at "
+            f"{clock.rate:.6g} Hz",
+            cause="rows are stamped when they are written, not when they are measured",
+            cure="record the controller's own time or count of cycles"
+            + ("" if clock.even else "; if rows are known to be even, declare `rate:`"),
+            key="clock",
+        )
+    if clock.doubled:
+        yield Doubt(
+            f"{_rows(clock.doubled)} there twice and excluded once, the first in "
+            f"{_row(table, clock.extra)}",
+            cause="the logger ran ahead of the controller, or a packet came twice",
+            cure="nothing is lost; to avoid it, log once a cycle of the controller",
+            key="clock",
+        )
+    if others := clock.late:
+        yield Doubt(
+            f"{_rows(others)} late or stamped like another one, and excluded"
+            + ("" if clock.doubled else f", the first in {_row(table, clock.extra)}"),
+            cause="packets overtook one another on their way to the logger",
+            cure="log with the controller's own stamps, sorted by them",
+            key="clock",
+        )
 
 
-def require_rate(table: LogTable, column: str, rate: float, *, differentiated: bool) -> None:
-    """Refuse a rate at which nothing is sampled, or positions cannot be differentiated.
+def doubts_about_holes(
+    clock: Clock, table: LogTable, longest: int, shortest: int
+) -> Iterator[Doubt]:
+    """Holes that are bridged, gaps that cut, and what is too short between them.
+
+    Args:
+        longest: rows missing that are bridged.
+        shortest: samples that a segment must have.
 
     Raises:
-        RecordingError: with what can be.
+        RecordingError: no segment has so many.
     """
-    slow = differentiated and rate < LOWEST_RATE
-    if slow or rate > HIGHEST_RATE:
-        limit = f"at least {LOWEST_RATE:g}" if slow else f"at most {HIGHEST_RATE:g}"
-        raise RecordingError(
-            f"column {column} makes a sampling rate of {rate:.4g} Hz; {limit} Hz can be",
-            where=str(table.path),
-            cure="declare the unit of time with --columns MAPPING.yaml (time: {column: "
-            f"{column}, unit: ms}}), or record faster",
+    cuts = clock.cuts(longest)
+    bridged = clock.lost[~cuts]
+    if bridged.size:
+        first = clock.holes[~cuts]
+        yield Doubt(
+            f"{_rows(int(bridged.sum()))} missing in {_places(bridged.size)} "
+            f"({100 * bridged.sum() / clock.rows:.2g} % of the recording), the first before "
+            f"{_row(table, first)}: bridged by the motion about them, torques there do not "
+            "count",
+            cause="packets were lost on their way to the logger",
+            cure="nothing is to be done for a few; else log on the controller itself",
+            key="clock",
         )
+    restarts = clock.lost < 0
+    if restarts.any():
+        where = _row(table, clock.holes[restarts])
+        yield Doubt(
+            f"time starts again in {_places(int(restarts.sum()))}, the first in {where}: a new "
+            "segment begins there",
+            cause="several recordings stand in one file",
+            cure="split it if load or wiring were others; else nothing is to be done",
+            key="clock",
+        )
+    gaps = cuts & ~restarts
+    if gaps.any():
+        length = (clock.until - clock.since)[gaps]
+        spans = [
+            f"{since:.6g} to {until:.6g} s"
+            for since, until in zip(clock.since, clock.until, strict=True)
+        ]
+        shown = ", ".join(np.array(spans)[gaps][:5]) + (" …" if gaps.sum() > 5 else "")
+        yield Doubt(
+            f"{gaps.sum()} gap{'s' if gaps.sum() > 1 else ''} of up to "
+            f"{1e3 * length.max():.4g} ms ({shown}): no filter reaches across",
+            cause="logging stopped, or its buffer ran over",
+            cure="log fewer channels or at a lower rate if gaps come again and again",
+            key="clock",
+        )
+    sizes = clock.segments(longest)
+    short = sizes[sizes < shortest]
+    if len(short) == len(sizes):
+        raise RecordingError(
+            f"has no stretch of {shortest} samples without a gap; the longest has "
+            f"{sizes.max()}, between {_places(len(sizes) - 1)} where rows are missing or time "
+            "starts again",
+            where=str(table.path),
+            cure="record without gaps, or lower the rate at which the logger falls behind; a "
+            "higher --cutoff needs shorter stretches",
+        )
+    if short.size:
+        yield Doubt(
+            f"{short.size} of {len(sizes)} stretches between gaps are shorter than the "
+            f"{shortest} samples that the filter needs, and excluded: "
+            f"{100 * short.sum() / sizes.sum():.2g} % of the recording",
+            cause="gaps follow close on one another",
+            cure="record without gaps, or take a higher --cutoff, whose filter is shorter",
+            key="clock",
+        )
+
+
+def _row(table: LogTable, rows: Int[np.ndarray, " rows"]) -> str:
+    """The first of some rows, counted from 0, as a user counts it."""
+    return table.row_name(table.first_row + int(rows[0]))
+
+
+def _rows(count: int) -> str:
+    return "1 row is" if count == 1 else f"{count} rows are"
+
+
+def _places(count: int) -> str:
+    return "1 place" if count == 1 else f"{count} places"
