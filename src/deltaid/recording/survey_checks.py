@@ -1,4 +1,4 @@
-"""What a survey checks: whether numbers can be, go with their rates, are there, and are even in time.
+"""What a survey checks: that numbers can be, go with their rates, are there, and are even in time.
 
 Wrong units and broken rows make numbers that no recording of a robot holds, however finite they
 are. A recording may go beyond the limits that a description states, but not a hundred times; where
