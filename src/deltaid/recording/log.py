@@ -72,7 +72,8 @@ def _cut(segments: Iterable[Iterable[Rows]], starts: Sequence[int], length: int)
         for rows in segment:
             for start, held in parts.items():
                 part = rows[max(0, start - row) : max(0, start - row + length)]
-                held += [part.copy()] * bool(len(part))
+                if len(part):
+                    held.append(part.copy())
             row += len(rows)
         yield from (np.concatenate(held) for held in parts.values() if held)
 
