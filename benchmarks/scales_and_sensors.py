@@ -14,8 +14,7 @@ import numpy as np
 from _table import STATED, leave
 
 from deltaid.sensors.planning.offers import Offers
-from deltaid.sensors.planning.plan import SensorPlan, sensor_plan
-from deltaid.sensors.planning.settings import PlanSettings
+from deltaid.sensors.planning.plan import PlanSettings, SensorPlan, sensor_plan
 
 SEEDS = STATED["scales_and_sensors"]["motions"]
 ENTRIES = ("U.mcx", "U.Sxx", "S.m", "S.mcx", "S.Sxx", "P.m")

@@ -12,9 +12,8 @@ from deltaid.robot.description import RobotDescription
 from deltaid.robot.inertia import PSEUDO_INERTIA_ENTRIES, inertia_parameters, pseudo_inertia
 from deltaid.robot.sensors import BaseWrench, StrutForce
 from deltaid.sensors.planning.offers import Offers
-from deltaid.sensors.planning.plan import SensorPlan, sensor_plan
+from deltaid.sensors.planning.plan import PlanSettings, SensorPlan, sensor_plan
 from deltaid.sensors.planning.rows import generic_motion
-from deltaid.sensors.planning.settings import PlanSettings
 from deltaid.sensors.robot_sensors import sensor_rows
 
 DELTA = "clavel-delta3"

@@ -12,9 +12,8 @@ from scipy.spatial.transform import Rotation
 from composed import SPACING, Make, describe, parameters, random_composed, random_states
 from deltaid.dynamics.dynamics import Dynamics
 from deltaid.robot.sensors import BaseWrench, Sensor
-from deltaid.sensors.about import RowsAbout
 from deltaid.sensors.robot_sensors import sensor_rows
-from deltaid.sensors.rows import GraphRows, SensorRows
+from deltaid.sensors.rows import SensorRows
 from oracle.sensors import SensorOracle, StrutOracle
 from oracle.tree import Body, random_body
 
@@ -85,9 +84,7 @@ def dense(
 ) -> np.ndarray:
     """[C, D] at some states: samples × channels × (p, u)."""
     channels, columns = rows.pattern
-    graph = rows.rows if isinstance(rows, RowsAbout) else rows
-    assert isinstance(graph, GraphRows)
-    first = len(graph.dynamics.layout.parameters)
+    first = len(rows.dynamics.layout.parameters)
     if shown is None:
         shown = np.zeros((len(rows.channels), len(states[0])))
     found = np.zeros((len(states[0]), len(rows.channels), first + len(rows.parameters)))

@@ -12,8 +12,7 @@ from deltaid.errors import DeltaidError, DescriptionError
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.load import catalogue_text, load_robot, parse
 from deltaid.sensors.planning.offers import Offers, load_offers, shipped_offers, shipped_text
-from deltaid.sensors.planning.plan import sensor_plan
-from deltaid.sensors.planning.settings import PlanSettings
+from deltaid.sensors.planning.plan import PlanSettings, sensor_plan
 from descriptions import CLAVEL, refusal, replaced
 
 SENSORS = """

@@ -14,10 +14,9 @@ from deltaid.joint_forces.constraint_forces import ConstraintForces
 from deltaid.mechanism.platform import with_turned_half
 from deltaid.robot.load import load_robot
 from deltaid.robot.sensors import BaseWrench, StrutForce
-from deltaid.sensors.planning.exchange import exchanges
+from deltaid.sensors.planning.exchange import exchanges, instances
 from deltaid.sensors.planning.null_space import NullSpace, null_space, openings
 from deltaid.sensors.planning.rows import Scene, generic_motion, sensor_rows, torque_rows, torques
-from deltaid.sensors.planning.shared_points import instances
 from deltaid.sensors.planning.uses import Use
 from deltaid.sensors.robot_sensors import sensor_rows as rows_of
 

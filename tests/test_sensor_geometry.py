@@ -16,9 +16,7 @@ from deltaid.motion.random_motion import random_motion
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.load import load_robot
 from deltaid.robot.sensors import BaseWrench, JointTorque, StrutForce
-from deltaid.sensors.about import about
-from deltaid.sensors.geometry import sensor_errors
-from deltaid.sensors.robot_sensors import all_sensor_rows, sensor_rows
+from deltaid.sensors.robot_sensors import all_sensor_rows, sensor_errors, sensor_rows
 from poor_priors import PLAIN
 from sensed import recorded, sensed, weighed
 from sensor_rows import CHANNELS, dense, plate, sensor_twin, wrenches
@@ -191,7 +189,7 @@ def test_a_gain_is_told_without_bias_about_what_a_fit_expects() -> None:
     states, first = (z, qd, qdd), len(p)
     noise, u = np.repeat([1.0, 0.1], 3), np.zeros(len(rows.parameters))
     u[:6], u[-1] = rng.uniform(-3, 3, 6), gain
-    exact = about(rows, np.append(truth, u)).expected(*states)
+    exact = rows.about(np.append(truth, u)).expected(*states)
     y = exact + noise[:, None] * rng.standard_normal(exact.shape)
     tau = dynamics.regressor(q, qd, qdd).reshape(3 * n, -1)
     sigma = 0.02 * np.abs(tau @ truth).max()
@@ -211,10 +209,10 @@ def test_a_gain_is_told_without_bias_about_what_a_fit_expects() -> None:
     assert plain[-1] > gain + 20 * std
     found = prior
     for _ in range(6):
-        found, std = fitted(about(rows, found).expected(*states))
+        found, std = fitted(rows.about(found).expected(*states))
     assert abs(found[-1] - gain) < 3 * std
     np.testing.assert_allclose(found[first : first + 2], u[:2], atol=0.2)  # fz: U.m as well
-    same = about(rows, found)
+    same = rows.about(found)
     assert (same.name, same.channels, same.parameters) == ("s", rows.channels, rows.parameters)
     expected = dense(rows, states, same.expected(*states))
     np.testing.assert_array_equal(dense(same, states), expected)

@@ -15,8 +15,7 @@ from deltaid.motion.excitation.problem import by_bodies
 from deltaid.robot.load import load_robot
 from deltaid.sensors.planning.knowledge import unknowns
 from deltaid.sensors.planning.offers import Offers, shipped_offers
-from deltaid.sensors.planning.plan import sensor_plan
-from deltaid.sensors.planning.settings import PlanSettings
+from deltaid.sensors.planning.plan import PlanSettings, sensor_plan
 from deltaid.view.sensor_plan import stopped
 from sensor_offers import DELTA, PLATE, SETTINGS, dense, offers, planned
 

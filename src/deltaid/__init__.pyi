@@ -72,6 +72,6 @@ from deltaid.sensors.planning.offers import Offers as Offers
 from deltaid.sensors.planning.offers import load_offers as load_offers
 from deltaid.sensors.planning.plan import SensorPlan as SensorPlan
 from deltaid.sensors.planning.plan import sensor_plan as sensor_plan
-from deltaid.sensors.planning.settings import PlanSettings as PlanSettings
+from deltaid.sensors.planning.plan import PlanSettings as PlanSettings
 
 __version__: str

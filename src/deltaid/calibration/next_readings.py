@@ -21,7 +21,7 @@ from deltaid.calibration.outlook import drawn
 from deltaid.errors import DescriptionError
 from deltaid.sensors.planning.knowledge import Knowledge
 from deltaid.sensors.planning.offers import Offer, Offers, PoseKind, PoseReadings, shipped_offers
-from deltaid.sensors.planning.shopping import BODIES, Goal
+from deltaid.sensors.planning.shopping import Goal
 
 # Places that are tried for each reading, and the seed that draws them.
 _PLACES, _SEED = 60, 2
@@ -129,7 +129,7 @@ def _plan(found: Calibration, name: str, offer: Offer, hourly: float, count: int
     E = np.zeros((found.places.moved.shape[0], len(knowledge.root)))
     E[:, :n] = found.places.moved @ found.known.G
     F = np.linalg.qr(E).R / np.sqrt(len(found.places.x))
-    goal = Goal(BODIES, "positions", F, 1.0, _ENOUGH)
+    goal = Goal("positions", F, 1.0, _ENOUGH)
     before, chosen = goal.left(knowledge), list[int]()
     for _ in range(count):
         half = A @ knowledge.inverse

@@ -26,9 +26,7 @@ from deltaid.estimation.problem import lengths
 from deltaid.identification.measured_rows import MeasuredRows
 from deltaid.recording.recording import PreparedRecording
 from deltaid.robot.tolerances import Tolerances
-from deltaid.sensors.about import RowsAbout
-from deltaid.sensors.geometry import sensor_errors
-from deltaid.sensors.rows import GraphRows
+from deltaid.sensors.robot_sensors import sensor_errors
 
 # Of each recording at most so many windows and seconds of its beginning, and of these so many
 # samples.
@@ -150,10 +148,8 @@ def geometric_rows(
     yield rows_of(slice(measured.drives), geometric_errors(dynamics, *motion, p, tolerances))
     for part in measured.sensors:
         rows = part.columns.rows
-        graph = rows.rows if isinstance(rows, RowsAbout) else rows
-        assert isinstance(graph, GraphRows)
         own = values[part.first : part.first + len(rows.parameters)]
-        yield rows_of(part.rows, sensor_errors(graph, *motion, np.append(p, own)))
+        yield rows_of(part.rows, sensor_errors(rows, *motion, np.append(p, own)))
 
 
 def _beginning(

@@ -24,9 +24,8 @@ from deltaid.recording.carried import carrier
 from deltaid.recording.recording import PreparedRecording
 from deltaid.recording.windows import SampleBlock, Window
 from deltaid.robot.parameter import PriorParameter
-from deltaid.sensors.about import about, is_of_pose
 from deltaid.sensors.robot_sensors import sensor_rows
-from deltaid.sensors.rows import Pattern, SensorRows
+from deltaid.sensors.rows import Pattern, SensorRows, is_of_pose
 from deltaid.sensors.weighings import Weighing
 
 PerRow = Float[np.ndarray, "rows samples"]
@@ -56,7 +55,7 @@ class SensorAddition(Addition):
             return columns
         parameters = (*dynamics.layout.parameters, *rows.parameters)
         values = [columns.known.get(entry.name, entry.prior) for entry in parameters]
-        return replace(columns, rows=about(rows, np.array(values)))
+        return replace(columns, rows=rows.about(np.array(values)))
 
     @property
     def is_bilinear(self) -> bool:

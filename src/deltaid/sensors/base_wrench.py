@@ -29,24 +29,19 @@ from deltaid.mechanism.platform import with_turned_half
 from deltaid.mechanism.rotation import fixed
 from deltaid.robot.parameter import PriorParameter
 from deltaid.robot.sensors import BaseWrench
-from deltaid.sensors.rows import GraphRows, Shown, Unknown, wide_force, wide_moment
+from deltaid.sensors.rows import SensorRows, Shown, Unknown, wide_force, wide_moment
 from deltaid.sensors.weighings import rotation
 
 _AXES = "xyz"
 _FORCES, _MOMENTS = (0, 1, 2), (3, 4, 5)
 
 
-@dataclass(frozen=True)
-class _Spin:
-    """A rotor's moment on the base for I/n q̈ = 1, in the world, where n is not known."""
-
-    drive: str
-    symbol: str
-    axis: Float[np.ndarray, " 3"]
+# Of a rotor whose n is not known: drive, symbol, and moment on the base in the world for I/n q̈ = 1.
+_Spin = tuple[str, str, Float[np.ndarray, " 3"]]
 
 
 @dataclass(frozen=True, eq=False)
-class BaseWrenchRows(GraphRows):
+class BaseWrenchRows(SensorRows):
     """One base wrench sensor.
 
     Raises:
@@ -58,16 +53,17 @@ class BaseWrenchRows(GraphRows):
 
     def __post_init__(self) -> None:
         given = [n for n in map(self._turns, self.dynamics.robot.rotor_drives) if n is not None]
+        where = f"sensors.{self.name}.motor_turns"
         if given and self.dynamics.robot.mechanism is not None:
             raise DescriptionError(
                 "a mechanism of your own does not say about which axes its motors turn",
-                where=f"sensors.{self.name}.motor_turns",
+                where=where,
                 cure="leave it out; what rotors do to the base is identified then",
             )
         if 0.0 in given:
             raise DescriptionError(
                 "a motor that makes no turn moves nothing",
-                where=f"sensors.{self.name}.motor_turns",
+                where=where,
                 cure="give the ratio of its gear, 1 for a direct drive; or leave it out",
             )
 
@@ -84,7 +80,7 @@ class BaseWrenchRows(GraphRows):
         columns = ca.jacobian(ca.vertcat(force, moment), forces.p)
         columns[3:, :] += self._rotors()
         accelerations = mechanism.speeds.q.ud
-        spins = [fixed(spin.axis) * accelerations[self._index(spin.drive)] for spin in self._spins]
+        spins = [fixed(axis) * accelerations[self._index(drive)] for drive, _, axis in self._spins]
         beside = ca.vertcat(ca.SX(3, len(spins)), ca.horzcat(ca.SX(3, 0), *spins))
         R = fixed(rotation(self.sensor.rotation_deg).T)
         return mechanism.speeds.by_drives()(ca.diagcat(R, R) @ ca.horzcat(columns, beside))
@@ -92,29 +88,24 @@ class BaseWrenchRows(GraphRows):
     @property
     def moving(self) -> tuple[PriorParameter, ...]:
         """I/n of rotors whose n is not known: up to I, as for a motor that turns with its drive."""
-        found, robot = list[PriorParameter](), self.dynamics.robot
-        for spin in self._spins:
-            inertia, rail = robot.rotor_inertia[spin.drive], robot.is_linear(spin.drive)
+        robot = self.dynamics.robot
+
+        def spin(drive: str, symbol: str) -> PriorParameter:
+            inertia, rail = robot.rotor_inertia[drive], robot.is_linear(drive)
             std = inertia / (2 * np.pi) if rail else inertia
-            found.append(self.unknown(spin.symbol, "kg m" if rail else "kg m²", std))
-        return tuple(found)
+            return self.unknown(symbol, "kg m" if rail else "kg m²", std)
 
-    @property
-    def still(self) -> tuple[Unknown, ...]:
-        return self._still
+        return tuple(spin(drive, symbol) for drive, symbol, _ in self._spins)
 
-    @cached_property
-    def _still(self) -> tuple[Unknown, ...]:
-        s, found = self.sensor, []
-        force, moment = s.force_bias, s.moment_bias
+    def still(self) -> Iterator[Unknown]:
+        s, (force, moment) = self.sensor, (self.sensor.force_bias, self.sensor.moment_bias)
         force = wide_force(self.dynamics) if force is None else force
-        if moment is None:
-            moment = wide_moment(self.dynamics, np.array(s.position))
+        moment = wide_moment(self.dynamics, np.array(s.position)) if moment is None else moment
         for k, std in enumerate([force] * 3 + [moment] * 3):
-            found += self.bias(k, f"{self.channels[k].name.rpartition('.')[2]}_bias", std)
-        found += self._off("position", "m", s.position_tolerance, _FORCES)
-        found += self._off("rotation", "rad", s.rotation_tolerance, _FORCES + _MOMENTS)
-        return (*found, *self.gain(s.gain_tolerance))
+            yield from self.bias(k, f"{self.channels[k].name.rpartition('.')[2]}_bias", std)
+        yield from self._off("position", "m", s.position_tolerance, _FORCES)
+        yield from self._off("rotation", "rad", s.rotation_tolerance, _FORCES + _MOMENTS)
+        yield from self.gain(s.gain_tolerance)
 
     def _off(self, symbol: str, unit: str, std: float, what: tuple[int, ...]) -> Iterator[Unknown]:
         """Errors of the pose along each axis j, none for a std of zero: v × e_j of what was shown,
@@ -150,13 +141,10 @@ class BaseWrenchRows(GraphRows):
     def _spins(self) -> tuple[_Spin, ...]:
         drives = self.dynamics.robot.rotor_drives
         if self.dynamics.robot.mechanism is not None:
-            return tuple(
-                _Spin(drive, f"spin_{axis}_{drive}", e)
-                for drive in drives
-                for axis, e in zip(_AXES, np.eye(3), strict=True)
-            )
+            axes = list(zip(_AXES, np.eye(3), strict=True))
+            return tuple((drive, f"spin_{x}_{drive}", e) for drive in drives for x, e in axes)
         free = [drive for drive in drives if self._turns(drive) is None]
-        return tuple(_Spin(drive, f"spin_{drive}", self._axis(drive)) for drive in free)
+        return tuple((drive, f"spin_{drive}", self._axis(drive)) for drive in free)
 
     def _axis(self, drive: str) -> Float[np.ndarray, " 3"]:
         """Axis of a drive of a described robot in the world, of a rail its direction."""

@@ -1,21 +1,31 @@
-"""All sensors of a robot: their rows, one class a kind, and what they would show along a motion."""
+"""All sensors of a robot: their rows, one class a kind, what they would show along a motion, and
+how that changes with the robot's lengths, its drives' zeros and the direction of gravity.
+
+As `dynamics.geometry` has it for torques: q is measured, so that z goes with lengths and zeros. A
+plate under the base leans with it.
+"""
 
 import zlib
+from dataclasses import dataclass, replace
 from functools import lru_cache
 
+import casadi as ca
 import numpy as np
 from jaxtyping import Float
-from pydantic import TypeAdapter
 
 from deltaid.dynamics.dynamics import Dynamics, Parameters
-from deltaid.robot.parameter import PRIOR_SPREAD
+from deltaid.dynamics.geometry import Error, GeometrySlopes, errors_by
+from deltaid.dynamics.grown import GrownDynamics, grown_torques
+from deltaid.robot.description import RobotDescription
+from deltaid.robot.parameter import PRIOR_SPREAD, PriorParameter
 from deltaid.robot.sensors import BaseWrench, JointTorque, Sensor, StrutForce
 from deltaid.sensors.base_wrench import BaseWrenchRows
-from deltaid.sensors.joint_torque import JointTorqueRows
-from deltaid.sensors.rows import Motion, SensorRows
-from deltaid.sensors.strut_force import StrutForceRows
+from deltaid.sensors.inner_forces import JointTorqueRows, StrutForceRows
+from deltaid.sensors.rows import Motion, SensorRows, Shown
 
-_SENSOR = TypeAdapter[Sensor](Sensor)
+_KINDS: dict[type[Sensor], type[SensorRows]] = {
+    BaseWrench: BaseWrenchRows, StrutForce: StrutForceRows, JointTorque: JointTorqueRows,
+}  # fmt: skip
 
 
 def sensor_rows(
@@ -32,20 +42,16 @@ def sensor_rows(
     Raises:
         DescriptionError: the robot has nothing that such a sensor could measure.
     """
-    return _made(dynamics, name, sensor.model_dump_json(), prior_spread)
+    return _made(dynamics, name, type(sensor), sensor.model_dump_json(), prior_spread)
 
 
 @lru_cache(maxsize=64)
-def _made(dynamics: Dynamics, name: str, described: str, prior_spread: float) -> SensorRows:
+def _made(
+    dynamics: Dynamics, name: str, kind: type[Sensor], described: str, prior_spread: float
+) -> SensorRows:
     """Kept with their compiled kernels for the next call; a fit is made of many."""
-    sensor = _SENSOR.validate_json(described)
-    match sensor:
-        case BaseWrench():
-            return BaseWrenchRows(dynamics, name, prior_spread, sensor)
-        case StrutForce():
-            return StrutForceRows(dynamics, name, prior_spread, sensor)
-        case JointTorque():
-            return JointTorqueRows(dynamics, name, prior_spread, sensor)
+    sensor = kind.model_validate_json(described)
+    return _KINDS[kind](dynamics, name, prior_spread, sensor)
 
 
 def all_sensor_rows(
@@ -66,7 +72,6 @@ _ROUNDS = 30
 _AWAY = 0.3
 
 Unknowns = Float[np.ndarray, " unknowns"]
-Shown = Float[np.ndarray, "channels samples"]
 
 
 def drawn_unknowns(rows: SensorRows) -> Unknowns:
@@ -76,12 +81,12 @@ def drawn_unknowns(rows: SensorRows) -> Unknowns:
     such as a rotor's spin, is as near to its prior as its bodies are to theirs.
     """
     rng = np.random.default_rng([0, zlib.crc32(rows.name.encode())])
-    found = []
-    for parameter in rows.parameters:
+
+    def drawn(parameter: PriorParameter) -> float:
         own = parameter.symbol.startswith(("spin", "outer"))
-        size = _AWAY * rng.uniform(-1, 1) if own else rng.standard_normal()
-        found.append(parameter.prior + parameter.std * size)
-    return np.array(found)
+        return _AWAY * rng.uniform(-1, 1) if own else rng.standard_normal()
+
+    return np.array([entry.prior + entry.std * drawn(entry) for entry in rows.parameters])
 
 
 def shown_by(
@@ -124,3 +129,51 @@ def simulated_sensors(
             noise = 0.0 if rng is None else channel.noise * rng.standard_normal(len(values))
             columns[channel.name] = values + noise
     return columns
+
+
+def sensor_errors(
+    rows: SensorRows,
+    z: Motion,
+    qd: Motion,
+    qdd: Motion,
+    values: Float[np.ndarray, " columns"],
+) -> tuple[Error, ...]:
+    """What each tolerance of the robot's description does to what one of its sensors shows.
+
+    Args:
+        z, qd, qdd: samples of a motion, as described.
+        values: p, and the sensor's unknowns behind it; of these only those count whose columns
+            follow from the motion.
+    """
+    robot, own = rows.dynamics.robot, len(rows.dynamics.layout.names) + len(rows.moving)
+    rates, gravity = np.hstack([qd, qdd]), np.array(robot.gravity)
+    return errors_by(
+        robot, _SensorSlopes(grown_torques(robot), z, rates, gravity, rows, values[:own])
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class _SensorSlopes(GeometrySlopes):
+    rows: SensorRows
+    values: Float[np.ndarray, " columns"]
+
+    def shown(
+        self,
+        z: Motion,
+        rates: Float[np.ndarray, "samples rates"],
+        growth: Float[np.ndarray, " growth"],
+        gravity: Float[np.ndarray, " 3"],
+    ) -> Shown:
+        robot = self.rows.dynamics.robot.changed(gravity=tuple(gravity.tolist()))
+        graph = _graph(robot.model_dump_json(), self.rows)
+        return np.array(graph(z.T, rates.T, self.values, growth))
+
+
+@lru_cache(maxsize=32)
+def _graph(description: str, rows: SensorRows) -> ca.Function:
+    """What a sensor of a robot shows, of z, [q̇, q̈], columns' values and growth."""
+    dynamics = GrownDynamics(RobotDescription.model_validate_json(description))
+    graph, mechanism = replace(rows, dynamics=dynamics).graph, dynamics.kinematics.mechanism
+    values, rates = ca.SX.sym("values", graph.shape[1]), mechanism.speeds.q
+    inputs = [mechanism.z, ca.vertcat(rates.u, rates.ud), values, dynamics.growth]
+    return ca.Function("shown", inputs, [graph @ values])

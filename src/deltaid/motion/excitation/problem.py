@@ -101,7 +101,7 @@ def by_bodies(dynamics: Dynamics, noise: Float[np.ndarray, " dof"], samples: flo
         planned = planned_along(dynamics, motion, _SAMPLES, "", motion.period)
         scene = Scene(dynamics, p, planned, samples / _SAMPLES, noise)
         rows = torque_rows(scene, torques(dynamics, p, planned))
-        known = Knowledge.before(len(entries.names)).and_rows(rows @ entries.W)
+        known = Knowledge(np.eye(len(entries.names))).and_rows(rows @ entries.W)
         known = known.and_rows(described_rows(scene, weighed)[0] @ entries.W)
         return goal(BODIES, entries, scene, _ENOUGH).left(known)
 

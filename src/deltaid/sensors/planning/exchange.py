@@ -5,26 +5,162 @@ instance of a body A shares a point with some instance of B, mass may leave A th
 B; along a shared axis first and second moments may as well. Bodies that share parameters, such as
 the struts, all change alike, so what B gets is shared among its instances, and whether the exchange
 stays unseen is for the rows to say (`sensors.planning.null_space`).
+
+Points that two bodies share are found from their poses along a motion alone. A point r_A of A stays
+at r_B of B if R_A r_A + o_A = R_B r_B + o_B at all samples: linear in both, so the solutions are a
+point (a ball joint), a line (an axis) or all of space (one part). The base is a body that never
+moves. Nothing of this knows which kind of robot it is.
 """
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from itertools import combinations
 
+import casadi as ca
 import numpy as np
 from jaxtyping import Float
 
 from deltaid.dynamics.parameters import ParameterLayout
+from deltaid.mechanism.mechanism import Mechanism
 from deltaid.robot.body import body_in_words
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.inertia import PSEUDO_INERTIA_ENTRIES, RigidBody, inertia_parameters
 from deltaid.robot.platform import I4Platform, Par4Platform, RigidPlatform
-from deltaid.sensors.planning.shared_points import Instance, Shared, move_alike, shared, turn_alike
+
+# Singular values and distances below these [1, m] are zero.
+_ZERO, _APART = 1e-7, 1e-8
+
+Points = Float[np.ndarray, "samples 3"]
+Turns = Float[np.ndarray, "samples 3 3"]
+
+
+@dataclass(frozen=True, eq=False)
+class Instance:
+    """One moving body: whose parameters it has, how many move alike, where it is.
+
+    Attributes:
+        name: of the body, '' for the base.
+        count: of bodies.
+        R, o: pose of the link frame in the world.
+    """
+
+    name: str
+    count: int
+    R: Turns
+    o: Points
+
+
+@dataclass(frozen=True, eq=False)
+class Shared:
+    """Points that two bodies share: r_a + directions · λ of one, r_b + … of the other.
+
+    Attributes:
+        a, b: the point in both link frames; on a line that next to the origin of a.
+        along: directions in a, one a row; none for a single point.
+    """
+
+    a: Float[np.ndarray, " 3"]
+    b: Float[np.ndarray, " 3"]
+    along: Float[np.ndarray, "free 3"]
+    along_b: Float[np.ndarray, "free 3"]
+
+
+def instances(mechanism: Mechanism, z: Float[np.ndarray, "samples dof"]) -> tuple[Instance, ...]:
+    """All bodies along a motion, the base last."""
+    poses = [
+        ca.densify(ca.DM(body.R_WL) @ pose)
+        for body in mechanism.bodies
+        for pose in (body.rotation.R, body.origin.at)
+    ]
+    values = ca.Function("poses", [mechanism.z], [ca.horzcat(*poses)])
+    rows = np.stack([np.array(values(pose)) for pose in z])
+    found = [
+        Instance(body.name, body.count, rows[:, :, 4 * i : 4 * i + 3], rows[:, :, 4 * i + 3])
+        for i, body in enumerate(mechanism.bodies)
+    ]
+    still = np.broadcast_to(np.eye(3), (len(z), 3, 3)), np.zeros((len(z), 3))
+    return (*found, Instance("", 1, *still))
+
+
+def shared(a: Instance, b: Instance) -> Shared | None:
+    """The points that two bodies share; None if there is none."""
+    M = np.concatenate([a.R, -b.R], axis=2).reshape(-1, 6) / np.sqrt(len(a.o))
+    apart = (b.o - a.o).ravel() / np.sqrt(len(a.o))
+    U, S, Vt = np.linalg.svd(M, full_matrices=False)
+    rank = int(np.sum(_ZERO * S[0] < S))
+    r = Vt[:rank].T @ ((U.T @ apart)[:rank] / S[:rank])
+    if np.abs(M @ r - apart).max() > _APART:
+        return None
+    # As few directions as there are, along the axes of a where these will do.
+    along = _upright(Vt[rank:])
+    if len(along):
+        r = r + along.T @ np.linalg.lstsq(along[:, :3].T, -r[:3], rcond=None)[0]
+    r[np.abs(r) < _APART] = 0.0
+    return Shared(r[:3], r[3:], along[:, :3], along[:, 3:])
+
+
+def move_alike(a: Instance, b: Instance) -> Shared | None:
+    """Points of two bodies that move alike, always as far apart; None if there are none.
+
+    Of a body that only translates all points do, and its origin is taken.
+    """
+    turning = [bool(np.abs(body.R - body.R[0]).max() > _APART) for body in (a, b)]
+    still = np.broadcast_to(np.eye(3), (len(a.o), 3, 3))
+    M = np.concatenate([a.R] * turning[0] + [-b.R] * turning[1] + [-still], axis=2)
+    M, apart = M.reshape(3 * len(a.o), -1), (b.o - a.o).ravel()
+    r, *_ = np.linalg.lstsq(M, apart, rcond=_ZERO)
+    if np.abs(M @ r - apart).max() > _APART:
+        return None
+    points = iter(np.split(r, sum(turning) + 1))
+    r_a, r_b = (next(points) if turns else np.zeros(3) for turns in turning)
+    return Shared(r_a, r_b, np.zeros((0, 3)), np.zeros((0, 3)))
+
+
+def turn_alike(a: Instance, b: Instance) -> Float[np.ndarray, "3 3"] | None:
+    """R_BA where two bodies turn alike, and turn at all; else None."""
+    R = b.R.swapaxes(1, 2) @ a.R
+    constant = np.abs(R - R[0]).max() < _APART
+    return R[0] if constant and np.abs(a.R - a.R[0]).max() > _APART else None
+
+
+def _upright(free: Float[np.ndarray, "free 6"]) -> Float[np.ndarray, "free 6"]:
+    """A basis of the same directions in reduced echelon form: unit vectors of a where possible."""
+    rows, done = free.copy(), 0
+    for column in range(3):
+        if done == len(rows):
+            break
+        at = done + int(np.argmax(np.abs(rows[done:, column])))
+        if abs(rows[at, column]) < _ZERO:
+            continue
+        rows[[done, at]] = rows[[at, done]]
+        eliminate(rows, done, column)
+        done += 1
+    return rows
+
+
+def eliminate(rows: Float[np.ndarray, "rows columns"], k: int, column: int) -> None:
+    """Make, in place, a column 1 in row k and 0 in all others, by multiples of that row."""
+    rows[k] /= rows[k, column]
+    others = np.arange(len(rows)) != k
+    rows[others] -= np.outer(rows[others, column], rows[k])
+
 
 Partner = Callable[[Instance, Instance], Shared | None]
 Ten = Float[np.ndarray, " 10"]
 
-_PLATFORM = ("P", "SB", "MP", "HP")
+# Where two bodies meet, by their kinds without a number; '*' are all.
+_PLACES = (
+    ("U", "S", "at the elbow's ball joints"),
+    ("C", "S", "at the carriage's ball joints"),
+    ("S", "P SB MP HP", "at the platform's ball joints"),
+    ("*", "TL", "at the lower universal joint"),
+    ("*", "TU", "at the upper universal joint"),
+    ("TL", "EE", "at the lower universal joint"),
+    ("TU", "EE", "at the upper universal joint"),
+    ("*", "EE", "on the tool's axis"),
+    ("MP", "R", "at the rods' ends"),
+    ("SB", "MB", "at the middle bar's ends"),
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,11 +199,6 @@ def exchanges(
     return (*proposed, *moving, *_rotors(robot, layout), *_geared(robot, layout))
 
 
-def point_mass(r: Float[np.ndarray, " 3"]) -> Ten:
-    """The ten parameters of 1 kg at a point."""
-    return RigidBody.point(1.0, r).p
-
-
 def _between(
     layout: ParameterLayout,
     bodies: Sequence[Instance],
@@ -79,30 +210,27 @@ def _between(
         bodies, others = others, bodies
     pairs = [_partner(body, others, partner) for body in bodies]
     met = [pair for pair in pairs if pair is not None]
-    if len(met) < len(pairs):
+    if len(met) < len(pairs) or any(len(pair.along) != len(met[0].along) for pair in met):
         return
-    points = [pair.a for pair in met]
-    if any(len(pair.along) != len(met[0].along) for pair in met) or (
-        np.ptp(points, axis=0).max() > 1e-7
-    ):
+    if np.ptp([pair.a for pair in met], axis=0).max() > _ZERO:
         return
     a, b = bodies[0].name, others[0].name
-    moments = _moments([pair.a for pair in met], [pair.along for pair in met])
     counter = _moments([pair.b for pair in met], [pair.along_b for pair in met])
     counts = np.array([body.count for body in bodies], dtype=float)
-    all_b = sum(body.count for body in others)
+    counts /= sum(body.count for body in others)
     first, second = sorted((a, b), key=layout.bodies.index)
     place = _place(first, second) if partner is shared else "by points that move together"
-    for (what, gives), (_, takes) in zip(moments, counter, strict=True):
+    for (what, gives), (_, takes) in zip(
+        _moments([met[0].a], [met[0].along]), counter, strict=True
+    ):
         direction = np.zeros(len(layout.parameters))
         direction[layout.body(a)] += gives[0]
-        direction[layout.body(b)] -= counts @ takes / all_b
+        direction[layout.body(b)] -= counts @ takes
         yield Exchange(f"{what} {place} {_passes(first, second)}", direction)
 
 
 def _partner(body: Instance, others: Sequence[Instance], partner: Partner) -> Shared | None:
-    found = (partner(body, other) for other in others)
-    return next((point for point in found if point is not None), None)
+    return next(filter(None, (partner(body, other) for other in others)), None)
 
 
 def _moments(
@@ -110,16 +238,18 @@ def _moments(
 ) -> list[tuple[str, Float[np.ndarray, "instances 10"]]]:
     """What may leave all instances at their points and along their directions, in words: moments
     are derivatives of a point mass along a direction."""
-    here = np.stack([point_mass(r) for r in points])
-    found = [("mass", here)]
+
+    def masses(k: int, step: float) -> np.ndarray:
+        moved = (r + step * e[k] if step else r for r, e in zip(points, directions, strict=True))
+        return np.stack([RigidBody.point(1.0, r).p for r in moved])
+
+    here = masses(0, 0.0)
+    moments = [("mass", here)]
     for k in range(len(directions[0])):
-        plus, minus = (
-            np.stack([point_mass(r + sign * e[k]) for r, e in zip(points, directions, strict=True)])
-            for sign in (1, -1)
-        )
-        found.append(("first moment", 0.5 * (plus - minus)))
-        found.append(("second moment", 0.5 * (plus + minus) - here))
-    return found
+        plus, minus = masses(k, 1.0), masses(k, -1.0)
+        moments.append(("first moment", 0.5 * (plus - minus)))
+        moments.append(("second moment", 0.5 * (plus + minus) - here))
+    return moments
 
 
 def _alike(
@@ -143,19 +273,15 @@ def _alike(
 
 
 def _resting(
-    layout: ParameterLayout, some: Sequence[Instance], base: Instance
+    layout: ParameterLayout, bodies: Sequence[Instance], base: Instance
 ) -> list[tuple[str, np.ndarray]]:
     """What of a body is at rest: mass and moments at points that never move, per kg of them."""
-    found = [shared(body, base) for body in some]
-    met = [point for point in found if point is not None]
-    if len(met) < len(found) or np.ptp([point.a for point in met], axis=0).max() > 1e-7:
+    met = [point for body in bodies if (point := shared(body, base)) is not None]
+    if len(met) < len(bodies) or np.ptp([point.a for point in met], axis=0).max() > _ZERO:
         return []
-    total, result = sum(body.count for body in some), []
-    for what, ten in _moments([met[0].a], [met[0].along]):
-        direction = np.zeros(len(layout.parameters))
-        direction[layout.body(some[0].name)] = ten[0] / total
-        result.append((what, direction))
-    return result
+    per_kg = np.zeros((len(layout.parameters), 10))
+    per_kg[layout.body(bodies[0].name)] = np.eye(10) / sum(body.count for body in bodies)
+    return [(what, per_kg @ ten[0]) for what, ten in _moments([met[0].a], [met[0].along])]
 
 
 def _of_entries(layout: ParameterLayout, changes: dict[str, float]) -> np.ndarray:
@@ -174,12 +300,11 @@ def _rotors(robot: RobotDescription, layout: ParameterLayout) -> Iterator[Exchan
         if drive in robot.rotor_drives:
             entry = f"{arm}.Iyy" if limb.drive == "rotary" else f"{arm}.m"
             by_arm.setdefault(entry, {entry: 1.0})[f"rotor.{drive}"] = -1.0
-    for entry, changes in by_arm.items():
-        words = f"inertia may pass between rotors and {entry}"
-        yield Exchange(words, _of_entries(layout, changes))
+    passing = {f"rotors and {entry}": changes for entry, changes in by_arm.items()}
     for drive in robot.rotor_drives if "EE.Izz" in layout.names else ():
-        words = f"inertia may pass between the rotor of {drive} and the tool"
-        yield Exchange(words, _of_entries(layout, {"EE.Izz": 1.0, f"rotor.{drive}": -1.0}))
+        passing[f"the rotor of {drive} and the tool"] = {"EE.Izz": 1.0, f"rotor.{drive}": -1.0}
+    for pair, changes in passing.items():
+        yield Exchange(f"inertia may pass between {pair}", _of_entries(layout, changes))
 
 
 def _geared(robot: RobotDescription, layout: ParameterLayout) -> Iterator[Exchange]:
@@ -214,22 +339,5 @@ def _passes(a: str, b: str) -> str:
 def _place(a: str, b: str) -> str:
     """Where two bodies meet, in words."""
     first, second = a.rstrip("0123456789"), b.rstrip("0123456789")
-    match first, second:
-        case ("U" | "C", "S"):
-            return "at the elbow's ball joints" if first == "U" else "at the carriage's ball joints"
-        case "S", _ if second in _PLATFORM:
-            return "at the platform's ball joints"
-        case _, "TL" | "TU":
-            return f"at the {'lower' if second == 'TL' else 'upper'} universal joint"
-        case "TL", "EE":
-            return "at the lower universal joint"
-        case "TU", "EE":
-            return "at the upper universal joint"
-        case _, "EE":
-            return "on the tool's axis"
-        case "MP", "R":
-            return "at the rods' ends"
-        case "SB", "MB":
-            return "at the middle bar's ends"
-        case _:
-            return f"where {a} and {b} meet"
+    places = (at for x, y, at in _PLACES if x in ("*", first) and second in y.split())
+    return next(places, f"where {a} and {b} meet")

@@ -22,12 +22,12 @@ from functools import cached_property
 import numpy as np
 from jaxtyping import Float, Int
 
-from deltaid.dynamics.parameters import ParameterLayout, parameter_layout, stated_spreads
+from deltaid.dynamics.parameters import parameter_layout, stated_spreads
 from deltaid.effects.geometry import opened
 from deltaid.estimation.information import triangle
 from deltaid.estimation.reduction import Reduction, build_reduction
 from deltaid.robot.description import RobotDescription
-from deltaid.robot.parameter import PRIOR_SPREAD
+from deltaid.robot.parameter import PRIOR_SPREAD, PriorParameter
 
 Rows = Float[np.ndarray, "rows columns"]
 
@@ -39,11 +39,6 @@ class Knowledge:
     """
 
     root: Float[np.ndarray, "n n"]
-
-    @classmethod
-    def before(cls, n: int) -> "Knowledge":
-        """Of n variables of which nothing but the prior is known."""
-        return cls(np.eye(n))
 
     def and_rows(self, rows: Float[np.ndarray, "rows n"]) -> "Knowledge":
         """With further rows, in units of their noise."""
@@ -84,23 +79,17 @@ class PlanUnknowns:
     """The variables of a plan.
 
     Attributes:
-        layout: of p.
         names: of the variables: 'S.mcx', 'S.Sxx', 'viscous.drive1', 'gain.drive1'.
         owners: the body of each entry; '' for what is of no body.
-        units: of each.
-        sizes: |prior|, or what stands for it where that is zero; deviations are told as shares
-            of it.
         prior: value before.
-        spread: standard deviation before, as a share of `sizes`.
+        spread: standard deviation before, as a share of |prior| or of what stands for it where that
+            is zero.
         W: w = w_0 + W u.
         known: bodies that count as known.
     """
 
-    layout: ParameterLayout
     names: tuple[str, ...]
     owners: tuple[str, ...]
-    units: tuple[str, ...]
-    sizes: Float[np.ndarray, " n"]
     prior: Float[np.ndarray, " n"]
     spread: Float[np.ndarray, " n"]
     W: Float[np.ndarray, "extended n"]
@@ -128,26 +117,20 @@ def unknowns(
     """
     reduction = build_reduction(opened(robot), np.arange(len(parameter_layout(robot).names)))
     variables, dof = reduction.variables, len(robot.drives)
-    of_body = [variable.kind == "inertia" for variable in variables]
-    zero = np.abs(reduction.prior) < _ZERO * reduction.scale
-    sizes = np.where(zero | ~np.array(of_body), reduction.scale, np.abs(reduction.prior))
+    of_body = np.array([variable.kind == "inertia" for variable in variables])
+    sized = of_body & (np.abs(reduction.prior) >= _ZERO * reduction.scale)
     spread = _spreads(robot, reduction, prior_spread)
     gains = robot.drives if gain_spread > 0 else ()
     W = np.zeros((len(reduction.layout.names) + dof, len(variables) + len(gains)))
+    sizes = np.where(sized, np.abs(reduction.prior), reduction.scale)
     W[:-dof, : len(variables)] = reduction.A * (spread * sizes)
     W[-dof:, len(variables) :] = gain_spread * np.eye(dof)[:, : len(gains)]
-    none = np.zeros(len(gains))
+    owners = [v.owner if v.kind == "inertia" else "" for v in variables]
     return PlanUnknowns(
-        layout=reduction.layout,
         names=(*reduction.names, *(f"gain.{drive}" for drive in gains)),
-        owners=(
-            *(v.owner if v.kind == "inertia" else "" for v in variables),
-            *("" for _ in gains),
-        ),
-        units=(*(v.unit for v in variables), *("" for _ in gains)),
-        sizes=np.concatenate([sizes, none + 1.0]),
-        prior=np.concatenate([reduction.prior, none + 1.0]),
-        spread=np.concatenate([spread, none + gain_spread]),
+        owners=(*owners, *[""] * len(gains)),
+        prior=np.append(reduction.prior, np.ones(len(gains))),
+        spread=np.append(spread, np.full(len(gains), gain_spread)),
         W=W,
         known=tuple(name for name in robot.body_names if not robot.bodies[name].free),
     )
@@ -160,11 +143,12 @@ def _spreads(
 
     What is no body's has the spread of its own kind.
     """
-    stated, spreads = stated_spreads(robot), list[float]()
-    for k, variable in enumerate(reduction.variables):
+    stated = stated_spreads(robot)
+
+    def spread(k: int, variable: PriorParameter) -> float:
         if variable.kind != "inertia":
-            spreads.append(variable.spread / PRIOR_SPREAD * usual)
-            continue
-        parts = [reduction.layout.names[i] for i in np.flatnonzero(reduction.A[:, k])]
-        spreads.append(max(stated.get(name, usual) for name in parts))
-    return np.array(spreads)
+            return variable.spread / PRIOR_SPREAD * usual
+        parts = np.flatnonzero(reduction.A[:, k])
+        return max(stated.get(reduction.layout.names[i], usual) for i in parts)
+
+    return np.array([spread(*entry) for entry in enumerate(reduction.variables)])

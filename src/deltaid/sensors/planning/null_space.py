@@ -18,9 +18,8 @@ from deltaid.dynamics.dynamics import Dynamics
 from deltaid.dynamics.parameters import ParameterLayout
 from deltaid.estimation.problem import DEPENDENT
 from deltaid.mechanism.platform import with_turned_half
-from deltaid.sensors.planning.exchange import Exchange, exchanges
+from deltaid.sensors.planning.exchange import Exchange, eliminate, exchanges, instances
 from deltaid.sensors.planning.rows import Extended, PlannedMotion
-from deltaid.sensors.planning.shared_points import eliminate, instances
 from deltaid.sensors.planning.uses import Use
 
 # A direction that rows see by less than this share of what they see of its entries is not seen.
@@ -50,36 +49,39 @@ class Open:
     entries: tuple[str, ...]
     direction: Direction = field(repr=False)
 
-    def stays(self, null: "NullSpace", basis: Float[np.ndarray, "parameters dimension"]) -> bool:
+    def stays(self, null: "NullSpace", other: "NullSpace") -> bool:
         """Whether it is open to other rows as well, whatever else may change with it.
 
         Args:
             null: that it is of; of entries that its rows do not see all may change.
-            basis: of the whole null space of the other rows, in units of the entries' scales.
         """
-        at = null.seen
-        d = (self.direction / null.scale)[at]
-        rest = d - basis[at] @ np.linalg.lstsq(basis[at], d, rcond=_UNSEEN)[0]
+        basis, d = other.basis[null.seen], (self.direction / null.scale)[null.seen]
+        rest = d - basis @ np.linalg.lstsq(basis, d, rcond=_UNSEEN)[0]
         return bool(np.linalg.norm(rest) < _STAYS * np.linalg.norm(d))
 
 
 @dataclass(frozen=True, eq=False)
 class NullSpace:
     """Attributes:
-    visible: how many parameters the rows see, alone or in sums.
-    rank: how many combinations of them they tell.
+    rank: how many combinations of the parameters that rows see they tell.
     directions: a basis of what they do not, visible less rank of them.
     invisible: parameters that they do not see at all.
     seen: which parameters they see.
     scale: sizes of all parameters.
+    basis: of all that they do not see, whether by sums or at all, in units of the scales.
     """
 
-    visible: int
     rank: int
     directions: tuple[Open, ...]
     invisible: tuple[str, ...]
     seen: Bool[np.ndarray, " parameters"] = field(repr=False)
     scale: Float[np.ndarray, " parameters"] = field(repr=False)
+    basis: Float[np.ndarray, "parameters dimension"] = field(repr=False)
+
+    @property
+    def visible(self) -> int:
+        """How many parameters the rows see, alone or in sums."""
+        return int(self.seen.sum())
 
 
 def null_space(
@@ -89,32 +91,34 @@ def null_space(
 ) -> NullSpace:
     """All that rows over p do not tell of the parameters that they see."""
     scale = np.array([parameter.scale for parameter in layout.parameters])
-    scaled = rows * scale
-    norms = np.linalg.norm(scaled, axis=0)
+    norms = np.linalg.norm(rows * scale, axis=0)
     seen = norms > DEPENDENT * norms.max(initial=0.0)
-    unit = scaled[:, seen] / norms[seen]
+    to_p = scale[seen] / norms[seen]
+    unit = rows[:, seen] * to_p
     _, S, Vt = np.linalg.svd(unit)
     rank = int(np.sum(DEPENDENT * S[0] < S))
-    to_p = scale[seen] / norms[seen]
-    chosen, basis = list[Open](), np.zeros((int(seen.sum()), 0))
+    chosen, basis = list[Open](), np.zeros((len(to_p), 0))
     for exchange in (*exchanges, *_together(unit, to_p, seen, exchanges)):
         d = exchange.direction[seen] / to_p
         length = np.linalg.norm(d)
         if length == 0 or np.linalg.norm(unit @ d) > _UNSEEN * length:
             continue
-        d = d / length
-        rest = d - basis @ (basis.T @ d)
-        if np.linalg.norm(rest) > _NEW:
+        rest = d / length
+        for _ in range(2):  # orthogonal to rounding
             rest = rest - basis @ (basis.T @ rest)
+        if np.linalg.norm(rest) > _NEW:
             basis = np.column_stack([basis, rest / np.linalg.norm(rest)])
             chosen.append(_open(exchange.words, exchange.direction, seen, layout))
     named = [free.direction[seen] / to_p for free in chosen]
-    for d in _left(Vt[rank:], np.array(named).reshape(-1, int(seen.sum()))):
+    for d in _left(Vt[rank:], np.array(named).reshape(-1, len(to_p))):
         direction = np.zeros(len(scale))
         direction[seen] = d * to_p
         chosen.append(_open("", direction, seen, layout))
+    whole = np.zeros((len(scale), len(scale) - rank))
+    whole[seen, : len(to_p) - rank] = Vt[rank:].T / norms[seen, None]
+    whole[~seen, len(to_p) - rank :] = np.eye(int(np.sum(~seen)))
     invisible = tuple(np.array(layout.names)[~seen].tolist())
-    return NullSpace(int(seen.sum()), rank, tuple(chosen), invisible, seen, scale)
+    return NullSpace(rank, tuple(chosen), invisible, seen, scale, whole)
 
 
 def _together(
@@ -136,18 +140,6 @@ def _together(
             continue
         direction = exchange.direction / long - share * other.direction / wide
         yield Exchange(f"{exchange.words} together with: {other.words}", direction)
-
-
-def whole_null_space(
-    rows: Float[np.ndarray, "rows parameters"], layout: ParameterLayout
-) -> Float[np.ndarray, "parameters dimension"]:
-    """A basis of all that rows do not see, whether by sums or at all, in units of the scales."""
-    scaled = rows * np.array([parameter.scale for parameter in layout.parameters])
-    norms = np.linalg.norm(scaled, axis=0)
-    norms[norms <= DEPENDENT * norms.max(initial=0.0)] = np.inf
-    _, S, Vt = np.linalg.svd(scaled / norms)
-    rank = int(np.sum(DEPENDENT * S[0] < S))
-    return Vt[rank:].T / np.where(np.isfinite(norms), norms, 1.0)[:, None]
 
 
 def _open(
@@ -213,29 +205,30 @@ def openings(
     bought: Sequence[Use],
 ) -> tuple[Opening, ...]:
     """For torques alone, with what is described, with each use besides, and with all bought."""
-    layout = dynamics.layout
-    n = len(layout.parameters)
-    mechanism = with_turned_half(dynamics.kinematics.mechanism)
+    layout, mechanism = dynamics.layout, with_turned_half(dynamics.kinematics.mechanism)
     step = max(1, len(motion.z) // _POSES)
     proposed = exchanges(dynamics.robot, layout, instances(mechanism, motion.z[::step]))
-    known = np.vstack([torque, described])
-    wholes = {
-        use.name: whole_null_space(np.vstack([known, use.sure])[:, :n], layout) for use in uses
-    }
+    known, titles = np.vstack([torque, described]), {use.name: use.title for use in uses}
 
-    def opening(name: str, title: str, rows: Extended) -> Opening:
-        null = null_space(rows[:, :n], layout, proposed)
-        parted = tuple(
-            tuple(key for key, basis in wholes.items() if not direction.stays(null, basis))
-            for direction in null.directions
-        )
-        return Opening(name, title, null, parted)
+    def null(*rows: Extended) -> NullSpace:
+        return null_space(np.vstack(rows)[:, : len(layout.parameters)], layout, proposed)
 
-    found = [opening(TORQUES, "torques alone", torque)]
+    of_uses = {use.name: null(known, use.sure) for use in uses}
+    nulls = {TORQUES: ("torques alone", null(torque))}
     if len(described):
-        found.append(opening(DESCRIBED, "with what the description has", known))
-    found += [opening(use.name, use.title, np.vstack([known, use.sure])) for use in uses]
+        nulls[DESCRIBED] = "with what the description has", null(known)
+    nulls |= {name: (titles[name], space) for name, space in of_uses.items()}
     if bought:
-        every = np.vstack([known, *(use.sure for use in bought)])
-        found.append(opening(PLAN, "with all that is bought", every))
-    return tuple(found)
+        nulls[PLAN] = "with all that is bought", null(known, *(use.sure for use in bought))
+    return tuple(
+        Opening(
+            name,
+            title,
+            space,
+            tuple(
+                tuple(key for key, other in of_uses.items() if not direction.stays(space, other))
+                for direction in space.directions
+            ),
+        )
+        for name, (title, space) in nulls.items()
+    )

@@ -19,6 +19,7 @@ from deltaid.model.model import Model, ModelLike, load
 from deltaid.progress import Watch, watched
 from deltaid.recording.mapping import MappingLike, as_mapping
 from deltaid.recording.memory import RecordingLike
+from deltaid.robot.parameter import PRIOR_SPREAD
 from deltaid.sensors.planning.knowledge import Knowledge, PlanUnknowns, unknowns
 from deltaid.sensors.planning.null_space import Opening, openings
 from deltaid.sensors.planning.offers import Offers, load_offers, shipped_offers
@@ -29,11 +30,9 @@ from deltaid.sensors.planning.rows import (
     torque_rows,
     torques,
 )
-from deltaid.sensors.planning.settings import PlanSettings
 from deltaid.sensors.planning.shopping import (
     BODIES,
     GAINS,
-    Goal,
     PurchaseStep,
     cost_of,
     enough,
@@ -44,7 +43,33 @@ from deltaid.sensors.planning.uses import Use, described_rows, uses
 from deltaid.sensors.weighings import weighings
 from deltaid.shown import Plotted, Reported, Shown, Tabled
 
-Shares = Float[np.ndarray, " entries"]
+
+@dataclass(frozen=True)
+class PlanSettings:
+    """What a plan assumes.
+
+    Attributes:
+        torque_noise: standard deviation of the torques' noise, as a share of each drive's largest
+            torque along the motion.
+        rate: independent samples a second, of torques and of sensors.
+        duration: of the generic motion [s].
+        prior_spread: relative standard deviation of the prior, where the description has no other.
+        gain_spread: of the drives' torque constants; None for 0.1 if these are the goal, and for
+            drives that are right else.
+        enough: share of an entry, or of the largest force, that is good enough: to know it better
+            is no gain.
+        steps: how many things are bought at most.
+        seed: of the generic motion.
+    """
+
+    torque_noise: float = 0.02
+    rate: float = 200.0
+    duration: float = 20.0
+    prior_spread: float = PRIOR_SPREAD
+    gain_spread: float | None = None
+    enough: float = 0.01
+    steps: int = 10
+    seed: int = 0
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,7 +87,7 @@ class Outlook:
     name: str
     title: str
     cost: float
-    shares: Shares = field(repr=False)
+    shares: Float[np.ndarray, " entries"] = field(repr=False)
     goal: float
     gain: float
 
@@ -165,9 +190,8 @@ def sensor_plan(
             planned = generic_motion(dynamics, settings.duration, settings.seed)
         else:
             planned = motion_of_file(model, dynamics, motion, mapping)
-        gain_spread = settings.gain_spread
-        if gain_spread is None:
-            gain_spread = SPREAD if goal == GAINS else 0.0
+        usual = SPREAD if goal == GAINS else 0.0
+        gain_spread = usual if settings.gain_spread is None else settings.gain_spread
         entries = unknowns(dynamics.robot, settings.prior_spread, gain_spread)
         if goal == GAINS and gain_spread == 0:
             raise DeltaidError(
@@ -185,23 +209,26 @@ def sensor_plan(
         likely, sure = described_rows(scene, weighings(dynamics.robot))
         possible, left_out = uses(scene, offers)
         aim = goal_called(goal, entries, scene, settings.enough)
-        alone = Knowledge.before(len(entries.names)).and_rows(rows @ entries.W)
+        alone = Knowledge(np.eye(len(entries.names))).and_rows(rows @ entries.W)
         start = alone.and_rows(likely @ entries.W) if len(likely) else alone
-        by_torques = described = _outlook("torques", "torques alone", alone, alone, aim, entries)
-        if len(likely):
-            title = "with what the description has"
-            described = _outlook("described", title, start, alone, aim, entries)
 
-        def outlook(together: Sequence[Use]) -> Outlook:
+        def outlook(
+            name: str, title: str, known: Knowledge, before: Knowledge, cost: float = 0.0
+        ) -> Outlook:
+            gain = aim.left(before) - aim.left(known)
+            return Outlook(name, title, cost, known.std * entries.spread, aim.std(known), gain)
+
+        def after(together: Sequence[Use]) -> Outlook:
             """What is known after uses together."""
-            known = start
-            for use in together:
-                known = known.and_rows(use.likely @ entries.W)
+            known = start.and_rows(np.vstack([use.likely for use in together]) @ entries.W)
             name, title = (
                 " + ".join(getattr(use, key) for use in together) for key in ("name", "title")
             )
-            return _outlook(name, title, known, start, aim, entries, cost_of(together))
+            return outlook(name, title, known, start, cost_of(together))
 
+        by_torques = described = outlook("torques", "torques alone", alone, alone)
+        if len(likely):
+            described = outlook("described", "with what the description has", start, alone)
         say("comparing")
         steps = shopping(start, aim, possible, entries.W, budget, settings.steps)
         beyond = None
@@ -221,9 +248,9 @@ def sensor_plan(
             unknowns=entries,
             torques=by_torques,
             described=described,
-            uses=tuple(outlook([use]) for use in possible),
-            combinations=tuple(outlook(together) for together in tried if together),
-            steps=tuple((step, outlook(bought[: k + 1])) for k, step in enumerate(steps)),
+            uses=tuple(after([use]) for use in possible),
+            combinations=tuple(after(together) for together in tried if together),
+            steps=tuple((step, after(bought[: k + 1])) for k, step in enumerate(steps)),
             openings=openings(dynamics, planned, rows, sure, possible, bought),
             notes=(*_notes(entries, goal, gain_spread), *left_out),
             beyond=beyond,
@@ -247,19 +274,6 @@ def _find(names: Sequence[str], possible: Sequence[Use], offers: Offers) -> list
             cure=f"choose from {', '.join(by_name)}",
         )
     return [by_name[name] for name in names]
-
-
-def _outlook(
-    name: str,
-    title: str,
-    known: Knowledge,
-    before: Knowledge,
-    aim: Goal,
-    entries: PlanUnknowns,
-    cost: float = 0.0,
-) -> Outlook:
-    shares = known.std * entries.spread
-    return Outlook(name, title, cost, shares, aim.std(known), aim.left(before) - aim.left(known))
 
 
 def _notes(entries: PlanUnknowns, aim: str, gain_spread: float) -> tuple[str, ...]:

@@ -5,6 +5,7 @@ independent ones of a recording, so rows count by √(rate · duration / samples
 its own (bias, pose, gain) is eliminated with what is known of it before.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -21,10 +22,10 @@ from deltaid.recording.memory import RecordingLike
 from deltaid.recording.opening import open_log
 from deltaid.recording.windows import SampleBlock
 from deltaid.robot.parameter import PriorParameter
-from deltaid.robot.sensors import BaseWrench, Sensor
+from deltaid.robot.sensors import BaseWrench
 from deltaid.sensors.planning.knowledge import without
 from deltaid.sensors.robot_sensors import shown_by
-from deltaid.sensors.rows import SensorRows
+from deltaid.sensors.rows import SensorRows, is_of_pose
 from deltaid.sensors.weighings import Weighing
 
 # Samples of a plan; a motion within limits has far less to show than these can tell apart.
@@ -117,23 +118,11 @@ class Scene:
         return len(self.p) + self.dynamics.dof
 
 
-@dataclass(frozen=True, eq=False)
-class SensorInformation:
-    """Attributes:
-    likely: with the prior of its own unknowns.
-    sure: without what is no more than a likely size; for what can be told at all.
-    """
-
-    likely: Extended
-    sure: Extended
-
-
 def torques(dynamics: Dynamics, p: Parameters, motion: PlannedMotion) -> np.ndarray:
     """The regressor along a motion, samples × drives × parameters."""
-    load = None
-    if dynamics.robot.load_drives:
-        load = dynamics.carried(motion.z, motion.qd, motion.qdd, p)
-    return dynamics.regressor_at(motion.z, motion.qd, motion.qdd, load)
+    states = motion.z, motion.qd, motion.qdd
+    load = dynamics.carried(*states, p) if dynamics.robot.load_drives else None
+    return dynamics.regressor_at(*states, load)
 
 
 def torque_rows(scene: Scene, Y: Float[np.ndarray, "samples dof parameters"]) -> Extended:
@@ -146,26 +135,25 @@ def torque_rows(scene: Scene, Y: Float[np.ndarray, "samples dof parameters"]) ->
     return triangle(scaled.reshape(-1, scene.width))
 
 
-def sensor_rows(scene: Scene, sensor: SensorRows) -> SensorInformation:
-    """What a sensor says of w, whatever its own unknowns are."""
+def sensor_rows(scene: Scene, sensor: SensorRows) -> tuple[Extended, Extended]:
+    """What a sensor says of w, whatever its own unknowns are: with their prior, and without what is
+    no more than a likely size, for what can be told at all."""
     motion, n, own = scene.motion, len(scene.p), sensor.parameters
-    channels, columns = sensor.pattern
     along = motion.z, motion.qd, motion.qdd
     values = sensor.entries(*along, shown_by(sensor, scene.p, np.zeros(len(own)), *along))
     dense = np.zeros((len(motion.z), len(sensor.channels), n + len(own)))
-    dense[:, channels, columns] = values.T
+    dense[:, *sensor.pattern] = values.T
     noise = np.array([channel.noise for channel in sensor.channels])
-    dense *= (np.sqrt(scene.count) / noise)[None, :, None]
-    flat = dense.reshape(-1, dense.shape[2])
+    flat = (dense * (np.sqrt(scene.count) / noise)[None, :, None]).reshape(-1, dense.shape[2])
     stds = np.array([parameter.std for parameter in own]).reshape(-1)
     flat = triangle(np.hstack([flat[:, n:] * stds, flat[:, :n]]))
-    open_ = np.array([_is_open(parameter, sensor) for parameter in own], dtype=bool)
-    parts = []
-    for known in (np.ones(len(own)), ~open_):
-        prior = np.eye(len(own), flat.shape[1]) * known[:, None]
-        rest = without(np.vstack([prior, flat]), len(own))
-        parts.append(np.hstack([rest, np.zeros((len(rest), scene.dynamics.dof))]))
-    return SensorInformation(*parts)
+
+    def rest(known: Sequence[bool]) -> Extended:
+        prior = np.eye(len(own), flat.shape[1]) * np.reshape(known, (-1, 1))
+        rows = without(np.vstack([prior, flat]), len(own))
+        return np.hstack([rows, np.zeros((len(rows), scene.dynamics.dof))])
+
+    return rest([True] * len(own)), rest([not _is_open(entry, sensor) for entry in own])
 
 
 def _is_open(parameter: PriorParameter, sensor: SensorRows) -> bool:
@@ -173,13 +161,12 @@ def _is_open(parameter: PriorParameter, sensor: SensorRows) -> bool:
 
     Known are tolerances, and offsets whose standard deviation is stated.
     """
-    described: Sensor | None = getattr(sensor, "sensor", None)
     if parameter.symbol.rpartition("_")[2] != "bias":
-        return not parameter.symbol.startswith(("position_", "rotation_", "gain"))
-    if isinstance(described, BaseWrench):
+        return not is_of_pose(parameter) and parameter.symbol != "gain"
+    if isinstance(described := sensor.sensor, BaseWrench):
         moment = parameter.symbol.startswith("m")
         return (described.moment_bias if moment else described.force_bias) is None
-    return described is None or described.bias is None
+    return described.bias is None
 
 
 def weighing_row(scene: Scene, weighing: Weighing) -> Extended:

@@ -33,14 +33,12 @@ _INSTANTS = 12
 @dataclass(frozen=True, eq=False)
 class Goal:
     """Attributes:
-    name: 'bodies', a body, 'forces', 'gains'.
     words: what it is.
     rows: G; of forces at several instants each, which count as one.
     weight: by how much each row counts.
     enough: ε.
     """
 
-    name: str
     words: str
     rows: Float[np.ndarray, "goals n"]
     weight: float
@@ -63,17 +61,14 @@ def goal(name: str, unknowns: PlanUnknowns, scene: Scene, enough: float) -> Goal
         DeltaidError: there is none of that name.
         DescriptionError: forces of a mechanism of the user's own.
     """
-    every = np.diag(unknowns.spread)
-    if name == BODIES:
-        return Goal(name, "all bodies", every[unknowns.of_bodies()], 1.0, enough)
-    if name == GAINS:
-        at = [k for k, entry in enumerate(unknowns.names) if entry.startswith("gain.")]
-        return Goal(name, "gains of the drives", every[at], 1.0, enough)
     if name == FORCES:
-        rows = _forces(unknowns, scene)
-        return Goal(name, "constraint forces", rows, 1.0 / _INSTANTS, enough)
-    if name in unknowns.bodies:
-        return Goal(name, f"body {name}", every[unknowns.of_bodies(name)], 1.0, enough)
+        return Goal("constraint forces", _forces(unknowns, scene), 1.0 / _INSTANTS, enough)
+    gains = [k for k, entry in enumerate(unknowns.names) if entry.startswith("gain.")]
+    chosen = {body: (f"body {body}", unknowns.of_bodies(body)) for body in unknowns.bodies}
+    chosen |= {BODIES: ("all bodies", unknowns.of_bodies()), GAINS: ("gains of the drives", gains)}
+    if name in chosen:
+        words, places = chosen[name]
+        return Goal(words, np.diag(unknowns.spread)[places], 1.0, enough)
     known = f"; {name} is known by its description" if name in unknowns.known else ""
     raise DeltaidError(
         f"there is no goal '{name}'{known}",

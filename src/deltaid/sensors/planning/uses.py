@@ -30,7 +30,8 @@ class Use:
         group: of offers of which one is bought; the offer's own key where there is none.
         price: of the offer.
         work: what this use costs besides.
-        likely, sure: rows over w, as of `SensorInformation`.
+        likely, sure: rows over w, with the prior of what a sensor has of its own, and without what
+            is no more than a likely size.
     """
 
     name: str
@@ -69,7 +70,7 @@ def described_rows(scene: Scene, weighed: Sequence[Weighing]) -> tuple[Extended,
     """Rows of what the robot's own description has measured and of its sensors, likely and sure."""
     rows = [np.zeros((0, scene.width)), *(weighing_row(scene, row) for row in weighed)]
     shown = [sensor_rows(scene, sensor) for sensor in all_sensor_rows(scene.dynamics)]
-    likely, sure = [part.likely for part in shown], [part.sure for part in shown]
+    likely, sure = zip(*shown, strict=True) if shown else ((), ())
     return np.vstack([*rows, *likely]), np.vstack([*rows, *sure])
 
 
@@ -77,22 +78,20 @@ def _of_weighings(scene: Scene, offers: Offers, key: str, offer: Offer) -> Itera
     work, group = offer.hours * offers.hourly, offer.group or key
     layout = scene.dynamics.layout
     if offer.measured:
-        rows = [
-            weighing_row(scene, weighing(measured, measured.placed, layout, scene.p))
-            for measured in offer.measured
-        ]
         for measured in offer.measured:
             _require_bodies(scene.dynamics.robot, measured.placed, key)
-        yield Use(key, offer.title, key, group, offer.price, work, np.vstack(rows), np.vstack(rows))
+        values = (weighing(each, each.placed, layout, scene.p) for each in offer.measured)
+        rows = np.vstack([weighing_row(scene, value) for value in values])
+        yield Use(key, offer.title, key, group, offer.price, work, rows, rows)
         return
     names = list[str]()
     for weigh in offer.weighs:
         for placed in _placed(scene.dynamics.robot, weigh):
             _require_bodies(scene.dynamics.robot, placed, key)
             value = planned(scene, weigh, placed)
-            if value is None and weigh.of == EACH:
-                continue
             if value is None:
+                if weigh.of == EACH:
+                    continue
                 of = " + ".join(part.body for part in placed)
                 raise DescriptionError(
                     f"a share of {of}'s value is no standard deviation: the value is zero at the "
@@ -103,8 +102,8 @@ def _of_weighings(scene: Scene, offers: Offers, key: str, offer: Offer) -> Itera
             row = weighing_row(scene, value)
             what = "+".join(f"{p.count}{p.body}" if p.count > 1 else p.body for p in placed)
             names.append(what)
-            again = names.count(what)
-            name = f"{key}:{what}" + (f":{again}" if again > 1 else "")
+            again = f":{names.count(what)}" if names.count(what) > 1 else ""
+            name = f"{key}:{what}{again}"
             yield Use(name, f"{offer.title}: {value.name}", key, group, offer.price, work, row, row)
 
 
@@ -174,19 +173,15 @@ def _require_bodies(robot: RobotDescription, placed: Sequence[Placed], key: str)
 
 
 def _of_sensors(scene: Scene, offers: Offers, key: str, offer: Offer) -> Use:
-    fitted = [
-        (name, single)
-        for given, sensor in offer.sensors.items()
-        for name, single in _each(scene.dynamics.robot, given, sensor)
-    ]
+    robot = scene.dynamics.robot
+    fitted = [placed for given in offer.sensors.items() for placed in _each(robot, *given)]
     if not fitted:
         raise DescriptionError(
             "the robot has no place for it", where=f"offers.{key}.sensors", cure="leave it out"
         )
     count = len(fitted) / len(offer.sensors)
-    said = [sensor_rows(scene, rows_of(scene.dynamics, name, single)) for name, single in fitted]
-    likely = triangle(np.vstack([rows.likely for rows in said]))
-    sure = triangle(np.vstack([rows.sure for rows in said]))
+    rows = [sensor_rows(scene, rows_of(scene.dynamics, name, single)) for name, single in fitted]
+    likely, sure = (triangle(np.vstack(parts)) for parts in zip(*rows, strict=True))
     work = count * offer.hours * offers.hourly
     return Use(key, offer.title, key, offer.group or key, count * offer.price, work, likely, sure)
 
@@ -206,9 +201,5 @@ def _each(robot: RobotDescription, name: str, sensor: Sensor) -> Iterator[tuple[
 
 def _is_general(offer: Offer) -> bool:
     """Whether an offer names nothing of a certain robot."""
-    return all(
-        isinstance(sensor, BaseWrench)
-        or (isinstance(sensor, StrutForce) and sensor.strut == EACH)
-        or (isinstance(sensor, JointTorque) and sensor.drive == EACH)
-        for sensor in offer.sensors.values()
-    )
+    sensors = offer.sensors.values()
+    return {getattr(s, "strut", getattr(s, "drive", EACH)) for s in sensors} == {EACH}

@@ -1,30 +1,39 @@
-"""A gauge along a strut, or along both of a limb: rows of the force along it, a pull positive.
+"""Sensors of forces inside a robot: along a strut, and behind a gear.
 
-At the platform's joint and at the elbow's it is that of `dynamics.force_equations`, which also has
-the moment that the elbow exerts about the axis perpendicular to both of its axes. A cut somewhere
+A gauge along a strut, or along both of a limb, shows the force along it, a pull positive. At the
+platform's joint and at the elbow's it is that of `dynamics.force_equations`, which also has the
+moment that the elbow exerts about the axis perpendicular to both of its axes. A cut somewhere
 between them leaves the part of the strut beyond it, with a mass and a first moment of its own, to
 the platform's end:
 
     N = N_platform − x · (m_o (a − g) + ω × (ω × mc_o) + ω̇ × mc_o),    mc_o along x.
+
+A torque sensor between gear and arm has the drive's row of Y without its motor: friction and rotor
+of the drive stand on the motor's side, friction that depends on load as well. Springs across the
+joint and all that other joints take stay on the link's side. For a rail it is a force sensor
+between spindle and carriage.
 """
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
 
 import casadi as ca
+import numpy as np
 
 from deltaid.dynamics.dynamics import Dynamics
 from deltaid.dynamics.force_equations import ForceEquations, build_forces, splits
+from deltaid.dynamics.joint_columns import joint_columns
 from deltaid.dynamics.speed_forces import SpeedForces, wrench
 from deltaid.errors import DescriptionError
 from deltaid.robot.parameter import PriorParameter
 from deltaid.robot.platform import H4Platform, RigidPlatform
-from deltaid.robot.sensors import StrutForce
-from deltaid.sensors.rows import GraphRows, Unknown, wide_force
+from deltaid.robot.sensors import JointTorque, StrutForce
+from deltaid.sensors.rows import SensorRows, Unknown, wide_force, wide_moment
 
 
 @dataclass(frozen=True, eq=False)
-class StrutForceRows(GraphRows):
+class StrutForceRows(SensorRows):
     """One gauge.
 
     Raises:
@@ -36,10 +45,10 @@ class StrutForceRows(GraphRows):
     def __post_init__(self) -> None:
         _ = self._struts
 
-    @property
-    def still(self) -> tuple[Unknown, ...]:
+    def still(self) -> Iterator[Unknown]:
         bias = wide_force(self.dynamics) if self.sensor.bias is None else self.sensor.bias
-        return (*self.bias(0, "bias", bias), *self.gain(self.sensor.gain_tolerance))
+        yield from self.bias(0, "bias", bias)
+        yield from self.gain(self.sensor.gain_tolerance)
 
     @property
     def graph(self) -> ca.SX:
@@ -133,3 +142,42 @@ def _only_sums(dynamics: Dynamics, where: str, wanted: str) -> DescriptionError:
         where=where,
         cure=f"put gauges on both and name the sum, {limb}",
     )
+
+
+@dataclass(frozen=True, eq=False)
+class JointTorqueRows(SensorRows):
+    """One torque sensor.
+
+    Raises:
+        DescriptionError: there is no such drive.
+    """
+
+    sensor: JointTorque
+
+    def __post_init__(self) -> None:
+        drives = self.dynamics.robot.drives
+        if self.sensor.drive not in drives:
+            raise DescriptionError(
+                f"there is no drive '{self.sensor.drive}'; there are {', '.join(drives)}",
+                where=f"sensors.{self.name}.drive",
+                cure="name one of these",
+            )
+
+    def still(self) -> Iterator[Unknown]:
+        dynamics, bias = self.dynamics, self.sensor.bias
+        if bias is None:
+            slides = dynamics.robot.is_linear(self.sensor.drive)
+            bias = wide_force(dynamics) if slides else wide_moment(dynamics, np.zeros(3))
+        yield from self.bias(0, "bias", bias)
+        yield from self.gain(self.sensor.gain_tolerance)
+
+    @property
+    def graph(self) -> ca.SX:
+        robot, layout = self.dynamics.robot, self.dynamics.layout
+        row = self.dynamics.equations.Y[robot.drives.index(self.sensor.drive), :]
+        motor = {
+            k
+            for k, column in enumerate(joint_columns(robot), start=layout.coefficients.start)
+            if column.joint == self.sensor.drive and column.parameter.kind != "spring"
+        }
+        return ca.horzcat(*(ca.SX(1, 1) if k in motor else row[k] for k in range(row.numel())))
