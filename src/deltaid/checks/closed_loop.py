@@ -20,7 +20,7 @@ from threadpoolctl import threadpool_limits
 from deltaid.checks.evidence import Evidence, RawRows
 from deltaid.estimation.spectra import segments
 from deltaid.identification.fit import FittedProblem
-from deltaid.model.verdict import Fault, Grade, Verdict, percent
+from deltaid.model.verdict import Fault, Verdict, graded, percent
 from deltaid.recording.recording import PreparedRecording
 
 # RawRows of a segment of the spectra, and segments at least.
@@ -75,11 +75,7 @@ def checked_feedback(evidence: Evidence) -> Iterator[Verdict]:
         f"{shake.speed[worst]:.2g} {unit.speed} of {drive}; it turns round the joint in "
         f"{percent(share)} of the samples"
     )
-    if share < _DOUBTFUL:
-        yield _FEEDBACK.good(seen, number)
-        return
-    grade = Grade.WRONG if share > _WRONG else Grade.DOUBTFUL
-    yield _FEEDBACK.poor(seen, drive, number, grade=grade)
+    yield _FEEDBACK.judged(graded(share, _DOUBTFUL, _WRONG), seen, drive, number)
 
 
 def shaken(rows: RawRows, recording: PreparedRecording, fitted: FittedProblem) -> Shake | None:

@@ -7,7 +7,7 @@ from jaxtyping import Bool
 
 from deltaid.checks.evidence import Evidence
 from deltaid.estimation.spectra import bandwidth, jitter, step_of, white_noise
-from deltaid.model.verdict import Fault, Grade, Verdict, listed, percent
+from deltaid.model.verdict import Fault, Grade, Verdict, graded, listed, percent
 from deltaid.recording.filter import LowPass, design_low_pass
 from deltaid.recording.log import Log
 from deltaid.recording.masks.masks import Reason, kept
@@ -69,6 +69,12 @@ _NOISE = Fault(
     "current ripple or an unshielded sensor, or a motion with little torque",
     "record the controller's filtered torque and its lag, longer, or a faster motion",
 )
+_ONLY_NOISE = Fault(
+    "torque-noise",
+    "%",
+    "the channel is not connected, or another signal",
+    "check which signal the column holds",
+)
 _STEP = Fault(
     "torque-step",
     "%",
@@ -102,20 +108,18 @@ def _rate(evidence: Evidence) -> Verdict:
     if fastest == 0:
         seen = f"{rate:.4g} Hz, and no motion that it could be too slow for"
         return Verdict("rate", Grade.CANNOT_TELL, seen, number=rate, unit="Hz")
-    samples, (doubtful, wrong), cause = rate / fastest, _TAKEN, ""
-    if not (columns.velocity and columns.acceleration):
-        (doubtful, wrong), cause = _DIFFERENTIATED, _TOO_SLOW
-    seen = (
+    taken = columns.velocity and columns.acceleration
+    (doubtful, wrong), cause = (_TAKEN, "") if taken else (_DIFFERENTIATED, _TOO_SLOW)
+    samples, scale = rate / fastest, 10.0 ** np.floor(np.log10(20 * fastest))
+    return _RATE.judged(
+        graded(1 / samples, 1 / doubtful, 1 / wrong),
         f"{samples:.3g} samples for one wave of the motion's fastest part: {rate:.4g} Hz for "
-        f"{fastest:.3g} Hz"
+        f"{fastest:.3g} Hz",
+        number=samples,
+        cause=cause,
+        cure=f"record at {float(np.ceil(20 * fastest / scale) * scale):g} Hz or more, or move more "
+        "slowly",  # to one significant digit
     )
-    if samples >= doubtful:
-        return _RATE.good(seen, samples)
-    scale = 10.0 ** np.floor(np.log10(20 * fastest))
-    enough = float(np.ceil(20 * fastest / scale) * scale)  # to one significant digit
-    cure = f"record at {enough:g} Hz or more, or move more slowly"
-    grade = Grade.WRONG if samples < wrong else Grade.DOUBTFUL
-    return _RATE.poor(seen, "", samples, grade=grade, cause=cause, cure=cure)
 
 
 def _encoder(evidence: Evidence) -> Iterator[Verdict]:
@@ -136,18 +140,14 @@ def _encoder(evidence: Evidence) -> Iterator[Verdict]:
         shares[i] = rough[i] / np.sqrt(max(size**2 - rough[i] ** 2, (0.1 * size) ** 2, 1e-300))
     counts = np.ptp(q, axis=0) / np.maximum(steps, 1e-300)
     bad = moves & ((shares > _ROUGH) | ((counts < _FEW) & (counts > 0)))
-    worst = int(np.argmax(shares))
-    drive, number, seen = drives[worst], 100 * float(shares[worst]), "positions show no steps"
-    if steps[worst] > 0:
+    k, seen = int(np.argmax(shares)), "positions show no steps"
+    if steps[k] > 0:
         seen = (
-            f"steps of {steps[worst]:.2g} {evidence.robot.units(drive).coordinate} make "
-            f"{percent(shares[worst])} of {drive}'s acceleration below {low_pass.cutoff:.3g} Hz"
+            f"steps of {steps[k]:.2g} {evidence.robot.units(drives[k]).coordinate} make "
+            f"{percent(shares[k])} of {drives[k]}'s acceleration below {low_pass.cutoff:.3g} Hz"
         )
-    if not bad.any():
-        yield _ENCODER.good(seen, number)
-        return
-    grade = Grade.WRONG if shares[worst] > _USELESS else Grade.DOUBTFUL
-    yield _ENCODER.poor(seen, listed(drives[bad].tolist()), number, grade=grade)
+    grade = graded(shares[k], -np.inf, _USELESS) if bad.any() else Grade.GOOD
+    yield _ENCODER.judged(grade, seen, listed(drives[bad].tolist()), 100 * float(shares[k]))
 
 
 def _low_pass(evidence: Evidence) -> LowPass | None:
@@ -211,8 +211,9 @@ def _excluded(log: Log, reasons: tuple[Reason, ...]) -> list[float]:
 def _saturation(evidence: Evidence, log: Log) -> Iterator[Verdict]:
     shares = _excluded(log, ("saturated torque",))
     if max(shares) <= _CLIPPED:
-        seen = "no torque stays on its largest or smallest number"
-        yield _SATURATION.good(seen, 100 * max(shares))
+        yield _SATURATION.good(
+            "no torque stays on its largest or smallest number", 100 * max(shares)
+        )
     for drive, share in zip(evidence.robot.drives, shares, strict=True):
         if share > _CLIPPED:
             seen = (
@@ -224,10 +225,9 @@ def _saturation(evidence: Evidence, log: Log) -> Iterator[Verdict]:
 
 def _standing(log: Log) -> Verdict:
     share = min(_excluded(log, _AT_REST))
-    seen = f"the robot rests for {percent(share)} of the time"
-    if share <= _RESTING:
-        return _STANDING.good(seen, 100 * share)
-    return _STANDING.poor(f"{seen}; these rows are excluded", "", 100 * share)
+    excluded = "; these rows are excluded" if share > _RESTING else ""
+    seen = f"the robot rests for {percent(share)} of the time{excluded}"
+    return _STANDING.judged(graded(share, _RESTING), seen, "", 100 * share)
 
 
 def _torque(evidence: Evidence) -> Iterator[Verdict]:
@@ -235,40 +235,31 @@ def _torque(evidence: Evidence) -> Iterator[Verdict]:
     tau, drives, moves = evidence.rows.tau, evidence.robot.drives, _moving(evidence)
     largest, spread = np.maximum([np.abs(tau).max(axis=0), tau.std(axis=0)], 1e-300)
     steps = np.array([step_of(x) for x in tau.T])
-    variance = white_noise(tau) ** 2 - steps**2 / 12
-    noise, coarse = np.sqrt(np.maximum(variance, 0.0)), moves & (steps > _COARSE * spread)
-    shares = (noise / largest).tolist()
+    noise = np.sqrt(np.maximum(white_noise(tau) ** 2 - steps**2 / 12, 0.0))
+    shares, parts = (noise / largest).tolist(), (steps / spread).tolist()
+    coarse = moves & (steps > _COARSE * spread)
     noisy = np.flatnonzero(moves & (noise / largest > _NOISY) & ~coarse)
     if not noisy.size:
         share = shares[int(np.argmax(np.where(moves, shares, 0.0)))]
-        seen = f"at most {percent(share)} of the largest torque"
-        yield _NOISE.good(seen, 100 * share)
+        yield _NOISE.good(f"at most {percent(share)} of the largest torque", 100 * share)
     for i in noisy:
-        drive, number = drives[i], 100 * shares[i]
         if noise[i] ** 2 <= _NOTHING_ELSE * spread[i] ** 2:
             seen = (
-                f"{drive}'s torque has noise of {percent(shares[i])} of its largest; 0.3 to 3 % is "
-                "usual"
+                f"{drives[i]}'s torque has noise of {percent(shares[i])} of its largest; 0.3 to "
+                "3 % is usual"
             )
-            yield _NOISE.poor(seen, drive, number)
+            yield _NOISE.poor(seen, drives[i], 100 * shares[i])
         else:
-            yield _NOISE.poor(
-                f"{drive}'s torque is noise only",
-                drive,
-                number,
-                grade=Grade.WRONG,
-                cause="the channel is not connected, or another signal",
-                cure="check which signal the column holds",
-            )
-    shares = (steps / spread).tolist()
+            seen = f"{drives[i]}'s torque is noise only"
+            yield _ONLY_NOISE.poor(seen, drives[i], 100 * shares[i], grade=Grade.WRONG)
     if not coarse.any():
-        share = max(shares)
+        share = max(parts)
         seen = f"steps of {percent(share)} of the torque" if share else "torques show no steps"
         yield _STEP.good(seen, 100 * share)
     for i in np.flatnonzero(coarse):
-        grade = Grade.WRONG if shares[i] > _BLIND else Grade.DOUBTFUL
         seen = (
             f"{drives[i]}'s torque comes in steps of {steps[i]:.3g} "
-            f"{evidence.robot.units(drives[i]).force}, {percent(shares[i])} of its usual size"
+            f"{evidence.robot.units(drives[i]).force}, {percent(parts[i])} of its usual size"
         )
-        yield _STEP.poor(seen, drives[i], 100 * shares[i], grade=grade)
+        grade = graded(parts[i], -np.inf, _BLIND)
+        yield _STEP.poor(seen, drives[i], 100 * parts[i], grade=grade)

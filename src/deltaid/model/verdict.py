@@ -1,5 +1,6 @@
 """What is said of a description, a recording or a fit: one verdict a cause, with its words."""
 
+import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
@@ -105,8 +106,28 @@ class Fault:
         unit = self._unit(number)
         return Verdict(self.key, grade, seen, subject, *words, proposals, number, unit)
 
+    def judged(
+        self,
+        grade: Grade,
+        seen: str,
+        subject: str = "",
+        number: float | None = None,
+        *,
+        cause: str = "",
+        cure: str = "",
+    ) -> Verdict:
+        """The verdict of a grade; a good one is of no subject and has nothing to be cured."""
+        if grade is Grade.GOOD:
+            return self.good(seen, number)
+        return self.poor(seen, subject, number, grade=grade, cause=cause, cure=cure)
+
     def _unit(self, number: float | None) -> str:
         return "" if number is None else self.unit
+
+
+def graded(number: float, doubtful: float, wrong: float = math.inf) -> Grade:
+    """Good up to a first limit, wrong beyond a second one, and doubtful between."""
+    return Grade.WRONG if number > wrong else Grade.DOUBTFUL if number > doubtful else Grade.GOOD
 
 
 def worst(verdicts: Iterable[Verdict]) -> Grade:

@@ -7,12 +7,15 @@ with the entropic distance d² to the prior: a wrong sign explains a poor motion
 body has. Rows W are shares of each drive's recorded torque, so that units do not decide.
 """
 
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
 
 import numpy as np
 from jaxtyping import Bool, Float
+from scipy.linalg import eigh
 
+from deltaid.checks.wiring.motion import FilteredMotion
 from deltaid.checks.wiring.residual import (
     AT_REST,
     LEAST,
@@ -20,12 +23,16 @@ from deltaid.checks.wiring.residual import (
     UNIT,
     Map,
     MapResidual,
+    patterns,
+    poses,
+    residual,
     rms_torques,
 )
 from deltaid.dynamics.dynamics import Dynamics
 from deltaid.errors import IdentificationError
 from deltaid.estimation.conic import Conic
 from deltaid.estimation.objective import METRICS, Objective, Quadratic, Regularizer
+from deltaid.estimation.problem import Span
 from deltaid.estimation.reduction import Reduction, build_reduction
 from deltaid.robot.description import RobotDescription
 
@@ -47,6 +54,10 @@ _TIED = 0.25
 # γ of the prior; rounds of fit and noise level, and change of the latter that ends them.
 _GAMMA, _ROUNDS, _SETTLED = 1.0, 4, 0.05
 _SOLVER = Conic(tolerance=1e-7, largest_gap=1e-2)
+# A gain so far from the others' is no calibration error; least margin that it needs.
+_GAIN, _SHOWN_FAR = 2.5, 3.0
+# Samples whose loops are tried first, and patterns of one map that are judged.
+_FEW, _JUDGED = 40, 4
 
 # Units that numbers may really be in, by the factor to the joint's own.
 TURNING = {np.pi / 180: "degrees", 2 * np.pi: "revolutions", 180 / np.pi: "radians"}
@@ -102,35 +113,30 @@ class WiringHypothesis:
         rest = self.residual.span.without(self.columns)
         return rest.T @ rest
 
-    @property
-    def _prior(self) -> tuple[Reduction, Regularizer]:
-        return _prior(self.residual.dynamics, tuple(self.residual.columns.tolist()))
-
     @cached_property
     def _rows(self) -> Float[np.ndarray, "drives samples augmented"]:
         """[A b], A x = b over what is free of a robot, each drive as a share of its torques."""
         residual, tau = self.residual, (self.residual.tau[:, list(self.order)] * self.gains).T
         Y = residual.Y.reshape(*tau.shape, -1) * residual.rows.scale[:, None, None]
-        weights, sizes = np.where(residual.still, AT_REST, 1.0), rms_torques(tau)
-        expected = Y @ residual.prior * weights[:, None]
-        by = np.linalg.norm(expected) / np.linalg.norm(tau * weights[:, None])
+        weights = np.where(residual.still, AT_REST, 1.0)[:, None]
+        by = np.linalg.norm(Y @ residual.prior * weights) / np.linalg.norm(tau * weights)
         by = 1.0 if abs(np.log(by)) < np.log(UNIT) else by
-        reduction, _ = self._prior
+        reduction, _ = _prior(residual.dynamics, tuple(residual.columns.tolist()))
         A, p_0 = reduction.A[residual.columns], reduction.p_0[residual.columns]
         rows = np.concatenate([Y @ A, (by * tau - Y @ p_0)[:, :, None]], axis=2)
-        return rows * (weights / (by * sizes))[:, None, None]
+        return rows * (weights[:, 0] / (by * rms_torques(tau)))[:, None, None]
 
     @cached_property
     def highest(self) -> float:
         """No robot has a higher score: that of the least squares of any masses and constants."""
         left = self._level(Quadratic.from_rows(self._without_constant(1.0)).c)
-        return -self._size * float(np.log(left))
+        return -self._rows[:, :, 0].size * float(np.log(left))
 
     @cached_property
     def fit(self) -> Consistent:
         """Of a robot that may exist."""
-        noise, best, samples = 0.02, IMPOSSIBLE, self._rows.shape[1]
-        reduction, regularizer = self._prior
+        residual, (_, samples, _), noise, best = self.residual, self._rows.shape, 0.02, IMPOSSIBLE
+        reduction, regularizer = _prior(residual.dynamics, tuple(residual.columns.tolist()))
         for _ in range(_ROUNDS):
             # A constant torque costs what its prior says: one of usual size is as likely as noise.
             constant = 1 - 1 / np.sqrt(1 + samples * (OFFSET / noise) ** 2)
@@ -141,7 +147,8 @@ class WiringHypothesis:
                 return IMPOSSIBLE
             misfit, before = data.evaluate(solution.x)[0], noise
             distance, noise = solution.objective - misfit, self._level(misfit * noise**2)
-            best = Consistent(float(-self._size * np.log(noise) - 0.5 * distance), noise, distance)
+            score = float(-self._rows[:, :, 0].size * np.log(noise) - 0.5 * distance)
+            best = Consistent(score, noise, distance)
             if abs(np.log(noise / before)) < _SETTLED:
                 break
         return best
@@ -151,13 +158,9 @@ class WiringHypothesis:
         rows = self._rows - share * self._rows.mean(axis=1, keepdims=True)
         return rows.reshape(-1, rows.shape[2])
 
-    @property
-    def _size(self) -> int:
-        return self._rows.shape[0] * self._rows.shape[1]
-
     def _level(self, squares: float) -> float:
         """Share of the torques that squares of so much leave."""
-        return float(np.sqrt(squares / self._size + LEAST**2))
+        return float(np.sqrt(squares / self._rows[:, :, 0].size + LEAST**2))
 
     @property
     def left(self) -> float:
@@ -208,17 +211,16 @@ class WiringHypothesis:
         return moved + _distinct(np.array(self.map.scale)) + _distinct(self.gains)
 
     @property
-    def unnamed(self) -> bool:
-        """Whether positions are in no unit that has a name."""
-        return any(abs(f) not in (1, *TURNING, *SLIDING) for f in self.map.scale)
+    def complexity(self) -> tuple[int, bool, bool]:
+        """What the simplest of several is chosen by: columns that differ from the mapping, whether
+        positions are in no unit that has a name, and whether they are mapped at all."""
+        unnamed = any(abs(f) not in (1, *TURNING, *SLIDING) for f in self.map.scale)
+        return self.changes, unnamed, self.map != Map.identity(len(self.order))
 
     def beats(self, as_mapped: "WiringHypothesis") -> bool:
         """Whether its residual rules out the columns as mapped."""
-        if self is as_mapped:
-            return True
-        if self.left > _DOUBTED and as_mapped.left < 2 * self.left:
-            return False
-        return not as_mapped.as_likely_as(self)
+        doubted = self.left > _DOUBTED and as_mapped.left < 2 * self.left
+        return self is as_mapped or not (doubted or as_mapped.as_likely_as(self))
 
     def as_likely_as(self, best: "WiringHypothesis") -> bool:
         """Whether noise, or what no model has, explains the difference to the best."""
@@ -246,3 +248,71 @@ def _prior(dynamics: Dynamics, columns: tuple[int, ...]) -> tuple[Reduction, Reg
     """What every hypothesis about columns is fitted with."""
     reduction = build_reduction(dynamics.robot, np.array(columns))
     return reduction, METRICS["entropic"].regularizer(reduction)
+
+
+def closed_share(dynamics: Dynamics, motion: FilteredMotion, map: Map) -> float:
+    """Share of samples whose loops close, estimated from a few."""
+    chosen = np.linspace(0, len(motion.q) - 1, _FEW).astype(int)
+    return float(poses(dynamics, map.values(motion.q[chosen]))[1].mean())
+
+
+def residuals(
+    dynamics: Dynamics, motion: FilteredMotion, maps: Iterable[Map], least: float = MOSTLY_CLOSED
+) -> Iterator[MapResidual]:
+    """Least squares under maps whose loops close at a share of the samples."""
+    for map in maps:
+        if closed_share(dynamics, motion, map) >= least:
+            solved = residual(dynamics, motion, map)
+            if solved is not None:
+                yield solved
+
+
+def tried(
+    dynamics: Dynamics, motion: FilteredMotion, maps: Iterable[Map], *, as_is: bool = False
+) -> Iterator[WiringHypothesis]:
+    """The likeliest orders, signs and gains of the torque columns, under maps whose loops close;
+    `as_is`, torque columns keep their order."""
+    for solved in residuals(dynamics, motion, maps):
+        dof = len(solved.still)
+        (orders, signs), values = patterns(dof), solved.evidences.copy()
+        moved = orders != np.arange(dof)
+        # At rest friction balances any torque: neither sign nor order shows.
+        values[np.any((moved | (signs < 0))[:, solved.still], axis=1)] = -np.inf
+        if as_is:
+            values[np.any(moved, axis=1)] = -np.inf
+        ranked = np.argsort(-values, kind="stable")[: 1 if as_is else _JUDGED]
+        for k in ranked[np.isfinite(values[ranked])]:
+            order = tuple(orders[k].tolist())
+            yield WiringHypothesis(solved, order, signs[k], float(values[k]))
+        if not as_is and (far := _far_gains(solved)) is not None:
+            yield far
+
+
+def _far_gains(residual: MapResidual) -> WiringHypothesis | None:
+    """Torque columns in their order, some of them in another unit than those of the others."""
+    dof, gains = len(residual.still), np.ones(len(residual.still))
+    as_is = WiringHypothesis(residual, tuple(range(dof)), gains.copy())
+    tied = np.flatnonzero(~as_is.loose & ~residual.still)
+    if len(tied) < 2:
+        return None
+    squares = np.sum(as_is.columns[:, tied] ** 2, axis=0)
+    values, vectors = eigh(as_is.left_by_any[np.ix_(tied, tied)], np.diag(squares))
+    if values[1] < _SHOWN_FAR**2 * max(values[0], 0.0):
+        return None
+    u = vectors[:, 0] * np.sign(np.sum(vectors[:, 0] * as_is.along[tied]))
+    u = u / np.median(np.abs(u))
+    far = (np.abs(u) > _GAIN) | (np.abs(u) < 1 / _GAIN)
+    gains[tied] = np.where(far, u, np.sign(u))
+    # A large gain must add no weight; else an unexplained drive is only weighted less.
+    by = np.repeat(np.abs(gains), residual.rows.samples)
+    better = _share(residual.span, as_is.columns @ np.sign(gains))
+    better /= _share(Span.of_columns(residual.Y / by[:, None]), as_is.columns @ gains / by)
+    if better < _SHOWN_FAR or not np.any(far):
+        return None
+    evidence = float(residual.evidences.max()) + len(residual.Y) * float(np.log(better))
+    return WiringHypothesis(residual, as_is.order, gains, evidence)
+
+
+def _share(span: Span, tau: Float[np.ndarray, " rows"]) -> float:
+    """Residual as a share of the torques' root mean square."""
+    return float(np.linalg.norm(span.without(tau)) / np.linalg.norm(tau))

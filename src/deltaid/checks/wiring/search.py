@@ -7,6 +7,7 @@ behind gears that are not declared, by the factor that explains the torques best
 from collections.abc import Collection, Iterable, Iterator, Sequence
 from dataclasses import replace
 from itertools import chain, permutations, product
+from operator import attrgetter
 
 import numpy as np
 from jaxtyping import Bool
@@ -19,11 +20,13 @@ from deltaid.checks.wiring.candidate import (
     Assignment,
     WiringHypothesis,
     as_good,
+    closed_share,
     named_units,
+    residuals,
+    tried,
 )
 from deltaid.checks.wiring.motion import FilteredMotion
 from deltaid.checks.wiring.residual import Map, residual
-from deltaid.checks.wiring.trials import closed_share, residuals, tried
 from deltaid.dynamics.dynamics import Dynamics
 
 # Least share of samples with closed loops for the mapping itself to be evaluated.
@@ -58,21 +61,21 @@ def explained(
     likely = _searched(dynamics, fine, coarse.few(_SAMPLES), settled=any(c.clear for c in mapped))
     if likely is None:
         return tuple(mapped)
-    examined = [
-        WiringHypothesis(solved, trial.order, trial.gains)
-        for map in dict.fromkeys(trial.map for trial in likely)
-        for solved in residuals(dynamics, fine, [map])
+    solved = {map: residuals(dynamics, fine, [map]) for map in (trial.map for trial in likely)}
+    solved = {map: next(found, None) for map, found in solved.items()}
+    fitted = (
+        WiringHypothesis(under, trial.order, trial.gains)
         for trial in likely
-        if trial.map == map
-    ]
+        if (under := solved[trial.map]) is not None
+    )
     keys = [trial.key for trial in mapped]
-    examined = [c for c in examined if c.key not in keys and c.sensible] + mapped
+    examined = [c for c in fitted if c.key not in keys and c.sensible] + mapped
     best = max(examined, key=lambda trial: trial.fit.score, default=None)
     good = [trial for trial in examined if best is not None and trial.as_likely_as(best)]
     for as_mapped in mapped:
         if as_mapped.residual.share >= MOSTLY_CLOSED:
             good = [trial for trial in good if trial.beats(as_mapped)] or [as_mapped]
-    return tuple(sorted(good, key=_complexity))
+    return tuple(sorted(good, key=attrgetter("complexity")))
 
 
 def _searched(
@@ -92,7 +95,9 @@ def _searched(
         trials = _ranked(dynamics, [*trials, *_of_motors(dynamics, coarse)])
         if trials and trials[0].map.scaled:
             trials = _ranked(dynamics, [*trials, *_refined(dynamics, coarse, trials[0])])
-    return sorted((t for t in trials if t.as_likely_as(trials[0])), key=_complexity)[:_DECIDED]
+    return sorted((t for t in trials if t.as_likely_as(trials[0])), key=attrgetter("complexity"))[
+        :_DECIDED
+    ]
 
 
 def together(
@@ -114,29 +119,23 @@ def together(
     trials: dict[Assignment, list[WiringHypothesis | None]] = {key: [] for key in keys}
     for motion in motions:
         solved = {map: residual(dynamics, motion, map) for map, *_ in keys}
-        for key, fits in trials.items():
-            under, (_, order, gains) = solved[key[0]], key
+        for (map, order, gains), fits in trials.items():
+            under = solved[map]
             fits.append(under and WiringHypothesis(under, order, np.array(gains)))
     posed = {key: [c for c in fits if c is not None] for key, fits in trials.items()}
     scores = {key: sum(c.fit.score for c in fits) for key, fits in posed.items()}
     best = max(scores, key=lambda key: scores[key])
     margin = as_good(sum(len(c.residual.Y) for c in posed[best]))
     good = [key for key in keys if scores[best] - scores[key] < margin]
-    good.sort(key=lambda key: min(map(_complexity, posed[key])))
+    good.sort(key=lambda key: min(c.complexity for c in posed[key]))
     by_recording = zip(*(trials[key] for key in good), strict=True)
     return tuple(tuple(filter(None, hypotheses)) for hypotheses in by_recording)
-
-
-def _complexity(candidate: WiringHypothesis) -> tuple[int, bool, bool]:
-    return candidate.changes, candidate.unnamed, candidate.map != Map.identity(len(candidate.order))
 
 
 def _decidable(map: Map, moves: Bool[np.ndarray, " drives"]) -> bool:
     """Whether it changes columns that move: at rest sign, unit and drive are undetermined."""
     moved = [a != i or f != 1 for i, (a, f) in enumerate(zip(map.order, map.scale, strict=True))]
-    changed = np.flatnonzero(moved)
-    alone = changed[~moves[changed]]
-    return not alone.size or (len(changed) == len(moves) and len(set(map.scale)) == 1)
+    return bool(moves[moved].all()) or (all(moved) and len(set(map.scale)) == 1)
 
 
 def _likely(candidates: Iterable[WiringHypothesis]) -> list[WiringHypothesis]:
@@ -146,11 +145,10 @@ def _likely(candidates: Iterable[WiringHypothesis]) -> list[WiringHypothesis]:
     simplest are fitted.
     """
     ranked = sorted(candidates, key=lambda candidate: -candidate.evidence)
-    if not ranked:
-        return []
-    least = ranked[0].evidence - as_good(len(ranked[0].residual.Y))
-    first = [trial for trial in ranked if trial.evidence > least]
-    fitted = [*sorted(first, key=_complexity), *ranked[len(first) :]][:_FITTED]
+    margin = as_good(len(ranked[0].residual.Y)) if ranked else 0.0
+    first = [trial for trial in ranked if trial.evidence > ranked[0].evidence - margin]
+    first.sort(key=attrgetter("complexity"))
+    fitted = [*first, *ranked[len(first) :]][:_FITTED]
     return sorted(fitted, key=lambda candidate: -candidate.evidence)
 
 
