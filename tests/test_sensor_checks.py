@@ -5,7 +5,6 @@ and description, and then nothing is left to say.
 """
 
 from functools import cache
-from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -233,7 +232,7 @@ def test_a_constant_is_no_part_of_how_shown_and_expected_go_together() -> None:
     shape -= shape.mean(axis=1, keepdims=True)
 
     class Moved(Misfit):
-        shown, counts, by_torques = SimpleNamespace(counts=np.ones(200)), 200.0, np.ones(1)
+        samples, counts, by_torques = np.ones(200), 200.0, np.ones(1)
         noise, moving = np.array([0.5, 2.0]), -2.0 * shape
 
         def expected(self, theta: np.ndarray) -> np.ndarray:

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from deltaid.checks.wiring.homing import BLOCKS as OF_ZEROS
-from deltaid.checks.wiring.homing import Shifts
+from deltaid.checks.wiring.zeros import BLOCKS as OF_ZEROS
+from deltaid.checks.wiring.zeros import Shifts
 from deltaid.effects.contest import account
 from deltaid.effects.point import EffectCandidate
 from deltaid.estimation.drive_rows import STRETCHES, DriveRows

@@ -9,9 +9,8 @@ import numpy as np
 from jaxtyping import Float
 
 from deltaid.checks.sensing.misfit import Map, Misfit
-from deltaid.checks.sensing.sensed_rows import SensorSignal
 from deltaid.model.verdict import Grade, Proposal, Verdict, listed, percent
-from deltaid.robot.sensors import BaseWrench, Sensor
+from deltaid.robot.sensors import BaseWrench
 from deltaid.sensors.weighings import roll_pitch_yaw, rotation
 
 Kind = Literal["unit", "sign", "order", "exchanged", "turned", "rotated", "origin"]
@@ -76,16 +75,17 @@ class Guess:
         return float(np.arccos(np.clip(0.5 * (np.trace(self.turn) - 1), -1.0, 1.0)))
 
 
-def best_guess(misfit: Misfit, others: Sequence[SensorSignal]) -> Guess:
+def best_guess(misfit: Misfit, others: Sequence[Misfit]) -> Guess:
     """The guess of least misfit, penalized by its freedom."""
     guesses = [Guess(kind, T, misfit.judge(T).Q) for kind, T in _maps(misfit)]
-    for signal in others:
-        exchanged = Misfit(misfit.rows, misfit.signal, signal).judge(np.eye(1))
-        guesses.append(Guess("exchanged", np.eye(1), exchanged.Q, other=signal.name))
+    for other in others:
+        exchanged = replace(misfit, y=other.y, samples=other.samples, raw=other.raw)
+        Q = exchanged.judge(np.eye(1)).Q
+        guesses.append(Guess("exchanged", np.eye(1), Q, other=other.name))
     if len(misfit.noise) == 6:  # moments about another point: M = M' − r × F with r to be found
-        by_place = np.stack([np.cross(misfit.shown.y[_FORCE].T, e).T for e in np.eye(3)], axis=1)
-        beside = np.concatenate([np.zeros_like(by_place), by_place])
-        shifted = replace(misfit, beside=beside, spread=_FAR).judge(np.eye(6))
+        by_place = np.stack([np.cross(misfit.y[_FORCE].T, e).T for e in np.eye(3)], axis=1)
+        columns = np.concatenate([np.zeros_like(by_place), by_place])
+        shifted = misfit.beside(columns, _FAR).judge(np.eye(6))
         guesses.append(Guess("origin", np.eye(6), shifted.Q, shifted.theta[-3:]))
     return min(guesses, key=lambda guess: guess.Q * _FREEDOM[guess.kind])
 
@@ -150,25 +150,22 @@ def _rotation(misfit: Misfit) -> Float[np.ndarray, "3 3"]:
     return R
 
 
-def verdict_of(guess: Guess, signal: SensorSignal, sensor: Sensor, share: float) -> Verdict:
+def verdict_of(guess: Guess, misfit: Misfit, share: float) -> Verdict:
     """The verdict of a guess about a sensor.
 
     Args:
-        sensor: as described.
         share: of the sensor's motion that is unexplained without the guess.
     """
-    off = f"torques leave {percent(share)} of what {signal.name} shows of the motion unexplained"
+    off = f"torques leave {percent(share)} of what {misfit.name} shows of the motion unexplained"
     if guess.kind in ("unit", "sign"):
-        return _of_gains(guess, signal, off)
-    if guess.kind in ("order", "exchanged"):
-        return _of_order(guess, signal, off)
-    assert isinstance(sensor, BaseWrench)
-    return _of_frame(guess, signal.name, sensor, off)
+        return _of_gains(guess, misfit, off)
+    of_columns = guess.kind in ("order", "exchanged")
+    return (_of_order if of_columns else _of_frame)(guess, misfit, off)
 
 
-def _of_gains(guess: Guess, signal: SensorSignal, off: str) -> Verdict:
+def _of_gains(guess: Guess, misfit: Misfit, off: str) -> Verdict:
     """Units or signs; a factor that is no unit's may be the torques'."""
-    gains, channels, measured = guess.gains, signal.columns.channels, signal.rows.channels
+    gains, channels, measured = guess.gains, misfit.columns.channels, misfit.rows.channels
     scaled, turned = ~np.isclose(np.abs(gains), 1.0), gains < 0
     largest = float(gains[int(np.argmax(np.abs(np.log(np.abs(gains)))))])
     names = np.array([channel.name for channel in measured])
@@ -202,8 +199,8 @@ def _of_gains(guess: Guess, signal: SensorSignal, off: str) -> Verdict:
         signs = np.where(turned, -now, now).astype(int).tolist()
         changes.append(("sign", signs[0] if len(set(signs)) == 1 else signs))
     seen = f"{off}; {' and '.join(findings)}, and then it agrees"
-    proposals = mapped(signal, changes) if grade is Grade.WRONG else ()
-    return Verdict(key, grade, seen, signal.name, cause, cure, proposals, number=largest)
+    proposals = mapped(misfit, changes) if grade is Grade.WRONG else ()
+    return Verdict(key, grade, seen, misfit.name, cause, cure, proposals, number=largest)
 
 
 def _unit(factor: float, target: str) -> str:
@@ -213,26 +210,28 @@ def _unit(factor: float, target: str) -> str:
     return name if abs(_UNITS[target][name] / factor - 1) < _ALIKE else f"{factor:.3g} {target}"
 
 
-def _of_order(guess: Guess, signal: SensorSignal, off: str) -> Verdict:
+def _of_order(guess: Guess, misfit: Misfit, off: str) -> Verdict:
     """Columns in another order, or that of another sensor."""
     if guess.kind == "exchanged":
         seen, proposals = f"the column of {guess.other} shows what it should", ()
-        cause = f"columns of {signal.name} and {guess.other} that are exchanged"
+        cause = f"columns of {misfit.name} and {guess.other} that are exchanged"
         cure = "exchange them in the mapping, or where each is in the description"
     else:
         order = np.argmax(guess.T, axis=1).tolist()
-        columns = [signal.columns.channels[k].column for k in order]
-        names = [channel.name for channel in signal.rows.channels]
+        columns = [misfit.columns.channels[k].column for k in order]
+        names = [channel.name for channel in misfit.rows.channels]
         moved = [f"{columns[k]} is {names[k]}" for k, source in enumerate(order) if source != k]
         seen = f"with its columns in another order it agrees: {listed(moved)}"
         cause = "columns that are listed in another order than Fx, Fy, Fz, Mx, My, Mz"
-        cure, proposals = "list them in this order", mapped(signal, [], columns)
+        cure, proposals = "list them in this order", mapped(misfit, [], columns)
     seen = f"{off}; {seen}"
-    return Verdict("sensor-order", Grade.WRONG, seen, signal.name, cause, cure, proposals)
+    return Verdict("sensor-order", Grade.WRONG, seen, misfit.name, cause, cure, proposals)
 
 
-def _of_frame(guess: Guess, name: str, sensor: BaseWrench, off: str) -> Verdict:
+def _of_frame(guess: Guess, misfit: Misfit, off: str) -> Verdict:
     """Axes or an origin that are not those described."""
+    name, sensor = misfit.name, misfit.rows.sensor
+    assert isinstance(sensor, BaseWrench)
     R = rotation(sensor.rotation_deg)
     if guess.kind == "origin":
         number, unit = float(np.linalg.norm(guess.offset)), "m"
@@ -262,7 +261,7 @@ def _of_frame(guess: Guess, name: str, sensor: BaseWrench, off: str) -> Verdict:
 
 
 def mapped(
-    signal: SensorSignal,
+    misfit: Misfit,
     changes: Sequence[tuple[str, object]],
     columns: Sequence[str] | None = None,
 ) -> tuple[Proposal, ...]:
@@ -271,9 +270,9 @@ def mapped(
     Args:
         columns: in the place of those that are read.
     """
-    columns = columns or [channel.column for channel in signal.columns.channels]
+    columns = columns or [channel.column for channel in misfit.columns.channels]
     entry: list[tuple[str, object]] = [("column", None), ("columns", [*columns])]
     if len(columns) == 1:
         entry = [("columns", None), ("column", columns[0])]
-    entry = [(f"sensors.{signal.name}.{key}", new) for key, new in (*entry, *changes)]
+    entry = [(f"sensors.{misfit.name}.{key}", new) for key, new in (*entry, *changes)]
     return (Proposal("mapping", tuple(entry)),)

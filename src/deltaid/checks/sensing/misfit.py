@@ -2,7 +2,7 @@
 
 With T y in the place of y, and σ the residual that sensor noise and model errors allow,
 
-    Q = min over θ of  n Σ_k mean((T y)_k − X_k θ)² / σ_k² + (θ − θ̂)ᵀ A (θ − θ̂),
+    Q = min over θ of  n Σ_k mean((T y)_k − X_k θ)² / σ_k² + ‖D (θ − θ̂)‖²,
 
 in samples n that count as independent, over n and the number of channels. σ_k follows the size of
 T y, so that nothing is gained by making it small. Rows of torques and sensors are filtered alike.
@@ -13,12 +13,29 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 from scipy.linalg import block_diag
 
-from deltaid.checks.sensing.sensed_rows import SensedRows, SensorSignal, Values
+from deltaid.dynamics.dynamics import Dynamics
+from deltaid.dynamics.parameters import stated_spreads
+from deltaid.estimation.information import Information, entries_at, triangle
+from deltaid.estimation.problem import LinearProblem
+from deltaid.recording.columns import SensorChannels
+from deltaid.recording.recording import PreparedRecording
 from deltaid.recording.time.signals import interpolate
+from deltaid.recording.windows import SampleBlock
+from deltaid.robot.parameter import PRIOR_SPREAD
+from deltaid.sensors.robot_sensors import all_sensor_rows
+from deltaid.sensors.rows import SensorRows
 
+# Least residual of torques, as a share of each, and samples of them that count as independent.
+_LEFT, _OF_TORQUES = 0.02, 1000.0
+# Fixed parameters are known to this share of their size.
+_KNOWN = 1e-4
+# Parameters zero by symmetry where not free, and how far real bodies are from that.
+_BY_SYMMETRY, _STRAIGHT = ("mcx", "mcy", "mcz", "Ixy", "Iyz", "Ixz"), 0.02
+# Windows of a recording that are evaluated, and samples of them all after the filter.
+_WINDOWS, _MOST = 6, 4000
 # Samples of a sensor that count as independent.
 _COUNTED = 200.0
 # What a good model errs by: as shares of a channel's motion, of that of all like it, of its level.
@@ -29,6 +46,8 @@ _ROUNDS, _DELAY = 4, 0.05
 _SHORT = 12
 
 Map = Float[np.ndarray, "channels channels"]
+Values = Float[np.ndarray, "channels samples"]
+Theta = Float[np.ndarray, " theta"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,118 +55,111 @@ class MapFit:
     """Fit of one map: misfit Q, θ, and the standard deviation of its last entry."""
 
     Q: float
-    theta: Float[np.ndarray, " theta"]
+    theta: Theta
     last_std: float
 
 
 @dataclass(frozen=True, eq=False)
 class Misfit:
-    """One sensor's rows as products, so that a map costs no sample."""
+    """What one sensor shows, y = X θ, θ the robot's parameters and then the sensor's unknowns; and
+    what torques and prior say of θ."""
 
-    rows: SensedRows
-    signal: SensorSignal  # of the columns of θ
-    shown: SensorSignal  # of the data y, the same unless exchanged
-    beside: Float[np.ndarray, "channels added samples"] | None = None  # additional columns
-    spread: float = 1.0  # standard deviation of their coefficients
+    rows: SensorRows  # what it measures of the robot
+    columns: SensorChannels  # in the log
+    by_torques: Theta  # θ̂
+    D: Float[np.ndarray, "theta theta"]
+    X: Float[np.ndarray, "channels theta samples"]  # like y filtered, zero where nothing counts
+    y: Values
+    samples: Float[np.ndarray, " samples"]  # how far each counts
+    raw: Float[np.ndarray, "channels rows"]  # y in all rows, unfiltered; NaN where nothing
+    starts: Int[np.ndarray, " stretches"]  # first samples of stretches without a gap
+    period: float  # between two samples [s]
+    row: float  # between two rows of the log [s]
+
+    @property
+    def name(self) -> str:
+        return self.rows.name
+
+    @property
+    def units(self) -> list[str]:
+        return [channel.unit for channel in self.rows.channels]
 
     @cached_property
     def counts(self) -> float:
-        return float(self.shown.counts.sum())
-
-    @cached_property
-    def theta_columns(self) -> Float[np.ndarray, "channels theta samples"]:
-        own = self.signal.X
-        return own if self.beside is None else np.concatenate([own, self.beside], axis=1)
+        return float(self.samples.sum())
 
     @cached_property
     def moving(self) -> Values:
         """y without its mean where it counts."""
-        mean = self.shown.y.sum(axis=1) / max(self.counts, 1e-300)
-        return self.shown.y - mean[:, None] * self.shown.counts
+        return self.y - np.outer(self.y.sum(axis=1) / max(self.counts, 1e-300), self.samples)
 
     @cached_property
     def white(self) -> Float[np.ndarray, " channels"]:
         """Noise from row to row, as second differences show it [N, N m]."""
-        second = np.diff(self.shown.raw, 2, axis=1)
+        second = np.diff(self.raw, 2, axis=1)
         counts = np.isfinite(second).sum(axis=1)
         return np.sqrt(np.nansum(second**2, axis=1) / np.maximum(counts, 1) / 6)
 
     @cached_property
     def noise(self) -> Float[np.ndarray, " channels"]:
         """As stated [N, N m]."""
-        return np.array([channel.noise for channel in self.signal.rows.channels])
+        return np.array([channel.noise for channel in self.rows.channels])
 
     @cached_property
     def groups(self) -> list[list[int]]:
         """Channels that measure the same: forces, and moments."""
-        units = self.signal.units
+        units = self.units
         return [[k for k, unit in enumerate(units) if unit == kind] for kind in sorted(set(units))]
 
-    @cached_property
-    def _unknowns(self) -> Float[np.ndarray, "2 unknowns"]:
-        """Prior means and standard deviations of what θ has behind the robot's parameters."""
-        of_sensor = [(entry.prior, entry.std) for entry in self.signal.rows.parameters]
-        added = self.theta_columns.shape[1] - self.signal.X.shape[1]
-        return np.reshape([*of_sensor, *[(0.0, self.spread)] * added], (-1, 2)).T
+    def beside(self, columns: Float[np.ndarray, "channels added _"], spread: float) -> "Misfit":
+        """With additional columns, whose coefficients have a standard deviation a priori."""
+        n = columns.shape[1]
+        return replace(
+            self,
+            X=np.concatenate([self.X, columns], axis=1),
+            by_torques=np.append(self.by_torques, np.zeros(n)),
+            D=block_diag(self.D, np.eye(n) / spread),
+        )
 
     @cached_property
-    def by_torques(self) -> Float[np.ndarray, " theta"]:
-        return np.append(self.rows.by_torques.x, self._unknowns[0])
-
-    @cached_property
-    def _precision(self) -> Float[np.ndarray, "theta theta"]:
-        """A of θ by torques and prior."""
-        rows = self.rows.by_torques.A
-        return block_diag(rows.T @ rows, np.diag(self._unknowns[1] ** -2.0))
-
-    @cached_property
-    def _moments(self) -> Float[np.ndarray, "channels augmented augmented"]:
-        """Second moments of [X_k; y] for each channel k."""
-        y = np.broadcast_to(self.shown.y, (len(self.theta_columns), *self.shown.y.shape))
-        rows = np.concatenate([self.theta_columns, y], axis=1)
-        return rows @ rows.swapaxes(1, 2) / max(self.counts, 1.0)
-
-    @cached_property
-    def _motion(self) -> Float[np.ndarray, "channels channels"]:
-        """Second moments of y's motion."""
-        return self.moving @ self.moving.T / max(self.counts, 1.0)
-
-    @cached_property
-    def _level(self) -> Float[np.ndarray, " channels"]:
-        """What it should show in the mean, but for its own offsets."""
-        p = self.rows.by_torques.x
-        return self.theta_columns[:, : len(p)].sum(axis=2) @ p / max(self.counts, 1.0)
+    def _triangles(self) -> Float[np.ndarray, "channels _ augmented"]:
+        """R of each channel k with RᵀR the mean second moments of [X_k; y], so that a map costs no
+        sample."""
+        y = np.broadcast_to(self.y, (len(self.X), *self.y.shape))
+        rows = np.concatenate([self.X, y], axis=1) / np.sqrt(max(self.counts, 1.0))
+        return np.linalg.qr(rows.swapaxes(1, 2), mode="r")
 
     def _sigma(self, T: Map) -> Float[np.ndarray, " channels"]:
         """Admissible residual of each channel."""
-        motion = np.sqrt(np.maximum(np.einsum("ki,ij,kj->k", T, self._motion, T), 0.0))
-        group_motion = np.empty_like(motion)
+        motion = np.sqrt(np.sum((T @ self.moving) ** 2, axis=1) / max(self.counts, 1.0))
+        of_group = np.empty_like(motion)
         for group in self.groups:
-            group_motion[group] = np.sqrt(np.mean(motion[group] ** 2))
+            of_group[group] = np.sqrt(np.mean(motion[group] ** 2))
+        p = self.by_torques[: len(self.rows.dynamics.layout.names)]
+        # What it should show in the mean, but for its own offsets.
+        level = self.X[:, : len(p)].sum(axis=2) @ p / max(self.counts, 1.0)
+        of_model = _OF_CHANNEL * motion, _OF_GROUP * of_group, _OF_MEAN * level
         white = np.minimum(np.abs(T), 1.0) @ self.white
-        of_model = _OF_CHANNEL * motion, _OF_GROUP * group_motion, _OF_MEAN * self._level
         return np.sqrt(np.sum(np.square((*of_model, self.noise, white)), axis=0))
 
     def judge(self, T: Map, only: list[int] | None = None) -> MapFit:
         """Judge one map, by some channels; default all."""
-        kept = list(range(len(T))) if only is None else only
-        T, weights = T[kept], _COUNTED / self._sigma(T)[kept] ** 2
-        n, moments, known = len(self.by_torques), self._moments[kept], self._precision
-        A = known + np.tensordot(weights, moments[:, :n, :n], 1)
-        b = known @ self.by_torques
-        constant = float(b @ self.by_torques)
-        b += weights @ np.einsum("kij,kj->ki", moments[:, :n, n:], T)
-        constant += float(weights @ np.einsum("ki,kij,kj->k", T, moments[:, n:, n:], T))
-        theta, of_last = np.linalg.solve(A, np.stack([b, np.eye(n)[-1]], axis=1)).T
-        Q = max(constant - float(b @ theta), 0.0) / (_COUNTED * len(kept))
-        return MapFit(Q, theta, float(np.sqrt(of_last[-1] * max(Q, 1e-6))))
+        kept, n = list(range(len(T))) if only is None else only, len(self.by_torques)
+        weights = np.sqrt(_COUNTED) / self._sigma(T)[kept]
+        R = self._triangles[kept] * weights[:, None, None]
+        b = np.einsum("kri,ki->kr", R[:, :, n:], T[kept]).ravel()
+        problem = LinearProblem(R[:, :, :n].reshape(-1, n), b, np.zeros(len(b), dtype=int))
+        problem = problem.with_known(self.D, self.D @ self.by_torques)
+        Q = float(problem.residual @ problem.residual) / (_COUNTED * len(kept))
+        last_std = float(np.linalg.norm(problem.inverse[-1]) * np.sqrt(max(Q, 1e-6)))
+        return MapFit(Q, problem.x, last_std)
 
-    def expected(self, theta: Float[np.ndarray, " theta"]) -> Values:
-        return np.einsum("kin,i->kn", self.theta_columns, theta)
+    def expected(self, theta: Theta) -> Values:
+        return np.einsum("kin,i->kn", self.X, theta)
 
     def left(self, fit: MapFit) -> Float[np.ndarray, " channels"]:
         """RMS residual of each unmapped channel, in its own unit."""
-        residual = self.shown.y - self.expected(fit.theta)
+        residual = self.y - self.expected(fit.theta)
         return np.sqrt(np.sum(residual**2, axis=1) / max(self.counts, 1.0))
 
     def unexplained(self, fit: MapFit) -> float:
@@ -160,26 +172,26 @@ class Misfit:
     def along(self) -> float:
         """Correlation of the signal with the one expected from torques, without means."""
         expected = self.expected(self.by_torques)
-        expected -= expected.sum(axis=1, keepdims=True) / self.counts * self.shown.counts
+        expected -= expected.sum(axis=1, keepdims=True) / self.counts * self.samples
         expected, y = expected / self.noise[:, None], self.moving / self.noise[:, None]
         size = np.sqrt(np.sum(expected**2) * np.sum(y**2))
         return float(abs(np.sum(expected * y)) / max(size, 1e-300))
 
     def stretches(self) -> Iterator[slice]:
         """Stretches without a gap that are long enough to determine a delay."""
-        ends = [*self.rows.starts[1:].tolist(), self.shown.y.shape[1]]
-        for first, last in zip(self.rows.starts.tolist(), ends, strict=True):
+        ends = [*self.starts[1:].tolist(), self.y.shape[1]]
+        for first, last in zip(self.starts.tolist(), ends, strict=True):
             if last - first >= _SHORT:
                 yield slice(first, last)
 
     def earlier(self, delay: float) -> "Misfit":
         """The same with the signal shifted earlier [s]."""
-        y = self.shown.y.copy()
+        y = self.y.copy()
         for part in self.stretches() if delay else ():
-            values = self.shown.y[:, part].T
-            time = np.arange(len(values)) * self.rows.period
-            y[:, part] = interpolate(time, values, np.clip(time + delay, time[0], time[-1])).T
-        return replace(self, shown=replace(self.shown, y=y))
+            time = np.arange(part.stop - part.start) * self.period
+            shifted = np.clip(time + delay, time[0], time[-1])
+            y[:, part] = interpolate(time, self.y[:, part].T, shifted).T
+        return replace(self, y=y)
 
 
 @dataclass(frozen=True)
@@ -193,17 +205,97 @@ class SensorLag:
 
 def lag_of(misfit: Misfit, unshifted: MapFit) -> SensorLag | None:
     """The delay of a sensor, y(t) = ŷ(t − δ), by Gauss–Newton steps jointly with θ."""
-    if np.ptp(misfit.shown.counts) > 1e-6:  # with holes there is no shifting
+    if np.ptp(misfit.samples) > 1e-6:  # with holes there is no shifting
         return None
     T, theta, delay, std = np.eye(len(misfit.noise)), unshifted.theta, 0.0, np.inf
     for _ in range(_ROUNDS):
         expected = misfit.expected(theta)
         slope = np.zeros_like(expected)
         for part in misfit.stretches():
-            slope[:, part] = -np.gradient(expected[:, part], misfit.rows.period, axis=1)
-        fit = replace(misfit.earlier(delay), beside=slope[:, None, :], spread=_DELAY).judge(T)
+            slope[:, part] = -np.gradient(expected[:, part], misfit.period, axis=1)
+        fit = misfit.earlier(delay).beside(slope[:, None, :], _DELAY).judge(T)
         theta, step, std = fit.theta[:-1], float(fit.theta[-1]), fit.last_std
         delay += step
         if abs(step) < 0.1 * std:
             break
     return SensorLag(delay, std, misfit.earlier(delay).judge(T).Q)
+
+
+def misfits(dynamics: Dynamics, recording: PreparedRecording) -> list[Misfit]:
+    """Of each sensor of a recording, filtered like its torques; none where it has too little."""
+    columns, drives = recording.log.columns, np.arange(dynamics.dof)
+    sensor_columns = {sensor.name: sensor for sensor in columns.sensors}
+    if not sensor_columns or not columns.torque:
+        return []
+    sensors = [rows for rows in all_sensor_rows(dynamics) if rows.name in sensor_columns]
+    row_of, entries = dynamics.regressor_pattern
+
+    def measured(w: SampleBlock) -> np.ndarray:
+        shown, free = columns.shown(w.extra), ~columns.held(w.time, w.extra).any(axis=0)
+        Y = entries_at(dynamics, w.z, w.qd, w.qdd, np.zeros_like(w.qd))
+        parts = [w.weighted(Y, row_of), w.weighted(w.tau.T, drives)]
+        for rows in sensors:
+            sensor = shown[rows.name]
+            counts = free & np.isfinite(sensor).all(axis=0)
+            C = rows.entries(w.z, w.qd, w.qdd, np.zeros_like(sensor))
+            parts += [C * counts, np.where(counts, sensor, 0.0), counts[None].astype(float)]
+        return np.vstack(parts)
+
+    windows = list(recording.spread(dynamics.kinematics, _WINDOWS))
+    every = max(1, -(-recording.log.samples // (recording.filter.thinned * _MOST)))
+    parts = [window.filtered(measured)[:, ::every] for window in windows]
+    parts = [part for part in parts if part.shape[1] > 1]
+    if not parts:
+        return []
+    each = [n for rows in sensors for n in (len(rows.pattern[0]), len(rows.channels), 1)]
+    ends = np.cumsum([len(row_of), len(drives), *each])[:-1]
+    sparse, tau, *data = np.split(np.hstack(parts), ends)
+    parameters, samples = len(dynamics.layout.parameters), tau.shape[1]
+    Y = np.zeros((len(drives), parameters + 1, samples))
+    Y[row_of, entries], Y[:, -1] = sparse, tau
+    triangles, largest = np.stack([triangle(rows.T) for rows in Y]), np.abs(tau).max(axis=1)
+    counted = np.full(len(drives), float(samples))
+    known = _by_torques(dynamics, Information(np.arange(parameters), triangles, counted, largest))
+    shown, found = [columns.shown(window.own.extra) for window in windows], list[Misfit]()
+    for rows, C, y, (counts,) in zip(sensors, data[::3], data[1::3], data[2::3], strict=True):
+        X = np.zeros((len(rows.channels), parameters + len(rows.parameters), samples))
+        X[rows.pattern] = C
+        found.append(
+            Misfit(
+                rows,
+                sensor_columns[rows.name],
+                np.append(known.x, [entry.prior for entry in rows.parameters]),
+                block_diag(known.root, np.diag([1.0 / entry.std for entry in rows.parameters])),
+                X,
+                y,
+                counts,
+                raw=np.hstack([sensor[rows.name] for sensor in shown]),
+                starts=np.cumsum([0, *(part.shape[1] for part in parts)])[:-1],
+                period=recording.filter.thinned * every / recording.log.rate,
+                row=1 / recording.log.rate,
+            )
+        )
+    return found
+
+
+def _by_torques(dynamics: Dynamics, torques: Information) -> LinearProblem:
+    """Least squares of the robot's parameters by torques and prior."""
+    robot, layout = dynamics.robot, dynamics.layout
+    stated = stated_spreads(robot)
+    prior = np.array([entry.prior for entry in layout.parameters])
+    scale = np.array([entry.scale for entry in layout.parameters])
+    std = scale * [stated.get(name, PRIOR_SPREAD) for name in layout.names]
+    for k, entry in enumerate(layout.parameters[: layout.coefficients.start]):
+        free, symbol = robot.bodies[entry.owner].free, entry.symbol
+        if not free or (symbol in _BY_SYMMETRY and symbol.replace("I", "S") not in free):
+            std[k] = (_STRAIGHT if free else _KNOWN) * entry.scale
+    size, counted = torques.torque_rms(), np.minimum(_OF_TORQUES / torques.samples, 1.0)
+
+    def weighted(noise: Float[np.ndarray, " drives"]) -> LinearProblem:
+        problem = LinearProblem.of_triangle(torques.weighted(counted / noise**2), torques.rows)
+        return problem.with_known(np.diag(1 / std), prior / std)
+
+    noise = np.maximum(size, 1e-12)
+    for _ in range(2):  # the residual sets each drive's weight
+        noise = np.maximum(torques.rms(weighted(noise).x), _LEFT * size + 1e-12)
+    return weighted(noise)

@@ -4,15 +4,14 @@ Each signal is compared with the robot as torques and prior determine it (`sensi
 they contradict each other, maps that would correct its columns are tried (`sensing.guesses`).
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 from threadpoolctl import threadpool_limits
 
 from deltaid.checks.evidence import Evidence
 from deltaid.checks.sensing.guesses import Guess, best_guess, mapped, verdict_of
-from deltaid.checks.sensing.misfit import MapFit, Misfit, SensorLag, lag_of
-from deltaid.checks.sensing.sensed_rows import SensedRows, SensorSignal, sensed_rows
+from deltaid.checks.sensing.misfit import MapFit, Misfit, SensorLag, lag_of, misfits
 from deltaid.model.verdict import Grade, Proposal, Verdict, percent
 from deltaid.robot.sensors import BaseWrench, Sensor
 
@@ -34,60 +33,59 @@ _NOISY = 3.0
 @threadpool_limits.wrap(limits=1, user_api="blas")  # for small matrices, threads only wait
 def checked_sensors(evidence: Evidence) -> tuple[Verdict, ...]:
     """Verdicts on each sensor of a recording, good ones too; none of one without."""
-    recording = evidence.surveyed
-    rows = None if recording is None else sensed_rows(evidence.dynamics, recording)
-    if rows is None:
+    if (recording := evidence.surveyed) is None:
         return ()
-    return tuple(verdict for signal in rows.signals for verdict in _of_signal(rows, signal))
+    sensors = misfits(evidence.dynamics, recording)
+    return tuple(verdict for misfit in sensors for verdict in _of_sensor(misfit, sensors))
 
 
-def _of_signal(rows: SensedRows, signal: SensorSignal) -> list[Verdict]:
-    misfit = Misfit(rows, signal, signal)
+def _of_sensor(misfit: Misfit, sensors: Sequence[Misfit]) -> list[Verdict]:
     if misfit.counts < 1.0:
         return []
-    verdicts = list(_clipped(signal))
+    verdicts = list(_clipped(misfit))
     as_mapped = misfit.judge(np.eye(len(misfit.noise)))
     late = lag_of(misfit, as_mapped)
     if as_mapped.Q > _DOUBTED:
         if late is not None and min(_CONTRADICTS, _EXPLAINS * as_mapped.Q) > late.Q:
-            return [*verdicts, _late(signal, late, rows.row, as_mapped.Q)]
-        if (against := _contradiction(misfit, as_mapped)) is not None:
+            return [*verdicts, _late(misfit, late, as_mapped.Q)]
+        if (against := _contradiction(misfit, sensors, as_mapped)) is not None:
             return [*verdicts, against]
-    least_delay = max(_ROWS * rows.row, _SURE * late.std) if late is not None else 0.0
-    if late is not None and late.Q < _BETTER * as_mapped.Q and abs(late.delay) > least_delay:
-        verdicts.append(_late(signal, late, rows.row, as_mapped.Q))
+    least = np.inf if late is None else max(_ROWS * misfit.row, _SURE * late.std)
+    if late is not None and late.Q < _BETTER * as_mapped.Q and abs(late.delay) > least:
+        verdicts.append(_late(misfit, late, as_mapped.Q))
     rms = misfit.left(as_mapped)
-    verdicts += _noisy(rows, misfit, rms)
-    if verdicts:
-        return verdicts
+    verdicts += _noisy(misfit, rms)
     k = int(np.argmax(rms / misfit.noise))
-    channel, number = signal.rows.channels[k], float(rms[k])
-    seen = f"{signal.name} agrees with the torques: at most {number:.2g} {channel.unit} is left, "
-    seen += f"of {channel.name}"
-    unit = channel.unit
-    return [Verdict("sensor-residual", Grade.GOOD, seen, signal.name, number=number, unit=unit)]
+    channel, number = misfit.rows.channels[k], float(rms[k])
+    seen = (
+        f"{misfit.name} agrees with the torques: at most {number:.2g} {channel.unit} is left, "
+        f"of {channel.name}"
+    )
+    good = Verdict(
+        "sensor-residual", Grade.GOOD, seen, misfit.name, number=number, unit=channel.unit
+    )
+    return verdicts or [good]
 
 
-def _contradiction(misfit: Misfit, as_mapped: MapFit) -> Verdict | None:
+def _contradiction(misfit: Misfit, sensors: Sequence[Misfit], as_mapped: MapFit) -> Verdict | None:
     """The best explanation of a sensor that contradicts the torques; None if it hardly does."""
-    rows, signal = misfit.rows, misfit.signal
-    alike = [other for other in rows.signals if other.units == signal.units]
-    others = [other for other in alike if other is not signal and len(other.units) == 1]
-    guess, described = best_guess(misfit, others), rows.dynamics.robot.sensors[signal.name]
+    others = [other for other in sensors if other is not misfit and other.units == misfit.units]
+    guess = best_guess(misfit, others if len(misfit.units) == 1 else ())
+    described, name = misfit.rows.sensor, misfit.name
     rest = misfit.unexplained(as_mapped)
     share = _EXPLAINS if guess.Q < _CONTRADICTS else _LEAVES
     if share * as_mapped.Q > guess.Q:
-        return None if _is_allowed(guess, described) else verdict_of(guess, signal, described, rest)
+        return None if _is_allowed(guess, described) else verdict_of(guess, misfit, rest)
     if as_mapped.Q < _CONTRADICTS:
         return None
-    along, line = misfit.along, f"by the line `sensors: {{{signal.name}: null}}` of a mapping"
+    along, line = misfit.along, f"by the line `sensors: {{{name}: null}}` of a mapping"
     if along < _DEAD:
         return Verdict(
             "sensor-dead",
             Grade.WRONG,
-            f"{signal.name} does not follow the robot: its correlation with what torques expect "
-            f"is {along:.2g}",
-            signal.name,
+            f"{name} does not follow the robot: its correlation with what torques expect is "
+            f"{along:.2g}",
+            name,
             "a sensor that is not connected or not loaded, or a column of something else",
             "check by name which signal the column holds, or leave the sensor out of this "
             f"recording {line}",
@@ -96,9 +94,9 @@ def _contradiction(misfit: Misfit, as_mapped: MapFit) -> Verdict | None:
     return Verdict(
         "sensor-residual",
         Grade.DOUBTFUL,
-        f"torques leave {percent(rest)} of what {signal.name} shows of the motion unexplained, and "
-        "no unit, sign, order or frame of it explains that",
-        signal.name,
+        f"torques leave {percent(rest)} of what {name} shows of the motion unexplained, and no "
+        "unit, sign, order or frame of it explains that",
+        name,
         "a load on the sensor that is not the robot, several things at once, or a description that "
         "is not of this robot",
         f"look at the columns beside the torques of a motion known well, or leave the sensor out "
@@ -119,8 +117,8 @@ def _is_allowed(guess: Guess, sensor: Sensor) -> bool:
     return guess.angle < _ALLOWED * sensor.rotation_tolerance
 
 
-def _clipped(signal: SensorSignal) -> Iterator[Verdict]:
-    for channel, numbers in zip(signal.columns.channels, signal.raw, strict=True):
+def _clipped(misfit: Misfit) -> Iterator[Verdict]:
+    for channel, numbers in zip(misfit.columns.channels, misfit.raw, strict=True):
         numbers = numbers[np.isfinite(numbers)]
         for end, word in ((np.max, "largest"), (np.min, "smallest")) if numbers.size else ():
             extreme = end(numbers)
@@ -133,7 +131,7 @@ def _clipped(signal: SensorSignal) -> Iterator[Verdict]:
                     Grade.DOUBTFUL,
                     f"column {channel.column} stays on its {word} number, {extreme:.4g}, in "
                     f"{share:.2g} % of the rows",
-                    signal.name,
+                    misfit.name,
                     "a range of the sensor or its amplifier that ends there",
                     "choose a wider range and record again",
                     number=share,
@@ -141,42 +139,43 @@ def _clipped(signal: SensorSignal) -> Iterator[Verdict]:
                 )
 
 
-def _late(signal: SensorSignal, lag: SensorLag, row: float, Q: float) -> Verdict:
+def _late(misfit: Misfit, lag: SensorLag, Q: float) -> Verdict:
     return Verdict(
         "sensor-lag",
         Grade.WRONG if Q > _CONTRADICTS else Grade.DOUBTFUL,
-        f"{signal.name} is {'late' if lag.delay > 0 else 'early'} against the motion by "
-        f"{1e3 * abs(lag.delay):.3g} ± {1e3 * lag.std:.2g} ms, {abs(lag.delay) / row:.3g} rows",
-        signal.name,
+        f"{misfit.name} is {'late' if lag.delay > 0 else 'early'} against the motion by "
+        f"{1e3 * abs(lag.delay):.3g} ± {1e3 * lag.std:.2g} ms, {abs(lag.delay) / misfit.row:.3g} "
+        "rows",
+        misfit.name,
         "a filter in the sensor's amplifier, or another clock",
         "declare how late it is in the mapping",
-        mapped(signal, [("delay", float(f"{signal.columns.delay + lag.delay:.3g}"))]),
+        mapped(misfit, [("delay", float(f"{misfit.columns.delay + lag.delay:.3g}"))]),
         number=1e3 * lag.delay,
         unit="ms",
     )
 
 
-def _noisy(rows: SensedRows, misfit: Misfit, rms: np.ndarray) -> Iterator[Verdict]:
+def _noisy(misfit: Misfit, rms: np.ndarray) -> Iterator[Verdict]:
     """Verdicts on noise and residual beyond the stated noise."""
-    name, size = misfit.signal.name, np.maximum(misfit.white, rms)
+    size = np.maximum(misfit.white, rms)
+    times = size / misfit.noise
     for group in misfit.groups:
-        k = max(group, key=lambda i: size[i] / misfit.noise[i])
-        times, channel = float(size[k] / misfit.noise[k]), misfit.signal.rows.channels[k]
-        if times <= _NOISY:
+        k = max(group, key=lambda i: times[i])
+        channel, key = misfit.rows.channels[k], "noise"
+        if times[k] <= _NOISY:
             continue
-        key = "noise"
-        if isinstance(rows.dynamics.robot.sensors[name], BaseWrench):
+        if isinstance(misfit.rows.sensor, BaseWrench):
             key = "force_noise" if channel.unit == "N" else "moment_noise"
         value = float(f"{np.sqrt(np.mean(size[group] ** 2)):.2g}")
         source = "what the model leaves of" if rms[k] > misfit.white[k] else "noise of"
         yield Verdict(
             "sensor-noise",
             Grade.DOUBTFUL,
-            f"{source} {channel.name} is {size[k]:.3g} {channel.unit}, {times:.2g} times the "
+            f"{source} {channel.name} is {size[k]:.3g} {channel.unit}, {times[k]:.2g} times the "
             f"{channel.noise:.3g} {channel.unit} stated",
-            name,
+            misfit.name,
             "noise that is stated too small, a resonance, or what else acts on it",
             "state the noise that it has, or find what acts on it",
-            (Proposal("robot", ((f"sensors.{name}.{key}", value),)),),
-            times,
+            (Proposal("robot", ((f"sensors.{misfit.name}.{key}", value),)),),
+            float(times[k]),
         )

@@ -1,4 +1,8 @@
-"""Verdicts on zeros of drives and the direction of gravity.
+"""Verdicts on zeros of drives and the direction of gravity: which of them explains a residual.
+
+Both have columns, ∂(Y p)/∂q_0 and ∂(Y p)/∂g, in addition to those of Y. Their values are a
+Gauss–Newton step; its covariance follows from the scatter of scores between blocks of time, for
+noise of any colour.
 
 They are compared with the least-squares residual of a recording. Before a fit, rows are as recorded
 and friction as described: clipped torques, a lag or another friction law can mimic a wrong zero,
@@ -6,23 +10,26 @@ and a wrong zero mimics one-way friction or a torque constant, which a fit then 
 they are compared with the residual of masked torques, with the fit's corrections and without.
 """
 
-from collections.abc import Iterator
-from dataclasses import replace
+from collections.abc import Collection, Iterator, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from itertools import pairwise
 
 import numpy as np
+from jaxtyping import Float
 from threadpoolctl import threadpool_limits
 
 from deltaid.checks.evidence import Evidence
 from deltaid.checks.wiring.candidate import WiringHypothesis
 from deltaid.checks.wiring.explained import RemappedRecording
-from deltaid.checks.wiring.homing import Shifts, shifts
 from deltaid.checks.wiring.motion import FilteredMotion
 from deltaid.checks.wiring.residual import residual
-from deltaid.dynamics.geometry import across
-from deltaid.dynamics.parameters import parameter_layout
+from deltaid.dynamics.dynamics import Dynamics
+from deltaid.dynamics.geometry import across, torque_slopes
+from deltaid.dynamics.parameters import parameter_layout, prior_parameters
 from deltaid.estimation.additions import extended
 from deltaid.estimation.information import active_columns
-from deltaid.estimation.problem import Span
+from deltaid.estimation.problem import LinearProblem, Span
 from deltaid.identification.fit import FittedProblem
 from deltaid.identification.geometric_rows import geometric_rows
 from deltaid.model.verdict import Grade, Proposal, Verdict, listed
@@ -30,6 +37,10 @@ from deltaid.recording.recording import PreparedRecording
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.tolerances import Tolerances
 
+# Blocks of time, and spread of the prior.
+BLOCKS, _SPREAD = 24, 0.5
+# Share of the larger one's square below which an angle of gravity does not show.
+_SHOWN = 1e-6
 # Standard deviations from zero to be reported, and below which a cause is not needed.
 _SEEN, _NEEDED = 4.2, 3.5
 # Least share of the residual that they must explain.
@@ -54,19 +65,150 @@ _LEVELLED = 0.05
 _FAR, _CERTAIN = 0.05, 25.0
 
 
+@dataclass(frozen=True, eq=False)
+class Shifts:
+    """Errors of zeros [rad or m] and of the direction of gravity [rad], from rows.
+
+    Columns are of the drives' zeros, of two angles of gravity or none without gravity, then of each
+    drive's torque offset and gain.
+    """
+
+    H: Float[np.ndarray, "columns columns"]  # products of columns, parameters projected out
+    scores: Float[np.ndarray, "blocks columns"]
+    left: float  # sum of squares without the columns, parameters projected out
+    rows: int  # that it is of
+    drives: int
+    angles: int  # of gravity, 2 or 0
+
+    @classmethod
+    def from_rows(
+        cls,
+        span: Span,
+        D: Float[np.ndarray, "rows columns"],
+        tau: Float[np.ndarray, " rows"],
+        drives: int,
+        angles: int,
+    ) -> "Shifts":
+        """From columns and torques as rows of drives under each other, and what explains them."""
+        D, e = span.without(D), span.without(tau)
+        count = len(e) // drives
+        edges = np.linspace(0, count, BLOCKS + 1).astype(int)
+        products = (D * e[:, None]).reshape(drives, count, -1).sum(axis=0)
+        scores = np.stack([products[a:b].sum(axis=0) for a, b in pairwise(edges)])
+        return cls(D.T @ D, scores, float(e @ e), len(e), drives, angles)
+
+    @cached_property
+    def tilt(self) -> list[int]:
+        """Columns of the direction of gravity that show."""
+        angles = range(self.drives, self.drives + self.angles)
+        largest = max((self.H[i, i] for i in angles), default=0.0)
+        return [i for i in angles if self.H[i, i] > _SHOWN * largest]  # a plane shows one angle
+
+    @property
+    def offsets(self) -> list[int]:
+        first = self.drives + self.angles
+        return list(range(first, first + self.drives))
+
+    @property
+    def gains(self) -> list[int]:
+        """Columns of gains; together they are the torques, so one must be excluded then."""
+        return list(range(2 * self.drives + self.angles, len(self.H))) if self.drives > 1 else []
+
+    @cached_property
+    def zeros(self) -> list[int]:
+        """Drives whose zero error is small enough for slopes and well determined: a weak column, as
+        of a telescope's drive, would take any value to explain the residual."""
+
+        def is_shown(drive: int) -> bool:
+            (value,), ((variance,),) = self.estimate([drive])
+            small = abs(value) < _FARTHEST and variance < _VAGUE**2
+            return bool(small and self.certainty([drive]) > 0)
+
+        return list(filter(is_shown, range(self.drives)))
+
+    @cached_property
+    def causes(self) -> list[list[int]]:
+        """The zero that explains most, and a tilt, as far as they are observable."""
+        likeliest = sorted(self.zeros, key=lambda i: -self.gain([i]))[:1]
+        return [cause for cause in (likeliest, self.tilt) if cause]
+
+    @property
+    def seen(self) -> bool:
+        """Whether the likeliest zero, or a tilt, is significant and explains enough."""
+        certainty = max((self.certainty(cause) for cause in self.causes), default=0.0)
+        return certainty >= _SEEN and max(map(self.gain, self.causes)) >= _LITTLE
+
+    @property
+    def tilted(self) -> tuple[float, float]:
+        """Angle between gravity and its direction as described, and half its interval [rad]."""
+        if not self.tilt:
+            return 0.0, 0.0
+        turn, covariance = self.estimate(self.tilt)
+        angle = float(np.linalg.norm(turn))
+        direction = turn / max(angle, 1e-12)
+        return angle, 2 * float(np.sqrt(direction @ covariance @ direction))
+
+    def estimate(
+        self, chosen: list[int], beside: Sequence[int] = ()
+    ) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, "n n"]]:
+        """Values of some columns and their covariance, with others free beside them."""
+        columns = [*chosen, *beside]
+        H, n = self.H[np.ix_(columns, columns)], len(chosen)
+        scale = 1 / np.sqrt(np.maximum(np.diag(H), np.finfo(float).tiny))
+        inverse = np.linalg.pinv(H * np.outer(scale, scale), rcond=1e-9) * np.outer(scale, scale)
+        s = self.scores[:, columns]
+        centred, blocks = s - s.mean(axis=0), len(s)
+        spread = centred.T @ centred * blocks / max(blocks - len(columns), 1)
+        return (inverse @ s.sum(axis=0))[:n], (inverse @ spread @ inverse)[:n, :n]
+
+    def certainty(self, chosen: list[int], beside: Sequence[int] = ()) -> float:
+        """Wald's distance of some columns from zero in standard deviations; 0 if unobservable."""
+        if not all(self.H[i, i] > 0 for i in chosen):
+            return 0.0
+        value, covariance = self.estimate(chosen, beside)
+        values, vectors = np.linalg.eigh(covariance)
+        determined = values > 1e-9 * values[-1]
+        projected = vectors[:, determined].T @ value
+        return float(np.sqrt(np.sum(projected**2 / values[determined]) / max(len(chosen), 1)))
+
+    def gain(self, chosen: list[int]) -> float:
+        """Share of the residual that these columns explain."""
+        H, s = self.H[np.ix_(chosen, chosen)], self.scores[:, chosen].sum(axis=0)
+        return float(s @ np.linalg.pinv(H, rcond=1e-9, hermitian=True) @ s / self.left)
+
+
+def shifts(dynamics: Dynamics, motion: FilteredMotion, best: WiringHypothesis) -> Shifts:
+    """Errors of zeros and gravity in a recording, for the columns of a candidate."""
+    residual, dof, tau, g = best.residual, dynamics.dof, best.torques, dynamics.robot.gravity
+    # All parameters: the prior, moved as far as the torques require.
+    p = prior_parameters(dynamics.robot)
+    noise = np.linalg.norm(residual.span.without(tau)) / np.sqrt(len(tau))
+    Y, left = residual.Y / noise, (tau - residual.Y @ residual.prior) / noise
+    known = np.diag(1.0 / (_SPREAD * residual.scale)), np.zeros(Y.shape[1])
+    p[residual.columns] += LinearProblem(Y, left, residual.rows.groups).with_known(*known).x
+    # Slopes at the kept samples are smooth enough to need no filter.
+    kept, low_pass = np.flatnonzero(residual.keep), motion.low_pass
+    places = low_pass.half + low_pass.decimation * kept
+    qd, qdd = (best.map.rates(rate[places]) for rate in (motion.qd, motion.qdd))
+    slopes, axes = torque_slopes(dynamics, residual.z[places], qd, qdd, p), across(np.array(g))
+    D = np.stack([*map(slopes.of_zero, range(dof)), *map(slopes.of_gravity, axes)], axis=2)
+    offsets = residual.rows.per_drive(np.ones((dof, len(kept))))
+    columns = np.hstack([residual.rows.stack(D), offsets, best.columns * best.gains])
+    return Shifts.from_rows(residual.span, columns, tau, dof, len(axes))
+
+
 def zero_verdicts(case: RemappedRecording) -> Iterator[Verdict]:
     """Homing, tilt, one of both, or neither."""
     best, motion = case.best, case.motion
     shift = shifts(case.evidence.dynamics, motion, best)
-    drives = _shown(shift)
-    doubted = bool(drives) and _seen(shift)
+    doubted = bool(shift.zeros) and shift.seen
     if not doubted or _better_explained(shift, np.flatnonzero(best.loose).tolist()):
         if not best.closes:
             yield _open(best)
-        elif drives and not doubted:
+        elif shift.zeros and not doubted:
             yield _good(shift)
         return
-    drive = max(drives, key=lambda i: shift.gain([i]))
+    drive = max(shift.zeros, key=lambda i: shift.gain([i]))
     beside = shift.certainty([drive], shift.tilt)
     instead = shift.certainty(shift.tilt, [drive]) if shift.tilt else 0.0
     # Zeros of several drives mimic any tilt, so the simpler one is reported where both remain.
@@ -74,49 +216,24 @@ def zero_verdicts(case: RemappedRecording) -> Iterator[Verdict]:
     if either and shift.tilt:
         zero = shift.gain([drive]) > shift.gain(shift.tilt)
     least = _RIVAL * shift.gain([drive])
-    rivals = [i for i in drives if i != drive and shift.gain([i]) > least]
+    rivals = [i for i in shift.zeros if i != drive and shift.gain([i]) > least]
     rivals = [drive, *(i for i in rivals if shift.certainty([drive], [i]) < _NEEDED)]
     way = _zero(case.evidence, motion, best, shift, drive)
     grade = Grade.DOUBTFUL if best.closes else Grade.WRONG
     yield _verdict(case.evidence, shift, rivals, way, grade=grade, zero=zero, either=either)
 
 
-def _seen(shift: Shifts) -> bool:
-    """Whether the likeliest zero, or a tilt, is significant and explains enough."""
-    causes = _causes(shift)
-    certainty = max((shift.certainty(cause) for cause in causes), default=0.0)
-    return certainty >= _SEEN and max(shift.gain(cause) for cause in causes) >= _LITTLE
-
-
-def _causes(shift: Shifts) -> list[list[int]]:
-    """The zero that explains most, and a tilt, as far as they are observable."""
-    drives = sorted(_shown(shift), key=lambda i: -shift.gain([i]))[:1]
-    return [cause for cause in (drives, shift.tilt) if cause]
-
-
-def _shown(shift: Shifts) -> list[int]:
-    """Drives whose zero error is small enough for slopes and well determined: a weak column, as of
-    a telescope's drive, would take any value to explain the residual."""
-    shown = list[int]()
-    for drive in range(shift.drives):
-        (value,), ((variance,),) = shift.estimate([drive])
-        if abs(value) < _FARTHEST and variance < _VAGUE**2 and shift.certainty([drive]) > 0:
-            shown.append(drive)
-    return shown
-
-
 def _better_explained(shift: Shifts, loose: list[int]) -> bool:
     """Whether torque gains or offsets explain the residual instead of zeros and gravity: those of
     all drives by explaining what these cannot, that of one drive, which is as simple, by explaining
     more. A loose drive's gain and offset absorb errors of its prior."""
-    causes = _causes(shift)
-    for instead in (shift.offsets, shift.gains[1:]):
-        if instead and all(
+    for instead in filter(None, (shift.offsets, shift.gains[1:])):
+        if all(
             shift.certainty(cause, instead) < _NEEDED <= shift.certainty(instead, cause)
-            for cause in causes
+            for cause in shift.causes
         ):
             return True
-    needed = _MORE * max(shift.gain(cause) for cause in causes) + _CHANCE / shift.rows
+    needed = _MORE * max(map(shift.gain, shift.causes)) + _CHANCE / shift.rows
     return any(
         shift.gain([column]) > needed
         for columns in (shift.offsets, shift.gains)
@@ -160,7 +277,7 @@ def _verdict(
     of_zero = f"a zero of {name} that is {abs(1e3 * way[0]):.3g} ± {1e3 * way[1]:.1g} {unit} off"
     if others:
         of_zero += f" (or one of {listed(others)}: the motion does not separate these)"
-    angle, by = _tilt(shift)
+    angle, by = shift.tilted
     of_tilt = f"a base out of level by {1e3 * angle:.3g} ± {1e3 * by:.1g} mrad"
     if zero:
         share, number, text, rival = shift.gain([rivals[0]]), way[0], of_zero, of_tilt
@@ -195,16 +312,6 @@ def _verdict(
     )
 
 
-def _tilt(shift: Shifts) -> tuple[float, float]:
-    """Angle between gravity and its direction as described, and half its interval [rad]."""
-    if not shift.tilt:
-        return 0.0, 0.0
-    turn, covariance = shift.estimate(shift.tilt)
-    angle = float(np.linalg.norm(turn))
-    direction = turn / max(angle, 1e-12)
-    return angle, 2 * float(np.sqrt(direction @ covariance @ direction))
-
-
 def _gravity(evidence: Evidence, shift: Shifts, *, is_written: bool) -> tuple[Proposal, ...]:
     g = np.array(evidence.robot.gravity)
     turn, _ = shift.estimate(shift.tilt)
@@ -214,7 +321,7 @@ def _gravity(evidence: Evidence, shift: Shifts, *, is_written: bool) -> tuple[Pr
 
 
 def _good(shift: Shifts) -> Verdict:
-    angle, by = _tilt(shift)
+    angle, by = shift.tilted
     seen = "zeros and gravity go with the torques"
     if not 0 < by < _FARTHEST:
         return Verdict("homing-or-tilt", Grade.GOOD, seen)
@@ -240,17 +347,17 @@ def still_seen(
     problem: FittedProblem, recording: PreparedRecording, described: RobotDescription
 ) -> bool:
     """Whether a zero or a tilt explains the residual of a fit, or as much as its additions."""
-    fitted = _after_fit(problem, recording, frozenset())
-    if _seen(fitted):
+    fitted = _after_fit(problem, recording)
+    if fitted.seen:
         return True
     names = {entry.name for entry in parameter_layout(described).parameters}
     added = {entry.name for entry in problem.dynamics.layout.parameters} - names
     gains = {entry.name for entry in problem.layout.parameters if entry.kind == "gain"}
     repairs = replace(recording.repairs, gears=None, gain=())
-    bare = _after_fit(problem, replace(recording, repairs=repairs), frozenset(added | gains))
-    if not _seen(bare):
+    bare = _after_fit(problem, replace(recording, repairs=repairs), without=added | gains)
+    if not bare.seen:
         return False
-    likeliest = max(_causes(bare), key=bare.gain)
+    likeliest = max(bare.causes, key=bare.gain)
     value, _ = bare.estimate(likeliest)
     instead = bare.left * (1.0 - bare.gain(likeliest))
     chance = bare.rows * np.log(max(instead, 1e-300) / max(fitted.left, 1e-300))
@@ -258,24 +365,18 @@ def still_seen(
 
 
 def _after_fit(
-    problem: FittedProblem, recording: PreparedRecording, without: frozenset[str]
+    problem: FittedProblem, recording: PreparedRecording, without: Collection[str] = ()
 ) -> Shifts:
     """Errors of zeros and gravity with the columns of a fit, some of them excluded; unobservable
     zeros and tilts have columns of zeros."""
-    regressor = extended(problem.dynamics, problem.additions)
-    rows = next(
-        geometric_rows(
-            regressor,
-            problem.dynamics,
-            recording,
-            problem.values,
-            np.sqrt(problem.information.weights),
-            Tolerances(lengths=0.0, homing=_SIZE, mounting=_SIZE),
-        )
-    )
+    dynamics, regressor = problem.dynamics, extended(problem.dynamics, problem.additions)
+    weights = np.sqrt(problem.information.weights)
+    tolerances = Tolerances(lengths=0.0, homing=_SIZE, mounting=_SIZE)
+    at = regressor, dynamics, recording, problem.values, weights, tolerances
+    rows = next(geometric_rows(*at))
     tilts = [name for name in rows.names if name.startswith("tilt")]
-    zeros = [f"zero of {drive}" for drive in problem.dynamics.robot.drives]
+    zeros = [f"zero of {drive}" for drive in dynamics.robot.drives]
     names = [problem.layout.parameters[k].name for k in active_columns(regressor)]
-    Y = rows.Y[:, [name not in without for name in names]]
+    span = Span.of_columns(rows.Y[:, [name not in without for name in names]])
     D = rows.over((*zeros, *tilts)) / _SIZE
-    return Shifts.from_rows(Span.of_columns(Y), D, rows.tau, len(zeros), len(tilts))
+    return Shifts.from_rows(span, D, rows.tau, len(zeros), len(tilts))
