@@ -5,7 +5,7 @@ prior and consistency. A residual beyond chance is assigned to the cause whose c
 best; the next cause gets the remainder. Nothing is concluded about the cause of what is left then.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -13,16 +13,24 @@ from jaxtyping import Float
 from threadpoolctl import threadpool_limits
 
 from deltaid.checks.evidence import Evidence
-from deltaid.checks.lags import checked_lag
 from deltaid.effects.all import effect_of
 from deltaid.effects.effect import Cause, DescribedEffect, causes_of
-from deltaid.effects.lag_columns import UnknownLag
+from deltaid.effects.lag_columns import APART, UnknownLag
 from deltaid.estimation.spectra import bandwidth, density
 from deltaid.identification.loads import load_change
-from deltaid.identification.study import Study, longest, rests, unexplained
-from deltaid.model.verdict import Fault, Grade, Verdict, listed, percent
+from deltaid.identification.study import Study, longest, rests, spoilt, unexplained
+from deltaid.model.verdict import Fault, Grade, Verdict, graded, listed, percent
 from deltaid.recording.recording import PreparedRecording
 
+# A lag is wrong, and not only doubtful, where it spoils an inertia by this share.
+_SPOILT = 0.05
+# A lag that biases no inertia by this share is not reported.
+_HARMS = 0.003
+# A lag is unknown with an interval beyond the first [s]; beyond the second it must be so many times
+# as large: a slow motion determines a lag by its reversals alone, where encoder steps and friction
+# near rest interfere.
+_UNKNOWN, _WIDE, _CLEAR = 1e-3, 3e-4, 4.0
+_LAG = Fault("torque-lag", "ms")
 # A cause is wrong, and not only doubtful, where it makes this share of a drive's torque.
 _MUCH = 0.1
 # Lines are searched above so many times the motion's bandwidth and above so many Hz: below, model
@@ -91,10 +99,10 @@ def _verdict(cause: Cause, recording: PreparedRecording) -> Verdict | None:
         return None
     share = cause.rms / np.maximum(cause.fit.model.std(axis=1), 1e-300)
     subject, drives = effect.subject(cause), cause.fit.drives
-    worst = int(np.argmax(share)) if subject not in drives else drives.index(subject)
-    number, unit, seen = effect.seen(cause, subject, share[worst])
-    grade = Grade.WRONG if share[worst] > _MUCH else Grade.DOUBTFUL
-    why, proposals = effect.why(cause), effect.proposals(cause, recording)
+    size = share[drives.index(subject) if subject in drives else int(np.argmax(share))]
+    number, unit, seen = effect.seen(cause, subject, size)
+    proposals, grade = effect.proposals(cause, recording), graded(size, -np.inf, _MUCH)
+    why = effect.why(cause)
     return Verdict(effect.key, grade, seen, subject, why, effect.fix, proposals, number, unit)
 
 
@@ -126,16 +134,15 @@ def _resonance(study: Study) -> Verdict:
     length = int(min(_SECONDS * rate, 2 * len(residual) / (_SEGMENTS + 1)))
     frequency, power = density(residual, rate, max(length, 16))
     lowest = max(_ABOVE * bandwidth(q, rate), _LOWEST)
-    lines = np.array([_line(frequency, spectrum, lowest) for spectrum in power.T])
-    shares = np.sqrt(lines[:, 1]) / np.maximum(np.abs(study.fit.model).max(axis=1), 1e-300)
+    peaks, powers = np.array([_line(frequency, spectrum, lowest) for spectrum in power.T]).T
+    shares = np.sqrt(powers) / np.maximum(np.abs(study.fit.model).max(axis=1), 1e-300)
     k = int(np.argmax(shares))
     if shares[k] < _LEAST:
         return _RINGS.good("no line in what the model leaves of the torques")
-    peak = float(lines[k, 0])
-    same = (shares >= _LEAST) & (np.abs(lines[:, 0] / peak - 1) < _NARROW)
-    seen = f"a line at {peak:.3g} Hz with {percent(shares[k])} of {drives[k]}'s largest torque"
+    same = (shares >= _LEAST) & (np.abs(peaks / peaks[k] - 1) < _NARROW)
+    seen = f"a line at {peaks[k]:.3g} Hz with {percent(shares[k])} of {drives[k]}'s largest torque"
     subject = "" if same.all() else listed(np.array(drives)[same].tolist())
-    return _RINGS.poor(seen, subject, peak)
+    return _RINGS.poor(seen, subject, float(peaks[k]))
 
 
 def _line(
@@ -167,17 +174,125 @@ def _rest(study: Study, *, rings: bool) -> Verdict:
     if rings or rest is None:
         seen = "what the fit leaves of the torques follows neither speed, place, time nor load"
         return Verdict("residual", Grade.GOOD, seen, number=every[0].times, unit="times the noise")
-    drive, cause, cure = study.fit.drives[rest.drive], "", ""
-    seen = f"unexplained: {percent(rest.part)} of {drive}'s torque, "
+    drive = study.fit.drives[rest.drive]
     squares = np.sort(study.fit.rows.of_drives(study.account.left)[rest.drive] ** 2)
     if rest.follows:
-        seen += f"it varies with {rest.follows.words} ({percent(rest.follows.share)} of it)"
+        words = f"it varies with {rest.follows.words} ({percent(rest.follows.share)} of it)", "", ""
     elif squares[-max(len(squares) // 10, 1) :].sum() > _BURSTS * squares.sum():
-        seen += "in short bursts"
         cause = "knocks: contact with something, backlash that closes, or stops"
-        cure = f"{_LOOK}, and exclude what was no free motion"
+        words = "in short bursts", cause, f"{_LOOK}, and exclude what was no free motion"
     else:
-        seen += "it varies with neither speed, place, time nor load"
         cure = f"{_LOOK}; check play and stiffness of the gears"
+        words = "it varies with neither speed, place, time nor load", "", cure
+    varies, cause, cure = words
+    seen = f"unexplained: {percent(rest.part)} of {drive}'s torque, {varies}"
     grade = Grade.DOUBTFUL if rest.part > _LITTLE else Grade.CANNOT_TELL
     return _REST.poor(seen, drive, 100 * rest.part, grade=grade, cause=cause, cure=cure)
+
+
+def checked_lag(study: Study, why: str, *, unknown: bool) -> Verdict:
+    """Whether torques and positions are simultaneous.
+
+    Args:
+        why: an identification has not corrected a lag; empty before one.
+        unknown: whether the fit had to leave it open.
+    """
+    lag, half = 1e3 * float(study.common.values[0]), 1e3 * float(study.common.interval[0])
+    harm, shown = spoilt(study), study.common if study.alike else study.each
+    widest = shown.interval * np.where(shown.interval > _WIDE, _CLEAR, 1.0)
+    clear, cost = bool(np.any(np.abs(shown.values) > widest)), _cost(study, harm, why)
+    if study.hidden:
+        return _LAG.poor(
+            f"torques look {abs(lag):.2g} ± {half:.1g} ms {_late(lag)}, but a fault listed below "
+            f"can mimic a lag; {cost}",
+            "",
+            lag,
+            grade=Grade.CANNOT_TELL,
+            cure="fix the fault first, and check again",
+        )
+    if study.late and clear and np.abs(harm).max() > _HARMS:
+        grade = graded(np.abs(harm).max(), -np.inf, _SPOILT)
+        if not study.alike:
+            return _differing_lags(study, cost, grade)
+        rows = 1e-3 * lag * study.fit.trace.low_pass.rate
+        return _LAG.poor(
+            f"torques come {abs(lag):.3g} ± {half:.1g} ms {_late(lag)} against positions; {cost}",
+            "",
+            lag,
+            grade=grade,
+            cause="torque and position are not of the same instant: a filter in the torque's way, "
+            "a bus cycle, or two clocks",
+            cure="record both in the same cycle of the controller and without filter, or shift the "
+            f"torque columns by {-rows:+.2g} rows ({-lag:+.3g} ms)",
+        )
+    if unknown:
+        return _LAG.poor(
+            f"the lag of torques behind positions is hardly known, {lag:.2g} ± {half:.2g} ms; none "
+            "has been corrected, and intervals allow for it",
+            "",
+            half,
+            grade=Grade.CANNOT_TELL,
+            cause="noise that a controller feeds back, or gears that wind up, hide the steps of "
+            "friction that determine a lag best",
+            cure="give the lag if it is known (--lag), or record with lower gains",
+        )
+    if half > 1e3 * (_WIDE if study.late else _UNKNOWN):
+        return _LAG.poor(
+            f"the lag of torques behind positions is known to ±{half:.2g} ms only",
+            "",
+            half,
+            grade=Grade.CANNOT_TELL,
+            cause="the motion is too slow, or the torque too noisy, to see it",
+            cure="record a faster motion with more reversals",
+        )
+    small = f", too little to bias an inertia by {percent(_HARMS)}" if clear else ""
+    return _LAG.good(_agreement(study) + small, lag)
+
+
+def _cost(study: Study, harm: Float[np.ndarray, " dof"], why: str) -> str:
+    """What a lag does to the inertia of the drive that it harms most, and why it is left."""
+    worst = int(np.argmax(np.abs(harm)))
+    size = f"{percent(abs(harm[worst]))} too {'large' if harm[worst] > 0 else 'small'}"
+    cost = f"uncorrected, it makes the inertia of {study.fit.drives[worst]} {size}"
+    return f"{cost}; not corrected: {why}" if why else cost
+
+
+def _differing_lags(study: Study, cost: str, grade: Grade) -> Verdict:
+    """The verdict on lags of which each drive has its own."""
+    drives, common = study.fit.drives, 1e3 * float(study.common.values[0])
+    values, halves = 1e3 * study.each.values, 1e3 * study.each.interval
+    lags = [
+        f"{abs(lag):.2g} ± {half:.1g} ms {_late(lag)}"
+        for lag, half in zip(values, halves, strict=True)
+    ]
+    differing = np.abs(values - common) > np.maximum(halves, 1e3 * APART)
+    return _LAG.poor(
+        "torques and positions do not agree in time, and drives differ: "
+        f"{_by_drive(drives, lags)}; {cost}",
+        "" if differing.all() else listed(np.array(drives)[differing].tolist()),
+        float(values[np.argmax(np.abs(values))]),
+        grade=grade,
+        cause="drives with filters or bus cycles of their own; otherwise a sign of a wrong "
+        "friction law or torque constant, which a lag imitates",
+        cure="give all drives the same torque filter and record in one cycle; check the "
+        "friction law and torque constant of those that differ",
+    )
+
+
+def _agreement(study: Study) -> str:
+    """Text for torques and positions that agree in time, after a correction if there was one."""
+    lag = f"{1e3 * study.common.values[0]:.2g} ± {1e3 * study.common.interval[0]:.2g} ms"
+    applied = study.fit.trace.recording.repairs.lag
+    if not any(applied):
+        return f"torques and positions agree in time: {lag}"
+    corrected = [f"{1e3 * abs(delay):.3g} ms {_late(delay)}" * bool(delay) for delay in applied]
+    shift = corrected[0] if len(set(applied)) == 1 else _by_drive(study.fit.drives, corrected)
+    return f"torques came {shift} against positions, which has been corrected: {lag} remain"
+
+
+def _by_drive(drives: Sequence[str], texts: Sequence[str]) -> str:
+    return ", ".join(f"{drive} {text}" for drive, text in zip(drives, texts, strict=True) if text)
+
+
+def _late(value: float) -> str:
+    return "late" if value > 0 else "early"
