@@ -118,7 +118,6 @@ def _groups(data: dict[str, Any]) -> Iterator[list[Length]]:
 
 
 def _lengths(part: Any, keys: tuple[str, ...], path: str) -> list[Length]:
-    """All numbers under some keys of a part of a description, if it is one."""
     return [length for key in keys for length in _numbers(_mapping(part).get(key), f"{path}.{key}")]
 
 
@@ -128,7 +127,6 @@ def _mapping(part: Any) -> dict[str, Any]:
 
 
 def _numbers(value: object, path: str) -> Iterator[Length]:
-    """A number, or all numbers of a list or a point."""
     if isinstance(value, list | tuple):
         for k, entry in enumerate(value):
             yield from _numbers(entry, f"{path}[{k}]")
@@ -209,7 +207,6 @@ def checked_workspace(description: RobotDescription) -> Iterable[Verdict]:
 
 
 def _points(robot: RobotDescription) -> Float[np.ndarray, "points dof"]:
-    """Poses all over the workspace, the same in every run."""
     rng, (low, high) = np.random.default_rng(0), robot.workspace.bounding_box
     inside = np.zeros((0, 3))
     while len(inside) < _POINTS:
@@ -221,7 +218,6 @@ def _points(robot: RobotDescription) -> Float[np.ndarray, "points dof"]:
 
 
 def _cut(robot: AtRest, poses: Poses) -> Verdict:
-    """Share of the workspace within reach and pose limits."""
     pose_limits = slice(robot.of_workspace, len(robot.limits) - len(torque_limits(robot.robot)))
     # Without the number of the drive or strut.
     names = [" ".join(re.sub(r"\d", "", name).split()) for name in robot.limits[pose_limits]]
@@ -247,7 +243,6 @@ def _cut(robot: AtRest, poses: Poses) -> Verdict:
 
 
 def _needed(robot: RobotDescription, poses: Poses) -> str:
-    """Drive ranges that the workspace needs beyond the limits."""
     texts = list[str]()
     for drive, q in zip(robot.drives, poses.q[poses.stands].T, strict=True):
         limits = robot.limits_of(drive)
@@ -260,7 +255,6 @@ def _needed(robot: RobotDescription, poses: Poses) -> str:
 
 
 def _held(robot: RobotDescription, poses: Poses, limits: dict[int, float]) -> Verdict:
-    """Whether drives can hold the robot, by its prior: gravity and springs against the limits."""
     drives, largest = [robot.drives[i] for i in limits], np.array(list(limits.values()))
     torque = np.abs(poses.torque[poses.stands])[:, list(limits)]
     use = torque.max(axis=0) / largest

@@ -159,7 +159,6 @@ def _after_fit(
     before: Sequence[Sequence[Verdict]],
     described: RobotDescription,
 ) -> Iterator[Verdict]:
-    """Verdicts on columns as they hold after a fit, then on signals, information and residuals."""
     problem, several = result.problem, len(opened) > 1
     for record, verdicts, recording in zip(opened, before, result.recordings, strict=True):
         kept = [v for verdict in verdicts if (v := _kept(verdict, recording, result, described))]

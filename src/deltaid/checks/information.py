@@ -158,7 +158,6 @@ def _stds(F: Float[np.ndarray, "rows base"]) -> Float[np.ndarray, " base"]:
 
 
 def _parameters(certainty: _Certainty) -> Verdict:
-    """Base parameters that the recording determines, and the motion for the others."""
     share = certainty.recorded
     hidden, weak = share > _NOT, (share > _WELL) & (share <= _NOT)
     well = int(np.sum(share <= _WELL))
@@ -176,7 +175,6 @@ def _parameters(certainty: _Certainty) -> Verdict:
 
 
 def _excitation(certainty: _Certainty, still: Sequence[str]) -> Verdict:
-    """Whether the motion is as informative as the robot's limits allow; some drives are still."""
     if still:
         move = "moves" if len(still) == 1 else "move"
         seen = f"{listed(still)} hardly {move} in what is recorded"

@@ -67,8 +67,7 @@ def _shape(
     mass, by_density, density = float(shape.parameters()[0]), shape.mass is None, np.nan
     path = f"bodies.{name}.prior[{k}]"
     if isinstance(shape, HollowCylinder):
-        section = np.pi * (shape.outer_radius**2 - shape.inner_radius**2)
-        density = mass / (section * shape.length)
+        density = mass / (np.pi * (shape.outer_radius**2 - shape.inner_radius**2) * shape.length)
     seen = f"{path} has a density of {density:.3g} kg/m³; "
     if density > _DENSEST:
         in_grams = f"{path}.mass", mass / 1000
@@ -181,7 +180,6 @@ def checked_measured(robot: RobotDescription) -> tuple[Verdict, ...]:
 
 
 def _scaled(row: Weighing, expected: float, ratio: float) -> Verdict:
-    """A mass or a moment of inertia of another magnitude."""
     unit, cure, proposals = row.unit, f"give it in {row.unit}", ()
     seen = f"{row.name} is {row.value:.3g} {unit}, where the prior has {expected:.3g} {unit}"
     grade, cause = Grade.DOUBTFUL, "a value in another unit, or a prior"

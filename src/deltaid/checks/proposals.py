@@ -201,7 +201,6 @@ def unharmed(record: Evidence, verdicts: Sequence[Verdict]) -> tuple[Verdict, ..
 def _with_useful(
     record: Evidence, verdicts: Sequence[Verdict], judge: _Judge
 ) -> tuple[Verdict, ...]:
-    """Verdicts that keep what helps of the proposals that are to be written."""
     kept = _useful(record, [v for v in verdicts if v.proposals], judge)
 
     def with_lines(verdict: Verdict) -> Verdict:

@@ -258,7 +258,6 @@ def _cost(study: Study, harm: Float[np.ndarray, " dof"], why: str) -> str:
 
 
 def _differing_lags(study: Study, cost: str, grade: Grade) -> Verdict:
-    """The verdict on lags of which each drive has its own."""
     drives, common = study.fit.drives, 1e3 * float(study.common.values[0])
     values, halves = 1e3 * study.each.values, 1e3 * study.each.interval
     lags = [

@@ -102,7 +102,6 @@ def checked_signals(evidence: Evidence) -> Iterator[Verdict]:
 
 
 def _rate(evidence: Evidence) -> Verdict:
-    """Samples per period of the motion's bandwidth."""
     columns, rate = evidence.columns, 1.0 / evidence.rows.step
     fastest = bandwidth(evidence.rows.q, rate)
     if fastest == 0:
@@ -123,7 +122,6 @@ def _rate(evidence: Evidence) -> Verdict:
 
 
 def _encoder(evidence: Evidence) -> Iterator[Verdict]:
-    """Quantization noise of positions in the accelerations."""
     q, drives, low_pass = evidence.rows.q, np.array(evidence.robot.drives), _low_pass(evidence)
     if low_pass is None:
         return
@@ -170,7 +168,6 @@ def _moving(evidence: Evidence) -> Bool[np.ndarray, " drives"]:
 
 
 def _clock(evidence: Evidence, log: Log) -> Verdict:
-    """Missing, doubled or jittered rows."""
     clock, period = log.clock, f"{1e3 * log.clock.period:.4g} ms"
     lost, restarts = int(clock.lost[clock.lost > 0].sum()), int(np.sum(clock.lost < 0))
     stale = sum(m.last - m.first + 1 for m in log.masks if m.reason == "stale rows")
@@ -203,7 +200,6 @@ def _clock(evidence: Evidence, log: Log) -> Verdict:
 
 
 def _excluded(log: Log, reasons: tuple[Reason, ...]) -> list[float]:
-    """Share of each drive's rows that is excluded for some reasons."""
     masks = [mask for mask in log.masks if mask.reason in reasons]
     return (1.0 - kept(masks, len(log.columns.position), log.samples)).tolist()
 
@@ -231,7 +227,6 @@ def _standing(log: Log) -> Verdict:
 
 
 def _torque(evidence: Evidence) -> Iterator[Verdict]:
-    """Noise and steps of the torque channels."""
     tau, drives, moves = evidence.rows.tau, evidence.robot.drives, _moving(evidence)
     largest, spread = np.maximum([np.abs(tau).max(axis=0), tau.std(axis=0)], 1e-300)
     steps = np.array([step_of(x) for x in tau.T])
@@ -261,5 +256,4 @@ def _torque(evidence: Evidence) -> Iterator[Verdict]:
             f"{drives[i]}'s torque comes in steps of {steps[i]:.3g} "
             f"{evidence.robot.units(drives[i]).force}, {percent(parts[i])} of its usual size"
         )
-        grade = graded(parts[i], -np.inf, _BLIND)
-        yield _STEP.poor(seen, drives[i], 100 * parts[i], grade=grade)
+        yield _STEP.poor(seen, drives[i], 100 * parts[i], grade=graded(parts[i], -np.inf, _BLIND))

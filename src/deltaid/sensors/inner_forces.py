@@ -119,7 +119,6 @@ class StrutForceRows(SensorRows):
 
 @lru_cache(maxsize=8)
 def _equations(dynamics: Dynamics) -> ForceEquations:
-    """Of all gauges of a robot."""
     return build_forces(dynamics.robot, dynamics.kinematics.mechanism)
 
 

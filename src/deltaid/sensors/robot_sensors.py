@@ -50,8 +50,7 @@ def _made(
     dynamics: Dynamics, name: str, kind: type[Sensor], described: str, prior_spread: float
 ) -> SensorRows:
     """Kept with their compiled kernels for the next call; a fit is made of many."""
-    sensor = kind.model_validate_json(described)
-    return _KINDS[kind](dynamics, name, prior_spread, sensor)
+    return _KINDS[kind](dynamics, name, prior_spread, kind.model_validate_json(described))
 
 
 def all_sensor_rows(

@@ -162,8 +162,7 @@ class SensorRows(ABC):
             return total
 
         position, rotation = self._of("position"), self._of("rotation")
-        nothing = np.zeros((len(self.channels), columns.shape[1]))
-        straight = added(nothing, ~(position | rotation))
+        straight = added(np.zeros((len(self.channels), columns.shape[1])), ~(position | rotation))
         moved = straight + added(straight, position)
         turned = half = moved
         for _ in range(_ROUNDS if rotation.any() else 0):
@@ -173,7 +172,6 @@ class SensorRows(ABC):
         return straight, half, turned / (1.0 - gain)
 
     def _places(self, symbol: str) -> list[int]:
-        """Columns of such unknowns."""
         own = enumerate(self.parameters, len(self.dynamics.layout.parameters))
         return [k for k, parameter in own if parameter.symbol.startswith(symbol)]
 

@@ -129,8 +129,7 @@ def _quantity(measured: Measured, body: RigidBody) -> float:
         return float(e @ p[1:4])
     if measured.quantity == "centre":
         return float(e @ p[1:4] - measured.value * p[0])
-    about = body.moved(np.eye(3), -np.array(measured.about))
-    return float(e @ about.about_link @ e)
+    return float(e @ body.moved(np.eye(3), -np.array(measured.about)).about_link @ e)
 
 
 def rotation(turned_deg: Vector) -> Float[np.ndarray, "3 3"]:

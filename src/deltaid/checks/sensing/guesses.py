@@ -61,7 +61,6 @@ class Guess:
 
     @property
     def gains(self) -> Float[np.ndarray, " channels"]:
-        """Of each channel, sign included."""
         return np.diag(self.T)
 
     @property
@@ -79,8 +78,7 @@ def best_guess(misfit: Misfit, others: Sequence[Misfit]) -> Guess:
     """The guess of least misfit, penalized by its freedom."""
     guesses = [Guess(kind, T, misfit.judge(T).Q) for kind, T in _maps(misfit)]
     for other in others:
-        exchanged = replace(misfit, y=other.y, samples=other.samples, raw=other.raw)
-        Q = exchanged.judge(np.eye(1)).Q
+        Q = replace(misfit, y=other.y, samples=other.samples, raw=other.raw).judge(np.eye(1)).Q
         guesses.append(Guess("exchanged", np.eye(1), Q, other=other.name))
     if len(misfit.noise) == 6:  # moments about another point: M = M' − r × F with r to be found
         by_place = np.stack([np.cross(misfit.y[_FORCE].T, e).T for e in np.eye(3)], axis=1)
@@ -159,8 +157,7 @@ def verdict_of(guess: Guess, misfit: Misfit, share: float) -> Verdict:
     off = f"torques leave {percent(share)} of what {misfit.name} shows of the motion unexplained"
     if guess.kind in ("unit", "sign"):
         return _of_gains(guess, misfit, off)
-    of_columns = guess.kind in ("order", "exchanged")
-    return (_of_order if of_columns else _of_frame)(guess, misfit, off)
+    return (_of_order if guess.kind in ("order", "exchanged") else _of_frame)(guess, misfit, off)
 
 
 def _of_gains(guess: Guess, misfit: Misfit, off: str) -> Verdict:
@@ -204,14 +201,12 @@ def _of_gains(guess: Guess, misfit: Misfit, off: str) -> Verdict:
 
 
 def _unit(factor: float, target: str) -> str:
-    """The unit that a column has, by its factor."""
     target = "N" if target == "N" else "N*m"
     name = min(_UNITS[target], key=lambda unit: abs(np.log(_UNITS[target][unit] / factor)))
     return name if abs(_UNITS[target][name] / factor - 1) < _ALIKE else f"{factor:.3g} {target}"
 
 
 def _of_order(guess: Guess, misfit: Misfit, off: str) -> Verdict:
-    """Columns in another order, or that of another sensor."""
     if guess.kind == "exchanged":
         seen, proposals = f"the column of {guess.other} shows what it should", ()
         cause = f"columns of {misfit.name} and {guess.other} that are exchanged"
@@ -229,7 +224,6 @@ def _of_order(guess: Guess, misfit: Misfit, off: str) -> Verdict:
 
 
 def _of_frame(guess: Guess, misfit: Misfit, off: str) -> Verdict:
-    """Axes or an origin that are not those described."""
     name, sensor = misfit.name, misfit.rows.sensor
     assert isinstance(sensor, BaseWrench)
     R = rotation(sensor.rotation_deg)

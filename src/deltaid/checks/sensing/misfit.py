@@ -145,8 +145,7 @@ class Misfit:
     def judge(self, T: Map, only: list[int] | None = None) -> MapFit:
         """Judge one map, by some channels; default all."""
         kept, n = list(range(len(T))) if only is None else only, len(self.by_torques)
-        weights = np.sqrt(_COUNTED) / self._sigma(T)[kept]
-        R = self._triangles[kept] * weights[:, None, None]
+        R = self._triangles[kept] * (np.sqrt(_COUNTED) / self._sigma(T)[kept])[:, None, None]
         b = np.einsum("kri,ki->kr", R[:, :, n:], T[kept]).ravel()
         problem = LinearProblem(R[:, :, :n].reshape(-1, n), b, np.zeros(len(b), dtype=int))
         problem = problem.with_known(self.D, self.D @ self.by_torques)

@@ -61,10 +61,9 @@ def _of_sensor(misfit: Misfit, sensors: Sequence[Misfit]) -> list[Verdict]:
         f"{misfit.name} agrees with the torques: at most {number:.2g} {channel.unit} is left, "
         f"of {channel.name}"
     )
-    good = Verdict(
-        "sensor-residual", Grade.GOOD, seen, misfit.name, number=number, unit=channel.unit
-    )
-    return verdicts or [good]
+    return verdicts or [
+        Verdict("sensor-residual", Grade.GOOD, seen, misfit.name, number=number, unit=channel.unit)
+    ]
 
 
 def _contradiction(misfit: Misfit, sensors: Sequence[Misfit], as_mapped: MapFit) -> Verdict | None:
@@ -156,7 +155,6 @@ def _late(misfit: Misfit, lag: SensorLag, Q: float) -> Verdict:
 
 
 def _noisy(misfit: Misfit, rms: np.ndarray) -> Iterator[Verdict]:
-    """Verdicts on noise and residual beyond the stated noise."""
     size = np.maximum(misfit.white, rms)
     times = size / misfit.noise
     for group in misfit.groups:

@@ -134,7 +134,6 @@ class WiringHypothesis:
 
     @cached_property
     def fit(self) -> Consistent:
-        """Of a robot that may exist."""
         residual, (_, samples, _), noise, best = self.residual, self._rows.shape, 0.02, IMPOSSIBLE
         reduction, regularizer = _prior(residual.dynamics, tuple(residual.columns.tolist()))
         for _ in range(_ROUNDS):
@@ -154,7 +153,6 @@ class WiringHypothesis:
         return best
 
     def _without_constant(self, share: float) -> Float[np.ndarray, "rows augmented"]:
-        """The rows without a share of each drive's mean."""
         rows = self._rows - share * self._rows.mean(axis=1, keepdims=True)
         return rows.reshape(-1, rows.shape[2])
 
@@ -182,7 +180,6 @@ class WiringHypothesis:
 
     @property
     def closes(self) -> bool:
-        """Whether the loops close along the recording."""
         return self.residual.share >= CLOSED
 
     @property
@@ -200,8 +197,7 @@ class WiringHypothesis:
 
     def _goes_along(self, tied: float, loose: float) -> bool:
         """Whether each moving drive's torque correlates so much with that of the prior."""
-        along = self.along > np.where(self.loose, loose, tied)
-        return bool(np.all(along[~self.residual.still]))
+        return bool(np.all((self.along > np.where(self.loose, loose, tied))[~self.residual.still]))
 
     @property
     def changes(self) -> int:
@@ -282,8 +278,7 @@ def tried(
             values[np.any(moved, axis=1)] = -np.inf
         ranked = np.argsort(-values, kind="stable")[: 1 if as_is else _JUDGED]
         for k in ranked[np.isfinite(values[ranked])]:
-            order = tuple(orders[k].tolist())
-            yield WiringHypothesis(solved, order, signs[k], float(values[k]))
+            yield WiringHypothesis(solved, tuple(orders[k].tolist()), signs[k], float(values[k]))
         if not as_is and (far := _far_gains(solved)) is not None:
             yield far
 
@@ -314,5 +309,4 @@ def _far_gains(residual: MapResidual) -> WiringHypothesis | None:
 
 
 def _share(span: Span, tau: Float[np.ndarray, " rows"]) -> float:
-    """Residual as a share of the torques' root mean square."""
     return float(np.linalg.norm(span.without(tau)) / np.linalg.norm(tau))

@@ -41,7 +41,6 @@ def column_verdicts(case: RemappedRecording) -> tuple[Verdict, ...]:
 
 
 def _positions(case: RemappedRecording) -> Iterator[Verdict]:
-    """Units and gears of positions."""
     scale = np.abs(case.best.map.scale).tolist()
     for factor in dict.fromkeys(scale):
         if factor != 1:
@@ -85,7 +84,6 @@ def _scaled(case: RemappedRecording, drives: list[int], factor: float) -> Verdic
 
 
 def _signs(case: RemappedRecording) -> Iterator[Verdict]:
-    """Columns that count the other way."""
     best, n = case.best, len(case.names)
     angles, torques = (np.flatnonzero(np.less(x, 0)) for x in (best.map.scale, best.gains))
     if n == 1 and not angles.size and case.ratios[0][INERTIA] < -_MIRRORED < best.gains[0]:
@@ -144,7 +142,6 @@ def _torque_sign(case: RemappedRecording, drives: list[int], *, sure: bool = Tru
 
 
 def _order(case: RemappedRecording) -> Iterator[Verdict]:
-    """Columns that belong to other drives."""
     n, torque, position = len(case.names), case.best.order, case.best.map.order
     in_order = tuple(range(n))
     moved = [i for i in range(n) if torque[i] != i or position[i] != i]
@@ -181,7 +178,6 @@ def _order(case: RemappedRecording) -> Iterator[Verdict]:
 
 
 def _torques(case: RemappedRecording) -> Iterator[Verdict]:
-    """The scale of torques: gears, units and currents, of one drive or of all."""
     best, ratios = case.best, case.ratios.copy()
     for i in np.flatnonzero(np.abs(best.gains) != 1).tolist():
         yield _one_torque(case, i, float(abs(best.gains[i])))

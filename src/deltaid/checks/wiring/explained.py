@@ -108,7 +108,6 @@ class RemappedRecording:
 
     @property
     def map(self) -> Map:
-        """Of the positions, with these units."""
         scale = [factor * self.units.get(i, 1.0) for i, factor in enumerate(self.best.map.scale)]
         return replace(self.best.map, scale=tuple(scale))
 
@@ -116,7 +115,6 @@ class RemappedRecording:
         return self.evidence.robot.is_linear(self.names[drive])
 
     def named(self, drive: int) -> dict[float, str]:
-        """Units that its positions may be in, by factor."""
         return named_units(self.evidence.robot, drive)
 
     def whose(self, drives: list[int]) -> str:
@@ -130,7 +128,6 @@ class RemappedRecording:
 
     @property
     def fits(self) -> str:
-        """How well the best hypothesis explains the recording."""
         return f"leaves {percent(self.best.left)} of the torques unexplained"
 
     def of_motors(self, factor: float) -> bool:
@@ -140,7 +137,6 @@ class RemappedRecording:
 
 
 def _large(torques: Float[np.ndarray, " components"], share: float) -> Bool[np.ndarray, " _"]:
-    """Components above a share of the largest."""
     return np.abs(torques) > share * np.abs(torques).max()
 
 

@@ -60,7 +60,6 @@ class FilteredMotion:
 
     @cached_property
     def moves(self) -> Bool[np.ndarray, " drives"]:
-        """Which drives move at all."""
         spread = np.ptp(self.q, axis=0)
         return spread > np.maximum(1e-9 * (1 + np.abs(self.q).max(axis=0)), 1e-4 * spread.max())
 
@@ -120,8 +119,7 @@ def _awake(qd: Values, rate: float, low_pass: LowPass, count: int) -> Bool[np.nd
 def _cutoff(q: Values, rate: float) -> float:
     """The usual one, or less: three times the frequency that 99.9 % of the speeds' power is below.
     Noise of coarse encoders, not white, lets the usual rule go too high for accelerations."""
-    spectrum = spectrum_of(q)
-    general = spectrum.cutoff(rate) or _HIGHEST_CUTOFF
+    general = spectrum_of(q).cutoff(rate) or _HIGHEST_CUTOFF
     level = detrend(q, axis=0) * np.hanning(len(q))[:, None]
     frequency = np.fft.rfftfreq(len(q), 1 / rate)
     power = np.cumsum(np.abs(np.fft.rfft(level, axis=0) * frequency[:, None]) ** 2, axis=0)
@@ -156,7 +154,6 @@ def _even(rows: RawRows, longest: float) -> tuple[Float[np.ndarray, " samples"],
 
 
 def _liveliest(q: Values, starts: np.ndarray, stops: np.ndarray, longest: int) -> slice:
-    """The stretch with the longest way of all drives."""
     spread = np.ptp(q, axis=0)
     steps = np.abs(np.diff(q, axis=0, prepend=q[:1])) / np.where(spread > 0, spread, 1.0)
     travel = np.append(0.0, np.cumsum(steps.sum(axis=1)))

@@ -104,7 +104,6 @@ class MapResidual:
 
     @property
     def scale(self) -> Float[np.ndarray, " columns"]:
-        """Sizes of the parameters."""
         return np.array([self.dynamics.layout.parameters[k].scale for k in self.columns])
 
     @cached_property
@@ -127,8 +126,7 @@ class MapResidual:
         across = np.maximum(total - np.sum(along**2, axis=0), 0.0)
         spread = 1 + _RATIOS[:, None] * s**2
         share = (across + (1 / spread) @ along**2) / (size * by) ** 2 + LEAST**2
-        noise = share * (size * by) ** 2 / rows
-        wide = 0.5 * np.log(_RATIOS[:, None] * noise) - np.log(_SPREAD)
+        wide = 0.5 * np.log(_RATIOS[:, None] * (share * (size * by) ** 2 / rows)) - np.log(_SPREAD)
         level = np.log(share * size**2 / rows)
         values = -0.5 * rows * level - 0.5 * np.log(spread).sum(axis=1)[:, None]
         values = np.max(values - 0.5 * (wide / _FACTOR) ** 2, axis=0)

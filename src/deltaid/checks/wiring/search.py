@@ -165,7 +165,6 @@ def _ranked(dynamics: Dynamics, candidates: Collection[WiringHypothesis]) -> lis
 
 
 def _wirings(dynamics: Dynamics) -> Iterator[Map]:
-    """As mapped, with other signs, and in another order."""
     identity = Map.identity(dynamics.dof)
     for signs in product((1.0, -1.0), repeat=dynamics.dof):
         yield replace(identity, scale=signs)
@@ -175,7 +174,6 @@ def _wirings(dynamics: Dynamics) -> Iterator[Map]:
 
 
 def _in_units(dynamics: Dynamics) -> Iterator[Map]:
-    """As mapped in other units."""
     for drives in _groups(dynamics):
         for factor in named_units(dynamics.robot, drives[0]):
             yield Map.identity(dynamics.dof).times(factor, drives)
@@ -250,8 +248,7 @@ def _narrowed(
         lower, higher = (np.inf if trial is None else -trial.evidence for trial in trials)
         bend = lower + higher + 2 * best.evidence
         if np.isfinite(bend) and bend > 0:
-            shift = float(np.clip(0.5 * (lower - higher) / bend, -1.5, 1.5))
-            trials.append(times(step**shift))
+            trials.append(times(step ** float(np.clip(0.5 * (lower - higher) / bend, -1.5, 1.5))))
         best = _likely([best, *filter(None, trials)])[0]
         step = float(np.sqrt(step))
     return best

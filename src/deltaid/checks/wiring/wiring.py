@@ -108,7 +108,6 @@ def _correlations(numbers: np.ndarray) -> np.ndarray:
 def _of_recording(
     case: RemappedRecording, common: tuple[Verdict, ...] | None
 ) -> tuple[Verdict, ...]:
-    """Those on its columns, unless they are common to several, on zeros and on velocities."""
     if not case.good:
         return (_out_of_reach(case.evidence),)
     verdicts = list(column_verdicts(case) if common is None else common)

@@ -198,7 +198,6 @@ def shifts(dynamics: Dynamics, motion: FilteredMotion, best: WiringHypothesis) -
 
 
 def zero_verdicts(case: RemappedRecording) -> Iterator[Verdict]:
-    """Homing, tilt, one of both, or neither."""
     best, motion = case.best, case.motion
     shift = shifts(case.evidence.dynamics, motion, best)
     doubted = bool(shift.zeros) and shift.seen
@@ -271,7 +270,6 @@ def _verdict(
     zero: bool,
     either: bool,
 ) -> Verdict:
-    """Of a zero or else a tilt, or of either."""
     name, *others = (evidence.robot.drives[i] for i in rivals)
     unit = "mm" if evidence.robot.is_linear(name) else "mrad"
     of_zero = f"a zero of {name} that is {abs(1e3 * way[0]):.3g} ± {1e3 * way[1]:.1g} {unit} off"

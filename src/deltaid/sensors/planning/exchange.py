@@ -205,7 +205,6 @@ def _between(
     others: Sequence[Instance],
     partner: Partner = shared,
 ) -> Iterator[Exchange]:
-    """Exchanges of two bodies at the points that they share, or that move alike."""
     if len(bodies) < len(others):
         bodies, others = others, bodies
     pairs = [_partner(body, others, partner) for body in bodies]
@@ -285,7 +284,6 @@ def _resting(
 
 
 def _of_entries(layout: ParameterLayout, changes: dict[str, float]) -> np.ndarray:
-    """The direction of p that changes some entries, by name."""
     direction = np.zeros(len(layout.names))
     for name, value in changes.items():
         direction[layout.names.index(name)] = value

@@ -83,8 +83,7 @@ def _forces(unknowns: PlanUnknowns, scene: Scene) -> Float[np.ndarray, "rows n"]
     at = np.linspace(0, len(motion.z) - 1, _INSTANTS).astype(int)
     C = forces.coefficients(motion.z[at], motion.qd[at], motion.qdd[at])
     C = C[:, [k for k, unit in enumerate(forces.units) if unit == "N"]]
-    largest = np.abs(C @ scene.p).max()
-    return (C / largest).reshape(-1, len(scene.p)) @ unknowns.W[: len(scene.p)]
+    return (C / np.abs(C @ scene.p).max()).reshape(-1, len(scene.p)) @ unknowns.W[: len(scene.p)]
 
 
 # A gain that is not worth anybody's way: all of a goal's standard deviations smaller by 2 %.

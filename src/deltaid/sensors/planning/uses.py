@@ -127,8 +127,7 @@ def planned(scene: Scene, weigh: Weigh, placed: Sequence[Placed]) -> Weighing | 
 
     if weigh.quantity == "centre":
         moment = float(row("first_moment", 0.0, 1.0).coefficients @ p)
-        mass = float(row("mass", 1.0, 1.0).coefficients @ p)
-        return row("centre", moment / mass, weigh.std)
+        return row("centre", moment / float(row("mass", 1.0, 1.0).coefficients @ p), weigh.std)
     value = float(row(weigh.quantity, 1.0, 1.0).coefficients @ p)
     std = float(np.hypot(weigh.std, weigh.share * abs(value)))
     return row(weigh.quantity, value, std) if std > 0 else None
