@@ -79,9 +79,9 @@ def checked_lengths(data: dict[str, Any]) -> Verdict:
     # A mechanism of the user's own names no limbs.
     space = _lengths(data.get("workspace"), _OTHERS["workspace"], "workspace")
     size = _longest(arms) + _longest(struts) or _longest(space)
-    small = size < _DWARF
+    small, large = size < _DWARF, size > _GIANT
     factor, unit = (1e3, "divided by 1000 once too often") if small else (1e-3, "in millimetres")
-    size *= factor if small or size > _GIANT else 1.0
+    size *= factor if small or large else 1.0
     groups = [group for group in groups if _longest(group) > 0] + [[length] for length in limbs]
     low, high = (size / _SMALL, np.inf) if small else (0.0, _OUT_OF_SCALE * size)
     wrong = [length for group in groups if not low <= _longest(group) <= high for length in group]

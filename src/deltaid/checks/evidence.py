@@ -126,25 +126,22 @@ class Evidence:
         written = self.mapping.model_dump(mode="json", exclude_unset=True)
         for quantity in QUANTITIES:
             if getattr(self.mapping, quantity) is None and getattr(self.columns, quantity):
-                entries = self.entries(quantity)
-                written[quantity] = [{"column": e.column, "unit": e.unit} for e in entries]
+                written[quantity] = [
+                    {"column": entry.column, "unit": entry.unit} for entry in self.entries(quantity)
+                ]
         return written
 
     def entries(self, quantity: Quantity) -> tuple[DriveColumn, ...]:
         """The mapping's entry of each drive; those of default names where it has none."""
-        columns, drives, units = (
-            getattr(self.mapping, quantity),
-            self.robot.drives,
-            self.table.units,
-        )
+        columns, drives = getattr(self.mapping, quantity), self.robot.drives
         if isinstance(columns, AllDrives):
             return columns.entries(len(drives), quantity)
         if columns is not None:
             return columns
-        names = [channel.column for channel in getattr(self.columns, quantity)]
         usual = [si_unit(quantity, linear=self.robot.is_linear(drive)) for drive in drives]
+        names = (channel.column for channel in getattr(self.columns, quantity))
         pairs = zip(names, usual, strict=True)
-        return tuple(DriveColumn(column=k, unit=units.get(k, unit)) for k, unit in pairs)
+        return tuple(DriveColumn(column=k, unit=self.table.units.get(k, unit)) for k, unit in pairs)
 
     def turned(self, quantity: Quantity, drive: int) -> dict[str, object]:
         return {"sign": -self.entries(quantity)[drive].sign}
@@ -171,8 +168,7 @@ class Evidence:
 
     def shifted(self, drive: int, shift: float) -> dict[str, object]:
         """With a zero at which the joint value is larger by `shift` [rad or m]."""
-        now = self.entries("position")[drive].zero
-        scale = self.columns.position[drive].scale
+        now, scale = self.entries("position")[drive].zero, self.columns.position[drive].scale
         return {"zero": float(f"{now - shift / scale:.6g}")}
 
     def proposal(self, values: Mapping[Quantity, Values]) -> tuple[Proposal, ...]:
@@ -180,18 +176,17 @@ class Evidence:
         changes: list[tuple[str, object]] = []
         for quantity, drives in values.items():
             columns, now = getattr(self.mapping, quantity), self.entries(quantity)
-            entries = [(i, key, value) for i, new in drives.items() for key, value in new.items()]
             if not isinstance(columns, AllDrives):
-                changes += [(f"{quantity}[{i}].{key}", value) for i, key, value in entries]
+                for i, new in drives.items():
+                    changes += [(f"{quantity}[{i}].{key}", value) for key, value in new.items()]
                 continue
-            for key in dict.fromkeys(key for _, key, _ in entries):
-                new = [
-                    drives.get(i, {}).get(key, getattr(entry, key)) for i, entry in enumerate(now)
-                ]
-                plural = "columns" if key == "column" else key
-                same = all(value == new[0] for value in new)
-                changes.append((f"{quantity}.{plural}", new[0] if same else new))
-                if key == "column" and columns.column is not None:
+            for key in dict.fromkeys(key for new in drives.values() for key in new):
+                old = [getattr(entry, key) for entry in now]
+                new = [drives.get(i, {}).get(key, value) for i, value in enumerate(old)]
+                same, plural = all(value == new[0] for value in new), key == "column"
+                path = f"{quantity}.{key}" + "s" * plural
+                changes.append((path, new[0] if same else new))
+                if plural and columns.column is not None:
                     changes.append((f"{quantity}.column", None))
         return (Proposal("mapping", tuple(changes)),) if changes else ()
 
@@ -201,8 +196,8 @@ class Evidence:
         settings, kinematics = self.settings, self.dynamics.kinematics
         given = self.source, kinematics, self.mapping, settings.cutoff
         try:
-            opened = open_recordings(*given, keep_all=settings.keep_all)
-            return declared_loads(Setup(self.robot, tuple(opened), self.settings), lambda _: None)
+            opened = tuple(open_recordings(*given, keep_all=settings.keep_all))
+            return declared_loads(Setup(self.robot, opened, settings), lambda _: None)
         except RecordingError as error:
             return error
 
@@ -214,20 +209,16 @@ class Evidence:
     @cached_property
     def study(self) -> Study | None:
         """Study of this recording's residual; None without a survey."""
-        if self.surveyed is None:
-            return None
-        if self.problem is None:
-            return studied(self.dynamics, self.surveyed)
+        if self.surveyed is None or self.problem is None:
+            return self.surveyed and studied(self.dynamics, self.surveyed)
         corrected = tuple(term for term in self.problem.additions if term.is_corrected)
         return studied(self.dynamics, self.surveyed, self.problem.p, corrected)
 
     @cached_property
     def fitted(self) -> FittedProblem | RecordingError | IdentificationError:
         """The fit to this recording, or why there is none."""
-        if self.problem is not None:
-            return self.problem
-        setup = self.setup
-        if isinstance(setup, RecordingError):
+        setup = self.setup if self.problem is None else self.problem
+        if not isinstance(setup, Setup):
             return setup
         try:
             return fit(self.dynamics, setup.recordings, self.settings, additions=setup.additions)

@@ -129,25 +129,22 @@ def _first(record: Evidence, judged: tuple[Verdict, ...], force: bool) -> tuple[
 def _refuse(verdicts: Iterable[Verdict], subject: RobotDescription | Evidence, force: bool) -> None:
     """Raise the first wrong verdict, unless forced to go on, with the lines that its files should
     get: of a mapping lines to paste, of a description values by path."""
-    for verdict in verdicts:
-        if force or verdict.grade is not Grade.WRONG:
+    for verdict in () if force else verdicts:
+        if verdict.grade is not Grade.WRONG:
             continue
-        if isinstance(subject, Evidence):
-            kind, where = RecordingError, str(subject.table.path)
-        else:
-            kind, where = DescriptionError, subject.name
+        robot = isinstance(subject, RobotDescription)
         lines = ""
         for file in files_of([verdict]):
             proposed = changes([verdict], file)
-            if file == "mapping" and isinstance(subject, Evidence):
+            if file == "mapping" and not robot:
                 text = pasted(subject.written_mapping, proposed)
                 lines += f"\ninto the mapping (--columns):\n{text}"
             else:
                 values = "".join(f"\n{path}: {value}" for path, value in proposed.items())
                 lines += f"\nin the description:{values}"
-        raise kind(
+        raise (DescriptionError if robot else RecordingError)(
             verdict.finding,
-            where=where,
+            where=subject.name if robot else str(subject.table.path),
             cure=f"{verdict.cure}; `deltaid check` shows more and --write writes what it "
             f"proposes, --force goes on as it is{lines}",
         )
@@ -169,11 +166,14 @@ def _after_fit(
     studies = result.studies or (None,) * len(opened)
     for record, recording, study in zip(opened, result.recordings, studies, strict=True):
         fitted = with_fit(record, problem, recording, study)
-        judged = list(checked_signals(fitted))
-        judged += () if several else checked_information(fitted)
-        judged += (*checked_residual(fitted), *checked_feedback(fitted))
         detected = (result.detected.get(load.name) for load in recording.log.columns.loads)
-        judged += [detected_load(before) for before in detected if before is not None]
+        judged = (
+            *checked_signals(fitted),
+            *(() if several else checked_information(fitted)),
+            *checked_residual(fitted),
+            *checked_feedback(fitted),
+            *(detected_load(before) for before in detected if before is not None),
+        )
         yield from named_verdicts(record, proved(record, judged), several=several)
 
 
@@ -184,17 +184,19 @@ def _kept(
     described: RobotDescription,
 ) -> Verdict | None:
     """A verdict on a recording's columns after the fit; None where that has made it needless."""
-    fixes, doubtful = result.model.corrections, verdict.grade is Grade.DOUBTFUL
+    fixes = result.model.corrections
     if verdict.key == "sensor-gain" and any(fix.kind == "gain" for fix in fixes):
         return None  # the drives were off, not the sensor, and have been corrected
-    if doubtful and verdict.key == "homing-or-tilt":
+    if verdict.grade is not Grade.DOUBTFUL:
+        return verdict
+    if verdict.key == "homing-or-tilt":
         return verdict if still_seen(result.problem, recording, described) else None
     logs = [fix.log for fix in fixes if fix.kind == "velocity"]
-    if doubtful and verdict.key == "velocity" and recording.path.name in logs:
-        seen = f"{verdict.seen}, which has been corrected: they are excluded, and positions "
-        seen += "differentiated"
-        return replace(verdict, grade=Grade.GOOD, seen=seen, cause="", cure="")
-    return verdict
+    if verdict.key != "velocity" or recording.path.name not in logs:
+        return verdict
+    fixed = "which has been corrected: they are excluded, and positions differentiated"
+    seen = f"{verdict.seen}, {fixed}"
+    return replace(verdict, grade=Grade.GOOD, seen=seen, cause="", cure="")
 
 
 def _warnings(result: Identification, verdicts: Sequence[Verdict]) -> tuple[str, ...]:

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float
 
 from deltaid.checks.evidence import Evidence
 from deltaid.dynamics.dynamics import Dynamics
@@ -68,16 +68,16 @@ class _Certainty:
     usual: Float[np.ndarray, " base"]  # after a usual motion of as many samples and the same noise
     best: np.ndarray  # words of the motion that narrows each most beside the recording
 
-    def named(self, places: Int[np.ndarray, " some"]) -> str:
-        more = f" and {len(places) - _SHOWN} more" if len(places) > _SHOWN else ""
-        return ", ".join(self.names[k] for k in places[:_SHOWN]) + more
+    def named(self, chosen: Bool[np.ndarray, " base"]) -> str:
+        names = [name for name, is_so in zip(self.names, chosen, strict=True) if is_so]
+        more = f" and {len(names) - _SHOWN} more" if len(names) > _SHOWN else ""
+        return ", ".join(names[:_SHOWN]) + more
 
-    def cure(self, places: Int[np.ndarray, " some"]) -> str:
+    def cure(self, chosen: Bool[np.ndarray, " base"]) -> str:
         """What to record, most asked for first."""
-        motions = self.best[places]
         return "also record " + "; and ".join(
-            f"{words} (shows {self.named(places[motions == words])})"
-            for words, _ in Counter(motions.tolist()).most_common(2)
+            f"{words} (shows {self.named(chosen & (self.best == words))})"
+            for words, _ in Counter(self.best[chosen].tolist()).most_common(2)
         )
 
 
@@ -112,13 +112,9 @@ def judged_information(
     try:
         motions, ranges = _motions(dynamics)
     except KinematicsError as error:
-        unknown = _HIDDEN.poor(
-            f"no motion within the limits was found to compare with: {error.what}",
-            grade=Grade.CANNOT_TELL,
-            cause="the workspace or the limits of the description leave no room",
-            cure=error.cure,
-        )
-        return (unknown,)
+        seen = f"no motion within the limits was found to compare with: {error.what}"
+        cause = "the workspace or the limits of the description leave no room"
+        return (_HIDDEN.poor(seen, grade=Grade.CANNOT_TELL, cause=cause, cure=error.cure),)
     certainty = _assess(dynamics, information.of_drives, motions)
     still = np.array(dynamics.robot.drives)[np.max(moved, axis=0) < _RESTING * ranges].tolist()
     return _parameters(certainty), _excitation(certainty, still)
@@ -158,20 +154,19 @@ def _stds(F: Float[np.ndarray, "rows base"]) -> Float[np.ndarray, " base"]:
 
 
 def _parameters(certainty: _Certainty) -> Verdict:
-    share = certainty.recorded
-    hidden, weak = share > _NOT, (share > _WELL) & (share <= _NOT)
-    well = int(np.sum(share <= _WELL))
-    seen = f"{well} of {len(share)} are identifiable"
-    for grade, members in (("weak", weak), ("not identifiable", hidden)):
-        if members.any():
-            seen += f"; {grade}: {certainty.named(np.flatnonzero(members))}"
-    missed = (share > _WELL) & (certainty.usual < 0.5 * _WELL)
-    lost = np.flatnonzero(missed & hidden)
-    if not lost.size:
-        if not missed.any() and len(share) > well:
-            seen += "; no motion within the limits shows them much better"
-        return _HIDDEN.good(seen, float(well))
-    return _HIDDEN.poor(seen, certainty.names[lost[0]], float(well), cure=certainty.cure(lost))
+    share, names = certainty.recorded, np.array(certainty.names)
+    well, hidden = share <= _WELL, share > _NOT
+    seen = f"{well.sum()} of {len(share)} are identifiable"
+    for grade, chosen in (("weak", ~well & ~hidden), ("not identifiable", hidden)):
+        seen += f"; {grade}: {certainty.named(chosen)}" if chosen.any() else ""
+    missed = ~well & (certainty.usual < 0.5 * _WELL)
+    lost = missed & hidden
+    if lost.any():
+        cure, number = certainty.cure(lost), float(well.sum())
+        return _HIDDEN.poor(seen, str(names[lost][0]), number, cure=cure)
+    if not missed.any() and not well.all():
+        seen += "; no motion within the limits shows them much better"
+    return _HIDDEN.good(seen, float(well.sum()))
 
 
 def _excitation(certainty: _Certainty, still: Sequence[str]) -> Verdict:
@@ -182,18 +177,14 @@ def _excitation(certainty: _Certainty, still: Sequence[str]) -> Verdict:
     ratio = certainty.recorded / certainty.usual
     number = float(np.quantile(ratio, 0.75, method="higher"))
     if number <= _POOR:
-        return _WEAK.good(
-            f"standard deviations are {np.median(ratio):.2g} times those of a usual motion within "
-            "limits",
-            number,
-        )
-    weak = np.flatnonzero(ratio >= number)
+        seen = f"standard deviations are {np.median(ratio):.2g} times those of a usual motion "
+        return _WEAK.good(f"{seen}within limits", number)
     return _WEAK.poor(
         f"a quarter of the base parameters are at least {number:.2g} times less certain than after "
         "a motion of the same length that uses the limits",
-        certainty.named(weak),
+        certainty.named(ratio >= number),
         number,
-        cure=certainty.cure(weak),
+        cure=certainty.cure(ratio >= number),
     )
 
 

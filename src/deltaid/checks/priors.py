@@ -6,7 +6,7 @@ import re
 import numpy as np
 
 from deltaid.dynamics.parameters import parameter_layout, stated_spreads
-from deltaid.model.verdict import Fault, Grade, Proposal, Verdict
+from deltaid.model.verdict import Fault, Grade, Proposal, Verdict, graded
 from deltaid.robot.body import ExplicitInertia, HollowCylinder, PointMass
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.inertia import RigidBody
@@ -46,18 +46,16 @@ _CENTRE = Fault(
 
 def checked_priors(robot: RobotDescription) -> tuple[Verdict, ...]:
     """A verdict on each body whose prior cannot be, or one that all can."""
-    verdicts = list[Verdict | None]()
+    poor = list[Verdict | None]()
     for name in robot.body_names:
         prior = robot.bodies[name].prior
         if isinstance(prior, ExplicitInertia):
-            verdicts.append(_explicit(robot, name, prior))
+            poor.append(_explicit(robot, name, prior))
         else:
-            verdicts += [_shape(robot, name, k, shape) for k, shape in enumerate(prior)]
-    if wrong := tuple(filter(None, verdicts)):
-        return wrong
+            poor += [_shape(robot, name, k, shape) for k, shape in enumerate(prior)]
     mass = sum(float(body.prior_parameters()[0]) for body in robot.bodies.values())
     seen = f"{len(robot.bodies)} bodies, together {mass:.3g} kg, go with the lengths"
-    return (_MASS.good(seen, mass),)
+    return tuple(filter(None, poor)) or (_MASS.good(seen, mass),)
 
 
 def _shape(
@@ -68,51 +66,43 @@ def _shape(
     path = f"bodies.{name}.prior[{k}]"
     if isinstance(shape, HollowCylinder):
         density = mass / (np.pi * (shape.outer_radius**2 - shape.inner_radius**2) * shape.length)
-    seen = f"{path} has a density of {density:.3g} kg/m³; "
+    if _LIGHTEST <= density <= _DENSEST or np.isnan(density):
+        return _massive(f"{path}.mass", name, mass, _size_of(robot), alone=not by_density)
     if density > _DENSEST:
-        in_grams = f"{path}.mass", mass / 1000
+        seen, cause = f"no material has more than {_DENSEST:.3g}", "a mass in grams"
+        change, cure = (f"{path}.mass", mass / 1000), "give kilograms and metres"
         if by_density:
-            in_grams = f"{path}.density", density / 1000
+            cause, change = "a density in g/m³", (f"{path}.density", density / 1000)
         fits = density / 1000 > _LIGHTEST
-        return _DENSITY.poor(
-            f"{seen}no material has more than {_DENSEST:.3g}",
-            name,
-            density,
-            grade=Grade.WRONG,
-            cause="a density in g/m³" if by_density else "a mass in grams",
-            cure="give kilograms and metres" + "; the same number in grams would fit" * fits,
-            proposals=_proposed(in_grams) if fits else (),
+        cure += "; the same number in grams would fit" * fits
+    else:
+        seen, cause = "even foam has more", "a mass in tonnes, or radii that are too large"
+        change, cure = (
+            (f"{path}.density", density * 1000),
+            "check mass and radii; they are in kg and m",
         )
-    if density < _LIGHTEST and by_density:
-        return _DENSITY.poor(
-            f"{seen}even foam has more",
-            name,
-            density,
-            cause="a density in g/cm³",
-            cure="give the density in kg/m³: 1000 times the number",
-            proposals=_proposed((f"{path}.density", density * 1000)),
-        )
-    if density < _LIGHTEST:
-        return _DENSITY.poor(
-            f"{seen}even foam has more",
-            name,
-            density,
-            cause="a mass in tonnes, or radii that are too large",
-            cure="check mass and radii; they are in kg and m",
-        )
-    return _massive(f"{path}.mass", name, mass, _size_of(robot), alone=not by_density)
+        fits = by_density
+        if by_density:
+            cause, cure = "a density in g/cm³", "give the density in kg/m³: 1000 times the number"
+    return _DENSITY.poor(
+        f"{path} has a density of {density:.3g} kg/m³; {seen}",
+        name,
+        density,
+        grade=Grade.WRONG if density > _DENSEST else Grade.DOUBTFUL,
+        cause=cause,
+        cure=cure,
+        proposals=_proposed(change) if fits else (),
+    )
 
 
 def _explicit(robot: RobotDescription, name: str, prior: ExplicitInertia) -> Verdict | None:
     """The first thing out of scale of a body's numbers."""
-    p, size = prior.parameters(), _size_of(robot)
-    lengths = dict[str, float]()  # of arms and struts; a carriage may have its mass at its frame
-    for i, limb in enumerate(robot.limb_geometry):
+    p, size, lengths = prior.parameters(), _size_of(robot), dict[str, float]()
+    for i, limb in enumerate(robot.limb_geometry):  # a carriage may have its mass at its frame
         driven, strut = robot.limb_bodies(i)
         lengths = {driven: limb.upper_arm, strut: limb.strut} | lengths
-    reach, mass = lengths.get(name) or size, float(p[0])
+    reach, mass, gyration = lengths.get(name) or size, float(p[0]), RigidBody(p).gyration
     com = float(np.linalg.norm(p[1:4]) / mass)
-    gyration = RigidBody(p).gyration
     small = bool(lengths.get(name)) and gyration < _INSIDE * reach
     if massive := _massive(f"bodies.{name}.prior.mass", name, mass, size, alone=small):
         return massive
@@ -135,11 +125,15 @@ def _massive(path: str, name: str, mass: float, size: float, *, alone: bool) -> 
     largest = _HEAVY * size**3
     if mass <= largest:
         return None
-    grade = Grade.WRONG if mass > _FAR * largest else Grade.DOUBTFUL
-    seen = f"{path} is {mass:.3g} kg; with limbs of {size:.3g} m few bodies have {largest:.3g} kg"
-    cure = "give kilograms" if alone else "give kilograms, and moments in kg m and kg m²"
-    proposals = _proposed((path, mass / 1000)) if alone and mass / 1000 < largest else ()
-    return _MASS.poor(seen, name, mass, grade=grade, cure=cure, proposals=proposals)
+    fits = alone and mass / 1000 < largest
+    return _MASS.poor(
+        f"{path} is {mass:.3g} kg; with limbs of {size:.3g} m few bodies have {largest:.3g} kg",
+        name,
+        mass,
+        grade=graded(mass, largest, _FAR * largest),
+        cure="give kilograms" if alone else "give kilograms, and moments in kg m and kg m²",
+        proposals=_proposed((path, mass / 1000)) if fits else (),
+    )
 
 
 def _proposed(*changes: tuple[str, float]) -> tuple[Proposal, ...]:
@@ -158,37 +152,38 @@ def checked_measured(robot: RobotDescription) -> tuple[Verdict, ...]:
     parameters = parameter_layout(robot).parameters
     prior = np.array([entry.prior for entry in parameters])
     std = np.array([stated.get(entry.name, PRIOR_SPREAD) * entry.scale for entry in parameters])
-    verdicts = list[Verdict]()
+    poor = list[Verdict]()
     for row in rows:
         expected = float(row.coefficients @ prior)
         error, ratio = abs(row.value - expected), row.value / expected if expected else np.inf
-        unlikely = error > _SPREADS * float(np.linalg.norm(row.coefficients * std))
+        likely = error <= _SPREADS * float(np.linalg.norm(row.coefficients * std))
         if row.unit == "kg m":
             bodies = np.unique(np.flatnonzero(row.coefficients) // 10)
             lever = error / float(prior[10 * bodies].sum())
             if lever > _FARTHEST * _size_of(robot):
                 seen = f"{row.name} would lie {lever:.3g} m from where the prior has it"
-                verdicts.append(_CENTRE.poor(seen, row.where, lever, grade=Grade.WRONG))
-        elif ratio < 1 / _FACTOR or (ratio > _FACTOR and unlikely):
-            verdicts.append(_scaled(row, expected, ratio))
-    if verdicts or not rows:
-        return tuple(verdicts)
-    first, *_ = rows
+                poor.append(_CENTRE.poor(seen, row.where, lever, grade=Grade.WRONG))
+        elif ratio < 1 / _FACTOR or (ratio > _FACTOR and not likely):
+            poor.append(_scaled(row, expected, ratio))
+    if poor or not rows:
+        return tuple(poor)
     several, go = ("s", "go") if len(rows) > 1 else ("", "goes")
-    seen = f"{len(rows)} measured value{several}, as {first.name}, {go} with the description"
+    seen = f"{len(rows)} measured value{several}, as {rows[0].name}, {go} with the description"
     return (_MEASURED.good(seen),)
 
 
 def _scaled(row: Weighing, expected: float, ratio: float) -> Verdict:
     unit, cure, proposals = row.unit, f"give it in {row.unit}", ()
-    seen = f"{row.name} is {row.value:.3g} {unit}, where the prior has {expected:.3g} {unit}"
-    grade, cause = Grade.DOUBTFUL, "a value in another unit, or a prior"
-    if ratio > 1:
-        grade, cause = Grade.WRONG, f"a value in {_UNITS[unit]}"
     if ratio > 1 and unit == "kg":  # the same in kilograms
         path = re.sub(r"\[(\d+)\]", lambda match: f"[{int(match[1]) - 1}]", row.where)
         changes = (f"{path}.mass", row.value / 1000), (f"{path}.std", row.std / 1000)
         cure, proposals = f"{cure}, and its std as well", _proposed(*changes)
     return _MEASURED.poor(
-        seen, row.where, ratio, grade=grade, cause=cause, cure=cure, proposals=proposals
+        f"{row.name} is {row.value:.3g} {unit}, where the prior has {expected:.3g} {unit}",
+        row.where,
+        ratio,
+        grade=Grade.WRONG if ratio > 1 else Grade.DOUBTFUL,
+        cause=f"a value in {_UNITS[unit]}" if ratio > 1 else "a value in another unit, or a prior",
+        cure=cure,
+        proposals=proposals,
     )

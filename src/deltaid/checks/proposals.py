@@ -96,9 +96,8 @@ class HeldOut:
         """
         if len(self.causes) < len(other.causes) and self.as_good(other):
             return _smaller(self.squares, other.of_causes(self.causes))
-        own, others, plain = (
-            squares.mean(axis=1) for squares in (self.squares, other.squares, other.of_causes(()))
-        )
+        errors = self.squares, other.squares, other.of_causes(())
+        own, others, plain = (squares.mean(axis=1) for squares in errors)
         smaller = np.minimum(own, others)
         explained, together = np.sum((others - own) / smaller), np.sum((plain - own) / smaller)
         return bool(explained > SHARE * together) and _smaller(self.squares, other.squares)
@@ -115,8 +114,7 @@ def _smaller(squares: Squares, others: Squares) -> bool:
 @threadpool_limits.wrap(limits=1, user_api="blas")  # for narrow matrices, threads only wait
 def held_out(record: Evidence) -> HeldOut | None:
     """The error of a recording as its files describe it; None where it cannot be computed."""
-    setup = record.setup
-    if isinstance(setup, RecordingError):
+    if isinstance(setup := record.setup, RecordingError):
         return None
     trace = studied_trace(record.dynamics, setup.recordings[0], prior_parameters(record.robot))
     halves = None if trace is None else _halves(trace, setup.additions)
@@ -201,7 +199,7 @@ def unharmed(record: Evidence, verdicts: Sequence[Verdict]) -> tuple[Verdict, ..
 def _with_useful(
     record: Evidence, verdicts: Sequence[Verdict], judge: _Judge
 ) -> tuple[Verdict, ...]:
-    kept = _useful(record, [v for v in verdicts if v.proposals], judge)
+    kept = _useful(record, [verdict for verdict in verdicts if verdict.proposals], judge)
 
     def with_lines(verdict: Verdict) -> Verdict:
         if verdict.proposals and verdict not in kept:  # what it says explains nothing
@@ -217,23 +215,23 @@ def _useful(record: Evidence, proposing: Sequence[Verdict], judge: _Judge) -> li
     """Those whose proposals help beside those of all others that do."""
     if not proposing:
         return []
+
+    def helps(proposed: HeldOut | None, files: HeldOut | None) -> bool:
+        """Whether to keep a proposal; where there is an error of one side only, it decides."""
+        if proposed is None or files is None:
+            return proposed is not None or files is None
+        return judge(proposed, files)
+
     kept, files, best = list(proposing), _error(record, ()), _error(record, proposing)
     while len(kept) > 1:
         # Of two proposals that exclude each other, the first stays.
         fewer = ((_error(record, [v for v in kept if v is not last]), last) for last in kept[::-1])
-        spare = next((trial for trial in fewer if not _helps(best, trial[0], judge)), None)
+        spare = next((trial for trial in fewer if not helps(best, trial[0])), None)
         if spare is None:
             break
         best, dropped = spare
         kept.remove(dropped)
-    return kept if _helps(best, files, judge) else []
-
-
-def _helps(proposed: HeldOut | None, files: HeldOut | None, judge: _Judge) -> bool:
-    """Whether a proposal is to be kept; where there is an error of one side only, it decides."""
-    if proposed is None or files is None:
-        return proposed is not None or files is None
-    return judge(proposed, files)
+    return kept if helps(best, files) else []
 
 
 def _error(record: Evidence, verdicts: Sequence[Verdict]) -> HeldOut | None:

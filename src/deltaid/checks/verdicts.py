@@ -95,30 +95,27 @@ class Verdicts(Shown, Tabled, Reported, tuple[Verdict, ...]):
     @property
     def poor(self) -> tuple[Verdict, ...]:
         """Those that are not good, the most severe first."""
-        order = list(Grade)
-        poor = [verdict for verdict in self if verdict.grade is not Grade.GOOD]
-        return tuple(sorted(poor, key=lambda verdict: -order.index(verdict.grade)))
+        grades = [grade for grade in reversed(Grade) if grade is not Grade.GOOD]
+        return tuple(verdict for grade in grades for verdict in self if verdict.grade is grade)
 
     def noted(self, model: IdentifiedModel) -> IdentifiedModel:
         """A model that keeps what is wrong with its recordings, what cannot be decided, and how
         much no cause explains."""
         wrong = dict.fromkeys(verdict.key for verdict in self if verdict.grade is Grade.WRONG)
         untold = (verdict.sentence for verdict in self if verdict.grade is Grade.CANNOT_TELL)
-        left = [v.number for v in self if v.key == "residual" and v.grade is not Grade.GOOD]
-        share = max((0.01 * number for number in left if number is not None), default=0.0)
+        left = [verdict.number or 0.0 for verdict in self.poor if verdict.key == "residual"]
+        share = max((0.01 * number for number in left), default=0.0)
         return model.changed(wrong=tuple(wrong), undecided=tuple(untold), unexplained=share)
 
     @property
     def cures(self) -> str:
         """Lines that are proposed for the mapping and for the robot file, to read or to paste."""
-        parts = list[str]()
-        for file in files_of(self):
-            if file == "robot":
-                title, data = "the robot file", as_written(self._described)
-            else:
-                title, data = "the mapping of columns", self._recorded.written_mapping
-            parts.append(f"# into {title}\n{pasted(data, changes(self, file))}")
-        return "\n".join(parts)
+        read = {
+            "robot": ("the robot file", lambda: as_written(self._described)),
+            "mapping": ("the mapping of columns", lambda: self._recorded.written_mapping),
+        }
+        files = ((*read[file], changes(self, file)) for file in files_of(self))
+        return "\n".join(f"# into {title}\n{pasted(data(), new)}" for title, data, new in files)
 
     def cured_columns(self) -> ColumnMapping:
         """The mapping of columns with all that is proposed, to be given as `columns=`.
@@ -164,18 +161,19 @@ class Verdicts(Shown, Tabled, Reported, tuple[Verdict, ...]):
 
 def files_of(verdicts: Iterable[Verdict]) -> tuple[File, ...]:
     """The files that verdicts propose to change."""
-    named: set[File] = {p.file for verdict in verdicts for p in verdict.proposals}
+    named = {proposal.file for verdict in verdicts for proposal in verdict.proposals}
     order: tuple[File, ...] = ("robot", "mapping")
     return tuple(file for file in order if file in named)
 
 
 def changes(verdicts: Iterable[Verdict], file: File) -> Changes:
     """What all verdicts propose for one file; of two values for one key the first."""
-    proposals = (p for verdict in verdicts for p in verdict.proposals if p.file == file)
-    chosen: Changes = {}
+    proposals = [p for verdict in verdicts for p in verdict.proposals if p.file == file]
+    first: Changes = {}
     for proposal in proposals:
-        chosen |= {key: value for key, value in proposal.changes if key not in chosen}
-    return chosen
+        first = dict(proposal.changes) | first
+    order = dict.fromkeys(key for proposal in proposals for key, _ in proposal.changes)
+    return {key: first[key] for key in order}
 
 
 def as_written(robot: RobotLike) -> Data:
