@@ -42,9 +42,8 @@ def column_verdicts(case: RemappedRecording) -> tuple[Verdict, ...]:
 
 def _positions(case: RemappedRecording) -> Iterator[Verdict]:
     scale = np.abs(case.best.map.scale).tolist()
-    for factor in dict.fromkeys(scale):
-        if factor != 1:
-            yield _scaled(case, [i for i, f in enumerate(scale) if f == factor], factor)
+    for factor in dict.fromkeys(factor for factor in scale if factor != 1):
+        yield _scaled(case, [i for i, f in enumerate(scale) if f == factor], factor)
     for i, unit in case.units.items():
         if scale[i] == 1:
             yield _scaled(case, [i], unit)
@@ -105,11 +104,15 @@ def _angle_sign(
     case: RemappedRecording, i: int, *, both: bool = False, sure: bool = True
 ) -> Verdict:
     """`both`: the torque's sign is wrong as well; `sure`: nothing else explains it as well."""
-    name, turned, source = case.names[i], case.evidence.turned, case.best.map.order[i]
-    changes: dict[Quantity, Values] = {q: {i: turned(q, source)} for q in _follow(case, [i])}
-    cause, columns = f"the angle of {name} counts the other way", "position"
+    name, turned = case.names[i], case.evidence.turned
+    columns = _follow(case, [i])
+    changes: dict[Quantity, Values] = {q: {i: turned(q, case.best.map.order[i])} for q in columns}
+    cause, turn = f"the angle of {name} counts the other way", "position column"
     if both:
-        cause, columns = f"{name} counts the other way, in angle and torque", "position and torque"
+        cause, turn = (
+            f"{name} counts the other way, in angle and torque",
+            "position and torque column",
+        )
         changes["torque"] = {i: turned("torque", i)}
     return Verdict(
         "angle-sign",
@@ -118,7 +121,7 @@ def _angle_sign(
         f"{case.fits}",
         name,
         cause if sure else f"{cause}, or another sign is wrong; {_UNDECIDED}",
-        f"turn the sign of its {columns} column",
+        f"turn the sign of its {turn}",
         case.evidence.proposal(changes) if sure else (),
     )
 
@@ -159,19 +162,17 @@ def _order(case: RemappedRecording) -> Iterator[Verdict]:
     elif torque == position:
         quantities = "positions and torques together"
     columns = listed([f"{case.names[i]} from the columns of {case.names[given[i]]}" for i in moved])
-    cause = f"the {quantities} are in another order than the drives: {columns}"
     # Limbs that are alike have no names: what the recording shows is which torque belongs to which
     # position, and positions and torques that moved together are named as they are.
     others = {(other.map.order, other.order) for other in case.rivals}
     sure = all(positions == torques for positions, torques in others) or len(others) == 1
-    if not sure:
-        cause += f", or the {instead} are; {_UNDECIDED}"
+    doubt = "" if sure else f", or the {instead} are; {_UNDECIDED}"
     yield Verdict(
         "drive-order",
         Grade.WRONG,
         f"torques and motion belong together only in another order, which {case.fits}",
         case.whose(moved),
-        cause,
+        f"the {quantities} are in another order than the drives: {columns}{doubt}",
         "map the columns in the order of the drives",
         case.evidence.proposal(changes) if sure else (),
     )
@@ -201,26 +202,24 @@ def _one_torque(case: RemappedRecording, i: int, gain: float, *, rough: bool = F
     beside = "the prior says" if rough else "those of the other drives ask for"
     change: dict[str, object] = {}
     if gain > 1:
-        key, number = "gear", gain
         cause = f"that of the motor, behind a gear of about {gain:.3g}"
         cure = "declare the gear (or lead) of its torque column, exactly"
         change = {} if rough else record.of_motor("torque", source, gain)
     else:
-        key, number, unit = "torque-unit", 1 / gain, _MILLI[case.linear(i)]
+        unit, cure = _MILLI[case.linear(i)], "declare the unit of its torque column"
         if 0.8 < 1e3 * gain < 1.25:
             change = record.in_unit("torque", source, 1e-3)
-        cause = f"in another unit, such as {unit} or per mille of a rated torque"
-        cause = f"in {unit}" if change else cause
-        cure = "declare the unit of its torque column"
+        other = f"another unit, such as {unit} or per mille of a rated torque"
+        cause = f"in {unit if change else other}"
     return Verdict(
-        key,
+        "gear" if gain > 1 else "torque-unit",
         Grade.WRONG,
         f"{whose} is {1 / gain:.3g} times what {beside}",
         case.names[i],
         f"{whose} is {cause}",
         cure,
         record.proposal({"torque": {i: change}}),
-        number,
+        max(gain, 1 / gain),
     )
 
 

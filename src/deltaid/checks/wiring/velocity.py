@@ -55,11 +55,6 @@ class Rate:
     lag: float  # δ behind it [s]
     lag_std: float
 
-    @property
-    def right(self) -> bool:
-        """Whether it is the velocity of its own drive, as it is."""
-        return self.own > _TOGETHER and 1 / _WRONG < self.scale < _WRONG
-
 
 def rates(motion: FilteredMotion, map: Map) -> list[Rate]:
     """Every recorded velocity column of a drive that moves."""
@@ -87,11 +82,17 @@ def rates(motion: FilteredMotion, map: Map) -> list[Rate]:
 
 def velocity_verdicts(case: RemappedRecording) -> Iterator[Verdict]:
     """One verdict a cause; a good one if there is none."""
-    map, names = case.map, case.names
-    identity, recorded = Map.identity(len(names)), rates(case.motion, map)
-    if recorded and map != identity:  # what matches positions as mapped is corrected with them
-        right = {rate.drive for rate in rates(case.motion, identity) if rate.right}
+    names, identity = case.names, Map.identity(len(case.names))
+    recorded = rates(case.motion, case.map)
+    if recorded and case.map != identity:  # what matches positions as mapped is corrected with them
+        right = [
+            rate.drive
+            for rate in rates(case.motion, identity)
+            if rate.own > _TOGETHER and 1 / _WRONG < rate.scale < _WRONG
+        ]
         recorded = [rate for rate in recorded if rate.drive not in right]
+    if not recorded:
+        return
     swapped = [
         rate
         for rate in recorded
@@ -116,23 +117,28 @@ def velocity_verdicts(case: RemappedRecording) -> Iterator[Verdict]:
             f"(correlation {rate.correlation:.2g})"
         )
         yield _NOISE.poor(seen, names[rate.drive], rate.correlation)
-    least_lag = max(_LAG, _OF_SAMPLE * case.evidence.rows.step) if recorded else 0.0
+    least_lag = max(_LAG, _OF_SAMPLE * case.evidence.rows.step)
     late = [rate for rate in matched if abs(rate.lag) > max(least_lag, _CERTAIN * rate.lag_std)]
+    latest = max(late or recorded, key=lambda rate: abs(rate.lag))
+    lag = 1e3 * latest.lag
     if late and not lost:
-        yield _late(case, late)
-    if recorded and not groups and not lost and not late:
-        latest = max(recorded, key=lambda rate: abs(rate.lag))
+        seen = (
+            f"velocities are {abs(lag):.3g} ± {2e3 * latest.lag_std:.1g} ms "
+            f"{'behind' if lag > 0 else 'ahead of'} the changes of the positions"
+        )
+        yield _LATE.poor(seen, case.whose([rate.drive for rate in late]), lag)
+    if not groups and not lost and not late:
         seen = (
             f"recorded velocities are the derivatives of the positions: within "
-            f"{max(abs(rate.scale - 1) for rate in recorded):.2g} in scale and "
-            f"{1e3 * abs(latest.lag):.2g} ms in time"
+            f"{max(abs(rate.scale - 1) for rate in recorded):.2g} in scale and {abs(lag):.2g} ms "
+            "in time"
         )
-        yield _LATE.good(seen, 1e3 * latest.lag)
+        yield _LATE.good(seen, lag)
 
 
 def _order(case: RemappedRecording, swapped: list[Rate]) -> Verdict:
-    record, weakest = case.evidence, min(rate.correlation for rate in swapped)
-    columns = case.evidence.columns.velocity
+    record, columns = case.evidence, case.evidence.columns.velocity
+    weakest = min(rate.correlation for rate in swapped)
     pairs = ", ".join(
         f"{columns[rate.drive].column} is that of {case.names[rate.nearest]}" for rate in swapped
     )
@@ -153,45 +159,34 @@ def _scale(case: RemappedRecording, scaled: list[Rate], name: str, *, reversed_:
     """Of drives whose velocities are in one unit, or in none that has a name."""
     scale = float(np.median([rate.scale for rate in scaled]))
     size = float(np.median([abs(rate.scale) for rate in scaled]))
-    far, record = max(size, 1 / size) > _UNIT, case.evidence
+    ratio, record = max(size, 1 / size), case.evidence
     whose = case.whose([rate.drive for rate in scaled])
-    whom = f" of {whose}" if whose else ""
+    velocities = f"velocities of {whose}" if whose else "velocities"
     factor = min((*_TURNING, *_SLIDING), key=lambda f: abs(np.log(size / f)))
     changes: Values = {}
     for rate in scaled:
-        i = rate.drive
-        changes[i] = record.turned("velocity", i) if reversed_ else {}
+        changes[rate.drive] = record.turned("velocity", rate.drive) if reversed_ else {}
         if name:
-            changes[i] |= record.in_unit("velocity", i, 1 / factor)
-        elif far:
-            changes[i] |= record.of_motor("velocity", i, 1 / abs(rate.scale))
-    cause = f"velocities{whom} have a wrong scale, or those of another time"
+            changes[rate.drive] |= record.in_unit("velocity", rate.drive, 1 / factor)
+        elif ratio > _UNIT:
+            changes[rate.drive] |= record.of_motor("velocity", rate.drive, 1 / abs(rate.scale))
     cure = "declare unit, sign and gear of the velocity columns"
     if name:
-        cause = f"velocities{whom} are in {name}"
-    elif far:
-        cause = f"velocities{whom} are in another unit, or those of a motor behind a gear"
-    elif not reversed_:
-        cure = _LEAVE
+        cause = f"{velocities} are in {name}"
+    elif ratio > _UNIT:
+        cause = f"{velocities} are in another unit, or those of a motor behind a gear"
+    else:
+        cause = "" if reversed_ else f"{velocities} have a wrong scale, or those of another time"
+        cure = cure if reversed_ else _LEAVE
     if reversed_:
-        cause = f"velocities{whom} count the other way" + (f", and {cause}" if name or far else "")
+        cause = f"{velocities} count the other way" + (f", and {cause}" if cause else "")
     return Verdict(
-        "velocity-unit" if name or far else "velocity",
-        Grade.WRONG if reversed_ or max(size, 1 / size) > _WRONG else Grade.DOUBTFUL,
-        f"velocities{whom} are {scale:.4g} times the rate at which positions change",
+        "velocity-unit" if name or ratio > _UNIT else "velocity",
+        Grade.WRONG if reversed_ or ratio > _WRONG else Grade.DOUBTFUL,
+        f"{velocities} are {scale:.4g} times the rate at which positions change",
         whose,
         cause,
         cure,
         record.proposal({"velocity": changes}),
         number=scale,
-    )
-
-
-def _late(case: RemappedRecording, late: list[Rate]) -> Verdict:
-    latest = max(late, key=lambda rate: abs(rate.lag))
-    return _LATE.poor(
-        f"velocities are {1e3 * abs(latest.lag):.3g} ± {2e3 * latest.lag_std:.1g} ms "
-        f"{'behind' if latest.lag > 0 else 'ahead of'} the changes of the positions",
-        case.whose([rate.drive for rate in late]),
-        1e3 * latest.lag,
     )
