@@ -101,7 +101,7 @@ def left_open(name: str, *sensors: BaseWrench | StrutForce) -> NullSpace:
     where = scene(name)
     dynamics, motion = where.dynamics, where.motion
     rows = [torque_rows(where, torques(dynamics, where.p, motion))]
-    rows += [sensor_rows(where, rows_of(dynamics, "s", sensor)).sure for sensor in sensors]
+    rows += [sensor_rows(where, rows_of(dynamics, "s", sensor))[1] for sensor in sensors]
     mechanism = with_turned_half(dynamics.kinematics.mechanism)
     found = exchanges(dynamics.robot, dynamics.layout, instances(mechanism, motion.z[::50]))
     return null_space(np.vstack(rows)[:, : len(where.p)], dynamics.layout, found)

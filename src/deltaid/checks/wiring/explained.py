@@ -68,13 +68,11 @@ class RemappedRecording:
         """Torques of inertia, gravity, viscous and Coulomb friction, estimated over those of the
         prior; NaN for components that are small."""
         best, dynamics, motion = self.best, self.evidence.dynamics, self.motion
-        residual = best.residual
+        residual, out = best.residual, np.full((dynamics.dof, 4), np.nan)
         p = residual.span.coefficients(best.torques)
-        rates = [best.map.rates(rate) for rate in (motion.qd, motion.qdd)]
-        speed, acceleration = (np.sqrt(np.mean(rate**2, axis=0)) for rate in rates)
-        out = np.full((dynamics.dof, 4), np.nan)
-        for i in range(dynamics.dof):
-            rows = _components(dynamics, i, speed[i], acceleration[i])[:, residual.columns]
+        pace = [np.sqrt(np.mean(best.map.rates(x) ** 2, axis=0)) for x in (motion.qd, motion.qdd)]
+        for i, (speed, acceleration) in enumerate(zip(*pace, strict=True)):
+            rows = _components(dynamics, i, speed, acceleration)[:, residual.columns]
             estimated, expected = rows @ p, rows @ residual.prior
             share = _SMALLEST if best.loose[i] else _SMALL
             both = _large(estimated, _SMALL) & _large(expected, _SMALLEST)
@@ -97,13 +95,13 @@ class RemappedRecording:
 
     def _beyond(self, i: int) -> float:
         """Largest ratio of a drive's speed or range to the described one."""
-        robot, beyond = self.evidence.robot, 0.0
-        limits = robot.limits_of(self.names[i])
+        robot, motion = self.evidence.robot, self.motion
+        limits, beyond = robot.limits_of(self.names[i]), 0.0
         if limits.top_speed:
-            beyond = float(np.abs(self.motion.qd[:, i]).max()) / limits.top_speed
+            beyond = float(np.abs(motion.qd[:, i]).max()) / limits.top_speed
         if len(self.names) == 1 and self.linear(i):
             _, half = robot.within(0.0)
-            beyond = max(beyond, float(np.ptp(self.motion.q[:, i]) / (2 * half[0])))
+            beyond = max(beyond, float(np.ptp(motion.q[:, i]) / (2 * half[0])))
         return abs(self.best.map.scale[i]) * beyond
 
     @property
@@ -162,9 +160,12 @@ def overall(ratios: Float[np.ndarray, "..."]) -> float:
     parts = ratios[..., :VISCOUS], ratios[..., VISCOUS:]
     logs = [float(np.median(_logs(part))) for part in parts if np.any(part > 0)]
     usual = float(np.median(_logs(ratios)))
-    if len(logs) < 2 or min(map(abs, logs)) > _AGREED * abs(usual):
-        return float(np.exp(usual))
-    return float(np.exp(min(logs, key=abs))) if np.sign(logs[0]) == np.sign(logs[1]) else 1.0
+    nearest = min(logs, key=abs, default=usual)
+    if len(logs) < 2 or abs(nearest) > _AGREED * abs(usual):
+        nearest = usual
+    elif np.sign(logs[0]) != np.sign(logs[1]):
+        nearest = 0.0
+    return float(np.exp(nearest))
 
 
 def _unit_of(ratio: Float[np.ndarray, " components"], pace: float, units: Iterable[float]) -> float:
@@ -179,10 +180,9 @@ def _unit_of(ratio: Float[np.ndarray, " components"], pace: float, units: Iterab
         return float(np.abs(logs).sum()) + max(0.0, float(np.log(max(pace, 1e-9))))
 
     usual = _logs(ratio)
-    oddness = {1.0: min(odd(usual, pace), odd(usual - np.median(usual), pace) + _MORE)}
-    for unit in units:
-        oddness[unit] = odd(_logs(in_unit(ratio, unit)), pace * unit) + _MORE
-    return min(oddness, key=lambda unit: oddness[unit])
+    oddness = {unit: odd(_logs(in_unit(ratio, unit)), pace * unit) + _MORE for unit in units}
+    as_is = min(odd(usual, pace), odd(usual - np.median(usual), pace) + _MORE)
+    return min({1.0: as_is, **oddness}.items(), key=lambda item: item[1])[0]
 
 
 def in_unit(ratios: Float[np.ndarray, "*_ components"], unit: float) -> np.ndarray:

@@ -125,8 +125,8 @@ def _cutoff(q: Values, rate: float) -> float:
     power = np.cumsum(np.abs(np.fft.rfft(level, axis=0) * frequency[:, None]) ** 2, axis=0)
     fastest = frequency[np.argmax(power >= _MOST_POWER * power[-1], axis=0)]
     # A drive at rest has noise alone, whose speeds are all at high frequencies.
-    moving = fastest[fastest < _HIGHEST_CUTOFF]
-    highest = min(HIGHEST * rate, _HIGHEST_CUTOFF, _ABOVE * max(moving, default=_HIGHEST_CUTOFF))
+    moving = max(fastest[fastest < _HIGHEST_CUTOFF], default=_HIGHEST_CUTOFF)
+    highest = min(HIGHEST * rate, _HIGHEST_CUTOFF, _ABOVE * moving)
     return float(min(max(LOWEST_CUTOFF, min(general, highest)), HIGHEST * rate))
 
 

@@ -148,8 +148,7 @@ def poses(
     z, closed = dynamics.kinematics.forward_unchecked(q)
     z = np.where(closed[:, None], z, dynamics.kinematics.home)
     regular = dynamics.kinematics.regularity(z)
-    good = closed & (regular.worst < SINGULAR_CONDITION)
-    sign = np.sign(regular.determinant)
+    good, sign = closed & (regular.worst < SINGULAR_CONDITION), np.sign(regular.determinant)
     return z, good & (sign == (1 if sign[good].sum() >= 0 else -1))
 
 
@@ -157,11 +156,9 @@ def residual(dynamics: Dynamics, motion: FilteredMotion, map: Map) -> MapResidua
     """None where too few samples have poses."""
     z, good = poses(dynamics, map.values(motion.q))
     keep, share = motion.awake, float(good.mean())
-    if share < _POSED:
-        return None
-    if not good.all():
+    if not good.all() and share >= _POSED:
         keep = keep & (motion.filtered(good[None].astype(float))[0] > 1 - 1e-6)
-    if keep.sum() < _FEWEST:
+    if share < _POSED or keep.sum() < _FEWEST:
         return None
     qd, qdd = map.rates(motion.qd), map.rates(motion.qdd)
     values = np.where(good, entries_at(dynamics, z, qd, qdd, motion.load), 0.0)
@@ -169,9 +166,8 @@ def residual(dynamics: Dynamics, motion: FilteredMotion, map: Map) -> MapResidua
     columns, place = np.unique(entries, return_inverse=True)
     Y = np.zeros((dynamics.dof, len(tau), len(columns)))
     Y[drives, :, place] = motion.filtered(values)[:, keep]
-    prior = prior_parameters(dynamics.robot)[columns]
+    prior, still = prior_parameters(dynamics.robot)[columns], ~motion.moves[list(map.order)]
     expected = np.sqrt(np.mean((Y @ prior) ** 2, axis=1))
-    still = ~motion.moves[list(map.order)]
     scale = np.maximum(expected, 1e-3 * expected.max()) / np.where(still, AT_REST, 1.0)
     rows = DriveRows(scale, len(tau))
     Y = rows.stack(Y)

@@ -206,26 +206,23 @@ def _best_factor(
     """The factor of these drives' positions; None where no loops close, or beyond any lead."""
     identity = Map.identity(dynamics.dof)
     longest = _LONGEST if named_units(dynamics.robot, drives[0]) is SLIDING else np.inf
-    grid = np.geomspace(_SMALLEST, min(longest, _LARGEST), _CLOSING)
-    maps = {float(factor): identity.times(float(factor), drives) for factor in grid}
-    closing = [f for f, map in maps.items() if closed_share(dynamics, motion, map) >= CLOSED]
+    grid = np.geomspace(_SMALLEST, min(longest, _LARGEST), _CLOSING).tolist()
+    shares = [closed_share(dynamics, motion, identity.times(f, drives)) for f in grid]
+    closing = [factor for factor, share in zip(grid, shares, strict=True) if share >= CLOSED]
     if not closing:
         return None
-    grid = np.geomspace(max(closing[0], closing[-1] / 30), closing[-1], _GRID)
-    trials = (identity.times(float(factor), drives) for factor in grid)
+    grid = np.geomspace(max(closing[0], closing[-1] / 30), closing[-1], _GRID).tolist()
+    trials = (identity.times(factor, drives) for factor in grid)
     rough = next(iter(_likely(tried(dynamics, motion, trials, as_is=True))), None)
-    if rough is None:
-        return None
-    best = _narrowed(dynamics, motion, rough, float(grid[1] / grid[0]))
-    return None if abs(best.map.scale[drives[0]]) > longest else best
+    best = rough and _narrowed(dynamics, motion, rough, grid[1] / grid[0])
+    return None if best is None or abs(best.map.scale[drives[0]]) > longest else best
 
 
 def _refined(
     dynamics: Dynamics, motion: FilteredMotion, rough: WiringHypothesis
 ) -> Iterator[WiringHypothesis]:
     """The same drives in a unit that has a name, and by the best factor near the rough one."""
-    drives = rough.map.scaled
-    best = _narrowed(dynamics, motion, rough, _FINE)
+    drives, best = rough.map.scaled, _narrowed(dynamics, motion, rough, _FINE)
     yield best
     factor = abs(best.map.scale[drives[0]])
     signs = replace(rough.map, scale=tuple(float(s) for s in np.sign(rough.map.scale)))

@@ -9,6 +9,7 @@ of positions (`velocity`).
 
 from collections.abc import Sequence
 from dataclasses import replace
+from itertools import combinations
 
 import numpy as np
 from threadpoolctl import threadpool_limits
@@ -81,18 +82,17 @@ def checked_wirings(
 
 
 def _refuse_copies(evidence: Evidence) -> None:
-    rows, names = evidence.rows, evidence.robot.drives
+    rows, names, columns = evidence.rows, evidence.robot.drives, evidence.columns.torque
     if rows.tau.shape[1] != len(names) or rows.q.shape[1] != len(names):
         return
     finite = np.isfinite(np.hstack([rows.q, rows.tau])).all(axis=1)
     moves, alike = (_correlations(numbers[finite]) for numbers in (rows.q, rows.tau))
-    for i, j in zip(*np.triu_indices(len(names), 1), strict=True):
+    for i, j in combinations(range(len(names)), 2):
         if alike[i, j] ** 2 > 1 - _COPIED and moves[i, j] ** 2 < 1 - _UNLIKE:
-            columns = [evidence.columns.torque[k].column for k in (i, j)]
             raise RecordingError(
                 f"the torques of {names[i]} and {names[j]} are one signal: column "
-                f"'{columns[0]}' and column '{columns[1]}' repeat each other in every row, and "
-                "the drives move unlike each other",
+                f"'{columns[i].column}' and column '{columns[j].column}' repeat each other in "
+                "every row, and the drives move unlike each other",
                 where=str(evidence.table.path),
                 cure="map each drive's own torque; if only one of them was recorded, record again",
             )
@@ -114,8 +114,7 @@ def _of_recording(
     senseless = case.best.left > _EXPLAINED or case.along < _SENSELESS
     if case.best.closes and not verdicts and senseless:
         verdicts.append(_senseless(case))
-    if worst(verdicts) is not Grade.WRONG:
-        verdicts += zero_verdicts(case)
+    verdicts += zero_verdicts(case) if worst(verdicts) is not Grade.WRONG else ()
     verdicts += velocity_verdicts(case)
     if worst(verdicts) in (Grade.GOOD, Grade.CANNOT_TELL) and not senseless:
         seen = (
@@ -124,7 +123,7 @@ def _of_recording(
             "those"
         )
         verdicts.insert(0, Verdict("drive-order", Grade.GOOD, seen, number=case.along))
-    return tuple(verdicts if common is None else verdicts[len(common) :])
+    return tuple(verdicts[len(common or ()) :])
 
 
 def _senseless(case: RemappedRecording) -> Verdict:
