@@ -168,7 +168,7 @@ def checked_measured(robot: RobotDescription) -> tuple[Verdict, ...]:
     if poor or not rows:
         return tuple(poor)
     several, go = ("s", "go") if len(rows) > 1 else ("", "goes")
-    seen = f"{len(rows)} measured value{several}, as {rows[0].name}, {go} with the description"
+    seen = f"{len(rows)} measured value{several}, as {next(row.name for row in rows)}, {go} with the description"
     return (_MEASURED.good(seen),)
 
 

@@ -12,7 +12,7 @@ each summed over all bodies that were measured together. All are linear in p.
 """
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -72,10 +72,17 @@ def weighings(robot: RobotDescription) -> tuple[Weighing, ...]:
     """All measured values of a description as rows."""
     layout = parameter_layout(robot)
     prior = np.array([parameter.prior for parameter in layout.parameters])
-    return tuple(
-        weighing(measured, placed, layout, prior, where)
-        for measured, placed, where in _declared(robot)
-    )
+    alone = [
+        weighing(measured, (Placed(body=name),), layout, prior, f"bodies.{name}.measured[{k}]")
+        for name in robot.body_names
+        for k, measured in enumerate(robot.bodies[name].measured, start=1)
+    ]
+    together = [
+        weighing(measured, measured.placed, layout, prior, f"measured[{k}]")
+        for k, measured in enumerate(robot.measured, start=1)
+        if isinstance(measured, MeasuredTogether)  # all of them, for the type
+    ]
+    return (*alone, *together)
 
 
 def weighing(
@@ -100,22 +107,15 @@ def weighing(
         units = [RigidBody(unit).moved(R, d) for unit in np.eye(10)]
         c[at] += part.count * np.array([_quantity(measured, unit) for unit in units])
         masses[at.start] += part.count
-    value, std = measured.value, measured.std
+    value, std, axis = measured.value, measured.std, measured.axis
     if measured.quantity == "centre":
         value, std = 0.0, std * float(masses @ prior)
     what = " and ".join(f"{p.count} {p.body}" if p.count > 1 else p.body for p in placed)
-    along = f" along {_direction(measured.axis)}" if measured.axis is not None else ""
+    if axis is not None:
+        direction = axis if isinstance(axis, str) else f"({', '.join(f'{x:g}' for x in axis)})"
+        what += f" along {direction}"
     unit = {"mass": "kg", "inertia": "kg m²"}.get(measured.quantity, "kg m")
-    return Weighing(f"{_WORDS[measured.quantity]} of {what}{along}", where, unit, c, value, std)
-
-
-def _declared(robot: RobotDescription) -> Iterator[tuple[Measured, tuple[Placed, ...], str]]:
-    for name in robot.body_names:
-        for k, measured in enumerate(robot.bodies[name].measured):
-            yield measured, (Placed(body=name),), f"bodies.{name}.measured[{k + 1}]"
-    for k, measured in enumerate(robot.measured):
-        assert isinstance(measured, MeasuredTogether)
-        yield measured, measured.placed, f"measured[{k + 1}]"
+    return Weighing(f"{_WORDS[measured.quantity]} of {what}", where, unit, c, value, std)
 
 
 def _quantity(measured: Measured, body: RigidBody) -> float:
@@ -145,7 +145,3 @@ def roll_pitch_yaw(R: Float[np.ndarray, "3 3"]) -> tuple[float, float, float]:
     pitch = np.arctan2(-R[2, 0], c * R[0, 0] + s * R[1, 0])
     roll = np.arctan2(s * R[0, 2] - c * R[1, 2], c * R[1, 1] - s * R[0, 1])
     return float(roll), float(pitch), float(yaw)
-
-
-def _direction(axis: Axis | Vector) -> str:
-    return axis if isinstance(axis, str) else f"({', '.join(f'{x:g}' for x in axis)})"

@@ -127,7 +127,7 @@ class Misfit:
         sample."""
         y = np.broadcast_to(self.y, (len(self.X), *self.y.shape))
         rows = np.concatenate([self.X, y], axis=1) / np.sqrt(max(self.counts, 1.0))
-        return np.linalg.qr(rows.swapaxes(1, 2), mode="r")
+        return np.asarray(np.linalg.qr(rows.swapaxes(1, 2), mode="r"))
 
     def _sigma(self, T: Map) -> Float[np.ndarray, " channels"]:
         """Admissible residual of each channel."""
@@ -237,7 +237,11 @@ def misfits(dynamics: Dynamics, recording: PreparedRecording) -> list[Misfit]:
             sensor = shown[rows.name]
             counts = free & np.isfinite(sensor).all(axis=0)
             C = rows.entries(w.z, w.qd, w.qdd, np.zeros_like(sensor))
-            parts += [C * counts, np.where(counts, sensor, 0.0), counts[None].astype(float)]
+            parts += [
+                C * counts,
+                np.where(counts, sensor, 0.0),
+                np.atleast_2d(counts).astype(float),
+            ]
         return np.vstack(parts)
 
     windows = list(recording.spread(dynamics.kinematics, _WINDOWS))

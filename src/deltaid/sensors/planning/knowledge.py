@@ -29,8 +29,6 @@ from deltaid.estimation.reduction import Reduction, build_reduction
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.parameter import PRIOR_SPREAD, PriorParameter
 
-Rows = Float[np.ndarray, "rows columns"]
-
 
 @dataclass(frozen=True, eq=False)
 class Knowledge:
@@ -65,11 +63,6 @@ class Knowledge:
         return 0.5 * float(np.linalg.slogdet(np.eye(len(gram)) + gram)[1])
 
 
-def without(rows: Rows, nuisances: int) -> Float[np.ndarray, "rest others"]:
-    """What rows say of their last columns whatever their first `nuisances` ones are."""
-    return triangle(rows)[nuisances:, nuisances:]
-
-
 # An entry of M̄ below this share of √(M̄_ii M̄_jj) counts as zero.
 _ZERO = 1e-3
 
@@ -81,15 +74,19 @@ class PlanUnknowns:
     Attributes:
         names: of the variables: 'S.mcx', 'S.Sxx', 'viscous.drive1', 'gain.drive1'.
         owners: the body of each entry; '' for what is of no body.
+        units: of each.
+        sizes: |prior|, or what stands for it where that is zero; deviations are told as shares
+            of it.
         prior: value before.
-        spread: standard deviation before, as a share of |prior| or of what stands for it where that
-            is zero.
+        spread: standard deviation before, as a share of `sizes`.
         W: w = w_0 + W u.
         known: bodies that count as known.
     """
 
     names: tuple[str, ...]
     owners: tuple[str, ...]
+    units: tuple[str, ...]
+    sizes: Float[np.ndarray, " n"]
     prior: Float[np.ndarray, " n"]
     spread: Float[np.ndarray, " n"]
     W: Float[np.ndarray, "extended n"]
@@ -129,6 +126,8 @@ def unknowns(
     return PlanUnknowns(
         names=(*reduction.names, *(f"gain.{drive}" for drive in gains)),
         owners=(*owners, *[""] * len(gains)),
+        units=(*(variable.unit for variable in variables), *[""] * len(gains)),
+        sizes=np.append(sizes, np.ones(len(gains))),
         prior=np.append(reduction.prior, np.ones(len(gains))),
         spread=np.append(spread, np.full(len(gains), gain_spread)),
         W=W,

@@ -23,7 +23,6 @@ from deltaid.recording.opening import open_log
 from deltaid.recording.windows import SampleBlock
 from deltaid.robot.parameter import PriorParameter
 from deltaid.robot.sensors import BaseWrench
-from deltaid.sensors.planning.knowledge import without
 from deltaid.sensors.robot_sensors import shown_by
 from deltaid.sensors.rows import SensorRows, is_of_pose
 from deltaid.sensors.weighings import Weighing
@@ -150,7 +149,7 @@ def sensor_rows(scene: Scene, sensor: SensorRows) -> tuple[Extended, Extended]:
 
     def rest(known: Sequence[bool]) -> Extended:
         prior = np.eye(len(own), flat.shape[1]) * np.reshape(known, (-1, 1))
-        rows = without(np.vstack([prior, flat]), len(own))
+        rows = triangle(np.vstack([prior, flat]))[len(own) :, len(own) :]
         return np.hstack([rows, np.zeros((len(rows), scene.dynamics.dof))])
 
     return rest([True] * len(own)), rest([not _is_open(entry, sensor) for entry in own])

@@ -50,20 +50,19 @@ def uses(scene: Scene, offers: Offers) -> tuple[tuple[Use, ...], tuple[str, ...]
     Raises:
         DescriptionError: an entry names a body or a drive that the robot does not have.
     """
-    found, left_out = list[Use](), list[str]()
+    possible, left_out = list[Use](), list[str]()
     for key, offer in offers.offers.items():
-        if offer.reads:  # of geometry, not of bodies
-            continue
-        if not offer.sensors:
-            found += _of_weighings(scene, offers, key, offer)
-            continue
         try:
-            found.append(_of_sensors(scene, offers, key, offer))
+            if offer.sensors:
+                possible.append(_of_sensors(scene, offers, key, offer))
         except DescriptionError as error:
-            if not _is_general(offer):
+            sensors = offer.sensors.values()
+            places = {getattr(s, "strut", getattr(s, "drive", EACH)) for s in sensors}
+            if places != {EACH}:  # it names something of a certain robot
                 raise
             left_out.append(f"{offer.title}: {error.what}")
-    return tuple(found), tuple(left_out)
+        possible += _of_weighings(scene, offers, key, offer)
+    return tuple(possible), tuple(left_out)
 
 
 def described_rows(scene: Scene, weighed: Sequence[Weighing]) -> tuple[Extended, Extended]:
@@ -75,36 +74,33 @@ def described_rows(scene: Scene, weighed: Sequence[Weighing]) -> tuple[Extended,
 
 
 def _of_weighings(scene: Scene, offers: Offers, key: str, offer: Offer) -> Iterator[Use]:
-    work, group = offer.hours * offers.hourly, offer.group or key
-    layout = scene.dynamics.layout
+    robot, layout = scene.dynamics.robot, scene.dynamics.layout
+    paid = key, offer.group or key, offer.price, offer.hours * offers.hourly
     if offer.measured:
         for measured in offer.measured:
-            _require_bodies(scene.dynamics.robot, measured.placed, key)
+            _require_bodies(robot, measured.placed, key)
         values = (weighing(each, each.placed, layout, scene.p) for each in offer.measured)
         rows = np.vstack([weighing_row(scene, value) for value in values])
-        yield Use(key, offer.title, key, group, offer.price, work, rows, rows)
-        return
+        yield Use(key, offer.title, *paid, rows, rows)
     names = list[str]()
     for weigh in offer.weighs:
-        for placed in _placed(scene.dynamics.robot, weigh):
-            _require_bodies(scene.dynamics.robot, placed, key)
+        for placed in _placed(robot, weigh):
+            _require_bodies(robot, placed, key)
             value = planned(scene, weigh, placed)
-            if value is None:
-                if weigh.of == EACH:
-                    continue
-                of = " + ".join(part.body for part in placed)
+            if value is not None:
+                row = weighing_row(scene, value)
+                what = "+".join(f"{p.count}{p.body}" if p.count > 1 else p.body for p in placed)
+                names.append(what)
+                again = f":{names.count(what)}" if names.count(what) > 1 else ""
+                yield Use(f"{key}:{what}{again}", f"{offer.title}: {value.name}", *paid, row, row)
+            elif weigh.of != EACH:
+                bodies = " + ".join(part.body for part in placed)
                 raise DescriptionError(
-                    f"a share of {of}'s value is no standard deviation: the value is zero at the "
-                    "prior",
+                    f"a share of {bodies}'s value is no standard deviation: the value is zero at "
+                    "the prior",
                     where=f"offers.{key}.weigh",
                     cure="give std as well",
                 )
-            row = weighing_row(scene, value)
-            what = "+".join(f"{p.count}{p.body}" if p.count > 1 else p.body for p in placed)
-            names.append(what)
-            again = f":{names.count(what)}" if names.count(what) > 1 else ""
-            name = f"{key}:{what}{again}"
-            yield Use(name, f"{offer.title}: {value.name}", key, group, offer.price, work, row, row)
 
 
 def planned(scene: Scene, weigh: Weigh, placed: Sequence[Placed]) -> Weighing | None:
@@ -172,17 +168,17 @@ def _require_bodies(robot: RobotDescription, placed: Sequence[Placed], key: str)
 
 
 def _of_sensors(scene: Scene, offers: Offers, key: str, offer: Offer) -> Use:
-    robot = scene.dynamics.robot
-    fitted = [placed for given in offer.sensors.items() for placed in _each(robot, *given)]
+    dynamics = scene.dynamics
+    fitted = [each for given in offer.sensors.items() for each in _each(dynamics.robot, *given)]
     if not fitted:
         raise DescriptionError(
             "the robot has no place for it", where=f"offers.{key}.sensors", cure="leave it out"
         )
     count = len(fitted) / len(offer.sensors)
-    rows = [sensor_rows(scene, rows_of(scene.dynamics, name, single)) for name, single in fitted]
+    rows = [sensor_rows(scene, rows_of(dynamics, *each)) for each in fitted]
     likely, sure = (triangle(np.vstack(parts)) for parts in zip(*rows, strict=True))
-    work = count * offer.hours * offers.hourly
-    return Use(key, offer.title, key, offer.group or key, count * offer.price, work, likely, sure)
+    paid = key, offer.group or key, count * offer.price, count * offer.hours * offers.hourly
+    return Use(key, offer.title, *paid, likely, sure)
 
 
 def _each(robot: RobotDescription, name: str, sensor: Sensor) -> Iterator[tuple[str, Sensor]]:
@@ -196,9 +192,3 @@ def _each(robot: RobotDescription, name: str, sensor: Sensor) -> Iterator[tuple[
                 yield f"{name}.{drive}", sensor.changed(drive=drive)
         case StrutForce() | JointTorque() | BaseWrench():
             yield name, sensor
-
-
-def _is_general(offer: Offer) -> bool:
-    """Whether an offer names nothing of a certain robot."""
-    sensors = offer.sensors.values()
-    return {getattr(s, "strut", getattr(s, "drive", EACH)) for s in sensors} == {EACH}
