@@ -167,8 +167,8 @@ def checked_measured(robot: RobotDescription) -> tuple[Verdict, ...]:
             poor.append(_scaled(row, expected, ratio))
     if poor or not rows:
         return tuple(poor)
-    several, go = ("s", "go") if len(rows) > 1 else ("", "goes")
-    seen = f"{len(rows)} measured value{several}, as {next(row.name for row in rows)}, {go} with the description"
+    first, (several, go) = next(iter(rows)).name, ("s", "go") if len(rows) > 1 else ("", "goes")
+    seen = f"{len(rows)} measured value{several}, as {first}, {go} with the description"
     return (_MEASURED.good(seen),)
 
 
