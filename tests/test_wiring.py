@@ -7,8 +7,7 @@ import pytest
 
 from deltaid.checks.evidence import evidence
 from deltaid.checks.wiring.candidate import WiringHypothesis
-from deltaid.checks.wiring.motion import motion
-from deltaid.checks.wiring.residual import Map, patterns, residual
+from deltaid.checks.wiring.residual import Map, motion, patterns, residual
 from deltaid.checks.wiring.search import _likely
 from deltaid.checks.wiring.wiring import checked_wiring, checked_wirings
 from deltaid.dynamics.dynamics import compiled

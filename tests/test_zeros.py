@@ -11,8 +11,7 @@ from scipy.spatial.transform import Rotation
 
 from deltaid.checks.evidence import Evidence, evidence
 from deltaid.checks.identify import identify
-from deltaid.checks.wiring.motion import motion
-from deltaid.checks.wiring.residual import residual
+from deltaid.checks.wiring.residual import motion, residual
 from deltaid.checks.wiring.search import explained
 from deltaid.checks.wiring.wiring import checked_wiring
 from deltaid.checks.wiring.zeros import BLOCKS, Shifts, _good, _verdict, _zero, shifts

@@ -1,9 +1,12 @@
 """An identification with all checks about it: wrong input is refused first, and doubts become
 warnings (`identify`)."""
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
+
+import numpy as np
+from threadpoolctl import threadpool_limits
 
 from deltaid.checks.check import named_verdicts, of_robot
 from deltaid.checks.closed_loop import checked_feedback
@@ -15,10 +18,16 @@ from deltaid.checks.sensing.sensors import checked_sensors
 from deltaid.checks.signal import checked_signals
 from deltaid.checks.verdicts import KEYS, Verdicts, changes, files_of, pasted
 from deltaid.checks.wiring.wiring import checked_wirings
-from deltaid.checks.wiring.zeros import still_seen
+from deltaid.checks.wiring.zeros import Shifts
+from deltaid.dynamics.parameters import parameter_layout
 from deltaid.errors import DescriptionError, RecordingError
+from deltaid.estimation.additions import extended
+from deltaid.estimation.information import active_columns
 from deltaid.estimation.posterior_draws import with_posterior_intervals
+from deltaid.estimation.problem import Span
 from deltaid.identification.assembly import doubts_of_fit
+from deltaid.identification.fit import FittedProblem
+from deltaid.identification.geometric_rows import geometric_rows
 from deltaid.identification.identify import Identification
 from deltaid.identification.identify import identify as fitted
 from deltaid.model.settings import Settings, settings_of
@@ -29,9 +38,17 @@ from deltaid.recording.memory import RecordingLike, as_sources
 from deltaid.recording.recording import PreparedRecording
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.load import RobotLike, described
+from deltaid.robot.tolerances import Tolerances
 
 # Verdicts on excluded rows, which the table of masks reports with their spans.
 _MASKED = {"standing", "saturation"}
+
+# Tolerances that columns are made with after a fit [rad or m; rad].
+_SIZE = 1e-3
+# Zeros and tilts beyond this [rad or m] are no likelier than another law of friction; smaller ones
+# are believed unless the law explains more than chance: twice a logarithm of likelihoods, which
+# noise that is not white raises several times.
+_FAR, _CERTAIN = 0.05, 25.0
 
 # Verdicts that say why a fit contradicts the recording or the prior.
 _EXPLAIN_A_FIT = {
@@ -190,13 +207,53 @@ def _kept(
     if verdict.grade is not Grade.DOUBTFUL:
         return verdict
     if verdict.key == "homing-or-tilt":
-        return verdict if still_seen(result.problem, recording, described) else None
+        return verdict if _zero_seen(result.problem, recording, described) else None
     logs = [fix.log for fix in fixes if fix.kind == "velocity"]
     if verdict.key != "velocity" or recording.path.name not in logs:
         return verdict
     fixed = "which has been corrected: they are excluded, and positions differentiated"
     seen = f"{verdict.seen}, {fixed}"
     return replace(verdict, grade=Grade.GOOD, seen=seen, cause="", cure="")
+
+
+@threadpool_limits.wrap(limits=1, user_api="blas")  # for narrow matrices, threads only wait
+def _zero_seen(
+    problem: FittedProblem, recording: PreparedRecording, described: RobotDescription
+) -> bool:
+    """Whether a zero or a tilt explains the residual of a fit, or as much as its additions."""
+    fitted = _shifts_after(problem, recording)
+    if fitted.seen:
+        return True
+    names = {entry.name for entry in parameter_layout(described).parameters}
+    added = {entry.name for entry in problem.dynamics.layout.parameters} - names
+    gains = {entry.name for entry in problem.layout.parameters if entry.kind == "gain"}
+    repairs = replace(recording.repairs, gears=None, gain=())
+    bare = _shifts_after(problem, replace(recording, repairs=repairs), without=added | gains)
+    if not bare.seen:
+        return False
+    likeliest = max(bare.causes, key=bare.gain)
+    value, _ = bare.estimate(likeliest)
+    instead = bare.left * (1.0 - bare.gain(likeliest))
+    chance = bare.rows * np.log(max(instead, 1e-300) / max(fitted.left, 1e-300))
+    return bool(np.linalg.norm(value) < _FAR and chance < _CERTAIN)
+
+
+def _shifts_after(
+    problem: FittedProblem, recording: PreparedRecording, without: Collection[str] = ()
+) -> Shifts:
+    """Errors of zeros and gravity with the columns of a fit, some of them excluded; unobservable
+    zeros and tilts have columns of zeros."""
+    dynamics, regressor = problem.dynamics, extended(problem.dynamics, problem.additions)
+    weights = np.sqrt(problem.information.weights)
+    tolerances = Tolerances(lengths=0.0, homing=_SIZE, mounting=_SIZE)
+    at = regressor, dynamics, recording, problem.values, weights, tolerances
+    rows = next(geometric_rows(*at))
+    tilts = [name for name in rows.names if name.startswith("tilt")]
+    zeros = [f"zero of {drive}" for drive in dynamics.robot.drives]
+    names = [problem.layout.parameters[k].name for k in active_columns(regressor)]
+    span = Span.of_columns(rows.Y[:, [name not in without for name in names]])
+    D = rows.over((*zeros, *tilts)) / _SIZE
+    return Shifts.from_rows(span, D, rows.tau, len(zeros), len(tilts))
 
 
 def _warnings(result: Identification, verdicts: Sequence[Verdict]) -> tuple[str, ...]:

@@ -15,12 +15,12 @@ import numpy as np
 from jaxtyping import Bool, Float
 from scipy.linalg import eigh
 
-from deltaid.checks.wiring.motion import FilteredMotion
 from deltaid.checks.wiring.residual import (
     AT_REST,
     LEAST,
     OFFSET,
     UNIT,
+    FilteredMotion,
     Map,
     MapResidual,
     patterns,

@@ -12,8 +12,7 @@ from jaxtyping import Bool, Float
 
 from deltaid.checks.evidence import Evidence
 from deltaid.checks.wiring.candidate import WiringHypothesis, named_units
-from deltaid.checks.wiring.motion import FilteredMotion
-from deltaid.checks.wiring.residual import Map
+from deltaid.checks.wiring.residual import FilteredMotion, Map
 from deltaid.dynamics.dynamics import Dynamics
 from deltaid.identification.fit import row_at_home
 from deltaid.model.verdict import listed, percent

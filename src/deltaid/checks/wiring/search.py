@@ -25,8 +25,7 @@ from deltaid.checks.wiring.candidate import (
     residuals,
     tried,
 )
-from deltaid.checks.wiring.motion import FilteredMotion
-from deltaid.checks.wiring.residual import Map, residual
+from deltaid.checks.wiring.residual import FilteredMotion, Map, residual
 from deltaid.dynamics.dynamics import Dynamics
 
 # Least share of samples with closed loops for the mapping itself to be evaluated.

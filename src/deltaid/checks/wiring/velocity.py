@@ -11,8 +11,7 @@ import numpy as np
 
 from deltaid.checks.evidence import Values
 from deltaid.checks.wiring.explained import RemappedRecording
-from deltaid.checks.wiring.motion import FilteredMotion
-from deltaid.checks.wiring.residual import Map
+from deltaid.checks.wiring.residual import FilteredMotion, Map
 from deltaid.model.verdict import Fault, Grade, Verdict
 
 # Blocks of time whose scatter says how certain a lag is.

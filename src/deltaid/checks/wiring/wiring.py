@@ -17,7 +17,7 @@ from threadpoolctl import threadpool_limits
 from deltaid.checks.evidence import Evidence, forget
 from deltaid.checks.wiring.columns import column_verdicts
 from deltaid.checks.wiring.explained import RemappedRecording, overall
-from deltaid.checks.wiring.motion import motion
+from deltaid.checks.wiring.residual import motion
 from deltaid.checks.wiring.search import explained, together
 from deltaid.checks.wiring.velocity import velocity_verdicts
 from deltaid.checks.wiring.zeros import zero_verdicts

@@ -10,32 +10,23 @@ and a wrong zero mimics one-way friction or a torque constant, which a fit then 
 they are compared with the residual of masked torques, with the fit's corrections and without.
 """
 
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import pairwise
 
 import numpy as np
 from jaxtyping import Float
-from threadpoolctl import threadpool_limits
 
 from deltaid.checks.evidence import Evidence
 from deltaid.checks.wiring.candidate import WiringHypothesis
 from deltaid.checks.wiring.explained import RemappedRecording
-from deltaid.checks.wiring.motion import FilteredMotion
-from deltaid.checks.wiring.residual import residual
+from deltaid.checks.wiring.residual import FilteredMotion, residual
 from deltaid.dynamics.dynamics import Dynamics
 from deltaid.dynamics.geometry import across, torque_slopes
-from deltaid.dynamics.parameters import parameter_layout, prior_parameters
-from deltaid.estimation.additions import extended
-from deltaid.estimation.information import active_columns
+from deltaid.dynamics.parameters import prior_parameters
 from deltaid.estimation.problem import LinearProblem, Span
-from deltaid.identification.fit import FittedProblem
-from deltaid.identification.geometric_rows import geometric_rows
 from deltaid.model.verdict import Grade, Proposal, Verdict, listed
-from deltaid.recording.recording import PreparedRecording
-from deltaid.robot.description import RobotDescription
-from deltaid.robot.tolerances import Tolerances
 
 # Blocks of time, and spread of the prior.
 BLOCKS, _SPREAD = 24, 0.5
@@ -54,15 +45,9 @@ _CHANCE, _MORE = 6.0, 1.05
 _FARTHEST, _VAGUE = 0.5, 0.05
 # Gauss–Newton steps for a zero, and the largest [rad or m].
 _STEPS, _LARGEST = 3, 0.2
-# Tolerances that columns are made with after a fit [rad or m; rad].
-_SIZE = 1e-3
 # A base is built more level than this [rad]: a larger tilt is a mounting that is described wrongly,
 # or a force that pulls at the platform, and no line to be written unseen.
 _LEVELLED = 0.05
-# Zeros and tilts beyond this [rad or m] are no likelier than another law of friction; smaller ones
-# are believed unless the law explains more than chance: twice a logarithm of likelihoods, which
-# noise that is not white raises several times.
-_FAR, _CERTAIN = 0.05, 25.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -338,43 +323,3 @@ def _open(best: WiringHypothesis) -> Verdict:
         cure="check the drives' zeros and the robot's lengths",
         number=share,
     )
-
-
-@threadpool_limits.wrap(limits=1, user_api="blas")  # for narrow matrices, threads only wait
-def still_seen(
-    problem: FittedProblem, recording: PreparedRecording, described: RobotDescription
-) -> bool:
-    """Whether a zero or a tilt explains the residual of a fit, or as much as its additions."""
-    fitted = _after_fit(problem, recording)
-    if fitted.seen:
-        return True
-    names = {entry.name for entry in parameter_layout(described).parameters}
-    added = {entry.name for entry in problem.dynamics.layout.parameters} - names
-    gains = {entry.name for entry in problem.layout.parameters if entry.kind == "gain"}
-    repairs = replace(recording.repairs, gears=None, gain=())
-    bare = _after_fit(problem, replace(recording, repairs=repairs), without=added | gains)
-    if not bare.seen:
-        return False
-    likeliest = max(bare.causes, key=bare.gain)
-    value, _ = bare.estimate(likeliest)
-    instead = bare.left * (1.0 - bare.gain(likeliest))
-    chance = bare.rows * np.log(max(instead, 1e-300) / max(fitted.left, 1e-300))
-    return bool(np.linalg.norm(value) < _FAR and chance < _CERTAIN)
-
-
-def _after_fit(
-    problem: FittedProblem, recording: PreparedRecording, without: Collection[str] = ()
-) -> Shifts:
-    """Errors of zeros and gravity with the columns of a fit, some of them excluded; unobservable
-    zeros and tilts have columns of zeros."""
-    dynamics, regressor = problem.dynamics, extended(problem.dynamics, problem.additions)
-    weights = np.sqrt(problem.information.weights)
-    tolerances = Tolerances(lengths=0.0, homing=_SIZE, mounting=_SIZE)
-    at = regressor, dynamics, recording, problem.values, weights, tolerances
-    rows = next(geometric_rows(*at))
-    tilts = [name for name in rows.names if name.startswith("tilt")]
-    zeros = [f"zero of {drive}" for drive in dynamics.robot.drives]
-    names = [problem.layout.parameters[k].name for k in active_columns(regressor)]
-    span = Span.of_columns(rows.Y[:, [name not in without for name in names]])
-    D = rows.over((*zeros, *tilts)) / _SIZE
-    return Shifts.from_rows(span, D, rows.tau, len(zeros), len(tilts))
