@@ -15,7 +15,7 @@ from deltaid.effects.geometry import Structure, lengths_of, reshaped
 from deltaid.effects.lag_columns import LagColumns
 from deltaid.effects.lag_groups import LagGroup
 from deltaid.effects.point import TracePoint
-from deltaid.effects.ripple_search import _NEAR, _blocks, nearest_order
+from deltaid.effects.ripple import _NEAR, _blocks, nearest_order
 from deltaid.identification import contest_outcome, contest_stage, study
 from deltaid.identification.doubts import constants
 from deltaid.identification.fit import fit, with_geometry
@@ -256,7 +256,7 @@ def test_no_ripple_is_longer_than_any_that_is_searched(monkeypatch: pytest.Monke
     fit = Mock(explained=lambda _, sets: -np.arange(sets[0].shape[1]))  # the longer, the better
     point = Mock(dof=1, dynamics=compiled(described("clavel-delta3")))
     point.added.return_value = np.zeros((1, 5, 2 * _NEAR))
-    monkeypatch.setattr("deltaid.effects.ripple_search._orders", lambda *_: np.array([2.0, 3.0]))
+    monkeypatch.setattr("deltaid.effects.ripple._orders", lambda *_: np.array([2.0, 3.0]))
     assert nearest_order([point], fit, 0, 3.5) == 2.5
     assert nearest_order([point], fit, 0, 2.5) == nearest_order([point], fit, 0, 2.0) == 2.0
 

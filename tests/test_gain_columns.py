@@ -8,7 +8,7 @@ import pytest
 
 from deltaid.dynamics.dynamics import Dynamics, compiled
 from deltaid.dynamics.parameters import prior_parameters
-from deltaid.effects.falling_gain import Saturation
+from deltaid.effects.gain import Saturation
 from deltaid.effects.point import TracePoint
 from deltaid.estimation.additions import Addition, Own, Values
 from deltaid.identification.gains import SPREAD, Gains

@@ -1,21 +1,25 @@
 """All effects: those that a study searches, and those that the contest weighs.
 
-Deleting one's file and its lines leaves the others.
+Deleting one's class and its lines leaves the others.
 """
 
-from deltaid.effects.delay import Delay
-from deltaid.effects.drift import Drift
 from deltaid.effects.effect import Cause, Effect
-from deltaid.effects.falling_gain import FallingGain, Saturation
-from deltaid.effects.friction import FrictionLaw
-from deltaid.effects.gain import Gain, GainRatios
-from deltaid.effects.geometry import GearRatios, Lengths, Structure, Tilt, Zeros
+from deltaid.effects.friction import (
+    Drift,
+    FrictionByDirection,
+    FrictionByLoad,
+    FrictionLaw,
+    FrictionOverSpeed,
+    FrictionOverTime,
+    MissingFriction,
+)
+from deltaid.effects.gain import FallingGain, Gain, GainRatios, Saturation
+from deltaid.effects.geometry import GearRatios, Lengths, Structure, Tilt, Zero, Zeros
+from deltaid.effects.lag_columns import Delay, RemainingLag
 from deltaid.effects.load import LoadChange
-from deltaid.effects.missing_friction import MissingFriction
-from deltaid.effects.place import PlaceDependence
-from deltaid.effects.ripple import PositionRipple
-from deltaid.effects.unknown import BESIDE, UnknownEffect
-from deltaid.effects.zero import Zero
+from deltaid.effects.ripple import PlaceDependence, PositionRipple
+from deltaid.effects.unknown import UnknownEffect
+from deltaid.effects.windings import WindUp
 
 EFFECTS: tuple[Effect, ...] = (
     Delay(),
@@ -31,7 +35,12 @@ EFFECTS: tuple[Effect, ...] = (
 )
 
 UNKNOWNS: tuple[UnknownEffect, ...] = (
-    *BESIDE,
+    FrictionOverSpeed(),
+    FrictionByDirection(),
+    FrictionByLoad(),
+    FrictionOverTime(),
+    RemainingLag(),
+    WindUp(),
     GainRatios(),
     Saturation(),
     Zeros(),

@@ -29,12 +29,12 @@ from deltaid.effects.windings import (
     Compliance,
     Groups,
     Windings,
+    Windup,
     fitted,
     motors_of,
     parameters,
     rows_of,
 )
-from deltaid.effects.windup import Windup
 from deltaid.estimation.drive_rows import OfDrives, RecordingRows, TraceRows, stretch_starts
 from deltaid.estimation.traces import Trace
 

@@ -7,11 +7,10 @@ A torque that is recorded δ later than its motion, τ_meas(t) = τ(t − δ), i
 so a lag is one more free coefficient whose column is −τ̇. This is the slope of the *model's* torque:
 noise on a measured one would pull δ towards zero. A first-order filter of time constant T has the
 same first-order term, so the estimate is the sum of dead time and time constants. `lags` estimates
-them, `Trace.shifted` applies them exactly.
-"""
+them, `Trace.shifted` applies them exactly."""
 
 from abc import abstractmethod
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
@@ -19,7 +18,10 @@ import numpy as np
 from jaxtyping import Bool
 
 from deltaid.dynamics.dynamics import Parameters
+from deltaid.effects.effect import Effect
 from deltaid.effects.lag_groups import LagGroup
+from deltaid.effects.point import EffectCandidate, RigidFit, TracePoint
+from deltaid.effects.unknown import Beside
 from deltaid.estimation.additions import Addition, OfTorques, Own, Values
 from deltaid.estimation.drive_rows import ColumnsOfDrives, OfDrives, of_own_drives
 from deltaid.estimation.traces import Trace
@@ -229,3 +231,25 @@ def _sentence(value: float, spread: float, *, held: bool) -> str:
             "law, load or torque constants are in doubt"
         )
     return f"{text}; drives differ by {1e3 * spread:.2g} ms" if spread > APART else text
+
+
+class Delay(Effect):
+    """A lag of all drives, or one a drive; separate verdicts report its size."""
+
+    kind = "torque-lag"
+
+    def candidates(self, fit: RigidFit) -> Iterable[EffectCandidate]:
+        columns = slopes(fit.trace, fit.p)
+        yield EffectCandidate(self.kind, "", fit.rows.stack(columns)[:, None])
+        yield EffectCandidate(self.kind, "", fit.rows.per_drive(columns))
+
+
+class RemainingLag(Beside):
+    """What remains of each drive's lag [s]."""
+
+    name = "lag"
+    is_own = True
+    deviation = 3e-4
+
+    def columns(self, point: TracePoint) -> ColumnsOfDrives:
+        return late(point.trace, point.p)

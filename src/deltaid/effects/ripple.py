@@ -1,13 +1,18 @@
-"""Torques that ripple over a drive's position: cogging of a motor, teeth of a gear."""
+"""Torques that bend with the place of the platform, as lengths, zeros and cables do, or ripple over
+a drive's position, as of cogging and teeth of gears; ripples beside all that a contest has."""
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 
 import numpy as np
+from jaxtyping import Float
 
+from deltaid.effects.along_motion import RippleColumns
 from deltaid.effects.effect import DescribedEffect
-from deltaid.effects.point import EffectCandidate, RigidFit
-from deltaid.effects.ripple_search import passed
+from deltaid.effects.point import EffectCandidate, RigidFit, TracePoint
+from deltaid.effects.unknown import Added
 from deltaid.estimation.problem import Rows
+from deltaid.estimation.scatter import surprise
+from deltaid.estimation.shrinkage import Shrunk
 
 # Waves of a ripple over a drive's stroke.
 _COUNTS = np.arange(1.0, 81.0, 0.5)
@@ -48,3 +53,113 @@ class PositionRipple(DescribedEffect):
                 yield EffectCandidate(self.kind, fit.drives[i], rows, words, tries, bends=True)
 
         return candidates_in
+
+
+# Waves over the stroke from which torque over the position is no spring, for it bends, and to which
+# it is searched; and how far apart orders are that are searched, in waves over the stroke.
+_LEAST, _MOST, _APART = 0.5, 160.0, 0.25
+# Orders about the largest that are searched more finely.
+_NEAR = 41
+# Orders that pass the filter at a drive's usual speed by less than this share cannot be seen.
+_PASSED = 0.1
+
+Orders = Float[np.ndarray, " orders"]
+
+
+def largest_ripples(
+    points: Sequence[TracePoint], fit: Shrunk, least: float
+) -> list[tuple[int, float]]:
+    """The order of the largest ripple of each drive that has one so unlikely by chance [decades],
+    beside all that a fit has."""
+    ripples = list[tuple[int, float]]()
+    for i in range(points[0].dof):
+        orders = _orders(points, i)
+        if len(orders) < 2:
+            continue
+        pairs = [_waves(point, i, orders) for point in points]
+        explained = fit.explained(_blocks(points, i), pairs)
+        best = int(np.argmax(explained))
+        if surprise(float(explained[best]), 2) - np.log10(len(orders)) > least:
+            ripples.append((i, nearest_order(points, fit, i, float(orders[best]))))
+    return ripples
+
+
+def nearest_order(points: Sequence[TracePoint], fit: Shrunk, i: int, order: float) -> float:
+    """The order near another that explains most beside all that a fit has, by filtered columns.
+
+    No longer a wave than any that is searched: torques along a shorter part of one are those of a
+    spring, with coefficients as large as that part is small.
+    """
+    orders = _orders(points, i)
+    step = orders[1] - orders[0]
+    near = np.linspace(max(order - step, orders[0]), order + step, _NEAR)
+    ripples = RippleColumns(points[0].dynamics, (i,) * _NEAR, (1.0,) * (2 * _NEAR), tuple(near))
+    pairs = [point.added(ripples)[i].reshape(-1, _NEAR, 2) for point in points]
+    return float(near[np.argmax(fit.explained(_blocks(points, i), pairs))])
+
+
+def _blocks(points: Sequence[TracePoint], i: int) -> list[int]:
+    """Numbers of a drive's blocks, which follow each other recording by recording."""
+    return [k * point.dof + i for k, point in enumerate(points)]
+
+
+def _waves(point: TracePoint, i: int, orders: Orders) -> Float[np.ndarray, "samples orders 2"]:
+    """Ripples of a drive as far as they pass the filter."""
+    turns, size = np.outer(point.q[:, i], orders), passed(point, i, orders).T
+    return np.stack([size * np.sin(turns), size * np.cos(turns)], axis=2)
+
+
+def ripple_of(point: TracePoint, drive: int, order: float) -> Added:
+    """A ripple in the contest."""
+    name = f"ripple of {point.drives[drive]}, {order:.4g}"
+    return Added(name, RippleColumns(point.dynamics, (drive,), (1.0, 1.0), (order,)))
+
+
+def _orders(points: Sequence[TracePoint], i: int) -> Orders:
+    """That are searched [1/rad or 1/m]."""
+    stroke = np.ptp(np.concatenate([point.q[:, i] for point in points]))
+    usual = max(float(np.sqrt(np.mean(point.motion.qd[:, i] ** 2))) for point in points)
+    if stroke <= 0 or usual <= 0:
+        return np.zeros(0)
+    wave = 2 * np.pi / stroke
+    fastest = 2 * np.pi * points[0].trace.low_pass.cutoff / usual / _PASSED
+    orders = np.arange(_LEAST, min(fastest / wave, _MOST), _APART) * wave
+    sizes = [np.sqrt(np.mean(passed(point, i, orders) ** 2, axis=1)) for point in points]
+    return orders[np.max(sizes, axis=0) > _PASSED]
+
+
+def passed(point: TracePoint, i: int, orders: Orders) -> Float[np.ndarray, "orders samples"]:
+    """What the low-pass leaves of ripples of a drive of size 1: at the frequency n q̇ / 2π."""
+    low_pass = point.trace.low_pass
+    frequency = np.fft.rfftfreq(1 << 14, 1 / low_pass.rate)
+    response = np.abs(np.fft.rfft(low_pass.response, 1 << 14))
+    speeds = np.abs(np.outer(orders, point.motion.qd[:, i])) / (2 * np.pi)
+    return np.interp(speeds, frequency, response) * point.motion.weights[:, i]
+
+
+# Decades that torques over the place must be more surprising: so many shapes bend to noise that is
+# not quite white.
+_BENDS = 6.0
+
+
+class PlaceDependence(DescribedEffect):
+    """Squares of the task coordinates, alone and times what the drive gives."""
+
+    kind = "geometry-or-cogging"
+    likeliest = (
+        "lengths, zeros or mounting are not as described, a spring or cable pulls, or gears have "
+        "play"
+    )
+    fix = "measure arms, struts and radii, set the drives' zeros anew, and inspect for play"
+
+    def candidates(self, fit: RigidFit) -> Iterable[EffectCandidate]:
+        w, dof = fit.motion, fit.dof
+        x = ((w.z - w.z.mean(axis=0)) / np.maximum(np.ptp(w.z, axis=0), 1e-12)).T
+        shapes = [*x, *(x[i] * x[j] for i in range(dof) for j in range(i, dof))]
+        blocks = [fit.rows.per_drive(w.weights.T * shape) for shape in shapes]
+        blocks += [fit.rows.per_drive(fit.model * shape) for shape in x]
+        words = "it bends with the place of the platform"
+        for i, drive in enumerate(fit.drives):
+            columns = np.stack([block[:, i] for block in blocks], axis=1)
+            yield EffectCandidate(self.kind, drive, columns, words, _BENDS / dof, bends=True)
+        yield EffectCandidate(self.kind, "", np.hstack(blocks), words, _BENDS, bends=True)

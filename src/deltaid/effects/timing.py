@@ -23,7 +23,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from deltaid.dynamics.dynamics import Parameters
-from deltaid.effects.contest import SEEN
+from deltaid.effects.effect import SEEN
 from deltaid.effects.lag_columns import timing_slopes
 from deltaid.effects.lag_groups import exceeded
 from deltaid.effects.sampling import FreeTiming, Timing

@@ -1,5 +1,5 @@
-"""Recordings in memory whose gears wind up: what they carry, the links' motion behind them, and
-rows of it with lags and friction as a free curve."""
+"""Gears that wind up: what they carry in recordings in memory, the links' motion behind them, rows
+of it with lags and friction as a free curve; compliances, and what these are as corrections."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
@@ -10,15 +10,20 @@ from jaxtyping import Bool, Float, Int
 from deltaid.dynamics.dynamics import Parameters
 from deltaid.dynamics.parameters import parameter_layout
 from deltaid.effects.joint import SHAPES
-from deltaid.effects.lag_columns import late
+from deltaid.effects.lag_columns import late, slope
+from deltaid.effects.point import TracePoint
+from deltaid.effects.unknown import Beside, Deviations
 from deltaid.estimation.drive_rows import (
+    STRETCHES,
     ColumnsOfDrives,
     OfDrives,
     RecordingRows,
     TraceRows,
     of_own_drives,
 )
+from deltaid.estimation.scatter import quantile
 from deltaid.estimation.traces import Trace
+from deltaid.model.corrections import Correction
 from deltaid.recording.repairs import Gears, convolved
 from deltaid.recording.spectrum import HIGHEST
 from deltaid.recording.windows import SampleBlock
@@ -185,3 +190,100 @@ def friction_causes(dof: int) -> tuple[Int[np.ndarray, " columns"], ...]:
     first = np.arange(dof)[:, None] * _FREE
     parts = np.split(np.arange(_FREE), np.cumsum(_CAUSES)[:-1])
     return tuple((first + part).ravel() for part in parts)
+
+
+# What gears usually wind up by at a drive's largest torque, as a share of the drive's range.
+_USUAL = 1e-3
+# A compliance counts that is so many standard deviations, and looks like a lag from a correlation.
+_SIGNIFICANT, _ALIKE = 5.0, 0.9
+
+Sizes = Float[np.ndarray, " groups"]
+
+
+@dataclass(frozen=True, eq=False)
+class Windup:
+    """Compliances of all gears."""
+
+    values: Compliance  # s of every drive [rad/(N m) or m/N]
+    groups: Groups  # which drives have each of the sizes that were searched, ones and zeros
+    # sizes, covariance: of these
+    sizes: Sizes
+    covariance: Float[np.ndarray, "groups groups"]
+    like_lag: Sizes  # how far the size of each correlates with its drives' lags, between 0 and 1
+    p: Parameters  # parameters of the robot that go with them
+
+    @property
+    def deviation(self) -> Sizes:
+        return np.sqrt(np.diag(self.covariance))
+
+    @property
+    def significant(self) -> Bool[np.ndarray, " groups"]:
+        """Which sizes are none by chance."""
+        return self.sizes > _SIGNIFICANT * self.deviation
+
+    def estimated(self, deviation: Compliance) -> "Windup":
+        """The same with compliances that were estimated elsewhere, drive by drive, those of which
+        are 0 that are stated."""
+        drives = np.flatnonzero((self.values > 0) & (deviation > 0))
+        own = np.diag(deviation[drives] ** 2)
+        groups, unlike = np.eye(len(self.values))[:, drives], np.zeros(len(drives))
+        return replace(
+            self, groups=groups, sizes=self.values[drives], covariance=own, like_lag=unlike
+        )
+
+    def corrections(self, robot: RobotDescription) -> list[Correction]:
+        """One a drive whose gear winds up."""
+        corrections = list[Correction]()
+        wide = float(quantile(np.array([STRETCHES - 1.0]))[0])
+        for i in np.flatnonzero(self.values):
+            s, drive = float(self.values[i]), robot.drives[i]
+            unit, inverse = ("m/N", "N/m") if robot.is_linear(drive) else ("rad/(N m)", "N m/rad")
+            evidence, low, high = ", as stated", None, None
+            for k in np.flatnonzero(self.groups[i]).tolist():
+                half = wide * float(self.deviation[k])
+                evidence, low, high = self._evidence(k), s - half, s + half
+            text = (
+                f"its gear winds up by what it carries over {1 / s:.3g} {inverse}{evidence}; "
+                "positions are those of the link"
+            )
+            corrections.append(
+                Correction(kind="compliance", subject=drive, value=s, low=low, high=high, unit=unit,
+                           text=text)
+            )  # fmt: skip
+        return corrections
+
+    def _evidence(self, k: int) -> str:
+        """How the k-th size is known."""
+        text = f", {self.sizes[k] / self.deviation[k]:.0f} standard deviations with a free lag"
+        if self.groups[:, k].sum() > 1:
+            text += ", one for all limbs"
+        if self.like_lag[k] > _ALIKE:
+            text += "; this motion hardly separates it from a lag of the torques "
+            text += f"(correlation {self.like_lag[k]:.2f})"
+        return text
+
+
+class WindUp(Beside):
+    """q = q_m − s τ_g: gears that wind up under what they carry, s [rad/(N m) or m/N]."""
+
+    name = "compliance"
+    is_positive = True
+
+    def columns(self, point: TracePoint) -> ColumnsOfDrives:
+        dof, rate = point.dof, point.trace.low_pass.rate
+
+        def carried(w: SampleBlock) -> Float[np.ndarray, "channels samples"]:
+            """τ_g and two derivatives by time."""
+            level = point.dynamics.carried(w.z, w.qd, w.qdd, point.p).T
+            first = rate * slope(level)
+            return np.vstack([level, first, rate * slope(first)])
+
+        filtered = point.trace.filtered(carried, np.tile(np.arange(dof), 3), 2)
+        turns = [-part.T for part in np.split(filtered, 3)]
+        return point.weighted([
+            point.slopes.of_motion(*(turn * unit for turn in turns)) for unit in np.eye(dof)
+        ])  # fmt: skip
+
+    def deviations(self, point: TracePoint, columns: ColumnsOfDrives) -> Deviations:
+        """As gears usually wind up at the largest torque of each drive."""
+        return _USUAL * np.ptp(point.q, axis=0) / point.largest

@@ -8,7 +8,7 @@ import numpy as np
 
 from deltaid.dynamics.dynamics import Parameters, compiled
 from deltaid.effects.all import UNKNOWNS
-from deltaid.effects.contest import SEEN
+from deltaid.effects.effect import SEEN
 from deltaid.effects.lag_groups import agree, common_lag
 from deltaid.identification.contest import Contest
 from deltaid.identification.setup import (

@@ -19,8 +19,7 @@ from threadpoolctl import threadpool_limits
 from deltaid.dynamics.dynamics import Dynamics, Parameters
 from deltaid.dynamics.parameters import prior_parameters
 from deltaid.effects.all import EFFECTS
-from deltaid.effects.contest import SEEN, Account, account
-from deltaid.effects.effect import SHARE, causes_of
+from deltaid.effects.effect import SEEN, SHARE, Account, account, causes_of
 from deltaid.effects.lag_columns import slopes
 from deltaid.effects.lags import Lag, estimate_lags
 from deltaid.effects.point import EffectCandidate, RigidFit

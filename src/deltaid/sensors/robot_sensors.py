@@ -15,7 +15,7 @@ from jaxtyping import Float
 
 from deltaid.dynamics.dynamics import Dynamics, Parameters
 from deltaid.dynamics.geometry import Error, GeometrySlopes, errors_by
-from deltaid.dynamics.grown import GrownDynamics, grown_torques
+from deltaid.dynamics.geometry import GrownDynamics, grown_torques
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.parameter import PRIOR_SPREAD, PriorParameter
 from deltaid.robot.sensors import BaseWrench, JointTorque, Sensor, StrutForce
