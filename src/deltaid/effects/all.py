@@ -52,5 +52,4 @@ UNKNOWNS: tuple[UnknownEffect, ...] = (
 
 
 def effect_of(cause: Cause) -> Effect:
-    """The effect that a cause was detected by."""
     return next(effect for effect in EFFECTS if effect.kind == cause.kind)

@@ -42,6 +42,11 @@ Forces = Float[np.ndarray, "columns samples 3"]
 class AlongMotion(Addition):
     """Torques of a robot that are linear in their coefficients."""
 
+    drives: tuple[int, ...]  # which they act on; none at the platform
+    deviation: tuple[float, ...]  # prior standard deviation of each coefficient, drive by drive
+    orders: tuple[float, ...] = ()  # of ripples, n of each drive [1/rad or 1/m]
+    fastest: float = 0.0  # largest speed of the platform [m/s]
+
     is_corrected = True
     kind: ClassVar[Kind]
     name: ClassVar[str]
@@ -56,9 +61,9 @@ class AlongMotion(Addition):
     def of_motion(self, z: InTask, qd: InTask) -> Values:
         """Entries along a motion."""
 
-    @abstractmethod
-    def record(self, values: tuple[float, ...]) -> FittedEffect:
-        """The effect with its coefficients for a model file."""
+    @property
+    def owners(self) -> tuple[str, ...]:
+        return tuple(self.dynamics.robot.drives[i] for i in self.drives)
 
     @property
     def parameters(self) -> tuple[PriorParameter, ...]:
@@ -70,13 +75,13 @@ class AlongMotion(Addition):
     def entries(self, w: SampleBlock, own: Own, recording: PreparedRecording) -> Values:
         return self.of_motion(w.z, w.qd)
 
+    def record(self, values: tuple[float, ...]) -> FittedEffect:
+        return FittedEffect(name=self.name, values=values, drives=self.owners, orders=self.orders,
+                            fastest=self.fastest)  # fmt: skip
 
-@dataclass(frozen=True, eq=False)
+
 class AtDrives(AlongMotion):
     """Columns of some drives' own torques."""
-
-    drives: tuple[int, ...]  # which
-    deviation: tuple[float, ...]  # prior standard deviation of each coefficient, drive by drive
 
     @property
     @abstractmethod
@@ -86,10 +91,6 @@ class AtDrives(AlongMotion):
     @abstractmethod
     def of_drive(self, k: int, q: Position) -> Float[np.ndarray, "columns samples"]:
         """Columns of the k-th of the drives by its position."""
-
-    @property
-    def owners(self) -> tuple[str, ...]:
-        return tuple(self.dynamics.robot.drives[i] for i in self.drives)
 
     @property
     def coefficients(self) -> Iterable[tuple[str, str, str, float]]:
@@ -105,9 +106,6 @@ class AtDrives(AlongMotion):
     def of_motion(self, z: InTask, qd: InTask) -> Values:
         q = self.dynamics.kinematics.inverse(z)
         return np.vstack([self.of_drive(k, q[:, i]) for k, i in enumerate(self.drives)])
-
-    def record(self, values: tuple[float, ...]) -> FittedEffect:
-        return FittedEffect(name=self.name, values=values, drives=self.owners)
 
 
 class DriveSpring(AtDrives):
@@ -143,11 +141,8 @@ def with_rests(robot: RobotDescription) -> RobotDescription:
     return robot.changed(friction=dict(robot.friction) | laws)
 
 
-@dataclass(frozen=True, eq=False)
 class RippleColumns(AtDrives):
     """a, b: torques that repeat with a drive's position."""
-
-    orders: tuple[float, ...] = ()  # n of each drive [1/rad or 1/m]
 
     kind = "ripple"
     name = "ripple"
@@ -167,17 +162,16 @@ class RippleColumns(AtDrives):
     def of_drive(self, k: int, q: Position) -> Float[np.ndarray, "columns samples"]:
         return np.stack([np.sin(self.orders[k] * q), np.cos(self.orders[k] * q)])
 
-    def record(self, values: tuple[float, ...]) -> FittedEffect:
-        return super().record(values).changed(orders=self.orders)
-
     def to_corrections(self, judged: Sequence[Parameter]) -> tuple[Correction, ...]:
         corrections, waves = list[Correction](), zip(judged[::2], judged[1::2], strict=True)
         for owner, order, (a, b) in zip(self.owners, self.orders, waves, strict=True):
             half = max((x.high or x.value) - (x.low or x.value) for x in (a, b)) / 2
-            size = float(np.hypot(a.value, b.value))
+            size, wave = float(np.hypot(a.value, b.value)), 2 * np.pi / order
+            linear = self.dynamics.robot.is_linear(owner)
+            length = f"{1e3 * wave:.3g} mm" if linear else f"{np.degrees(wave):.3g}°"
             text = (
-                f"its torque ripples every {self._wave(owner, order)}, as teeth of a gear or "
-                f"cogging do, and cables where that is as long as the stroke; {WITHOUT}"
+                f"its torque ripples every {length}, as teeth of a gear or cogging do, and cables "
+                f"where that is as long as the stroke; {WITHOUT}"
             )
             corrections.append(
                 Correction(kind=self.kind, subject=owner, value=size, low=max(size - half, 0.0),
@@ -185,19 +179,9 @@ class RippleColumns(AtDrives):
             )  # fmt: skip
         return tuple(corrections)
 
-    def _wave(self, drive: str, order: float) -> str:
-        """The length of a wave, as people say it."""
-        length = 2 * np.pi / order
-        linear = self.dynamics.robot.is_linear(drive)
-        return f"{1e3 * length:.3g} mm" if linear else f"{np.degrees(length):.3g}°"
 
-
-@dataclass(frozen=True, eq=False)
 class AtPlatform(AlongMotion):
     """A force at the platform."""
-
-    deviation: tuple[float, ...]  # prior standard deviation of each coefficient
-    fastest: float  # largest speed of the platform [m/s]
 
     kind = "platform-force"
     units: ClassVar[tuple[str, ...]]
@@ -223,9 +207,6 @@ class AtPlatform(AlongMotion):
         forces = self.forces(x, np.sum(along * qd.T, axis=1).T).transpose(0, 2, 1)
         torques = sum(forces[:, None, i] * along[i] for i in range(3))
         return -np.reshape(torques, (-1, len(z)))
-
-    def record(self, values: tuple[float, ...]) -> FittedEffect:
-        return FittedEffect(name=self.name, values=values, fastest=self.fastest)
 
     def correction(
         self, value: float, judged: Sequence[Parameter], unit: str, text: str
@@ -316,18 +297,15 @@ FORCES: tuple[type[AtPlatform], ...] = (ConstantForce, PlatformSpring, Drag)
 
 def platform_forces(dynamics: Dynamics, fastest: float) -> tuple[AtPlatform, ...]:
     """Each force with a prior of 1 in its units."""
-    return tuple(force(dynamics, (1.0,) * len(force.symbols), fastest) for force in FORCES)
+    return tuple(
+        force(dynamics, (), (1.0,) * len(force.symbols), fastest=fastest) for force in FORCES
+    )
 
 
 def as_fitted(dynamics: Dynamics, record: FittedEffect) -> FittedTorques:
-    """An effect of a model file."""
     drives = tuple(dynamics.robot.drives.index(drive) for drive in record.drives)
+    effects: tuple[type[AlongMotion], ...] = (RippleColumns, DriveSpring, *FORCES)
+    effect = next(effect for effect in effects if effect.name == record.name)
     deviation = (1.0,) * len(record.values)
-    if record.name == RippleColumns.name:
-        addition = RippleColumns(dynamics, drives, deviation, record.orders)
-    elif record.name == DriveSpring.name:
-        addition = DriveSpring(dynamics, drives, deviation)
-    else:
-        force = next(force for force in FORCES if force.name == record.name)
-        addition = force(dynamics, deviation, record.fastest)
+    addition = effect(dynamics, drives, deviation, record.orders, record.fastest)
     return FittedTorques(addition, record.values)

@@ -103,7 +103,6 @@ class _Fit:
     known: Compliance
 
     def windings(self, p: Parameters) -> list[Windings]:
-        """What gears carry in each trace, with the motors of p."""
         robot, filters = self.rows.dynamics.robot, [trace.low_pass for trace in self.traces]
         motors = [motors_of(robot, p, low_pass.cutoff, low_pass.rate) for low_pass in filters]
         return [Windings.measured(*pair) for pair in zip(self.traces, motors, strict=True)]

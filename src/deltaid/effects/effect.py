@@ -15,7 +15,7 @@ from jaxtyping import Float, Int
 
 from deltaid.effects.point import EffectCandidate, RigidFit
 from deltaid.estimation.drive_rows import POSITION_ERROR
-from deltaid.estimation.problem import Columns, Rows, Span, independent, lengths, level_along
+from deltaid.estimation.problem import Columns, Explained, Rows, Span, independent, lengths
 from deltaid.estimation.scatter import surprise
 from deltaid.model.verdict import Proposal, percent
 from deltaid.recording.carried import Load
@@ -32,24 +32,16 @@ _CLOSE, _ROUNDS = 4, 5
 
 
 @dataclass(frozen=True, eq=False)
-class Contribution:
+class Contribution(Explained):
     """What a candidate explains of a residual.
 
     Attributes:
-        gain: how much of the sum of squares.
         surprise: minus the decimal logarithm of the probability that noise explains as much to one
             of all that were tried.
-        directions: orthonormal columns of what parameters leave of it.
     """
 
     candidate: EffectCandidate
-    gain: float
     surprise: float
-    directions: Columns
-
-    @property
-    def rank(self) -> int:
-        return self.directions.shape[1]
 
 
 @dataclass(frozen=True, eq=False)
@@ -95,9 +87,9 @@ def account(
     for _ in range(_ROUNDS):
         more = tuple(searched(residual))
         columns = [*bare, *unexplained(more)]
-        tries, freedom = float(np.log10(len(columns))), len(residual) - span.rank
+        tries = float(np.log10(len(columns)))
         trials = [
-            _Trial(candidate, A, basis, residual, freedom, candidate.tries + tries)
+            _Trial(candidate, A, basis, residual, span.rank, candidate.tries + tries)
             for candidate, A in zip([*candidates, *more], columns, strict=True)
             if (basis := independent(A)).shape[1]
         ]
@@ -106,8 +98,7 @@ def account(
         if not ranked or ranked[0].surprise < SEEN:
             break
         detected.append(ranked[0])
-        U = ranked[0].directions
-        residual = residual - U @ (U.T @ residual)
+        U, residual = ranked[0].directions, ranked[0].left
         bare = [A - U @ (U.T @ A) for A in bare]
         span = span.with_directions(U)
     return Account(tuple(detected), span, residual, first)
@@ -118,10 +109,9 @@ class _Trial:
     """A candidate beside what has been explained.
 
     Attributes:
-        A: its columns, less what has been explained.
+        A: its columns, less what has been explained, whose rank is `beside`.
         basis: orthonormal combinations of them.
         residual: what is to be explained.
-        freedom: rows less the rank of what has been explained.
         tries: of how many candidates it is one, as a decimal logarithm.
     """
 
@@ -129,7 +119,7 @@ class _Trial:
     A: Columns
     basis: Float[np.ndarray, "columns rank"]
     residual: Rows
-    freedom: int
+    beside: int
     tries: float
 
     @cached_property
@@ -146,20 +136,18 @@ class _Trial:
 
     @property
     def noise(self) -> float:
-        """Variance of what it leaves."""
         after = max(self.total - self.gain, 1e-12 * self.total, 1e-300)
-        return after / max(self.freedom - self.rank, 1)
+        return after / max(len(self.residual) - self.beside - self.rank, 1)
 
     def surprise(self, level: float) -> float:
-        """For noise of some variance."""
         return surprise(self.gain / level, self.rank) - self.tries
 
     def explained(self, groups: Int[np.ndarray, " rows"]) -> Contribution:
         """With the noise by its scatter between stretches of time where that is larger."""
         U = self.A @ self.basis
-        after = self.residual - U @ (U.T @ self.residual)
-        along = level_along(U, after, groups, max(self.freedom - self.rank, 1))
-        return Contribution(self.candidate, self.gain, self.surprise(max(self.noise, along)), U)
+        own = Explained.by_columns(U, self.residual, groups, self.beside)
+        more = self.surprise(max(self.noise, own.level))
+        return Contribution(U, self.gain, own.left, own.level, self.candidate, more)
 
 
 def _ranked(trials: Sequence[_Trial], groups: Int[np.ndarray, " rows"]) -> list[Contribution]:
@@ -304,14 +292,11 @@ class DescribedEffect(Effect):
         return 100 * share, "%", f"{part} and is not explained: {cause.first.words}"
 
     def why(self, cause: Cause) -> str:
-        """The likeliest cause in words."""
         return self.likeliest
 
     def proposals(self, cause: Cause, recording: PreparedRecording) -> tuple[Proposal, ...]:
-        """Lines of a file that would correct it."""
         return ()
 
 
 def torque_of(subject: str) -> str:
-    """Of a drive, or of all."""
     return f"{subject}'s torque" if subject else "the torques"

@@ -153,7 +153,6 @@ class Structure(UnknownEffect):
         return SIZE * reduction.scale[left_out]
 
     def names(self, point: TracePoint) -> tuple[str, ...]:
-        """Of the entries, such as U.mcy."""
         reduction, left_out = _left_out(point)
         return tuple(reduction.names[k] for k in left_out)
 
@@ -193,6 +192,5 @@ class Zero(Effect):
     kind = "homing-or-tilt"
 
     def candidates(self, fit: RigidFit) -> Iterable[EffectCandidate]:
-        """Slopes of the torques by each zero."""
         for candidate in self.of_each(fit.drives, fit.rows.stack(Zeros().columns(fit))):
             yield replace(candidate, is_preferred=True, bends=True)

@@ -105,7 +105,6 @@ def one_way_speed(v: np.ndarray, C: np.ndarray, _load: np.ndarray) -> np.ndarray
 
 
 def of_load(_v: np.ndarray, C: np.ndarray, load: np.ndarray) -> np.ndarray:
-    """A share of what the gear carries."""
     return C * np.abs(load)
 
 

@@ -163,7 +163,6 @@ class UnknownLag(LagColumns):
     is_held = True
 
     def to_corrections(self, judged: Sequence[Parameter]) -> tuple[Correction, ...]:
-        """Nothing has been corrected."""
         return ()
 
 

@@ -68,7 +68,6 @@ class Lags:
     p: Parameters  # the parameters that go with them, of the robot and of additions
 
     def each(self, k: int) -> Lag:
-        """Those of the k-th recording."""
         return Lag(self.values[k], np.sqrt(np.diag(self.covariance[k])))
 
     def common(self, k: int) -> Lag:

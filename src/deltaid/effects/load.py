@@ -61,7 +61,6 @@ class LoadChange(DescribedEffect):
         return candidates_in
 
     def _load(self, fit: RigidFit, body: str, columns: Columns, held: Held) -> EffectCandidate:
-        """Columns while the load is held, the mass's first."""
         changes, time = np.flatnonzero(np.diff(held)), fit.motion.time
         tries = float(np.log10(len(held))) * len(changes)
         rows = np.tile(held, fit.dof)[:, None]

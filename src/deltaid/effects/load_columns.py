@@ -71,7 +71,6 @@ class LoadColumns(Addition):
 
     @cached_property
     def is_fixed(self) -> bool:
-        """Whether all its identifiable parameters are known exactly."""
         return not self._entries and self.load.mass_tolerance is None
 
     @property
@@ -95,7 +94,6 @@ class LoadColumns(Addition):
         return np.flatnonzero(np.isin(columns, self._places))
 
     def held(self, w: SampleBlock, recording: PreparedRecording) -> Bool[np.ndarray, " samples"]:
-        """Whether a recording holds it, sample by sample."""
         columns = recording.log.columns
         names = [load.name for load in columns.loads]
         if self.load.name not in names:

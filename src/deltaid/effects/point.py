@@ -70,7 +70,6 @@ class TracePoint:
 
     @cached_property
     def platform(self) -> Float[np.ndarray, "samples 3"]:
-        """Velocity of the platform."""
         J_x = self.dynamics.kinematics.platform_jacobian(self.motion.z)
         return np.einsum("sij,sj->si", J_x, self.motion.qd)
 
@@ -80,7 +79,6 @@ class TracePoint:
 
     @cached_property
     def largest(self) -> Float[np.ndarray, " dof"]:
-        """Largest torque of each drive."""
         return np.maximum(np.abs(self.model).max(axis=1), np.finfo(float).tiny)
 
     @cached_property
@@ -91,14 +89,12 @@ class TracePoint:
 
     @cached_property
     def joints(self) -> tuple[FrictionJoint, ...]:
-        """Joints with friction that move."""
         speeds = self.fastest or self.speeds
         joints = [replace(joint, fastest=speeds[joint.name]) for joint in joints_of(self.dynamics)]
         return tuple(joint for joint in joints if joint.fastest > 0)
 
     @property
     def driven(self) -> tuple[FrictionJoint, ...]:
-        """Those of them that are drives."""
         return tuple(joint for joint in self.joints if joint.drive is not None)
 
     @cached_property
@@ -108,7 +104,6 @@ class TracePoint:
         return torque_slopes(self.dynamics, w.z, w.qd, w.qdd, self.p)
 
     def size(self, name: str) -> float:
-        """Of a parameter, such as 'coulomb.drive1'."""
         return float(self.p[self.dynamics.layout.names.index(name)])
 
     def weighted(self, slopes: Sequence[np.ndarray]) -> ColumnsOfDrives:
@@ -118,7 +113,6 @@ class TracePoint:
         return np.stack(columns, axis=2) if columns else np.zeros((*weights.shape, 0))
 
     def of_joints(self, shapes: Sequence[tuple[FrictionJoint, Shape]]) -> ColumnsOfDrives:
-        """A column for each shape of a joint."""
         return joint_columns(self.trace, self.p, shapes)
 
     def added(self, addition: Addition) -> ColumnsOfDrives:

@@ -104,19 +104,16 @@ def _blocks(points: Sequence[TracePoint], i: int) -> list[int]:
 
 
 def _waves(point: TracePoint, i: int, orders: Orders) -> Float[np.ndarray, "samples orders 2"]:
-    """Ripples of a drive as far as they pass the filter."""
     turns, size = np.outer(point.q[:, i], orders), passed(point, i, orders).T
     return np.stack([size * np.sin(turns), size * np.cos(turns)], axis=2)
 
 
 def ripple_of(point: TracePoint, drive: int, order: float) -> Added:
-    """A ripple in the contest."""
     name = f"ripple of {point.drives[drive]}, {order:.4g}"
     return Added(name, RippleColumns(point.dynamics, (drive,), (1.0, 1.0), (order,)))
 
 
 def _orders(points: Sequence[TracePoint], i: int) -> Orders:
-    """That are searched [1/rad or 1/m]."""
     stroke = np.ptp(np.concatenate([point.q[:, i] for point in points]))
     usual = max(float(np.sqrt(np.mean(point.motion.qd[:, i] ** 2))) for point in points)
     if stroke <= 0 or usual <= 0:

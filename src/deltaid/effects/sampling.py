@@ -60,16 +60,13 @@ class Timing:
 
     @property
     def of_lags(self) -> Float[np.ndarray, "dof dof"]:
-        """Covariance of lags [s²]."""
         return self.covariance[: len(self.lags), : len(self.lags)]
 
     @property
     def deviation(self) -> Delay:
-        """Standard deviations of time constants [s]."""
         return np.sqrt(np.diag(self.covariance)[len(self.lags) : -1])
 
     def growth(self, trace: Trace) -> LagGrowth | None:
-        """Of lags in all of a trace's recording."""
         if not self.rate:
             return None
         ends = [run.time[k] for run in trace.stretches for k in (0, -1)]
@@ -170,7 +167,6 @@ class RestOfTiming(TimingColumns):
 
     @property
     def _filters(self) -> list[int]:
-        """Drives whose time constants are not their lags."""
         return [] if self.timing.pure else np.flatnonzero(self.timing.constants).tolist()
 
     def to_corrections(self, judged: Sequence[Parameter]) -> tuple[Correction, ...]:

@@ -70,7 +70,6 @@ class UnknownEffect(ABC):
         return True
 
     def possible(self, values: Deviations) -> Deviations:
-        """Coefficients as physics allows them."""
         return np.maximum(values, 0.0) if self.is_positive else values
 
     def corrections(

@@ -232,7 +232,6 @@ class Windup:
         )
 
     def corrections(self, robot: RobotDescription) -> list[Correction]:
-        """One a drive whose gear winds up."""
         corrections = list[Correction]()
         wide = float(quantile(np.array([STRETCHES - 1.0]))[0])
         for i in np.flatnonzero(self.values):
@@ -253,7 +252,6 @@ class Windup:
         return corrections
 
     def _evidence(self, k: int) -> str:
-        """How the k-th size is known."""
         text = f", {self.sizes[k] / self.deviation[k]:.0f} standard deviations with a free lag"
         if self.groups[:, k].sum() > 1:
             text += ", one for all limbs"

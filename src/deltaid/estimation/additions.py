@@ -81,7 +81,6 @@ class Addition(ABC):
         return None
 
     def to_corrections(self, judged: Sequence[Parameter]) -> tuple[Correction, ...]:
-        """Corrections by its fitted parameters `judged`."""
         del judged
         return ()
 

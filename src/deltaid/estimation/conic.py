@@ -41,7 +41,6 @@ class Conic:
     certifies: ClassVar[bool] = True
 
     def solve(self, objective: Objective) -> Solution:
-        """The global optimum; errors as of `Solver.solve`."""
         spectral = objective.regularizer.spectral
         if not (spectral is None or spectral.divergence is LOG_DET):
             raise IdentificationError(

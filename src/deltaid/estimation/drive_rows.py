@@ -55,7 +55,6 @@ class DriveRows:
         return DriveRows(scale, self.samples)
 
     def stack(self, x: Float[np.ndarray, "dof samples *k"]) -> np.ndarray:
-        """Something of every drive as rows."""
         return (x.T / self.scale).T.reshape(-1, *x.shape[2:])
 
     def per_drive(self, x: OfDrives) -> Columns:
@@ -63,7 +62,6 @@ class DriveRows:
         return self.stack(of_own_drives(x[:, :, None]))
 
     def of_drives(self, rows: Float[np.ndarray, " rows"]) -> OfDrives:
-        """The reverse of `stack`."""
         return rows.reshape(len(self.scale), -1) * self.scale[:, None]
 
     @cached_property
@@ -94,7 +92,6 @@ def stretch_starts(samples: int) -> Int[np.ndarray, " stretches"]:
 
 
 def stretch_numbers(samples: int) -> Int[np.ndarray, " samples"]:
-    """The stretch that each sample belongs to."""
     return np.searchsorted(stretch_starts(samples), np.arange(samples), side="right") - 1
 
 
@@ -108,7 +105,6 @@ class RecordingRows:
     instruments: tuple[ColumnsOfDrives, ...] = ()
 
     def beside(self, *columns: ColumnsOfDrives) -> "RecordingRows":
-        """The same with additional columns behind."""
         return replace(self, A=np.concatenate([self.A, *columns], axis=2))
 
     @property
@@ -142,7 +138,6 @@ class TraceRows:
         return self.reduction.size
 
     def of_trace(self, trace: Trace) -> RecordingRows:
-        """Rows of a trace."""
         Y, active = trace.regressor(self.additions), self.active
         tau = trace.torques() - Y @ self.reduction.p_0[active]
         return RecordingRows(Y @ self.reduction.A[active], tau)

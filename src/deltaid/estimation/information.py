@@ -78,7 +78,6 @@ class Information:
 
     @property
     def of_drives(self) -> "Information":
-        """That of torques alone."""
         own = self.drives
         return Information(self.columns, self.factors[own], self.samples[own], self.torque_max[own])
 
@@ -177,7 +176,6 @@ def collect(
 def gather_samples(
     regressor: Regressor, z: Motion, qd: Motion, qdd: Motion, tau: Motion
 ) -> Information:
-    """The information of samples in memory."""
     parts = []
     for start in range(0, len(z), _AT_ONCE):
         motion = (x[start : start + _AT_ONCE] for x in (z, qd, qdd, tau))
@@ -188,7 +186,6 @@ def gather_samples(
 
 
 def merge(parts: Iterable[Information]) -> Information:
-    """Information of several recordings of the same robot together."""
     parts = tuple(parts)
     factors = [triangle(np.vstack(R)) for R in zip(*(p.factors for p in parts), strict=True)]
     samples = np.sum([part.samples for part in parts], axis=0)

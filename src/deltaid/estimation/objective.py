@@ -135,7 +135,6 @@ class Regularizer:
         return self.spectral is None or self.spectral.divergence.convex
 
     def evaluate(self, x: Vector) -> tuple[float, Vector, Matrix]:
-        """Value, gradient and Hessian."""
         value, gradient, hessian = self.quadratic.evaluate(x)
         if self.spectral is None:
             return value, gradient, hessian
@@ -225,7 +224,6 @@ class Objective:
     gamma: float  # γ_p
 
     def evaluate(self, x: Vector) -> tuple[float, Vector, Matrix]:
-        """Value, gradient and Hessian with respect to x."""
         value, gradient, hessian = self.data.evaluate(x)
         v, g, H = self.regularizer.evaluate(x)
         return value + self.gamma * v, gradient + self.gamma * g, hessian + self.gamma * H

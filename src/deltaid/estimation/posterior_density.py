@@ -81,7 +81,6 @@ class Cones:
         return cls(every[:, 0], every[:, 1:], groups)
 
     def turned(self, Q: Matrix) -> "Cones":
-        """The same for y = Q·y'."""
         return replace(self, slopes=self.slopes @ Q)
 
     def hold(self, entries: Float[np.ndarray, "entries points"]) -> Bool[np.ndarray, " points"]:

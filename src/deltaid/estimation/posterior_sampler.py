@@ -72,7 +72,6 @@ class Chains:
             self._step(np.arange(self._near, n))
 
     def _step(self, axes: Some) -> None:
-        """One step of all chains within some axes."""
         if not axes.size:
             return
         self._steps += 1
@@ -103,7 +102,6 @@ class Chains:
             self._log = self._factor(self._y)
 
     def _angle(self, accepted: Callable[[Each, Some], np.ndarray]) -> Each:
-        """Accepted angles on the ellipses."""
         angle = self.rng.uniform(0, 2 * np.pi, self.count)
         low, high = angle - 2 * np.pi, angle.copy()
         active = np.arange(self.count)

@@ -204,16 +204,38 @@ def scatter(
 def group_sums(
     rows: Columns, groups: Int[np.ndarray, " rows"]
 ) -> Float[np.ndarray, "groups columns"]:
-    """Sums over the rows of each group."""
     order = np.argsort(groups, kind="stable")
     starts = np.flatnonzero(np.diff(groups[order], prepend=KNOWN - 1))
     return np.add.reduceat(rows[order], starts, axis=0)
 
 
-def level_along(
-    U: Columns, residual: Rows, groups: Int[np.ndarray, " rows"], freedom: float
-) -> float:
-    """Mean variance of the noise along orthonormal columns, by scatter or white if larger."""
-    s = group_sums(U * residual[:, None], groups)
-    variance = float(np.sum(s**2)) / U.shape[1] * (len(s) / max(len(s) - 1, 1))
-    return max(variance, float(residual @ residual) / freedom, 1e-300)
+@dataclass(frozen=True, eq=False)
+class Explained:
+    """What orthonormal columns explain of rows, beside others.
+
+    Attributes:
+        gain: the sum of squares, of which chance explains `level` with each column: the variance of
+            the noise along them by its scatter between groups, or white if that is larger.
+        left: what remains.
+    """
+
+    directions: Columns
+    gain: float
+    left: Rows
+    level: float
+
+    @property
+    def rank(self) -> int:
+        return self.directions.shape[1]
+
+    @classmethod
+    def by_columns(
+        cls, U: Columns, residual: Rows, groups: Int[np.ndarray, " rows"], rank: int
+    ) -> "Explained":
+        """By columns U beside others of some rank, without which they and the residual are."""
+        scores = U.T @ residual
+        left, freedom = residual - U @ scores, max(len(residual) - rank - U.shape[1], 1)
+        s = group_sums(U * left[:, None], groups)
+        along = float(np.sum(s**2)) / U.shape[1] * (len(s) / max(len(s) - 1, 1))
+        level = max(along, float(left @ left) / freedom, 1e-300)
+        return cls(U, float(scores @ scores), left, level)

@@ -68,7 +68,6 @@ class Block:
         return constant + np.tensordot(x[..., variables], slopes, axes=1)
 
     def moved(self, first: int) -> "Block":
-        """The same where the variables that it counts from 0 begin at `first`."""
         return replace(self, index=np.where(self.index >= 0, self.index + first, -1))
 
 

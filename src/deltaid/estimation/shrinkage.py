@@ -334,5 +334,4 @@ class Shrunk:
 
     @property
     def least_surprising(self) -> float:
-        """Surprise of the candidate that rows need least [decades]."""
         return min((self.surprise(group) for group in self.droppable), default=np.inf)

@@ -221,6 +221,5 @@ def _joined(parts: Sequence[SampleBlock]) -> SampleBlock:
 
 
 def _outputs(low_pass: LowPass, rows: int) -> int:
-    """How many thinned samples come of so many rows."""
     between = (rows - len(low_pass.lead)) // low_pass.stride + 1
     return max(0, (between - len(low_pass.smooth)) // low_pass.decimation + 1)

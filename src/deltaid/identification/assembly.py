@@ -97,7 +97,6 @@ def assembled(
 
 
 def doubts_of_fit(problem: FittedProblem) -> tuple[str, ...]:
-    """Warnings that follow from the fit, one sentence a cause."""
     return (*doubts(problem), *torque_scale(problem))
 
 
@@ -124,7 +123,6 @@ def _record(problem: FittedProblem, error: TorqueError) -> Fit:
 def _fitted_sensors(
     problem: FittedProblem, judged: Sequence[Parameter]
 ) -> tuple[FittedSensor, ...]:
-    """The fitted sensors, by the judged parameters of all additions."""
     information, sensors = problem.information, list[FittedSensor]()
     rows = np.stack([information.rms(problem.values), information.torque_max], axis=1)
     sizes = iter(rows[information.drives.stop :].tolist())

@@ -67,7 +67,6 @@ _STANDS = 0.1
 
 
 def without_events(setup: Setup, progress: Progress) -> Setup:
-    """Recordings without what acts on the robot apart from its drives; a stage."""
     if setup.settings.keep_all or not setup.settings.events:
         return setup
     corrections, glanced = list[Correction](), list[tuple[int, Expectation]]()
@@ -170,7 +169,6 @@ def _corrections(
 
 
 def events(expected: Expectation) -> tuple[LeftSpan, ...]:
-    """What of a recording is to be excluded, in the order of time."""
     outliers, recording = detected_outliers(expected), expected.source.recording
     log, low_pass, delay = recording.log, recording.filter, recording.repairs.delay
     duration, margin = log.samples / log.rate, max(_BESIDE, 1.0 / log.rate)

@@ -71,7 +71,6 @@ class Expectation:
 
     @property
     def length(self) -> int:
-        """Samples that are averaged."""
         return _length(self.rate)
 
     @property
@@ -121,7 +120,6 @@ class Expectation:
         return np.where(w.weights.T > 0.5, w.tau.T - _between(tau, stride, len(w.time)), np.nan)
 
     def scales(self, w: SampleBlock) -> Float[np.ndarray, "dof samples"]:
-        """Standard deviation of the residual's mean at some samples."""
         ranges = zip(self.speeds, np.abs(w.qd.T), self.scale, strict=True)
         return np.stack([scale[np.searchsorted(ends, size)] for ends, size, scale in ranges])
 

@@ -52,7 +52,6 @@ class ExplainedRecording:
 
     @cached_property
     def parameters(self) -> tuple[PriorParameter, ...]:
-        """Those of the active columns."""
         more = (parameter for addition in self.additions for parameter in addition.parameters)
         parameters = (*self.dynamics.layout.parameters, *more)
         return tuple(parameters[k] for k in self.active)
@@ -64,13 +63,11 @@ class ExplainedRecording:
         return rows, np.searchsorted(self.active, columns)
 
     def entries(self, w: SampleBlock) -> Float[np.ndarray, "entries samples"]:
-        """Of the regressor, in the order of the pattern."""
         return entries(self.regressor, w, w.tau, self.recording)
 
     def torques(
         self, values: Float[np.ndarray, "entries samples"], p: Float[np.ndarray, " active"]
     ) -> Torques:
-        """Y p from the entries of Y."""
         return torques_of(self.pattern, self.dynamics.dof, values, p)
 
     def counts(self, w: SampleBlock) -> Bool[np.ndarray, "dof samples"]:
@@ -95,7 +92,6 @@ class Nuisance:
 
     @property
     def deviations(self) -> Float[np.ndarray, " columns"]:
-        """Standard deviations that coefficients are drawn to zero with."""
         of_torque = np.tile([_LAG, _SHARE, _SHARE], len(self.torque))
         return np.append(np.full(_OF_JOINT * len(self.speed), _FRICTION), of_torque)
 

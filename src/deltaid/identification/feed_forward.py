@@ -50,7 +50,6 @@ class FeedForward(Shown):
 
     @property
     def rows(self) -> int:
-        """How many rows have torques."""
         return self.samples - sum(self.without)
 
     @property
@@ -71,7 +70,6 @@ class FeedForward(Shown):
             yield self._empty(times[-last:])
 
     def table(self) -> pl.DataFrame:
-        """All rows."""
         return pl.concat(self.tables())
 
     def save(self, path: str | Path) -> None:

@@ -140,7 +140,6 @@ class FittedProblem:
 
     @property
     def layout(self) -> ParameterLayout:
-        """Names and places of the parameters, those of additions behind the robot's."""
         return self.reduction.layout
 
     @cached_property
@@ -154,7 +153,6 @@ class FittedProblem:
 
     @cached_property
     def noise(self) -> float:
-        """Level of the torques' noise, as a share of the largest torque."""
         return noise_level(self.information)
 
 

@@ -79,7 +79,6 @@ def chosen_friction(setup: Setup, progress: Progress) -> Setup:
 def _corrections(
     before: RobotDescription, after: RobotDescription, choice: FrictionChoice
 ) -> list[Correction]:
-    """One for each joint whose law was changed."""
     corrections = list[Correction]()
     for joint, law in after.friction.items():
         steps = [step for step in choice.steps if step.useful and step.joint == joint]
@@ -140,7 +139,6 @@ class _TermSearch:
         return cls(rows, dict(zip(variants, bare, strict=False)), rows.residual)
 
     def without(self, U: Columns) -> "_TermSearch":
-        """Beside further orthonormal columns."""
         bare = {variant: A - U @ (U.T @ A) for variant, A in self.bare.items()}
         return _TermSearch(self.rows, bare, self.residual - U @ (U.T @ self.residual))
 

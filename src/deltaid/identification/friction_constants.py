@@ -197,13 +197,11 @@ class LawConstants(Addition):
 
     @property
     def constants(self) -> tuple[tuple[FrictionTerm, str], ...]:
-        """Each term that has constants, with the name of one."""
         terms = self.dynamics.robot.friction_terms
         return tuple((term, name) for term in terms for name in term.constants)
 
     @property
     def parameters(self) -> tuple[PriorParameter, ...]:
-        """One logarithm each, whose prior is that of the law."""
         return tuple(
             PriorParameter("constant", t.joint, f"{t.kind}_{name}", "1", -np.inf, np.inf, 0.0, 1.0)
             for t, name in self.constants
@@ -218,7 +216,6 @@ class LawConstants(Addition):
         return np.concatenate([np.zeros(0, dtype=int), *drives]), columns
 
     def entries(self, w: SampleBlock, own: Own, recording: PreparedRecording) -> Values:
-        """size ∂φ/∂x times the Coulomb column, with the described size of the term."""
         joints, values = {joint.name: joint for joint in joints_of(self.dynamics)}, [own[:0]]
         for term, name in self.constants:
             joint = joints[term.joint]

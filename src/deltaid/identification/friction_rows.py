@@ -31,7 +31,7 @@ from deltaid.effects.point import TracePoint, points_of
 from deltaid.estimation.additions import Addition
 from deltaid.estimation.drive_rows import POSITION_ERROR, DriveRows, parameters_of
 from deltaid.estimation.information import active_columns
-from deltaid.estimation.problem import Columns, Rows, Span, level_along
+from deltaid.estimation.problem import Columns, Explained, Rows, Span
 from deltaid.estimation.scatter import surprise
 from deltaid.estimation.traces import Trace, trace
 from deltaid.model.parameter_record import AdditionKind, JointTerm
@@ -96,7 +96,6 @@ class FrictionRows:
 
     @cached_property
     def residual(self) -> Rows:
-        """Torques without what parameters and lags explain."""
         return self.span.without(self.tau)
 
     @cached_property
@@ -108,13 +107,11 @@ class FrictionRows:
 
     @cached_property
     def friction(self) -> Float[np.ndarray, "dof samples"]:
-        """Torques of the robot's friction [N m or N]."""
         p = np.zeros_like(self.p)
         p[self.dynamics.layout.friction] = self.p[self.dynamics.layout.friction]
         return self.Y @ p[active_columns(self.dynamics)]
 
     def column_of(self, name: str) -> Rows:
-        """The column of one of the robot's parameters."""
         k = np.searchsorted(active_columns(self.dynamics), self.dynamics.layout.names.index(name))
         return self.drive_rows.stack(self.Y[:, :, k])
 
@@ -124,33 +121,24 @@ class FrictionRows:
         return float(np.sqrt(np.mean(of_drives**2)))
 
     def judged(self, U: Columns, residual: Rows, constants: int) -> JudgedColumns:
-        """What orthonormal columns explain of rows, `constants` of them chosen beside.
-
-        Chance is the scatter of their scores between stretches of time, or white noise where that
-        is larger.
-        """
-        scores = U.T @ residual
-        after, gain = residual - U @ scores, float(scores @ scores)
-        freedom = max(len(residual) - self.span.rank - U.shape[1], 1)
-        level = level_along(U, after, self.drive_rows.groups, freedom)
+        """What orthonormal columns explain of rows, `constants` of them chosen beside."""
+        own = Explained.by_columns(U, residual, self.drive_rows.groups, self.span.rank)
         return JudgedColumns(
             directions=U,
-            gain=gain / max(float(residual @ residual), 1e-300),
-            times=float(np.sqrt(gain / level)),
-            surprise=surprise(gain / level, U.shape[1] + constants),
-            error=self.share(after),
-            is_large=self.share(residual - after) > POSITION_ERROR,
+            gain=own.gain / max(float(residual @ residual), 1e-300),
+            times=float(np.sqrt(own.gain / own.level)),
+            surprise=surprise(own.gain / own.level, own.rank + constants),
+            error=self.share(own.left),
+            is_large=self.share(residual - own.left) > POSITION_ERROR,
         )
 
     @cached_property
     def joints(self) -> dict[str, FrictionJoint]:
-        """Joints whose friction may have further terms."""
         joints = self.points[0].joints
         return {j.name: replace(j, moved=self.moved.get(j.name, 0.0)) for j in joints}
 
     @threadpool_limits.wrap(limits=1, user_api="blas")  # for narrow matrices, threads only wait
     def columns(self, shapes: Sequence[tuple[FrictionJoint, Shape]]) -> Columns:
-        """One column for each shape of a joint."""
         if not shapes:
             return np.zeros((len(self.tau), 0))
         parts = [point.of_joints(shapes) for point in self.points]
@@ -166,8 +154,7 @@ def friction_rows(
     Raises:
         RecordingError: a log is too short or too slow to be differentiated.
     """
-    prior, share = prior_parameters(dynamics.robot), 1.0 / len(recordings)
-    traces = list[Trace]()
+    prior, share, traces = prior_parameters(dynamics.robot), 1.0 / len(recordings), list[Trace]()
     for recording in recordings:
         long = _SECONDS * recording.log.rate / WINDOW
         windows = max(2, round(_WINDOWS * share), round(long * share))
@@ -182,9 +169,8 @@ def friction_rows(
     lags = [LagColumns(dynamics, (), p, record.recording, alone(dynamics.dof)) for record in traces]
     parts = [record.regressor((*additions, *lags))[:, :, Y.shape[2] :] for record in traces]
     extra = rows.stack(np.concatenate(parts, axis=1))
-    span = span.with_columns(extra)
     points = tuple(points_of([replace(record, load=p) for record in traces], p))
-    return FrictionRows(dynamics, points, largest, Y, extra, rows, span, tau, p)
+    return FrictionRows(dynamics, points, largest, Y, extra, rows, span.with_columns(extra), tau, p)
 
 
 def cutoff_of(recording: PreparedRecording) -> float | None:

@@ -94,7 +94,6 @@ def gather_all(
 
 
 def places_of(regressor: _Columns, recordings: Iterable[PreparedRecording]) -> PlaceSums:
-    """Empty places over the range that recordings cover together."""
     reaches = np.array([recording.log.reach for recording in recordings])
     box = np.stack([reaches[:, 0].min(axis=0), reaches[:, 1].max(axis=0)])
     return PlaceSums(box, regressor.dof, len(active_columns(regressor)) + 1)

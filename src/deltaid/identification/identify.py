@@ -240,8 +240,6 @@ def _unchanged(setup: Setup) -> tuple[Study | None, ...]:
 
 
 def _mean(errors: Sequence[TorqueError], weights: Sequence[int]) -> TorqueError:
-    """Torque errors over several recordings, weighted by their samples."""
-
     def mean(quantities: Iterable[np.ndarray]) -> np.ndarray:
         return np.average(list(quantities), axis=0, weights=weights)
 

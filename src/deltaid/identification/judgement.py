@@ -61,8 +61,6 @@ def judged_base(problem: FittedProblem) -> tuple[BaseParameter, ...]:
 
 
 class _Judge:
-    """Judges each parameter of a fit: how far it is known, and what decided it."""
-
     def __init__(self, problem: FittedProblem) -> None:
         reduction = problem.reduction
         self._problem, self._reduction, self._p = problem, reduction, problem.values

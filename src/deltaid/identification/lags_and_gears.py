@@ -149,7 +149,6 @@ def without_doubtful_lags(setup: Setup, judged: Sequence[Parameter]) -> Setup:
 
 
 def _doubtful(lags: Sequence[Correction]) -> bool:
-    """Whether no lag differs significantly from zero, or one is hardly known."""
     ends = [(lag.low, lag.high) for lag in lags if lag.low is not None and lag.high is not None]
     zero = [low <= 0.0 <= high for low, high in ends]
     return bool(ends) and (all(zero) or any(high - low > 2 * _UNKNOWN for low, high in ends))
@@ -173,7 +172,6 @@ def traced(
 
 
 def _of_motors(setup: Setup, record: Trace) -> Trace:
-    """A trace with positions of motors where it has those of links."""
     recording = record.recording
     if recording.repairs.gears is None:
         return record
@@ -181,7 +179,6 @@ def _of_motors(setup: Setup, record: Trace) -> Trace:
 
 
 def _fixed(setup: Setup, lag: tuple[float, ...]) -> Setup:
-    """Lags that are given, for all drives or one a drive [s]."""
     dof = setup.dynamics.dof
     if len(lag) not in (1, dof):
         raise IdentificationError(

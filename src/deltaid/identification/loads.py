@@ -88,7 +88,6 @@ def declared_loads(setup: Setup, progress: Progress) -> Setup:
 
 
 def unloaded(recording: PreparedRecording, loads: dict[str, Ten]) -> PreparedRecording:
-    """A recording without the torques of the loads that it holds."""
     taken = tuple(tuple(loads[load.name].tolist()) for load in recording.log.columns.loads)
     return recording.repaired(loads=taken) if taken else recording
 

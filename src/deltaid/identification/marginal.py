@@ -37,7 +37,6 @@ Matrix = Float[np.ndarray, "n n"]
 
 
 def posterior_record(problem: FittedProblem) -> PosteriorRecord:
-    """What a fit's model file keeps of data and prior."""
     reduction, base, n = problem.reduction, problem.base, len(problem.p)
     sigma = max(problem.noise, NOISE_FLOOR)
     spread = sigma / float(np.sqrt(problem.information.mean_samples * problem.objective.gamma))

@@ -214,13 +214,11 @@ class MeasuredRows:
 
     @property
     def known_columns(self) -> Int[np.ndarray, " _"]:
-        """Columns that a weighing has."""
         known = [weighing.coefficients != 0 for weighing in self.weighings]
         return np.flatnonzero(np.any(known, axis=0))
 
     @cached_property
     def active(self) -> Int[np.ndarray, " columns"]:
-        """All columns that some row has."""
         return active_columns(self)
 
     @property

@@ -69,7 +69,6 @@ class OutlierStretch:
 
     @property
     def size(self) -> float:
-        """The largest of the drives' sizes."""
         return float(self.sizes.max())
 
 
@@ -118,7 +117,6 @@ class JoinedStretches:
 
 
 def detected_outliers(expected: Expectation) -> Outliers:
-    """Outliers of a recording, in one pass over it."""
     recording, kinematics = expected.source.recording, expected.source.dynamics.kinematics
     return _outliers(
         expected, recording.evaluate(kinematics, lambda w: inspected_window(expected, w))

@@ -69,7 +69,6 @@ class Validation(Shown, Plotted, Tabled, Reported, _Pair):
 
     @property
     def remarks(self) -> tuple[str, ...]:
-        """Warnings about the comparison, one sentence each."""
         return remarks(self.model, self.log, self.error)
 
 

@@ -69,7 +69,6 @@ class ContestOutcome:
 
     @property
     def is_refuted(self) -> bool:
-        """Whether what acts on the robot is no known effect."""
         return UNEXPLAINED in self.doubts
 
     @property
@@ -115,7 +114,6 @@ class Setup:
         return study is not None and study.is_disturbed
 
     def studied(self) -> "Setup":
-        """The same with studies of what its recordings leave beside corrected effects."""
         corrected = tuple(addition for addition in self.additions if addition.is_corrected)
         studies = (studied(self.dynamics, r, beside=corrected) for r in self.recordings)
         return self.changed(studies=tuple(studies))
@@ -134,7 +132,6 @@ class Setup:
         return replace(self, **values)
 
     def without(self, *kinds: type[Addition]) -> "Setup":
-        """The same without additions of some kinds."""
         kept = tuple(addition for addition in self.additions if not isinstance(addition, kinds))
         return self.changed(additions=kept)
 
@@ -149,7 +146,6 @@ class Setup:
         return self.with_recording(k, recording.repaired(**repairs))
 
     def all_repaired(self, **repairs: Any) -> "Setup":
-        """The same with one more thing corrected in all recordings alike."""
         return self.changed(recordings=tuple(r.repaired(**repairs) for r in self.recordings))
 
     def with_recording(self, k: int, recording: PreparedRecording) -> "Setup":

@@ -114,7 +114,6 @@ class Prepared:
         return start.after(STAGES[STAGES.index(chosen_friction) :], progress).setup
 
     def after(self, stages: Sequence[Stage], progress: Progress) -> "Prepared":
-        """After more stages."""
         setup, needless = self.setup, dict(self.needless)
         for stage in stages:
             if stage in needless and setup.poses_as(needless[stage]):

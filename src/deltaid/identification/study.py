@@ -33,7 +33,7 @@ from deltaid.estimation.drive_rows import (
     parameters_of,
 )
 from deltaid.estimation.information import active_columns
-from deltaid.estimation.problem import Rows, Span, independent, lengths, level_along
+from deltaid.estimation.problem import Explained, Rows, Span, independent, lengths
 from deltaid.estimation.scatter import surprise
 from deltaid.estimation.spectra import white_noise
 from deltaid.estimation.traces import Trace, trace
@@ -173,7 +173,6 @@ def _rigid_fit(record: Trace, Y: ColumnsOfDrives, rows: DriveRows) -> RigidFit:
 
 
 def _inertia(fit: RigidFit) -> Float[np.ndarray, " dof"]:
-    """M_ii at home."""
     dynamics = fit.trace.dynamics
     dof, home = dynamics.dof, dynamics.kinematics.home
     z, still = np.tile(home, (dof + 1, 1)), np.zeros((dof + 1, dof))
@@ -242,23 +241,27 @@ def unexplained(study: Study) -> Float[np.ndarray, "samples dof"]:
 
 
 def longest(study: Study) -> SampleBlock:
-    """The longest stretch without a gap."""
     return max(study.fit.trace.stretches, key=lambda stretch: len(stretch.time))
 
 
 def _trends(study: Study, drive: int) -> Iterator[Trend]:
     """What smooth functions of a drive's own motion and torque, and of time, explain of its
     residual."""
-    fit, left, span = study.fit, study.account.left, study.account.span
+    fit, left, span, name = (
+        study.fit,
+        study.account.left,
+        study.account.span,
+        study.fit.drives[drive],
+    )
     quantities = {
-        f"the speed of {fit.drives[drive]}": fit.motion.qd[:, drive],
-        f"the position of {fit.drives[drive]}": fit.q[:, drive],
-        f"the acceleration of {fit.drives[drive]}": fit.motion.qdd[:, drive],
-        f"the torque of {fit.drives[drive]}": fit.model[drive],
+        f"the speed of {name}": fit.motion.qd[:, drive],
+        f"the position of {name}": fit.q[:, drive],
+        f"the acceleration of {name}": fit.motion.qdd[:, drive],
+        f"the torque of {name}": fit.model[drive],
         "time": fit.motion.time,
     }
     rows = slice(drive * fit.rows.samples, (drive + 1) * fit.rows.samples)
-    total, freedom = float(left[rows] @ left[rows]), len(left) - span.rank
+    total = float(left[rows] @ left[rows])
     for words, values in quantities.items():
         low, high = values.min(), values.max()
         between = 2.0 * (values - low) / max(high - low, np.finfo(float).tiny) - 1.0
@@ -266,10 +269,7 @@ def _trends(study: Study, drive: int) -> Iterator[Trend]:
         A[rows] = chebvander(between, _SMOOTH)[:, 1:]
         A = span.without(A / lengths(A))
         U = A @ independent(A)
-        gain = float(np.sum((U.T @ left) ** 2))
-        if not U.shape[1] or not total:
-            continue
-        after = left - U @ (U.T @ left)
-        level = level_along(U, after, fit.rows.groups, max(freedom - U.shape[1], 1))
-        own = surprise(gain / level, U.shape[1]) - np.log10(len(quantities))
-        yield Trend(words, gain / total, float(own))
+        if U.shape[1] and total:
+            own = Explained.by_columns(U, left, fit.rows.groups, span.rank)
+            rare = surprise(own.gain / own.level, own.rank) - np.log10(len(quantities))
+            yield Trend(words, own.gain / total, float(rare))

@@ -86,12 +86,10 @@ class Warmth(Addition):
 
     @property
     def pattern(self) -> tuple[np.ndarray, np.ndarray]:
-        """Where viscous and Coulomb friction act."""
         rows, columns = (part[self._entries] for part in self.dynamics.regressor_pattern)
         return rows, np.searchsorted(self._changing, columns)
 
     def entries(self, w: SampleBlock, own: Own, recording: PreparedRecording) -> Values:
-        """Those of friction times g."""
         changing = own[self._entries]
         for course in self.courses:
             if course.recording.log.sha256 == recording.log.sha256:
@@ -99,7 +97,6 @@ class Warmth(Addition):
         return np.zeros_like(changing)
 
     def to_corrections(self, judged: Sequence[Parameter]) -> tuple[Correction, ...]:
-        """How friction changes, in one sentence."""
         first, laws = self.courses[0], self.dynamics.robot.friction
         shares = []
         for parameter, change in zip(self.parameters, judged, strict=True):
@@ -143,7 +140,6 @@ def changing_friction(setup: Setup, progress: Progress) -> Setup:
 
 @threadpool_limits.wrap(limits=1, user_api="blas")  # for narrow matrices, threads only wait
 def _changes(rows: FrictionRows) -> list[Warmth]:
-    """What rows show beyond chance, by temperature first."""
     changes, motions = (
         list[Warmth](),
         {point.trace.recording: point.motion for point in rows.points},
@@ -209,7 +205,6 @@ def _warming(
 
 
 def temperature(recording: PreparedRecording, w: SampleBlock) -> Float[np.ndarray, " samples"]:
-    """Temperature as recorded [°C]."""
     columns = recording.log.columns
     channel = columns.temperature
     assert channel is not None

@@ -125,7 +125,6 @@ class PriorEvidence:
         return self.N + of_base @ of_base.T, of_base @ of_rows.T, rest
 
     def _entries(self, s: Factors) -> list[_Wider]:
-        """Every entry alone, with its best factor."""
         C, u, rest = self._covariance(s)
         (L, size), count = _cholesky(C), len(self.names)
         u, rest = u[:, :count] / size[:, None], rest[:count]
@@ -174,7 +173,6 @@ def _cholesky(C: Float[np.ndarray, "n n"]) -> tuple[Float[np.ndarray, "n n"], Fa
 
 
 def evidence(problem: FittedProblem) -> PriorEvidence:
-    """PriorEvidence of a fit's recordings against its stated prior."""
     reduction, base, estimate = problem.reduction, problem.base, problem.estimate
     changed = np.flatnonzero(np.any(reduction.A != 0, axis=1)).tolist()
     parameters = reduction.layout.parameters
