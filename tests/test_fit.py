@@ -14,6 +14,7 @@ from deltaid.estimation.conic import Conic
 from deltaid.estimation.information import Information, active_columns, gather_samples
 from deltaid.estimation.log_cholesky import LogCholesky, LogCholeskyMap, Unconstrained
 from deltaid.estimation.objective import METRICS, Objective, data_term, default_gamma, noise_level
+from deltaid.estimation.objective import regularizer as prior_term
 from deltaid.estimation.reduction import INTERIOR, build_reduction
 from deltaid.motion.random_motion import random_motion
 from deltaid.motion.surrogate import surrogate_parameters
@@ -43,7 +44,7 @@ def problem(
     data = information(dynamics, truth, noise)
     reduction = build_reduction(robot, data.columns)
     weight = gamma or default_gamma(data, 0.5)
-    metric = METRICS[regularizer].regularizer(reduction)
+    metric = prior_term(reduction, METRICS[regularizer])
     return Objective(reduction, data_term(data, reduction), metric, weight)
 
 
@@ -150,7 +151,7 @@ def test_where_an_exponential_overflows_the_objective_is_infinite() -> None:
 @pytest.mark.parametrize("name", ["euclidean", "entropic", "riemannian"])
 def test_regulariser_derivatives_are_exact(name) -> None:
     reduction = PROBLEM.reduction
-    regularizer = METRICS[name].regularizer(reduction)
+    regularizer = prior_term(reduction, METRICS[name])
     chart, rng = LogCholeskyMap(reduction), np.random.default_rng(1)
     x = chart.x(chart.pi(reduction.prior) + 0.2 * rng.standard_normal(reduction.size))
     _, g, H = regularizer.evaluate(x)
@@ -166,7 +167,7 @@ def test_regulariser_derivatives_are_exact(name) -> None:
 @pytest.mark.parametrize("name", ["euclidean", "entropic", "riemannian"])
 def test_regularisers_agree_for_a_small_common_scale(name) -> None:
     reduction = PROBLEM.reduction
-    regularizer = METRICS[name].regularizer(reduction)
+    regularizer = prior_term(reduction, METRICS[name])
     assert regularizer.evaluate(reduction.prior)[0] == pytest.approx(0, abs=1e-15)
     friction = [i for i, v in enumerate(reduction.variables) if v.symbol == "viscous"]
     x = reduction.prior.copy()

@@ -15,9 +15,8 @@ from deltaid.dynamics.dynamics import compiled
 from deltaid.dynamics.parameters import least_margin, prior_parameters
 from deltaid.errors import DeltaidError, IdentificationError
 from deltaid.estimation import posterior_draws
-from deltaid.estimation.posterior_density import Density, density
+from deltaid.estimation.posterior_density import Chains, Density, density
 from deltaid.estimation.posterior_draws import effective_size, rhat
-from deltaid.estimation.posterior_sampler import Chains
 from deltaid.identification.marginal import base_covariance
 from deltaid.model.model import Model, load
 from deltaid.model.record import IdentifiedModel

@@ -9,7 +9,7 @@ import pytest
 
 from deltaid.dynamics.dynamics import compiled
 from deltaid.effects.along_motion import AtPlatform, RippleColumns, platform_forces
-from deltaid.estimation.cause_columns import CauseColumns, NoiseBlock
+from deltaid.estimation.problem import CauseColumns, NoiseBlock
 from deltaid.estimation.shrinkage import _ALIKE, Shrunk
 from deltaid.identification.contest import reduced, rivals
 from deltaid.identification.fit import FittedProblem, fit

@@ -23,8 +23,8 @@ from deltaid.exports.jax_functions import JaxFunctions as JaxFunctions
 from deltaid.exports.jax_functions import jax_functions as jax_functions
 from deltaid.fleets.run import FleetRun as FleetRun
 from deltaid.fleets.run import fleet as fleet
-from deltaid.identification.feed_forward import FeedForward as FeedForward
-from deltaid.identification.feed_forward import torque as torque
+from deltaid.identification.prediction import FeedForward as FeedForward
+from deltaid.identification.prediction import torque as torque
 from deltaid.identification.generic_motion import base as base
 from deltaid.identification.identify import Identification as Identification
 from deltaid.identification.prediction import Validation as Validation

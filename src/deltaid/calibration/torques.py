@@ -22,8 +22,7 @@ from deltaid.checks.signal import checked_signals
 from deltaid.checks.wiring.wiring import checked_wirings
 from deltaid.dynamics.geometry import TorqueSlopes, across, grown_torques
 from deltaid.effects.geometry import GearRatios, Lengths, Tilt, Zeros
-from deltaid.effects.point import TracePoint
-from deltaid.effects.unknown import Deviations, UnknownEffect
+from deltaid.effects.point import Deviations, TracePoint, UnknownEffect
 from deltaid.errors import IdentificationError, RecordingError
 from deltaid.estimation.drive_rows import ColumnsOfDrives
 from deltaid.identification.contest_stage import swept_beside

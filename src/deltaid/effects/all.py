@@ -17,8 +17,8 @@ from deltaid.effects.gain import FallingGain, Gain, GainRatios, Saturation
 from deltaid.effects.geometry import GearRatios, Lengths, Structure, Tilt, Zero, Zeros
 from deltaid.effects.lag_columns import Delay, RemainingLag
 from deltaid.effects.load import LoadChange
+from deltaid.effects.point import UnknownEffect
 from deltaid.effects.ripple import PlaceDependence, PositionRipple
-from deltaid.effects.unknown import UnknownEffect
 from deltaid.effects.windings import WindUp
 
 EFFECTS: tuple[Effect, ...] = (

@@ -9,8 +9,7 @@ from numpy.polynomial import Legendre
 
 from deltaid.effects.effect import Cause, DescribedEffect, Effect, torque_of
 from deltaid.effects.joint import SHAPES, FrictionJoint, of_load, one_way, one_way_speed, over_speed
-from deltaid.effects.point import EffectCandidate, RigidFit, TracePoint
-from deltaid.effects.unknown import Beside, Deviations
+from deltaid.effects.point import Beside, Deviations, EffectCandidate, RigidFit, TracePoint
 from deltaid.estimation.drive_rows import ColumnsOfDrives
 from deltaid.estimation.information import active_columns
 from deltaid.model.verdict import percent

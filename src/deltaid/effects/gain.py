@@ -8,8 +8,7 @@ from jaxtyping import Float
 from scipy.linalg import null_space
 
 from deltaid.effects.effect import Cause, DescribedEffect
-from deltaid.effects.point import EffectCandidate, RigidFit, TracePoint
-from deltaid.effects.unknown import Deviations, UnknownEffect
+from deltaid.effects.point import Deviations, EffectCandidate, RigidFit, TracePoint, UnknownEffect
 from deltaid.estimation.drive_rows import ColumnsOfDrives, of_own_drives
 from deltaid.estimation.problem import Columns, scatter
 from deltaid.model.corrections import Correction

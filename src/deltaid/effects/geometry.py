@@ -9,8 +9,14 @@ from jaxtyping import Int
 
 from deltaid.dynamics.geometry import across
 from deltaid.effects.effect import Effect
-from deltaid.effects.point import EffectCandidate, RigidFit, TracePoint
-from deltaid.effects.unknown import SIZE, Deviations, UnknownEffect
+from deltaid.effects.point import (
+    SIZE,
+    Deviations,
+    EffectCandidate,
+    RigidFit,
+    TracePoint,
+    UnknownEffect,
+)
 from deltaid.estimation.drive_rows import ColumnsOfDrives
 from deltaid.estimation.information import active_columns
 from deltaid.estimation.reduction import Reduction, build_reduction

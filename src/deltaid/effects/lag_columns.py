@@ -20,8 +20,7 @@ from jaxtyping import Bool
 from deltaid.dynamics.dynamics import Parameters
 from deltaid.effects.effect import Effect
 from deltaid.effects.lag_groups import LagGroup
-from deltaid.effects.point import EffectCandidate, RigidFit, TracePoint
-from deltaid.effects.unknown import Beside
+from deltaid.effects.point import Beside, EffectCandidate, RigidFit, TracePoint
 from deltaid.estimation.additions import Addition, OfTorques, Own, Values
 from deltaid.estimation.drive_rows import ColumnsOfDrives, OfDrives, of_own_drives
 from deltaid.estimation.traces import Trace

@@ -8,8 +8,7 @@ from jaxtyping import Float
 
 from deltaid.effects.along_motion import RippleColumns
 from deltaid.effects.effect import DescribedEffect
-from deltaid.effects.point import EffectCandidate, RigidFit, TracePoint
-from deltaid.effects.unknown import Added
+from deltaid.effects.point import Added, EffectCandidate, RigidFit, TracePoint
 from deltaid.estimation.problem import Rows
 from deltaid.estimation.scatter import surprise
 from deltaid.estimation.shrinkage import Shrunk

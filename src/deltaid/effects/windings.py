@@ -11,8 +11,7 @@ from deltaid.dynamics.dynamics import Parameters
 from deltaid.dynamics.parameters import parameter_layout
 from deltaid.effects.joint import SHAPES
 from deltaid.effects.lag_columns import late, slope
-from deltaid.effects.point import TracePoint
-from deltaid.effects.unknown import Beside, Deviations
+from deltaid.effects.point import Beside, Deviations, TracePoint
 from deltaid.estimation.drive_rows import (
     STRETCHES,
     ColumnsOfDrives,

@@ -96,10 +96,15 @@ class OfTorques(Addition):
         """The same where friction laws have come or gone: coefficients that p₀ lacks are zero."""
         if dynamics is self.dynamics:
             return self
+        known = dict(zip(self._names, self.p.tolist(), strict=True))
         beside = tuple(addition.on(dynamics) for addition in self.beside)
-        known = dict(zip(_names(self.dynamics, self.beside), self.p.tolist(), strict=True))
-        p = np.array([known.get(name, 0.0) for name in _names(dynamics, beside)])
-        return replace(self, dynamics=dynamics, beside=beside, p=p)
+        now = replace(self, dynamics=dynamics, beside=beside)
+        return replace(now, p=np.array([known.get(name, 0.0) for name in now._names]))
+
+    @property
+    def _names(self) -> list[str]:
+        added = [entry.name for addition in self.beside for entry in addition.parameters]
+        return [*self.dynamics.layout.names, *added]
 
     def torques(self, w: SampleBlock, own: Own, recording: PreparedRecording) -> Values:
         """τ of each drive, with that of loads, which goes through the drives like the rest."""
@@ -110,11 +115,6 @@ class OfTorques(Addition):
     def _columns(self) -> tuple[np.ndarray, np.ndarray]:
         """Drive and parameter of every entry of torques."""
         return extended(self.dynamics, self.beside).regressor_pattern
-
-
-def _names(dynamics: Dynamics, additions: Sequence[Addition]) -> list[str]:
-    added = [parameter.name for addition in additions for parameter in addition.parameters]
-    return [*dynamics.layout.names, *added]
 
 
 @dataclass(frozen=True, eq=False)
@@ -134,13 +134,8 @@ class Extended:
     def dof(self) -> int:
         return self.regressor.dof
 
-    @property
-    def regressor_pattern(self) -> tuple[np.ndarray, np.ndarray]:
-        """Drive and column of every entry that is not always zero."""
-        return self._pattern
-
     @cached_property
-    def _pattern(self) -> tuple[np.ndarray, np.ndarray]:
+    def regressor_pattern(self) -> tuple[np.ndarray, np.ndarray]:
         patterns, first = [self.regressor.regressor_pattern], self.own
         for addition in self.additions:
             drives, within = addition.pattern

@@ -11,7 +11,7 @@ from jaxtyping import Float, Int
 from deltaid.dynamics.dynamics import Dynamics, Parameters
 from deltaid.estimation.additions import Addition, extended
 from deltaid.estimation.information import NOISE_FLOOR, active_columns
-from deltaid.estimation.objective import Metric
+from deltaid.estimation.objective import regularizer
 from deltaid.estimation.problem import DEPENDENT, Columns, LinearProblem, Rows, Span, lengths
 from deltaid.estimation.reduction import Reduction, build_reduction
 from deltaid.estimation.traces import Trace
@@ -144,7 +144,7 @@ class TraceRows:
 
     def prior(self, width: int) -> tuple[Columns, Rows]:
         """What is known of parameters, as rows D x = d over so many columns."""
-        known = Metric().regularizer(self.reduction).quadratic
+        known = regularizer(self.reduction).quadratic
         D = np.pad(known.R / self.spread, ((0, 0), (0, width - self.size)))
         return D, known.b / self.spread
 

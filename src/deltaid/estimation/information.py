@@ -39,14 +39,6 @@ class ExplainingColumns(Protocol):
     def regressor_pattern(self) -> tuple[np.ndarray, np.ndarray]: ...
 
 
-@runtime_checkable
-class PriorColumns(Protocol):
-    """Columns with information without any sample."""
-
-    @property
-    def known_columns(self) -> Int[np.ndarray, " _"]: ...
-
-
 # Columns of [Y, τ] and their samples in rows.
 Chunk = tuple[Int[np.ndarray, " _"], Float[np.ndarray, "_ samples"]]
 PerRow = Float[np.ndarray, " rows"]
@@ -194,9 +186,10 @@ def merge(parts: Iterable[Information]) -> Information:
 
 
 def active_columns(regressor: ExplainingColumns) -> Int[np.ndarray, " columns"]:
-    """Parameters whose column of Y is not zero by structure, in the order of p."""
-    known = [regressor.known_columns] if isinstance(regressor, PriorColumns) else []
-    return np.unique(np.concatenate([regressor.regressor_pattern[1], *known]))
+    """Parameters whose column of Y is not zero by structure, or that are known without any sample,
+    in the order of p."""
+    known = getattr(regressor, "known_columns", np.zeros(0, dtype=int))
+    return np.unique(np.concatenate([regressor.regressor_pattern[1], known]))
 
 
 def chunks_of_drives(

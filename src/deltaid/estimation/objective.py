@@ -142,9 +142,8 @@ class Regularizer:
         return value + v, gradient + g, hessian + H
 
 
-@dataclass(frozen=True)
-class Metric:
-    """What distance to the prior is measured with.
+def regularizer(reduction: Reduction, divergence: Divergence | None = None) -> Regularizer:
+    """How far x is from the prior.
 
     ‖p − p_reg‖² with W_p = diag(p_reg)⁻² as in (15), over all entries of p that x can change. An
     entry with p_reg = 0 has the scale m·ℓ (first moments) or m·ℓ² (products), where ℓ is the
@@ -154,29 +153,22 @@ class Metric:
     moments of a body whose mass is completed stand in no block. A block's prior is as wide as that
     of the widest entry of p that it is part of.
     """
-
-    divergence: Divergence | None = None
-
-    def regularizer(self, reduction: Reduction) -> Regularizer:
-        D, weights = reduction.A.copy(), list[float]()
-        for block in reduction.blocks if self.divergence else ():
-            variables = block.index[block.index >= 0]
-            D[:, variables] = 0.0
-            parts = np.any(reduction.A[:, variables] != 0, axis=1)
-            weights.append(float(reduction.wider[parts].max() ** -2))
-        rows = np.any(D != 0, axis=1)
-        D = D[rows] / prior_scale(reduction)[rows, None]
-        quadratic = Quadratic(D, D @ reduction.prior)
-        if self.divergence is None:
-            return Regularizer(quadratic, None)
-        spectral = SpectralTerm(self.divergence, reduction.blocks, tuple(weights))
-        return Regularizer(quadratic, spectral)
+    D, weights = reduction.A.copy(), list[float]()
+    for block in reduction.blocks if divergence else ():
+        variables = block.index[block.index >= 0]
+        D[:, variables] = 0.0
+        parts = np.any(reduction.A[:, variables] != 0, axis=1)
+        weights.append(float(reduction.wider[parts].max() ** -2))
+    rows = np.any(D != 0, axis=1)
+    D = D[rows] / prior_scale(reduction)[rows, None]
+    spectral = divergence and SpectralTerm(divergence, reduction.blocks, tuple(weights))
+    return Regularizer(Quadratic(D, D @ reduction.prior), spectral)
 
 
-METRICS: dict[RegularizerName, Metric] = {
-    "euclidean": Metric(),
-    "entropic": Metric(LOG_DET),
-    "riemannian": Metric(AFFINE_INVARIANT),
+METRICS: dict[RegularizerName, Divergence | None] = {
+    "euclidean": None,
+    "entropic": LOG_DET,
+    "riemannian": AFFINE_INVARIANT,
 }
 
 
@@ -269,7 +261,7 @@ def pose(information: Information, reduction: Reduction, settings: Settings) -> 
     return Objective(
         reduction,
         data_term(information, reduction),
-        METRICS[settings.regularizer].regularizer(reduction),
+        regularizer(reduction, METRICS[settings.regularizer]),
         settings.gamma or default_gamma(information, settings.prior_spread),
     )
 

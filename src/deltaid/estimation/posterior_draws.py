@@ -16,8 +16,7 @@ from threadpoolctl import threadpool_limits
 
 from deltaid.dynamics.parameters import parameter_layout
 from deltaid.errors import DeltaidError, DescriptionError, IdentificationError, within
-from deltaid.estimation.posterior_density import density
-from deltaid.estimation.posterior_sampler import Chains
+from deltaid.estimation.posterior_density import Chains, density
 from deltaid.estimation.reduction import connected
 from deltaid.model.model import Model, load
 from deltaid.model.options import SAMPLES_LIMITS, TOLERANCE_LIMITS

@@ -7,9 +7,11 @@ of ‖A x − b‖² + ‖D x − d‖² or, where columns share noise with b, t
 an orthonormal basis of instruments Z, columns without that noise. It errs by Σ_g s_g with the
 scores s_g = K_gᵀ e_g, K the rows' influence on x. Torques are not white, so the scatter of s_g
 gives the covariance, or white noise of the same size where that is more (Liang and Zeger 1986).
-"""
 
-from collections.abc import Sequence
+Groups of columns with priors of their own and blocks of rows of one noise level are what a shrunk
+fit is posed from (`shrinkage`)."""
+
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -239,3 +241,75 @@ class Explained:
         along = float(np.sum(s**2)) / U.shape[1] * (len(s) / max(len(s) - 1, 1))
         level = max(along, float(left @ left) / freedom, 1e-300)
         return cls(U, float(scores @ scores), left, level)
+
+
+# Share of its prior that is left to a coefficient at its bound.
+_HELD = 1e-6
+# Rows whose sums show noise that is not white, and by how much it may exceed white noise.
+_SLOW, _REDDEST = 8, 30.0
+
+
+@dataclass(frozen=True, eq=False)
+class CauseColumns:
+    """Columns that one cause has.
+
+    Attributes:
+        deviation: prior standard deviation of each coefficient.
+        mean: of the prior, minus what has been applied already.
+        is_candidate: whether it is corrected; else it only keeps others from explaining it.
+        may_be_dropped: whether a candidate goes where rows do not need it.
+        is_positive: whether x less the mean, all that is applied, is at least zero by physics.
+        is_possible: whether physics allows such values of x less the mean; a candidate whose
+            estimate it does not allow stands for something else, and is dropped.
+    """
+
+    name: str
+    columns: Int[np.ndarray, " k"]
+    deviation: Float[np.ndarray, " k"]
+    mean: Float[np.ndarray, " k"]
+    is_candidate: bool = True
+    is_positive: bool = False
+    may_be_dropped: bool = True
+    is_possible: Callable[[Float[np.ndarray, " k"]], bool] = lambda _: True
+
+    def allows(self, x: Float[np.ndarray, " n"]) -> bool:
+        """Whether physics allows all that is applied."""
+        return self.is_possible(x[self.columns] - self.mean)
+
+    def held(self, x: Float[np.ndarray, " n"]) -> "CauseColumns":
+        """With coefficients at zero where physics allows no less than x has."""
+        below = self.is_positive & (x[self.columns] < self.mean)
+        return replace(self, deviation=np.where(below, _HELD * self.deviation, self.deviation))
+
+
+@dataclass(frozen=True, eq=False)
+class NoiseBlock:
+    """Rows A x = b of one noise level.
+
+    Attributes:
+        stretches: of time, of each row.
+        largest: the largest measured value beside them.
+        independent: share of the rows whose noise is independent, behind a low-pass.
+    """
+
+    A: Columns
+    b: Rows
+    stretches: Int[np.ndarray, " rows"]
+    largest: float
+    independent: float = 1.0
+
+    @cached_property
+    def normal(self) -> Float[np.ndarray, "n n"]:
+        return self.A.T @ self.A
+
+    @cached_property
+    def right(self) -> Float[np.ndarray, " n"]:
+        return self.A.T @ self.b
+
+    def noise(self, residual: Rows) -> float:
+        """Standard deviation of its noise; slow errors of the model count as noise."""
+        count = len(residual) // _SLOW * _SLOW
+        variance = float(np.mean(residual**2))
+        slow = np.mean(residual[:count].reshape(-1, _SLOW).sum(axis=1) ** 2) / _SLOW
+        red = np.clip(slow / max(variance, 1e-300), 1.0, _REDDEST)
+        return float(np.sqrt(max(variance * red, 1e-300)))

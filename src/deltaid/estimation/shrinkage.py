@@ -16,9 +16,8 @@ import numpy as np
 from jaxtyping import Float
 from scipy.linalg import cho_solve, solve_triangular
 
-from deltaid.estimation.cause_columns import CauseColumns, NoiseBlock, Normal
 from deltaid.estimation.information import NOISE_FLOOR
-from deltaid.estimation.problem import Columns, Rows, group_sums
+from deltaid.estimation.problem import CauseColumns, Columns, NoiseBlock, Rows, group_sums
 from deltaid.estimation.scatter import surprise
 
 # Sweeps of evidence at most, and the change of a logarithm of α below which they end.
@@ -46,7 +45,8 @@ class Shrunk:
         groups: of columns that are shrunk; other columns have the prior D only.
         alpha: of each group.
         sigma: noise of each block.
-        given: normal equations, as far as they have been put together for the same noise.
+        given: noise, and K x = r of rows and of what is known for it, without the priors of groups,
+            where these have been put together already.
     """
 
     blocks: tuple[NoiseBlock, ...]
@@ -55,7 +55,7 @@ class Shrunk:
     groups: tuple[CauseColumns, ...]
     alpha: Float[np.ndarray, " groups"]
     sigma: Float[np.ndarray, " blocks"]
-    given: Normal | None = None
+    given: tuple[np.ndarray, np.ndarray, np.ndarray] | None = None
 
     @classmethod
     def fitted(
@@ -124,27 +124,33 @@ class Shrunk:
         return solve_triangular(L, np.diag(size), lower=True, check_finite=False)
 
     @cached_property
-    def _normal(self) -> Normal:
-        if self.given is not None and self.given.sigma is self.sigma:
+    def _normal(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        if self.given is not None and self.given[0] is self.sigma:
             return self.given
         K, r = self.D.T @ self.D, self.D.T @ self.d
         for block, sigma in zip(self.blocks, self.sigma, strict=True):
             K, r = K + block.normal / sigma**2, r + block.right / sigma**2
-        return Normal(self.sigma, K, r)
+        return self.sigma, K, r
 
     @cached_property
     def _precision(self) -> Float[np.ndarray, "n n"]:
-        K = self._normal.K.copy()
+        return self._with_priors(self.groups)[0]
+
+    def _with_priors(
+        self, groups: Sequence[CauseColumns]
+    ) -> tuple[Float[np.ndarray, "n n"], Float[np.ndarray, " n"]]:
+        """K x = r with the priors of some groups."""
+        _, K, r = (values.copy() for values in self._normal)
         for group, alpha in zip(self.groups, self.alpha, strict=True):
-            K[group.columns, group.columns] += (alpha * group.deviation) ** -2.0
-        return K
+            if group in groups:
+                precision = (alpha * group.deviation) ** -2.0
+                K[group.columns, group.columns] += precision
+                r[group.columns] += group.mean * precision
+        return K, r
 
     @cached_property
     def x(self) -> Float[np.ndarray, " n"]:
-        right = self._normal.r.copy()
-        for group, alpha in zip(self.groups, self.alpha, strict=True):
-            right[group.columns] += group.mean * (alpha * group.deviation) ** -2.0
-        return self._root.T @ (self._root @ right)
+        return self._root.T @ (self._root @ self._with_priors(self.groups)[1])
 
     @cached_property
     def covariance(self) -> Float[np.ndarray, "n n"]:
@@ -200,12 +206,7 @@ class Shrunk:
         coefficients the prior counts as stated, of these none.
         """
         own, rest = group.columns[:count], group.columns[count:]
-        K, r = self._normal.K.copy(), self._normal.r.copy()
-        for other, alpha in zip(self.groups, self.alpha, strict=True):
-            if other is not group:
-                precision = (alpha * other.deviation) ** -2.0
-                K[other.columns, other.columns] += precision
-                r[other.columns] += other.mean * precision
+        K, r = self._with_priors([other for other in self.groups if other is not group])
         K[rest, rest] += group.deviation[count:] ** -2.0
         others = np.setdiff1d(np.arange(len(r)), own)
         size = 1.0 / np.sqrt(np.diag(K)[others])
@@ -251,9 +252,9 @@ class Shrunk:
             replace(block, A=block.A[:, stay], b=block.b - block.A[:, gone] @ held)
             for block in self.blocks
         )
-        K, r, D = self._normal.K[stay], self._normal.r[stay], self.D[:, stay]
-        given = Normal(self.sigma, K[:, stay], r - K[:, gone] @ held)
-        return Shrunk(blocks, D, self.d, groups, self.alpha[kept], self.sigma, given)
+        sigma, K, r = self._normal
+        given = sigma, K[np.ix_(stay, stay)], r[stay] - K[np.ix_(stay, gone)] @ held
+        return Shrunk(blocks, self.D[:, stay], self.d, groups, self.alpha[kept], sigma, given)
 
     def with_group(self, name: str, columns: Sequence[Columns], deviation: np.ndarray) -> "Shrunk":
         """The same with columns of one more candidate, given for each block."""

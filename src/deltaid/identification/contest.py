@@ -15,11 +15,10 @@ from threadpoolctl import threadpool_limits
 from deltaid.dynamics.dynamics import Parameters
 from deltaid.effects.along_motion import RippleColumns
 from deltaid.effects.effect import SEEN
-from deltaid.effects.point import TracePoint
+from deltaid.effects.point import Added, TracePoint, UnknownEffect
 from deltaid.effects.ripple import largest_ripples, nearest_order, ripple_of
-from deltaid.effects.unknown import Added, UnknownEffect
-from deltaid.estimation.cause_columns import CauseColumns, NoiseBlock
 from deltaid.estimation.drive_rows import POSITION_ERROR, TraceRows, stretch_numbers
+from deltaid.estimation.problem import CauseColumns, NoiseBlock
 from deltaid.estimation.shrinkage import Shrunk
 from deltaid.estimation.traces import Trace
 

@@ -15,8 +15,7 @@ from deltaid.effects.along_motion import (
     with_rests,
 )
 from deltaid.effects.geometry import Structure, opened, reshaped
-from deltaid.effects.point import TracePoint, points_of
-from deltaid.effects.unknown import Added, UnknownEffect
+from deltaid.effects.point import Added, TracePoint, UnknownEffect, points_of
 from deltaid.effects.windings import motors_of
 from deltaid.errors import KinematicsError
 from deltaid.estimation.drive_rows import TraceRows

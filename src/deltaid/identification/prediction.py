@@ -1,19 +1,31 @@
-"""How well a model predicts the torques of another recording: `deltaid validate`."""
+"""How well a model predicts the torques of another recording, `deltaid validate`, and torques along
+a planned motion."""
 
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from functools import partial
+from pathlib import Path
 from typing import NamedTuple, Protocol, runtime_checkable
 
 import numpy as np
+import polars as pl
+from jaxtyping import Float
 
 from deltaid.errors import Doubt
+from deltaid.files import written_whole
 from deltaid.identification.loads import as_known
 from deltaid.identification.sources import model_filtered
-from deltaid.identification.torque_error import TorqueError, torque_error
+from deltaid.identification.torque_error import TorqueError, predicted_torques, torque_error
 from deltaid.model.model import Model, ModelLike, load
 from deltaid.model.record import IdentifiedModel, Verification
+from deltaid.progress import Watch, watched
 from deltaid.recording.log import Log
 from deltaid.recording.mapping import MappingLike, as_mapping
-from deltaid.recording.memory import RecordingLike
+from deltaid.recording.memory import RecordingLike, as_source
 from deltaid.recording.opening import open_log
+from deltaid.recording.planned import planned, still_speed
+from deltaid.recording.recording import PreparedRecording
+from deltaid.recording.windows import Window
 from deltaid.shown import Plotted, Reported, Shown, Tabled
 
 # A drive is badly predicted when its error is so many times that of the identification, and more
@@ -160,3 +172,139 @@ def misfit(model: ModelLike, error: TorqueError | Verification) -> tuple[str, ..
         "identification"
     )
     return (Doubt(text, cause=cause, cure=cure),)
+
+
+# Of rows without torques.
+_CAUSE = "the motion does not rest at that end"
+_CURE = "begin and end the motion at rest, or say --periodic if it goes on as it begins"
+
+
+@dataclass(frozen=True, repr=False)
+class FeedForward(Shown):
+    """Torques along a motion: columns t, tau1, tau2, … in s and N m (N).
+
+    Where the identification found gains of the drives, these are the torques that the drives must
+    be commanded.
+
+    Attributes:
+        model: what they are computed by.
+        recording: the motion, with its filter.
+        without: rows at the beginning and at the end without torques.
+        warnings: what is doubtful.
+    """
+
+    model: Model
+    recording: PreparedRecording
+    without: tuple[int, int]
+    warnings: tuple[str, ...]
+
+    @property
+    def rows(self) -> int:
+        return self.samples - sum(self.without)
+
+    @property
+    def samples(self) -> int:
+        """How many rows there are: those of the motion, where these are evenly spaced."""
+        if self.recording.low_pass is None or self.recording.log.laid.steady:
+            return self.recording.log.samples
+        return sum(len(part) for part in self._computed())
+
+    def tables(self) -> Iterator[pl.DataFrame]:
+        """Consecutive rows, in constant memory; torques that are not known are null."""
+        first, last = self.without
+        times = self._times if first or last else None
+        if first and times is not None:
+            yield self._empty(times[:first])
+        yield from self._computed()
+        if last and times is not None:
+            yield self._empty(times[-last:])
+
+    def table(self) -> pl.DataFrame:
+        return pl.concat(self.tables())
+
+    def save(self, path: str | Path) -> None:
+        """Write all rows as CSV, whole or not at all; cells without a torque are empty.
+
+        Raises:
+            DeltaidError: the file cannot be written.
+        """
+        with written_whole(Path(path)) as file:
+            for k, part in enumerate(self.tables()):
+                file.write(part.write_csv(include_header=k == 0))
+
+    @property
+    def _times(self) -> Float[np.ndarray, " rows"]:
+        return np.concatenate([batch[:, 0] for batch in self.recording.log.batches()])
+
+    def _computed(self) -> Iterator[pl.DataFrame]:
+        dynamics, p, gains = self.model.dynamics, self.model.p, self.model.gains
+        still = still_speed(self.recording)
+
+        def torques(window: Window) -> tuple[np.ndarray, np.ndarray]:
+            own = window.own
+            own = replace(own, qd=np.where(np.abs(own.qd) > still, own.qd, 0.0))
+            return own.time, (predicted_torques(dynamics, p, own) + own.carried) / gains
+
+        log, done = self.recording.log, self.without[0]
+        steady = log.laid.steady
+        most = log.samples - self.without[1]
+        for time, tau in self.recording.evaluate(dynamics.kinematics, torques):
+            kept = slice(0, max(0, most - done) if steady else None)
+            done += len(time)
+            yield _frame(time[kept], tau[kept])
+
+    def _empty(self, time: Float[np.ndarray, " rows"]) -> pl.DataFrame:
+        tau = np.full((len(time), len(self.model.robot.drives)), np.nan)
+        return _frame(time, tau).with_columns(pl.exclude("t").fill_nan(None))
+
+
+def torque(
+    model: ModelLike,
+    motion: RecordingLike,
+    *,
+    columns: MappingLike | None = None,
+    periodic: bool = False,
+    progress: Watch = None,
+) -> FeedForward:
+    """The torques that a model predicts along a planned motion or a recording.
+
+    Without velocities and accelerations, positions are filtered and differentiated. An end at rest
+    goes on at rest, and a periodic motion as it begins, so that every row has torques; at an end
+    that moves, as many rows as the filter is long have none.
+
+    Args:
+        model: a model or a robot, by value, name or file.
+        motion: positions, and velocities and accelerations if they are known.
+        columns: names and units of its columns, if not the default ones.
+        periodic: whether the motion goes on as it begins.
+        progress: as of `identify`.
+
+    Raises:
+        RecordingError: the motion cannot be used, or is not periodic.
+    """
+    known = load(model)
+    with watched(progress, "torque") as say:
+        source = as_source(motion)
+        say(f"checking {source}")
+        log = open_log(source, known.dynamics.kinematics, as_mapping(columns), need_torque=False)
+        recording = as_known(model_filtered(known, log, partial(planned, periodic=periodic)), known)
+    without = recording.without
+    warnings = [f"{source}: {text}" for text in recording.log.warnings]
+    if note := _note(recording, without):
+        warnings.append(Doubt(f"{source}: {note}", cause=_CAUSE, cure=_CURE))
+    return FeedForward(known, recording, without, tuple(warnings))
+
+
+def _note(recording: PreparedRecording, without: tuple[int, int]) -> str:
+    first, last = without
+    if not first and not last:
+        return ""
+    spans = [f"the first {first}"] * bool(first) + [f"the last {last}"] * bool(last)
+    return (
+        f"{' and '.join(spans)} of {recording.log.samples} rows have no torque: the filter needs "
+        "rows beyond"
+    )
+
+
+def _frame(time: Float[np.ndarray, " rows"], tau: Float[np.ndarray, "rows dof"]) -> pl.DataFrame:
+    return pl.DataFrame({"t": time} | {f"tau{i + 1}": x for i, x in enumerate(tau.T)})

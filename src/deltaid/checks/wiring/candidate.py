@@ -31,7 +31,7 @@ from deltaid.checks.wiring.residual import (
 from deltaid.dynamics.dynamics import Dynamics
 from deltaid.errors import IdentificationError
 from deltaid.estimation.conic import Conic
-from deltaid.estimation.objective import METRICS, Objective, Quadratic, Regularizer
+from deltaid.estimation.objective import LOG_DET, Objective, Quadratic, Regularizer, regularizer
 from deltaid.estimation.problem import Span
 from deltaid.estimation.reduction import Reduction, build_reduction
 from deltaid.robot.description import RobotDescription
@@ -243,7 +243,7 @@ def named_units(robot: RobotDescription, drive: int) -> dict[float, str]:
 def _prior(dynamics: Dynamics, columns: tuple[int, ...]) -> tuple[Reduction, Regularizer]:
     """What every hypothesis about columns is fitted with."""
     reduction = build_reduction(dynamics.robot, np.array(columns))
-    return reduction, METRICS["entropic"].regularizer(reduction)
+    return reduction, regularizer(reduction, LOG_DET)
 
 
 def closed_share(dynamics: Dynamics, motion: FilteredMotion, map: Map) -> float:
