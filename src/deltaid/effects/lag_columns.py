@@ -10,7 +10,7 @@ same first-order term, so the estimate is the sum of dead time and time constant
 them, `Trace.shifted` applies them exactly."""
 
 from abc import abstractmethod
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
@@ -19,7 +19,7 @@ from jaxtyping import Bool
 
 from deltaid.dynamics.dynamics import Parameters
 from deltaid.effects.effect import Effect
-from deltaid.effects.lag_groups import LagGroup
+from deltaid.effects.lag_groups import LagGroup, Timing, common_lag
 from deltaid.effects.point import Beside, EffectCandidate, RigidFit, TracePoint
 from deltaid.estimation.additions import Addition, OfTorques, Own, Values
 from deltaid.estimation.drive_rows import ColumnsOfDrives, OfDrives, of_own_drives
@@ -33,6 +33,13 @@ from deltaid.robot.parameter import PRIOR_SPREAD, PriorParameter
 # What a lag may be about the one that has been applied already: a standard deviation of half [s].
 _SIZE = 0.02
 _UNSURE = "; a first-order filter of this time constant would look the same here"
+_FILTER = (
+    "torques passed a first-order filter of this time constant, which is inverted: steps of "
+    "friction at reversals have its tails"
+)
+_PURE = "; it is all that makes them late"
+# Rates of clocks are reported in parts per million.
+_PPM = 1e6
 # Lags that differ by more [s] are reported to do so.
 APART = 3e-4
 # Half a 95 % interval in standard deviations.
@@ -116,14 +123,20 @@ class TimingColumns(OfTorques):
 
 @dataclass(frozen=True, eq=False)
 class LagColumns(TimingColumns):
-    """The lags of one recording's torques, each of one drive or of several that have the same."""
+    """The lags of one recording's torques, each of one drive or of several that have the same; and
+    what remains of a timing: of time constants that are estimated beside lags, of a clock's rate.
+
+    If T is longer by ε and L as it is, the torque that is read changes by ε T τ̈ below the filter's
+    corner, the column of ε. Where lags grow at the rate ρ, what remains of it has the column
+    −(t − t_0) τ̇.
+    """
 
     unsure: tuple[int, ...] = ()  # drives whose lag may be that of a filter as well as a delay
+    timing: Timing | None = None  # what has been corrected beside delays
 
     @property
     def columns(self) -> Sequence[TimingColumn]:
-        """One lag a group that is free."""
-        return [
+        columns = [
             TimingColumn(
                 group.drives,
                 "+".join(group.subjects(self.dynamics)) or "torques",
@@ -135,11 +148,36 @@ class LagColumns(TimingColumns):
             for group in self.groups
             if group.free
         ]
+        timing, names = self.timing, self.dynamics.robot.drives
+        if timing is None:
+            return columns
+        columns += [
+            TimingColumn(
+                (i,),
+                f"filter.{names[i]}",
+                "s",
+                lambda w, late, rise: -timing.constants[:, None] * rise(late),
+                float(timing.deviation[i]),
+            )
+            for i in timing.filters
+        ]
+        if timing.rate:
+            columns.append(
+                TimingColumn(
+                    range(len(names)),
+                    "clock",
+                    "1",
+                    lambda w, late, rise: (w.time - timing.about) * late,
+                    float(timing.covariance[-1, -1]) ** 0.5,
+                )
+            )
+        return columns
 
     def to_corrections(self, judged: Sequence[Parameter]) -> tuple[Correction, ...]:
         """What has been applied plus what the fit adds to it."""
         delays, values = [group.delay for group in self.groups], iter(judged)
-        corrections, spread = list[Correction](), max(delays) - min(delays)
+        corrections = list[Correction]()
+        spread = max(delays, default=0.0) - min(delays, default=0.0)
         for group in self.groups:
             value, half = group.delay + group.beside, NORMAL * group.deviation
             ends: Ends = (value - half, value + half)
@@ -152,7 +190,34 @@ class LagColumns(TimingColumns):
                 self.correction("lag", value, ends, "s", text, subject)
                 for subject in group.subjects(self.dynamics)
             )
+        if self.timing is not None:
+            corrections += self._of_timing(self.timing, values)
         return tuple(corrections)
+
+    def _of_timing(self, timing: Timing, judged: Iterator[Parameter]) -> Iterator[Correction]:
+        names = self.dynamics.robot.drives
+        for group in self.groups if timing.pure else ():  # whose lag is that of their filters
+            drives = [i for i in group.drives if timing.constants[i] > 0]
+            if not drives:
+                continue
+            of_drives = np.ix_(drives, drives)
+            value, deviation = common_lag(timing.lags[drives], timing.of_lags[of_drives])
+            ends = value - NORMAL * deviation, value + NORMAL * deviation
+            every = len(drives) == len(group.drives)
+            for name in group.subjects(self.dynamics) if every else [names[i] for i in drives]:
+                yield self.correction("filter", value, ends, "s", _FILTER + _PURE, name)
+        for i in timing.filters:
+            T = next(judged).moved(float(timing.constants[i]))
+            yield self.correction("filter", T.value, (T.low, T.high), "s", _FILTER, names[i])
+        if rate := timing.rate:
+            clock = next(judged).moved(rate)
+            low, high = (None if end is None else _PPM * end for end in (clock.low, clock.high))
+            text = (
+                f"the clock of torques runs {'slow' if rate > 0 else 'fast'} against that of "
+                "positions, so their lag grows: torques are read so much later or earlier as time "
+                "goes on"
+            )
+            yield self.correction("clock", _PPM * clock.value, (low, high), "ppm", text)
 
 
 @dataclass(frozen=True, eq=False)
@@ -163,6 +228,28 @@ class UnknownLag(LagColumns):
 
     def to_corrections(self, judged: Sequence[Parameter]) -> tuple[Correction, ...]:
         return ()
+
+
+@dataclass(frozen=True, eq=False)
+class UnknownFilter(TimingColumns):
+    """Lags that may be those of filters: the fit has delays, and intervals allow for T = L."""
+
+    is_held = True
+
+    @property
+    def columns(self) -> Sequence[TimingColumn]:
+        """By how much a response is wider than that of a delay, T², one a group."""
+
+        return [
+            TimingColumn(
+                group.drives,
+                f"filter.{'+'.join(group.subjects(self.dynamics))}",
+                "s²",
+                lambda w, late, rise: -0.5 * rise(late),
+                0.5 * group.delay**2,
+            )
+            for group in self.groups
+        ]
 
 
 def slopes(trace: Trace, p: Parameters, additions: Sequence[Addition] = ()) -> OfDrives:

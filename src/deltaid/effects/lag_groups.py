@@ -4,17 +4,22 @@ Drives have as few lags as their estimates allow: none, if that is not contradic
 all or some of them have, then more. A hypothesis is a matrix S, δ = S ε, that defines whose lags
 are equal and whose are zero; ε by generalised least squares. Covariances come from the scatter
 between stretches.
-"""
 
-from dataclasses import dataclass
+How torques of a recording are sampled, lags, filters and a clock, is its timing. Where a torque is
+late by L behind a filter of time constant T, the recording is read as τ = y + T ẏ, L − T later."""
+
+from dataclasses import dataclass, replace
 from itertools import groupby
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 from scipy.special import fdtri
 
-from deltaid.dynamics.dynamics import Dynamics
+from deltaid.dynamics.dynamics import Dynamics, Parameters
 from deltaid.estimation.drive_rows import STRETCHES
+from deltaid.estimation.problem import LinearProblem
+from deltaid.estimation.traces import Delay, Trace
+from deltaid.recording.delay import LagGrowth
 
 # How often it is rejected, if true, that there is no lag or that all drives have the same; and what
 # else is equal or zero by chance only.
@@ -150,3 +155,91 @@ def _hypotheses(dof: int) -> list[tuple[int, ...]]:
 def _complexity(labels: tuple[int, ...]) -> tuple[int, int]:
     """How many lags there are, and how many drives have none."""
     return max(labels), labels.count(0)
+
+
+# Standard deviations of what lags [s], time constants [s] and rates of clocks may be.
+_LAG, _CONSTANT, _RATE = 0.01, 0.005, 1e-3
+
+
+All = Float[np.ndarray, " all"]  # lags, time constants, rate
+
+
+@dataclass(frozen=True, eq=False)
+class Timing:
+    """How a recording's torques are sampled."""
+
+    lags: Delay  # L of each drive [s]
+    constants: Delay  # T of each drive's filter [s]; 0 where there is none
+    # rate, about: ρ and t_0 [s]; a rate of 0 where clocks agree
+    rate: float
+    about: float
+    covariance: Covariance  # of lags, constants and rate; zero for what is none
+    p: Parameters  # the parameters that go with them
+
+    @property
+    def values(self) -> All:
+        return np.concatenate([self.lags, self.constants, [self.rate]])
+
+    @property
+    def pure(self) -> bool:
+        """Whether filters are all that makes torques late that passed one."""
+        filters = self.constants > 0
+        return bool(np.all(self.lags[filters] == self.constants[filters]))
+
+    @property
+    def filters(self) -> list[int]:
+        """Drives whose time constants are not their lags."""
+        return [] if self.pure else np.flatnonzero(self.constants).tolist()
+
+    @property
+    def of_lags(self) -> Float[np.ndarray, "dof dof"]:
+        return self.covariance[: len(self.lags), : len(self.lags)]
+
+    @property
+    def deviation(self) -> Delay:
+        return np.sqrt(np.diag(self.covariance)[len(self.lags) : -1])
+
+    def growth(self, trace: Trace) -> LagGrowth | None:
+        if not self.rate:
+            return None
+        ends = [run.time[k] for run in trace.stretches for k in (0, -1)]
+        log = trace.recording.log
+        reach = max(abs(end - self.about) for end in ends) + log.samples / log.rate
+        return LagGrowth(self.rate, self.about, float(reach))
+
+    def beside(self, trace: Trace) -> Trace:
+        """A trace as it came with torques beside their motion, the model's filtered as they are."""
+        constants = tuple(self.constants.tolist()) if np.any(self.constants) else ()
+        trace, delays = replace(trace, constants=constants), self.lags - self.constants
+        if not self.rate and not np.any(delays):
+            return trace
+        return trace.shifted(delays, growth=self.growth(trace))
+
+
+@dataclass(frozen=True, eq=False)
+class FreeTiming:
+    """What of a timing is estimated."""
+
+    filters: Bool[np.ndarray, " dof"]  # whose torques may have passed a filter
+    clock: bool  # whether torques may have a clock of their own
+    pure: bool = False  # whether filters are all that makes torques late, L = T
+
+    @property
+    def columns(self) -> Bool[np.ndarray, " all"]:
+        lags, constants = np.ones(len(self.filters), bool), self.filters & (not self.pure)
+        return np.concatenate([lags, constants, [self.clock]])
+
+    @property
+    def deviation(self) -> Float[np.ndarray, " free"]:
+        dof = len(self.filters)
+        return np.repeat([_LAG, _CONSTANT, _RATE], [dof, dof, 1])[self.columns]
+
+    def steps(self, problem: LinearProblem, first: int) -> tuple[All, Covariance]:
+        """Steps of all values that a problem has from some column on, and their covariance; zero
+        for what is not estimated."""
+        own = np.flatnonzero(self.columns)
+        places, count = slice(first, first + len(own)), len(self.columns)
+        step, covariance = np.zeros(count), np.zeros((count, count))
+        step[own] = problem.x[places]
+        covariance[np.ix_(own, own)] = problem.covariance(places)
+        return step, covariance

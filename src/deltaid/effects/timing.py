@@ -25,8 +25,7 @@ from jaxtyping import Bool, Float
 from deltaid.dynamics.dynamics import Parameters
 from deltaid.effects.effect import SEEN
 from deltaid.effects.lag_columns import timing_slopes
-from deltaid.effects.lag_groups import exceeded
-from deltaid.effects.sampling import FreeTiming, Timing
+from deltaid.effects.lag_groups import FreeTiming, Timing, exceeded
 from deltaid.estimation.drive_rows import ColumnsOfDrives, OfDrives, TraceRows, of_own_drives
 from deltaid.estimation.problem import LinearProblem
 from deltaid.estimation.traces import Delay, Trace

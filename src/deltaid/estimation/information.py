@@ -22,8 +22,6 @@ from deltaid.estimation.problem import LinearProblem
 
 # Noise of torques is at least this share of the largest one.
 NOISE_FLOOR = 1e-6
-# Samples whose regressor is in memory at once, as in windows, which load much else.
-_AT_ONCE = 8000
 # Entries of a matrix that is factored at once: it stays in the cache.
 _PANEL = 60_000
 
@@ -168,13 +166,10 @@ def collect(
 def gather_samples(
     regressor: Regressor, z: Motion, qd: Motion, qdd: Motion, tau: Motion
 ) -> Information:
-    parts = []
-    for start in range(0, len(z), _AT_ONCE):
-        motion = (x[start : start + _AT_ONCE] for x in (z, qd, qdd, tau))
-        y = tau[start : start + _AT_ONCE].T
-        chunks = chunks_of_drives(regressor, entries_at(regressor, *motion), y)
-        parts.append(condense(chunks, y, np.ones_like(y)))
-    return collect(regressor, parts, "samples")
+    """The information of samples in memory."""
+    y = tau.T
+    chunks = chunks_of_drives(regressor, entries_at(regressor, z, qd, qdd, tau), y)
+    return collect(regressor, [condense(chunks, y, np.ones_like(y))], "samples")
 
 
 def merge(parts: Iterable[Information]) -> Information:

@@ -164,20 +164,14 @@ class Reduction:
         """Of the free variables, such as 'S.mcx', 'EE.Sxx', 'viscous.drive1'."""
         return tuple(variable.name for variable in self.variables)
 
-    @cached_property
-    def own_spread(self) -> Float[np.ndarray, " parameters"]:
-        """`stated` of each entry of p."""
-        return np.array([self.stated.get(name, 1.0) for name in self.layout.names])
-
-    @cached_property
-    def factors(self) -> Float[np.ndarray, " parameters"]:
-        """`widened` of each entry of p."""
-        return np.array([self.widened.get(name, 1.0) for name in self.layout.names])
-
     @property
     def wider(self) -> Float[np.ndarray, " parameters"]:
         """How many times wider than by the spread of the fit the prior of each entry of p is."""
-        return self.own_spread * self.factors
+        return self.factors(self.stated) * self.factors(self.widened)
+
+    def factors(self, named: Mapping[str, float]) -> Float[np.ndarray, " parameters"]:
+        """`stated` or `widened` of each entry of p."""
+        return np.array([named.get(name, 1.0) for name in self.layout.names])
 
     @cached_property
     def prior(self) -> Float[np.ndarray, " n"]:

@@ -11,7 +11,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Bool, Float
-from numpy.lib.stride_tricks import sliding_window_view
 from scipy.linalg import solve_triangular
 from threadpoolctl import threadpool_limits
 
@@ -23,7 +22,6 @@ from deltaid.identification.expectation_source import (
     joint_rates,
     of_torques,
 )
-from deltaid.recording.delay import around
 from deltaid.recording.windows import SampleBlock
 
 # Time over which torques are averaged [s]; windows and blocks that are fitted to, at most.
@@ -102,22 +100,6 @@ class Expectation:
         of_motors = [entry.kind in motors for entry in self.source.parameters]
         gear = self.source.torques(values, np.where(of_motors, 0.0, self.p))
         return np.where(self.source.counts(w), w.tau.T - tau, np.nan), gear
-
-    def rough_residual(self, w: SampleBlock, stride: int) -> Torques:
-        """Recorded torques less expected ones, as `compared` has it but for its errors.
-
-        Expected ones are computed at each `stride`-th sample and interpolated from four; where one
-        of these does not count, or a joint turns round among them, it is NaN.
-        """
-        if len(w.time) <= 3 * stride:
-            return self.compared(w)[0]
-        knots = w.part(slice(None, None, stride))
-        rigid = self.source.torques(self.source.entries(knots), self.p)
-        tau = self.nuisance.added(knots, rigid, self.rate / stride, self.x)
-        forward, _ = joint_rates(self.nuisance.kinematics, knots)
-        turns = np.append(np.any(np.diff(forward > 0, axis=0), axis=1), False)
-        tau = np.where(self.source.counts(knots) & ~turns, tau, np.nan)
-        return np.where(w.weights.T > 0.5, w.tau.T - _between(tau, stride, len(w.time)), np.nan)
 
     def scales(self, w: SampleBlock) -> Float[np.ndarray, "dof samples"]:
         ranges = zip(self.speeds, np.abs(w.qd.T), self.scale, strict=True)
@@ -267,18 +249,3 @@ def _by_speed(
         spread = deviation(np.where(counts & (bins == np.arange(_SPEEDS)[:, None]), r[i], np.nan))
         scales[i] = np.maximum(spread, scale[i])
     return ends, scales
-
-
-def _between(
-    x: Float[np.ndarray, "channels knots"], stride: int, samples: int
-) -> Float[np.ndarray, "channels samples"]:
-    """Values at all samples from every `stride`-th, by cubics through four neighbours."""
-    before = 3 * (x[:, :1] - x[:, 1:2]) + x[:, 2:3]
-    after = 3 * (x[:, -1:] - x[:, -2:-1]) + x[:, -3:-2]
-    beyond = 3 * (after - x[:, -1:]) + x[:, -2:-1]
-    shares = np.zeros((4, stride))
-    for k in range(stride):
-        for knot, share in around(k / stride, 2):
-            shares[1 + knot, k] = share
-    values = sliding_window_view(np.hstack([before, x, after, beyond]), 4, axis=1) @ shares
-    return values.reshape(len(x), -1)[:, :samples]

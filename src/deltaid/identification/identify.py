@@ -22,7 +22,7 @@ from deltaid.identification.lags_and_gears import without_doubtful_lags
 from deltaid.identification.loads import found_loads, held, unloaded
 from deltaid.identification.setup import Setup
 from deltaid.identification.sources import source
-from deltaid.identification.stages import Prepared, idle
+from deltaid.identification.stages import BEFORE_LAWS, LAWS, Prepared, idle
 from deltaid.identification.study import Study
 from deltaid.identification.torque_error import TorqueError, torque_error
 from deltaid.identification.widening import with_widened_prior
@@ -192,8 +192,9 @@ def _confirmed(
     def fitted(setup: Setup) -> FittedProblem:
         return fit(setup.dynamics, setup.recordings, setup.settings, progress, setup.additions)
 
-    corrected = corrected or Prepared(first).before_laws(progress)
-    setup = watched(corrected.with_laws(first.barred, progress))
+    corrected = corrected or Prepared(first).after(BEFORE_LAWS, progress)
+    start = replace(corrected, setup=corrected.setup.changed(barred=first.barred))
+    setup = watched(start.after(LAWS, progress).setup)
     problem = fitted(setup)
     if setup.additions:
         confirmed = without_doubtful_lags(setup, judged_parameters(problem, len(problem.p)))

@@ -18,9 +18,6 @@ from deltaid.recording.windows import Window
 STRONG, ROUGH = 6.0, 12.0
 # Samples of a mean that restless torque needs.
 _ENOUGH = 5
-# A window is inspected where anything reaches this share of a threshold; for that, torques are
-# expected at so many places over the time of a mean.
-_REACHED, _PLACES = 0.8, 2
 # A spike exceeds so many standard deviations of single samples, for so many at most; several drives
 # at once have one only where it is over in less than this [s].
 _SPIKE, _LONGEST, _AT_ONCE = 12.0, 3, 3e-3
@@ -54,20 +51,7 @@ class InspectedWindow:
         return cls(*(np.concatenate(part, axis=-1) for part in parts))
 
 
-def inspected_window(expected: Expectation, window: Window) -> InspectedWindow | None:
-    """A window inspected, if it may have outliers: a mean or a single sample near a threshold."""
-    n, wide = expected.length, window.wide
-    if expected.fits:
-        residual = expected.rough_residual(wide, max(1, n // _PLACES))
-        mean, count = _mean(residual, n)
-        far = np.abs(mean) * np.sqrt(count / n) > _REACHED * STRONG * expected.scales(wide)
-        rough = np.abs(residual - mean) > _REACHED * ROUGH * expected.noise[:, None]
-        if not window.trimmed((far | rough).T).any():
-            return None
-    return _inspected(expected, window)
-
-
-def _inspected(expected: Expectation, window: Window) -> InspectedWindow:
+def inspected_window(expected: Expectation, window: Window) -> InspectedWindow:
     wide, n = window.wide, expected.length
     residual, gear = expected.compared(wide)
     spikes = _spikes(residual, expected)

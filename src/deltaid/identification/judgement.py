@@ -70,7 +70,9 @@ class _Judge:
         spread, scale = problem.settings.prior_spread, prior_scale(reduction)
         self._held_std = spread * scale
         # The deviation of a prior that is wide enough for a value of this size.
-        self._own_std = spread * np.maximum(scale / reduction.factors, np.abs(self._p))
+        self._own_std = spread * np.maximum(
+            scale / reduction.factors(reduction.widened), np.abs(self._p)
+        )
         self._least_std = np.zeros(len(scale))  # of a prior that symmetry makes small
         stated = stated_spreads(problem.dynamics.robot)
         for body in reduction.layout.bodies:

@@ -9,10 +9,9 @@ import numpy as np
 
 from deltaid.dynamics.parameters import prior_parameters
 from deltaid.effects.compliance import compliances
-from deltaid.effects.lag_columns import LagColumns, TimingColumns, UnknownLag
-from deltaid.effects.lag_groups import LagGroup, alone, chosen_groups
+from deltaid.effects.lag_columns import LagColumns, TimingColumns, UnknownFilter, UnknownLag
+from deltaid.effects.lag_groups import LagGroup, Timing, alone, chosen_groups
 from deltaid.effects.lags import estimate_lags
-from deltaid.effects.sampling import RestOfTiming, Timing, UnknownFilter
 from deltaid.effects.timing import other_than_delays
 from deltaid.effects.windings import Compliance, motors_of
 from deltaid.errors import IdentificationError, RecordingError
@@ -118,10 +117,7 @@ def _timed(
     }
     groups = tuple(LagGroup(members, choice.delay[members[0]]) for members in choice.groups)
     common = (setup.dynamics, beside, timing.p, recording, groups, several)
-    columns = list[Addition]([LagColumns(*common)] if groups else [])
-    if filtered or timing.rate:
-        columns.append(RestOfTiming(*common, timing=timing))
-    return repairs, columns
+    return repairs, [LagColumns(*common, timing=timing)]
 
 
 def without_doubtful_lags(setup: Setup, judged: Sequence[Parameter]) -> Setup:

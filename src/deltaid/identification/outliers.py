@@ -78,8 +78,8 @@ class Outliers:
 
     stretches: tuple[OutlierStretch, ...]  # in the order of time
     spikes: tuple[LeftSpan, ...]  # single samples of a drive
-    inspected: float  # duration of the inspected windows [s]
-    # when in these the torque that a gear carries changes its sign, drive by drive [s]
+    inspected: float  # duration of the recording's windows [s]
+    # when the torque that a gear carries changes its sign, drive by drive [s]
     turns: tuple[Times, ...]
     # when a joint turns round, drives first, then passive joints with friction [s]
     reversals: tuple[Times, ...]
@@ -127,12 +127,12 @@ def has_outliers(expected: Expectation, window: Window) -> bool:
     return not _outliers(expected, [inspected_window(expected, window)]).is_empty
 
 
-def _outliers(expected: Expectation, windows: Iterable[InspectedWindow | None]) -> Outliers:
+def _outliers(expected: Expectation, windows: Iterable[InspectedWindow]) -> Outliers:
     step, inspected = 1.0 / expected.rate, 0
     wider = np.clip(expected.misfit / NOISE, 1.0, _WIDEST)
     narrow, wide = JoinedStretches(GAP * step), JoinedStretches(GAP * step)
     changes, spikes = list[list[np.ndarray]](), list[LeftSpan]()
-    for part in together(w for w in windows if w is not None and len(w.time)):
+    for part in together(w for w in windows if len(w.time)):
         inspected += len(part.time)
         changes.append([part.time[flags] for flags in part.signs])
         local = np.maximum(1.0, deviation(part.size))

@@ -7,7 +7,7 @@ effect that others have made needless.
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import NamedTuple
 
 import numpy as np
@@ -88,6 +88,11 @@ STAGES: tuple[Stage, ...] = (
 )
 
 
+# Stages before friction laws are chosen, which no barred term changes, and the others.
+BEFORE_LAWS = STAGES[: STAGES.index(chosen_friction)]
+LAWS = STAGES[len(BEFORE_LAWS) :]
+
+
 def before_contest(setup: Setup, progress: Progress) -> Setup:
     """A setup after the stages before causes are weighed against each other."""
     return Prepared(setup).after(STAGES[: STAGES.index(contested)], progress).setup
@@ -103,15 +108,6 @@ class Prepared:
 
     setup: Setup
     needless: Mapping[Stage, Setup] = field(default_factory=dict[Stage, Setup])
-
-    def before_laws(self, progress: Progress) -> "Prepared":
-        """After the stages before friction laws are chosen, which no barred term changes."""
-        return self.after(STAGES[: STAGES.index(chosen_friction)], progress)
-
-    def with_laws(self, barred: frozenset[JointTerm], progress: Progress) -> Setup:
-        """The setup after all others, without some terms."""
-        start = replace(self, setup=self.setup.changed(barred=barred))
-        return start.after(STAGES[STAGES.index(chosen_friction) :], progress).setup
 
     def after(self, stages: Sequence[Stage], progress: Progress) -> "Prepared":
         setup, needless = self.setup, dict(self.needless)

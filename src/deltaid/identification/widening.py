@@ -178,7 +178,7 @@ def evidence(problem: FittedProblem) -> PriorEvidence:
     parameters = reduction.layout.parameters
     own = [i for i in changed if parameters[i].kind in _KINDS]
     order = own + [i for i in changed if parameters[i].kind not in _KINDS]
-    spread = problem.settings.prior_spread * reduction.own_spread
+    spread = problem.settings.prior_spread * reduction.factors(reduction.stated)
     scale = spread * parameter_scale(reduction.layout, reduction.p_reg)
     K, A = base.combination(), reduction.A * reduction.scale  # x in its own sizes
     deviations = np.maximum(estimate.std, _FLOOR * np.linalg.norm(K * scale, axis=1))
