@@ -32,20 +32,19 @@ class PositionRipple(DescribedEffect):
         return "geometry-or-cogging"
 
     def search(self, fit: RigidFit) -> Callable[[Rows], Iterable[EffectCandidate]]:
-        waves = dict[int, np.ndarray]()
-        for i, stroke in enumerate(np.ptp(fit.q, axis=0).tolist()):
-            if stroke > 0:
-                orders = 2 * np.pi / stroke * _COUNTS
-                turns, size = np.outer(orders, fit.q[:, i]), passed(fit, i, orders)
-                waves[i] = np.stack([size * np.sin(turns), size * np.cos(turns)])
+        strokes = np.ptp(fit.q, axis=0).tolist()
+        waves = {
+            i: _waves(fit, i, 2 * np.pi / stroke * _COUNTS)
+            for i, stroke in enumerate(strokes) if stroke > 0
+        }  # fmt: skip
 
         def candidates_in(residual: Rows) -> Iterable[EffectCandidate]:
-            for i, pair in waves.items():
-                power = np.maximum(np.sum(pair**2, axis=(0, 2)), 1e-300)
-                along = pair @ fit.rows.of_drives(residual)[i]
-                k = int(np.argmax(np.sum(along**2, axis=0) / power))
-                columns = np.zeros((fit.dof, pair.shape[2], 2))
-                columns[i] = pair[:, k].T
+            for i, pairs in waves.items():
+                power = np.maximum(np.sum(pairs**2, axis=(0, 2)), 1e-300)
+                along = np.tensordot(fit.rows.of_drives(residual)[i], pairs, axes=1)
+                k = int(np.argmax(np.sum(along**2, axis=1) / power))
+                columns = np.zeros((fit.dof, len(pairs), 2))
+                columns[i] = pairs[:, k]
                 words = f"a ripple of {_COUNTS[k]:.3g} waves over the stroke"
                 tries = float(np.log10(len(_COUNTS)))
                 rows = fit.rows.stack(columns)

@@ -22,7 +22,7 @@ from deltaid.identification.lags_and_gears import without_doubtful_lags
 from deltaid.identification.loads import found_loads, held, unloaded
 from deltaid.identification.setup import Setup
 from deltaid.identification.sources import source
-from deltaid.identification.stages import BEFORE_LAWS, LAWS, Prepared, idle
+from deltaid.identification.stages import BEFORE_LAWS, LAWS, after, idle
 from deltaid.identification.study import Study
 from deltaid.identification.torque_error import TorqueError, torque_error
 from deltaid.identification.widening import with_widened_prior
@@ -179,7 +179,7 @@ def _fitted(first: Setup, progress: Progress) -> tuple[Setup, FittedProblem]:
 
 
 def _confirmed(
-    first: Setup, progress: Progress, corrected: Prepared | None = None
+    first: Setup, progress: Progress, corrected: Setup | None = None
 ) -> tuple[Setup, FittedProblem]:
     """The fit of a setup with all that is to be corrected in it; inspecting all rows where
     excerpts missed anything, and without corrections that it does not confirm, and terms of
@@ -192,9 +192,8 @@ def _confirmed(
     def fitted(setup: Setup) -> FittedProblem:
         return fit(setup.dynamics, setup.recordings, setup.settings, progress, setup.additions)
 
-    corrected = corrected or Prepared(first).after(BEFORE_LAWS, progress)
-    start = replace(corrected, setup=corrected.setup.changed(barred=first.barred))
-    setup = watched(start.after(LAWS, progress).setup)
+    corrected = corrected or after(first, BEFORE_LAWS, progress)
+    setup = watched(after(corrected.changed(barred=first.barred), LAWS, progress))
     problem = fitted(setup)
     if setup.additions:
         confirmed = without_doubtful_lags(setup, judged_parameters(problem, len(problem.p)))

@@ -122,12 +122,6 @@ class Setup:
     def dynamics(self) -> Dynamics:
         return compiled(self.robot)
 
-    def poses_as(self, other: "Setup") -> bool:
-        """Whether a fit would be posed from the same robot, rows and columns."""
-        pairs = zip(self.recordings, other.recordings, strict=True)
-        same = all(a.log is b.log and a.repairs == b.repairs for a, b in pairs)
-        return same and self.robot == other.robot and self.additions == other.additions
-
     def changed(self, **values: Any) -> "Setup":
         return replace(self, **values)
 

@@ -6,8 +6,7 @@ is then at its bound. A law that does without such a term is chosen instead. So 
 effect that others have made needless.
 """
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -93,31 +92,16 @@ BEFORE_LAWS = STAGES[: STAGES.index(chosen_friction)]
 LAWS = STAGES[len(BEFORE_LAWS) :]
 
 
+def after(setup: Setup, stages: Sequence[Stage], progress: Progress) -> Setup:
+    """A setup after some stages."""
+    for stage in stages:
+        setup = stage(setup, progress)
+    return setup
+
+
 def before_contest(setup: Setup, progress: Progress) -> Setup:
     """A setup after the stages before causes are weighed against each other."""
-    return Prepared(setup).after(STAGES[: STAGES.index(contested)], progress).setup
-
-
-@dataclass(frozen=True, eq=False)
-class Prepared:
-    """A setup after some stages.
-
-    Attributes:
-        needless: setups that stages had no effect on; these are skipped until something changes.
-    """
-
-    setup: Setup
-    needless: Mapping[Stage, Setup] = field(default_factory=dict[Stage, Setup])
-
-    def after(self, stages: Sequence[Stage], progress: Progress) -> "Prepared":
-        setup, needless = self.setup, dict(self.needless)
-        for stage in stages:
-            if stage in needless and setup.poses_as(needless[stage]):
-                continue
-            before, setup = setup, stage(setup, progress)
-            if setup.poses_as(before):
-                needless[stage] = setup
-        return Prepared(setup, needless)
+    return after(setup, STAGES[: STAGES.index(contested)], progress)
 
 
 class Idle(NamedTuple):
