@@ -17,7 +17,7 @@ from deltaid.errors import DeltaidError, IdentificationError
 from deltaid.estimation import posterior_draws
 from deltaid.estimation.posterior_density import Chains, Density, density
 from deltaid.estimation.posterior_draws import effective_size, rhat
-from deltaid.identification.marginal import base_covariance
+from deltaid.identification.judgement import base_covariance
 from deltaid.model.model import Model, load
 from deltaid.model.record import IdentifiedModel
 from deltaid.model.samples import Samples

@@ -5,7 +5,7 @@ import pytest
 
 from deltaid.estimation.drive_rows import STRETCHES, DriveRows, stretch_numbers, stretch_starts
 from deltaid.estimation.problem import KNOWN, LinearProblem, Span, group_sums
-from deltaid.identification.marginal import with_variances
+from deltaid.identification.judgement import with_variances
 
 
 @pytest.mark.parametrize("samples", [1, STRETCHES - 1, STRETCHES, 97])

@@ -14,7 +14,7 @@ from command import run
 from deltaid.dynamics.parameters import least_margin
 from deltaid.errors import DeltaidError, DescriptionError
 from deltaid.identification.identify import identify
-from deltaid.identification.marginal import base_covariance
+from deltaid.identification.judgement import base_covariance
 from deltaid.model.model import Model, load
 from deltaid.model.record import IdentifiedModel
 from deltaid.recording.mapping import ColumnMapping

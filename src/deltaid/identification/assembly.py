@@ -11,8 +11,7 @@ from deltaid.identification.doubts import doubts, inseparable
 from deltaid.identification.fit import FittedProblem
 from deltaid.identification.friction_constants import friction_curves
 from deltaid.identification.gains import torque_scale
-from deltaid.identification.judgement import judged_base
-from deltaid.identification.marginal import posterior_record
+from deltaid.identification.judgement import judged_base, posterior_record
 from deltaid.identification.measured_rows import SensorAddition
 from deltaid.identification.setup import ContestOutcome
 from deltaid.identification.torque_error import TorqueError
