@@ -8,6 +8,7 @@ between stretches.
 How torques of a recording are sampled, lags, filters and a clock, is its timing. Where a torque is
 late by L behind a filter of time constant T, the recording is read as τ = y + T ẏ, L − T later."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import groupby
 
@@ -56,15 +57,7 @@ def alone(dof: int) -> tuple[LagGroup, ...]:
     return tuple(LagGroup((i,), 0.0) for i in range(dof))
 
 
-@dataclass(frozen=True, eq=False)
-class Choice:
-    """Groups of drives that have the same lag, and the lag of every drive [s]."""
-
-    groups: tuple[tuple[int, ...], ...]
-    delay: tuple[float, ...]
-
-
-def chosen_groups(values: Estimates, covariance: Covariance) -> Choice:
+def chosen_groups(values: Estimates, covariance: Covariance) -> tuple[LagGroup, ...]:
     """The simplest hypothesis on lags [s] that their estimates do not contradict.
 
     Of several that are as simple, the one with fewer drives without a lag is taken, then the one
@@ -82,9 +75,15 @@ def chosen_groups(values: Estimates, covariance: Covariance) -> Choice:
                 candidates.append((distance, labels, delay))
         if candidates:
             _, labels, delay = min(candidates, key=lambda candidate: candidate[0])
-            members = (np.flatnonzero(np.equal(labels, k + 1)).tolist() for k in range(count))
-            return Choice(tuple(map(tuple, members)), tuple(delay.tolist()))
+            members = [np.flatnonzero(np.equal(labels, k + 1)).tolist() for k in range(count)]
+            return tuple(LagGroup(tuple(drives), float(delay[drives[0]])) for drives in members)
     raise AssertionError  # a lag for every drive is never contradicted
+
+
+def delays_of(groups: Sequence[LagGroup], dof: int) -> tuple[float, ...]:
+    """What has been corrected of each drive [s]."""
+    delays = {drive: group.delay for group in groups for drive in group.drives}
+    return tuple(delays.get(drive, 0.0) for drive in range(dof))
 
 
 def agree(values: Estimates, covariance: Covariance) -> bool:

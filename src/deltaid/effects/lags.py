@@ -77,17 +77,16 @@ class Lags:
 
     def groups(self, k: int) -> tuple[LagGroup, ...]:
         """Which drives of the k-th recording lag, by how much."""
-        choice, groups = chosen_groups(self.values[k], self.covariance[k]), list[LagGroup]()
-        for members in choice.groups:
-            drives, delay = list(members), choice.delay[members[0]]
+        groups = list[LagGroup]()
+        for group in chosen_groups(self.values[k], self.covariance[k]):
+            drives = list(group.drives)
             weights = self.step_std[k, drives] ** -2.0
-            if not weights.any():
-                groups.append(LagGroup(members, delay))
-                continue
-            by_steps = float(weights @ self.steps[k, drives] / weights.sum())
-            free, deviation = bool(np.all(self.agrees[k, drives])), float(weights.sum() ** -0.5)
-            delay = delay if free else by_steps
-            groups.append(LagGroup(members, delay, by_steps - delay, deviation, free))
+            if weights.any():
+                by_steps = float(weights @ self.steps[k, drives] / weights.sum())
+                free, deviation = bool(np.all(self.agrees[k, drives])), weights.sum() ** -0.5
+                delay = group.delay if free else by_steps
+                group = LagGroup(group.drives, delay, by_steps - delay, float(deviation), free)
+            groups.append(group)
         return tuple(groups)
 
 

@@ -10,7 +10,7 @@ import numpy as np
 from deltaid.dynamics.parameters import prior_parameters
 from deltaid.effects.compliance import compliances
 from deltaid.effects.lag_columns import LagColumns, TimingColumns, UnknownFilter, UnknownLag
-from deltaid.effects.lag_groups import LagGroup, Timing, alone, chosen_groups
+from deltaid.effects.lag_groups import LagGroup, Timing, alone, chosen_groups, delays_of
 from deltaid.effects.lags import estimate_lags
 from deltaid.effects.timing import other_than_delays
 from deltaid.effects.windings import Compliance, motors_of
@@ -84,8 +84,7 @@ def _estimated(setup: Setup, traces: Sequence[tuple[PreparedRecording, Trace]]) 
         if timing is not None:
             repairs, columns = _timed(setup, recording, record, timing, additions)
         elif groups := lags.groups(k):
-            delays = {drive: group.delay for group in groups for drive in group.drives}
-            repairs = _ON_TIME | {"delay": tuple(delays.get(drive, 0.0) for drive in every)}
+            repairs = _ON_TIME | {"delay": delays_of(groups, len(every))}
             columns.append(LagColumns(*common, groups, several, which))
             doubted = tuple(group for group in groups if set(group.drives) & set(which))
             if doubted and all(group.delay for group in doubted):  # intervals allow for filters
@@ -105,8 +104,8 @@ def _timed(
     beside: tuple[Addition, ...],
 ) -> tuple[dict[str, Any], list[Addition]]:
     """Repairs by filters and one clock, and columns for what remains of lags, filters and clock."""
-    choice, several = chosen_groups(timing.lags, timing.of_lags), len(setup.recordings) > 1
-    delay = np.array(choice.delay)
+    groups, several = chosen_groups(timing.lags, timing.of_lags), len(setup.recordings) > 1
+    delay = np.array(delays_of(groups, setup.dynamics.dof))
     if timing.pure:
         timing = replace(timing, constants=np.where(timing.constants > 0, delay, 0.0), lags=delay)
     filtered = bool(np.any(timing.constants))
@@ -115,7 +114,6 @@ def _timed(
         "constants": tuple(timing.constants.tolist()) if filtered else (),
         "growth": timing.growth(record),
     }
-    groups = tuple(LagGroup(members, choice.delay[members[0]]) for members in choice.groups)
     common = (setup.dynamics, beside, timing.p, recording, groups, several)
     return repairs, [LagColumns(*common, timing=timing)]
 
