@@ -63,7 +63,7 @@ def test_an_effect_is_short_and_can_be_detected(effect: Effect) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("owner", ["PositionRipple", "Drift", "PlaceDependence"])
+@pytest.mark.parametrize("owner", ["PositionRipple", "LoadChange", "PlaceDependence"])
 def test_without_an_effect_the_package_identifies(owner: str, tmp_path: Path) -> None:
     copy = tmp_path / "src" / "deltaid"
     shutil.copytree(PACKAGE, copy, ignore=shutil.ignore_patterns("__pycache__"))

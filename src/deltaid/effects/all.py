@@ -10,12 +10,11 @@ from deltaid.effects.friction import (
     FrictionByLoad,
     FrictionLaw,
     FrictionOverSpeed,
-    FrictionOverTime,
     MissingFriction,
 )
-from deltaid.effects.gain import FallingGain, Gain, GainRatios, Saturation
+from deltaid.effects.gain import Gain, Saturation
 from deltaid.effects.geometry import GearRatios, Lengths, Structure, Tilt, Zero, Zeros
-from deltaid.effects.lag_columns import Delay, RemainingLag
+from deltaid.effects.lag_columns import Delay
 from deltaid.effects.load import LoadChange
 from deltaid.effects.point import UnknownEffect
 from deltaid.effects.ripple import PlaceDependence, PositionRipple
@@ -24,7 +23,7 @@ from deltaid.effects.windings import WindUp
 EFFECTS: tuple[Effect, ...] = (
     Delay(),
     Gain(),
-    FallingGain(),
+    Saturation(),
     FrictionLaw(),
     Drift(),
     Zero(),
@@ -38,10 +37,10 @@ UNKNOWNS: tuple[UnknownEffect, ...] = (
     FrictionOverSpeed(),
     FrictionByDirection(),
     FrictionByLoad(),
-    FrictionOverTime(),
-    RemainingLag(),
+    Drift(),
+    Delay(),
     WindUp(),
-    GainRatios(),
+    Gain(),
     Saturation(),
     Zeros(),
     GearRatios(),

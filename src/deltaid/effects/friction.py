@@ -60,10 +60,13 @@ _WARM = (0.1, 0.25, 0.6)
 _CURVE, _ONE_WAY, _BENT = 0.15, 0.1, (0.1, 0.03)
 
 
-class Drift(DescribedEffect):
-    """Steadily, or as in warming up."""
+class Drift(Beside, DescribedEffect):
+    """Friction that changes steadily or as in warming up, or an offset that does; in the contest a
+    share of each joint's friction that grows along a recording, and bends."""
 
     kind = "drift"
+    name = "friction-time"
+    is_own = True
     likeliest = (
         "friction that falls while gears and grease warm up, or a torque channel that drifts"
     )
@@ -88,6 +91,19 @@ class Drift(DescribedEffect):
     def seen(self, cause: Cause, subject: str, share: float) -> tuple[float, str, str]:
         changes = f"{percent(share)} of {torque_of(subject)} changes with time"
         return 100 * share, "%", f"{changes}, {cause.first.words}, and is not explained"
+
+    def columns(self, point: TracePoint) -> ColumnsOfDrives:
+        names, time = point.dynamics.layout.names, point.motion.time
+        active, Y = active_columns(point.dynamics), point.trace.regressor()
+        span, parts = [time[0], max(time[-1], time[0] + 1e-9)], list[np.ndarray]()
+        for joint in point.joints:
+            k = [names.index(f"{term}.{joint.name}") for term in ("viscous", "coulomb")]
+            torque = Y[:, :, np.searchsorted(active, k)] @ np.abs(point.p[k])
+            parts += [torque * Legendre.basis(n + 1, span)(time) for n in range(len(_BENT))]
+        return np.stack(parts, axis=2) if parts else np.zeros((*point.model.shape, 0))
+
+    def deviations(self, point: TracePoint, columns: ColumnsOfDrives) -> Deviations:
+        return np.tile(_BENT, len(point.joints))
 
 
 class MissingFriction(Effect):
@@ -144,26 +160,6 @@ class FrictionByLoad(Beside):
 
     def columns(self, point: TracePoint) -> ColumnsOfDrives:
         return point.of_joints([(joint, of_load) for joint in point.driven])
-
-
-class FrictionOverTime(Beside):
-    """A share of each joint's friction that grows along a recording, and bends."""
-
-    name = "friction-time"
-    is_own = True
-
-    def columns(self, point: TracePoint) -> ColumnsOfDrives:
-        names, time = point.dynamics.layout.names, point.motion.time
-        active, Y = active_columns(point.dynamics), point.trace.regressor()
-        span, parts = [time[0], max(time[-1], time[0] + 1e-9)], list[np.ndarray]()
-        for joint in point.joints:
-            k = [names.index(f"{term}.{joint.name}") for term in ("viscous", "coulomb")]
-            torque = Y[:, :, np.searchsorted(active, k)] @ np.abs(point.p[k])
-            parts += [torque * Legendre.basis(n + 1, span)(time) for n in range(len(_BENT))]
-        return np.stack(parts, axis=2) if parts else np.zeros((*point.model.shape, 0))
-
-    def deviations(self, point: TracePoint, columns: ColumnsOfDrives) -> Deviations:
-        return np.tile(_BENT, len(point.joints))
 
 
 def _coulomb(point: TracePoint, joints: Sequence[FrictionJoint]) -> Float[np.ndarray, " joints"]:

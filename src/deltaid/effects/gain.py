@@ -23,12 +23,21 @@ _CLEAR, _ODD, _BESIDE = 3.0, 0.01, 0.25
 _SHOWN = 1e-4
 
 
-class GainRatios(UnknownEffect):
-    """τ_m,i = (1 + g_i) τ_i with Σ g_i = 0 over the drives of limbs: what is common to all is not
-    identifiable."""
+class Gain(UnknownEffect, DescribedEffect):
+    """A factor for one drive's torque, or for each.
 
+    In the contest τ_m,i = (1 + g_i) τ_i with Σ g_i = 0 over the drives of limbs: what is common to
+    all is not identifiable.
+    """
+
+    kind = "drive-gain"
     name = "gain"
     deviation = 0.03
+    likeliest = "a torque constant, rated torque or gear that is not what the mapping says"
+    fix = (
+        "check torque constants and gears of these drives' torque columns; a recording shows "
+        "ratios of gains only, and a second one with a known load shows each of them"
+    )
 
     def columns(self, point: TracePoint) -> ColumnsOfDrives:
         limbs = point.dynamics.robot.limbs
@@ -36,17 +45,6 @@ class GainRatios(UnknownEffect):
         ratios = np.zeros((point.dof, count - 1))
         ratios[:count] = null_space(np.ones((1, count)))
         return of_own_drives(point.model[:, :, None]) @ ratios
-
-
-class Gain(DescribedEffect):
-    """A factor for one drive's torque, or for each."""
-
-    kind = "drive-gain"
-    likeliest = "a torque constant, rated torque or gear that is not what the mapping says"
-    fix = (
-        "check torque constants and gears of these drives' torque columns; a recording shows "
-        "ratios of gains only, and a second one with a known load shows each of them"
-    )
 
     def candidates(self, fit: RigidFit) -> Iterable[EffectCandidate]:
         return self.of_each(fit.drives, fit.rows.per_drive(fit.scaled_model))
@@ -107,15 +105,26 @@ def _factors(cause: Cause) -> tuple[Float[np.ndarray, " dof"], Float[np.ndarray,
 _CURRENTS = 21
 
 
-class Saturation(UnknownEffect):
-    """β_2, β_4 of each drive as of `Readings`, with the columns τ_m u² and τ_m u⁴."""
+class Saturation(UnknownEffect, DescribedEffect):
+    """A recorded torque τ_r of which the joint gets τ = τ_r (1 − β (τ_r/τ_max)²).
+
+    To first order in β, τ_r = Y p + β τ³/τ_max² with the torques τ of the model and their largest
+    size τ_max, where the joint lacks the share β. In the contest β_2, β_4 of each drive as of
+    `Readings`, with the columns τ_m u² and τ_m u⁴.
+    """
 
     name = "torque-constant"
     corrects = "readings"
     deviation = 0.05
     is_of_parts = False  # how far motors are driven into saturation is no matter of tolerances
-    kind, unit = "torque-constant", "%"
+    kind = corrected_as = "torque-constant"
+    unit = "%"
     text = "its torque constant falls with current: the joint lacks this at its largest torque"
+    likeliest = "the motor saturates, so that its torque constant falls with current"
+    fix = (
+        "record torques by the motor's curve of torque over current, not by one constant; or move "
+        "more gently"
+    )
 
     def columns(self, point: TracePoint) -> ColumnsOfDrives:
         recording, torque = point.trace.recording, point.model
@@ -143,21 +152,6 @@ class Saturation(UnknownEffect):
     ) -> tuple[Correction, ...]:
         lacking, wide = values.reshape(-1, 2).sum(axis=1), half.reshape(-1, 2).max(axis=1)
         return super().corrections(robot, lacking, wide)
-
-
-class FallingGain(DescribedEffect):
-    """A recorded torque τ_r of which the joint gets τ = τ_r (1 − β (τ_r/τ_max)²).
-
-    To first order in β, τ_r = Y p + β τ³/τ_max² with the torques τ of the model and their largest
-    size τ_max, where the joint lacks the share β.
-    """
-
-    kind = "torque-constant"
-    likeliest = "the motor saturates, so that its torque constant falls with current"
-    fix = (
-        "record torques by the motor's curve of torque over current, not by one constant; or move "
-        "more gently"
-    )
 
     def candidates(self, fit: RigidFit) -> Iterable[EffectCandidate]:
         return self.of_each(fit.drives, _cubes(fit))

@@ -31,7 +31,7 @@ _OF_LIMB = {"platform_radius": 0, "upper_arm": 1, "strut": 2}
 class Zeros(UnknownEffect):
     """q = q_m + q_0: what drives' positions are more than recorded [rad or m]."""
 
-    name = kind = "zero"
+    name = corrected_as = "zero"
     text = "its zero is off: positions are this much more than recorded"
     corrects = "readings"
     deviation = 4e-3
@@ -46,7 +46,7 @@ class Zeros(UnknownEffect):
 class GearRatios(UnknownEffect):
     """q = (1 + r) q_m: the share that drives' motions are more than recorded."""
 
-    name = kind = "gear-ratio"
+    name = corrected_as = "gear-ratio"
     unit, text = "%", "its gear ratio is off: it moves this share more than recorded"
     corrects = "readings"
     deviation = 4e-3
@@ -96,7 +96,7 @@ class Tilt(UnknownEffect):
 class Lengths(UnknownEffect):
     """What lengths of limbs are more than described [m]."""
 
-    name = kind = "length"
+    name = corrected_as = "length"
     unit, text = "m", "it is this much longer than described"
     corrects = "robot"
     deviation = 5e-4

@@ -318,23 +318,19 @@ def _sentence(value: float, spread: float, *, held: bool) -> str:
     return f"{text}; drives differ by {1e3 * spread:.2g} ms" if spread > APART else text
 
 
-class Delay(Effect):
-    """A lag of all drives, or one a drive; separate verdicts report its size."""
+class Delay(Beside, Effect):
+    """A lag of all drives, or one a drive [s]; separate verdicts report its size. In the contest
+    what remains of each drive's."""
 
     kind = "torque-lag"
-
-    def candidates(self, fit: RigidFit) -> Iterable[EffectCandidate]:
-        columns = slopes(fit.trace, fit.p)
-        yield EffectCandidate(self.kind, "", fit.rows.stack(columns)[:, None])
-        yield EffectCandidate(self.kind, "", fit.rows.per_drive(columns))
-
-
-class RemainingLag(Beside):
-    """What remains of each drive's lag [s]."""
-
     name = "lag"
     is_own = True
     deviation = 3e-4
 
     def columns(self, point: TracePoint) -> ColumnsOfDrives:
         return late(point.trace, point.p)
+
+    def candidates(self, fit: RigidFit) -> Iterable[EffectCandidate]:
+        columns = slopes(fit.trace, fit.p)
+        yield EffectCandidate(self.kind, "", fit.rows.stack(columns)[:, None])
+        yield EffectCandidate(self.kind, "", fit.rows.per_drive(columns))

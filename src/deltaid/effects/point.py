@@ -183,9 +183,9 @@ class UnknownEffect(ABC):
     # standard deviation of each coefficient before any recording, where it is the same for all; 0
     # if not
     deviation: ClassVar[float] = 0.0
-    # kind, unit, text: of the corrections of each subject, whose unit is that of the drive's
-    # coordinate if not given; no text where other stages say what was corrected
-    kind: ClassVar[Kind]
+    # corrected_as, unit, text: of the corrections of each subject, with the unit of the drive's
+    # coordinate if none is given; no text where other stages say what was corrected
+    corrected_as: ClassVar[Kind]
     unit: ClassVar[str] = ""
     text: ClassVar[str] = ""
     # whether it is named and corrected where rows need it; else it only keeps others from
@@ -237,7 +237,7 @@ class UnknownEffect(ABC):
         scale = 100.0 if self.unit == "%" else 1.0
         sizes = (scale * np.stack([values, half], axis=1)).tolist()
         return tuple(
-            Correction(kind=self.kind, subject=subject, value=value, low=value - wide,
+            Correction(kind=self.corrected_as, subject=subject, value=value, low=value - wide,
                        high=value + wide, unit=self.unit or robot.units(subject).coordinate,
                        text=self.text)
             for subject, (value, wide) in zip(self.subjects(robot), sizes, strict=True)
