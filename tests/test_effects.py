@@ -44,7 +44,7 @@ def test_nothing_but_the_list_knows_an_effect() -> None:
         knows = [
             path
             for path in PACKAGE.rglob("*.py")
-            if re.search(rf"^from {module} import [^#]*?\b{name}\b", _imports(path), re.MULTILINE)
+            if re.search(rf"^from {module} import [^#\n]*?\b{name}\b", _imports(path), re.MULTILINE)
         ]
         assert [path.name for path in knows if path != own] == ["all.py"], name
 
