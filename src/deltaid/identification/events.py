@@ -69,14 +69,14 @@ _STANDS = 0.1
 def without_events(setup: Setup, progress: Progress) -> Setup:
     if setup.settings.keep_all or not setup.settings.events:
         return setup
-    corrections, glanced = list[Correction](), list[tuple[int, Expectation]]()
+    corrections, glanced = list[Correction](), list[int]()
     for k, recording in enumerate(setup.recordings):
         progress(f"looking for contacts in {recording.path}")
         bare, spans = with_events(recording), ()
         recording = recording.repaired(left_out=bare.repairs.left_out)
         expected = on_time(ExplainedRecording(setup.dynamics, setup.additions, bare))
         if expected and not setup.closely and _is_excerpt_quiet(expected):
-            glanced.append((k, expected))
+            glanced.append(k)
         elif expected:
             spans = events(expected)
             recording = recording.repaired(left_out=(*bare.repairs.left_out, *spans))
@@ -116,17 +116,11 @@ class Watch:
 
 def watched(setup: Setup) -> Setup:
     """The same with a watch on recordings of which only an excerpt has been inspected."""
-    for k, expected in setup.glanced:
-        recording, before = setup.recordings[k], expected.source
-        same = before.recording.repairs == recording.repairs
-        same = same and before.dynamics is setup.dynamics and before.additions == setup.additions
-        now = (
-            expected
-            if same
-            else expect(ExplainedRecording(setup.dynamics, setup.additions, recording))
-        )
-        if now is not None:
-            setup = setup.with_recording(k, replace(recording, watch=Watch(now)))
+    for k in setup.glanced:
+        recording = setup.recordings[k]
+        expected = expect(ExplainedRecording(setup.dynamics, setup.additions, recording))
+        if expected is not None:
+            setup = setup.with_recording(k, replace(recording, watch=Watch(expected)))
     return setup
 
 

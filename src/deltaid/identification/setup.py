@@ -11,7 +11,6 @@ from jaxtyping import Float
 from deltaid.dynamics.dynamics import Dynamics, compiled
 from deltaid.effects.all import UNKNOWNS
 from deltaid.estimation.additions import Addition
-from deltaid.identification.expectation import Expectation
 from deltaid.identification.study import Study, studied
 from deltaid.model.corrections import Correction, Inseparable, Kind
 from deltaid.model.parameter_record import FrictionChoice, JointTerm
@@ -98,9 +97,8 @@ class Setup:
     barred_effects: frozenset[str] = frozenset()
     # whether every row of recordings is inspected for events; else excerpts are first
     closely: bool = False
-    # numbers of the recordings of which nothing but an excerpt was inspected for events, and what
-    # was expected of them
-    glanced: tuple[tuple[int, Expectation], ...] = ()
+    # numbers of the recordings of which nothing but an excerpt was inspected for events
+    glanced: tuple[int, ...] = ()
     # what each recording looks like before anything in it is corrected that was not declared; none
     # before they have been studied
     studies: tuple[Study | None, ...] = ()
