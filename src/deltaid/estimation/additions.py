@@ -149,10 +149,8 @@ class Extended:
         return self.regressor.carried(z, qd, qdd, p[: self.own])
 
 
-def extended(dynamics: Dynamics, additions: Sequence[Addition]) -> Dynamics | Extended:
-    """The regressor of a robot with additions; the robot's own if there are none."""
-    if not additions:
-        return dynamics
+def extended(dynamics: Dynamics, additions: Sequence[Addition] = ()) -> Extended:
+    """The regressor of a robot with additions."""
     behind = tuple(addition.on(dynamics) for addition in additions)
     return Extended(dynamics, len(dynamics.layout.names), behind)
 
@@ -176,11 +174,9 @@ def torques_of(
 
 
 def entries(
-    regressor: Regressor | Extended, w: SampleBlock, load: Motion, recording: PreparedRecording
+    regressor: Extended, w: SampleBlock, load: Motion, recording: PreparedRecording
 ) -> Values:
     """Entries of Y along some samples of a recording, in the order of the regressor's pattern;
     `load` is for friction that depends on it."""
-    if not isinstance(regressor, Extended):
-        return entries_at(regressor, w.z, w.qd, w.qdd, load)
     own = entries_at(regressor.regressor, w.z, w.qd, w.qdd, load)
     return np.vstack([own, *(more.entries(w, own, recording) for more in regressor.additions)])

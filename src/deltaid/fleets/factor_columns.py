@@ -166,7 +166,7 @@ class GatheredColumns:
         return cls(dynamics, (*speeds, carried, *(addition.on(dynamics) for addition in others)))
 
     @cached_property
-    def regressor(self) -> Dynamics | Extended:
+    def regressor(self) -> Extended:
         """The plain robot's columns, then the additions."""
         return extended(self.dynamics, self.additions)
 

@@ -12,7 +12,7 @@ from functools import cached_property
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from deltaid.dynamics.dynamics import Dynamics, Regressor
+from deltaid.dynamics.dynamics import Dynamics
 from deltaid.effects.joint import SHAPES
 from deltaid.estimation.additions import Addition, Extended, entries, extended, torques_of
 from deltaid.estimation.information import active_columns
@@ -42,7 +42,7 @@ class ExplainedRecording:
     recording: PreparedRecording
 
     @cached_property
-    def regressor(self) -> Regressor | Extended:
+    def regressor(self) -> Extended:
         return extended(self.dynamics, self.additions)
 
     @cached_property

@@ -10,7 +10,7 @@ from itertools import groupby
 import numpy as np
 from jaxtyping import Float
 
-from deltaid.dynamics.dynamics import Dynamics, Parameters, Regressor
+from deltaid.dynamics.dynamics import Dynamics, Parameters
 from deltaid.estimation.additions import Addition, Extended, extended
 from deltaid.estimation.drive_rows import STRETCHES
 from deltaid.estimation.information import (
@@ -32,7 +32,7 @@ from deltaid.recording.recording import PreparedRecording
 from deltaid.recording.windows import Window
 from deltaid.sensors.weighings import Weighing, weighings
 
-_Columns = Regressor | Extended | MeasuredRows
+_Columns = Dynamics | Extended | MeasuredRows
 
 # Rounds of `balanced` at most, and the relative step below which levels have settled.
 _ROUNDS, _SETTLED = 30, 1e-3
@@ -161,7 +161,9 @@ def gather(
 
 
 def _measured(regressor: _Columns) -> MeasuredRows:
-    return regressor if isinstance(regressor, MeasuredRows) else MeasuredRows(regressor)
+    if isinstance(regressor, MeasuredRows):
+        return regressor
+    return MeasuredRows(regressor if isinstance(regressor, Extended) else extended(regressor))
 
 
 def _chunks(

@@ -116,7 +116,7 @@ def shifted(
 
 
 def geometric_rows(
-    regressor: Dynamics | Extended,
+    regressor: Extended,
     dynamics: Dynamics,
     recording: PreparedRecording,
     values: Float[np.ndarray, " parameters"],

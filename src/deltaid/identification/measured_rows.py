@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from deltaid.dynamics.dynamics import Dynamics, Parameters, Regressor
+from deltaid.dynamics.dynamics import Dynamics, Parameters
 from deltaid.dynamics.parameters import parameter_layout
 from deltaid.effects.load_columns import SURE, LoadColumns
 from deltaid.estimation.additions import Addition, Extended, Own, Values, entries
@@ -169,7 +169,7 @@ class LoadSlope:
     carried: Bool[np.ndarray, " entries"]
 
     @classmethod
-    def about(cls, regressor: Regressor | Extended, p: Parameters) -> "LoadSlope":
+    def about(cls, regressor: Extended, p: Parameters) -> "LoadSlope":
         """At parameters p of the robot; entries of additions behind its own are not of X."""
         robot = regressor.kinematics.robot
         layout, (drives, columns) = parameter_layout(robot), regressor.regressor_pattern
@@ -201,7 +201,7 @@ class FilteredRows(NamedTuple):
 class MeasuredRows:
     """Rows and columns of a fit."""
 
-    regressor: Regressor | Extended  # the columns of torques
+    regressor: Extended  # the columns of torques
     weighings: tuple[Weighing, ...] = ()  # what is known of p without a recording
 
     @property
@@ -230,8 +230,6 @@ class MeasuredRows:
 
     @cached_property
     def sensors(self) -> tuple[SensorPart, ...]:
-        if not isinstance(self.regressor, Extended):
-            return ()
         additions, sizes = self.regressor.additions, [self.regressor.own]
         sizes += [len(addition.parameters) for addition in additions]
         placed = list(zip(additions, np.cumsum(sizes).tolist(), strict=False))
