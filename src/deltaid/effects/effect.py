@@ -29,6 +29,11 @@ SEEN = 6.0
 _NEARLY, _MUCH_LESS = 0.9, 0.5
 # Of so many candidates the scatter is computed, and so many are taken at most.
 _CLOSE, _ROUNDS = 4, 5
+# The share that a single drive explains of what all do, where it is about this one.
+_MOSTLY = 0.7
+# A cause counts if it explains this share of all that is explained; smaller ones may be what the
+# first-order columns of another one leave.
+SHARE = 0.15
 
 
 @dataclass(frozen=True, eq=False)
@@ -188,13 +193,6 @@ def _simplest(ranked: Sequence[Contribution], total: float, rows: int) -> Contri
             if rows * np.log(max(more, 1e-300)) < 2 * fewer * np.log(rows):
                 best = explained
     return best
-
-
-# The share that a single drive explains of what all do, where it is about this one.
-_MOSTLY = 0.7
-# A cause counts if it explains this share of all that is explained; smaller ones may be what the
-# first-order columns of another one leave.
-SHARE = 0.15
 
 
 @dataclass(frozen=True, eq=False)

@@ -15,6 +15,12 @@ from deltaid.estimation.information import active_columns
 from deltaid.model.verdict import percent
 
 _WAY, _LOAD = "friction that differs by direction", "friction that grows with the load"
+# Time constants of warming up, as shares of the recording.
+_WARM = (0.1, 0.25, 0.6)
+# Standard deviations before any recording, of friction beside viscous and Coulomb's as shares of
+# Coulomb's: over speed, by direction; and of how it changes over a recording, by the degree of the
+# polynomial.
+_CURVE, _ONE_WAY, _BENT = 0.15, 0.1, (0.1, 0.03)
 
 
 class FrictionLaw(DescribedEffect):
@@ -50,14 +56,6 @@ class FrictionLaw(DescribedEffect):
         one_way = cause.first.words == _WAY
         other = "the torque channel has an offset" if one_way else "gears have play"
         return f"the described friction law has no term for it, or {other}"
-
-
-# Time constants of warming up, as shares of the recording.
-_WARM = (0.1, 0.25, 0.6)
-# Standard deviations before any recording, of friction beside viscous and Coulomb's as shares of
-# Coulomb's: over speed, by direction; and of how it changes over a recording, by the degree of the
-# polynomial.
-_CURVE, _ONE_WAY, _BENT = 0.15, 0.1, (0.1, 0.03)
 
 
 class Drift(Beside, DescribedEffect):

@@ -21,6 +21,8 @@ from deltaid.robot.description import RobotDescription
 _CLEAR, _ODD, _BESIDE = 3.0, 0.01, 0.25
 # Directions of factors below this share are excluded: one common to all is not identifiable.
 _SHOWN = 1e-4
+# Currents at which a torque has to grow.
+_CURRENTS = 21
 
 
 class Gain(UnknownEffect, DescribedEffect):
@@ -99,10 +101,6 @@ def _factors(cause: Cause) -> tuple[Float[np.ndarray, " dof"], Float[np.ndarray,
     freedom = max(len(residual) - span.rank - len(theta), 1)
     errors = scatter(influence, residual, fit.rows.groups, freedom)
     return (common + theta) / common, np.sqrt(np.diag(errors)) / common
-
-
-# Currents at which a torque has to grow.
-_CURRENTS = 21
 
 
 class Saturation(UnknownEffect, DescribedEffect):

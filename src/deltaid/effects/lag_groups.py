@@ -29,10 +29,13 @@ _REJECTED, _UNLIKELY, _SELDOM = 1e-3, 0.2, 0.01
 _HARMLESS = 2e-5
 # Drives beyond which only common lags and lags of single drives are distinguished.
 _MANY = 6
+# Standard deviations of what lags [s], time constants [s] and rates of clocks may be.
+_LAG, _CONSTANT, _RATE = 0.01, 0.005, 1e-3
 
 Estimates = Float[np.ndarray, " n"]
 Covariance = Float[np.ndarray, "n n"]
 Hypothesis = Float[np.ndarray, "n groups"]
+All = Float[np.ndarray, " all"]  # lags, time constants, rate
 
 
 @dataclass(frozen=True)
@@ -154,13 +157,6 @@ def _hypotheses(dof: int) -> list[tuple[int, ...]]:
 def _complexity(labels: tuple[int, ...]) -> tuple[int, int]:
     """How many lags there are, and how many drives have none."""
     return max(labels), labels.count(0)
-
-
-# Standard deviations of what lags [s], time constants [s] and rates of clocks may be.
-_LAG, _CONSTANT, _RATE = 0.01, 0.005, 1e-3
-
-
-All = Float[np.ndarray, " all"]  # lags, time constants, rate
 
 
 @dataclass(frozen=True, eq=False)

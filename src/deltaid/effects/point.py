@@ -25,6 +25,10 @@ from deltaid.robot.description import RobotDescription
 
 # Sweeps of a fit with a factor for each drive; directions below this share are excluded.
 _SWEEPS, _SHOWN = 3, 0.05
+# What nobody described makes some such share of a drive's torque, before any recording [rms].
+SIZE = 0.05
+
+Deviations = Float[np.ndarray, " coefficients"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -168,12 +172,6 @@ def points_of(traces: Sequence[Trace], p: Parameters) -> list[TracePoint]:
     fastest = {name: max(point.speeds[name] for point in points) for name in points[0].speeds}
     highest = np.max([trace.recording.log.torque_max for trace in traces], axis=0)
     return [replace(point, fastest=fastest, highest=tuple(highest.tolist())) for point in points]
-
-
-# What nobody described makes some such share of a drive's torque, before any recording [rms].
-SIZE = 0.05
-
-Deviations = Float[np.ndarray, " coefficients"]
 
 
 class UnknownEffect(ABC):

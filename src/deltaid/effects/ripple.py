@@ -15,6 +15,18 @@ from deltaid.estimation.shrinkage import Shrunk
 
 # Waves of a ripple over a drive's stroke.
 _COUNTS = np.arange(1.0, 81.0, 0.5)
+# Waves over the stroke from which torque over the position is no spring, for it bends, and to which
+# it is searched; and how far apart orders are that are searched, in waves over the stroke.
+_LEAST, _MOST, _APART = 0.5, 160.0, 0.25
+# Orders about the largest that are searched more finely.
+_NEAR = 41
+# Orders that pass the filter at a drive's usual speed by less than this share cannot be seen.
+_PASSED = 0.1
+# Decades that torques over the place must be more surprising: so many shapes bend to noise that is
+# not quite white.
+_BENDS = 6.0
+
+Orders = Float[np.ndarray, " orders"]
 
 
 class PositionRipple(DescribedEffect):
@@ -51,17 +63,6 @@ class PositionRipple(DescribedEffect):
                 yield EffectCandidate(self.kind, fit.drives[i], rows, words, tries, bends=True)
 
         return candidates_in
-
-
-# Waves over the stroke from which torque over the position is no spring, for it bends, and to which
-# it is searched; and how far apart orders are that are searched, in waves over the stroke.
-_LEAST, _MOST, _APART = 0.5, 160.0, 0.25
-# Orders about the largest that are searched more finely.
-_NEAR = 41
-# Orders that pass the filter at a drive's usual speed by less than this share cannot be seen.
-_PASSED = 0.1
-
-Orders = Float[np.ndarray, " orders"]
 
 
 def largest_ripples(
@@ -130,11 +131,6 @@ def passed(point: TracePoint, i: int, orders: Orders) -> Float[np.ndarray, "orde
     response = np.abs(np.fft.rfft(low_pass.response, 1 << 14))
     speeds = np.abs(np.outer(orders, point.motion.qd[:, i])) / (2 * np.pi)
     return np.interp(speeds, frequency, response) * point.motion.weights[:, i]
-
-
-# Decades that torques over the place must be more surprising: so many shapes bend to noise that is
-# not quite white.
-_BENDS = 6.0
 
 
 class PlaceDependence(DescribedEffect):

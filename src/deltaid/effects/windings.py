@@ -36,9 +36,14 @@ _LOADED = 0.2
 # an offset and what differs by direction.
 _CAUSES = (len(SHAPES), 1, 2, 2)
 _FREE = sum(_CAUSES)
+# What gears usually wind up by at a drive's largest torque, as a share of the drive's range.
+_USUAL = 1e-3
+# A compliance counts that is so many standard deviations, and looks like a lag from a correlation.
+_SIGNIFICANT, _ALIKE = 5.0, 0.9
 
 Compliance = Float[np.ndarray, " dof"]
 Groups = Float[np.ndarray, "dof groups"]
+Sizes = Float[np.ndarray, " groups"]
 
 
 def motors_of(
@@ -189,14 +194,6 @@ def friction_causes(dof: int) -> tuple[Int[np.ndarray, " columns"], ...]:
     first = np.arange(dof)[:, None] * _FREE
     parts = np.split(np.arange(_FREE), np.cumsum(_CAUSES)[:-1])
     return tuple((first + part).ravel() for part in parts)
-
-
-# What gears usually wind up by at a drive's largest torque, as a share of the drive's range.
-_USUAL = 1e-3
-# A compliance counts that is so many standard deviations, and looks like a lag from a correlation.
-_SIGNIFICANT, _ALIKE = 5.0, 0.9
-
-Sizes = Float[np.ndarray, " groups"]
 
 
 @dataclass(frozen=True, eq=False)

@@ -47,9 +47,23 @@ from deltaid.model.record import IdentifiedModel
 from deltaid.robot.inertia import PSEUDO_INERTIA_ENTRIES, pseudo_inertia
 
 _OF_ROWS = ("Sxx", "Syy", "Szz", "m")
+# An axis has steps of its own above the first curvature, and is next to free below the second one.
+_ALONE, _FREE = 0.3, 0.05
+# All others take steps together in so many parts, chosen anew each time.
+_PARTS = 4
+# After so many steps entries are computed anew, before rounding adds up.
+_ANEW = 50
+# Trials on an ellipse; an interval shrinks by half in each.
+_TRIALS = 200
+# Chains begin where a ray from the model, so many times longer than the distribution is wide, ends
+# or meets the edge.
+_WIDER = 2.0
 
 Points = Float[np.ndarray, "points n"]
 OfPoints = Float[np.ndarray, " points"]
+OfChains = Float[np.ndarray, "n chains"]
+Each = Float[np.ndarray, " chains"]
+Some = Int[np.ndarray, " some"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -219,23 +233,6 @@ def _spectral_rest(
         return (curved - term.values(points)) / (2 * spread**2)
 
     return rest
-
-
-# An axis has steps of its own above the first curvature, and is next to free below the second one.
-_ALONE, _FREE = 0.3, 0.05
-# All others take steps together in so many parts, chosen anew each time.
-_PARTS = 4
-# After so many steps entries are computed anew, before rounding adds up.
-_ANEW = 50
-# Trials on an ellipse; an interval shrinks by half in each.
-_TRIALS = 200
-# Chains begin where a ray from the model, so many times longer than the distribution is wide, ends
-# or meets the edge.
-_WIDER = 2.0
-
-OfChains = Float[np.ndarray, "n chains"]
-Each = Float[np.ndarray, " chains"]
-Some = Int[np.ndarray, " some"]
 
 
 class Chains:

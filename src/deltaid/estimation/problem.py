@@ -25,6 +25,10 @@ DEPENDENT = 1e-9
 _EXPLAINED = 1e-3
 # The group of the prior's rows.
 KNOWN = -1
+# Share of its prior that is left to a coefficient at its bound.
+_HELD = 1e-6
+# Rows whose sums show noise that is not white, and by how much it may exceed white noise.
+_SLOW, _REDDEST = 8, 30.0
 
 Columns = Float[np.ndarray, "rows columns"]
 Rows = Float[np.ndarray, " rows"]
@@ -241,12 +245,6 @@ class Explained:
         along = float(np.sum(s**2)) / U.shape[1] * (len(s) / max(len(s) - 1, 1))
         level = max(along, float(left @ left) / freedom, 1e-300)
         return cls(U, float(scores @ scores), left, level)
-
-
-# Share of its prior that is left to a coefficient at its bound.
-_HELD = 1e-6
-# Rows whose sums show noise that is not white, and by how much it may exceed white noise.
-_SLOW, _REDDEST = 8, 30.0
 
 
 @dataclass(frozen=True, eq=False)

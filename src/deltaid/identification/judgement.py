@@ -45,6 +45,16 @@ _ROUNDING = 1e-9
 # How far a body may be from the symmetry of its description: its centre as a share of its radius of
 # gyration, its inertias as one of its mass times that squared.
 _ASYMMETRY = 0.3
+# Steps at most, their largest length, and the gradient at the end.
+_STEPS, _FAR, _AGREE = 200, 1e9, 1e-9
+# κ: by which share of a variance it may be missed for each unit of λ.
+_MISSED = 1e-3
+# Digits of the factor that are kept: the noise itself is known to two.
+_DIGITS = 7
+# A coefficient below this share of its row's largest term is rounding.
+_NEGLIGIBLE = 1e-9
+
+Matrix = Float[np.ndarray, "n n"]
 
 
 def judged_parameters(problem: FittedProblem, first: int = 0) -> tuple[Parameter, ...]:
@@ -223,18 +233,6 @@ class _Judge:
     @cached_property
     def _ranges(self) -> ConsistentRanges:
         return ConsistentRanges(self._problem)
-
-
-# Steps at most, their largest length, and the gradient at the end.
-_STEPS, _FAR, _AGREE = 200, 1e9, 1e-9
-# κ: by which share of a variance it may be missed for each unit of λ.
-_MISSED = 1e-3
-# Digits of the factor that are kept: the noise itself is known to two.
-_DIGITS = 7
-# A coefficient below this share of its row's largest term is rounding.
-_NEGLIGIBLE = 1e-9
-
-Matrix = Float[np.ndarray, "n n"]
 
 
 def posterior_record(problem: FittedProblem) -> PosteriorRecord:

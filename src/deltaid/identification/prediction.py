@@ -52,6 +52,9 @@ _LIKELIEST = (
         "identify from both recordings, or record under the same conditions",
     ),
 )
+# Of rows without torques.
+_CAUSE = "the motion does not rest at that end"
+_CURE = "begin and end the motion at rest, or say --periodic if it goes on as it begins"
 
 
 class _Pair(NamedTuple):
@@ -172,11 +175,6 @@ def misfit(model: ModelLike, error: TorqueError | Verification) -> tuple[str, ..
         "identification"
     )
     return (Doubt(text, cause=cause, cure=cure),)
-
-
-# Of rows without torques.
-_CAUSE = "the motion does not rest at that end"
-_CURE = "begin and end the motion at rest, or say --periodic if it goes on as it begins"
 
 
 @dataclass(frozen=True, repr=False)
