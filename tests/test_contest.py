@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 from unittest.mock import Mock
 
 import numpy as np
@@ -312,8 +313,11 @@ def test_another_end_stands_if_it_leaves_no_more_but_for_chance(
 ) -> None:
     robot = described("clavel-delta3")
     setup, outcome = Setup(robot, (), Settings()), ContestOutcome(robot)
-    end = contest_stage._Settled(setup, outcome, 0.0, 0.02, (), frozenset(), "length")
-    other = replace(end, noise=noise, why_not=why_not)
+    last, other = (
+        SimpleNamespace(noise=n, shrunk=SimpleNamespace(noise_spread=0.02)) for n in (0.0, noise)
+    )
+    end = contest_stage._Sweeps(setup, outcome, last, np.zeros(0), (), frozenset(), "length", False)
+    other = replace(end, last=other, why_not=why_not)
     assert contest_stage._is_better(other, end) == stands
 
 

@@ -55,42 +55,23 @@ class _Sweeps:
     """What sweeps end at.
 
     Attributes:
-        outcome: what is kept.
-        full, last: the last contest, with all causes and with what is kept.
+        setup, outcome: what is kept.
+        last: the last contest, with what is kept.
         plain: parameters before any sweep.
-        undecided: what parameters move by where all causes may be as large as rows allow.
-        dismissed: what parameters would move by with causes that are beyond their limits.
-        is_lost: whether the next would lead to poses in which the robot cannot be.
-    """
-
-    outcome: ContestOutcome
-    full: Contest
-    last: Contest
-    plain: Parameters
-    undecided: Parameters
-    dismissed: tuple[Parameters, ...] = ()
-    is_lost: bool = False
-
-
-@dataclass(frozen=True, eq=False)
-class _Settled:
-    """What sweeps have settled at.
-
-    Attributes:
-        setup: with what is kept.
-        noise, noise_spread: what is left, and by how much chance changes that.
         moves: of parameters, by what is corrected, and by what is beyond its limit.
         beyond: errors of the description that would be further off than they ever are.
         why_not: why this is not what acts on the robot; empty where it may be.
+        is_lost: whether the next sweep would lead to poses in which the robot cannot be.
     """
 
     setup: Setup
     outcome: ContestOutcome
-    noise: float
-    noise_spread: float
+    last: Contest
+    plain: Parameters
     moves: tuple[Parameters, ...]
     beyond: frozenset[str]
     why_not: str
+    is_lost: bool
 
 
 def contested(setup: Setup, progress: Progress) -> Setup:
@@ -106,9 +87,9 @@ def contested(setup: Setup, progress: Progress) -> Setup:
     bare = _bare(setup)
     if not _traces(bare):
         return setup
-    end = _settled(bare, _sweeps(bare))
+    end = _sweeps(bare)
     others = _again(bare, end.beyond)
-    end = min((o for o in others if _is_better(o, end)), key=lambda o: o.noise, default=end)
+    end = min((o for o in others if _is_better(o, end)), key=lambda o: o.last.noise, default=end)
     outcome = end.outcome
     if not outcome.kept and (_gears(bare) or not outcome.winds_up):
         return bare.changed(outcome=outcome) if outcome.doubts else bare
@@ -118,60 +99,56 @@ def contested(setup: Setup, progress: Progress) -> Setup:
     return estimated_anew(end.setup, progress)
 
 
-def _is_better(other: _Settled, end: _Settled) -> bool:
+def _is_better(other: _Sweeps, end: _Sweeps) -> bool:
     """Whether what is within all that parts are off by leaves no more, but for chance."""
-    return not other.why_not and other.noise < end.noise + end.noise_spread
+    spread = end.last.shrunk.noise_spread
+    return not other.why_not and other.last.noise < end.last.noise + spread
 
 
-def _again(bare: Setup, beyond: frozenset[str]) -> list[_Settled]:
+def _again(bare: Setup, beyond: frozenset[str]) -> list[_Sweeps]:
     """What sweeps settle at with none of these or only one, and those that begin where whichever of
     them leaves least has settled."""
     all_but_one = [beyond - {name} for name in sorted(beyond)] if len(beyond) > 1 else []
-    starts = [
-        _sweeps(bare.changed(barred_effects=bare.barred_effects | barred))
-        for barred in (beyond, *all_but_one) if barred
-    ]  # fmt: skip
-    starts = sorted((s for s in starts if not s.is_lost), key=lambda start: start.last.noise)
-    ends = [*(_sweeps(bare, start) for start in starts[:1]), *starts]
-    return [_settled(bare, end) for end in ends]
+    ends = [_sweeps(bare, barred) for barred in (beyond, *all_but_one) if barred]
+    ends = sorted((end for end in ends if not end.is_lost), key=lambda end: end.last.noise)
+    return [*(_sweeps(bare, since=end) for end in ends[:1]), *ends]
 
 
-def _settled(bare: Setup, end: _Sweeps) -> _Settled:
-    """What sweeps end at, and whether it may be what acts on the robot."""
-    outcome, last = doubted(end.outcome, end.full, end.last, end.undecided), end.last
-    setup, beyond = bare, beyond_parts(last)
-    if end.is_lost:
-        why = "the robot could not be in poses that it was recorded in"
-    else:
-        if outcome.kept or outcome.winds_up:
-            setup = _finished(_read(bare, outcome, last.p), outcome, last)
-        why = why_not(setup, beyond)
-    moves = (last.p - end.plain, *end.dismissed)
-    return _Settled(setup, outcome, last.noise, last.shrunk.noise_spread, moves, beyond, why)
-
-
-def _sweeps(bare: Setup, since: _Sweeps | None = None) -> _Sweeps:
-    """Sweeps until what is applied changes no more, or the robot cannot be in its poses."""
+def _sweeps(
+    bare: Setup, barred: frozenset[str] = frozenset(), since: _Sweeps | None = None
+) -> _Sweeps:
+    """Sweeps without some effects, until what is applied changes no more, or the robot cannot be in
+    its poses; and whether what they end at may be what acts on the robot."""
+    without = bare.changed(barred_effects=bare.barred_effects | barred)
     if since is None:
-        now, before, p = bare, _begun(bare), None
+        now, before, p = without, _begun(bare), None
     else:
-        now, before, p = _read(bare, since.outcome, since.last.p), since.outcome, since.last.p
+        now, before, p = _read(without, since.outcome, since.last.p), since.outcome, since.last.p
     full, sweep, undecided = _swept(now, before, _traces(now), p, 0), 0, None
     plain, dismissed = since.plain if since else full.points[0].p, ()
     while True:
         last = full.reduced()
         if undecided is None or sweep < _DECIDED:
             undecided = full.p - last.p
-        after, sweep = decided(before, last).within_limits(), sweep + 1
+        after, sweep, is_lost = decided(before, last).within_limits(), sweep + 1, False
         if after.doubts != before.doubts:
             dismissed, sweep = (*dismissed, last.p - plain), 0  # others may take part instead
         elif sweep == _SWEEPS or is_settled(before, after):
-            return _Sweeps(after, full, last, plain, undecided, dismissed)
+            break
         try:
-            now = _read(bare, after, last.p)
+            now = _read(without, after, last.p)
             before, full = after, _swept(now, after, _traces(now), last.p, sweep)
         except KinematicsError:
-            return _Sweeps(after, full, last, plain, undecided, dismissed, is_lost=True)
+            is_lost = True
+            break
+    outcome, beyond = doubted(after, full, last, undecided), beyond_parts(last)
+    setup, why = bare, "the robot could not be in poses that it was recorded in"
+    if not is_lost:
+        if outcome.kept or outcome.winds_up:
+            setup = _finished(_read(bare, outcome, last.p), outcome, last)
+        why = why_not(setup, beyond)
+    moves = (last.p - plain, *dismissed)
+    return _Sweeps(setup, outcome, last, plain, moves, beyond, why, is_lost)
 
 
 def swept_beside(setup: Setup, own: UnknownEffect, instead_of: Collection[str]) -> Contest | None:
