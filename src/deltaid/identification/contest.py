@@ -74,15 +74,9 @@ class Contest:
             if not found:
                 break
             ripples += [ripple_of(self.points[0], drive, order) for drive, order in found]
-            rough = self._with_all(ripples)
+            rough = self._with(ripples)
             ripples = [rough._nearer(ripple) for ripple in ripples]
-            contest = self._with_all(ripples)
-        return contest
-
-    def _with_all(self, unknowns: Sequence[UnknownEffect]) -> "Contest":
-        contest = self
-        for unknown in unknowns:
-            contest = contest._with(unknown)
+            contest = self._with(ripples)
         return contest
 
     def _nearer(self, ripple: Added) -> Added:
@@ -93,12 +87,14 @@ class Contest:
         order = nearest_order(self.points, bare, drive, order)
         return ripple_of(self.points[0], drive, order)
 
-    def _with(self, unknown: UnknownEffect) -> "Contest":
-        own = [unknown.columns(point) for point in self.points]
-        deviation = unknown.deviations(self.points[0], own[0])
-        columns = [drive for recording in own for drive in recording]
-        shrunk = self.shrunk.with_group(unknown.name, columns, deviation)
-        return replace(self, unknowns=(*self.unknowns, unknown), shrunk=shrunk)
+    def _with(self, unknowns: Sequence[UnknownEffect]) -> "Contest":
+        shrunk = self.shrunk
+        for unknown in unknowns:
+            own = [unknown.columns(point) for point in self.points]
+            deviation = unknown.deviations(self.points[0], own[0])
+            columns = [drive for recording in own for drive in recording]
+            shrunk = shrunk.with_group(unknown.name, columns, deviation)
+        return replace(self, unknowns=(*self.unknowns, *unknowns), shrunk=shrunk)
 
     def reduced(self) -> "Contest":
         """With what rows need beside all others."""
