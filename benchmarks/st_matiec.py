@@ -18,7 +18,7 @@ from pathlib import Path
 import casadi as ca
 import numpy as np
 
-from deltaid.exports.model_functions import further_cycles
+from deltaid.exports.model_functions import online_cycle
 from deltaid.exports.options import FURTHER
 from deltaid.exports.st_units import Unit
 from deltaid.exports.structured_text import DEFAULT, plc_program
@@ -124,7 +124,7 @@ def expected(model: Model, precision: Precision) -> list[tuple[str, tuple[Arrays
 
 
 def _cycles(model: Model):
-    return further_cycles(model, ("online",), DEFAULT)
+    return [online_cycle(model, DEFAULT)]
 
 
 def _rounded(x: np.ndarray, precision: Precision) -> np.ndarray:

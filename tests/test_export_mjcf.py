@@ -290,7 +290,7 @@ def test_friction_that_mujoco_lacks_is_approximated_with_its_error(tmp_path: Pat
     said = f"drive2 is off by {rms:.2g} N m rms ({share:.2%} of its torque), "
     assert f"{said}at most {np.abs(error).max():.2g} N m" in warning
     plain = deltaid.load("clavel-delta3")
-    assert plain_friction(plain).model is plain
+    assert plain_friction(plain)[0] is plain
 
 
 @pytest.mark.parametrize("name", swept(KINDS, "irb360-6-1600", "h4"))

@@ -10,24 +10,18 @@ import textwrap
 import casadi as ca
 
 from deltaid.errors import DeltaidError
-from deltaid.exports.digits import Care, care_for
+from deltaid.exports.digits import Care
 from deltaid.exports.functions import (
     STATUSES,
     ExportedCycle,
     ExportedFunction,
     ParameterTable,
-    parameter_table,
+    note_of,
 )
-from deltaid.exports.model_functions import (
-    acceleration,
-    further_cycles,
-    further_functions,
-    model_functions,
-)
+from deltaid.exports.model_functions import acceleration, code_parts
 from deltaid.exports.straight_line import SIGN, Array, straight_line, wrapped
 from deltaid.exports.text import (
     DOUBLE,
-    SINGLE,
     Export,
     Precision,
     c_comment,
@@ -36,7 +30,7 @@ from deltaid.exports.text import (
     rendered,
 )
 from deltaid.model.model import Model
-from deltaid.online.graph import Field, Layout
+from deltaid.online.graph import Layout
 from deltaid.online.settings import OnlineSettings
 
 
@@ -51,17 +45,20 @@ def function_texts(
         outputs = [("z", dof), ("tau", dof)]
     signature = [f"const {real} {name}[{n}]" for name, n in inputs]
     signature += [f"{real} {name}[{n}]" for name, n in outputs]
-    declaration = f"int {prefix}_{f.name}({', '.join(signature)})"
-    offsets = [sum(n for _, n in outputs[:k]) for k in range(len(outputs))]
     handed = ["pose", *(name for name, _ in inputs if name != "q" or f.closing), "tau"]
+    demands, first = list[tuple[int, int, str, str]](), size
+    for demand in f.demands:  # where each stands in all that is computed, and how many numbers
+        if n := demand.value.numel():
+            demands.append((first, n, precision.c_number(demand.bound), demand.status))
+        first += n
     return {
-        "declaration": "\n".join(wrapped(declaration)),
+        "declaration": "\n".join(wrapped(f"int {prefix}_{f.name}({', '.join(signature)})")),
         "comment": _block([*textwrap.wrap(f.doc, 93), *f.entry_notes(" in each of {} rows")]),
         "after": f.after,
         "passed": ", ".join(handed),
         "inner": f.name,
         "given": ", ".join(name for name, _ in inputs),
-        "checked": [*inputs, *([(outputs[0])] if f.newton else [])],
+        "checked": [*inputs, *(outputs[:1] if f.newton else [])],
         "newton": f.newton
         and {
             "name": f.outputs[0].name,
@@ -73,18 +70,20 @@ def function_texts(
         "texts": [] if f.after else _straight(f, precision, care),
         "size": f.everything.numel(),
         "results": size,
-        "demands": _demands(f, size, precision),
+        "demands": demands,
         "unfit": f.unfit,
-        "outputs": [(name, offset, n) for (name, n), offset in zip(outputs, offsets, strict=True)],
+        "outputs": [
+            (name, sum(m for _, m in outputs[:k]), n) for k, (name, n) in enumerate(outputs)
+        ],
     }
 
 
 def _straight(f: ExportedFunction, precision: Precision, care: Care | None) -> list[str]:
     """The static functions that compute outputs and demands, and the steps to them."""
-    inputs, steps = list(f.inputs), []
+    inputs, steps = list(f.inputs), [("at", f.everything, f.parts)]
     if f.newton:
         inputs = [Array("x", f.newton.x), *inputs]
-        steps = [("step", f.newton.both, f.newton.parts)]
+        steps.insert(0, ("step", f.newton.both, f.newton.parts))
     return [
         straight_line(
             f"{f.name}_{name}",
@@ -95,60 +94,41 @@ def _straight(f: ExportedFunction, precision: Precision, care: Care | None) -> l
             care=care,
             parts=parts,
         )
-        for name, value, parts in (*steps, ("at", f.everything, f.parts))
+        for name, value, parts in steps
     ]
-
-
-def _demands(
-    f: ExportedFunction, first: int, precision: Precision
-) -> list[tuple[int, int, str, str]]:
-    """Where in all that is computed each demand stands, how many numbers, bound and status."""
-    found = []
-    for demand in f.demands:
-        n = demand.value.numel()
-        if n:
-            found.append((first, n, precision.c_number(demand.bound), demand.status))
-        first += n
-    return found
 
 
 def _block(lines: list[str]) -> str:
     return (
-        f"/* {c_comment(plain_letters(chr(10).join(lines))).replace(chr(10), chr(10) + ' * ')} */"
+        f"/* {c_comment(plain_letters(chr(10).join(lines))).replace(chr(10), f'{chr(10)} * ')} */"
     )
 
 
 def cycle_texts(c: ExportedCycle, precision: Precision) -> dict[str, object]:
     """The same of a cycle: three structs, where their fields stand, and its one function."""
-    inputs = [Array("x", c.graph.x), Array("u", c.graph.u)]
-    both = ca.vertcat(c.graph.following, c.graph.y)
+    graph = c.graph
+    inputs, both = [Array("x", graph.x), Array("u", graph.u)], ca.vertcat(graph.following, graph.y)
+    structs = {
+        "state": ("What the cycle keeps.", graph.state),
+        "inputs": ("What it reads.", graph.inputs),
+        "outputs": ("What it gives.", graph.outputs),
+    }
     return {
         "name": c.name,
         "comment": _block(textwrap.wrap(c.doc, 93)),
         "text": straight_line(
             f"{c.name}_step", inputs, ("out", both), linkage="static ", precision=precision
         ),
-        "structs": [
-            ("state", "What the cycle keeps.", _fields(c.graph.state)),
-            ("inputs", "What it reads.", _fields(c.graph.inputs)),
-            ("outputs", "What it gives.", _fields(c.graph.outputs)),
-        ],
-        "start": [precision.c_number(x) for x in c.graph.state.initial],
-        "sizes": {
-            "state": c.graph.state.size,
-            "inputs": c.graph.inputs.size,
-            "outputs": c.graph.outputs.size,
-        },
+        "structs": [(name, doc, _fields(layout)) for name, (doc, layout) in structs.items()],
+        "start": [precision.c_number(x) for x in graph.state.initial],
+        "sizes": {name: layout.size for name, (_, layout) in structs.items()},
     }
 
 
 def _fields(layout: Layout) -> list[tuple[str, int, int, str]]:
-    return [(f.name, f.size, layout.places[f.name].start, _note(f)) for f in layout.fields]
-
-
-def _note(field: Field) -> str:
-    text = f"{field.doc} [{field.unit}]" if field.unit else field.doc
-    return "\n     * ".join(textwrap.wrap(plain_letters(text), 88))
+    notes = ["\n     * ".join(textwrap.wrap(plain_letters(note_of(f)), 88)) for f in layout.fields]
+    places = [layout.places[f.name].start for f in layout.fields]
+    return [(f.name, f.size, *at) for f, *at in zip(layout.fields, places, notes, strict=True)]
 
 
 DEFAULT = OnlineSettings()
@@ -182,13 +162,7 @@ def c_code(
     """
     _require_name(prefix)
     robot, dof = subject.robot, subject.dynamics.dof
-    table = parameter_table(subject, f"{prefix}_p", precision)
-    functions = [
-        *model_functions(subject, table, precision),
-        *further_functions(subject, table, further),
-    ]
-    cycles = further_cycles(subject, further, online)
-    care = care_for(subject, table.array.name) if precision is SINGLE else None
+    table, functions, cycles, care = code_parts(subject, f"{prefix}_p", precision, further, online)
     texts = [function_texts(f, prefix, dof, precision, care) for f in functions]
     values = {
         "prefix": prefix,

@@ -63,6 +63,8 @@ class Care:
     ) -> frozenset[int]:
         """Numbers of the instructions whose results need twice the digits.
 
+        What moves an output too far by its rounding, or by reading a pair as a float.
+
         Args:
             f: a graph with one output, a column.
             names: of its inputs.
@@ -70,13 +72,32 @@ class Care:
         """
         if not any(part.like is not None for part in parts):
             return frozenset()
-        sizes = [None if part.like is None else self._largest(part.like) for part in parts]
-        inputs = [self.states[name] for name in names]
-        return _Judged(f, inputs, [part.size for part in parts], sizes).pairs()
+        with np.errstate(all="ignore"):
+            steps, out = _evaluated(f, [self.states[name] for name in names])
+            own, read = _shares(steps, self._rows(steps, out, parts))
+        found = set[int]()
+        for k, step in enumerate(steps):
+            passed = zip(step.reads, read[k], strict=True)
+            much = own[k] > SHARE or any(i in found and share > SHARE for (i, _), share in passed)
+            if much and step.op in PAIRED:
+                found.add(k)
+        return frozenset(found)
 
-    def _largest(self, name: str) -> np.ndarray:
-        """The largest entry of an input; of the part itself if there is none of that name."""
-        return np.abs(self.states[name]).max(axis=0) if name else np.zeros(0)
+    def _rows(
+        self, steps: Sequence["_Step"], out: Mapping[int, int], parts: Sequence[OutputPart]
+    ) -> list[tuple[int, np.ndarray]]:
+        """Instructions that make outputs, with the largest entry that errors are counted by."""
+        rows, end = list[tuple[int, np.ndarray]](), 0
+        for part in parts:
+            first, end = end, end + part.size
+            made = [out[i] for i in range(first, end) if i in out]
+            if part.like is None or not made:
+                continue
+            counted = self.states[part.like] if part.like else [steps[k].value for k in made]
+            largest = np.abs(counted).max(axis=0)
+            scale = np.where(np.isfinite(largest) & (largest > 0), largest, np.inf)
+            rows += [(k, scale) for k in made]
+        return rows
 
 
 def care_for(subject: Model, table: str) -> Care:
@@ -114,112 +135,73 @@ def _poses(subject: Model, rng: np.random.Generator) -> Float[np.ndarray, "state
     return z[same & ~(np.abs(again - z) > 1e-6).any(axis=1)]
 
 
-class _Judged:
-    """A graph at some states: what roundings of its steps do to its outputs."""
+@dataclass(frozen=True)
+class _Step:
+    """An instruction at some states.
 
-    def __init__(
-        self,
-        f: ca.Function,
-        states: Sequence[Float[np.ndarray, "_ states"]],
-        sizes: Sequence[int],
-        largest: Sequence[np.ndarray | None],
-    ) -> None:
-        self._f, self._sizes, self._largest = f, sizes, largest
-        self._n, self._operations = (
-            states[0].shape[1],
-            [f.instruction_id(k) for k in range(f.n_instructions())],
-        )
-        self._value: list[np.ndarray] = []
-        self._slopes: list[list[np.ndarray]] = []
-        self._reads: list[list[int]] = []  # instructions that an instruction reads
-        self._out: dict[int, int] = {}  # entry of the output, instruction
-        with np.errstate(all="ignore"):
-            self._forward(states)
+    Attributes:
+        value: of its result.
+        reads: numbers of the instructions that it reads, and its slopes by them.
+        rounding: what rounding its result moves that by.
+    """
 
-    def _forward(self, states: Sequence[np.ndarray]) -> None:
-        """Values of all steps and their slopes by what they read."""
-        f, writer = self._f, dict[int, int]()
-        for k, op in enumerate(self._operations):
-            read, to = f.instruction_input(k), f.instruction_output(k)
-            value, slopes, reads = np.zeros(self._n), [], []
-            if op == ca.OP_CONST:
-                value = np.full(self._n, f.instruction_constant(k))
-            elif op == ca.OP_INPUT:
-                value = states[read[0]][read[1]]
-            elif op == ca.OP_OUTPUT:
-                self._out[to[1]] = writer[read[0]]
-            else:
-                reads = [writer[i] for i in read]
-                value, *slopes = _operation(op, [self._value[i] for i in reads])
-            if op != ca.OP_OUTPUT:
-                writer[to[0]] = k
-            self._value.append(value)
-            self._slopes.append([_finite(slope) for slope in slopes])
-            self._reads.append(reads)
+    op: int
+    value: np.ndarray
+    reads: Sequence[tuple[int, np.ndarray]]
+    rounding: np.ndarray
 
-    def pairs(self) -> frozenset[int]:
-        """What moves an output too far by its rounding, or by reading a pair as a float."""
-        with np.errstate(all="ignore"):
-            own, read = self._shares()
-        found = set[int]()
-        for k, op in enumerate(self._operations):
-            passed = zip(self._reads[k], read[k], strict=True)
-            much = own[k] > SHARE or any(i in found and share > SHARE for i, share in passed)
-            if much and op in PAIRED:
-                found.add(k)
-        return frozenset(found)
 
-    def _shares(self) -> tuple[list[float], list[list[float]]]:
-        """Of each instruction what rounding its result, and what it reads, moves outputs by, as a
-        share of the largest entry."""
-        count = len(self._operations)
-        own, read = [0.0] * count, [[0.0] * len(reads) for reads in self._reads]
-        unit = [np.abs(_finite(self._unit(k))) for k in range(count)]
-        moved = [
-            [
-                _ROUNDING * np.abs(_finite(slope * self._value[i]))
-                for i, slope in zip(*both, strict=True)
-            ]
-            for both in zip(self._reads, self._slopes, strict=True)
-        ]
-        for rows in self._scaled():
-            bars = dict[int, np.ndarray]()
-            for place, (k, scale) in enumerate(rows):
-                bars.setdefault(k, np.zeros((len(rows), self._n)))[place] += 1 / scale
-            for k in reversed(range(count)):
-                bar = bars.pop(k, None)
-                if bar is None:
-                    continue
-                most = np.abs(bar).max(axis=0)
-                own[k] = max(own[k], float((most * unit[k]).max()))
-                read[k] = [
-                    max(r, float((most * m).max())) for r, m in zip(read[k], moved[k], strict=True)
-                ]
-                for i, slope in zip(self._reads[k], self._slopes[k], strict=True):
-                    bars[i] = bars[i] + bar * slope if i in bars else bar * slope
-        return own, read
-
-    def _unit(self, k: int) -> np.ndarray:
-        op, value = self._operations[k], self._value[k]
+def _evaluated(
+    f: ca.Function, states: Sequence[Float[np.ndarray, "_ states"]]
+) -> tuple[list[_Step], dict[int, int]]:
+    """All steps of a graph, and by entry of the output the step that makes it."""
+    steps, writer, out = list[_Step](), dict[int, int](), dict[int, int]()
+    for k in range(f.n_instructions()):
+        op, read, to = f.instruction_id(k), f.instruction_input(k), f.instruction_output(k)
+        value = rounding = np.zeros(states[0].shape[1])
+        reads = list[tuple[int, np.ndarray]]()
         if op == ca.OP_CONST:
-            return value - value.astype(np.float32)
-        if op == ca.OP_INPUT or op in _EXACT:
-            return np.zeros(self._n)
-        return _ROUNDING * value
+            value = value + f.instruction_constant(k)
+            rounding = value - value.astype(np.float32)
+        elif op == ca.OP_INPUT:
+            value = states[read[0]][read[1]]
+        elif op == ca.OP_OUTPUT:
+            out[to[1]] = writer[read[0]]
+        else:
+            value, *slopes = _operation(op, [steps[writer[i]].value for i in read])
+            reads = [(writer[i], _finite(x)) for i, x in zip(read, slopes, strict=True)]
+            rounding = _ROUNDING * value if op not in _EXACT else rounding
+        if op != ca.OP_OUTPUT:
+            writer[to[0]] = k
+        steps.append(_Step(op, value, reads, np.abs(_finite(rounding))))
+    return steps, out
 
-    def _scaled(self) -> list[list[tuple[int, np.ndarray]]]:
-        """Instructions that make outputs, some at a time, with the largest entry of their part."""
-        rows, first = list[tuple[int, np.ndarray]](), 0
-        for size, largest in zip(self._sizes, self._largest, strict=True):
-            made = [self._out[i] for i in range(first, first + size) if i in self._out]
-            first += size
-            if largest is None or not made:
+
+def _shares(
+    steps: Sequence[_Step], rows: Sequence[tuple[int, np.ndarray]]
+) -> tuple[list[float], list[list[float]]]:
+    """Of each instruction what rounding its result, and what it reads, moves outputs by, as a
+    share of the largest entry."""
+    own, read = [0.0] * len(steps), [[0.0] * len(step.reads) for step in steps]
+    moved = [
+        [_ROUNDING * np.abs(_finite(slope * steps[i].value)) for i, slope in step.reads]
+        for step in steps
+    ]
+    for some in (rows[i : i + _ROWS] for i in range(0, len(rows), _ROWS)):
+        bars = dict[int, np.ndarray]()
+        for place, (k, scale) in enumerate(some):
+            bars.setdefault(k, np.zeros((len(some), scale.size)))[place] += 1 / scale
+        for k in reversed(range(len(steps))):
+            if (bar := bars.pop(k, None)) is None:
                 continue
-            if not largest.size:
-                largest = np.max([np.abs(self._value[k]) for k in made], axis=0)
-            scale = np.where(np.isfinite(largest) & (largest > 0), largest, np.inf)
-            rows += [(k, scale) for k in made]
-        return [rows[i : i + _ROWS] for i in range(0, len(rows), _ROWS)]
+            most = np.abs(bar).max(axis=0)
+            own[k] = max(own[k], float((most * steps[k].rounding).max()))
+            read[k] = [
+                max(r, float((most * m).max())) for r, m in zip(read[k], moved[k], strict=True)
+            ]
+            for i, slope in steps[k].reads:
+                bars[i] = bars[i] + bar * slope if i in bars else bar * slope
+    return own, read
 
 
 def _finite(x: np.ndarray) -> np.ndarray:

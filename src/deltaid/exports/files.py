@@ -3,7 +3,7 @@
 import os
 import re
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
 from typing import Literal, get_args
@@ -17,17 +17,16 @@ from deltaid.exports.handover import handover
 from deltaid.exports.mjcf import mjcf
 from deltaid.exports.model_functions import NO_CONTACT
 from deltaid.exports.options import FmiVersion, TargetName
-from deltaid.exports.plain_friction import PlainFriction
 from deltaid.exports.plain_friction import plain_friction as nearest_plain
 from deltaid.exports.structured_text import plc_program
 from deltaid.exports.text import DOUBLE, SINGLE, Export, Precision
+from deltaid.exports.tree import require_physical
 from deltaid.exports.urdf import urdf
 from deltaid.files import require_writable, together, write_bytes
 from deltaid.joint_forces.constraint_forces import ConstraintForces
 from deltaid.model.model import Model, ModelLike, load
 from deltaid.online.settings import OnlineSettings
 from deltaid.progress import Progress, Watch, watched
-from deltaid.robot.inertia import RigidBody
 
 # Masses that a robot's tool may hold all the time [kg]; beyond them it is another unit.
 _LOADS = (1e-6, 1e3)
@@ -46,32 +45,18 @@ class Choices:
     """What a user chooses of a target that leaves a choice.
 
     Attributes:
-        single: whether code is in single precision.
+        precision: of the numbers of code.
         functions: names of further functions of code.
         online: of the function of that name.
         fmi: version of the standard, of a unit.
         progress: called with each stage of what takes long.
     """
 
-    single: bool = False
+    precision: Precision = DOUBLE
     functions: tuple[str, ...] = ()
     online: OnlineSettings = field(default_factory=OnlineSettings)
     fmi: FmiVersion = "2"
     progress: Progress = lambda _: None
-
-    @property
-    def precision(self) -> Precision:
-        """Of the numbers of code."""
-        return SINGLE if self.single else DOUBLE
-
-    def warnings(self, subject: Model) -> tuple[str, ...]:
-        """What further functions cannot tell of this robot."""
-        notes = []
-        if "constraint-forces" in self.functions:
-            notes.append(ConstraintForces(subject.robot).note)
-        if "online" in self.functions and subject.identified is None:
-            notes.append(NO_CONTACT)
-        return tuple(note for note in notes if note)
 
 
 Kind = Literal["code", "unit", "model"]
@@ -95,30 +80,6 @@ class ExportTarget:
     addition: str = ""
     longest: int = 30
 
-    def require(self, name: str, choices: Choices) -> None:
-        """Refuse choices that this target does not have.
-
-        Raises:
-            DeltaidError: there is one.
-        """
-        option = "--single" if choices.single else "--with"
-        if (choices.single or choices.functions) and self.kind != "code":
-            raise DeltaidError(
-                f"precision and further functions are of code, and {name} is none",
-                where=option,
-                cure=f"leave it out, or choose {' or '.join(_of_kind('code'))}",
-            )
-        if choices.fmi != "2" and self.kind != "unit":
-            raise DeltaidError(
-                f"FMI is of units, and {name} is none",
-                where="--fmi",
-                cure=f"leave it out, or choose {' or '.join(_of_kind('unit'))}",
-            )
-
-
-def _c(subject: Model, stem: str, choices: Choices) -> Export:
-    return c_code(subject, stem, choices.precision, choices.functions, choices.online)
-
 
 def _st(subject: Model, stem: str, choices: Choices) -> Export:
     program = plc_program(subject, stem, choices.precision, choices.functions, choices.online)
@@ -135,7 +96,11 @@ def _single(suffix: str, content: Callable[[Model], str | bytes]) -> ExportTarge
 
 
 TARGETS: Mapping[TargetName, ExportTarget] = {
-    "c": ExportTarget((".c", ".h"), _c, "code"),
+    "c": ExportTarget(
+        (".c", ".h"),
+        lambda subject, stem, x: c_code(subject, stem, x.precision, x.functions, x.online),
+        "code",
+    ),
     "st": ExportTarget((".st", ".plcopen.xml"), _st, "code", longest=20),
     "fmu": ExportTarget((".fmu",), partial(_unit, forward=True), "unit"),
     "fmu-inverse": ExportTarget((".fmu",), partial(_unit, forward=False), "unit", "_inverse"),
@@ -146,8 +111,15 @@ TARGETS: Mapping[TargetName, ExportTarget] = {
 }
 
 
-def _of_kind(kind: Kind) -> list[TargetName]:
-    return [name for name, target in TARGETS.items() if target.kind == kind]
+def _require(kind: Kind, name: TargetName, what: str, option: str) -> None:
+    """Refuse a choice that only targets of another kind have."""
+    if TARGETS[name].kind != kind:
+        others = [other for other, target in TARGETS.items() if target.kind == kind]
+        raise DeltaidError(
+            f"{what}, and {name} is none",
+            where=option,
+            cure=f"leave it out, or choose {' or '.join(others)}",
+        )
 
 
 def output_path(target: TargetName, robot: str, output: str | Path) -> Path:
@@ -159,10 +131,12 @@ def output_path(target: TargetName, robot: str, output: str | Path) -> Path:
     if not str(output).strip():
         cure = "give a file, or a folder with a slash at its end; ./ is this one"
         raise DeltaidError("is an empty name", where="--output", cure=cure)
-    suffix, addition = TARGETS[target].suffixes[0], TARGETS[target].addition
-    folder, output = str(output).endswith(("/", os.sep)), Path(output)
-    if folder or os.path.isdir(output):
-        return output / f"{_named_after(robot, TARGETS[target].longest)}{addition}{suffix}"
+    form, folder, output = TARGETS[target], str(output).endswith(("/", os.sep)), Path(output)
+    suffix = form.suffixes[0]
+    if folder or os.path.isdir(output):  # a name that code may begin with, a letter first
+        name = re.sub(r"[^A-Za-z0-9]+", "_", robot).strip("_") or "robot"
+        name = name if name[0].isalpha() else f"robot_{name}"
+        return output / f"{name[: form.longest].rstrip('_')}{form.addition}{suffix}"
     if output.suffix.lower() != suffix:
         raise DeltaidError(
             f"must end in {suffix} for --to {target}, or be a folder",
@@ -170,13 +144,6 @@ def output_path(target: TargetName, robot: str, output: str | Path) -> Path:
             cure=f"a folder that is not there yet ends in a slash: {output}/",
         )
     return output
-
-
-def _named_after(robot: str, longest: int) -> str:
-    """A name that code may begin with: letters, digits and single _, a letter first."""
-    name = re.sub(r"[^A-Za-z0-9]+", "_", robot).strip("_") or "robot"
-    name = name if name[0].isalpha() else f"robot_{name}"
-    return name[:longest].rstrip("_")
 
 
 def export(
@@ -227,32 +194,38 @@ def export(
         raise unknown(fmi, versions, "version of FMI", "export")
     names = functions.split(",") if isinstance(functions, str) else functions
     further = tuple(name.strip() for name in names if name.strip())
-    choices = Choices(single, further, online or OnlineSettings(), versions[str(fmi)])
-    form.require(to, choices)
+    if single or further:
+        what = "precision and further functions are of code"
+        _require("code", to, what, "--single" if single else "--with")
+    if versions[str(fmi)] != "2":
+        _require("unit", to, "FMI is of units", "--fmi")
     subject = load(model)
     if payload is not None:
         subject = _holding(subject, payload)
     if without_friction:
         subject = subject.without_friction()
-    nearest = nearest_plain(subject) if plain_friction else PlainFriction(subject)
-    subject = nearest.model
-    require_physical(subject)
-    path = output_path(to, subject.robot.name, output)
-    paths = tuple(path.with_suffix(suffix) for suffix in form.suffixes)
-    beside = dict[str, str]()
+    subject, warnings = nearest_plain(subject) if plain_friction else (subject, ())
+    require_physical(subject, "identify the model again; its result is always consistent")
+    path, precision = output_path(to, subject.robot.name, output), SINGLE if single else DOUBLE
+    paths, beside = [path.with_suffix(suffix) for suffix in form.suffixes], dict[str, str]()
     if path != Path(output):
-        names = [part.name for part in paths]
-        beside = handover(subject, to, path.stem, names, choices.precision)
-    paths += tuple(path.parent / name for name in beside)
+        beside = handover(subject, to, path.stem, [part.name for part in paths], precision)
+    paths += [path.parent / name for name in beside]
     for part in paths:
         require_writable(part, inputs)
     with watched(progress, "export") as say:
-        made = form.build(subject, path.stem, replace(choices, progress=say))
+        choices = Choices(precision, further, online or OnlineSettings(), versions[str(fmi)], say)
+        made = form.build(subject, path.stem, choices)
     with together():
         contents = (*made.parts.values(), *beside.values())
         for part, content in zip(paths, contents, strict=True):
             write_bytes(part, content if isinstance(content, bytes) else content.encode())
-    return Written(paths, (*nearest.warnings, *made.warnings, *choices.warnings(subject)))
+    notes = []  # what further functions cannot tell of this robot
+    if "constraint-forces" in further:
+        notes.append(ConstraintForces(subject.robot).note)
+    if "online" in further and subject.identified is None:
+        notes.append(NO_CONTACT)
+    return Written(tuple(paths), (*warnings, *made.warnings, *filter(None, notes)))
 
 
 def _holding(model: Model, payload: str | float) -> Model:
@@ -272,14 +245,3 @@ def _holding(model: Model, payload: str | float) -> Model:
         raise DeltaidError(what, where="--payload", cure=cure) from None
     positive("--payload", mass, _LOADS)
     return model.with_load(point_mass(mass))
-
-
-def require_physical(model: Model) -> None:
-    """Refuse bodies that the target's own reader would refuse."""
-    for name in model.layout.bodies:
-        if reason := RigidBody(model.body(name)).why_not_physical:
-            raise DeltaidError(
-                f"body {name} cannot be exported: {reason}",
-                where=model.source,
-                cure="identify the model again; its result is always consistent",
-            )

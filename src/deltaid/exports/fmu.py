@@ -18,10 +18,9 @@ from dataclasses import replace
 import casadi as ca
 
 from deltaid.control.simulation import LONGEST_STEP
-from deltaid.exports.c_code import ParameterTable, accelerations, c_code, parameter_table
+from deltaid.exports.c_code import accelerations, c_code
 from deltaid.exports.fmu_binaries import Compiler, binaries, found_compiler
 from deltaid.exports.fmu_description import (
-    Described,
     Variables,
     build_description,
     carrier,
@@ -29,6 +28,7 @@ from deltaid.exports.fmu_description import (
     inverse_variables,
     model_description,
 )
+from deltaid.exports.functions import ParameterTable, parameter_table
 from deltaid.exports.options import FmiVersion
 from deltaid.exports.straight_line import Array, straight_line
 from deltaid.exports.structured_text import quantities
@@ -60,19 +60,26 @@ def fmu(
     variables = forward_variables(subject) if forward else inverse_variables(subject)
     variables = variables if version == "2" else variables.with_time()
     sources, token = _sources(subject, name, variables, forward=forward, version=version)
-    compiler = compiler or found_compiler()
-    made, warning = binaries(name, sources, version, compiler, progress)
-    files = tuple(path for path in sources if path.endswith(".c"))
-    unit = Described(name, subject.provenance, token, files)
-    texts = {"modelDescription.xml": model_description(unit, variables, version)}
+    made, warning = binaries(name, sources, version, compiler or found_compiler(), progress)
+    files, whence = [path for path in sources if path.endswith(".c")], subject.provenance
+    description = model_description(name, whence, token, files, variables, version)
+    texts = {"modelDescription.xml": description}
     texts |= {f"sources/{path}": text for path, text in sources.items()}
     texts["documentation/index.html"] = rendered(
-        "unit.html.jinja", unit=unit, variables=variables.all, quantities=quantities(subject)
+        "unit.html.jinja",
+        name=name,
+        provenance=whence,
+        variables=variables.all,
+        quantities=quantities(subject),
     )
     if version == "3":
-        texts["sources/buildDescription.xml"] = build_description(unit)
-    content = _zipped({path: text.encode() for path, text in texts.items()} | made)
-    return Export({".fmu": content}, (warning,) if warning else ())
+        texts["sources/buildDescription.xml"] = build_description(name, files)
+    archive = io.BytesIO()
+    with zipfile.ZipFile(archive, "w", zipfile.ZIP_DEFLATED) as unit:
+        for path, content in ({path: text.encode() for path, text in texts.items()} | made).items():
+            # bytes that depend on the content only
+            unit.writestr(zipfile.ZipInfo(path), content, zipfile.ZIP_DEFLATED)
+    return Export({".fmu": archive.getvalue()}, (warning,) if warning else ())
 
 
 def _sources(
@@ -107,53 +114,28 @@ def _sources(
 
 
 def _functions(subject: Model, table: ParameterTable) -> dict[str, str]:
-    """ż, accelerations, and the parts of a time step, as C text."""
-    e, speed = subject.dynamics.equations, Array("speed", ca.SX.sym("speed"))
-    table, payload = _carrying(subject, table)
-    z, qd = Array("z", e.z), Array("qd", e.qd)
-    rates = straight_line("rates", [z, qd], ("zd", e.T @ e.qd), linkage="static ")
-    smooth = accelerations(subject, table, speed, *payload, sign="tanh({a} / speed[0])")
-    return {"rates": rates, "accelerations": smooth, **_of_a_step(subject, table, payload)}
-
-
-def _carrying(subject: Model, table: ParameterTable) -> tuple[ParameterTable, tuple[Array, ...]]:
-    """The table with a mass that EE or P holds at its origin, and the mass; none without them."""
-    name = carrier(subject)
-    if not name:
-        return table, ()
-    p, payload = ca.SX(table.p), ca.SX.sym("payload")
-    p[subject.layout.body(name).start] += payload
-    return replace(table, p=p), (Array("payload", payload),)
-
-
-def _of_a_step(subject: Model, table: ParameterTable, payload: tuple[Array, ...]) -> dict[str, str]:
-    """The functions that `ForwardDynamics.step` is made of."""
-    forward = subject.forward
+    """ż, accelerations, and the functions that `ForwardDynamics.step` is made of, as C text."""
+    e, forward, payload = subject.dynamics.equations, subject.forward, list[Array]()
+    if name := carrier(subject):  # a mass that EE or P holds at its origin
+        p, mass = ca.SX(table.p), ca.SX.sym("payload")
+        p[subject.layout.body(name).start] += mass
+        table, payload = replace(table, p=p), [Array("payload", mass)]
+    speed, z, qd = Array("speed", ca.SX.sym("speed")), Array("z", e.z), Array("qd", e.qd)
     (*state, p, h), changes = forward.velocity_change()
     arrays = [Array(n, s) for n, s in zip(("z", "qd", "qd0", "tau"), state, strict=True)]
-    change = ca.substitute(changes, [p], [table.p])[0]
-    zd = forward.equations.zd
-    room = [Array("z", forward.equations.z), Array("zd", zd), Array("h", h)]
+    change, step = ca.substitute(changes, [p], [table.p])[0], Array("h", h)
+    f = forward.equations
+    texts = {
+        "rates": ("rates", [z, qd], "zd", e.T @ e.qd),
+        "change": ("velocity_change", [*arrays, *payload, step, table.array], "change", change),
+        "ahead": ("ahead", [Array("z", f.z), Array("zd", f.zd), step], "room",
+                  forward.ahead(f.z, f.zd, h)),
+    }  # fmt: skip
+    sign = "tanh({a} / speed[0])"
     return {
-        "change": straight_line(
-            "velocity_change",
-            [*arrays, *payload, Array("h", h), table.array],
-            ("change", change),
-            linkage="static ",
-        ),
-        "ahead": straight_line(
-            "ahead",
-            room,
-            ("room", forward.ahead(forward.equations.z, zd, h)),
-            linkage="static ",
-        ),
+        "accelerations": accelerations(subject, table, speed, *payload, sign=sign),
+        **{
+            key: straight_line(name, inputs, (out, value), linkage="static ")
+            for key, (name, inputs, out, value) in texts.items()
+        },
     }
-
-
-def _zipped(files: dict[str, bytes]) -> bytes:
-    """A zip file whose bytes depend on its content only."""
-    archive = io.BytesIO()
-    with zipfile.ZipFile(archive, "w", zipfile.ZIP_DEFLATED) as unit:
-        for path, content in files.items():
-            unit.writestr(zipfile.ZipInfo(path), content, zipfile.ZIP_DEFLATED)
-    return archive.getvalue()

@@ -1,7 +1,7 @@
 """The variables of a functional mock-up unit, its modelDescription.xml, and how its sources are
 built: FMI 2 and 3."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from importlib.metadata import version as released
 from xml.etree import ElementTree as ET
@@ -9,13 +9,14 @@ from xml.etree import ElementTree as ET
 import numpy as np
 
 from deltaid.exports.options import FmiVersion
-from deltaid.exports.text import element
+from deltaid.exports.text import element, xml_text
 from deltaid.model.model import Model
 from deltaid.robot.limits import UNITS
 
 # Speed [rad/s or m/s] below which Coulomb friction fades, where the user sets no other.
 FRICTION_SPEED = 0.01
 
+_HEAD = '<?xml version="1.0" encoding="UTF-8"?>\n'
 # What task coordinates are, by name.
 _TASK = {
     "x": "x of the platform point in the world",
@@ -84,16 +85,28 @@ def carrier(subject: Model) -> str:
     return next((name for name in ("EE", "P") if name in subject.layout.bodies), "")
 
 
-def _units_of(subject: Model) -> tuple[list[tuple[str, str]], list[tuple[str, str]]]:
-    """Units of each drive's coordinate and torque; name and unit of each task coordinate."""
-    linear = [subject.robot.is_linear(drive) for drive in subject.robot.drives]
-    drives = [("m", "N") if slides else ("rad", "N.m") for slides in linear]
-    return drives, [(name, UNITS[name]) for name in subject.robot.task.names]
+def _per_drive(
+    subject: Model,
+    name: str,
+    causality: str,
+    words: str,
+    unit: str = "{0.coordinate}",
+    starts: Sequence[float] = (),
+    needs: tuple[str, ...] | None = None,
+) -> tuple[FmuVariable, ...]:
+    """A variable a drive, its number in the words; its unit is made of the drive's units."""
+    units = [unit.format(x).replace(" ", ".") for x in subject.robot.drive_units.values()]
+    return tuple(
+        FmuVariable(f"{name}{i}", causality, x, words.format(i), start, needs=needs)
+        for i, (x, start) in enumerate(zip(units, starts or [None] * len(units), strict=True), 1)
+    )
+
+
+_EFFORT = ("torque or force of drive {} at the joint", "{0.force}")
 
 
 def forward_variables(subject: Model) -> Variables:
     """The robot: torques and payload in, motion out; z and then q̇ are the states."""
-    drives, task = _units_of(subject)
     speed = FmuVariable(
         "friction_speed", "parameter", "",
         "rad/s or m/s below which dry friction fades in model exchange; co-simulation is exact",
@@ -102,59 +115,45 @@ def forward_variables(subject: Model) -> Variables:
     payload = FmuVariable("payload", "input", "kg",
         "mass that the tool holds; it comes and goes with the platform's velocity", 0.0,
     )  # fmt: skip
-    tau = tuple(
-        FmuVariable(f"tau{i}", "input", force, f"torque or force of drive {i} at the joint", 0.0)
-        for i, (_, force) in enumerate(drives, 1)
-    )
     z = tuple(
-        FmuVariable(name, "output", unit, _TASK[name], float(start))
-        for (name, unit), start in zip(task, subject.home, strict=True)
+        FmuVariable(name, "output", UNITS[name], _TASK[name], float(start))
+        for name, start in zip(subject.robot.task.names, subject.home, strict=True)
     )
-    qd = tuple(
-        FmuVariable(f"qd{i}", "output", f"{unit}/s", f"speed of drive {i}", 0.0)
-        for i, (unit, _) in enumerate(drives, 1)
-    )
+    still = [0.0] * subject.dynamics.dof
+    qd = _per_drive(subject, "qd", "output", "speed of drive {}", "{0.coordinate}/s", still)
     needs = tuple(variable.name for variable in (*z, *qd))
-    dz = tuple(
-        FmuVariable(f"der({v.name})", "local", f"{v.unit}/s", "", derivative_of=v.name, needs=needs)
-        for v in z
+    dz, dqd = (
+        tuple(
+            FmuVariable(f"der({v.name})", "local", f"{v.unit}{per}", "", None, v.name, from_)
+            for v in group
+        )
+        for group, per, from_ in ((z, "/s", needs), (qd, "2", None))
     )
-    dqd = tuple(
-        FmuVariable(f"der({v.name})", "local", f"{v.unit}2", "", derivative_of=v.name) for v in qd
-    )
-    q = tuple(
-        FmuVariable(f"q{i}", "output", unit, f"coordinate of drive {i}", needs=needs[: len(z)])
-        for i, (unit, _) in enumerate(drives, 1)
-    )
+    q = _per_drive(subject, "q", "output", "coordinate of drive {}", needs=needs[: len(z)])
     held = {"PAYLOAD": (payload,)} if carrier(subject) else {}
     of_motion = {"Z": z, "QD": qd, "DZ": dz, "DQD": dqd, "Q": q}
+    tau = _per_drive(subject, "tau", "input", *_EFFORT, still)
     return Variables({"SPEED": (speed,), "TAU": tau, **held, **of_motion}, 2 * len(z))
 
 
 def inverse_variables(subject: Model) -> Variables:
     """Inverse dynamics: the drives' motion in, torques and pose out; no states."""
-    drives, task = _units_of(subject)
-    home = np.asarray(subject.dynamics.kinematics.inverse(subject.home[None])[0])
-    kinds = (("q", "", "coordinate", home), ("qd", "/s", "speed", 0 * home),
-             ("qdd", "/s2", "acceleration", 0 * home))  # fmt: skip
+    home = subject.dynamics.kinematics.inverse(subject.home[None])[0].tolist()
+    still = [0.0] * len(home)
+    kinds = {"q": ("", "coordinate", home), "qd": ("/s", "speed", still),
+             "qdd": ("/s2", "acceleration", still)}  # fmt: skip
     groups = {
-        name.upper(): tuple(
-            FmuVariable(
-                f"{name}{i}", "input", f"{unit}{per}", f"{words} of drive {i}", float(start)
-            )
-            for i, ((unit, _), start) in enumerate(zip(drives, starts, strict=True), 1)
+        name.upper(): _per_drive(
+            subject, name, "input", f"{words} of drive {{}}", f"{{0.coordinate}}{per}", starts
         )
-        for name, per, words, starts in kinds
+        for name, (per, words, starts) in kinds.items()
     }
-    groups["TAU"] = tuple(
-        FmuVariable(f"tau{i}", "output", force, f"torque or force of drive {i} at the joint")
-        for i, (_, force) in enumerate(drives, 1)
-    )
     q = tuple(variable.name for variable in groups["Q"])
-    groups["Z"] = tuple(
-        FmuVariable(name, "output", unit, _TASK[name], needs=q) for name, unit in task
+    z = tuple(
+        FmuVariable(name, "output", UNITS[name], _TASK[name], needs=q)
+        for name in subject.robot.task.names
     )
-    return Variables(groups)
+    return Variables({**groups, "TAU": _per_drive(subject, "tau", "output", *_EFFORT), "Z": z})
 
 
 # Units by name, as powers of SI base units.
@@ -172,95 +171,87 @@ _UNITS: dict[str, dict[str, str]] = {
 }
 
 
-@dataclass(frozen=True)
-class Described:
-    """What a description says of a unit as a whole.
+def model_description(
+    name: str,
+    provenance: str,
+    token: str,
+    sources: Sequence[str],
+    variables: Variables,
+    version: FmiVersion,
+) -> str:
+    """The text of modelDescription.xml; places count from 1 in FMI 2, from 0 in FMI 3.
 
-    Attributes:
-        name: its model identifier.
-        provenance: where its numbers come from.
+    Args:
+        name: the model identifier.
+        provenance: where the numbers come from.
         token: what ties the description to its binaries.
-        sources: names of its C files.
+        sources: names of the C files.
     """
-
-    name: str
-    provenance: str
-    token: str
-    sources: tuple[str, ...]
-
-
-def model_description(unit: Described, variables: Variables, version: FmiVersion) -> str:
-    """The text of modelDescription.xml; places count from 1 in FMI 2, from 0 in FMI 3."""
     second = version == "2"
-    first, token, state = (
+    first, token_name, state = (
         (1, "guid", "FMUstate") if second else (0, "instantiationToken", "FMUState")
     )
     able = {f"canGetAndSet{state}": "true", f"canSerialize{state}": "true"}
     step = {"canHandleVariableCommunicationStepSize": "true"}
-    files = [element("SourceFiles", *(element("File", name=file) for file in unit.sources))]
+    files = [element("SourceFiles", *(element("File", name=file) for file in sources))]
     structure = element("ModelStructure")
     places = {variable.name: k for k, variable in enumerate(variables.all)}
-    for group, (name, members) in _groups(variables).items():
+    for group, (kind, members) in _groups(variables).items():
         inside = ET.SubElement(structure, group) if second and members else structure
         for v in members:
             needs = (v.name,) if v.settable else v.needs  # a state as output is its own
             place = {"index" if second else "valueReference": str(places[v.name] + first)}
             known = None if needs is None else " ".join(str(places[n] + first) for n in needs)
-            inside.append(element("Unknown" if second else name, **place, dependencies=known))
-    return _text(
+            inside.append(element("Unknown" if second else kind, **place, dependencies=known))
+    units = sorted({variable.unit for variable in variables.all} - {""})
+    root = element(
+        "fmiModelDescription",
+        *(
+            element(kind, *(files if second else []), modelIdentifier=name, **able, **more)
+            for kind, more in (("ModelExchange", {}), ("CoSimulation", step))
+        ),
         element(
-            "fmiModelDescription",
-            *(
-                element(kind, *(files if second else []), modelIdentifier=unit.name, **able, **more)
-                for kind, more in (("ModelExchange", {}), ("CoSimulation", step))
-            ),
-            _units(variables),
-            element("DefaultExperiment", startTime="0", stopTime="1", stepSize="0.001"),
-            element(
-                "ModelVariables",
-                *(_variable(v, places, version) for v in variables.all),
-            ),
-            structure,
-            fmiVersion=f"{version}.0",
-            modelName=unit.name,
-            **{token: unit.token},
-            description=unit.provenance,
-            author="deltaid developers",
-            version=released("deltaid"),
-            copyright="the deltaid developers",
-            license="MIT",
-            generationTool="deltaid",
-            variableNamingConvention="structured",
-            numberOfEventIndicators="0" if second else None,
-        )
+            "UnitDefinitions",
+            *(element("Unit", element("BaseUnit", **_UNITS[unit]), name=unit) for unit in units),
+        ),
+        element("DefaultExperiment", startTime="0", stopTime="1", stepSize="0.001"),
+        element("ModelVariables", *(_variable(v, places, version) for v in variables.all)),
+        structure,
+        fmiVersion=f"{version}.0",
+        modelName=name,
+        **{token_name: token},
+        description=provenance,
+        author="deltaid developers",
+        version=released("deltaid"),
+        copyright="the deltaid developers",
+        license="MIT",
+        generationTool="deltaid",
+        variableNamingConvention="structured",
+        numberOfEventIndicators="0" if second else None,
     )
+    return xml_text(root, _HEAD)
 
 
-def build_description(unit: Described) -> str:
+def build_description(name: str, sources: Sequence[str]) -> str:
     """The text of sources/buildDescription.xml, which FMI 3 has in place of a list of files."""
-    files = (element("SourceFile", name=file) for file in unit.sources)
-    build = element(
-        "BuildConfiguration",
-        element("SourceFileSet", *files, language="C99"),
-        modelIdentifier=unit.name,
-    )
-    return _text(element("fmiBuildDescription", build, fmiVersion="3.0"))
+    files = (element("SourceFile", name=file) for file in sources)
+    fileset = element("SourceFileSet", *files, language="C99")
+    build = element("BuildConfiguration", fileset, modelIdentifier=name)
+    return xml_text(element("fmiBuildDescription", build, fmiVersion="3.0"), _HEAD)
 
 
 def _variable(variable: FmuVariable, places: Mapping[str, int], version: FmiVersion) -> ET.Element:
     """A variable; FMI 2 has its values in an element within."""
-    initial = "calculated" if variable.start is None else "exact"
+    start, parameter = variable.start, variable.causality == "parameter"
+    initial = "calculated" if start is None else "exact"
     common = {
         "name": variable.name,
         "valueReference": str(places[variable.name]),
         "causality": variable.causality,
-        "variability": "tunable" if variable.causality == "parameter" else "continuous",
+        "variability": "tunable" if parameter else "continuous",
         "description": variable.description or None,
     }
-    values = {
-        "unit": variable.unit or None,
-        "start": None if variable.start is None else repr(variable.start),
-    }
+    values = {"unit": variable.unit or None, "start": None if start is None else repr(start)}
     last = {"initial": None if variable.causality in ("input", "independent") else initial}
     slope = None
     if variable.derivative_of:
@@ -268,12 +259,6 @@ def _variable(variable: FmuVariable, places: Mapping[str, int], version: FmiVers
     if version == "3":
         return element("Float64", **common, **values, **last, derivative=slope)
     return element("ScalarVariable", element("Real", **values, derivative=slope), **common, **last)
-
-
-def _units(variables: Variables) -> ET.Element:
-    names = sorted({variable.unit for variable in variables.all} - {""})
-    units = (element("Unit", element("BaseUnit", **_UNITS[name]), name=name) for name in names)
-    return element("UnitDefinitions", *units)
 
 
 def _groups(variables: Variables) -> dict[str, tuple[str, list[FmuVariable]]]:
@@ -286,9 +271,3 @@ def _groups(variables: Variables) -> dict[str, tuple[str, list[FmuVariable]]]:
         "Derivatives": ("ContinuousStateDerivative", slopes),
         "InitialUnknowns": ("InitialUnknown", initial),
     }
-
-
-def _text(root: ET.Element) -> str:
-    ET.indent(root)
-    text = ET.tostring(root, encoding="unicode")
-    return f'<?xml version="1.0" encoding="UTF-8"?>\n{text}\n'

@@ -1,7 +1,7 @@
 """What an exported function is, whatever language it is written in.
 
-C and structured text are both made from a table of these (`model_functions`,
-`further_functions`): a function more is one entry more. Every function returns a status, and
+C and structured text are both made from a table of these (`model_functions.code_parts`): a
+function more is one entry more. Every function returns a status, and
 leaves its outputs alone unless that is OK.
 The parameters of a model are a table of named numbers, which their graphs read.
 """
@@ -16,7 +16,7 @@ from deltaid.exports.digits import OutputPart
 from deltaid.exports.straight_line import Array
 from deltaid.exports.text import DOUBLE, Precision, c_comment
 from deltaid.model.model import Model
-from deltaid.online.graph import StepGraph
+from deltaid.online.graph import Field, StepGraph
 
 # What functions return, by name: number and meaning.
 STATUSES: Mapping[str, tuple[int, str]] = {
@@ -182,8 +182,14 @@ def parameter_table(subject: Model, name: str, precision: Precision = DOUBLE) ->
     """The parameters of a model as a C table, without those that are zero."""
     layout, kept = subject.dynamics.layout, np.flatnonzero(subject.p)
     symbols, p = ca.SX.sym("p", len(kept)), ca.SX.zeros(subject.p.size)
-    rows = []
-    for k, i in enumerate(kept):
-        p[int(i)] = symbols[k]
-        rows.append((c_comment(layout.names[i]), layout.units[i], precision.c_number(subject.p[i])))
+    p[kept.tolist()] = symbols
+    rows = [
+        (c_comment(layout.names[i]), layout.units[i], precision.c_number(subject.p[i]))
+        for i in kept
+    ]
     return ParameterTable(rows, Array(name, symbols, is_table=True), p)
+
+
+def note_of(field: Field) -> str:
+    """What a field of a cycle is, with its unit."""
+    return f"{field.doc} [{field.unit}]" if field.unit else field.doc

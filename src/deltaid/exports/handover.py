@@ -9,8 +9,7 @@ import polars as pl
 from jaxtyping import Float
 
 from deltaid.exports.options import TargetName
-from deltaid.exports.st_test import st_test
-from deltaid.exports.structured_text import quantities
+from deltaid.exports.structured_text import quantities, st_test
 from deltaid.exports.text import SINGLE, Precision, plain_letters, rendered
 from deltaid.model.model import Model
 

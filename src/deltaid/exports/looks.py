@@ -11,12 +11,10 @@ import numpy as np
 from jaxtyping import Float
 from scipy.spatial.transform import Rotation
 
-from deltaid.exports.tree_parts import Tree, Vector
+from deltaid.exports.tree import ZERO, I, Tree, Vector, X, Z
 from deltaid.model.model import Model
 from deltaid.robot.limbs import LimbGeometry
-from deltaid.robot.platform import H4Platform, I4Platform, Par4Platform, RigidPlatform
-
-_X, _Y, _Z = np.eye(3)
+from deltaid.robot.platform import I4Platform, Par4Platform, RigidPlatform
 
 # Red, green, blue and opacity of each colour.
 COLOURS: dict[str, tuple[float, float, float, float]] = {
@@ -31,12 +29,18 @@ COLOURS: dict[str, tuple[float, float, float, float]] = {
 
 
 @dataclass(frozen=True)
-class Rod:
-    """A cylinder from one point to another, with round ends where it can have them."""
+class NamedShape:
+    """On a body of the tree, in its link frame; on '' in the world."""
 
     body: str
     name: str
     colour: str
+
+
+@dataclass(frozen=True)
+class Rod(NamedShape):
+    """A cylinder from one point to another, with round ends where it can have them."""
+
     start: Vector
     end: Vector
     radius: float
@@ -44,23 +48,17 @@ class Rod:
 
 
 @dataclass(frozen=True)
-class Ball:
+class Ball(NamedShape):
     """A sphere about its centre."""
 
-    body: str
-    name: str
-    colour: str
     centre: Vector
     radius: float
 
 
 @dataclass(frozen=True)
-class BoxShape:
+class BoxShape(NamedShape):
     """A box with its half lengths along its own axes."""
 
-    body: str
-    name: str
-    colour: str
     centre: Vector
     R: Float[np.ndarray, "3 3"]
     half: Vector
@@ -82,40 +80,35 @@ def strut_radius(subject: Model) -> float:
 def shapes(subject: Model, tree: Tree) -> tuple[Shape, ...]:
     """All but the struts, each on a body of the tree, in its link frame; '' is the world."""
     s = thickness(subject)
-    found = [*_platform(subject, tree, s), *_ends_of_struts(tree, s), *_tool(subject, tree, s)]
+    found = [*_platform(subject, tree, s), *_ends_of_struts(tree, s), *_tool(tree, s)]
     for n, limb in enumerate(subject.robot.limb_geometry, 1):
-        found += _arm(limb, n, s) if limb.drive == "rotary" else _carriage(subject, limb, n, s)
-    found += _base(subject, s)
-    if subject.robot.telescope is not None:
-        found += _telescope(subject, s)
-    return tuple(found)
+        found += _limb(subject, limb, n, s)
+    return (*found, *_base(subject, s), *_telescope(subject, s))
 
 
-def _arm(limb: LimbGeometry, n: int, s: float) -> Iterator[Shape]:
-    """The motor stands in the world along the limb's y; the upper arm points along its own x."""
-    y, elbow = 0.07 * s * limb.R_WL[:, 1], limb.upper_arm * _X
-    yield Rod("", f"motor{n}", "motor", limb.base - y, limb.base + y, 0.045 * s, round=False)
-    yield Rod(f"U{n}", f"arm{n}", "arm", np.zeros(3), elbow, 0.02 * s)
-
-
-def _carriage(subject: Model, limb: LimbGeometry, n: int, s: float) -> Iterator[Shape]:
-    """A rail as long as the drive's range, and what slides on it."""
-    yield Rod("", f"rail{n}", "base", *_rail(subject, limb, n, s), 0.018 * s)
-    R, half = _along_rail(limb), s * np.array([0.025, 0.05, 0.05])
-    yield BoxShape(f"C{n}", f"carriage{n}", "arm", np.zeros(3), R, half)
+def _limb(subject: Model, limb: LimbGeometry, n: int, s: float) -> Iterator[Shape]:
+    """A motor in the world along the limb's y, and the upper arm along its own x; or a rail as long
+    as the drive's range, and what slides on it."""
+    if limb.drive == "rotary":
+        y, elbow = 0.07 * s * limb.R_WL[:, 1], limb.upper_arm * X
+        yield Rod("", f"motor{n}", "motor", limb.base - y, limb.base + y, 0.045 * s, round=False)
+        yield Rod(f"U{n}", f"arm{n}", "arm", ZERO, elbow, 0.02 * s)
+    else:
+        yield Rod("", f"rail{n}", "base", *_rail(subject, limb, n, s), 0.018 * s)
+        R, half = _along_rail(limb), s * np.array([0.025, 0.05, 0.05])
+        yield BoxShape(f"C{n}", f"carriage{n}", "arm", ZERO, R, half)
 
 
 def _along_rail(limb: LimbGeometry) -> Float[np.ndarray, "3 3"]:
     """Axes in the limb's frame whose z runs along the rail."""
-    R, _ = Rotation.align_vectors([limb.rail], [_Z])
-    return R.as_matrix()
+    return Rotation.align_vectors([limb.rail], [Z])[0].as_matrix()
 
 
 def _rail(subject: Model, limb: LimbGeometry, n: int, s: float) -> tuple[Vector, Vector]:
     """Both ends of a rail, which stands behind the joints of its carriage."""
-    limits = subject.robot.limits_of(f"drive{n}")
     q = subject.dynamics.kinematics.inverse(subject.home)[n - 1]
-    low, high = limits.range or (q - 0.5 * limb.strut, q + 0.5 * limb.strut)
+    ends = subject.robot.limits_of(f"drive{n}").range
+    low, high = ends or (q - 0.5 * limb.strut, q + 0.5 * limb.strut)
     behind = -0.035 * s * _along_rail(limb)[:, 0] * (1 if limb.outwards else -1)
     place, along = limb.base + limb.R_WL @ behind, limb.R_WL @ limb.rail
     return place + low * along, place + high * along
@@ -126,9 +119,9 @@ def _base(subject: Model, s: float) -> Iterator[Shape]:
     limbs = subject.robot.limb_geometry
     if limbs[0].drive == "rotary":
         bases = np.array([limb.base for limb in limbs])
-        middle, up = bases.mean(axis=0), 0.06 * s * _Z
+        middle, up = bases.mean(axis=0), 0.06 * s * Z
         radius = float(np.linalg.norm(bases - middle, axis=1).max()) + 0.06 * s
-        plate = middle + up, middle + up + 0.02 * s * _Z
+        plate = middle + up, middle + up + 0.02 * s * Z
         yield Rod("", "base", "base", *plate, radius, round=False)
         return
     rails = [_rail(subject, limb, n, s) for n, limb in enumerate(limbs, 1)]
@@ -143,65 +136,51 @@ def _ends_of_struts(tree: Tree, s: float) -> Iterator[Shape]:
     for strut in tree.struts:
         for point in (strut.first, strut.second):
             yield Ball(point.body, point.name, "steel", point.position, 0.013 * s)
-    pairs = {(a.body, b.name): (a, b) for a, b in zip(tree.struts, tree.struts[1:], strict=False)
-             if a.body == b.body}  # fmt: skip
-    for a, b in pairs.values():
-        for p, q in ((a.first, b.first), (a.second, b.second)):
+    for a, b in zip(tree.struts, tree.struts[1:], strict=False):
+        for p, q in ((a.first, b.first), (a.second, b.second)) if a.body == b.body else ():
             name = f"{p.name.removesuffix('_elbow').removesuffix('_seat')}_{p.body}_bar"
             yield Rod(p.body, name, "steel", p.position, q.position, 0.008 * s)
 
 
 def _platform(subject: Model, tree: Tree, s: float) -> Iterator[Shape]:
-    """A spoke to the seats of each limb, and a plate or a bar in the middle."""
-    platform = subject.robot.platform
+    """A spoke to the seats of each limb, and a plate in the middle, or the two parts of a platform
+    that turns the tool and what joins them."""
+    platform, colour = subject.robot.platform, "platform"
     for cut in tree.cuts:
         seat = cut.second
         if seat.name.endswith("_seat") and np.linalg.norm(seat.position) > 1e-3:
-            colour = "platform"
-            yield Rod(seat.body, f"{cut.name}_spoke", colour, np.zeros(3), seat.position, 0.011 * s)
-    thick = 0.012 * s * _Z
+            yield Rod(seat.body, f"{cut.name}_spoke", colour, ZERO, seat.position, 0.011 * s)
+    thick, lift = 0.012 * s * Z, 0.014 * s * Z
     if isinstance(platform, RigidPlatform):
         seats = [cut.second.position for cut in tree.cuts if cut.second.body == "P"]
         radius = max(0.6 * max(float(np.linalg.norm(r[:2])) for r in seats), 0.02 * s)
-        yield Rod("P", "platform", "platform", -thick, thick, radius, round=False)
+        yield Rod("P", "platform", colour, -thick, thick, radius, round=False)
         return
     for part in (f"{platform.bodies[0]}{k}" for k in (1, 2)):
-        yield Rod(part, f"{part}_hub", "platform", -thick, thick, 0.03 * s, round=False)
-    yield from _middle(platform, s)
-
-
-def _middle(platform: H4Platform | Par4Platform | I4Platform, s: float) -> Iterator[Shape]:
-    """What joins the two parts of a platform that turns the tool."""
-    lift = 0.014 * s * _Z
+        yield Rod(part, f"{part}_hub", colour, -thick, thick, 0.03 * s, round=False)
     if isinstance(platform, I4Platform):
         e = 0.12 * s * platform.direction
         yield Rod("HP1", "rack", "steel", lift - e, lift + e, 0.008 * s)
-        return
-    par4 = isinstance(platform, Par4Platform)
-    half = (0.5 * platform.length if par4 else platform.half_length) * _X
-    yield Rod(platform.bodies[1], "middle", "steel", lift - half, lift + half, 0.012 * s)
+    else:
+        par4 = isinstance(platform, Par4Platform)
+        half = (0.5 * platform.length if par4 else platform.half_length) * X
+        yield Rod(platform.bodies[1], "middle", "steel", lift - half, lift + half, 0.012 * s)
 
 
-def _tool(subject: Model, tree: Tree, s: float) -> Iterator[Shape]:
+def _tool(tree: Tree, s: float) -> Iterator[Shape]:
     """A flange that points down, with a mark that shows how it is turned."""
-    body = tool_body(tree)
-    yield Rod(body, "flange", "steel", np.zeros(3), -0.045 * s * _Z, 0.024 * s, round=False)
-    yield Rod(body, "tip", "tool", -0.045 * s * _Z, -0.075 * s * _Z, 0.011 * s, round=False)
+    body = tree.tool_body
+    yield Rod(body, "flange", "steel", ZERO, -0.045 * s * Z, 0.024 * s, round=False)
+    yield Rod(body, "tip", "tool", -0.045 * s * Z, -0.075 * s * Z, 0.011 * s, round=False)
     if body == "EE":
         half = s * np.array([0.016, 0.004, 0.004])
-        yield BoxShape(body, "mark", "tool", s * np.array([0.024, 0.0, -0.04]), np.eye(3), half)
-
-
-def tool_body(tree: Tree) -> str:
-    """The body of the tree that carries the tool."""
-    return next((body.name for body in tree.bodies if body.name == "EE"), "P")
+        yield BoxShape(body, "mark", "tool", s * np.array([0.024, 0.0, -0.04]), I, half)
 
 
 def _telescope(subject: Model, s: float) -> Iterator[Shape]:
     """Both halves of the bar, as long as they can be without ever sticking out."""
-    bar = subject.robot.telescope
-    assert bar is not None
-    home = float(np.linalg.norm(np.subtract(bar.base_joint, subject.home[:3] + bar.platform_joint)))
-    length = 0.97 * (bar.stroke[0] if bar.stroke else 0.6 * home)
-    yield Rod("TU", "bar_upper", "steel", np.zeros(3), -length * _Z, 0.014 * s)
-    yield Rod("TL", "bar_lower", "strut", np.zeros(3), length * _Z, 0.009 * s)
+    if (bar := subject.robot.telescope) is not None:
+        way = np.subtract(bar.base_joint, subject.home[:3] + bar.platform_joint)
+        length = 0.97 * (bar.stroke[0] if bar.stroke else 0.6 * float(np.linalg.norm(way)))
+        yield Rod("TU", "bar_upper", "steel", ZERO, -length * Z, 0.014 * s)
+        yield Rod("TL", "bar_lower", "strut", ZERO, length * Z, 0.009 * s)

@@ -7,7 +7,6 @@ Drawn models are a folder of such files, for programs that train or test on many
 """
 
 import csv
-from collections.abc import Iterator
 from pathlib import Path
 from xml.etree import ElementTree as ET
 
@@ -15,13 +14,20 @@ import numpy as np
 from jaxtyping import Float
 from scipy.spatial.transform import Rotation
 
-from deltaid.errors import DeltaidError
-from deltaid.exports.looks import Shape, shapes, tool_body
+from deltaid.exports.looks import Shape, shapes
 from deltaid.exports.mjcf_scene import assets, extent, geom, middle, scalar_first, scene, struts
 from deltaid.exports.plain_friction import JointForces, joint_forces
-from deltaid.exports.text import element, xml_comment
-from deltaid.exports.tree import spanning_tree
-from deltaid.exports.tree_parts import Tree, TreeBody, TreeJoint, TreePoint
+from deltaid.exports.text import element, xml_text
+from deltaid.exports.tree import (
+    ZERO,
+    I,
+    Tree,
+    TreeBody,
+    TreeJoint,
+    TreePoint,
+    require_physical,
+    spanning_tree,
+)
 from deltaid.files import new_folder
 from deltaid.model.model import Model
 from deltaid.model.samples import Samples
@@ -44,12 +50,6 @@ def mjcf(subject: Model) -> str:
     drawn = shapes(subject, tree)
     seen = extent(subject, drawn)
     order: list[str] = []
-    base = element(
-        "body",
-        *(geom(shape) for shape in drawn if not shape.body),
-        *(_body(subject, tree, body, drawn, forces, home, order) for body in tree.children("")),
-        name="base",
-    )
     root = element(
         "mujoco",
         element(
@@ -67,7 +67,16 @@ def mjcf(subject: Model) -> str:
             element("site", size="0.004", group="4"),
         ),
         *assets(seen),
-        element("worldbody", *scene(seen), base),
+        element(
+            "worldbody",
+            *scene(seen),
+            element(
+                "body",
+                *(geom(shape) for shape in drawn if not shape.body),
+                *_bodies(subject, tree, "", drawn, forces, home, order),
+                name="base",
+            ),
+        ),
         struts(subject, tree),
         _equality(tree),
         _actuators(subject),
@@ -75,62 +84,58 @@ def mjcf(subject: Model) -> str:
         element("keyframe", element("key", name="home", qpos=[home[name] for name in order])),
         model=subject.name,
     )
-    root.insert(0, ET.Comment(xml_comment(subject.provenance)))
-    ET.indent(root)
-    return ET.tostring(root, encoding="unicode") + "\n"
+    return xml_text(root, comment=subject.provenance)
 
 
-def _body(
+def _bodies(
     subject: Model,
     tree: Tree,
-    body: TreeBody,
+    parent: str,
     drawn: tuple[Shape, ...],
     forces: dict[str, JointForces],
     home: dict[str, float],
     order: list[str],
-) -> ET.Element:
-    """A body and all on it; `order` collects joints as MuJoCo counts them.
+) -> list[ET.Element]:
+    """All bodies on one, with all on them; `order` collects joints as MuJoCo counts them.
 
     MuJoCo wants the frame where the joints are at `ref`, and every axis in that frame.
     """
-    R, r, axes = _at_home(body, home)
-    inertia = RigidBody(body.p)
-    T = inertia.about_com
-    entries = [T[0, 0], T[1, 1], T[2, 2], T[0, 1], T[0, 2], T[1, 2]]
-    order += [joint.name for joint in body.joints]
-    parts = [
-        element("inertial", pos=inertia.com, mass=inertia.mass, fullinertia=entries),
-        *(_joint(subject, *both, forces, home) for both in zip(body.joints, axes, strict=True)),
-        *(geom(shape) for shape in drawn if shape.body == body.name),
-        *(
-            middle(subject, body.name, float(cut.first.position[0]))
-            for cut in tree.cuts
-            if cut.first.body == body.name and cut.first.name.endswith("_strut")
-        ),
-        *(
-            element("site", name=point.name, pos=point.position)
-            for point in _points(tree)
-            if point.body == body.name
-        ),
-    ]
-    if any(strut.body == body.name for strut in tree.struts):  # turned by 180° about z
-        parts.append(element("site", name=f"{body.name}_pull", quat="0 0 0 1"))
-    children = tree.children(body.name)
-    parts += [_body(subject, tree, child, drawn, forces, home, order) for child in children]
-    quat = scalar_first(R)
-    if not _needs_mount(body, R):
-        return element("body", *parts, name=body.name, pos=r, quat=quat)
-    mounted = element("body", *parts, name=body.name)
-    return element("body", mounted, name=f"{body.name}_mount", pos=r, quat=quat)
-
-
-def _points(tree: Tree) -> Iterator[TreePoint]:
-    """Sites: where loops are cut, ends of struts, the tool."""
-    for cut in tree.cuts:
-        yield from (cut.first, cut.second)
-    for strut in tree.struts:
-        yield from (strut.first, strut.second)
-    yield TreePoint("tool", tool_body(tree), np.zeros(3))
+    points = [p for pair in (*tree.cuts, *tree.struts) for p in (pair.first, pair.second)]
+    points.append(TreePoint("tool", tree.tool_body, ZERO))
+    made = []
+    for body in tree.bodies:
+        if body.parent != parent:
+            continue
+        R, r, axes = _at_home(body, home)
+        inertia = RigidBody(body.p)
+        T = inertia.about_com
+        entries = [T[0, 0], T[1, 1], T[2, 2], T[0, 1], T[0, 2], T[1, 2]]
+        order += [joint.name for joint in body.joints]
+        parts = [
+            element("inertial", pos=inertia.com, mass=inertia.mass, fullinertia=entries),
+            *(_joint(subject, *both, forces, home) for both in zip(body.joints, axes, strict=True)),
+            *(geom(shape) for shape in drawn if shape.body == body.name),
+            *(
+                middle(subject, body.name, float(cut.first.position[0]))
+                for cut in tree.cuts
+                if cut.first.body == body.name and cut.first.name.endswith("_strut")
+            ),
+            *(
+                element("site", name=point.name, pos=point.position)
+                for point in points
+                if point.body == body.name
+            ),
+        ]
+        if any(strut.body == body.name for strut in tree.struts):  # turned by 180° about z
+            parts.append(element("site", name=f"{body.name}_pull", quat="0 0 0 1"))
+        parts += _bodies(subject, tree, body.name, drawn, forces, home, order)
+        place = {"pos": r, "quat": scalar_first(R)}
+        if _needs_mount(body, R):
+            mounted = element("body", *parts, name=body.name)
+            made.append(element("body", mounted, name=f"{body.name}_mount", **place))
+        else:
+            made.append(element("body", *parts, name=body.name, **place))
+    return made
 
 
 def _needs_mount(body: TreeBody, R: Float[np.ndarray, "3 3"]) -> bool:
@@ -139,7 +144,7 @@ def _needs_mount(body: TreeBody, R: Float[np.ndarray, "3 3"]) -> bool:
     MuJoCo counts all joints of a body in the body's frame. Drake makes a body of each joint and has
     all of them but the last in the parent's frame, so these two frames must be one.
     """
-    turned = not np.array_equal(R, np.eye(3))
+    turned = not np.array_equal(R, I)
     return len(body.joints) > 1 and (turned or not all(j.slides for j in body.joints[:-1]))
 
 
@@ -165,7 +170,7 @@ def _joint(
     home: dict[str, float],
 ) -> ET.Element:
     """A joint; its coordinate at the model's own pose is `ref`."""
-    own, limits = forces.get(joint.name, JointForces()), subject.robot.limits_of(joint.name)
+    own = forces.get(joint.name, JointForces())
     return element(
         "joint",
         name=joint.name,
@@ -177,7 +182,7 @@ def _joint(
         armature=own.armature or None,
         stiffness=own.stiffness or None,
         springref=own.rest if own.stiffness else None,
-        range=limits.range,
+        range=subject.robot.limits_of(joint.name).range,
     )
 
 
@@ -209,14 +214,15 @@ def _equality(tree: Tree) -> ET.Element:
 
 def _actuators(subject: Model) -> ET.Element:
     """A motor a drive: its control is the torque [N m] or force [N] at the joint."""
-    motors = []
-    for drive in subject.robot.drives:
-        effort = subject.robot.limits_of(drive).effort
-        span = [-effort, effort] if effort else None
-        motors.append(
+    efforts = {drive: subject.robot.limits_of(drive).effort for drive in subject.robot.drives}
+    spans = {drive: [-most, most] if most else None for drive, most in efforts.items()}
+    return element(
+        "actuator",
+        *(
             element("motor", name=drive, joint=drive, gear="1", ctrlrange=span, forcerange=span)
-        )
-    return element("actuator", *motors)
+            for drive, span in spans.items()
+        ),
+    )
 
 
 def _sensors(subject: Model, tree: Tree) -> ET.Element:
@@ -245,9 +251,6 @@ def _sensors(subject: Model, tree: Tree) -> ET.Element:
     )
 
 
-INDEX = "index.csv"
-
-
 def write_ensemble(samples: Samples, folder: str | Path) -> Path:
     """Write a new folder with a file a model, and an index: file, then all parameters.
 
@@ -260,19 +263,13 @@ def write_ensemble(samples: Samples, folder: str | Path) -> Path:
     digits = len(str(len(samples)))
     with (
         new_folder(Path(folder)) as place,
-        (place / INDEX).open("w", encoding="utf-8", newline="") as file,
+        (place / "index.csv").open("w", encoding="utf-8", newline="") as file,
     ):
         index = csv.writer(file, lineterminator="\n")
         index.writerow(["file", *samples.names])
-        for i, model in enumerate(samples.models()):
-            for body in model.layout.bodies:
-                if reason := RigidBody(model.body(body)).why_not_physical:
-                    raise DeltaidError(
-                        f"body {body} cannot be exported: {reason}",
-                        where=model.source,
-                        cure="draw with another --seed, or fewer models",
-                    )
-            name = f"model_{i + 1:0{digits}}.xml"
+        for i, model in enumerate(samples.models(), 1):
+            require_physical(model, "draw with another --seed, or fewer models")
+            name = f"model_{i:0{digits}}.xml"
             (place / name).write_text(mjcf(model), encoding="utf-8")
             index.writerow([name, *map(repr, model.p.tolist())])
     return Path(folder)

@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 
 from deltaid.exports.looks import COLOURS, Ball, Rod, Shape, strut_radius, thickness
 from deltaid.exports.text import element
-from deltaid.exports.tree_parts import Tree, Vector
+from deltaid.exports.tree import Tree, Vector
 from deltaid.model.model import Model
 
 # Programs that draw no tendons (Drake) show each limb's struts as one line in their middle. They
@@ -24,28 +24,28 @@ _HIDDEN, _DEFAULT_COLOUR = "hidden", "0.5 0.5 0.5 1"
 
 @dataclass(frozen=True)
 class Extent:
-    """Lowest and highest corner of what there is to see [m]."""
+    """Middle of what there is to see, its diagonal, and height of the floor below it [m]."""
 
-    low: Vector
-    high: Vector
+    centre: Vector
+    size: float
+    floor: float
 
 
 def extent(subject: Model, drawn: Iterable[Shape]) -> Extent:
     """Base, elbows and workspace with some air around."""
-    s, world = thickness(subject), [shape for shape in drawn if not shape.body]
+    s, rods = thickness(subject), [shape for shape in drawn if isinstance(shape, Rod)]
     limbs, box = subject.robot.limb_geometry, subject.robot.workspace.bounding_box
     points = [limb.base + (limb.upper_arm or 0.1 * s) * limb.R_WL[:, 0] for limb in limbs]
-    points += [point for rod in world if isinstance(rod, Rod) for point in (rod.start, rod.end)]
+    points += [point for rod in rods if not rod.body for point in (rod.start, rod.end)]
     corners = np.vstack([*points, *box])
-    return Extent(corners.min(axis=0) - 0.15 * s, corners.max(axis=0) + 0.15 * s)
+    low, high = corners.min(axis=0) - 0.15 * s, corners.max(axis=0) + 0.15 * s
+    return Extent(0.5 * (low + high), float(np.linalg.norm(high - low)), low[2])
 
 
 def assets(seen: Extent) -> tuple[ET.Element, ...]:
     """Textures and materials, the middle of the picture, and the light that comes with the eye."""
-    low, high = seen.low, seen.high
-    centre, size = 0.5 * (low + high), float(np.linalg.norm(high - low))
     return (
-        element("statistic", center=centre, extent=0.5 * size),
+        element("statistic", center=seen.centre, extent=0.5 * seen.size),
         element(
             "visual",
             element("headlight", ambient="0.3 0.3 0.3", diffuse="0.2 0.2 0.2", specular="0 0 0"),
@@ -71,11 +71,10 @@ def assets(seen: Extent) -> tuple[ET.Element, ...]:
 
 def scene(seen: Extent) -> Iterator[ET.Element]:
     """Two lights, a floor below the workspace, and cameras from the front, the side and above."""
-    low, high = seen.low, seen.high
-    centre, size = 0.5 * (low + high), float(np.linalg.norm(high - low))
+    centre, size = seen.centre, seen.size
     yield _light(centre + size * np.array([0.6, -0.8, 1.3]), centre, "0.5 0.5 0.5", "true")
     yield _light(centre + size * np.array([-1.0, 0.6, 0.5]), centre, "0.2 0.2 0.22", "false")
-    yield element("geom", name="floor", type="plane", pos=[centre[0], centre[1], low[2]],
+    yield element("geom", name="floor", type="plane", pos=[centre[0], centre[1], seen.floor],
                   material="floor", size=[3 * size, 3 * size, 0.05])  # fmt: skip
     for name, way, far in (
         ("overview", (0.75, -1.0, 0.35), 1.05),
@@ -102,16 +101,16 @@ def _camera(name: str, centre: np.ndarray, away: np.ndarray) -> ET.Element:
 
 def geom(shape: Shape) -> ET.Element:
     """One shape of a body."""
-    seen = {"name": shape.name, "material": shape.colour}
     match shape:
-        case Rod():
-            kind, ends = "capsule" if shape.round else "cylinder", [*shape.start, *shape.end]
-            return element("geom", **seen, type=kind, size=shape.radius, fromto=ends)
+        case Rod(start=start, end=end):
+            kind = "capsule" if shape.round else "cylinder"
+            form = {"type": kind, "size": shape.radius, "fromto": [*start, *end]}
         case Ball():
-            return element("geom", **seen, type="sphere", size=shape.radius, pos=shape.centre)
+            form = {"type": "sphere", "size": shape.radius, "pos": shape.centre}
         case _:
-            quat = scalar_first(shape.R)
-            return element("geom", **seen, type="box", size=shape.half, pos=shape.centre, quat=quat)
+            turn = scalar_first(shape.R)
+            form = {"type": "box", "size": shape.half, "pos": shape.centre, "quat": turn}
+    return element("geom", name=shape.name, material=shape.colour, **form)
 
 
 def scalar_first(R: Float[np.ndarray, "3 3"]) -> Float[np.ndarray, " 4"]:
@@ -128,7 +127,6 @@ def middle(subject: Model, body: str, length: float) -> ET.Element:
 
 def struts(subject: Model, tree: Tree) -> ET.Element:
     """Every strut as a tendon without stiffness between the sites at its ends: a line to see."""
-    width = strut_radius(subject)
     return element(
         "tendon",
         *(
@@ -136,7 +134,7 @@ def struts(subject: Model, tree: Tree) -> ET.Element:
                 "spatial",
                 *(element("site", site=point.name) for point in (strut.first, strut.second)),
                 name=strut.name,
-                width=width,
+                width=strut_radius(subject),
                 material="strut",
             )
             for strut in tree.struts

@@ -14,6 +14,7 @@ from deltaid.dynamics.equations import Equations
 from deltaid.dynamics.joint_columns import carried, losses
 from deltaid.dynamics.task_dynamics import cholesky_solve
 from deltaid.errors import Doubt, unknown
+from deltaid.exports.digits import Care, care_for
 from deltaid.exports.functions import (
     Demand,
     ExportedCycle,
@@ -21,6 +22,7 @@ from deltaid.exports.functions import (
     Newton,
     Output,
     ParameterTable,
+    parameter_table,
 )
 from deltaid.exports.options import FURTHER
 from deltaid.exports.straight_line import Array
@@ -38,67 +40,79 @@ from deltaid.online.settings import OnlineSettings
 _NEWTON_STEPS = 20
 
 
-def model_functions(
-    subject: Model, table: ParameterTable, precision: Precision
-) -> list[ExportedFunction]:
-    """Kinematics, then dynamics; what calls another one stands behind it."""
-    m = subject.dynamics.kinematics.mechanism
-    reach = Demand(m.reach, precision.closed, "OUT_OF_REACH")
-    inverse = ExportedFunction(
-        "inverse_kinematics",
-        "q(z).",
-        (Array("z", m.z),),
-        (Output("q", m.q),),
-        (reach,),
+def code_parts(
+    subject: Model,
+    table: str,
+    precision: Precision,
+    further: tuple[str, ...],
+    online: OnlineSettings,
+) -> tuple[ParameterTable, list[ExportedFunction], list[ExportedCycle], Care | None]:
+    """What code of any language is made of: the table of parameters; functions, of which what calls
+    another one stands behind it; functions that keep a state; and where digits are doubled.
+
+    Args:
+        table: name of the table.
+        further: names of functions beside those that every export has, in any order.
+        online: of the function of that name.
+
+    Raises:
+        DeltaidError: there is no function of such a name, or the robot has not what it needs.
+    """
+    if strange := [name for name in further if name not in FURTHER]:
+        raise unknown(strange[0], FURTHER, "further function", "--with")
+    parameters, m = (
+        parameter_table(subject, table, precision),
+        subject.dynamics.kinematics.mechanism,
     )
-    return [inverse, _forward(subject, precision), *_dynamics(subject, table, precision)]
+    functions = [
+        ExportedFunction(
+            "inverse_kinematics",
+            "q(z).",
+            (Array("z", m.z),),
+            (Output("q", m.q),),
+            (Demand(m.reach, precision.closed, "OUT_OF_REACH"),),
+        ),
+        _forward(subject, precision),
+        *_dynamics(subject, parameters, precision),
+        *(build(subject, parameters) for name, build in _FURTHER.items() if name in further),
+    ]
+    cycles = [online_cycle(subject, online)] if "online" in further else []
+    care = care_for(subject, table) if precision is SINGLE else None
+    return parameters, functions, cycles, care
 
 
 def _forward(subject: Model, precision: Precision) -> ExportedFunction:
     m = subject.dynamics.kinematics.mechanism
-    name, q = "forward_kinematics", Array("q", m.q_symbols)
+    doc, newton = "z(q) in closed form; what z holds before does not matter.", None
     if m.forward is not None:
-        form = m.forward
-        return ExportedFunction(
-            name,
-            "z(q) in closed form; what z holds before does not matter.",
-            (q,),
-            (Output("z", form.z),),
-            (
-                Demand(form.margin, 0.0, "NOT_CLOSED"),
-                Demand(form.modes, -precision.mode, "OTHER_MODE"),
-            ),
-            unfit="NOT_CLOSED",
+        z, loops = m.forward.z, Demand(m.forward.margin, 0.0, "NOT_CLOSED")
+        modes = m.forward.modes
+    else:
+        slope, z, modes = ca.jacobian(m.closure, m.z), m.z, m.modes
+        q_home = ca.Function("q", [m.z], [m.q])(subject.home)
+        at_home = ca.Function("d", [m.z, m.q_symbols], [ca.det(slope)])(subject.home, q_home)
+        loops = Demand(float(np.sign(float(at_home))) * ca.det(slope), 0.0, "OTHER_MODE")
+        step = ca.inv_minor(slope) @ m.closure
+        newton = Newton(z, m.closure, step, _NEWTON_STEPS, precision.last, precision.closed)
+        doc = (
+            f"z(q) by Newton's method, {_NEWTON_STEPS} steps at most. z holds a pose nearby "
+            "before, such as that of the last cycle or home."
         )
-    slope = ca.jacobian(m.closure, m.z)
-    q_home = ca.Function("q", [m.z], [m.q])(subject.home)
-    at_home = ca.Function("d", [m.z, m.q_symbols], [ca.det(slope)])(subject.home, q_home)
-    side = float(np.sign(float(at_home)))
-    step = ca.inv_minor(slope) @ m.closure
+    demands = (loops, Demand(modes, -precision.mode, "OTHER_MODE"))
+    inputs, outputs = (Array("q", m.q_symbols),), (Output("z", z),)
     return ExportedFunction(
-        name,
-        f"z(q) by Newton's method, {_NEWTON_STEPS} steps at most. z holds a pose nearby before, "
-        "such as that of the last cycle or home.",
-        (q,),
-        (Output("z", m.z),),
-        (
-            Demand(side * ca.det(slope), 0.0, "OTHER_MODE"),
-            Demand(m.modes, -precision.mode, "OTHER_MODE"),
-        ),
-        Newton(m.z, m.closure, step, _NEWTON_STEPS, precision.last, precision.closed),
-        unfit="NOT_CLOSED",
+        "forward_kinematics", doc, inputs, outputs, demands, newton, unfit="NOT_CLOSED"
     )
 
 
 def _dynamics(
     subject: Model, table: ParameterTable, precision: Precision
 ) -> list[ExportedFunction]:
-    e = subject.dynamics.equations
+    e, mechanism = subject.dynamics.equations, subject.dynamics.kinematics.mechanism
     z, qd, qdd = Array("z", e.z), Array("qd", e.qd), Array("qdd", e.qdd)
-    tau = Array("tau", ca.SX.sym("tau", subject.dynamics.dof))
+    q, tau = Array("q", mechanism.q_symbols), Array("tau", ca.SX.sym("tau", subject.dynamics.dof))
     losing = " (but for losses that depend on load)" if subject.robot.load_drives else ""
-    mechanism = subject.dynamics.kinematics.mechanism
-    q, single = Array("q", mechanism.q_symbols), precision is SINGLE
+    single = precision is SINGLE
 
     def function(
         name: str, doc: str, inputs: tuple[Array, ...], out: str, value: ca.SX
@@ -106,21 +120,19 @@ def _dynamics(
         value = ca.substitute([value], [e.p], [table.p])[0]
         return ExportedFunction(name, doc, (*inputs, table.array), (Output(out, value),))
 
-    closing = [
-        function(
-            "inverse_dynamics_near",
-            "tau(q, qd, qdd), where z is the pose of q but for its rounding, which near "
-            "singularities takes more digits of torques than it has.",
-            (z, q, qd, qdd),
-            "tau",
-            ca.substitute(e.torque, e.z, closed(mechanism)),
-        )
-    ]
+    near = function(
+        "inverse_dynamics_near",
+        "tau(q, qd, qdd), where z is the pose of q but for its rounding, which near "
+        "singularities takes more digits of torques than it has.",
+        (z, q, qd, qdd),
+        "tau",
+        ca.substitute(e.torque, e.z, closed(mechanism)),
+    )
     return [
         function(
             "inverse_dynamics_at", "tau(z, qd, qdd), from the pose.", (z, qd, qdd), "tau", e.torque
         ),
-        *(closing if single else []),
+        *([near] if single else []),
         ExportedFunction(
             "inverse_dynamics",
             "tau(q, qd, qdd), by way of z as in forward_kinematics.",
@@ -180,27 +192,6 @@ def acceleration(subject: Model, e: Equations, tau: ca.SX) -> ca.SX:
     return qdd - G @ losses(robot, carried(robot, tau, e.qd, qdd, e.p), G, e.qd, e.p)
 
 
-def further_functions(
-    subject: Model, table: ParameterTable, names: tuple[str, ...]
-) -> list[ExportedFunction]:
-    """The functions of those names, each once, in the order of the list of them.
-
-    Raises:
-        DeltaidError: there is none of that name, or the robot has not what it needs.
-    """
-    for name in names:
-        if name not in FURTHER:
-            raise unknown(name, FURTHER, "further function", "--with")
-    return [build(subject, table) for name, build in _FURTHER.items() if name in names]
-
-
-def further_cycles(
-    subject: Model, names: tuple[str, ...], settings: OnlineSettings
-) -> list[ExportedCycle]:
-    """The same for functions that keep a state."""
-    return [online_cycle(subject, settings)] if "online" in names else []
-
-
 def _constraint_forces(subject: Model, table: ParameterTable) -> ExportedFunction:
     forces = ConstraintForces(subject.robot)
     e = forces.equations
@@ -212,11 +203,9 @@ def _constraint_forces(subject: Model, table: ParameterTable) -> ExportedFunctio
 
 
 def _passive_joints(subject: Model, table: ParameterTable) -> ExportedFunction:
-    mechanism = subject.dynamics.kinematics.mechanism
-    joints = tree_joints(subject.robot, mechanism, passive=True)
+    joints = tree_joints(subject.robot, subject.dynamics.kinematics.mechanism, passive=True)
     slides = {j.name for body in spanning_tree(subject).bodies for j in body.joints if j.slides}
-    units = ["m" if name in slides else "rad" for name in joints.names]
-    positions = tuple(zip(joints.names, units, strict=True))
+    positions = tuple((name, "m" if name in slides else "rad") for name in joints.names)
     return ExportedFunction(
         "passive_joints",
         "Coordinates x and rates xd of the joints without a drive; names, signs and zeros as in "
@@ -230,8 +219,7 @@ def _passive_joints(subject: Model, table: ParameterTable) -> ExportedFunction:
 
 
 def _regressor(subject: Model, table: ParameterTable) -> ExportedFunction:
-    e: Equations = subject.dynamics.equations
-    layout = subject.dynamics.layout
+    e, layout = subject.dynamics.equations, subject.dynamics.layout
     Y = ca.substitute([e.Y], [e.load], [ca.substitute([e.carried], [e.p], [table.p])[0]])[0]
     inputs = (Array("z", e.z), Array("qd", e.qd), Array("qdd", e.qdd), table.array)
     losing = (

@@ -26,19 +26,6 @@ _INSTANTS = 2000
 _PLAIN = ("viscous", "coulomb")
 
 
-@dataclass(frozen=True)
-class PlainFriction:
-    """A model with viscous and Coulomb friction only.
-
-    Attributes:
-        model: the model; the one given where it has no further terms.
-        warnings: what was approximated and how well; none where nothing was.
-    """
-
-    model: Model
-    warnings: tuple[str, ...] = ()
-
-
 def further_terms(model: Model) -> Iterator[FrictionTerm]:
     """Terms beyond viscous and Coulomb friction whose coefficient is not zero."""
     for term in model.robot.friction_terms:
@@ -74,7 +61,7 @@ def joint_forces(subject: Model, target: str) -> dict[str, JointForces]:
         DeltaidError: a joint's friction law has other terms.
     """
     robot = subject.robot
-    for term in further_terms(subject):
+    if term := next(further_terms(subject), None):
         raise DeltaidError(
             f"{target} has viscous and Coulomb friction only, but the model has {term.name}",
             where=subject.source,
@@ -94,23 +81,23 @@ def joint_forces(subject: Model, target: str) -> dict[str, JointForces]:
     }
 
 
-def plain_friction(model: Model) -> PlainFriction:
-    """The model with the nearest viscous and Coulomb friction in place of further terms.
+def plain_friction(model: Model) -> tuple[Model, tuple[str, ...]]:
+    """The model with the nearest viscous and Coulomb friction in place of further terms, and how
+    near it is; without such terms the model itself.
 
     Raises:
         KinematicsError: the described limits leave no room for a motion.
     """
     joints = list(dict.fromkeys(term.joint for term in further_terms(model)))
     if not joints:
-        return PlainFriction(model)
+        return model, ()
     laws = {joint: model.robot.friction[joint].plain for joint in joints}
     robot = model.robot.changed(friction={**model.robot.friction, **laws})
     layout, dynamics = parameter_layout(robot), compiled(model.robot)
     names = [f"{kind}.{joint}" for kind in _PLAIN for joint in joints]
     p = np.array([0.0 if name in names else model.value(name) for name in layout.names])
     motion = random_motion(dynamics.kinematics, np.random.default_rng(0))
-    instants = np.linspace(0.0, motion.period, _INSTANTS, endpoint=False)
-    z, zd, zdd = motion.evaluate(instants)
+    z, zd, zdd = motion.evaluate(np.linspace(0.0, motion.period, _INSTANTS, endpoint=False))
     _, qd, qdd = dynamics.kinematics.drive_motion(z, zd, zdd)
     tau = dynamics.torque(z, qd, qdd, model.p)
     friction = tau - compiled(robot).torque(z, qd, qdd, p)
@@ -122,11 +109,11 @@ def plain_friction(model: Model) -> PlainFriction:
     rms = np.sqrt(np.mean(error**2, axis=0))
     share = rms / np.sqrt(np.mean(tau**2, axis=0))
     k = int(np.argmax(share))
-    unit = "N" if robot.is_linear(robot.drives[k]) else "N m"
+    unit = robot.units(robot.drives[k]).force
     warning = (
         f"friction of {', '.join(joints)} is approximated by viscous and Coulomb terms. Along a "
         f"random motion, {robot.drives[k]} is off by {rms[k]:.2g} {unit} rms ({share[k]:.2%} of "
         f"its torque), at most {np.abs(error[:, k]).max():.2g} {unit}"
     )
     altered = (*model.altered, "with viscous and Coulomb friction only")
-    return PlainFriction(replace(model, robot=robot, p=p, altered=altered), (warning,))
+    return replace(model, robot=robot, p=p, altered=altered), (warning,)

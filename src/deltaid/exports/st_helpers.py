@@ -17,37 +17,31 @@ LARGEST_INPUT, LARGEST_RESULT = 1e6, 1e30
 
 def helpers(prefix: str, precision: Precision) -> list[Unit]:
     """PREFIX_sane(x, most) and PREFIX_atan2(y, x)."""
-    real = precision.st_type
-    sane, atan2 = f"{prefix}_sane", f"{prefix}_atan2"
+    real, sane, atan2 = precision.st_type, f"{prefix}_sane", f"{prefix}_atan2"
     pi = [literal(precision, value) for value in (3.141592653589793, 1.5707963267948966)]
     return [
         Unit(
-            "FUNCTION",
             sane,
             "BOOL",
             ("Whether x is a number of at most that size: not NaN, not infinite.",),
             (Variable("x", real), Variable("most", real)),
             (),
             (),
-            (),
-            real,
             (
                 f"{sane} := FALSE;",
                 "IF x = x THEN",  # the one comparison that NaN stops no controller by
                 f"    IF ABS(x) <= most THEN {sane} := TRUE; END_IF;",
                 "END_IF;",
             ),
+            real,
         ),
         Unit(
-            "FUNCTION",
             atan2,
             real,
             ("Angle of the point x, y; the first edition of the standard has none.",),
             (Variable("y", real), Variable("x", real)),
             (),
             (Variable("a", real),),
-            (),
-            real,
             (
                 "a := 0.0;",
                 "IF ABS(x) >= ABS(y) THEN",
@@ -58,6 +52,7 @@ def helpers(prefix: str, precision: Precision) -> list[Unit]:
                 f"ELSE a := -{pi[1]} - ATAN(x / y); END_IF;",
                 f"{atan2} := a;",
             ),
+            real,
         ),
     ]
 
@@ -152,15 +147,6 @@ def _unit(
     prefix: str, name: str, note: str, inputs: str, output: str, lines: list[str], own: str
 ) -> Unit:
     whole, real = f"{prefix}_pair_{name}", SINGLE.st_type
-    return Unit(
-        "FUNCTION",
-        whole,
-        real,
-        (note,),
-        tuple(Variable(x, real) for x in inputs.split()),
-        tuple(Variable(x, real) for x in output.split()),
-        tuple(Variable(x, real) for x in own.split()),
-        (),
-        real,
-        tuple(line.replace("{name}", whole) for line in lines),
-    )
+    variables = [[Variable(x, real) for x in names.split()] for names in (inputs, output, own)]
+    body = [line.replace("{name}", whole) for line in lines]
+    return Unit(whole, real, (note,), *variables, body, real)

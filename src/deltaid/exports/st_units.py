@@ -12,7 +12,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from xml.etree import ElementTree as ET
 
-from deltaid.exports.text import element, plain_letters
+from deltaid.exports.text import element, plain_letters, xml_text
 
 # Letters of a line at most.
 _WIDTH = 100
@@ -64,49 +64,46 @@ class Unit:
     """A function or a function block.
 
     Attributes:
-        kind: FUNCTION or FUNCTION_BLOCK.
         name: of it.
-        result: type of what a function returns.
+        result: type of what a function returns; empty for a function block.
         notes: what it does, lines of comment.
         inputs, outputs, own: its variables; a function leaves its inputs as they are.
-        scratch: names of further numbers, many.
-        real: type of these.
         body: statements.
+        real: type of the numbers
+        scratch: of these names, many.
     """
 
-    kind: str
     name: str
     result: str
-    notes: tuple[str, ...]
-    inputs: tuple[Variable, ...]
-    outputs: tuple[Variable, ...]
-    own: tuple[Variable, ...]
-    scratch: tuple[str, ...]
+    notes: Sequence[str]
+    inputs: Sequence[Variable]
+    outputs: Sequence[Variable]
+    own: Sequence[Variable]
+    body: Sequence[str]
     real: str
-    body: tuple[str, ...]
+    scratch: Sequence[str] = ()
 
     @property
-    def by_reference(self) -> tuple[Variable, ...]:
-        """Inputs that are passed as they are: arrays of functions."""
-        function = self.kind == "FUNCTION"
-        return tuple(v for v in self.inputs if function and v.array is not None)
+    def kind(self) -> str:
+        """FUNCTION or FUNCTION_BLOCK."""
+        return "FUNCTION" if self.result else "FUNCTION_BLOCK"
 
-    @property
-    def by_value(self) -> tuple[Variable, ...]:
-        """The other inputs."""
-        return tuple(v for v in self.inputs if v not in self.by_reference)
+    def passed(self, *, by_reference: bool) -> list[Variable]:
+        """Inputs that are passed as they are, arrays of functions; or the others."""
+        refers = bool(self.result)
+        return [v for v in self.inputs if (refers and v.array is not None) is by_reference]
 
     def text(self) -> str:
         """The unit from its first to its last word."""
-        head = f"{self.kind} {self.name}" + (f" : {self.result}" if self.result else "")
-        sections = [
-            ("VAR_INPUT", self.by_value),
-            ("VAR_IN_OUT", self.by_reference),
-            ("VAR_OUTPUT", self.outputs),
-            ("VAR", self.own),
-        ]
-        lines = [*comments(self.notes), head]
-        for keyword, variables in sections:
+        lines = [*comments(self.notes), f"{self.kind} {self.name}"]
+        lines[-1] += f" : {self.result}" if self.result else ""
+        sections = {
+            "VAR_INPUT": self.passed(by_reference=False),
+            "VAR_IN_OUT": self.passed(by_reference=True),
+            "VAR_OUTPUT": self.outputs,
+            "VAR": self.own,
+        }
+        for keyword, variables in sections.items():
             declared = [variable.line for variable in variables]
             if keyword == "VAR" and self.scratch:
                 declared += filled("    ", self.scratch, f" : {self.real};")
@@ -118,8 +115,7 @@ class Unit:
 def array_types(units: Sequence[Unit]) -> tuple[ArrayType, ...]:
     """The types of arrays that some units use, the smallest first."""
     variables = [v for unit in units for v in (*unit.inputs, *unit.outputs, *unit.own)]
-    arrays = {v.array for v in variables if v.array is not None}
-    return tuple(sorted(arrays, key=lambda array: array.size))
+    return tuple(sorted({v.array for v in variables if v.array}, key=lambda array: array.size))
 
 
 def filled(before: str, items: Sequence[str], after: str) -> list[str]:
@@ -186,31 +182,28 @@ def plcopen_xml(
         element("instances", element("configurations")),
         xmlns=_NAMESPACE,
     )
-    ET.indent(project)
-    return ET.tostring(project, encoding="unicode", xml_declaration=True) + "\n"
+    return xml_text(project, "<?xml version='1.0' encoding='utf-8'?>\n")
 
 
 def _pou(unit: Unit) -> ET.Element:
-    scratch = [Variable(name, unit.real) for name in unit.scratch]
-    sections = (
-        ("inputVars", unit.by_value),
-        ("inOutVars", unit.by_reference),
-        ("outputVars", unit.outputs),
-        ("localVars", (*unit.own, *scratch)),
-    )
+    sections = {
+        "inputVars": unit.passed(by_reference=False),
+        "inOutVars": unit.passed(by_reference=True),
+        "outputVars": unit.outputs,
+        "localVars": [*unit.own, *(Variable(name, unit.real) for name in unit.scratch)],
+    }
     interface = element(
         "interface",
-        *(element(tag, *map(_variable, variables)) for tag, variables in sections if variables),
+        *([element("returnType", element(unit.result))] if unit.result else []),
+        *(element(k, *map(_variable, variables)) for k, variables in sections.items() if variables),
+        element("documentation", _written("\n".join(unit.notes))),
     )
-    if unit.result:
-        interface.insert(0, element("returnType", element(unit.result)))
-    interface.append(element("documentation", _written("\n".join(unit.notes))))
     return element(
         "pou",
         interface,
         element("body", element("ST", _written("\n".join(unit.body)))),
         name=unit.name,
-        pouType="function" if unit.kind == "FUNCTION" else "functionBlock",
+        pouType="function" if unit.result else "functionBlock",
     )
 
 
@@ -223,10 +216,8 @@ def _array_type(array: ArrayType) -> ET.Element:
 def _variable(variable: Variable) -> ET.Element:
     array = variable.array
     kind = element(variable.type) if array is None else element("derived", name=array.name)
-    made = element("variable", element("type", kind), name=variable.name)
-    if variable.note:
-        made.append(element("documentation", _written(variable.note)))
-    return made
+    notes = [element("documentation", _written(variable.note))] if variable.note else []
+    return element("variable", element("type", kind), *notes, name=variable.name)
 
 
 def _written(text: str) -> ET.Element:

@@ -1,5 +1,4 @@
-"""Units of structured text from the entries of a function table, and a function block that compares
-torques with those of test vectors."""
+"""Units of structured text from the entries of a function table."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -8,11 +7,11 @@ import casadi as ca
 import numpy as np
 
 from deltaid.exports.digits import Care, OutputPart
-from deltaid.exports.functions import STATUSES, ExportedFunction
+from deltaid.exports.functions import STATUSES, ExportedFunction, Newton
 from deltaid.exports.st_helpers import LARGEST_INPUT, LARGEST_RESULT
 from deltaid.exports.st_statements import StructuredText, literal, plain
 from deltaid.exports.st_units import ArrayType, Unit, Variable, comment
-from deltaid.exports.straight_line import Array, body
+from deltaid.exports.straight_line import Array, body, in_order
 from deltaid.exports.text import Precision
 from deltaid.model.model import Model
 
@@ -44,24 +43,15 @@ class Writer:
 
     def table(self, name: str, note: str, values: Sequence[float], notes: Sequence[str]) -> Unit:
         """A function whose output are numbers, with a note each or none; those not named are 0."""
-        whole, n = f"{self.prefix}_{name}", len(values)
+        whole, n, real = f"{self.prefix}_{name}", len(values), self.precision.st_type
         lines = each(n, f"{TABLE}[i] := 0.0;") if n > np.count_nonzero(values) else []
+        own = [Variable("i", "INT")] if lines else []
         for k, value in enumerate(values):
-            if value or not lines:
+            if value or not own:
                 after = f" {comment(notes[k])}" if notes else ""
                 lines.append(f"{TABLE}[{k}] := {plain(self.precision, value)};{after}")
-        return Unit(
-            "FUNCTION",
-            whole,
-            "INT",
-            (note,),
-            (),
-            (self.array(TABLE, n),),
-            (Variable("i", "INT"),) if lines[0].startswith("FOR") else (),
-            (),
-            self.precision.st_type,
-            (*lines, self.returns(whole, "OK")),
-        )
+        lines.append(self.returns(whole, "OK"))
+        return Unit(whole, "INT", (note,), (), [self.array(TABLE, n)], own, lines, real)
 
     def unit(self, f: ExportedFunction) -> Unit:
         """One function, or a function block where a pose is kept."""
@@ -81,95 +71,66 @@ class Writer:
         return f"{function} := {self.status(status)}; {comment(status)}"
 
     def _function(self, f: ExportedFunction) -> Unit:
-        name, real = f"{self.prefix}_{f.name}", self.precision.st_type
-        inputs = [self.array(argument.name, argument.symbols.numel()) for argument in f.arguments]
-        newton = f.newton
-        start = [self.array("z_start", newton.x.numel())] if newton else []
-        own = [Variable("i", "INT")]
-        lines = [self.returns(name, "BAD_INPUT")]
-        for argument in f.arguments:
-            lines += self.sane(argument.name, argument.symbols.numel(), LARGEST_INPUT)
+        name, real, newton = f"{self.prefix}_{f.name}", self.precision.st_type, f.newton
+        given, scratch, own = list(f.inputs), set[str](), [Variable("i", "INT")]
+        sizes = {argument.name: argument.symbols.numel() for argument in f.arguments}
+        rooms = [output.size for output in f.outputs] + [d.value.numel() for d in f.demands]
         if newton:
-            lines += self.sane("z_start", newton.x.numel(), LARGEST_INPUT)
-        tables = [table for table in f.inputs if table.is_table and table.symbols.numel()]
-        for table in tables:
-            own.append(self.array(table.name, table.symbols.numel()))
-            lines.append(f"i := {self.prefix}_parameters({TABLE} => {table.name});")
-        scratch: dict[str, None] = {}
-        given = list(f.inputs)
-        room = max([output.size for output in f.outputs] + [d.value.numel() for d in f.demands])
-        if f.newton:
-            n = f.newton.x.numel()
-            room = max(room, 2 * n)
-            given = [Array("x", f.newton.x), *given]
-            own += [
-                Variable("k", "INT"),
-                Variable("last", "BOOL"),
-                Variable("gap", real),
-                self.array("x", n),
-            ]
-            lines += self._newton(f, name, given, scratch)
+            sizes["z_start"] = newton.x.numel()
+        lines = [self.returns(name, "BAD_INPUT")]
+        for argument, size in sizes.items():
+            lines += self.sane(argument, size, LARGEST_INPUT)
+        for table in f.inputs:
+            if table.is_table and (size := table.symbols.numel()):
+                own.append(self.array(table.name, size))
+                lines.append(f"i := {self.prefix}_parameters({TABLE} => {table.name});")
+        if newton:
+            n = newton.x.numel()
+            rooms.append(2 * n)
+            given.insert(0, Array("x", newton.x))
+            own += [Variable("k", "INT"), Variable("last", "BOOL"), Variable("gap", real)]
+            own.append(self.array("x", n))
+            lines += [self.returns(name, "NOT_CLOSED"), *self._newton(newton, given, scratch)]
         for demand in f.demands:
-            n = demand.value.numel()
             lines.append(self.returns(name, demand.status))
             lines += self.computed(given, "found", demand.value, scratch)
             bound = literal(self.precision, demand.bound)
-            lines += each(n, f"IF NOT (found[i] > {bound}) THEN RETURN; END_IF;")
+            lines += each(demand.value.numel(), f"IF NOT (found[i] > {bound}) THEN RETURN; END_IF;")
         lines.append(self.returns(name, f.unfit))
-        values = ca.vertcat(*[ca.vec(ca.densify(output.value).T) for output in f.outputs])
-        room = max(room, values.numel())
+        values, at = ca.vertcat(*[ca.vec(ca.densify(output.value).T) for output in f.outputs]), 0
         lines += self.computed(given, "found", values, scratch, f.parts)
         lines += self.sane("found", values.numel(), LARGEST_RESULT)
-        at = 0
         for output in f.outputs:
             shift = f" + {at}" if at else ""
             lines += each(output.size, f"{output.name}[i] := found[i{shift}];")
             at += output.size
         lines.append(self.returns(name, "OK"))
-        own.append(self.array("found", room))
-        return Unit(
-            "FUNCTION",
-            name,
-            "INT",
-            notes_of(f),
-            (*inputs, *start),
-            tuple(self.array(output.name, output.size) for output in f.outputs),
-            tuple(own),
-            self.sorted(scratch),
-            real,
-            tuple(lines),
-        )
-
-    def sorted(self, scratch: dict[str, None]) -> tuple[str, ...]:
-        """Names of further numbers in the order of their numbers."""
-        return tuple(sorted(scratch, key=lambda slot: (slot[0] == "r", int(slot[1:]))))
+        own.append(self.array("found", max(*rooms, at)))
+        inputs = [self.array(*argument) for argument in sizes.items()]
+        outputs = [self.array(output.name, output.size) for output in f.outputs]
+        return Unit(name, "INT", notes_of(f), inputs, outputs, own, lines, real, in_order(scratch))
 
     def computed(
         self,
         inputs: list[Array],
         out: str,
         values: ca.SX,
-        scratch: dict[str, None],
+        scratch: set[str],
         parts: Sequence[OutputPart] = (),
     ) -> list[str]:
         """Statements for some values, whose parts may need more digits than a REAL has."""
         dialect = StructuredText(self.precision, self.prefix)
         found = body(inputs, out, values, dialect, self.care, parts)
-        scratch.update(dict.fromkeys(found.slots))
+        scratch.update(found.slots)
         return found.lines
 
     def sane(self, name: str, size: int, most: float) -> list[str]:
         """Return where an entry of an array is no number, or too large."""
-        bound = literal(self.precision, most)
-        sane = f"{self.prefix}_sane({name}[i], {bound})"
+        sane = f"{self.prefix}_sane({name}[i], {literal(self.precision, most)})"
         return each(size, f"IF NOT {sane} THEN RETURN; END_IF;")
 
-    def _newton(
-        self, f: ExportedFunction, name: str, given: list[Array], scratch: dict[str, None]
-    ) -> list[str]:
+    def _newton(self, newton: Newton, given: list[Array], scratch: set[str]) -> list[str]:
         """z by iteration: gaps and steps, until one more step was the last."""
-        newton = f.newton
-        assert newton is not None
         n = newton.x.numel()
         last, closed = (literal(self.precision, x) for x in (newton.last, newton.closed))
         inner = [
@@ -182,7 +143,6 @@ class Writer:
             *each(n, f"x[i] := x[i] - found[i + {n}];"),
         ]
         return [
-            self.returns(name, "NOT_CLOSED"),
             "last := FALSE;",
             *each(n, "x[i] := z_start[i];"),
             f"FOR k := 0 TO {newton.steps} DO",
@@ -193,38 +153,35 @@ class Writer:
 
     def _block(self, f: ExportedFunction) -> Unit:
         """A function of q: the pose first, which is kept, then a function of z."""
-        name, n = f"{self.prefix}_{f.name}", self.subject.dynamics.dof
-        inputs = [self.array(argument.name, argument.symbols.numel()) for argument in f.arguments]
+        n, ok = self.subject.dynamics.dof, self.status("OK")
+        names = [argument.name for argument in f.arguments]
         newton = self.subject.dynamics.kinematics.mechanism.forward is None
         start = ", z_start := z" if newton else ""
-        passed = ", ".join(
-            f"{v.name} := {v.name}_now" for v in inputs if v.name != "q" or f.closing
-        )
+        passed = ", ".join(f"{v} := {v}_now" for v in names if v != "q" or f.closing)
         lines = [
             "IF NOT started THEN",
             f"    i := {self.prefix}_home({TABLE} => z);",
             "    started := TRUE;",
             "END_IF;",
-            *(line for v in inputs for line in each(n, f"{v.name}_now[i] := {v.name}[i];")),
+            *(line for v in names for line in each(n, f"{v}_now[i] := {v}[i];")),
             f"status := {self.prefix}_forward_kinematics(q := q_now{start}, z => pose);",
-            f"IF status = {self.status('OK')} THEN",
+            f"IF status = {ok} THEN",
             f"    status := {self.prefix}_{f.after}(z := pose, {passed}, tau => torque);",
             "END_IF;",
-            f"IF status = {self.status('OK')} THEN",
+            f"IF status = {ok} THEN",
             *("    " + line for line in each(n, "z[i] := pose[i]; tau[i] := torque[i];")),
             "END_IF;",
         ]
-        outputs = (self.array("tau", n), self.array("z", n), Variable("status", "INT"))
-        own = (
-            *(self.array(f"{v.name}_now", n) for v in inputs),
-            *(self.array(name, n) for name in ("pose", "torque")),
-            Variable("started", "BOOL"),
-            Variable("i", "INT"),
-        )
-        notes = (*notes_of(f), "Keeps z and tau of the last good cycle; z begins at home.")
-        real = self.precision.st_type
+        own = [self.array(name, n) for name in (*(f"{v}_now" for v in names), "pose", "torque")]
         return Unit(
-            "FUNCTION_BLOCK", name, "", notes, tuple(inputs), outputs, own, (), real, tuple(lines)
+            f"{self.prefix}_{f.name}",
+            "",
+            (*notes_of(f), "Keeps z and tau of the last good cycle; z begins at home."),
+            [self.array(name, n) for name in names],
+            [self.array("tau", n), self.array("z", n), Variable("status", "INT")],
+            [*own, Variable("started", "BOOL"), Variable("i", "INT")],
+            lines,
+            self.precision.st_type,
         )
 
 

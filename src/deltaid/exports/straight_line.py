@@ -8,22 +8,16 @@ looks is a dialect's; C's is here, that of structured text beside it.
 
 import textwrap
 from abc import ABC, abstractmethod
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 import casadi as ca
-import numpy as np
 
 from deltaid.exports.digits import Care, OutputPart
-from deltaid.exports.text import DOUBLE, Precision
+from deltaid.exports.text import DOUBLE, Precision, split
 from deltaid.kernel.llvm_ir import LIBM_BINARY, LIBM_UNARY, operation_name
 
-_INFIX = {
-    ca.OP_ADD: "+",
-    ca.OP_SUB: "-",
-    ca.OP_MUL: "*",
-    ca.OP_DIV: "/",
-}
+_INFIX = {ca.OP_ADD: "+", ca.OP_SUB: "-", ca.OP_MUL: "*", ca.OP_DIV: "/"}
 _COMPARED = {ca.OP_LT: "<", ca.OP_LE: "<=", ca.OP_EQ: "==", ca.OP_NE: "!="}
 _CALLED = {
     ca.OP_SQRT: "sqrt",
@@ -122,35 +116,33 @@ def body(
     twice = frozenset[int]() if care is None else care.pairs(f, names, parts)
     # What a slot holds: its own name, an input's entry or a number, and the rest of it.
     value: dict[int, tuple[str, str]] = {}
-    lines: list[str] = []
-    used: set[str] = set()
-    slots: set[str] = set()
-    needed = _needed(f)
+    lines, used, slots, needed = list[str](), set[str](), set[str](), _needed(f)
     for k in range(f.n_instructions()):
         op, read, written = f.instruction_id(k), f.instruction_input(k), f.instruction_output(k)
+        to, args = written[0], [] if op == ca.OP_INPUT else [value[i] for i in read]
         if op == ca.OP_CONST:
-            value[written[0]] = _constant(dialect, f.instruction_constant(k), k in twice)
+            x = f.instruction_constant(k)
+            rest = split(x)[1] if k in twice else 0.0
+            value[to] = dialect.number(x), dialect.number(rest) if rest else ""
         elif op == ca.OP_INPUT:
             used.add(names[read[0]])
-            value[written[0]] = f"{names[read[0]]}[{read[1]}]", ""
+            value[to] = f"{names[read[0]]}[{read[1]}]", ""
         elif op == ca.OP_OUTPUT:
-            lines += dialect.set(f"{out}[{written[1]}]", value[read[0]][0])
+            lines += dialect.set(f"{out}[{written[1]}]", args[0][0])
         elif k in twice:
-            target, rest = f"w{written[0]}", f"r{written[0]}"
-            lines += dialect.doubled((target, rest), op, [value[i] for i in read], needed[k])
-            slots |= {target, rest}
-            value[written[0]] = target, rest
+            value[to] = f"w{to}", f"r{to}"
+            lines += dialect.doubled(value[to], op, args, needed[k])
+            slots |= {*value[to]}
         else:
-            target = f"w{written[0]}"
-            lines += dialect.operation(target, op, [value[i][0] for i in read], needed[k])
-            slots.add(target)
-            value[written[0]] = target, ""
-    return CodeLines(lines, used, sorted(slots, key=lambda slot: (slot[0] == "r", int(slot[1:]))))
+            value[to] = f"w{to}", ""
+            lines += dialect.operation(f"w{to}", op, [arg for arg, _ in args], needed[k])
+            slots.add(f"w{to}")
+    return CodeLines(lines, used, in_order(slots))
 
 
-def _constant(dialect: Dialect, x: float, twice: bool) -> tuple[str, str]:
-    rest = x - float(np.float32(x)) if twice else 0.0
-    return dialect.number(x), dialect.number(rest) if rest else ""
+def in_order(slots: Iterable[str]) -> list[str]:
+    """Names of slots by their numbers, w1, w2, … and then the rests, r1, …."""
+    return sorted(slots, key=lambda slot: (slot[0] == "r", int(slot[1:])))
 
 
 def _needed(f: ca.Function) -> list[bool]:
@@ -196,13 +188,12 @@ def straight_line(
     arrays = [array for array in inputs if not array.is_table]
     arguments = [f"const {real} {array.name}[{array.symbols.numel()}]" for array in arrays]
     signature = ", ".join([*arguments, f"{real} {out_name}[{dense.numel()}]"])
-    unused = [f"    (void){array.name};" for array in arrays if array.name not in found.used]
     return "\n".join(
         [
             *wrapped(f"{linkage}void {name}({signature})"),
             "{",
             *(wrapped(f"    {real} {', '.join(found.slots)};") if found.slots else []),
-            *unused,
+            *(f"    (void){array.name};" for array in arrays if array.name not in found.used),
             *found.lines,
             "}",
         ]

@@ -41,6 +41,19 @@ def element(
     return made
 
 
+def xml_text(root: ET.Element, head: str = "", comment: str = "") -> str:
+    """An element with all in it as a file, indented.
+
+    Args:
+        head: the line before it.
+        comment: stands first in it.
+    """
+    if comment:
+        root.insert(0, ET.Comment(f" {re.sub('-(?=-)', '- ', comment)} "))
+    ET.indent(root)
+    return f"{head}{ET.tostring(root, encoding='unicode')}\n"
+
+
 @dataclass(frozen=True)
 class Export:
     """A model in some target's form.
@@ -62,11 +75,6 @@ class Export:
 def c_comment(text: str) -> str:
     """Text that neither ends a comment of C nor seems to begin another one."""
     return re.sub(r"([*/])(?=[*/])", r"\1 ", text)
-
-
-def xml_comment(text: str) -> str:
-    """Text that may stand between <!-- and -->."""
-    return f" {re.sub('-(?=-)', '- ', text)} "
 
 
 def plain_letters(text: str) -> str:

@@ -12,38 +12,140 @@ Joints with friction, springs and motors are joints of the tree and have the des
 Body frames are the link frames of docs/conventions.md.
 """
 
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 
+import casadi as ca
 import numpy as np
+from jaxtyping import Float
 
-from deltaid.exports.tree_parts import (
-    Coupling,
-    LoopCut,
-    Tree,
-    TreeBody,
-    TreeJoint,
-    TreePoint,
-    TreeStrut,
-)
+from deltaid.errors import DeltaidError
 from deltaid.mechanism.mechanism import LimbBodies
 from deltaid.mechanism.tree_joints import tree_coordinates
 from deltaid.model.model import Model
+from deltaid.robot.inertia import RigidBody
 from deltaid.robot.limbs import LimbGeometry
 from deltaid.robot.platform import H4Platform, I4Platform, Par4Platform, RigidPlatform, Telescope
 
-_X, _Y, _Z = np.eye(3)
+Vector = Float[np.ndarray, " 3"]
+I, ZERO = np.eye(3), np.zeros(3)
+X, Y, Z = I
 # What two struts are drawn apart whose distance is not described, as a share of their length.
 _DRAWN_SPACING = 0.08
 
 
 @dataclass(frozen=True)
-class _Part:
-    """Some bodies of the tree with what belongs to them."""
+class TreeJoint:
+    """A joint with one coordinate, whose axis goes through the body's origin.
+
+    Attributes:
+        name: 'drive1', 'limb1_swing', …
+        slides: or turns.
+        axis: unit vector in the frame that the body's joints before this one leave.
+    """
+
+    name: str
+    slides: bool
+    axis: Vector
+
+
+@dataclass(frozen=True)
+class TreeBody:
+    """A body and what joins it to its parent.
+
+    Attributes:
+        name: unique in the tree.
+        parent: name of another body; empty for the world.
+        R, r: pose of the link frame in the parent's, with all joints at zero [m].
+        joints: one after the other.
+        p: the ten inertia parameters of all bodies that move as this one.
+    """
+
+    name: str
+    parent: str
+    R: Float[np.ndarray, "3 3"]
+    r: Vector
+    joints: tuple[TreeJoint, ...]
+    p: Float[np.ndarray, " 10"]
+
+
+@dataclass(frozen=True)
+class TreePoint:
+    """A named point of a body, in its link frame [m]."""
+
+    name: str
+    body: str
+    position: Vector
+
+
+@dataclass(frozen=True)
+class LoopCut:
+    """Two points that coincide in the closed robot."""
+
+    name: str
+    first: TreePoint
+    second: TreePoint
+
+
+@dataclass(frozen=True)
+class TreeStrut:
+    """One strut as it is drawn, between two points of other bodies.
+
+    The struts of a limb are one body of the tree, in their middle. They keep their distance along
+    the driven body's y, about which they do not tilt, so no body of the tree carries both as lines.
+
+    Attributes:
+        name: 'strut1a', 'strut1b', …; 'strut1' where a limb has one.
+        body: of the tree whose part it is.
+        first, second: at the driven body and at the platform.
+    """
+
+    name: str
+    body: str
+    first: TreePoint
+    second: TreePoint
+
+
+@dataclass(frozen=True)
+class Coupling:
+    """A joint whose coordinate is `ratio` times that of the joint `follows`."""
+
+    joint: str
+    follows: str
+    ratio: float
+
+
+@dataclass(frozen=True)
+class Tree:
+    """The cut robot.
+
+    Attributes:
+        bodies: parents before children.
+        cuts, couplings: what closes the loops.
+        struts: to draw.
+        coordinates: of every joint, by name, as functions of z in the closed robot.
+        z: their symbols.
+    """
 
     bodies: tuple[TreeBody, ...]
-    cuts: tuple[LoopCut, ...] = ()
-    couplings: tuple[Coupling, ...] = ()
-    struts: tuple[TreeStrut, ...] = ()
+    cuts: tuple[LoopCut, ...]
+    couplings: tuple[Coupling, ...]
+    struts: tuple[TreeStrut, ...]
+    coordinates: Mapping[str, ca.SX]
+    z: ca.SX
+
+    def joint_coordinates(self, z: Float[np.ndarray, " dof"]) -> dict[str, float]:
+        """Coordinates of all joints at one pose."""
+        values = ca.Function("x", [self.z], [ca.vertcat(*self.coordinates.values())])(z)
+        return dict(zip(self.coordinates, np.asarray(values).ravel().tolist(), strict=True))
+
+    @property
+    def tool_body(self) -> str:
+        """The body that carries the tool."""
+        return next((body.name for body in self.bodies if body.name == "EE"), "P")
+
+
+Part = TreeBody | LoopCut | Coupling | TreeStrut
 
 
 def spanning_tree(subject: Model) -> Tree:
@@ -54,131 +156,101 @@ def spanning_tree(subject: Model) -> Tree:
     """
     robot, mechanism = subject.robot, subject.dynamics.kinematics.mechanism
     coordinates = tree_coordinates(robot, mechanism)
-    parts = [_platform(subject)]
-    for i, (geometry, limb) in enumerate(zip(robot.limb_geometry, mechanism.limbs, strict=True)):
-        parts.append(_limb(subject, i, geometry, limb))
+    parts = list(_platform(subject))
+    for i, both in enumerate(zip(robot.limb_geometry, mechanism.limbs, strict=True)):
+        parts += _limb(subject, i, *both)
     if robot.telescope is not None:
-        parts.append(_telescope(subject, robot.telescope))
+        parts += _telescope(subject, robot.telescope)
     return Tree(
-        bodies=tuple(body for part in parts for body in part.bodies),
-        cuts=tuple(cut for part in parts for cut in part.cuts),
-        couplings=tuple(coupling for part in parts for coupling in part.couplings),
-        struts=tuple(strut for part in parts for strut in part.struts),
+        bodies=tuple(part for part in parts if isinstance(part, TreeBody)),
+        cuts=tuple(part for part in parts if isinstance(part, LoopCut)),
+        couplings=tuple(part for part in parts if isinstance(part, Coupling)),
+        struts=tuple(part for part in parts if isinstance(part, TreeStrut)),
         coordinates=coordinates,
         z=mechanism.z,
     )
 
 
-def _limb(subject: Model, i: int, geometry: LimbGeometry, limb: LimbBodies) -> _Part:
+def require_physical(model: Model, cure: str) -> None:
+    """Refuse bodies that the target's own reader would refuse.
+
+    Raises:
+        DeltaidError: there is one; with what to do about it.
+    """
+    for name in model.layout.bodies:
+        if reason := RigidBody(model.body(name)).why_not_physical:
+            what = f"body {name} cannot be exported: {reason}"
+            raise DeltaidError(what, where=model.source, cure=cure)
+
+
+def _limb(subject: Model, i: int, geometry: LimbGeometry, limb: LimbBodies) -> Iterator[Part]:
     """Driven body and strut, R_LS = R_y(α) R_z(β)."""
-    n, platform = i + 1, subject.robot.platform
-    rotary, strut = geometry.drive == "rotary", geometry.strut
-    driven, rod = f"{limb.driven.name[0]}{n}", f"S{n}"
-    elbow = geometry.upper_arm * _X
-    axis = _Y if rotary else geometry.rail
-    bodies = (
-        TreeBody(
-            driven,
-            "",
-            geometry.R_WL,
-            geometry.base,
-            (TreeJoint(f"drive{n}", not rotary, axis),),
-            subject.body(limb.driven.name),
-        ),
-        TreeBody(
-            rod,
-            driven,
-            np.eye(3),
-            elbow,
-            (TreeJoint(f"limb{n}_swing", False, _Y), TreeJoint(f"limb{n}_tilt", False, _Z)),
-            limb.strut.count * subject.body(limb.strut.name),
-        ),
-    )
-    held = _held_part(platform, i)
-    cut = LoopCut(
-        f"limb{n}",
-        TreePoint(f"limb{n}_strut", rod, strut * _X),
-        TreePoint(f"limb{n}_seat", held, geometry.attachment),
-    )
-    struts = tuple(
-        TreeStrut(
-            f"strut{n}{letter}",
-            rod,
-            TreePoint(f"strut{n}{letter}_elbow", driven, elbow + side * _Y),
-            TreePoint(
-                f"strut{n}{letter}_seat", held, geometry.attachment + side * geometry.R_WL[:, 1]
-            ),
-        )
-        for letter, side in _sides(geometry)
-    )
-    return _Part(bodies, (cut,), struts=struts)
-
-
-def _sides(geometry: LimbGeometry) -> tuple[tuple[str, float], ...]:
-    """Letters of a limb's struts, and how far along y they stand from the middle [m]."""
-    if geometry.struts == 1:
-        return (("", 0.0),)
+    n, platform, rotary = i + 1, subject.robot.platform, geometry.drive == "rotary"
+    driven, rod, held = f"{limb.driven.name[0]}{n}", f"S{n}", "P"
+    if not isinstance(platform, RigidPlatform):
+        held = f"{platform.bodies[0]}{1 if platform.on_first(i) else 2}"
+    elbow, seat = geometry.upper_arm * X, geometry.attachment
+    drive = TreeJoint(f"drive{n}", not rotary, Y if rotary else geometry.rail)
+    p = subject.body(limb.driven.name)
+    yield TreeBody(driven, "", geometry.R_WL, geometry.base, (drive,), p)
+    joints = (TreeJoint(f"limb{n}_swing", False, Y), TreeJoint(f"limb{n}_tilt", False, Z))
+    p = limb.strut.count * subject.body(limb.strut.name)
+    yield TreeBody(rod, driven, I, elbow, joints, p)
+    end = TreePoint(f"limb{n}_strut", rod, geometry.strut * X)
+    yield LoopCut(f"limb{n}", end, TreePoint(f"limb{n}_seat", held, seat))
     spacing = _DRAWN_SPACING * geometry.strut if geometry.spacing is None else geometry.spacing
-    return (("a", 0.5 * spacing), ("b", -0.5 * spacing))
+    sides = {"": 0.0} if geometry.struts == 1 else {"a": 0.5 * spacing, "b": -0.5 * spacing}
+    for letter, side in sides.items():  # from the middle along y
+        name = f"strut{n}{letter}"
+        yield TreeStrut(
+            name,
+            rod,
+            TreePoint(f"{name}_elbow", driven, elbow + side * Y),
+            TreePoint(f"{name}_seat", held, seat + side * geometry.R_WL[:, 1]),
+        )
 
 
-def _held_part(platform: RigidPlatform | H4Platform | Par4Platform | I4Platform, limb: int) -> str:
-    if isinstance(platform, RigidPlatform):
-        return "P"
-    return f"{platform.bodies[0]}{1 if platform.on_first(limb) else 2}"
-
-
-def _platform(subject: Model) -> _Part:
+def _platform(subject: Model) -> Iterator[Part]:
     platform = subject.robot.platform
     if isinstance(platform, RigidPlatform):
-        body = TreeBody("P", "", np.eye(3), np.zeros(3), _slides("platform"), subject.body("P"))
-        return _Part((body,))
-    if isinstance(platform, I4Platform):
-        return _i4(subject, platform)
-    return _hinged(subject, platform)
+        yield TreeBody("P", "", I, ZERO, _slides("platform"), subject.body("P"))
+    elif isinstance(platform, I4Platform):
+        yield from _i4(subject, platform)
+    else:
+        yield from _hinged(subject, platform)
 
 
-def _hinged(subject: Model, platform: H4Platform | Par4Platform) -> _Part:
+def _hinged(subject: Model, platform: H4Platform | Par4Platform) -> Iterator[Part]:
     """A middle (bar, or both rods) that turns by θ, parts on it that turn back, and the tool."""
     par4 = isinstance(platform, Par4Platform)
     half = 0.5 * platform.length if par4 else platform.half_length
     part, middle = platform.bodies[:2]
-    turn = TreeJoint("platform", False, _Z)
-    inertia = (2 if par4 else 1) * subject.body(middle)
-    slides = (*_slides("middle"), turn)
-    bodies = [TreeBody(middle, "", np.eye(3), np.zeros(3), slides, inertia)]
-    couplings = []
+    slides = (*_slides("middle"), TreeJoint("platform", False, Z))
+    yield TreeBody(middle, "", I, ZERO, slides, (2 if par4 else 1) * subject.body(middle))
     for k, side in ((1, half), (2, -half)):
-        name, back = f"{part}{k}", TreeJoint(f"part{k}_turn", False, _Z)
-        bodies.append(TreeBody(name, middle, np.eye(3), side * _X, (back,), subject.body(part)))
-        couplings.append(Coupling(back.name, "platform", -1.0))
+        back = TreeJoint(f"part{k}_turn", False, Z)
+        yield TreeBody(f"{part}{k}", middle, I, side * X, (back,), subject.body(part))
+        yield Coupling(back.name, "platform", -1.0)
     carrier, slides = _tool_carrier(platform), ()
     if not carrier:  # follows the middle without turning with it
         slides = _slides("tool")
-        couplings += [Coupling(f"tool_{axis}", f"middle_{axis}", 1.0) for axis in "xyz"]
-    joints, place = (*slides, TreeJoint("tool", False, _Z)), np.array(platform.tool)
-    bodies.append(TreeBody("EE", carrier, np.eye(3), place, joints, subject.body("EE")))
-    couplings.append(Coupling("tool", "platform", platform.ratio))
-    return _Part(tuple(bodies), couplings=tuple(couplings))
+        yield from (Coupling(f"tool_{axis}", f"middle_{axis}", 1.0) for axis in "xyz")
+    joints = (*slides, TreeJoint("tool", False, Z))
+    yield TreeBody("EE", carrier, I, np.array(platform.tool), joints, subject.body("EE"))
+    yield Coupling("tool", "platform", platform.ratio)
 
 
-def _i4(subject: Model, platform: I4Platform) -> _Part:
+def _i4(subject: Model, platform: I4Platform) -> Iterator[Part]:
     """The first half platform slides in the world, the second and the tool on the first."""
-    e, place = platform.direction, np.array(platform.tool)
-    half, along = subject.body("HP"), TreeJoint("platform", True, -e)
-    I, zero = np.eye(3), np.zeros(3)
-    carrier, rack = _tool_carrier(platform), TreeJoint("tool_rack", True, -e)
-    turn = TreeJoint("tool", False, _Z)
-    joints = (turn,) if carrier else (rack, turn)
-    bodies = (
-        TreeBody("HP1", "", I, zero, _slides("part1"), half),
-        TreeBody("HP2", "HP1", I, zero, (along,), half),
-        TreeBody("EE", carrier or "HP1", I, place, joints, subject.body("EE")),
-    )
-    couplings = [Coupling("tool", "platform", platform.ratio)]
+    half, carrier, turn = subject.body("HP"), _tool_carrier(platform), TreeJoint("tool", False, Z)
+    along, rack = (TreeJoint(name, True, -platform.direction) for name in ("platform", "tool_rack"))
+    yield TreeBody("HP1", "", I, ZERO, _slides("part1"), half)
+    yield TreeBody("HP2", "HP1", I, ZERO, (along,), half)
+    joints, place = (turn,) if carrier else (rack, turn), np.array(platform.tool)
+    yield TreeBody("EE", carrier or "HP1", I, place, joints, subject.body("EE"))
+    yield Coupling("tool", "platform", platform.ratio)
     if not carrier:  # half-way between the half platforms
-        couplings.append(Coupling("tool_rack", "platform", 0.5))
-    return _Part(bodies, couplings=tuple(couplings))
+        yield Coupling("tool_rack", "platform", 0.5)
 
 
 def _tool_carrier(platform: H4Platform | Par4Platform | I4Platform) -> str:
@@ -187,24 +259,19 @@ def _tool_carrier(platform: H4Platform | Par4Platform | I4Platform) -> str:
     return number and f"{platform.bodies[0]}{number}"
 
 
-def _telescope(subject: Model, bar: Telescope) -> _Part:
+def _telescope(subject: Model, bar: Telescope) -> Iterator[Part]:
     """Both halves of the bar, R_WT = R_z(ψ) R_x(a) R_y(b), and the end effector on the platform."""
-    upper = tuple(
-        TreeJoint(name, False, axis)
-        for name, axis in (("drive4", _Z), ("bar_x", _X), ("bar_y", _Y))
-    )
-    I, top, zero = np.eye(3), np.array(bar.base_joint), np.zeros(3)
-    bodies = (
-        TreeBody("TU", "", I, top, upper, subject.body("TU")),
-        TreeBody("TL", "TU", I, zero, (TreeJoint("slide", True, -_Z),), subject.body("TL")),
-        TreeBody("EE", "P", I, zero, (TreeJoint("tool", False, _Z),), subject.body("EE")),
-    )
+    upper = (("drive4", Z), ("bar_x", X), ("bar_y", Y))
+    for name, parent, place, joints in (
+        ("TU", "", np.array(bar.base_joint), [TreeJoint(joint, False, k) for joint, k in upper]),
+        ("TL", "TU", ZERO, [TreeJoint("slide", True, -Z)]),
+        ("EE", "P", ZERO, [TreeJoint("tool", False, Z)]),
+    ):
+        yield TreeBody(name, parent, I, place, tuple(joints), subject.body(name))
     seat = TreePoint("bar_seat", "P", np.array(bar.platform_joint))
-    cut = LoopCut("bar", TreePoint("bar_end", "TL", zero), seat)
-    return _Part(bodies, (cut,), (Coupling("tool", "drive4", 1.0),))
+    yield LoopCut("bar", TreePoint("bar_end", "TL", ZERO), seat)
+    yield Coupling("tool", "drive4", 1.0)
 
 
 def _slides(name: str) -> tuple[TreeJoint, ...]:
-    return tuple(
-        TreeJoint(f"{name}_{k}", True, axis) for k, axis in zip("xyz", np.eye(3), strict=True)
-    )
+    return tuple(TreeJoint(f"{name}_{k}", True, axis) for k, axis in zip("xyz", I, strict=True))

@@ -48,33 +48,34 @@ def recorded_motion(kinematics: Kinematics, recording: PreparedRecording) -> Sho
 
 def animation(kinematics: Kinematics, motion: ShownMotion, caption: str) -> Figure:
     """The robot along the stretch of a few seconds in which its platform travels farthest."""
-    path = kinematics.robot.task.point(motion.z)
+    workspace, path = kinematics.robot.workspace, kinematics.robot.task.point(motion.z)
     seen = _liveliest(motion.time, path)
-    frames = min(_FRAMES, seen.stop - seen.start)
-    chosen = np.linspace(seen.start, seen.stop - 1, frames).astype(int)
-    skeleton = Skeleton(kinematics.robot, kinematics.mechanism)
+    count = min(_FRAMES, seen.stop - seen.start)
+    chosen = np.linspace(seen.start, seen.stop - 1, count).astype(int)
+    skeleton, time = Skeleton(kinematics.robot, kinematics.mechanism), motion.time[chosen]
     shapes = skeleton.evaluate(motion.z[chosen])
-    moving = [name for name in skeleton.bodies if name != "base"]
     lines = robot_lines(skeleton, shapes[0])
-    still = [lines[name] for name in skeleton.bodies if name == "base"]
-    still += _still(kinematics, path, seen)
+    edges = workspace_line(workspace, {"color": style.PRIOR, "width": 1}).update(showlegend=False)
+    dots = {"color": style.PRIOR, "width": 2, "dash": "dot"}
+    still = [
+        *([lines.pop("base")] if "base" in lines else []),
+        edges,
+        still_line("path", path[even_rows(len(path), _PATH)], dots),
+        still_line("path shown", path[seen][::5], {"color": style.SERIES[1], "width": 3}),
+    ]
     frames = [
         go.Frame(
             name=str(k),
-            traces=list(range(len(still), len(still) + len(moving))),
-            data=[
-                go.Scatter3d(dict(zip("xyz", _body_line(skeleton, shape, name), strict=True)))
-                for name in moving
-            ],
+            traces=list(range(len(still), len(still) + len(lines))),
+            data=[go.Scatter3d(_body_line(skeleton, shape, name)) for name in lines],
         )
         for k, shape in zip(chosen, shapes, strict=True)
     ]
-    figure = go.Figure([*still, *(lines[name] for name in moving)], frames=frames)
-    span = float(motion.time[chosen[-1]] - motion.time[chosen[0]])
+    figure = go.Figure([*still, *lines.values()], frames=frames)
     # From which the page makes a player: times of the frames [s], and from one to the next [ms].
-    pause = 1000 * span / max(len(chosen) - 1, 1)
-    figure.update_layout(meta={"times": motion.time[chosen].tolist(), "pause": pause})
-    fix_scene(figure, shapes.reshape(-1, 3), path, outline_points(kinematics.robot.workspace))
+    pause = 1000 * float(time[-1] - time[0]) / max(count - 1, 1)
+    figure.update_layout(meta={"times": time.tolist(), "pause": pause})
+    fix_scene(figure, shapes.reshape(-1, 3), path, outline_points(workspace))
     return Figure(figure, caption)
 
 
@@ -85,20 +86,6 @@ def _liveliest(time: Float[np.ndarray, " samples"], path: Path) -> slice:
     length = min(len(time), int(_SECONDS / interval) + 1) if interval > 0 else 1
     start = int(np.argmax(travelled[length - 1 :] - travelled[: len(travelled) - length + 1]))
     return slice(start, start + length)
-
-
-def _still(kinematics: Kinematics, path: Path, seen: slice) -> list[go.Scatter3d]:
-    edges = workspace_line(kinematics.robot.workspace, {"color": style.PRIOR, "width": 1})
-    edges.showlegend = False
-    return [
-        edges,
-        still_line(
-            "path",
-            path[even_rows(len(path), _PATH)],
-            {"color": style.PRIOR, "width": 2, "dash": "dot"},
-        ),
-        still_line("path shown", path[seen][::5], {"color": style.SERIES[1], "width": 3}),
-    ]
 
 
 def workspace_line(workspace: Cylinder | Hemisphere | Box, line: dict[str, Any]) -> go.Scatter3d:
@@ -126,9 +113,9 @@ def with_gaps(ends: Float[np.ndarray, "segments 2 3"]) -> Float[np.ndarray, "poi
 
 def _body_line(
     skeleton: Skeleton, shape: Float[np.ndarray, "segments 2 3"], body: str
-) -> Float[np.ndarray, "3 points"]:
+) -> dict[str, Float[np.ndarray, " points"]]:
     own = [i for i, segment in enumerate(skeleton.segments) if segment.body == body]
-    return with_gaps(shape[own]).T.astype(np.float32)
+    return dict(zip("xyz", with_gaps(shape[own]).T.astype(np.float32), strict=True))
 
 
 def robot_lines(
@@ -137,7 +124,7 @@ def robot_lines(
     """A robot in one pose: one line a body, by its name."""
     return {
         body: go.Scatter3d(
-            dict(zip("xyz", _body_line(skeleton, shape, body), strict=True)),
+            _body_line(skeleton, shape, body),
             name=style.label(member.label),
             mode="lines",
             line={"color": member.color, "width": member.width},
@@ -161,10 +148,6 @@ def fix_scene(
     figure.update_layout(
         height=height,
         margin={"l": 0, "r": 0, "t": 60, "b": below},
-        scene={
-            **axes,
-            "aspectmode": "data",
-            "camera": CAMERA,
-        },
+        scene={**axes, "aspectmode": "data", "camera": CAMERA},
         uirevision="kept",
     )

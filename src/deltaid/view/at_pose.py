@@ -83,19 +83,20 @@ def moved(robot: AtRest, view: View, wanted: Float[np.ndarray, " dof"]) -> View:
 
 
 def _standing(robot: AtRest, z: Float[np.ndarray, " dof"]) -> View:
-    poses = robot(z[None])
-    q, torque = poses.q[0].tolist(), poses.torque[0].tolist()
+    poses, units = robot(z[None]), robot.robot.drive_units
     drives = tuple(
-        DriveReading(name, units.per_shown * q[i], units.shown, torque[i], units.force)
-        for i, (name, units) in enumerate(robot.robot.drive_units.items())
+        DriveReading(name, u.per_shown * q, u.shown, torque, u.force)
+        for (name, u), q, torque in zip(
+            units.items(), poses.q[0].tolist(), poses.torque[0].tolist(), strict=True
+        )
     )
     limits = tuple(
         LimitReading(name, share, "over" if share > 1 else "near" if share > _NEAR else "good")
         for name, share in zip(robot.limits, poses.shares[0].tolist(), strict=True)
     )
     over = ", ".join(limit.name for limit in limits if limit.state == "over")
-    condition = float(poses.condition[0])
-    return View(z, z, drives, condition, limits, message=f"beyond {over}" if over else "")
+    message = f"beyond {over}" if over else ""
+    return View(z, z, drives, float(poses.condition[0]), limits, message)
 
 
 def panel(view: View) -> str:

@@ -1,13 +1,13 @@
 """Bodies as the ellipsoids of uniform density that have the same mass and moments."""
 
-from collections.abc import Iterator
+from collections.abc import Sequence
 
 import numpy as np
 import plotly.graph_objects as go
 from jaxtyping import Float, Int
 from scipy.spatial import ConvexHull
 
-from deltaid.mechanism.kinematics import Kinematics
+from deltaid.mechanism.kinematics import BodyPoses, Kinematics
 from deltaid.mechanism.skeleton import Skeleton
 from deltaid.model.record import IdentifiedModel
 from deltaid.robot.inertia import RigidBody
@@ -23,14 +23,13 @@ _GOLDEN = np.pi * (3 - np.sqrt(5))
 def body_section(model: IdentifiedModel, kinematics: Kinematics) -> Section:
     """Where mass and moments of all bodies are, of prior and fit, and how consistent they are."""
     home = model.robot.within(0.0)[0][None]
-    prior = np.array([parameter.prior for parameter in model.parameters])
     lines = with_gaps(Skeleton(model.robot, kinematics.mechanism).evaluate(home)[0])
     axes = {f"{name}axis": {"title": f"{name} [m]"} for name in "xyz"}
     figure = go.Figure(
         [
             still_line("robot", lines, {"color": style.SERIES[5], "width": 2}),
-            _outlines(model, kinematics, home, prior),
-            _mesh(model, kinematics, home, model.p),
+            _outlines(model, kinematics.poses(home)),
+            _mesh(model, kinematics.poses(home)),
         ],
         {
             "height": 600,
@@ -78,62 +77,51 @@ def ellipsoid(
     return body.com, vectors * np.sqrt(5 * np.maximum(values, 0) / body.mass)
 
 
-def _mesh(
-    model: IdentifiedModel,
-    kinematics: Kinematics,
-    z: Float[np.ndarray, "1 dof"],
-    p: Float[np.ndarray, " parameters"],
-) -> go.Mesh3d:
+def _mesh(model: IdentifiedModel, poses: Sequence[BodyPoses]) -> go.Mesh3d:
     # Spread evenly over the unit sphere, along a spiral.
     k = np.arange(_POINTS)
     height = 1 - (2 * k + 1) / _POINTS
     r = np.sqrt(1 - height**2)
     ball = np.column_stack([r * np.cos(_GOLDEN * k), r * np.sin(_GOLDEN * k), height])
     faces = _faces(ball)
-    points, corners, labels = [], [], []
-    for k, (name, placed) in enumerate(_placed(model, kinematics, z, p, ball)):
-        points.append(placed)
-        corners.append(faces + k * len(ball))
-        labels += [f"{style.label(name)}: {p[model.layout.body(name)][0]:.4g} kg"] * len(ball)
-    vertices = np.concatenate(points).astype(np.float32)
-    i, j, k = np.concatenate(corners).astype(np.int32).T
+    points = [placed(model, pose, model.p, ball).astype(np.float32) for pose in poses]
+    masses = {pose.name: model.p[model.layout.body(pose.name)][0] for pose in poses}
+    corners = [faces + k * _POINTS for k in range(len(poses))]
+    indices = np.concatenate(corners).astype(np.int32).T
     return go.Mesh3d(
-        dict(zip("xyzijk", (*vertices.T, i, j, k), strict=True)),
+        dict(zip("xyzijk", (*np.concatenate(points).T, *indices), strict=True)),
         name="identified",
         color=style.IDENTIFIED,
         opacity=0.7,
         showlegend=True,
-        text=labels,
+        text=[
+            f"{style.label(pose.name)}: {masses[pose.name]:.4g} kg"
+            for pose in poses
+            for _ in range(_POINTS)
+        ],
         hoverinfo="text",
         lighting={"ambient": 0.65, "diffuse": 0.5, "specular": 0.1, "roughness": 0.9},
     )
 
 
-def _outlines(
-    model: IdentifiedModel,
-    kinematics: Kinematics,
-    z: Float[np.ndarray, "1 dof"],
-    p: Float[np.ndarray, " parameters"],
-) -> go.Scatter3d:
-    angle = np.linspace(0, 2 * np.pi, 61)
+def _outlines(model: IdentifiedModel, poses: Sequence[BodyPoses]) -> go.Scatter3d:
+    prior, angle = np.array([p.prior for p in model.parameters]), np.linspace(0, 2 * np.pi, 61)
     flat = np.column_stack([np.cos(angle), np.sin(angle), np.zeros_like(angle)])
     flat = np.append(flat, np.full((1, 3), np.nan), axis=0)
     circles = np.concatenate([np.roll(flat, k, axis=1) for k in range(3)])
-    lines = [placed for _, placed in _placed(model, kinematics, z, p, circles)]
+    lines = [placed(model, pose, prior, circles) for pose in poses]
     return still_line("prior", np.concatenate(lines), {"color": style.PRIOR, "width": 3})
 
 
-def _placed(
+def placed(
     model: IdentifiedModel,
-    kinematics: Kinematics,
-    z: Float[np.ndarray, "1 dof"],
+    pose: BodyPoses,
     p: Float[np.ndarray, " parameters"],
     points: Float[np.ndarray, "points 3"],
-) -> Iterator[tuple[str, Float[np.ndarray, "points 3"]]]:
-    """Points of the unit sphere on every body's ellipsoid, in the world, with the body's name."""
-    for pose in kinematics.poses(z):
-        centre, A = ellipsoid(p[model.layout.body(pose.name)])
-        yield pose.name, pose.r_WB[0] + (centre + points @ A.T) @ pose.R_WB[0].T
+) -> Float[np.ndarray, "points 3"]:
+    """Points of the unit sphere on a body's ellipsoid, in the world."""
+    centre, A = ellipsoid(p[model.layout.body(pose.name)])
+    return pose.r_WB[0] + (centre + points @ A.T) @ pose.R_WB[0].T
 
 
 def _faces(ball: Float[np.ndarray, "points 3"]) -> Int[np.ndarray, "faces 3"]:
@@ -149,18 +137,11 @@ def _masses(model: IdentifiedModel) -> Table:
     by_name = {parameter.name: parameter for parameter in model.parameters}
     rows = []
     for body in model.layout.bodies:
-        mass = by_name[f"{body}.m"]
-        centre, A = ellipsoid(model.p[model.layout.body(body)])
-        rows.append(
-            (
-                body,
-                number(mass.prior),
-                number(mass.value),
-                mass.determined_by,
-                ", ".join(f"{1000 * value:.1f}" for value in centre),
-                " × ".join(number(1000 * value, 3) for value in np.linalg.norm(A, axis=0)[::-1]),
-            )
-        )
+        mass, (centre, A) = by_name[f"{body}.m"], ellipsoid(model.p[model.layout.body(body)])
+        half = " × ".join(number(1000 * value, 3) for value in np.linalg.norm(A, axis=0)[::-1])
+        place = ", ".join(f"{1000 * value:.1f}" for value in centre)
+        prior, value = number(mass.prior), number(mass.value)
+        rows.append((body, prior, value, mass.determined_by, place, half))
     return Table(
         ("body", "prior mass [kg]", "mass [kg]", "mass from", "centre of mass [mm]",
          "half axes of the ellipsoid [mm]"),

@@ -24,10 +24,8 @@ def session_lines(found: Calibration) -> list[str]:
     """Each file with its residual and what was excluded."""
     lines = []
     for x in found.sessions:
-        noise = f"noise {1e3 * x.noise:.2g} mm"
-        if x.grown > 1:
-            noise += f", {x.grown:.2g}× what was stated"
-        left = f"residual {1e3 * x.residual:.2g} mm ({noise})"
+        grown = f", {x.grown:.2g}× what was stated" if x.grown > 1 else ""
+        left = f"residual {1e3 * x.residual:.2g} mm (noise {1e3 * x.noise:.2g} mm{grown})"
         lines.append(f"{x.source}: {x.readings} {KINDS[x.kind].readings}, {left}")
         if x.excluded:
             more = f"; and {len(x.excluded) - FEW} more" if len(x.excluded) > FEW else ""
@@ -47,23 +45,19 @@ def next_line(plan: NextReadings, currency: str) -> str:
         for ends, block in zip(plan.poses[:FEW], plan.blocks, strict=False)
     ]
     more = ", …" if len(plan.poses) > FEW else ""
-    what = f"best for its price, {plan.cost:.0f} {currency}: {plan.name}, "
-    what += f"{len(plan.poses)} {KINDS[plan.kind].readings}"
-    return f"{what} at {', '.join(places)}{more} mm"
+    return (
+        f"best for its price, {plan.cost:.0f} {currency}: {plan.name}, "
+        f"{len(plan.poses)} {KINDS[plan.kind].readings} at {', '.join(places)}{more} mm"
+    )
 
 
 def next_table(found: Calibration, plans: Sequence[NextReadings], currency: str) -> Table:
     """A row an instrument: its price, and what it makes of positions and sizes."""
-    before = found.after
-    now = ("nothing more", "", "", f"{1e3 * before.position:.2g}", percent(before.size))
-    rows = [
-        (plan.name, f"{plan.cost:.0f}", f"{plan.gain:.1f}", f"{1e3 * plan.position:.2g}",
-         percent(plan.size))
-        for plan in plans
-    ]  # fmt: skip
+    rows = [("nothing more", "", "", found.after)]
+    rows += [(plan.name, f"{plan.cost:.0f}", f"{plan.gain:.1f}", plan) for plan in plans]
     return Table(
         ("with", currency, "gain", "positions, mm", "sizes"),
-        (now, *rows),
+        tuple((*row, f"{1e3 * then.position:.2g}", percent(then.size)) for *row, then in rows),
         f"{len(plans[0].poses)} readings of one instrument each, that which gains most per "
         f"{currency} first. The gain is by how much ½ log det of the positions' covariance falls, "
         "in nats. Of an instrument that was used already only the work is paid.",
@@ -73,18 +67,17 @@ def next_table(found: Calibration, plans: Sequence[NextReadings], currency: str)
 
 def number_table(found: Calibration) -> Table:
     """A row a kind of number, a column a limb: how much it exceeds the described one, 95 %."""
-    limbs = found.fit.loops.limbs
-    rows = []
+    limbs, rows = found.fit.loops.limbs, list[tuple[str, ...]]()
     tools = list(TOOL) if len(TOOL) <= limbs else []
     for kind in found.known.kinds:
         if kind in tools[1:]:  # in the row of the first
             continue
         at = [k for name in (tools if kind in tools else [kind]) for k in found.known.of_kind(name)]
-        unit = _SHOWN[found.known.numbers[at[0]].unit]
         values = (1e3 * np.array([found.values[at], WIDTH * found.std[at]])).T.tolist()
-        cells = ["±".join(filter(None, with_uncertainty(value, half))) for value, half in values]
+        cells = ["±".join(filter(None, with_uncertainty(*both))) for both in values]
         decided = found.sources[int(np.argmax(found.shares[:, at].sum(axis=1)))]
         label = "tool x, y, z" if kind in tools else WORDS[kind]
+        unit = _SHOWN[found.known.numbers[at[0]].unit]
         rows.append((f"{label}, {unit}", *cells, *[""] * (limbs - len(at)), decided))
     head = ("more than described", *(f"limb {i + 1}" for i in range(limbs)), "from")
     return Table(head, tuple(rows))
@@ -92,12 +85,12 @@ def number_table(found: Calibration) -> Table:
 
 def calibration_card(found: Calibration) -> Card:
     """For prompts and notebooks."""
-    grade, _, said = found.verdict.partition(": ")
+    said, readings = _summary(found), sum(x.readings for x in found.sessions)
     return Card(
         f"Geometry of {found.described.title or found.described.name}",
-        (f"{grade.capitalize()}: {said}.", *found.doubts),
-        grade,
-        (("not known", str(len(found.open))), ("readings", str(_readings(found)))),
+        (said.sentence, *found.doubts),
+        found.verdict.partition(": ")[0],
+        (("not known", str(len(found.open))), ("readings", str(readings))),
         number_table(found),
         tuple(("not known", direction.words) for direction in found.open),
         (".robot", '.save("robot.yaml")', ".plot()", ".to_frame()", '.report("x.html")'),
@@ -105,8 +98,11 @@ def calibration_card(found: Calibration) -> Card:
     )
 
 
-def _readings(found: Calibration) -> int:
-    return sum(x.readings for x in found.sessions)
+def _summary(found: Calibration) -> Summary:
+    grade, _, said = found.verdict.partition(": ")
+    lines = tuple(f"Not known: {direction.words}." for direction in found.open)
+    trust = Trust.GOOD if grade == "good" else Trust.FAIR
+    return Summary(trust, f"{grade.capitalize()}: {said}.", lines)
 
 
 def calibration_frame(found: Calibration) -> pl.DataFrame:
@@ -125,13 +121,13 @@ def calibration_frame(found: Calibration) -> pl.DataFrame:
 
 def calibration_figure(found: Calibration) -> go.Figure:
     """Standard deviation of positions over the workspace, before and after [mm]."""
-    x, known = found.places.x, found.known
-    figure = go.Figure()
-    roots = {"before": known.G, "after": known.G @ found.fit.root}
-    for k, (name, root) in enumerate(roots.items()):
+    (x, y, z), known, figure = 1e3 * found.places.x.T, found.known, go.Figure()
+    for k, (name, root) in enumerate(
+        {"before": known.G, "after": known.G @ found.fit.root}.items()
+    ):
         errors = 1e3 * found.places.errors(root)
         figure.add_scatter3d(
-            x=1e3 * x[:, 0], y=1e3 * x[:, 1], z=1e3 * x[:, 2], mode="markers", name=name,
+            x=x, y=y, z=z, mode="markers", name=name,
             scene="scene" if k == 0 else "scene2",
             marker={"size": 4, "color": errors, "colorscale": "Viridis", "cmin": 0,
                     "colorbar": {"title": f"{name}, mm", "x": 0.45 + 0.55 * k, "len": 0.8}},
@@ -155,20 +151,17 @@ def residual_figure(found: Calibration) -> go.Figure:
 
 def calibration_page(found: Calibration) -> Page:
     """Everything that a calibration says."""
-    robot = found.described
-    grade, _, said = found.verdict.partition(": ")
-    trust = Trust.GOOD if grade == "good" else Trust.FAIR
-    lines = tuple(f"Not known: {direction.words}." for direction in found.open)
+    robot, after, before = found.described, found.after, found.before
     return Page(
         title=robot.title or robot.name,
         subtitle="Geometry from measured poses",
-        verdict=Summary(trust, f"{grade.capitalize()}: {said}.", lines),
+        verdict=_summary(found),
         drawing=drawing(robot, found.fit.loops.kinematics),
         facts=(
-            Fact("position", f"{1e3 * found.after.position:.2g} mm", "standard deviation"),
-            Fact("before", f"{1e3 * found.before.position:.2g} mm", "by the description"),
-            Fact("sizes", percent(found.after.size), "standard deviation across"),
-            Fact("readings", str(_readings(found))),
+            Fact("position", f"{1e3 * after.position:.2g} mm", "standard deviation"),
+            Fact("before", f"{1e3 * before.position:.2g} mm", "by the description"),
+            Fact("sizes", percent(after.size), "standard deviation across"),
+            Fact("readings", str(sum(x.readings for x in found.sessions))),
         ),
         warnings=found.doubts,
         sections=(

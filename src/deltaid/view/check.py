@@ -24,15 +24,12 @@ _TOLD = 4
 def verdict_table(verdicts: Sequence[Verdict]) -> Table:
     """Verdicts with what was seen, why and what to do; the most severe first."""
     rows = sorted(verdicts, key=lambda verdict: _ORDER.index(verdict.grade))
-    grades = [verdict.grade for verdict in rows]
+    good = frozenset(i for i, verdict in enumerate(rows) if verdict.grade is Grade.GOOD)
     return Table(
         COLUMNS,
-        tuple(
-            (verdict.grade, verdict.key, verdict.subject, verdict.seen, verdict.cause, verdict.cure)
-            for verdict in rows
-        ),
-        muted=frozenset(i for i, grade in enumerate(grades) if grade is Grade.GOOD),
-        marked=frozenset(i for i, grade in enumerate(grades) if grade is not Grade.GOOD),
+        tuple((v.grade, v.key, v.subject, v.seen, v.cause, v.cure) for v in rows),
+        muted=good,
+        marked=frozenset(range(len(rows))) - good,
     )
 
 
@@ -52,14 +49,20 @@ def page_table(verdicts: Sequence[Verdict]) -> Table:
 
 def short_table(verdicts: Sequence[Verdict]) -> Table:
     """What is not good, and in one row all that is: for the head of a page."""
-    table = page_table([verdict for verdict in verdicts if verdict.grade is not Grade.GOOD])
-    rows = list(table.rows)
-    good = [verdict.key for verdict in verdicts if verdict.grade is Grade.GOOD]
-    if good:
-        count = f"all {'others' if rows else 'checks'} ({len(good)})"
-        rows.append((Grade.GOOD, count, ", ".join(dict.fromkeys(good)), "")[: len(table.columns)])
+    poor, keys = _parted(verdicts)[0], [verdict.key for verdict in _parted(verdicts)[1]]
+    table, rows = page_table(poor), ()
+    if keys:
+        count = f"all {'others' if poor else 'checks'} ({len(keys)})"
+        good = (Grade.GOOD, count, ", ".join(dict.fromkeys(keys)), "")
+        rows = (good[: len(table.columns)],)
     caption = "What the checks say of description, recordings and fit."
-    return Table(table.columns, tuple(rows), caption, marked=table.marked)
+    return Table(table.columns, (*table.rows, *rows), caption, marked=table.marked)
+
+
+def _parted(verdicts: Sequence[Verdict]) -> tuple[list[Verdict], list[Verdict]]:
+    """What is not good, and what is."""
+    poor = [verdict for verdict in verdicts if verdict.grade is not Grade.GOOD]
+    return poor, [verdict for verdict in verdicts if verdict.grade is Grade.GOOD]
 
 
 def tally(verdicts: Sequence[Verdict]) -> str:
@@ -83,8 +86,7 @@ def check_page(
         lines: what to paste, by the file where it belongs, in words.
         picture: of the robot, where its description can be read.
     """
-    poor = [verdict for verdict in verdicts if verdict.grade is not Grade.GOOD]
-    good = [verdict for verdict in verdicts if verdict.grade is Grade.GOOD]
+    (poor, good), grades = _parted(verdicts), [verdict.grade for verdict in verdicts]
     first = page_table(poor) if poor else Text("All that was checked is good.")
     sections = [Section("To be mended" if poor else "Verdict", (first,), unfolded=True)]
     if lines:
@@ -93,13 +95,12 @@ def check_page(
     if good:
         about = "what was checked and is as it should be"
         sections.append(Section("Good", (page_table(good),), about))
-    grades = [verdict.grade for verdict in verdicts]
     return Page(
         title=title,
         subtitle=f"Checked: the description{''.join(f', {log}' for log in logs)}",
         verdict=_summary(grades),
         drawing=picture,
-        facts=tuple(Fact(grade, str(grades.count(grade))) for grade in reversed(Grade)),
+        facts=tuple(Fact(grade, str(grades.count(grade))) for grade in _ORDER),
         sections=tuple(sections),
     )
 
@@ -124,20 +125,18 @@ def verdicts_card(value: Verdicts | Verdict) -> Card:
     """What is not good, in words, and how many are good."""
     if isinstance(value, Verdict):
         return Card(f"{value.key}: {value.grade}", (value.sentence,), value.grade)
-    poor, good = value.poor, [verdict for verdict in value if verdict.grade is Grade.GOOD]
+    poor, good = value.poor, _parted(value)[1]
     told = [f"{verdict.grade}, {verdict.key}: {verdict.finding}" for verdict in poor[:_TOLD]]
     told += [f"… and {len(poor) - _TOLD} more"] * (len(poor) > _TOLD)
-    first = f"{value.grade}: {tally(value)}" if value else "nothing was checked"
-    proposed = (("lines that are proposed", value.cures),) if _can_be_cured(value) else ()
+    more = {"lines that are proposed": _proposed(value), "good": good and page_table(good)}
     cure = {"mapping": ".cured_columns()", "robot": ".cured_robot()"}
-    robot = (value.robot.title or value.robot.name) if value.robot else "the description"
     return Card(
-        f"Checked: {', '.join([robot, *map(_name, value.sources)])}",
-        (first,),
+        f"Checked: {', '.join([_title(value, 'the description'), *map(_name, value.sources)])}",
+        (f"{value.grade}: {tally(value)}" if value else "nothing was checked",),
         value.grade if value else "",
         told=tuple(told),
         table=page_table(poor) if poor else None,
-        more=(*proposed, *((("good", page_table(good)),) if good else ())),
+        more=tuple((title, part) for title, part in more.items() if part),
         methods=(*(cure[file] for file in files_of(value)), ".to_frame()", '.report("x.html")'),
     )
 
@@ -154,20 +153,24 @@ def verdicts_frame(value: Verdicts) -> pl.DataFrame:
 
 def verdicts_page(value: Verdicts) -> Page:
     """The page of `deltaid check`."""
-    robot = value.robot
-    lines = {"the files that it names": value.cures} if _can_be_cured(value) else {}
-    title = (robot.title or robot.name) if robot else "robot"
+    robot, proposed = value.robot, _proposed(value)
+    lines = {"the files that it names": proposed} if proposed else {}
     drawn = drawing(robot, compiled(robot).kinematics) if robot else None
-    return check_page(title, value, [_name(source) for source in value.sources], lines, drawn)
+    logs = [_name(source) for source in value.sources]
+    return check_page(_title(value, "robot"), value, logs, lines, drawn)
+
+
+def _title(value: Verdicts, otherwise: str) -> str:
+    return (value.robot.title or value.robot.name) if value.robot else otherwise
 
 
 def _name(source: object) -> str:
     return str(source).replace("\\", "/").rpartition("/")[2]
 
 
-def _can_be_cured(value: Verdicts) -> bool:
-    """Whether lines are proposed that can be written out: of several mappings they cannot."""
+def _proposed(value: Verdicts) -> str:
+    """Lines that are proposed; none where they cannot be written out, as of several mappings."""
     try:
-        return bool(files_of(value) and value.cures)
+        return value.cures if files_of(value) else ""
     except DeltaidError:
-        return False
+        return ""
