@@ -37,7 +37,6 @@ def model_arrays(subject: Model) -> dict[str, np.ndarray]:
     # Bodies of the robot, of which some share one set of parameters.
     moved = subject.dynamics.kinematics.mechanism.bodies
     limits = [robot.limits_of(drive) for drive in robot.drives]
-    ranges = [l.range or (-np.inf, np.inf) for l in limits]
     terms = robot.friction_terms
     return {
         "robot": np.array(robot.name),
@@ -64,7 +63,7 @@ def model_arrays(subject: Model) -> dict[str, np.ndarray]:
         "rotor_inertia": np.array([subject.value(f"rotor.{drive}") for drive in robot.drives]),
         "drives": np.array(robot.drives),
         "drive_is_linear": np.array([robot.is_linear(drive) for drive in robot.drives]),
-        "drive_range": np.array(ranges),
+        "drive_range": np.array([l.range or (-np.inf, np.inf) for l in limits]),
         "drive_speed": np.array([l.top_speed or np.inf for l in limits]),
         "drive_effort": effort_limits(robot),
         "gravity": np.array(robot.gravity),
@@ -74,30 +73,25 @@ def model_arrays(subject: Model) -> dict[str, np.ndarray]:
 
 def npz_file(subject: Model) -> bytes:
     """The same as the bytes of an .npz file."""
-    file = io.BytesIO()
-    arrays: dict[str, Any] = dict(model_arrays(subject))
+    file, arrays = io.BytesIO(), dict[str, Any](model_arrays(subject))
     np.savez(file, **arrays)
     return file.getvalue()
 
 
-INPUTS = ("z", "qd", "qdd")
-OUTPUTS = ("q", "tau", "M", "C", "g", "f", "J")
+_INPUTS = ["z", "qd", "qdd"]
+_OUTPUTS = ["q", "tau", "M", "C", "g", "f", "J"]
 
 
-def casadi_function(subject: Model) -> ca.Function:
-    """(z, q̇, q̈) to q, τ and the terms of M q̈ + C q̇ + g + f = τ, and J = ∂q/∂z; SI units.
+def casadi_file(subject: Model) -> bytes:
+    """The bytes of a file for `casadi.Function.load`: a function of z, q̇ and q̈ to q, τ, the terms
+    of M q̈ + C q̇ + g + f = τ, and J = ∂q/∂z; SI units.
 
     The parameters are numbers in the graph. Friction that depends on load is in τ and not in f.
     """
     e, q = subject.dynamics.equations, subject.dynamics.kinematics.mechanism.q
     terms = [ca.densify(term) for term in (q, e.torque, e.M, e.C, e.g, e.f, e.J)]
     outputs = ca.cse(ca.substitute(terms, [e.p], [ca.SX(ca.DM(subject.p))]))
-    return ca.Function("deltaid", [e.z, e.qd, e.qdd], outputs, list(INPUTS), list(OUTPUTS))
-
-
-def casadi_file(subject: Model) -> bytes:
-    """The same as the bytes of a file for `casadi.Function.load`."""
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "function.casadi"
-        casadi_function(subject).save(str(path))
+        ca.Function("deltaid", [e.z, e.qd, e.qdd], outputs, _INPUTS, _OUTPUTS).save(str(path))
         return path.read_bytes()

@@ -111,10 +111,9 @@ def care_for(subject: Model, table: str) -> Care:
     qd, qdd = rng.standard_normal((2, *z.shape)) * np.array([2.0, 10.0])[:, None, None]
     qd[::4] = 0.0
     qdd[::8] = 0.0
-    q = kinematics.inverse(z)
     tau = subject.dynamics.torque(z, qd, qdd, subject.p)
     p = np.repeat(subject.p[subject.p != 0][:, None], len(z), axis=1)
-    states = {"z": z, "x": z, "q": q, "qd": qd, "qdd": qdd, "tau": tau}
+    states = {"z": z, "x": z, "q": kinematics.inverse(z), "qd": qd, "qdd": qdd, "tau": tau}
     return Care({name: x.T for name, x in states.items()} | {table: p})
 
 

@@ -217,8 +217,7 @@ def export(
         choices = Choices(precision, further, online or OnlineSettings(), versions[str(fmi)], say)
         made = form.build(subject, path.stem, choices)
     with together():
-        contents = (*made.parts.values(), *beside.values())
-        for part, content in zip(paths, contents, strict=True):
+        for part, content in zip(paths, (*made.parts.values(), *beside.values()), strict=True):
             write_bytes(part, content if isinstance(content, bytes) else content.encode())
     notes = []  # what further functions cannot tell of this robot
     if "constraint-forces" in further:

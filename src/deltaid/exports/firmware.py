@@ -58,53 +58,49 @@ def printer(found: Calibration) -> Printer:
     """
     robot, known, limbs = found.described, found.known, found.described.limb_geometry
     assert robot.limbs is not None  # unknowns refuse others
-    where = robot.name
-    turns = np.mod(np.diff([*robot.limbs.azimuth_deg, robot.limbs.azimuth_deg[0]]), 360)
+    azimuths = np.array(robot.limbs.azimuth_deg)
     if (
         len(limbs) != 3
         or any(limb.drive != "linear" or np.hypot(*limb.rail[:2]) > _UPRIGHT for limb in limbs)
         or robot.limbs.base_radius is None
         or robot.limbs.platform_radius is None
         or known.apart
-        or not np.allclose(turns, 120)
+        or not np.allclose(np.mod(np.roll(azimuths, -1) - azimuths, 360), 120)
     ):
         raise DeltaidError(
             "firmwares take three upright rails, 120° apart and anticlockwise, with equal struts",
-            where=where,
+            where=robot.name,
             cure="describe them by base_radius and platform_radius, or take the robot file",
         )
-    beds = [k for k, session in enumerate(found.sessions) if session.kind == "probe"]
-    if not beds:
-        raise DeltaidError(
-            "no bed was probed, so heights above it are not known", where=where, cure="give --probe"
-        )
-    h, a, b = found.fit.readings[beds[0]].state
-    loops = found.fit.loops
+    bed = next((k for k, session in enumerate(found.sessions) if session.kind == "probe"), None)
+    if bed is None:
+        what = "no bed was probed, so heights above it are not known"
+        raise DeltaidError(what, where=robot.name, cure="give --probe")
+    (h, a, b), loops, n = found.fit.readings[bed].state, found.fit.loops, len(found.values)
     q = drawn(loops.kinematics, loops.limbs)
-    tools = loops.points(q, np.zeros(len(found.values)))
-    J = tools.slopes.reshape(-1, len(found.values))
+    tools = loops.points(q, np.zeros(n))
+    J, arms = tools.slopes.reshape(-1, n), tools.x - tools.x.mean(axis=0)
     # a turn that makes the bed level; shifts and turns in its plane are free
     level = np.cross([-b, a, 0.0], tools.x).ravel()
-    arms = tools.x - tools.x.mean(axis=0)
     plane = [np.tile(axis, len(arms)) for axis in np.eye(3)[:2]]
     free = np.column_stack([*plane, np.cross([0.0, 0.0, 1.0], arms).ravel()])
-    G = np.zeros((len(found.values), 10))
+    G = np.zeros((n, 10))
     G[known.of_kind("rail_out"), 0] = 1
     for k, kind in enumerate(_KINDS):
         G[known.of_kind(kind), 1 + 3 * k + np.arange(3)] = 1
     A, target = np.column_stack([J @ G, free]), J @ found.values + level
     fitted = np.linalg.lstsq(A, target, rcond=None)[0]
     left = float(np.linalg.norm(target - A @ fitted) / np.sqrt(len(q)))
-    theta = G @ fitted[:10]
-    across, zero, strut = (theta[known.of_kind(kind)] for kind in _KINDS)
+    across, zero, strut = ((G @ fitted[:10])[known.of_kind(kind)] for kind in _KINDS)
     joints = np.array([limb.base - limb.attachment for limb in limbs])
     radius = float(np.mean(np.linalg.norm(joints[:, :2], axis=1)) + fitted[0])
-    rods = np.array([limb.strut for limb in limbs]) + strut
-    heights = joints[:, 2] - zero - h
-    corrections = np.rad2deg(across / radius)
+    rods, corrections = (
+        np.array([limb.strut for limb in limbs]) + strut,
+        np.rad2deg(across / radius),
+    )
     return Printer(
-        radius, rods, heights - np.sqrt(rods**2 - radius**2),
-        np.array(robot.limbs.azimuth_deg) + corrections, corrections, left,
+        radius, rods, (joints[:, 2] - zero - h) - np.sqrt(rods**2 - radius**2),
+        azimuths + corrections, corrections, left,
         robot.title or robot.name, float(np.abs(robot.workspace.bounding_box[:, :2]).max()),
     )  # fmt: skip
 
@@ -123,17 +119,15 @@ def _klipper(p: Printer) -> list[str]:
 
 def _marlin(p: Printer) -> list[str]:
     rod, height = float(p.rods.mean()), float(p.endstops.min())
-    trims, backs = 1e3 * (p.rods - rod), 1e3 * (height - p.endstops)
     return [
         f"M665 L{1e3 * rod:.4f} R{1e3 * p.radius:.4f} H{1e3 * height:.4f} "
-        f"{_each('XYZ', p.corrections, 5)} {_each('ABC', trims)}",
-        f"M666 {_each('XYZ', backs)}",
+        f"{_each('XYZ', p.corrections, 5)} {_each('ABC', 1e3 * (p.rods - rod))}",
+        f"M666 {_each('XYZ', 1e3 * (height - p.endstops))}",
     ]
 
 
 def _reprap(p: Printer) -> list[str]:
-    height = float(p.endstops.mean())
-    rods = ":".join(f"{1e3 * rod:.4f}" for rod in p.rods)
+    height, rods = float(p.endstops.mean()), ":".join(f"{1e3 * rod:.4f}" for rod in p.rods)
     return [
         f"M665 L{rods} R{1e3 * p.radius:.4f} H{1e3 * height:.4f} B{1e3 * p.reach:.0f} "
         f"{_each('XYZ', p.corrections, 5)}",
@@ -142,8 +136,7 @@ def _reprap(p: Printer) -> list[str]:
 
 
 def _each(letters: str, values: Float[np.ndarray, " 3"], digits: int = 4) -> str:
-    pairs = zip(letters, values, strict=True)
-    return " ".join(f"{letter}{value:.{digits}f}" for letter, value in pairs)
+    return " ".join(f"{letter}{x:.{digits}f}" for letter, x in zip(letters, values, strict=True))
 
 
 FIRMWARES: dict[str, tuple[str, Callable[[Printer], list[str]]]] = {

@@ -67,7 +67,7 @@ def fmu(
     texts |= {f"sources/{path}": text for path, text in sources.items()}
     texts["documentation/index.html"] = rendered(
         "unit.html.jinja",
-        name=name,
+        title=name,
         provenance=whence,
         variables=variables.all,
         quantities=quantities(subject),

@@ -94,25 +94,27 @@ class Compiler:
         Raises:
             OSError: it did not compile; with the compiler's first line.
         """
-        library = f"{name}{system.suffix}"
+        library, files = f"{name}{system.suffix}", dict(sources)
+        if self.is_zig and system.suffix == ".dll":
+            files["windows-start.c"] = _START_ON_WINDOWS
         with tempfile.TemporaryDirectory() as folder:
             work = Path(folder)
-            files = dict(sources)
-            if self.is_zig and system.suffix == ".dll":
-                files["windows-start.c"] = _START_ON_WINDOWS
             for path, text in files.items():
                 (work / path).write_text(text, encoding="utf-8")
-            files = [path for path in files if path.endswith(".c")]
-            if not self.is_zig:
-                self._run(work, *_OPTIONS, "-shared", "-o", library, *files, "-lm")
-                return (work / library).read_bytes()
-            target, objects = ("-target", system.target), [f"{path}.o" for path in files]
-            for path, made in zip(files, objects, strict=True):
-                self._run(work, "-c", *target, *_OPTIONS, *_OF_ZIG, "-o", made, path)
-            own_name = f"-Wl,-install_name,@rpath/{library}"
-            link = ["-shared", "-nostdlib", "-s", *([own_name] if "macos" in system.target else [])]
-            self._run(work, *target, *link, "-o", library, *objects, *system.needs)
+            code = [path for path in files if path.endswith(".c")]
+            if self.is_zig:
+                self._zig(work, system, library, code)
+            else:
+                self._run(work, *_OPTIONS, "-shared", "-o", library, *code, "-lm")
             return (work / library).read_bytes()
+
+    def _zig(self, work: Path, system: System, library: str, code: Sequence[str]) -> None:
+        target = ("-target", system.target)
+        for path in code:
+            self._run(work, "-c", *target, *_OPTIONS, *_OF_ZIG, "-o", f"{path}.o", path)
+        own_name = [f"-Wl,-install_name,@rpath/{library}"] * ("macos" in system.target)
+        link = ("-shared", "-nostdlib", "-s", *own_name, "-o", library)
+        self._run(work, *target, *link, *(f"{path}.o" for path in code), *system.needs)
 
     def _run(self, work: Path, *arguments: str) -> None:
         done = subprocess.run(
@@ -137,12 +139,9 @@ def found_compiler() -> Compiler | None:
 def own_compiler() -> Compiler | None:
     """The compiler of this machine, for this machine."""
     command = next(filter(None, map(shutil.which, ("cc", "gcc", "clang"))), None)
-    return None if command is None else Compiler((command,), _this_machine())
-
-
-def _this_machine() -> tuple[System, ...]:
     kind = {"AMD64": "x86_64", "arm64": "aarch64"}.get(platform.machine(), platform.machine())
-    return tuple(s for s in SYSTEMS if s.folder == f"{kind}-{sys.platform}")
+    systems = tuple(s for s in SYSTEMS if s.folder == f"{kind}-{sys.platform}")
+    return None if command is None else Compiler((command,), systems)
 
 
 def binaries(
@@ -154,28 +153,24 @@ def binaries(
 ) -> tuple[dict[str, bytes], str]:
     """Libraries by their path in the unit, and a warning that names systems without one."""
     if compiler is None:
-        return {}, _missing(SYSTEMS, (), "no C compiler was found (Zig, cc, gcc or clang)")
+        return {}, _missing((), "no C compiler was found (Zig, cc, gcc or clang)")
     if not compiler.systems:
-        return {}, _missing(SYSTEMS, (), "binaries for this machine are not known to FMI")
-    made: dict[System, bytes] = {}
-    failed = ""
+        return {}, _missing((), "binaries for this machine are not known to FMI")
 
     def attempt(system: System) -> bytes | str:
         try:
             return compiler.library(system, name, sources)
         except OSError as error:
-            return str(error)
+            return f"{Path(compiler.command[0]).name} failed ({error})"
 
     results, total = ordered(attempt, compiler.systems), len(compiler.systems)
+    found = dict[System, bytes | str]()
     for k, system in enumerate(compiler.systems, start=1):
         progress(f"compiling {k} of {total}, {system.name}")
-        result = next(results)
-        if isinstance(result, bytes):
-            made[system] = result
-        else:
-            failed = failed or f"{Path(compiler.command[0]).name} failed ({result})"
-    missing = tuple(system for system in SYSTEMS if system not in made)
-    return _placed(name, made, version), _missing(missing, tuple(made), failed)
+        found[system] = next(results)
+    made = {system: library for system, library in found.items() if isinstance(library, bytes)}
+    failed = next((why for why in found.values() if isinstance(why, str)), "")
+    return _placed(name, made, version), _missing(tuple(made), failed)
 
 
 def _placed(name: str, made: Mapping[System, bytes], version: FmiVersion) -> dict[str, bytes]:
@@ -206,21 +201,16 @@ def universal(libraries: Sequence[bytes]) -> bytes:
     return head + bytes(offset - len(head)) + body
 
 
-def _missing(missing: Sequence[System], made: Sequence[System], why: str) -> str:
+def _missing(made: Sequence[System], why: str) -> str:
     """A sentence on systems whose library is not there, empty if all are."""
-    if not missing:
+    if not (missing := [system.name for system in SYSTEMS if system not in made]):
         return ""
     seen = "the unit holds sources only"
     if made:
-        seen = (
-            f"the unit runs as it is on {_names(made)}, and from its sources on {_names(missing)}"
-        )
+        there, others = ", ".join(system.name for system in made), ", ".join(missing)
+        seen = f"the unit runs as it is on {there}, and from its sources on {others}"
     cure = (
         "let the importing tool compile them, as `fmpy compile` does, or export again with Zig's "
-        "compiler"
+        "compiler (pip install ziglang)"
     )
-    return Doubt(seen, cause=why, cure=f"{cure} (pip install ziglang)")
-
-
-def _names(systems: Sequence[System]) -> str:
-    return ", ".join(system.name for system in systems)
+    return Doubt(seen, cause=why, cure=cure)

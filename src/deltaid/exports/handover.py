@@ -83,8 +83,7 @@ def reference_states(subject: Model, precision: Precision) -> ReferenceStates:
     z = z[same & (kinematics.condition(z) < _CONDITION)][:_COUNT]
     sizes = np.array([_SPEED, _ACCELERATION])[:, None, None]
     qd, qdd = _rounded(sizes * rng.uniform(-1, 1, (2, *z.shape)), precision)
-    p = _rounded(subject.p, precision)
-    tau = subject.dynamics.torque(z, qd, qdd, p)
+    tau = subject.dynamics.torque(z, qd, qdd, _rounded(subject.p, precision))
     return ReferenceStates(z, kinematics.inverse(z), qd, qdd, tau)
 
 

@@ -28,23 +28,24 @@ Operation = Callable[..., jax.Array]
 Step = tuple[int, list[int], list[int], float]
 
 
-def _libm(name: str) -> Operation:
-    """The function of jax.numpy for one of C's library."""
-    if name == "erf":
-        return jax.scipy.special.erf
-    if name == "remainder":  # C rounds the quotient to the nearest, Python down
-        return lambda a, b: a - b * jnp.round(a / b)
-    if name == "atan2":
-        return jnp.arctan2
-    for start, other in (("asin", "arcsin"), ("acos", "arccos"), ("atan", "arctan")):
-        if name.startswith(start):
-            return getattr(jnp, name.replace(start, other))
-    return getattr(jnp, name)
-
-
 def _truth(condition: Operation) -> Operation:
     """CasADi's logic has the numbers 1 and 0."""
     return lambda *args: jnp.where(condition(*args), 1.0, 0.0)
+
+
+# Functions of C's library that jax.numpy has under another name, or not at all; C's remainder
+# rounds the quotient to the nearest, Python's down.
+_LIBM: dict[str, Operation] = {
+    "asin": jnp.arcsin,
+    "acos": jnp.arccos,
+    "atan": jnp.arctan,
+    "asinh": jnp.arcsinh,
+    "acosh": jnp.arccosh,
+    "atanh": jnp.arctanh,
+    "atan2": jnp.arctan2,
+    "erf": jax.scipy.special.erf,
+    "remainder": lambda a, b: a - b * jnp.round(a / b),
+}
 
 
 _OPERATIONS: dict[int, Operation] = {
@@ -73,7 +74,10 @@ _OPERATIONS: dict[int, Operation] = {
     ca.OP_AND: _truth(lambda a, b: (a != 0) & (b != 0)),
     ca.OP_OR: _truth(lambda a, b: (a != 0) | (b != 0)),
     ca.OP_IF_ELSE_ZERO: lambda a, b: jnp.where(a != 0, b, 0.0),
-    **{op: _libm(name) for op, name in {**LIBM_UNARY, **LIBM_BINARY}.items()},
+    **{
+        op: _LIBM[name] if name in _LIBM else getattr(jnp, name)
+        for op, name in {**LIBM_UNARY, **LIBM_BINARY}.items()
+    },
 }
 
 
@@ -90,12 +94,9 @@ def as_jax(inputs: Sequence[ca.SX], output: ca.SX) -> Callable[..., jax.Array]:
     graph = ca.Function("f", list(inputs), [ca.cse(ca.vec(dense))])
     steps = [_step(graph, k) for k in range(graph.n_instructions())]
 
-    sizes = [symbols.numel() for symbols in inputs]
-
     def function(*args: ArrayLike) -> jax.Array:
         given = [jnp.asarray(arg) for arg in args]
-        _require_shapes(given, sizes)
-        kind = jnp.result_type(float, *given)
+        _require_shapes(given, [symbols.numel() for symbols in inputs])
         value: dict[int, Any] = {}
         out: list[Any] = [0.0] * (rows * columns)
         for op, read, written, constant in steps:
@@ -109,7 +110,7 @@ def as_jax(inputs: Sequence[ca.SX], output: ca.SX) -> Callable[..., jax.Array]:
                 value[written[0]] = _OPERATIONS[op](*(value[i] for i in read))
         # Not by jnp.stack: XLA computes what several entries share anew for each of them, and all
         # that these share, and so on.
-        stacked, place = jnp.zeros(len(out), kind), jnp.arange(len(out))
+        stacked, place = jnp.zeros(len(out), jnp.result_type(float, *given)), jnp.arange(len(out))
         for i, x in enumerate(out):
             stacked = jnp.where(place == i, x, stacked)
         return stacked if columns == 1 else stacked.reshape(columns, rows).T

@@ -121,8 +121,7 @@ def _base(subject: Model, s: float) -> Iterator[Shape]:
         bases = np.array([limb.base for limb in limbs])
         middle, up = bases.mean(axis=0), 0.06 * s * Z
         radius = float(np.linalg.norm(bases - middle, axis=1).max()) + 0.06 * s
-        plate = middle + up, middle + up + 0.02 * s * Z
-        yield Rod("", "base", "base", *plate, radius, round=False)
+        yield Rod("", "base", "base", middle + up, middle + up + 0.02 * s * Z, radius, round=False)
         return
     rails = [_rail(subject, limb, n, s) for n, limb in enumerate(limbs, 1)]
     for end in (0, 1):

@@ -110,10 +110,9 @@ def plain_friction(model: Model) -> tuple[Model, tuple[str, ...]]:
     share = rms / np.sqrt(np.mean(tau**2, axis=0))
     k = int(np.argmax(share))
     unit = robot.units(robot.drives[k]).force
-    warning = (
+    altered = (*model.altered, "with viscous and Coulomb friction only")
+    return replace(model, robot=robot, p=p, altered=altered), (
         f"friction of {', '.join(joints)} is approximated by viscous and Coulomb terms. Along a "
         f"random motion, {robot.drives[k]} is off by {rms[k]:.2g} {unit} rms ({share[k]:.2%} of "
-        f"its torque), at most {np.abs(error[:, k]).max():.2g} {unit}"
+        f"its torque), at most {np.abs(error[:, k]).max():.2g} {unit}",
     )
-    altered = (*model.altered, "with viscous and Coulomb friction only")
-    return replace(model, robot=robot, p=p, altered=altered), (warning,)

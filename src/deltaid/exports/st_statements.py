@@ -18,7 +18,6 @@ from deltaid.exports.straight_line import Dialect
 from deltaid.exports.text import DOUBLE, Precision
 from deltaid.kernel.llvm_ir import operation_name
 
-_INFIX = {ca.OP_ADD: "+", ca.OP_SUB: "-", ca.OP_MUL: "*"}
 _TRUTH = {
     ca.OP_LT: "{a} < {b}",
     ca.OP_LE: "{a} <= {b}",
@@ -28,26 +27,19 @@ _TRUTH = {
     ca.OP_AND: "({a} <> 0.0) AND ({b} <> 0.0)",
     ca.OP_OR: "({a} <> 0.0) OR ({b} <> 0.0)",
 }
-_CALLED = {
-    ca.OP_FABS: "ABS({a})",
-    ca.OP_SIN: "SIN({a})",
-    ca.OP_COS: "COS({a})",
-    ca.OP_ATAN: "ATAN({a})",
-    ca.OP_ASSIGN: "{a}",
-    ca.OP_NEG: "-{a}",
-    ca.OP_SQ: "{a} * {a}",
-    ca.OP_TWICE: "{a} + {a}",
-}
-# What must not be, then the result.
-_GUARDED = {
-    ca.OP_SQRT: ("{a} < 0.0", "SQRT({a})"),
-    ca.OP_ASIN: ("ABS({a}) > 1.0", "ASIN({a})"),
-    ca.OP_ACOS: ("ABS({a}) > 1.0", "ACOS({a})"),
-    ca.OP_LOG: ("{a} <= 0.0", "LN({a})"),
-    ca.OP_DIV: ("ABS({b}) < {least}", "{a} / {b}"),
-    ca.OP_INV: ("ABS({a}) < {least}", "1.0 / {a}"),
-}
-_BRANCHED = {
+_FORMS = {
+    ca.OP_ADD: "{w} := {a} + {b};",
+    ca.OP_SUB: "{w} := {a} - {b};",
+    ca.OP_MUL: "{w} := {a} * {b};",
+    ca.OP_FABS: "{w} := ABS({a});",
+    ca.OP_SIN: "{w} := SIN({a});",
+    ca.OP_COS: "{w} := COS({a});",
+    ca.OP_ATAN: "{w} := ATAN({a});",
+    ca.OP_ATAN2: "{w} := {prefix}_atan2({a}, {b});",
+    ca.OP_ASSIGN: "{w} := {a};",
+    ca.OP_NEG: "{w} := -{a};",
+    ca.OP_SQ: "{w} := {a} * {a};",
+    ca.OP_TWICE: "{w} := {a} + {a};",
     ca.OP_IF_ELSE_ZERO: "IF {a} <> 0.0 THEN {w} := {b}; ELSE {w} := 0.0; END_IF;",
     ca.OP_FMIN: "IF {a} < {b} THEN {w} := {a}; ELSE {w} := {b}; END_IF;",
     ca.OP_FMAX: "IF {a} > {b} THEN {w} := {a}; ELSE {w} := {b}; END_IF;",
@@ -59,6 +51,21 @@ _BRANCHED = {
         "IF {a} > {most} THEN RETURN; ELSIF {a} < -{most} THEN {w} := 0.0; "
         "ELSE {w} := EXP({a}); END_IF;"
     ),
+    **{
+        op: f"IF {truth} THEN {{w}} := 1.0; ELSE {{w}} := 0.0; END_IF;"
+        for op, truth in _TRUTH.items()
+    },
+}
+
+
+# What must not be, then the result.
+_GUARDED = {
+    ca.OP_SQRT: ("{a} < 0.0", "SQRT({a})"),
+    ca.OP_ASIN: ("ABS({a}) > 1.0", "ASIN({a})"),
+    ca.OP_ACOS: ("ABS({a}) > 1.0", "ACOS({a})"),
+    ca.OP_LOG: ("{a} <= 0.0", "LN({a})"),
+    ca.OP_DIV: ("ABS({b}) < {least}", "{a} / {b}"),
+    ca.OP_INV: ("ABS({a}) < {least}", "1.0 / {a}"),
 }
 # Calls of functions of the file's own (`st_helpers`); to subtract is to add the negative.
 _PAIRED = {
@@ -108,32 +115,15 @@ class StructuredText(Dialect):
         return [f"{target} := {text};"]
 
     def operation(self, target: str, op: int, args: list[str], needed: bool) -> list[str]:
-        named = {
-            "w": target,
-            "a": args[0],
-            "b": args[-1],
-            "least": literal(self.precision, self.precision.least),
-            "most": "700.0" if self.precision is DOUBLE else "80.0",
-        }
-        if op in _INFIX:
-            return self.set(target, f"{args[0]} {_INFIX[op]} {args[-1]}")
-        if op in _CALLED:
-            return self.set(target, _CALLED[op].format(**named))
-        if op in _TRUTH:
-            truth = _TRUTH[op].format(**named)
-            return [f"IF {truth} THEN {target} := 1.0; ELSE {target} := 0.0; END_IF;"]
-        if op in _BRANCHED:
-            return [_BRANCHED[op].format(**named)]
+        a, b = args[0], args[-1]
+        if op in _FORMS:
+            most = "700.0" if self.precision is DOUBLE else "80.0"
+            return [_FORMS[op].format(w=target, a=a, b=b, most=most, prefix=self.prefix)]
         if op in _GUARDED:
-            bad, result = (part.format(**named) for part in _GUARDED[op])
-            known = args[-1][0] in "(0123456789"  # a constant, which is not zero
-            if known:
-                return self.set(target, result)
-            if not needed:
-                return [f"IF {bad} THEN {target} := 0.0; ELSE {target} := {result}; END_IF;"]
-            return [f"IF {bad} THEN RETURN; END_IF;", f"{target} := {result};"]
-        if op == ca.OP_ATAN2:
-            return self.set(target, f"{self.prefix}_atan2({args[0]}, {args[-1]})")
+            result = f"{target} := {_GUARDED[op][1].format(a=a, b=b)};"
+            if (bad := self._bad(op, a, b)) and not needed:
+                return [f"IF {bad} THEN {target} := 0.0; ELSE {result} END_IF;"]
+            return [*([f"IF {bad} THEN RETURN; END_IF;"] if bad else []), result]
         if op in _POWERS:
             return _power(target, *args)
         raise DeltaidError(
@@ -143,22 +133,25 @@ class StructuredText(Dialect):
             cure="choose c, or write the mechanism with roots, sines, arctangents and powers",
         )
 
+    def _bad(self, op: int, a: str, b: str) -> str:
+        """What must not be of its operands; nothing of a constant, which is not zero."""
+        if op not in _GUARDED or b[0] in "(0123456789":
+            return ""
+        return _GUARDED[op][0].format(a=a, b=b, least=literal(self.precision, self.precision.least))
+
     def doubled(
         self, targets: tuple[str, str], op: int, args: list[tuple[str, str]], needed: bool
     ) -> list[str]:
         (target, rest), ((a, r), (b, s)) = targets, (args[0], args[-1])
-        least = literal(self.precision, self.precision.least)
-        named = {"a": a, "r": r or "0.0", "b": b, "s": s or "0.0", "least": least}
+        named = {"a": a, "r": r or "0.0", "b": b, "s": s or "0.0"}
         if op in _EXACT:
             return [_EXACT[op].format(w=target, v=rest, **named)]
         name, *given = (part.format(**named) for part in _PAIRED[op])
         inputs = zip(("a", "da", "b", "db"), map(_one_sign, given), strict=False)
         passed = ", ".join(f"{x} := {value}" for x, value in inputs)
         call = f"{target} := {self.prefix}_{name}({passed}, dc => {rest});"
-        known = op in (ca.OP_DIV, ca.OP_INV) and b[0] in "(0123456789"
-        if op not in _GUARDED or known:
+        if not (bad := self._bad(op, a, b)):
             return [call]
-        bad = _GUARDED[op][0].format(**named)
         if needed:
             return [f"IF {bad} THEN RETURN; END_IF;", call]
         return [f"IF {bad} THEN {target} := 0.0; {rest} := 0.0;", f"ELSE {call}", "END_IF;"]
@@ -176,8 +169,7 @@ def plain(precision: Precision, x: float) -> str:
     if x and abs(x) < _SMALLEST:
         x = math.copysign(_SMALLEST, x)
     digits, _, exponent = precision.digits(x).partition("e")
-    text = digits if "." in digits else f"{digits}.0"
-    return text + (f"E{int(exponent)}" if exponent else "")
+    return (digits if "." in digits else f"{digits}.0") + (f"E{int(exponent)}" if exponent else "")
 
 
 def literal(precision: Precision, x: float) -> str:

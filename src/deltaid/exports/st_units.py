@@ -97,13 +97,12 @@ class Unit:
         """The unit from its first to its last word."""
         lines = [*comments(self.notes), f"{self.kind} {self.name}"]
         lines[-1] += f" : {self.result}" if self.result else ""
-        sections = {
+        for keyword, variables in {
             "VAR_INPUT": self.passed(by_reference=False),
             "VAR_IN_OUT": self.passed(by_reference=True),
             "VAR_OUTPUT": self.outputs,
             "VAR": self.own,
-        }
-        for keyword, variables in sections.items():
+        }.items():
             declared = [variable.line for variable in variables]
             if keyword == "VAR" and self.scratch:
                 declared += filled("    ", self.scratch, f" : {self.real};")

@@ -17,19 +17,39 @@ from deltaid.exports.digits import Care, OutputPart
 from deltaid.exports.text import DOUBLE, Precision, split
 from deltaid.kernel.llvm_ir import LIBM_BINARY, LIBM_UNARY, operation_name
 
-_INFIX = {ca.OP_ADD: "+", ca.OP_SUB: "-", ca.OP_MUL: "*", ca.OP_DIV: "/"}
-_COMPARED = {ca.OP_LT: "<", ca.OP_LE: "<=", ca.OP_EQ: "==", ca.OP_NE: "!="}
-_CALLED = {
-    ca.OP_SQRT: "sqrt",
-    ca.OP_FABS: "fabs",
-    ca.OP_FLOOR: "floor",
-    ca.OP_CEIL: "ceil",
-    ca.OP_FMIN: "fmin",
-    ca.OP_FMAX: "fmax",
-    ca.OP_COPYSIGN: "copysign",
-    **LIBM_UNARY,
-    **LIBM_BINARY,
+_LOGIC = {ca.OP_LT: "<", ca.OP_LE: "<=", ca.OP_EQ: "==", ca.OP_NE: "!="}
+_ONE = {**LIBM_UNARY, ca.OP_SQRT: "sqrt", ca.OP_FABS: "fabs", ca.OP_FLOOR: "floor",
+        ca.OP_CEIL: "ceil"}  # fmt: skip
+_TWO = {**LIBM_BINARY, ca.OP_FMIN: "fmin", ca.OP_FMAX: "fmax", ca.OP_COPYSIGN: "copysign"}
+# Expressions of C: operands {a}, {b}, type of numbers {real}, suffix of literals and functions {f}.
+_C_FORMS = {
+    ca.OP_ASSIGN: "{a}",
+    ca.OP_NEG: "-{a}",
+    ca.OP_ADD: "{a} + {b}",
+    ca.OP_SUB: "{a} - {b}",
+    ca.OP_MUL: "{a} * {b}",
+    ca.OP_DIV: "{a} / {b}",
+    ca.OP_SQ: "{a} * {a}",
+    ca.OP_TWICE: "{a} + {a}",
+    ca.OP_INV: "1.0{f} / {a}",
+    ca.OP_NOT: "({real})({a} == 0.0{f})",
+    ca.OP_AND: "({real})({a} != 0.0{f} && {b} != 0.0{f})",
+    ca.OP_OR: "({real})({a} != 0.0{f} || {b} != 0.0{f})",
+    ca.OP_IF_ELSE_ZERO: "({a} != 0.0{f}) ? {b} : 0.0{f}",
+    **{op: f"({{real}})({{a}} {sign} {{b}})" for op, sign in _LOGIC.items()},
+    **{op: f"{name}{{f}}({{a}})" for op, name in _ONE.items()},
+    **{op: f"{name}{{f}}({{a}}, {{b}})" for op, name in _TWO.items()},
 }
+# What a result and its rest are where nothing is rounded.
+_C_EXACT = {
+    ca.OP_ASSIGN: ("{a}", "{r}"),
+    ca.OP_NEG: ("-{a}", "-{r}"),
+    ca.OP_TWICE: ("{a} + {a}", "{r} + {r}"),
+    ca.OP_FABS: ("fabsf({a})", "({a} < {zero}) ? -{r} : {r}"),
+    ca.OP_IF_ELSE_ZERO: ("({a} != {zero}) ? {b} : {zero}", "({a} != {zero}) ? {s} : {zero}"),
+}
+
+
 # Functions of templates/pairs.c.jinja; what is subtracted is added with the other sign.
 _PAIRED = {
     ca.OP_ADD: "pair_sum({a}, {r}, {b}, {s}",
@@ -37,7 +57,7 @@ _PAIRED = {
     ca.OP_MUL: "pair_product({a}, {r}, {b}, {s}",
     ca.OP_SQ: "pair_product({a}, {r}, {a}, {r}",
     ca.OP_DIV: "pair_quotient({a}, {r}, {b}, {s}",
-    ca.OP_INV: "pair_quotient({one}, {a}, {r}",
+    ca.OP_INV: "pair_quotient(1.0f, {zero}, {a}, {r}",
     ca.OP_SQRT: "pair_root({a}, {r}",
     ca.OP_SIN: "pair_sine({a}, {r}",
     ca.OP_COS: "pair_cosine({a}, {r}",
@@ -212,60 +232,31 @@ class _C(Dialect):
         return [f"    {target} = {text};"]
 
     def operation(self, target: str, op: int, args: list[str], needed: bool) -> list[str]:
-        return self.set(target, self._expression(op, args))
+        real, f = self.precision.c_type, self.precision.suffix
+        sign = self.sign.replace("double", real).replace("0.0", f"0.0{f}")
+        form = sign if op == ca.OP_SIGN else _C_FORMS.get(op)
+        if form is None:
+            raise NotImplementedError(f"CasADi's {operation_name(op)} has no C form here")
+        return self.set(target, form.format(a=args[0], b=args[-1], real=real, f=f))
 
     def doubled(
         self, targets: tuple[str, str], op: int, args: list[tuple[str, str]], needed: bool
     ) -> list[str]:
         (target, rest), zero = targets, f"0.0{self.precision.suffix}"
         (a, r), (b, s) = ((high, low or zero) for high, low in (args[0], args[-1]))
+        named = {"a": a, "r": r, "b": b, "s": s, "zero": zero}
         if op in _PAIRED:
-            given = _PAIRED[op].format(
-                a=a, r=r, b=b, s=s, one=f"1.0{self.precision.suffix}, {zero}"
-            )
-            return self.set(target, f"{given}, &{rest})")
+            return self.set(target, f"{_PAIRED[op].format(**named)}, &{rest})")
+        first, second = (part.format(**named) for part in _C_EXACT[op])
         # The rest first: the target may be what is read.
-        both = {
-            ca.OP_ASSIGN: (a, r),
-            ca.OP_NEG: (f"-{a}", f"-{r}"),
-            ca.OP_TWICE: (f"{a} + {a}", f"{r} + {r}"),
-            ca.OP_FABS: (f"fabsf({a})", f"({a} < {zero}) ? -{r} : {r}"),
-            ca.OP_IF_ELSE_ZERO: tuple(f"({a} != {zero}) ? {x} : {zero}" for x in (b, s)),
-        }[op]
-        return [*self.set(rest, both[1]), *self.set(target, both[0])]
-
-    def _expression(self, op: int, args: list[str]) -> str:
-        a, b, f, real = args[0], args[-1], self.precision.suffix, self.precision.c_type
-        if op in _INFIX:
-            return f"{a} {_INFIX[op]} {b}"
-        if op in _COMPARED:
-            return f"({real})({a} {_COMPARED[op]} {b})"
-        if op in _CALLED:
-            return f"{_CALLED[op]}{f}({', '.join(args)})"
-        sign = self.sign if not f else self.sign.replace("double", real).replace("0.0", "0.0f")
-        simple = {
-            ca.OP_ASSIGN: a,
-            ca.OP_NEG: f"-{a}",
-            ca.OP_SQ: f"{a} * {a}",
-            ca.OP_TWICE: f"{a} + {a}",
-            ca.OP_INV: f"1.0{f} / {a}",
-            ca.OP_SIGN: sign.format(a=a),
-            ca.OP_NOT: f"({real})({a} == 0.0{f})",
-            ca.OP_AND: f"({real})({a} != 0.0{f} && {b} != 0.0{f})",
-            ca.OP_OR: f"({real})({a} != 0.0{f} || {b} != 0.0{f})",
-            ca.OP_IF_ELSE_ZERO: f"({a} != 0.0{f}) ? {b} : 0.0{f}",
-        }
-        if op not in simple:
-            raise NotImplementedError(f"CasADi's {operation_name(op)} has no C form here")
-        return simple[op]
+        return [*self.set(rest, second), *self.set(target, first)]
 
 
 def wrapped(text: str) -> list[str]:
     """A declaration in lines of at most 96 characters, broken after commas."""
     indent = text[: len(text) - len(text.lstrip())]
-    whole = text.strip().replace(" ", "\0").replace(",\0", ", ")
     lines = textwrap.wrap(
-        whole,
+        text.strip().replace(" ", "\0").replace(",\0", ", "),
         96,
         initial_indent=indent,
         subsequent_indent=f"{indent}    ",

@@ -36,17 +36,6 @@ def cycle_units(writer: Writer, c: ExportedCycle) -> Iterator[Unit]:
     note, scratch = f"The state that {name} begins with.", set[str]()
     yield writer.table(f"{c.name}_start", note, graph.state.initial.tolist(), ())
     both = ca.vertcat(graph.following, graph.y)
-    step = [
-        writer.returns(f"{name}_step", "BAD_INPUT"),
-        *writer.sane("u", inputs, LARGEST_INPUT),
-        writer.returns(f"{name}_step", "SINGULAR"),
-        *writer.computed([Array("x", graph.x), Array("u", graph.u)], "found", both, scratch),
-        *writer.sane("found", n + m, LARGEST_RESULT),
-        *each(n, "after[i] := found[i];"),
-        *each(m, f"y[i] := found[i + {n}];"),
-        f"IF found[{n + m - 1}] > 0.0 THEN RETURN; END_IF;",
-        writer.returns(f"{name}_step", "OK"),
-    ]
     yield Unit(
         f"{name}_step",
         "INT",
@@ -54,26 +43,22 @@ def cycle_units(writer: Writer, c: ExportedCycle) -> Iterator[Unit]:
         [writer.array("x", n), writer.array("u", inputs)],
         [writer.array("after", n), writer.array("y", m)],
         [Variable("i", "INT"), writer.array("found", n + m)],
-        step,
+        [
+            writer.returns(f"{name}_step", "BAD_INPUT"),
+            *writer.sane("u", inputs, LARGEST_INPUT),
+            writer.returns(f"{name}_step", "SINGULAR"),
+            *writer.computed([Array("x", graph.x), Array("u", graph.u)], "found", both, scratch),
+            *writer.sane("found", n + m, LARGEST_RESULT),
+            *each(n, "after[i] := found[i];"),
+            *each(m, f"y[i] := found[i + {n}];"),
+            f"IF found[{n + m - 1}] > 0.0 THEN RETURN; END_IF;",
+            writer.returns(f"{name}_step", "OK"),
+        ],
         real,
         in_order(scratch),
     )
     given = [field for field in graph.outputs.fields if field.name != "status"]
     scratch = set[str]()
-    body = [
-        "IF reset OR NOT started THEN",
-        f"    i := {name}_start({TABLE} => state);",
-        "    started := TRUE;",
-        "END_IF;",
-        *_copied("u", graph.inputs, graph.inputs.fields, into=True),
-        f"status := {name}_step(x := state, u := u, after => after, y => y);",
-        f"IF status = {writer.status('OK')} THEN",
-        *(f"    {line}" for line in each(n, "state[i] := after[i];")),
-        "ELSE",
-        *(f"    {line}" for line in _spoilt(writer, c, scratch)),
-        "END_IF;",
-        *_copied("y", graph.outputs, given, into=False),
-    ]
     places = graph.state.places
     sizes = {"state": n, "after": n, "bad": n + m, "u": inputs, "y": m}
     yield Unit(
@@ -94,7 +79,20 @@ def cycle_units(writer: Writer, c: ExportedCycle) -> Iterator[Unit]:
             *(writer.array(*array) for array in sizes.items()),
             Variable("i", "INT"),
         ],
-        body,
+        [
+            "IF reset OR NOT started THEN",
+            f"    i := {name}_start({TABLE} => state);",
+            "    started := TRUE;",
+            "END_IF;",
+            *_copied("u", graph.inputs, graph.inputs.fields, into=True),
+            f"status := {name}_step(x := state, u := u, after => after, y => y);",
+            f"IF status = {writer.status('OK')} THEN",
+            *(f"    {line}" for line in each(n, "state[i] := after[i];")),
+            "ELSE",
+            *(f"    {line}" for line in _spoilt(writer, c, scratch)),
+            "END_IF;",
+            *_copied("y", graph.outputs, given, into=False),
+        ],
         real,
         in_order(scratch),
     )
@@ -211,15 +209,14 @@ def plc_program(
 def quantities(subject: Model) -> list[str]:
     """What coordinates of drives and of the task are, with their units."""
     robot = subject.robot
-    drives = [
-        f"  [{k}] {drive}: "
-        + ("m, m/s, m/s^2, N" if robot.is_linear(drive) else "rad, rad/s, rad/s^2, N m")
-        for k, drive in enumerate(robot.drives)
-    ]
     turn = ", turn psi of the tool [rad]" if subject.dynamics.dof > 3 else ""
     return [
         "Drive coordinates q, rates qd, qdd, torques tau, in the order of the drives:",
-        *drives,
+        *[
+            f"  [{k}] {drive}: "
+            + ("m, m/s, m/s^2, N" if robot.is_linear(drive) else "rad, rad/s, rad/s^2, N m")
+            for k, drive in enumerate(robot.drives)
+        ],
         "at the joint, behind the gear; positive as in docs/conventions.md of deltaid.",
         f"Task coordinates z: x, y, z of the platform point in the world [m]{turn}.",
         "Equation of motion: M(q) qdd + C(q, qd) qd + g(q) + f(qd) = tau.",

@@ -155,7 +155,6 @@ def spanning_tree(subject: Model) -> Tree:
         DeltaidError: the mechanism is the user's own, so its joints are not known.
     """
     robot, mechanism = subject.robot, subject.dynamics.kinematics.mechanism
-    coordinates = tree_coordinates(robot, mechanism)
     parts = list(_platform(subject))
     for i, both in enumerate(zip(robot.limb_geometry, mechanism.limbs, strict=True)):
         parts += _limb(subject, i, *both)
@@ -166,7 +165,7 @@ def spanning_tree(subject: Model) -> Tree:
         cuts=tuple(part for part in parts if isinstance(part, LoopCut)),
         couplings=tuple(part for part in parts if isinstance(part, Coupling)),
         struts=tuple(part for part in parts if isinstance(part, TreeStrut)),
-        coordinates=coordinates,
+        coordinates=tree_coordinates(robot, mechanism),
         z=mechanism.z,
     )
 

@@ -329,16 +329,15 @@ def _loops(
 
 def _warnings(forces: dict[str, JointForces]) -> tuple[str, ...]:
     """What a program that reads the URDF alone will miss, beside the loops."""
-    found = {
-        "inertia of motors and gears": [j for j, f in forces.items() if f.armature],
-        "springs": [j for j, f in forces.items() if f.stiffness],
-    }
     return tuple(
         Doubt(
             f"{what} of {', '.join(joints)} are not in the URDF but in the file of the loops",
             cause="URDF has no words for them",
             cure="let the program that reads the URDF read that file as well",
         )
-        for what, joints in found.items()
+        for what, joints in {
+            "inertia of motors and gears": [j for j, f in forces.items() if f.armature],
+            "springs": [j for j, f in forces.items() if f.stiffness],
+        }.items()
         if joints
     )

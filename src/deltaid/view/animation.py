@@ -55,11 +55,10 @@ def animation(kinematics: Kinematics, motion: ShownMotion, caption: str) -> Figu
     skeleton, time = Skeleton(kinematics.robot, kinematics.mechanism), motion.time[chosen]
     shapes = skeleton.evaluate(motion.z[chosen])
     lines = robot_lines(skeleton, shapes[0])
-    edges = workspace_line(workspace, {"color": style.PRIOR, "width": 1}).update(showlegend=False)
     dots = {"color": style.PRIOR, "width": 2, "dash": "dot"}
     still = [
         *([lines.pop("base")] if "base" in lines else []),
-        edges,
+        workspace_line(workspace, {"color": style.PRIOR, "width": 1}).update(showlegend=False),
         still_line("path", path[even_rows(len(path), _PATH)], dots),
         still_line("path shown", path[seen][::5], {"color": style.SERIES[1], "width": 3}),
     ]

@@ -1,22 +1,20 @@
 """A robot at a pose that is asked for, and its readings as a small table; no window in here."""
 
 from dataclasses import dataclass, replace
-from functools import cache
 from typing import Literal
 
 import numpy as np
 from jaxtyping import Float
-from jinja2 import Environment, PackageLoader, Template
 
 from deltaid.dynamics.at_rest import AtRest
 from deltaid.view import style
+from deltaid.view.html import environment
 
 State = Literal["good", "near", "over"]
 
 # Share of a limit from which on it counts as near.
 _NEAR = 0.8
 _COLORS = {"good": style.RESIDUAL, "near": "#b59400", "over": style.LIMIT}
-_DECIMALS = {"deg": 1, "m": 4, "N": 1}
 
 
 @dataclass(frozen=True)
@@ -95,25 +93,9 @@ def _standing(robot: AtRest, z: Float[np.ndarray, " dof"]) -> View:
         for name, share in zip(robot.limits, poses.shares[0].tolist(), strict=True)
     )
     over = ", ".join(limit.name for limit in limits if limit.state == "over")
-    message = f"beyond {over}" if over else ""
-    return View(z, z, drives, float(poses.condition[0]), limits, message)
+    return View(z, z, drives, float(poses.condition[0]), limits, (f"beyond {over}" if over else ""))
 
 
 def panel(view: View) -> str:
     """HTML of a view's readings."""
-    return _template().render(view=view, colors=_COLORS)
-
-
-@cache
-def _template() -> Template:
-    environment = Environment(
-        loader=PackageLoader("deltaid", "view"), autoescape=True, trim_blocks=True
-    )
-    environment.filters["reading"] = _reading
-    return environment.get_template("panel.html.jinja")
-
-
-def _reading(value: float, unit: str = "") -> str:
-    """A number that does not jump: as many decimals whatever its size, and no zero with a sign."""
-    digits = _DECIMALS.get(unit, 2)
-    return f"{round(value, digits) + 0.0:.{digits}f} {unit}".rstrip()
+    return environment().get_template("panel.html.jinja").render(view=view, colors=_COLORS)

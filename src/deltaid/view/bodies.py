@@ -25,20 +25,19 @@ def body_section(model: IdentifiedModel, kinematics: Kinematics) -> Section:
     home = model.robot.within(0.0)[0][None]
     lines = with_gaps(Skeleton(model.robot, kinematics.mechanism).evaluate(home)[0])
     axes = {f"{name}axis": {"title": f"{name} [m]"} for name in "xyz"}
-    figure = go.Figure(
-        [
-            still_line("robot", lines, {"color": style.SERIES[5], "width": 2}),
-            _outlines(model, kinematics.poses(home)),
-            _mesh(model, kinematics.poses(home)),
-        ],
-        {
-            "height": 600,
-            "margin": {"l": 0, "r": 0, "t": 50, "b": 0},
-            "scene": axes | {"aspectmode": "data", "camera": CAMERA},
-        },
-    )
     picture = Figure(
-        figure,
+        go.Figure(
+            [
+                still_line("robot", lines, {"color": style.SERIES[5], "width": 2}),
+                _outlines(model, kinematics.poses(home)),
+                _mesh(model, kinematics.poses(home)),
+            ],
+            {
+                "height": 600,
+                "margin": {"l": 0, "r": 0, "t": 50, "b": 0},
+                "scene": axes | {"aspectmode": "data", "camera": CAMERA},
+            },
+        ),
         "Equivalent ellipsoids of all bodies in the middle of the workspace. Click on the legend "
         "to hide the prior or the identified bodies; of two equal struts in one pair one is drawn.",
     )
@@ -86,8 +85,7 @@ def _mesh(model: IdentifiedModel, poses: Sequence[BodyPoses]) -> go.Mesh3d:
     faces = _faces(ball)
     points = [placed(model, pose, model.p, ball).astype(np.float32) for pose in poses]
     masses = {pose.name: model.p[model.layout.body(pose.name)][0] for pose in poses}
-    corners = [faces + k * _POINTS for k in range(len(poses))]
-    indices = np.concatenate(corners).astype(np.int32).T
+    indices = np.concatenate([faces + k * _POINTS for k in range(len(poses))]).astype(np.int32).T
     return go.Mesh3d(
         dict(zip("xyzijk", (*np.concatenate(points).T, *indices), strict=True)),
         name="identified",

@@ -53,8 +53,7 @@ def short_table(verdicts: Sequence[Verdict]) -> Table:
     table, rows = page_table(poor), ()
     if keys:
         count = f"all {'others' if poor else 'checks'} ({len(keys)})"
-        good = (Grade.GOOD, count, ", ".join(dict.fromkeys(keys)), "")
-        rows = (good[: len(table.columns)],)
+        rows = ((Grade.GOOD, count, ", ".join(dict.fromkeys(keys)), "")[: len(table.columns)],)
     caption = "What the checks say of description, recordings and fit."
     return Table(table.columns, (*table.rows, *rows), caption, marked=table.marked)
 

@@ -8,6 +8,7 @@ Below is which of many samples any figure draws.
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -55,31 +56,26 @@ class TorqueComparison:
 
 def compare(dynamics: Dynamics, p: Parameters, recording: PreparedRecording) -> TorqueComparison:
     """What figures need to know of a model's torques along a recording; reads it once."""
-    log, thinned = recording.log, recording.filter.thinned
-    stretch = stretch_length(log.samples, thinned * _SHOWN)
+    log, spectrum = recording.log, _Spectrum(recording.log.rate)
+    stretch = stretch_length(log.samples, recording.filter.thinned * _SHOWN)
     scale = np.where(log.torque_max > 0, log.torque_max, 1.0)
-    spectrum = _Spectrum(log.rate)
-    shown, counted = [], []
+    worst, first = list[np.ndarray](), list[np.ndarray]()
     for rows in _stretches(_thinned(dynamics, p, recording, spectrum), stretch):
         residual = np.abs(np.nan_to_num(rows[:, :, 1] - rows[:, :, 2])) / scale
-        shown.append(rows[np.arange(len(rows)), residual.max(axis=2).argmax(axis=1)])
-        counted.append(rows[:, 0])
-    shown, counted = np.concatenate(shown), np.concatenate(counted)
-    frequency, measured, residual = spectrum.densities()
+        worst.append(rows[np.arange(len(rows)), residual.max(axis=2).argmax(axis=1)])
+        first.append(rows[:, 0])
+    shown, counted = np.concatenate(worst), np.concatenate(first)
+    events = [(span.first, span.last) for span in recording.repairs.left_out]
     return TorqueComparison(
-        time=shown[:, 0, 0],
-        measured=shown[:, 1],
-        predicted=shown[:, 2],
-        stretch=stretch,
-        speed=counted[:, 3],
-        residual=counted[:, 1] - counted[:, 2],
-        frequency=frequency,
-        measured_density=measured,
-        residual_density=residual,
-        cutoff=recording.cutoff,
-        events=np.array([(span.first, span.last) for span in recording.repairs.left_out]).reshape(
-            -1, 2
-        ),
+        shown[:, 0, 0],
+        shown[:, 1],
+        shown[:, 2],
+        stretch,
+        counted[:, 3],
+        counted[:, 1] - counted[:, 2],
+        *spectrum.densities(),
+        recording.cutoff,
+        np.array(events).reshape(-1, 2),
     )
 
 
@@ -100,14 +96,14 @@ def _stretches(
     blocks: Iterator[Float[np.ndarray, "samples 4 dof"]], length: int
 ) -> Iterator[Float[np.ndarray, "stretches length 4 dof"]]:
     """The same samples in stretches of equal length; what is left at the end makes short ones."""
-    rest = None
+    rest = np.zeros(0)
     for block in blocks:
-        rows = block if rest is None else np.concatenate([rest, block])
+        rows = np.concatenate([rest, block]) if len(rest) else block
         whole = len(rows) // length * length
         rest = rows[whole:]
         if whole:
             yield rows[:whole].reshape(-1, length, *rows.shape[1:])
-    if rest is not None and len(rest):
+    if len(rest):
         yield rest[None]
 
 
@@ -116,23 +112,19 @@ class _Spectrum:
 
     def __init__(self, rate: float) -> None:
         self._rate, self._length, self._segments = rate, 0, 0
-        self._power: np.ndarray = np.zeros(0)
+        self._power: Any = 0.0
 
     def add(self, part: PredictedTorques) -> None:
         """Take in consecutive samples as recorded; a last window too short for a segment is left
         out."""
         samples = len(part.time)
-        if not self._length:
-            self._length = min(_SEGMENT, samples)
-        if samples < self._length:
-            return
-        both = part.weights * np.stack([part.measured, part.measured - part.predicted])
-        _, power = signal.welch(both, self._rate, nperseg=self._length, axis=1)
-        segments = 2 * samples // self._length - 1  # they overlap by a half
-        total = self._segments + segments
-        before = self._power if self._segments else np.zeros_like(power)
-        self._power = (before * self._segments + power * segments) / total
-        self._segments = total
+        self._length = self._length or min(_SEGMENT, samples)
+        if samples >= self._length:
+            both = part.weights * np.stack([part.measured, part.measured - part.predicted])
+            _, power = signal.welch(both, self._rate, nperseg=self._length, axis=1)
+            before, segments = self._segments, 2 * samples // self._length - 1  # half overlaps
+            self._segments += segments
+            self._power = (self._power * before + power * segments) / self._segments
 
     def densities(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Frequencies without zero, and the roots of both power densities."""

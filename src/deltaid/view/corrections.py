@@ -34,30 +34,29 @@ _EVENTS = 200
 
 def corrected(corrections: Sequence[Correction]) -> str:
     """How many sorts of things were put right, and of what: 'Two corrections were made: …'."""
-    if not corrections:
-        return "Nothing had to be corrected."
     subjects: dict[Kind, dict[str, None]] = {}
     for correction in corrections:
         subjects.setdefault(correction.kind, {})[correction.subject] = None
     things = []
     for kind, names in subjects.items():
-        own = _short([name for name in names if name not in ("", kind)])
-        things.append(NAMES[kind] + (f" ({', '.join(own)})" if own else ""))
-    if len(subjects) == 1:
-        return f"One correction was made: {things[0]}."
-    return f"{in_words(len(subjects)).capitalize()} corrections were made: {', '.join(things)}."
+        own = ", ".join(_short([name for name in names if name not in ("", kind)]))
+        things.append(NAMES[kind] + (f" ({own})" if own else ""))
+    if len(things) < 2:
+        return (
+            f"One correction was made: {things[0]}." if things else "Nothing had to be corrected."
+        )
+    return f"{in_words(len(things)).capitalize()} corrections were made: {', '.join(things)}."
 
 
 def _short(subjects: Sequence[str]) -> list[str]:
     """Bodies by what they are; three or more drives in a row by the first and the last."""
-    runs: list[list[str]] = []
+    runs, said = list[list[str]](), list[str]()
     for subject in subjects:
         last = re.fullmatch(r"(.*?)(\d+)", runs[-1][-1]) if runs else None
         if last and f"{last[1]}{int(last[2]) + 1}" == subject:
             runs[-1].append(subject)
         else:
             runs.append([subject])
-    said = []
     for run in runs:
         words = [body_in_words(name) for name in run]
         said += [f"{words[0]} to {words[-1]}"] if len(run) > _LONG and words == run else words
@@ -69,27 +68,23 @@ def correction_table(corrections: Sequence[Correction]) -> Table | None:
 
     Drives that were corrected alike share a row.
     """
-    if not corrections:
-        return None
     several = len({correction.log for correction in corrections if correction.log}) > 1
     alike = groupby(corrections, key=lambda c: (c.kind, c.log, _size(c), c.text))
-    return Table(
-        ("corrected", "of", *(("recording",) if several else ()), "by (95 %)", "why"),
+    table = Table(
+        ("corrected", "of", "recording", "by (95 %)", "why"),
         tuple(
-            (
-                kind,
-                ", ".join(correction.subject for correction in group if correction.subject)
-                or "all",
-                *((log or "all",) if several else ()),
-                size,
-                text,
-            )
-            for (kind, log, size, text), group in alike
+            (kind, ", ".join(c.subject for c in group if c.subject) or "all", log or "all", *rest)
+            for (kind, log, *rest), group in alike
         ),
         "What was corrected before and in the fit. Intervals of the parameters hold with these "
         "corrections; each can be turned off.",
         title="corrections",
     )
+    return _of_logs(table, several) if corrections else None
+
+
+def _of_logs(table: Table, several: bool) -> Table:
+    return table if several else table.without("recording")
 
 
 def _size(correction: Correction) -> str:
@@ -98,19 +93,16 @@ def _size(correction: Correction) -> str:
     scale, unit = 1.0, correction.unit
     if abs(correction.value) < 1:
         scale, unit = _SMALLER.get(unit, (scale, unit))
-    if correction.low is None or correction.high is None:
-        return f"{number(scale * correction.value)} {unit}".rstrip()
-    value, half = with_uncertainty(
-        scale * correction.value, 0.5 * scale * (correction.high - correction.low)
-    )
+    value, half = number(scale * correction.value), ""
+    if correction.low is not None and correction.high is not None:
+        width = 0.5 * scale * (correction.high - correction.low)
+        value, half = with_uncertainty(scale * correction.value, width)
     return f"{value}{half and f' ± {half}'} {unit}".rstrip()
 
 
 def load_table(loads: Sequence[HeldLoad]) -> Table | None:
     """Mass, first moment and inertia of each load, as far as they are known; None without loads."""
-    if not loads:
-        return None
-    return Table(
+    table = Table(
         ("load", "value", "± (95 %)", "unit", "from", "held by", "in"),
         tuple(
             (
@@ -129,42 +121,31 @@ def load_table(loads: Sequence[HeldLoad]) -> Table | None:
         "the robot without it.",
         title="loads",
     )
+    return table if loads else None
 
 
 def sensor_tables(sensors: Sequence[FittedSensor]) -> tuple[Table, ...]:
     """What the fit leaves of each channel, and what it found of the sensors; none without any."""
-    if not sensors:
-        return ()
     channels = Table(
         ("channel", "largest", "left by the fit", "noise stated", "unit"),
         tuple(
-            (
-                channel.name,
-                number(channel.largest, 3),
-                number(channel.left, 2),
-                number(channel.stated, 2),
-                channel.unit,
-            )
+            (x.name, number(x.largest, 3), number(x.left, 2), number(x.stated, 2), x.unit)
             for sensor in sensors
-            for channel in sensor.channels
+            for x in sensor.channels
         ),
         "Root mean square of the residual, after the low-pass, which lets only a part of "
         "the stated noise through. Each channel counts by its residual.",
         title="sensors",
     )
     found = [parameter for sensor in sensors for parameter in sensor.parameters]
-    if not found:
-        return (channels,)
-    return channels, Table(
+    unknowns = Table(
         ("of the sensor", "value", "± (95 %)", "unit", "from"),
-        tuple(
-            (parameter.name, *value_and_width(parameter), parameter.unit, parameter.determined_by)
-            for parameter in found
-        ),
+        tuple((x.name, *value_and_width(x), x.unit, x.determined_by) for x in found),
         "What was unknown of sensors, fitted with the robot.",
         frozenset(i for i, p in enumerate(found) if p.determined_by not in MEASURED),
         "unknowns of sensors",
     )
+    return (*((channels,) if sensors else ()), *((unknowns,) if found else ()))
 
 
 def event_table(logs: Iterable[tuple[str, Sequence[Event]]], most: int) -> Table | None:
@@ -177,29 +158,18 @@ def event_table(logs: Iterable[tuple[str, Sequence[Event]]], most: int) -> Table
     Returns:
         None if there are no events.
     """
-    all_of_them = [(name, event) for name, events in logs for event in events]
-    if not all_of_them:
-        return None
-    sizes = [-_force_size(event) for _, event in all_of_them]
-    shown = np.sort(np.argsort(sizes, kind="stable")[:most])
-    several = len({name for name, _ in all_of_them}) > 1
-    rows = tuple(
-        (*((all_of_them[k][0],) if several else ()), *_event_cells(all_of_them[k][1]))
-        for k in shown
-    )
-    which = (
-        f" The {len(shown)} largest of {len(all_of_them)}; --json and the model file have all."
-        if len(shown) < len(all_of_them)
-        else ""
-    )
-    return Table(
-        (*(("recording",) if several else ()), *_EVENT_COLUMNS),
-        rows,
+    events = [(name, event) for name, events in logs for event in events]
+    shown = np.sort(np.argsort([-_force_size(event) for _, event in events], kind="stable")[:most])
+    which = f" The {len(shown)} largest of {len(events)}; --json and the model file have all."
+    table = Table(
+        ("recording", *_EVENT_COLUMNS),
+        tuple((events[k][0], *_event_cells(events[k][1])) for k in shown),
         "What acted on the robot besides its drives, with the platform's place and the largest "
-        "force "
-        f"on it. F = −Jᵀ r from the residual torques r.{which}",
+        f"force on it. F = −Jᵀ r from the residual torques r."
+        f"{which if len(shown) < len(events) else ''}",
         title="events",
     )
+    return _of_logs(table, len({name for name, _ in events}) > 1) if events else None
 
 
 def _force_size(event: Event) -> float:
@@ -221,31 +191,29 @@ def left_out_table(logs: Iterable[tuple[str, Sequence[LeftOut]]]) -> Table | Non
     Args:
         logs: names of recordings, and what was left out of them.
     """
-    logs = [(name, parts) for name, parts in logs if parts]
-    several = len(logs) > 1
-    rows = tuple(
-        (
-            *((name,) if several else ()),
-            part.reason,
-            ", ".join(drive.removeprefix("drive") for drive in part.drives),
-            percent(part.share),
-            ", ".join(f"{span.start:.3f}–{span.end:.3f}" for span in part.spans[:FEW])
-            + (f" and {rest} more" if (rest := len(part.spans) + part.more - FEW) > 0 else ""),
-        )
-        for name, parts in logs
-        for part in parts
-    )
-    if not any(part.spans for _, parts in logs for part in parts):
+    parts = [(name, part) for name, parts in logs for part in parts]
+    if not any(part.spans for _, part in parts):
         return None
-    why = {part.reason: part.why for _, parts in logs for part in parts}
+    why = {part.reason: part.why for _, part in parts}
     words = "; ".join(f"{reason}: {text}" for reason, text in why.items())
-    return Table(
-        (*(("recording",) if several else ()), "left out", "drives", "of the rows", "when [s]"),
-        rows,
+    table = Table(
+        ("recording", "left out", "drives", "of the rows", "when [s]"),
+        tuple(
+            (
+                name,
+                part.reason,
+                ", ".join(drive.removeprefix("drive") for drive in part.drives),
+                percent(part.share),
+                ", ".join(f"{span.start:.3f}–{span.end:.3f}" for span in part.spans[:FEW])
+                + (f" and {rest} more" if (rest := len(part.spans) + part.more - FEW) > 0 else ""),
+            )
+            for name, part in parts
+        ),
         f"What was excluded because it says nothing about the drives' torques, or something "
         f"wrong. {words[0].upper()}{words[1:]}. --keep-all (keep_all of the settings) goes without "
         "all of this.",
     )
+    return _of_logs(table, len({name for name, _ in parts}) > 1)
 
 
 def reversals(found: Sequence[LeftOut]) -> str:

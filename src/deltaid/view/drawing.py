@@ -1,7 +1,7 @@
 """How a robot is drawn: a still drawing with its bodies named, colours, edges of its workspace."""
 
 import re
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -33,9 +33,8 @@ class _Label:
 def drawing(robot: RobotDescription, kinematics: Kinematics) -> Drawing:
     """A robot in the middle of its workspace, seen from the side and slightly from above."""
     skeleton = Skeleton(robot, kinematics.mechanism)
-    points = skeleton.evaluate(robot.within(0.0)[0][None])[0]
     bodies = tuple(segment.body for segment in skeleton.segments)
-    flat, depth = _seen(points)
+    flat, depth = _seen(skeleton.evaluate(robot.within(0.0)[0][None])[0])
     width = float(flat[..., 0].max()) + _NAMES
     labels = _labels(bodies, flat)
     per_side = max(sum(label.left for label in labels), sum(not label.left for label in labels), 1)
@@ -74,12 +73,12 @@ def _labels(bodies: tuple[str, ...], flat: Float[np.ndarray, "segments 2 2"]) ->
     """One name a body, at its longest parts, outside of the robot; as many left as right."""
     labels: list[_Label] = []
     for body in dict.fromkeys(bodies):
-        own = flat[[i for i, name in enumerate(bodies) if name == body]]
+        own = flat[np.array(bodies) == body]
         lengths = np.linalg.norm(own[:, 1] - own[:, 0], axis=1)
         middles = own.mean(axis=1)[lengths >= 0.5 * lengths.max()]
         left = 2 * sum(label.left for label in labels) <= len(labels)
-        at = middles[np.argmin(middles[:, 0]) if left else np.argmax(middles[:, 0])]
-        labels.append(_Label(body, at, left))
+        outermost = np.argmin(middles[:, 0]) if left else np.argmax(middles[:, 0])
+        labels.append(_Label(body, middles[outermost], left))
     return labels
 
 
@@ -92,14 +91,13 @@ def _written(labels: list[_Label], width: float, height: float) -> list[Markup]:
         )
         edge, anchor = (_NAMES - 16, "end") if left else (width - _NAMES + 16, "start")
         for label, y in zip(own, _apart([label.at[1] for label in own], height), strict=True):
-            start = edge + (5 if left else -5)
             words = body_in_words(label.body)
             below = Markup('<tspan class="words" x="{:.1f}" dy="12">{}</tspan>')
             second = below.format(edge, visible(words)) if words != label.body else Markup("")
             parts += [
                 Markup('<line class="lead" x1="{:.1f}" y1="{:.1f}" x2="{:.1f}" y2="{:.1f}"/>'
                        '<circle class="lead" cx="{:.1f}" cy="{:.1f}" r="2.5"/>')
-                .format(start, y, *label.at, *label.at),
+                .format((edge + (5 if left else -5)), y, *label.at, *label.at),
                 Markup('<text x="{:.1f}" y="{:.1f}" text-anchor="{}">{}{}</text>')
                 .format(edge, y + 4 - (4 if second else 0), anchor, visible(label.body), second),
             ]  # fmt: skip
@@ -108,11 +106,10 @@ def _written(labels: list[_Label], width: float, height: float) -> list[Markup]:
 
 def _apart(wanted: list[float], height: float) -> list[float]:
     """Heights as near to those that are wanted as keeps them apart and in the picture, in order."""
-    placed: list[float] = []
+    placed, low = list[float](), height - _LINE + _TOP
     for y in wanted:
         placed.append(max(y, placed[-1] + _LINE if placed else _TOP))
-    low = height - _LINE + _TOP
-    for i in range(len(placed) - 1, -1, -1):
+    for i in reversed(range(len(placed))):
         placed[i] = min(placed[i], low)
         low = placed[i] - _LINE
     return placed
@@ -161,31 +158,29 @@ def members(bodies: tuple[str, ...]) -> dict[str, DrawnBody]:
     """Each body's member: those of a limb of its own by its number, foreign ones by their name."""
     drawn = dict[str, DrawnBody]()
     for i, body in enumerate(bodies):
-        numbered = _NUMBERED.fullmatch(body)
         own = DrawnBody(body, style.SERIES[i % len(style.SERIES)], 5)
-        if numbered:
-            like = _KNOWN[numbered[1]]
-            own = DrawnBody(f"{_ONE[numbered[1]]} {numbered[2]}", like.color, like.width)
+        if numbered := _NUMBERED.fullmatch(body):
+            own = replace(_KNOWN[numbered[1]], label=f"{_ONE[numbered[1]]} {numbered[2]}")
         drawn[body] = _KNOWN.get(body, own)
     return drawn
 
 
 def outline(workspace: Cylinder | Hemisphere | Box) -> Line:
     """Circles and edges of a workspace in the world [m]."""
-    if isinstance(workspace, Hemisphere):
-        half = _ANGLES[36:]  # π to 2 π: below
-        across, height = workspace.radius * np.cos(half), workspace.top
-        height, nothing = height + workspace.radius * np.sin(half), np.zeros_like(half)
-        arcs = [(across, nothing, height), (nothing, across, height)]
-        lines = [_circle(workspace.radius, workspace.top), *map(np.column_stack, arcs)]
-    elif isinstance(workspace, Cylinder):
-        low, high = (_circle(workspace.radius, height) for height in workspace.z)
-        lines = [low, high, *(np.stack([low[k], high[k]]) for k in range(0, 72, 18))]
-    else:
-        x, y, z = workspace.bounds
-        corners = np.array([(x[0], y[0]), (x[1], y[0]), (x[1], y[1]), (x[0], y[1]), (x[0], y[0])])
-        low, high = (np.column_stack([corners, np.full(5, height)]) for height in z)
-        lines = [low, high, *(np.stack([low[k], high[k]]) for k in range(4))]
+    match workspace:
+        case Hemisphere(radius=radius, top=top):
+            half = _ANGLES[36:]  # π to 2 π: below
+            across, nothing, height = np.cos(half), 0 * half, top + radius * np.sin(half)
+            arcs = [(radius * across, nothing, height), (nothing, radius * across, height)]
+            lines = [_circle(radius, top), *map(np.column_stack, arcs)]
+        case Cylinder():
+            low, high = (_circle(workspace.radius, height) for height in workspace.z)
+            lines = [low, high, *(np.stack([low[k], high[k]]) for k in range(0, 72, 18))]
+        case _:
+            (x0, x1), (y0, y1), z = workspace.bounds
+            corners = np.array([(x0, y0), (x1, y0), (x1, y1), (x0, y1), (x0, y0)])
+            low, high = (np.column_stack([corners, np.full(5, height)]) for height in z)
+            lines = [low, high, *(np.stack([low[k], high[k]]) for k in range(4))]
     return np.concatenate([part for line in lines for part in (line, _LIFTED)])
 
 
@@ -230,16 +225,15 @@ class Placement:
 
 def cylinder() -> Mesh:
     """A closed cylinder of radius 1 and length 1 about its z axis, its middle at the origin."""
-    angle = 2 * np.pi * np.arange(_SIDES) / _SIDES
+    angle, up = 2 * np.pi * np.arange(_SIDES) / _SIDES, np.array([0.0, 0.0, 0.5])
     ring = np.column_stack([np.cos(angle), np.sin(angle), np.zeros(_SIDES)])
-    up = np.array([0.0, 0.0, 0.5])
-    corners = np.concatenate([ring - up, ring + up, [-up, up]])
     low, high = np.arange(_SIDES), np.arange(_SIDES) + _SIDES
     low_next, high_next = np.roll(low, -1), np.roll(high, -1)
     bottom, top = np.full(_SIDES, 2 * _SIDES), np.full(_SIDES, 2 * _SIDES + 1)
     faces = [(low, low_next, high_next), (low, high_next, high)]
     faces += [(bottom, low_next, low), (top, high, high_next)]
-    return Mesh(corners, np.concatenate([np.column_stack(face) for face in faces]))
+    triangles = np.concatenate([np.column_stack(face) for face in faces])
+    return Mesh(np.concatenate([ring - up, ring + up, [-up, up]]), triangles)
 
 
 def along(segments: Float[np.ndarray, "n 2 3"], radius: float) -> Placement:

@@ -18,6 +18,7 @@ from deltaid.view.summary import provenance_section
 
 # Stretches that a figure shows, each by its least and its largest force.
 _STRETCHES = 1500
+_ALONG = ("tension", "compression")
 _WORDS = {"tension": "largest force", "compression": "least force", "socket": "least margin"}
 # Open entries that a sentence names.
 _NAMED = 8
@@ -25,10 +26,9 @@ _NAMED = 8
 
 def forces_card(value: Forces) -> Card:
     """The worst cases of the struts, and whether ball joints hold."""
-    said = verdict(value)
+    said, robot = verdict(value), value.model.robot
     return Card(
-        f"Forces of {value.model.robot.title or value.model.robot.name} along "
-        f"{value.recording.path.name}",
+        f"Forces of {robot.title or robot.name} along {value.recording.path.name}",
         (said.sentence, what_is_open(value)),
         said.grade,
         table=tables(value)[0],
@@ -84,39 +84,30 @@ def forces_page(value: Forces) -> Page:
 
 def verdict(study: Forces) -> Summary:
     """How far forces reach along the struts, and whether ball joints hold."""
-    along = [f.worst.value for f in study.findings if f.worst.kind in ("tension", "compression")]
+    along = [f.worst.value for kind in _ALONG for f in _findings(study, kind)]
     least, most = (f"{measured(bound(along))} N" for bound in (min, max))
-    socket_force = study.constraint_forces.socket_force
     said = f"forces along the struts reach from {least} to {most} (tension is positive)"
-    if socket_force is None:
-        return Summary(
-            Trust.UNTESTED,
-            f"{said[0].upper()}{said[1:]}.",
-            ("No springs of ball joints are described, so nothing is said of their margins.",),
-        )
-    margin = min(f.worst.value for f in study.findings if f.worst.kind == "socket") + socket_force
+    if (socket_force := study.constraint_forces.socket_force) is None:
+        line = "No springs of ball joints are described, so nothing is said of their margins."
+        return Summary(Trust.UNTESTED, f"{said[0].upper()}{said[1:]}.", (line,))
+    margin = min(f.worst.value for f in _findings(study, "socket")) + socket_force
     if margin <= 0:
         return Summary(Trust.POOR, f"Poor: a ball joint comes apart; {said}.")
-    return Summary(
-        Trust.GOOD, f"Good: all ball joints hold, with {measured(margin)} N left; {said}."
-    )
+    left = f"with {measured(margin)} N left"
+    return Summary(Trust.GOOD, f"Good: all ball joints hold, {left}; {said}.")
 
 
 def _facts(study: Forces) -> tuple[Fact, ...]:
     socket_force = study.constraint_forces.socket_force
-
-    def fact(label: str, kind: str, offset: float = 0.0, *, most: bool = False) -> Fact:
-        every = (finding.worst for finding in _findings(study, kind))
-        worst = (max if most else min)(every, key=lambda w: w.value)
-        return Fact(
-            label,
-            f"{measured(worst.value + offset)} {worst.unit}",
-            f"{worst.part} at {worst.at.time:.3f} s",
-        )
-
-    facts = [fact("largest tension", "tension", most=True), fact("least force", "compression")]
+    kinds = {"tension": ("largest tension", 0.0), "compression": ("least force", 0.0)}
     if socket_force is not None:
-        facts.append(fact("least margin of a ball joint", "socket", socket_force))
+        kinds["socket"] = "least margin of a ball joint", socket_force
+    facts = []
+    for kind, (label, offset) in kinds.items():
+        every = sorted((f.worst for f in _findings(study, kind)), key=lambda worst: worst.value)
+        worst = every[-1 if kind == "tension" else 0]
+        value = f"{measured(worst.value + offset)} {worst.unit}"
+        facts.append(Fact(label, value, f"{worst.part} at {worst.at.time:.3f} s"))
     return tuple(facts)
 
 
@@ -129,18 +120,16 @@ def _envelope(study: Forces) -> tuple[np.ndarray, np.ndarray]:
     channels = [forces.index(f"{strut}.platform.x") for strut in forces.struts]
     length = stretch_length(study.recording.log.samples, _STRETCHES)
     for motion, values in study.over_time():
-        along = values[:, channels]
-        rows = np.column_stack([extreme_rows(column, length) for column in along.T])
+        rows = np.column_stack([extreme_rows(values[:, k], length) for k in channels])
         times.append(motion.time[rows])
-        pairs.append(np.take_along_axis(along, rows, axis=0))
+        pairs.append(np.take_along_axis(values[:, channels], rows, axis=0))
     return np.concatenate(times), np.concatenate(pairs)
 
 
 def _over_time(study: Forces) -> Figure:
     forces, (time, along) = study.constraint_forces, _envelope(study)
     limbs = len(forces.robot.limb_geometry)
-    each = len(forces.struts) // limbs
-    titles = [f"limb {row + 1} [N]" for row in range(limbs)]
+    titles, each = [f"limb {row + 1} [N]" for row in range(limbs)], len(forces.struts) // limbs
     figure = style.stacked(titles, height=200 * limbs + 60, spacing=0.03)
     for k, strut in enumerate(forces.struts):
         figure.add_scatter(
@@ -164,8 +153,8 @@ def _over_time(study: Forces) -> Figure:
 
 def tables(study: Forces) -> tuple[Table, ...]:
     """Forces along struts, margins of sockets if there are any, loads of other joints."""
-    how = "range" if any(f.range for f in study.findings) else "± open"
-    pairs = zip(_findings(study, "tension"), _findings(study, "compression"), strict=True)
+    how, force = "range" if _with_ranges(study) else "± open", study.constraint_forces.socket_force
+    pairs = zip(*(_findings(study, kind) for kind in _ALONG), strict=True)
     struts = _titled(
         "force along the struts, N; tension is positive",
         ("strut", "largest", how, "at, s", "least", how, "at, s"),
@@ -176,7 +165,6 @@ def tables(study: Forces) -> tuple[Table, ...]:
         ("load", "unit", "largest", how, "at, s"),
         [(f.worst.part, f.worst.unit, *_cells(f)) for f in _findings(study, "load")],
     )
-    force = study.constraint_forces.socket_force
     if force is None:
         return struts, loads
     sockets = _titled(
@@ -190,6 +178,10 @@ def tables(study: Forces) -> tuple[Table, ...]:
     return struts, sockets, loads
 
 
+def _with_ranges(study: Forces) -> bool:
+    return any(f.range for f in study.findings)
+
+
 def _titled(title: str, columns: tuple[str, ...], rows: list[tuple[str, ...]]) -> Table:
     return Table(columns, tuple(rows), f"{title}.", title=title)
 
@@ -197,7 +189,6 @@ def _titled(title: str, columns: tuple[str, ...], rows: list[tuple[str, ...]]) -
 def places(study: Forces) -> Table:
     """Where the platform is when forces along struts and margins are worst."""
     found = [finding.worst for kind in _WORDS for finding in _findings(study, kind)]
-    coordinates = ("x, m", "y, m", "z, m", "ψ, deg")[: len(found[0].at.z)]
     rows = [
         (
             w.part,
@@ -208,21 +199,18 @@ def places(study: Forces) -> Table:
         )
         for w in found
     ]
+    coordinates = ("x, m", "y, m", "z, m", "ψ, deg")[: len(found[0].at.z)]
     return _titled("where the platform is then", ("strut", "worst", "at, s", *coordinates), rows)
 
 
-def open_entries(study: Forces) -> tuple[str, ...]:
-    """Entries that torques leave open and that the forces depend on, those of most forces first."""
-    counts = Counter(name for f in study.findings for name in f.openness.unknowns)
-    return tuple(name for name, _ in counts.most_common())
-
-
 def what_is_open(study: Forces) -> str:
-    """A sentence on what the second column of each value means."""
-    entries = open_entries(study)
+    """A sentence on what the second column of each value means, with the entries that torques leave
+    open and that the forces depend on, those of most forces first."""
+    counts = Counter(name for f in study.findings for name in f.openness.unknowns)
+    entries = [name for name, _ in counts.most_common()]
     more = f" and {len(entries) - _NAMED} more" if len(entries) > _NAMED else ""
     names = (", ".join(entries[:_NAMED]) or "nothing") + more
-    if any(f.range for f in study.findings):
+    if _with_ranges(study):
         return (
             "range: what agrees with the recordings (95 %), and with the prior in what torques "
             f"leave open, which here is {names}"
@@ -240,7 +228,6 @@ def _findings(study: Forces, kind: str) -> list[ForceFinding]:
 def _cells(finding: ForceFinding, offset: float = 0.0) -> tuple[str, str, str]:
     value, time = finding.worst.value + offset, f"{finding.worst.at.time:.3f}"
     if finding.range is not None:
-        ends = span(finding.range.low + offset, finding.range.high + offset)
-        return number(value), ends, time
+        return number(value), span(finding.range.low + offset, finding.range.high + offset), time
     shown, half = with_uncertainty(value, finding.openness.half_width)
     return shown, half or "0", time

@@ -47,50 +47,34 @@ def law(
 
 
 def _laws(model: Model, comparisons: tuple[TorqueComparison, ...]) -> Figure:
-    joints = model.robot.friction_joints
-    figure = grid(joints, 270)
-    prior = prior_parameters(model.robot)
-    for i, joint in enumerate(joints):
-        fastest, traces = model.robot.platform_speed, list[go.Scatter]()
-        if joint in model.robot.drives:
-            drive = model.robot.drives.index(joint)
+    robot, known = model.robot, model.identified
+    figure, prior = grid(robot.friction_joints, 270), prior_parameters(robot)
+    for i, joint in enumerate(robot.friction_joints):
+        fastest, units, traces = robot.platform_speed, robot.units(joint), list[go.Scatter]()
+        if joint in robot.drives:
+            drive = robot.drives.index(joint)
             speed = np.concatenate([c.speed[:, drive] for c in comparisons])
             residual = np.concatenate([c.residual[:, drive] for c in comparisons])
-            fastest = float(np.abs(speed).max()) or 1.0
-            every = even_rows(len(speed), _DOTS)
-            traces.append(
-                go.Scatter(
-                    x=speed[every],
-                    y=residual[every] + law(model.robot, joint, speed, model.p)[every],
-                    name="measured, less all else",
-                    mode="markers",
-                    marker={"color": style.MEASURED, "size": 3, "opacity": 0.35},
-                )
+            fastest, every = float(np.abs(speed).max()) or 1.0, even_rows(len(speed), _DOTS)
+            dots = go.Scatter(
+                x=speed[every],
+                y=residual[every] + law(robot, joint, speed, model.p)[every],
+                name="measured, less all else",
+                mode="markers",
+                marker={"color": style.MEASURED, "size": 3, "opacity": 0.35},
             )
+            traces.append(dots)
         positive = np.geomspace(1e-3 * fastest, fastest, _POINTS)
         speeds = np.concatenate([-positive[::-1], positive])
-        lines = [("prior", prior, {"color": style.PRIOR, "dash": "dash"})]
-        if model.identified is not None:
-            lines.append(("identified", model.p, {"color": style.IDENTIFIED, "dash": "solid"}))
-        shown = [
-            go.Scatter(
-                x=speeds,
-                y=law(model.robot, joint, speeds, p),
-                name=name,
-                mode="lines",
-                line={"width": 2, **line},
-            )
-            for name, p, line in lines
-        ]
-        curves = model.identified.friction_curves if model.identified else ()
-        bands = [_band(curve) for curve in curves if curve.joint == joint]
-        units = model.robot.units(joint)
-        for trace in (*traces, shown[0], *bands, *shown[1:]):
-            trace.update(
-                x=units.per_shown * np.asarray(trace.x, np.float32),
-                y=np.asarray(trace.y, np.float32),
-            )
-            figure.add_trace(trace, **place(i))
+        dashed = {"color": style.PRIOR, "dash": "dash"}
+        traces.append(_line("prior", speeds, law(robot, joint, speeds, prior), dashed))
+        if known is not None:
+            traces += [_band(curve) for curve in known.friction_curves if curve.joint == joint]
+            solid = {"color": style.IDENTIFIED, "dash": "solid"}
+            traces.append(_line("identified", speeds, law(robot, joint, speeds, model.p), solid))
+        for trace in traces:
+            x, y = (np.asarray(values, np.float32) for values in (trace.x, trace.y))
+            figure.add_trace(trace.update(x=units.per_shown * x, y=y), **place(i))
         figure.update_xaxes(title_text=f"speed [{units.shown}/s]", **place(i))
         figure.update_yaxes(title_text=f"{units.effort} [{units.force}]", **place(i))
     return Figure(
@@ -102,11 +86,14 @@ def _laws(model: Model, comparisons: tuple[TorqueComparison, ...]) -> Figure:
     )
 
 
+def _line(name: str, speed: np.ndarray, torque: np.ndarray, look: dict[str, str]) -> go.Scatter:
+    return go.Scatter(x=speed, y=torque, name=name, mode="lines", line={"width": 2, **look})
+
+
 def _band(curve: FrictionCurve) -> go.Scatter:
-    speed = np.array(curve.speed)
-    low, high = curve.band(speed)
+    low, high = curve.band(np.array(curve.speed))
     return go.Scatter(
-        x=np.concatenate([speed, speed[::-1]]),
+        x=[*curve.speed, *curve.speed[::-1]],
         y=np.concatenate([low, high[::-1]]),
         name="its 95 % interval",
         mode="lines",

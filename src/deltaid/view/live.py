@@ -17,18 +17,10 @@ from deltaid.view import style
 from deltaid.view.at_pose import View, home_view, moved, panel
 from deltaid.view.drawing import Placement, along, cylinder, members, outline_segments
 from deltaid.view.own_page import HOST, answering_own_page_only
-from deltaid.view.reach import reach
-from deltaid.view.reach_figures import limit_kinds, patches
+from deltaid.view.reach import limit_kinds, patches, reach
 
 # The usual port of a local server.
 DEFAULT_PORT = 8080
-# Share of a phone's height that readings cover, below the robot; viser itself takes 60 %.
-_COVERED = 0.4
-_PHONE = (
-    "<style>@media (max-width: 36em) {"
-    f" [style*='max-height: 60%'] {{ max-height: {_COVERED:.0%} !important; }}"
-    " [style*='width: 20em'] { width: 100% !important; } }</style>"
-)
 # Where one looks from, in sizes of the robot.
 _FROM = np.array([1.3, 1.0, 0.35])
 # Share of a colour's brightness that is left under the lamps.
@@ -81,8 +73,6 @@ class LiveView:
         self._target.on_update(self._dragged)
         self._inputs = self._add_inputs()
         self._panel = self.server.gui.add_html(panel(self.view))
-        self.server.gui.add_html(_PHONE)
-        self.server.on_client_connect(self._place_camera)
 
     @property
     def url(self) -> str:
@@ -108,21 +98,18 @@ class LiveView:
                 bars.batched_positions = placed.positions.astype(np.float32)
                 bars.batched_wxyzs = placed.wxyz.astype(np.float32)
                 bars.batched_scales = placed.scales.astype(np.float32)
+            self._inputs["point"].value = tuple(np.round(self.view.z[:3], 4))
             if not dragging:
                 self._target.position = self.view.z[:3]
-            self._inputs["point"].value = tuple(np.round(self.view.z[:3], 4))
-            if "turn" in self._inputs and not dragging:
-                self._inputs["turn"].value = round(float(np.rad2deg(self.view.z[3])), 2)
+                if "turn" in self._inputs:
+                    self._inputs["turn"].value = round(float(np.rad2deg(self.view.z[3])), 2)
             self._panel.content = panel(self.view)
 
     def _placed(self) -> dict[str, Placement]:
-        """Where the cylinders of each body are now."""
-        shapes = self._skeleton.evaluate(self.view.z[None])[0]
-        own = {body: list[int]() for body in self._skeleton.bodies}
-        for i, segment in enumerate(self._skeleton.segments):
-            own[segment.body].append(i)
-        drawn = members(self._skeleton.bodies)
-        return {body: along(shapes[k], drawn[body].radius(self._size)) for body, k in own.items()}
+        shapes, bodies = self._skeleton.evaluate(self.view.z[None])[0], self._skeleton.bodies
+        owners = np.array([segment.body for segment in self._skeleton.segments])
+        radii = {body: member.radius(self._size) for body, member in members(bodies).items()}
+        return {body: along(shapes[owners == body], radius) for body, radius in radii.items()}
 
     def _add_robot(self) -> dict[str, Any]:
         mesh, drawn = cylinder(), members(self._skeleton.bodies)
@@ -162,21 +149,14 @@ class LiveView:
                 cast_shadow=False,
                 receive_shadow=False,
             )
-        shown = self.server.gui.add_checkbox(
+        self.server.gui.add_checkbox(
             "reachable region", False, hint="where straight ways from home end, and at which limit"
-        )
-        shown.on_update(lambda event: setattr(region, "visible", event.target.value))
+        ).on_update(lambda event: setattr(region, "visible", event.target.value))
         scene.world_axes.visible = True
         scene.world_axes.axes_length, scene.world_axes.axes_radius = 0.15 * self._size, 0.003
         middle = self.robot.home[:3] * [1.0, 1.0, 0.6]
         self.server.initial_camera.look_at = middle
         self.server.initial_camera.position = middle + self._size * _FROM
-
-    def _place_camera(self, client: Any) -> None:
-        camera = client.camera
-        if camera.aspect < 1:
-            points = self._skeleton.evaluate(self.robot.home[None]).reshape(-1, 3)
-            camera.position, camera.look_at = upright_camera(points, camera.fov, camera.aspect)
 
     def _dragged(self, event: Any) -> None:
         """The robot follows the handle, which returns to it when let go; the message stays."""
@@ -212,35 +192,15 @@ class LiveView:
         self.move(np.array([*self._inputs["point"].value, *turn]))
 
 
-def upright_camera(
-    points: Float[np.ndarray, "points 3"], fov: float, aspect: float
-) -> tuple[Float[np.ndarray, " 3"], Float[np.ndarray, " 3"]]:
-    """Position of the camera and where it looks on an upright screen [m]: the sphere around the
-    robot is in sight, in the middle of what the readings leave.
-
-    Args:
-        points: of the robot [m].
-        fov: angle of view from the top to the bottom [rad].
-        aspect: width of the screen by its height.
-    """
-    middle = 0.5 * (points.min(axis=0) + points.max(axis=0))
-    radius = np.linalg.norm(points - middle, axis=1).max()
-    half = np.tan(0.5 * fov)
-    distance = float(radius / np.sin(np.arctan(half * min(aspect, 1 - _COVERED))))
-    look_at = middle - [0.0, 0.0, _COVERED * distance * half]
-    return look_at + distance / np.linalg.norm(_FROM) * _FROM, look_at
-
-
 def _silence() -> contextlib.redirect_stdout[io.StringIO]:
     """viser greets and says goodbye on standard output."""
     return contextlib.redirect_stdout(io.StringIO())
 
 
-def _paint(color: str) -> tuple[int, int, int]:
+def _paint(color: str) -> tuple[int, ...]:
     """A colour for lit surfaces, darker than in figures because the lamps bleach it."""
-    red, green, blue = (round(_SHADE * part) for part in _rgb(color))
-    return red, green, blue
+    return tuple(round(_SHADE * part) for part in _rgb(color))
 
 
-def _rgb(color: str) -> tuple[int, int, int]:
-    return int(color[1:3], 16), int(color[3:5], 16), int(color[5:7], 16)
+def _rgb(color: str) -> tuple[int, ...]:
+    return tuple(bytes.fromhex(color[1:]))

@@ -43,16 +43,6 @@ def parameter_table(model: "IdentifiedModel", truth: Sequence[float] | None = No
         truth: of a surrogate robot, parameter by parameter, which stands in place of the prior.
     """
     shown = [(k, p) for k, p in enumerate(model.parameters) if p.determined_by != "structure"]
-    rows = tuple(
-        (
-            parameter.name,
-            number(parameter.prior if truth is None else truth[k]),
-            *value_and_width(parameter),
-            parameter.unit,
-            parameter.determined_by,
-        )
-        for k, parameter in shown
-    )
     return Table(
         (
             "parameter",
@@ -62,7 +52,16 @@ def parameter_table(model: "IdentifiedModel", truth: Sequence[float] | None = No
             "unit",
             "from",
         ),
-        rows,
+        tuple(
+            (
+                parameter.name,
+                number(parameter.prior if truth is None else truth[k]),
+                *value_and_width(parameter),
+                parameter.unit,
+                parameter.determined_by,
+            )
+            for k, parameter in shown
+        ),
         "Inertias and first moments are about the origin of the body's link frame. Parameters "
         "that are zero by structure are omitted. “Sum”: torques show only a sum of the parameter "
         "and others; its value takes their priors at their word, its interval does not. "
@@ -141,26 +140,25 @@ def error_table(model: "Model", verification: "TorqueError | None") -> Table:
     errors = [error for error in (fit, verification) if error is not None]
     alike, first = len(set(units.values())) == 1, next(iter(units.values()))
     heading = (f"{first.effort} error, {first.force}",) if alike else ("error of drive", "unit")
-    rows = tuple(
-        (
-            drive,
-            *(() if alike else (units[drive].force,)),
-            *(
-                cell
-                for error in errors
-                for cell in (
-                    measured(error.rms[i]),
-                    percent(error.nrmse[i]),
-                    measured(error.rms_unfiltered[i]),
-                )
-            ),
-        )
-        for i, drive in enumerate(model.robot.drives)
-    )
     second = ("verify rms", "share", "unfiltered") if len(errors) > 1 else ()
     return Table(
         (*heading, "rms", "share", "unfiltered", *second),
-        rows,
+        tuple(
+            (
+                drive,
+                *(() if alike else (units[drive].force,)),
+                *(
+                    cell
+                    for error in errors
+                    for cell in (
+                        measured(error.rms[i]),
+                        percent(error.nrmse[i]),
+                        measured(error.rms_unfiltered[i]),
+                    )
+                ),
+            )
+            for i, drive in enumerate(model.robot.drives)
+        ),
         "Root mean square of measured minus predicted torque or force, also as a share of the "
         "measured one's own root mean square. Unfiltered is against what was recorded, with all "
         "its noise." + (_VERIFY if second else ""),

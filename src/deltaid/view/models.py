@@ -84,13 +84,12 @@ def identification_card(value: Identification) -> Card:
     robot = value.model.robot
     logs = ", ".join(recording.path.name for recording in value.recordings)
     poor = [v for v in getattr(value, "verdicts", ()) if v.grade is not Grade.GOOD]
-    checks = (("checks that are not good", page_table(poor)),) if poor else ()
     return replace(
         of_model,
         title=f"Identification of {robot.title or robot.name} from {logs}",
         lines=(found.sentence, *found.lines[:2]),
         grade=found.grade,
-        more=(*checks, *of_model.more),
+        more=(*((("checks that are not good", page_table(poor)),) if poor else ()), *of_model.more),
         methods=(".model", ".verdicts", ".plot()", ".to_frame()", '.report("x.html")',
                  '.save("model.yaml")'),
     )  # fmt: skip

@@ -29,8 +29,7 @@ def online_page(watched: Watched, title: str) -> Page:
     Of a long one lines have of each stretch the cycle in which the residual is largest.
     """
     series = watched.series
-    rows = peak_rows(series["contact_size"].to_numpy(), _POINTS)
-    watched = replace(watched, series=series[rows])
+    watched = replace(watched, series=series[peak_rows(series["contact_size"].to_numpy(), _POINTS)])
     loads = loads_table(watched) if watched.loads else Text("No load was found.")
     touches = touches_table(watched) if watched.touches else Text("No contact was found.")
     return Page(
@@ -94,9 +93,8 @@ def _mass(watched: Watched) -> Figure:
         go.Scatter(y=low, name="95 %", **band, **edge),
         _line("held", s["mass"].to_numpy(), "%{y:.3g} kg", line=line),
     ]
-    axis = {"title": "mass held [kg]", "range": [-0.05 * top, top]}
     return Figure(
-        _over_time(s, lines, axis, 340),
+        _over_time(s, lines, {"title": "mass held [kg]", "range": [-0.05 * top, top]}, 340),
         "Mass that is held, as known at each instant, with its 95 % interval.",
     )
 
@@ -123,9 +121,8 @@ def _forces(watched: Watched) -> tuple[Figure, ...]:
         _line(f"along {name.removeprefix('force_')}", values, "%{y:.3g} N", style.SERIES[k])
         for k, (name, values) in enumerate(force.items())
     ]
-    figure = _over_time(s, lines, {"title": "force on the platform [N]"})
     caption = "Force on the platform point, in the world's axes, while it is touched."
-    return (Figure(figure, caption),)
+    return (Figure(_over_time(s, lines, {"title": "force on the platform [N]"}), caption),)
 
 
 def _least(watched: Watched) -> Figure:
@@ -155,8 +152,7 @@ def _over_time(
 ) -> go.Figure:
     for line in lines:
         line.update(x=series["t"].to_numpy().astype(np.float32), y=np.asarray(line.y, np.float32))
-    layout = {"xaxis": {"title": "time [s]"}, "yaxis": axis, "height": height}
-    return go.Figure(lines, layout)
+    return go.Figure(lines, {"xaxis": {"title": "time [s]"}, "yaxis": axis, "height": height})
 
 
 def loads_table(watched: Watched) -> Table:
@@ -182,7 +178,6 @@ def _load(load: WeighedLoad, until: str) -> tuple[str, ...]:
 
 def touches_table(watched: Watched) -> Table:
     """Each contact: when, how long, where, how hard."""
-    head = ("at [s]", "for [ms]", "place", "size", "of threshold")
     rows = tuple(
         (
             f"{touch.start:.3f}",
@@ -194,7 +189,7 @@ def touches_table(watched: Watched) -> Table:
         )
         for touch in watched.touches
     )
-    return Table(head, rows, title="Contacts")
+    return Table(("at [s]", "for [ms]", "place", "size", "of threshold"), rows, title="Contacts")
 
 
 def friction_table(watched: Watched) -> Table:

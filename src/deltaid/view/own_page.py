@@ -59,8 +59,7 @@ def answering_own_page_only() -> Generator[None, None, None]:
 
         def process(connection: Any, request: Any) -> Any:
             hosts, origins, upgrades = map(request.headers.get_all, ("Host", "Origin", "Upgrade"))
-            port = connection.local_address[1]
-            if not is_own(hosts, origins, port, websocket=bool(upgrades)):
+            if not is_own(hosts, origins, connection.local_address[1], websocket=bool(upgrades)):
                 return connection.respond(HTTPStatus.FORBIDDEN, "not this server's own page\n")
             return process_request(connection, request)
 
@@ -91,5 +90,4 @@ def is_own(hosts: Sequence[str], origins: Sequence[str], port: int, *, websocket
     own = [f"{HOST}:{port}", f"localhost:{port}"]
     if len(hosts) != 1 or hosts[0].lower() not in own or len(origins) > 1:
         return False
-    pages = [f"http://{host}" for host in own]
-    return origins[0].lower() in pages if origins else not websocket
+    return origins[0].lower() in [f"http://{host}" for host in own] if origins else not websocket

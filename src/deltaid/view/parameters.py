@@ -243,26 +243,25 @@ def _correlations(result: Identification, R: Float[np.ndarray, "base base"]) -> 
     names = [
         style.label(base.layout.parameters[group.representative].label) for group in base.groups
     ]
-    figure = go.Figure(
-        go.Heatmap(
-            z=(rows @ rows.T).astype(np.float32),
-            x=names,
-            y=names,
-            zmin=-1,
-            zmax=1,
-            colorscale="RdBu",
-            colorbar={"thickness": 10, "len": 0.9, "outlinewidth": 0},
-            hovertemplate="%{y} and %{x}: %{z:.2f}<extra></extra>",
-        ),
-        {
-            "yaxis": style.DOWNWARDS | {"tickfont": {"size": 9}},
-            "xaxis": {"tickangle": -90, "tickfont": {"size": 9}},
-            "height": 16 * len(names) + 150,
-            "margin": {"t": 10},
-        },
-    )
     return Figure(
-        figure,
+        go.Figure(
+            go.Heatmap(
+                z=(rows @ rows.T).astype(np.float32),
+                x=names,
+                y=names,
+                zmin=-1,
+                zmax=1,
+                colorscale="RdBu",
+                colorbar={"thickness": 10, "len": 0.9, "outlinewidth": 0},
+                hovertemplate="%{y} and %{x}: %{z:.2f}<extra></extra>",
+            ),
+            {
+                "yaxis": style.DOWNWARDS | {"tickfont": {"size": 9}},
+                "xaxis": {"tickangle": -90, "tickfont": {"size": 9}},
+                "height": 16 * len(names) + 150,
+                "margin": {"t": 10},
+            },
+        ),
         "Correlation of the base parameters' estimates, each named by its first term. Deep colours "
         "off the diagonal are pairs that this motion hardly separates.",
     )

@@ -127,8 +127,7 @@ def mapping_card(value: ColumnMapping) -> Card:
     """Which column is what, and in which unit; what is left to the default names is not told."""
     time = value.time
     unit = time.unit if time.rate is None else f"{time.rate:g} / s"
-    along = f"{time.rate:g} Hz" if time.is_absent else f"{time.column} [{unit}]"
-    facts = [("time", along)]
+    facts = [("time", (f"{time.rate:g} Hz" if time.is_absent else f"{time.column} [{unit}]"))]
     for quantity in QUANTITIES:
         columns: AllDrives | tuple[DriveColumn, ...] | None = getattr(value, quantity)
         each = (columns,) if isinstance(columns, AllDrives) else columns or ()

@@ -18,35 +18,40 @@ from deltaid.view.animation import CAMERA, fix_scene, robot_lines, workspace_lin
 from deltaid.view.drawing import outline_points
 from deltaid.view.numbers import number, percent
 from deltaid.view.page import Fact, Page, Section, Table, Text
-from deltaid.view.reach import Reach, WorkspaceSurvey, reach, require_space, survey
-from deltaid.view.reach_figures import NOTHING, picture, sections
+from deltaid.view.reach import (
+    NOTHING,
+    Reach,
+    WorkspaceSurvey,
+    picture,
+    reach,
+    require_space,
+    sections,
+    survey,
+)
 from deltaid.view.show import Card
 
 _Robot = RobotDescription | Kinematics | Dynamics | ForwardDynamics | ConstraintForces
-_METHODS: dict[type, tuple[str, ...]] = {
-    Kinematics: (".inverse(z)", ".forward(q)", ".jacobian(z)", ".condition(z)", ".plot()"),
-    Dynamics: (".inverse_dynamics(q, qd, qdd)", ".mass_matrix(q)", ".regressor(q, qd, qdd)",
-               ".plot()"),
-    ForwardDynamics: (".drive_acceleration(q, qd, tau, p)", ".plot()"),
-    ConstraintForces: (".names", ".evaluate(z, qd, qdd, p)"),
-    RobotDescription: (".plot()", '.report("x.html")', '.changed(name="…")'),
+# How the title of a card begins, and what it can do.
+_KINDS: dict[type, tuple[str, tuple[str, ...]]] = {
+    Kinematics: ("Kinematics of ", (".inverse(z)", ".forward(q)", ".jacobian(z)", ".condition(z)",
+                                    ".plot()")),
+    Dynamics: ("Dynamics of ", (".inverse_dynamics(q, qd, qdd)", ".mass_matrix(q)",
+                                ".regressor(q, qd, qdd)", ".plot()")),
+    ForwardDynamics: ("Forward dynamics of ", (".drive_acceleration(q, qd, tau, p)", ".plot()")),
+    ConstraintForces: ("Constraint forces of ", (".names", ".evaluate(z, qd, qdd, p)")),
+    RobotDescription: ("", (".plot()", '.report("x.html")', '.changed(name="…")')),
 }  # fmt: skip
 # How much nearer than in a report, whose picture is higher.
 _NEARER = 0.92
-_TITLES: dict[type, str] = {
-    Kinematics: "Kinematics of ", Dynamics: "Dynamics of ", RobotDescription: "",
-    ForwardDynamics: "Forward dynamics of ", ConstraintForces: "Constraint forces of ",
-}  # fmt: skip
 
 
 def robot_card(value: _Robot) -> Card:
     """Kind, drives, bodies, workspace, and what it can do."""
     robot = value if isinstance(value, RobotDescription) else value.robot
-    kind = next(kind for kind in _METHODS if isinstance(value, kind))
-    unit = next(iter(robot.drive_units.values()))
+    title, methods = next(both for kind, both in _KINDS.items() if isinstance(value, kind))
     home = zip(robot.task.names, robot.home, strict=True)
     facts = [
-        ("drives", f"{len(robot.drives)} ({unit.force})"),
+        ("drives", f"{len(robot.drives)} ({robot.units(robot.drives[0]).force})"),
         ("bodies", ", ".join(robot.body_names)),
         ("home", ", ".join(f"{name} {number(float(x), 3)}" for name, x in home)),
     ]
@@ -54,27 +59,27 @@ def robot_card(value: _Robot) -> Card:
         facts.append(("parameters", str(len(value.layout.names))))
     if isinstance(value, ConstraintForces):
         facts.append(("channels", str(len(value.names))))
+    named = f" ({robot.name})" if robot.title and robot.name != robot.title else ""
     return Card(
-        f"{_TITLES[kind]}{robot.title or robot.name}"
-        + (f" ({robot.name})" if robot.title and robot.name != robot.title else ""),
+        f"{title}{robot.title or robot.name}{named}",
         facts=tuple(facts),
         more=(
             ("drives and limits", _drives(robot)),
             ("workspace", yaml_text(robot.workspace.model_dump(mode="json")).rstrip()),
         ),
-        methods=_METHODS[kind],
+        methods=methods,
     )
 
 
 def _drives(robot: RobotDescription) -> Table:
     rows = list[tuple[str, ...]]()
     for drive, unit in robot.drive_units.items():
-        limits = robot.limits_of(drive)
-        span, speed, effort = limits.range, limits.top_speed, limits.effort
-        ends = " … ".join(number(unit.per_shown * x, 3) for x in span or ())
+        limits, scale = robot.limits_of(drive), unit.per_shown
+        ends = " … ".join(number(scale * x, 3) for x in limits.range or ())
+        speed, effort = limits.top_speed, limits.effort
         rows.append(
-            (drive, f"{ends} {unit.shown}" if span else "—",
-             f"{number(unit.per_shown * speed, 3)} {unit.shown}/s" if speed else "—",
+            (drive, f"{ends} {unit.shown}" if ends else "—",
+             f"{number(scale * speed, 3)} {unit.shown}/s" if speed else "—",
              f"{number(effort, 3)} {unit.force}" if effort else "—")
         )  # fmt: skip
     return Table(("drive", "range", "speed", "largest effort"), tuple(rows))
@@ -101,30 +106,29 @@ def robot_page(value: RobotDescription) -> Page:
     require_space(value)
     model = load(value)
     at_rest = AtRest(model.dynamics, model.p)
-    origin = "Robot at rest, with its prior parameters"
-    return rest_page(at_rest, reach(at_rest), survey(at_rest), origin)
+    return rest_page(
+        at_rest, reach(at_rest), survey(at_rest), "Robot at rest, with its prior parameters"
+    )
 
 
 def rest_page(robot: AtRest, found: Reach, surveyed: WorkspaceSurvey, subtitle: str) -> Page:
     """Everything about a robot at rest."""
-    described = robot.robot
     return Page(
-        title=described.title or described.name,
+        title=robot.robot.title or robot.robot.name,
         subtitle=subtitle,
         facts=rest_facts(robot, found, surveyed),
         warnings=rest_warnings(robot, surveyed),
         sections=(
             Section("Robot", (picture(robot, found), rest_table(robot, surveyed))),
             Section("Workspace", (sections(robot, found, surveyed), use_table(robot, surveyed))),
-            Section("Reach", (*_reach_text(robot, found), end_table(robot, found))),
+            Section("Reach", (_reach_text(robot, found), end_table(robot, found))),
         ),
     )
 
 
 def rest_facts(robot: AtRest, found: Reach, surveyed: WorkspaceSurvey) -> tuple[Fact, ...]:
     """Condition, holding torque, reach."""
-    condition = surveyed.poses.condition
-    home = robot(robot.home[None])
+    condition, home = surveyed.poses.condition, robot(robot.home[None])
     hardest = int(np.argmax(np.abs(home.torque[0])))
     drive = robot.robot.drives[hardest]
     return (
@@ -155,9 +159,8 @@ def rest_warnings(robot: AtRest, surveyed: WorkspaceSurvey) -> tuple[str, ...]:
         return ()
     uses = zip(robot.limits, surveyed.poses.shares.max(axis=0, initial=0.0), strict=True)
     broken = [name for name, use in uses if use > 1 and not name.startswith("workspace")]
-    because = [f"beyond {', '.join(broken)}"] if broken else []
-    if surveyed.standing < 1:
-        because.append("out of reach")
+    because = [f"beyond {', '.join(broken)}"] * bool(broken)
+    because += ["out of reach"] * (surveyed.standing < 1)
     doubt = Doubt(
         f"{percent_of(1 - surveyed.within)} of the described workspace cannot be used",
         cause=f"poses lie {' or '.join(because)}" if because else "limits differ from pose to pose",
@@ -168,14 +171,12 @@ def rest_warnings(robot: AtRest, surveyed: WorkspaceSurvey) -> tuple[str, ...]:
 
 def rest_table(robot: AtRest, surveyed: WorkspaceSurvey) -> Table:
     """Drive coordinates and holding torques, at home and over the workspace."""
-    described, home, poses = robot.robot, robot(robot.home[None]), surveyed.poses
+    home, poses, rows = robot(robot.home[None]), surveyed.poses, list[tuple[str, ...]]()
     torques = np.concatenate([home.torque, poses.torque])
     # Zero but for rounding.
     torques[np.abs(torques) < 1e-9 * np.abs(torques).max(initial=0.0)] = 0.0
-    rows = []
-    for i, drive in enumerate(described.drives):
-        units = described.units(drive)
-        limits, scale = described.limits_of(drive), units.per_shown
+    for i, (drive, units) in enumerate(robot.robot.drive_units.items()):
+        limits, scale = robot.robot.limits_of(drive), units.per_shown
         rows.append(
             (
                 drive,
@@ -190,38 +191,26 @@ def rest_table(robot: AtRest, surveyed: WorkspaceSurvey) -> Table:
             )
         )
     return Table(
-        (
-            "drive",
-            "unit",
-            "at home",
-            "workspace",
-            "limit",
-            "held at home",
-            "held",
-            "largest",
-            "unit ",
-        ),
+        ("drive", "unit", "at home", "workspace", "limit", "held at home", "held", "largest",
+         "unit "),
         tuple(rows),
         "Drive coordinates, and the torques or forces that hold the robot still against gravity "
         "and springs, without friction but its offset; at home and over the whole workspace.",
-    )
+    )  # fmt: skip
 
 
 def use_table(robot: AtRest, surveyed: WorkspaceSurvey) -> Table:
     """Largest use of each limit within the workspace, and where."""
-    poses = surveyed.poses
-    rows = []
+    poses, rows = surveyed.poses, list[tuple[str, ...]]()
     for k in range(robot.of_workspace, len(robot.limits)):
         worst = int(np.argmax(poses.shares[:, k]))
-        z = poses.z[worst]
-        place = ", ".join(f"{value:.3f}" for value in z[:3])
-        angles = (f"{np.rad2deg(psi):.0f}" for psi in z[3:])
+        place = ", ".join(f"{value:.3f}" for value in poses.z[worst, :3])
+        angles = (f"{np.rad2deg(psi):.0f}" for psi in poses.z[worst, 3:])
         rows.append((robot.limits[k], f"{100 * poses.shares[worst, k]:.1f}", place, *angles))
-    rows.sort(key=lambda row: -float(row[1]))
     turned = ("tool [deg]",) if robot.dynamics.dof > 3 else ()
     return Table(
         ("limit", "largest use [%]", "at x, y, z [m]", *turned),
-        tuple(rows),
+        tuple(sorted(rows, key=lambda row: -float(row[1]))),
         "Largest use of each limit in the described workspace, at rest, and where that is.",
     )
 
@@ -247,22 +236,22 @@ def percent_of(share: float) -> str:
     return f"{min(100 * share, 99.9):.1f} %" if share > 0.1 else percent(share)
 
 
-def _reach_text(robot: AtRest, found: Reach) -> tuple[Text, ...]:
+def _reach_text(robot: AtRest, found: Reach) -> Text:
     text = (
         "From the home pose the platform is moved straight in all directions, the tool's angle "
         "kept, until a limit of the machine ends the way: a drive's range or torque at rest, the "
         "swing of a strut, the telescope's stroke, or the largest condition. What lies behind a "
         "bend does not count."
     )
-    if found.turn is None:
-        return (Text(text),)
-    if all(k < 0 for _, k in found.turn):
-        return (Text(f"{text}\n\nNothing ends the turning of the tool."),)
-    ends = [
-        f"{np.rad2deg(angle):.4g}° ({robot.limits[k] if k >= 0 else 'nothing ends it'})"
-        for angle, k in found.turn
-    ]
-    return (Text(f"{text}\n\nAt home the tool turns from {ends[0]} to {ends[1]}."),)
+    if found.turn is not None and all(k < 0 for _, k in found.turn):
+        text += "\n\nNothing ends the turning of the tool."
+    elif found.turn is not None:
+        low, high = (
+            f"{np.rad2deg(angle):.4g}° ({robot.limits[k] if k >= 0 else 'nothing ends it'})"
+            for angle, k in found.turn
+        )
+        text += f"\n\nAt home the tool turns from {low} to {high}."
+    return Text(text)
 
 
 def _span(values: np.ndarray) -> str:

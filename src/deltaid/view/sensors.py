@@ -49,8 +49,7 @@ def sensors_page(plan: SensorPlan, entries: Sequence[str]) -> Page:
         ]
     entries_known: tuple[Block, ...] = (entry_table(plan),)
     if hidden := untold(plan):
-        said = f"Nothing of the list determines much of {', '.join(hidden)}."
-        entries_known += (Text(said),)
+        entries_known += (Text(f"Nothing of the list determines much of {', '.join(hidden)}."),)
     settings = plan.settings
     chosen = (
         ("torque noise, share of each drive's largest torque", percent(settings.torque_noise)),
@@ -105,8 +104,7 @@ def plan_page(plan: SensorPlan) -> Page:
 
 def plan_figure(plan: SensorPlan) -> go.Figure:
     """Standard deviation after each step; where nothing is worth buying, of all entries."""
-    blocks = (*_steps(plan), _bars(plan))
-    return next(block.figure for block in blocks if isinstance(block, Figure))
+    return next(block.figure for block in (*_steps(plan), _bars(plan)) if isinstance(block, Figure))
 
 
 def _verdict(plan: SensorPlan, open_now: int) -> Summary:

@@ -3,7 +3,6 @@
 import textwrap
 from collections.abc import Callable
 from dataclasses import dataclass, fields, is_dataclass
-from html import escape
 from importlib import import_module
 from importlib.util import find_spec
 from pathlib import Path
@@ -19,23 +18,11 @@ if TYPE_CHECKING:
 
 # Most of a representation in text: lines, and characters of one of them.
 _LINES, _LINE = 10, 140
-# Rows of a table that is shown, and of one that is folded away.
-_ROWS, _FOLDED_ROWS = 8, 200
-# Cells shorter than this are not broken.
-_WHOLE = 24
-
-_BOX = (
-    "border:1px solid rgba(128,128,128,.35);border-radius:6px;padding:.6em .9em;"
-    "max-width:60em;margin:.2em 0;line-height:1.45"
-)
 _COLOURS = {
     "good": "#1a7f37", "fair": "#8a6100", "doubtful": "#8a6100", "poor": "#b42318",
     "wrong": "#b42318",
 }  # fmt: skip
 _OTHER = "#57606a"
-_CELL = "padding:.15em .7em .15em 0;vertical-align:top;border:0;background:none;color:inherit"
-_NEXT = "margin-top:.4em;font-family:monospace;font-size:.85em;opacity:.7"
-_NUMBERS = set("0123456789.-−+±%…e≥≤<>×– ")
 # Arrays of up to so many numbers are written out; longer text is cut.
 _WRITTEN, _CHARACTERS = 16, 60
 
@@ -117,74 +104,21 @@ class Card:
             folded += textwrap.wrap(visible(line), 100, subsequent_indent="  ") or [""]
         if len(folded) > _LINES - 1:
             folded = [*folded[: _LINES - 2], "  …"]
-        methods = [f"→ {'  '.join(self.methods)}"] if self.methods else []
-        return "\n".join([*folded, *methods])
+        return "\n".join([*folded, *([f"→ {'  '.join(self.methods)}"] if self.methods else [])])
 
     def html(self) -> str:
         """A small piece of HTML for a notebook."""
-        parts = [f'<div style="{_BOX}"><strong>{_safe(self.title)}</strong>']
-        lines = list(self.lines)
-        if self.grade:
-            colour, verdict = _COLOURS.get(self.grade, _OTHER), lines.pop(0) if lines else ""
-            head, colon, rest = verdict.partition(": ")
+        lines, verdict = self.lines, ""
+        if self.grade and lines:
+            (verdict, *lines), (head, colon, rest) = lines, lines[0].partition(": ")
             if colon and head.lower() == self.grade:  # the label says it
                 verdict = rest
-            parts.append(
-                f'<div><span style="background:{colour};color:#fff;border-radius:4px;'
-                f'padding:0 .45em">{_safe(self.grade)}</span> {_safe(verdict)}</div>'
-            )
-        parts += [f"<div>{_safe(line)}</div>" for line in lines]
-        if self.table is not None or self.facts:
-            parts.append(_table(self.table or Table(("", ""), self.facts), _ROWS))
-        for title, inside in self.more:
-            if isinstance(inside, Table):
-                body = _table(inside, _FOLDED_ROWS)
-            else:
-                rows = "".join(f"<div>{_safe(line)}</div>" for line in inside.splitlines())
-                body = f'<div style="white-space:pre-wrap;margin:.3em 0">{rows}</div>'
-            parts.append(
-                f'<details style="margin-top:.3em"><summary style="cursor:pointer">{_safe(title)}'
-                f"</summary>{body}</details>"
-            )
-        if self.methods:
-            methods = "&nbsp; ".join(_safe(method) for method in self.methods)
-            parts.append(f'<div style="{_NEXT}">→ {methods}</div>')
-        return "".join([*parts, "</div>"])
-
-
-def _table(table: Table, most: int) -> str:
-    """Rows and head; of more rows than `most` the first ones, and how many there are besides."""
-    columns = [[row[k] for row in table.rows] for k in range(len(table.columns))]
-    side = [
-        "right" if any(cells) and all(set(cell) <= _NUMBERS for cell in cells) else "left"
-        for cells in columns
-    ]
-    head = "".join(
-        f'<th style="{_CELL};text-align:{side[k]};font-weight:600;opacity:.75">{_safe(name)}</th>'
-        for k, name in enumerate(table.columns)
-    )
-    rows = [
-        f'<tr style="background:none{";opacity:.6" if i in table.muted else ""}">'
-        + "".join(
-            f'<td style="{_CELL};text-align:{side[k]}'
-            f'{";white-space:nowrap" if len(cell) < _WHOLE else ""}">{_safe(cell)}</td>'
-            for k, cell in enumerate(row)
+        table = self.table or (Table(("", ""), self.facts) if self.facts else None)
+        colour = _COLOURS.get(self.grade, _OTHER)
+        environment = import_module("deltaid.view.html").environment()
+        return environment.get_template("card.html.jinja").render(
+            card=self, lines=lines, verdict=verdict, table=table, colour=colour
         )
-        + "</tr>"
-        for i, row in enumerate(table.rows[:most])
-    ]
-    left = len(table.rows) - most
-    further = f'<div style="opacity:.7">… and {left} more</div>' if left > 0 else ""
-    top = f'<tr style="background:none">{head}</tr>' if any(table.columns) else ""
-    return (
-        '<div style="overflow-x:auto"><table class="deltaid" style="border-collapse:collapse;'
-        "margin:.35em 0;color:inherit;font-size:.95em;"
-        f'font-variant-numeric:tabular-nums">{top}{"".join(rows)}</table>{further}</div>'
-    )
-
-
-def _safe(value: object) -> str:
-    return escape(visible(str(value)))
 
 
 def fields_card(value: Any) -> Card:
@@ -230,25 +164,16 @@ def frame(value: object, library: str) -> Any:
         DeltaidError: there is no such library, or it is not installed.
     """
     if library not in ("polars", "pandas"):
-        raise DeltaidError(
-            f"there are no tables of '{library}'",
-            where="to_frame",
-            cure="choose from polars and pandas",
-        )
+        what, cure = f"there are no tables of '{library}'", "choose from polars and pandas"
+        raise DeltaidError(what, where="to_frame", cure=cure)
     if library == "pandas" and find_spec("pandas") is None:
-        raise DeltaidError(
-            "pandas is not installed",
-            where="to_frame",
-            cure="pip install pandas, or take to_frame(), a table of polars",
-        )
+        cure = "pip install pandas, or take to_frame(), a table of polars"
+        raise DeltaidError("pandas is not installed", where="to_frame", cure=cure)
     found = _function(value, "frame")(value)
     if library == "polars":
         return found
-    columns = {
-        name: column.to_numpy() if column.dtype.is_numeric() else column.to_list()
-        for name, column in ((name, found[name]) for name in found.columns)
-    }
-    return import_module("pandas").DataFrame(columns)
+    columns = ((c.name, c.to_numpy() if c.dtype.is_numeric() else c.to_list()) for c in found)
+    return import_module("pandas").DataFrame(dict(columns))
 
 
 def report(value: object, path: str | Path, *more: object) -> Path:
@@ -260,8 +185,7 @@ def report(value: object, path: str | Path, *more: object) -> Path:
     path = Path(path)
     if path.suffix.lower() not in (".html", ".htm"):
         raise DeltaidError("must end in .html", where=str(path), cure="a report is a page")
-    page = _function(value, "page")(value, *more)
-    import_module("deltaid.view.html").write_page(page, path)
+    import_module("deltaid.view.html").write_page(_function(value, "page")(value, *more), path)
     return path
 
 

@@ -170,17 +170,6 @@ def provenance_section(model: Model, title: str) -> Section:
     if known is None:
         return Section(title, (Text(f"Parameters: {model.origin}."), *own), "where it is from")
     fit = known.fit
-    recordings = tuple(
-        (
-            source.log,
-            str(source.samples),
-            f"{source.rate_hz:.6g}",
-            f"{source.cutoff_hz:.3g}" if source.cutoff_hz else "not filtered",
-            str(source.used_samples),
-            source.sha256,
-        )
-        for source in known.sources
-    )
     reached = (
         ("objective J", number(fit.objective)),
         ("certified lower bound", number(fit.lower_bound) if fit.lower_bound else "none"),
@@ -200,7 +189,17 @@ def provenance_section(model: Model, title: str) -> Section:
     tables = (
         Table(
             ("recording", "samples", "rate [Hz]", "cut-off [Hz]", "samples used", "SHA-256"),
-            recordings,
+            tuple(
+                (
+                    source.log,
+                    str(source.samples),
+                    f"{source.rate_hz:.6g}",
+                    f"{source.cutoff_hz:.3g}" if source.cutoff_hz else "not filtered",
+                    str(source.used_samples),
+                    source.sha256,
+                )
+                for source in known.sources
+            ),
             "Recordings that the model was identified from.",
         ),
         Table(("fit", "result"), reached),

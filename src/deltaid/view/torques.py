@@ -19,14 +19,14 @@ _SCATTER = 2500  # points a drive
 Drives = dict[str, JointUnits]
 
 
-def torque_blocks(comparison: TorqueComparison, drives: Drives) -> tuple[Figure, ...]:
+def torque_blocks(c: TorqueComparison, drives: Drives) -> tuple[Figure, ...]:
     """All figures of one recording."""
-    return (over_time(comparison, drives), *residual_blocks(comparison, drives))
+    return (over_time(c, drives), *residual_blocks(c, drives))
 
 
-def residual_blocks(comparison: TorqueComparison, drives: Drives) -> tuple[Figure, ...]:
+def residual_blocks(c: TorqueComparison, drives: Drives) -> tuple[Figure, ...]:
     """What the model leaves of one recording, over speed, in size and in frequency."""
-    return tuple(figure(comparison, drives) for figure in (over_speed, histogram, spectrum))
+    return tuple(figure(c, drives) for figure in (_over_speed, _histogram, _spectrum))
 
 
 def over_time(c: TorqueComparison, drives: Drives) -> Figure:
@@ -40,17 +40,15 @@ def over_time(c: TorqueComparison, drives: Drives) -> Figure:
     # Seconds since 1970 need double precision to tell samples apart.
     resolution = float(np.spacing(np.float32(np.abs(c.time).max(initial=0.0))))
     fine = resolution < 0.05 * np.min(np.diff(c.time), initial=np.inf)
-    time = c.time.astype(np.float32) if fine else c.time
     for i, (drive, units) in enumerate(drives.items()):
-        measured, predicted = c.measured[:, i], c.predicted[:, i]
-        thin = {"color": style.RESIDUAL, "width": 1.0}
+        residual = c.measured[:, i] - c.predicted[:, i]
         for name, values, line, row in (
-            ("measured", measured, style.MEASURED_LINE, 2 * i + 1),
-            ("predicted", predicted, style.PREDICTED_LINE, 2 * i + 1),
-            ("residual", measured - predicted, thin, 2 * i + 2),
+            ("measured", c.measured[:, i], style.MEASURED_LINE, 2 * i + 1),
+            ("predicted", c.predicted[:, i], style.PREDICTED_LINE, 2 * i + 1),
+            ("residual", residual, {"color": style.RESIDUAL, "width": 1.0}, 2 * i + 2),
         ):
             figure.add_scatter(
-                x=time,
+                x=c.time.astype(np.float32) if fine else c.time,
                 y=values.astype(np.float32),
                 name=name,
                 mode="lines",
@@ -71,10 +69,9 @@ def over_time(c: TorqueComparison, drives: Drives) -> Figure:
                 row=2 * i + 2,
                 col=1,
             )
+    every = " at the rate that the filter's cut-off allows" if c.cutoff else ""
     shown = (
-        "All samples at the rate that the filter's cut-off allows are drawn."
-        if c.cutoff and c.stretch == 1
-        else "All samples are drawn."
+        f"All samples{every} are drawn."
         if c.stretch == 1
         else f"Of every {c.stretch} samples the one with the largest residual is drawn."
     )
@@ -83,16 +80,14 @@ def over_time(c: TorqueComparison, drives: Drives) -> Figure:
         style.one_legend(figure),
         f"{_efforts(drives)} of each drive{filtered}, measured (broad line) and predicted by the "
         "model (dashed), and the residual (measured minus predicted). Drag to zoom; the time axes "
-        "move together, a double "
-        f"click shows everything again. {shown}",
+        f"move together, a double click shows everything again. {shown}",
         paper=640,
     )
 
 
-def over_speed(c: TorqueComparison, drives: Drives) -> Figure:
+def _over_speed(c: TorqueComparison, drives: Drives) -> Figure:
     """Residual over the drive's speed: what friction leaves shows here."""
-    figure = grid(tuple(drives), 260)
-    keep = even_rows(len(c.speed), _SCATTER)
+    figure, keep = grid(tuple(drives), 260), even_rows(len(c.speed), _SCATTER)
     for i, units in enumerate(drives.values()):
         known = np.isfinite(c.residual[:, i])
         speed, residual = units.per_shown * c.speed[known, i], c.residual[known, i]
@@ -115,17 +110,16 @@ def over_speed(c: TorqueComparison, drives: Drives) -> Figure:
             marker={"size": 4},
             **place(i),
         )
-    _axes(figure, drives, "speed [{0.shown}/s]", "residual [{0.force}]")
     return Figure(
-        style.one_legend(figure),
+        _finished(figure, drives, "speed [{0.shown}/s]", "residual [{0.force}]"),
         "Residual over the speed of its drive, with mean and standard deviation in intervals of "
         "speed. A mean that leaves zero is a friction law that does not fit.",
     )
 
 
-def histogram(c: TorqueComparison, drives: Drives) -> Figure:
+def _histogram(c: TorqueComparison, drives: Drives) -> Figure:
     """How residuals are distributed, against a normal distribution of equal spread."""
-    figure = grid(tuple(drives), 260)
+    figure = grid(tuple(drives), 260).update_layout(bargap=0)
     for i in range(len(drives)):
         residual = c.residual[np.isfinite(c.residual[:, i]), i]
         share, edges = np.histogram(residual, bins=_RESIDUAL_BINS, density=True)
@@ -146,16 +140,15 @@ def histogram(c: TorqueComparison, drives: Drives) -> Figure:
             line={"color": style.PRIOR, "width": 2},
             **place(i),
         )
-    _axes(figure, drives, "residual [{0.force}]", "density [1/({0.force})]")
     return Figure(
-        style.one_legend(figure.update_layout(bargap=0)),
+        _finished(figure, drives, "residual [{0.force}]", "density [1/({0.force})]"),
         "Distribution of the residuals, and the normal distribution of the same mean and spread.",
     )
 
 
-def spectrum(c: TorqueComparison, drives: Drives) -> Figure:
+def _spectrum(c: TorqueComparison, drives: Drives) -> Figure:
     """Amplitude spectra of the torque as recorded and of the residual."""
-    figure = grid(tuple(drives), 260)
+    figure, dotted = grid(tuple(drives), 260), ""
     for i in range(len(drives)):
         for name, density, color, dash in (
             ("measured", c.measured_density, style.MEASURED, "solid"),
@@ -171,12 +164,12 @@ def spectrum(c: TorqueComparison, drives: Drives) -> Figure:
             )
     if c.cutoff:
         figure.add_vline(x=c.cutoff, line={"color": style.PRIOR, "dash": "dot"})
-    _axes(figure, drives, "frequency [Hz]", "density [{0.force}/√Hz]")
+        dotted = f" The dotted line is the filter's cut-off of {c.cutoff:.3g} Hz."
+    _finished(figure, drives, "frequency [Hz]", "density [{0.force}/√Hz]")
     figure.update_xaxes(type="log", dtick=1)
     figure.update_yaxes(type="log", dtick=1, exponentformat="power")
-    dotted = f" The dotted line is the filter's cut-off of {c.cutoff:.3g} Hz." if c.cutoff else ""
     return Figure(
-        style.one_legend(figure),
+        figure,
         "Amplitude spectral density (Welch's mean over segments) of the "
         f"{_efforts(drives).lower()} as recorded, and of what the model does not explain of "
         f"it.{dotted}",
@@ -187,9 +180,10 @@ def _binned(speed: np.ndarray, residual: np.ndarray) -> tuple[np.ndarray, ...]:
     """Centres of speed intervals with enough samples, mean and standard deviation in each."""
     if not speed.size or np.ptp(speed) == 0:
         return speed[:0], speed[:0], speed[:0]
-    mean, edges, _ = stats.binned_statistic(speed, residual, "mean", _SPEED_BINS)
-    spread, *_ = stats.binned_statistic(speed, residual, "std", edges)
-    count, *_ = stats.binned_statistic(speed, residual, "count", edges)
+    edges = np.histogram_bin_edges(speed, _SPEED_BINS)
+    mean, spread, count = (
+        stats.binned_statistic(speed, residual, what, edges)[0] for what in ("mean", "std", "count")
+    )
     enough = count >= 5
     return (0.5 * (edges[1:] + edges[:-1]))[enough], mean[enough], spread[enough]
 
@@ -200,14 +194,8 @@ def _efforts(drives: Drives) -> str:
 
 def grid(names: Sequence[str], height: int) -> go.Figure:
     """A panel each, two in a row and so high [px], below the legend."""
-    rows = -(-len(names) // 2)
-    figure = make_subplots(
-        rows=rows,
-        cols=2,
-        subplot_titles=names,
-        horizontal_spacing=0.12,
-        vertical_spacing=0.3 / rows,
-    )
+    rows, apart = -(-len(names) // 2), {"horizontal_spacing": 0.12}
+    figure = make_subplots(rows, 2, subplot_titles=names, vertical_spacing=0.3 / rows, **apart)
     figure.update_annotations(font_size=13)
     return figure.update_layout(
         height=height * rows + 100,
@@ -221,11 +209,13 @@ def place(i: int) -> dict[str, int]:
     return {"row": i // 2 + 1, "col": i % 2 + 1}
 
 
-def _axes(figure: go.Figure, drives: Drives, x: str, y: str) -> None:
-    """Titles with each drive's units, at the outer axes only where all drives have the same."""
+def _finished(figure: go.Figure, drives: Drives, x: str, y: str) -> go.Figure:
+    """Titles with each drive's units, at the outer axes only where all drives have the same, and
+    one legend."""
     alike = len(set(drives.values())) == 1
     for i, units in enumerate(drives.values()):
         if i + 2 >= len(drives) or not alike:
             figure.update_xaxes(title_text=x.format(units), **place(i))
         if i % 2 == 0 or not alike:
             figure.update_yaxes(title_text=y.format(units), **place(i))
+    return style.one_legend(figure)

@@ -40,19 +40,6 @@ def comparison_page(
     a limit or was far off.
     """
     done = [(run, run.tracking) for run in runs if run.tracking is not None]
-    lines = [
-        Section(
-            controller,
-            error_figures(
-                [
-                    (run.model or NO_MODEL, COLOURS[run.model], tracking)
-                    for run, tracking in done
-                    if run.controller == controller
-                ]
-            ),
-        )
-        for controller in dict.fromkeys(run.controller for run, _ in done)
-    ]
     return Page(
         title=robot.title or robot.name,
         subtitle=f"Simulated tracking: {title}",
@@ -66,7 +53,19 @@ def comparison_page(
                     _conditions(drives, bandwidth, conditions),
                 ),
             ),
-            *lines,
+            *[
+                Section(
+                    controller,
+                    error_figures(
+                        [
+                            (run.model or NO_MODEL, COLOURS[run.model], tracking)
+                            for run, tracking in done
+                            if run.controller == controller
+                        ]
+                    ),
+                )
+                for controller in dict.fromkeys(run.controller for run, _ in done)
+            ],
         ),
         verdict=_compared(runs, problems),
     )
@@ -80,8 +79,7 @@ def _compared(runs: Sequence[ControllerRun], problems: Sequence[MotionProblem]) 
     if not sound:
         return Summary(Trust.POOR, "Poor: no controller follows this motion.", lines)
     run, tracking = min(sound, key=lambda pair: pair[1].error.platform_rms)
-    named = {"": NO_MODEL, "base parameters": run.model}
-    model = named.get(run.model, f"the {run.model} model")
+    model = {"": NO_MODEL, "base parameters": run.model}.get(run.model, f"the {run.model} model")
     error = tracking.error
     return Summary(
         Trust.GOOD,
@@ -257,8 +255,7 @@ def simulation_page(value: Simulation | Comparison) -> Page:
         Fact("largest platform error", f"{1e3 * error.platform_max:.3g} mm"),
     ]
     if error.turn_rms is not None:
-        turn = f"{np.rad2deg(error.turn_rms):.3g}°"
-        facts.append(Fact("error of the tool's turn", turn, "rms"))
+        facts.append(Fact("error of the tool's turn", f"{np.rad2deg(error.turn_rms):.3g}°", "rms"))
     facts.append(Fact("at a torque limit", percent(float(error.saturated.max())), "of the time"))
     verdict = Summary(
         Trust.GOOD,
