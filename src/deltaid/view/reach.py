@@ -290,9 +290,10 @@ def sections(robot: AtRest, found: Reach, surveyed: WorkspaceSurvey) -> Figure:
             hoverinfo="skip",
             **panel,
         )
-        axis, same = {"constrain": "domain"}, f"x{column if column > 1 else ''}"
-        figure.update_xaxes(axis, title_text=f"{'xyz'[i]} [m]", nticks=5, **panel)
-        figure.update_yaxes(axis, title_text=f"{'xyz'[j]} [m]", scaleanchor=same, **panel)
+        x, y = ({"title_text": f"{'xyz'[k]} [m]"} for k in (i, j))
+        figure.update_xaxes(x | {"constrain": "domain", "nticks": 5}, **panel)
+        same = f"x{column if column > 1 else ''}"
+        figure.update_yaxes(y | {"scaleanchor": same, "constrain": "domain"}, **panel)
     figure.update_layout(
         height=430,
         margin={"t": 40, "b": 90},
