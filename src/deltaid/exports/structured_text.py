@@ -7,160 +7,270 @@ large for any robot are refused at the door, and nothing is divided or rooted un
 """
 
 import re
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
+from typing import Any
 
 import casadi as ca
 import numpy as np
 from jaxtyping import Float
 
 from deltaid.errors import DeltaidError
-from deltaid.exports.functions import ExportedCycle, note_of
+from deltaid.exports.digits import Care, OutputPart
+from deltaid.exports.functions import STATUSES, ExportedCycle, ExportedFunction, note_of
 from deltaid.exports.model_functions import code_parts
-from deltaid.exports.st_helpers import LARGEST_INPUT, LARGEST_RESULT, helpers, pair_functions
-from deltaid.exports.st_statements import literal
-from deltaid.exports.st_units import ArrayType, Unit, Variable, array_types, comments, plcopen_xml
-from deltaid.exports.st_writer import TABLE, Writer, each
-from deltaid.exports.straight_line import Array, in_order
-from deltaid.exports.text import DOUBLE, SINGLE, Precision
+from deltaid.exports.st_statements import StructuredText, literal, plain
+from deltaid.exports.st_units import PlcProgram, Unit, Variable, comment
+from deltaid.exports.straight_line import Array, body, in_order
+from deltaid.exports.text import COSINE, DOUBLE, QUARTER, SINE, SINGLE, Precision, rendered
 from deltaid.model.model import Model
 from deltaid.online.graph import Field, Layout
 from deltaid.online.settings import OnlineSettings
 
-
-def cycle_units(writer: Writer, c: ExportedCycle) -> Iterator[Unit]:
-    """PREFIX_NAME_start, the first state; PREFIX_NAME_step, a function of state and inputs; and
-    PREFIX_NAME, which keeps the state."""
-    name, graph, real = f"{writer.prefix}_{c.name}", c.graph, writer.precision.st_type
-    n, m, inputs = graph.state.size, graph.outputs.size, graph.inputs.size
-    note, scratch = f"The state that {name} begins with.", set[str]()
-    yield writer.table(f"{c.name}_start", note, graph.state.initial.tolist(), ())
-    both = ca.vertcat(graph.following, graph.y)
-    yield Unit(
-        f"{name}_step",
-        "INT",
-        [f"One step of {name}, which calls it."],
-        [writer.array("x", n), writer.array("u", inputs)],
-        [writer.array("after", n), writer.array("y", m)],
-        [Variable("i", "INT"), writer.array("found", n + m)],
-        [
-            writer.returns(f"{name}_step", "BAD_INPUT"),
-            *writer.sane("u", inputs, LARGEST_INPUT),
-            writer.returns(f"{name}_step", "SINGULAR"),
-            *writer.computed([Array("x", graph.x), Array("u", graph.u)], "found", both, scratch),
-            *writer.sane("found", n + m, LARGEST_RESULT),
-            *each(n, "after[i] := found[i];"),
-            *each(m, f"y[i] := found[i + {n}];"),
-            f"IF found[{n + m - 1}] > 0.0 THEN RETURN; END_IF;",
-            writer.returns(f"{name}_step", "OK"),
-        ],
-        real,
-        in_order(scratch),
-    )
-    given = [field for field in graph.outputs.fields if field.name != "status"]
-    scratch = set[str]()
-    places = graph.state.places
-    sizes = {"state": n, "after": n, "bad": n + m, "u": inputs, "y": m}
-    yield Unit(
-        name,
-        "",
-        [
-            c.doc,
-            "A cycle that is not OK learns nothing; its outputs are what is known without it.",
-            *(f"state[{places[f.name].start}]: {f.name}, {f.doc}" for f in graph.state.fields),
-        ],
-        [
-            *(_declared(writer, field) for field in graph.inputs.fields),
-            Variable("reset", "BOOL", note="forget everything first"),
-        ],
-        [*(_declared(writer, field) for field in given), Variable("status", "INT")],
-        [
-            Variable("started", "BOOL"),
-            *(writer.array(*array) for array in sizes.items()),
-            Variable("i", "INT"),
-        ],
-        [
-            "IF reset OR NOT started THEN",
-            f"    i := {name}_start({TABLE} => state);",
-            "    started := TRUE;",
-            "END_IF;",
-            *_copied("u", graph.inputs, graph.inputs.fields, into=True),
-            f"status := {name}_step(x := state, u := u, after => after, y => y);",
-            f"IF status = {writer.status('OK')} THEN",
-            *(f"    {line}" for line in each(n, "state[i] := after[i];")),
-            "ELSE",
-            *(f"    {line}" for line in _spoilt(writer, c, scratch)),
-            "END_IF;",
-            *_copied("y", graph.outputs, given, into=False),
-        ],
-        real,
-        in_order(scratch),
-    )
-
-
-def _declared(writer: Writer, field: Field) -> Variable:
-    if field.size == 1:
-        return Variable(field.name, writer.precision.st_type, note=note_of(field))
-    return replace(writer.array(field.name, field.size), note=note_of(field))
-
-
-def _copied(vector: str, layout: Layout, fields: Iterable[Field], *, into: bool) -> list[str]:
-    """Fields to their places in a vector, or from there."""
-    lines = []
-    for field in fields:
-        at, many = layout.places[field.name].start, field.size > 1
-        shift = f"i + {at}" if at else "i"
-        pair = f"{vector}[{shift if many else at}]", field.name + "[i]" * many
-        target, source = pair if into else pair[::-1]
-        copied = f"{target} := {source};"
-        lines += each(field.size, copied) if many else [copied]
-    return lines
-
-
-def _spoilt(writer: Writer, c: ExportedCycle, scratch: set[str]) -> list[str]:
-    """What a bad cycle makes of the state, and gives."""
-    values, m = ca.vertsplit(ca.densify(c.spoilt)), c.graph.outputs.size
-    changed = [i for i, value in enumerate(values) if not ca.is_equal(value, c.graph.x[i], 1)]
-    column = ca.vertcat(c.spoilt_y, *(values[i] for i in changed))
-    return [
-        *writer.computed([Array("state", c.graph.x)], "bad", column, scratch),
-        *each(m, "y[i] := bad[i];"),
-        *(f"state[{i}] := bad[{m + k}];" for k, i in enumerate(changed)),
-    ]
-
-
-DEFAULT = OnlineSettings()
+# What no coordinate, rate, acceleration or torque of a robot exceeds in SI units; squares of it and
+# their products are far from overflow in either precision. And what no result exceeds.
+_LARGEST_INPUT, _LARGEST_RESULT = 1e6, 1e30
+# Where products leave no rest that a REAL could hold, or splitting them would overflow.
+_SMALL, _LARGE = 1e-20, 1e25
+# Adding and taking it off rounds to whole numbers.
+_WHOLE = 1.5 * 2.0**23
+_STATUSES = {
+    **STATUSES,
+    "BAD_INPUT": (5, f"an input is NaN, infinite or above {_LARGEST_INPUT:g}"),
+}
+# Functions for numbers that are the sum of two, as templates/pairs.c.jinja has them, one operation
+# a statement, so that each is rounded to a REAL: what they compute, and their variables.
+_PAIRS = {
+    "missing": ("a b - p without rounding, p being near a b.", "a b p", "", "ah al bh bl e t"),
+    "sum": ("a + b.", "a da b db", "dc", "s v e t c"),
+    "product": ("a b.", "a da b db", "dc", "s v e t c"),
+    "quotient": ("a / b; b is not zero.", "a da b db", "dc", "s e t c"),
+    "root": ("The root of a, which is not negative.", "a da", "dc", "s e t c"),
+    "sine": ("Sine of the angle a, with b = 1 its cosine.", "a da b", "dc", "n t x dx y dy z dz"),
+}
 
 
 @dataclass(frozen=True)
-class PlcProgram:
-    """Functions and function blocks of a model.
+class Writer:
+    """Units of a model; their statements are those of templates/bodies.st.jinja."""
 
-    Attributes:
-        prefix: what all names begin with.
-        notes: comments at the head.
-        units: functions and blocks, those that are called first.
-    """
-
+    subject: Model
     prefix: str
-    notes: tuple[str, ...]
-    units: tuple[Unit, ...]
+    precision: Precision
+    care: Care | None = None
 
-    @property
-    def arrays(self) -> tuple[ArrayType, ...]:
-        """Types of arrays."""
-        return array_types(self.units)
+    def body(self, part: str, name: str, **values: Any) -> str:
+        """The statements of one part of the template, for the unit of that name."""
+        return rendered(
+            "bodies.st.jinja",
+            part=part,
+            name=name,
+            prefix=self.prefix,
+            dof=self.subject.dynamics.dof,
+            statuses=_STATUSES,
+            number=partial(literal, self.precision),
+            largest_input=_LARGEST_INPUT,
+            largest_result=_LARGEST_RESULT,
+            **values,
+        ).rstrip("\n")
 
-    @property
-    def text(self) -> str:
-        """As one file of structured text."""
-        parts = [part.text() for part in (*self.arrays, *self.units)]
-        return "\n".join([*comments(self.notes), "", *parts])
+    def array(self, name: str, size: int) -> Variable:
+        """An array of numbers."""
+        return Variable(name, f"{self.prefix}_array{size}", size=size)
 
-    @property
-    def xml(self) -> str:
-        """As a file that development systems import."""
-        return plcopen_xml(self.prefix, "\n".join(self.notes), self.arrays, self.units)
+    def reals(self, names: str) -> list[Variable]:
+        """Numbers, by their names."""
+        return [Variable(name, self.precision.st_type) for name in names.split()]
+
+    def helpers(self) -> Iterator[Unit]:
+        """PREFIX_sane(x, most) and PREFIX_atan2(y, x)."""
+        sane, atan2 = f"{self.prefix}_sane", f"{self.prefix}_atan2"
+        note = "Whether x is a number of at most that size: not NaN, not infinite."
+        yield Unit(sane, "BOOL", [note], self.reals("x most"), (), (), self.body("sane", sane))
+        note, real = "Angle of the point x, y; the first edition of the standard has none.", "a"
+        text = self.body("atan2", atan2, pi=np.pi)
+        yield Unit(
+            atan2, self.precision.st_type, [note], self.reals("y x"), (), self.reals(real), text
+        )
+
+    def pairs(self) -> Iterator[Unit]:
+        """PREFIX_pair_sum and so on; c + dc is the result, dc a second output."""
+        numbers = {"pi": np.pi, "small": _SMALL, "large": _LARGE, "whole": _WHOLE}
+        for part, (note, *names) in _PAIRS.items():
+            name, variables = f"{self.prefix}_pair_{part}", map(self.reals, names)
+            text = self.body(part, name, **numbers, quarter=QUARTER, sine=SINE, cosine=COSINE)
+            yield Unit(name, self.precision.st_type, [note], *variables, text)
+
+    def table(self, name: str, note: str, values: list[float], notes: Sequence[str] = ()) -> Unit:
+        """A function whose output are numbers, with a note each or none; those not named are 0."""
+        name, zeros = f"{self.prefix}_{name}", len(values) > np.count_nonzero(values)
+        writes = {"plain": partial(plain, self.precision), "comment": comment}
+        text = self.body("table", name, values=values, notes=notes, zeros=zeros, **writes)
+        own = [Variable("i", "INT")] if zeros else []
+        return Unit(name, "INT", [note], (), [self.array("entries", len(values))], own, text)
+
+    def unit(self, f: ExportedFunction) -> Unit:
+        """One function, or a function block where a pose is kept."""
+        return self._block(f) if f.after else self._function(f)
+
+    def _function(self, f: ExportedFunction) -> Unit:
+        given, scratch, own = list(f.inputs), set[str](), [Variable("i", "INT")]
+        sizes = {argument.name: argument.symbols.numel() for argument in f.arguments}
+        tables = {x.name: x.symbols.numel() for x in f.inputs if x.is_table and x.symbols.numel()}
+        own += [self.array(*table) for table in tables.items()]
+        values = ca.vertcat(*[ca.vec(ca.densify(output.value).T) for output in f.outputs])
+        rooms, step = [values.numel(), *(demand.value.numel() for demand in f.demands)], list[str]()
+        if newton := f.newton:
+            n = sizes["z_start"] = newton.x.numel()
+            rooms.append(2 * n)
+            given.insert(0, Array("x", newton.x))
+            own += [Variable("k", "INT"), Variable("last", "BOOL"), *self.reals("gap")]
+            own.append(self.array("x", n))
+            step = self.computed(given, newton.both, scratch, newton.parts)
+        demands = [
+            (x.status, x.bound, x.value.numel(), self.computed(given, x.value, scratch))
+            for x in f.demands
+        ]
+        outputs, at = list[tuple[str, int, int]](), 0
+        for output in f.outputs:
+            outputs.append((output.name, at, output.size))
+            at += output.size
+        name = f"{self.prefix}_{f.name}"
+        text = self.body(
+            "function",
+            name,
+            sizes=sizes,
+            tables=tables,
+            newton=newton,
+            step=step,
+            demands=demands,
+            unfit=f.unfit,
+            lines=self.computed(given, values, scratch, f.parts),
+            size=at,
+            outputs=outputs,
+        )
+        return Unit(
+            name,
+            "INT",
+            notes_of(f),
+            [self.array(*argument) for argument in sizes.items()],
+            [self.array(output.name, output.size) for output in f.outputs],
+            [*own, self.array("found", max(rooms))],
+            text,
+            in_order(scratch),
+        )
+
+    def computed(
+        self,
+        inputs: list[Array],
+        values: ca.SX,
+        scratch: set[str],
+        parts: Sequence[OutputPart] = (),
+        out: str = "found",
+    ) -> list[str]:
+        """Statements for some values, whose parts may need more digits than a REAL has."""
+        dialect = StructuredText(self.precision, self.prefix)
+        found = body(inputs, out, values, dialect, self.care, parts)
+        scratch.update(found.slots)
+        return found.lines
+
+    def _block(self, f: ExportedFunction) -> Unit:
+        """A function of q: the pose first, which is kept, then a function of z."""
+        name, n = f"{self.prefix}_{f.name}", self.subject.dynamics.dof
+        names = [argument.name for argument in f.arguments]
+        text = self.body(
+            "pose",
+            name,
+            names=names,
+            newton=self.subject.dynamics.kinematics.mechanism.forward is None,
+            after=f.after,
+            passed=[f"{v} := {v}_now" for v in names if v != "q" or f.closing],
+        )
+        own = [self.array(name, n) for name in (*(f"{v}_now" for v in names), "pose", "torque")]
+        return Unit(
+            name,
+            "",
+            (*notes_of(f), "Keeps z and tau of the last good cycle; z begins at home."),
+            [self.array(name, n) for name in names],
+            [self.array("tau", n), self.array("z", n), Variable("status", "INT")],
+            [*own, Variable("started", "BOOL"), Variable("i", "INT")],
+            text,
+        )
+
+    def cycle(self, c: ExportedCycle) -> Iterator[Unit]:
+        """PREFIX_NAME_start, the first state; PREFIX_NAME_step, a function of state and inputs; and
+        PREFIX_NAME, which keeps the state."""
+        name, graph, scratch = f"{self.prefix}_{c.name}", c.graph, set[str]()
+        n, inputs, m = graph.state.size, graph.inputs.size, graph.outputs.size
+        note = f"The state that {name} begins with."
+        yield self.table(f"{c.name}_start", note, graph.state.initial.tolist())
+        sizes = {"state": n, "after": n, "bad": n + m, "u": inputs, "y": m}
+        arrays = {key: self.array(key, size) for key, size in sizes.items()}
+        given, both = (
+            [Array("x", graph.x), Array("u", graph.u)],
+            ca.vertcat(graph.following, graph.y),
+        )
+        step = self.computed(given, both, scratch)
+        yield Unit(
+            f"{name}_step",
+            "INT",
+            [f"One step of {name}, which calls it."],
+            [self.array("x", n), arrays["u"]],
+            [arrays["after"], arrays["y"]],
+            [Variable("i", "INT"), self.array("found", n + m)],
+            self.body("step", f"{name}_step", sizes=sizes, lines=step),
+            in_order(scratch),
+        )
+        # What a bad cycle makes of the state, and gives.
+        values, scratch = ca.vertsplit(ca.densify(c.spoilt)), set[str]()
+        changed = [i for i, value in enumerate(values) if not ca.is_equal(value, graph.x[i], 1)]
+        column = ca.vertcat(c.spoilt_y, *(values[i] for i in changed))
+        spoilt = self.computed([Array("state", graph.x)], column, scratch, out="bad")
+        shown = [field for field in graph.outputs.fields if field.name != "status"]
+        text = self.body(
+            "cycle",
+            name,
+            sizes=sizes,
+            lines=spoilt,
+            changed=changed,
+            inputs=_places(graph.inputs, graph.inputs.fields),
+            outputs=_places(graph.outputs, shown),
+        )
+        places = graph.state.places
+        yield Unit(
+            name,
+            "",
+            [
+                c.doc,
+                "A cycle that is not OK learns nothing; its outputs are what is known without it.",
+                *(f"state[{places[f.name].start}]: {f.name}, {f.doc}" for f in graph.state.fields),
+            ],
+            [
+                *map(self._declared, graph.inputs.fields),
+                Variable("reset", "BOOL", "forget everything first"),
+            ],
+            [*map(self._declared, shown), Variable("status", "INT")],
+            [Variable("started", "BOOL"), *arrays.values(), Variable("i", "INT")],
+            text,
+            in_order(scratch),
+        )
+
+    def _declared(self, field: Field) -> Variable:
+        (number,) = self.reals(field.name)
+        declared = number if field.size == 1 else self.array(field.name, field.size)
+        return replace(declared, note=note_of(field))
+
+
+def _places(layout: Layout, fields: Iterable[Field]) -> list[tuple[str, int, int]]:
+    return [(field.name, layout.places[field.name].start, field.size) for field in fields]
+
+
+def notes_of(f: ExportedFunction) -> tuple[str, ...]:
+    return (f.doc, *f.entry_notes(", each of {} rows"))
+
+
+DEFAULT = OnlineSettings()
 
 
 def plc_program(
@@ -187,36 +297,38 @@ def plc_program(
             cure="use at most 20 letters, digits and single _ between them, a letter first",
         )
     table, functions, cycles, care = code_parts(subject, "p", precision, further, online)
-    writer = Writer(subject, prefix, precision, care)
+    writer, real = Writer(subject, prefix, precision, care), precision.st_type
     what = "The parameters of the model that are not 0: change a mass here."
     notes = [f"{name}, {unit}" for name, unit, _ in table.rows]
     units = [
-        *helpers(prefix, precision),
+        *writer.helpers(),
         writer.table("parameters", what, subject.p[subject.p != 0].tolist(), notes),
-        writer.table("home", "A pose z in the middle of the workspace.", subject.home.tolist(), ()),
-        *(pair_functions(prefix) if precision is SINGLE else []),
+        writer.table("home", "A pose z in the middle of the workspace.", subject.home.tolist()),
+        *(writer.pairs() if precision is SINGLE else ()),
         *map(writer.unit, functions),
-        *(unit for cycle in cycles for unit in cycle_units(writer, cycle)),
+        *(unit for cycle in cycles for unit in writer.cycle(cycle)),
     ]
     conventions = (
-        f"IEC 61131-3 structured text, {precision.st_type}. Functions return a status; their "
-        "outputs mean something only where that is 0:"
+        f"IEC 61131-3 structured text, {real}. Functions return a status; their outputs mean "
+        "something only where that is 0:"
     )
-    head = (subject.provenance, conventions, *writer.statuses, *quantities(subject))
-    return PlcProgram(prefix, head, tuple(units))
+    codes = (
+        f"  {code} {name}{f': {text}' if text else ''}" for name, (code, text) in _STATUSES.items()
+    )
+    head = (subject.provenance, conventions, *codes, *quantities(subject))
+    return PlcProgram(prefix, head, units, real)
 
 
 def quantities(subject: Model) -> list[str]:
     """What coordinates of drives and of the task are, with their units."""
-    robot = subject.robot
+    units = subject.robot.drive_units
     turn = ", turn psi of the tool [rad]" if subject.dynamics.dof > 3 else ""
     return [
         "Drive coordinates q, rates qd, qdd, torques tau, in the order of the drives:",
-        *[
-            f"  [{k}] {drive}: "
-            + ("m, m/s, m/s^2, N" if robot.is_linear(drive) else "rad, rad/s, rad/s^2, N m")
-            for k, drive in enumerate(robot.drives)
-        ],
+        *(
+            f"  [{k}] {drive}: {u.coordinate}, {u.coordinate}/s, {u.coordinate}/s^2, {u.force}"
+            for k, (drive, u) in enumerate(units.items())
+        ),
         "at the joint, behind the gear; positive as in docs/conventions.md of deltaid.",
         f"Task coordinates z: x, y, z of the platform point in the world [m]{turn}.",
         "Equation of motion: M(q) qdd + C(q, qd) qd + g(q) + f(qd) = tau.",
@@ -236,56 +348,24 @@ def st_test(
     Args:
         vectors: z, q̇, q̈ and τ, one state a row.
     """
-    writer, numbers, real = (
-        Writer(subject, prefix, precision),
-        np.hstack(vectors),
-        precision.st_type,
-    )
-    (count, dof), width = vectors[0].shape, numbers.shape[1]
-    note = "z, qd, qdd, tau of each state."
-    table = writer.table("test_vectors", note, numbers.ravel().tolist(), ())
-    share = literal(precision, 1e-5 if precision is SINGLE else 1e-12)
-    names = ("z", "qd", "qdd", "wanted")
-    shifts = ["", *(f" + {k * dof}" for k in (1, 2, 3))]
-    read = [f"{v}[i] := numbers[first + i{s}];" for v, s in zip(names, shifts, strict=True)]
-    inner = [
-        f"first := {width} * k;",
-        *each(dof, " ".join(read)),
-        f"status := {prefix}_inverse_dynamics_at(z := z, qd := qd, qdd := qdd, tau => tau);",
-        "scale := 0.0;",
-        *each(dof, "IF ABS(wanted[i]) > scale THEN scale := ABS(wanted[i]); END_IF;"),
-        "gap := 0.0;",
-        *each(dof, "off := ABS(tau[i] - wanted[i]); IF off > gap THEN gap := off; END_IF;"),
-        f"IF (status = {writer.status('OK')}) AND (gap <= {share} * scale) THEN",
-        "    passed := passed + 1;",
-        "ELSE",
-        "    failed := failed + 1;",
-        "END_IF;",
-        "IF gap > largest * scale THEN largest := gap / scale; END_IF;",
-    ]
+    writer, numbers = Writer(subject, prefix, precision), np.hstack(vectors)
+    (count, dof), share = vectors[0].shape, 1e-5 if precision is SINGLE else 1e-12
+    note, name = "z, qd, qdd, tau of each state.", f"{prefix}_test"
     block = Unit(
-        f"{prefix}_test",
+        name,
         "",
         [f"Compares torques at {count} states with those of Python."],
         (),
-        [Variable("passed", "INT"), Variable("failed", "INT"), Variable("largest", real)],
+        [Variable("passed", "INT"), Variable("failed", "INT"), *writer.reals("largest")],
         [
-            writer.array("numbers", width * count),
-            *(writer.array(name, dof) for name in (*names, "tau")),
-            *(Variable(name, real) for name in ("scale", "gap", "off")),
-            *(Variable(name, "INT") for name in ("i", "k", "first", "status")),
+            writer.array("numbers", numbers.size),
+            *(writer.array(array, dof) for array in ("z", "qd", "qdd", "wanted", "tau")),
+            *writer.reals("scale gap off"),
+            *(Variable(number, "INT") for number in ("i", "k", "first", "status")),
         ],
-        [
-            f"i := {prefix}_test_vectors({TABLE} => numbers);",
-            "passed := 0;",
-            "failed := 0;",
-            "largest := 0.0;",
-            f"FOR k := 0 TO {count - 1} DO",
-            *(f"    {line}" for line in inner),
-            "END_FOR;",
-        ],
-        real,
+        writer.body("test", name, count=count, share=share),
     )
-    types = [array for array in array_types((table, block)) if array.size != dof]  # not PREFIX.st's
-    head = comments([f"Checks {prefix}.st, which it needs; call {prefix}_test once."])
-    return "\n".join([*head, "", *(part.text() for part in (*types, table, block))])
+    head = [f"Checks {prefix}.st, which it needs; call {prefix}_test once."]
+    units = [writer.table("test_vectors", note, numbers.ravel().tolist()), block]
+    # Types of the arrays that PREFIX.st has are there.
+    return PlcProgram(prefix, head, units, precision.st_type).without((dof,))

@@ -135,9 +135,9 @@ _FILES = Environment(
 )
 
 
-def rendered(name: str, **values: Any) -> str:
+def rendered(template: str, /, **values: Any) -> str:
     """A template with its values."""
-    return _FILES.get_template(name).render(**values)
+    return _FILES.get_template(template).render(**values)
 
 
 # Terms of Taylor's series about zero up to an eighth of a turn, which end below 1e-14: the first

@@ -38,18 +38,18 @@ def excitation_page(result: Excitation) -> Page:
         "Standard deviations of least squares on this motion, if the prior is right. Torque noise: "
         f"{noise} of each drive's largest torque, samples at {settings.rate:g} Hz."
     )
-    chosen = (
-        ("criterion", settings.criterion),
-        ("harmonics", str(settings.harmonics)),
-        ("longest period [s]", number(settings.duration)),
-        ("repeats", str(settings.repeats)),
-        ("weight of speed", number(settings.velocity_weight)),
-        ("weighed by the prior", "yes" if settings.weigh_prior else "no"),
-        ("torque noise, share of the largest torque", noise),
-        ("rate [Hz]", number(settings.rate)),
-        ("starts", str(settings.starts)),
-        ("seed", str(settings.seed)),
-    )
+    chosen = {
+        "criterion": settings.criterion,
+        "harmonics": str(settings.harmonics),
+        "longest period [s]": number(settings.duration),
+        "repeats": str(settings.repeats),
+        "weight of speed": number(settings.velocity_weight),
+        "weighed by the prior": "yes" if settings.weigh_prior else "no",
+        "torque noise, share of the largest torque": noise,
+        "rate [Hz]": number(settings.rate),
+        "starts": str(settings.starts),
+        "seed": str(settings.seed),
+    }
     time = np.linspace(0, run.duration, max(SAMPLES, int(50 * run.duration)))
     moving = animation(
         exciter.dynamics.kinematics,
@@ -58,6 +58,8 @@ def excitation_page(result: Excitation) -> Page:
         "The distance of the two struts in a pair is not part of the description and drawn as it "
         "looks usual.",
     )
+    predicted = (condition, prediction_table(result))
+    search = (start_table(result), Table(("setting", "value"), tuple(chosen.items())))
     return Page(
         title=robot.title or robot.name,
         subtitle="Motion for identification, from rest to rest within all limits",
@@ -69,31 +71,23 @@ def excitation_page(result: Excitation) -> Page:
                 "Motion", (moving, _over_time(result)), "the robot moving, and its drives over time"
             ),
             Section("Limits", (_limit_bars(result),), "how much of each the motion uses"),
-            Section(
-                "Predicted deviations",
-                (condition, prediction_table(result)),
-                "how well each number will be known",
-            ),
-            Section(
-                "Search",
-                (start_table(result), Table(("setting", "value"), chosen)),
-                "starts and settings",
-            ),
+            Section("Predicted deviations", predicted, "how well each number will be known"),
+            Section("Search", search, "starts and settings"),
         ),
     )
 
 
 def verdict(result: Excitation) -> Summary:
     """Whether the motion keeps its limits."""
-    run, beyond = result.run, [limit.name for limit in result.limits if limit.share > 1 + _ROUNDING]
-    lasts = f"{run.duration:.1f} s from rest to rest"
+    beyond = [limit.name for limit in result.limits if limit.share > 1 + _ROUNDING]
+    lasts = f"{result.run.duration:.1f} s from rest to rest"
     if beyond:
         return Summary(Trust.POOR, f"Poor: {lasts}, and beyond a limit of {', '.join(beyond)}.")
     fullest = _fullest(result)
     used = f"; {fullest.name} comes nearest, {100 * fullest.share:.1f} %" if fullest else ""
-    lines = (f"It shows {len(result.predictions)} combinations of the robot's numbers.",)
-    return Summary(Trust.GOOD, f"Good: {lasts}, within all {len(result.limits)} limits{used}.",
-                   lines)  # fmt: skip
+    line = f"It shows {len(result.predictions)} combinations of the robot's numbers."
+    said = f"Good: {lasts}, within all {len(result.limits)} limits{used}."
+    return Summary(Trust.GOOD, said, (line,))
 
 
 def _fullest(result: Excitation) -> LimitUse | None:
@@ -111,17 +105,15 @@ def exciter_figure(exciter: Exciter) -> go.Figure:
 
 
 def _over_time(result: Excitation) -> Figure:
-    run, dynamics = result.run, result.exciter.dynamics
+    run, dynamics, task = result.run, result.exciter.dynamics, result.exciter.dynamics.robot.task
     time = np.linspace(0, run.duration, SAMPLES)
     z, zd, zdd = run.evaluate(time)
     q, qd, _ = dynamics.kinematics.drive_motion(z, zd, zdd)
     units = dynamics.robot.drive_units
     first, shown = next(iter(units.values())), np.array([u.per_shown for u in units.values()])
-    task = dynamics.robot.task
-    axes = {"xyz"[axis]: style.SERIES[4 + axis] for axis in task.axes}
     turns = dict(zip(units, style.SERIES, strict=False))
     rows = [
-        ("platform [m]", z[:, task.moves], axes),
+        ("platform [m]", z[:, task.moves], {"xyz"[k]: style.SERIES[4 + k] for k in task.axes}),
         ("{0.motion} [{0.shown}]", q * shown, turns),
         ("speed [{0.shown}/s]", qd * shown, turns),
         ("{0.effort} [{0.force}]", result.exciter.preview(run, SAMPLES), turns),
@@ -136,6 +128,7 @@ def _over_time(result: Excitation) -> Figure:
     for row, (title, values, colors) in enumerate(rows, 1):
         right = foreign | _of_another_size(values) if colors is turns else np.zeros(3, bool)
         for i, (name, color) in enumerate(colors.items()):
+            place = {"row": row, "col": 1, "secondary_y": bool(right[i])}
             figure.add_scatter(
                 x=time.astype(np.float32),
                 y=values[:, i].astype(np.float32),
@@ -145,18 +138,12 @@ def _over_time(result: Excitation) -> Figure:
                 mode="lines",
                 line={"color": color, "width": 1.4},
                 hovertemplate=f"{name} %{{y:.4g}} at %{{x:.4g}} s<extra></extra>",
-                row=row,
-                col=1,
-                secondary_y=bool(right[i]),
+                **place,
             )
             if right[i]:
-                own = {
-                    "title_text": f"{name} {title.format(units[name])}" if foreign[i] else name,
-                    "color": color,
-                    "showgrid": False,
-                    "tickmode": "auto",
-                }
-                figure.update_yaxes(own, row=row, col=1, secondary_y=True)
+                named = f"{name} {title.format(units[name])}" if foreign[i] else name
+                own = {"color": color, "showgrid": False, "tickmode": "auto"}
+                figure.update_yaxes({"title_text": named} | own, **place)
     for edge in (run.ramp, run.duration - run.ramp):
         figure.add_vline(x=edge, line={"color": style.PRIOR, "dash": "dot", "width": 1})
     return Figure(
@@ -230,16 +217,15 @@ def exciter_card(value: Exciter) -> Card:
 
 def run_card(value: Run | FourierMotion) -> Card:
     """Period, number of harmonics, and duration of a run."""
-    motion = value.motion if isinstance(value, Run) else value
-    facts = [
+    title, motion, facts = "Periodic motion", value, list[tuple[str, str]]()
+    if isinstance(value, Run):
+        title, motion = "Motion from rest to rest", value.motion
+        facts = [("duration", f"{number(value.duration)} s"), ("periods", str(value.repeats))]
+    facts += [
         ("period", f"{number(motion.period)} s"),
         ("harmonics", str(motion.sine.shape[1])),
         ("coordinates", str(len(motion.centre))),
     ]
-    title = "Periodic motion"
-    if isinstance(value, Run):
-        title = "Motion from rest to rest"
-        facts[:0] = ("duration", f"{number(value.duration)} s"), ("periods", str(value.repeats))
     return Card(title, facts=tuple(facts), methods=(".evaluate(time)",))
 
 
@@ -273,27 +259,28 @@ def start_table(result: Excitation) -> Table:
     """What became of each start of the search."""
     accounts = result.optimum.accounts
     judged = any(account.judged is not None for account in accounts)
-    rows = tuple(
-        (
-            str(account.seed),
-            number(account.before),
-            number(account.after),
-            str(account.evaluations),
-            f"{account.seconds:.1f}",
-            f"{100 * account.use:.1f} %",
-            "yes" if account.feasible else "no",
-            *([number(account.judged, 5) if account.judged is not None else ""] if judged else []),
-        )
-        for account in accounts
+    bodies = (
+        " Bodies: ½ log det of the covariance of all their entries after torques and sensors, "
+        "in nats, by which the motion was chosen."
     )
-    columns = (
-        "start", "as drawn", "optimised", "evaluations", "seconds", "fullest limit", "feasible",
-        *(["bodies"] if judged else []),
+    table = Table(
+        ("start", "as drawn", "optimised", "evaluations", "seconds", "fullest limit", "feasible",
+         "bodies"),
+        tuple(
+            (
+                str(account.seed),
+                number(account.before),
+                number(account.after),
+                str(account.evaluations),
+                f"{account.seconds:.1f}",
+                f"{100 * account.use:.1f} %",
+                "yes" if account.feasible else "no",
+                number(account.judged, 5) if account.judged is not None else "",
+            )
+            for account in accounts
+        ),
+        "Objective of the search for each start as it was drawn at random, and optimised."
+        f"{bodies if judged else ''}",
+        title="starts",
     )  # fmt: skip
-    caption = "Objective of the search for each start as it was drawn at random, and optimised."
-    if judged:
-        caption += (
-            " Bodies: ½ log det of the covariance of all their entries after torques and sensors, "
-            "in nats, by which the motion was chosen."
-        )
-    return Table(columns, rows, caption, title="starts")
+    return table if judged else table.without("bodies")

@@ -29,29 +29,29 @@ Signal = Float[np.ndarray, " samples"]
 
 def error_bars(runs: Sequence[ControllerRun]) -> Figure:
     """Error of the platform for each controller and model."""
-    figure = go.Figure(
-        layout={
-            "yaxis": {"type": "log", "title": "platform error, rms [mm]", "dtick": 1},
-            "barmode": "group",
-            "height": 420,
-            "bargap": 0.25,
-        }
-    )
-    for model in dict.fromkeys(run.model for run in runs):
-        own = [r for r in runs if r.model == model and r.tracking is not None]
-        errors = [1e3 * r.tracking.error.platform_rms for r in own if r.tracking is not None]
+    figure, models = go.Figure(), dict[str, dict[str, float]]()
+    for run in runs:
+        errors = models.setdefault(run.model, {})
+        if run.tracking is not None:
+            errors[run.controller] = 1e3 * run.tracking.error.platform_rms
+    for model, errors in models.items():
         figure.add_bar(
-            x=[run.controller for run in own],
-            y=errors,
+            x=list(errors),
+            y=list(errors.values()),
             name=model or NO_MODEL,
             marker={"color": COLOURS[model], "line": {"width": 0}},
-            text=[f"{error:.2g}" if error < 99.5 else f"{error:.0f}" for error in errors],
+            text=[f"{x:.2g}" if x < 99.5 else f"{x:.0f}" for x in errors.values()],
             textposition="outside",
             cliponaxis=False,
             hovertemplate="%{x}, " + (model or NO_MODEL) + ": %{y:.3g} mm<extra></extra>",
         )
     return Figure(
-        figure,
+        figure.update_layout(
+            yaxis={"type": "log", "title": "platform error, rms [mm]", "dtick": 1},
+            barmode="group",
+            height=420,
+            bargap=0.25,
+        ),
         "Distance of the platform point from where it should be, root mean square, with a "
         "logarithmic scale. All have the same tuning, so what differs is what they know of the "
         "robot.",
@@ -61,34 +61,27 @@ def error_bars(runs: Sequence[ControllerRun]) -> Figure:
 def error_figures(runs: Sequence[tuple[str, str, Tracking]]) -> tuple[Figure, ...]:
     """Distance of the platform from where it should be, and error of the tool's turn, over time."""
     platform = [(name, color, run.time, 1e3 * run.platform_error) for name, color, run in runs]
-    caption = "Distance of the platform point from where it should be."
-    figures = [_over_time(platform, "platform error", "mm", caption)]
     turns = [
         (name, color, run.time, np.rad2deg(run.turn_error))
         for name, color, run in runs
         if run.turn_error is not None
     ]
-    if turns:
-        caption = "Turn ψ of the tool, actual less desired."
-        figures.append(_over_time(turns, "error of the turn", "°", caption))
-    return tuple(figures)
+    where = "Distance of the platform point from where it should be."
+    turned = "Turn ψ of the tool, actual less desired."
+    return (
+        _over_time(platform, "platform error", "mm", where),
+        *([_over_time(turns, "error of the turn", "°", turned)] if turns else []),
+    )
 
 
 def _over_time(
     lines: Sequence[tuple[str, str, Signal, Signal]], what: str, unit: str, caption: str
 ) -> Figure:
-    figure = go.Figure(
-        layout={
-            "xaxis": {"title": "time [s]"},
-            "yaxis": {"title": f"{what} [{unit}]", "rangemode": "tozero"},
-            "height": 340,
-        }
-    )
-    for name, color, times, errors in lines:
-        time, error = _peaks(times, errors)
+    axis = {"title": f"{what} [{unit}]", "rangemode": "tozero"}
+    figure = go.Figure(layout={"xaxis": {"title": "time [s]"}, "yaxis": axis, "height": 340})
+    for name, color, time, error in lines:
         figure.add_scatter(
-            x=time,
-            y=error,
+            **_peaks(time, error),
             name=style.label(name),
             mode="lines",
             line={"color": color, "width": 1.3},
@@ -98,9 +91,14 @@ def _over_time(
     return Figure(figure, caption)
 
 
+def shown_length(robot: RobotDescription, drive: str) -> tuple[str, float]:
+    """The unit that errors of a drive are shown in, and how many of it are a rad or m."""
+    return ("mm", 1e3) if robot.is_linear(drive) else ("°", np.rad2deg(1.0))
+
+
 def drive_figure(robot: RobotDescription, result: Tracking) -> Figure:
     """q − q_d of each drive."""
-    units = [("mm", 1e3) if robot.is_linear(d) else ("°", np.rad2deg(1.0)) for d in robot.drives]
+    units = [shown_length(robot, drive) for drive in robot.drives]
     figure = _stack(robot, [unit for unit, _ in units])
     for i, (drive, (unit, scale)) in enumerate(zip(robot.drives, units, strict=True)):
         error, hover = scale * result.drive_error[:, i], f"{drive} %{{y:.3g}} {unit}"
@@ -127,10 +125,8 @@ def _stack(robot: RobotDescription, units: Sequence[str]) -> go.Figure:
 
 
 def _line(figure: go.Figure, i: int, time: Signal, values: Signal, color: str, hover: str) -> None:
-    time, values = _peaks(time, values)
     figure.add_scatter(
-        x=time,
-        y=values,
+        **_peaks(time, values),
         mode="lines",
         showlegend=False,
         line={"color": color, "width": 1.2},
@@ -140,9 +136,7 @@ def _line(figure: go.Figure, i: int, time: Signal, values: Signal, color: str, h
     )
 
 
-def _peaks(
-    time: Signal, values: Signal
-) -> tuple[Float[np.ndarray, " shown"], Float[np.ndarray, " shown"]]:
+def _peaks(time: Signal, values: Signal) -> dict[str, Float[np.ndarray, " shown"]]:
     """At most `_POINTS` samples: of each stretch the one of largest size."""
     rows = peak_rows(np.abs(values), _POINTS)
-    return time[rows].astype(np.float32), values[rows].astype(np.float32)
+    return {"x": time[rows].astype(np.float32), "y": values[rows].astype(np.float32)}
