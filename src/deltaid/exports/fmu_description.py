@@ -4,12 +4,11 @@ built: FMI 2 and 3."""
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from importlib.metadata import version as released
-from xml.etree import ElementTree as ET
 
 import numpy as np
 
 from deltaid.exports.options import FmiVersion
-from deltaid.exports.text import element, xml_text
+from deltaid.exports.text import rendered_xml, xml_text
 from deltaid.model.model import Model
 from deltaid.robot.limits import UNITS
 
@@ -187,87 +186,30 @@ def model_description(
         token: what ties the description to its binaries.
         sources: names of the C files.
     """
-    second = version == "2"
-    first, token_name, state = (
-        (1, "guid", "FMUstate") if second else (0, "instantiationToken", "FMUState")
-    )
-    able = {f"canGetAndSet{state}": "true", f"canSerialize{state}": "true"}
-    step = {"canHandleVariableCommunicationStepSize": "true"}
-    files = [element("SourceFiles", *(element("File", name=file) for file in sources))]
-    structure = element("ModelStructure")
-    places = {variable.name: k for k, variable in enumerate(variables.all)}
-    for group, (kind, members) in _groups(variables).items():
-        inside = ET.SubElement(structure, group) if second and members else structure
-        for v in members:
-            needs = (v.name,) if v.settable else v.needs  # a state as output is its own
-            place = {"index" if second else "valueReference": str(places[v.name] + first)}
-            known = None if needs is None else " ".join(str(places[n] + first) for n in needs)
-            inside.append(element("Unknown" if second else kind, **place, dependencies=known))
-    units = sorted({variable.unit for variable in variables.all} - {""})
-    root = element(
-        "fmiModelDescription",
-        *(
-            element(kind, *(files if second else []), modelIdentifier=name, **able, **more)
-            for kind, more in (("ModelExchange", {}), ("CoSimulation", step))
+    outputs = [v for v in variables.all if v.causality == "output"]
+    slopes = [v for v in variables.all if v.derivative_of]
+    initial = [v for v in variables.all if v in outputs + slopes and v.start is None]
+    root = rendered_xml(
+        "description.xml.jinja",
+        name=name,
+        provenance=provenance,
+        token=token,
+        files=sources,
+        variables=variables.all,
+        version=version,
+        released=released("deltaid"),
+        places={variable.name: k for k, variable in enumerate(variables.all)},
+        units=sorted({variable.unit for variable in variables.all} - {""}),
+        bases=_UNITS,
+        groups=(
+            ("Outputs", "Output", outputs),
+            ("Derivatives", "ContinuousStateDerivative", slopes),
+            ("InitialUnknowns", "InitialUnknown", initial),
         ),
-        element(
-            "UnitDefinitions",
-            *(element("Unit", element("BaseUnit", **_UNITS[unit]), name=unit) for unit in units),
-        ),
-        element("DefaultExperiment", startTime="0", stopTime="1", stepSize="0.001"),
-        element("ModelVariables", *(_variable(v, places, version) for v in variables.all)),
-        structure,
-        fmiVersion=f"{version}.0",
-        modelName=name,
-        **{token_name: token},
-        description=provenance,
-        author="deltaid developers",
-        version=released("deltaid"),
-        copyright="the deltaid developers",
-        license="MIT",
-        generationTool="deltaid",
-        variableNamingConvention="structured",
-        numberOfEventIndicators="0" if second else None,
     )
     return xml_text(root, _HEAD)
 
 
 def build_description(name: str, sources: Sequence[str]) -> str:
     """The text of sources/buildDescription.xml, which FMI 3 has in place of a list of files."""
-    files = (element("SourceFile", name=file) for file in sources)
-    fileset = element("SourceFileSet", *files, language="C99")
-    build = element("BuildConfiguration", fileset, modelIdentifier=name)
-    return xml_text(element("fmiBuildDescription", build, fmiVersion="3.0"), _HEAD)
-
-
-def _variable(variable: FmuVariable, places: Mapping[str, int], version: FmiVersion) -> ET.Element:
-    """A variable; FMI 2 has its values in an element within."""
-    start, parameter = variable.start, variable.causality == "parameter"
-    initial = "calculated" if start is None else "exact"
-    common = {
-        "name": variable.name,
-        "valueReference": str(places[variable.name]),
-        "causality": variable.causality,
-        "variability": "tunable" if parameter else "continuous",
-        "description": variable.description or None,
-    }
-    values = {"unit": variable.unit or None, "start": None if start is None else repr(start)}
-    last = {"initial": None if variable.causality in ("input", "independent") else initial}
-    slope = None
-    if variable.derivative_of:
-        slope = str(places[variable.derivative_of] + (version == "2"))
-    if version == "3":
-        return element("Float64", **common, **values, **last, derivative=slope)
-    return element("ScalarVariable", element("Real", **values, derivative=slope), **common, **last)
-
-
-def _groups(variables: Variables) -> dict[str, tuple[str, list[FmuVariable]]]:
-    """What follows from what: the group in FMI 2 with the element in FMI 3."""
-    outputs = [v for v in variables.all if v.causality == "output"]
-    slopes = [v for v in variables.all if v.derivative_of]
-    initial = [v for v in variables.all if v in outputs + slopes and v.start is None]
-    return {
-        "Outputs": ("Output", outputs),
-        "Derivatives": ("ContinuousStateDerivative", slopes),
-        "InitialUnknowns": ("InitialUnknown", initial),
-    }
+    return xml_text(rendered_xml("build.xml.jinja", name=name, files=sources), _HEAD)

@@ -1,30 +1,31 @@
 """A model as MJCF: the spanning tree with its loops closed by equality constraints of MuJoCo.
 
 The model's own pose (qpos0) is the home pose with closed loops, and joint coordinates count as in
-deltaid by `ref`, so an arm is level at zero.
+deltaid by `ref`, so an arm is level at zero. No shape has mass or touches anything: inertia is that
+of the `inertial` elements alone.
 
 Drawn models are a folder of such files, for programs that train or test on many robots.
 """
 
 import csv
+from collections.abc import Iterable
+from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
-from xml.etree import ElementTree as ET
 
 import numpy as np
 from jaxtyping import Float
 from scipy.spatial.transform import Rotation
 
-from deltaid.exports.looks import Shape, shapes
-from deltaid.exports.mjcf_scene import assets, extent, geom, middle, scalar_first, scene, struts
+from deltaid.exports.looks import COLOURS, Rod, Shape, shapes, strut_radius, thickness
 from deltaid.exports.plain_friction import JointForces, joint_forces
-from deltaid.exports.text import element, xml_text
+from deltaid.exports.text import numbers, rendered_xml, xml_text
 from deltaid.exports.tree import (
     ZERO,
     I,
-    Tree,
     TreeBody,
-    TreeJoint,
     TreePoint,
+    Vector,
     require_physical,
     spanning_tree,
 )
@@ -46,96 +47,44 @@ def mjcf(subject: Model) -> str:
         DeltaidError: the mechanism is the user's own, or its friction has terms that MuJoCo lacks.
     """
     tree, forces = spanning_tree(subject), joint_forces(subject, "MJCF")
-    home = tree.joint_coordinates(subject.home)
-    drawn = shapes(subject, tree)
+    home, drawn = tree.joint_coordinates(subject.home), shapes(subject, tree)
     seen = extent(subject, drawn)
-    order: list[str] = []
-    root = element(
-        "mujoco",
-        element(
-            "compiler",
-            angle="radian",
-            autolimits="true",
-            inertiafromgeom="auto",  # bodies without `inertial` are frames without shapes
-        ),
-        element("option", timestep=_STEP, gravity=subject.robot.gravity, integrator="implicitfast"),
-        element(
-            "default",
-            element("equality", solref=_SOLREF, solimp=_SOLIMP),
-            element("joint", solreffriction=_SOLREF, solimpfriction=_SOLIMP),
-            element("geom", contype="0", conaffinity="0", mass="0", group="1"),
-            element("site", size="0.004", group="4"),
-        ),
-        *assets(seen),
-        element(
-            "worldbody",
-            *scene(seen),
-            element(
-                "body",
-                *(geom(shape) for shape in drawn if not shape.body),
-                *_bodies(subject, tree, "", drawn, forces, home, order),
-                name="base",
-            ),
-        ),
-        struts(subject, tree),
-        _equality(tree),
-        _actuators(subject),
-        _sensors(subject, tree),
-        element("keyframe", element("key", name="home", qpos=[home[name] for name in order])),
-        model=subject.name,
+    points = [p for pair in (*tree.cuts, *tree.struts) for p in (pair.first, pair.second)]
+    root = rendered_xml(
+        "mjcf.xml.jinja",
+        name=subject.name,
+        robot=subject.robot,
+        tree=tree,
+        forces=forces,
+        free=JointForces(),
+        home=home,
+        drawn=drawn,
+        seen=seen,
+        points=[*points, TreePoint("tool", tree.tool_body, ZERO)],
+        limbs=list(dict.fromkeys(strut.body for strut in tree.struts)),
+        width=strut_radius(subject),
+        colours=COLOURS,
+        step=_STEP,
+        solref=_SOLREF,
+        solimp=_SOLIMP,
+        at_home=partial(_at_home, home),
+        needs_mount=_needs_mount,
+        inertial=_inertial,
+        quat=lambda R: np.roll(Rotation.from_matrix(R).as_quat(), 1),  # scalar first
+        joined=lambda *ends: np.concatenate(ends),
+        light=partial(_light, seen),
+        camera=partial(_camera, seen),
     )
+    moved = [joint.get("name", "") for joint in root.iterfind("worldbody//joint")]
+    for key in root.iter("key"):  # joints as MuJoCo counts them
+        key.set("qpos", numbers(home[name] for name in moved))
     return xml_text(root, comment=subject.provenance)
 
 
-def _bodies(
-    subject: Model,
-    tree: Tree,
-    parent: str,
-    drawn: tuple[Shape, ...],
-    forces: dict[str, JointForces],
-    home: dict[str, float],
-    order: list[str],
-) -> list[ET.Element]:
-    """All bodies on one, with all on them; `order` collects joints as MuJoCo counts them.
-
-    MuJoCo wants the frame where the joints are at `ref`, and every axis in that frame.
-    """
-    points = [p for pair in (*tree.cuts, *tree.struts) for p in (pair.first, pair.second)]
-    points.append(TreePoint("tool", tree.tool_body, ZERO))
-    made = []
-    for body in tree.bodies:
-        if body.parent != parent:
-            continue
-        R, r, axes = _at_home(body, home)
-        inertia = RigidBody(body.p)
-        T = inertia.about_com
-        entries = [T[0, 0], T[1, 1], T[2, 2], T[0, 1], T[0, 2], T[1, 2]]
-        order += [joint.name for joint in body.joints]
-        parts = [
-            element("inertial", pos=inertia.com, mass=inertia.mass, fullinertia=entries),
-            *(_joint(subject, *both, forces, home) for both in zip(body.joints, axes, strict=True)),
-            *(geom(shape) for shape in drawn if shape.body == body.name),
-            *(
-                middle(subject, body.name, float(cut.first.position[0]))
-                for cut in tree.cuts
-                if cut.first.body == body.name and cut.first.name.endswith("_strut")
-            ),
-            *(
-                element("site", name=point.name, pos=point.position)
-                for point in points
-                if point.body == body.name
-            ),
-        ]
-        if any(strut.body == body.name for strut in tree.struts):  # turned by 180° about z
-            parts.append(element("site", name=f"{body.name}_pull", quat="0 0 0 1"))
-        parts += _bodies(subject, tree, body.name, drawn, forces, home, order)
-        place = {"pos": r, "quat": scalar_first(R)}
-        if _needs_mount(body, R):
-            mounted = element("body", *parts, name=body.name)
-            made.append(element("body", mounted, name=f"{body.name}_mount", **place))
-        else:
-            made.append(element("body", *parts, name=body.name, **place))
-    return made
+def _inertial(body: TreeBody) -> dict[str, Float[np.ndarray, " _"] | float]:
+    inertia = RigidBody(body.p)
+    entries = inertia.about_com[[0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]]
+    return {"pos": inertia.com, "mass": inertia.mass, "fullinertia": entries}
 
 
 def _needs_mount(body: TreeBody, R: Float[np.ndarray, "3 3"]) -> bool:
@@ -149,7 +98,7 @@ def _needs_mount(body: TreeBody, R: Float[np.ndarray, "3 3"]) -> bool:
 
 
 def _at_home(
-    body: TreeBody, home: dict[str, float]
+    home: dict[str, float], body: TreeBody
 ) -> tuple[Float[np.ndarray, "3 3"], Float[np.ndarray, " 3"], list[Float[np.ndarray, " 3"]]]:
     """Pose in the parent with the joints at home, and the joints' axes in the link frame there."""
     R, r, axes = body.R, body.r, []
@@ -162,93 +111,38 @@ def _at_home(
     return R, r, [R.T @ axis for axis in axes]
 
 
-def _joint(
-    subject: Model,
-    joint: TreeJoint,
-    axis: Float[np.ndarray, " 3"],
-    forces: dict[str, JointForces],
-    home: dict[str, float],
-) -> ET.Element:
-    """A joint; its coordinate at the model's own pose is `ref`."""
-    own = forces.get(joint.name, JointForces())
-    return element(
-        "joint",
-        name=joint.name,
-        type="slide" if joint.slides else "hinge",
-        axis=axis,
-        ref=home[joint.name],
-        damping=own.viscous or None,
-        frictionloss=own.coulomb or None,
-        armature=own.armature or None,
-        stiffness=own.stiffness or None,
-        springref=own.rest if own.stiffness else None,
-        range=subject.robot.limits_of(joint.name).range,
-    )
+@dataclass(frozen=True)
+class Extent:
+    """Middle of what there is to see, its diagonal, and height of the floor below it [m]."""
+
+    centre: Vector
+    size: float
+    floor: float
 
 
-def _equality(tree: Tree) -> ET.Element:
-    return element(
-        "equality",
-        *(
-            element(
-                "connect",
-                name=cut.name,
-                body1=cut.first.body,
-                body2=cut.second.body,
-                anchor=cut.first.position,
-            )
-            for cut in tree.cuts
-        ),
-        *(
-            element(
-                "joint",
-                name=coupling.joint,
-                joint1=coupling.joint,
-                joint2=coupling.follows,
-                polycoef=[0.0, coupling.ratio, 0.0, 0.0, 0.0],
-            )
-            for coupling in tree.couplings
-        ),
-    )
+def extent(subject: Model, drawn: Iterable[Shape]) -> Extent:
+    """Base, elbows and workspace with some air around."""
+    s, rods = thickness(subject), [shape for shape in drawn if isinstance(shape, Rod)]
+    limbs, box = subject.robot.limb_geometry, subject.robot.workspace.bounding_box
+    points = [limb.base + (limb.upper_arm or 0.1 * s) * limb.R_WL[:, 0] for limb in limbs]
+    points += [point for rod in rods if not rod.body for point in (rod.start, rod.end)]
+    corners = np.vstack([*points, *box])
+    low, high = corners.min(axis=0) - 0.15 * s, corners.max(axis=0) + 0.15 * s
+    return Extent(0.5 * (low + high), float(np.linalg.norm(high - low)), low[2])
 
 
-def _actuators(subject: Model) -> ET.Element:
-    """A motor a drive: its control is the torque [N m] or force [N] at the joint."""
-    efforts = {drive: subject.robot.limits_of(drive).effort for drive in subject.robot.drives}
-    spans = {drive: [-most, most] if most else None for drive, most in efforts.items()}
-    return element(
-        "actuator",
-        *(
-            element("motor", name=drive, joint=drive, gear="1", ctrlrange=span, forcerange=span)
-            for drive, span in spans.items()
-        ),
-    )
+def _light(seen: Extent, away: tuple[float, ...]) -> dict[str, Vector]:
+    place = seen.centre + seen.size * np.array(away)
+    return {"pos": place, "dir": (seen.centre - place) / np.linalg.norm(seen.centre - place)}
 
 
-def _sensors(subject: Model, tree: Tree) -> ET.Element:
-    """Drives, what the struts of each limb carry together, and where the tool is.
-
-    A force sensor has the force of the driven body on the struts in the axes of the site, whose x
-    points up the struts: pull is positive. Joints keep the platform upright here, not pairs of
-    struts, so how a pair shares its force is not known.
-    """
-    sensors = []
-    for drive in subject.robot.drives:
-        sensors += [
-            element("jointpos", name=f"{drive}_position", joint=drive),
-            element("jointvel", name=f"{drive}_velocity", joint=drive),
-            element("actuatorfrc", name=f"{drive}_effort", actuator=drive),
-        ]
-    limbs = dict.fromkeys(strut.body for strut in tree.struts)
-    tool = {"objtype": "site", "objname": "tool"}
-    return element(
-        "sensor",
-        *sensors,
-        *(element("force", name=f"strut{limb[1:]}_force", site=f"{limb}_pull") for limb in limbs),
-        element("framepos", name="tool_position", **tool),
-        element("framequat", name="tool_orientation", **tool),
-        element("framelinvel", name="tool_velocity", **tool),
-    )
+def _camera(seen: Extent, way: tuple[float, ...], far: float) -> dict[str, Float[np.ndarray, " _"]]:
+    """A camera that looks at the middle with world z upwards; it sees along its own −z."""
+    away = far * seen.size * np.array(way) / np.linalg.norm(way)
+    back = away / np.linalg.norm(away)
+    right = np.cross([0.0, 0.0, 1.0], back)
+    right /= np.linalg.norm(right)
+    return {"pos": seen.centre + away, "xyaxes": np.append(right, np.cross(back, right))}
 
 
 def write_ensemble(samples: Samples, folder: str | Path) -> Path:

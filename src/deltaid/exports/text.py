@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from math import factorial
 from typing import Any
 from xml.etree import ElementTree as ET
+from xml.sax.saxutils import quoteattr
 
 import numpy as np
 from jinja2 import Environment, PackageLoader, StrictUndefined
@@ -23,22 +24,15 @@ def numbers(values: Iterable[float]) -> str:
     return " ".join(repr(float(value) + 0.0) for value in values)
 
 
-Attribute = str | float | Sequence[float] | np.ndarray | None
-
-
-def element(
-    tag: str, *children: ET.Element, text: str | None = None, **values: Attribute
-) -> ET.Element:
-    """An element of XML; numbers read back with every bit, and values of None are left out."""
+def attributes(**values: str | float | Sequence[float] | np.ndarray | None) -> str:
+    """Attributes of an element of XML; numbers read back with every bit, and values of None are
+    left out."""
     written = {
         name: value if isinstance(value, str) else numbers(np.atleast_1d(value))
         for name, value in values.items()
         if value is not None
     }
-    made = ET.Element(tag, written)
-    made.text = text
-    made.extend(children)
-    return made
+    return "".join(f" {name}={quoteattr(value)}" for name, value in written.items())
 
 
 def xml_text(root: ET.Element, head: str = "", comment: str = "") -> str:
@@ -131,13 +125,22 @@ _FILES = Environment(
     trim_blocks=True,
     lstrip_blocks=True,
     keep_trailing_newline=True,
-    autoescape=False,  # C source; XML is written by ElementTree
+    autoescape=False,  # of XML, attributes are
 )
+_FILES.globals.update(attr=attributes, numbers=numbers)
 
 
 def rendered(template: str, /, **values: Any) -> str:
     """A template with its values."""
     return _FILES.get_template(template).render(**values)
+
+
+def rendered_xml(template: str, /, **values: Any) -> ET.Element:
+    """A template of XML with its values, without the space between its elements."""
+    root = ET.fromstring(rendered(template, **values))
+    for part in root.iter():
+        part.text = part.text if (part.text or "").strip() else None
+    return root
 
 
 # Terms of Taylor's series about zero up to an eighth of a turn, which end below 1e-14: the first
