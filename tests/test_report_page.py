@@ -21,7 +21,7 @@ from deltaid.recording.recording import with_filter
 from deltaid.robot.body import HollowCylinder
 from deltaid.robot.load import load_robot
 from deltaid.robot.parameter import TURNING
-from deltaid.view.bodies import ellipsoid
+from deltaid.view.animation import ellipsoid
 from deltaid.view.check import check_page, page_table, short_table
 from deltaid.view.comparison import TorqueComparison, compare
 from deltaid.view.corrections import corrected

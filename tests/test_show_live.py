@@ -14,7 +14,6 @@ import pytest
 
 from command import refused
 from deltaid.errors import DeltaidError
-from deltaid.mechanism.skeleton import Skeleton
 from test_show import at_rest
 from visit import CHROMIUM, chromium
 
@@ -61,40 +60,6 @@ def test_live_view_in_a_browser() -> None:
             _visit(live, browser)
     finally:
         live.close()
-
-
-@pytest.mark.parametrize("name", ["clavel-delta3", "irb360-6-1600", "linear-delta", "h4"])
-def test_on_a_phone_the_whole_robot_stands_above_the_readings(name: str) -> None:
-    from deltaid.view.live import upright_camera
-
-    rest, aspect, fov = at_rest(name), 390 / 844, np.deg2rad(50)
-    shape = Skeleton(rest.robot, rest.dynamics.kinematics.mechanism)
-    points = shape.evaluate(rest.home[None]).reshape(-1, 3)
-    position, look_at = upright_camera(points, fov, aspect)
-    ahead = (look_at - position) / np.linalg.norm(look_at - position)
-    right = np.cross(ahead, [0, 0, 1]) / np.linalg.norm(np.cross(ahead, [0, 0, 1]))
-    seen = points - position
-    depth = (seen @ ahead) * np.tan(fov / 2)
-    assert np.abs(seen @ right / depth).max() < aspect
-    height = seen @ np.cross(right, ahead) / depth  # from -1 at the bottom to 1 at the top
-    assert height.min() > -0.2  # readings cover 40 %
-    assert height.max() < 1
-    assert np.ptp(height) > 0.2
-
-
-@pytest.mark.slow
-@pytest.mark.skipif(CHROMIUM is None, reason="there is no chromium on the path")
-def test_on_a_phone_readings_cover_the_lower_part_only(live) -> None:
-    with chromium() as browser:
-        page = browser.new_page(viewport={"width": 390, "height": 844})
-        page.goto(live.url)
-        page.get_by_text("use of the limits").wait_for(timeout=120_000, state="attached")
-        page.wait_for_timeout(1000)
-        box = page.locator("[style*='max-height: 60%']").first.bounding_box()
-        assert box["y"] >= 0.59 * 844
-        assert box["width"] == 390
-        (client,) = live.server.get_clients().values()
-        assert client.camera.look_at[2] < live.server.initial_camera.look_at[2]
 
 
 def _visit(live, browser) -> None:

@@ -19,8 +19,7 @@ from deltaid.robot.inertia import pseudo_inertia
 from deltaid.robot.load import load_robot
 from deltaid.robot.platform import RigidPlatform
 from deltaid.studio.stand import stand
-from deltaid.view.animation import ShownMotion, animation, robot_lines
-from deltaid.view.bodies import _placed
+from deltaid.view.animation import ShownMotion, animation, placed, robot_lines
 from deltaid.view.drawing import drawing
 from joint_places import direction, elbow, part_of_limb, parts_of_platform, poses, tool_point
 
@@ -223,9 +222,9 @@ def test_ellipsoids_lie_where_their_bodies_are() -> None:
     z = poses(model.robot, 1)
     unit = np.random.default_rng(0).standard_normal((40, 3))
     unit /= np.linalg.norm(unit, axis=1, keepdims=True)
-    placed = list(_placed(model, kinematics, z, model.p, unit))
-    for (name, points), pose in zip(placed, kinematics.poses(z), strict=True):
-        p, R = model.p[model.layout.body(name)], pose.R_WB[0]
+    for pose in kinematics.poses(z):
+        points = placed(model, pose, model.p, unit)
+        p, R = model.p[model.layout.body(pose.name)], pose.R_WB[0]
         centre = p[1:4] / p[0]
         M = pseudo_inertia(p)
         second = R @ (M[:3, :3] - p[0] * np.outer(centre, centre)) @ R.T

@@ -187,7 +187,7 @@ def test_a_robot_at_its_prior_is_not_called_identified(folder: Path) -> None:
     error, log = validate(robot, folder / "verify.csv")
     said = summary(load(robot), error, log)
     assert "the description alone" in said.sentence
-    assert "nothing has been identified" in said.text
+    assert "nothing has been identified" in said.lines[0]
 
 
 def test_terminal_and_page_say_the_same(folder: Path, tmp_path: Path) -> None:

@@ -13,28 +13,24 @@ of a speed v in friction is tanh(v / friction_speed), for integrators that take 
 import io
 import uuid
 import zipfile
-from dataclasses import replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from importlib.metadata import version as released
 
 import casadi as ca
+import numpy as np
 
 from deltaid.control.simulation import LONGEST_STEP
 from deltaid.exports.c_code import accelerations, c_code
 from deltaid.exports.fmu_binaries import Compiler, binaries, found_compiler
-from deltaid.exports.fmu_description import (
-    Variables,
-    build_description,
-    carrier,
-    forward_variables,
-    inverse_variables,
-    model_description,
-)
 from deltaid.exports.functions import ParameterTable, parameter_table
 from deltaid.exports.options import FmiVersion
 from deltaid.exports.straight_line import Array, straight_line
 from deltaid.exports.structured_text import quantities
-from deltaid.exports.text import DOUBLE, Export, c_comment, rendered
+from deltaid.exports.text import DOUBLE, Export, c_comment, rendered, rendered_xml, xml_text
 from deltaid.model.model import Model
 from deltaid.progress import Progress
+from deltaid.robot.limits import UNITS
 
 _NAMESPACE = uuid.UUID("7d0d8b4e-5f0e-4c43-9e0e-0d1b6a3a5c11")
 
@@ -139,3 +135,206 @@ def _functions(subject: Model, table: ParameterTable) -> dict[str, str]:
             for key, (name, inputs, out, value) in texts.items()
         },
     }
+
+
+# Speed [rad/s or m/s] below which Coulomb friction fades, where the user sets no other.
+FRICTION_SPEED = 0.01
+
+_HEAD = '<?xml version="1.0" encoding="UTF-8"?>\n'
+# What task coordinates are, by name.
+_TASK = {
+    "x": "x of the platform point in the world",
+    "y": "y of the platform point in the world",
+    "z": "z of the platform point in the world",
+    "psi": "turn of the tool about world z",
+}
+
+
+@dataclass(frozen=True)
+class FmuVariable:
+    """One real variable; its value reference is its place in the list.
+
+    Attributes:
+        causality: 'input', 'output', 'parameter', 'local', or 'independent' for the time.
+        start: value before the first step; None for what is calculated.
+        derivative_of: name of the variable that it is the derivative of.
+        needs: names of the inputs and states that it follows from without delay; None for all.
+    """
+
+    name: str
+    causality: str
+    unit: str
+    description: str
+    start: float | None = None
+    derivative_of: str = ""
+    needs: tuple[str, ...] | None = None
+
+    @property
+    def settable(self) -> bool:
+        """Whether its value comes from outside or from the integrator."""
+        return self.start is not None
+
+
+@dataclass(frozen=True)
+class Variables:
+    """All variables of a unit.
+
+    Attributes:
+        groups: in their order, by the names that the C code gives them.
+        states: number of continuous states.
+    """
+
+    groups: Mapping[str, tuple[FmuVariable, ...]]
+    states: int = 0
+
+    @property
+    def all(self) -> tuple[FmuVariable, ...]:
+        """One behind the other."""
+        return tuple(variable for group in self.groups.values() for variable in group)
+
+    @property
+    def places(self) -> dict[str, int]:
+        """Where groups begin."""
+        ends = np.cumsum([len(group) for group in self.groups.values()]).tolist()
+        return {n: end - len(g) for (n, g), end in zip(self.groups.items(), ends, strict=True)}
+
+    def with_time(self) -> "Variables":
+        """These and the time, which is a variable in FMI 3."""
+        time = FmuVariable("time", "independent", "s", "simulation time")
+        return replace(self, groups={**self.groups, "TIME": (time,)})
+
+
+def carrier(subject: Model) -> str:
+    """The body that holds a payload; empty where a mechanism of one's own has neither EE nor P."""
+    return next((name for name in ("EE", "P") if name in subject.layout.bodies), "")
+
+
+def _per_drive(
+    subject: Model,
+    name: str,
+    causality: str,
+    words: str,
+    unit: str = "{0.coordinate}",
+    starts: Sequence[float] = (),
+    needs: tuple[str, ...] | None = None,
+) -> tuple[FmuVariable, ...]:
+    """A variable a drive, its number in the words; its unit is made of the drive's units."""
+    units = [unit.format(x).replace(" ", ".") for x in subject.robot.drive_units.values()]
+    return tuple(
+        FmuVariable(f"{name}{i}", causality, x, words.format(i), start, needs=needs)
+        for i, (x, start) in enumerate(zip(units, starts or [None] * len(units), strict=True), 1)
+    )
+
+
+_EFFORT = ("torque or force of drive {} at the joint", "{0.force}")
+
+
+def forward_variables(subject: Model) -> Variables:
+    """The robot: torques and payload in, motion out; z and then q̇ are the states."""
+    speed = FmuVariable(
+        "friction_speed", "parameter", "",
+        "rad/s or m/s below which dry friction fades in model exchange; co-simulation is exact",
+        FRICTION_SPEED,
+    )  # fmt: skip
+    payload = FmuVariable("payload", "input", "kg",
+        "mass that the tool holds; it comes and goes with the platform's velocity", 0.0,
+    )  # fmt: skip
+    z = tuple(
+        FmuVariable(name, "output", UNITS[name], _TASK[name], float(start))
+        for name, start in zip(subject.robot.task.names, subject.home, strict=True)
+    )
+    still = [0.0] * subject.dynamics.dof
+    qd = _per_drive(subject, "qd", "output", "speed of drive {}", "{0.coordinate}/s", still)
+    needs = tuple(variable.name for variable in (*z, *qd))
+    dz, dqd = (
+        tuple(
+            FmuVariable(f"der({v.name})", "local", f"{v.unit}{per}", "", None, v.name, from_)
+            for v in group
+        )
+        for group, per, from_ in ((z, "/s", needs), (qd, "2", None))
+    )
+    q = _per_drive(subject, "q", "output", "coordinate of drive {}", needs=needs[: len(z)])
+    held = {"PAYLOAD": (payload,)} if carrier(subject) else {}
+    of_motion = {"Z": z, "QD": qd, "DZ": dz, "DQD": dqd, "Q": q}
+    tau = _per_drive(subject, "tau", "input", *_EFFORT, still)
+    return Variables({"SPEED": (speed,), "TAU": tau, **held, **of_motion}, 2 * len(z))
+
+
+def inverse_variables(subject: Model) -> Variables:
+    """Inverse dynamics: the drives' motion in, torques and pose out; no states."""
+    home = subject.dynamics.kinematics.inverse(subject.home[None])[0].tolist()
+    still = [0.0] * len(home)
+    kinds = {"q": ("", "coordinate", home), "qd": ("/s", "speed", still),
+             "qdd": ("/s2", "acceleration", still)}  # fmt: skip
+    groups = {
+        name.upper(): _per_drive(
+            subject, name, "input", f"{words} of drive {{}}", f"{{0.coordinate}}{per}", starts
+        )
+        for name, (per, words, starts) in kinds.items()
+    }
+    q = tuple(variable.name for variable in groups["Q"])
+    z = tuple(
+        FmuVariable(name, "output", UNITS[name], _TASK[name], needs=q)
+        for name in subject.robot.task.names
+    )
+    return Variables({**groups, "TAU": _per_drive(subject, "tau", "output", *_EFFORT), "Z": z})
+
+
+# Units by name, as powers of SI base units.
+_UNITS: dict[str, dict[str, str]] = {
+    "s": {"s": "1"},
+    "rad": {"rad": "1"},
+    "rad/s": {"rad": "1", "s": "-1"},
+    "rad/s2": {"rad": "1", "s": "-2"},
+    "m": {"m": "1"},
+    "m/s": {"m": "1", "s": "-1"},
+    "m/s2": {"m": "1", "s": "-2"},
+    "N.m": {"kg": "1", "m": "2", "s": "-2"},
+    "N": {"kg": "1", "m": "1", "s": "-2"},
+    "kg": {"kg": "1"},
+}
+
+
+def model_description(
+    name: str,
+    provenance: str,
+    token: str,
+    sources: Sequence[str],
+    variables: Variables,
+    version: FmiVersion,
+) -> str:
+    """The text of modelDescription.xml; places count from 1 in FMI 2, from 0 in FMI 3.
+
+    Args:
+        name: the model identifier.
+        provenance: where the numbers come from.
+        token: what ties the description to its binaries.
+        sources: names of the C files.
+    """
+    outputs = [v for v in variables.all if v.causality == "output"]
+    slopes = [v for v in variables.all if v.derivative_of]
+    initial = [v for v in variables.all if v in outputs + slopes and v.start is None]
+    root = rendered_xml(
+        "description.xml.jinja",
+        name=name,
+        provenance=provenance,
+        token=token,
+        files=sources,
+        variables=variables.all,
+        version=version,
+        released=released("deltaid"),
+        places={variable.name: k for k, variable in enumerate(variables.all)},
+        units=sorted({variable.unit for variable in variables.all} - {""}),
+        bases=_UNITS,
+        groups=(
+            ("Outputs", "Output", outputs),
+            ("Derivatives", "ContinuousStateDerivative", slopes),
+            ("InitialUnknowns", "InitialUnknown", initial),
+        ),
+    )
+    return xml_text(root, _HEAD)
+
+
+def build_description(name: str, sources: Sequence[str]) -> str:
+    """The text of sources/buildDescription.xml, which FMI 3 has in place of a list of files."""
+    return xml_text(rendered_xml("build.xml.jinja", name=name, files=sources), _HEAD)

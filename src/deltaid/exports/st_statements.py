@@ -67,7 +67,7 @@ _GUARDED = {
     ca.OP_DIV: ("ABS({b}) < {least}", "{a} / {b}"),
     ca.OP_INV: ("ABS({a}) < {least}", "1.0 / {a}"),
 }
-# Calls of functions of the file's own (`st_helpers`); to subtract is to add the negative.
+# Calls of functions of the file's own (`structured_text`); to subtract is to add the negative.
 _PAIRED = {
     ca.OP_ADD: ("pair_sum", "{a}", "{r}", "{b}", "{s}"),
     ca.OP_SUB: ("pair_sum", "{a}", "{r}", "-{b}", "-{s}"),

@@ -24,7 +24,7 @@ from deltaid.reproduce.table_one import (
 )
 from deltaid.robot.friction_terms import law_in_words
 from deltaid.view import style
-from deltaid.view.friction import law
+from deltaid.view.torques import law
 from deltaid.view.numbers import number, percent
 from deltaid.view.page import Fact, Figure, Page, Section, Table, Text
 

@@ -1,20 +1,26 @@
-"""A robot moving along its recorded or planned motion, in three dimensions."""
+"""A robot in three dimensions: moving along its recorded or planned motion, and its bodies as the
+ellipsoids of uniform density that have the same mass and moments."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 import plotly.graph_objects as go
-from jaxtyping import Float
+from jaxtyping import Float, Int
+from scipy.spatial import ConvexHull
 
-from deltaid.mechanism.kinematics import Kinematics
+from deltaid.mechanism.kinematics import BodyPoses, Kinematics
 from deltaid.mechanism.skeleton import Skeleton
+from deltaid.model.record import IdentifiedModel
 from deltaid.recording.recording import PreparedRecording
+from deltaid.robot.inertia import RigidBody
 from deltaid.robot.limits import Box, Cylinder, Hemisphere
 from deltaid.view import style
 from deltaid.view.comparison import even_rows
 from deltaid.view.drawing import members, outline, outline_points
-from deltaid.view.page import Figure
+from deltaid.view.numbers import number
+from deltaid.view.page import Figure, Section, Table, Text
 
 # Frames of the player, seconds that they show, points of the whole path: what a page holds easily.
 _FRAMES, _SECONDS, _PATH = 100, 4.0, 2000
@@ -150,3 +156,136 @@ def fix_scene(
         scene={**axes, "aspectmode": "data", "camera": CAMERA},
         uirevision="kept",
     )
+
+
+_POINTS = 240  # of a sphere's surface
+_GOLDEN = np.pi * (3 - np.sqrt(5))
+
+
+def body_section(model: IdentifiedModel, kinematics: Kinematics) -> Section:
+    """Where mass and moments of all bodies are, of prior and fit, and how consistent they are."""
+    home = model.robot.within(0.0)[0][None]
+    lines = with_gaps(Skeleton(model.robot, kinematics.mechanism).evaluate(home)[0])
+    axes = {f"{name}axis": {"title": f"{name} [m]"} for name in "xyz"}
+    picture = Figure(
+        go.Figure(
+            [
+                still_line("robot", lines, {"color": style.SERIES[5], "width": 2}),
+                _outlines(model, kinematics.poses(home)),
+                _mesh(model, kinematics.poses(home)),
+            ],
+            {
+                "height": 600,
+                "margin": {"l": 0, "r": 0, "t": 50, "b": 0},
+                "scene": axes | {"aspectmode": "data", "camera": CAMERA},
+            },
+        ),
+        "Equivalent ellipsoids of all bodies in the middle of the workspace. Click on the legend "
+        "to hide the prior or the identified bodies; of two equal struts in one pair one is drawn.",
+    )
+    eigenvalues = Table(
+        ("body", "smallest", "second", "third", "largest", "consistent"),
+        tuple(
+            (body.body, *map(number, body.eigenvalues), "yes" if body.eigenvalues[0] > 0 else "no")
+            for body in model.consistency
+        ),
+        "Eigenvalues of each body's pseudo-inertia matrix. A body exists physically if and only "
+        "if all four are positive.",
+    )
+    about = Text(
+        "Each body is drawn as the ellipsoid of uniform density that has its mass, centre of mass "
+        "and moments of inertia: in orange the identified body, in grey outlines the prior. "
+        "Entries that the data does not determine come from the prior, so the place and shape of a "
+        "single body are less certain than what the drives feel of it."
+    )
+    return Section(
+        "Bodies",
+        (about, picture, _masses(model), eigenvalues),
+        "masses, centres of mass and shapes, prior and identified",
+    )
+
+
+def ellipsoid(
+    p: Float[np.ndarray, " 10"],
+) -> tuple[Float[np.ndarray, " 3"], Float[np.ndarray, "3 3"]]:
+    """Centre c and matrix A: the ellipsoid {c + A u, |u| ≤ 1} of p's mass and moments.
+
+    With Σ_C = Σ − m c cᵀ = Σ λ_i v_i v_iᵀ about the centre of mass, a uniform ellipsoid of half
+    axes a_i has λ_i = m a_i² / 5, so a_i = √(5 λ_i / m), and A = [a_1 v_1, a_2 v_2, a_3 v_3].
+    """
+    body = RigidBody(p)
+    values, vectors = np.linalg.eigh(body.second_moments)
+    return body.com, vectors * np.sqrt(5 * np.maximum(values, 0) / body.mass)
+
+
+def _mesh(model: IdentifiedModel, poses: Sequence[BodyPoses]) -> go.Mesh3d:
+    # Spread evenly over the unit sphere, along a spiral.
+    k = np.arange(_POINTS)
+    height = 1 - (2 * k + 1) / _POINTS
+    r = np.sqrt(1 - height**2)
+    ball = np.column_stack([r * np.cos(_GOLDEN * k), r * np.sin(_GOLDEN * k), height])
+    faces = _faces(ball)
+    points = [placed(model, pose, model.p, ball).astype(np.float32) for pose in poses]
+    masses = {pose.name: model.p[model.layout.body(pose.name)][0] for pose in poses}
+    indices = np.concatenate([faces + k * _POINTS for k in range(len(poses))]).astype(np.int32).T
+    return go.Mesh3d(
+        dict(zip("xyzijk", (*np.concatenate(points).T, *indices), strict=True)),
+        name="identified",
+        color=style.IDENTIFIED,
+        opacity=0.7,
+        showlegend=True,
+        text=[
+            f"{style.label(pose.name)}: {masses[pose.name]:.4g} kg"
+            for pose in poses
+            for _ in range(_POINTS)
+        ],
+        hoverinfo="text",
+        lighting={"ambient": 0.65, "diffuse": 0.5, "specular": 0.1, "roughness": 0.9},
+    )
+
+
+def _outlines(model: IdentifiedModel, poses: Sequence[BodyPoses]) -> go.Scatter3d:
+    prior, angle = np.array([p.prior for p in model.parameters]), np.linspace(0, 2 * np.pi, 61)
+    flat = np.column_stack([np.cos(angle), np.sin(angle), np.zeros_like(angle)])
+    flat = np.append(flat, np.full((1, 3), np.nan), axis=0)
+    circles = np.concatenate([np.roll(flat, k, axis=1) for k in range(3)])
+    lines = [placed(model, pose, prior, circles) for pose in poses]
+    return still_line("prior", np.concatenate(lines), {"color": style.PRIOR, "width": 3})
+
+
+def placed(
+    model: IdentifiedModel,
+    pose: BodyPoses,
+    p: Float[np.ndarray, " parameters"],
+    points: Float[np.ndarray, "points 3"],
+) -> Float[np.ndarray, "points 3"]:
+    """Points of the unit sphere on a body's ellipsoid, in the world."""
+    centre, A = ellipsoid(p[model.layout.body(pose.name)])
+    return pose.r_WB[0] + (centre + points @ A.T) @ pose.R_WB[0].T
+
+
+def _faces(ball: Float[np.ndarray, "points 3"]) -> Int[np.ndarray, "faces 3"]:
+    """Triangles between points of a sphere, all turned outwards, which the light needs."""
+    faces = ConvexHull(ball).simplices
+    a, b, c = (ball[faces[:, k]] for k in range(3))
+    inwards = np.einsum("ij,ij->i", np.cross(b - a, c - a), a) < 0
+    faces[inwards] = faces[inwards][:, ::-1]
+    return faces
+
+
+def _masses(model: IdentifiedModel) -> Table:
+    by_name = {parameter.name: parameter for parameter in model.parameters}
+    rows = []
+    for body in model.layout.bodies:
+        mass, (centre, A) = by_name[f"{body}.m"], ellipsoid(model.p[model.layout.body(body)])
+        half = " × ".join(number(1000 * value, 3) for value in np.linalg.norm(A, axis=0)[::-1])
+        place = ", ".join(f"{1000 * value:.1f}" for value in centre)
+        prior, value = number(mass.prior), number(mass.value)
+        rows.append((body, prior, value, mass.determined_by, place, half))
+    return Table(
+        ("body", "prior mass [kg]", "mass [kg]", "mass from", "centre of mass [mm]",
+         "half axes of the ellipsoid [mm]"),
+        tuple(rows),
+        "Centre of mass in the body's link frame, and half axes of its equivalent ellipsoid, "
+        "identified.",
+    )  # fmt: skip

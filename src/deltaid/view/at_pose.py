@@ -43,22 +43,15 @@ class View:
 
     Attributes:
         z: where it stands [m; rad].
-        wanted: the pose that was asked for; the same as z when the robot can stand there.
         drives, condition, limits: readings where it stands; limits in the order of the robot's.
         message: what is wrong: out of reach, or beyond limits; empty if nothing is.
     """
 
     z: Float[np.ndarray, " dof"]
-    wanted: Float[np.ndarray, " dof"]
     drives: tuple[DriveReading, ...]
     condition: float
     limits: tuple[LimitReading, ...]
     message: str = ""
-
-    @property
-    def arrived(self) -> bool:
-        """Whether the robot stands where it was asked to."""
-        return bool(np.array_equal(self.z, self.wanted))
 
 
 def home_view(robot: AtRest) -> View:
@@ -77,7 +70,7 @@ def moved(robot: AtRest, view: View, wanted: Float[np.ndarray, " dof"]) -> View:
     if finite and robot(wanted[None]).stands[0]:
         return _standing(robot, wanted)
     why = robot.why_not(wanted) if finite else "the pose is no number"
-    return replace(view, wanted=wanted, message=f"{why}; the robot stays where it was")
+    return replace(view, message=f"{why}; the robot stays where it was")
 
 
 def _standing(robot: AtRest, z: Float[np.ndarray, " dof"]) -> View:
@@ -93,7 +86,7 @@ def _standing(robot: AtRest, z: Float[np.ndarray, " dof"]) -> View:
         for name, share in zip(robot.limits, poses.shares[0].tolist(), strict=True)
     )
     over = ", ".join(limit.name for limit in limits if limit.state == "over")
-    return View(z, z, drives, float(poses.condition[0]), limits, (f"beyond {over}" if over else ""))
+    return View(z, drives, float(poses.condition[0]), limits, (f"beyond {over}" if over else ""))
 
 
 def panel(view: View) -> str:

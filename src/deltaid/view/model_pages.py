@@ -15,13 +15,11 @@ from deltaid.model.record import IdentifiedModel
 from deltaid.model.verdict import Grade, Verdict, worst
 from deltaid.recording.recording import PreparedRecording
 from deltaid.robot.description import RobotDescription
-from deltaid.view.animation import animation, recorded_motion
-from deltaid.view.bodies import body_section
+from deltaid.view.animation import animation, body_section, recorded_motion
 from deltaid.view.check import page_table, short_table, tally
 from deltaid.view.comparison import TorqueComparison, compare
 from deltaid.view.corrections import left_out_table, put_right_sections
 from deltaid.view.drawing import drawing
-from deltaid.view.friction import friction_section
 from deltaid.view.model_tables import base_table, error_table
 from deltaid.view.models import fit_errors
 from deltaid.view.numbers import measured, percent
@@ -35,7 +33,7 @@ from deltaid.view.summary import (
     summary,
     without_doubts,
 )
-from deltaid.view.torques import over_time, residual_blocks, torque_blocks
+from deltaid.view.torques import friction_section, over_time, residual_blocks, torque_blocks
 
 # Height of one drive's two plots in a notebook, and of what is around all of them [px].
 _DRIVE, _AROUND = 170, 90

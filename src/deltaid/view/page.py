@@ -169,11 +169,6 @@ class Summary:
     sentence: str
     lines: tuple[str, ...] = ()
 
-    @property
-    def text(self) -> str:
-        """All of it as one paragraph."""
-        return " ".join((self.sentence, *self.lines))
-
 
 @dataclass(frozen=True)
 class Drawing:
