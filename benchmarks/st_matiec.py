@@ -152,14 +152,14 @@ def _main(units: Sequence[Unit], precision: Precision) -> str:
     for number, unit in enumerate(units):
         block = unit.kind == "FUNCTION_BLOCK"
         name, lines = unit.name.upper(), list[str]()
-        size = {v.name: v.array.size for v in (*unit.inputs, *unit.outputs) if v.array}
+        size = {v.name: v.size for v in (*unit.inputs, *unit.outputs) if v.size}
         if block:
             lines.append(f"static {name} b; if (k == 0) {name}_init__(&b, 0);")
         for v in unit.inputs:
             place = f"b.{v.name.upper()}.value" if block else f"in_{v.name}"
             lines.append("" if block else f"__ARRAY_OF_{precision.st_type}_{size[v.name]} {place};")
             lines.append(f"read({place}.table, {size[v.name]});")
-        outputs = [v for v in unit.outputs if v.array]
+        outputs = [v for v in unit.outputs if v.size]
         if block:
             lines.append(f"{name}_body__(&b); status = b.STATUS.value;")
         else:

@@ -39,8 +39,7 @@ def taken(unit: Unit, precision: Precision) -> int:
     each = {"INT": 2, "BOOL": 1, precision.st_type: real}
 
     def bytes_of(variable: Variable) -> int:
-        array = variable.array
-        return real * array.size if array is not None else each[variable.type]
+        return real * variable.size if variable.size else each[variable.type]
 
     own = sum(map(bytes_of, unit.own)) + real * len(unit.scratch)
     return own + sum(map(bytes_of, (*unit.inputs, *unit.outputs)))
