@@ -1,19 +1,20 @@
 """How a robot is drawn: a still drawing with its bodies named, colours, edges of its workspace."""
 
 import re
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Float, Int
 from markupsafe import Markup
 
-from deltaid.errors import visible
 from deltaid.mechanism.kinematics import Kinematics
 from deltaid.mechanism.skeleton import Skeleton
 from deltaid.robot.body import body_in_words
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.limits import Box, Cylinder, Hemisphere
 from deltaid.view import style
+from deltaid.view.html import environment
 from deltaid.view.page import Drawing
 
 # The robot's largest width and height, the room for names at either side, their least distance,
@@ -33,28 +34,26 @@ class _Label:
 def drawing(robot: RobotDescription, kinematics: Kinematics) -> Drawing:
     """A robot in the middle of its workspace, seen from the side and slightly from above."""
     skeleton = Skeleton(robot, kinematics.mechanism)
-    bodies = tuple(segment.body for segment in skeleton.segments)
+    bodies, drawn = [segment.body for segment in skeleton.segments], members(skeleton.bodies)
     flat, depth = _seen(skeleton.evaluate(robot.within(0.0)[0][None])[0])
-    width = float(flat[..., 0].max()) + _NAMES
-    labels = _labels(bodies, flat)
-    per_side = max(sum(label.left for label in labels), sum(not label.left for label in labels), 1)
-    height = max(float(flat[..., 1].max()) + _TOP, _TOP + per_side * _LINE)
-    drawn = members(skeleton.bodies)
-    lines = [
-        Markup('<line x1="{:.1f}" y1="{:.1f}" x2="{:.1f}" y2="{:.1f}" stroke="{}" '
-               'stroke-width="{}"/>').format(*flat[i].ravel(), drawn[bodies[i]].color,
-                                             0.7 * drawn[bodies[i]].width)
-        for i in np.argsort(-depth)
-    ]  # fmt: skip
+    sides = _labels(bodies, flat)
+    height = max(float(flat[..., 1].max()) + _TOP, _TOP + max(*map(len, sides), 1) * _LINE)
+    heights = [y for side in sides for y in _apart([label.at[1] for label in side], height)]
     shown = [body for body in skeleton.bodies if body != "base"]
-    others = [body for body in robot.body_names if body not in shown]
-    names = ", ".join(f"{body} {body_in_words(body)}" for body in shown)
-    svg = Markup(
-        '<svg class="robot" viewBox="0 0 {:.0f} {:.0f}" role="img" aria-label="{}">'
-        '<g stroke-linecap="round">{}</g>{}</svg>'
-    ).format(width, height, f"Drawing of the robot: {visible(names)}", Markup("\n").join(lines),
-             Markup("\n").join(_written(labels, width, height)))  # fmt: skip
-    return Drawing(svg, tuple((name, body_in_words(name)) for name in (*shown, *others)))
+    svg = (
+        environment()
+        .get_template("drawing.svg.jinja")
+        .render(
+            width=float(flat[..., 0].max()) + _NAMES,
+            height=height,
+            room=_NAMES,
+            names=", ".join(f"{body} {body_in_words(body)}" for body in shown),
+            lines=[(flat[i].ravel(), drawn[bodies[i]]) for i in np.argsort(-depth)],
+            labels=list(zip([label for side in sides for label in side], heights, strict=True)),
+        )
+    )
+    names = dict.fromkeys([*shown, *robot.body_names])
+    return Drawing(Markup(svg), tuple((name, body_in_words(name)) for name in names))
 
 
 def _seen(
@@ -69,39 +68,22 @@ def _seen(
     return scale * (flat - low) + np.array([_NAMES, _TOP]), -np.mean(points @ _EYE, axis=1)
 
 
-def _labels(bodies: tuple[str, ...], flat: Float[np.ndarray, "segments 2 2"]) -> list[_Label]:
-    """One name a body, at its longest parts, outside of the robot; as many left as right."""
-    labels: list[_Label] = []
+def _labels(
+    bodies: Sequence[str], flat: Float[np.ndarray, "segments 2 2"]
+) -> tuple[list[_Label], list[_Label]]:
+    """One name a body, at its longest parts, outside of the robot, from the top; as many left as
+    right."""
+    sides = list[_Label](), list[_Label]()
     for body in dict.fromkeys(bodies):
         own = flat[np.array(bodies) == body]
         lengths = np.linalg.norm(own[:, 1] - own[:, 0], axis=1)
         middles = own.mean(axis=1)[lengths >= 0.5 * lengths.max()]
-        left = 2 * sum(label.left for label in labels) <= len(labels)
+        left = len(sides[0]) <= len(sides[1])
         outermost = np.argmin(middles[:, 0]) if left else np.argmax(middles[:, 0])
-        labels.append(_Label(body, middles[outermost], left))
-    return labels
-
-
-def _written(labels: list[_Label], width: float, height: float) -> list[Markup]:
-    """Names beside the robot in the order of what they point at, each with a thin line there."""
-    parts = []
-    for left in (True, False):
-        own = sorted(
-            (label for label in labels if label.left is left), key=lambda label: label.at[1]
-        )
-        edge, anchor = (_NAMES - 16, "end") if left else (width - _NAMES + 16, "start")
-        for label, y in zip(own, _apart([label.at[1] for label in own], height), strict=True):
-            words = body_in_words(label.body)
-            below = Markup('<tspan class="words" x="{:.1f}" dy="12">{}</tspan>')
-            second = below.format(edge, visible(words)) if words != label.body else Markup("")
-            parts += [
-                Markup('<line class="lead" x1="{:.1f}" y1="{:.1f}" x2="{:.1f}" y2="{:.1f}"/>'
-                       '<circle class="lead" cx="{:.1f}" cy="{:.1f}" r="2.5"/>')
-                .format((edge + (5 if left else -5)), y, *label.at, *label.at),
-                Markup('<text x="{:.1f}" y="{:.1f}" text-anchor="{}">{}{}</text>')
-                .format(edge, y + 4 - (4 if second else 0), anchor, visible(label.body), second),
-            ]  # fmt: skip
-    return parts
+        sides[0 if left else 1].append(_Label(body, middles[outermost], left))
+    for side in sides:
+        side.sort(key=lambda label: label.at[1])
+    return sides
 
 
 def _apart(wanted: list[float], height: float) -> list[float]:

@@ -77,6 +77,7 @@ def environment(room: str = "view") -> Environment:
     cast("dict[str, Any]", environment.filters).update(
         {f.__name__: f for f in setters},
         json=_figure_json,
+        words=body_in_words,
         long=lambda cell: len(cell) > _LONG,
     )
     return environment
