@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from deltaid.errors import DeltaidError
-from deltaid.exports.st_statements import StructuredText
+from deltaid.exports.st_units import StructuredText
 from deltaid.exports.straight_line import Array, body
 from deltaid.exports.structured_text import plc_program
 from deltaid.exports.text import DOUBLE, SINGLE, Precision

@@ -11,7 +11,6 @@ triggers (nozzle at p_i were all towers like it),
     Marlin          M665 H is the least p, M666 is H − p_i: how far a carriage backs off
 """
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from importlib.metadata import version
 
@@ -21,6 +20,7 @@ from jaxtyping import Float
 from deltaid.calibration.calibrate import Calibration
 from deltaid.calibration.outlook import drawn
 from deltaid.errors import DeltaidError
+from deltaid.exports.text import rendered
 
 # Rails within this of the vertical stand upright to a firmware [rad]: what it takes for upright is
 # corrected by the fit of its other numbers.
@@ -105,45 +105,6 @@ def printer(found: Calibration) -> Printer:
     )  # fmt: skip
 
 
-def _klipper(p: Printer) -> list[str]:
-    lines = ["[printer]", "kinematics: delta", f"delta_radius: {1e3 * p.radius:.4f}"]
-    for name, rod, endstop, azimuth in zip("abc", p.rods, p.endstops, p.azimuths, strict=True):
-        lines += [
-            f"[stepper_{name}]",
-            f"arm_length: {1e3 * rod:.4f}",
-            f"angle: {azimuth % 360:.5f}",
-            f"position_endstop: {1e3 * endstop:.4f}",
-        ]
-    return lines
-
-
-def _marlin(p: Printer) -> list[str]:
-    rod, height = float(p.rods.mean()), float(p.endstops.min())
-    return [
-        f"M665 L{1e3 * rod:.4f} R{1e3 * p.radius:.4f} H{1e3 * height:.4f} "
-        f"{_each('XYZ', p.corrections, 5)} {_each('ABC', 1e3 * (p.rods - rod))}",
-        f"M666 {_each('XYZ', 1e3 * (height - p.endstops))}",
-    ]
-
-
-def _reprap(p: Printer) -> list[str]:
-    height, rods = float(p.endstops.mean()), ":".join(f"{1e3 * rod:.4f}" for rod in p.rods)
-    return [
-        f"M665 L{rods} R{1e3 * p.radius:.4f} H{1e3 * height:.4f} B{1e3 * p.reach:.0f} "
-        f"{_each('XYZ', p.corrections, 5)}",
-        f"M666 {_each('XYZ', 1e3 * (p.endstops - height))}",
-    ]
-
-
-def _each(letters: str, values: Float[np.ndarray, " 3"], digits: int = 4) -> str:
-    return " ".join(f"{letter}{x:.{digits}f}" for letter, x in zip(letters, values, strict=True))
-
-
-FIRMWARES: dict[str, tuple[str, Callable[[Printer], list[str]]]] = {
-    "klipper": ("#", _klipper), "marlin": (";", _marlin), "reprap": (";", _reprap),
-}  # fmt: skip
-
-
 def firmware_text(found: Calibration, firmware: str) -> tuple[str, float]:
     """Lines for a printer's configuration, and what its model cannot hold [m].
 
@@ -154,11 +115,6 @@ def firmware_text(found: Calibration, firmware: str) -> tuple[str, float]:
     Raises:
         DeltaidError: it is no printer that a firmware could run.
     """
-    mark, lines = FIRMWARES[firmware]
     p = printer(found)
-    head = [
-        f"{p.title}, calibrated by deltaid {version('deltaid')}",
-        f"this model of the printer leaves {1e3 * p.left:.3f} mm of position (rms)",
-        "towers are limbs 1, 2, 3; q = 0 of the description is where endstops trigger",
-    ]
-    return "\n".join([*(f"{mark} {line}" for line in head), *lines(p), ""]), p.left
+    text = rendered("firmware.jinja", p=p, firmware=firmware, version=version("deltaid"))
+    return text, p.left

@@ -2,7 +2,7 @@
 
 Functions return a status and have their results as outputs, which count only where it is OK. What
 keeps something from one cycle to the next, the pose z or the state of a cycle, is a function block.
-A controller that stops on floating-point exceptions meets none here (`st_statements`): numbers too
+A controller that stops on floating-point exceptions meets none here (`st_units`): numbers too
 large for any robot are refused at the door, and nothing is divided or rooted unseen.
 """
 
@@ -20,8 +20,15 @@ from deltaid.errors import DeltaidError
 from deltaid.exports.digits import Care, OutputPart
 from deltaid.exports.functions import STATUSES, ExportedCycle, ExportedFunction, note_of
 from deltaid.exports.model_functions import code_parts
-from deltaid.exports.st_statements import StructuredText, literal, plain
-from deltaid.exports.st_units import PlcProgram, Unit, Variable, comment
+from deltaid.exports.st_units import (
+    PlcProgram,
+    StructuredText,
+    Unit,
+    Variable,
+    comment,
+    literal,
+    plain,
+)
 from deltaid.exports.straight_line import Array, body, in_order
 from deltaid.exports.text import COSINE, DOUBLE, QUARTER, SINE, SINGLE, Precision, rendered
 from deltaid.model.model import Model

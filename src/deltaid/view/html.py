@@ -73,7 +73,7 @@ def environment(room: str = "view") -> Environment:
     cast("dict[str, Any]", environment.tests).update(
         {k.__name__.lower(): lambda block, kind=k: isinstance(block, kind) for k in kinds}
     )
-    setters = (paragraphs, numeric, cell, heading, typeset, explained, legend, sides, reading)
+    setters = (paragraphs, numeric, cell, heading, typeset, explained, legend, reading)
     cast("dict[str, Any]", environment.filters).update(
         {f.__name__: f for f in setters},
         json=_figure_json,
@@ -83,17 +83,8 @@ def environment(room: str = "view") -> Environment:
     return environment
 
 
-# Of a cell of a card that is set flush right.
-_DIGITS = set("0123456789.-−+±%…e≥≤<>×– ")
 # Decimals of readings, by their unit.
 _DECIMALS = {"deg": 1, "m": 4, "N": 1}
-
-
-def sides(table: Table) -> list[str]:
-    """Of each column of a card whether it is set flush right, as numbers are."""
-    columns = [[row[k] for row in table.rows] for k in range(len(table.columns))]
-    flush = [any(cells) and all(set(cell) <= _DIGITS for cell in cells) for cells in columns]
-    return ["right" if numbers else "left" for numbers in flush]
 
 
 def reading(value: float, unit: str = "") -> str:

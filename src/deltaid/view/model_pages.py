@@ -1,6 +1,6 @@
 """Pages of a model: as it was identified, compared with a recording, and by itself."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -10,6 +10,7 @@ from deltaid.dynamics.dynamics import Dynamics, compiled
 from deltaid.identification.identify import Identification
 from deltaid.identification.prediction import Validation
 from deltaid.identification.sources import left_out, model_filtered
+from deltaid.identification.torque_error import TorqueError
 from deltaid.model.model import Model, load
 from deltaid.model.record import IdentifiedModel
 from deltaid.model.verdict import Grade, Verdict, worst
@@ -48,63 +49,54 @@ def identification_page(result: Identification, verification: Validation | None 
         verification: the model compared with a recording that it has not seen.
     """
     model, verdicts = result.model, getattr(result, "verdicts", ())
-    dynamics, drives = compiled(model.robot), model.robot.drive_units
-    recordings = result.recordings
+    dynamics, recordings = compiled(model.robot), result.recordings
     comparisons = tuple(compare(dynamics, model.p, recording) for recording in recordings)
     # What the checks say stands in their table, beneath the verdict.
     sentences = {verdict.sentence for verdict in verdicts}
     warnings = [text for text in model.warnings if text not in sentences]
-    log, error, unseen = None, None, None
+    log, error, seen, verified = None, None, comparisons[0], ""
     if verification is not None:
         error, log = verification
-        unseen = compare(dynamics, model.p, model_filtered(model, log))
-        warnings += [f"{log.path.name}: {text}" for text in verification.remarks]
-    seen = unseen or comparisons[0]
+        seen, verified = compare(dynamics, model.p, model_filtered(model, log)), log.path.name
+        warnings += [f"{verified}: {text}" for text in verification.remarks]
+    titles = [f"Torques: {x.path.name}" for x in recordings] if recordings[1:] else ["Torques"]
     sections = [
-        torque_section(
-            model.robot,
-            comparison,
-            "Torques" if len(recordings) == 1 else f"Torques: {recording.path.name}",
-            front=comparison is seen,
-        )
-        for comparison, recording in zip(comparisons, recordings, strict=True)
+        _torque_section(model.robot, comparison, title, front=comparison is seen)
+        for comparison, title in zip(comparisons, titles, strict=True)
     ]
-    if unseen is not None:
-        sections.append(torque_section(model.robot, unseen, "Verification", front=True))
-    verified = f", verified on {log.path.name}" if log else ""
+    if verified:
+        sections.append(_torque_section(model.robot, seen, "Verification", front=True))
+    checks, about = (), f"all verdicts: {tally(verdicts)}"
+    if verdicts:
+        checks = (Section("Checks", (page_table(verdicts),), about),)
+    whence = f"identified from {file_names(model)}{f', verified on {verified}' if verified else ''}"
     return Page(
         title=model.robot.title or model.robot.name,
-        subtitle=f"Dynamic model identified from {file_names(model)}{verified}",
+        subtitle=f"Dynamic model {whence}",
         verdict=without_doubts(summary(result, error, log)),
         drawing=drawing(model.robot, dynamics.kinematics),
-        facts=(*_error_facts(model, verification), *_check_facts(verdicts), *_fit_facts(model)),
+        facts=_facts(model, error, verdicts),
         front=(
             *((short_table(verdicts),) if verdicts else ()),
             error_table(load(model), error),
-            over_time(seen, drives),
+            over_time(seen, model.robot.drive_units),
         ),
         sections=(
             *put_right_sections(model),
             *sections,
-            motion_section(dynamics, recordings[0]),
+            _motion_section(dynamics, recordings[0]),
             parameter_section(model),
             friction_section(model, comparisons),
             body_section(model, dynamics.kinematics),
             information_section(result),
-            *check_sections(verdicts),
+            *checks,
             provenance_section(load(model), "Data and settings"),
         ),
         warnings=tuple(warnings),
     )
 
 
-def check_sections(verdicts: Sequence[Verdict]) -> tuple[Section, ...]:
-    """All verdicts of the checks; nothing where none were asked."""
-    chapter = Section("Checks", (page_table(verdicts),), f"all verdicts: {tally(verdicts)}")
-    return (chapter,) if verdicts else ()
-
-
-def torque_section(
+def _torque_section(
     robot: RobotDescription, comparison: TorqueComparison, title: str, *, front: bool
 ) -> Section:
     """All figures of torques along one recording; without that which the page's front shows."""
@@ -114,8 +106,7 @@ def torque_section(
     return Section(title, blocks(comparison, robot.drive_units), about)
 
 
-def motion_section(dynamics: Dynamics, recording: PreparedRecording) -> Section:
-    """The robot on a recorded motion."""
+def _motion_section(dynamics: Dynamics, recording: PreparedRecording) -> Section:
     figure = animation(
         dynamics.kinematics,
         recorded_motion(dynamics.kinematics, recording),
@@ -126,50 +117,45 @@ def motion_section(dynamics: Dynamics, recording: PreparedRecording) -> Section:
     return Section("Motion", (figure,), "the robot moving as it was recorded")
 
 
-def _error_facts(model: IdentifiedModel, verification: Validation | None) -> Iterator[Fact]:
-    errors = {"error on its own recording": model.fit.nrmse}
-    if verification is not None:
-        errors = {"error on the unseen motion": verification.error.nrmse.tolist()} | errors
+def _facts(
+    model: IdentifiedModel, error: TorqueError | None, verdicts: Sequence[Verdict]
+) -> tuple[Fact, ...]:
+    """Errors, checks, optimum, consistency."""
+    facts, errors = list[Fact](), {"error on its own recording": model.fit.nrmse}
+    if error is not None:
+        errors = {"error on the unseen motion": error.nrmse.tolist()} | errors
     for label, shares in errors.items():
-        worst_drive = int(np.argmax(shares))
-        note = f"rms of {model.robot.drives[worst_drive]}, the worst drive"
-        yield Fact(label, percent(shares[worst_drive]), note)
-
-
-def _check_facts(verdicts: Sequence[Verdict]) -> tuple[Fact, ...]:
-    if not verdicts:
-        return ()
-    grade = worst(list(verdicts))
-    poor = dict.fromkeys(verdict.key for verdict in verdicts if verdict.grade is grade)
-    value = "all good" if grade is Grade.GOOD else f"{len(poor)} {grade}"
-    return (Fact("checks", value, tally(verdicts) if grade is Grade.GOOD else ", ".join(poor)),)
-
-
-def _fit_facts(model: IdentifiedModel) -> tuple[Fact, ...]:
+        drive = int(np.argmax(shares))
+        note = f"rms of {model.robot.drives[drive]}, the worst drive"
+        facts.append(Fact(label, percent(shares[drive]), note))
+    if verdicts:
+        grade = worst(list(verdicts))
+        poor = dict.fromkeys(verdict.key for verdict in verdicts if verdict.grade is grade)
+        value, note = f"{len(poor)} {grade}", ", ".join(poor)
+        if grade is Grade.GOOD:
+            value, note = "all good", tally(verdicts)
+        facts.append(Fact("checks", value, note))
     certified = "not certified", "this regulariser is not convex"
     if model.fit.duality_gap is not None:
         certified = certificate(model.fit)
-    return (
-        Fact("optimum", *certified),
-        Fact(
-            "physical consistency",
-            "all bodies" if model.consistent else "violated",
-            f"{len(model.consistency)} bodies, friction positive",
-        ),
-    )
+    bodies = "all bodies" if model.consistent else "violated"
+    note = f"{len(model.consistency)} bodies, friction positive"
+    return (*facts, Fact("optimum", *certified), Fact("physical consistency", bodies, note))
 
 
 def validation_page(value: Validation) -> Page:
     """The page of `deltaid validate`: how well a model predicts a recording, and its origin."""
     model, (error, log) = value.model, value
     dynamics, known, recording = model.dynamics, model.identified, model_filtered(model, log)
-    comparison = compare(dynamics, model.p, recording)
-    torques = torque_section(model.robot, comparison, "Torques", front=True)
-    base = ()
+    comparison, chapters = compare(dynamics, model.p, recording), list[Section]()
+    if known:
+        chapters.append(parameter_section(known))
     if known and known.base_parameters:  # which models of earlier versions do not hold
         tables = (base_table(known.base_parameters),)
-        base = (Section("Base parameters", tables, "combinations that the torques determine"),)
+        about = "combinations that the torques determine"
+        chapters.append(Section("Base parameters", tables, about))
     missing = left_out_table([(log.path.name, left_out(log, model.robot.drives, error))])
+    torques = _torque_section(model.robot, comparison, "Torques", front=True)
     return Page(
         title=model.robot.title or model.robot.name,
         subtitle=f"Parameters: {model.origin}; compared with {log.path.name}",
@@ -178,19 +164,18 @@ def validation_page(value: Validation) -> Page:
         front=(error_table(model, error), over_time(comparison, model.robot.drive_units)),
         facts=tuple(
             Fact(
-                f"{drive}, {model.robot.units(drive).effort} error",
+                f"{drive}, {units.effort} error",
                 percent(float(error.nrmse[i])),
-                f"{measured(float(error.rms[i]), 2)} {model.robot.units(drive).force} rms"
+                f"{measured(float(error.rms[i]), 2)} {units.force} rms"
                 + (f"; identification {percent(known.fit.nrmse[i])}" if known else ""),
             )
-            for i, drive in enumerate(model.robot.drives)
+            for i, (drive, units) in enumerate(model.robot.drive_units.items())
         ),
         sections=(
             replace(torques, blocks=(*((missing,) if missing else ()), *torques.blocks)),
-            motion_section(dynamics, recording),
+            _motion_section(dynamics, recording),
             friction_section(model, (comparison,)),
-            *((parameter_section(known),) if known else ()),
-            *base,
+            *chapters,
             *put_right_sections(model.identified),
             provenance_section(model, "The model"),
         ),

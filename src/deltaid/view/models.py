@@ -9,7 +9,7 @@ import polars as pl
 
 from deltaid.identification.identify import Identification
 from deltaid.identification.prediction import Validation
-from deltaid.model.model import Model, load
+from deltaid.model.model import Model, ModelLike, load
 from deltaid.model.record import IdentifiedModel
 from deltaid.model.samples import Samples
 from deltaid.model.verdict import Grade
@@ -49,8 +49,7 @@ def fit_errors(model: IdentifiedModel) -> tuple[tuple[str, str], ...]:
 
 
 def _errors(drives: Sequence[str], nrmse: Sequence[float]) -> tuple[tuple[str, str], ...]:
-    pairs = zip(drives, nrmse, strict=True)
-    return tuple((f"{drive} error", percent(share)) for drive, share in pairs)
+    return tuple((f"{drive} error", percent(x)) for drive, x in zip(drives, nrmse, strict=True))
 
 
 def warned(warnings: tuple[str, ...]) -> tuple[tuple[str, str], ...]:
@@ -59,23 +58,23 @@ def warned(warnings: tuple[str, ...]) -> tuple[tuple[str, str], ...]:
     return ((title, "\n".join(warnings)),) if warnings else ()
 
 
-def model_frame(value: Model | IdentifiedModel) -> pl.DataFrame:
+def model_frame(value: ModelLike) -> pl.DataFrame:
     """Parameters, a row each; of a robot at its prior without intervals."""
     model = load(value)
     if model.identified is None:
         layout = model.layout
         return pl.DataFrame({"name": layout.names, "value": model.p, "unit": layout.units})
+    numbers, texts = ("value", "std", "low", "high", "prior"), ("name", "unit", "determined_by")
+    columns = ("name", "value", "std", "low", "high", "unit", "prior", "determined_by", "rests_on")
+    kinds = dict.fromkeys((*texts, "rests_on"), pl.String) | dict.fromkeys(numbers, pl.Float64)
     rows = [
-        (p.name, p.value, p.std, p.low, p.high, p.unit, p.prior, p.determined_by,
-         ", ".join(p.rests_on))
+        {name: getattr(p, name) for name in columns} | {"rests_on": ", ".join(p.rests_on)}
         for p in model.identified.parameters
-    ]  # fmt: skip
-    schema = {
-        "name": pl.String, "value": pl.Float64, "std": pl.Float64, "low": pl.Float64,
-        "high": pl.Float64, "unit": pl.String, "prior": pl.Float64, "determined_by": pl.String,
-        "rests_on": pl.String,
-    }  # fmt: skip
-    return pl.DataFrame(rows, schema=schema, orient="row")
+    ]
+    return pl.DataFrame(rows, schema={name: kinds[name] for name in columns})
+
+
+identification_frame = model_frame
 
 
 def identification_card(value: Identification) -> Card:
@@ -93,11 +92,6 @@ def identification_card(value: Identification) -> Card:
         methods=(".model", ".verdicts", ".plot()", ".to_frame()", '.report("x.html")',
                  '.save("model.yaml")'),
     )  # fmt: skip
-
-
-def identification_frame(value: Identification) -> pl.DataFrame:
-    """Parameters of the identified model."""
-    return model_frame(value.model)
 
 
 def validation_card(value: Validation) -> Card:

@@ -22,10 +22,9 @@ def number(value: float, digits: int = 4) -> str:
 
 def measured(value: float, digits: int = 3) -> str:
     """The same with zeros at its end, which say that they are known."""
-    if value == 0 or not math.isfinite(value):
-        return number(value, digits)
     text = f"{value:#.{digits}g}".rstrip(".")
-    return number(value, digits) if "e" in text else text
+    plain = value == 0 or not math.isfinite(value) or "e" in text
+    return number(value, digits) if plain else text
 
 
 def with_uncertainty(value: float, std: float) -> tuple[str, str]:

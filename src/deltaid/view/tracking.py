@@ -259,7 +259,9 @@ def _title(value: Simulation | Comparison) -> str:
 
 def error_bars(runs: Sequence[ControllerRun]) -> Figure:
     """Error of the platform for each controller and model."""
-    figure, models = go.Figure(), dict[str, dict[str, float]]()
+    axis = {"type": "log", "title": "platform error, rms [mm]", "dtick": 1}
+    layout = {"yaxis": axis, "barmode": "group", "height": 420, "bargap": 0.25}
+    figure, models = go.Figure(layout=layout), dict[str, dict[str, float]]()
     for run in runs:
         errors = models.setdefault(run.model, {})
         if run.tracking is not None:
@@ -276,12 +278,7 @@ def error_bars(runs: Sequence[ControllerRun]) -> Figure:
             hovertemplate="%{x}, " + (model or NO_MODEL) + ": %{y:.3g} mm<extra></extra>",
         )
     return Figure(
-        figure.update_layout(
-            yaxis={"type": "log", "title": "platform error, rms [mm]", "dtick": 1},
-            barmode="group",
-            height=420,
-            bargap=0.25,
-        ),
+        figure,
         "Distance of the platform point from where it should be, root mean square, with a "
         "logarithmic scale. All have the same tuning, so what differs is what they know of the "
         "robot.",
