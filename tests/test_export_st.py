@@ -256,14 +256,14 @@ def test_every_operation_of_a_kernel_that_structured_text_has() -> None:
     ]
     output = ca.vertcat(*values)
     inputs, dialect = [Array("a", a), Array("b", b)], StructuredText(DOUBLE, "rob")
-    found = body(inputs, "out", output, dialect)
+    lines, slots, _ = body(inputs, "out", output, dialect)
     head = text("clavel-delta3").partition("(* q(z). *)")[0]
-    lines = [
+    whole = [
         "FUNCTION f : INT", "VAR_INPUT", "a : ARRAY [0..0] OF LREAL;", "b : ARRAY [0..0] OF LREAL;",
         "END_VAR", "VAR_OUTPUT", f"out : ARRAY [0..{output.numel() - 1}] OF LREAL;", "END_VAR",
-        "VAR", f"{', '.join(found.slots)} : LREAL;", "END_VAR", *found.lines, "END_FUNCTION",
+        "VAR", f"{', '.join(slots)} : LREAL;", "END_VAR", *lines, "END_FUNCTION",
     ]  # fmt: skip
-    run, function = Program(head + "\n".join(lines)), ca.Function("f", [a, b], [output])
+    run, function = Program(head + "\n".join(whole)), ca.Function("f", [a, b], [output])
     for x, y in ([0.3, 0.7], [0.7, 0.3], [0.25, 0.25], [0.5, -0.4]):
         expected = np.array(function(x, y)).ravel()
         found_values = run.call("f", a=[x], b=[y])[1]["out"]
@@ -276,13 +276,13 @@ def test_what_is_not_chosen_stops_nothing() -> None:
     """Both sides of a choice are computed; the one that is left is there because it cannot be."""
     a, head = ca.SX.sym("a"), text("clavel-delta3").partition("(* q(z). *)")[0]
     output = ca.vertcat(ca.if_else(a > 0, ca.sqrt(a) / a, 1 - a), ca.if_else(a > 0, a, -a))
-    found = body([Array("a", a)], "out", output, StructuredText(DOUBLE, "rob"))
-    lines = [
+    lines, slots, _ = body([Array("a", a)], "out", output, StructuredText(DOUBLE, "rob"))
+    whole = [
         "FUNCTION f : INT", "VAR_INPUT", "a : ARRAY [0..0] OF LREAL;", "END_VAR", "VAR_OUTPUT",
-        "out : ARRAY [0..1] OF LREAL;", "END_VAR", "VAR", f"{', '.join(found.slots)} : LREAL;",
-        "END_VAR", *found.lines, "END_FUNCTION",
+        "out : ARRAY [0..1] OF LREAL;", "END_VAR", "VAR", f"{', '.join(slots)} : LREAL;",
+        "END_VAR", *lines, "END_FUNCTION",
     ]  # fmt: skip
-    run = Program(head + "\n".join(lines))
+    run = Program(head + "\n".join(whole))
     for x in (0.0, -4.0, 4.0):
         expected = [x**-0.5, x] if x > 0 else [1 - x, -x]
         assert run.call("f", a=[x])[1]["out"] == pytest.approx(expected)

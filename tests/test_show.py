@@ -13,8 +13,10 @@ from deltaid.dynamics.dynamics import compiled
 from deltaid.dynamics.parameters import prior_parameters
 from deltaid.model.model import load
 from deltaid.robot.load import load_robot
+from deltaid.view.animation import outward_faces
 from deltaid.view.at_pose import home_view, moved
-from deltaid.view.drawing import along, cylinder
+from deltaid.view.drawing import along
+from deltaid.view.live import cylinder
 from deltaid.view.reach import good, reach, survey
 from deltaid.view.robots import percent_of, rest_page
 from identified import identified
@@ -68,11 +70,10 @@ def test_a_pose_beyond_limits_is_shown_and_they_are_named() -> None:
     robot = at_rest("clavel-delta3")
     view = moved(robot, home_view(robot), np.array([-0.75, 0.0, -1.0]))
     np.testing.assert_array_equal(view.z, [-0.75, 0.0, -1.0])
-    over = {limit.name for limit in view.limits if limit.state == "over"}
+    over = {name for name, share in view.limits.items() if share > 1}
     assert "workspace radius" in over
     assert view.message == "beyond " + ", ".join(n for n in robot.limits if n in over)
-    assert all((limit.share > 1) == (limit.state == "over") for limit in view.limits)
-    assert [limit.name for limit in view.limits] == list(robot.limits)
+    assert list(view.limits) == list(robot.limits)
 
 
 @pytest.mark.parametrize("name", ROBOTS)
@@ -127,13 +128,13 @@ def test_cylinders_join_the_ends_of_segments() -> None:
     segments = rng.uniform(-1, 1, (20, 2, 3))
     segments[0, 1] = segments[0, 0] - [0, 0, 0.5]  # straight down
     segments[1, 1] = segments[1, 0]  # no length
-    placed, mesh = along(segments, 0.01), cylinder()
+    placed, corners = along(segments, 0.01), cylinder()
     w, v = placed.wxyz[:, :1], placed.wxyz[:, 1:]
     half = np.array([0, 0, 0.5]) * placed.scales
     turned = half + 2 * np.cross(v, np.cross(v, half) + w * half)
     np.testing.assert_allclose(placed.positions + turned, segments[:, 1], atol=1e-8)
     np.testing.assert_allclose(placed.positions - turned, segments[:, 0], atol=1e-8)
-    a, b, c = (mesh.corners[mesh.triangles[:, k]] for k in range(3))
+    a, b, c = (corners[outward_faces(corners)[:, k]] for k in range(3))
     sides = np.einsum("ti,ti->t", np.cross(b - a, c - a), a + b + c)
     assert (sides > 0).all()  # all face outwards
 

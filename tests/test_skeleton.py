@@ -19,7 +19,7 @@ from deltaid.robot.inertia import pseudo_inertia
 from deltaid.robot.load import load_robot
 from deltaid.robot.platform import RigidPlatform
 from deltaid.studio.stand import stand
-from deltaid.view.animation import ShownMotion, animation, placed, robot_lines
+from deltaid.view.animation import animation, placed, robot_lines
 from deltaid.view.drawing import drawing
 from joint_places import direction, elbow, part_of_limb, parts_of_platform, poses, tool_point
 
@@ -138,7 +138,7 @@ def test_an_animation_shows_each_instant_as_it_is() -> None:
     robot, kinematics, skeleton = drawn("irb360-6-1600")
     t, home = np.arange(241) / 30.0, np.mean(poses(robot, 20), axis=0)
     z = home + (0.02 * t * np.sin(np.outer([1.0, 1.3, 0.7, 2.0], t))).T
-    figure = animation(kinematics, ShownMotion(t, z), "").figure
+    figure = animation(kinematics, t, z, "").figure
     times = np.array(figure.layout.meta["times"])
     at = np.round(30 * times).astype(int)
     travelled = np.linalg.norm(np.diff(z[:, :3], axis=0), axis=1)

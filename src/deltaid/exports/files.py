@@ -10,18 +10,20 @@ from typing import Literal, get_args
 
 from deltaid.control.plant import point_mass
 from deltaid.errors import DeltaidError, positive, unknown
-from deltaid.exports.c_code import c_code
-from deltaid.exports.data_files import casadi_file, npz_file
-from deltaid.exports.fmu import fmu
-from deltaid.exports.handover import handover
-from deltaid.exports.mjcf import mjcf
-from deltaid.exports.model_functions import NO_CONTACT
+from deltaid.exports import (
+    c_code,
+    data_files,
+    fmu,
+    handover,
+    mjcf,
+    model_functions,
+    structured_text,
+    tree,
+    urdf,
+)
 from deltaid.exports.options import FmiVersion, TargetName
 from deltaid.exports.plain_friction import plain_friction as nearest_plain
-from deltaid.exports.structured_text import plc_program
 from deltaid.exports.text import DOUBLE, SINGLE, Export, Precision
-from deltaid.exports.tree import require_physical
-from deltaid.exports.urdf import urdf
 from deltaid.files import require_writable, together, write_bytes
 from deltaid.joint_forces.constraint_forces import ConstraintForces
 from deltaid.model.model import Model, ModelLike, load
@@ -82,12 +84,14 @@ class ExportTarget:
 
 
 def _st(subject: Model, stem: str, choices: Choices) -> Export:
-    program = plc_program(subject, stem, choices.precision, choices.functions, choices.online)
+    program = structured_text.plc_program(
+        subject, stem, choices.precision, choices.functions, choices.online
+    )
     return Export({".st": program.text, ".plcopen.xml": program.xml})
 
 
 def _unit(subject: Model, stem: str, choices: Choices, *, forward: bool) -> Export:
-    return fmu(subject, stem, forward=forward, version=choices.fmi, progress=choices.progress)
+    return fmu.fmu(subject, stem, forward=forward, version=choices.fmi, progress=choices.progress)
 
 
 def _single(suffix: str, content: Callable[[Model], str | bytes]) -> ExportTarget:
@@ -98,16 +102,16 @@ def _single(suffix: str, content: Callable[[Model], str | bytes]) -> ExportTarge
 TARGETS: Mapping[TargetName, ExportTarget] = {
     "c": ExportTarget(
         (".c", ".h"),
-        lambda subject, stem, x: c_code(subject, stem, x.precision, x.functions, x.online),
+        lambda subject, stem, x: c_code.c_code(subject, stem, x.precision, x.functions, x.online),
         "code",
     ),
     "st": ExportTarget((".st", ".plcopen.xml"), _st, "code", longest=20),
     "fmu": ExportTarget((".fmu",), partial(_unit, forward=True), "unit"),
     "fmu-inverse": ExportTarget((".fmu",), partial(_unit, forward=False), "unit", "_inverse"),
-    "casadi": _single(".casadi", casadi_file),
-    "mjcf": _single(".xml", mjcf),
-    "urdf": ExportTarget((".urdf", ".loops.json"), lambda subject, *_: urdf(subject)),
-    "npz": _single(".npz", npz_file),
+    "casadi": _single(".casadi", data_files.casadi_file),
+    "mjcf": _single(".xml", mjcf.mjcf),
+    "urdf": ExportTarget((".urdf", ".loops.json"), lambda subject, *_: urdf.urdf(subject)),
+    "npz": _single(".npz", data_files.npz_file),
 }
 
 
@@ -205,11 +209,11 @@ def export(
     if without_friction:
         subject = subject.without_friction()
     subject, warnings = nearest_plain(subject) if plain_friction else (subject, ())
-    require_physical(subject, "identify the model again; its result is always consistent")
+    tree.require_physical(subject, "identify the model again; its result is always consistent")
     path, precision = output_path(to, subject.robot.name, output), SINGLE if single else DOUBLE
     paths, beside = [path.with_suffix(suffix) for suffix in form.suffixes], dict[str, str]()
     if path != Path(output):
-        beside = handover(subject, to, path.stem, [part.name for part in paths], precision)
+        beside = handover.handover(subject, to, path.stem, [part.name for part in paths], precision)
     paths += [path.parent / name for name in beside]
     for part in paths:
         require_writable(part, inputs)
@@ -223,7 +227,7 @@ def export(
     if "constraint-forces" in further:
         notes.append(ConstraintForces(subject.robot).note)
     if "online" in further and subject.identified is None:
-        notes.append(NO_CONTACT)
+        notes.append(model_functions.NO_CONTACT)
     return Written(tuple(paths), (*warnings, *made.warnings, *filter(None, notes)))
 
 

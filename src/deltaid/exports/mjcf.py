@@ -9,7 +9,6 @@ Drawn models are a folder of such files, for programs that train or test on many
 
 import csv
 from collections.abc import Iterable
-from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 
@@ -48,7 +47,7 @@ def mjcf(subject: Model) -> str:
     """
     tree, forces = spanning_tree(subject), joint_forces(subject, "MJCF")
     home, drawn = tree.joint_coordinates(subject.home), shapes(subject, tree)
-    seen = extent(subject, drawn)
+    centre, size, floor = _extent(subject, drawn)
     points = [p for pair in (*tree.cuts, *tree.struts) for p in (pair.first, pair.second)]
     root = rendered_xml(
         "mjcf.xml.jinja",
@@ -59,7 +58,9 @@ def mjcf(subject: Model) -> str:
         free=JointForces(),
         home=home,
         drawn=drawn,
-        seen=seen,
+        centre=centre,
+        size=size,
+        floor=floor,
         points=[*points, TreePoint("tool", tree.tool_body, ZERO)],
         limbs=list(dict.fromkeys(strut.body for strut in tree.struts)),
         width=strut_radius(subject),
@@ -72,8 +73,8 @@ def mjcf(subject: Model) -> str:
         inertial=_inertial,
         quat=lambda R: np.roll(Rotation.from_matrix(R).as_quat(), 1),  # scalar first
         joined=lambda *ends: np.concatenate(ends),
-        light=partial(_light, seen),
-        camera=partial(_camera, seen),
+        light=partial(_light, centre, size),
+        camera=partial(_camera, centre, size),
     )
     moved = [joint.get("name", "") for joint in root.iterfind("worldbody//joint")]
     for key in root.iter("key"):  # joints as MuJoCo counts them
@@ -111,38 +112,32 @@ def _at_home(
     return R, r, [R.T @ axis for axis in axes]
 
 
-@dataclass(frozen=True)
-class Extent:
-    """Middle of what there is to see, its diagonal, and height of the floor below it [m]."""
-
-    centre: Vector
-    size: float
-    floor: float
-
-
-def extent(subject: Model, drawn: Iterable[Shape]) -> Extent:
-    """Base, elbows and workspace with some air around."""
+def _extent(subject: Model, drawn: Iterable[Shape]) -> tuple[Vector, float, float]:
+    """Middle of base, elbows and workspace with some air around, the diagonal, and the height of
+    the floor below [m]."""
     s, rods = thickness(subject), [shape for shape in drawn if isinstance(shape, Rod)]
     limbs, box = subject.robot.limb_geometry, subject.robot.workspace.bounding_box
     points = [limb.base + (limb.upper_arm or 0.1 * s) * limb.R_WL[:, 0] for limb in limbs]
     points += [point for rod in rods if not rod.body for point in (rod.start, rod.end)]
     corners = np.vstack([*points, *box])
     low, high = corners.min(axis=0) - 0.15 * s, corners.max(axis=0) + 0.15 * s
-    return Extent(0.5 * (low + high), float(np.linalg.norm(high - low)), low[2])
+    return 0.5 * (low + high), float(np.linalg.norm(high - low)), low[2]
 
 
-def _light(seen: Extent, away: tuple[float, ...]) -> dict[str, Vector]:
-    place = seen.centre + seen.size * np.array(away)
-    return {"pos": place, "dir": (seen.centre - place) / np.linalg.norm(seen.centre - place)}
+def _light(centre: Vector, size: float, away: tuple[float, ...]) -> dict[str, Vector]:
+    place = centre + size * np.array(away)
+    return {"pos": place, "dir": (centre - place) / np.linalg.norm(centre - place)}
 
 
-def _camera(seen: Extent, way: tuple[float, ...], far: float) -> dict[str, Float[np.ndarray, " _"]]:
+def _camera(
+    centre: Vector, size: float, way: tuple[float, ...], far: float
+) -> dict[str, Float[np.ndarray, " _"]]:
     """A camera that looks at the middle with world z upwards; it sees along its own −z."""
-    away = far * seen.size * np.array(way) / np.linalg.norm(way)
+    away = far * size * np.array(way) / np.linalg.norm(way)
     back = away / np.linalg.norm(away)
     right = np.cross([0.0, 0.0, 1.0], back)
     right /= np.linalg.norm(right)
-    return {"pos": seen.centre + away, "xyaxes": np.append(right, np.cross(back, right))}
+    return {"pos": centre + away, "xyaxes": np.append(right, np.cross(back, right))}
 
 
 def write_ensemble(samples: Samples, folder: str | Path) -> Path:

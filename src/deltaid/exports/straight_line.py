@@ -102,21 +102,6 @@ class Dialect(ABC):
         """The same for a result that is the sum of two numbers, as operands may be."""
 
 
-@dataclass(frozen=True)
-class CodeLines:
-    """A graph as statements.
-
-    Attributes:
-        lines: the statements.
-        used: names of the inputs that they read.
-        slots: variables that they write.
-    """
-
-    lines: list[str]
-    used: set[str]
-    slots: list[str]
-
-
 def body(
     inputs: Sequence[Array],
     out: str,
@@ -124,8 +109,9 @@ def body(
     dialect: Dialect,
     care: Care | None = None,
     parts: Sequence[OutputPart] = (),
-) -> CodeLines:
-    """Statements that compute a column of expressions, in the order of CasADi's instructions.
+) -> tuple[list[str], list[str], set[str]]:
+    """Statements that compute a column of expressions, in the order of CasADi's instructions; the
+    variables that they write, and the names of the inputs that they read.
 
     Args:
         care: what decides which steps need twice the digits; None if no step does.
@@ -157,7 +143,7 @@ def body(
             value[to] = f"w{to}", ""
             lines += dialect.operation(f"w{to}", op, [arg for arg, _ in args], needed[k])
             slots.add(f"w{to}")
-    return CodeLines(lines, used, in_order(slots))
+    return lines, in_order(slots), used
 
 
 def in_order(slots: Iterable[str]) -> list[str]:
@@ -204,7 +190,7 @@ def straight_line(
     """
     (out_name, expression), real = output, precision.c_type
     dense = ca.vec(ca.densify(expression).T)
-    found = body(inputs, out_name, dense, _C(precision, sign), care, parts)
+    lines, slots, used = body(inputs, out_name, dense, _C(precision, sign), care, parts)
     arrays = [array for array in inputs if not array.is_table]
     arguments = [f"const {real} {array.name}[{array.symbols.numel()}]" for array in arrays]
     signature = ", ".join([*arguments, f"{real} {out_name}[{dense.numel()}]"])
@@ -212,9 +198,9 @@ def straight_line(
         [
             *wrapped(f"{linkage}void {name}({signature})"),
             "{",
-            *(wrapped(f"    {real} {', '.join(found.slots)};") if found.slots else []),
-            *(f"    (void){array.name};" for array in arrays if array.name not in found.used),
-            *found.lines,
+            *(wrapped(f"    {real} {', '.join(slots)};") if slots else []),
+            *(f"    (void){array.name};" for array in arrays if array.name not in used),
+            *lines,
             "}",
         ]
     )

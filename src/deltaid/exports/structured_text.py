@@ -178,9 +178,9 @@ class Writer:
     ) -> list[str]:
         """Statements for some values, whose parts may need more digits than a REAL has."""
         dialect = StructuredText(self.precision, self.prefix)
-        found = body(inputs, out, values, dialect, self.care, parts)
-        scratch.update(found.slots)
-        return found.lines
+        lines, slots, _ = body(inputs, out, values, dialect, self.care, parts)
+        scratch.update(slots)
+        return lines
 
     def _block(self, f: ExportedFunction) -> Unit:
         """A function of q: the pose first, which is kept, then a function of z."""

@@ -2,7 +2,6 @@
 ellipsoids of uniform density that have the same mass and moments."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -33,33 +32,36 @@ _SEEN = 60.0  # s of a recording that are looked at for a stretch worth seeing
 Path = Float[np.ndarray, "samples 3"]
 
 
-@dataclass(frozen=True)
-class ShownMotion:
-    """Task coordinates over time, evenly spaced in time."""
-
-    time: Float[np.ndarray, " samples"]
-    z: Float[np.ndarray, "samples dof"]
-
-
-def recorded_motion(kinematics: Kinematics, recording: PreparedRecording) -> ShownMotion:
-    """The first minute of a recording."""
+def recorded_motion(
+    kinematics: Kinematics, recording: PreparedRecording
+) -> tuple[Float[np.ndarray, " samples"], Float[np.ndarray, "samples dof"]]:
+    """Times and task coordinates of the first minute of a recording."""
     time, z = [], []
     for window in recording.windows(kinematics):
         time.append(window.own.time)
         z.append(window.own.z)
         if time[-1][-1] - time[0][0] > _SEEN:
             break
-    return ShownMotion(np.concatenate(time), np.concatenate(z))
+    return np.concatenate(time), np.concatenate(z)
 
 
-def animation(kinematics: Kinematics, motion: ShownMotion, caption: str) -> Figure:
-    """The robot along the stretch of a few seconds in which its platform travels farthest."""
-    workspace, path = kinematics.robot.workspace, kinematics.robot.task.point(motion.z)
-    seen = _liveliest(motion.time, path)
+def animation(
+    kinematics: Kinematics,
+    time: Float[np.ndarray, " samples"],
+    z: Float[np.ndarray, "samples dof"],
+    caption: str,
+) -> Figure:
+    """The robot along the stretch of a few seconds in which its platform travels farthest.
+
+    Args:
+        time, z: of the motion, evenly spaced in time.
+    """
+    workspace, path = kinematics.robot.workspace, kinematics.robot.task.point(z)
+    seen = _liveliest(time, path)
     count = min(_FRAMES, seen.stop - seen.start)
     chosen = np.linspace(seen.start, seen.stop - 1, count).astype(int)
-    skeleton, time = Skeleton(kinematics.robot, kinematics.mechanism), motion.time[chosen]
-    shapes = skeleton.evaluate(motion.z[chosen])
+    skeleton, shown = Skeleton(kinematics.robot, kinematics.mechanism), time[chosen]
+    shapes = skeleton.evaluate(z[chosen])
     lines = robot_lines(skeleton, shapes[0])
     dots = {"color": style.PRIOR, "width": 2, "dash": "dot"}
     still = [
@@ -78,8 +80,8 @@ def animation(kinematics: Kinematics, motion: ShownMotion, caption: str) -> Figu
     ]
     figure = go.Figure([*still, *lines.values()], frames=frames)
     # From which the page makes a player: times of the frames [s], and from one to the next [ms].
-    pause = 1000 * float(time[-1] - time[0]) / max(count - 1, 1)
-    figure.update_layout(meta={"times": time.tolist(), "pause": pause})
+    pause = 1000 * float(shown[-1] - shown[0]) / max(count - 1, 1)
+    figure.update_layout(meta={"times": shown.tolist(), "pause": pause})
     fix_scene(figure, shapes.reshape(-1, 3), path, outline_points(workspace))
     return Figure(figure, caption)
 
@@ -224,7 +226,7 @@ def _mesh(model: IdentifiedModel, poses: Sequence[BodyPoses]) -> go.Mesh3d:
     height = 1 - (2 * k + 1) / _POINTS
     r = np.sqrt(1 - height**2)
     ball = np.column_stack([r * np.cos(_GOLDEN * k), r * np.sin(_GOLDEN * k), height])
-    faces = _faces(ball)
+    faces = outward_faces(ball)
     points = [placed(model, pose, model.p, ball).astype(np.float32) for pose in poses]
     masses = {pose.name: model.p[model.layout.body(pose.name)][0] for pose in poses}
     indices = np.concatenate([faces + k * _POINTS for k in range(len(poses))]).astype(np.int32).T
@@ -264,10 +266,11 @@ def placed(
     return pose.r_WB[0] + (centre + points @ A.T) @ pose.R_WB[0].T
 
 
-def _faces(ball: Float[np.ndarray, "points 3"]) -> Int[np.ndarray, "faces 3"]:
-    """Triangles between points of a sphere, all turned outwards, which the light needs."""
-    faces = ConvexHull(ball).simplices
-    a, b, c = (ball[faces[:, k]] for k in range(3))
+def outward_faces(corners: Float[np.ndarray, "points 3"]) -> Int[np.ndarray, "faces 3"]:
+    """Triangles between the corners of a convex body about the origin, all turned outwards, which
+    the light needs."""
+    faces = ConvexHull(corners).simplices
+    a, b, c = (corners[faces[:, k]] for k in range(3))
     inwards = np.einsum("ij,ij->i", np.cross(b - a, c - a), a) < 0
     faces[inwards] = faces[inwards][:, ::-1]
     return faces

@@ -1,7 +1,7 @@
 """A robot at a pose that is asked for, and its readings as a small table; no window in here."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import Literal
 
 import numpy as np
 from jaxtyping import Float
@@ -9,8 +9,6 @@ from jaxtyping import Float
 from deltaid.dynamics.at_rest import AtRest
 from deltaid.view import style
 from deltaid.view.html import environment
-
-State = Literal["good", "near", "over"]
 
 # Share of a limit from which on it counts as near.
 _NEAR = 0.8
@@ -29,28 +27,20 @@ class DriveReading:
 
 
 @dataclass(frozen=True)
-class LimitReading:
-    """Use of one limit, 1 at the limit, and what to think of it."""
-
-    name: str
-    share: float
-    state: State
-
-
-@dataclass(frozen=True)
 class View:
     """The robot as it is shown.
 
     Attributes:
         z: where it stands [m; rad].
-        drives, condition, limits: readings where it stands; limits in the order of the robot's.
+        drives, condition, limits: readings where it stands; limits by name, in the
+            robot's order, with the share of each that is used.
         message: what is wrong: out of reach, or beyond limits; empty if nothing is.
     """
 
     z: Float[np.ndarray, " dof"]
     drives: tuple[DriveReading, ...]
     condition: float
-    limits: tuple[LimitReading, ...]
+    limits: Mapping[str, float]
     message: str = ""
 
 
@@ -81,14 +71,12 @@ def _standing(robot: AtRest, z: Float[np.ndarray, " dof"]) -> View:
             units.items(), poses.q[0].tolist(), poses.torque[0].tolist(), strict=True
         )
     )
-    limits = tuple(
-        LimitReading(name, share, "over" if share > 1 else "near" if share > _NEAR else "good")
-        for name, share in zip(robot.limits, poses.shares[0].tolist(), strict=True)
-    )
-    over = ", ".join(limit.name for limit in limits if limit.state == "over")
-    return View(z, drives, float(poses.condition[0]), limits, (f"beyond {over}" if over else ""))
+    limits = dict(zip(robot.limits, poses.shares[0].tolist(), strict=True))
+    over = ", ".join(name for name, share in limits.items() if share > 1)
+    return View(z, drives, float(poses.condition[0]), limits, f"beyond {over}" if over else "")
 
 
 def panel(view: View) -> str:
     """HTML of a view's readings."""
-    return environment().get_template("panel.html.jinja").render(view=view, colors=_COLORS)
+    template = environment().get_template("panel.html.jinja")
+    return template.render(view=view, colors=_COLORS, near=_NEAR)

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Float
 from markupsafe import Markup
 
 from deltaid.mechanism.kinematics import Kinematics
@@ -184,18 +184,6 @@ def _circle(radius: float, height: float) -> Line:
     return np.column_stack([x, y, np.full_like(x, height)])
 
 
-# Sides of a cylinder, enough to look round.
-_SIDES = 16
-
-
-@dataclass(frozen=True)
-class Mesh:
-    """Corners, and triangles by the numbers of their corners, seen from outside anticlockwise."""
-
-    corners: Float[np.ndarray, "corners 3"]
-    triangles: Int[np.ndarray, "triangles 3"]
-
-
 @dataclass(frozen=True)
 class Placement:
     """Where copies of a mesh are: centres, orientations (w, x, y, z), scales along own axes."""
@@ -203,19 +191,6 @@ class Placement:
     positions: Float[np.ndarray, "n 3"]
     wxyz: Float[np.ndarray, "n 4"]
     scales: Float[np.ndarray, "n 3"]
-
-
-def cylinder() -> Mesh:
-    """A closed cylinder of radius 1 and length 1 about its z axis, its middle at the origin."""
-    angle, up = 2 * np.pi * np.arange(_SIDES) / _SIDES, np.array([0.0, 0.0, 0.5])
-    ring = np.column_stack([np.cos(angle), np.sin(angle), np.zeros(_SIDES)])
-    low, high = np.arange(_SIDES), np.arange(_SIDES) + _SIDES
-    low_next, high_next = np.roll(low, -1), np.roll(high, -1)
-    bottom, top = np.full(_SIDES, 2 * _SIDES), np.full(_SIDES, 2 * _SIDES + 1)
-    faces = [(low, low_next, high_next), (low, high_next, high)]
-    faces += [(bottom, low_next, low), (top, high, high_next)]
-    triangles = np.concatenate([np.column_stack(face) for face in faces])
-    return Mesh(np.concatenate([ring - up, ring + up, [-up, up]]), triangles)
 
 
 def along(segments: Float[np.ndarray, "n 2 3"], radius: float) -> Placement:

@@ -10,7 +10,7 @@ from deltaid.motion.excitation.plot import SAMPLES
 from deltaid.motion.excitation.run import Run, sample_run
 from deltaid.motion.fourier import FourierMotion
 from deltaid.view import style
-from deltaid.view.animation import ShownMotion, animation
+from deltaid.view.animation import animation
 from deltaid.view.drawing import drawing
 from deltaid.view.numbers import number, percent
 from deltaid.view.page import Fact, Figure, Page, Section, Summary, Table, Text, Trust
@@ -53,7 +53,8 @@ def excitation_page(result: Excitation) -> Page:
     time = np.linspace(0, run.duration, max(SAMPLES, int(50 * run.duration)))
     moving = animation(
         exciter.dynamics.kinematics,
-        ShownMotion(time, run.evaluate(time)[0]),
+        time,
+        run.evaluate(time)[0],
         "The robot on the liveliest seconds of the motion, in real time. Drag to turn the view. "
         "The distance of the two struts in a pair is not part of the description and drawn as it "
         "looks usual.",

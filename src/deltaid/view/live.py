@@ -14,8 +14,9 @@ from deltaid.dynamics.at_rest import AtRest
 from deltaid.libraries import require
 from deltaid.mechanism.skeleton import Skeleton
 from deltaid.view import style
+from deltaid.view.animation import outward_faces
 from deltaid.view.at_pose import View, home_view, moved, panel
-from deltaid.view.drawing import Placement, along, cylinder, members, outline_segments
+from deltaid.view.drawing import Placement, along, members, outline_segments
 from deltaid.view.own_page import HOST, answering_own_page_only
 from deltaid.view.reach import limit_kinds, patches, reach
 
@@ -23,6 +24,8 @@ from deltaid.view.reach import limit_kinds, patches, reach
 DEFAULT_PORT = 8080
 # Where one looks from, in sizes of the robot.
 _FROM = np.array([1.3, 1.0, 0.35])
+# Sides of a cylinder, enough to look round.
+_SIDES = 16
 # Share of a colour's brightness that is left under the lamps.
 _SHADE = 0.7
 
@@ -112,12 +115,12 @@ class LiveView:
         return {body: along(shapes[owners == body], radius) for body, radius in radii.items()}
 
     def _add_robot(self) -> dict[str, Any]:
-        mesh, drawn = cylinder(), members(self._skeleton.bodies)
+        corners, drawn = cylinder(), members(self._skeleton.bodies)
         return {
             body: self.server.scene.add_batched_meshes_simple(
                 f"/robot/{body}",
-                mesh.corners.astype(np.float32),
-                mesh.triangles.astype(np.uint32),
+                corners.astype(np.float32),
+                outward_faces(corners).astype(np.uint32),
                 placed.wxyz.astype(np.float32),
                 placed.positions.astype(np.float32),
                 batched_scales=placed.scales.astype(np.float32),
@@ -190,6 +193,13 @@ class LiveView:
             return
         turn = [np.deg2rad(self._inputs["turn"].value)] if "turn" in self._inputs else []
         self.move(np.array([*self._inputs["point"].value, *turn]))
+
+
+def cylinder() -> Float[np.ndarray, "corners 3"]:
+    """Corners of a cylinder of radius 1 and length 1 about its z axis, its middle at the origin."""
+    angle = 2 * np.pi * np.arange(_SIDES) / _SIDES
+    ring = np.column_stack([np.cos(angle), np.sin(angle), np.full(_SIDES, 0.5)])
+    return np.concatenate([ring, ring * [1.0, 1.0, -1.0]])
 
 
 def _silence() -> contextlib.redirect_stdout[io.StringIO]:

@@ -16,17 +16,11 @@ from deltaid.model.record import IdentifiedModel
 from deltaid.model.verdict import Grade, Verdict, worst
 from deltaid.recording.recording import PreparedRecording
 from deltaid.robot.description import RobotDescription
-from deltaid.view.animation import animation, body_section, recorded_motion
+from deltaid.view import animation, corrections, drawing, model_tables, models, parameters, robots
 from deltaid.view.check import page_table, short_table, tally
 from deltaid.view.comparison import TorqueComparison, compare
-from deltaid.view.corrections import left_out_table, put_right_sections
-from deltaid.view.drawing import drawing
-from deltaid.view.model_tables import base_table, error_table
-from deltaid.view.models import fit_errors
 from deltaid.view.numbers import measured, percent
 from deltaid.view.page import Fact, Page, Section
-from deltaid.view.parameters import information_section, parameter_chart, parameter_section
-from deltaid.view.robots import robot_figure, robot_page
 from deltaid.view.summary import (
     certificate,
     file_names,
@@ -74,21 +68,21 @@ def identification_page(result: Identification, verification: Validation | None 
         title=model.robot.title or model.robot.name,
         subtitle=f"Dynamic model {whence}",
         verdict=without_doubts(summary(result, error, log)),
-        drawing=drawing(model.robot, dynamics.kinematics),
+        drawing=drawing.drawing(model.robot, dynamics.kinematics),
         facts=_facts(model, error, verdicts),
         front=(
             *((short_table(verdicts),) if verdicts else ()),
-            error_table(load(model), error),
+            model_tables.error_table(load(model), error),
             over_time(seen, model.robot.drive_units),
         ),
         sections=(
-            *put_right_sections(model),
+            *corrections.put_right_sections(model),
             *sections,
             _motion_section(dynamics, recordings[0]),
-            parameter_section(model),
+            parameters.parameter_section(model),
             friction_section(model, comparisons),
-            body_section(model, dynamics.kinematics),
-            information_section(result),
+            animation.body_section(model, dynamics.kinematics),
+            parameters.information_section(result),
             *checks,
             provenance_section(load(model), "Data and settings"),
         ),
@@ -107,9 +101,9 @@ def _torque_section(
 
 
 def _motion_section(dynamics: Dynamics, recording: PreparedRecording) -> Section:
-    figure = animation(
+    figure = animation.animation(
         dynamics.kinematics,
-        recorded_motion(dynamics.kinematics, recording),
+        *animation.recorded_motion(dynamics.kinematics, recording),
         f"The robot on the recorded motion of {recording.path.name}, in real time: the liveliest "
         "seconds of its first minute. Drag to turn the view. The distance of the two struts in a "
         "pair is not part of the description and drawn as it looks usual.",
@@ -149,19 +143,24 @@ def validation_page(value: Validation) -> Page:
     dynamics, known, recording = model.dynamics, model.identified, model_filtered(model, log)
     comparison, chapters = compare(dynamics, model.p, recording), list[Section]()
     if known:
-        chapters.append(parameter_section(known))
+        chapters.append(parameters.parameter_section(known))
     if known and known.base_parameters:  # which models of earlier versions do not hold
-        tables = (base_table(known.base_parameters),)
+        tables = (model_tables.base_table(known.base_parameters),)
         about = "combinations that the torques determine"
         chapters.append(Section("Base parameters", tables, about))
-    missing = left_out_table([(log.path.name, left_out(log, model.robot.drives, error))])
+    missing = corrections.left_out_table(
+        [(log.path.name, left_out(log, model.robot.drives, error))]
+    )
     torques = _torque_section(model.robot, comparison, "Torques", front=True)
     return Page(
         title=model.robot.title or model.robot.name,
         subtitle=f"Parameters: {model.origin}; compared with {log.path.name}",
         verdict=without_doubts(summary(model, error, log)),
-        drawing=drawing(model.robot, dynamics.kinematics),
-        front=(error_table(model, error), over_time(comparison, model.robot.drive_units)),
+        drawing=drawing.drawing(model.robot, dynamics.kinematics),
+        front=(
+            model_tables.error_table(model, error),
+            over_time(comparison, model.robot.drive_units),
+        ),
         facts=tuple(
             Fact(
                 f"{drive}, {units.effort} error",
@@ -176,7 +175,7 @@ def validation_page(value: Validation) -> Page:
             _motion_section(dynamics, recording),
             friction_section(model, (comparison,)),
             *chapters,
-            *put_right_sections(model.identified),
+            *corrections.put_right_sections(model.identified),
             provenance_section(model, "The model"),
         ),
         warnings=(
@@ -191,18 +190,18 @@ def model_page(value: Model | IdentifiedModel) -> Page:
     model = load(value)
     known = model.identified
     if known is None:
-        return robot_page(model.robot)
+        return robots.robot_page(model.robot)
     return Page(
         title=model.robot.title or model.robot.name,
         subtitle=f"Dynamic model, {model.origin}",
         verdict=without_doubts(summary(model)),
-        drawing=drawing(model.robot, model.dynamics.kinematics),
-        front=(error_table(model, None),),
-        facts=tuple(Fact(name, share) for name, share in fit_errors(known)),
+        drawing=drawing.drawing(model.robot, model.dynamics.kinematics),
+        front=(model_tables.error_table(model, None),),
+        facts=tuple(Fact(name, share) for name, share in models.fit_errors(known)),
         sections=(
-            parameter_section(known),
-            body_section(known, model.dynamics.kinematics),
-            *put_right_sections(known),
+            parameters.parameter_section(known),
+            animation.body_section(known, model.dynamics.kinematics),
+            *corrections.put_right_sections(known),
             provenance_section(model, "The model"),
         ),
         warnings=known.warnings,
@@ -213,8 +212,8 @@ def model_figure(value: Model | IdentifiedModel) -> go.Figure:
     """Parameters beside their prior, with intervals; of a robot at its prior the robot."""
     model = load(value)
     if model.identified is None:
-        return robot_figure(model.robot)
-    return parameter_chart(model.identified).figure
+        return robots.robot_figure(model.robot)
+    return parameters.parameter_chart(model.identified).figure
 
 
 def identification_figure(value: Identification) -> go.Figure:

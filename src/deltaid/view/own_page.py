@@ -25,19 +25,13 @@ def free_port(candidates: Iterable[int]) -> int:
     """
     port, reason = 0, ""
     for port in candidates:
-        with socket.socket() as trial:
-            trial.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-            try:
-                trial.bind((HOST, port))
-            except OSError as error:
-                reason = error.strerror or str(error)
-                continue
-            return int(trial.getsockname()[1])
-    raise DeltaidError(
-        f"cannot be used: {reason}",
-        where=f"--port {port}",
-        cure="give another one, or 0 for any that is free",
-    )
+        try:
+            with socket.create_server((HOST, port)) as trial:
+                return int(trial.getsockname()[1])
+        except OSError as error:
+            reason = error.strerror or str(error)
+    cure = "give another one, or 0 for any that is free"
+    raise DeltaidError(f"cannot be used: {reason}", where=f"--port {port}", cure=cure)
 
 
 @contextmanager
