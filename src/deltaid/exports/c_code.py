@@ -72,9 +72,7 @@ def function_texts(
         "results": size,
         "demands": demands,
         "unfit": f.unfit,
-        "outputs": [
-            (name, sum(m for _, m in outputs[:k]), n) for k, (name, n) in enumerate(outputs)
-        ],
+        "outputs": f.places,
     }
 
 
@@ -187,18 +185,16 @@ def c_code(
 
 
 def _require_name(prefix: str) -> None:
-    if not re.fullmatch(r"[A-Za-z][A-Za-z0-9_]{0,40}", prefix):
-        raise DeltaidError(
-            f"'{prefix[:60]}' cannot begin the names of C functions",
-            where="name of the output",
-            cure="use letters, digits and _, a letter first",
-        )
+    what = f"'{prefix[:60]}' cannot begin the names of C functions"
+    cure = "use letters, digits and _, a letter first"
     if prefix.lower() in _OTHER_HEADERS:
-        raise DeltaidError(
+        what, cure = (
             f"'{prefix}.h' would be mistaken for another header of that name",
-            where="name of the output",
-            cure="choose another name",
+            "choose another name",
         )
+    elif re.fullmatch(r"[A-Za-z][A-Za-z0-9_]{0,40}", prefix):
+        return
+    raise DeltaidError(what, where="name of the output", cure=cure)
 
 
 def accelerations(subject: Model, table: ParameterTable, *smooth: Array, sign: str = SIGN) -> str:

@@ -128,6 +128,12 @@ class ExportedFunction:
         return tuple(array for array in self.inputs if not array.is_table)
 
     @property
+    def places(self) -> list[tuple[str, int, int]]:
+        """Of each output its name, where in all of them it begins, and how many entries it has."""
+        ends = np.cumsum([output.size for output in self.outputs]).tolist()
+        return [(x.name, end - x.size, x.size) for x, end in zip(self.outputs, ends, strict=True)]
+
+    @property
     def parts(self) -> list[OutputPart]:
         """The outputs as parts of `everything`."""
         return [OutputPart(output.size) for output in self.outputs]

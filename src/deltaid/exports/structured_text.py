@@ -139,10 +139,6 @@ class Writer:
             (x.status, x.bound, x.value.numel(), self.computed(given, x.value, scratch))
             for x in f.demands
         ]
-        outputs, at = list[tuple[str, int, int]](), 0
-        for output in f.outputs:
-            outputs.append((output.name, at, output.size))
-            at += output.size
         name = f"{self.prefix}_{f.name}"
         text = self.body(
             "function",
@@ -154,8 +150,8 @@ class Writer:
             demands=demands,
             unfit=f.unfit,
             lines=self.computed(given, values, scratch, f.parts),
-            size=at,
-            outputs=outputs,
+            size=values.numel(),
+            outputs=f.places,
         )
         return Unit(
             name,

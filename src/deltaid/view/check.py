@@ -59,7 +59,6 @@ def short_table(verdicts: Sequence[Verdict]) -> Table:
 
 
 def _parted(verdicts: Sequence[Verdict]) -> tuple[list[Verdict], list[Verdict]]:
-    """What is not good, and what is."""
     poor = [verdict for verdict in verdicts if verdict.grade is not Grade.GOOD]
     return poor, [verdict for verdict in verdicts if verdict.grade is Grade.GOOD]
 
@@ -87,20 +86,20 @@ def check_page(
     """
     (poor, good), grades = _parted(verdicts), [verdict.grade for verdict in verdicts]
     first = page_table(poor) if poor else Text("All that was checked is good.")
-    sections = [Section("To be mended" if poor else "Verdict", (first,), unfolded=True)]
-    if lines:
-        pasted = tuple(Lines(text, f"Goes into {file}.") for file, text in lines.items())
-        sections.append(Section("Lines to paste", pasted, "the fix, as text", unfolded=True))
-    if good:
-        about = "what was checked and is as it should be"
-        sections.append(Section("Good", (page_table(good),), about))
+    pasted = tuple(Lines(text, f"Goes into {file}.") for file, text in lines.items())
+    about = "what was checked and is as it should be"
+    sections = (
+        Section("To be mended" if poor else "Verdict", (first,), unfolded=True),
+        Section("Lines to paste", pasted, "the fix, as text", unfolded=True),
+        Section("Good", (page_table(good),) if good else (), about),
+    )
     return Page(
         title=title,
         subtitle=f"Checked: the description{''.join(f', {log}' for log in logs)}",
         verdict=_summary(grades),
         drawing=picture,
         facts=tuple(Fact(grade, str(grades.count(grade))) for grade in _ORDER),
-        sections=tuple(sections),
+        sections=tuple(section for section in sections if section.blocks),
     )
 
 
@@ -108,16 +107,18 @@ def _summary(grades: Sequence[Grade]) -> Summary:
     worst = max(grades, key=list(Grade).index, default=Grade.GOOD)
     many = grades.count(worst)
     things = f"{in_words(many)} thing{'s' if many > 1 else ''}"
-    trust, sentence = {
-        Grade.WRONG: (Trust.POOR, f"Wrong: {things} to be corrected before an identification."),
-        Grade.DOUBTFUL: (
-            Trust.FAIR,
-            f"Doubtful: {things} to be inspected before an identification.",
+    return {
+        Grade.WRONG: Summary(
+            Trust.POOR, f"Wrong: {things} to be corrected before an identification."
         ),
-        Grade.CANNOT_TELL: (Trust.GOOD, f"No fault detected: {things} could not be checked."),
-        Grade.GOOD: (Trust.GOOD, "Good: nothing is in the way of an identification."),
+        Grade.DOUBTFUL: Summary(
+            Trust.FAIR, f"Doubtful: {things} to be inspected before an identification."
+        ),
+        Grade.CANNOT_TELL: Summary(
+            Trust.GOOD, f"No fault detected: {things} could not be checked."
+        ),
+        Grade.GOOD: Summary(Trust.GOOD, "Good: nothing is in the way of an identification."),
     }[worst]
-    return Summary(trust, sentence)
 
 
 def verdicts_card(value: Verdicts | Verdict) -> Card:

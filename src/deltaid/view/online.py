@@ -17,7 +17,7 @@ from deltaid.view.page import Fact, Figure, Page, Section, Summary, Table, Text,
 
 # Points that a line is drawn with, at most.
 _POINTS = 8000
-UNTOLD = (
+_UNTOLD = (
     "No gripper signal: torques do not separate a push straight up or down from a load taken or "
     "released."
 )
@@ -66,14 +66,14 @@ def online_page(watched: Watched, title: str) -> Page:
 
 def verdict(watched: Watched) -> Summary:
     """How many loads and contacts there were; doubtful where a warning stands."""
-    loads, touches = len(watched.loads), len(watched.touches)
+    loads, touches, doubts = len(watched.loads), len(watched.touches), len(watched.doubts)
     text = (
         f"Done: {loads} load{'s' * (loads != 1)} and {touches} contact{'s' * (touches != 1)} in "
         f"{watched.cycles / watched.rate:.4g} s."
     )
-    if not watched.doubts:
+    if not doubts:
         return Summary(Trust.GOOD, text, told_lines(watched))
-    which = "a warning" if len(watched.doubts) == 1 else f"{len(watched.doubts)} warnings"
+    which = "a warning" if doubts == 1 else f"{doubts} warnings"
     said = f"Doubtful: read {which} below before any of it is believed."
     return Summary(Trust.FAIR, said, (text, *told_lines(watched)))
 
@@ -87,10 +87,9 @@ def _mass(watched: Watched) -> Figure:
     )
     edge: dict[str, Any] = {"line": {"width": 0, "shape": "hv"}, "hoverinfo": "skip"}
     line = {"color": style.MEASURED, "width": 1.5, "shape": "hv"}
-    band = {"fill": "tonexty", "fillcolor": "rgba(43,131,198,0.3)"}
     lines = [
         go.Scatter(y=high, showlegend=False, **edge),
-        go.Scatter(y=low, name="95 %", **band, **edge),
+        go.Scatter(y=low, name="95 %", fill="tonexty", fillcolor="rgba(43,131,198,0.3)", **edge),
         _line("held", s["mass"].to_numpy(), "%{y:.3g} kg", line=line),
     ]
     return Figure(
@@ -108,21 +107,22 @@ def _size(watched: Watched) -> Figure:
     return Figure(
         figure,
         "What neither model nor load explains of the torques, as a share of the threshold (dotted) "
-        f"for {at_most(watched)}.",
+        f"for {_at_most(watched)}.",
     )
 
 
 def _forces(watched: Watched) -> tuple[Figure, ...]:
     s = watched.series
     force = {name: s[name].to_numpy() for name in s.columns if name.startswith("force_")}
-    if not any(values.any() for values in force.values()):
-        return ()
     lines = [
         _line(f"along {name.removeprefix('force_')}", values, "%{y:.3g} N", style.SERIES[k])
         for k, (name, values) in enumerate(force.items())
     ]
-    caption = "Force on the platform point, in the world's axes, while it is touched."
-    return (Figure(_over_time(s, lines, {"title": "force on the platform [N]"}), caption),)
+    figure = Figure(
+        _over_time(s, lines, {"title": "force on the platform [N]"}),
+        "Force on the platform point, in the world's axes, while it is touched.",
+    )
+    return (figure,) if any(values.any() for values in force.values()) else ()
 
 
 def _least(watched: Watched) -> Figure:
@@ -158,10 +158,12 @@ def _over_time(
 def loads_table(watched: Watched) -> Table:
     """Each load with its interval, when it was held, and its centre as far as that showed."""
     last = watched.loads[-1:]
-    rows = [_load(load, "held still" if load in last else "a hole") for load in watched.loads]
-    head = ("taken [s]", "left [s]", "mass [kg]", "95 %", "after 0.2 s [kg]", "centre [mm]")
     by = "by the gripper's signal" if watched.told else "found from torques alone"
-    return Table(head, tuple(rows), title=f"Loads, {by}")
+    return Table(
+        ("taken [s]", "left [s]", "mass [kg]", "95 %", "after 0.2 s [kg]", "centre [mm]"),
+        tuple(_load(load, "held still" if load in last else "a hole") for load in watched.loads),
+        title=f"Loads, {by}",
+    )
 
 
 def _load(load: WeighedLoad, until: str) -> tuple[str, ...]:
@@ -210,24 +212,19 @@ def friction_table(watched: Watched) -> Table:
     )
 
 
-def at_most(watched: Watched) -> str:
-    """The rate of false alarms that was asked for."""
+def _at_most(watched: Watched) -> str:
     several = "s" * (watched.false_alarms != 1)
     return f"at most {watched.false_alarms:g} false alarm{several} an hour"
 
 
 def told_lines(watched: Watched) -> tuple[str, ...]:
     """What could be told at all, and how long a cycle took."""
-    lines = [
+    bad = f"{watched.bad} of {watched.cycles} cycles could not be used"
+    return (
         f"Smallest detected force on the platform: {number(watched.best, 2)} N along the best "
         f"direction, {number(watched.worst, 2)} N along the worst (95 % of cases, "
-        f"{at_most(watched)})."
-    ]
-    if not watched.told:
-        lines.append(UNTOLD)
-    if watched.bad:
-        lines.append(f"{watched.bad} of {watched.cycles} cycles could not be used")
-    lines.append(
-        f"{watched.cycles} cycles at {watched.rate:.5g} Hz, {1e6 * watched.seconds:.2g} µs each"
+        f"{_at_most(watched)}).",
+        *(() if watched.told else (_UNTOLD,)),
+        *((bad,) if watched.bad else ()),
+        f"{watched.cycles} cycles at {watched.rate:.5g} Hz, {1e6 * watched.seconds:.2g} µs each",
     )
-    return tuple(lines)

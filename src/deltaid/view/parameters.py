@@ -96,19 +96,19 @@ def parameter_chart(model: IdentifiedModel) -> Figure:
             marker={"color": color, "symbol": symbol, "size": 8},
             hovertemplate="%{y}: %{x:+.3g} % of the prior<extra></extra>",
         )
-    return Figure(figure, " ".join(_caption(len(parameters) - len(shown), far)))
+    return Figure(figure, _caption(len(parameters) - len(shown), far))
 
 
-def _caption(left_out: int, far: list[Parameter]) -> list[str]:
-    sentences = [
+def _caption(left_out: int, far: list[Parameter]) -> str:
+    text = (
         "Difference between identified value and prior as a share of the prior; zero is the prior."
-    ]
+    )
     if left_out:
-        sentences.append(f"{left_out} with a prior of zero are in the table only.")
+        text += f" {left_out} with a prior of zero are in the table only."
     if far:
         names = ", ".join(f"{p.name} at {_change(p):+.0f} %" for p in far)
-        sentences.append(f"Beyond the edge: {names}; a double click shows everything.")
-    return sentences
+        text += f" Beyond the edge: {names}; a double click shows everything."
+    return text
 
 
 def _change(parameter: Parameter) -> float:
@@ -157,13 +157,12 @@ def shares_sentence(model: IdentifiedModel) -> str:
     parts = [(p.name, p.share) for p in _decided(model.parameters) if p.share is not None]
     if not parts:
         return ""
-    keys = _keys([share for _, share in parts])
-    middle = np.mean([[getattr(share, key) for key in keys] for _, share in parts], axis=0)
     means = ", ".join(
-        f"{100 * x:.0f} % {_SOURCES[key]}" for x, key in zip(middle, keys, strict=True)
+        f"{100 * np.mean([getattr(share, key) for _, share in parts]):.0f} % {_SOURCES[key]}"
+        for key in _keys([share for _, share in parts])
     )
-    most = [name for name, share in parts if share.geometry > _DECIDES]
-    rest = f"; mostly geometry and effects: {', '.join(most)}" if most else ""
+    most = ", ".join(name for name, share in parts if share.geometry > _DECIDES)
+    rest = f"; mostly geometry and effects: {most}" if most else ""
     return f"intervals come in the mean from: {means}{rest}"
 
 

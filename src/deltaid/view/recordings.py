@@ -26,18 +26,16 @@ _INDEX = re.compile(r"^(.*?)(?:\[?(\d+)\]?)$")
 
 def recording_card(value: Recording) -> Card:
     """Size, time, and the columns with their ranges."""
-    table = recording_frame(value)
-    facts = [("samples", str(len(table))), ("columns", str(table.width))]
-    clock = _clock(table)
-    if clock is not None and len(clock) > 1:
+    table, facts = recording_frame(value), dict[str, str]()
+    if (clock := _clock(table)) is not None and len(clock) > 1:
         step = float(np.median(np.diff(clock)))
-        facts.append(("seconds", number(float(clock[-1] - clock[0]))))
-        facts += [("rate", f"{number(1 / step)} Hz")] if step > 0 else []
+        facts["seconds"] = number(float(clock[-1] - clock[0]))
+        facts |= {"rate": f"{number(1 / step)} Hz"} if step > 0 else {}
     names = ", ".join(table.columns[:12]) + (", …" if table.width > 12 else "")
     return Card(
         f"Recording “{value}”",
         (names,) if value.mapping is None else (names, "with units of its own"),
-        facts=tuple(facts),
+        facts=(("samples", str(len(table))), ("columns", str(table.width)), *facts.items()),
         more=(("columns", _ranges(table)),),
         methods=(".plot()", ".to_frame()", "deltaid.check(robot, recording)"),
     )
@@ -56,8 +54,7 @@ def recording_frame(value: Recording) -> pl.DataFrame:
 def recording_figure(value: Recording) -> go.Figure:
     """Columns of numbers over time; those of one name in one plot: q1, q2, …; tau1, …."""
     table = recording_frame(value)
-    clock = _clock(table)
-    groups = dict[str, list[str]]()
+    clock, groups = _clock(table), dict[str, list[str]]()
     for name in table.columns:
         if table[name].dtype.is_numeric() and name not in TIMES:
             match = _INDEX.match(name)
@@ -71,14 +68,17 @@ def recording_figure(value: Recording) -> go.Figure:
     time = clock if clock is not None else np.arange(len(table), dtype=float)
     for row, (_, names) in enumerate(shown, 1):
         for k, name in enumerate(names):
-            x, y = time, _numbers(table[name])
-            if len(y) > _POINTS:
-                rows = extreme_rows(y, stretch_length(2 * len(y), _POINTS))
-                x, y = x[rows], y[rows]
-            x, y = x.astype(np.float32), y.astype(np.float32)
-            line = {"color": style.SERIES[k % len(style.SERIES)], "width": 1.2}
+            values, rows = _numbers(table[name]), slice(None)
+            if len(values) > _POINTS:
+                rows = extreme_rows(values, stretch_length(2 * len(values), _POINTS))
             figure.add_scatter(
-                x=x, y=y, name=style.label(name), mode="lines", line=line, row=row, col=1
+                x=time[rows].astype(np.float32),
+                y=values[rows].astype(np.float32),
+                name=style.label(name),
+                mode="lines",
+                line={"color": style.SERIES[k % len(style.SERIES)], "width": 1.2},
+                row=row,
+                col=1,
             )
     return figure
 
@@ -96,29 +96,28 @@ def _numbers(column: pl.Series) -> np.ndarray:
 def _ranges(table: pl.DataFrame) -> Table:
     rows = list[tuple[str, str, str]]()
     for column in table:
+        ends = (str(column.dtype), "")
         if column.dtype.is_numeric() and len(column.drop_nulls()):
             numbers = column.cast(pl.Float64)
-            rows.append((column.name, f"{numbers.min():.4g}", f"{numbers.max():.4g}"))
-        else:
-            rows.append((column.name, str(column.dtype), ""))
+            ends = f"{numbers.min():.4g}", f"{numbers.max():.4g}"
+        rows.append((column.name, *ends))
     return Table(("column", "least", "largest"), tuple(rows))
 
 
 def log_card(value: Log | recording.PreparedRecording) -> Card:
     """Size, rate, filter, and what is left out of it."""
     log, cutoff = (value, None) if isinstance(value, Log) else (value.log, value.cutoff)
-    facts = [
-        ("samples", str(log.samples)),
-        ("rate", f"{number(log.rate)} Hz"),
-        ("seconds", number(log.samples / log.rate)),
-    ]
-    facts += [("low-pass", f"{number(cutoff, 3)} Hz")] if cutoff else []
-    facts += [("stretches left out", str(len(log.masks)))] if log.masks else []
     warnings = tuple(str(text) for text in log.warnings)
     return Card(
         f"Recording {log.path.name}, surveyed",
         (*warnings, "nothing about it is doubtful")[:1],
-        facts=tuple(facts),
+        facts=(
+            ("samples", str(log.samples)),
+            ("rate", f"{number(log.rate)} Hz"),
+            ("seconds", number(log.samples / log.rate)),
+            *((("low-pass", f"{number(cutoff, 3)} Hz"),) if cutoff else ()),
+            *((("stretches left out", str(len(log.masks))),) if log.masks else ()),
+        ),
         more=warned(warnings),
     )
 
@@ -127,14 +126,14 @@ def mapping_card(value: ColumnMapping) -> Card:
     """Which column is what, and in which unit; what is left to the default names is not told."""
     time = value.time
     unit = time.unit if time.rate is None else f"{time.rate:g} / s"
-    facts = [("time", (f"{time.rate:g} Hz" if time.is_absent else f"{time.column} [{unit}]"))]
+    facts = {"time": f"{time.rate:g} Hz" if time.is_absent else f"{time.column} [{unit}]"}
     for quantity in QUANTITIES:
         columns: AllDrives | tuple[DriveColumn, ...] | None = getattr(value, quantity)
         each = (columns,) if isinstance(columns, AllDrives) else columns or ()
-        facts += [(quantity, ", ".join(_described_column(column) for column in each))] * bool(each)
-    facts += [("sensors", ", ".join(value.sensors))] * bool(value.sensors)
-    facts += [("loads", ", ".join(load.name for load in value.loads))] * bool(value.loads)
-    return Card("Mapping of columns", facts=tuple(facts), apart=True)
+        facts[quantity] = ", ".join(_described_column(column) for column in each)
+    facts["sensors"] = ", ".join(value.sensors)
+    facts["loads"] = ", ".join(load.name for load in value.loads)
+    return Card("Mapping of columns", facts=tuple(x for x in facts.items() if x[1]), apart=True)
 
 
 def _described_column(column: DriveColumn | AllDrives) -> str:

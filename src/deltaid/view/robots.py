@@ -50,19 +50,17 @@ def robot_card(value: _Robot) -> Card:
     robot = value if isinstance(value, RobotDescription) else value.robot
     title, methods = next(both for kind, both in _KINDS.items() if isinstance(value, kind))
     home = zip(robot.task.names, robot.home, strict=True)
-    facts = [
-        ("drives", f"{len(robot.drives)} ({robot.units(robot.drives[0]).force})"),
-        ("bodies", ", ".join(robot.body_names)),
-        ("home", ", ".join(f"{name} {number(float(x), 3)}" for name, x in home)),
-    ]
-    if isinstance(value, Dynamics):
-        facts.append(("parameters", str(len(value.layout.names))))
-    if isinstance(value, ConstraintForces):
-        facts.append(("channels", str(len(value.names))))
+    facts = {
+        "drives": f"{len(robot.drives)} ({robot.units(robot.drives[0]).force})",
+        "bodies": ", ".join(robot.body_names),
+        "home": ", ".join(f"{name} {number(float(x), 3)}" for name, x in home),
+        "parameters": str(len(value.layout.names)) if isinstance(value, Dynamics) else "",
+        "channels": str(len(value.names)) if isinstance(value, ConstraintForces) else "",
+    }
     named = f" ({robot.name})" if robot.title and robot.name != robot.title else ""
     return Card(
         f"{title}{robot.title or robot.name}{named}",
-        facts=tuple(facts),
+        facts=tuple(fact for fact in facts.items() if fact[1]),
         more=(
             ("drives and limits", _drives(robot)),
             ("workspace", yaml_text(robot.workspace.model_dump(mode="json")).rstrip()),

@@ -6,7 +6,7 @@ import numpy as np
 import polars as pl
 
 from deltaid.sensors.planning.null_space import DESCRIBED, PLAN, TORQUES, Opening
-from deltaid.sensors.planning.plan import SensorPlan
+from deltaid.sensors.planning.plan import Outlook, SensorPlan
 from deltaid.sensors.planning.shopping import KNEE
 from deltaid.view.numbers import number, percent
 from deltaid.view.page import Table
@@ -48,22 +48,37 @@ def known_entries(plan: SensorPlan) -> list[int]:
     return [k for k in owned if u.names[k] not in hidden]
 
 
+def stages(plan: SensorPlan) -> dict[str, Outlook]:
+    """What is known by torques, with sensors that are described, and with all that is bought."""
+    described = {"described": plan.described} if plan.has_described else {}
+    bought = {"with all bought": plan.last} if plan.steps else {}
+    return {"torques": plan.torques, **described, **bought}
+
+
+def bought(plan: SensorPlan) -> tuple[tuple[str, str, str], ...]:
+    """What all that is worth buying leaves of the goal and costs, and what to buy first; nothing
+    where nothing is."""
+    if not plan.steps:
+        return ()
+    (first, _), (step, last), money = plan.steps[0], plan.steps[-1], plan.offers.currency
+    return (
+        ("with all bought", percent(last.goal), f"{step.spent:.0f} {money}"),
+        ("buy first", first.use.name, f"{first.cost:.0f} {money}"),
+    )
+
+
 def entry_table(plan: SensorPlan) -> Table:
     """Every entry of every body that something tells of: before and after."""
-    u, stages = plan.unknowns, {"torques": plan.torques}
-    if plan.has_described:
-        stages["described"] = plan.described
-    if plan.steps:
-        stages["with all bought"] = plan.last
+    u, known = plan.unknowns, stages(plan)
     return Table(
-        ("entry", "prior", "unit", "prior ±", *stages),
+        ("entry", "prior", "unit", "prior ±", *known),
         tuple(
             (
                 u.names[k],
                 number(u.prior[k]),
                 u.units[k] or "1",
                 percent(u.spread[k]),
-                *(percent(outlook.shares[k]) for outlook in stages.values()),
+                *(percent(outlook.shares[k]) for outlook in known.values()),
             )
             for k in known_entries(plan)
         ),
@@ -168,20 +183,17 @@ def open_table(opening: Opening) -> Table:
 
 def plan_card(value: SensorPlan) -> Card:
     """What is known of the goal now and with all bought, and what to buy first."""
-    robot, money = value.model.robot, value.offers.currency
-    facts = [("now", percent(value.described.goal))]
-    lines = [f"Goal: {value.goal}, as a typical standard deviation; planned for {value.motion}."]
-    if value.steps:
-        first = value.steps[0][0]
-        spent = value.steps[-1][0].spent
-        facts.append(("with all bought", f"{percent(value.last.goal)} for {spent:.0f} {money}"))
-        facts.append(("buy first", f"{first.use.name}, {first.cost:.0f} {money}"))
-    lines.append(stopped(value))
+    robot, joined = value.model.robot, (" for ", ", ")
+    goal = f"Goal: {value.goal}, as a typical standard deviation; planned for {value.motion}."
+    more = zip(bought(value), joined, strict=False)
     return Card(
         f"What to measure of {robot.title or robot.name}",
-        tuple(lines),
+        (goal, stopped(value)),
         "",
-        tuple(facts),
+        (
+            ("now", percent(value.described.goal)),
+            *((name, f"{what}{between}{price}") for (name, what, price), between in more),
+        ),
         more=(("what to buy next", step_table(value)), ("what stays open", count_table(value))),
         methods=(".steps", ".plot()", ".to_frame()", '.report("x.html")'),
     )

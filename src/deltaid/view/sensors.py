@@ -6,17 +6,19 @@ import numpy as np
 import plotly.graph_objects as go
 
 from deltaid.sensors.planning.null_space import DESCRIBED, PLAN, TORQUES
-from deltaid.sensors.planning.plan import Outlook, SensorPlan
+from deltaid.sensors.planning.plan import SensorPlan
 from deltaid.view import style
 from deltaid.view.drawing import drawing
 from deltaid.view.numbers import in_words, number, percent
 from deltaid.view.page import Block, Fact, Figure, Page, Section, Summary, Table, Text, Trust
 from deltaid.view.sensor_plan import (
+    bought,
     chosen_entries,
     count_table,
     entry_table,
     known_entries,
     open_table,
+    stages,
     step_table,
     stopped,
     untold,
@@ -39,14 +41,8 @@ def sensors_page(plan: SensorPlan, entries: Sequence[str]) -> Page:
     facts = [
         Fact("directions that stay open", str(len(open_now.directions)), now.title),
         Fact(plan.goal, percent(now.goal), "typical standard deviation now"),
+        *(Fact(*fact) for fact in bought(plan)),
     ]
-    if plan.steps:
-        (first, _), (step, last) = plan.steps[0], plan.steps[-1]
-        money = plan.offers.currency
-        facts += [
-            Fact("with all bought", percent(last.goal), f"{step.spent:.0f} {money}"),
-            Fact("buy first", first.use.name, f"{first.cost:.0f} {money}"),
-        ]
     entries_known: tuple[Block, ...] = (entry_table(plan),)
     if hidden := untold(plan):
         entries_known += (Text(f"Nothing of the list determines much of {', '.join(hidden)}."),)
@@ -108,54 +104,46 @@ def plan_figure(plan: SensorPlan) -> go.Figure:
 
 
 def _verdict(plan: SensorPlan, open_now: int) -> Summary:
-    now = plan.described
+    now, lines = plan.described, [f"{stopped(plan)}."]
     stays = "direction stays" if open_now == 1 else "directions stay"
     said = (
         f"With {now.title} a typical standard deviation of {percent(now.goal)} is left for "
         f"{plan.goal}, and {in_words(open_now)} {stays} open"
     )
-    if not plan.steps:
-        return Summary(Trust.UNTESTED, f"{said}.", (f"{stopped(plan)}.",))
-    (first, _), (step, last) = plan.steps[0], plan.steps[-1]
-    money = plan.offers.currency
-    lines = (
-        f"Buy {first.use.name} first, for {first.cost:.0f} {money}; all that is worth buying "
-        f"costs {step.spent:.0f} {money} and leaves {percent(last.goal)}.",
-        f"{stopped(plan)}.",
-        "Predicted for a motion, a noise and a prior; nothing has been measured.",
-    )
-    return Summary(Trust.UNTESTED, f"{said}.", lines)
+    if plan.steps:
+        (_, left, spent), (_, first, cost) = bought(plan)
+        buy = f"Buy {first} first, for {cost}; all that is worth buying costs {spent} and leaves "
+        predicted = "Predicted for a motion, a noise and a prior; nothing has been measured."
+        lines = [f"{buy}{left}.", *lines, predicted]
+    return Summary(Trust.UNTESTED, f"{said}.", tuple(lines))
 
 
 def _bars(plan: SensorPlan) -> Figure:
     """Standard deviations before and after, a bar each; wide ones behind narrow ones."""
     u, shown = plan.unknowns, known_entries(plan)
-    stages: list[tuple[str, Outlook, str, float]] = [
-        ("torques alone", plan.torques, style.PRIOR, 0.8)
-    ]
-    if plan.has_described:
-        stages.append(("as described", plan.described, style.MEASURED, 0.55))
-    if plan.steps:
-        stages.append(("with all bought", plan.last, style.IDENTIFIED, 0.3))
+    looks = {
+        "torques": ("torques alone", style.PRIOR, 0.8),
+        "described": ("as described", style.MEASURED, 0.55),
+        "with all bought": ("with all bought", style.IDENTIFIED, 0.3),
+    }
     bars = [
         go.Bar(
             x=100 * outlook.shares[shown],
             y=[style.label(u.names[k]) for k in shown],
-            width=width,
+            width=looks[name][2],
             orientation="h",
-            name=title,
-            marker={"color": colour},
-            hovertemplate=f"%{{y}} {title}: %{{x:.2g}} %<extra></extra>",
+            name=looks[name][0],
+            marker={"color": looks[name][1]},
+            hovertemplate=f"%{{y}} {looks[name][0]}: %{{x:.2g}} %<extra></extra>",
         )
-        for title, outlook, colour, width in stages
+        for name, outlook in stages(plan).items()
     ]
     axis = {"title": "standard deviation [% of the prior value]", "rangemode": "tozero"}
     layout = {"yaxis": style.DOWNWARDS, "xaxis": axis, "height": _BAR * len(shown) + _AROUND}
     return Figure(
         go.Figure(bars, layout | {"barmode": "overlay"}),
         "One standard deviation of every entry that something determines. Where the narrow bar is "
-        "as "
-        "long as the wide one, nothing that is bought helps.",
+        "as long as the wide one, nothing that is bought helps.",
     )
 
 

@@ -128,13 +128,13 @@ def _numbers(model: IdentifiedModel) -> str:
     further = [f"{shared} of them as sums with others"] * bool(shared)
     further += [f"{measured} mostly from what was weighed or measured"] * bool(measured)
     shares = f" ({', '.join(further)})" if further else ""
+    at_bound = (
+        f"{_count(bound)} are at their" if bound > 1 else f"{'one' if bound else 'none'} is at its"
+    )
     return (
         f"{known} of {kinds.total() - kinds['structure']} numbers "
         f"{'comes' if known == 1 else 'come'} from the recording"
-        f"{'s' if len(model.sources) > 1 else ''}"
-        f"{shares}, "
-        f"{_count(bound) if bound else 'none'} {'are' if bound > 1 else 'is'} at "
-        f"{'their' if bound > 1 else 'its'} bound."
+        f"{'s' if len(model.sources) > 1 else ''}{shares}, {at_bound} bound."
     )
 
 
@@ -170,22 +170,22 @@ def provenance_section(model: Model, title: str) -> Section:
     if known is None:
         return Section(title, (Text(f"Parameters: {model.origin}."), *own), "where it is from")
     fit = known.fit
-    reached = (
-        ("objective J", number(fit.objective)),
-        ("certified lower bound", number(fit.lower_bound) if fit.lower_bound else "none"),
-        ("above that bound, share of J", certificate(fit)[1] if fit.lower_bound else "not known"),
-        ("weight of the prior γ", number(fit.gamma)),
-        ("solver's status", fit.status),
-        ("iterations", str(fit.iterations)),
-        ("free parameters", str(fit.optimization_variables)),
-        ("base parameters", str(fit.base_parameters)),
-        ("condition of the base regressor", number(fit.base_condition)),
-        ("torque noise, share of the largest torque", percent(fit.noise_level)),
-    )
-    settings = tuple(
-        (name.replace("_", " "), "by rule" if value is None else _shown(value))
+    reached = {
+        "objective J": number(fit.objective),
+        "certified lower bound": number(fit.lower_bound) if fit.lower_bound else "none",
+        "above that bound, share of J": certificate(fit)[1] if fit.lower_bound else "not known",
+        "weight of the prior γ": number(fit.gamma),
+        "solver's status": fit.status,
+        "iterations": str(fit.iterations),
+        "free parameters": str(fit.optimization_variables),
+        "base parameters": str(fit.base_parameters),
+        "condition of the base regressor": number(fit.base_condition),
+        "torque noise, share of the largest torque": percent(fit.noise_level),
+    }
+    settings = {
+        name.replace("_", " "): "by rule" if value is None else _shown(value)
         for name, value in known.settings.model_dump().items()
-    )
+    }
     tables = (
         Table(
             ("recording", "samples", "rate [Hz]", "cut-off [Hz]", "samples used", "SHA-256"),
@@ -202,10 +202,10 @@ def provenance_section(model: Model, title: str) -> Section:
             ),
             "Recordings that the model was identified from.",
         ),
-        Table(("fit", "result"), reached),
+        Table(("fit", "result"), tuple(reached.items())),
         Table(
             ("setting", "value"),
-            (*settings, ("deltaid version", known.deltaid)),
+            (*settings.items(), ("deltaid version", known.deltaid)),
             "Settings of the fit.",
         ),
         *own,
