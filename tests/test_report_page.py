@@ -29,7 +29,7 @@ from deltaid.view.excitation import excitation_page
 from deltaid.view.html import explained, render
 from deltaid.view.numbers import number, percent, span
 from deltaid.view.page import Fact, Figure, Page, Section, Table, Text
-from deltaid.view.torques import torque_blocks
+from deltaid.view.torques import over_time, residual_blocks
 from html_page import HOSTILE, Document
 from logs import recorded, true_parameters, write
 from support import KINDS
@@ -127,7 +127,10 @@ def test_a_drive_at_rest_and_times_since_1970() -> None:
         cutoff=None,
         events=np.array([[time[10], time[20]], [time[40], time[45]]]),
     )
-    blocks = torque_blocks(c, {"drive1": TURNING, "drive2": TURNING})
+    blocks = (
+        over_time(c, {"drive1": TURNING, "drive2": TURNING}),
+        *residual_blocks(c, {"drive1": TURNING, "drive2": TURNING}),
+    )
     np.testing.assert_array_equal(blocks[0].figure.data[0].x, time)
     assert blocks[0].figure.data[0].y.dtype == np.float32
     (marks, _) = (trace for trace in blocks[0].figure.data if trace.name == "left out: events")

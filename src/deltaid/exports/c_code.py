@@ -77,7 +77,6 @@ def function_texts(
 
 
 def _straight(f: ExportedFunction, precision: Precision, care: Care | None) -> list[str]:
-    """The static functions that compute outputs and demands, and the steps to them."""
     inputs, steps = list(f.inputs), [("at", f.everything, f.parts)]
     if f.newton:
         inputs = [Array("x", f.newton.x), *inputs]
@@ -185,16 +184,18 @@ def c_code(
 
 
 def _require_name(prefix: str) -> None:
-    what = f"'{prefix[:60]}' cannot begin the names of C functions"
-    cure = "use letters, digits and _, a letter first"
-    if prefix.lower() in _OTHER_HEADERS:
-        what, cure = (
-            f"'{prefix}.h' would be mistaken for another header of that name",
-            "choose another name",
+    if not re.fullmatch(r"[A-Za-z][A-Za-z0-9_]{0,40}", prefix):
+        raise DeltaidError(
+            f"'{prefix[:60]}' cannot begin the names of C functions",
+            where="name of the output",
+            cure="use letters, digits and _, a letter first",
         )
-    elif re.fullmatch(r"[A-Za-z][A-Za-z0-9_]{0,40}", prefix):
-        return
-    raise DeltaidError(what, where="name of the output", cure=cure)
+    if prefix.lower() in _OTHER_HEADERS:
+        raise DeltaidError(
+            f"'{prefix}.h' would be mistaken for another header of that name",
+            where="name of the output",
+            cure="choose another name",
+        )
 
 
 def accelerations(subject: Model, table: ParameterTable, *smooth: Array, sign: str = SIGN) -> str:

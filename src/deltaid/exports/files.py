@@ -116,7 +116,6 @@ TARGETS: Mapping[TargetName, ExportTarget] = {
 
 
 def _require(kind: Kind, name: TargetName, what: str, option: str) -> None:
-    """Refuse a choice that only targets of another kind have."""
     if TARGETS[name].kind != kind:
         others = [other for other, target in TARGETS.items() if target.kind == kind]
         raise DeltaidError(

@@ -21,31 +21,6 @@ _DRAWN = 4000
 # Largest speeds and accelerations [rad/s, rad/s² or m/s, m/s²].
 _SPEED, _ACCELERATION = 2.0, 10.0
 
-_CALLS = {
-    "c": "Compile `{stem}.c` with your code and call `{stem}_inverse_dynamics(q, qd, qdd, z, "
-    "tau)`; `z` is an array of yours that begins with `{stem}_home`. The header says what each "
-    "function does. A result counts only where the function returns `{STEM}_OK`.",
-    "st": "Import `{stem}.plcopen.xml`, or paste `{stem}.st`. Declare `model : "
-    "{stem}_inverse_dynamics;` and call `model(q := q, qd := qd, qdd := qdd);` once a cycle; "
-    "`model.tau` counts only where `model.status = 0`.",
-    "mjcf": "Load `{stem}.xml` in MuJoCo. `ctrl` is the torque at the joint; qpos0 is the home "
-    "pose.",
-    "urdf": "Load `{stem}.urdf`, and close its loops by `{stem}.loops.json`; at zero of all joints "
-    "they are open.",
-    "fmu": "Import `{stem}.fmu`: torques come in, motion goes out.",
-    "fmu-inverse": "Import `{stem}.fmu`: motion comes in, torques go out.",
-    "casadi": "`f = casadi.Function.load('{stem}.casadi'); f(z=z, qd=qd, qdd=qdd)['tau']`.",
-    "npz": "`numpy.load('{stem}.npz')`; array `p` holds the parameters, `names` and `units` say "
-    "which.",
-}
-_RUN = {
-    "c": "\n\n    cc {stem}_test.c {stem}.c -lm -o check && ./check\n\nprints how many vectors "
-    "agree, and fails where one does not.",
-    "st": "Add `{stem}_test.st` to the project, call an instance of `{stem}_test` in one cycle. "
-    "Then look at `passed` ({count}), `failed` (0) and `largest`, the largest difference as a "
-    "share of the largest torque.",
-}
-
 
 @dataclass(frozen=True)
 class ReferenceStates:
@@ -72,9 +47,12 @@ class ReferenceStates:
 
 def reference_states(subject: Model, precision: Precision) -> ReferenceStates:
     """States all over the workspace, the same for the same model; numbers of code's precision."""
-    kinematics, rng = subject.dynamics.kinematics, np.random.default_rng(0)
+    kinematics, rng, turn = (
+        subject.dynamics.kinematics,
+        np.random.default_rng(0),
+        subject.robot.turn,
+    )
     centre, half = subject.robot.workspace.inner_box
-    turn = subject.robot.turn
     r = centre + _SHARE * half * rng.uniform(-1, 1, (_DRAWN, 3))
     psi = _SHARE * rng.uniform(turn.low, turn.high, (_DRAWN, kinematics.dof - 3))
     z = _rounded(np.hstack([r, psi]), precision)
@@ -102,7 +80,7 @@ def handover(
         precision: of code.
     """
     vectors = reference_states(subject, precision)
-    made = {f"{stem}_vectors.csv": vectors.csv}
+    made, count = {f"{stem}_vectors.csv": vectors.csv}, len(vectors.z)
     states = vectors.z, vectors.qd, vectors.qdd, vectors.tau
     if to == "c":
         rows = np.hstack([vectors.z, vectors.q, *states[1:]]).tolist()
@@ -117,16 +95,14 @@ def handover(
         made[f"{stem}_test.c"] = plain_letters(program)
     if to == "st":
         made[f"{stem}_test.st"] = st_test(subject, stem, precision, states)
-    named = {"stem": stem, "STEM": stem.upper(), "count": len(vectors.z)}
     readme = rendered(
         "readme.md.jinja",
         title=subject.robot.title or subject.name,
         provenance=subject.provenance,
         files=(*files, *made),
         quantities=quantities(subject),
-        call=_CALLS[to].format(**named),
-        run=_RUN.get(to, "Compare what you compute with their torques.").format(**named),
+        to=to,
         stem=stem,
-        count=len(vectors.z),
+        count=count,
     )
     return {f"README_{stem}_{to}.md": readme, **made}

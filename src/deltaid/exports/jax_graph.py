@@ -96,7 +96,14 @@ def as_jax(inputs: Sequence[ca.SX], output: ca.SX) -> Callable[..., jax.Array]:
 
     def function(*args: ArrayLike) -> jax.Array:
         given = [jnp.asarray(arg) for arg in args]
-        _require_shapes(given, [symbols.numel() for symbols in inputs])
+        shapes = [(symbols.numel(),) for symbols in inputs]
+        for k, (array, shape) in enumerate(zip(given, shapes, strict=True), start=1):
+            if array.shape != shape:  # beyond an array's end JAX reads its last entry
+                raise KinematicsError(
+                    f"has shape {array.shape}, but one sample is taken, here of shape {shape}",
+                    where=f"argument {k}",
+                    cure="jax.vmap(function) takes many samples, one a row",
+                )
         value: dict[int, Any] = {}
         out: list[Any] = [0.0] * (rows * columns)
         for op, read, written, constant in steps:
@@ -118,17 +125,6 @@ def as_jax(inputs: Sequence[ca.SX], output: ca.SX) -> Callable[..., jax.Array]:
     return function
 
 
-def _require_shapes(given: list[jax.Array], sizes: list[int]) -> None:
-    """One vector of its length for each input; beyond an array's end JAX reads its last entry."""
-    for k, (array, size) in enumerate(zip(given, sizes, strict=True), start=1):
-        if array.shape != (size,):
-            raise KinematicsError(
-                f"has shape {array.shape}, but one sample is taken, here of shape ({size},)",
-                where=f"argument {k}",
-                cure="jax.vmap(function) takes many samples, one a row",
-            )
-
-
 def _step(graph: ca.Function, k: int) -> Step:
     op = graph.instruction_id(k)
     if op not in (*_OPERATIONS, ca.OP_CONST, ca.OP_INPUT, ca.OP_OUTPUT):
@@ -143,18 +139,15 @@ _ON_THE_WAY, _AT_EACH, _AT_THE_END = 6, 2, 8
 # distance [m] by which rounding may put a limb in its other working mode.
 _CLOSED, _ROUNDINGS, _MODE = 1e-12, 100.0, 1e-9
 
-Function = Callable[..., jax.Array]
-Pair = tuple[jax.Array, jax.Array]
 
-
-def forward_kinematics(mechanism: Mechanism, home: np.ndarray) -> Function:
+def forward_kinematics(mechanism: Mechanism, home: np.ndarray) -> Operation:
     """z(q); NaN where no loop closes or a limb is in its other working mode."""
     form = mechanism.forward
     find = _by_newton(mechanism, home) if form is None else _closed_form(mechanism, form)
     T = as_jax([mechanism.z], mechanism.speeds.inverse_jacobian)
     z: Any = jax.custom_jvp(find)
 
-    def derivative(at: tuple[Any], along: tuple[Any]) -> Pair:
+    def derivative(at: tuple[Any], along: tuple[Any]) -> tuple[jax.Array, jax.Array]:
         pose = z(*at)
         return pose, T(pose) @ along[0]
 
@@ -162,7 +155,7 @@ def forward_kinematics(mechanism: Mechanism, home: np.ndarray) -> Function:
     return z
 
 
-def _closed_form(mechanism: Mechanism, form: ClosedForm) -> Function:
+def _closed_form(mechanism: Mechanism, form: ClosedForm) -> Operation:
     n = mechanism.dof
     graph = as_jax([mechanism.q_symbols], ca.vertcat(form.z, form.margin, form.modes))
 
@@ -173,7 +166,7 @@ def _closed_form(mechanism: Mechanism, form: ClosedForm) -> Function:
     return find
 
 
-def _by_newton(mechanism: Mechanism, home: np.ndarray) -> Function:
+def _by_newton(mechanism: Mechanism, home: np.ndarray) -> Operation:
     n, both = mechanism.dof, [mechanism.z, mechanism.q_symbols]
     slope = ca.jacobian(mechanism.closure, mechanism.z)
     step = as_jax(both, mechanism.z - inverse(slope) @ mechanism.closure)

@@ -94,32 +94,29 @@ class PlcProgram:
         notes: comments at the head.
         units: functions and blocks, those that are called first.
         real: type of numbers.
+        declared: sizes of arrays whose types are declared elsewhere.
     """
 
     prefix: str
     notes: Sequence[str]
     units: Sequence[Unit]
     real: str
+    declared: Sequence[int] = ()
 
     @property
     def types(self) -> dict[str, int]:
         """Types of arrays and how many entries they have, the smallest first."""
         variables = (v for unit in self.units for v in (*unit.inputs, *unit.outputs, *unit.own))
-        sizes = {v.type: v.size for v in variables if v.size}
+        sizes = {v.type: v.size for v in variables if v.size not in (0, *self.declared)}
         return dict(sorted(sizes.items(), key=lambda item: item[1]))
 
     @property
     def text(self) -> str:
         """As one file of structured text."""
-        return self.without(())
-
-    def without(self, sizes: Sequence[int]) -> str:
-        """The same without types of arrays of some sizes, which another file has."""
-        types = {name: size for name, size in self.types.items() if size not in sizes}
         return rendered(
             "program.st.jinja",
             notes=self.notes,
-            types=types,
+            types=self.types,
             units=self.units,
             real=self.real,
             comment=comment,

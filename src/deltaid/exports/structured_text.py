@@ -371,4 +371,4 @@ def st_test(
     head = [f"Checks {prefix}.st, which it needs; call {prefix}_test once."]
     units = [writer.table("test_vectors", note, numbers.ravel().tolist()), block]
     # Types of the arrays that PREFIX.st has are there.
-    return PlcProgram(prefix, head, units, precision.st_type).without((dof,))
+    return PlcProgram(prefix, head, units, precision.st_type, declared=(dof,)).text

@@ -177,20 +177,17 @@ SINE, COSINE, QUARTER = _series(1, _SINE), _series(0, _COSINE), split(np.pi / 2)
 
 def pairs_of_c(text: str) -> dict[str, object]:
     """What templates/pairs.c.jinja asks: which functions a text calls, and their numbers."""
-    used = {name for name in ("sum", "product", "quotient", "root", "sine", "cosine")
-            if f"pair_{name}(" in text}  # fmt: skip
-    number = SINGLE.c_number
+    names, number = ("sum", "product", "quotient", "root", "sine", "cosine"), SINGLE.c_number
+    series = {
+        name: (
+            [number(x) for pair in series.pairs for x in pair],
+            " + z * (".join(map(number, series.tail)) + ")" * (len(series.tail) - 1),
+        )
+        for name, series in (("sine", SINE), ("cosine", COSINE))
+    }
     return {
-        "used": used,
+        "used": {name for name in names if f"pair_{name}(" in text},
         "quarter": [number(x) for x in QUARTER],
         "over_quarter": number(2 / np.pi),
-        "series": {
-            name: ([number(x) for pair in series.pairs for x in pair], _tail(series.tail))
-            for name, series in (("sine", SINE), ("cosine", COSINE))
-        },
+        "series": series,
     }
-
-
-def _tail(c: tuple[float, ...]) -> str:
-    number, rest = SINGLE.c_number(c[0]), c[1:]
-    return f"{number} + z * ({_tail(rest)})" if rest else number

@@ -28,10 +28,6 @@ CAMERA = {"eye": {"x": 1.6, "y": 1.15, "z": 0.45}, "center": {"z": -0.12}}
 _SEEN = 60.0  # s of a recording that are looked at for a stretch worth seeing
 
 
-# The platform point over time.
-Path = Float[np.ndarray, "samples 3"]
-
-
 def recorded_motion(
     kinematics: Kinematics, recording: PreparedRecording
 ) -> tuple[Float[np.ndarray, " samples"], Float[np.ndarray, "samples dof"]]:
@@ -86,7 +82,7 @@ def animation(
     return Figure(figure, caption)
 
 
-def _liveliest(time: Float[np.ndarray, " samples"], path: Path) -> slice:
+def _liveliest(time: Float[np.ndarray, " samples"], path: Float[np.ndarray, "samples 3"]) -> slice:
     """Samples of the stretch in which the platform point travels farthest."""
     travelled = np.append(0.0, np.cumsum(np.linalg.norm(np.diff(path, axis=0), axis=1)))
     interval = (time[-1] - time[0]) / max(len(time) - 1, 1)

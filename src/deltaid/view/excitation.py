@@ -170,8 +170,7 @@ def _limit_bars(result: Excitation) -> Figure:
         height=22 * len(result.limits) + 100,
         marker={"color": style.SERIES[0]},
         hovertemplate="%{y}: %{x:.1f} %<extra></extra>",
-    )
-    figure.add_vline(x=100, line={"color": style.LIMIT, "width": 1.5})
+    ).add_vline(x=100, line={"color": style.LIMIT, "width": 1.5})
     return Figure(figure, "Largest use of every limit over the whole run; the line is the limit.")
 
 

@@ -22,7 +22,7 @@ from deltaid.errors import visible
 from deltaid.files import written_whole
 from deltaid.robot.body import body_in_words
 from deltaid.view import style
-from deltaid.view.page import Chart, Figure, Lines, Page, Table, Text
+from deltaid.view.page import Figure, Lines, Page, Table, Text
 
 # Cells longer than this may break into lines.
 _LONG = 40
@@ -69,7 +69,7 @@ def environment(room: str = "view") -> Environment:
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    kinds: tuple[type, ...] = (Text, Table, Lines, Figure, Chart)
+    kinds: tuple[type, ...] = (Text, Table, Lines, Figure)
     cast("dict[str, Any]", environment.tests).update(
         {k.__name__.lower(): lambda block, kind=k: isinstance(block, kind) for k in kinds}
     )
@@ -98,7 +98,7 @@ def part(name: str) -> Markup:
     return Markup(files("deltaid.view").joinpath(name).read_text(encoding="utf-8"))
 
 
-def _figure_json(block: Figure | Chart) -> Markup:
+def _figure_json(block: Figure) -> Markup:
     figure = block.data()
     figure["layout"].pop("template", None)
     return _embedded(figure)

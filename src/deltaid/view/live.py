@@ -189,10 +189,9 @@ class LiveView:
         return inputs
 
     def _typed(self, event: Any) -> None:
-        if event.client is None:  # this program wrote the number itself
-            return
-        turn = [np.deg2rad(self._inputs["turn"].value)] if "turn" in self._inputs else []
-        self.move(np.array([*self._inputs["point"].value, *turn]))
+        if event.client is not None:  # else this program wrote the number itself
+            turn = [np.deg2rad(self._inputs["turn"].value)] if "turn" in self._inputs else []
+            self.move(np.array([*self._inputs["point"].value, *turn]))
 
 
 def cylinder() -> Float[np.ndarray, "corners 3"]:

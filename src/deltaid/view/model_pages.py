@@ -28,7 +28,7 @@ from deltaid.view.summary import (
     summary,
     without_doubts,
 )
-from deltaid.view.torques import friction_section, over_time, residual_blocks, torque_blocks
+from deltaid.view.torques import friction_section, over_time, residual_blocks
 
 # Height of one drive's two plots in a notebook, and of what is around all of them [px].
 _DRIVE, _AROUND = 170, 90
@@ -94,10 +94,11 @@ def _torque_section(
     robot: RobotDescription, comparison: TorqueComparison, title: str, *, front: bool
 ) -> Section:
     """All figures of torques along one recording; without that which the page's front shows."""
-    blocks, about = residual_blocks, "the residual over speed, in size and in frequency"
+    first, about = (), "the residual over speed, in size and in frequency"
     if not front:
-        blocks, about = torque_blocks, "measured and predicted over time, and the residual"
-    return Section(title, blocks(comparison, robot.drive_units), about)
+        first = (over_time(comparison, robot.drive_units),)
+        about = "measured and predicted over time, and the residual"
+    return Section(title, (*first, *residual_blocks(comparison, robot.drive_units)), about)
 
 
 def _motion_section(dynamics: Dynamics, recording: PreparedRecording) -> Section:
@@ -197,7 +198,9 @@ def model_page(value: Model | IdentifiedModel) -> Page:
         verdict=without_doubts(summary(model)),
         drawing=drawing.drawing(model.robot, model.dynamics.kinematics),
         front=(model_tables.error_table(model, None),),
-        facts=tuple(Fact(name, share) for name, share in models.fit_errors(known)),
+        facts=tuple(
+            Fact(name, share) for name, share in models.drive_errors(model.robot, known.fit.nrmse)
+        ),
         sections=(
             parameters.parameter_section(known),
             animation.body_section(known, model.dynamics.kinematics),

@@ -13,6 +13,7 @@ from deltaid.model.model import Model, ModelLike, load
 from deltaid.model.record import IdentifiedModel
 from deltaid.model.samples import Samples
 from deltaid.model.verdict import Grade
+from deltaid.robot.description import RobotDescription
 from deltaid.view import style
 from deltaid.view.check import page_table
 from deltaid.view.model_tables import error_table, parameter_table
@@ -36,20 +37,18 @@ def model_card(value: Model | IdentifiedModel) -> Card:
         title,
         (found.sentence, *found.lines[:2]),
         found.grade,
-        fit_errors(known),
+        drive_errors(model.robot, known.fit.nrmse),
         error_table(model, None),
         (("parameters", parameter_table(known)), *warned(known.warnings)),
         (*_NEXT, ".sample(100)", *(('.save("model.yaml")',) * isinstance(value, IdentifiedModel))),
     )
 
 
-def fit_errors(model: IdentifiedModel) -> tuple[tuple[str, str], ...]:
-    """Torque errors of the fit, drive by drive."""
-    return _errors(model.robot.drives, model.fit.nrmse)
-
-
-def _errors(drives: Sequence[str], nrmse: Sequence[float]) -> tuple[tuple[str, str], ...]:
-    return tuple((f"{drive} error", percent(x)) for drive, x in zip(drives, nrmse, strict=True))
+def drive_errors(robot: RobotDescription, nrmse: Sequence[float]) -> tuple[tuple[str, str], ...]:
+    """Torque errors, drive by drive."""
+    return tuple(
+        (f"{drive} error", percent(x)) for drive, x in zip(robot.drives, nrmse, strict=True)
+    )
 
 
 def warned(warnings: tuple[str, ...]) -> tuple[tuple[str, str], ...]:
@@ -101,7 +100,7 @@ def validation_card(value: Validation) -> Card:
         f"{model.robot.title or model.robot.name} compared with {value.log.path.name}",
         (found.sentence,),
         found.grade,
-        _errors(model.robot.drives, value.error.nrmse.tolist()),
+        drive_errors(model.robot, value.error.nrmse.tolist()),
         error_table(model, value.error),
         warned(value.remarks),
         (".error", ".log", ".plot()", ".to_frame()", '.report("x.html")'),

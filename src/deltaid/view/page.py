@@ -92,12 +92,10 @@ class Figure:
 
 
 @dataclass(frozen=True)
-class Chart:
+class Chart(Figure):
     """The same as plain data, for pages by the thousand: Plotly's classes take 0.1 s a page."""
 
     figure: Mapping[str, Any]
-    caption: str = ""
-    paper: int = 880
 
     @property
     def height(self) -> int | float:
@@ -109,7 +107,7 @@ class Chart:
         return {"data": self.figure["data"], "layout": dict(self.figure["layout"])}
 
 
-Block = Text | Table | Lines | Figure | Chart
+Block = Text | Table | Lines | Figure
 
 
 @dataclass(frozen=True)
@@ -233,7 +231,7 @@ class Page:
     def has_figures(self) -> bool:
         """Whether there is anything that Plotly draws."""
         blocks = [*self.front, *(block for section in self.sections for block in section.blocks)]
-        return any(isinstance(block, Figure | Chart) for block in blocks)
+        return any(isinstance(block, Figure) for block in blocks)
 
     def is_open(self, section: Section) -> bool:
         """Whether a chapter is open to begin with."""

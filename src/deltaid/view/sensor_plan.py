@@ -134,21 +134,20 @@ def step_table(plan: SensorPlan) -> Table:
 
 def stopped(plan: SensorPlan) -> str:
     """Why buying ends where it does, in words."""
-    wanted = plan.settings.enough
+    wanted, count, money = plan.settings.enough, len(plan.steps), plan.offers.currency
     if plan.last.goal <= wanted:
         return f"Enough: {percent(plan.last.goal)} is left, and --enough asks for {percent(wanted)}"
     if not plan.steps:
         return "Nothing that is on offer is worth buying"
-    if plan.beyond is not None and len(plan.steps) < plan.settings.steps:
-        money, step = plan.offers.currency, plan.beyond
-        return (
-            f"Enough for its price: {step.use.name}, {step.cost:.0f} {money}, gains less than "
-            f"{percent(KNEE)} as much per {money} as all before it. --budget goes on"
-        )
-    if len(plan.steps) == plan.settings.steps:
-        plural = "s" * (len(plan.steps) != 1)
-        return f"{len(plan.steps)} thing{plural}, as many as were asked for; --steps asks for more"
-    return "nothing else in the list is worth it, or within the budget"
+    if count == plan.settings.steps:
+        plural = "s" * (count != 1)
+        return f"{count} thing{plural}, as many as were asked for; --steps asks for more"
+    if plan.beyond is None:
+        return "nothing else in the list is worth it, or within the budget"
+    return (
+        f"Enough for its price: {plan.beyond.use.name}, {plan.beyond.cost:.0f} {money}, gains less "
+        f"than {percent(KNEE)} as much per {money} as all before it. --budget goes on"
+    )
 
 
 def count_table(plan: SensorPlan) -> Table:

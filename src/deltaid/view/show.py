@@ -124,21 +124,18 @@ class Card:
 def fields_card(value: Any) -> Card:
     """Every field of a data class, or of a part of a description."""
     names = [f.name for f in fields(value)] if is_dataclass(value) else type(value).model_fields
-    facts = [(name, _said(getattr(value, name))) for name in names if not name.startswith("_")]
+    facts = ((name, _said(getattr(value, name))) for name in names if not name.startswith("_"))
     return Card(type(value).__name__, facts=tuple(facts), apart=True)
 
 
 def _said(value: object) -> str:
+    text = f"{value:.6g}" if isinstance(value, float) else str(value)
     if isinstance(value, np.ndarray):
-        if value.size > _WRITTEN:
-            return f"array of shape {value.shape}"
-        return " ".join(np.array2string(value, precision=4, separator=", ").split())
-    if isinstance(value, float):
-        return f"{value:.6g}"
+        written = " ".join(np.array2string(value, precision=4, separator=", ").split())
+        return written if value.size <= _WRITTEN else f"array of shape {value.shape}"
     if isinstance(value, dict | tuple | list) and len(repr(value)) > _CHARACTERS:
         few = ", ".join(str(entry) for entry in list(value)[:4] if isinstance(entry, str))
         return f"{len(value)} entries" + (f": {few}, …" if few else "")
-    text = str(value)
     return text if len(text) <= _CHARACTERS else f"{text[: _CHARACTERS - 1]}…"
 
 

@@ -113,9 +113,8 @@ def bars(
 ) -> go.Figure:
     """A horizontal bar for each name, from the top; `title` is of the lengths' axis."""
     bar = go.Bar(x=lengths, y=[label(name) for name in names], orientation="h", **look)
-    axis = {"title": title, "rangemode": "tozero"}
-    layout = {"yaxis": DOWNWARDS, "xaxis": axis, "height": height, "margin": {"t": 20}}
-    return go.Figure(bar, layout | {"bargap": 0.35})
+    axes = {"yaxis": DOWNWARDS, "xaxis": {"title": title, "rangemode": "tozero"}}
+    return go.Figure(bar, axes | {"height": height, "margin": {"t": 20}, "bargap": 0.35})
 
 
 def one_legend(figure: go.Figure) -> go.Figure:

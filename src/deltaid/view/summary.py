@@ -128,9 +128,8 @@ def _numbers(model: IdentifiedModel) -> str:
     further = [f"{shared} of them as sums with others"] * bool(shared)
     further += [f"{measured} mostly from what was weighed or measured"] * bool(measured)
     shares = f" ({', '.join(further)})" if further else ""
-    at_bound = (
-        f"{_count(bound)} are at their" if bound > 1 else f"{'one' if bound else 'none'} is at its"
-    )
+    few = "one" if bound else "none"
+    at_bound = f"{_count(bound)} are at their" if bound > 1 else f"{few} is at its"
     return (
         f"{known} of {kinds.total() - kinds['structure']} numbers "
         f"{'comes' if known == 1 else 'come'} from the recording"

@@ -29,11 +29,6 @@ _SCATTER = 2500  # points a drive
 Drives = dict[str, JointUnits]
 
 
-def torque_blocks(c: TorqueComparison, drives: Drives) -> tuple[Figure, ...]:
-    """All figures of one recording."""
-    return (over_time(c, drives), *residual_blocks(c, drives))
-
-
 def residual_blocks(c: TorqueComparison, drives: Drives) -> tuple[Figure, ...]:
     """What the model leaves of one recording, over speed, in size and in frequency."""
     return tuple(figure(c, drives) for figure in (_over_speed, _histogram, _spectrum))

@@ -92,7 +92,6 @@ def _verdict(
 
 
 def _sound(runs: Sequence[ControllerRun]) -> list[tuple[ControllerRun, Tracking]]:
-    """Runs that followed the motion, within the limits."""
     return [
         (run, run.tracking)
         for run in runs
