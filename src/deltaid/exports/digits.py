@@ -186,10 +186,10 @@ def _shares(
         [_ROUNDING * np.abs(_finite(slope * steps[i].value)) for i, slope in step.reads]
         for step in steps
     ]
-    for some in (rows[i : i + _ROWS] for i in range(0, len(rows), _ROWS)):
+    for batch in (rows[i : i + _ROWS] for i in range(0, len(rows), _ROWS)):
         bars = dict[int, np.ndarray]()
-        for place, (k, scale) in enumerate(some):
-            bars.setdefault(k, np.zeros((len(some), scale.size)))[place] += 1 / scale
+        for place, (k, scale) in enumerate(batch):
+            bars.setdefault(k, np.zeros((len(batch), scale.size)))[place] += 1 / scale
         for k in reversed(range(len(steps))):
             if (bar := bars.pop(k, None)) is None:
                 continue
