@@ -162,7 +162,8 @@ def test_numbers_and_corrections_are_counted(model: IdentifiedModel, error: Torq
         Correction(kind=kind, subject=of, text="why")
         for kind, of in (("lag", "drive1"), ("lag", "drive3"), ("gain", "drive2"))
     )
-    text = summary(model.changed(parameters=parameters, corrections=corrections), error).text
+    changed = model.changed(parameters=parameters, corrections=corrections)
+    text = " ".join(summary(changed, error).lines)
     assert f"6 of {len(shown)} numbers come from the recording" in text
     assert "(1 of them as sums with others, 1 mostly from what was weighed or measured)" in text
     assert "one is at its bound" in text
