@@ -81,7 +81,7 @@ def gather(paths: Sequence[Path], folder: Path, workers: int) -> dict[str, float
 
     place, how = Place.named(folder), How(load_robot(ROBOT), None, Settings(cutoff=CUTOFF))
     jobs = [
-        GatherJob.for_recording(
+        GatherJob(
             Recorded("r", datetime(2026, 1, 1), str(path), ROBOT, stamp=stamp_of(str(path))),
             how,
         )
@@ -98,7 +98,7 @@ def gather(paths: Sequence[Path], folder: Path, workers: int) -> dict[str, float
         "wall": wall,
         "cpu": sum(seconds for _, seconds, _ in results),
         "peak": max(peak for *_, peak in results),
-        "bytes": float(np.mean([outcome.size for outcome, *_ in results])),
+        "bytes": float(np.mean([outcome.bytes for outcome, *_ in results])),
     }
 
 

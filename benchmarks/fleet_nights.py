@@ -22,8 +22,7 @@ from deltaid.fleets.drift_findings import DriftSettings
 from deltaid.fleets.factor_file import FactorFile
 from deltaid.fleets.fleet import Recorded
 from deltaid.fleets.gather_all import gather_recorded
-from deltaid.fleets.gather_plan import GatherJob, How
-from deltaid.fleets.known import GatherResult
+from deltaid.fleets.gather_plan import GatherJob, GatherResult, How
 from deltaid.fleets.place import Place
 from deltaid.fleets.step import work_chain
 from deltaid.fleets.steps import ALL, fit_jobs, robot_chains
@@ -52,7 +51,7 @@ def gathered(folder: Path) -> list[FactorFile]:
             dynamics, p, motion, rng, duration=SECONDS, noise=SensorNoise()
         ).write_parquet(path)
         recorded = Recorded("r", FIRST, str(path), ROBOT, stamp=stamp_of(str(path)))
-        result = gather_recorded(GatherJob.for_recording(recorded, how), Place.named(folder))
+        result = gather_recorded(GatherJob(recorded, how), Place.named(folder))
         files.append(factor_file.read(folder / result.file))
     return files
 
@@ -67,7 +66,7 @@ def of_day(day: int, files: list[FactorFile], folder: Path) -> GatherResult:
     path.parent.mkdir(parents=True, exist_ok=True)
     factor_file.write(replace(file, record=file.record.changed(model=model)), path)
     recorded = Recorded("r", FIRST + timedelta(days=day), f"{day}.parquet", ROBOT, stamp="1")
-    return GatherResult(recorded, str(day), name, size=path.stat().st_size, sha256=sha256)
+    return GatherResult(recorded, str(day), name, bytes=path.stat().st_size, sha256=sha256)
 
 
 class Counted:
@@ -108,12 +107,12 @@ def night(days: list[GatherResult], folder: Path, counted: Counted) -> tuple[Nig
         fit_jobs(days, "week", {ROBOT: load_robot(ROBOT)}, SETTINGS),
         [Night(0, 0, 0)] * 2,
     )
-    for chain in robot_chains(jobs, days, DriftSettings()):
-        fit = chain[0][1]
+    for chain in robot_chains(jobs, DriftSettings()):
+        fit = chain[0]
         is_week = ALL not in fit.names
         if not is_week or days[-1].file in fit.files:
             before, start = (counted.read, counted.written), time.process_time()
-            for _, result in work_chain(chain, Place.named(folder)):
+            for result in work_chain(chain, Place.named(folder)):
                 assert not result.reason, result.reason
             seconds = time.process_time() - start
             read, written = counted.read - before[0], counted.written - before[1]

@@ -31,10 +31,10 @@ from deltaid import libraries
 from deltaid.errors import DeltaidError
 from deltaid.fleets.factor_file import FactorFile, read
 from deltaid.fleets.fleet import find_fleet
-from deltaid.fleets.known import EarlierCalls, recordings_table
+from deltaid.fleets.gather_all import RECORDINGS_SCHEMA, recordings_table
 from deltaid.fleets.place import Place
 from deltaid.fleets.run import fleet as run_fleet
-from deltaid.fleets.step import Chain
+from deltaid.fleets.step import Chain, EarlierCalls, work
 from deltaid.fleets.workers import LocalPool, open_workers, require_shared
 from deltaid.mechanism import user_code
 from deltaid.mechanism.user_code import named_path
@@ -134,11 +134,11 @@ def test_what_a_worker_has_done_before_it_dies_counts(
 ) -> None:
     folder = without_results(whole, tmp_path / "own")
 
-    def dying(work: object, chains: list[Chain], failed: Callable[[Chain, str], object]) -> list:
+    def dying(_: object, chains: list[Chain], failed: Callable[[Chain, str], object]) -> list:
         """North is fitted by all of its recordings, and nothing else is done."""
-        for step, job in (chain[0] for chain in chains if len(chain) > 1):
+        for job in (chain[0] for chain in chains if len(chain) > 1):
             if job.robot == "north":
-                step.work(job, Place.named(folder))
+                work(job, Place.named(folder))
         return [failed(chain, "died") for chain in chains]
 
     here = Mock(done=dying)
@@ -253,7 +253,7 @@ def test_a_damaged_table_of_recordings_is_put_back_and_not_removed(tmp_path: Pat
     path = tmp_path / "recordings.parquet"
     path.write_bytes(changed_bit(path.read_bytes(), Random(1)))
     with pytest.raises(DeltaidError, match=r"is damaged(.|\n)*before/recordings.parquet"):
-        EarlierCalls.read(place, {}, retry=False)
+        EarlierCalls.read(place, {"recordings": RECORDINGS_SCHEMA}, retry=False)
 
 
 def test_a_robot_without_a_description_and_a_log_without_a_date_stop_nothing(whole: Plant) -> None:

@@ -8,9 +8,8 @@ import pytest
 
 from command import run
 from deltaid.fleets.fleet import find_fleet
-from deltaid.fleets.known import RECORDINGS_SCHEMA
 from deltaid.fleets.manifest import Manifest
-from deltaid.fleets.steps import TABLES as STEPS
+from deltaid.fleets.steps import TABLES
 from plant import DAYS, TYPE, plant
 from sessions import ROOT
 
@@ -131,7 +130,6 @@ def test_names_and_folders_say_when(tmp_path: Path, name: str, time: str) -> Non
 
 
 PAGE = (ROOT / "docs" / "fleet.md").read_text(encoding="utf-8")
-TABLES = {"recordings": RECORDINGS_SCHEMA, **STEPS}
 
 
 def test_all_keys_of_a_manifest_are_named() -> None:

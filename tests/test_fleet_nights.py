@@ -23,8 +23,8 @@ from deltaid.fleets.drift_friction import friction_series, unknowns_of
 from deltaid.fleets.factor_file import ENDING, FactorFile, digest, write
 from deltaid.fleets.factor_record import FactorGroups, GatheredLoad
 from deltaid.fleets.fleet import Recorded
+from deltaid.fleets.gather_plan import GatherResult
 from deltaid.fleets.identify_gathered import identify_gathered
-from deltaid.fleets.known import GatherResult
 from deltaid.fleets.merged import merging_of
 from deltaid.fleets.place import Place
 from deltaid.fleets.robot_recordings import RobotRecordings
@@ -256,11 +256,11 @@ def test_tables_do_not_depend_on_the_nights(files: list[FactorFile], folder: Pat
     def tables(root: Path, numbers: list[int]) -> Tables:
         own = outcomes(files, numbers)
         jobs = fit_jobs(own, "week", {ROBOT: load_robot(ROBOT)}, SETTINGS)
-        chains = robot_chains(jobs, own, DriftSettings())
-        (chain,) = (chain for chain in chains if ALL in chain[0][1].names)
+        chains = robot_chains(jobs, DriftSettings())
+        (chain,) = (chain for chain in chains if ALL in chain[0].names)
         results = work_chain(chain, Place.named(root))
-        assert not any(result.reason for _, result in results)
-        return {name: table for _, result in results for name, table in result.tables.items()}
+        assert not any(result.reason for result in results)
+        return {name: table for result in results for name, table in result.tables.items()}
 
     before = tables(folder, EVERY[:15])
     found = tables(folder, EVERY)

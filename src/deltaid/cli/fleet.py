@@ -175,10 +175,9 @@ def _write_prior(run: "deltaid.FleetRun", output: str, path: Path) -> None:
         DeltaidError: the fleet knows nothing of its type, or it cannot be written.
     """
     from deltaid.fleets.place import Place
-    from deltaid.fleets.steps import next_robot_file
 
     place = Place.named(output)
-    data = [place.read(next_robot_file(fit.job)) for fit in run.types if not fit.reason]
+    data = [place.read(fit.job.file) for fit in run.types if not fit.reason]
     if not data or data[0] is None:
         raise DeltaidError(
             "there is nothing to write: no robot of the fleet could be used",

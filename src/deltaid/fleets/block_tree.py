@@ -16,11 +16,12 @@ from deltaid.fleets.block import RecordingBlock, halved
 from deltaid.fleets.block_file import ENDING, FORMAT, block_bytes, block_of
 from deltaid.fleets.factor_file import FactorFile, digest, require_mechanism, require_together
 from deltaid.fleets.friction_laws import with_laws
+from deltaid.fleets.gather_plan import GatherResult
 from deltaid.fleets.merged import Merging, merging_of
-from deltaid.fleets.place import Place, ReadOnce
+from deltaid.fleets.place import Place
 from deltaid.fleets.recording_brief import RecordingBrief
 from deltaid.fleets.robot_recordings import FEW, RobotRecordings, merged_as
-from deltaid.fleets.step import DamagedFactorsError, FleetJob, Leaf
+from deltaid.fleets.step import DamagedFactorsError, FleetJob
 
 # Smaller blocks are kept only as long as each night needs them.
 _LASTING = 8
@@ -34,15 +35,15 @@ def merged_recordings(job: FleetJob, place: Place) -> RobotRecordings:
         DamagedFactorsError: factor files cannot be read.
         RecordingError: they do not go together, or not with the robot.
     """
-    kept = place.merged if isinstance(place, ReadOnce) else {}
-    if job.files not in kept:
-        kept[job.files] = _BlockTree.of_job(job, place).recordings()
-    return kept[job.files]
+    if job.files not in place.kept:
+        place.kept[job.files] = _BlockTree.of_job(job, place).recordings()
+    return place.kept[job.files]
 
 
-def _key(leaf: Leaf) -> int:
+def _key(leaf: GatherResult) -> int:
     """By time, to the microsecond, then by checksum."""
-    since = leaf.time.replace(tzinfo=leaf.time.tzinfo or UTC).timestamp()
+    time = leaf.recorded.time
+    since = time.replace(tzinfo=time.tzinfo or UTC).timestamp()
     return (round(since * 1e6) << _BITS) | int(leaf.sha256[: _BITS // 4], 16)
 
 
@@ -65,12 +66,12 @@ class _BlockTree:
 
     place: Place
     job: FleetJob
-    leaves: tuple[Leaf, ...]
+    leaves: tuple[GatherResult, ...]
     keys: tuple[int, ...]
 
     @classmethod
     def of_job(cls, job: FleetJob, place: Place) -> "_BlockTree":
-        leaves = tuple(sorted(job.leaves, key=_key))
+        leaves = tuple(sorted(job.recordings, key=_key))
         return cls(place, job, leaves, tuple(map(_key, leaves)))
 
     def recordings(self) -> RobotRecordings:

@@ -4,20 +4,32 @@ import re
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
+from typing import Any
+
+import polars as pl
 
 from deltaid.errors import DeltaidError, RecordingError
 from deltaid.fleets.factor_file import FactorFile, write
 from deltaid.fleets.fleet import Fleet, Recorded
 from deltaid.fleets.gather import gathered
-from deltaid.fleets.gather_plan import FACTORS, GatherJob
-from deltaid.fleets.known import GatherResult
+from deltaid.fleets.gather_plan import FACTORS, GatherJob, GatherResult
 from deltaid.fleets.place import Place
 from deltaid.fleets.recording_brief import RecordingBrief
-from deltaid.fleets.step import Call
+from deltaid.fleets.step import RECORDINGS, Call
 from deltaid.fleets.store import StoreError, has_pattern, local_file
 from deltaid.fleets.workers import ALONE
 from deltaid.parallel import threads
 
+# Fields of the recording and of its outcome that are columns of the table.
+_RECORDED = {
+    **{"robot": pl.String, "type": pl.String, "time": pl.Datetime("us"), "path": pl.String},
+    **{"columns": pl.String, "load": pl.Float64, "temperature": pl.Float64},
+}
+_OUTCOME = {
+    **{"file": pl.String, "reason": pl.String, "samples": pl.Int64, "verdicts": pl.String},
+    **{"sha256": pl.String, "bytes": pl.Int64, "key": pl.String, "how": pl.String},
+}
+RECORDINGS_SCHEMA = {**_RECORDED, **_OUTCOME, "there": pl.Boolean}
 # Why what was gathered of a recording cannot be used.
 _WRONG = "whose description or mapping cannot be read"
 _OTHERWISE = "that are gathered otherwise than asked, or by another version"
@@ -28,48 +40,68 @@ _UNNAMED = "that the manifest names no more"
 _POOR = ("wrong", "doubtful")
 
 
-def gather_all(call: Call) -> tuple[list[GatherResult], int]:
-    """What became of all recordings, in their order, and how many were gathered now.
+def gather_all(call: Call) -> list[GatherResult]:
+    """What became of all recordings, in their order.
 
     Raises:
         DeltaidError: what earlier calls have gathered would be lost, and nobody said so.
     """
     listing = call.place.listing(FACTORS)
+    before = call.known.tables[RECORDINGS].filter(pl.col("file") != "")
+    row_of, hows = ({key: k for k, key in enumerate(before[name])} for name in ("key", "path"))
     outcomes, jobs, lost = list[GatherResult](), list[GatherJob](), Counter[str]()
     for recorded in call.fleet.recordings:
-        before = call.known.hows.get(recorded.path)
+        how = before["how"][hows[recorded.path]] if recorded.path in hows else None
         try:
-            job = GatherJob.for_recording(recorded, call.plan.how(recorded))
+            job = GatherJob(recorded, call.plan.how(recorded))
         except DeltaidError as error:
-            lost[_WRONG] += before is not None
+            lost[_WRONG] += how is not None
             outcomes.append(GatherResult(recorded, "", reason=str(error), is_new=False))
             continue
-        known = call.known.gathered(job, listing)
-        if known is None:
-            jobs.append(job)
-            lost[_OTHERWISE] += before not in (None, job.how.digest)
+        row = before.row(row_of[job.key], named=True) if job.key in row_of else None
+        if reason := call.known.refused.get(job.key):
+            outcomes.append(replace(_failed(job, reason), key=job.key, is_new=False))
+        elif row is not None and listing.get(row["file"]) == row["bytes"]:
+            outcomes.append(_outcome(recorded, row))
         else:
-            outcomes.append(known)
-    here, is_named = {recorded.path for recorded in call.fleet.recordings}, _naming(call.fleet)
-    gone = [
-        (outcome, _why_lost(call, outcome, listing) if is_named(outcome.recorded) else _UNNAMED)
-        for outcome in call.known.gone(here)
+            jobs.append(job)
+            lost[_OTHERWISE] += how not in (None, job.how.digest)
+    is_named, here = _naming(call.fleet), {recorded.path for recorded in call.fleet.recordings}
+    for row in before.iter_rows(named=True):
+        if row["path"] not in here:
+            outcome = _outcome(Recorded(**{key: row[key] for key in _RECORDED}), row)
+            named = is_named(outcome.recorded)
+            if why := _why_lost(call, outcome, listing) if named else _UNNAMED:
+                lost[why] += 1
+            else:
+                outcomes.append(outcome)
+    _require_kept(call, lost)
+    return _once(outcomes + _gathered(call, jobs))
+
+
+def recordings_table(outcomes: Sequence[GatherResult]) -> pl.DataFrame:
+    """One row a recording."""
+    rows = [
+        {key: getattr(outcome.recorded, key) for key in _RECORDED}
+        | {key: getattr(outcome, key) for key in _OUTCOME}
+        | {"there": bool(outcome.recorded.stamp)}
+        for outcome in outcomes
     ]
-    lost.update(why for _, why in gone if why)
-    _require_kept(call, +lost)
-    new = _gathered(call, jobs)
-    outcomes += new + [outcome for outcome, why in gone if not why]
-    return _once(outcomes), sum(outcome.is_new for outcome in new)
+    return pl.DataFrame(rows, schema=RECORDINGS_SCHEMA, orient="row")
 
 
-def _require_kept(call: Call, lost: "Counter[str]") -> None:
+def _outcome(recorded: Recorded, row: Mapping[str, Any]) -> GatherResult:
+    return GatherResult(recorded, is_new=False, **{key: row[key] for key in _OUTCOME})
+
+
+def _require_kept(call: Call, lost: Counter[str]) -> None:
     """Refuse to go on without what was gathered.
 
     Raises:
         DeltaidError: with how many recordings are concerned.
     """
     allowed = {_OTHERWISE: call.regather}
-    kept = {why: n for why, n in lost.items() if not allowed.get(why, call.drop_absent)}
+    kept = {why: n for why, n in (+lost).items() if not allowed.get(why, call.drop_absent)}
     if kept:
         cures = ["put back what is away, or ask as before"]
         cures += ["--regather gathers anew"] * (_OTHERWISE in kept)
@@ -84,23 +116,22 @@ def _require_kept(call: Call, lost: "Counter[str]") -> None:
 
 
 def gather_again(
-    call: Call, outcomes: Sequence[GatherResult], files: Iterable[str]
-) -> tuple[list[GatherResult], int]:
+    call: Call, outcomes: Sequence[GatherResult], files: set[str]
+) -> list[GatherResult]:
     """The same with some recordings gathered anew, whose factor files are damaged.
 
     Raises:
         DeltaidError: some of these are away, and nobody said that they may be forgotten.
     """
-    names, known = set(files), dict[Recorded, GatherResult]()
+    known = dict[Recorded, GatherResult]()
     for outcome in outcomes:
-        if outcome.file in names:
+        if outcome.file in files:
             reason = f"{outcome.file} is damaged, and the recording is no longer there"
             known[outcome.recorded] = replace(outcome, key="", file="", reason=reason)
-    _require_kept(call, +Counter({_DAMAGED: sum(not log.stamp for log in known)}))
-    jobs = [GatherJob.for_recording(log, call.plan.how(log)) for log in known if log.stamp]
-    new = _gathered(call, jobs)
-    known |= {outcome.recorded: outcome for outcome in new}
-    return [known.get(outcome.recorded, outcome) for outcome in outcomes], len(new)
+    _require_kept(call, Counter({_DAMAGED: sum(not log.stamp for log in known)}))
+    jobs = [GatherJob(log, call.plan.how(log)) for log in known if log.stamp]
+    known |= {outcome.recorded: outcome for outcome in _gathered(call, jobs)}
+    return [known.get(outcome.recorded, outcome) for outcome in outcomes]
 
 
 def _gathered(call: Call, jobs: Sequence[GatherJob]) -> list[GatherResult]:
@@ -114,30 +145,26 @@ def _failed(job: GatherJob, why: str) -> GatherResult:
 def _why_lost(call: Call, outcome: GatherResult, listing: Mapping[str, int]) -> str:
     """Why what a recording that is away has said cannot be used; empty where it can."""
     try:
-        same = call.plan.how(outcome.recorded).digest == outcome.how
+        if call.plan.how(outcome.recorded).digest != outcome.how:
+            return _AWAY
     except DeltaidError:
         return _WRONG
-    if not same:
-        return _AWAY
-    return "" if listing.get(outcome.file) == outcome.size else _DAMAGED
+    return "" if listing.get(outcome.file) == outcome.bytes else _DAMAGED
 
 
 def _naming(fleet: Fleet) -> Callable[[Recorded], bool]:
     """Whether a manifest names a recording, which may be away."""
     from fsspec.utils import glob_translate
 
-    single, patterns = set(fleet.entries), dict[str, list[re.Pattern[str]]]()
-    for robot, pattern in fleet.entries:
-        if has_pattern(pattern):
-            patterns.setdefault(robot, []).append(re.compile(glob_translate(pattern)))
-
-    def is_named(log: Recorded) -> bool:
-        own = patterns.get(log.robot, ())
-        return (log.robot, log.path) in single or any(
-            pattern.fullmatch(log.path) for pattern in own
-        )
-
-    return is_named
+    patterns = {
+        (robot, re.compile(glob_translate(pattern)))
+        for robot, pattern in fleet.entries
+        if has_pattern(pattern)
+    }
+    return lambda log: (
+        (log.robot, log.path) in fleet.entries
+        or any(robot == log.robot and pattern.fullmatch(log.path) for robot, pattern in patterns)
+    )
 
 
 def _once(outcomes: Iterable[GatherResult]) -> list[GatherResult]:
@@ -180,7 +207,7 @@ def gather_recorded(job: GatherJob, place: Place) -> GatherResult:
         job.key,
         file=job.file,
         is_new=there is None,
-        size=size,
+        bytes=size,
         sha256=file.record.sha256,
         samples=file.record.model.sources[0].samples,
         verdicts=poor([file.brief]),

@@ -55,43 +55,53 @@ class How:
         own = ways(self.robot, self.mapping, self.settings)
         return digest([own, self.force, version("deltaid")])
 
-    def holding(self, mass: float | None, where: str) -> "How":
-        """The same for a recording with a mass that was held all the time, 0 for none.
-
-        Raises:
-            RecordingError: its mapping says as well what is held.
-        """
-        if mass is not None and self.mapping is not None and self.mapping.load is not None:
-            raise RecordingError(
-                "its mapping and the manifest both say what it holds",
-                where=where,
-                cure="say it in one of them",
-            )
-        if not mass:
-            return self
-        # Loads of one name are the same thing, so those of another mass have another name.
-        load = Load(always=True, mass=mass, name=f"load-{round(1e6 * mass)}mg")
-        return replace(self, mapping=(self.mapping or ColumnMapping()).changed(load=load))
-
 
 @dataclass(frozen=True)
 class GatherJob:
-    """A recording that is to be gathered, how, and the checksum of all that follows from."""
+    """A recording that is to be gathered, and how."""
 
     recorded: Recorded
     how: How
-    key: str
 
-    @classmethod
-    def for_recording(cls, recorded: Recorded, how: How) -> "GatherJob":
-        """By the recording's stamp: nothing is read for it."""
-        return cls(recorded, how, digest([recorded.path, recorded.stamp, how.digest]))
+    @cached_property
+    def key(self) -> str:
+        """Checksum of all that follows from, by the recording's stamp: nothing is read for it."""
+        return digest([self.recorded.path, self.recorded.stamp, self.how.digest])
 
     @property
     def file(self) -> str:
         """Name of the factor file, seen from the fleet's folder."""
         robot, log = safe(self.recorded.robot), safe(Path(self.recorded.path).stem)
         return f"{FACTORS}/{robot}/{log}-{self.key[:12]}{ENDING}"
+
+
+@dataclass(frozen=True)
+class GatherResult:
+    """What became of one recording.
+
+    Attributes:
+        recorded: which.
+        key: checksum of what its factors follow from; empty where another call may end otherwise.
+        file: its factor file, seen from the fleet's folder; empty if it was refused.
+        reason: why it is in quarantine; empty if it is not.
+        is_new: whether it was looked at now.
+        bytes: size of the factor file.
+        sha256: of the recording.
+        samples: of the recording.
+        verdicts: of its checks that are not good, by name.
+        how: checksum of how it is gathered; empty where it cannot be.
+    """
+
+    recorded: Recorded
+    key: str
+    file: str = ""
+    reason: str = ""
+    is_new: bool = True
+    bytes: int = 0
+    sha256: str = ""
+    samples: int = 0
+    verdicts: str = ""
+    how: str = ""
 
 
 @dataclass(frozen=True)
@@ -135,7 +145,9 @@ class GatherPlan:
                     wrong[name] = error
             return values
 
-        robots = read(fleet.types, _robot)
+        robots = read(
+            fleet.types, lambda path: described(str(path) if str(path) in catalogue() else path)
+        )
         mappings = read({name: name for name in fleet.mappings}, load_mapping)
         return cls(settings, force, robots, mappings, {}, wrong)
 
@@ -143,18 +155,28 @@ class GatherPlan:
         """How a recording is gathered.
 
         Raises:
-            DeltaidError: its description or mapping is wrong.
+            DeltaidError: its description or mapping is wrong, or both its mapping and the manifest
+                say what it holds.
         """
         for name in (recorded.type, recorded.columns):
             if name in self.wrong:
                 raise self.wrong[name]
-        kind = (recorded.type, recorded.columns, recorded.load)
+        kind, mass = (recorded.type, recorded.columns, recorded.load), recorded.load
         if kind not in self.hows:
             settings, mapping = self.settings, self.mappings.get(recorded.columns)
             if settings.cutoff is None and recorded.type in self.cutoffs:
                 settings = settings.changed(cutoff=self.cutoffs[recorded.type])
-            how = How(self.robots[recorded.type], mapping, settings, self.force)
-            self.hows[kind] = how.holding(recorded.load, recorded.path)
+            if mass is not None and mapping is not None and mapping.load is not None:
+                raise RecordingError(
+                    "its mapping and the manifest both say what it holds",
+                    where=recorded.path,
+                    cure="say it in one of them",
+                )
+            if mass:
+                # Loads of one name are the same thing, so those of another mass have another name.
+                load = Load(always=True, mass=mass, name=f"load-{round(1e6 * mass)}mg")
+                mapping = (mapping or ColumnMapping()).changed(load=load)
+            self.hows[kind] = How(self.robots[recorded.type], mapping, settings, self.force)
         return self.hows[kind]
 
 
@@ -172,7 +194,9 @@ def with_cutoffs(
     wrong, cutoffs = dict(plan.wrong), dict(known)
     for kind in (kind for kind in plan.robots if kind not in known):
         jobs = [*islice(_jobs(plan, fleet, kind), _ASKED)]
-        asked = (next(iter(workers().done(suggested_cutoff, [job], _none))) for job in jobs)
+        asked = (
+            next(iter(workers().done(suggested_cutoff, [job], lambda *_: None))) for job in jobs
+        )
         cutoff = next((cutoff for cutoff in asked if cutoff is not None), None)
         if cutoff is not None:
             cutoffs[kind] = cutoff
@@ -185,10 +209,6 @@ def with_cutoffs(
     if cutoffs != known:
         place.write(DECIDED, json.dumps({"cutoff_hz": cutoffs}, indent=2).encode())
     return replace(plan, cutoffs=cutoffs, wrong=wrong, hows={})
-
-
-def _none(job: GatherJob, why: str) -> None:
-    """Of a recording that workers die of."""
 
 
 def suggested_cutoff(job: GatherJob) -> float | None:
@@ -209,7 +229,7 @@ def _jobs(plan: GatherPlan, fleet: Fleet, kind: str) -> Iterator[GatherJob]:
     recordings = [recorded for recorded in fleet.recordings if recorded.type == kind]
     for recorded in sorted(recordings, key=lambda recorded: (recorded.time, recorded.path)):
         with suppress(DeltaidError):
-            yield GatherJob.for_recording(recorded, plan.how(recorded))
+            yield GatherJob(recorded, plan.how(recorded))
 
 
 def _decided(place: Place) -> dict[str, float]:
@@ -224,7 +244,3 @@ def _decided(place: Place) -> dict[str, float]:
             where=place.path_to(DECIDED),
             cure="remove it, and all is gathered again, or give --cutoff",
         ) from None
-
-
-def _robot(path: Path) -> RobotDescription:
-    return described(str(path) if str(path) in catalogue() else path)

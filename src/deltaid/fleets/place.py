@@ -1,6 +1,6 @@
 """The folder of a fleet: on this machine, on one that all workers share, or in a store."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Hashable
 from dataclasses import dataclass, field, replace
 from io import BytesIO
 from pathlib import Path
@@ -11,7 +11,7 @@ import polars as pl
 
 from deltaid.checksum import EMPTY, require_intact, sealed
 from deltaid.errors import DeltaidError, RecordingError
-from deltaid.files import require_writable, resolved
+from deltaid.files import resolved
 from deltaid.fleets import store
 from deltaid.fleets.factor_file import FactorFile, read
 from deltaid.forked import require_threads
@@ -22,9 +22,15 @@ _MADE_AGAIN = "remove it; it is made again"
 
 @dataclass(frozen=True)
 class Place:
-    """A folder by `root`, its absolute path or its address; names of files are seen from it."""
+    """A folder by `root`, its absolute path or its address; names of files are seen from it.
+
+    `kept` is what jobs in turn leave for each other, so that nothing is read twice.
+    """
 
     root: str
+    kept: dict[Hashable, Any] = field(
+        default_factory=dict[Hashable, Any], compare=False, repr=False
+    )
 
     @classmethod
     def named(cls, folder: str | Path) -> "Place":
@@ -49,15 +55,6 @@ class Place:
     def name(self) -> str:
         """Its own name, without what it lies in."""
         return Path(self.root).name
-
-    def require(self) -> None:
-        """Find out before any work whether the folder can be written to.
-
-        Raises:
-            DeltaidError: it is a file, or cannot be made or written to.
-        """
-        if self.is_local:
-            require_writable(Path(self.path_to("recordings.parquet")))
 
     def path_to(self, name: str) -> str:
         """Path or address of a file in it."""
@@ -140,6 +137,11 @@ class Place:
             write(path)
             self.write(name, path.read_bytes())
 
+    def save_model(self, name: str, model: IdentifiedModel) -> None:
+        """Write a model, and keep it; its numbers keep every bit."""
+        self.save_file(name, model.save)
+        self.kept[name] = model
+
     def model(self, name: str) -> IdentifiedModel:
         """A saved model in it.
 
@@ -148,33 +150,9 @@ class Place:
         """
         path = self.path_to(name)
         try:
-            with store.local_file(path) as local:
-                return IdentifiedModel.load(local)
+            if name not in self.kept:
+                with store.local_file(path) as local:
+                    return IdentifiedModel.load(local)
         except FileNotFoundError:
             raise store.StoreError("is not there", where=path, cure="call again") from None
-
-    def save_model(self, name: str, model: IdentifiedModel) -> None:
-        """Write a model; its numbers keep every bit."""
-        self.save_file(name, model.save)
-
-
-@dataclass(frozen=True)
-class ReadOnce(Place):
-    """The folder for some jobs in turn: recordings that one has merged, and a model that one saves,
-    are not read again."""
-
-    merged: dict[tuple[str, ...], Any] = field(
-        default_factory=dict[tuple[str, ...], Any], compare=False
-    )
-    models: dict[str, IdentifiedModel] = field(
-        default_factory=dict[str, IdentifiedModel], compare=False
-    )
-
-    def model(self, name: str) -> IdentifiedModel:
-        """As of `Place`."""
-        return self.models[name] if name in self.models else super().model(name)
-
-    def save_model(self, name: str, model: IdentifiedModel) -> None:
-        """As of `Place`."""
-        super().save_model(name, model)
-        self.models[name] = model
+        return self.kept[name]

@@ -3,7 +3,7 @@
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from contextlib import ExitStack
-from dataclasses import dataclass
+from dataclasses import astuple, dataclass, fields
 from functools import cache
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -12,34 +12,36 @@ from typing import Any
 import polars as pl
 
 from deltaid.errors import within
+from deltaid.files import require_writable
 from deltaid.fleets import store
 from deltaid.fleets.drift_findings import DriftSettings
 from deltaid.fleets.fleet import Fleet, Quarantined, find_fleet
-from deltaid.fleets.gather_all import gather_again, gather_all
-from deltaid.fleets.gather_plan import GatherPlan, with_cutoffs
-from deltaid.fleets.known import (
-    BEFORE,
-    QUARANTINE,
-    RECORDINGS,
-    EarlierCalls,
-    GatherResult,
-    quarantine_table,
-    recordings_table,
-)
+from deltaid.fleets.gather_all import gather_again, gather_all, recordings_table
+from deltaid.fleets.gather_plan import GatherPlan, GatherResult, with_cutoffs
 from deltaid.fleets.place import Place
 from deltaid.fleets.site.site import SITE, write_site
-from deltaid.fleets.step import JOURNAL, Call, FleetStep, JobResult, run_chains
+from deltaid.fleets.step import (
+    BEFORE,
+    JOURNAL,
+    QUARANTINE,
+    RECORDINGS,
+    Call,
+    EarlierCalls,
+    FleetStep,
+    JobResult,
+    run_chains,
+)
 from deltaid.fleets.steps import (
     DRIFTS,
     FITS,
     MEMBERS_FOLDER,
     ROBOTS,
+    STEPS,
     TABLES,
     TYPE_FITS,
     fit_jobs,
-    member_file,
     robot_chains,
-    type_jobs,
+    type_chains,
 )
 from deltaid.fleets.workers import Workers, open_workers
 from deltaid.forked import require_threads
@@ -58,7 +60,6 @@ class FleetRun:
         studies: of all robots.
         types: of all types.
         quarantine: what could not be used, and why.
-        computed: how many recordings were looked at, fits made, and robots studied in this call.
     """
 
     outcomes: tuple[GatherResult, ...]
@@ -66,7 +67,15 @@ class FleetRun:
     studies: tuple[JobResult, ...]
     types: tuple[JobResult, ...]
     quarantine: tuple[Quarantined, ...]
-    computed: tuple[int, int, int]
+
+    @property
+    def computed(self) -> tuple[int, int, int]:
+        """How many recordings were looked at, fits made, and robots studied in this call."""
+        gathered, fitted, studied = (
+            sum(result.is_new for result in results)
+            for results in (self.outcomes, self.fits, self.studies)
+        )
+        return gathered, fitted, studied
 
     @property
     def site(self) -> str:
@@ -125,7 +134,8 @@ def fleet(
             say("looking for recordings")
             manifest = find_fleet(str(manifest), period)
         settings, place = settings_of(settings, options), Place.named(output)
-        place.require()
+        if place.is_local:
+            require_writable(Path(place.path_to(QUARANTINE)))
         plan = GatherPlan.from_manifest(manifest, settings, force=force)
         known = EarlierCalls.read(place, TABLES, retry=retry)
 
@@ -144,29 +154,24 @@ def fleet(
 def _run(call: Call, drift: DriftSettings) -> FleetRun:
     """All steps of a call, then its tables and pages."""
 
-    def robots_done() -> tuple[dict[FleetStep, list[JobResult]], dict[FleetStep, int]]:
+    def robots_done() -> list[JobResult]:
         jobs = fit_jobs(outcomes, call.fleet.period, call.plan.robots, call.plan.settings)
-        return run_chains(call, robot_chains(jobs, outcomes, drift), ("fitted", "periods"))
+        return run_chains(call, robot_chains(jobs, drift), ("fitted", "periods"))
 
-    outcomes, gathered = gather_all(call)
-    done, count = robots_done()
-    if damaged := {file for fit in done.get(FITS, []) for file in fit.damaged}:
-        outcomes, more = gather_again(call, outcomes, damaged)
-        done, count = robots_done()
-        gathered += more
-    fits, studies, robots = (done.get(step, []) for step in (FITS, DRIFTS, ROBOTS))
-    of_types = run_chains(
-        call, [((TYPE_FITS, job),) for job in type_jobs(robots)], ("compared", "types")
-    )
-    types = of_types[0].get(TYPE_FITS, [])
-    results = {FITS: fits, DRIFTS: studies, ROBOTS: robots, TYPE_FITS: types}
+    outcomes = gather_all(call)
+    done = robots_done()
+    if damaged := {file for result in done for file in result.damaged}:
+        outcomes = gather_again(call, outcomes, damaged)
+        done = robots_done()
+    robots = [result for result in done if result.job.step.name == ROBOTS.name]
+    done += run_chains(call, type_chains(robots), ("compared", "types"))
+    results = {
+        step: tuple(result for result in done if result.job.step.name == step.name)
+        for step in STEPS
+    }
+    quarantine = tuple(_quarantine(call.fleet, outcomes, results))
     finished = FleetRun(
-        tuple(outcomes),
-        tuple(fits),
-        tuple(studies),
-        tuple(types),
-        tuple(_quarantine(call.fleet, outcomes, results)),
-        (gathered, count.get(FITS, 0), count.get(DRIFTS, 0)),
+        tuple(outcomes), results[FITS], results[DRIFTS], results[TYPE_FITS], quarantine
     )
     call.say("writing tables")
     tables = _write(call, finished, results)
@@ -196,11 +201,10 @@ def _quarantine(
     yield from (absent for absent in fleet.absent if (absent.robot, absent.which) not in used)
     for log, outcome in ((outcome.recorded, outcome) for outcome in outcomes if outcome.reason):
         yield Quarantined("recording", log.robot, log.path, outcome.reason, outcome.key)
-    for step, done in results.items():
-        for result in done:
-            for name in result.job.names if result.reason else ():
-                key = result.job.key * result.lasting
-                yield Quarantined(step.what, result.job.robot, name, result.reason, key)
+    for result in (result for done in results.values() for result in done if result.reason):
+        job, key = result.job, result.job.key * result.lasting
+        for name in job.names:
+            yield Quarantined(job.step.what, job.robot, name, result.reason, key)
 
 
 def _write(
@@ -208,7 +212,7 @@ def _write(
 ) -> dict[str, pl.DataFrame]:
     """The tables, by name; what jobs have left behind is then no longer needed."""
     place, tables = call.place, dict[str, pl.DataFrame]()
-    for file in (*(f"{name}.parquet" for name in TABLES), RECORDINGS, QUARANTINE):
+    for file in (*(f"{name}.parquet" for name in TABLES), QUARANTINE):
         if (before := place.read(file)) is not None:
             place.write(f"{BEFORE}/{file}", before)
     for step, done in results.items():
@@ -216,14 +220,14 @@ def _write(
         for name in step.tables:
             new = {result.job.key: result.tables[name] for result in done if name in result.tables}
             tables[name] = call.known.with_new(name, keys, new)
-            place.save(f"{name}.parquet", tables[name])
-    tables |= {
-        "recordings": recordings_table(run.outcomes),
-        "quarantine": quarantine_table(run.quarantine),
-    }
-    place.save(RECORDINGS, tables["recordings"])
+    tables[RECORDINGS] = recordings_table(run.outcomes)
+    for name, table in tables.items():
+        place.save(f"{name}.parquet", table)
+    schema = dict.fromkeys((entry.name for entry in fields(Quarantined)), pl.String)
+    lines = [astuple(line) for line in run.quarantine]
+    tables["quarantine"] = pl.DataFrame(lines, schema=schema, orient="row")
     place.write(QUARANTINE, tables["quarantine"].write_csv().encode())
-    used = {member_file(study.job) for study in run.studies}
+    used = {robot.job.file for robot in results[ROBOTS]}
     for name in {**place.listing(JOURNAL), **place.listing(MEMBERS_FOLDER)}:
         if name not in used:
             store.remove(place.path_to(name))

@@ -6,30 +6,106 @@ made as a journal until the tables are written, so a call may be ended at any ti
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from datetime import datetime
 from functools import partial
+from io import BytesIO
 from typing import Any, TypeVar
 
 import polars as pl
 
 from deltaid.errors import DeltaidError
+from deltaid.fleets.drift_findings import DriftSettings
 from deltaid.fleets.fleet import Fleet
-from deltaid.fleets.gather_plan import GatherPlan
-from deltaid.fleets.known import EarlierCalls
-from deltaid.fleets.place import Place, ReadOnce
+from deltaid.fleets.gather_plan import GatherPlan, GatherResult
+from deltaid.fleets.place import Place
 from deltaid.fleets.store import StoreError
 from deltaid.fleets.workers import ALONE, Workers
 from deltaid.model.record import Settings
 from deltaid.parallel import threads
 from deltaid.robot.description import RobotDescription
 
-# Folder of what jobs have made and no table holds yet.
-JOURNAL = "unfinished"
+# The table of recordings, and the file of what was refused.
+RECORDINGS, QUARANTINE = "recordings", "quarantine.csv"
+# Folders of what jobs have made and no table holds yet, and of tables as before a call.
+JOURNAL, BEFORE = "unfinished", "before"
+_PUT_BACK = (
+    f"put {BEFORE}/{RECORDINGS}.parquet in its place; if you remove it, recordings that are away "
+    "are forgotten"
+)
 
 Say = Callable[[str], None]
 Tables = dict[str, pl.DataFrame]
 _Item = TypeVar("_Item")
 _Result = TypeVar("_Result")
+
+
+@dataclass(frozen=True)
+class EarlierCalls:
+    """What is known from earlier calls: tables by name, and reasons of what was refused, by key."""
+
+    tables: Mapping[str, pl.DataFrame]
+    refused: Mapping[str, str]
+
+    @classmethod
+    def read(
+        cls, place: Place, schemas: Mapping[str, Mapping[str, Any]], *, retry: bool
+    ) -> "EarlierCalls":
+        """What the tables in a folder hold; what another version has written is made again, but for
+        recordings.
+
+        Args:
+            schemas: columns of tables, by name.
+            retry: forget what was refused.
+
+        Raises:
+            DeltaidError: a table cannot be read.
+        """
+        tables = Tables()
+        for name, schema in schemas.items():
+            cure = {"cure": _PUT_BACK} if name == RECORDINGS else {}
+            table = place.table(f"{name}.parquet", **cure)
+            if table is not None and table.schema != pl.Schema(schema):
+                if name == RECORDINGS:
+                    raise DeltaidError(
+                        "has other columns than this version writes",
+                        where=place.path_to(f"{name}.parquet"),
+                        cure="remove it, and it is made again; recordings that have been thrown "
+                        "away since are then forgotten",
+                    )
+                table = None
+            tables[name] = pl.DataFrame(schema=schema) if table is None else table
+        return cls(tables, {} if retry else _refused(place))
+
+    def with_new(
+        self, name: str, keys: Sequence[str], new: Mapping[str, pl.DataFrame]
+    ) -> pl.DataFrame:
+        """A table of rows that follow from some keys, in the order of these.
+
+        Args:
+            new: rows that this call has found, by key; all others are of earlier calls.
+        """
+        order = pl.DataFrame({"key": list(dict.fromkeys(keys))}, schema={"key": pl.String})
+        old = self.tables[name]
+        kept = old.filter(~pl.col("key").is_in(list(new)))
+        rows = pl.concat([kept, *(new[key] for key in keys if key in new)])
+        return order.join(rows, on="key", how="inner", maintain_order="left_right").select(
+            old.columns
+        )
+
+
+def _refused(place: Place) -> dict[str, str]:
+    """Reasons of what was refused and would be again, by key."""
+    if not (data := place.read(QUARANTINE)):
+        return {}
+    try:
+        table = pl.read_csv(BytesIO(data), infer_schema=False)
+        reasons = table.select(pl.col("key").fill_null(""), "reason").rows()
+    except (pl.exceptions.PolarsError, pl.exceptions.PanicException) as error:
+        raise DeltaidError(
+            f"cannot be read: {str(error).splitlines()[0]}",
+            where=place.path_to(QUARANTINE),
+            cure="remove it; it is made again",
+        ) from None
+    return {key: reason for key, reason in reasons if key}
 
 
 @dataclass(frozen=True)
@@ -79,42 +155,74 @@ class Call:
             self.say(f"{words[0]} {k} of {len(jobs)} {words[1]}")
 
 
-@dataclass(frozen=True)
-class Leaf:
-    """A recording that a job reads: its factor file, its checksum, and when it was made."""
+@dataclass(frozen=True, eq=False)
+class FleetStep:
+    """What is done with every robot or type once recordings have been gathered.
 
-    file: str
-    sha256: str
-    time: datetime
+    Attributes:
+        name: of its own.
+        what: as the quarantine calls it.
+        read: what a job needs, from the fleet's folder.
+        make: tables from a job, what it needs, and the fleet's folder, into which it writes the
+            file.
+        tables: their columns, by name.
+        leads: whether no later step of a robot is done where this one fails.
+    """
+
+    name: str
+    what: str
+    read: Callable[[Any, Place], Any]
+    make: Callable[[Any, Any, Place], Tables]
+    tables: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
+    leads: bool = False
 
 
 @dataclass(frozen=True)
 class FleetJob:
-    """A robot in some periods, a robot in all of them, or a type.
+    """A step of a robot in some periods, of a robot in all of them, or of a type.
 
     Attributes:
+        step: what is done.
         robot: whose; empty for a type.
         type: as the manifest has it.
         names: what the job is of: periods that have the same recordings, or the type.
         files: that it reads, seen from the fleet's folder; of recordings in the order of time.
         key: checksum of all that the result follows from.
+        file: that it leaves behind, seen from the fleet's folder; empty if there is none.
         description: of the robot or type.
         settings: of the fit.
-        leaves: of a robot, its recordings in the order of time.
+        recordings: of a robot, in the order of time.
         common: of a robot, checksum of all that its fits follow from beside its recordings.
         blocks: of a robot, folder of blocks of merged recordings, seen from the fleet's folder.
+        drift: settings of the search for drift.
     """
 
+    step: FleetStep
     robot: str
     type: str
     names: tuple[str, ...]
     files: tuple[str, ...]
     key: str
+    file: str
     description: RobotDescription
     settings: Settings
-    leaves: tuple[Leaf, ...] = ()
+    recordings: tuple[GatherResult, ...] = ()
     common: str = ""
     blocks: str = ""
+    drift: DriftSettings = field(default_factory=DriftSettings)
+
+    @property
+    def identity(self) -> tuple[str, str]:
+        """What no other job of a call has."""
+        return self.step.name, self.key
+
+    def journal(self, table: str) -> str:
+        """Where a table of it is until those of the fleet are written."""
+        return f"{JOURNAL}/{self.key}-{table}.parquet"
+
+
+# Jobs of a robot, in the order in which they follow from each other.
+Chain = tuple[FleetJob, ...]
 
 
 @dataclass(frozen=True)
@@ -127,6 +235,7 @@ class JobResult:
         reason: why there is nothing; empty if there is.
         lasting: whether another call would end the same.
         damaged: factor files that cannot be read, and have to be gathered again.
+        is_new: whether it was done in this call.
     """
 
     job: FleetJob
@@ -134,143 +243,7 @@ class JobResult:
     reason: str = ""
     lasting: bool = True
     damaged: tuple[str, ...] = ()
-
-
-def _no_file(job: FleetJob) -> str:
-    del job
-    return ""
-
-
-@dataclass(frozen=True, eq=False)
-class FleetStep:
-    """What is done with every robot or type once recordings have been gathered.
-
-    Attributes:
-        what: as the quarantine calls it.
-        read: what a job needs, from the fleet's folder.
-        make: tables from a job, what it needs, and the fleet's folder, into which it writes the
-            file.
-        tables: their columns, by name.
-        file: that it leaves behind, seen from the fleet's folder; empty if there is none.
-        leads: whether no later step of a robot is done where this one fails.
-    """
-
-    what: str
-    read: Callable[[Any, Place], Any]
-    make: Callable[[Any, Any, Place], Tables]
-    tables: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
-    file: Callable[[Any], str] = _no_file
-    leads: bool = False
-
-    def known(self, call: Call, jobs: Sequence[FleetJob]) -> dict[str, JobResult]:
-        """What earlier calls have come to, by key; jobs that are left have none."""
-        results = dict[str, JobResult]()
-        keys = [frozenset(call.known.tables[name]["key"]) for name in self.tables]
-        absent = {self.file(job) for job in jobs} - {""}
-        for folder in {file.partition("/")[0] for file in absent}:
-            absent.difference_update(call.place.listing(folder))
-        for job in jobs:
-            if self.file(job) not in absent and all(job.key in known for known in keys):
-                results[job.key] = JobResult(job)
-            elif job.key in call.known.refused:
-                results[job.key] = JobResult(job, reason=call.known.refused[job.key])
-        return results
-
-    def finished(self, job: FleetJob, place: Place) -> JobResult | None:
-        """What a call that was ended before its end has left of a job; None if it is not done."""
-        left = {name: place.finished(_journal(job, name)) for name in self.tables}
-        whole = {name: table for name, table in left.items() if table is not None}
-        has_file = not (file := self.file(job)) or place.size(file) > 0
-        return JobResult(job, whole) if len(whole) == len(left) and has_file else None
-
-    def work(self, job: FleetJob, place: Place) -> JobResult:
-        """Do a job, unless a call that was ended before its end has done it.
-
-        What cannot be done has its reason, and is no error.
-        """
-        if (finished := self.finished(job, place)) is not None:
-            return finished
-        try:
-            given = self.read(job, place)
-        except DeltaidError as error:
-            damaged = error.files if isinstance(error, DamagedFactorsError) else ()
-            return JobResult(job, reason=str(error), lasting=False, damaged=damaged)
-        try:
-            made = {
-                name: table.with_columns(key=pl.lit(job.key))
-                for name, table in self.make(job, given, place).items()
-            }
-            for name, table in made.items():
-                place.save(_journal(job, name), table)
-        except DeltaidError as error:
-            return JobResult(job, reason=str(error), lasting=not isinstance(error, StoreError))
-        return JobResult(job, made)
-
-
-# Steps of a robot, each with its job, in the order in which they follow from each other.
-Chain = tuple[tuple[FleetStep, FleetJob], ...]
-# What became of them, each with what the quarantine calls its step.
-ChainResults = list[tuple[str, JobResult]]
-
-
-def run_chains(
-    call: Call, chains: Sequence[Chain], words: tuple[str, str]
-) -> tuple[dict[FleetStep, list[JobResult]], dict[FleetStep, int]]:
-    """What became of all jobs, by step and in their order, and how many were done now.
-
-    What is left of a chain is done by one worker, which reads each factor file once.
-
-    Args:
-        words: what is said, such as 'fitted' 'periods'.
-    """
-    jobs = dict[FleetStep, list[FleetJob]]()
-    for step, job in (link for chain in chains for link in chain):
-        jobs.setdefault(step, []).append(job)
-    results = {step: step.known(call, asked) for step, asked in jobs.items()}
-    by_name = {step.what: step for step in jobs}
-
-    def reached(chain: Chain) -> Chain:
-        """The chain as far as its leading steps succeed."""
-        for k, (step, job) in enumerate(chain, start=1):
-            if step.leads and (known := results[step].get(job.key)) and known.reason:
-                return chain[:k]
-        return chain
-
-    def failed(chain: Chain, why: str) -> ChainResults:
-        """What was done before a worker died of the rest."""
-        done: ChainResults = []
-        for step, job in chain:
-            known = step.finished(job, call.place)
-            done.append((step.what, known or JobResult(job, reason=why, lasting=False)))
-            if step.leads and known is None:
-                break
-        return done
-
-    left = [
-        tuple((step, job) for step, job in reached(chain) if job.key not in results[step])
-        for chain in chains
-    ]
-    count = dict.fromkeys(jobs, 0)
-    for done in call.done(words, work_chain, [chain for chain in left if chain], failed):
-        for what, result in done:
-            step = by_name[what]
-            results[step][result.job.key] = result
-            count[step] += 1
-    ordered: dict[FleetStep, list[JobResult]] = {step: [] for step in jobs}
-    for step, job in (link for chain in chains for link in reached(chain)):
-        ordered[step].append(results[step][job.key])
-    return ordered, count
-
-
-def work_chain(chain: Chain, place: Place) -> ChainResults:
-    """Jobs one after the other, until a leading one fails."""
-    done, place = list[tuple[str, JobResult]](), ReadOnce(place.root)
-    with ALONE, threads(1):
-        for step, job in chain:
-            done.append((step.what, step.work(job, place)))
-            if step.leads and done[-1][1].reason:
-                break
-    return done
+    is_new: bool = True
 
 
 class DamagedFactorsError(StoreError):
@@ -281,5 +254,92 @@ class DamagedFactorsError(StoreError):
         self.files = tuple(files)
 
 
-def _journal(job: FleetJob, table: str) -> str:
-    return f"{JOURNAL}/{job.key}-{table}.parquet"
+def run_chains(call: Call, chains: Sequence[Chain], words: tuple[str, str]) -> list[JobResult]:
+    """What became of all jobs, in their order.
+
+    What is left of a chain is done by one worker, which reads each factor file once.
+
+    Args:
+        words: what is said, such as 'fitted' 'periods'.
+    """
+    results = _known(call, [job for chain in chains for job in chain])
+
+    def reached(chain: Chain) -> Chain:
+        """The chain as far as its leading steps succeed."""
+        for k, job in enumerate(chain, start=1):
+            if job.step.leads and job.identity in results and results[job.identity].reason:
+                return chain[:k]
+        return chain
+
+    left = [tuple(job for job in reached(chain) if job.identity not in results) for chain in chains]
+
+    def failed(chain: Chain, why: str) -> list[JobResult]:
+        """What was done before a worker died of the rest."""
+        died = partial(JobResult, reason=why, lasting=False)
+        return _in_turn(chain, lambda job: _finished(job, call.place) or died(job))
+
+    for done in call.done(words, work_chain, [chain for chain in left if chain], failed):
+        results |= {result.job.identity: result for result in done}
+    return [results[job.identity] for chain in chains for job in reached(chain)]
+
+
+def _known(call: Call, jobs: Sequence[FleetJob]) -> dict[tuple[str, str], JobResult]:
+    """What earlier calls have come to; jobs that are left have none."""
+    results = dict[tuple[str, str], JobResult]()
+    keys = {name: frozenset(table["key"]) for name, table in call.known.tables.items()}
+    absent = {job.file for job in jobs} - {""}
+    for folder in {file.partition("/")[0] for file in absent}:
+        absent.difference_update(call.place.listing(folder))
+    for job in jobs:
+        if job.file not in absent and all(job.key in keys[name] for name in job.step.tables):
+            results[job.identity] = JobResult(job, is_new=False)
+        elif reason := call.known.refused.get(job.key):
+            results[job.identity] = JobResult(job, reason=reason, is_new=False)
+    return results
+
+
+def _finished(job: FleetJob, place: Place) -> JobResult | None:
+    """What a call that was ended before its end has left of a job; None if it is not done."""
+    left = {name: place.finished(job.journal(name)) for name in job.step.tables}
+    whole = {name: table for name, table in left.items() if table is not None}
+    is_there = not job.file or place.size(job.file) > 0
+    return JobResult(job, whole) if len(whole) == len(left) and is_there else None
+
+
+def work_chain(chain: Chain, place: Place) -> list[JobResult]:
+    """Jobs one after the other, until a leading one fails."""
+    with ALONE, threads(1):
+        return _in_turn(chain, partial(work, place=Place(place.root)))
+
+
+def _in_turn(chain: Chain, do: Callable[[FleetJob], JobResult]) -> list[JobResult]:
+    done = list[JobResult]()
+    for job in chain:
+        done.append(do(job))
+        if job.step.leads and done[-1].reason:
+            break
+    return done
+
+
+def work(job: FleetJob, place: Place) -> JobResult:
+    """Do a job, unless a call that was ended before its end has done it.
+
+    What cannot be done has its reason, and is no error.
+    """
+    if (finished := _finished(job, place)) is not None:
+        return finished
+    try:
+        given = job.step.read(job, place)
+    except DeltaidError as error:
+        damaged = error.files if isinstance(error, DamagedFactorsError) else ()
+        return JobResult(job, reason=str(error), lasting=False, damaged=damaged)
+    try:
+        made = {
+            name: table.with_columns(key=pl.lit(job.key))
+            for name, table in job.step.make(job, given, place).items()
+        }
+        for name, table in made.items():
+            place.save(job.journal(name), table)
+    except DeltaidError as error:
+        return JobResult(job, reason=str(error), lasting=not isinstance(error, StoreError))
+    return JobResult(job, made)
