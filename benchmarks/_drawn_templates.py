@@ -21,8 +21,8 @@ from deltaid.dynamics.parameters import ParameterLayout, prior_parameters
 from deltaid.effects.load_columns import LoadColumns
 from deltaid.fleets.factor_columns import map_to
 from deltaid.fleets.factor_file import FactorFile
-from deltaid.fleets.factor_record import FactorGroup, FactorRecord, RecordingFactors, record_of
-from deltaid.fleets.gather import condensed, gathered_columns, with_geometry
+from deltaid.fleets.factor_record import FactorGroup, FactorRecord, RecordingFactors
+from deltaid.fleets.gather import condensed, gathered_columns, record_of, with_geometry
 from deltaid.fleets.merged import merging_of
 from deltaid.model.record import Settings
 from deltaid.motion.random_motion import random_motion

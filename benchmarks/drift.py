@@ -27,10 +27,9 @@ from deltaid.dynamics.parameters import prior_parameters
 from deltaid.fleets.drift_evidence import YEAR
 from deltaid.fleets.drift_findings import DriftSettings
 from deltaid.fleets.drift_friction import FrictionSeries, friction_series
-from deltaid.fleets.drift_recording import DriftRecording
 from deltaid.fleets.drift_series import Regressors, explained
 from deltaid.fleets.identify_gathered import identify_gathered
-from deltaid.fleets.robot_drift import drift_of
+from deltaid.fleets.robot_drift import DriftRecording, drift_of
 from deltaid.model.record import IdentifiedModel
 from deltaid.robot.load import load_robot
 

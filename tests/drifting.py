@@ -12,12 +12,12 @@ import polars as pl
 
 from deltaid.dynamics.dynamics import compiled
 from deltaid.dynamics.parameters import prior_parameters
-from deltaid.fleets.drift_recording import DriftRecording
 from deltaid.fleets.factor_columns import map_to
 from deltaid.fleets.factor_file import ENDING, FactorFile, write
 from deltaid.fleets.factor_record import FactorGroup, FactorGroups, Temperature
 from deltaid.fleets.gather import gathered
 from deltaid.fleets.merged import Merging, merging_of
+from deltaid.fleets.robot_drift import DriftRecording
 from deltaid.model.record import Settings
 from deltaid.motion.random_motion import random_motion
 from deltaid.motion.surrogate import SensorNoise, simulate_recording, write_recording

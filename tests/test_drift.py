@@ -13,12 +13,11 @@ from command import run
 from deltaid.cli.drift import drift_settings
 from deltaid.errors import DeltaidError, RecordingError
 from deltaid.fleets.drift_findings import DriftSettings
-from deltaid.fleets.drift_recording import DriftRecording, recorded
 from deltaid.fleets.drift_tables import DRIFT, FRICTION, drift_table, friction_table, save
 from deltaid.fleets.factor_file import ENDING, FactorFile, write
 from deltaid.fleets.gather import gathered
 from deltaid.fleets.identify_gathered import identify_gathered
-from deltaid.fleets.robot_drift import RobotDrift, robot_drift
+from deltaid.fleets.robot_drift import DriftRecording, RobotDrift, recorded, robot_drift
 from deltaid.model.record import IdentifiedModel
 from deltaid.recording.mapped_columns import TemperatureColumn
 from deltaid.recording.mapping import ColumnMapping

@@ -15,9 +15,8 @@ import pytest
 
 from deltaid.errors import RecordingError
 from deltaid.estimation.problem import KNOWN, LinearProblem, Span, scatter
-from deltaid.fleets import block, block_tree, factor_file, place, steps, store
-from deltaid.fleets.block import RecordingBlock, halved
-from deltaid.fleets.block_file import block_bytes, block_of
+from deltaid.fleets import block, factor_file, place, steps, store
+from deltaid.fleets.block import RecordingBlock, block_bytes, block_of, halved
 from deltaid.fleets.drift_findings import DriftSettings
 from deltaid.fleets.drift_friction import friction_series, unknowns_of
 from deltaid.fleets.factor_file import ENDING, FactorFile, digest, write

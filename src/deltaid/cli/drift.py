@@ -103,10 +103,9 @@ def drift(
     Temperature and load are taken out. docs/drift.md says what alarms rest on.
     """
     from deltaid.fleets import drift_tables
-    from deltaid.fleets.drift_recording import recorded
     from deltaid.fleets.factor_file import read
     from deltaid.fleets.identify_gathered import identify_gathered
-    from deltaid.fleets.robot_drift import robot_drift
+    from deltaid.fleets.robot_drift import recorded, robot_drift
 
     settings = drift_settings(limit, false_alarms, since)
     paths = in_folders(factors)

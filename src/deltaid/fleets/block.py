@@ -6,19 +6,23 @@ whose scatter gives intervals are recordings, or of more than `MOST_GROUPS` seve
 other.
 """
 
+import json
 from bisect import bisect_left
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
+from io import BytesIO
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float
+from pydantic import TypeAdapter
 
+from deltaid.checksum import is_intact, sealed_archive
 from deltaid.estimation.information import Information, triangle
 from deltaid.fleets.drift_friction import FrictionSums, friction_sums
 from deltaid.fleets.factor_file import FactorFile
-from deltaid.fleets.factor_record import FactorGroups
+from deltaid.fleets.factor_record import FactorGroups, RecordingBrief
 from deltaid.fleets.merged import Independent, MergedPart, Merging
-from deltaid.fleets.recording_brief import RecordingBrief
 from deltaid.identification.geometric_rows import GeometricRows
 
 # With so many groups Student's t is within 2 % of a normal distribution. Halves that hold more than
@@ -238,3 +242,58 @@ def _expanded(
         every[:, i, : n + 1, :-1] = R[..., :-1] @ drive.combinations
         every[:, i, : n + 1, -1] = R[..., -1]
     return every
+
+
+ENDING = ".block.npz"
+# Version of the file. It counts up with anything that changes what is in it.
+FORMAT = 1
+_BRIEFS = TypeAdapter(tuple[RecordingBrief, ...])
+_GROUPS = ("whole", "groups", "places", "geometry")
+_ARRAYS = ("packed", "samples", "torque_max")
+
+
+def block_bytes(block: RecordingBlock) -> bytes:
+    """The file of a block."""
+    arrays = {f"friction.{x.name}": getattr(block.friction, x.name) for x in fields(FrictionSums)}
+    known: dict[str, Any] = {
+        "fingerprint": block.fingerprint,
+        "keys": block.keys,
+        "counts": block.counts,
+        "quantities": block.quantities,
+    }
+    for name in _GROUPS:
+        if (groups := getattr(block, name)) is not None:
+            known[name] = [groups.names, groups.sizes]
+            arrays |= {f"{name}.{array}": getattr(groups, array) for array in _ARRAYS}
+    texts = {"known": json.dumps(known).encode(), "briefs": _BRIEFS.dump_json(block.briefs)}
+    return sealed_archive(
+        **{name: np.frombuffer(text, dtype=np.uint8) for name, text in texts.items()}, **arrays
+    )
+
+
+def block_of(data: bytes | None) -> RecordingBlock | None:
+    """The block of a file; None where there is none that is whole."""
+    if not data or not is_intact(data):
+        return None
+    with np.load(BytesIO(data), allow_pickle=False) as file:
+        arrays = dict(file)
+    known = json.loads(arrays["known"].tobytes())
+    groups: dict[str, Any] = {
+        name: FactorGroups(
+            tuple(known[name][0]),
+            tuple(known[name][1]),
+            *(arrays[f"{name}.{array}"] for array in _ARRAYS),
+        )
+        for name in _GROUPS
+        if name in known
+    }
+    return RecordingBlock(
+        known["fingerprint"],
+        tuple(known["keys"]),
+        _BRIEFS.validate_json(arrays["briefs"].tobytes()),
+        FrictionSums(*(arrays[f"friction.{x.name}"] for x in fields(FrictionSums))),
+        tuple(known["counts"]),
+        *(groups[name] for name in ("whole", "groups", "places")),
+        geometry=groups.get("geometry"),
+        quantities=tuple(known["quantities"]),
+    )

@@ -22,8 +22,8 @@ from deltaid.errors import DeltaidError
 from deltaid.estimation.information import triangle
 from deltaid.estimation.problem import LinearProblem, Span
 from deltaid.fleets.factor_file import FactorFile, require_alike
+from deltaid.fleets.factor_record import RecordingBrief
 from deltaid.fleets.merged import MergedPart, Merging, merging_of
-from deltaid.fleets.recording_brief import RecordingBrief
 from deltaid.model.record import IdentifiedModel
 from deltaid.robot.parameter import PriorParameter
 

@@ -30,10 +30,10 @@ from deltaid.fleets.factor_record import (
     FORMAT,
     FactorGroups,
     FactorRecord,
+    RecordingBrief,
     RecordingFactors,
     packed,
 )
-from deltaid.fleets.recording_brief import RecordingBrief
 from deltaid.forked import require_threads
 from deltaid.model.record import Settings
 from deltaid.recording.mapping import ColumnMapping

@@ -1,33 +1,24 @@
-"""One recording condensed to triangular factors of its rows, whole and in groups, and the record of
-a factor file on it."""
+"""One recording condensed to triangular factors of its rows, whole and in groups; the record of a
+factor file on it, and what of that a fit of many recordings needs."""
 
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
-from importlib.metadata import version
 from typing import Annotated
 
 import numpy as np
 from jaxtyping import Float, Int
 from pydantic import Field
 
-from deltaid.checks.identify import Judged
-from deltaid.effects.lag_columns import LagColumns
-from deltaid.identification.assembly import doubts_of_fit
-from deltaid.identification.warmth import temperature
-from deltaid.mechanism.kinematics import Kinematics
+from deltaid.model.corrections import Correction, Source
 from deltaid.model.record import IdentifiedModel
 from deltaid.model.verdict import Grade
 from deltaid.recording.carried import Load
-from deltaid.recording.recording import PreparedRecording
 from deltaid.robot.description import RobotDescription
+from deltaid.robot.friction import Friction
 from deltaid.robot.part import Part
 
 # Version of the file. It counts up with anything that older programs would misread.
 FORMAT = 1
-# Deviation of a lag without a column in the fit: exactly as corrected [s].
-_EXACT = 1e-7
-# So many windows of a recording show its temperature.
-_WINDOWS = 12
 
 Box = tuple[tuple[float, float, float], tuple[float, float, float]]
 
@@ -191,63 +182,78 @@ class FactorRecord(Part):
         return self.model.sources[0].sha256
 
 
-def record_of(
-    robot: RobotDescription,
-    result: Judged,
-    condensed: RecordingFactors,
-    quantities: tuple[str, ...],
-) -> FactorRecord:
-    """The record of a recording that has been gathered: the robot as described, its result by
-    itself, its factors, and names of tolerances among these."""
-    recording, model = result.recordings[0], result.model
-    log, (low, high) = recording.log, recording.log.reach.tolist()
-    fastest = {curve.joint: max(curve.speed) for curve in model.friction_curves}
-    judged = {verdict.sentence for verdict in result.verdicts} | {*doubts_of_fit(result.problem)}
-    loads = zip(log.columns.loads, recording.repairs.loads, strict=True)
-    return FactorRecord(
-        deltaid=version("deltaid"),
-        robot=robot,
-        model=model,
-        names=condensed.names,
-        felt=tuple(tuple(places.tolist()) for places in condensed.felt),
-        quantities=quantities,
-        noise=tuple(model.fit.rms),
-        fastest=tuple(float(fastest.get(drive, 0.0)) for drive in model.robot.drives),
-        first=float(log.clock.first),
-        last=float(log.clock.last),
-        reach=(tuple(low), tuple(high)),
-        lags=_lags(result),
-        loads=tuple(GatheredLoad(load=load, taken=taken) for load, taken in loads),
-        temperature=_temperature(recording, result.problem.dynamics.kinematics),
-        verdicts=tuple(
-            SeenVerdict(**{key: getattr(verdict, key) for key in SeenVerdict.model_fields})
-            for verdict in result.verdicts
-        ),
-        warnings=tuple(text for text in model.warnings if text not in judged),
-    )
+class RecordingBrief(Part):
+    """What is said of a recording beside its factors.
 
+    Attributes:
+        path: of its factor file; empty for what has been gathered just now.
+        friction: laws that it asks for by itself, by joint.
+        rms, rms_unfiltered: residual torques of its own fit [N m or N].
+        samples: filtered samples, in the mean over the drives.
+        sensors: of which factors hold nothing.
+        masses: of its loads as it identifies them by itself [kg].
+        noise, fastest, first, loads, verdicts, warnings: as of `FactorRecord`.
+        degrees: mean recorded temperature [°C].
+    """
 
-def _temperature(recording: PreparedRecording, kinematics: Kinematics) -> Temperature | None:
-    if recording.log.columns.temperature is None:
-        return None
-    windows = recording.spread(kinematics, _WINDOWS)
-    T = np.concatenate([temperature(recording, window.own) for window in windows])
-    T = T[np.isfinite(T)]
-    if not T.size:
-        return None
-    return Temperature(mean=float(T.mean()), low=float(T.min()), high=float(T.max()))
+    source: Source
+    path: str = ""
+    friction: dict[str, Friction]
+    rms: tuple[float, ...]
+    rms_unfiltered: tuple[float, ...]
+    samples: float
+    masses: dict[str, float]
+    sensors: tuple[str, ...] = ()
+    corrections: tuple[Correction, ...] = ()
+    noise: tuple[float, ...]
+    fastest: tuple[float, ...]
+    first: float
+    loads: tuple[GatheredLoad, ...] = ()
+    degrees: float | None = None
+    verdicts: tuple[SeenVerdict, ...] = ()
+    warnings: tuple[str, ...] = ()
 
+    @classmethod
+    def of_record(cls, record: FactorRecord, path: str, samples: float) -> "RecordingBrief":
+        """That of a factor file's record."""
+        model = record.model
+        temperature = record.temperature
+        return cls.model_construct(
+            source=model.sources[0],
+            path=path,
+            friction=dict(model.robot.friction),
+            rms=tuple(model.fit.rms),
+            rms_unfiltered=tuple(model.fit.rms_unfiltered),
+            samples=samples,
+            sensors=tuple(sensor.name for sensor in model.sensors),
+            masses={load.name: load.parameters[0].value for load in model.loads},
+            corrections=tuple(model.corrections),
+            noise=record.noise,
+            fastest=record.fastest,
+            first=record.first,
+            loads=record.loads,
+            degrees=None if temperature is None else temperature.mean,
+            verdicts=record.verdicts,
+            warnings=record.warnings,
+        )
 
-def _lags(result: Judged) -> tuple[KnownLag, ...]:
-    drives = result.model.robot.drives
-    delays = result.recordings[0].repairs.lag or (0.0,) * len(drives)
-    known = [
-        KnownLag(drive=drive, delay=delay, deviation=_EXACT)
-        for drive, delay in zip(drives, delays, strict=True)
-    ]
-    columns = [lags for lags in result.problem.additions if isinstance(lags, LagColumns)]
-    for group in (group for lags in columns for group in lags.groups if group.free):
-        deviation = group.deviation if np.isfinite(group.deviation) else None
-        for i in group.drives:
-            known[i] = known[i].changed(beside=group.beside, deviation=deviation)
-    return tuple(known)
+    @property
+    def log(self) -> str:
+        """Name of the recording."""
+        return self.source.log
+
+    @property
+    def sha256(self) -> str:
+        """Checksum of the recording."""
+        return self.source.sha256
+
+    @property
+    def where(self) -> str:
+        """The factor file, or the recording, for messages."""
+        return self.path or self.log
+
+    @property
+    def held(self) -> float:
+        """Largest mass held [kg]; the identified one of a load without a declared mass."""
+        masses = [self.masses.get(load.load.name, load.load.mass or 0.0) for load in self.loads]
+        return max(masses, default=0.0)

@@ -9,7 +9,7 @@ from typing import Literal
 import numpy as np
 from jaxtyping import Float
 
-from deltaid.checks.identify import identify
+from deltaid.checks.identify import Judged, identify
 from deltaid.dynamics.parameters import parameter_layout, prior_parameters
 from deltaid.effects.lag_columns import LagColumns
 from deltaid.effects.lag_groups import alone
@@ -19,12 +19,23 @@ from deltaid.estimation.information import Information, merge, triangle
 from deltaid.estimation.scatter import PlaceSums
 from deltaid.fleets.factor_columns import GatheredColumns, map_to, plain
 from deltaid.fleets.factor_file import ENDING, FactorFile, digest, read_key, safe, ways, write
-from deltaid.fleets.factor_record import FactorGroup, FactorGroups, RecordingFactors, record_of
+from deltaid.fleets.factor_record import (
+    FactorGroup,
+    FactorGroups,
+    FactorRecord,
+    GatheredLoad,
+    KnownLag,
+    RecordingFactors,
+    SeenVerdict,
+    Temperature,
+)
+from deltaid.identification.assembly import doubts_of_fit
 from deltaid.identification.fit import FittedProblem, Progress
 from deltaid.identification.gathering import gather
 from deltaid.identification.geometric_rows import geometric_rows
 from deltaid.identification.measured_rows import MeasuredRows
-from deltaid.identification.warmth import Warmth
+from deltaid.identification.warmth import Warmth, temperature
+from deltaid.mechanism.kinematics import Kinematics
 from deltaid.model.record import Settings
 from deltaid.recording.mapping import ColumnMapping, ColumnMappings, mapping_each
 from deltaid.recording.memory import RecordingLike
@@ -39,6 +50,10 @@ _STRETCHES, _PLACES, _FEWEST_PLACES = 26, 14, 6
 # Bytes of a file at most, and those of its record; numbers of the whole take twice those of a
 # group, and the rows with tolerances about one and a half.
 _BYTES, _BESIDE, _GROUP, _WHOLES = 950_000, 90_000, 4, 3.5
+# Deviation of a lag without a column in the fit: exactly as corrected [s].
+_EXACT = 1e-7
+# So many windows of a recording show its temperature.
+_WINDOWS = 12
 # A recording's range along an axis is cut into three to seven places.
 _PARTS = 3
 
@@ -236,3 +251,65 @@ def _plain_values(problem: FittedProblem) -> Float[np.ndarray, " plain"]:
     values = dict(zip(parameter_layout(robot).names, prior_parameters(robot).tolist(), strict=True))
     fitted = dict(zip(problem.dynamics.layout.names, problem.p.tolist(), strict=True))
     return np.array([fitted.get(name, value) for name, value in values.items()])
+
+
+def record_of(
+    robot: RobotDescription,
+    result: Judged,
+    condensed: RecordingFactors,
+    quantities: tuple[str, ...],
+) -> FactorRecord:
+    """The record of a recording that has been gathered: the robot as described, its result by
+    itself, its factors, and names of tolerances among these."""
+    recording, model = result.recordings[0], result.model
+    log, (low, high) = recording.log, recording.log.reach.tolist()
+    fastest = {curve.joint: max(curve.speed) for curve in model.friction_curves}
+    judged = {verdict.sentence for verdict in result.verdicts} | {*doubts_of_fit(result.problem)}
+    loads = zip(log.columns.loads, recording.repairs.loads, strict=True)
+    return FactorRecord(
+        deltaid=version("deltaid"),
+        robot=robot,
+        model=model,
+        names=condensed.names,
+        felt=tuple(tuple(places.tolist()) for places in condensed.felt),
+        quantities=quantities,
+        noise=tuple(model.fit.rms),
+        fastest=tuple(float(fastest.get(drive, 0.0)) for drive in model.robot.drives),
+        first=float(log.clock.first),
+        last=float(log.clock.last),
+        reach=(tuple(low), tuple(high)),
+        lags=_lags(result),
+        loads=tuple(GatheredLoad(load=load, taken=taken) for load, taken in loads),
+        temperature=_temperature(recording, result.problem.dynamics.kinematics),
+        verdicts=tuple(
+            SeenVerdict(**{key: getattr(verdict, key) for key in SeenVerdict.model_fields})
+            for verdict in result.verdicts
+        ),
+        warnings=tuple(text for text in model.warnings if text not in judged),
+    )
+
+
+def _temperature(recording: PreparedRecording, kinematics: Kinematics) -> Temperature | None:
+    if recording.log.columns.temperature is None:
+        return None
+    windows = recording.spread(kinematics, _WINDOWS)
+    T = np.concatenate([temperature(recording, window.own) for window in windows])
+    T = T[np.isfinite(T)]
+    if not T.size:
+        return None
+    return Temperature(mean=float(T.mean()), low=float(T.min()), high=float(T.max()))
+
+
+def _lags(result: Judged) -> tuple[KnownLag, ...]:
+    drives = result.model.robot.drives
+    delays = result.recordings[0].repairs.lag or (0.0,) * len(drives)
+    known = [
+        KnownLag(drive=drive, delay=delay, deviation=_EXACT)
+        for drive, delay in zip(drives, delays, strict=True)
+    ]
+    columns = [lags for lags in result.problem.additions if isinstance(lags, LagColumns)]
+    for group in (group for lags in columns for group in lags.groups if group.free):
+        deviation = group.deviation if np.isfinite(group.deviation) else None
+        for i in group.drives:
+            known[i] = known[i].changed(beside=group.beside, deviation=deviation)
+    return tuple(known)

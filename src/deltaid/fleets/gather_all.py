@@ -10,11 +10,11 @@ import polars as pl
 
 from deltaid.errors import DeltaidError, RecordingError
 from deltaid.fleets.factor_file import FactorFile, write
+from deltaid.fleets.factor_record import RecordingBrief
 from deltaid.fleets.fleet import Fleet, Recorded
 from deltaid.fleets.gather import gathered
 from deltaid.fleets.gather_plan import FACTORS, GatherJob, GatherResult
 from deltaid.fleets.place import Place
-from deltaid.fleets.recording_brief import RecordingBrief
 from deltaid.fleets.step import RECORDINGS, Call
 from deltaid.fleets.store import StoreError, has_pattern, local_file
 from deltaid.fleets.workers import ALONE

@@ -12,9 +12,8 @@ from deltaid.effects.load_columns import LoadColumns
 from deltaid.errors import RecordingError
 from deltaid.estimation.information import Information
 from deltaid.fleets.factor_file import FactorFile, require_alike
-from deltaid.fleets.friction_laws import terms_of
-from deltaid.fleets.merged import holding, merging_of, ordered
-from deltaid.fleets.recording_brief import RecordingBrief
+from deltaid.fleets.factor_record import RecordingBrief
+from deltaid.fleets.merged import holding, merging_of, ordered, terms_of
 from deltaid.fleets.robot_recordings import RobotRecordings, fitted, merged_files
 from deltaid.identification.assembly import assembled
 from deltaid.identification.friction_constants import freed

@@ -11,10 +11,8 @@ from importlib.metadata import version
 import numpy as np
 import polars as pl
 
-from deltaid.fleets.block_tree import merged_recordings
 from deltaid.fleets.drift_findings import DriftSettings
 from deltaid.fleets.drift_friction import series_of
-from deltaid.fleets.drift_recording import DriftRecording
 from deltaid.fleets.drift_tables import DRIFT, FRICTION, drift_table, friction_table
 from deltaid.fleets.factor_file import FIT_SETTINGS, digest, safe
 from deltaid.fleets.fleet import period_of
@@ -25,8 +23,8 @@ from deltaid.fleets.member import TypeMember, member_of, read_member, write_memb
 from deltaid.fleets.mixed_model import NORMAL
 from deltaid.fleets.place import Place
 from deltaid.fleets.population import MEMBERS, TYPES, members_table, save_next, types_table
-from deltaid.fleets.robot_drift import drift_of, kept_since
-from deltaid.fleets.robot_recordings import RobotRecordings
+from deltaid.fleets.robot_drift import DriftRecording, drift_of, kept_since
+from deltaid.fleets.robot_recordings import RobotRecordings, merged_recordings
 from deltaid.fleets.step import RECORDINGS, Chain, FleetJob, FleetStep, JobResult, Tables
 from deltaid.fleets.type_fit import PopulationSettings, fitted
 from deltaid.model.options import Period

@@ -1,6 +1,7 @@
 """Friction of drives over time: what was seen, when it changed, how fast, and until when."""
 
 from datetime import datetime, timedelta
+from typing import Any
 
 import polars as pl
 
@@ -13,11 +14,6 @@ from deltaid.view.numbers import WIDTH, number
 MAIN = "friction"
 _NAME = "friction, with 95 % intervals"
 _MONTH = timedelta(days=30.4375)
-
-
-def main_quantity(seen: pl.DataFrame) -> pl.DataFrame:
-    """Rows of mean friction, which drift is told of."""
-    return seen.filter(pl.col("quantity") == MAIN).sort("time")
 
 
 def friction_panel(title: str, seen: pl.DataFrame, drift: Row | None) -> Panel:
@@ -34,7 +30,14 @@ def friction_panel(title: str, seen: pl.DataFrame, drift: Row | None) -> Panel:
         warm = pl.col("temperature") - pl.col("temperature").mean()
         cooled = (pl.col("value") * (-slope * warm).exp()).fill_null(pl.col("value"))
         seen = seen.with_columns(cooled=cooled)
-        traces, value, name = [_faint(seen)], "cooled", f"{_NAME}, at one temperature"
+        degrees = seen["temperature"].to_list()
+        faint = {  # values as they were, at whatever temperature
+            "marker": {"color": style.PRIOR, "size": 4, "opacity": 0.5},
+            "text": ["" if t is None else f" at {number(t, 3)} °C" for t in degrees],
+            "hovertemplate": "%{x|%Y-%m-%d}: %{y:.4g}%{text}<extra></extra>",
+        }
+        traces, value = [_dots(seen, "value", "as recorded") | faint], "cooled"
+        name = f"{_NAME}, at one temperature"
     half = numbers(WIDTH * seen["std"].fill_null(0.0))
     error = {"type": "data", "array": half, "width": 0, "thickness": 1}
     traces.append(_dots(seen, value, name) | {"error_y": error})
@@ -51,11 +54,9 @@ def time_axis(seen: pl.DataFrame) -> Data:
     """Of all panels alike; a single time has some days around it."""
     axis = {"type": "date", "matches": "x"}
     first, last = seen["time"].min(), seen["time"].max()
-    if not isinstance(first, datetime) or first != last:
-        return axis
-    return axis | {
-        "range": [_minute(first - timedelta(days=3)), _minute(first + timedelta(days=3))]
-    }
+    if isinstance(first, datetime) and first == last:
+        axis["range"] = [_minute(first + timedelta(days=days)) for days in (-3, 3)]
+    return axis
 
 
 def _dots(seen: pl.DataFrame, value: str, name: str) -> Data:
@@ -70,16 +71,6 @@ def _dots(seen: pl.DataFrame, value: str, name: str) -> Data:
     }
 
 
-def _faint(seen: pl.DataFrame) -> Data:
-    """Values as they were, at whatever temperature."""
-    warm = seen["temperature"].to_list()
-    return _dots(seen, "value", "as recorded") | {
-        "marker": {"color": style.PRIOR, "size": 4, "opacity": 0.5},
-        "text": ["" if t is None else f" at {number(t, 3)} °C" for t in warm],
-        "hovertemplate": "%{x|%Y-%m-%d}: %{y:.4g}%{text}<extra></extra>",
-    }
-
-
 def _trend(row: Row, seen: pl.DataFrame) -> list[Data]:
     """The line of the rate with its interval, from the change on, and the limit.
 
@@ -87,38 +78,31 @@ def _trend(row: Row, seen: pl.DataFrame) -> list[Data]:
     straight line is as good.
     """
     first, last = seen["time"][0], seen["time"][-1]
-    begin = row["change"] or first
-    if row["rate"] is None or row["level"] is None:
+    begin, level = row["change"] or first, row["level"]
+    if row["rate"] is None or level is None:
         return []
     # To the limit, but not much beyond what was seen.
-    furthest = last + max(last - begin, _MONTH)
-    end = min(max(row["horizon"] or last, last), furthest)
-    months = (end - begin) / _MONTH
-
-    def at_end(rate: float) -> float:
-        return row["level"] * (1 + rate) ** months
-
-    traces = list[Data]()
-    if row["rate_low"] is not None and row["rate_high"] is not None:
-        traces.append(
-            {
-                "type": "scatter",
-                "x": [_minute(begin), _minute(end), _minute(end)],
-                "y": [row["level"], at_end(row["rate_high"]), at_end(row["rate_low"])],
-                "name": "its 95 % interval",
-                "mode": "lines",
-                "line": {"width": 0},
-                "fill": "toself",
-                "fillcolor": style.PREDICTED,
-                "opacity": 0.25,
-                "hoverinfo": "skip",
-            }
-        )
-    ends = [row["level"], at_end(row["rate"])]
-    traces.append(_line("rate", [begin, end], ends, style.PREDICTED, "solid"))
-    if row["limit"] is not None:
-        traces.append(_line("limit", [first, end], [row["limit"]] * 2, style.LIMIT, "dash"))
-    return traces
+    end = min(max(row["horizon"] or last, last), last + max(last - begin, _MONTH))
+    low, middle, high = (
+        None if row[key] is None else level * (1 + row[key]) ** ((end - begin) / _MONTH)
+        for key in ("rate_low", "rate", "rate_high")
+    )
+    traces = [_line("rate", [begin, end], [level, middle], style.PREDICTED, "solid")]
+    if low is not None and high is not None:
+        band = {
+            "type": "scatter",
+            "x": [_minute(begin), _minute(end), _minute(end)],
+            "y": [level, high, low],
+            "name": "its 95 % interval",
+            "mode": "lines",
+            "line": {"width": 0},
+            "fill": "toself",
+            "fillcolor": style.PREDICTED,
+            "opacity": 0.25,
+            "hoverinfo": "skip",
+        }
+        traces.insert(0, band)
+    return traces + _limit(row, first, end)
 
 
 def _step(row: Row, seen: pl.DataFrame) -> list[Data]:
@@ -127,14 +111,18 @@ def _step(row: Row, seen: pl.DataFrame) -> list[Data]:
     on, level, step = row["change"], row["level"], row["step"]
     if on is None or level is None or step is None:
         return []
-    x, y = [first, on, on, last], [level, level, level * (1 + step), level * (1 + step)]
-    traces = [_line("level", x, y, style.PREDICTED, "solid")]
-    if row["limit"] is not None:
-        traces.append(_line("limit", [first, last], [row["limit"]] * 2, style.LIMIT, "dash"))
-    return traces
+    y = [level, level, level * (1 + step), level * (1 + step)]
+    traces = [_line("level", [first, on, on, last], y, style.PREDICTED, "solid")]
+    return traces + _limit(row, first, last)
 
 
-def _line(name: str, times: list[datetime], y: list[float], color: str, dash: str) -> Data:
+def _limit(row: Row, first: datetime, last: datetime) -> list[Data]:
+    if row["limit"] is None:
+        return []
+    return [_line("limit", [first, last], [row["limit"]] * 2, style.LIMIT, "dash")]
+
+
+def _line(name: str, times: list[datetime], y: list[Any], color: str, dash: str) -> Data:
     return {
         "type": "scatter", "x": [_minute(time) for time in times], "y": y, "name": name,
         "mode": "lines", "line": {"color": color, "width": 2, "dash": dash},

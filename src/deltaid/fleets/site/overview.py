@@ -4,20 +4,11 @@ from collections.abc import Mapping, Sequence
 
 import polars as pl
 
-from deltaid.fleets.site.friction_figure import friction_panel, main_quantity
-from deltaid.fleets.site.parts import (
-    LIKE,
-    NOTHING,
-    WORDS,
-    Panel,
-    bounds,
-    grid,
-    share,
-    shown,
-    state,
-)
-from deltaid.fleets.site.state import UNKNOWN, FleetTables, Robot, Urgency, day
+from deltaid.fleets.site.friction_figure import MAIN, friction_panel
+from deltaid.fleets.site.parts import LIKE, NOTHING, WORDS, bounds, cell, grid
+from deltaid.fleets.site.state import UNKNOWN, Robot, Tables, Urgency, day
 from deltaid.fleets.site.type_page import deviations, levels, type_section
+from deltaid.view.numbers import number, percent
 from deltaid.view.page import Block, Chart, Fact, Page, Section, Summary, Table, Text, Trust
 
 # Robots that the verdict names, those in the table below it, panels of friction.
@@ -25,7 +16,7 @@ _NAMED, _LISTED, _PANELS = 3, 20, 12
 
 
 def overview(
-    tables: FleetTables,
+    tables: Tables,
     robots: Sequence[Robot],
     title: str,
     links: Mapping[str, str],
@@ -42,146 +33,127 @@ def overview(
     """
     urgent = [robot for robot in robots if robot.urgency < Urgency.NONE]
     rising = sum(row["state"] == "rising" for robot in robots for row in robot.drives)
+    bad = tables["quarantine"]
     # What the quarantine holds, such as '2 of recording, 1 of fit'.
-    refused = tables.quarantine.group_by("what", maintain_order=True).len().iter_rows()
+    refused = bad.group_by("what", maintain_order=True).len().iter_rows()
+    firsts = [robot.first for robot in robots if robot.first is not None]
+    lasts = [robot.last for robot in robots if robot.last is not None]
+    span = f", {day(min(firsts))} to {day(max(lasts))}" if firsts else ""
+    # Types of which nothing could be said.
+    lost = bad.filter((pl.col("what") == "type") & (pl.col("robot") == ""))
     return Page(
         title=title,
-        subtitle=_subtitle(robots, types),
+        subtitle=f"{len(robots)} robots of {len(types)} type{'s' * (len(types) != 1)}{span}",
         verdict=_verdict(robots, urgent),
         facts=(
             Fact("need attention", str(len(urgent)), f"of {len(robots)} robots"),
             Fact("recordings", str(sum(robot.recordings for robot in robots))),
             Fact(
                 "in quarantine",
-                str(len(tables.quarantine)),
+                str(len(bad)),
                 ", ".join(f"{what}: {many}" for what, many in refused),
             ),
             Fact("drives with rising friction", str(rising)),
             Fact("not like their type", str(sum(robot.belongs is False for robot in robots))),
         ),
-        warnings=_of_types(tables, labels),
+        warnings=tuple(
+            f"Robots of type {labels.get(which, which)} could not be compared: {reason}"
+            for which, reason in lost.select("which", "reason").iter_rows()
+        ),
         front=(*_attention(urgent, links), *_rising(tables, urgent)),
         sections=(
             Section("Robots", (_robots(robots, links, labels),), "all of them", unfolded=True),
             *levels(tables, robots, labels),
             *deviations(tables, labels),
             *type_section(tables, robots, types, labels),
-            *_quarantine(tables),
+            *_quarantine(bad),
         ),
     )
 
 
 def _verdict(robots: Sequence[Robot], urgent: Sequence[Robot]) -> Summary:
     """In one sentence how many robots need attention, then which and why."""
-    act = sum(robot.urgency is Urgency.ACT for robot in urgent)
+    act, more = sum(robot.urgency is Urgency.ACT for robot in urgent), len(urgent) - _NAMED
     lines = [
         f"{robot.name}: {'; '.join(concern.text for concern in robot.concerns)}."
         for robot in urgent[:_NAMED]
     ]
-    if len(urgent) > _NAMED:
-        lines.append(f"And {len(urgent) - _NAMED} more, listed below.")
+    lines += [f"And {more} more, listed below."] if more > 0 else []
     lines += _untold(robots)
     many = f"{len(urgent)} of {len(robots)} robots {'needs' if len(urgent) == 1 else 'need'}"
     if act:
-        now = "now" if act == len(urgent) else f", {act} of them now"
-        grade, said = Trust.POOR, f"{many} attention{' ' * (now == 'now')}{now}."
-    elif urgent:
-        grade, said = Trust.FAIR, f"{many} attention."
-    elif open_ := sum(not robot.is_known for robot in robots):
+        now = " now" if act == len(urgent) else f", {act} of them now"
+        return Summary(Trust.POOR, f"{many} attention{now}.", tuple(lines))
+    if urgent:
+        return Summary(Trust.FAIR, f"{many} attention.", tuple(lines))
+    if unsure := sum(not robot.is_known for robot in robots):
         said = (
             "No robot is known to need attention, but there is not enough data on "
-            f"{open_} of {len(robots)}."
+            f"{unsure} of {len(robots)}."
         )
-        grade = Trust.UNTESTED
-    else:
-        grade, said = Trust.GOOD, f"None of {len(robots)} robots needs attention."
-    return Summary(grade, said, tuple(lines))
+        return Summary(Trust.UNTESTED, said, tuple(lines))
+    return Summary(Trust.GOOD, f"None of {len(robots)} robots needs attention.", tuple(lines))
 
 
 def _untold(robots: Sequence[Robot]) -> list[str]:
     """What nobody can tell yet, and what was not used."""
-    drives = [row for robot in robots for row in robot.drives]
-    unknown = sum(row["state"] == "unknown" for row in drives)
-    lines = list[str]()
-    if unknown:
+    drives, lines = [row for robot in robots for row in robot.drives], list[str]()
+    if unknown := sum(row["state"] == "unknown" for row in drives):
         lines.append(
             f"Not enough data on {unknown} of {len(drives)} drives to say whether their friction "
             "changes."
         )
-    bad = sum(robot.quarantined for robot in robots)
-    if bad:
-        all_of_them = sum(robot.recordings for robot in robots)
-        lines.append(f"{bad} of {all_of_them} recordings are in quarantine and were not used.")
+    if bad := sum(robot.quarantined for robot in robots):
+        every = sum(robot.recordings for robot in robots)
+        lines.append(f"{bad} of {every} recordings are in quarantine and were not used.")
     return lines + [f"False alarms of changes: {text}." for text in bounds(drives)[:1]]
-
-
-def _of_types(tables: FleetTables, labels: Mapping[str, str]) -> tuple[str, ...]:
-    """Types of which nothing could be said, and why."""
-    lost = tables.quarantine.filter((pl.col("what") == "type") & (pl.col("robot") == ""))
-    return tuple(
-        f"Robots of type {labels.get(row['which'], row['which'])} could not be compared: "
-        f"{row['reason']}"
-        for row in lost.iter_rows(named=True)
-    )
-
-
-def _subtitle(robots: Sequence[Robot], types: Mapping[str, str]) -> str:
-    firsts = [robot.first for robot in robots if robot.first is not None]
-    lasts = [robot.last for robot in robots if robot.last is not None]
-    span = f", {day(min(firsts))} to {day(max(lasts))}" if firsts else ""
-    count = len(types)
-    return f"{len(robots)} robots of {count} type{'s' if count != 1 else ''}{span}"
 
 
 def _attention(urgent: Sequence[Robot], links: Mapping[str, str]) -> tuple[Block, ...]:
     """Why each robot needs attention, the most urgent first."""
-    if not urgent:
-        return ()
-    listed = urgent[:_LISTED]
+    listed, more = urgent[:_LISTED], len(urgent) - _LISTED
     rows = tuple(
         (robot.name, WORDS[robot.urgency], "; ".join(concern.text for concern in robot.concerns))
         for robot in listed
     )
-    more = len(urgent) - len(listed)
-    return (
-        Table(
-            ("robot", "how soon", "why"),
-            rows,
-            "Robots that need attention: act within four weeks, or look when there is time."
-            + f" {more} more are the next in the table of all robots." * (more > 0),
-            marked=frozenset(range(len(rows))),
-            links=tuple(links[robot.name] for robot in listed),
-        ),
+    table = Table(
+        ("robot", "how soon", "why"),
+        rows,
+        "Robots that need attention: act within four weeks, or look when there is time."
+        + f" {more} more are the next in the table of all robots." * (more > 0),
+        marked=frozenset(range(len(rows))),
+        links=tuple(links[robot.name] for robot in listed),
     )
+    return (table,) if rows else ()
 
 
-def _rising(tables: FleetTables, urgent: Sequence[Robot]) -> tuple[Block, ...]:
+def _rising(tables: Tables, urgent: Sequence[Robot]) -> tuple[Block, ...]:
     """Friction over time of drives where it changes."""
-    changed = [(robot, row) for robot in urgent for row in robot.changed]
-    panels = list[Panel]()
-    for robot, row in changed[:_PANELS]:
-        whose = (pl.col("robot") == robot.name) & (pl.col("drive") == row["drive"])
-        seen = main_quantity(tables.friction.filter(whose))
-        if len(seen):
-            panels.append(friction_panel(f"{robot.name}, {row['drive']}", seen, row))
+    changed = [(robot.name, row) for robot in urgent for row in robot.changed]
+    main = tables["friction"].filter(quantity=MAIN)
+    panels = [
+        friction_panel(f"{name}, {row['drive']}", seen.sort("time"), row)
+        for name, row in changed[:_PANELS]
+        if len(seen := main.filter(robot=name, drive=row["drive"]))
+    ]
     if not panels:
         return ()
     more = len(changed) - len(panels)
-    note = f" {more} more drives are on the pages of their robots." if more else ""
-    return (
-        Chart(
-            grid(panels, min(3, len(panels)), x={"type": "date", "matches": "x"}, legend=True),
-            "Friction over time of drives where it changes. Dotted: the day of the change, with "
-            f"the days it may have been.{note}",
-        ),
+    said = (
+        "Friction over time of drives where it changes. Dotted: the day of the change, with "
+        "the days it may have been."
+        + f" {more} more drives are on the pages of their robots."
+        * (more > 0)
     )
+    axis = {"type": "date", "matches": "x"}
+    return (Chart(grid(panels, min(3, len(panels)), x=axis, legend=True), said),)
 
 
 def _robots(robots: Sequence[Robot], links: Mapping[str, str], labels: Mapping[str, str]) -> Table:
     rows = tuple(
         (
             robot.name,
-            state(robot),
+            WORDS[robot.urgency] if robot.concerns or robot.is_known else UNKNOWN,
             labels[robot.type],
             _changed(robot),
             day(robot.until),
@@ -189,8 +161,8 @@ def _robots(robots: Sequence[Robot], links: Mapping[str, str], labels: Mapping[s
             day(robot.last),
             str(robot.recordings),
             str(robot.quarantined),
-            shown(robot.noise, 3),
-            share(robot.worst_error),
+            cell(number, robot.noise, 3),
+            cell(percent, robot.worst_error),
         )
         for robot in robots
     )
@@ -210,33 +182,29 @@ def _robots(robots: Sequence[Robot], links: Mapping[str, str], labels: Mapping[s
 
 def _changed(robot: Robot) -> str:
     """Drives whose friction changes, or what is said of all."""
-    if robot.changed:
-        kinds: dict[str, list[str]] = {}
-        for row in robot.changed:
-            kinds.setdefault(row["state"], []).append(row["drive"])
+    kinds = dict[str, list[str]]()
+    for row in robot.changed:
+        kinds.setdefault(row["state"], []).append(row["drive"])
+    if kinds:
         return "; ".join(f"{state} in {' and '.join(names)}" for state, names in kinds.items())
-    states = {row["state"] for row in robot.drives}
-    if not states:
+    if not robot.drives:
         return NOTHING
-    return UNKNOWN if "unknown" in states else "steady"
+    return "steady" if robot.is_known else UNKNOWN
 
 
-def _quarantine(tables: FleetTables) -> tuple[Section, ...]:
+def _quarantine(bad: pl.DataFrame) -> tuple[Section, ...]:
     """Reasons of what could not be used, the most frequent first."""
-    bad, reasons = tables.quarantine, dict[str, list[str]]()
-    if bad.is_empty():
-        return ()
+    reasons = dict[str, list[str]]()
     for row in bad.iter_rows(named=True):
-        said = _without_name(row["reason"], row["which"])
-        reasons.setdefault(said, []).append(row["robot"])
+        reasons.setdefault(_without_name(row["reason"], row["which"]), []).append(row["robot"])
     ordered = sorted(reasons.items(), key=lambda item: -len(item[1]))
     rows = tuple(
         (str(len(whose)), ", ".join(_few(list(dict.fromkeys(whose)))), said)
         for said, whose in ordered[:50]
     )
     text = "The pages of robots have the recordings one by one, each with its reason."
-    table = Table(("how many", "of robots", "reason"), rows)
-    return (Section("Quarantine", (Text(text), table), f"{len(bad)} that could not be used"),)
+    blocks = (Text(text), Table(("how many", "of robots", "reason"), rows))
+    return (Section("Quarantine", blocks, f"{len(bad)} that could not be used"),) if rows else ()
 
 
 def _few(names: Sequence[str]) -> list[str]:

@@ -1,16 +1,16 @@
 """Pieces that several pages of a site have: small cells, figures of panels as plain data, tables of
 drives, deviations."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import datetime
 from typing import Any
 
 import polars as pl
 
-from deltaid.fleets.site.state import UNKNOWN, Robot, Row, Urgency, day
+from deltaid.fleets.site.state import UNKNOWN, Row, Urgency, day
 from deltaid.view import style
-from deltaid.view.numbers import number, percent, span, with_uncertainty
+from deltaid.view.numbers import number, percent, with_uncertainty
 from deltaid.view.page import Table
 
 NOTHING = "—"
@@ -59,6 +59,7 @@ def grid(
     rows = -(-len(panels) // columns)
     high = rows * row + (rows - 1) * _GAP
     wide = 0.07 if columns > 1 else 0.0
+    width = (1 - (columns - 1) * wide) / columns
     layout: Data = {
         "height": high + _TOP + _BOTTOM,
         "margin": {"t": _TOP, "b": _BOTTOM},
@@ -69,20 +70,21 @@ def grid(
     }
     traces, named = list[Data](), set[str]()
     for k, panel in enumerate(panels):
-        number = str(k + 1) if k else ""
-        line, place = divmod(k, columns)
-        width = (1 - (columns - 1) * wide) / columns
-        left = place * (width + wide)
-        top = 1 - line * (row + _GAP) / high
+        number, (line, place) = str(k + 1) if k else "", divmod(k, columns)
+        left, top = place * (width + wide), 1 - line * (row + _GAP) / high
         bottom = max(top - row / high, 0.0)
-        layout[f"xaxis{number}"] = {"domain": [left, left + width], "anchor": f"y{number}"}
-        layout[f"xaxis{number}"] |= x or {}
-        layout[f"yaxis{number}"] = {"domain": [bottom, top], "anchor": f"x{number}"}
+        across: Data = {"domain": [left, left + width], "anchor": f"y{number}", **(x or {})}
+        up: Data = {"domain": [bottom, top], "anchor": f"x{number}"}
         if panel.unit:
-            layout[f"yaxis{number}"]["title"] = {"text": style.label(panel.unit)}
-        above = {"x": left + width / 2, "y": top, "xanchor": "center", "yanchor": "bottom"}
-        above |= {"xref": "paper", "yref": "paper", "showarrow": False, "font": {"size": 13}}
-        layout["annotations"].append(above | {"text": style.label(panel.title)})
+            up["title"] = {"text": style.label(panel.unit)}
+        layout |= {f"xaxis{number}": across, f"yaxis{number}": up}
+        layout["annotations"].append(
+            {
+                "x": left + width / 2, "y": top, "xanchor": "center", "yanchor": "bottom",
+                "xref": "paper", "yref": "paper", "showarrow": False, "font": {"size": 13},
+                "text": style.label(panel.title),
+            }
+        )  # fmt: skip
         axes = {"xref": f"x{number}", "yref": f"y{number} domain", "y0": 0, "y1": 1}
         layout["shapes"] += [axes | shape for shape in panel.shapes]
         for trace in panel.traces:
@@ -119,25 +121,9 @@ def dots(rows: pl.DataFrame, value: str, text: str) -> Data:
     } | {value: numbers(rows[value])}
 
 
-def shown(value: float | None, digits: int = 4) -> str:
-    """A number, or a dash."""
-    return NOTHING if value is None else number(value, digits)
-
-
-def count(value: int | None) -> str:
-    """A count, or a dash."""
-    return NOTHING if value is None else str(value)
-
-
-def share(value: float | None) -> str:
-    """A share in per cent, or a dash."""
-    return NOTHING if value is None else percent(value)
-
-
-def state(robot: Robot) -> str:
-    """How soon somebody should look at a robot, or that nobody can tell."""
-    is_open = robot.urgency is Urgency.NONE and not robot.is_known
-    return UNKNOWN if is_open else WORDS[robot.urgency]
+def cell(form: Callable[..., str], *values: Any) -> str:
+    """Values as text, or a dash where one is not known."""
+    return NOTHING if None in values else form(*values)
 
 
 def known(value: float | None, std: float | None) -> tuple[str, str]:
@@ -145,11 +131,6 @@ def known(value: float | None, std: float | None) -> tuple[str, str]:
     if value is None:
         return NOTHING, ""
     return with_uncertainty(value, std) if std is not None else (number(value), "")
-
-
-def between(low: float | None, high: float | None) -> str:
-    """An interval, or a dash."""
-    return NOTHING if low is None or high is None else span(low, high)
 
 
 def days(low: datetime | None, high: datetime | None) -> str:
@@ -172,37 +153,34 @@ def drive_tables(drives: Sequence[Row], caption: str = "") -> tuple[Table, Table
             UNKNOWN if drive["state"] == "unknown" else drive["state"],
             day(drive["change"]),
             days(drive["change_low"], drive["change_high"]),
-            share(drive["rate"]),
-            _shares(drive["rate_low"], drive["rate_high"]),
-            share(drive["temperature_slope"]),
-            count(drive["recordings"]),
+            cell(percent, drive["rate"]),
+            cell(
+                lambda low, high: f"{percent(low)} … {percent(high)}",
+                *(drive["rate_low"], drive["rate_high"]),
+            ),
+            cell(percent, drive["temperature_slope"]),
+            cell(str, drive["recordings"]),
         )
         for drive in drives
     )
     columns = ("drive", "friction", "changed on", "between", "a month", "between", "per K",
                "recordings")  # fmt: skip
-    marked = frozenset(
-        k for k, drive in enumerate(drives) if drive["state"] not in ("steady", "unknown")
-    )
     limits = tuple(
         (
             drive["drive"],
-            f"{shown(drive['level'])} {drive['unit']}" if drive["level"] is not None else NOTHING,
-            shown(drive["limit"]),
+            cell(lambda level, unit: f"{number(level)} {unit}", drive["level"], drive["unit"]),
+            cell(number, drive["limit"]),
             day(drive["horizon"]),
             days(drive["horizon_low"], drive["horizon_high"]),
             drive["reason"],
         )
         for drive in drives
     )
+    marked = {k for k, drive in enumerate(drives) if drive["state"] not in ("steady", "unknown")}
     return (
-        Table(columns, rows, caption, marked=marked),
+        Table(columns, rows, caption, marked=frozenset(marked)),
         Table(("drive", "level", "limit", "reached on", "between", "remarks"), limits),
     )
-
-
-def _shares(low: float | None, high: float | None) -> str:
-    return NOTHING if low is None or high is None else f"{percent(low)} … {percent(high)}"
 
 
 def deviation_figure(members: pl.DataFrame, parameters: Sequence[str]) -> Data:
@@ -211,8 +189,11 @@ def deviation_figure(members: pl.DataFrame, parameters: Sequence[str]) -> Data:
         pl.col("parameter").is_in(list(parameters)) & pl.col("spreads").is_not_null()
     ).rename({"spreads": "x"})
     alike, foreign = (own.filter(pl.col("belongs").fill_null(True) == is_) for is_ in (True, False))
-    common = {"orientation": "h", "hovertemplate": "%{text}: %{x:.3g}<extra>%{y}</extra>"}
-    traces = [dots(alike, "x", "robot") | common | {"y": alike["parameter"].to_list()}]
+    hover = {"hovertemplate": "%{text}: %{x:.3g}<extra>%{y}</extra>"}
+    traces = [
+        dots(alike, "x", "robot")
+        | {"orientation": "h", **hover, "y": alike["parameter"].to_list(), "name": "robots"}
+    ]
     if len(foreign):
         traces.append(
             {
@@ -222,12 +203,12 @@ def deviation_figure(members: pl.DataFrame, parameters: Sequence[str]) -> Data:
                 "y": foreign["parameter"].to_list(),
                 "text": [style.label(name) for name in foreign["robot"].to_list()],
                 "marker": {"color": style.LIMIT, "size": 8, "symbol": "diamond"},
-                "hovertemplate": "%{text}: %{x:.3g}<extra>%{y}</extra>",
+                **hover,
+                "name": "robots that do not belong",
             }
         )
-    names = ("robots", "robots that do not belong")
     return {
-        "data": [trace | {"name": name} for trace, name in zip(traces, names, strict=False)],
+        "data": traces,
         "layout": {
             "height": 26 * len(parameters) + 120,
             "xaxis": {"title": {"text": "deviation from the type's mean [spreads]"}},

@@ -7,19 +7,17 @@ from deltaid.fleets.site.parts import (
     LIKE,
     MOST,
     Panel,
-    between,
     bounds,
-    count,
+    cell,
     dates,
     drive_tables,
     grid,
     known,
     numbers,
-    share,
-    shown,
 )
-from deltaid.fleets.site.state import ALL, Robot, Row, Urgency, day, last_period
+from deltaid.fleets.site.state import ALL, Robot, Urgency, day, last_period
 from deltaid.view import style
+from deltaid.view.numbers import number, percent, span
 from deltaid.view.page import Block, Chart, Fact, Page, Section, Summary, Table, Text, Trust
 
 _GRADES = {Urgency.ACT: Trust.POOR, Urgency.LOOK: Trust.FAIR, Urgency.NONE: Trust.GOOD}
@@ -32,7 +30,20 @@ SEEN = ("data", "sum", "measured", "sensors")
 def robot_page(robot: Robot, label: str) -> Page:
     """The page of a robot; `label` is what its type is called."""
     tables = robot.tables
-    friction, temperature = _friction(robot, tables.friction)
+    charts = [*_friction(robot), *_temperature(tables["friction"])]
+    said = " ".join(f"False alarms: {text}." for text in bounds(robot.drives))
+    failed = tables["quarantine"].filter(pl.col("what") != "recording")
+    sections = (
+        Section("Drives", drive_tables(robot.drives, said) if robot.drives else (),
+                "changes of friction, rates, limits", unfolded=True),
+        Section("What friction goes with", tuple(charts[1:]),
+                "what else was detected, and temperature"),
+        _parameters(tables["parameters"]),
+        _beside_type(robot, tables["members"]),
+        _recordings(tables["recordings"]),
+        Section("What could not be fitted", _table(failed), f"{len(failed)} in all"),
+    )  # fmt: skip
+    shown = tuple(section for section in sections if section.blocks)
     return Page(
         title=robot.name,
         subtitle=f"{label}, {robot.recordings} recording{'s' * (robot.recordings != 1)}, "
@@ -41,62 +52,49 @@ def robot_page(robot: Robot, label: str) -> Page:
         facts=(
             Fact("last recording", day(robot.last)),
             Fact("recordings", str(robot.recordings), f"{robot.quarantined} in quarantine"),
-            Fact("torque error", share(robot.worst_error), "worst drive, last fit"),
-            Fact("noise", shown(robot.noise, 3), "last fit"),
+            Fact("torque error", cell(percent, robot.worst_error), "worst drive, last fit"),
+            Fact("noise", cell(number, robot.noise, 3), "last fit"),
             Fact("like its type", LIKE[robot.belongs]),
         ),
-        front=friction,
-        sections=(
-            *_drives(robot),
-            *temperature,
-            *_parameters(tables.parameters),
-            *_beside_type(robot, tables.members),
-            *_recordings(tables.recordings),
-            *_failed(tables.quarantine),
-        )
-        or (Section("Nothing", (Text("No table has this robot."),)),),
+        front=tuple(charts[:1]),
+        sections=shown or (Section("Nothing", (Text("No table has this robot."),)),),
     )
 
 
+def _table(failed: pl.DataFrame) -> tuple[Table, ...]:
+    rows = tuple(failed.select("what", "which", "reason").iter_rows())
+    return (Table(("what", "of", "reason"), rows),) if rows else ()
+
+
 def _verdict(robot: Robot) -> Summary:
-    lines = [f"{concern.text[0].upper()}{concern.text[1:]}." for concern in robot.concerns]
-    if robot.concerns:
+    lines = tuple(f"{concern.text[0].upper()}{concern.text[1:]}." for concern in robot.concerns)
+    if lines:
         said = "Act now." if robot.urgency is Urgency.ACT else "Inspect it when there is time."
-        return Summary(_GRADES[robot.urgency], said, tuple(lines))
-    if not robot.is_known:
-        reasons = (f"{row['drive']}: {row['reason']}." for row in robot.drives
-                   if row["state"] == "unknown")  # fmt: skip
-        said = "Not enough data to say whether friction changes."
-        return Summary(Trust.UNTESTED, said, tuple(reasons))
-    return Summary(Trust.GOOD, "No inspection needed.", ("All friction is steady.",))
+        return Summary(_GRADES[robot.urgency], said, lines)
+    if robot.is_known:
+        return Summary(Trust.GOOD, "No inspection needed.", ("All friction is steady.",))
+    unknown = (row for row in robot.drives if row["state"] == "unknown")
+    said = "Not enough data to say whether friction changes."
+    lines = tuple(f"{row['drive']}: {row['reason']}." for row in unknown)
+    return Summary(Trust.UNTESTED, said, lines)
 
 
-def _friction(
-    robot: Robot, friction: pl.DataFrame
-) -> tuple[tuple[Block, ...], tuple[Section, ...]]:
-    """Friction of every drive; what else was seen of it, and temperature, in a chapter."""
-    if friction.is_empty():
-        return (), ()
+def _friction(robot: Robot) -> list[Chart]:
+    """Friction of every drive over time, then whatever else was seen of it."""
+    friction, charts = robot.tables["friction"].sort("time"), list[Chart]()
     drift = {row["drive"]: row for row in robot.drives}
-    drives = list(dict.fromkeys([*drift, *friction["drive"].to_list()]))
-    charts = list[Chart]()
-    names = sorted(set(friction["quantity"].to_list()), key=lambda name: (name != MAIN, name))
-    for quantity in names:
-        main = quantity == MAIN
-        rows = friction.filter(pl.col("quantity") == quantity).sort("time")
-        parts = [(drive, rows.filter(pl.col("drive") == drive)) for drive in drives]
-        panels = [
-            friction_panel(drive, part, drift.get(drive) if main else None)
-            for drive, part in parts
-            if len(part)
-        ]
+    drives = list(dict.fromkeys([*drift, *robot.tables["friction"]["drive"].to_list()]))
+    for quantity in sorted({*friction["quantity"]}, key=lambda name: (name != MAIN, name)):
         caption = f"{quantity[:1].upper()}{quantity[1:]} of each drive over time."
-        if main:
+        if quantity == MAIN:
             caption += " Dotted: the day of a change, with the days it may have been."
+        panels = [
+            friction_panel(drive, part, drift.get(drive) if quantity == MAIN else None)
+            for drive in drives
+            if len(part := friction.filter(quantity=quantity, drive=drive))
+        ]
         charts.append(Chart(grid(panels, x=time_axis(friction), legend=True), caption))
-    further: tuple[Block, ...] = (*charts[1:], *_temperature(friction))
-    section = Section("What friction goes with", further, "what else was detected, and temperature")
-    return (charts[0],), (section,) if further else ()
+    return charts
 
 
 def _temperature(friction: pl.DataFrame) -> tuple[Chart, ...]:
@@ -115,103 +113,82 @@ def _temperature(friction: pl.DataFrame) -> tuple[Chart, ...]:
     return (Chart({"data": [trace], "layout": layout}, "Temperature of each recording."),)
 
 
-def _drives(robot: Robot) -> tuple[Section, ...]:
-    if not robot.drives:
-        return ()
-    said = " ".join(f"False alarms: {text}." for text in bounds(robot.drives))
-    tables = drive_tables(robot.drives, said)
-    return (Section("Drives", tables, "changes of friction, rates, limits", unfolded=True),)
-
-
-def _recordings(recordings: pl.DataFrame) -> tuple[Section, ...]:
+def _recordings(recordings: pl.DataFrame) -> Section:
     """All recordings, those in quarantine first, then the newest."""
-    if recordings.is_empty():
-        return ()
     ordered = recordings.with_columns(bad=pl.col("reason") != "").sort(
         ["bad", "time"], descending=[True, True]
     )
-    kept = ordered.head(_RECORDINGS)
-    rows = tuple(
-        (
-            "—" if row["time"] is None else f"{row['time']:%Y-%m-%d %H:%M}",
-            "quarantine" if row["bad"] else "used",
-            row["path"].replace("\\", "/").rpartition("/")[2],
-            shown(row["load"]),
-            shown(row["temperature"]),
-            count(row["samples"]),
-            row["reason"] or row["verdicts"] or "",
+    kept, bad, folders = ordered.head(_RECORDINGS), int(ordered["bad"].sum()), dict[str, None]()
+    rows = list[tuple[str, ...]]()
+    for row in kept.iter_rows(named=True):
+        folder, _, name = row["path"].replace("\\", "/").rpartition("/")
+        folders[folder] = None
+        rows.append(
+            (
+                cell("{:%Y-%m-%d %H:%M}".format, row["time"]),
+                "quarantine" if row["bad"] else "used",
+                name,
+                cell(number, row["load"]),
+                cell(number, row["temperature"]),
+                cell(str, row["samples"]),
+                row["reason"] or row["verdicts"] or "",
+            )
         )
-        for row in kept.iter_rows(named=True)
-    )
-    bad = int(ordered["bad"].sum())
     left = len(ordered) - len(kept)
-    folders = dict.fromkeys(
-        path.replace("\\", "/").rpartition("/")[0] for path in kept["path"].to_list()
-    )
     said = f"{left} older ones are in recordings.parquet. " * (left > 0)
     said += f"They lie in {', '.join(list(folders)[:3])}" + ", and others." * (len(folders) > 3)
     table = Table(
         ("time", "state", "file", "load [kg]", "temperature [°C]", "samples", "not good"),
-        rows,
+        tuple(rows),
         said,
         marked=frozenset(range(min(bad, len(kept)))),
         choices=(1,),
     )
-    return (Section("Recordings", (table,), f"{len(ordered)}, {bad} of them in quarantine"),)
+    about = f"{len(ordered)}, {bad} of them in quarantine"
+    return Section("Recordings", (table,) if rows else (), about)
 
 
-def _failed(quarantine: pl.DataFrame) -> tuple[Section, ...]:
-    fits = quarantine.filter(pl.col("what") != "recording")
-    if fits.is_empty():
-        return ()
-    rows = tuple(fits.select("what", "which", "reason").iter_rows())
-    table = Table(("what", "of", "reason"), rows)
-    return (Section("What could not be fitted", (table,), f"{len(fits)} in all"),)
-
-
-def _parameters(parameters: pl.DataFrame) -> tuple[Section, ...]:
+def _parameters(parameters: pl.DataFrame) -> Section:
     """Parameters over the periods, and all of the last one and of all recordings together."""
     fitted = parameters.filter(pl.col("decided_by") != "structure")  # nothing to be told of
     if fitted.is_empty():
-        return ()
+        return Section("Parameters", ())
     whole, single = (fitted.filter((pl.col("period") == ALL) == is_) for is_ in (True, False))
     ordered = (single if len(single) else whole).sort("period", maintain_order=True)
     last = last_period(fitted)
-    tables = [_values(last, ordered, f"Fitted to the recordings of {last['period'][0]}.")]
+    blocks: list[Block] = [*_over_periods(ordered)]
     if len(whole) and whole["recordings"][0] != last["recordings"][0]:
-        tables.insert(0, _values(whole, ordered, "Fitted to all recordings together."))
+        blocks.append(_values(whole, ordered, "Fitted to all recordings together."))
+    blocks.append(_values(last, ordered, f"Fitted to the recordings of {last['period'][0]}."))
     poor = dict(ordered.select("period", "verdicts").unique(maintain_order=True).iter_rows())
-    doubts = tuple((period, keys) for period, keys in poor.items() if keys)
-    blocks: list[Block] = [*_over_periods(ordered), *tables]
-    if doubts:
+    if doubts := tuple((period, keys) for period, keys in poor.items() if keys):
         blocks.append(Table(("period", "checks that are not good"), doubts))
     many = "by period, one" if len(poor) == 1 else f"by period, {len(poor)} of them"
-    return (Section("Parameters", tuple(blocks), f"{many}; what decided each"),)
+    return Section("Parameters", tuple(blocks), f"{many}; what decided each")
 
 
 def _values(fit: pl.DataFrame, ordered: pl.DataFrame, said: str) -> Table:
-    rows = tuple(_parameter(row, ordered) for row in fit.iter_rows(named=True))
+    is_seen = pl.col("decided_by").is_in(SEEN)
+    periods = ordered.group_by("parameter").agg(is_seen.sum(), pl.len()).rows_by_key("parameter")
+    rows, grey = list[tuple[str, ...]](), set[int]()
+    for k, row in enumerate(fit.iter_rows(named=True)):
+        ((seen, many),) = periods.get(row["parameter"], [(0, 0)])
+        rows.append(
+            (
+                row["parameter"],
+                *known(row["value"], row["std"]),
+                row["unit"],
+                cell(span, row["low"], row["high"]),
+                cell(number, row["prior"]),
+                row["decided_by"],
+                f"{seen} of {many}",
+            )
+        )
+        grey |= set() if row["decided_by"] in SEEN else {k}
     columns = ("parameter", "value", "±", "unit", "95 % interval", "prior", "decided by",
                "periods by data")  # fmt: skip
-    seen = fit["decided_by"].is_in(SEEN).to_list()
-    grey = frozenset(k for k, is_seen in enumerate(seen) if not is_seen)
-    return Table(columns, rows, f"{said} Grey: taken from the prior, not identifiable.", muted=grey)
-
-
-def _parameter(row: Row, ordered: pl.DataFrame) -> tuple[str, ...]:
-    said, width = known(row["value"], row["std"])
-    own = ordered.filter(pl.col("parameter") == row["parameter"])
-    seen = own.filter(pl.col("decided_by").is_in(SEEN)).height
-    return (
-        str(row["parameter"]),
-        said,
-        width,
-        str(row["unit"]),
-        between(row["low"], row["high"]),
-        shown(row["prior"]),
-        str(row["decided_by"]),
-        f"{seen} of {len(own)}",
-    )
+    caption = f"{said} Grey: taken from the prior, not identifiable."
+    return Table(columns, tuple(rows), caption, muted=frozenset(grey))
 
 
 def _over_periods(ordered: pl.DataFrame) -> tuple[Chart, ...]:
@@ -220,14 +197,13 @@ def _over_periods(ordered: pl.DataFrame) -> tuple[Chart, ...]:
     names = list(dict.fromkeys(seen["parameter"].to_list()))
     if not names or ordered["period"].n_unique() < 2:
         return ()
-    panels = [_panel(ordered.filter(pl.col("parameter") == name)) for name in names[:MOST]]
-    left = len(names) - len(panels)
     said = (
-        "Parameters that data shows, by period, with 95 % intervals; open where the prior decided."
-        + f" {left} more are in the table." * (left > 0)
+        "Parameters that data shows, by period, with 95 % intervals; open where the prior "
+        "decided." + f" {len(names) - MOST} more are in the table." * (len(names) > MOST)
     )
-    figure = grid(panels, columns=3, row=130, x={"type": "category", "nticks": 4})
-    return (Chart(figure, said),)
+    panels = [_panel(ordered.filter(parameter=name)) for name in names[:MOST]]
+    axis = {"type": "category", "nticks": 4}
+    return (Chart(grid(panels, columns=3, row=130, x=axis), said),)
 
 
 def _panel(rows: pl.DataFrame) -> Panel:
@@ -256,38 +232,33 @@ def _panel(rows: pl.DataFrame) -> Panel:
     return Panel(f"{rows['parameter'][0]} [{unit}]" if unit else rows["parameter"][0], (trace,))
 
 
-def _beside_type(robot: Robot, members: pl.DataFrame) -> tuple[Section, ...]:
-    if members.is_empty():
-        return ()
+def _beside_type(robot: Robot, members: pl.DataFrame) -> Section:
     ordered = members.with_columns(size=pl.col("spreads").abs()).sort(
         "size", descending=True, nulls_last=True
     )
     rows = tuple(
         (
             row["parameter"],
-            shown(row["deviation"], 3),
+            cell(number, row["deviation"], 3),
             row["unit"],
-            shown(row["spreads"], 2),
+            cell(number, row["spreads"], 2),
             *known(row["value"], row["std"]),
-            between(row["low"], row["high"]),
-            shown(row["alone_std"], 2),
+            cell(span, row["low"], row["high"]),
+            cell(number, row["alone_std"], 2),
         )
         for row in ordered.iter_rows(named=True)
     )
     columns = ("parameter", "deviation", "unit", "in spreads", "value", "±", "95 % interval",
                "± alone")  # fmt: skip
     foreign = robot.belongs is False
-    table = Table(
-        columns,
-        rows,
-        "Deviation from the mean of its type. "
-        + ("Values by its own recordings, " if foreign else "Values with what the type adds, ")
-        + "± alone is by its own recordings. A spread is the standard deviation between robots.",
+    values = "Values by its own recordings" if foreign else "Values with what the type adds"
+    caption = (
+        f"Deviation from the mean of its type. {values}, "
+        "± alone is by its own recordings. A spread is the standard deviation between robots."
     )
-    reasons = dict.fromkeys(reason for reason in members["reason"].to_list() if reason)
-    said = "It does not belong to its type: " if foreign else "It belongs to its type, but: "
-    words = (Text(f"{said}{'; '.join(reasons)}."),) if reasons else ()
-    return (
-        Section("Beside its type", (*words, table), "how far it is from others of its type",
-                unfolded=foreign),
-    )  # fmt: skip
+    blocks: list[Block] = [Table(columns, rows, caption)] if rows else []
+    if reasons := dict.fromkeys(filter(None, members["reason"].to_list())):
+        said = "It does not belong to its type" if foreign else "It belongs to its type, but"
+        blocks.insert(0, Text(f"{said}: {'; '.join(reasons)}."))
+    about = "how far it is from others of its type"
+    return Section("Beside its type", tuple(blocks), about, unfolded=foreign)

@@ -14,7 +14,7 @@ from plotly.offline import get_plotlyjs
 from deltaid.files import together, written_whole
 from deltaid.fleets.site.overview import overview
 from deltaid.fleets.site.robot_page import robot_page
-from deltaid.fleets.site.state import FleetTables, robots_of
+from deltaid.fleets.site.state import Tables, robots_of, with_spreads
 from deltaid.fleets.site.type_page import type_page
 from deltaid.view.html import contents, environment, part
 from deltaid.view.page import Page
@@ -38,7 +38,7 @@ def write_site(tables: Mapping[str, pl.DataFrame], site: Path, name: str) -> Non
     """
     written = set[Path]()
     with together():
-        for place, text in _pages(FleetTables.shown(tables), f"Fleet {name}"):
+        for place, text in _pages(with_spreads(tables), f"Fleet {name}"):
             with written_whole(site / place) as file:
                 file.write(text)
             written.add(site / place)
@@ -47,15 +47,19 @@ def write_site(tables: Mapping[str, pl.DataFrame], site: Path, name: str) -> Non
             page.unlink(missing_ok=True)
 
 
-def _pages(tables: FleetTables, title: str) -> Iterable[tuple[str, str]]:
+def _pages(tables: Tables, title: str) -> Iterable[tuple[str, str]]:
     """All files of a site: where each belongs, and what it holds."""
     robots = robots_of(tables)
-    kinds = sorted({robot.type for robot in robots} | set(tables.types["type"].to_list()))
+    kinds = sorted({robot.type for robot in robots} | set(tables["types"]["type"]))
     labels = {kind: label or "(no type)" for kind, label in type_labels(kinds).items()}
     pages, of_types = file_names(robot.name for robot in robots), file_names(kinds)
     links = {name: quote(f"{ROBOTS}/{file}") for name, file in pages.items()}
     types = {kind: quote(f"{TYPES}/{file}") for kind, file in of_types.items()}
-    yield from _shared()
+    own = files("deltaid.fleets.site")
+    yield from ((name, part(name)) for name in ("page.css", "page.js"))
+    for name in ("site.css", "site.js"):
+        yield name, own.joinpath(name).read_text(encoding="utf-8")
+    yield "plotly.js", get_plotlyjs()
     yield "index.html", _rendered(overview(tables, robots, title, links, types, labels))
     home = (title, f"{_UP}index.html")
     for robot in robots:
@@ -66,15 +70,6 @@ def _pages(tables: FleetTables, title: str) -> Iterable[tuple[str, str]]:
     for kind, label in labels.items():
         page = _rendered(type_page(kind, label, tables, robots, above), home)
         yield f"{TYPES}/{of_types[kind]}", page
-
-
-def _shared() -> Iterable[tuple[str, str]]:
-    own = files("deltaid.fleets.site")
-    for name in ("page.css", "page.js"):
-        yield name, part(name)
-    for name in ("site.css", "site.js"):
-        yield name, own.joinpath(name).read_text(encoding="utf-8")
-    yield "plotly.js", get_plotlyjs()
 
 
 def _rendered(page: Page, *way: tuple[str, str]) -> str:
@@ -96,14 +91,14 @@ def file_names(names: Iterable[str]) -> dict[str, str]:
     """
     given = list(dict.fromkeys(names))
     alike = Counter(name.casefold() for name in given)
-    return {name: _file(name, alone=alike[name.casefold()] == 1) for name in given}
-
-
-def _file(name: str, *, alone: bool) -> str:
-    if alone and _PLAIN.fullmatch(name) and not _TAKEN.fullmatch(name):
-        return f"{name}.html"
-    start = _UNSAFE.sub("-", name).strip("-")[:40] or "robot"
-    return f"{start}-{hashlib.sha256(name.encode()).hexdigest()[:8]}.html"
+    files = dict[str, str]()
+    for name in given:
+        files[name] = f"{name}.html"
+        plain = _PLAIN.fullmatch(name) and not _TAKEN.fullmatch(name)
+        if not plain or alike[name.casefold()] > 1:
+            start = _UNSAFE.sub("-", name).strip("-")[:40] or "robot"
+            files[name] = f"{start}-{hashlib.sha256(name.encode()).hexdigest()[:8]}.html"
+    return files
 
 
 def type_labels(types: Iterable[str]) -> Mapping[str, str]:

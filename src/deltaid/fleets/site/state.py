@@ -1,7 +1,7 @@
 """What the tables say of each robot, and what speaks for looking at it."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from datetime import datetime, timedelta
 from enum import IntEnum
 from itertools import pairwise, takewhile
@@ -14,6 +14,7 @@ from deltaid.fleets.belonging import LEAST
 from deltaid.view.numbers import percent
 
 Row = Mapping[str, Any]
+Tables = Mapping[str, pl.DataFrame]
 # A limit that may be reached within these is acted upon.
 _SOON = timedelta(days=28)
 # A robot is silent after so long and so many times its usual pause between recordings.
@@ -47,34 +48,21 @@ class Concern:
     text: str
 
 
-@dataclass(frozen=True, eq=False)
-class FleetTables:
-    """Tables of a fleet; `members` has `spreads` besides, deviations in spreads between robots."""
-
-    recordings: pl.DataFrame
-    quarantine: pl.DataFrame
-    parameters: pl.DataFrame
-    friction: pl.DataFrame
-    drift: pl.DataFrame
-    types: pl.DataFrame
-    members: pl.DataFrame
-
-    @classmethod
-    def shown(cls, frames: Mapping[str, pl.DataFrame]) -> "FleetTables":
-        """Tables with deviations in spreads between robots too, null where none is known.
-
-        Whether a robot belongs is null where too few others could tell.
-        """
-        types, spread = frames["types"].select("type", "parameter", "spread"), pl.col("spread")
-        joined = frames["members"].join(
-            types, on=["type", "parameter"], how="left", maintain_order="left"
-        )
-        enough = pl.col("robot").n_unique().over("type") >= LEAST
-        members = joined.with_columns(
+def with_spreads(tables: Tables) -> Tables:
+    """Tables of a fleet whose `members` have `spreads` too, deviations in spreads between robots,
+    null where none is known. Whether a robot belongs is null where too few others could tell."""
+    spread, enough = pl.col("spread"), pl.col("robot").n_unique().over("type") >= LEAST
+    types = tables["types"].select("type", "parameter", "spread")
+    members = tables["members"].join(
+        types, on=["type", "parameter"], how="left", maintain_order="left"
+    )
+    return {
+        **tables,
+        "members": members.with_columns(
             spreads=pl.col("deviation") / pl.when(spread > 0).then(spread),
             belongs=pl.when(enough).then(pl.col("belongs")),
-        )
-        return cls(**{**frames, "members": members})
+        ),
+    }
 
 
 @dataclass(frozen=True, eq=False)
@@ -95,7 +83,7 @@ class Robot:
 
     name: str
     type: str
-    tables: FleetTables
+    tables: Tables
     recordings: int = 0
     quarantined: int = 0
     first: datetime | None = None
@@ -127,44 +115,49 @@ class Robot:
         return min((x["horizon"] for x in self.changed if x["horizon"] is not None), default=None)
 
 
-def robots_of(tables: FleetTables) -> tuple[Robot, ...]:
+def robots_of(tables: Tables) -> tuple[Robot, ...]:
     """All robots of all tables: the most urgent first, then by limits to come, then by names."""
     types = dict[str, str]()
-    for frame in (tables.members, tables.parameters, tables.recordings):
-        types |= dict(frame.select("robot", "type").unique().iter_rows())
-    for frame in (tables.friction, tables.drift, tables.quarantine):
-        types = dict.fromkeys(frame["robot"].to_list(), "") | types
-    now = tables.recordings.filter(pl.col("reason") == "")["time"].max()
-    frames = {key: frame for key, frame in vars(tables).items() if key != "types"}
+    for name in ("members", "parameters", "recordings"):
+        types |= dict(tables[name].select("robot", "type").unique().iter_rows())
+    for name in ("friction", "drift", "quarantine"):
+        types = dict.fromkeys(tables[name]["robot"].to_list(), "") | types
+    now = tables["recordings"].filter(pl.col("reason") == "")["time"].max()
     parts = {
         key: frame.partition_by("robot", as_dict=True, maintain_order=True)
-        for key, frame in frames.items()
+        for key, frame in tables.items()
+        if key != "types"
     }
     robots = list[Robot]()
     for name, kind in types.items():
-        own = {key: parts[key].get((name,), frame.clear()) for key, frame in frames.items()}
-        if name:
-            robots.append(_robot(name, kind, replace(tables, **own), now))
-    far = datetime.max
-    return tuple(sorted(robots, key=lambda robot: (robot.urgency, robot.until or far, robot.name)))
+        own = {key: part.get((name,), tables[key].clear()) for key, part in parts.items()}
+        robots += [_robot(name, kind, {**tables, **own}, now)] if name else []
+    return tuple(
+        sorted(robots, key=lambda robot: (robot.urgency, robot.until or datetime.max, robot.name))
+    )
 
 
-def _robot(name: str, kind: str, tables: FleetTables, now: Any) -> Robot:
-    members, parameters = tables.members, tables.parameters
-    rows = tables.recordings.sort("time").to_dicts()
+def _robot(name: str, kind: str, tables: Tables, now: Any) -> Robot:
+    parameters, belongs = tables["parameters"], tables["members"]["belongs"]
+    rows = tables["recordings"].sort("time").to_dicts()
     usable = [row["time"] for row in rows if not row["reason"] and row["time"] is not None]
     last = None if parameters.is_empty() else last_period(parameters).row(-1, named=True)
-    drives = tuple(sorted(tables.drift.to_dicts(), key=_soonest))
-    concerns = [concern for row in drives if (concern := _friction(row, now)) is not None]
-    concerns += _gains(parameters if last is None else last_period(parameters))
-    concerns += _recorded(rows, usable, now)
-    foreign = members.filter(~pl.col("belongs")).to_dicts()
-    concerns += _foreign(foreign)
+    # Changed drives first, by the day on which they reach their limits.
+    drives = sorted(
+        tables["drift"].to_dicts(),
+        key=lambda drive: (drive["state"] not in _CHANGED, drive["horizon"] or datetime.max),
+    )
+    quarantine = tables["quarantine"]
     period = last["period"] if last and last["period"] != ALL else ""
-    concerns += _refused(tables.quarantine, period, recorded=bool(rows))
+    concerns = [
+        *filter(None, (_friction(row, now) for row in drives)),
+        *_gains(parameters if last is None else last_period(parameters)),
+        *_recorded(rows, usable, now),
+        *_foreign(tables["members"].filter(~pl.col("belongs")).to_dicts()),
+        *_refused(quarantine, period, recorded=bool(rows)),
+    ]
     refused = {row["path"] for row in rows if row["reason"]}
-    refused |= set(tables.quarantine.filter(pl.col("what") == "recording")["which"])
-    is_unknown = members.is_empty() or members["belongs"].has_nulls()
+    refused |= set(quarantine.filter(pl.col("what") == "recording")["which"])
     return Robot(
         name,
         kind,
@@ -173,10 +166,10 @@ def _robot(name: str, kind: str, tables: FleetTables, now: Any) -> Robot:
         quarantined=len(refused),
         first=usable[0] if usable else None,
         last=usable[-1] if usable else None,
-        drives=drives,
+        drives=tuple(drives),
         noise=last["noise"] if last else None,
         worst_error=last["worst_error"] if last else None,
-        belongs=None if is_unknown else not foreign,
+        belongs=None if belongs.is_empty() or belongs.has_nulls() else bool(belongs.all()),
         concerns=tuple(sorted(concerns, key=lambda concern: concern.urgency)),
     )
 
@@ -211,11 +204,6 @@ def _friction(row: Row, now: datetime | None) -> Concern | None:
     return Concern(Urgency.ACT if urgent else Urgency.LOOK, said)
 
 
-def _soonest(drive: Row) -> tuple[bool, datetime]:
-    """Changed drives first, by the day on which they reach their limits."""
-    return drive["state"] not in _CHANGED, drive["horizon"] or datetime.max
-
-
 def _gains(parameters: pl.DataFrame) -> list[Concern]:
     """Torque constants that are wrong: in N m, or where only ratios of several are known (their
     product is 1) against those of most drives."""
@@ -238,14 +226,14 @@ def _gains(parameters: pl.DataFrame) -> list[Concern]:
 
 def _recorded(rows: Sequence[Row], usable: Sequence[datetime], now: Any) -> list[Concern]:
     """Recordings that are missing or cannot be used."""
+    late = len([*takewhile(lambda row: row["reason"], reversed(rows))])
+    why = _short(rows[-1]["reason"]) if late else ""
     if rows and not usable:
         many = (
             f"none of its {len(rows)} recordings can" if len(rows) > 1 else "its recording cannot"
         )
-        return [Concern(Urgency.ACT, f"{many} be used: {_short(rows[-1]['reason'])}")]
-    late = len([*takewhile(lambda row: row["reason"], reversed(rows))])
+        return [Concern(Urgency.ACT, f"{many} be used: {why}")]
     if late > 2:
-        why = _short(rows[-1]["reason"])
         return [Concern(Urgency.LOOK, f"its last {late} recordings are in quarantine: {why}")]
     if usable and now is not None:
         pauses = [(after - before).total_seconds() for before, after in pairwise(usable)]
@@ -258,22 +246,21 @@ def _recorded(rows: Sequence[Row], usable: Sequence[datetime], now: Any) -> list
 def _foreign(rows: Sequence[Row]) -> list[Concern]:
     if not rows:
         return []
-    reasons = dict.fromkeys(row["reason"] for row in rows if row["reason"])
-    why = "; ".join(list(reasons)[:2]) or ", ".join(row["parameter"] for row in rows[:4])
+    reasons = list(dict.fromkeys(row["reason"] for row in rows if row["reason"]))
+    why = "; ".join(reasons[:2]) or ", ".join(row["parameter"] for row in rows[:4])
     return [Concern(Urgency.LOOK, f"does not belong to its type: {why}")]
 
 
 def _refused(quarantine: pl.DataFrame, last: str, *, recorded: bool) -> list[Concern]:
     """What the quarantine holds beside recordings that are there; no period before the last fit."""
-    concerns = list[Concern]()
-    what = pl.col("what")
+    what, concerns = pl.col("what"), list[Concern]()
     others = quarantine.filter((what != "recording") & ((what != "fit") | (pl.col("which") > last)))
     for row in others.tail(1).iter_rows(named=True):
         which = "all of its recordings together" if row["which"] == ALL else row["which"]
         said = _CANNOT.get(row["what"], f"no fit of {which}")
         concerns.append(Concern(Urgency.LOOK, f"{said}: {_short(row['reason'])}"))
-    if not recorded and len(absent := quarantine.filter(what == "recording")):
-        row = absent.row(-1, named=True)
+    absent = quarantine.filter(what == "recording").tail(0 if recorded else 1)
+    for row in absent.iter_rows(named=True):
         why = f"no recording of it is there: {row['which']}: {_short(row['reason'])}"
         concerns.append(Concern(Urgency.ACT, why))
     return concerns

@@ -10,16 +10,15 @@ from deltaid.fleets.site.parts import (
     LIKE,
     NOTHING,
     Panel,
-    between,
-    count,
+    cell,
     deviation_figure,
     dots,
     grid,
     known,
     most_spread,
-    shown,
 )
-from deltaid.fleets.site.state import FleetTables, Robot, Urgency, day
+from deltaid.fleets.site.state import Robot, Tables, Urgency, day
+from deltaid.view.numbers import number, span
 from deltaid.view.page import Block, Chart, Fact, Page, Section, Summary, Table, Text, Trust
 
 # Types that have figures on the fleet's page; all have pages.
@@ -29,7 +28,7 @@ _LEVELS = "level of every drive"
 
 
 def levels(
-    tables: FleetTables, robots: Sequence[Robot], labels: Mapping[str, str]
+    tables: Tables, robots: Sequence[Robot], labels: Mapping[str, str]
 ) -> tuple[Section, ...]:
     """How friction spreads over robots of a type, drive by drive."""
     panels = [_levels(tables, robots, kind, label) for kind, label in labels.items()]
@@ -37,11 +36,10 @@ def levels(
     if not panels:
         return ()
     figure = grid(panels, columns=min(len(panels), 3), row=300)
-    section = Section("Friction of the fleet", (Chart(figure, _EVERY),), f"{_LEVELS}, by type")
-    return (section,)
+    return (Section("Friction of the fleet", (Chart(figure, _EVERY),), f"{_LEVELS}, by type"),)
 
 
-def _levels(tables: FleetTables, robots: Sequence[Robot], kind: str, title: str) -> Panel:
+def _levels(tables: Tables, robots: Sequence[Robot], kind: str, title: str) -> Panel:
     """Friction of all drives of a type's robots; with its unit where all drives have the same."""
     levels = [
         (robot.name, row["drive"], row["level"])
@@ -55,42 +53,32 @@ def _levels(tables: FleetTables, robots: Sequence[Robot], kind: str, title: str)
         "x": rows["drive"].to_list(),
         "hovertemplate": "%{text}: %{y:.3g}<extra></extra>",
     }
-    units = tables.drift["unit"].unique().to_list()
+    units = tables["drift"]["unit"].unique().to_list()
     unit = units[0] if len(units) == 1 else "unit of the drive"
     return Panel(title, (trace,), unit=f"friction [{unit}]")
 
 
-def deviations(tables: FleetTables, labels: Mapping[str, str]) -> tuple[Section, ...]:
+def deviations(tables: Tables, labels: Mapping[str, str]) -> tuple[Section, ...]:
     """How robots of a type differ, parameter by parameter."""
-    blocks = []
-    for kind, label in labels.items():
-        own = tables.members.filter(pl.col("type") == kind)
-        names = most_spread(own)
-        if names and len(blocks) < _TYPES:
-            figure = deviation_figure(own, names)
-            blocks.append(Chart(figure, f"{label}: how its robots differ; a dot is a robot."))
-    if not blocks:
-        return ()
-    return (Section("Parameters by type", tuple(blocks), "how robots of one type differ"),)
+    charts = [
+        Chart(deviation_figure(own, names), f"{label}: how its robots differ; a dot is a robot.")
+        for kind, label in labels.items()
+        if (names := most_spread(own := tables["members"].filter(type=kind)))
+    ]
+    said = "how robots of one type differ"
+    return (Section("Parameters by type", tuple(charts[:_TYPES]), said),) if charts else ()
 
 
 def type_section(
-    tables: FleetTables,
+    tables: Tables,
     robots: Sequence[Robot],
     types: Mapping[str, str],
     labels: Mapping[str, str],
 ) -> tuple[Section, ...]:
     count = Counter(robot.type for robot in robots)
     foreign = Counter(robot.type for robot in robots if robot.belongs is False)
-    rows = tuple(
-        (
-            labels[kind],
-            str(count[kind]),
-            str(foreign[kind]),
-            str(tables.types.filter(pl.col("type") == kind).height),
-        )
-        for kind in types
-    )
+    means = Counter(tables["types"]["type"])
+    rows = tuple((labels[x], str(count[x]), str(foreign[x]), str(means[x])) for x in types)
     columns = ("type", "robots", "do not belong", "parameters with a type's mean")
     table = Table(columns, rows, links=tuple(types.values()))
     return (Section("Types", (table,), "what the fleet knows of each"),)
@@ -99,7 +87,7 @@ def type_section(
 def type_page(
     kind: str,
     label: str,
-    tables: FleetTables,
+    tables: Tables,
     robots: Sequence[Robot],
     links: Mapping[str, str],
 ) -> Page:
@@ -112,7 +100,7 @@ def type_page(
         links: addresses of the robots' pages.
     """
     robots = [robot for robot in robots if robot.type == kind]
-    members = tables.members.filter(pl.col("type") == kind)
+    members = tables["members"].filter(type=kind)
     foreign = [robot for robot in robots if robot.belongs is False]
     is_known = any(robot.belongs is not None for robot in robots)
     panel = _levels(tables, robots, kind, "")
@@ -128,7 +116,7 @@ def type_page(
         ),
         front=(*_foreign(foreign, links), *_deviations(members)),
         sections=(
-            _means(tables.types.filter(pl.col("type") == kind)),
+            _means(tables["types"].filter(type=kind)),
             *((friction,) if panel.traces[0]["x"] else ()),
             Section("Robots", (_robots(robots, members, links),), "all of this type"),
         ),
@@ -141,39 +129,34 @@ def _verdict(robots: Sequence[Robot], foreign: Sequence[Robot], *, is_known: boo
     if not foreign:
         return Summary(Trust.GOOD, f"All {len(robots)} robots belong to this type.")
     names = ", ".join(robot.name for robot in foreign[:10])
-    more = f" and {len(foreign) - 10} more" if len(foreign) > 10 else ""
-    single = len(foreign) == 1
-    said = (
-        f"{len(foreign)} of {len(robots)} robots {'does' if single else 'do'} not belong: {names}"
-    )
-    return Summary(Trust.FAIR, f"{said}{more}.")
+    names += f" and {len(foreign) - 10} more" if len(foreign) > 10 else ""
+    do = "does" if len(foreign) == 1 else "do"
+    said = f"{len(foreign)} of {len(robots)} robots {do} not belong: {names}."
+    return Summary(Trust.FAIR, said)
 
 
 def _foreign(foreign: Sequence[Robot], links: Mapping[str, str]) -> tuple[Block, ...]:
-    if not foreign:
-        return ()
     start = "does not belong to its type: "
     rows = tuple(
         (robot.name, "; ".join(c.text.removeprefix(start) for c in robot.concerns
                              if c.text.startswith(start)))
         for robot in foreign
     )  # fmt: skip
-    return (
-        Table(("robot", "why it does not belong"), rows, marked=frozenset(range(len(rows))),
-              links=tuple(links[robot.name] for robot in foreign)),
+    table = Table(
+        ("robot", "why it does not belong"), rows, marked=frozenset(range(len(rows))),
+        links=tuple(links[robot.name] for robot in foreign),
     )  # fmt: skip
+    return (table,) if rows else ()
 
 
 def _deviations(members: pl.DataFrame) -> tuple[Block, ...]:
     names = most_spread(members)
-    if not names:
-        return ()
-    figure = deviation_figure(members, names)
     more = members["parameter"].n_unique() - len(names)
-    said = "How robots differ from the type's mean, in spreads between robots; a dot is a robot."
-    return (
-        Chart(figure, said + (f" {more} parameters that differ less are omitted." * (more > 0))),
+    said = (
+        "How robots differ from the type's mean, in spreads between robots; a dot is a robot."
+        + f" {more} parameters that differ less are omitted." * (more > 0)
     )
+    return (Chart(deviation_figure(members, names), said),) if names else ()
 
 
 def _means(types: pl.DataFrame) -> Section:
@@ -184,11 +167,11 @@ def _means(types: pl.DataFrame) -> Section:
             row["parameter"],
             *known(row["mean"], row["std"]),
             row["unit"],
-            between(row["low"], row["high"]),
-            shown(row["spread"], 3),
-            between(row["spread_low"], row["spread_high"]),
-            shown(row["prior"]),
-            count(row["robots"]),
+            cell(span, row["low"], row["high"]),
+            cell(number, row["spread"], 3),
+            cell(span, row["spread_low"], row["spread_high"]),
+            cell(number, row["prior"]),
+            cell(str, row["robots"]),
         )
         for row in types.iter_rows(named=True)
     )
@@ -204,14 +187,15 @@ def _robots(robots: Sequence[Robot], members: pl.DataFrame, links: Mapping[str, 
     """All robots of the type with where they differ most."""
     sizes = members.drop_nulls("spreads").with_columns(pl.col("spreads").abs())
     ordered = sizes.sort("spreads", maintain_order=True)
-    largest = {row["robot"]: row for row in ordered.iter_rows(named=True)}
-    nothing = {"parameter": NOTHING, "spreads": None}
+    largest = {
+        name: (parameter, cell(number, spreads, 3))
+        for name, parameter, spreads in ordered.select("robot", "parameter", "spreads").iter_rows()
+    }
     rows = tuple(
         (
             robot.name,
             LIKE[robot.belongs],
-            largest.get(robot.name, nothing)["parameter"],
-            shown(largest.get(robot.name, nothing)["spreads"], 3),
+            *largest.get(robot.name, (NOTHING, NOTHING)),
             day(robot.last),
             str(robot.recordings),
         )
