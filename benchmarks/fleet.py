@@ -22,7 +22,7 @@ import numpy as np
 import polars as pl
 from _table import STATED, leave
 
-from deltaid.fleets.workers import LocalPool
+from deltaid.fleets.workers import open_workers
 
 ROBOT = "irb360-6-1600"
 RATE, CUTOFF = 1000.0, 15.0
@@ -87,7 +87,7 @@ def gather(paths: Sequence[Path], folder: Path, workers: int) -> dict[str, float
         )
         for path in paths
     ]
-    with LocalPool(workers) as pool:
+    with open_workers(count=workers) as pool:
         list(pool.done(nothing, range(workers), _fail))
         start = time.perf_counter()
         results = list(pool.done(partial(measured, place=place), jobs, _fail))
@@ -131,7 +131,7 @@ def nothing(number: int) -> int:
 
 def dispatch(count: int = 2000) -> float:
     """Wall time of a task that does nothing [s]."""
-    with LocalPool(1) as pool:
+    with open_workers(count=1) as pool:
         list(pool.done(nothing, range(10), _fail))
         start = time.perf_counter()
         list(pool.done(nothing, range(count), _fail))

@@ -15,6 +15,7 @@ from deltaid.dynamics.dynamics import compiled
 from deltaid.dynamics.parameters import prior_parameters
 from deltaid.fleets.run import FleetRun
 from deltaid.fleets.run import fleet as run_fleet
+from deltaid.fleets.workers import Workers
 from deltaid.model.record import Settings
 from deltaid.motion.random_motion import random_motion
 from deltaid.motion.surrogate import SensorNoise, simulate_recording
@@ -95,6 +96,6 @@ def manifest(root: str = "", robots: Sequence[str] = ROBOTS) -> str:
 def no_workers() -> Iterator[None]:
     """All work is done here, one item after the other."""
     with pytest.MonkeyPatch.context() as patch:
-        here = Mock(done=lambda work, items, failed: map(work, items))
+        here = Mock(spec=Workers, done=lambda work, items, failed: map(work, items))
         patch.setattr("deltaid.fleets.run.open_workers", lambda *_: nullcontext(here))
         yield

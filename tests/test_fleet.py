@@ -35,7 +35,7 @@ from deltaid.fleets.gather_all import RECORDINGS_SCHEMA, recordings_table
 from deltaid.fleets.place import Place
 from deltaid.fleets.run import fleet as run_fleet
 from deltaid.fleets.step import Chain, EarlierCalls, work
-from deltaid.fleets.workers import LocalPool, open_workers, require_shared
+from deltaid.fleets.workers import Workers, open_workers, require_shared
 from deltaid.mechanism import user_code
 from deltaid.mechanism.user_code import named_path
 from deltaid.model.record import IdentifiedModel
@@ -141,7 +141,7 @@ def test_what_a_worker_has_done_before_it_dies_counts(
                 work(job, Place.named(folder))
         return [failed(chain, "died") for chain in chains]
 
-    here = Mock(done=dying)
+    here = Mock(spec=Workers, done=dying)
     monkeypatch.setattr("deltaid.fleets.run.open_workers", lambda *_: nullcontext(here))
     done = run_fleet(whole.manifest, folder, settings=SETTINGS)
     assert [(fit.job.robot, fit.job.names[-1]) for fit in done.fits if not fit.reason] == [
@@ -375,7 +375,7 @@ def test_what_kills_workers_stops_nothing_else(
     (tmp_path / "mine.py").write_text("def mechanism(z): pass\n", encoding="utf-8")
     user_code.use_mechanism(tmp_path / "mine.py")
     failed: dict[int, str] = {}
-    with LocalPool(1) as pool:
+    with open_workers(count=1) as pool:
         results = list(pool.done(_deadly, range(8), lambda item, why: failed.setdefault(item, why)))
     assert sorted(result for result in results if isinstance(result, int)) == [0, 1, 2, 4, 6, 7]
     assert "workers die of it" in failed[3]

@@ -10,7 +10,7 @@ from pathlib import Path
 import psutil
 import pytest
 
-from deltaid.fleets.workers import LocalPool
+from deltaid.fleets.workers import open_workers
 
 
 def _work(item: int) -> int:
@@ -29,7 +29,7 @@ def test_what_kills_a_process_stops_nothing_else(workers: int) -> None:
         failed[item] = why
         return -item
 
-    with LocalPool(workers) as pool:
+    with open_workers(count=workers) as pool:
         for _ in range(2):
             results = sorted(pool.done(_work, range(8), note))
             assert results == [-4, -3, 0, 1, 4, 25, 36, 49]
@@ -39,11 +39,11 @@ def test_what_kills_a_process_stops_nothing_else(workers: int) -> None:
 
 WAITING = """
 import time
-from deltaid.fleets.workers import LocalPool
+from deltaid.fleets.workers import open_workers
 from test_fleet_pool import wait
 
 if __name__ == "__main__":
-    with LocalPool(2) as pool:
+    with open_workers(count=2) as pool:
         for pid in pool.done(wait, [0.0, 0.0, 60.0, 60.0], lambda item, why: why):
             print(pid, flush=True)
 """

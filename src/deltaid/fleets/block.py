@@ -172,7 +172,6 @@ def halved(keys: Sequence[int]) -> int:
 
 
 def _in_group(count: int) -> int:
-    """How many recordings are in a group at most."""
     size = 1
     while count > size * MOST_GROUPS:
         size *= 2
@@ -206,7 +205,6 @@ def _rounded(groups: FactorGroups) -> FactorGroups:
 
 
 def _both(first: FactorGroups, second: FactorGroups) -> FactorGroups:
-    """Groups of the second behind those of the first."""
     arrays = (
         np.concatenate([getattr(first, name), getattr(second, name)])
         for name in ("packed", "samples", "torque_max")
@@ -253,7 +251,6 @@ _ARRAYS = ("packed", "samples", "torque_max")
 
 
 def block_bytes(block: RecordingBlock) -> bytes:
-    """The file of a block."""
     arrays = {f"friction.{x.name}": getattr(block.friction, x.name) for x in fields(FrictionSums)}
     known: dict[str, Any] = {
         "fingerprint": block.fingerprint,

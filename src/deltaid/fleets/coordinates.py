@@ -103,12 +103,10 @@ class Coordinates:
 
     @property
     def size(self) -> int:
-        """Number of variables, without those of the geometry."""
         return self.reduction.size
 
     @property
     def prior(self) -> U:
-        """u in the description."""
         return np.append(self.reduction.prior / self.sizes, np.zeros(len(self.quantities)))
 
     @cached_property
@@ -118,7 +116,6 @@ class Coordinates:
 
     @cached_property
     def is_friction(self) -> np.ndarray:
-        """Which of u are friction."""
         own = [kind in FRICTION for kind in self.kinds]
         return np.array([*own, *[False] * len(self.quantities)], dtype=bool)
 
@@ -134,11 +131,9 @@ class Coordinates:
 
     @property
     def present(self) -> tuple[str, ...]:
-        """Kinds that there are."""
         return tuple(kind for kind in KINDS if kind in self.kinds)
 
     def owners(self) -> dict[str, list[int]]:
-        """Variables of each body and joint."""
         variables: dict[str, list[int]] = {}
         for k, variable in enumerate(self.reduction.variables):
             word = "" if variable.kind == "inertia" else f"{variable.kind} of "
@@ -169,7 +164,6 @@ class Coordinates:
 
 
 def _widened(members: Sequence[TypeMember]) -> dict[str, float]:
-    """Prior widening that most members require."""
     factors: dict[str, list[float]] = {}
     for member in members:
         for name, factor in (member.widened or {}).items():
@@ -189,7 +183,6 @@ def _times(p: np.ndarray, prior: np.ndarray, entry: int) -> float:
 
 
 def _kind(variable: PriorParameter) -> str:
-    """Which spread a variable has."""
     first = variable.symbol.split("_")[0]
     if variable.kind == "inertia":
         moments = "first moments" if first.startswith("mc") else "second moments"

@@ -95,7 +95,6 @@ class Changes:
 
     @property
     def is_ramp(self) -> np.ndarray:
-        """Which changes are ramps."""
         return self.scale != STEP
 
 
@@ -245,7 +244,6 @@ def _moments(
 ) -> tuple[
     Float[np.ndarray, "series regressors"], Float[np.ndarray, "series regressors regressors"]
 ]:
-    """Mean and covariance of coefficients, with and without a change."""
     w, none = e.of_changes.sum(axis=0) * changed[:, None], e.of_kinds * (1.0 - changed)
     moved = e.plain[..., None] - e.per_size * e.size[..., None, :]
     mean = np.einsum("ks,ksp->sp", none, e.plain) + np.einsum("ksa,kspa->sp", w, moved)

@@ -183,7 +183,6 @@ def _drawn(series: Explained, drive: int, *, alarm: bool) -> _Draws:
 
 
 def _likeliest(draws: _Draws) -> tuple[State, _Draws]:
-    """The likeliest state of a drive that changes, and its draws."""
     names = np.array([name for name, _ in KINDS])[draws.kind]
     states: tuple[State, ...] = ("rising", "falling", "stepped")
     state = max(states, key=lambda name: np.mean(names == name))
@@ -192,7 +191,6 @@ def _likeliest(draws: _Draws) -> tuple[State, _Draws]:
 
 
 def _coefficients(series: Explained, drive: int, draws: _Draws) -> Float[np.ndarray, "draws own"]:
-    """Coefficients beside the change, drawn with it."""
     evidence, rng = series.evidence, np.random.default_rng(1)
     plain = evidence.plain[draws.scatter, drive]
     per_size = evidence.per_size[draws.scatter, drive, :, draws.at]
@@ -214,7 +212,6 @@ def _horizon(
     limit: float | None,
     b: Float[np.ndarray, "draws own"],
 ) -> tuple[Between, str]:
-    """When the limit is passed, and a note on it."""
     last, passed = float(series.days[-1]), "the limit is passed"
     if limit is None:
         return Between(), "no limit was given" if state == "rising" else ""

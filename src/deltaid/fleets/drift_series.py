@@ -111,7 +111,6 @@ class Explained:
 def _slow(
     days: Float[np.ndarray, " n"], T: Float[np.ndarray, " n"], known: Bool[np.ndarray, " n"]
 ) -> Float[np.ndarray, " n"]:
-    """A temperature over weeks."""
     weights = np.exp(-0.5 * ((days[:, None] - days[known]) / _WEEKS) ** 2)
     size = weights.sum(axis=1)
     return np.where(size > 0.0, weights @ T[known] / np.where(size > 0.0, size, 1.0), 0.0)

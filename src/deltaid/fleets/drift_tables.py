@@ -77,7 +77,6 @@ def friction_table(robots: Iterable[RobotDrift]) -> pl.DataFrame:
 
 
 def drift_table(robots: Iterable[RobotDrift]) -> pl.DataFrame:
-    """The finding on each drive."""
     rows = [row for robot in robots for row in _rows(robot)]
     return pl.DataFrame(rows, schema=DRIFT, orient="row")
 
@@ -125,7 +124,6 @@ _COLUMNS = ("drive", "state", "friction", "since", "% a month", "limit on", "% p
 
 
 def drift_shown(drift: RobotDrift) -> Table:
-    """What is said of each drive."""
     first, last = drift.recordings[0].time, drift.recordings[-1].time
     rows = tuple(
         (
@@ -167,7 +165,6 @@ def sentences(drift: RobotDrift) -> list[str]:
 
 
 def _details(drift: RobotDrift, finding: DriftFinding) -> str:
-    """What stands in the table with its intervals, and why."""
     parts = list[str]()
     if finding.change.value is not None:
         parts.append(f"since {_between(drift, finding.change)}")

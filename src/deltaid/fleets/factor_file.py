@@ -84,7 +84,6 @@ class FactorFile:
 
 
 def is_factor_file(path: Path) -> bool:
-    """Whether a file's name says that it holds factors."""
     return path.name.endswith(ENDING)
 
 
@@ -261,7 +260,6 @@ def _mechanism(robot: RobotDescription) -> dict[str, Any]:
 def _differences(
     here: Mapping[str, Any], there: Mapping[str, Any], above: str = ""
 ) -> Iterator[tuple[str, Any, Any]]:
-    """Keys that differ, with both values."""
     for key in sorted({*here, *there}):
         own, other, path = here.get(key), there.get(key), f"{above}{key}"
         if isinstance(own, dict) and isinstance(other, dict):

@@ -91,8 +91,6 @@ def packed(R: Float[np.ndarray, "rank n"]) -> Float[np.ndarray, " packed"]:
 
 @dataclass(frozen=True, eq=False)
 class RecordingFactors:
-    """Triangular factors of one recording."""
-
     names: tuple[str, ...]  # of the columns that were gathered
     felt: tuple[Int[np.ndarray, " _"], ...]  # places of those that each drive feels among them
     whole: FactorGroup  # all samples
@@ -132,8 +130,6 @@ class SeenVerdict(Part):
 
 
 class Temperature(Part):
-    """A recorded temperature [°C]."""
-
     mean: float
     low: float
     high: float
@@ -173,12 +169,10 @@ class FactorRecord(Part):
 
     @property
     def log(self) -> str:
-        """Name of the recording."""
         return self.model.sources[0].log
 
     @property
     def sha256(self) -> str:
-        """Checksum of the recording."""
         return self.model.sources[0].sha256
 
 
@@ -215,7 +209,6 @@ class RecordingBrief(Part):
 
     @classmethod
     def of_record(cls, record: FactorRecord, path: str, samples: float) -> "RecordingBrief":
-        """That of a factor file's record."""
         model = record.model
         temperature = record.temperature
         return cls.model_construct(
@@ -239,12 +232,10 @@ class RecordingBrief(Part):
 
     @property
     def log(self) -> str:
-        """Name of the recording."""
         return self.source.log
 
     @property
     def sha256(self) -> str:
-        """Checksum of the recording."""
         return self.source.sha256
 
     @property

@@ -93,7 +93,6 @@ class Gathering:
 
     @property
     def reason(self) -> str:
-        """Why it was refused; empty if it was not."""
         return "" if self.error is None else str(self.error)
 
 

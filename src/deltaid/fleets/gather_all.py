@@ -80,7 +80,6 @@ def gather_all(call: Call) -> list[GatherResult]:
 
 
 def recordings_table(outcomes: Sequence[GatherResult]) -> pl.DataFrame:
-    """One row a recording."""
     rows = [
         {key: getattr(outcome.recorded, key) for key in _RECORDED}
         | {key: getattr(outcome, key) for key in _OUTCOME}

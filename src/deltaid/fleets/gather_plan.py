@@ -225,7 +225,6 @@ def suggested_cutoff(job: GatherJob) -> float | None:
 
 
 def _jobs(plan: GatherPlan, fleet: Fleet, kind: str) -> Iterator[GatherJob]:
-    """Recordings of a type that can be gathered, in the order of time."""
     recordings = [recorded for recorded in fleet.recordings if recorded.type == kind]
     for recorded in sorted(recordings, key=lambda recorded: (recorded.time, recorded.path)):
         with suppress(DeltaidError):

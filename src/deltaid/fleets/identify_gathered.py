@@ -127,7 +127,6 @@ def _verdicts(briefs: Sequence[RecordingBrief]) -> list[Verdict]:
 
 
 def _remarks(briefs: Sequence[RecordingBrief], gains: Sequence[Correction]) -> list[str]:
-    """Verdicts that are not good, warnings of the survey, and what factor files do not hold."""
     remarks = [verdict.sentence for verdict in _verdicts(briefs) if verdict.grade is not Grade.GOOD]
     for brief in briefs:
         remarks += brief.warnings
@@ -148,7 +147,6 @@ def _remarks(briefs: Sequence[RecordingBrief], gains: Sequence[Correction]) -> l
 def _corrections(
     described: RobotDescription, chosen: RobotDescription, briefs: Sequence[RecordingBrief]
 ) -> list[Correction]:
-    """Corrections of each recording, and the most frequent friction laws."""
     corrections = [
         correction if correction.log else correction.changed(log=brief.log)
         for brief in briefs
@@ -205,7 +203,6 @@ def _torque_constants(briefs: Sequence[RecordingBrief]) -> list[Correction]:
 
 
 def _exclude(first: Correction, second: Correction) -> bool:
-    """Whether their intervals have nothing in common."""
     if None in (first.low, first.high, second.low, second.high):
         return first.value != second.value
     return (first.high or 0.0) < (second.low or 0.0) or (second.high or 0.0) < (first.low or 0.0)

@@ -65,8 +65,6 @@ class RecordedFile(Part):
 
 
 class FleetRobot(Part):
-    """One robot of a fleet."""
-
     robot: Annotated[str, Field(min_length=1, max_length=80, pattern=r"^[\w][\w.+ -]*$")]
     type: str | None = Field(
         default=None, min_length=1, description="catalogue name, or file of a robot or a model"
@@ -151,7 +149,6 @@ def beside(name: str, manifest: str) -> str:
 
 
 def _of_table(data: bytes, ending: str, where: str) -> Manifest:
-    """A manifest from a table with one row a recording."""
     try:
         table = (
             pl.read_csv(data, infer_schema_length=None)

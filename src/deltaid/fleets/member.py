@@ -166,7 +166,6 @@ def eliminated(
 
 
 def unmeasured(robot: RobotDescription) -> RobotDescription:
-    """The robot without measured values."""
     bodies = {name: body.changed(measured=()) for name, body in robot.bodies.items()}
     return robot.changed(bodies=bodies, measured=())
 

@@ -47,7 +47,6 @@ def with_laws(
 
 
 def _usual(laws: Sequence[Friction]) -> Friction:
-    """The most frequent law."""
     kinds = Counter(terms_of(law) for law in laws)
     terms = min(kinds, key=lambda kind: (-kinds[kind], len(kind), kind))
     same = [law for law in laws if terms_of(law) == terms]
@@ -60,7 +59,6 @@ def _usual(laws: Sequence[Friction]) -> Friction:
 
 
 def terms_of(law: Friction) -> tuple[str, ...]:
-    """Names of a law's terms."""
     return tuple(name for name, value in law if value is not None)
 
 
@@ -80,7 +78,6 @@ class MergedPart:
 
     @property
     def stretches(self) -> tuple[Information, ...]:
-        """Of time, in order."""
         groups, active = self.groups.named("time"), self.information.columns
         each = zip(triangle(self.rows(groups)), groups.samples, groups.torque_max, strict=True)
         return tuple(Information(active, *stretch) for stretch in each)
@@ -255,7 +252,6 @@ def merging_of(
 
 
 def holding(briefs: Sequence[RecordingBrief]) -> Held:
-    """What recordings hold."""
     return [(brief.log, [held.load for held in brief.loads]) for brief in briefs]
 
 

@@ -70,12 +70,10 @@ class RobotRows:
         return cls(H, b, constant, np.zeros(H.shape[::2]), np.ones(len(blocks), dtype=bool))
 
     def only(self, robots: slice) -> "RobotRows":
-        """Those of some robots."""
         every = (self.H, self.b, self.constant, self.extra, self.counts)
         return RobotRows(*(array[robots] for array in every))
 
     def parts(self) -> "Iterator[tuple[slice, RobotRows]]":
-        """Some robots at a time."""
         for first in range(0, len(self.H), _AT_ONCE):
             robots = slice(first, first + _AT_ONCE)
             yield robots, self.only(robots)
@@ -115,12 +113,10 @@ class Mean:
 
     @property
     def m(self) -> U:
-        """The mean of the robots that count."""
         return np.linalg.solve(self.information, self.right)
 
 
 def mean(rows: RobotRows, variance: U, precision: Square, prior: U) -> Mean:
-    """The mean of the robots that count."""
     information, right = precision.copy(), precision @ prior
     evidence = -0.5 * float(prior @ right)
     for _, part in rows.parts():
@@ -203,7 +199,6 @@ class Spreads:
         return float(0.5 / np.mean(np.diag(self.covariance)))
 
     def variance(self, log: np.ndarray | None = None) -> U:
-        """Variances S of the type."""
         variances = np.exp(2 * (self.log if log is None else log))
         return np.where(self.at >= 0, variances[self.at], 0.0)
 
@@ -242,7 +237,6 @@ class Spreads:
 
 
 def prior_spreads(coordinates: Coordinates) -> Spreads:
-    """Prior of the spreads."""
     kinds, at = coordinates.present, coordinates.kind_of()
     log, n = np.log([KINDS[kind] for kind in kinds]), len(kinds)
     return Spreads(kinds, at, log, VAGUE**2 * np.eye(n), False, np.zeros(n, dtype=bool))

@@ -48,16 +48,13 @@ class Place:
 
     @property
     def is_local(self) -> bool:
-        """Whether it is a path."""
         return not store.is_address(self.root)
 
     @property
     def name(self) -> str:
-        """Its own name, without what it lies in."""
         return Path(self.root).name
 
     def path_to(self, name: str) -> str:
-        """Path or address of a file in it."""
         return f"{self.root}/{name}"
 
     def read(self, name: str) -> bytes | None:

@@ -121,12 +121,10 @@ class Population:
 
     @property
     def robot(self) -> RobotDescription:
-        """The type, as described."""
         return self.coordinates.robot
 
     @property
     def layout(self) -> ParameterLayout:
-        """Layout of the parameters p."""
         return self.coordinates.reduction.layout
 
     @property
@@ -136,7 +134,6 @@ class Population:
 
     @property
     def count(self) -> int:
-        """Number of robots of the type."""
         return sum(member.belongs for member in self.members)
 
     @property
@@ -224,7 +221,6 @@ def save_next(population: Population, fleet: str, path: Path) -> None:
 
 
 def _spreads(fleet: Population) -> dict[str, dict[str, float]]:
-    """Of each body's entries, as shares of their sizes in the new description."""
     reduction, p = fleet.coordinates.reduction, fleet.mean.value
     at = [k for k, variable in enumerate(reduction.variables) if variable.kind == "inertia"]
     Q = inv((fleet.covariance + np.diag(fleet.variance))[np.ix_(at, at)], assume_a="pos")

@@ -69,7 +69,6 @@ class DriftRecording:
 
     @property
     def label(self) -> str:
-        """Name of the recording."""
         return self.name or self.brief.log
 
 
@@ -152,7 +151,6 @@ class RobotDrift:
         return self.recordings[0].time
 
     def date(self, day: float | None) -> datetime | None:
-        """When a day is."""
         return None if day is None else self.start + timedelta(days=day)
 
     def dates(self, days: Between) -> tuple[datetime | None, datetime | None, datetime | None]:
@@ -173,7 +171,6 @@ class RobotDrift:
 
     @property
     def bound(self) -> str:
-        """What bounds false alarms, in words."""
         rate, drives = self.settings.false_alarms, len(self.drives)
         return (
             f"at most {rate:g} a robot-year over {drives} drives, however often one looks "
@@ -286,7 +283,6 @@ def _step(
     std: Float[np.ndarray, " n"],
     steps: list[float],
 ) -> float | None:
-    """The day of a further step; None if there is none."""
     X = np.stack([np.ones(len(days)), *((days >= day).astype(float) for day in steps)], axis=1)
     z, variance, changes = (y - np.median(y))[None], 0.5 + 0.5 * std[None] ** 2, Changes.steps(days)
     scale = np.full(1 + len(steps), FLAT)

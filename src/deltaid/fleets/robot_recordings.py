@@ -1,6 +1,6 @@
 """The recordings of a robot together, and the fit to them."""
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from datetime import UTC
 
@@ -31,6 +31,10 @@ from deltaid.sensors.weighings import weighings
 
 # Of so many recordings at most the groups are their stretches of time; of more, recordings.
 FEW = 10
+# Smaller blocks are kept only as long as each night needs them.
+_LASTING = 8
+# Of a key: those of the recording's checksum.
+_BITS = 64
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,7 +53,6 @@ class RobotRecordings:
 
     @property
     def briefs(self) -> tuple[RecordingBrief, ...]:
-        """Of each recording."""
         return self.block.briefs
 
     @property
@@ -72,8 +75,7 @@ def merged_files(
     """
     require_alike(files, robot)
     each = {int.from_bytes(file.record.sha256.encode()): file for file in files}
-    keys = sorted(each)
-    briefs = ordered([file.brief for file in files])
+    keys, briefs = sorted(each), ordered([file.brief for file in files])
     merging = merging_of(briefs, with_laws(robot, briefs, settings), settings)
     return merged_as(merging, [each[key] for key in keys], keys)
 
@@ -83,24 +85,40 @@ def merged_as(
 ) -> RobotRecordings:
     """Factor files together; keys, ascending, decide in which order."""
     parts = [merging.part(file) for file in files]
-
-    def leaf(k: int) -> RecordingBlock:
-        return RecordingBlock.of_file(merging, files[k], parts[k], keys[k])
-
-    block = merged_in_halves(keys, leaf)
+    block = _merged(keys, lambda k: RecordingBlock.of_file(merging, files[k], parts[k], keys[k]))
     few = len(files) <= FEW
     return RobotRecordings(merging, block, tuple(part.stretches for part in parts) if few else ())
 
 
-def merged_in_halves(
-    keys: Sequence[int], leaf: Callable[[int], RecordingBlock], first: int = 0
+# The first and the last of some recordings that follow each other, by their numbers, the last + 1.
+_Span = tuple[int, int]
+
+
+def _merged(
+    keys: Sequence[int],
+    leaf: Callable[[int], RecordingBlock],
+    known: Mapping[_Span, RecordingBlock] | None = None,
+    keep: Callable[[_Span, RecordingBlock], None] = lambda *_: None,
+    first: int = 0,
 ) -> RecordingBlock:
-    """The block of all keys, of halves of halves; `leaf` of the number of a key."""
+    """The block of all keys, of halves of halves.
+
+    Args:
+        leaf: that of the number of a key.
+        known: blocks that need not be made.
+        keep: what is done with those that are made.
+        first: number of the first key.
+    """
+    span, middle = (first, first + len(keys)), halved(keys)
+    if known and span in known:
+        return known[span]
     if len(keys) == 1:
-        return leaf(first)
-    middle = halved(keys)
-    before = merged_in_halves(keys[:middle], leaf, first)
-    return before.joined(merged_in_halves(keys[middle:], leaf, first + middle))
+        block = leaf(first)
+    else:
+        before = _merged(keys[:middle], leaf, known, keep, first)
+        block = before.joined(_merged(keys[middle:], leaf, known, keep, first + middle))
+    keep(span, block)
+    return block
 
 
 def fitted(
@@ -119,8 +137,7 @@ def fitted(
         dynamics, additions = other.dynamics, other.additions
     gathered = balanced(recordings.gathered, weighings(robot))
     problem = fit_to(gathered, dynamics, settings, additions)
-    weights = np.sqrt(problem.information.weights)
-    rows = recordings.block.geometric_rows(merging, weights)
+    rows = recordings.block.geometric_rows(merging, np.sqrt(problem.information.weights))
     if rows is not None:
         geometry = shifted([rows], problem.base, problem.information, additions)
         estimate = problem.estimate.with_shifts(geometry.shifts)
@@ -134,15 +151,63 @@ _BITS = 64
 
 
 def merged_recordings(job: FleetJob, place: Place) -> RobotRecordings:
-    """The recordings of a job.
+    """The recordings of a job, in halves of halves whose blocks are kept: a call reads a block for
+    each half without news, and the factor files of what is new.
+
+    A block is named by a checksum of its recordings and of all that its numbers follow from. So
+    one that is missing, damaged or of other recordings is made again, calls at the same time write
+    the same bytes, and a recording that is excluded changes the halves that it was in. Numbers do
+    not depend on which blocks there are.
 
     Raises:
         DamagedFactorsError: factor files cannot be read.
         RecordingError: they do not go together, or not with the robot.
     """
     if job.files not in place.kept:
-        place.kept[job.files] = _BlockTree.of_job(job, place).recordings()
+        place.kept[job.files] = _of_blocks(job, place)
     return place.kept[job.files]
+
+
+def _of_blocks(job: FleetJob, place: Place) -> RobotRecordings:
+    leaves = sorted(job.recordings, key=_key)
+    keys = tuple(map(_key, leaves))
+    if len(keys) <= FEW:
+        files = [*_read(job, place, leaves, range(len(keys))).values()]
+        return merged_as(_merging(job, [file.brief for file in files]), files, keys)
+    names, kept = dict[_Span, str](), set[str]()
+    for span, is_kept in _spans(keys, len(keys)):
+        own = [(leaf.sha256, leaf.file) for leaf in leaves[slice(*span)]]
+        names[span] = f"{job.blocks}/{digest([FORMAT, job.common, own])[:32]}{ENDING}"
+        kept |= {names[span]} if is_kept else set()
+    there, blocks = place.listing(job.blocks), dict[_Span, RecordingBlock]()
+    reached, missing = 0, list[int]()
+    for (first, last), name in names.items():
+        if first < reached:
+            continue
+        if name in there and (block := block_of(place.read(name))) is not None:
+            blocks[first, last], reached = block, last
+        elif last == first + 1:
+            missing.append(first)
+            reached = last
+    files = _read(job, place, leaves, missing)
+    briefs = [brief for block in blocks.values() for brief in block.briefs]
+    merging = _merging(job, [*briefs, *(file.brief for file in files.values())])
+    for span in [x for x, block in blocks.items() if block.fingerprint != merging.fingerprint]:
+        del blocks[span]
+        files |= _read(job, place, leaves, range(*span))
+
+    def leaf(k: int) -> RecordingBlock:
+        file = files.pop(k)
+        return RecordingBlock.of_file(merging, file, merging.part(file), keys[k])
+
+    def keep(span: _Span, block: RecordingBlock) -> None:
+        if names[span] in kept:
+            place.write(names[span], block_bytes(block))
+
+    whole = _merged(keys, leaf, blocks, keep)
+    for name in there.keys() - kept:
+        store.remove(place.path_to(name))
+    return RobotRecordings(merging, whole)
 
 
 def _key(leaf: GatherResult) -> int:
@@ -152,110 +217,36 @@ def _key(leaf: GatherResult) -> int:
     return (round(since * 1e6) << _BITS) | int(leaf.sha256[: _BITS // 4], 16)
 
 
-@dataclass(frozen=True)
-class _Half:
-    """Recordings `first` … `last` − 1 of all, the file of their block, and whether it is kept."""
+def _spans(
+    keys: Sequence[int], count: int, first: int = 0, *, of_newest: bool = True
+) -> Iterator[tuple[_Span, bool]]:
+    """All halves of halves, each before its own, and whether its block is kept."""
+    size, is_newest = len(keys), first + len(keys) == count
+    yield (first, first + size), size == 1 if is_newest else size >= _LASTING or of_newest
+    if size > 1:
+        middle = halved(keys)
+        yield from _spans(keys[:middle], count, first, of_newest=is_newest)
+        yield from _spans(keys[middle:], count, first + middle, of_newest=is_newest)
 
-    first: int
-    last: int
-    file: str
-    is_kept: bool
 
-    def __len__(self) -> int:
-        return self.last - self.first
-
-
-@dataclass(frozen=True, eq=False)
-class _BlockTree:
-    """Halves of halves of a robot's recordings; the last recording is the newest."""
-
-    place: Place
-    job: FleetJob
-    leaves: tuple[GatherResult, ...]
-    keys: tuple[int, ...]
-
-    @classmethod
-    def of_job(cls, job: FleetJob, place: Place) -> "_BlockTree":
-        leaves = tuple(sorted(job.recordings, key=_key))
-        return cls(place, job, leaves, tuple(map(_key, leaves)))
-
-    def recordings(self) -> RobotRecordings:
-        """Read, merged, and kept."""
-        count = len(self.leaves)
-        if count <= FEW:
-            files = self._read(range(count))
-            merging = self._merging([file.brief for file in files.values()])
-            return merged_as(merging, [files[k] for k in range(count)], self.keys)
-        halves, there = list(self._halves(0, count)), self.place.listing(self.job.blocks)
-        blocks, files = dict[_Half, RecordingBlock](), dict[int, FactorFile]()
-        reached, missing = 0, list[int]()
-        for half in halves:
-            if half.first < reached:
-                continue
-            block = block_of(self.place.read(half.file)) if half.file in there else None
-            if block is not None:
-                blocks[half], reached = block, half.last
-            elif len(half) == 1:
-                missing.append(half.first)
-                reached = half.last
-        files |= self._read(missing)
-        briefs = [brief for block in blocks.values() for brief in block.briefs]
-        merging = self._merging([*briefs, *(file.brief for file in files.values())])
-        for half in [half for half in blocks if blocks[half].fingerprint != merging.fingerprint]:
-            del blocks[half]
-            files |= self._read(range(half.first, half.last))
-        whole = self._merged(iter(halves), merging, blocks, files)
-        for file in there.keys() - {half.file for half in halves if half.is_kept}:
-            store.remove(self.place.path_to(file))
-        return RobotRecordings(merging, whole)
-
-    def _halves(self, first: int, last: int, *, of_newest: bool = True) -> Iterator[_Half]:
-        """All halves, each before its own."""
-        size, count = last - first, len(self.leaves)
-        is_kept = size == 1 if last == count else size >= _LASTING or of_newest
-        own = [(leaf.sha256, leaf.file) for leaf in self.leaves[first:last]]
-        name = f"{self.job.blocks}/{digest([FORMAT, self.job.common, own])[:32]}{ENDING}"
-        yield _Half(first, last, name, is_kept)
-        if size > 1:
-            middle = first + halved(self.keys[first:last])
-            yield from self._halves(first, middle, of_newest=last == count)
-            yield from self._halves(middle, last, of_newest=last == count)
-
-    def _merged(
-        self,
-        halves: Iterator[_Half],
-        merging: Merging,
-        blocks: dict[_Half, RecordingBlock],
-        files: dict[int, FactorFile],
-    ) -> RecordingBlock:
-        """The block of the next half; those that are made now are written."""
-        half = next(halves)
-        if half in blocks:
-            for _ in range(2 * len(half) - 2):  # halves of its own
-                next(halves)
-            return blocks[half]
-        if len(half) == 1:
-            file = files.pop(half.first)
-            part = merging.part(file)
-            block = RecordingBlock.of_file(merging, file, part, self.keys[half.first])
+def _read(
+    job: FleetJob, place: Place, leaves: Sequence[GatherResult], numbers: Sequence[int]
+) -> dict[int, FactorFile]:
+    files, damaged = dict[int, FactorFile](), list[str]()
+    for k in numbers:
+        file = place.factors(leaves[k].file)
+        if file is None:
+            damaged.append(leaves[k].file)
         else:
-            before = self._merged(halves, merging, blocks, files)
-            block = before.joined(self._merged(halves, merging, blocks, files))
-        if half.is_kept:
-            self.place.write(half.file, block_bytes(block))
-        return block
+            files[k] = file
+    if damaged:
+        raise DamagedFactorsError(damaged)
+    for file in files.values():
+        require_mechanism(file, job.description)
+    return files
 
-    def _read(self, numbers: Iterable[int]) -> dict[int, FactorFile]:
-        """Factor files of some recordings."""
-        files = {k: self.place.factors(self.leaves[k].file) for k in numbers}
-        if damaged := [self.leaves[k].file for k, file in files.items() if file is None]:
-            raise DamagedFactorsError(damaged)
-        whole = {k: file for k, file in files.items() if file is not None}
-        for file in whole.values():
-            require_mechanism(file, self.job.description)
-        return whole
 
-    def _merging(self, briefs: Sequence[RecordingBrief]) -> Merging:
-        require_together(sorted(briefs, key=lambda brief: brief.sha256))
-        robot = with_laws(self.job.description, briefs, self.job.settings)
-        return merging_of(briefs, robot, self.job.settings)
+def _merging(job: FleetJob, briefs: Sequence[RecordingBrief]) -> Merging:
+    require_together(ordered(briefs))
+    robot = with_laws(job.description, briefs, job.settings)
+    return merging_of(briefs, robot, job.settings)

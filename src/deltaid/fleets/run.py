@@ -152,8 +152,6 @@ def fleet(
 
 
 def _run(call: Call, drift: DriftSettings) -> FleetRun:
-    """All steps of a call, then its tables and pages."""
-
     def robots_done() -> list[JobResult]:
         jobs = fit_jobs(outcomes, call.fleet.period, call.plan.robots, call.plan.settings)
         return run_chains(call, robot_chains(jobs, drift), ("fitted", "periods"))
@@ -182,7 +180,6 @@ def _run(call: Call, drift: DriftSettings) -> FleetRun:
 
 
 def _write_pages(place: Place, tables: Mapping[str, pl.DataFrame]) -> None:
-    """The site; that of a fleet in a store is made here and copied there."""
     if place.is_local:
         write_site(tables, Path(place.root) / SITE, place.name)
         return
@@ -210,7 +207,6 @@ def _quarantine(
 def _write(
     call: Call, run: FleetRun, results: Mapping[FleetStep, Sequence[JobResult]]
 ) -> dict[str, pl.DataFrame]:
-    """The tables, by name; what jobs have left behind is then no longer needed."""
     place, tables = call.place, dict[str, pl.DataFrame]()
     for file in (*(f"{name}.parquet" for name in TABLES), QUARANTINE):
         if (before := place.read(file)) is not None:

@@ -103,7 +103,6 @@ def _drift(job: FleetJob, given: tuple[RobotRecordings, IdentifiedModel], _: Pla
 
 
 def _member(job: FleetJob, recordings: RobotRecordings, place: Place) -> Tables:
-    """What the robot tells of its type, as a file."""
     robot = member_of(job.robot, recordings, job.settings)
     place.save_file(job.file, lambda path: write_member(robot, path))
     return {}

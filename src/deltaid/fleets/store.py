@@ -37,7 +37,6 @@ def is_address(path: str) -> bool:
 
 
 def has_pattern(path: str) -> bool:
-    """Whether a name stands for several files."""
     return any(sign in path for sign in _MAGIC)
 
 
@@ -208,7 +207,6 @@ def _system(path: str) -> Any:
 
 
 def _fetch(path: str, copy: Path, stamp: str) -> None:
-    """Copy a file here, whole and as it was listed."""
     system = _system(path)
     system.get_file(path, str(copy))
     after = system.info(path)
@@ -228,7 +226,6 @@ def _require_stamp(path: str, stamp: str, now: str) -> None:
 
 
 def _stamps(infos: Mapping[str, Mapping[str, Any]], address: str) -> dict[str, str]:
-    """Stamps of the files of a listing, by their addresses."""
     protocol = f"{address.partition('://')[0]}://"
     return {
         f"{protocol}{name.removeprefix(protocol)}": _stamp(infos[name])

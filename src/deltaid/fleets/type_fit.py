@@ -102,7 +102,6 @@ def _reasons(sorting: Sorted, naming: float) -> tuple[Sorted, list[str]]:
 def _population(
     sorting: Sorted, members: Sequence[TypeMember], reasons: Sequence[str], naming: float
 ) -> Population:
-    """Results, averaged over the uncertainty of the spreads."""
     coordinates, rows, count = sorting.coordinates, sorting.rows, len(members)
     T, precision, prior = coordinates.to_p, coordinates.precision, coordinates.prior
     logs, size = sorting.spreads.draws(), len(prior)

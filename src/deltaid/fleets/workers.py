@@ -8,17 +8,19 @@ import logging
 import os
 import signal
 from collections import deque
-from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
-from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
+from collections.abc import Callable, Generator, Iterator, Sequence
+from concurrent.futures import CancelledError, Executor, Future, ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
-from contextlib import ExitStack, contextmanager
-from dataclasses import dataclass
+from contextlib import AbstractContextManager, ExitStack, contextmanager, nullcontext
+from functools import partial
 from importlib.metadata import version
 from multiprocessing import get_context
 from multiprocessing.connection import Connection
 from pathlib import Path
+from queue import SimpleQueue
+from tempfile import TemporaryDirectory
 from threading import Lock, Thread
-from typing import TYPE_CHECKING, Any, Protocol, TypeVar, cast, runtime_checkable
+from typing import TYPE_CHECKING, Any, TypeVar, cast
 from uuid import uuid4
 
 from deltaid.errors import DeltaidError
@@ -38,11 +40,29 @@ _AT_ONCE = 2000
 # How long a scheduler may take to answer [s].
 _PATIENCE = 15
 _DEADLY = "workers die of it, of too little memory perhaps"
+# Errors of futures whose workers have died, of a process and in Dask.
+_DEATHS = ("BrokenProcessPool", "KilledWorker")
 
 
-@runtime_checkable
-class Workers(Protocol):
-    """Who does a fleet's work."""
+class Workers:
+    """Who does a fleet's work, started when there is some.
+
+    Args:
+        start: an executor for as long as its block lasts; another one where one has broken.
+        most: tasks that it is given at once.
+        stack: what ends it.
+        gone: errors of an executor that nobody can start again from here.
+    """
+
+    def __init__(
+        self,
+        start: Callable[[], AbstractContextManager[Executor]],
+        most: int,
+        stack: ExitStack,
+        gone: tuple[type[BaseException], ...] = (),
+    ) -> None:
+        self._start, self._most, self._stack, self._gone = start, most, stack, gone
+        self._executor: Executor | None = None
 
     def done(
         self,
@@ -61,68 +81,53 @@ class Workers(Protocol):
         Raises:
             DeltaidError: nobody is left to do it.
         """
-        ...
-
-
-class LocalPool:
-    """Processes of this machine, started when there is work, for as long as its block lasts.
-
-    Args:
-        count: how many.
-    """
-
-    def __init__(self, count: int) -> None:
-        self.count = count
-        self._stack, self._executor = ExitStack(), None
-
-    def __enter__(self) -> "LocalPool":
-        return self
-
-    def __exit__(self, *raised: Any) -> None:
-        self._stack.__exit__(*raised)
-
-    def done(
-        self,
-        work: Callable[[_Item], _Result],
-        items: Sequence[_Item],
-        failed: Callable[[_Item, str], _Result],
-    ) -> Iterator[_Result]:
-        """As of `Workers`."""
         waiting, suspects = deque(items), list[_Item]()
-        while waiting:
-            suspects += yield from self._until_one_dies(work, waiting, failed)
-        for item in suspects:
-            if (yield from self._until_one_dies(work, deque([item]), failed)):
-                yield failed(item, _DEADLY)
+        try:
+            while waiting:
+                suspects += yield from self._until_broken(work, waiting, failed)
+            for item in suspects:
+                if (yield from self._until_broken(work, deque([item]), failed)):
+                    yield failed(item, _DEADLY)
+        except self._gone:
+            raise DeltaidError(
+                "is gone; what has been gathered and fitted is kept",
+                where="the scheduler",
+                cure="start it again; the same command does the rest",
+            ) from None
 
-    def _until_one_dies(
+    def _until_broken(
         self,
         work: Callable[[_Item], _Result],
         waiting: deque[_Item],
         failed: Callable[[_Item, str], _Result],
     ) -> Generator[_Result, None, list[_Item]]:
-        """Results; what was going on when a process died, and took the others with it."""
-        dead, running = list[_Item](), dict[Future[_Result], _Item]()
-        executor = self._executor = self._executor or self._stack.enter_context(
-            _processes(self.count)
-        )
-        while running or (waiting and not dead):
-            while waiting and not dead and len(running) < self.count:
+        """Results; what was going on when a worker died. A process takes all others with it."""
+        suspects, running, is_broken = list[_Item](), dict[Future[_Result], _Item](), False
+        finished = SimpleQueue[Future[_Result]]()
+        self._executor = self._executor or self._stack.enter_context(self._start())
+        while running or (waiting and not is_broken):
+            while waiting and not is_broken and len(running) < self._most:
                 item = waiting.popleft()
                 try:
-                    running[executor.submit(work, item)] = item
+                    future = self._executor.submit(work, item)
                 except BrokenProcessPool:
-                    dead.append(item)
-            for future in wait(running, return_when=FIRST_COMPLETED).done:
+                    suspects.append(item)
+                    is_broken = True
+                else:
+                    running[future] = item
+                    future.add_done_callback(finished.put)
+            if running:
+                future = finished.get()
                 item, error = running.pop(future), future.exception()
-                if isinstance(error, BrokenProcessPool):
-                    dead.append(item)
+                is_broken |= isinstance(error, BrokenProcessPool)
+                if type(error).__name__ in _DEATHS:
+                    suspects.append(item)
                 else:
                     yield future.result() if error is None else failed(item, defect(error))
-        if dead:
+        if is_broken:
             self._stack.close()
             self._executor = None
-        return dead
+        return suspects
 
 
 def defect(error: object) -> str:
@@ -167,17 +172,6 @@ def _end_with(lives: Connection) -> None:
         os._exit(1)
 
 
-def require_dask() -> None:
-    """Find out whether Dask is there, and what reaches files in any store.
-
-    Raises:
-        DeltaidError: it is not installed.
-    """
-    cure = "pip install '.[fleet]' in a clone of deltaid, or pip install 'dask[distributed]' s3fs"
-    for module, name in (("distributed", "Dask"), ("fsspec", "fsspec")):
-        require(module, by="deltaid fleet --scheduler", name=name, install=cure)
-
-
 @contextmanager
 def open_workers(
     scheduler: str | None = None, count: int | None = None, folder: Path | None = None
@@ -194,11 +188,14 @@ def open_workers(
             version of deltaid, or one does not see the folder.
     """
     if scheduler is None:
-        with LocalPool(count or cores()) as pool:
-            yield pool
+        with ExitStack() as stack:
+            yield Workers(partial(_processes, count or cores()), count or cores(), stack)
         return
-    require_dask()
-    from distributed import Client
+    # What reaches files in any store, too.
+    cure = "pip install '.[fleet]' in a clone of deltaid, or pip install 'dask[distributed]' s3fs"
+    for module, name in (("distributed", "Dask"), ("fsspec", "fsspec")):
+        require(module, by="deltaid fleet --scheduler", name=name, install=cure)
+    from distributed import Client, WorkerPlugin
 
     # What Dask has to say of lost connections is said in fewer words.
     logging.getLogger("distributed.client").setLevel(logging.CRITICAL)
@@ -210,15 +207,28 @@ def open_workers(
             where=f"--scheduler {scheduler}",
             cure="give the address that `dask scheduler` has printed, such as tcp://10.0.0.5:8786",
         ) from None
-    with connected:
+    with connected, ExitStack() as stack:
         _require_same_version(connected, scheduler)
         if (path := named_path()) is not None:  # the user's own mechanism
-            from deltaid.fleets.own_code import OwnCode
+            code = path.read_bytes()
 
-            connected.register_plugin(OwnCode(path.read_bytes()))
+            class OwnCode(WorkerPlugin):
+                """The file that the user has named, as it was when the command was called; on each
+                worker, also on those that start later."""
+
+                def setup(self, worker: Any) -> None:
+                    del worker
+                    with TemporaryDirectory(prefix="deltaid-") as folder:
+                        copy = Path(folder) / "mechanism.py"
+                        copy.write_bytes(code)
+                        use_mechanism(copy)
+
+            connected.register_plugin(OwnCode())
         if folder is not None:
             require_shared(connected, folder)
-        yield DaskWorkers(connected)
+        executor = connected.get_executor(pure=False)  # which ends with the client
+        gone = (CancelledError, OSError)
+        yield Workers(lambda: nullcontext(executor), _AT_ONCE, stack, gone)
 
 
 def require_shared(client: "Client", folder: Path) -> None:
@@ -242,58 +252,6 @@ def require_shared(client: "Client", folder: Path) -> None:
             cure="give a folder that this machine and all workers share, or an address such as "
             "s3://bucket/fleet",
         )
-
-
-@dataclass(frozen=True)
-class DaskWorkers:
-    """Workers of a cluster.
-
-    Attributes:
-        client: of its scheduler.
-    """
-
-    client: "Client"
-
-    def done(
-        self,
-        work: Callable[[_Item], _Result],
-        items: Sequence[_Item],
-        failed: Callable[[_Item, str], _Result],
-    ) -> Iterator[_Result]:
-        """As of `Workers`."""
-        from distributed import KilledWorker, as_completed
-        from distributed.client import FutureCancelledError
-
-        waiting, own, suspects = iter(items), dict[Any, _Item](), list[_Item]()
-
-        def submitted(count: int) -> Iterable[Any]:
-            for _, item in zip(range(count), waiting, strict=False):
-                future = self.client.submit(work, item, pure=False)
-                own[future.key] = item
-                yield future
-
-        try:
-            coming = as_completed(list(submitted(_AT_ONCE)), loop=self.client.loop)
-            for future in coming:
-                item, error = own.pop(future.key), future.exception()
-                if isinstance(error, KilledWorker):
-                    suspects.append(item)
-                else:
-                    yield future.result() if error is None else failed(item, defect(error))
-                future.release()
-                for submission in submitted(1):
-                    coming.add(submission)
-            for item in suspects:
-                future = self.client.submit(work, item, pure=False)
-                error = future.exception()
-                why = _DEADLY if isinstance(error, KilledWorker) else defect(error)
-                yield future.result() if error is None else failed(item, why)
-        except (FutureCancelledError, OSError):
-            raise DeltaidError(
-                "is gone; what has been gathered and fitted is kept",
-                where="the scheduler",
-                cure="start it again; the same command does the rest",
-            ) from None
 
 
 def _require_same_version(client: "Client", scheduler: str) -> None:

@@ -106,7 +106,6 @@ def _trend(row: Row, seen: pl.DataFrame) -> list[Data]:
 
 
 def _step(row: Row, seen: pl.DataFrame) -> list[Data]:
-    """Levels before and after a step, and the limit."""
     first, last = seen["time"][0], seen["time"][-1]
     on, level, step = row["change"], row["level"], row["step"]
     if on is None or level is None or step is None:
@@ -130,7 +129,6 @@ def _line(name: str, times: list[datetime], y: list[Any], color: str, dash: str)
 
 
 def _change(row: Row) -> tuple[Data, ...]:
-    """The day of a change, and the days that it may have been."""
     if row["change"] is None:
         return ()
     on, low, high = (row[key] for key in ("change", "change_low", "change_high"))

@@ -110,7 +110,6 @@ def _untold(robots: Sequence[Robot]) -> list[str]:
 
 
 def _attention(urgent: Sequence[Robot], links: Mapping[str, str]) -> tuple[Block, ...]:
-    """Why each robot needs attention, the most urgent first."""
     listed, more = urgent[:_LISTED], len(urgent) - _LISTED
     rows = tuple(
         (robot.name, WORDS[robot.urgency], "; ".join(concern.text for concern in robot.concerns))
@@ -128,7 +127,6 @@ def _attention(urgent: Sequence[Robot], links: Mapping[str, str]) -> tuple[Block
 
 
 def _rising(tables: Tables, urgent: Sequence[Robot]) -> tuple[Block, ...]:
-    """Friction over time of drives where it changes."""
     changed = [(robot.name, row) for robot in urgent for row in robot.changed]
     main = tables["friction"].filter(quantity=MAIN)
     panels = [

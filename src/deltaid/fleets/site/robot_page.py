@@ -114,7 +114,6 @@ def _temperature(friction: pl.DataFrame) -> tuple[Chart, ...]:
 
 
 def _recordings(recordings: pl.DataFrame) -> Section:
-    """All recordings, those in quarantine first, then the newest."""
     ordered = recordings.with_columns(bad=pl.col("reason") != "").sort(
         ["bad", "time"], descending=[True, True]
     )
@@ -149,7 +148,6 @@ def _recordings(recordings: pl.DataFrame) -> Section:
 
 
 def _parameters(parameters: pl.DataFrame) -> Section:
-    """Parameters over the periods, and all of the last one and of all recordings together."""
     fitted = parameters.filter(pl.col("decided_by") != "structure")  # nothing to be told of
     if fitted.is_empty():
         return Section("Parameters", ())

@@ -48,7 +48,6 @@ def write_site(tables: Mapping[str, pl.DataFrame], site: Path, name: str) -> Non
 
 
 def _pages(tables: Tables, title: str) -> Iterable[tuple[str, str]]:
-    """All files of a site: where each belongs, and what it holds."""
     robots = robots_of(tables)
     kinds = sorted({robot.type for robot in robots} | set(tables["types"]["type"]))
     labels = {kind: label or "(no type)" for kind, label in type_labels(kinds).items()}

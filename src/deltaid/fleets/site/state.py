@@ -42,8 +42,6 @@ class Urgency(IntEnum):
 
 @dataclass(frozen=True)
 class Concern:
-    """Why somebody should look at a robot."""
-
     urgency: Urgency
     text: str
 
@@ -96,12 +94,10 @@ class Robot:
 
     @property
     def urgency(self) -> Urgency:
-        """Of what is most urgent."""
         return min((concern.urgency for concern in self.concerns), default=Urgency.NONE)
 
     @property
     def changed(self) -> tuple[Row, ...]:
-        """Drives whose friction has changed."""
         return tuple(drive for drive in self.drives if drive["state"] in _CHANGED)
 
     @property
@@ -225,7 +221,6 @@ def _gains(parameters: pl.DataFrame) -> list[Concern]:
 
 
 def _recorded(rows: Sequence[Row], usable: Sequence[datetime], now: Any) -> list[Concern]:
-    """Recordings that are missing or cannot be used."""
     late = len([*takewhile(lambda row: row["reason"], reversed(rows))])
     why = _short(rows[-1]["reason"]) if late else ""
     if rows and not usable:
@@ -267,7 +262,6 @@ def _refused(quarantine: pl.DataFrame, last: str, *, recorded: bool) -> list[Con
 
 
 def _short(reason: str, most: int = 160) -> str:
-    """The first line of a reason, not too long."""
     line = (reason.strip().splitlines() or [""])[0]
     return line if len(line) <= most else f"{line[: most - 1]}…"
 

@@ -30,7 +30,6 @@ _LEVELS = "level of every drive"
 def levels(
     tables: Tables, robots: Sequence[Robot], labels: Mapping[str, str]
 ) -> tuple[Section, ...]:
-    """How friction spreads over robots of a type, drive by drive."""
     panels = [_levels(tables, robots, kind, label) for kind, label in labels.items()]
     panels = [panel for panel in panels if panel.traces[0]["x"]][:_TYPES]
     if not panels:
@@ -59,7 +58,6 @@ def _levels(tables: Tables, robots: Sequence[Robot], kind: str, title: str) -> P
 
 
 def deviations(tables: Tables, labels: Mapping[str, str]) -> tuple[Section, ...]:
-    """How robots of a type differ, parameter by parameter."""
     charts = [
         Chart(deviation_figure(own, names), f"{label}: how its robots differ; a dot is a robot.")
         for kind, label in labels.items()
@@ -184,7 +182,6 @@ def _means(types: pl.DataFrame) -> Section:
 
 
 def _robots(robots: Sequence[Robot], members: pl.DataFrame, links: Mapping[str, str]) -> Table:
-    """All robots of the type with where they differ most."""
     sizes = members.drop_nulls("spreads").with_columns(pl.col("spreads").abs())
     ordered = sizes.sort("spreads", maintain_order=True)
     largest = {
