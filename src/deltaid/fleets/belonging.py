@@ -127,10 +127,9 @@ def left_out(
 
 def chance(robot: AgainstOthers, coordinates: Coordinates, m: U) -> float:
     """How often a robot that belongs is as far from the others as this one."""
-    owners = coordinates.owners().values()
-    bodies = [robot.H[:, places] for places in owners if not coordinates.is_friction[places[0]]]
-    parts = [robot.along(HF) for HF in bodies]
-    chances = [robot.chance(part.gain, part.rank) for part in parts if part.rank]
+    owners, is_friction = coordinates.owners().values(), coordinates.is_friction
+    bodies = (robot.along(robot.H[:, places]) for places in owners if not is_friction[places[0]])
+    chances = [robot.chance(part.gain, part.rank) for part in bodies if part.rank]
     chances.append(robot.chance(robot.distance, robot.rows))
     scale = robot.along(torques(robot, coordinates, m)[:, None])
     return min(1.0, 2 * robot.chance(scale.gain, scale.rank), 2 * len(chances) * min(chances))
@@ -239,8 +238,7 @@ def _belonging(
         return chances >= naming
     ratio = [robot.distance / chdtri(max(robot.rows, 1), 0.5) for robot in robots]
     scale = max(float(np.median(ratio)), 1.0)
-    scaled = [robot.chance(robot.distance / scale, robot.rows) for robot in robots]
-    return np.array(scaled) >= naming
+    return np.array([x.chance(x.distance / scale, x.rows) for x in robots]) >= naming
 
 
 def _core(rows: RobotRows, coordinates: Coordinates) -> np.ndarray:
@@ -253,8 +251,7 @@ def _core(rows: RobotRows, coordinates: Coordinates) -> np.ndarray:
         weighted = (weights[:, None, None] * A).reshape(-1, A.shape[2])
         information = coordinates.precision + weighted.T @ A.reshape(weighted.shape)
         right = coordinates.precision @ coordinates.prior + weighted.T @ c.ravel()
-        residual = c - A @ np.linalg.solve(information, right)
-        distance = np.sum(residual**2, axis=1)
+        distance = np.sum((c - A @ np.linalg.solve(information, right)) ** 2, axis=1)
         # Of Student's t with so few degrees of freedom that half of all may be far.
         weights = (1.0 + size) / (1.0 + distance * size / np.median(distance))
     nearest = np.argsort(distance, kind="stable")[: max(ENOUGH, (len(A) + 1) // 2)]

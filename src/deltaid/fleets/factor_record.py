@@ -11,7 +11,7 @@ from pydantic import Field
 
 from deltaid.model.corrections import Correction, Source
 from deltaid.model.record import IdentifiedModel
-from deltaid.model.verdict import Grade
+from deltaid.model.verdict import Verdict
 from deltaid.recording.carried import Load
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.friction import Friction
@@ -116,19 +116,6 @@ class GatheredLoad(Part):
     taken: tuple[float, ...]
 
 
-class SeenVerdict(Part):
-    """A verdict of the checks, without its proposals."""
-
-    key: str
-    grade: Grade
-    subject: str = ""
-    seen: str
-    cause: str = ""
-    cure: str = ""
-    number: float | None = None
-    unit: str = ""
-
-
 class Temperature(Part):
     mean: float
     low: float
@@ -164,7 +151,7 @@ class FactorRecord(Part):
     lags: tuple[KnownLag, ...] = ()
     loads: tuple[GatheredLoad, ...] = ()
     temperature: Temperature | None = None
-    verdicts: tuple[SeenVerdict, ...] = ()
+    verdicts: tuple[Verdict, ...] = ()
     warnings: tuple[str, ...] = ()
 
     @property
@@ -204,7 +191,7 @@ class RecordingBrief(Part):
     first: float
     loads: tuple[GatheredLoad, ...] = ()
     degrees: float | None = None
-    verdicts: tuple[SeenVerdict, ...] = ()
+    verdicts: tuple[Verdict, ...] = ()
     warnings: tuple[str, ...] = ()
 
     @classmethod

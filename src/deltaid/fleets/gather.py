@@ -26,7 +26,6 @@ from deltaid.fleets.factor_record import (
     GatheredLoad,
     KnownLag,
     RecordingFactors,
-    SeenVerdict,
     Temperature,
 )
 from deltaid.identification.assembly import doubts_of_fit
@@ -280,10 +279,7 @@ def record_of(
         lags=_lags(result),
         loads=tuple(GatheredLoad(load=load, taken=taken) for load, taken in loads),
         temperature=_temperature(recording, result.problem.dynamics.kinematics),
-        verdicts=tuple(
-            SeenVerdict(**{key: getattr(verdict, key) for key in SeenVerdict.model_fields})
-            for verdict in result.verdicts
-        ),
+        verdicts=tuple(replace(verdict, proposals=()) for verdict in result.verdicts),
         warnings=tuple(text for text in model.warnings if text not in judged),
     )
 

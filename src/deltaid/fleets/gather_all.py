@@ -47,7 +47,7 @@ def gather_all(call: Call) -> list[GatherResult]:
         DeltaidError: what earlier calls have gathered would be lost, and nobody said so.
     """
     listing = call.place.listing(FACTORS)
-    before = call.known.tables[RECORDINGS].filter(pl.col("file") != "")
+    before = call.tables[RECORDINGS].filter(pl.col("file") != "")
     row_of, hows = ({key: k for k, key in enumerate(before[name])} for name in ("key", "path"))
     outcomes, jobs, lost = list[GatherResult](), list[GatherJob](), Counter[str]()
     for recorded in call.fleet.recordings:
@@ -59,7 +59,7 @@ def gather_all(call: Call) -> list[GatherResult]:
             outcomes.append(GatherResult(recorded, "", reason=str(error), is_new=False))
             continue
         row = before.row(row_of[job.key], named=True) if job.key in row_of else None
-        if reason := call.known.refused.get(job.key):
+        if reason := call.refused.get(job.key):
             outcomes.append(replace(_failed(job, reason), key=job.key, is_new=False))
         elif row is not None and listing.get(row["file"]) == row["bytes"]:
             outcomes.append(_outcome(recorded, row))

@@ -2,6 +2,7 @@
 corrections come from the recordings' own identifications."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -99,9 +100,8 @@ def _torque_errors(
 ) -> TorqueError:
     """Residual torques of all recordings; unfiltered noise is that of the recordings' own fits."""
     rms, torque = information.rms(values), information.torque_rms()
-    samples = [brief.samples for brief in briefs]
     beyond = [np.square(brief.rms_unfiltered) - np.square(brief.rms) for brief in briefs]
-    noise = np.average(beyond, axis=0, weights=samples)
+    noise = np.average(beyond, axis=0, weights=[brief.samples for brief in briefs])
     return TorqueError(
         rms=rms,
         nrmse=rms / np.where(torque > 0, torque, 1.0),
@@ -116,14 +116,14 @@ def _torque_errors(
 def _verdicts(briefs: Sequence[RecordingBrief]) -> list[Verdict]:
     """Verdicts on recordings, each with its subject; of several without those on information,
     which recordings determine together."""
-    several, verdicts = len(briefs) > 1, list[Verdict]()
-    for brief in briefs:
-        for record in brief.verdicts:
-            if not several or record.key not in KEYS["the information"]:
-                parts = (brief.log if several else "", record.subject)
-                subject = ": ".join(filter(None, parts))
-                verdicts.append(Verdict(**record.changed(subject=subject).model_dump()))
-    return verdicts
+    if len(briefs) == 1:
+        return list(briefs[0].verdicts)
+    return [
+        replace(verdict, subject=": ".join(filter(None, (brief.log, verdict.subject))))
+        for brief in briefs
+        for verdict in brief.verdicts
+        if verdict.key not in KEYS["the information"]
+    ]
 
 
 def _remarks(briefs: Sequence[RecordingBrief], gains: Sequence[Correction]) -> list[str]:
@@ -131,10 +131,10 @@ def _remarks(briefs: Sequence[RecordingBrief], gains: Sequence[Correction]) -> l
     for brief in briefs:
         remarks += brief.warnings
         if brief.sensors:
-            names = ", ".join(brief.sensors)
             remarks.append(
-                f"{brief.log}: factor files hold torques alone, so what {names} showed is "
-                "not in this fit; identify the recording itself to have it"
+                f"{brief.log}: factor files hold torques alone, so what "
+                f"{', '.join(brief.sensors)} showed is not in this fit; identify the recording "
+                "itself to have it"
             )
     remarks += [
         f"the torque constant of {gain.subject} was corrected as recordings were gathered and "

@@ -25,8 +25,8 @@ from deltaid.robot.part import Part
 _ISO = re.compile(r"\d{4}-\d{2}-\d{2}")
 _TIMES = "must be written as 2026-01-31 or 2026-01-31T08:30"
 _TABLES = (".csv", ".parquet")
-# Columns of a table, of which the first two must be there.
-_COLUMNS = ("robot", "recording", "type", "time", "columns", "load", "temperature")
+# Columns of a table, of which the first two must be there, and the first four are words.
+_COLUMNS = ("robot", "recording", "type", "columns", "time", "load", "temperature")
 
 
 # No system has longer paths, Linux as long ones.
@@ -173,8 +173,7 @@ def _of_table(data: bytes, ending: str, where: str) -> Manifest:
         for key in ("robot", "recording"):
             if given.get(key) in (None, ""):
                 raise DescriptionError(f"{key} is missing", where=place, cure="fill it in")
-        for key in ("robot", "type", "columns", "recording"):
-            given |= {key: str(given[key])} if key in given else {}
+        given |= {key: str(given[key]) for key in _COLUMNS[:4] if key in given}
         name, kind, path = given.pop("robot"), given.pop("type", None), given.pop("recording")
         file = RecordedFile.from_dict(given | {"path": path}, place)
         named = {"robot": name, "recordings": ()} | ({"type": kind} if kind else {})

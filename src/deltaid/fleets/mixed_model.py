@@ -22,6 +22,7 @@ from jaxtyping import Float, Int
 from scipy.linalg import inv
 from scipy.optimize import minimize
 
+from deltaid.estimation.information import triangle
 from deltaid.estimation.scatter import inverse
 from deltaid.fleets.coordinates import KINDS, VAGUE, Coordinates, Square, U
 
@@ -80,14 +81,13 @@ class RobotRows:
 
     def whitened(self, variance: U) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """A, c and log |V|, for variances of the type."""
-        total = variance + self.extra
-        V = (self.H * total[:, None, :]) @ np.swapaxes(self.H, 1, 2)
+        V = (self.H * (variance + self.extra)[:, None, :]) @ np.swapaxes(self.H, 1, 2)
         diagonal = np.arange(V.shape[1])
         V[:, diagonal, diagonal] += 1.0
         L = np.linalg.cholesky(V)
         solved = np.linalg.solve(L, np.concatenate([self.H, self.b[:, :, None]], axis=2))
-        logs = 2 * np.log(L[:, diagonal, diagonal]).sum(axis=1)
-        return solved[:, :, :-1], solved[:, :, -1], logs
+        log_det = 2 * np.log(L[:, diagonal, diagonal]).sum(axis=1)
+        return solved[:, :, :-1], solved[:, :, -1], log_det
 
 
 @dataclass(frozen=True, eq=False)
@@ -166,8 +166,7 @@ def alone(rows: RobotRows, precision: Square, prior: U) -> Iterator[tuple[U, Squ
     described = np.column_stack([root, root @ prior])[None]
     for _, part in rows.parts():
         data = np.concatenate([part.H, part.b[:, :, None]], axis=2)
-        wide = np.hstack([np.repeat(described, len(data), axis=0), data])
-        R = np.asarray(np.linalg.qr(wide, mode="r"))
+        R = triangle(np.hstack([np.repeat(described, len(data), axis=0), data]))
         half = inv(R[:, :n, :n], assume_a="upper triangular")
         u = np.einsum("ruv,rv->ru", half, R[:, :n, n])
         yield from zip(u, half @ np.swapaxes(half, 1, 2), strict=True)
@@ -199,14 +198,13 @@ class Spreads:
         return float(0.5 / np.mean(np.diag(self.covariance)))
 
     def variance(self, log: np.ndarray | None = None) -> U:
-        variances = np.exp(2 * (self.log if log is None else log))
-        return np.where(self.at >= 0, variances[self.at], 0.0)
+        return np.where(self.at >= 0, np.exp(2 * (self.log if log is None else log))[self.at], 0.0)
 
     def draws(self) -> list[Float[np.ndarray, " kinds"]]:
         """Logarithms of spreads as likely as not, in pairs about the most likely."""
         z = np.random.default_rng(0).standard_normal((_DRAWS // 2, len(self.log)))
-        away = z @ np.linalg.cholesky(self.covariance).T
-        return [self.log + sign * step for step in away for sign in (1.0, -1.0)]
+        steps = z @ np.linalg.cholesky(self.covariance).T
+        return [self.log + sign * step for step in steps for sign in (1.0, -1.0)]
 
     def of_unknown_sizes(self, covariance: Square) -> "Spreads":
         """With the uncertainty of the sizes that spreads are shares of, whose covariance is given.
@@ -214,7 +212,7 @@ class Spreads:
         An error of one size enters a kind's spread divided by its number of entries.
         """
         off = np.minimum(np.diag(covariance), _LIKELY_OFF**2)
-        parts = [off[self.at == k] for k in range(len(self.kinds))]
+        parts = (off[self.at == k] for k in range(len(self.kinds)))
         added = np.diag([part.mean() / len(part) for part in parts])
         return replace(self, covariance=self.covariance + added)
 

@@ -26,10 +26,11 @@ from deltaid.fleets.step import (
     QUARANTINE,
     RECORDINGS,
     Call,
-    EarlierCalls,
     FleetStep,
     JobResult,
+    refused,
     run_chains,
+    tables_of,
 )
 from deltaid.fleets.steps import (
     DRIFTS,
@@ -137,7 +138,7 @@ def fleet(
         if place.is_local:
             require_writable(Path(place.path_to(QUARANTINE)))
         plan = GatherPlan.from_manifest(manifest, settings, force=force)
-        known = EarlierCalls.read(place, TABLES, retry=retry)
+        tables, reasons = tables_of(place, TABLES), {} if retry else refused(place)
 
         @cache
         def started() -> Workers:
@@ -147,8 +148,8 @@ def fleet(
             return stack.enter_context(open_workers(scheduler, workers, shared))
 
         plan = with_cutoffs(plan, manifest, place, started)
-        call = Call(manifest, place, plan, known, started, say, drop_absent, regather)
-        return _run(call, drift or DriftSettings())
+        of_call = (manifest, place, plan, tables, reasons, started, say, drop_absent, regather)
+        return _run(Call(*of_call), drift or DriftSettings())
 
 
 def _run(call: Call, drift: DriftSettings) -> FleetRun:
@@ -212,10 +213,14 @@ def _write(
         if (before := place.read(file)) is not None:
             place.write(f"{BEFORE}/{file}", before)
     for step, done in results.items():
-        keys = [result.job.key for result in done]
+        keys = list(dict.fromkeys(result.job.key for result in done))
+        order = pl.DataFrame({"key": keys}, schema={"key": pl.String})
         for name in step.tables:
             new = {result.job.key: result.tables[name] for result in done if name in result.tables}
-            tables[name] = call.known.with_new(name, keys, new)
+            old = call.tables[name].filter(~pl.col("key").is_in(list(new)))
+            tables[name] = order.join(
+                pl.concat([old, *new.values()]), on="key", how="inner", maintain_order="left_right"
+            ).select(old.columns)
     tables[RECORDINGS] = recordings_table(run.outcomes)
     for name, table in tables.items():
         place.save(f"{name}.parquet", table)

@@ -38,62 +38,39 @@ _Item = TypeVar("_Item")
 _Result = TypeVar("_Result")
 
 
-@dataclass(frozen=True)
-class EarlierCalls:
-    """What is known from earlier calls: tables by name, and reasons of what was refused, by key."""
+def tables_of(place: Place, schemas: Mapping[str, Mapping[str, Any]]) -> Tables:
+    """What earlier calls have left in a folder; what another version has written is made again, but
+    for recordings.
 
-    tables: Mapping[str, pl.DataFrame]
-    refused: Mapping[str, str]
+    Args:
+        schemas: columns of tables, by name.
 
-    @classmethod
-    def read(
-        cls, place: Place, schemas: Mapping[str, Mapping[str, Any]], *, retry: bool
-    ) -> "EarlierCalls":
-        """What the tables in a folder hold; what another version has written is made again, but for
-        recordings.
-
-        Args:
-            schemas: columns of tables, by name.
-            retry: forget what was refused.
-
-        Raises:
-            DeltaidError: a table cannot be read.
-        """
-        tables = Tables()
-        for name, schema in schemas.items():
-            cure = {"cure": _PUT_BACK} if name == RECORDINGS else {}
-            table = place.table(f"{name}.parquet", **cure)
-            if table is not None and table.schema != pl.Schema(schema):
-                if name == RECORDINGS:
-                    raise DeltaidError(
-                        "has other columns than this version writes",
-                        where=place.path_to(f"{name}.parquet"),
-                        cure="remove it, and it is made again; recordings that have been thrown "
-                        "away since are then forgotten",
-                    )
-                table = None
-            tables[name] = pl.DataFrame(schema=schema) if table is None else table
-        return cls(tables, {} if retry else _refused(place))
-
-    def with_new(
-        self, name: str, keys: Sequence[str], new: Mapping[str, pl.DataFrame]
-    ) -> pl.DataFrame:
-        """A table of rows that follow from some keys, in the order of these.
-
-        Args:
-            new: rows that this call has found, by key; all others are of earlier calls.
-        """
-        order = pl.DataFrame({"key": list(dict.fromkeys(keys))}, schema={"key": pl.String})
-        old = self.tables[name]
-        kept = old.filter(~pl.col("key").is_in(list(new)))
-        rows = pl.concat([kept, *(new[key] for key in keys if key in new)])
-        return order.join(rows, on="key", how="inner", maintain_order="left_right").select(
-            old.columns
-        )
+    Raises:
+        DeltaidError: a table cannot be read.
+    """
+    tables = Tables()
+    for name, schema in schemas.items():
+        cure = {"cure": _PUT_BACK} if name == RECORDINGS else {}
+        table = place.table(f"{name}.parquet", **cure)
+        if table is not None and table.schema != pl.Schema(schema):
+            if name == RECORDINGS:
+                raise DeltaidError(
+                    "has other columns than this version writes",
+                    where=place.path_to(f"{name}.parquet"),
+                    cure="remove it, and it is made again; recordings that have been thrown away "
+                    "since are then forgotten",
+                )
+            table = None
+        tables[name] = pl.DataFrame(schema=schema) if table is None else table
+    return tables
 
 
-def _refused(place: Place) -> dict[str, str]:
-    """Reasons of what was refused and would be again, by key."""
+def refused(place: Place) -> dict[str, str]:
+    """Reasons of what earlier calls have refused and would be refused again, by key.
+
+    Raises:
+        DeltaidError: the quarantine cannot be read.
+    """
     if not (data := place.read(QUARANTINE)):
         return {}
     try:
@@ -116,7 +93,8 @@ class Call:
         fleet: what there is.
         place: the fleet's folder.
         plan: how recordings are gathered.
-        known: what earlier calls have come to.
+        tables: of earlier calls, by name.
+        refused: reasons of what these have refused, by key.
         workers: who do it, and start when they are asked for.
         say: told of every step.
         drop_absent: forget recordings that are not there and cannot be used as asked.
@@ -126,7 +104,8 @@ class Call:
     fleet: Fleet
     place: Place
     plan: GatherPlan
-    known: EarlierCalls
+    tables: Tables
+    refused: Mapping[str, str]
     workers: Callable[[], Workers]
     say: Say
     drop_absent: bool = False
@@ -286,14 +265,14 @@ def run_chains(call: Call, chains: Sequence[Chain], words: tuple[str, str]) -> l
 def _known(call: Call, jobs: Sequence[FleetJob]) -> dict[tuple[str, str], JobResult]:
     """What earlier calls have come to; jobs that are left have none."""
     results = dict[tuple[str, str], JobResult]()
-    keys = {name: frozenset(table["key"]) for name, table in call.known.tables.items()}
+    keys = {name: frozenset(table["key"]) for name, table in call.tables.items()}
     absent = {job.file for job in jobs} - {""}
     for folder in {file.partition("/")[0] for file in absent}:
         absent.difference_update(call.place.listing(folder))
     for job in jobs:
         if job.file not in absent and all(job.key in keys[name] for name in job.step.tables):
             results[job.identity] = JobResult(job, is_new=False)
-        elif reason := call.known.refused.get(job.key):
+        elif reason := call.refused.get(job.key):
             results[job.identity] = JobResult(job, reason=reason, is_new=False)
     return results
 
