@@ -21,7 +21,7 @@ from deltaid.dynamics.parameters import ParameterLayout, prior_parameters
 from deltaid.effects.load_columns import LoadColumns
 from deltaid.fleets.factor_columns import map_to
 from deltaid.fleets.factor_file import FactorFile
-from deltaid.fleets.factor_record import FactorGroup, FactorRecord, RecordingFactors
+from deltaid.fleets.factor_record import FactorGroups, FactorRecord, RecordingFactors
 from deltaid.fleets.gather import condensed, gathered_columns, record_of, with_geometry
 from deltaid.fleets.merged import merging_of
 from deltaid.model.record import Settings
@@ -74,17 +74,17 @@ class Template:
         return wide
 
     @cached_property
-    def groups(self) -> list[tuple[FactorGroup, list[tuple[np.ndarray, np.ndarray]]]]:
-        """The whole and every group, with R_G and R_N of each drive."""
+    def groups(self) -> tuple[FactorGroups, list[list[tuple[np.ndarray, np.ndarray]]]]:
+        """The whole and every group behind it, with R_G and R_N of each drive and group."""
         n, found = len(self.names), []
-        for group in (self.condensed.whole, *self.condensed.groups):
-            split = []
-            for R, at in zip(group.factors, self.condensed.felt, strict=True):
-                own = int(np.sum(at < n))
+        every = self.condensed.whole.joined(self.condensed.groups)
+        for factors, at in zip(every.factors, self.condensed.felt, strict=True):
+            own, split = int(np.sum(at < n)), []
+            for R in factors:
                 rows = int(np.flatnonzero(np.any(R != 0, axis=1))[-1]) + 1
                 split.append((R[:own, :own], R[:rows, own:-1]))
-            found.append((replace(group, factors=()), split))
-        return found
+            found.append(split)
+        return every, found
 
     def with_load(self, p: np.ndarray) -> np.ndarray:
         """Parameters with those of the load as columns have them."""

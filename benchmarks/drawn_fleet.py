@@ -24,8 +24,6 @@ from _drawn_templates import SETTINGS, WANDERING, WHITE, Template, own_columns, 
 from deltaid.dynamics.dynamics import Dynamics, compiled
 from deltaid.fleets.factor_file import FactorFile
 from deltaid.fleets.factor_record import (
-    FactorGroup,
-    FactorGroups,
     FactorRecord,
     RecordingFactors,
     Temperature,
@@ -175,31 +173,30 @@ def _drawn(
         a.append(np.concatenate([white, slow]))
         felt.append(at[at < n])
 
-    def drawn(group: FactorGroup, split: list[tuple[np.ndarray, np.ndarray]]) -> FactorGroup:
-        factors = []
-        for i, (R, N) in enumerate(split):
-            own, e = len(R), N @ a[i]
-            square = np.zeros((own + 1, own + 1))
-            square[:own, :own], square[:own, own] = R, R @ theta[felt[i]]
-            square[: min(own, len(e)), own] += e[:own]
-            square[own, own] = np.linalg.norm(e[own:])
-            square[:, own] *= gain[i]
-            factors.append(square)
-        return replace(group, factors=tuple(factors))
+    def drawn(i: int, R: np.ndarray, N: np.ndarray) -> np.ndarray:
+        own, e = len(R), N @ a[i]
+        square = np.zeros((own + 1, own + 1))
+        square[:own, :own], square[:own, own] = R, R @ theta[felt[i]]
+        square[: min(own, len(e)), own] += e[:own]
+        square[own, own] = np.linalg.norm(e[own:])
+        square[:, own] *= gain[i]
+        return square
 
     geometry = one.condensed.geometry
     if geometry is not None:
         factors = []
-        for i, R in enumerate(geometry.factors):
+        for i, (R,) in enumerate(geometry.factors):
             at = one.condensed.felt[i]
             own = len(felt[i])
             Y, D = R[:, :own], R[:, len(at) : -1]
             tau = R[:, -1] + Y @ off[felt[i]]
-            factors.append(np.column_stack([Y, D, gain[i] * tau]))
+            factors.append(np.column_stack([Y, D, gain[i] * tau])[None])
         geometry = replace(geometry, factors=tuple(factors))
-    whole, *groups = (drawn(*each) for each in one.groups)
-    packed = FactorGroups.pack(groups)
-    return replace(own_columns(one.condensed, n), whole=whole, groups=packed, geometry=geometry)
+    every, split = one.groups
+    factors = [np.stack([drawn(i, *each) for each in own]) for i, own in enumerate(split)]
+    every = replace(every, factors=tuple(factors))
+    whole, groups = every.only([0]), every.only(range(1, len(every)))
+    return replace(own_columns(one.condensed, n), whole=whole, groups=groups, geometry=geometry)
 
 
 def _record(one: Template, key: str, log: str, temperature: float | None, day: int) -> FactorRecord:

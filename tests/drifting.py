@@ -14,7 +14,7 @@ from deltaid.dynamics.dynamics import compiled
 from deltaid.dynamics.parameters import prior_parameters
 from deltaid.fleets.factor_columns import map_to
 from deltaid.fleets.factor_file import ENDING, FactorFile, write
-from deltaid.fleets.factor_record import FactorGroup, FactorGroups, Temperature
+from deltaid.fleets.factor_record import FactorGroups, Temperature
 from deltaid.fleets.gather import gathered
 from deltaid.fleets.merged import Merging, merging_of
 from deltaid.fleets.robot_drift import DriftRecording
@@ -52,14 +52,13 @@ def with_other(file: FactorFile, merging: Merging, more: dict[str, float], name:
     by_name = dict(zip(kept, map_to(merging.columns, merging.dynamics) @ delta, strict=True))
     condensed = file.condensed
 
-    def moved(group: FactorGroup) -> FactorGroup:
-        factors = []
-        for R, felt in zip(group.factors, condensed.felt, strict=True):
+    def moved(groups: FactorGroups) -> FactorGroups:
+        factors = tuple(R.copy() for R in groups.factors)
+        for every, felt in zip(factors, condensed.felt, strict=True):
             own = np.array([by_name.get(condensed.names[k], 0.0) for k in felt])
-            R = R.copy()
-            R[:, -1] += R[:, : len(own)] @ own
-            factors.append(R)
-        return replace(group, factors=tuple(factors))
+            for R in every:
+                R[:, -1] += R[:, : len(own)] @ own
+        return replace(groups, factors=factors)
 
     # Not validated: that of a year takes longer than all the rest.
     record, known = file.record, file.record.model
@@ -69,7 +68,7 @@ def with_other(file: FactorFile, merging: Merging, more: dict[str, float], name:
     found = replace(
         condensed,
         whole=moved(condensed.whole),
-        groups=FactorGroups.pack(moved(group) for group in condensed.groups),
+        groups=moved(condensed.groups),
         geometry=None if condensed.geometry is None else moved(condensed.geometry),
     )
     return FactorFile(type(record).model_construct(**own), found, name)

@@ -20,7 +20,7 @@ from deltaid.fleets.block import RecordingBlock, block_bytes, block_of, halved
 from deltaid.fleets.drift_findings import DriftSettings
 from deltaid.fleets.drift_friction import friction_series, unknowns_of
 from deltaid.fleets.factor_file import ENDING, FactorFile, digest, write
-from deltaid.fleets.factor_record import FactorGroups, GatheredLoad
+from deltaid.fleets.factor_record import GatheredLoad
 from deltaid.fleets.fleet import Recorded
 from deltaid.fleets.gather_plan import GatherResult
 from deltaid.fleets.identify_gathered import identify_gathered
@@ -336,8 +336,8 @@ def test_quantities_of_tolerances_keep_their_torques(
 
 def test_a_single_stretch_does_not_determine_its_noise(files: list[FactorFile]) -> None:
     model, groups = identify_gathered(ROBOT, files[:2], SETTINGS).model, files[0].condensed.groups
-    kept = [group for group in groups if group.name == "time 3" or "place" in group.name]
-    own = replace(files[0].condensed, groups=FactorGroups.pack(kept))
+    kept = [k for k, name in enumerate(groups.names) if name == "time 3" or "place" in name]
+    own = replace(files[0].condensed, groups=groups.only(kept))
     series = friction_series([replace(files[0], condensed=own), files[1]], model)
     assert np.isnan(series.std[:, 0]).all()
     assert np.isfinite(series.std[:, 1]).all()

@@ -8,7 +8,7 @@ import pytest
 
 from deltaid.errors import RecordingError
 from deltaid.fleets.factor_file import FactorFile, read, write
-from deltaid.fleets.factor_record import FactorGroup, FactorGroups
+from deltaid.fleets.factor_record import FactorGroups
 from deltaid.fleets.gather import gathered
 from deltaid.fleets.identify_gathered import identify_gathered, validate_gathered
 from deltaid.fleets.robot_recordings import merged_files
@@ -78,17 +78,17 @@ def test_what_was_taken_for_a_load_to_begin_with_does_not_matter(loaded) -> None
     expected = identify_gathered(robot()[0].robot, [one, other], PLAIN).model
     heavier, at = 0.2, one.condensed.names.index("load.m")
 
-    def without(group: FactorGroup) -> FactorGroup:
+    def without(group: FactorGroups) -> FactorGroups:
         factors = [R.copy() for R in group.factors]
         for R, felt in zip(factors, one.condensed.felt, strict=True):
             if at in felt:
-                R[:, -1] -= heavier * R[:, felt.tolist().index(at)]
+                R[..., -1] -= heavier * R[..., felt.tolist().index(at)]
         return replace(group, factors=tuple(factors))
 
     condensed = replace(
         one.condensed,
         whole=without(one.condensed.whole),
-        groups=FactorGroups.pack(without(group) for group in one.condensed.groups),
+        groups=without(one.condensed.groups),
     )
     (load,) = one.record.loads
     taken = (load.taken[0] + heavier, *load.taken[1:])

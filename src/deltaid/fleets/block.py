@@ -9,7 +9,7 @@ other.
 import json
 from bisect import bisect_left
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from io import BytesIO
 from typing import Any
 
@@ -65,7 +65,7 @@ class RecordingBlock:
     ) -> "RecordingBlock":
         """The block of a single recording, by its part of the fit."""
         information, columns = part.information, [[*drive.at, -1] for drive in merging.drives]
-        whole = _groups(
+        whole = FactorGroups.of_rows(
             [_WHOLE],
             [R[None][:, :, places] for R, places in zip(information.factors, columns, strict=True)],
             information.samples[None],
@@ -73,7 +73,7 @@ class RecordingBlock:
         )
         places = part.groups.named("place")
         rows = part.rows(places)
-        by_place = _groups(
+        by_place = FactorGroups.of_rows(
             places.names,
             [rows[:, i][:, :, places] for i, places in enumerate(columns)],
             places.samples,
@@ -86,7 +86,7 @@ class RecordingBlock:
                 R[None][:, :, [*drive.at, *range(active, R.shape[1])]]
                 for R, drive in zip(shifted, merging.drives, strict=True)
             )
-            geometry = _rounded(_groups([_WHOLE], list(each), none, none))
+            geometry = _rounded(FactorGroups.of_rows([_WHOLE], list(each), none, none))
         friction = friction_sums(merging, part, file.brief)
         return cls(
             merging.fingerprint, (key,), (file.brief,), friction, (1,), whole, _rounded(whole),
@@ -96,29 +96,29 @@ class RecordingBlock:
     def joined(self, other: "RecordingBlock") -> "RecordingBlock":
         """Both together; all keys of the other are greater."""
         keys = self.keys + other.keys
-        counts, groups = self.counts + other.counts, _both(self.groups, other.groups)
+        counts, groups = self.counts + other.counts, self.groups.joined(other.groups)
         coarse = _cuts(keys, _in_group(len(keys)))
         if len(coarse) < len(counts):
             ends = np.searchsorted(np.cumsum(counts), np.cumsum(coarse)) + 1
             members = np.split(np.arange(len(counts)), ends[:-1])
-            groups = _summed(groups, {k: part.tolist() for k, part in enumerate(members)})
-        places, by_name = _both(self.places, other.places), dict[str, list[int]]()
+            groups = _rounded(_summed(groups, {k: part.tolist() for k, part in enumerate(members)}))
+        places, by_name = self.places.joined(other.places), dict[str, list[int]]()
         for k, name in enumerate(places.names):
             by_name.setdefault(name, []).append(k)
         quantities = tuple(dict.fromkeys(self.quantities + other.quantities))
         shifted = [block.over(quantities) for block in (self, other) if block.geometry]
         geometry = shifted[0] if shifted else None
         if len(shifted) > 1:
-            geometry = _summed(_both(*shifted), {_WHOLE: [0, 1]})
+            geometry = _rounded(_summed(shifted[0].joined(shifted[1]), {_WHOLE: [0, 1]}))
         return RecordingBlock(
             self.fingerprint,
             keys,
             self.briefs + other.briefs,
             self.friction.joined(other.friction),
             tuple(coarse),
-            _summed(_both(self.whole, other.whole), {_WHOLE: [0, 1]}, np.float64),
+            _summed(self.whole.joined(other.whole), {_WHOLE: [0, 1]}),
             groups,
-            _summed(places, {name: by_name[name] for name in sorted(by_name)}),
+            _rounded(_summed(places, {name: by_name[name] for name in sorted(by_name)})),
             geometry,
             quantities,
         )
@@ -136,7 +136,9 @@ class RecordingBlock:
             A = np.zeros((*R.shape[:2], own + len(quantities) + 1))
             A[..., [*range(own), *(own + k for k in place), -1]] = R
             wide.append(A)
-        return _rounded(_groups(geometry.names, wide, geometry.samples, geometry.torque_max))
+        return _rounded(
+            FactorGroups.of_rows(geometry.names, wide, geometry.samples, geometry.torque_max)
+        )
 
     def information(self, merging: Merging, groups: FactorGroups) -> list[Information]:
         """Some of its groups over all active columns."""
@@ -186,47 +188,22 @@ def _cuts(keys: Sequence[int], most: int) -> list[int]:
     return _cuts(keys[:middle], most) + _cuts(keys[middle:], most)
 
 
-def _groups(
-    names: Sequence[str], rows: Sequence[np.ndarray], samples: np.ndarray, torque_max: np.ndarray
-) -> FactorGroups:
-    """Groups by rows of each drive, (groups, rows, columns)."""
-    packed = list[np.ndarray]()
-    for A in rows:
-        n = A.shape[2]
-        R = triangle(np.pad(A, ((0, 0), (0, max(n - A.shape[1], 0)), (0, 0))))
-        packed.append(R[:, *np.triu_indices(n)])
-    sizes = tuple(A.shape[2] for A in rows)
-    return FactorGroups(tuple(names), sizes, np.hstack(packed), samples, torque_max)
-
-
 def _rounded(groups: FactorGroups) -> FactorGroups:
-    beside = (groups.samples, groups.torque_max)
-    return FactorGroups(groups.names, groups.sizes, groups.packed.astype(np.float32), *beside)
+    factors = (R.astype(np.float32).astype(float) for R in groups.factors)
+    return replace(groups, factors=tuple(factors))
 
 
-def _both(first: FactorGroups, second: FactorGroups) -> FactorGroups:
-    arrays = (
-        np.concatenate([getattr(first, name), getattr(second, name)])
-        for name in ("packed", "samples", "torque_max")
-    )
-    return FactorGroups(first.names + second.names, first.sizes, *arrays)
-
-
-def _summed(
-    groups: FactorGroups, members: Mapping[int | str, Sequence[int]], kind: type = np.float32
-) -> FactorGroups:
+def _summed(groups: FactorGroups, members: Mapping[int | str, Sequence[int]]) -> FactorGroups:
     """Groups put together, by their new names; one that stays alone keeps every bit."""
-    factors, rows = groups.factors, list[np.ndarray]()
-    for places in members.values():
-        if len(places) == 1:
-            rows.append(groups.packed[places[0]])
-            continue
-        each = (triangle(R[places].reshape(-1, R.shape[2])) for R in factors)
-        rows.append(np.concatenate([R[np.triu_indices(len(R))] for R in each]).astype(kind))
-    samples = [groups.samples[places].sum(axis=0) for places in members.values()]
-    largest = [groups.torque_max[places].max(axis=0) for places in members.values()]
+    each = [list(places) for places in members.values()]
+    factors = (
+        [R[k[0]] if len(k) == 1 else triangle(R[k].reshape(-1, R.shape[2])) for k in each]
+        for R in groups.factors
+    )
+    samples = [groups.samples[places].sum(axis=0) for places in each]
+    largest = [groups.torque_max[places].max(axis=0) for places in each]
     names = tuple(map(str, members))
-    return FactorGroups(names, groups.sizes, *map(np.stack, (rows, samples, largest)))
+    return FactorGroups(names, tuple(map(np.stack, factors)), *map(np.stack, (samples, largest)))
 
 
 def _expanded(
@@ -244,10 +221,10 @@ def _expanded(
 
 ENDING = ".block.npz"
 # Version of the file. It counts up with anything that changes what is in it.
-FORMAT = 1
+FORMAT = 2
 _BRIEFS = TypeAdapter(tuple[RecordingBrief, ...])
 _GROUPS = ("whole", "groups", "places", "geometry")
-_ARRAYS = ("packed", "samples", "torque_max")
+_ARRAYS = ("samples", "torque_max")
 
 
 def block_bytes(block: RecordingBlock) -> bytes:
@@ -260,7 +237,9 @@ def block_bytes(block: RecordingBlock) -> bytes:
     }
     for name in _GROUPS:
         if (groups := getattr(block, name)) is not None:
-            known[name] = [groups.names, groups.sizes]
+            known[name] = [groups.names, len(groups.factors)]
+            kind = float if name == _WHOLE else np.float32
+            arrays |= {f"{name}.{i}": R.astype(kind) for i, R in enumerate(groups.factors)}
             arrays |= {f"{name}.{array}": getattr(groups, array) for array in _ARRAYS}
     texts = {"known": json.dumps(known).encode(), "briefs": _BRIEFS.dump_json(block.briefs)}
     return sealed_archive(
@@ -278,7 +257,7 @@ def block_of(data: bytes | None) -> RecordingBlock | None:
     groups: dict[str, Any] = {
         name: FactorGroups(
             tuple(known[name][0]),
-            tuple(known[name][1]),
+            tuple(arrays[f"{name}.{i}"].astype(float) for i in range(known[name][1])),
             *(arrays[f"{name}.{array}"] for array in _ARRAYS),
         )
         for name in _GROUPS

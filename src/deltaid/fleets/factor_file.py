@@ -32,7 +32,6 @@ from deltaid.fleets.factor_record import (
     FactorRecord,
     RecordingBrief,
     RecordingFactors,
-    packed,
 )
 from deltaid.forked import require_threads
 from deltaid.model.record import Settings
@@ -91,12 +90,12 @@ def write(file: FactorFile, path: Path, key: str = "") -> None:
     """Write a factor file, whole or not at all; `key` is a checksum of what it follows from. A
     DeltaidError says why it cannot be written."""
     condensed, rows = file.condensed, []
-    geometry = [] if condensed.geometry is None else [condensed.geometry]
-    for group in (condensed.whole, *geometry, *condensed.groups):
-        for i, R in enumerate(group.factors):
-            numbers = packed(R)
-            exact = (numbers, None) if group is condensed.whole else (None, numbers.astype("f4"))
-            rows.append((group.name, i, group.samples[i], group.torque_max[i], *exact))
+    for groups in filter(None, (condensed.whole, condensed.geometry, condensed.groups)):
+        for k, i in np.ndindex(len(groups), len(groups.factors)):
+            R, beside = groups.factors[i][k], (groups.samples[k, i], groups.torque_max[k, i])
+            numbers = R[np.triu_indices(len(R))]
+            exact = (numbers, None) if groups is condensed.whole else (None, numbers.astype("f4"))
+            rows.append((groups.names[k], i, *beside, *exact))
     table, buffer = pl.DataFrame(rows, schema=_SCHEMA, orient="row"), BytesIO()
     beside = {_KEY: file.record.model_dump_json(), _FROM: key, "checksum": EMPTY}
     table.write_parquet(buffer, compression="zstd", metadata=beside)
@@ -157,17 +156,21 @@ def _condensed(table: pl.DataFrame, record: FactorRecord) -> RecordingFactors:
     return RecordingFactors(
         record.names,
         tuple(np.array(places, dtype=int) for places in record.felt),
-        next(iter(_groups(whole[:drives], sizes, "exact"))),
+        _groups(whole[:drives], sizes, "exact"),
         _groups(rest, sizes, "rounded"),
-        next(iter(_groups(geometry[:drives], wide, "rounded"))) if shifts else None,
+        _groups(geometry[:drives], wide, "rounded") if shifts else None,
     )
 
 
 def _groups(table: pl.DataFrame, sizes: tuple[int, ...], column: str) -> FactorGroups:
     names = tuple(table["group"].to_list()[:: len(sizes)])
     numbers = table[column].explode().to_numpy().reshape(len(names), -1)
+    ends = np.cumsum([n * (n + 1) // 2 for n in sizes])[:-1]
+    factors = tuple(np.zeros((len(names), n, n)) for n in sizes)
+    for R, part in zip(factors, np.split(numbers, ends, axis=1), strict=True):
+        R[:, *np.triu_indices(R.shape[1])] = part
     beside = (table[key].to_numpy().reshape(len(names), -1) for key in ("samples", "torque_max"))
-    return FactorGroups(names, sizes, numbers, *beside)
+    return FactorGroups(names, factors, *beside)
 
 
 def digest(content: Any) -> str:

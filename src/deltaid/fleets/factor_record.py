@@ -1,7 +1,7 @@
 """One recording condensed to triangular factors of its rows, whole and in groups; the record of a
 factor file on it, and what of that a fit of many recordings needs."""
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Annotated
 
@@ -9,6 +9,7 @@ import numpy as np
 from jaxtyping import Float, Int
 from pydantic import Field
 
+from deltaid.estimation.information import triangle
 from deltaid.model.corrections import Correction, Source
 from deltaid.model.record import IdentifiedModel
 from deltaid.model.verdict import Verdict
@@ -24,79 +25,61 @@ Box = tuple[tuple[float, float, float], tuple[float, float, float]]
 
 
 @dataclass(frozen=True, eq=False)
-class FactorGroup:
-    """Some samples: for each drive R with RᵀR = [G_i, τ_i]ᵀ[G_i, τ_i] over the columns it feels."""
-
-    name: str  # which samples: 'whole', 'geometry', 'time 3', 'place 2 0 1'
-    factors: tuple[Float[np.ndarray, "_ _"], ...]  # upper triangular; τ is the last column
-    samples: Float[np.ndarray, " drives"]  # number of samples behind each
-    torque_max: Float[np.ndarray, " drives"]  # largest |τ| of each
-
-
-@dataclass(frozen=True, eq=False)
 class FactorGroups:
-    """Many groups, packed as a file holds them, unpacked on access: all of a name at once, as
-    there are thousands in a year of recordings."""
+    """Groups of samples: for each drive R with RᵀR = [G_i, τ_i]ᵀ[G_i, τ_i] over the columns it
+    feels, upper triangular."""
 
-    names: tuple[str, ...]
-    sizes: tuple[int, ...]  # of each drive's triangles
-    # upper triangles row by row, one drive after the other
-    packed: Float[np.ndarray, "groups packed"]
-    samples: Float[np.ndarray, "groups drives"]
-    torque_max: Float[np.ndarray, "groups drives"]
+    names: tuple[str, ...]  # which samples: 'whole', 'geometry', 'time 3', 'place 2 0 1'
+    factors: tuple[Float[np.ndarray, "groups _ _"], ...]  # of each drive; τ is the last column
+    samples: Float[np.ndarray, "groups drives"]  # number of samples behind each
+    torque_max: Float[np.ndarray, "groups drives"]  # largest |τ| of each
 
     @classmethod
-    def pack(cls, groups: Iterable[FactorGroup]) -> "FactorGroups":
-        """Groups as a file holds them."""
-        groups = tuple(groups)
-        return cls(
-            tuple(group.name for group in groups),
-            tuple(R.shape[1] for R in groups[0].factors),
-            np.stack([np.concatenate([packed(R) for R in group.factors]) for group in groups]),
-            np.stack([group.samples for group in groups]),
-            np.stack([group.torque_max for group in groups]),
+    def of_rows(
+        cls,
+        names: Sequence[str],
+        rows: Sequence[Float[np.ndarray, "groups _ _"]],
+        samples: Float[np.ndarray, "groups drives"],
+        torque_max: Float[np.ndarray, "groups drives"],
+    ) -> "FactorGroups":
+        """Triangles of each drive's rows, as many as columns."""
+        missing = (max(A.shape[2] - A.shape[1], 0) for A in rows)
+        padded = (
+            np.pad(A, ((0, 0), (0, count), (0, 0))) for A, count in zip(rows, missing, strict=True)
         )
+        return cls(tuple(names), tuple(map(triangle, padded)), samples, torque_max)
 
     def __len__(self) -> int:
         return len(self.names)
 
-    def __iter__(self) -> Iterator[FactorGroup]:
-        beside = (self.samples, self.torque_max)
-        for name, factors, *numbers in zip(
-            self.names, zip(*self.factors, strict=True), *beside, strict=True
-        ):
-            yield FactorGroup(name, factors, *numbers)
+    def only(self, places: Sequence[int]) -> "FactorGroups":
+        """Some of them."""
+        kept, arrays = [*places], (self.samples, self.torque_max)
+        factors, names = tuple(R[kept] for R in self.factors), tuple(self.names[k] for k in kept)
+        return FactorGroups(names, factors, *(array[kept] for array in arrays))
 
     def named(self, first: str) -> "FactorGroups":
         """Those whose names begin so."""
-        kept = [k for k, name in enumerate(self.names) if name.startswith(first)]
-        beside = (array[kept] for array in (self.packed, self.samples, self.torque_max))
-        return FactorGroups(tuple(self.names[k] for k in kept), self.sizes, *beside)
+        return self.only([k for k, name in enumerate(self.names) if name.startswith(first)])
 
-    @property
-    def factors(self) -> tuple[Float[np.ndarray, "groups _ _"], ...]:
-        """Triangles of each drive."""
-        ends = np.cumsum([n * (n + 1) // 2 for n in self.sizes])[:-1]
-        factors = tuple(np.zeros((len(self), n, n)) for n in self.sizes)
-        for R, numbers in zip(factors, np.split(self.packed, ends, axis=1), strict=True):
-            rows, columns = np.triu_indices(R.shape[1])
-            R[:, rows, columns] = numbers
-        return factors
-
-
-def packed(R: Float[np.ndarray, "rank n"]) -> Float[np.ndarray, " packed"]:
-    """An upper triangle row by row; rows beyond the rank are zero."""
-    return np.pad(R, ((0, R.shape[1] - len(R)), (0, 0)))[np.triu_indices(R.shape[1])]
+    def joined(self, other: "FactorGroups") -> "FactorGroups":
+        """Those of the other behind its own."""
+        return FactorGroups(
+            self.names + other.names,
+            tuple(map(np.concatenate, zip(self.factors, other.factors, strict=True))),
+            np.concatenate([self.samples, other.samples]),
+            np.concatenate([self.torque_max, other.torque_max]),
+        )
 
 
 @dataclass(frozen=True, eq=False)
 class RecordingFactors:
     names: tuple[str, ...]  # of the columns that were gathered
     felt: tuple[Int[np.ndarray, " _"], ...]  # places of those that each drive feels among them
-    whole: FactorGroup  # all samples
+    whole: FactorGroups  # one: all samples
     groups: FactorGroups  # the same in stretches of time, then by place
-    # some samples, with what tolerances of the description do to them before τ, if there are any
-    geometry: FactorGroup | None = None
+    # one: some samples, with what tolerances of the description do to them before τ, if any
+    geometry: FactorGroups | None = None
 
 
 class KnownLag(Part):

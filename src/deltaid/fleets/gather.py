@@ -20,7 +20,6 @@ from deltaid.estimation.scatter import PlaceSums
 from deltaid.fleets.factor_columns import GatheredColumns, map_to, plain
 from deltaid.fleets.factor_file import ENDING, FactorFile, digest, read_key, safe, ways, write
 from deltaid.fleets.factor_record import (
-    FactorGroup,
     FactorGroups,
     FactorRecord,
     GatheredLoad,
@@ -163,18 +162,22 @@ def condensed(columns: GatheredColumns, recording: PreparedRecording) -> Recordi
     stretches = max(min(_STRETCHES, room - most_places), 2)
     blocks = gather(rows, recording, places, count=stretches)
 
-    def group(name: str, part: Information) -> FactorGroup:
-        factors = (triangle(part.factors[i][:, places]) for i, places in enumerate(with_tau))
-        return FactorGroup(name, tuple(factors), part.samples, part.torque_max)
+    def groups(names: Sequence[str], parts: Sequence[Information]) -> FactorGroups:
+        factors = np.stack([part.factors for part in parts], axis=1)
+        beside = zip(*((part.samples, part.torque_max) for part in parts), strict=True)
+        each = [R[:, :, places] for R, places in zip(factors, with_tau, strict=True)]
+        return FactorGroups.of_rows(names, each, *map(np.stack, beside))
 
-    groups = [group(f"time {k}", block) for k, block in enumerate(blocks)]
-    for name, sums in _by_place(places.sums, names, most_places):
-        factors = (
-            _root(G[np.ix_(places, places)]) for G, places in zip(sums, with_tau, strict=True)
-        )
-        groups.append(FactorGroup(name, tuple(factors), np.zeros(rows.dof), np.zeros(rows.dof)))
-    whole = group("whole", merge(blocks))
-    return RecordingFactors(tuple(columns.place), felt, whole, FactorGroups.pack(groups))
+    times = groups([f"time {k}" for k in range(len(blocks))], blocks)
+    visited = dict(_by_place(places.sums, names, most_places))
+    roots = (
+        np.stack([_root(sums[i][np.ix_(own, own)]) for sums in visited.values()])
+        for i, own in enumerate(with_tau)
+    )
+    none = np.zeros((len(visited), rows.dof))
+    by_place = FactorGroups(tuple(visited), tuple(roots), none, none)
+    whole = groups(["whole"], [merge(blocks)])
+    return RecordingFactors(tuple(columns.place), felt, whole, times.joined(by_place))
 
 
 def with_geometry(
@@ -194,11 +197,10 @@ def with_geometry(
     )
     every = np.split(np.column_stack([rows.Y, rows.D, rows.tau]), len(none))
     shifts = np.arange(len(columns.kept), every[0].shape[1])
-    factors = (
-        triangle(part[:, [*felt, *shifts]])
-        for part, felt in zip(every, condensed.felt, strict=True)
-    )
-    geometry = FactorGroup("geometry", tuple(factors), none, none)
+    each = [
+        part[None][:, :, [*felt, *shifts]] for part, felt in zip(every, condensed.felt, strict=True)
+    ]
+    geometry = FactorGroups.of_rows(["geometry"], each, none[None], none[None])
     return replace(condensed, geometry=geometry), rows.names
 
 

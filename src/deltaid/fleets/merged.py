@@ -169,7 +169,7 @@ class Merging:
     def part(self, file: FactorFile) -> MergedPart:
         """A recording's part of the fit."""
         whole, views = list[Rows](), list[Rows]()
-        for i, R in enumerate(file.condensed.whole.factors):
+        for i, (R,) in enumerate(file.condensed.whole.factors):
             view, local = self._view(file, i)
             places, lag = list(local.values()), file.record.lags[i]
             weight = file.record.noise[i] / lag.deviation if lag.deviation else 0.0
@@ -185,14 +185,14 @@ class Merging:
             views.append(view)
 
         group, everything = file.condensed.whole, triangle(_stacked(whole))
-        information = Information(self.active, everything, group.samples, group.torque_max)
+        information = Information(self.active, everything, group.samples[0], group.torque_max[0])
         return MergedPart(information, file.condensed.groups, tuple(views))
 
     def geometry(self, file: FactorFile) -> list[Rows]:
         """What tolerances of the description do to rows of each drive: of [Y, D, τ], D torques of
         one standard deviation of each of the record's quantities; nothing without tolerances."""
         group, rows = file.condensed.geometry, list[Rows]()
-        for i, R in enumerate(() if group is None else group.factors):
+        for i, (R,) in enumerate(() if group is None else group.factors):
             view = self._view(file, i)[0][:-1, :-1]
             rows.append(np.column_stack([R[:, : len(view)] @ view, R[:, len(view) :]]))
         return rows
