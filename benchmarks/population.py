@@ -18,7 +18,8 @@ from drawn_fleet import DrawnType, drawn_type, made_alike
 
 from deltaid.fleets.identify_gathered import identify_gathered
 from deltaid.fleets.member import TypeMember, member
-from deltaid.fleets.population import Population, PopulationSettings, next_robot
+from deltaid.fleets.population import Population, next_robot
+from deltaid.fleets.robot_recordings import merged_files
 from deltaid.fleets.type_fit import fitted
 from deltaid.motion.surrogate import surrogate_parameters
 from deltaid.robot.description import RobotDescription
@@ -80,10 +81,11 @@ def fleet(
         for k, p in enumerate(truths)
     ]
     members = [
-        member(f"robot {k:03}", recordings, kind.robot, FIT) for k, recordings in enumerate(files)
+        member(f"robot {k:03}", merged_files(recordings, kind.robot, FIT), FIT)
+        for k, recordings in enumerate(files)
     ]
     own = weighed(kind.robot, truths[0], kind, rng)
-    return members, truths, member("robot 000", files[0], own, FIT)
+    return members, truths, member("robot 000", merged_files(files[0], own, FIT), FIT)
 
 
 def next_ones(
@@ -112,7 +114,7 @@ def study(name: str, robots: int, types: int) -> tuple[list[tuple[object, ...]],
     """One robot of the catalogue: rows of its bodies' entries, and what holds."""
     kind, counts = drawn_type(described(name), motions=3), Counts()
     columns: dict[str, list[np.ndarray]] = {}
-    settings = PopulationSettings(fit=FIT)
+    settings = FIT
     for seed in range(types):
         rng = np.random.default_rng([seed, 11])
         mean = surrogate_parameters(kind.robot, rng, TYPE)
@@ -174,7 +176,7 @@ def strangers(robots: int) -> list[tuple[object, ...]]:
     rng, rows = np.random.default_rng(5), list[tuple[object, ...]]()
     mean = surrogate_parameters(kind.robot, rng, TYPE)
     members, _, _ = fleet(kind, mean, robots, rng, 0)
-    settings, layout = PopulationSettings(fit=FIT), kind.dynamics.layout
+    settings, layout = FIT, kind.dynamics.layout
     before = fitted(members, kind.robot, settings)
 
     def one(k: int, what: str) -> TypeMember:
@@ -187,7 +189,7 @@ def strangers(robots: int) -> list[tuple[object, ...]]:
         if what == "friction of one drive doubled":
             p[layout.viscous.start + 1] *= 2.0
         drawn = [kind.drawn(f"stranger {what} {k}", d, p, gain=gain) for d in range(RECORDINGS)]
-        return member(f"stranger {k}", drawn, kind.robot, FIT)
+        return member(f"stranger {k}", merged_files(drawn, kind.robot, FIT), FIT)
 
     for what in ("tool 25 % of the platform heavier", "torque constants 15 % off", "another type",
                  "friction of one drive doubled"):  # fmt: skip

@@ -25,6 +25,7 @@ from deltaid.fleets.population import (
     types_table,
     widest,
 )
+from deltaid.fleets.robot_recordings import merged_files
 from deltaid.fleets.type_fit import fitted
 from deltaid.identification.generic_motion import random_motion_base
 from deltaid.identification.uncertainty import uncertainty
@@ -278,7 +279,9 @@ def test_a_member_says_what_its_recording_says(tmp_path: Path) -> None:
     file = gathered(ROBOT, tmp_path / "log.csv", settings=settings)
     body = ROBOT.bodies["S"].changed(measured=(Measured(mass=0.2, std=0.001),))
     weighed = ROBOT.changed(bodies=ROBOT.bodies | {"S": body})
-    plain, own = (member("one", [file], each, settings) for each in (ROBOT, weighed))
+    plain, own = (
+        member("one", merged_files([file], each, settings), settings) for each in (ROBOT, weighed)
+    )
     problem = identify_gathered(ROBOT, [file], settings).problem
     np.testing.assert_allclose(plain.rows @ problem.estimate.full, plain.values, rtol=1e-6)
     np.testing.assert_array_equal(plain.rows, own.rows)

@@ -106,9 +106,9 @@ def are_factor_files(logs: Sequence[Path]) -> bool:
     Raises:
         DeltaidError: some are and some are not.
     """
-    from deltaid.fleets.factor_file import is_factor_file
+    from deltaid.fleets.factor_file import ENDING
 
-    given = [is_factor_file(log) for log in logs]
+    given = [log.name.endswith(ENDING) for log in logs]
     if any(given) and not all(given):
         raise DeltaidError(
             "is a recording, and others are factor files",

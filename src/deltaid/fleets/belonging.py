@@ -87,7 +87,6 @@ class AgainstOthers:
         return float(fdtrc(n, self.freedom, distance / n))
 
     def along(self, HF: Float[np.ndarray, "rows k"]) -> Along:
-        """Part of the residual along some rows."""
         solved = np.linalg.solve(self.V, HF)
         M = HF.T @ solved
         size = np.sqrt(np.maximum(np.diag(M), np.finfo(float).tiny))

@@ -65,7 +65,6 @@ class Coordinates:
     def for_type(
         cls, robot: RobotDescription, members: Sequence[TypeMember], settings: Settings
     ) -> "Coordinates":
-        """Those of some robots of a type."""
         names = parameter_layout(robot).names
         shown = {name for member in members for name in member.shown}
         visible = np.array([i for i, name in enumerate(names) if name in shown], dtype=int)
@@ -93,8 +92,7 @@ class Coordinates:
     def precision(self) -> Square:
         """Of u about `prior` before any recording."""
         n, changed = self.size, np.any(self.reduction.A != 0, axis=1)
-        scale = prior_scale(self.reduction)[changed][:, None]
-        D = self.reduction.A[changed] * self.sizes / scale
+        D = self.reduction.A[changed] * self.sizes / prior_scale(self.reduction)[changed][:, None]
         # Recordings determine friction; its prior is wide.
         D[:, self.is_friction[:n]] /= _VAGUE_FRICTION
         precision = np.eye(n + len(self.quantities))

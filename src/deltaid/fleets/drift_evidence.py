@@ -228,8 +228,7 @@ def with_others(
     Wb = np.einsum("rdpq,rdq->rdp", W, mean[:, common].reshape(-1, drives, len(common)))
     sigma2 = np.sum(alone.of_kinds * alone.sigma**2, axis=0)
     start = (prior.precision[grid] / sigma2[:, None, None]).reshape(W.shape)
-    total = W.sum(axis=1, keepdims=True) - W + start
-    covariance = inv(total, assume_a="pos")
+    covariance = inv(W.sum(axis=1, keepdims=True) - W + start, assume_a="pos")
     middle = np.einsum("rdpq,rdq->rdp", covariance, Wb.sum(axis=1, keepdims=True) - Wb)
     means, precision = prior.mean.copy(), prior.precision.copy()
     means[:, common] = middle.reshape(-1, len(common))

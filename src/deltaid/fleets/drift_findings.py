@@ -200,7 +200,6 @@ def _coefficients(series: Explained, drive: int, draws: _Draws) -> Float[np.ndar
 
 
 def _between(values: Float[np.ndarray, " draws"]) -> list[float]:
-    """Median, and the ends of the 95 % interval."""
     return np.quantile(values, [0.5, _TAIL, 1.0 - _TAIL]).tolist()
 
 

@@ -83,12 +83,10 @@ class FrictionSums:
     scale: Float[np.ndarray, "n drives"]
 
     def joined(self, other: "FrictionSums") -> "FrictionSums":
-        """Those of more recordings."""
         own = ((getattr(sums, entry.name) for sums in (self, other)) for entry in fields(self))
         return FrictionSums(*(np.concatenate([*arrays]) for arrays in own))
 
     def only(self, places: Int[np.ndarray, " some"]) -> "FrictionSums":
-        """Those of some recordings, in this order."""
         return FrictionSums(*(getattr(self, entry.name)[places] for entry in fields(self)))
 
 
@@ -177,8 +175,7 @@ def series_of(sums: FrictionSums, merging: Merging, model: IdentifiedModel) -> F
     fixed[unknowns.at[~unknowns.is_carrier]] = 0.0
     c = merging.independent.combinations @ fixed
     b = sums.offset - np.einsum("nuc,nc->nu", sums.cross.astype(float), c - sums.reference)
-    known = precision > 0
-    D = np.diag(np.sqrt(precision))[known]
+    D = np.diag(np.sqrt(precision))[precision > 0]
     measured = np.zeros(sums.root.shape[1], dtype=int)
     problems = [
         LinearProblem(R, right, measured).with_known(D, D @ mean)

@@ -78,8 +78,7 @@ def whitened_sums(
     share, memory = scatter.share[:, None], scatter.memory[:, None]
     forget = np.exp(-np.diff(days, prepend=days[:1]) / memory)
     known, count = np.isfinite(variance), alternatives.shape[1]
-    every = np.broadcast_to(alternatives, (series, n, count))
-    columns = np.concatenate([base, every], axis=2)
+    columns = np.concatenate([base, np.broadcast_to(alternatives, (series, n, count))], axis=2)
     P = np.broadcast_to(share, (kinds, series)).copy()
     foretold, white = (np.zeros((kinds, series, *m, width + count)) for m in ((), (_AT_ONCE,)))
     products = np.zeros((kinds, series, width, width + count))

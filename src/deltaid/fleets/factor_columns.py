@@ -187,7 +187,6 @@ class GatheredColumns:
 
     @cached_property
     def names(self) -> tuple[str, ...]:
-        """Names of all columns of the regressor."""
         added = (parameter.name for addition in self.additions for parameter in addition.parameters)
         return (*self.dynamics.layout.names, *added)
 

@@ -63,8 +63,6 @@ _SAME = 0.02
 
 @dataclass(frozen=True, eq=False)
 class FactorFile:
-    """A recording's factors with what they rest on."""
-
     record: FactorRecord
     condensed: RecordingFactors
     path: str = ""  # of the file; empty for what has been gathered just now
@@ -80,10 +78,6 @@ class FactorFile:
         """What a fit of many recordings needs of it beside its factors."""
         samples = float(self.condensed.whole.samples.mean())
         return RecordingBrief.of_record(self.record, self.path, samples)
-
-
-def is_factor_file(path: Path) -> bool:
-    return path.name.endswith(ENDING)
 
 
 def write(file: FactorFile, path: Path, key: str = "") -> None:

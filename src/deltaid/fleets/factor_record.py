@@ -53,7 +53,6 @@ class FactorGroups:
         return len(self.names)
 
     def only(self, places: Sequence[int]) -> "FactorGroups":
-        """Some of them."""
         kept, arrays = [*places], (self.samples, self.torque_max)
         factors, names = tuple(R[kept] for R in self.factors), tuple(self.names[k] for k in kept)
         return FactorGroups(names, factors, *(array[kept] for array in arrays))

@@ -82,8 +82,6 @@ def gathered(
 
 @dataclass(frozen=True)
 class Gathering:
-    """What became of one recording."""
-
     log: Path
     path: Path  # its factor file, whether or not it could be made
     state: Literal["new", "there", "refused"]  # 'there' where it had been made before

@@ -70,8 +70,7 @@ def gather_all(call: Call) -> list[GatherResult]:
     for row in before.iter_rows(named=True):
         if row["path"] not in here:
             outcome = _outcome(Recorded(**{key: row[key] for key in _RECORDED}), row)
-            named = is_named(outcome.recorded)
-            if why := _why_lost(call, outcome, listing) if named else _UNNAMED:
+            if why := _why_lost(call, outcome, listing) if is_named(outcome.recorded) else _UNNAMED:
                 lost[why] += 1
             else:
                 outcomes.append(outcome)

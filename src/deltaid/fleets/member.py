@@ -7,7 +7,7 @@ machine has for itself. With its Cholesky factor L the rows L⁻¹K p = L⁻¹y 
 """
 
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass, replace
 from io import BytesIO
 from pathlib import Path
@@ -21,12 +21,10 @@ from deltaid.checksum import require_intact, sealed_archive
 from deltaid.errors import RecordingError
 from deltaid.estimation.information import triangle
 from deltaid.estimation.scatter import inverse
-from deltaid.fleets.factor_file import FactorFile
-from deltaid.fleets.robot_recordings import RobotRecordings, fitted, merged_files
+from deltaid.fleets.robot_recordings import RobotRecordings, fitted
 from deltaid.identification.fit import FittedProblem
 from deltaid.model.record import Settings
 from deltaid.robot.description import RobotDescription
-from deltaid.robot.load import RobotLike, described
 from deltaid.sensors.weighings import weighings
 
 # Arrays of a member's file; all else of it is JSON.
@@ -88,28 +86,13 @@ class TypeMember:
         return {self.names[k] for k in np.flatnonzero(np.any(every != 0, axis=0))}
 
 
-def member(
-    name: str, files: Sequence[FactorFile], robot: RobotLike, settings: Settings | None = None
-) -> TypeMember:
-    """The member that factor files of one robot determine.
-
-    Args:
-        name: of the robot.
-        files: of its recordings.
-        robot: its description; measured values in it are those of this robot, unless other robots
-            have the same.
-        settings: of the fit.
+def member(name: str, recordings: RobotRecordings, settings: Settings) -> TypeMember:
+    """The member that recordings of one robot determine; measured values in its description are
+    those of this robot, unless other robots have the same.
 
     Raises:
-        RecordingError: files do not go together, or not with the robot.
         IdentificationError: the fit cannot be posed or did not converge.
     """
-    settings = settings or Settings()
-    return member_of(name, merged_files(files, described(robot), settings), settings)
-
-
-def member_of(name: str, recordings: RobotRecordings, settings: Settings) -> TypeMember:
-    """As `member`, from recordings that have been merged."""
     chosen = recordings.merging.dynamics.robot
     estimate = _of_problem(name, fitted(recordings, unmeasured(chosen), settings))
     facts = tuple(
@@ -171,7 +154,6 @@ def unmeasured(robot: RobotDescription) -> RobotDescription:
 
 
 def write_member(member: TypeMember, path: Path) -> None:
-    """Write a member as an archive of NumPy."""
     known = asdict(member)
     arrays = {key: known.pop(key) for key in _ARRAYS}
     text = json.dumps(known, default=np.ndarray.tolist)

@@ -167,7 +167,6 @@ class Merging:
         return digest([list(self.columns.place), of_map, self.dynamics.layout.names, taken])
 
     def part(self, file: FactorFile) -> MergedPart:
-        """A recording's part of the fit."""
         whole, views = list[Rows](), list[Rows]()
         for i, (R,) in enumerate(file.condensed.whole.factors):
             view, local = self._view(file, i)

@@ -62,7 +62,6 @@ class Place:
         return store.read(self.path_to(name))
 
     def write(self, name: str, data: bytes) -> None:
-        """A file of these bytes, whole or not at all."""
         store.write(self.path_to(name), data)
 
     def table(self, name: str, cure: str = _MADE_AGAIN) -> pl.DataFrame | None:

@@ -8,7 +8,7 @@ narrowest are taken whose precision is no more than Q in any direction: the w of
 Σ log w_j with Q − Σ_j w_j r_j r_jᵀ ⪰ 0, by a barrier and Newton's steps.
 """
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from importlib.metadata import version
 from pathlib import Path
 
@@ -22,7 +22,6 @@ from deltaid.fleets.belonging import LEAST
 from deltaid.fleets.coordinates import Coordinates
 from deltaid.fleets.member import unmeasured
 from deltaid.fleets.mixed_model import ENOUGH, Spreads
-from deltaid.model.record import Settings
 from deltaid.robot.body import ExplicitInertia
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.load import save_yaml
@@ -46,14 +45,6 @@ _DIGITS = 3
 _BARRIER, _STEPS, _SETTLED = np.geomspace(1.0, 1e-4, 9), 60, 1e-9
 # Least eigenvalue of a precision whose diagonal is one: what is below is rounding.
 _ROUNDING = 1e-12
-
-
-@dataclass(frozen=True)
-class PopulationSettings:
-    """Share of belonging robots that are named nevertheless, and settings of the members' fit."""
-
-    naming: float = 1e-3
-    fit: Settings = field(default_factory=Settings)
 
 
 @dataclass(frozen=True, eq=False)
@@ -104,7 +95,7 @@ class Population:
         spreads: by kind.
         moved: 'mean' and names of robots whose most likely values no bodies have: the nearest ones
             that some have are given, and are more than a standard deviation away.
-        naming: as of the settings.
+        naming: share of robots that belong that are named nevertheless.
     """
 
     coordinates: Coordinates
@@ -251,10 +242,8 @@ def widest(
     """w of every entry."""
     size = np.sqrt(np.diag(Q))
     Q, rows = Q / np.outer(size, size), rows / size
-    smallest = float(np.linalg.eigvalsh(Q)[0])
-    Q = Q + max(_ROUNDING - smallest, 0.0) * np.eye(len(Q))
-    L = np.linalg.cholesky(Q)
-    of_rows = np.linalg.solve(L, rows.T)  # in which Q is 1
+    Q = Q + max(_ROUNDING - float(np.linalg.eigvalsh(Q)[0]), 0.0) * np.eye(len(Q))
+    of_rows = np.linalg.solve(np.linalg.cholesky(Q), rows.T)  # in which Q is 1
     log = np.log(0.5 / np.linalg.eigvalsh(of_rows @ of_rows.T)[-1]) * np.ones(len(rows))
     for t in _BARRIER.tolist():
         for _ in range(_STEPS):

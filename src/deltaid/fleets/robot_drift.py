@@ -147,7 +147,6 @@ class RobotDrift:
 
     @property
     def start(self) -> datetime:
-        """Days are counted from the first recording."""
         return self.recordings[0].time
 
     def date(self, day: float | None) -> datetime | None:

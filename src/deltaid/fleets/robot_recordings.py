@@ -135,8 +135,7 @@ def fitted(
     if robot is not dynamics.robot:
         other = merging_of(recordings.briefs, robot, settings)
         dynamics, additions = other.dynamics, other.additions
-    gathered = balanced(recordings.gathered, weighings(robot))
-    problem = fit_to(gathered, dynamics, settings, additions)
+    problem = fit_to(balanced(recordings.gathered, weighings(robot)), dynamics, settings, additions)
     rows = recordings.block.geometric_rows(merging, np.sqrt(problem.information.weights))
     if rows is not None:
         geometry = shifted([rows], problem.base, problem.information, additions)
@@ -248,5 +247,4 @@ def _read(
 
 def _merging(job: FleetJob, briefs: Sequence[RecordingBrief]) -> Merging:
     require_together(ordered(briefs))
-    robot = with_laws(job.description, briefs, job.settings)
-    return merging_of(briefs, robot, job.settings)
+    return merging_of(briefs, with_laws(job.description, briefs, job.settings), job.settings)

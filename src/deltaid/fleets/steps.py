@@ -19,14 +19,14 @@ from deltaid.fleets.fleet import period_of
 from deltaid.fleets.gather_all import RECORDINGS_SCHEMA, poor
 from deltaid.fleets.gather_plan import GatherResult
 from deltaid.fleets.identify_gathered import identify_merged
-from deltaid.fleets.member import TypeMember, member_of, read_member, write_member
+from deltaid.fleets.member import TypeMember, member, read_member, write_member
 from deltaid.fleets.mixed_model import NORMAL
 from deltaid.fleets.place import Place
 from deltaid.fleets.population import MEMBERS, TYPES, members_table, save_next, types_table
 from deltaid.fleets.robot_drift import DriftRecording, drift_of, kept_since
 from deltaid.fleets.robot_recordings import RobotRecordings, merged_recordings
 from deltaid.fleets.step import RECORDINGS, Chain, FleetJob, FleetStep, JobResult, Tables
-from deltaid.fleets.type_fit import PopulationSettings, fitted
+from deltaid.fleets.type_fit import fitted
 from deltaid.model.options import Period
 from deltaid.model.record import IdentifiedModel, Settings
 from deltaid.robot.description import RobotDescription
@@ -94,8 +94,7 @@ def _drift(job: FleetJob, given: tuple[RobotRecordings, IdentifiedModel], _: Pla
         job.drift,
     )
     sums = recordings.block.friction.only(np.array([number[log.brief.sha256] for log in kept]))
-    friction = series_of(sums, recordings.merging, model)
-    drift = drift_of(kept, friction, model, job.drift, job.robot)
+    drift = drift_of(kept, series_of(sums, recordings.merging, model), model, job.drift, job.robot)
     table = drift_table([drift]).with_columns(
         bound=pl.col("false_alarms"), false_alarms=pl.lit(job.drift.false_alarms)
     )
@@ -103,7 +102,7 @@ def _drift(job: FleetJob, given: tuple[RobotRecordings, IdentifiedModel], _: Pla
 
 
 def _member(job: FleetJob, recordings: RobotRecordings, place: Place) -> Tables:
-    robot = member_of(job.robot, recordings, job.settings)
+    robot = member(job.robot, recordings, job.settings)
     place.save_file(job.file, lambda path: write_member(robot, path))
     return {}
 
@@ -114,7 +113,7 @@ def _members(job: FleetJob, place: Place) -> list[TypeMember]:
 
 def _type(job: FleetJob, members: list[TypeMember], place: Place) -> Tables:
     """The type's mean and spreads, and its robots within it; the next robot's description."""
-    population = fitted(members, job.description, PopulationSettings(fit=job.settings))
+    population = fitted(members, job.description, job.settings)
     place.save_file(job.file, lambda path: save_next(population, place.name, path))
     return {
         "types": types_table(job.type, population),

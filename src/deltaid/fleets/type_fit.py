@@ -16,11 +16,14 @@ from deltaid.fleets.belonging import LEAST, AgainstOthers, Along, Sorted, sorted
 from deltaid.fleets.coordinates import ANYTHING, Coordinates, Square, U
 from deltaid.fleets.member import TypeMember
 from deltaid.fleets.mixed_model import NORMAL, RobotRows, alone, mean, within
-from deltaid.fleets.population import Estimates, MemberEstimate, Population, PopulationSettings
+from deltaid.fleets.population import Estimates, MemberEstimate, Population
+from deltaid.model.record import Settings
 from deltaid.robot.load import RobotLike, described
 
 # Explanations that gain so much less than the best are as good; one more coefficient costs so much.
 _CLOSE, _COST = 2.0, 4.0
+# Share of robots that belong that are named nevertheless.
+_NAMING = 1e-3
 # What holds tools and loads.
 _CARRIERS = ("P", "EE")
 # Eigenvalues of a covariance below this share of the largest are rounding.
@@ -28,19 +31,22 @@ _ROUNDING = 1e-13
 
 
 def fitted(
-    members: Sequence[TypeMember], robot: RobotLike, settings: PopulationSettings | None = None
+    members: Sequence[TypeMember],
+    robot: RobotLike,
+    settings: Settings | None = None,
+    naming: float = _NAMING,
 ) -> Population:
     """A type from its robots.
 
     Args:
         members: of `member`, in any order.
         robot: the type's description; parameters of robots are about its priors.
-        settings: as of `PopulationSettings`.
+        settings: of the members' fit.
+        naming: share of robots that belong that are named nevertheless.
 
     Raises:
         IdentificationError: there is no robot, or one twice.
     """
-    settings, type_ = settings or PopulationSettings(), described(robot)
     members = sorted(members, key=lambda member: member.name)
     if not members:
         raise IdentificationError("no robot was given", where="members", cure="give one or more")
@@ -51,12 +57,11 @@ def fitted(
             where="members",
             cure="give all recordings of a robot to one call of `member`",
         )
-    coordinates = Coordinates.for_type(type_, members, settings.fit)
-    first = _sorted(coordinates, members, settings.naming).mean
+    coordinates = Coordinates.for_type(described(robot), members, settings or Settings())
+    first = _sorted(coordinates, members, naming).mean
     coordinates = coordinates.resized(_consistent(coordinates, first.m, first.covariance))
-    sorting = _sorted(coordinates, members, settings.naming)
-    sorting, reasons = _reasons(sorting, settings.naming)
-    return _population(sorting, members, reasons, settings.naming)
+    sorting, reasons = _reasons(_sorted(coordinates, members, naming), naming)
+    return _population(sorting, members, reasons, naming)
 
 
 def _sorted(coordinates: Coordinates, members: Sequence[TypeMember], naming: float) -> Sorted:
@@ -143,7 +148,6 @@ def _population(
 
 
 def _std(T: np.ndarray, C: np.ndarray) -> Float[np.ndarray, " parameters"]:
-    """Standard deviations of p for a covariance of u."""
     return np.sqrt(np.maximum(np.sum((T @ C) * T, axis=1), 0.0))
 
 

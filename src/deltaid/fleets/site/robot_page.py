@@ -200,8 +200,7 @@ def _over_periods(ordered: pl.DataFrame) -> tuple[Chart, ...]:
         "decided." + f" {len(names) - MOST} more are in the table." * (len(names) > MOST)
     )
     panels = [_panel(ordered.filter(parameter=name)) for name in names[:MOST]]
-    axis = {"type": "category", "nticks": 4}
-    return (Chart(grid(panels, columns=3, row=130, x=axis), said),)
+    return (Chart(grid(panels, columns=3, row=130, x={"type": "category", "nticks": 4}), said),)
 
 
 def _panel(rows: pl.DataFrame) -> Panel:

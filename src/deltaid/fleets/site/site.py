@@ -1,9 +1,10 @@
-"""A fleet's site: pages beside each other that share style, scripts and Plotly, and ask nobody."""
+"""A fleet's site: pages beside each other that share style, scripts and Plotly, and ask nobody. The
+first says which robots need attention and why, then lists all of them."""
 
 import hashlib
 import re
 from collections import Counter
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from importlib.resources import files
 from pathlib import Path, PurePosixPath
 from urllib.parse import quote
@@ -12,12 +13,14 @@ import polars as pl
 from plotly.offline import get_plotlyjs
 
 from deltaid.files import together, written_whole
-from deltaid.fleets.site.overview import overview
+from deltaid.fleets.site.friction_figure import MAIN, friction_panel
+from deltaid.fleets.site.parts import LIKE, NOTHING, WORDS, bounds, cell, grid
 from deltaid.fleets.site.robot_page import robot_page
-from deltaid.fleets.site.state import Tables, robots_of, with_spreads
-from deltaid.fleets.site.type_page import type_page
+from deltaid.fleets.site.state import UNKNOWN, Robot, Tables, Urgency, day, robots_of, with_spreads
+from deltaid.fleets.site.type_page import deviations, levels, type_page, type_section
 from deltaid.view.html import contents, environment, part
-from deltaid.view.page import Page
+from deltaid.view.numbers import number, percent
+from deltaid.view.page import Block, Chart, Fact, Page, Section, Summary, Table, Text, Trust
 
 SITE, ROBOTS, TYPES = "site", "robots", "types"
 _UP = "../"
@@ -106,3 +109,207 @@ def type_labels(types: Iterable[str]) -> Mapping[str, str]:
     short = {name: PurePosixPath(name.replace("\\", "/")).name or name for name in given}
     count = Counter(short.values())
     return {name: short[name] if count[short[name]] == 1 else name for name in given}
+
+
+# Robots that the verdict names, those in the table below it, panels of friction.
+_NAMED, _LISTED, _PANELS = 3, 20, 12
+
+
+def overview(
+    tables: Tables,
+    robots: Sequence[Robot],
+    title: str,
+    links: Mapping[str, str],
+    types: Mapping[str, str],
+    labels: Mapping[str, str],
+) -> Page:
+    """The page of a fleet.
+
+    Args:
+        title: of the page.
+        links: addresses of the robots' pages.
+        types: addresses of the types' pages.
+        labels: what types are called.
+    """
+    urgent = [robot for robot in robots if robot.urgency < Urgency.NONE]
+    rising = sum(row["state"] == "rising" for robot in robots for row in robot.drives)
+    bad = tables["quarantine"]
+    # What the quarantine holds, such as '2 of recording, 1 of fit'.
+    refused = bad.group_by("what", maintain_order=True).len().iter_rows()
+    firsts = [robot.first for robot in robots if robot.first is not None]
+    lasts = [robot.last for robot in robots if robot.last is not None]
+    span = f", {day(min(firsts))} to {day(max(lasts))}" if firsts else ""
+    # Types of which nothing could be said.
+    lost = bad.filter((pl.col("what") == "type") & (pl.col("robot") == ""))
+    return Page(
+        title=title,
+        subtitle=f"{len(robots)} robots of {len(types)} type{'s' * (len(types) != 1)}{span}",
+        verdict=_verdict(robots, urgent),
+        facts=(
+            Fact("need attention", str(len(urgent)), f"of {len(robots)} robots"),
+            Fact("recordings", str(sum(robot.recordings for robot in robots))),
+            Fact(
+                "in quarantine",
+                str(len(bad)),
+                ", ".join(f"{what}: {many}" for what, many in refused),
+            ),
+            Fact("drives with rising friction", str(rising)),
+            Fact("not like their type", str(sum(robot.belongs is False for robot in robots))),
+        ),
+        warnings=tuple(
+            f"Robots of type {labels.get(which, which)} could not be compared: {reason}"
+            for which, reason in lost.select("which", "reason").iter_rows()
+        ),
+        front=(*_attention(urgent, links), *_rising(tables, urgent)),
+        sections=(
+            Section("Robots", (_robots(robots, links, labels),), "all of them", unfolded=True),
+            *levels(tables, robots, labels),
+            *deviations(tables, labels),
+            *type_section(tables, robots, types, labels),
+            *_quarantine(bad),
+        ),
+    )
+
+
+def _verdict(robots: Sequence[Robot], urgent: Sequence[Robot]) -> Summary:
+    """In one sentence how many robots need attention, then which and why."""
+    act, more = sum(robot.urgency is Urgency.ACT for robot in urgent), len(urgent) - _NAMED
+    lines = [
+        f"{robot.name}: {'; '.join(concern.text for concern in robot.concerns)}."
+        for robot in urgent[:_NAMED]
+    ]
+    lines += [f"And {more} more, listed below."] if more > 0 else []
+    lines += _untold(robots)
+    many = f"{len(urgent)} of {len(robots)} robots {'needs' if len(urgent) == 1 else 'need'}"
+    if act:
+        now = " now" if act == len(urgent) else f", {act} of them now"
+        return Summary(Trust.POOR, f"{many} attention{now}.", tuple(lines))
+    if urgent:
+        return Summary(Trust.FAIR, f"{many} attention.", tuple(lines))
+    if unsure := sum(not robot.is_known for robot in robots):
+        said = (
+            "No robot is known to need attention, but there is not enough data on "
+            f"{unsure} of {len(robots)}."
+        )
+        return Summary(Trust.UNTESTED, said, tuple(lines))
+    return Summary(Trust.GOOD, f"None of {len(robots)} robots needs attention.", tuple(lines))
+
+
+def _untold(robots: Sequence[Robot]) -> list[str]:
+    """What nobody can tell yet, and what was not used."""
+    drives, lines = [row for robot in robots for row in robot.drives], list[str]()
+    if unknown := sum(row["state"] == "unknown" for row in drives):
+        lines.append(
+            f"Not enough data on {unknown} of {len(drives)} drives to say whether their friction "
+            "changes."
+        )
+    if bad := sum(robot.quarantined for robot in robots):
+        every = sum(robot.recordings for robot in robots)
+        lines.append(f"{bad} of {every} recordings are in quarantine and were not used.")
+    return lines + [f"False alarms of changes: {text}." for text in bounds(drives)[:1]]
+
+
+def _attention(urgent: Sequence[Robot], links: Mapping[str, str]) -> tuple[Block, ...]:
+    listed, more = urgent[:_LISTED], len(urgent) - _LISTED
+    rows = tuple(
+        (robot.name, WORDS[robot.urgency], "; ".join(concern.text for concern in robot.concerns))
+        for robot in listed
+    )
+    table = Table(
+        ("robot", "how soon", "why"),
+        rows,
+        "Robots that need attention: act within four weeks, or look when there is time."
+        + f" {more} more are the next in the table of all robots." * (more > 0),
+        marked=frozenset(range(len(rows))),
+        links=tuple(links[robot.name] for robot in listed),
+    )
+    return (table,) if rows else ()
+
+
+def _rising(tables: Tables, urgent: Sequence[Robot]) -> tuple[Block, ...]:
+    changed = [(robot.name, row) for robot in urgent for row in robot.changed]
+    main = tables["friction"].filter(quantity=MAIN)
+    panels = [
+        friction_panel(f"{name}, {row['drive']}", seen.sort("time"), row)
+        for name, row in changed[:_PANELS]
+        if len(seen := main.filter(robot=name, drive=row["drive"]))
+    ]
+    if not panels:
+        return ()
+    more = len(changed) - len(panels)
+    said = (
+        "Friction over time of drives where it changes. Dotted: the day of the change, with "
+        "the days it may have been."
+        + f" {more} more drives are on the pages of their robots."
+        * (more > 0)
+    )
+    axis = {"type": "date", "matches": "x"}
+    return (Chart(grid(panels, min(3, len(panels)), x=axis, legend=True), said),)
+
+
+def _robots(robots: Sequence[Robot], links: Mapping[str, str], labels: Mapping[str, str]) -> Table:
+    rows = tuple(
+        (
+            robot.name,
+            WORDS[robot.urgency] if robot.concerns or robot.is_known else UNKNOWN,
+            labels[robot.type],
+            _changed(robot),
+            day(robot.until),
+            LIKE[robot.belongs],
+            day(robot.last),
+            str(robot.recordings),
+            str(robot.quarantined),
+            cell(number, robot.noise, 3),
+            cell(percent, robot.worst_error),
+        )
+        for robot in robots
+    )
+    columns = ("robot", "state", "type", "friction", "limit on", "like its type",
+               "last recording", "recordings", "in quarantine", "noise",
+               "torque error")  # fmt: skip
+    return Table(
+        columns,
+        rows,
+        "Noise and torque error, the worst drive's, are those of the last fit. A click on a head "
+        "sorts.",
+        marked=frozenset(k for k, robot in enumerate(robots) if robot.urgency < Urgency.NONE),
+        links=tuple(links[robot.name] for robot in robots),
+        choices=(1, 2, 5),
+    )
+
+
+def _changed(robot: Robot) -> str:
+    """Drives whose friction changes, or what is said of all."""
+    kinds = dict[str, list[str]]()
+    for row in robot.changed:
+        kinds.setdefault(row["state"], []).append(row["drive"])
+    if kinds:
+        return "; ".join(f"{state} in {' and '.join(names)}" for state, names in kinds.items())
+    if not robot.drives:
+        return NOTHING
+    return "steady" if robot.is_known else UNKNOWN
+
+
+def _quarantine(bad: pl.DataFrame) -> tuple[Section, ...]:
+    """Reasons of what could not be used, the most frequent first."""
+    reasons = dict[str, list[str]]()
+    for row in bad.iter_rows(named=True):
+        reasons.setdefault(_without_name(row["reason"], row["which"]), []).append(row["robot"])
+    rows = tuple(
+        (str(len(whose)), ", ".join(_few(list(dict.fromkeys(whose)))), said)
+        for said, whose in sorted(reasons.items(), key=lambda item: -len(item[1]))[:50]
+    )
+    text = "The pages of robots have the recordings one by one, each with its reason."
+    blocks = (Text(text), Table(("how many", "of robots", "reason"), rows))
+    return (Section("Quarantine", blocks, f"{len(bad)} that could not be used"),) if rows else ()
+
+
+def _few(names: Sequence[str]) -> list[str]:
+    return [*names[:5], f"and {len(names) - 5} more"] if len(names) > 5 else list(names)
+
+
+def _without_name(reason: str, which: str) -> str:
+    """A reason without the recording's name, so that those of one cause are alike."""
+    for name in (which, which.replace("\\", "/").rpartition("/")[2]):
+        reason = reason.replace(name, "…") if name else reason
+    return reason.removeprefix("…: ")

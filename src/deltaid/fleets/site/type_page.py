@@ -129,8 +129,7 @@ def _verdict(robots: Sequence[Robot], foreign: Sequence[Robot], *, is_known: boo
     names = ", ".join(robot.name for robot in foreign[:10])
     names += f" and {len(foreign) - 10} more" if len(foreign) > 10 else ""
     do = "does" if len(foreign) == 1 else "do"
-    said = f"{len(foreign)} of {len(robots)} robots {do} not belong: {names}."
-    return Summary(Trust.FAIR, said)
+    return Summary(Trust.FAIR, f"{len(foreign)} of {len(robots)} robots {do} not belong: {names}.")
 
 
 def _foreign(foreign: Sequence[Robot], links: Mapping[str, str]) -> tuple[Block, ...]:
