@@ -166,7 +166,7 @@ class FleetJob:
         type: as the manifest has it.
         names: what the job is of: periods that have the same recordings, or the type.
         files: that it reads, seen from the fleet's folder; of recordings in the order of time.
-        key: checksum of all that the result follows from.
+        key: checksum of the step and of all that the result follows from.
         file: that it leaves behind, seen from the fleet's folder; empty if there is none.
         description: of the robot or type.
         settings: of the fit.
@@ -189,11 +189,6 @@ class FleetJob:
     common: str = ""
     blocks: str = ""
     drift: DriftSettings = field(default_factory=DriftSettings)
-
-    @property
-    def identity(self) -> tuple[str, str]:
-        """What no other job of a call has."""
-        return self.step.name, self.key
 
     def journal(self, table: str) -> str:
         """Where a table of it is until those of the fleet are written."""
@@ -246,11 +241,11 @@ def run_chains(call: Call, chains: Sequence[Chain], words: tuple[str, str]) -> l
     def reached(chain: Chain) -> Chain:
         """The chain as far as its leading steps succeed."""
         for k, job in enumerate(chain, start=1):
-            if job.step.leads and job.identity in results and results[job.identity].reason:
+            if job.step.leads and job.key in results and results[job.key].reason:
                 return chain[:k]
         return chain
 
-    left = [tuple(job for job in reached(chain) if job.identity not in results) for chain in chains]
+    left = [tuple(job for job in reached(chain) if job.key not in results) for chain in chains]
 
     def failed(chain: Chain, why: str) -> list[JobResult]:
         """What was done before a worker died of the rest."""
@@ -258,22 +253,22 @@ def run_chains(call: Call, chains: Sequence[Chain], words: tuple[str, str]) -> l
         return _in_turn(chain, lambda job: _finished(job, call.place) or died(job))
 
     for done in call.done(words, work_chain, [chain for chain in left if chain], failed):
-        results |= {result.job.identity: result for result in done}
-    return [results[job.identity] for chain in chains for job in reached(chain)]
+        results |= {result.job.key: result for result in done}
+    return [results[job.key] for chain in chains for job in reached(chain)]
 
 
-def _known(call: Call, jobs: Sequence[FleetJob]) -> dict[tuple[str, str], JobResult]:
-    """What earlier calls have come to; jobs that are left have none."""
-    results = dict[tuple[str, str], JobResult]()
+def _known(call: Call, jobs: Sequence[FleetJob]) -> dict[str, JobResult]:
+    """What earlier calls have come to, by key; jobs that are left have none."""
+    results = dict[str, JobResult]()
     keys = {name: frozenset(table["key"]) for name, table in call.tables.items()}
     absent = {job.file for job in jobs} - {""}
     for folder in {file.partition("/")[0] for file in absent}:
         absent.difference_update(call.place.listing(folder))
     for job in jobs:
         if job.file not in absent and all(job.key in keys[name] for name in job.step.tables):
-            results[job.identity] = JobResult(job, is_new=False)
+            results[job.key] = JobResult(job, is_new=False)
         elif reason := call.refused.get(job.key):
-            results[job.identity] = JobResult(job, reason=reason, is_new=False)
+            results[job.key] = JobResult(job, reason=reason, is_new=False)
     return results
 
 

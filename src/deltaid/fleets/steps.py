@@ -209,8 +209,9 @@ def robot_chains(fits: Iterable[FleetJob], drift: DriftSettings) -> list[Chain]:
             known = [(str(x.time), x.load, x.temperature, x.path) for x in logs]
             key = digest([version("deltaid"), fit.key, known, asked])
             study = replace(fit, step=DRIFTS, names=(fit.type,), key=key, file="", drift=drift)
-            file = f"{MEMBERS_FOLDER}/{fit.robot}-{key[:12]}.npz"
-            chain = (fit, study, replace(study, step=ROBOTS, file=file))
+            own = digest([key, ROBOTS.name])
+            file = f"{MEMBERS_FOLDER}/{fit.robot}-{own[:12]}.npz"
+            chain = (fit, study, replace(study, step=ROBOTS, key=own, file=file))
         chains.append(chain)
     return chains
 
