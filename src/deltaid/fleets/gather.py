@@ -169,8 +169,8 @@ def condensed(columns: GatheredColumns, recording: PreparedRecording) -> Recordi
     times = groups([f"time {k}" for k in range(len(blocks))], blocks)
     visited = dict(_by_place(places.sums, names, most_places))
     roots = (
-        np.stack([_root(sums[i][np.ix_(own, own)]) for sums in visited.values()])
-        for i, own in enumerate(with_tau)
+        np.stack([_root(sums[i][np.ix_(places, places)]) for sums in visited.values()])
+        for i, places in enumerate(with_tau)
     )
     none = np.zeros((len(visited), rows.dof))
     by_place = FactorGroups(tuple(visited), tuple(roots), none, none)

@@ -54,15 +54,15 @@ def _fit(job: FleetJob, recordings: RobotRecordings, place: Place) -> Tables:
         place.save_model(job.file, model)
     briefs = recordings.briefs
     of_fit = (model.fit.noise_level, max(model.fit.nrmse), poor(briefs))
-    parameters = [
+    identified = [
         (x.name, x.value, x.std, x.low, x.high, x.unit, x.prior, x.determined_by)
         for x in model.parameters
     ]
     rows = [
-        (job.robot, job.type, period, len(briefs), *own, *of_fit)
-        for several in (parameters, list(gain_rows(model)))
+        (job.robot, job.type, period, len(briefs), *parameter, *of_fit)
+        for parameters in (identified, list(gain_rows(model)))
         for period in job.names
-        for own in several
+        for parameter in parameters
     ]
     return {"parameters": pl.DataFrame(rows, schema=PARAMETERS, orient="row")}
 
