@@ -48,10 +48,11 @@ def gather_all(call: Call) -> list[GatherResult]:
     """
     listing = call.place.listing(FACTORS)
     before = call.tables[RECORDINGS].filter(pl.col("file") != "")
-    row_of, hows = ({key: k for k, key in enumerate(before[name])} for name in ("key", "path"))
+    row_of = {key: k for k, key in enumerate(before["key"])}
+    hows = dict(before.select("path", "how").iter_rows())
     outcomes, jobs, lost = list[GatherResult](), list[GatherJob](), Counter[str]()
     for recorded in call.fleet.recordings:
-        how = before["how"][hows[recorded.path]] if recorded.path in hows else None
+        how = hows.get(recorded.path)
         try:
             job = GatherJob(recorded, call.plan.how(recorded))
         except DeltaidError as error:
@@ -154,14 +155,13 @@ def _naming(fleet: Fleet) -> Callable[[Recorded], bool]:
     """Whether a manifest names a recording, which may be away."""
     from fsspec.utils import glob_translate
 
-    patterns = {
-        (robot, re.compile(glob_translate(pattern)))
-        for robot, pattern in fleet.entries
-        if has_pattern(pattern)
-    }
+    single, patterns = set(fleet.entries), dict[str, list[re.Pattern[str]]]()
+    for robot, pattern in fleet.entries:
+        if has_pattern(pattern):
+            patterns.setdefault(robot, []).append(re.compile(glob_translate(pattern)))
     return lambda log: (
-        (log.robot, log.path) in fleet.entries
-        or any(robot == log.robot and pattern.fullmatch(log.path) for robot, pattern in patterns)
+        (log.robot, log.path) in single
+        or any(pattern.fullmatch(log.path) for pattern in patterns.get(log.robot, ()))
     )
 
 
