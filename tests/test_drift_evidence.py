@@ -14,13 +14,14 @@ from deltaid.fleets.drift_evidence import (
     MONTH,
     SIZE,
     Changes,
+    DailyScatter,
     _moments,
     evidence,
     first_prior,
+    whitened_sums,
     with_others,
 )
 from deltaid.fleets.drift_findings import DriftSettings, finding
-from deltaid.fleets.drift_noise import DailyScatter, whitened_sums
 from deltaid.fleets.drift_series import Regressors, _slow, explained, inflation
 from deltaid.fleets.robot_drift import tool_changes
 

@@ -17,11 +17,12 @@ from deltaid.fleets.drift_evidence import (
     YEAR,
     ChangeEvidence,
     Changes,
+    DailyScatter,
     evidence,
     first_prior,
+    whitened_sums,
     with_others,
 )
-from deltaid.fleets.drift_noise import DailyScatter, whitened_sums
 
 # Standard deviations of coefficients before any recording, in units of σ (about 1 %), and between
 # drives of one robot: of temperature [1/K], of its square [1/K²], of the heaviest load, of a year's

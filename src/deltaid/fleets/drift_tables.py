@@ -125,21 +125,25 @@ _COLUMNS = ("drive", "state", "friction", "since", "% a month", "limit on", "% p
 
 def drift_shown(drift: RobotDrift) -> Table:
     first, last = drift.recordings[0].time, drift.recordings[-1].time
-    rows = tuple(
-        (
-            drive,
-            finding.state,
-            f"{number(finding.level)} {unit}" if finding.level == finding.level else "unknown",
-            "" if finding.change.value is None else _date(drift.date(finding.change.value)),
-            _change(finding),
-            _limit(drift, finding),
-            "" if finding.temperature.value is None else f"{100 * finding.temperature.value:+.2f}",
+    rows = list[tuple[str, ...]]()
+    for drive, finding, unit in zip(drift.drives, drift.findings, drift.units, strict=True):
+        change, horizon, slope = finding.change.value, finding.horizon, finding.temperature.value
+        limit = "passed" if horizon.low is None else _date(drift.date(horizon.value))
+        step = finding.step.value if finding.state == "stepped" else None
+        rows.append(
+            (
+                drive,
+                finding.state,
+                f"{number(finding.level)} {unit}" if finding.level == finding.level else "unknown",
+                "" if change is None else _date(drift.date(change)),
+                _percent(finding.rate) if step is None else f"{100 * step:+.2g} % at once",
+                "" if horizon.value is None else limit,
+                "" if slope is None else f"{100 * slope:+.2f}",
+            )
         )
-        for drive, finding, unit in zip(drift.drives, drift.findings, drift.units, strict=True)
-    )
     return Table(
         _COLUMNS,
-        rows,
+        tuple(rows),
         "",
         title=f"{drift.robot}: {len(drift.recordings)} recordings, {first:%Y-%m-%d} to "
         f"{last:%Y-%m-%d}",
@@ -181,18 +185,6 @@ def _details(drift: RobotDrift, finding: DriftFinding) -> str:
 def _between(drift: RobotDrift, days: Between) -> str:
     middle, low, high = drift.dates(days)
     return f"{_date(middle)} (95 %: {_date(low)} to {_date(high)})"
-
-
-def _change(finding: DriftFinding) -> str:
-    if finding.state == "stepped" and finding.step.value is not None:
-        return f"{100 * finding.step.value:+.2g} % at once"
-    return _percent(finding.rate)
-
-
-def _limit(drift: RobotDrift, finding: DriftFinding) -> str:
-    if finding.horizon.value is None:
-        return ""
-    return "passed" if finding.horizon.low is None else _date(drift.date(finding.horizon.value))
 
 
 def _date(day: datetime | None) -> str:
