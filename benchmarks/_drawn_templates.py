@@ -66,7 +66,7 @@ class Template:
         """From parameters, those of loads behind them, to gathered columns."""
         found = FactorFile(self.record, replace(self.condensed, names=self.names))
         merging = merging_of([found.brief], self.record.robot, SETTINGS)
-        loads = [addition for addition in merging.additions if isinstance(one, LoadColumns)]
+        loads = [addition for addition in merging.additions if isinstance(addition, LoadColumns)]
         T = map_to(merging.columns, merging.dynamics, loads)
         wide = np.zeros((len(self.names), T.shape[1]))  # lags are no parameters
         for k, name in enumerate(merging.columns.place):

@@ -15,7 +15,7 @@ import pytest
 
 from deltaid.errors import RecordingError
 from deltaid.estimation.problem import KNOWN, LinearProblem, Span, scatter
-from deltaid.fleets import block, factor_file, place, steps, store
+from deltaid.fleets import block, factor_file, place, robot_recordings, steps, store
 from deltaid.fleets.block import RecordingBlock, block_bytes, block_of, halved
 from deltaid.fleets.drift_findings import DriftSettings
 from deltaid.fleets.drift_friction import friction_series, unknowns_of
@@ -111,7 +111,7 @@ def merged(files: list[FactorFile], folder: Path) -> Callable[..., RobotRecordin
     """Some recordings merged, with the blocks that earlier ones have left."""
 
     def recordings(numbers: list[int]) -> RobotRecordings:
-        return block_tree.merged_recordings(job_of(files, numbers), Place.named(folder))
+        return robot_recordings.merged_recordings(job_of(files, numbers), Place.named(folder))
 
     return recordings
 
@@ -133,7 +133,7 @@ def fresh(
     def recordings(numbers: list[int]) -> RobotRecordings:
         empty = tmp_path_factory.mktemp("empty")
         (empty / "factors").symlink_to(written / "factors")
-        return block_tree.merged_recordings(job_of(files, numbers), Place.named(empty))
+        return robot_recordings.merged_recordings(job_of(files, numbers), Place.named(empty))
 
     return recordings
 
@@ -219,13 +219,13 @@ def test_calls_at_the_same_time_do_not_harm_each_other(merged, fresh) -> None:
 def test_blocks_of_a_long_period_are_beside_those_of_all(
     files: list[FactorFile], folder: Path, reads: list[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(block_tree, "FEW", 2)
+    monkeypatch.setattr(robot_recordings, "FEW", 2)
     robots = {ROBOT: load_robot(ROBOT)}
     for day in range(14, 18):  # within one week
         reads.clear()
         *_, week, every = fit_jobs(outcomes(files, EVERY[: day + 1]), "week", robots, SETTINGS)
         for job in (week, every):
-            block_tree.merged_recordings(job, Place.named(folder))
+            robot_recordings.merged_recordings(job, Place.named(folder))
         if day > 14:
             assert reads == [f"{day:02d}"] * 2
 
@@ -294,7 +294,7 @@ def test_a_copy_of_a_recording_is_refused(merged, files: list[FactorFile], folde
     jobs = fit_jobs([*own, copy], "week", {ROBOT: load_robot(ROBOT)}, SETTINGS)
     job = next(job for job in jobs if ALL in job.names)
     with pytest.raises(RecordingError, match="is of the same recording as"):
-        block_tree.merged_recordings(job, Place.named(folder))
+        robot_recordings.merged_recordings(job, Place.named(folder))
 
 
 def test_halves_do_not_depend_on_other_keys() -> None:
