@@ -52,7 +52,7 @@ def friction_panel(title: str, seen: pl.DataFrame, drift: Row | None) -> Panel:
 
 def time_axis(seen: pl.DataFrame) -> Data:
     """Of all panels alike; a single time has some days around it."""
-    axis = {"type": "date", "matches": "x"}
+    axis: Data = {"type": "date", "matches": "x"}
     first, last = seen["time"].min(), seen["time"].max()
     if isinstance(first, datetime) and first == last:
         axis["range"] = [_minute(first + timedelta(days=days)) for days in (-3, 3)]

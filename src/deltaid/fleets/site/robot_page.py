@@ -33,6 +33,9 @@ def robot_page(robot: Robot, label: str) -> Page:
     charts = [*_friction(robot), *_temperature(tables["friction"])]
     said = " ".join(f"False alarms: {text}." for text in bounds(robot.drives))
     failed = tables["quarantine"].filter(pl.col("what") != "recording")
+    lost = Table(
+        ("what", "of", "reason"), tuple(failed.select("what", "which", "reason").iter_rows())
+    )
     sections = (
         Section("Drives", drive_tables(robot.drives, said) if robot.drives else (),
                 "changes of friction, rates, limits", unfolded=True),
@@ -41,7 +44,7 @@ def robot_page(robot: Robot, label: str) -> Page:
         _parameters(tables["parameters"]),
         _beside_type(robot, tables["members"]),
         _recordings(tables["recordings"]),
-        Section("What could not be fitted", _table(failed), f"{len(failed)} in all"),
+        Section("What could not be fitted", (lost,) if lost.rows else (), f"{len(failed)} in all"),
     )  # fmt: skip
     shown = tuple(section for section in sections if section.blocks)
     return Page(
@@ -59,11 +62,6 @@ def robot_page(robot: Robot, label: str) -> Page:
         front=tuple(charts[:1]),
         sections=shown or (Section("Nothing", (Text("No table has this robot."),)),),
     )
-
-
-def _table(failed: pl.DataFrame) -> tuple[Table, ...]:
-    rows = tuple(failed.select("what", "which", "reason").iter_rows())
-    return (Table(("what", "of", "reason"), rows),) if rows else ()
 
 
 def _verdict(robot: Robot) -> Summary:
