@@ -142,7 +142,9 @@ def template(
         result = identify(robot, [path], columns=mapping, settings=settings)
         problem, recording = result.problem, result.recordings[0]
         columns = gathered_columns(problem, recording)
-        courses = Courses(_courses(table, dynamics, np.random.default_rng([seed, 8])), RATE)
+        courses = Courses(
+            columns.dynamics, _courses(table, dynamics, np.random.default_rng([seed, 8])), RATE
+        )
         wide = replace(columns, additions=(*columns.additions, courses))
         found, quantities = with_geometry(condensed(wide, recording), wide, problem, recording)
     names = tuple(columns.names[k] for k in columns.kept)

@@ -167,7 +167,7 @@ def _drawn(
     off = theta - one.to_columns @ one.with_load(one.truth)
     coulomb, a, felt = p[layout.coulomb][:dof], [], []
     for i, at in enumerate(one.condensed.felt):
-        largest = one.condensed.whole.torque_max[i]
+        largest = one.condensed.whole.torque_max[0, i]
         white = sensing.torque * largest * rng.standard_normal(WHITE) / np.sqrt(WHITE)
         slow = sensing.wander * coulomb[i] * rng.standard_normal(WANDERING) / np.sqrt(WANDERING)
         a.append(np.concatenate([white, slow]))

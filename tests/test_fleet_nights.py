@@ -246,8 +246,8 @@ def test_numbers_are_those_of_all_factor_files(merged, files: list[FactorFile]) 
     np.testing.assert_allclose(products, together, rtol=1e-6, atol=1e-6 * together.max())
     assert len(found.gathered.parts) == COUNT
     wholes = [file.condensed.whole for file in files]
-    np.testing.assert_allclose(information.samples, sum(whole.samples for whole in wholes))
-    largest = np.max([whole.torque_max for whole in wholes], axis=0)
+    np.testing.assert_allclose(information.samples, sum(whole.samples[0] for whole in wholes))
+    largest = np.max([whole.torque_max[0] for whole in wholes], axis=0)
     np.testing.assert_array_equal(information.torque_max, largest)
 
 
