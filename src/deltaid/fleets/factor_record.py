@@ -99,6 +99,8 @@ class GatheredLoad(Part):
 
 
 class Temperature(Part):
+    """A recorded temperature [°C]."""
+
     mean: float
     low: float
     high: float

@@ -68,6 +68,8 @@ class RecordedFile(Part):
 
 
 class FleetRobot(Part):
+    """One robot of a fleet."""
+
     robot: Annotated[str, Field(min_length=1, max_length=80, pattern=r"^[\w][\w.+ -]*$")]
     type: str | None = Field(
         default=None, min_length=1, description="catalogue name, or file of a robot or a model"

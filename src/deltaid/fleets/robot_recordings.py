@@ -144,11 +144,6 @@ def fitted(
     return widened(problem)
 
 
-# Smaller blocks are kept only as long as each night needs them.
-_LASTING = 8
-_BITS = 64
-
-
 def merged_recordings(job: FleetJob, place: Place) -> RobotRecordings:
     """The recordings of a job, in halves of halves whose blocks are kept: a call reads a block for
     each half without news, and the factor files of what is new.
