@@ -76,8 +76,25 @@ class FactorFile:
     @cached_property
     def brief(self) -> RecordingBrief:
         """What a fit of many recordings needs of it beside its factors."""
-        samples = float(self.condensed.whole.samples.mean())
-        return RecordingBrief.of_record(self.record, self.path, samples)
+        record, model = self.record, self.record.model
+        return RecordingBrief.model_construct(
+            source=model.sources[0],
+            path=self.path,
+            friction=dict(model.robot.friction),
+            rms=tuple(model.fit.rms),
+            rms_unfiltered=tuple(model.fit.rms_unfiltered),
+            samples=float(self.condensed.whole.samples.mean()),
+            sensors=tuple(sensor.name for sensor in model.sensors),
+            masses={load.name: load.parameters[0].value for load in model.loads},
+            corrections=tuple(model.corrections),
+            noise=record.noise,
+            fastest=record.fastest,
+            first=record.first,
+            loads=record.loads,
+            degrees=None if record.temperature is None else record.temperature.mean,
+            verdicts=record.verdicts,
+            warnings=record.warnings,
+        )
 
 
 def write(file: FactorFile, path: Path, key: str = "") -> None:

@@ -178,29 +178,6 @@ class RecordingBrief(Part):
     verdicts: tuple[Verdict, ...] = ()
     warnings: tuple[str, ...] = ()
 
-    @classmethod
-    def of_record(cls, record: FactorRecord, path: str, samples: float) -> "RecordingBrief":
-        model = record.model
-        temperature = record.temperature
-        return cls.model_construct(
-            source=model.sources[0],
-            path=path,
-            friction=dict(model.robot.friction),
-            rms=tuple(model.fit.rms),
-            rms_unfiltered=tuple(model.fit.rms_unfiltered),
-            samples=samples,
-            sensors=tuple(sensor.name for sensor in model.sensors),
-            masses={load.name: load.parameters[0].value for load in model.loads},
-            corrections=tuple(model.corrections),
-            noise=record.noise,
-            fastest=record.fastest,
-            first=record.first,
-            loads=record.loads,
-            degrees=None if temperature is None else temperature.mean,
-            verdicts=record.verdicts,
-            warnings=record.warnings,
-        )
-
     @property
     def log(self) -> str:
         return self.source.log

@@ -145,12 +145,9 @@ class RobotDrift:
     tools: tuple[ToolChange, ...]
     settings: DriftSettings
 
-    @property
-    def start(self) -> datetime:
-        return self.recordings[0].time
-
     def date(self, day: float | None) -> datetime | None:
-        return None if day is None else self.start + timedelta(days=day)
+        # Days are counted from the first recording.
+        return None if day is None else self.recordings[0].time + timedelta(days=day)
 
     def dates(self, days: Between) -> tuple[datetime | None, datetime | None, datetime | None]:
         """A day with its interval."""

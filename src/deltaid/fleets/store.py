@@ -10,6 +10,7 @@ import sys
 import time
 from collections.abc import Callable, Generator, Iterable, Mapping
 from contextlib import contextmanager, suppress
+from functools import partial
 from pathlib import Path
 from stat import S_ISREG
 from tempfile import TemporaryDirectory
@@ -52,8 +53,8 @@ def matching(pattern: str) -> dict[str, str]:
     if not is_address(pattern):
         names = sorted(glob.glob(pattern, recursive=True))
         return {name: stamp_of(name) for name in names if os.path.isfile(name)}
-    system = _system(pattern)
-    return _stamps(_asked(lambda: system.glob(pattern, detail=True), pattern), pattern)
+    asked = partial(_system(pattern).glob, pattern, detail=True)
+    return _stamps(_asked(asked, pattern), pattern)
 
 
 def stamps_of(paths: Iterable[str]) -> dict[str, str]:
@@ -67,20 +68,13 @@ def stamps_of(paths: Iterable[str]) -> dict[str, str]:
         folders.setdefault(path.rpartition("/")[0] if is_address(path) else "", []).append(path)
     for folder, files in folders.items():
         if folder and len(files) >= _MANY:
-            listed = _listed(folder)
-            stamps |= {path: listed[path] for path in files if path in listed}
+            with suppress(FileNotFoundError):
+                infos = _asked(partial(_system(folder).ls, folder, detail=True), folder)
+                listed = _stamps({info["name"]: info for info in infos}, folder)
+                stamps |= {path: listed[path] for path in files if path in listed}
         else:
             stamps |= {path: stamp for path in files if (stamp := stamp_of(path))}
     return stamps
-
-
-def _listed(folder: str) -> dict[str, str]:
-    system = _system(folder)
-    try:
-        listed = _asked(lambda: system.ls(folder, detail=True), folder)
-    except FileNotFoundError:
-        return {}
-    return _stamps({info["name"]: info for info in listed}, folder)
 
 
 def stamp_of(path: str) -> str:
