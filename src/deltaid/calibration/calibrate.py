@@ -6,28 +6,58 @@ from pathlib import Path
 
 import numpy as np
 from jaxtyping import Float
+from scipy.stats import chi2
 
-from deltaid.calibration.fit import MeasuringSession, fit, sessions
-from deltaid.calibration.gauss_newton import GeometryFit
-from deltaid.calibration.instruments import KINDS, Instrument
+from deltaid.calibration.fit import GeometryFit, Residuals, UsedReadings, fit
 from deltaid.calibration.loops import Loops
 from deltaid.calibration.mistakes import require_own, require_sense
 from deltaid.calibration.outlook import Direction, Places, open_directions, places
-from deltaid.calibration.readings import Measurements, ReadingsLike, read
-from deltaid.calibration.robot_file import calibrated_robot
-from deltaid.calibration.unknowns import LENGTH, Unknowns, unknowns
+from deltaid.calibration.readings import (
+    Instrument,
+    Measurements,
+    ProbeReadings,
+    ReadingsLike,
+    read,
+)
+from deltaid.calibration.unknowns import LENGTH, Unknowns, calibrated_robot, unknowns
 from deltaid.errors import DeltaidError, Doubt, RecordingError, within
 from deltaid.estimation.information import triangle
 from deltaid.model.verdict import percent
 from deltaid.recording.memory import RecordingLike
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.load import RobotLike, described, load_yaml, save_yaml
+from deltaid.sensors.planning.offers import PoseKind
 from deltaid.shown import Plotted, Reported, Shown, Tabled
 
 # Parts are off by less [m, rad], or they are of another robot.
 _FARTHEST, _STEEPEST = 0.1, 0.3
-# Noise that is so many times as large as stated is doubted.
-_GROWN = 2.0
+# Noise that is so many times as large as stated is doubted, and that is so much smaller but for
+# chance, of this probability.
+_GROWN, _CHANCE = 2.0, 0.01
+
+
+@dataclass(frozen=True)
+class MeasuringSession:
+    """Readings of one file.
+
+    Attributes:
+        kind, source: of the instrument, and its file.
+        readings: how many there are.
+        excluded: what was excluded, in words.
+        residual: of those used, root mean square [m].
+        noise: standard deviation that the fit took [m].
+        grown: how many times that is what was stated.
+        quiet: whether residuals are far below that, as where noise is stated ten times too large.
+    """
+
+    kind: PoseKind
+    source: str
+    readings: int
+    excluded: tuple[str, ...]
+    residual: float
+    noise: float
+    grown: float
+    quiet: bool
 
 
 @dataclass(frozen=True)
@@ -100,12 +130,14 @@ class Calibration(Shown, Plotted, Tabled, Reported):
     @property
     def verdict(self) -> str:
         """The main result in one sentence or two."""
-        said = (
-            f"positions to {_mm(self.after.position)} mm ({_mm(self.before.position)} before, "
-            f"{_mm(self.after.worst)} at worst); sizes to {percent(self.after.size)}"
+        after, before, worst = (
+            f"{1e3 * x:.2g}" for x in (self.after.position, self.before.position, self.after.worst)
         )
-        noisy = any(x.grown > _GROWN for x in self.sessions)
-        return f"doubtful: {said}" if self.open or noisy else f"good: {said}"
+        grade = "doubtful" if self.open or any(x.grown > _GROWN for x in self.sessions) else "good"
+        return (
+            f"{grade}: positions to {after} mm ({before} before, {worst} at worst); "
+            f"sizes to {percent(self.after.size)}"
+        )
 
     @property
     def doubts(self) -> tuple[str, ...]:
@@ -140,17 +172,17 @@ class Calibration(Shown, Plotted, Tabled, Reported):
             for x in self.sessions
             if x.quiet
         ]
-        if (torques := self.known.torques) is not None:
-            doubts += torques.doubts
-            if torques.grown > _GROWN:
-                doubts.append(
-                    Doubt(
-                        f"{torques.source}: torques contradict the poses, {torques.grown:.2g}× "
-                        "their noise",
-                        cause="a fault of this recording",
-                        cure="run deltaid check on it",
-                    )
+        torques = self.known.torques
+        doubts += torques.doubts if torques else ()
+        if torques and torques.grown > _GROWN:
+            doubts.append(
+                Doubt(
+                    f"{torques.source}: torques contradict the poses, {torques.grown:.2g}× "
+                    "their noise",
+                    cause="a fault of this recording",
+                    cure="run deltaid check on it",
                 )
+            )
         return tuple(doubts)
 
     def save(self, path: str | Path) -> None:
@@ -214,18 +246,12 @@ def calibrate(
     known = unknowns(
         description, apart=struts_apart, length=lengths, angle=angles, shared=shared, held=hold
     )
-    loops = Loops(description, known, tool)
-    mapping = (
-        columns
-        if isinstance(columns, Measurements)
-        else load_yaml(Path(columns), Measurements)
-        if columns
-        else Measurements()
-    )
-    given = {"points": points, "probe": probe, "distances": distances}
+    loops, mapping = Loops(description, known, tool), columns or Measurements()
+    if not isinstance(mapping, Measurements):
+        mapping = load_yaml(Path(mapping), Measurements)
     instruments: list[Instrument] = []
-    for kind in KINDS:
-        for source in _several(given[kind]):
+    for kind, given in (("points", points), ("probe", probe), ("distances", distances)):
+        for source in _several(given):
             instruments.append(read(kind, source, getattr(mapping, kind), loops))
             require_own(instruments[-1], instruments[:-1])
             require_sense(loops, known, instruments[-1])
@@ -235,13 +261,12 @@ def calibrate(
             where="calibrate",
             cure="give --points, --probe or --distances with a file; torques add to these",
         )
-    logs = _several(torques)
-    if logs:
+    if logs := _several(torques):
         from deltaid.calibration.torques import torque_rows  # loads all of identification
 
         rows = torque_rows(description, logs, mapping.torques, known, progress)
         known = replace(known, torques=rows)
-    return result(description, fit(loops, known, instruments))
+    return _result(description, fit(loops, known, instruments))
 
 
 def _several(given: ReadingsLike | None) -> Sequence[RecordingLike]:
@@ -250,31 +275,28 @@ def _several(given: ReadingsLike | None) -> Sequence[RecordingLike]:
     return list(given) if isinstance(given, Sequence) and not isinstance(given, str) else [given]
 
 
-def result(description: RobotDescription, found: GeometryFit) -> Calibration:
+def _result(description: RobotDescription, found: GeometryFit) -> Calibration:
     """What a fit says."""
     known, theta = found.known, found.theta
-    over = places(found.loops, known, theta)
-    robot, zeros, scales, kept = calibrated_robot(description, known, theta, found.std)
-    missing = over.moved @ np.where(kept, 0.0, theta)
+    over, std = places(found.loops, known, theta), np.linalg.norm(known.G @ found.root, axis=1)
+    robot, zeros, scales, kept = calibrated_robot(description, known, theta, std)
     shares = found.shares()
     kinds = ["description", *(x.kind for x in found.instruments), "torques"]
-    decided = tuple(kinds[k] for k in np.argmax(shares, axis=0))
     A = triangle(np.vstack([part.used_slopes for part in found.rows]))
     A[:, len(found.u) :] *= LENGTH
-    s = np.linalg.svd(A, compute_uv=False)
     return Calibration(
         described=description,
         robot=robot,
-        left=float(np.linalg.norm(missing) / np.sqrt(len(over.x))),
+        left=float(np.linalg.norm(over.moved @ np.where(kept, 0.0, theta)) / np.sqrt(len(over.x))),
         zeros=zeros,
         scales=scales,
         known=known,
         values=theta,
-        std=found.std,
-        decided=decided,
+        std=std,
+        decided=tuple(kinds[k] for k in np.argmax(shares, axis=0)),
         shares=shares,
-        sessions=sessions(found),
-        rank=int(np.sum(s > 1)),
+        sessions=_sessions(found),
+        rank=int(np.sum(np.linalg.svd(A, compute_uv=False) > 1)),
         before=_knows(over, known.G),
         after=_knows(over, known.G @ found.root),
         open=open_directions(found, over),
@@ -288,5 +310,34 @@ def _knows(over: Places, root: Float[np.ndarray, "numbers _"]) -> Knows:
     return Knows(float(np.sqrt(np.mean(errors**2))), float(errors.max()), over.size(root))
 
 
-def _mm(value: float) -> str:
-    return f"{1e3 * value:.2g}"
+def _sessions(found: GeometryFit) -> tuple[MeasuringSession, ...]:
+    """What a fit says of the readings of each file."""
+    made = []
+    for part, rows in zip(found.readings, found.rows, strict=False):
+        square, freedom = rows.chance(found.knowledge)
+        quiet = freedom >= 1 and square * _GROWN**2 < chi2.ppf(_CHANCE, freedom)
+        excluded = [
+            _excluded(part, part.noise * rows.errors, k) for k in np.flatnonzero(~part.used)
+        ]
+        residual = float(np.sqrt(np.mean(rows.used_errors**2))) * part.noise
+        made.append(
+            MeasuringSession(
+                part.instrument.kind, part.instrument.source, len(part.used), tuple(excluded),
+                residual, part.noise, part.grown, bool(quiet),
+            )
+        )  # fmt: skip
+    return tuple(made)
+
+
+def _excluded(part: UsedReadings, errors: Residuals, k: int) -> str:
+    """Why a reading is excluded: it stands there twice, or beside another's pose, or is off."""
+    instrument, row = part.instrument, f"row {part.instrument.rows[k]}"
+    if (first := instrument.repeats[k]) != k:
+        return f"{row}: the same as row {instrument.rows[first]}"
+    why = f"{row}: off by {1e3 * np.abs(errors[k]).max():.3g} mm"
+    # another excluded row whose prediction this reading fits, to a hundredth of its error
+    far = np.linalg.norm(instrument.values[k] - (instrument.values - errors), axis=1)
+    others = np.flatnonzero(~part.used & (far < 0.01 * far[k]))
+    if others.size and not isinstance(instrument, ProbeReadings):
+        why += f", it fits the pose of row {instrument.rows[others[0]]}"
+    return why

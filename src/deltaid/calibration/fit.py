@@ -1,32 +1,36 @@
 """The fit of a geometry to the readings of all instruments, with outliers excluded.
 
-Readings that nothing near the description explains are excluded before, of the others the worst
-first, and those come back that the rest predicts after all: outliers may hide each other, and make
-others look like some. Where residuals of an instrument are larger than its noise by more than
-chance, its noise is what they show.
+Gauss and Newton's method for a geometry and the unknowns of its instruments, with a prior:
+
+    min over u, v   Σ ‖(measured − predicted(G u, v)) / σ‖² + ‖u‖²
+
+u are the free numbers in units of their spread before, v the unknowns of the instruments. Readings
+that nothing near the description explains are excluded before, of the others the worst first, and
+those come back that the rest predicts after all: outliers may hide each other, and make others look
+like some. Where residuals of an instrument are larger than its noise by more than chance, its noise
+is what they show.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from itertools import pairwise
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, Int
 from scipy.stats import chi2
 
-from deltaid.calibration.gauss_newton import (
-    GeometryFit,
-    UsedReadings,
-    WeightedRows,
-    solved,
-    tools_of,
-)
-from deltaid.calibration.instruments import Instrument, ProbeReadings
 from deltaid.calibration.loops import Loops
+from deltaid.calibration.readings import Instrument
 from deltaid.calibration.unknowns import Unknowns
 from deltaid.errors import IdentificationError, KinematicsError
+from deltaid.estimation.problem import LinearProblem
 from deltaid.sensors.planning.knowledge import Knowledge
-from deltaid.sensors.planning.offers import PoseKind
 
+# Steps, and the change of a number in units of its spread before that is none.
+_STEPS, _STILL = 40, 1e-7
+# What unknowns of an instrument may change by in a step [m or rad]; also keeps them determined.
+FAR = 10.0
 # A residual beyond this many standard deviations is none of noise: chance makes one of two million.
 _OUTLIER = 5.0
 # More excluded rows are no outliers.
@@ -43,29 +47,194 @@ _CHANCE = 0.01
 # A robust standard deviation is the median of |residuals| over this.
 _MEDIAN = 0.6745
 
+Used = Bool[np.ndarray, " readings"]
+Residuals = Float[np.ndarray, "readings values"]
 
-@dataclass(frozen=True)
-class MeasuringSession:
-    """Readings of one file.
+
+@dataclass(frozen=True, eq=False)
+class WeightedRows:
+    """Rows of an instrument, or of torques, at some geometry, in units of their noise.
 
     Attributes:
-        kind, source: of the instrument, and its file.
-        readings: how many there are.
-        excluded: what was excluded, in words.
-        residual: of those used, root mean square [m].
-        noise: standard deviation that the fit took [m].
-        grown: how many times that is what was stated.
-        quiet: whether residuals are far below that, as where noise is stated ten times too large.
+        slopes: of the prediction by u and by the unknowns of all instruments.
+        errors: measured less predicted.
+        used: which readings the fit uses.
     """
 
-    kind: PoseKind
-    source: str
-    readings: int
-    excluded: tuple[str, ...]
-    residual: float
+    slopes: Float[np.ndarray, "readings values variables"]
+    errors: Residuals
+    used: Used
+
+    @cached_property
+    def used_slopes(self) -> Float[np.ndarray, "rows variables"]:
+        """Slopes of the used readings."""
+        return self.slopes[self.used].reshape(-1, self.slopes.shape[2])
+
+    @cached_property
+    def used_errors(self) -> Float[np.ndarray, " rows"]:
+        """Errors of the used readings."""
+        return self.errors[self.used].ravel()
+
+    def chance(self, knowledge: Knowledge) -> tuple[float, float]:
+        """Sum of squared errors, and what it should be in the mean."""
+        taken = float(np.sum((self.used_slopes @ knowledge.inverse) ** 2))
+        return float(self.used_errors @ self.used_errors), len(self.used_errors) - taken
+
+
+@dataclass(frozen=True, eq=False)
+class UsedReadings:
+    """An instrument's readings in a fit.
+
+    Attributes:
+        used: which of them.
+        state: of the instrument's unknowns.
+        noise: what residuals show, at least the instrument's [m].
+    """
+
+    instrument: Instrument
+    used: Used
+    state: np.ndarray
     noise: float
-    grown: float
-    quiet: bool
+
+    @property
+    def grown(self) -> float:
+        """By how much the noise is larger than stated."""
+        return self.noise / self.instrument.noise
+
+    def rows(
+        self,
+        x: Float[np.ndarray, "readings ends 3"],
+        by_u: Float[np.ndarray, "readings coordinates free"],
+        own: Int[np.ndarray, " own"],
+        width: int,
+    ) -> WeightedRows:
+        """Rows at tool points.
+
+        Args:
+            x, by_u: tool points, and their slopes.
+            own: columns of the instrument's unknowns.
+            width: how many columns there are.
+        """
+        error, by_tools, by_own = self.instrument.slopes(x, self.state)
+        A = np.zeros((*error.shape, width))
+        A[..., : by_u.shape[2]], A[..., own] = by_tools @ by_u, by_own
+        return WeightedRows(A / self.noise, error / self.noise, self.used)
+
+    def misfit(self, what: str) -> IdentificationError:
+        """An error whose place these readings are."""
+        return IdentificationError(what, where=self.instrument.source, cure=_CURE)
+
+
+@dataclass(frozen=True, eq=False)
+class GeometryFit:
+    """Attributes:
+    readings: of each instrument.
+    u: free numbers in units of their spread before.
+    rows: of each instrument, and behind them of torques.
+    knowledge: of u and the instruments' unknowns.
+    """
+
+    loops: Loops = field(repr=False)
+    known: Unknowns = field(repr=False)
+    readings: tuple[UsedReadings, ...]
+    u: Float[np.ndarray, " free"]
+    rows: tuple[WeightedRows, ...]
+    knowledge: Knowledge
+
+    @property
+    def instruments(self) -> tuple[Instrument, ...]:
+        """Whose readings are fitted."""
+        return tuple(readings.instrument for readings in self.readings)
+
+    @cached_property
+    def residuals(self) -> tuple[Residuals, ...]:
+        """Of each instrument's readings in units of their σ: less what the fit took of it, or more
+        where it does not use them."""
+        residuals = []
+        for part in self.rows[: len(self.readings)]:
+            taken = np.sum((part.slopes @ self.knowledge.inverse) ** 2, axis=2)
+            variance = np.where(part.used[:, None], np.maximum(1 - taken, 1e-6), 1 + taken)
+            residuals.append(part.errors / np.sqrt(variance))
+        return tuple(residuals)
+
+    @property
+    def theta(self) -> Float[np.ndarray, " numbers"]:
+        """The numbers of the geometry."""
+        return self.known.G @ self.u
+
+    @property
+    def root(self) -> Float[np.ndarray, "free variables"]:
+        """L with Cov u = L Lᵀ."""
+        return self.knowledge.inverse[: len(self.u)]
+
+    def shares(self) -> Float[np.ndarray, "sources numbers"]:
+        """Which share of each number the description and each instrument decided; they add up to 1.
+
+        With C = (AᵀA + 1)⁻¹ the estimate is C (Σ AᵢᵀAᵢ u + u₀), whose diagonal weights these are.
+        """
+        n, C, G = len(self.u), self.knowledge.inverse @ self.knowledge.inverse.T, self.known.G
+        parts = [C, *(C @ (part.used_slopes.T @ part.used_slopes) for part in self.rows)]
+        to_free = np.linalg.pinv(G)
+        return np.array([np.einsum("kf,fg,gk->k", G, W[:n, :n], to_free) for W in parts])
+
+    def again(self, readings: Sequence[UsedReadings], noise: float = 1.0) -> "GeometryFit":
+        """The fit to other readings, from here; torques with so many times the noise."""
+        known = self.known
+        if known.torques is not None:
+            known = replace(known, torques=known.torques.with_noise(noise))
+        return _solved(self.loops, known, readings, self.u)
+
+
+def own_columns(n: int, instruments: Sequence[Instrument]) -> list[Int[np.ndarray, " own"]]:
+    """Columns of each instrument's unknowns, behind n free numbers."""
+    ends = n + np.cumsum([0, *(len(instrument.unknowns) for instrument in instruments)])
+    return [np.arange(*pair) for pair in pairwise(ends)]
+
+
+def tools_of(
+    loops: Loops, known: Unknowns, instrument: Instrument, u: Float[np.ndarray, " free"]
+) -> tuple[Float[np.ndarray, "readings ends 3"], Float[np.ndarray, "readings coordinates free"]]:
+    """Tool points of an instrument's readings, and their slopes by u."""
+    rows, ends, drives = instrument.q.shape
+    x, slopes = loops.points(instrument.q.reshape(-1, drives), known.G @ u)
+    return x.reshape(rows, ends, 3), (slopes @ known.G).reshape(rows, 3 * ends, -1)
+
+
+def _solved(
+    loops: Loops, known: Unknowns, readings: Sequence[UsedReadings], u: Float[np.ndarray, " free"]
+) -> GeometryFit:
+    """The fit to used readings, from some u and the states of the instruments."""
+    n, columns = len(u), own_columns(len(u), [part.instrument for part in readings])
+    width = n + sum(map(len, columns))
+    D = np.diag(np.where(np.arange(width) < n, 1.0, 1 / FAR))
+    for _ in range(_STEPS):
+        rows = [
+            part.rows(*tools_of(loops, known, part.instrument, u), places, width)
+            for part, places in zip(readings, columns, strict=True)
+        ]
+        if known.torques is not None:  # which say nothing of the instruments' unknowns
+            by_u, every = known.torques.A @ known.G, np.ones(len(known.torques.b), dtype=bool)
+            slopes = np.pad(by_u, ((0, 0), (0, width - n)))[:, None]
+            rows.append(WeightedRows(slopes, (known.torques.b - by_u @ u)[:, None], every))
+        A = np.vstack([part.used_slopes for part in rows])
+        error = np.concatenate([part.used_errors for part in rows])
+        problem = LinearProblem(A, error, np.zeros(len(error), dtype=int))
+        step = problem.with_known(D, np.pad(-u, (0, width - n))).x
+        if np.abs(step[:n]).max() < _STILL:
+            knowledge = Knowledge(D).and_rows(A)
+            return GeometryFit(loops, known, tuple(readings), u, tuple(rows), knowledge)
+        u = u + step[:n]
+        readings = [
+            replace(part, state=part.instrument.moved(part.state, step[places]))
+            for part, places in zip(readings, columns, strict=True)
+        ]
+    raise IdentificationError(
+        f"the geometry does not settle, {np.abs(u).max():.0f} standard deviations from the "
+        "description",
+        where=", ".join(part.instrument.source for part in readings),
+        cure="check that these are readings of this robot by this instrument; or hold numbers "
+        "that they cannot know, such as --hold upper_arm",
+    )
 
 
 def fit(loops: Loops, known: Unknowns, instruments: Sequence[Instrument]) -> GeometryFit:
@@ -77,7 +246,7 @@ def fit(loops: Loops, known: Unknowns, instruments: Sequence[Instrument]) -> Geo
     """
     readings = [_near(loops, known, instrument) for instrument in instruments]
     try:
-        found = solved(loops, known, readings, np.zeros(known.G.shape[1]))
+        found = _solved(loops, known, readings, np.zeros(known.G.shape[1]))
         return _with_predicted(_without_outliers(found))
     except KinematicsError as error:
         raise IdentificationError(
@@ -94,8 +263,8 @@ def _near(loops: Loops, known: Unknowns, instrument: Instrument) -> UsedReadings
     x, by_u = tools_of(loops, known, instrument, np.zeros(n))
     while True:
         near = UsedReadings(instrument, used, instrument.start(x, used), instrument.noise)
-        at = near.rows(x, by_u, own, n + len(own))
-        far = at.errors / np.sqrt(1 + np.sum(np.square(at.slopes[..., :n]), axis=2))
+        rows = near.rows(x, by_u, own, n + len(own))
+        far = rows.errors / np.sqrt(1 + np.sum(np.square(rows.slopes[..., :n]), axis=2))
         worst = _outliers(far, used, _spared(used), _scale(far, used))
         if not worst.any():
             return near
@@ -105,29 +274,24 @@ def _near(loops: Loops, known: Unknowns, instrument: Instrument) -> UsedReadings
 def _without_outliers(found: GeometryFit) -> GeometryFit:
     """The fit without readings that noise as stated does not explain, a fifth at most."""
     while True:
-        worst = [
-            _outliers(residuals, part.used, _spared(part.used), 1.0)
-            for residuals, part in zip(found.residuals, found.readings, strict=True)
-        ]
+        pairs = list(zip(found.readings, found.residuals, strict=True))
+        worst = [_outliers(far, part.used, _spared(part.used), 1.0) for part, far in pairs]
         if not any(map(np.any, worst)):
             break
-        readings = [
+        found = found.again([
             replace(part, used=part.used & ~outliers)
             for part, outliers in zip(found.readings, worst, strict=True)
-        ]
-        found = solved(found.loops, found.known, readings, found.u)
-    for residuals, part in zip(found.residuals, found.readings, strict=True):
-        if _outliers(residuals, part.used, len(part.used), _scale(residuals, part.used)).any():
-            raise IdentificationError(
-                f"more than {_MOST:.0%} of the {part.instrument.readings} fit no geometry near the "
-                "described one",
-                where=part.instrument.source,
-                cure=_CURE,
+        ])  # fmt: skip
+    for part, far in pairs:
+        if _outliers(far, part.used, len(part.used), _scale(far, part.used)).any():
+            readings = part.instrument.readings
+            raise part.misfit(
+                f"more than {_MOST:.0%} of the {readings} fit no geometry near the described one"
             )
     return found
 
 
-def _spared(used: Bool[np.ndarray, " readings"]) -> int:
+def _spared(used: Used) -> int:
     """How many more readings may be excluded."""
     return max(0, int(used.sum() - np.ceil((1 - _MOST) * len(used))))
 
@@ -135,101 +299,43 @@ def _spared(used: Bool[np.ndarray, " readings"]) -> int:
 def _with_predicted(found: GeometryFit) -> GeometryFit:
     """With the noise that residuals show, and all readings that the others predict within it."""
     while True:
-        grown = [_level(rows, found.knowledge) for rows in found.rows]
+        grown = [_level(*rows.chance(found.knowledge)) for rows in found.rows]
         readings = []
-        for part, residuals, more in zip(found.readings, found.residuals, grown, strict=False):
-            explained = np.abs(residuals).max(axis=1) < _OUTLIER * more
+        for part, far, more in zip(found.readings, found.residuals, grown, strict=False):
+            explained = np.abs(far).max(axis=1) < _OUTLIER * more
             used = part.used | (part.instrument.is_first & explained)
             readings.append(replace(part, used=used, noise=part.noise * more))
-        known = found.known
-        if known.torques is not None:
-            known = replace(known, torques=known.torques.with_noise(grown[-1]))
-        same = all(
-            np.array_equal(now.used, before.used)
-            for now, before in zip(readings, found.readings, strict=True)
-        )
+        pairs = zip(readings, found.readings, strict=True)
+        same = all(np.array_equal(now.used, before.used) for now, before in pairs)
         if same and max(grown, default=1.0) <= 1.0:
             break
-        found = solved(found.loops, known, readings, found.u)
+        found = found.again(readings, grown[-1])
     for part, rows in zip(found.readings, found.rows, strict=False):
         before = float(np.median(np.linalg.norm(rows.used_slopes[:, : len(found.u)], axis=1)))
         left = float(np.sqrt(np.mean(rows.used_errors**2)))
         if part.grown > _GROWN and left > _BEYOND * before:
-            raise IdentificationError(
+            raise part.misfit(
                 f"{part.instrument.readings} misfit every geometry near the described one by "
-                f"{1e3 * left * part.noise:.3g} mm",
-                where=part.instrument.source,
-                cure=_CURE,
+                f"{1e3 * left * part.noise:.3g} mm"
             )
     return found
 
 
-def _scale(
-    residuals: Float[np.ndarray, "readings values"], used: Bool[np.ndarray, " readings"]
-) -> float:
+def _scale(residuals: Residuals, used: Used) -> float:
     """Robust standard deviation of residuals, at least that of the noise."""
     return max(1.0, float(np.median(np.abs(residuals[used]))) / _MEDIAN)
 
 
-def _outliers(
-    residuals: Float[np.ndarray, "readings values"],
-    used: Bool[np.ndarray, " readings"],
-    most: int,
-    scale: float,
-) -> Bool[np.ndarray, " readings"]:
+def _outliers(residuals: Residuals, used: Used, most: int, scale: float) -> Used:
     """Readings that noise does not explain, of those at least half as far off as the worst, and
     not more than so many."""
     size = np.where(used, np.abs(residuals).max(axis=1), 0.0)
-    worst = np.argsort(-size)[:most]
-    outliers = np.zeros(len(used), dtype=bool)
-    outliers[worst] = size[worst] > max(_OUTLIER * scale, 0.5 * size.max(initial=0.0))
-    return outliers
+    among = np.argsort(np.argsort(-size)) < most
+    return among & (size > max(_OUTLIER * scale, 0.5 * size.max(initial=0.0)))
 
 
-def _level(rows: WeightedRows, knowledge: Knowledge) -> float:
-    """How many times larger the noise of some rows is than assumed; 1 where chance explains it."""
-    square, freedom = _chance(rows, knowledge)
+def _level(square: float, freedom: float) -> float:
+    """How many times larger noise is than assumed; 1 where chance explains the sum of squares."""
     if freedom < 1 or square <= chi2.ppf(1 - _CHANCE, freedom):
         return 1.0
     return float(np.sqrt(square / freedom))
-
-
-def _chance(rows: WeightedRows, knowledge: Knowledge) -> tuple[float, float]:
-    """Sum of squares of some rows in units of their noise, and what it should be in the mean."""
-    freedom = len(rows.used_errors) - float(np.sum((rows.used_slopes @ knowledge.inverse) ** 2))
-    return float(rows.used_errors @ rows.used_errors), freedom
-
-
-def sessions(found: GeometryFit) -> tuple[MeasuringSession, ...]:
-    """What a fit says of the readings of each file."""
-    made = []
-    for part, rows in zip(found.readings, found.rows, strict=False):
-        instrument, errors = part.instrument, part.noise * rows.errors
-        square, freedom = _chance(rows, found.knowledge)
-        made.append(
-            MeasuringSession(
-                instrument.kind,
-                instrument.source,
-                len(part.used),
-                tuple(_excluded(part, errors, int(k)) for k in np.flatnonzero(~part.used)),
-                float(np.sqrt(np.mean(rows.used_errors**2))) * part.noise,
-                part.noise,
-                part.grown,
-                bool(freedom >= 1 and square * _GROWN**2 < chi2.ppf(_CHANCE, freedom)),
-            )
-        )
-    return tuple(made)
-
-
-def _excluded(part: UsedReadings, errors: Float[np.ndarray, "readings values"], k: int) -> str:
-    """Why a reading is excluded: it stands there twice, or beside another's pose, or is off."""
-    instrument, row = part.instrument, f"row {part.instrument.rows[k]}"
-    if (first := instrument.repeats[k]) != k:
-        return f"{row}: the same as row {instrument.rows[first]}"
-    why = f"{row}: off by {1e3 * np.abs(errors[k]).max():.3g} mm"
-    # another excluded row whose prediction this reading fits, to a hundredth of its error
-    far = np.linalg.norm(instrument.values[k] - (instrument.values - errors), axis=1)
-    others = np.flatnonzero(~part.used & (far < 0.01 * far[k]))
-    if others.size and not isinstance(instrument, ProbeReadings):
-        why += f", it fits the pose of row {instrument.rows[others[0]]}"
-    return why

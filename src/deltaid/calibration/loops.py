@@ -10,13 +10,13 @@ and by implicit differentiation dx/dθ = ∂x/∂θ − ∂x/∂y (∂c/∂y)⁻
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import casadi as ca
 import numpy as np
 from jaxtyping import Float
 
-from deltaid.calibration.unknowns import TOOL, Unknowns
+from deltaid.calibration.unknowns import TOOL, Unknowns, mounting_axes
 from deltaid.errors import KinematicsError
 from deltaid.kernel.batch import BatchKernel
 from deltaid.mechanism.kinematics import Kinematics
@@ -24,7 +24,6 @@ from deltaid.mechanism.platform import build_platform
 from deltaid.mechanism.rotation import Path, Turn, fixed, rotation, skew
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.limbs import LimbGeometry
-from deltaid.robot.limbs import rotation as turned
 
 # Newton's method doubles its digits a step: from a centimetre to rounding in five; more are for
 # poses near singularities. Loops count as closed below a picometre.
@@ -35,14 +34,8 @@ Poses = Float[np.ndarray, "samples coordinates"]
 Numbers = Float[np.ndarray, " numbers"]
 
 
-@dataclass(frozen=True, eq=False)
-class ToolPoints:
-    """Where the tool is.
-
-    Attributes:
-        x: in the world [m].
-        slopes: dx/dθ.
-    """
+class ToolPoints(NamedTuple):
+    """Where the tool is in the world [m], and dx/dθ."""
 
     x: Float[np.ndarray, "samples 3"]
     slopes: Float[np.ndarray, "samples 3 numbers"]
@@ -61,40 +54,33 @@ class Loops:
         self, robot: RobotDescription, known: Unknowns, tool: Sequence[float] = (0.0, 0.0, 0.0)
     ) -> None:
         self.kinematics = Kinematics(robot)
-        self.limbs = len(robot.limb_geometry)
+        self.limbs, self.is_linear = len(robot.limb_geometry), robot.is_linear("drive1")
         self._size = 6 if known.apart else self.limbs
         theta = ca.SX.sym("theta", len(known.numbers))
         y, q = ca.SX.sym("y", self._size), ca.SX.sym("q", self.limbs)
         *limbs, platform = known.by_limb(ca.vertsplit(theta))
         z = ca.vertcat(y[:3], y[3:] if not known.apart else ca.SX(0, 1))
         points = build_platform(robot, Path.still(z), platform.get("half")).points
-        turn = _turned(y[3:6]) if known.apart else ca.SX.eye(3)
-        gaps, x = [], y[:3]
-        for i, limb in enumerate(robot.limb_geometry):
-            seat = points[i].at - y[:3]
-            sides = (-0.5, 0.5) if known.apart else (0.0,)
-            gaps += [_gap(limb, limbs[i], q[i], (y[:3], turn, seat), side) for side in sides]
+        turn, x = _turned(y[3:6]) if known.apart else ca.SX.eye(3), y[:3]
+        c = ca.vertcat(*(
+            _gap(limb, limbs[i], q[i], (y[:3], turn, points[i].at - y[:3]), side)
+            for i, limb in enumerate(robot.limb_geometry)
+            for side in ((-0.5, 0.5) if known.apart else (0.0,))
+        ))  # fmt: skip
         if known.apart:
-            offset = ca.DM(list(tool)) + ca.vertcat(*[platform[key] for key in TOOL])
-            x = x + turn @ offset
-        c = ca.vertcat(*gaps)
+            x += turn @ (ca.DM(list(tool)) + ca.vertcat(*[platform[key] for key in TOOL]))
         parts = [c, x, *(ca.jacobian(f, by) for f in (c, x) for by in (y, theta))]
         self._shapes = [part.shape for part in parts]
-        inputs = ca.vertcat(y, q)
+        inputs, dense = ca.vertcat(y, q), [ca.vec(ca.densify(part)) for part in parts]
         self._newton = BatchKernel(inputs, ca.vertcat(c, ca.vec(ca.jacobian(c, y))), theta)
-        dense = [ca.vec(ca.densify(part)) for part in parts]
         self._all = BatchKernel(inputs, ca.vertcat(*dense), theta)
 
     def start(self, q: Drives) -> Poses:
         """Poses of the described robot; NaN where its loops do not close."""
         # a fourth drive turns the tool alone, where the robot has a telescope
         all_drives = np.pad(q, ((0, 0), (0, self.kinematics.dof - self.limbs)))
-        z, _ = self.kinematics.forward_unchecked(all_drives)
-        pose = np.zeros((len(q), self._size))
-        pose[:, : min(self._size, self.limbs)] = z[:, : min(self._size, self.limbs)]
-        if self._size > self.limbs:
-            pose[:, 3:] = 0.0
-        return pose
+        z = self.kinematics.forward_unchecked(all_drives)[0][:, : min(self._size, self.limbs)]
+        return np.pad(z, ((0, 0), (0, self._size - z.shape[1])))
 
     def inverse(self, x: Float[np.ndarray, "samples 3"]) -> Drives:
         """Drive coordinates of the described robot at platform points, the tool at its home angle.
@@ -117,11 +103,11 @@ class Loops:
         for _ in range(_STEPS):
             out = self._newton(np.hstack([y, q]).T, theta).T
             c, C_y = out[:, :size], out[:, size:].reshape(-1, size, size).swapaxes(1, 2)
-            with np.errstate(all="ignore"):
-                try:
+            try:
+                with np.errstate(all="ignore"):
                     y = y - np.linalg.solve(C_y, c[..., None])[..., 0]
-                except np.linalg.LinAlgError:
-                    break
+            except np.linalg.LinAlgError:
+                break
             if not np.max(np.abs(c), initial=0.0) > _CLOSED:
                 break
         open_ = np.flatnonzero(~(np.abs(c).max(axis=1) < 1e3 * _CLOSED))
@@ -192,14 +178,3 @@ def _gap(
         seat = seat + side * fixed(limb.R_WL[:, 1]) * along
         strut += side * own["strut_difference"]
     return ca.norm_2(r + turn @ seat - elbow) - strut
-
-
-def mounting_axes(limb: LimbGeometry) -> Float[np.ndarray, "3 3"]:
-    """Axes out, across and up of a rotary limb, those of L without its tilt about x; of a rail,
-    across it in the limb's plane (outwards where it is upright), across it sideways, and against
-    its positive direction."""
-    if limb.drive == "rotary":
-        out, up = limb.R_WL[:, 0], np.array([0.0, 0.0, 1.0])
-        return np.column_stack([out, np.cross(up, out), up])
-    lean = np.rad2deg(np.arctan2(limb.rail[0], -limb.rail[2]))
-    return limb.R_WL @ turned("y", -float(lean))

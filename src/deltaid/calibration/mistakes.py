@@ -12,8 +12,10 @@ import numpy as np
 from jaxtyping import Float
 from scipy.optimize import linear_sum_assignment
 
-from deltaid.calibration.gauss_newton import tools_of
-from deltaid.calibration.instruments import (
+from deltaid.calibration.fit import tools_of
+from deltaid.calibration.loops import Loops
+from deltaid.calibration.readings import (
+    NAMED_UNITS,
     DistanceReadings,
     Instrument,
     PointReadings,
@@ -21,8 +23,6 @@ from deltaid.calibration.instruments import (
     Tools,
     aligned,
 )
-from deltaid.calibration.loops import Loops
-from deltaid.calibration.readings import NAMED_UNITS
 from deltaid.calibration.unknowns import Unknowns
 from deltaid.errors import RecordingError
 from deltaid.model.verdict import listed
@@ -41,6 +41,9 @@ _EXPLAINS = 0.3
 _COPIED = 0.8
 # Points whose order is searched; the search grows with the cube.
 _ORDERED = 300
+
+# Misfit, what would be the case, and what to do about it.
+Hypotheses = Iterator[tuple[float, str, str]]
 
 
 def require_sense(loops: Loops, known: Unknowns, instrument: Instrument) -> None:
@@ -61,10 +64,15 @@ def require_sense(loops: Loops, known: Unknowns, instrument: Instrument) -> None
     with np.errstate(over="ignore"):  # of absurd numbers, which are in no unit
         _require_spread(instrument, x)
         _require_unit(instrument, x)
-    here, allowed = _misfit(instrument, x), _ALLOWED * _allowed(loops, known, instrument)
+    _, slopes = tools_of(loops, known, instrument, np.zeros(known.G.shape[1]))
+    explained = float(np.median(np.linalg.norm(slopes[:, :3], axis=(1, 2))))
+    here, allowed = _misfit(instrument, x), _ALLOWED * (explained + instrument.noise)
     if here <= allowed:
         return
-    hypotheses = (*_hypotheses(loops, instrument, x), *_sorted(instrument, x, allowed))
+    hypotheses = (
+        *_of_readings(instrument, x, allowed),
+        *_of_drives(loops, instrument),
+    )
     better = [entry for entry in hypotheses if entry[0] < _EXPLAINS * here]
     if better:
         least = min(left for left, _, _ in better)
@@ -72,8 +80,8 @@ def require_sense(loops: Loops, known: Unknowns, instrument: Instrument) -> None
         causes = [what for _, what, _ in like]
         exchanged = [what for what in causes if what.startswith("drives ")]
         if len(exchanged) > 1:  # limbs are alike
-            causes = [what for what in causes if what not in exchanged]
-            causes.append("two drives are exchanged")
+            rest = [what for what in causes if what not in exchanged]
+            causes = [*rest, "two drives are exchanged"]
         raise RecordingError(
             f"{instrument.readings} misfit the described robot by {1e3 * here:.3g} mm, and by "
             f"{1e3 * least:.3g} mm if {' or '.join(causes)}",
@@ -105,10 +113,13 @@ def _described(loops: Loops, q: Float[np.ndarray, "rows ends drives"]) -> Tools:
     return loops.start(q.reshape(-1, q.shape[2]))[:, :3].reshape(*q.shape[:2], 3)
 
 
+def _lengths(x: Tools) -> Float[np.ndarray, " rows"]:
+    return np.linalg.norm(x[:, 1] - x[:, 0], axis=1)
+
+
 def _require_spread(instrument: Instrument, x: Tools) -> None:
     if isinstance(instrument, DistanceReadings):
-        lengths = np.linalg.norm(x[:, 1] - x[:, 0], axis=1)
-        none = np.flatnonzero((lengths < _SAME) | (instrument.values[:, 0] <= 0))
+        none = np.flatnonzero((_lengths(x) < _SAME) | (instrument.values[:, 0] <= 0))
         if none.size:
             raise RecordingError(
                 "is a distance between equal poses, or not positive",
@@ -116,9 +127,9 @@ def _require_spread(instrument: Instrument, x: Tools) -> None:
                 cure="remove the row, or correct its poses and distance",
             )
         return
-    across = 2 if isinstance(instrument, ProbeReadings) else 3
-    wide = [np.linalg.svd(part - part.mean(axis=0), compute_uv=False)[1] for part in
-            (x[:, 0, :across], instrument.values) if part.shape[1] > 1]  # fmt: skip
+    probed = isinstance(instrument, ProbeReadings)
+    parts = (x[:, 0, :2],) if probed else (x[:, 0], instrument.values)
+    wide = [np.linalg.svd(part - part.mean(axis=0), compute_uv=False)[1] for part in parts]
     if min(wide) < _SAME * np.sqrt(len(x)):
         raise RecordingError(
             f"{instrument.readings} lie on a line, or in one place",
@@ -128,18 +139,16 @@ def _require_spread(instrument: Instrument, x: Tools) -> None:
 
 
 def _require_unit(instrument: Instrument, x: Tools) -> None:
+    ratio = 1.0
     if isinstance(instrument, PointReadings):
         spreads = [np.linalg.norm(np.std(part, axis=0)) for part in (instrument.values, x[:, 0])]
         ratio = spreads[0] / spreads[1]
-    elif isinstance(instrument, ProbeReadings):
-        if np.ptp(instrument.values) == 0:
-            return
+    elif isinstance(instrument, DistanceReadings):
+        ratio = float(np.median(instrument.values[:, 0] / _lengths(x)))
+    elif np.ptp(instrument.values) > 0:
         A = np.column_stack([np.ones(len(x)), x[:, 0, :2], instrument.values])
         slope = np.linalg.lstsq(A, x[:, 0, 2], rcond=None)[0][3]
         ratio = 1 / slope if slope > 0 else 1.0
-    else:
-        lengths = np.linalg.norm(x[:, 1] - x[:, 0], axis=1)
-        ratio = float(np.median(instrument.values[:, 0] / lengths))
     if 1 / _UNITS < ratio < _UNITS:
         return
     unit = min(NAMED_UNITS, key=lambda factor: abs(np.log(ratio / factor)))
@@ -156,22 +165,18 @@ def _require_unit(instrument: Instrument, x: Tools) -> None:
 def _misfit(instrument: Instrument, x: Tools, mirrored: bool = False) -> float:
     """Typical error of readings at tool points, whatever a few of them say [m]."""
     state = aligned(x[:, 0], instrument.values, mirrored=True) if mirrored else instrument.start(x)
-    error = instrument.slopes(x, state).error
+    error, _, _ = instrument.slopes(x, state)
     return float(np.median(np.linalg.norm(error, axis=1)))
 
 
-def _allowed(loops: Loops, known: Unknowns, instrument: Instrument) -> float:
-    """What description and noise explain of it [m]."""
-    _, slopes = tools_of(loops, known, instrument, np.zeros(known.G.shape[1]))
-    return float(np.median(np.linalg.norm(slopes[:, :3], axis=(1, 2)))) + instrument.noise
-
-
-def _hypotheses(loops: Loops, instrument: Instrument, x: Tools) -> Iterator[tuple[float, str, str]]:
-    """Misfit, what would be the case, and what to do about it."""
+def _of_readings(instrument: Instrument, x: Tools, allowed: float) -> Hypotheses:
+    """What readings may be, each in its way. A few numbers that are sorted resemble any others, so
+    blocks and distances in another order have to fit."""
+    values = instrument.values
     if isinstance(instrument, PointReadings):
         handed, turned = "the frame is left-handed", "change the sign of one axis of the points"
         yield _misfit(instrument, x, mirrored=True), handed, turned
-        order = _order(x[:, 0], instrument.values)
+        order = _order(x[:, 0], values)
         wrong = np.flatnonzero(order != np.arange(len(order)))
         if wrong.size:
             rows = ", ".join(str(instrument.rows[k]) for k in wrong[:6])
@@ -180,44 +185,36 @@ def _hypotheses(loops: Loops, instrument: Instrument, x: Tools) -> Iterator[tupl
             yield _misfit(instrument, x[order]), another, sort
             both = f"{another} and {handed}", f"{sort} and {turned}"
             yield _misfit(instrument, x[order], mirrored=True), *both
-    if isinstance(instrument, ProbeReadings) and np.ptp(instrument.values):
-        yield (
-            _misfit(replace(instrument, values=-instrument.values), x),
-            "blocks stand below the plane",
-            "give heights above the lowest block",
-        )
-    n = instrument.q.shape[2]
-    as_read, straight = tuple(range(n)), (1,) * n
-    exchanged = [(order, straight) for order in permutations(range(n)) if order != as_read]
-    reversed_ = [(as_read, signs) for signs in product((1, -1), repeat=n) if signs != straight]
-    for order, signs in (*exchanged, *reversed_):
-        y = _described(loops, instrument.q[..., order] * signs)
-        if not np.isfinite(y).all():
-            continue
-        other = listed([str(k + 1) for k in range(n) if order[k] != k or signs[k] < 0])
-        yield (
-            _misfit(instrument, y),
-            f"drives {other} are exchanged"
-            if signs == straight
-            else f"the sign of drive {other} is reversed",
-            "name the columns of q in the order of the description's limbs"
-            if signs == straight
-            else "change the sign of these columns of q",
-        )
-
-
-def _sorted(instrument: Instrument, x: Tools, allowed: float) -> Iterator[tuple[float, str, str]]:
-    """As `_hypotheses`, of blocks or distances that stand in another order. A few numbers that are
-    sorted resemble any others, so these have to fit."""
-    if isinstance(instrument, PointReadings):
         return
     probed = isinstance(instrument, ProbeReadings)
-    size = x[:, 0, 2] if probed else np.linalg.norm(x[:, 1] - x[:, 0], axis=1)
-    values = np.empty_like(instrument.values)
-    values[np.argsort(size)] = np.sort(instrument.values, axis=0)
-    if (left := _misfit(replace(instrument, values=values), x)) <= allowed:
-        what = "blocks" if probed else "distances"
+    if probed and np.ptp(values):
+        below = _misfit(replace(instrument, values=-values), x)
+        yield below, "blocks stand below the plane", "give heights above the lowest block"
+    what, sizes = ("blocks", x[:, 0, 2]) if probed else ("distances", _lengths(x))
+    ranks = np.argsort(np.argsort(sizes))
+    left = _misfit(replace(instrument, values=np.sort(values, axis=0)[ranks]), x)
+    if left <= allowed:
         yield left, f"{what} stand in another order", "write each beside its own pose"
+
+
+def _of_drives(loops: Loops, instrument: Instrument) -> Hypotheses:
+    """Drives that are exchanged, or count the other way."""
+    n = instrument.q.shape[2]
+    as_read, straight = tuple(range(n)), (1,) * n
+    exchanged = [(order, straight) for order in permutations(as_read)][1:]
+    reversed_ = [(as_read, signs) for signs in product((1, -1), repeat=n)][1:]
+    for order, signs in (*exchanged, *reversed_):
+        x = _described(loops, instrument.q[..., order] * signs)
+        if not np.isfinite(x).all():
+            continue
+        other = listed([str(k + 1) for k in range(n) if order[k] != k or signs[k] < 0])
+        words = (
+            (f"drives {other} are exchanged",
+             "name the columns of q in the order of the description's limbs")
+            if signs == straight
+            else (f"the sign of drive {other} is reversed", "change the sign of these columns of q")
+        )  # fmt: skip
+        yield _misfit(instrument, x), *words
 
 
 def _order(x: Float[np.ndarray, "rows 3"], m: Float[np.ndarray, "rows 3"]) -> np.ndarray:
@@ -225,8 +222,8 @@ def _order(x: Float[np.ndarray, "rows 3"], m: Float[np.ndarray, "rows 3"]) -> np
     stand where there are too many to search."""
     if len(m) > _ORDERED:
         return np.arange(len(m))
-    profiles = [
+    own, others = (
         np.sort(np.linalg.norm(points[:, None] - points[None], axis=2), axis=1) for points in (m, x)
-    ]
-    cost = np.linalg.norm(profiles[0][:, None] - profiles[1][None], axis=2)
+    )
+    cost = np.linalg.norm(own[:, None] - others[None], axis=2)
     return linear_sum_assignment(cost)[1]

@@ -15,9 +15,9 @@ import numpy as np
 from jaxtyping import Float
 
 from deltaid.calibration.calibrate import Calibration
-from deltaid.calibration.gauss_newton import FAR, UsedReadings, own_columns, tools_of
-from deltaid.calibration.instruments import KINDS
+from deltaid.calibration.fit import FAR, UsedReadings, own_columns, tools_of
 from deltaid.calibration.outlook import drawn
+from deltaid.calibration.readings import KINDS, Instrument
 from deltaid.errors import DescriptionError
 from deltaid.sensors.planning.knowledge import Knowledge
 from deltaid.sensors.planning.offers import Offer, Offers, PoseKind, PoseReadings, shipped_offers
@@ -76,8 +76,11 @@ def next_readings(
         DescriptionError: the list has no instrument for that money.
     """
     offers = offers or shipped_offers()
-    sold = [(name, offer) for name, offer in offers.offers.items() if offer.reads]
-    plans = [_plan(found, name, offer, offers.hourly, count) for name, offer in sold]
+    plans = [
+        _plan(found, name, offer, offers.hourly, count)
+        for name, offer in offers.offers.items()
+        if offer.reads
+    ]
     plans = [plan for plan in plans if budget is None or plan.cost <= budget]
     if not plans:
         raise DescriptionError(
@@ -88,31 +91,18 @@ def next_readings(
     return tuple(sorted(plans, key=lambda plan: plan.cost / plan.gain))
 
 
-def _used(found: Calibration, reads: PoseReadings) -> int | None:
-    """Which instrument of a calibration is that of an offer."""
-    for k, past in enumerate(found.fit.instruments):
-        stood = past.values if past.kind == "probe" else np.zeros((1, 1))
-        stated = past.noise / reads.noise
-        on = [np.abs(stood - block).min() < _SAME_BLOCK for block in reads.blocks]
-        if past.kind == reads.kind and 1 / _ALIKE <= stated <= _ALIKE and all(on):
-            return k
-    return None
-
-
 def _plan(found: Calibration, name: str, offer: Offer, hourly: float, count: int) -> NextReadings:
     assert offer.reads is not None
-    loops, n, reads = found.fit.loops, len(found.fit.u), offer.reads
-    kind, past = reads.kind, _used(found, reads)
-    cost = offer.hours * hourly + (offer.price if past is None else 0.0)
-    if past is None and kind == "probe":  # another probe on the same bed
-        past = next((k for k, x in enumerate(found.fit.instruments) if x.kind == kind), None)
+    fit, reads, F = found.fit, offer.reads, found.places.moved @ found.known.G
+    kind, knowledge, n, instruments = reads.kind, fit.knowledge, len(fit.u), fit.instruments
+    alike = [k for k, past in enumerate(instruments) if past.kind == kind]
+    used = next((k for k in alike if _is_offered(instruments[k], reads)), None)
+    past = next(iter(alike), None) if used is None and kind == "probe" else used  # on the same bed
     ends, blocks = _candidates(found, reads)
-    rows, knowledge = len(ends), found.fit.knowledge
-    instrument = KINDS[kind](
-        "", loops.inverse(ends.reshape(-1, 3)).reshape(*ends.shape[:2], -1),
-        np.zeros((rows, 3 if kind == "points" else 1)), reads.noise, np.arange(rows),
-    )  # fmt: skip
-    x, by_u = tools_of(loops, found.known, instrument, found.fit.u)
+    q = fit.loops.inverse(ends.reshape(-1, 3)).reshape(*ends.shape[:2], -1)
+    values = np.zeros((len(q), 3 if kind == "points" else 1))
+    instrument = KINDS[kind]("", q, values, reads.noise, np.arange(len(q)))
+    x, by_u = tools_of(fit.loops, found.known, instrument, fit.u)
     if past is None:  # a new instrument's unknowns
         if kind == "points":
             instrument = replace(instrument, values=x[:, 0])
@@ -122,13 +112,11 @@ def _plan(found: Calibration, name: str, offer: Offer, hourly: float, count: int
         root[own, own] = 1 / FAR
         knowledge = Knowledge(root)
     else:
-        state = found.fit.readings[past].state
-        own = own_columns(n, found.fit.instruments)[past]
-    offered = UsedReadings(instrument, np.ones(rows, dtype=bool), state, reads.noise)
+        state, own = fit.readings[past].state, own_columns(n, instruments)[past]
+    offered = UsedReadings(instrument, np.ones(len(q), dtype=bool), state, reads.noise)
     A = offered.rows(x, by_u, own, len(knowledge.root)).slopes
-    E = np.zeros((found.places.moved.shape[0], len(knowledge.root)))
-    E[:, :n] = found.places.moved @ found.known.G
-    F = np.linalg.qr(E).R / np.sqrt(len(found.places.x))
+    F = np.linalg.qr(np.pad(F, ((0, 0), (0, len(knowledge.root) - n)))).R
+    F /= np.sqrt(len(found.places.x))
     goal = Goal("positions", F, 1.0, _ENOUGH)
     before, chosen = goal.left(knowledge), list[int]()
     for _ in range(count):
@@ -138,12 +126,20 @@ def _plan(found: Calibration, name: str, offer: Offer, hourly: float, count: int
         worth = np.sum(np.linalg.solve(S, moved) * moved, axis=(1, 2))
         chosen.append(int(np.argmax(worth)))
         knowledge = knowledge.and_rows(A[chosen[-1]])
-    position = float(np.linalg.norm(knowledge.std_of(F)))
-    size = found.places.size(found.known.G @ knowledge.inverse[:n])
-    gain = max(before - goal.left(knowledge), np.finfo(float).tiny)
     return NextReadings(
-        name, offer.title, kind, ends[chosen], blocks[chosen], position, size, gain, cost
-    )
+        name, offer.title, kind, ends[chosen], blocks[chosen],
+        position=float(np.linalg.norm(knowledge.std_of(F))),
+        size=found.places.size(found.known.G @ knowledge.inverse[:n]),
+        gain=max(before - goal.left(knowledge), np.finfo(float).tiny),
+        cost=offer.hours * hourly + (offer.price if used is None else 0.0),
+    )  # fmt: skip
+
+
+def _is_offered(past: Instrument, reads: PoseReadings) -> bool:
+    """Whether an instrument of a calibration is that of an offer."""
+    stood = past.values if past.kind == "probe" else np.zeros((1, 1))
+    on = [np.abs(stood - block).min() < _SAME_BLOCK for block in reads.blocks]
+    return 1 / _ALIKE <= past.noise / reads.noise <= _ALIKE and all(on)
 
 
 def _candidates(
@@ -154,11 +150,9 @@ def _candidates(
     x = loops.start(drawn(loops.kinematics, loops.limbs, _PLACES, _SEED))[:, :3]
     if reads.kind == "points":
         return x[:, None], np.zeros(len(x))
-    probes = [k for k, other in enumerate(found.fit.instruments) if other.kind == "probe"]
-    plane = found.fit.readings[probes[0]].state[0] if probes else x[:, 2].min()
-    blocks = np.repeat(reads.blocks, len(x))
-    on = np.tile(x, (len(blocks) // len(x), 1))
-    on[:, 2] = plane + blocks
+    beds = [part.state[0] for part in found.fit.readings if part.instrument.kind == "probe"]
+    blocks, on = np.repeat(reads.blocks, len(x)), np.tile(x, (len(reads.blocks), 1))
+    on[:, 2] = (beds[0] if beds else x[:, 2].min()) + blocks
     inside = found.described.workspace.contains(on)
     on, blocks = on[inside], blocks[inside]
     if reads.kind == "probe":

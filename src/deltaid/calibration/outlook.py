@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from jaxtyping import Float
 
-from deltaid.calibration.gauss_newton import GeometryFit
+from deltaid.calibration.fit import GeometryFit
 from deltaid.calibration.loops import Loops
 from deltaid.calibration.unknowns import WORDS, Unknowns
 from deltaid.mechanism.kinematics import Kinematics
@@ -25,8 +25,8 @@ _MATTERS = 0.2
 _HALF, _WEAK = 0.5, 5.0
 # Numbers are named that move at least this share of their spread before, against the largest.
 _NAMED = 0.3
-# Most kinds of numbers that a sentence names.
-_LISTED = 3
+# Most kinds of numbers that a sentence names, and what they are shown in.
+_LISTED, _SHOWN = 3, {"m": (1e3, "mm"), "rad": (1e3, "mrad"), "": (100, "%")}
 
 
 @dataclass(frozen=True)
@@ -76,11 +76,11 @@ def _across(x: Float[np.ndarray, "places 3"]) -> Float[np.ndarray, " entries"]:
 
 def places(loops: Loops, known: Unknowns, theta: Float[np.ndarray, " numbers"]) -> Places:
     """Places over the described workspace that the robot reaches."""
-    q = drawn(loops.kinematics, loops.limbs)
-    tools = loops.points(q, theta)
-    J = tools.slopes.reshape(-1, len(known.numbers))
-    Q = np.linalg.qr(rigid(tools.x))[0]
-    return Places(tools.x, J - Q @ (Q.T @ J))
+    x, slopes = loops.points(drawn(loops.kinematics, loops.limbs), theta)
+    J, arms = slopes.reshape(-1, len(known.numbers)), x - x.mean(axis=0)
+    turns = [np.cross(axis, arms).ravel() for axis in np.eye(3)]
+    Q = np.linalg.qr(np.column_stack([*np.tile(np.eye(3), (len(x), 1)).T, *turns]))[0]
+    return Places(x, J - Q @ (Q.T @ J))
 
 
 def drawn(
@@ -100,43 +100,33 @@ def drawn(
     return kinematics.inverse(z[good][:count])[:, :limbs]
 
 
-def rigid(x: Float[np.ndarray, "places 3"]) -> Float[np.ndarray, "entries 6"]:
-    """Displacements of places by three shifts and three turns."""
-    arms = x - x.mean(axis=0)
-    turns = [np.cross(axis, arms).ravel() for axis in np.eye(3)]
-    return np.column_stack([*np.tile(np.eye(3), (len(x), 1)).T, *turns])
-
-
 def open_directions(found: GeometryFit, over: Places) -> tuple[Direction, ...]:
     """Combinations that matter and that measurements do not know, the worst first."""
-    known, n = found.known, len(found.u)
-    C = found.root @ found.root.T
-    L = np.linalg.cholesky(C + 1e-14 * np.trace(C) * np.eye(n))
+    known, C = found.known, found.root @ found.root.T
+    L = np.linalg.cholesky(C + 1e-14 * np.trace(C) * np.eye(len(C)))
     _, s, Vt = np.linalg.svd(over.moved @ known.G @ L, full_matrices=False)
-    total = np.linalg.norm(s)
     noise = max(readings.noise for readings in found.readings)
-    directions = []
     reach = float(np.sqrt(np.mean(np.sum((over.x - over.x.mean(axis=0))[:, :2] ** 2, axis=1))))
-    for size, v in zip(s, Vt, strict=True):
-        u = L @ v
+    directions = []
+    for size, u in zip(s, (L @ Vt.T).T, strict=True):
         # with the posterior's metric uᵀC⁻¹u = 1 = |u|² (the description's share) + data's
         error = float(size / np.sqrt(len(over.x)))
-        if size < _MATTERS * total or (u @ u < _HALF and error < _WEAK * noise):
+        if size < _MATTERS * np.linalg.norm(s) or (u @ u < _HALF and error < _WEAK * noise):
             continue
         theta = known.G @ u
         grows = float(_across(over.x) @ over.moved @ theta)
-        theta = theta * (np.sign(grows) or 1.0)
-        directions.append(
-            Direction(_words(known, theta, abs(grows), error, reach), error, abs(grows),
-                      dict(zip(known.names, theta.tolist(), strict=True)))
-        )  # fmt: skip
+        theta, grows = theta * (np.sign(grows) or 1.0), abs(grows)
+        what = "shape stays uncertain"
+        if grows * reach > np.sqrt(_HALF) * error:
+            what = f"sizes stay uncertain by {100 * grows:.2g} %"
+        words = f"{what}, positions by {1e3 * error:.2g} mm: {_named(known, theta)}"
+        numbers = dict(zip(known.names, theta.tolist(), strict=True))
+        directions.append(Direction(words, error, grows, numbers))
     return tuple(directions)
 
 
-def _words(
-    known: Unknowns, theta: Float[np.ndarray, " numbers"], grows: float, error: float, reach: float
-) -> str:
-    """Such as 'sizes stay uncertain by 1.2 %, 0.9 mm of position: strut +2.7 mm, … together'."""
+def _named(known: Unknowns, theta: Float[np.ndarray, " numbers"]) -> str:
+    """Such as 'strut +2.7 mm, zero -0.3 mrad (limb 2 most)'."""
     named = []
     for kind in known.kinds:
         at = known.of_kind(kind)
@@ -144,19 +134,9 @@ def _words(
         largest = int(np.argmax(np.abs(own)))
         # alike in all limbs where their mean makes most of it
         alike = abs(mean) * np.sqrt(len(at)) > np.sqrt(_HALF) * np.linalg.norm(own)
-        peak = mean if alike else float(own[largest])
-        text = f"{WORDS[kind]} {amount(peak, number.unit)}"
-        text += "" if alike else f" (limb {largest + 1} most)"
+        peak, most = (mean, "") if alike else (float(own[largest]), f" (limb {largest + 1} most)")
+        factor, unit = _SHOWN[number.unit]
+        text = f"{WORDS[kind]} {factor * peak:+.2g} {unit}{most}"
         named.append((abs(peak) / (number.spread or np.inf), text))
     named.sort(key=lambda entry: -entry[0])
-    listed = [text for share, text in named if share > _NAMED * named[0][0]][:_LISTED]
-    scales = grows * reach > np.sqrt(_HALF) * error
-    what = f"sizes stay uncertain by {100 * grows:.2g} %" if scales else "shape stays uncertain"
-    return f"{what}, positions by {1e3 * error:.2g} mm: {', '.join(listed)}"
-
-
-def amount(value: float, unit: str) -> str:
-    """A small length, angle or share, such as '+2.7 mm'."""
-    if unit == "m":
-        return f"{1e3 * value:+.2g} mm"
-    return f"{1e3 * value:+.2g} mrad" if unit == "rad" else f"{100 * value:+.2g} %"
+    return ", ".join([text for share, text in named if share > _NAMED * named[0][0]][:_LISTED])

@@ -1,20 +1,28 @@
-"""Files of measured poses: which column is what, units, and how well instruments read.
+"""Measured poses: rows of instruments with their slopes and unknowns, and files of them.
 
-A row has the pose and what the instrument read. The pose is the drives' coordinates q1, q2, …,
-or the commanded platform point x, y, z, of which the described robot's inverse kinematics make
-them. Of distances both ends have a pose: a_q1, … and b_q1, …, or a_x, … and b_x, …. Read are
+Points      m = R x + t of a tracker or camera, whose frame (R, t) is unknown
+Probe       z − (h + a x + b y + block) = 0 on a plane of unknown height and slopes, bare or on
+            blocks of known height
+Distances   |x_A − x_B| of a calliper or ballbar
+
+A row of a file has the pose and what the instrument read. The pose is the drives' coordinates q1,
+q2, …, or the commanded platform point x, y, z, of which the described robot's inverse kinematics
+make them. Of distances both ends have a pose: a_q1, … and b_q1, …, or a_x, … and b_x, …. Read are
 px, py, pz of points, the height `block` of what a probe touched above the plane (0 without such a
 column), and `distance`.
 """
 
+from abc import ABC, abstractmethod
 from collections.abc import Sequence
-from typing import Annotated
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Annotated, ClassVar
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float, Int
 from pydantic import Field
+from scipy.spatial.transform import Rotation
 
-from deltaid.calibration.instruments import KINDS, Instrument
 from deltaid.calibration.loops import Loops
 from deltaid.errors import KinematicsError, RecordingError
 from deltaid.recording.mapping import ColumnMapping
@@ -25,13 +33,6 @@ from deltaid.recording.units import si_factor
 from deltaid.robot.part import Part, Positive
 from deltaid.sensors.planning.offers import PoseKind
 
-# What instruments of each kind usually read to [m]: a good tracker or camera with a tag, a touch
-# probe of a printer or mill, a calliper in a steady hand.
-_POINT, _TOUCH, _CALLIPER = 2e-5, 1e-5, 2e-5
-USUAL: dict[PoseKind, float] = {"points": _POINT, "probe": _TOUCH, "distances": _CALLIPER}
-_READ: dict[PoseKind, tuple[str, ...]] = {
-    "points": ("px", "py", "pz"), "probe": ("block",), "distances": ("distance",),
-}  # fmt: skip
 # Units that people forget to state: how many make a metre.
 NAMED_UNITS = {1e3: "mm", 39.37: "inch", 100.0: "cm"}
 # A rotary drive turns less than this within its workspace [rad]; more are degrees.
@@ -43,6 +44,143 @@ _MOST = 20_000
 
 # Files or tables of one kind of instrument, one or several.
 ReadingsLike = RecordingLike | Sequence[RecordingLike]
+Points = Float[np.ndarray, "rows 3"]
+Tools = Float[np.ndarray, "rows ends 3"]
+# Of rows: measured less predicted [m], slopes of the prediction by the tool points of all ends, and
+# by changes of the instrument's unknowns.
+Slopes = tuple[
+    Float[np.ndarray, "rows values"],
+    Float[np.ndarray, "rows values coordinates"],
+    Float[np.ndarray, "rows values own"],
+]
+
+
+@dataclass(frozen=True, eq=False)
+class Instrument(ABC):
+    """Readings of one session.
+
+    Attributes:
+        readings: what they are called.
+        read: columns of what was read, and
+        usual: its standard deviation where nobody states one [m].
+        source: file that they come from.
+        q: drive coordinates of each end [rad or m].
+        values: what was read [m].
+        noise: standard deviation of each value, as stated [m].
+        rows: of the file, for messages.
+    """
+
+    kind: ClassVar[PoseKind]
+    readings: ClassVar[str]
+    read: ClassVar[tuple[str, ...]]
+    usual: ClassVar[float]
+    unknowns: ClassVar[tuple[str, ...]] = ()
+    source: str
+    q: Float[np.ndarray, "rows ends drives"]
+    values: Float[np.ndarray, "rows values"]
+    noise: float
+    rows: Int[np.ndarray, " rows"]
+
+    @cached_property
+    def numbers(self) -> Float[np.ndarray, "rows numbers"]:
+        """All numbers of each reading."""
+        return np.hstack([self.q.reshape(len(self.q), -1), self.values])
+
+    @cached_property
+    def repeats(self) -> Int[np.ndarray, " rows"]:
+        """Of each reading, the first that has the same numbers, digit by digit."""
+        _, first, which = np.unique(self.numbers, axis=0, return_index=True, return_inverse=True)
+        return first[which.ravel()]
+
+    @property
+    def is_first(self) -> Bool[np.ndarray, " rows"]:
+        """Whether no earlier reading has the same numbers."""
+        return self.repeats == np.arange(len(self.repeats))
+
+    @abstractmethod
+    def start(self, x: Tools, used: np.ndarray | slice = slice(None)) -> np.ndarray:
+        """A state of the instrument's unknowns that fits the tool points of its used readings."""
+
+    @abstractmethod
+    def slopes(self, x: Tools, state: np.ndarray) -> Slopes:
+        """Errors and slopes at tool points."""
+
+    def moved(self, state: np.ndarray, by: Float[np.ndarray, " own"]) -> np.ndarray:
+        """The state after changes of the unknowns."""
+        return state + by
+
+
+class PointReadings(Instrument):
+    """3-D points, of a good tracker or camera with a tag; the state is a 3 × 4 matrix [R t]."""
+
+    kind = readings = "points"
+    read, usual = ("px", "py", "pz"), 2e-5
+    unknowns = ("frame turn x", "frame turn y", "frame turn z", "frame x", "frame y", "frame z")
+
+    def start(self, x: Tools, used: np.ndarray | slice = slice(None)) -> np.ndarray:
+        return aligned(x[used, 0], self.values[used])
+
+    def slopes(self, x: Tools, state: np.ndarray) -> Slopes:
+        R, t = state[:, :3], state[:, 3]
+        turned = x[:, 0] @ R.T
+        turns = np.stack([np.cross(axis, turned) for axis in np.eye(3)], axis=2)
+        shifts, R = (np.broadcast_to(part, (len(x), 3, 3)) for part in (np.eye(3), R))
+        return self.values - turned - t, R, np.concatenate([turns, shifts], axis=2)
+
+    def moved(self, state: np.ndarray, by: Float[np.ndarray, " own"]) -> np.ndarray:
+        turn = Rotation.from_rotvec(by[:3]).as_matrix()
+        return np.column_stack([turn @ state[:, :3], state[:, 3] + by[3:]])
+
+
+class ProbeReadings(Instrument):
+    """Contacts with a plane, of a printer's or mill's touch probe; values are the heights of blocks
+    on it. The state is h, a, b."""
+
+    kind = "probe"
+    readings = "touches"
+    read, usual = ("block",), 1e-5
+    unknowns = ("plane height", "plane slope x", "plane slope y")
+
+    def start(self, x: Tools, used: np.ndarray | slice = slice(None)) -> np.ndarray:
+        A, height = np.insert(x[used, 0, :2], 0, 1.0, axis=1), x[used, 0, 2]
+        return np.linalg.lstsq(A, height - self.values[used, 0], rcond=None)[0]
+
+    def slopes(self, x: Tools, state: np.ndarray) -> Slopes:
+        A = np.insert(x[:, 0, :2], 0, 1.0, axis=1)
+        error = A @ state + self.values[:, 0] - x[:, 0, 2]
+        across = np.broadcast_to([-state[1], -state[2], 1.0], (len(A), 1, 3))
+        return error[:, None], across, -A[:, None, :]
+
+
+class DistanceReadings(Instrument):
+    """Distances between two tool points each, of a calliper in a steady hand."""
+
+    kind = readings = "distances"
+    read, usual = ("distance",), 2e-5
+
+    def start(self, x: Tools, used: np.ndarray | slice = slice(None)) -> np.ndarray:
+        return np.zeros(0)
+
+    def slopes(self, x: Tools, state: np.ndarray) -> Slopes:
+        way = x[:, 1] - x[:, 0]
+        length = np.linalg.norm(way, axis=1, keepdims=True)
+        along = (way / length)[:, None, :]
+        none = np.zeros((len(way), 1, 0))
+        return self.values - length, np.concatenate([-along, along], axis=2), none
+
+
+KINDS: dict[PoseKind, type[Instrument]] = {
+    "points": PointReadings, "probe": ProbeReadings, "distances": DistanceReadings,
+}  # fmt: skip
+
+
+def aligned(x: Points, m: Points, mirrored: bool = False) -> Float[np.ndarray, "3 4"]:
+    """[R t] of least squares with m ≈ R x + t (Kabsch 1976), R a reflection where mirrored."""
+    mean_x, mean_m = x.mean(axis=0), m.mean(axis=0)
+    U, _, Vt = np.linalg.svd((m - mean_m).T @ (x - mean_x))
+    sign = np.sign(np.linalg.det(U @ Vt)) * (-1.0 if mirrored else 1.0)
+    R = U @ np.diag([1.0, 1.0, sign]) @ Vt
+    return np.column_stack([R, mean_m - R @ mean_x])
 
 
 class InstrumentColumns(Part):
@@ -59,6 +197,10 @@ class InstrumentColumns(Part):
         default_factory=dict[str, str],
         description="names in the file of q1 or x, a_q1, px, block, distance, …",
     )
+
+    def has(self, name: str, table: LogTable) -> bool:
+        """Whether a table has a column of ours."""
+        return self.columns.get(name, name) in table.header
 
 
 class Measurements(Part):
@@ -83,67 +225,58 @@ def read(
         RecordingError: the file is of another instrument; a column is missing, or a number is;
             there are no rows, or too many; drives look like degrees, or poses are out of reach.
     """
-    source = as_source(given, kind)
+    source, instrument = as_source(given, kind), KINDS[kind]
     table = source.table if isinstance(source, Recording) else open_table(source)
-    if kind == "probe" and set(_READ["points"]) <= set(table.header):
+    if kind == "probe" and set(PointReadings.read) <= set(table.header):
         raise RecordingError(
             "has px, py, pz: these are points, no touches",
             where=str(table.path),
             cure="give the file with --points",
         )
     where, length = str(table.path), si_factor(columns.unit, "m", where=f"{kind}.unit")
-    values = [
-        _column(table, columns, name, length)
-        for name in _READ[kind]
-        if name != "block" or columns.columns.get(name, name) in table.header
-    ]
+    needed = [name for name in instrument.read if name != "block" or columns.has(name, table)]
+    values = [_column(table, columns, name, length) for name in needed]
     ends = ("a_", "b_") if kind == "distances" else ("",)
     q = np.stack([_drives(table, columns, end, loops, length) for end in ends], axis=1)
     if not len(q):
         raise RecordingError("has no rows", where=where, cure="give at least one measured pose")
     read_values = np.column_stack(values) if values else np.zeros((len(q), 1))
-    noise = USUAL[kind] if columns.noise is None else columns.noise * length
-    return KINDS[kind](where, q, read_values, noise, table.first_row + np.arange(len(q)))
+    noise = instrument.usual if columns.noise is None else columns.noise * length
+    return instrument(where, q, read_values, noise, table.first_row + np.arange(len(q)))
 
 
 def _drives(
     table: LogTable, columns: InstrumentColumns, end: str, loops: Loops, length: float
 ) -> Float[np.ndarray, "rows drives"]:
     """Drive coordinates of one end of each row."""
-    names = [f"{end}q{i + 1}" for i in range(loops.limbs)]
-    linear = loops.kinematics.robot.is_linear("drive1")
-    where = str(table.path)
-    if columns.columns.get(names[0], names[0]) not in table.header and (
-        columns.columns.get(f"{end}x", f"{end}x") in table.header
-    ):
+    names, linear = [f"{end}q{i + 1}" for i in range(loops.limbs)], loops.is_linear
+    if not columns.has(names[0], table) and columns.has(f"{end}x", table):
         x = np.column_stack([_column(table, columns, f"{end}{axis}", length) for axis in "xyz"])
-        q = _inverse(x, loops, where)
-        far = np.linalg.norm(loops.start(q)[:, :3] - x, axis=1)
-        other = np.flatnonzero(~(far < _CLOSED))
-        if other.size:
+        q = _inverse(x, loops, str(table.path))
+        bad = ~(np.linalg.norm(loops.start(q)[:, :3] - x, axis=1) < _CLOSED)
+        what, cure = (
+            "the described robot does not stand at this point",
+            "z points up, so most robots work below zero; check signs and axes of x, y, z",
+        )
+    else:
+        target = "m" if linear else "rad"
+        factor = si_factor(columns.drive_unit or target, target, where="drive_unit")
+        q = np.column_stack([_column(table, columns, name, factor) for name in names])
+        wide = np.argwhere(np.abs(q) > _WIDE)
+        if not linear and wide.size and columns.drive_unit is None:
             raise RecordingError(
-                "the described robot does not stand at this point",
-                where=table.row_place(table.first_row + int(other[0])),
-                cure="z points up, so most robots work below zero; check signs and axes of x, y, z",
+                f"column {names[wide[0, 1]]} reaches {q[tuple(wide[0])]:.4g} rad; likely degrees",
+                where=table.row_place(table.first_row + int(wide[0, 0])),
+                cure="say so: drive_unit: deg under this instrument, with --columns FILE.yaml",
             )
-        return q
-    target = "m" if linear else "rad"
-    factor = si_factor(columns.drive_unit or target, target, where="drive_unit")
-    q = np.column_stack([_column(table, columns, name, factor) for name in names])
-    far = np.argwhere(np.abs(q) > _WIDE)
-    if not linear and far.size and columns.drive_unit is None:
-        raise RecordingError(
-            f"column {names[far[0, 1]]} reaches {q[tuple(far[0])]:.4g} rad; likely degrees",
-            where=table.row_place(table.first_row + int(far[0, 0])),
-            cure="say so: drive_unit: deg under this instrument, with --columns FILE.yaml",
-        )
-    open_ = np.flatnonzero(~np.isfinite(loops.start(q)).all(axis=1))
-    if open_.size:
-        raise RecordingError(
+        bad = ~np.isfinite(loops.start(q)).all(axis=1)
+        what, cure = (
             "the described robot cannot stand at these drive positions",
-            where=table.row_place(table.first_row + int(open_[0])),
-            cure="check the drives' unit, sign, zero and order, and the description's lengths",
+            "check the drives' unit, sign, zero and order, and the description's lengths",
         )
+    if bad.any():
+        where = table.row_place(table.first_row + int(bad.argmax()))
+        raise RecordingError(what, where=where, cure=cure)
     return q
 
 
@@ -151,15 +284,15 @@ def _inverse(
     x: Float[np.ndarray, "rows 3"], loops: Loops, where: str
 ) -> Float[np.ndarray, "rows drives"]:
     """Drive coordinates at commanded points."""
-    try:
-        return loops.inverse(x)
-    except KinematicsError as error:
-        what = f"{error.where}: {error.what}"
-    for factor, unit in NAMED_UNITS.items():
+    what = ""
+    for factor, unit in ({1.0: ""} | NAMED_UNITS).items():
         try:
-            loops.inverse(x / factor)
-        except KinematicsError:
+            q = loops.inverse(x / factor)
+        except KinematicsError as error:
+            what = what or f"{error.where}: {error.what}"
             continue
+        if not unit:
+            return q
         what = f"x, y, z are out of reach, and within it in {unit}; likely they are in {unit}"
         break
     raise RecordingError(
@@ -182,11 +315,8 @@ def _column(
             cure=f"rename it to {name}, or name it under columns with --columns FILE.yaml"
             + (f"; or give {name[:-2]}x, {name[:-2]}y, {name[:-2]}z" if name[-2:] == "q1" else ""),
         )
-    read_rows = [
-        (np.asarray(piece.numbers[0], dtype=float), piece.written[0])
-        for piece in table.rows([column])
-    ]
-    numbers = np.concatenate([part for part, _ in read_rows] or [np.zeros(0)])
+    pieces = [(np.asarray(x.numbers[0], dtype=float), x.written[0]) for x in table.rows([column])]
+    numbers = np.concatenate([part for part, _ in pieces] or [np.zeros(0)])
     if len(numbers) > _MOST:
         raise RecordingError(
             f"has {len(numbers)} readings; at most {_MOST} are fitted",
@@ -195,7 +325,7 @@ def _column(
         )
     bad = np.flatnonzero(~np.isfinite(numbers))
     if bad.size:
-        written = [text for _, part in read_rows for text in part]
+        written = [text for _, part in pieces for text in part]
         place = table.row_place(table.first_row + int(bad[0]))
         raise table.bad_value(column, written[bad[0]], place)
     return numbers * factor

@@ -15,8 +15,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from deltaid.calibration.loops import mounting_axes
-from deltaid.calibration.unknowns import Number, TorqueRows, Unknowns
+from deltaid.calibration.unknowns import Number, TorqueRows, Unknowns, mounting_axes
 from deltaid.checks.evidence import evidence
 from deltaid.checks.signal import checked_signals
 from deltaid.checks.wiring.wiring import checked_wirings

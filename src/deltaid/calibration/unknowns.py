@@ -4,7 +4,8 @@ A rotary limb has eight: where its base joint stands against its joint of the pl
 enter the closed loops by their difference only), the direction of its motor axis (2), upper arm,
 zero, strut. A limb on a rail has seven: place across the rail (2), direction of the rail (2), zero,
 scale of the drive, strut. H4 and Par4 have the length of their middle as well. With struts apart,
-so that the platform may tilt, a limb has five more and the tool three.
+so that the platform may tilt, a limb has five more and the tool three. A robot file holds them as
+far as its keys can.
 """
 
 from collections.abc import Sequence
@@ -12,11 +13,13 @@ from dataclasses import dataclass, replace
 from typing import Any, Literal
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 
 from deltaid.errors import DescriptionError, unknown
 from deltaid.robot.description import RobotDescription
+from deltaid.robot.limbs import LimbGeometry, Limbs, rotation
 from deltaid.robot.platform import H4Platform, Par4Platform, RigidPlatform
+from deltaid.robot.tolerances import LENGTHS, Tolerances
 
 # What parts of a printer or a prototype are off where nobody states it, one standard deviation:
 # a millimetre, a milliradian, a thousandth of a belt's pitch.
@@ -38,7 +41,12 @@ APART: dict[str, Unit] = {
 }  # fmt: skip
 TOOL: dict[str, Unit] = {"tool_x": "m", "tool_y": "m", "tool_z": "m"}
 # The kind of length of the description whose tolerance each has.
-_TOLERANCE = {"base": "base_radius", "rail": "base_radius", "upper": "upper_arm"}
+_TOLERANCE = {
+    "base": "base_radius",
+    "rail": "base_radius",
+    "upper": "upper_arm",
+    "half": "platform",
+}
 WORDS = {
     "base_out": "base radius", "base_across": "base sideways", "base_up": "base height",
     "azimuth": "axis azimuth", "tilt": "axis tilt", "upper_arm": "upper arm",
@@ -168,30 +176,33 @@ def unknowns(
             where=robot.name,
             cure="describe it by limbs and platform",
         )
-    if apart and (
-        limbs.strut_spacing is None
-        or limbs.count != 3
-        or not isinstance(robot.platform, RigidPlatform)
-    ):
+    pairs = limbs.strut_spacing is not None and limbs.count == 3
+    if apart and not (pairs and isinstance(robot.platform, RigidPlatform)):
         raise DescriptionError(
             "struts apart need three limbs, a rigid platform and strut_spacing",
             where=f"{robot.name}, limbs",
             cure="give limbs.strut_spacing, or calibrate with equal struts",
         )
-    per_limb: dict[str, Unit] = ROTARY if limbs.drive == "rotary" else LINEAR
-    per_limb = per_limb | APART if apart else per_limb
-    listed: list[tuple[str, int, Unit]] = [
-        (kind, i, unit) for i in range(limbs.count) for kind, unit in per_limb.items()
-    ]
-    if isinstance(robot.platform, H4Platform | Par4Platform):
-        listed.append(("half", -1, "m"))
-    if apart:
-        listed.extend((kind, -1, unit) for kind, unit in TOOL.items())
-    numbers = tuple(
+    per_limb = (ROTARY if limbs.drive == "rotary" else LINEAR) | (APART if apart else {})
+    of_platform = {"half": "m"} if isinstance(robot.platform, H4Platform | Par4Platform) else {}
+    listed = [(kind, i, unit) for i in range(limbs.count) for kind, unit in per_limb.items()]
+    listed += [(kind, -1, unit) for kind, unit in (of_platform | (TOOL if apart else {})).items()]
+    numbers = [
         Number(kind, i, unit, _spread(robot, kind, i, unit, length, angle))
         for kind, i, unit in listed
-    )
-    return Unknowns(numbers, _free(numbers, shared, held, robot.name), apart)
+    ]
+    kinds, names = [x.kind for x in numbers], [x.name for x in numbers]
+    for asked, known in ((shared, kinds), (held, kinds + names)):
+        for name in asked:
+            if name not in known:
+                raise unknown(name, dict.fromkeys(known), "number", robot.name)
+    free = [x for x in numbers if x.spread and x.kind not in held and x.name not in held]
+    keys = {x.name: x.kind if x.kind in shared else x.name for x in free}
+    if not keys:
+        raise DescriptionError("nothing is left to estimate", where=robot.name, cure="hold less")
+    columns = dict.fromkeys(keys.values())
+    G = [[x.spread * (keys.get(x.name) == column) for column in columns] for x in numbers]
+    return Unknowns(tuple(numbers), np.array(G), apart)
 
 
 def _spread(
@@ -203,33 +214,123 @@ def _spread(
     angle: float | None,
 ) -> float:
     """Standard deviation before: given, stated by the description's file, or usual."""
-    known = robot.tolerances
+    known, given = robot.tolerances, length if unit == "m" else angle
     stated = known.model_fields_set if "tolerances" in robot.model_fields_set else set[str]()
     if kind == "scale":
         return SCALE
-    if kind == "zero" and "homing" in stated and (length if unit == "m" else angle) is None:
+    if given is not None:
+        return given
+    if kind == "zero" and "homing" in stated:
         return known.of_drive(robot.drives[limb])
-    if unit == "rad":
-        return ANGLE if angle is None else angle
-    if length is None and "lengths" in stated:
-        return known.of_length(_TOLERANCE.get(kind.partition("_")[0], kind.partition("_")[0]))
-    return LENGTH if length is None else length
+    if unit == "m" and "lengths" in stated:
+        return known.of_length(_length_of(kind))
+    return LENGTH if unit == "m" else ANGLE
 
 
-def _free(
-    numbers: Sequence[Number], shared: Sequence[str], held: Sequence[str], where: str
-) -> Float[np.ndarray, "numbers free"]:
-    kinds = [number.kind for number in numbers]
-    for names, known in ((shared, kinds), (held, [*kinds, *(n.name for n in numbers)])):
-        for name in names:
-            if name not in known:
-                raise unknown(name, dict.fromkeys(known), "number", where)
-    columns: dict[str, np.ndarray] = {}
-    for k, number in enumerate(numbers):
-        if number.kind in held or number.name in held or number.spread == 0:
-            continue
-        key = number.kind if number.kind in shared else number.name
-        columns.setdefault(key, np.zeros(len(numbers)))[k] = number.spread
-    if not columns:
-        raise DescriptionError("nothing is left to estimate", where=where, cure="hold less")
-    return np.column_stack(list(columns.values()))
+def _length_of(kind: str) -> str:
+    """The kind of length of the description that a number changes."""
+    first = kind.partition("_")[0]
+    return _TOLERANCE.get(first, first)
+
+
+def mounting_axes(limb: LimbGeometry) -> Float[np.ndarray, "3 3"]:
+    """Axes out, across and up of a rotary limb, those of L without its tilt about x; of a rail,
+    across it in the limb's plane (outwards where it is upright), across it sideways, and against
+    its positive direction."""
+    if limb.drive == "rotary":
+        out, up = limb.R_WL[:, 0], np.array([0.0, 0.0, 1.0])
+        return np.column_stack([out, np.cross(up, out), up])
+    lean = np.rad2deg(np.arctan2(limb.rail[0], -limb.rail[2]))
+    return limb.R_WL @ rotation("y", -float(lean))
+
+
+# A rail that leans more than this from the vertical has an azimuth that turns it sideways: half.
+_LEANS = 0.5
+
+
+def calibrated_robot(
+    robot: RobotDescription,
+    known: Unknowns,
+    theta: Float[np.ndarray, " numbers"],
+    std: Float[np.ndarray, " numbers"],
+) -> tuple[RobotDescription, dict[str, float], dict[str, float], Bool[np.ndarray, " numbers"]]:
+    """The robot with estimated numbers and their standard deviations as tolerances.
+
+    Base joints take what base and platform differ by; limbs' joints at the platform stay where
+    they are described. Motor axes turn by azimuth and tilt; zeros of rails move their base points.
+
+    Args:
+        robot: as described.
+        known: its numbers.
+        theta, std: their estimates and standard deviations.
+
+    Returns:
+        The robot; zeros of rotary drives [rad] and scales of drives, which no key holds, by drive;
+        which numbers all that holds.
+    """
+    limbs, platform = robot.limbs, robot.platform
+    assert limbs is not None  # unknowns refuse others
+    *each, more = known.by_limb(theta.tolist())
+    half, upright = more.get("half", 0.0), abs(limbs.geometry()[0].rail[0]) <= _LEANS
+    unheld = (*APART, *TOOL, *(("lean_across",) if upright else ()))
+    if isinstance(platform, H4Platform):
+        platform = platform.changed(half_length=platform.half_length + half)
+    elif isinstance(platform, Par4Platform):
+        platform = platform.changed(length=platform.length + 2 * half)
+    unwritten = "zero" if limbs.drive == "rotary" else "scale"
+    by_drive = {f"drive{i + 1}": numbers[unwritten] for i, numbers in enumerate(each)}
+    zeros, scales = (by_drive, {}) if unwritten == "zero" else ({}, by_drive)
+    listed = ", ".join(f"{drive} {-value:.6f}" for drive, value in zeros.items())
+    said = f"; not in this file: zero of each drive's column, rad: {listed}" if zeros else ""
+    sources = {k: v for k, v in robot.sources.items() if not k.startswith("limbs.")}
+    changed = robot.changed(
+        limbs=limbs.changed(**_changed(limbs, each)),
+        platform=platform,
+        tolerances=_tolerances(robot, known, std),
+        sources=sources | {"limbs": f"deltaid calibrate{said}"},
+    )
+    return changed, zeros, scales, np.array([x.kind not in unheld for x in known.numbers])
+
+
+def _changed(limbs: Limbs, each: Sequence[dict[str, float]]) -> dict[str, object]:
+    """Keys of limbs with their estimated numbers."""
+    rotary, geometry, bases, turns = limbs.drive == "rotary", limbs.geometry(), [], []
+    for limb, x in zip(geometry, each, strict=True):
+        leans = abs(limb.rail[0]) > _LEANS
+        if rotary:
+            by, turn = (x["base_out"], x["base_across"], x["base_up"]), (x["azimuth"], x["tilt"])
+        else:
+            by = x["rail_out"], x["rail_across"], -x["zero"]
+            turn = x["lean_across"] / limb.rail[0] if leans else 0.0, x["lean_out"]
+        bases.append(tuple((limb.base + mounting_axes(limb) @ by).tolist()))
+        turns.append(turn)
+    described = limbs.azimuth_deg, np.broadcast_to(limbs.tilt_deg, limbs.count)
+    azimuths, tilts = np.rad2deg(turns).T + np.stack(described)
+    return {
+        "base_radius": None,
+        "platform_radius": None,
+        "platform_points": tuple(tuple(limb.attachment.tolist()) for limb in geometry),
+        "base_points": tuple(bases),
+        "azimuth_deg": tuple(azimuths.tolist()),
+        "tilt_deg": tuple(tilts.tolist()),
+    } | {
+        kind: tuple(getattr(limb, kind) + x[kind] for limb, x in zip(geometry, each, strict=True))
+        for kind in (("strut", "upper_arm") if rotary else ("strut",))
+    }
+
+
+def _tolerances(
+    robot: RobotDescription, known: Unknowns, std: Float[np.ndarray, " numbers"]
+) -> Tolerances:
+    """The largest standard deviation of each kind of length, and that of each drive's zero."""
+    pairs, stated = list(zip(known.numbers, std.tolist(), strict=True)), robot.tolerances
+    lengths = {
+        name: max(
+            (s for x, s in pairs if _length_of(x.kind) == name), default=stated.of_length(name)
+        )
+        for name in LENGTHS
+    }
+    lengths["platform_radius"] = lengths["base_radius"]
+    homing = {drive: stated.of_drive(drive) for drive in robot.drives}
+    homing |= {f"drive{x.limb + 1}": s for x, s in pairs if x.kind == "zero"}
+    return stated.changed(lengths=lengths, homing=homing)

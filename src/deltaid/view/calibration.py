@@ -7,8 +7,8 @@ import plotly.graph_objects as go
 import polars as pl
 
 from deltaid.calibration.calibrate import Calibration
-from deltaid.calibration.instruments import KINDS
 from deltaid.calibration.next_readings import NextReadings
+from deltaid.calibration.readings import KINDS
 from deltaid.calibration.unknowns import TOOL, WORDS
 from deltaid.view import style
 from deltaid.view.drawing import drawing
