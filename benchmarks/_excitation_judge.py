@@ -9,7 +9,7 @@ import numpy as np
 from _excitation_solvers import Trace, velocity_term
 
 from deltaid.motion.excitation.optimize import largest_use
-from deltaid.motion.excitation.problem import ExcitationProblem
+from deltaid.motion.excitation.problem import ExcitationProblem, criterion
 
 FINER = 10  # the grid that points are judged on, against the one that is optimised on
 
@@ -70,7 +70,7 @@ class Judge:
         """Exact objective, limits left out."""
         problem = self._problem
         s = problem.series.state(x, problem.grid(self._samples))
-        value = problem.criterion.evaluate(problem.information(x, self._samples))[0]
+        value = criterion(problem.criterion, problem.information(x, self._samples))[0]
         value -= velocity_term(problem, problem.graph.regressor(s, threads=1))
         return value if np.isfinite(value) else np.inf
 

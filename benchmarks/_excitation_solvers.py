@@ -12,7 +12,7 @@ import numpy as np
 from scipy.optimize import minimize
 
 from deltaid.motion.excitation.optimize import optimise
-from deltaid.motion.excitation.problem import Evaluation, ExcitationProblem
+from deltaid.motion.excitation.problem import Evaluation, ExcitationProblem, criterion
 
 STEP = 1.5e-8  # of forward differences; SciPy's own choice
 UNREACHABLE = 1e3  # value for a pose out of reach
@@ -52,8 +52,8 @@ class TracedProblem(ExcitationProblem):
 
 def velocity_term(problem: ExcitationProblem, outputs: np.ndarray) -> float:
     """w‖q̇‖ of (9), from the graph's outputs, of which the drive speeds are the last."""
-    relative = outputs[-problem.series.dof :] / problem.velocity.speed[:, None]
-    return problem.velocity.weight * float(np.sqrt(np.mean(np.sum(relative**2, axis=0))))
+    relative = outputs[-problem.series.dof :] / problem.speed[:, None]
+    return problem.velocity_weight * float(np.sqrt(np.mean(np.sum(relative**2, axis=0))))
 
 
 class Differences:
@@ -92,19 +92,19 @@ class Differences:
         return self._slopes
 
     def _evaluate(self, x: np.ndarray) -> np.ndarray:
-        problem, weighting = self._problem, self._problem.weighting
+        problem = self._problem
         self.evaluations += 1
         s = problem.series.state(x, self._basis)
         out = problem.graph.regressor(s, threads=1)
         use = problem.use_of(s).max(axis=1)
         Y = problem.graph.dense(out[: -problem.series.dof])
-        flat = (Y * np.sqrt(weighting.rows)[None, :, None] * weighting.columns).reshape(
+        flat = (Y * np.sqrt(problem.row_weights)[None, :, None] * problem.scales).reshape(
             -1, Y.shape[2]
         )
         if not np.all(np.isfinite(flat)):
             return np.full(1 + len(use), UNREACHABLE)
-        G = flat.T @ flat / len(Y) + weighting.prior
-        value = problem.criterion.evaluate(G)[0] - velocity_term(problem, out)
+        G = flat.T @ flat / len(Y) + problem.prior
+        value = criterion(problem.criterion, G)[0] - velocity_term(problem, out)
         return np.nan_to_num(np.append(value, use), nan=UNREACHABLE, posinf=UNREACHABLE)
 
 

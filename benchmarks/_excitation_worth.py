@@ -17,7 +17,7 @@ from deltaid.estimation.objective import parameter_scale
 from deltaid.identification.demo import mass_matrix_error
 from deltaid.motion.excitation.excite import Exciter
 from deltaid.motion.excitation.optimize import random_start
-from deltaid.motion.excitation.problem import ExcitationProblem
+from deltaid.motion.excitation.problem import ExcitationProblem, criterion
 from deltaid.motion.excitation.run import Run, plan_run
 from deltaid.motion.surrogate import SensorNoise, surrogate_parameters
 
@@ -30,7 +30,7 @@ def ranked_random_motions(problem: ExcitationProblem, count: int) -> list[int]:
 
     def score(seed: int) -> float:
         G = problem.information(random_start(problem, seed), FINER * problem.samples)
-        return problem.criterion.evaluate(G)[0]
+        return criterion(problem.criterion, G)[0]
 
     return sorted(range(count), key=score)
 

@@ -22,12 +22,10 @@ import _alone  # noqa: F401
 import numpy as np
 from _table import leave
 
-from deltaid.control.comparison import gains
 from deltaid.control.controllers import Controller, ControlModel, Desired, MeasuredState
 from deltaid.control.infeasible import of_motion
 from deltaid.control.plant import Held, Plant, point_mass
-from deltaid.control.tracking import Drives, Knowledge, Tracking, track
-from deltaid.control.trajectory import MotionTrajectory
+from deltaid.control.tracking import Drives, Knowledge, MotionTrajectory, Tracking, gains, track
 from deltaid.identification.demo import demonstrate
 from deltaid.mechanism.kinematics import Samples
 from deltaid.model.model import Model, load

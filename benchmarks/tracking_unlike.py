@@ -22,11 +22,10 @@ import numpy as np
 import polars as pl
 from _table import STATED, leave
 
-from deltaid.control.comparison import base_vector, gains
+from deltaid.control.comparison import base_vector
 from deltaid.control.controllers import ControlModel
 from deltaid.control.plant import DriveRipple, Plant
-from deltaid.control.tracking import Drives, Tracking, track
-from deltaid.control.trajectory import MotionTrajectory
+from deltaid.control.tracking import Drives, MotionTrajectory, Tracking, gains, track
 from deltaid.dynamics.parameters import prior_parameters, with_prior
 from deltaid.errors import DeltaidError
 from deltaid.identification.identify import identify

@@ -9,11 +9,9 @@ from hypothesis import strategies as st
 from ruamel.yaml import YAML
 from scipy.stats import qmc
 
-from deltaid.control.comparison import gains
 from deltaid.control.controllers import ControlModel
 from deltaid.control.infeasible import of_motion, of_tracking
-from deltaid.control.tracking import Drives, track
-from deltaid.control.trajectory import MotionTrajectory
+from deltaid.control.tracking import Drives, MotionTrajectory, gains, track
 from deltaid.dynamics.at_rest import AtRest
 from deltaid.model.model import Model, load
 from deltaid.motion.random_motion import random_motion, tamed

@@ -6,19 +6,14 @@ from scipy.integrate import cumulative_simpson
 
 from deltaid.control.controllers import (
     CONTROLLERS,
-    PD,
-    AugmentedPD,
-    ComputedTorque,
     Controller,
     ControlModel,
     Desired,
     MeasuredState,
-    PDFeedForward,
-    SlotineLi,
     tuned,
 )
 from deltaid.control.simulation import integrate
-from deltaid.control.trajectory import MotionTrajectory
+from deltaid.control.tracking import MotionTrajectory
 from deltaid.dynamics.dynamics import compiled
 from deltaid.dynamics.forward_dynamics import ForwardDynamics, compiled_forward
 from deltaid.dynamics.parameters import parameter_layout, prior_parameters
@@ -27,6 +22,9 @@ from deltaid.robot.description import RobotDescription
 from deltaid.robot.load import load_robot
 
 ROBOT = "clavel-delta3"
+LAWS = dict(
+    zip(("pd", "feed-forward", "computed", "augmented", "slotine-li"), CONTROLLERS, strict=True)
+)
 
 
 def motion(forward: ForwardDynamics, duration: float = 2.0) -> MotionTrajectory:
@@ -78,7 +76,7 @@ def test_model_of_a_law_has_the_torques_of_inverse_dynamics_with_all_friction() 
         *(pytest.param(name, marks=pytest.mark.slow) for name in ("irb360-6-1600", "i4-linear")),
     ],
 )
-@pytest.mark.parametrize("law", ["pd", "feed-forward", "computed", "augmented", "slotine-li"])
+@pytest.mark.parametrize("law", LAWS)
 def test_storage_grows_by_supplied_work_less_what_the_law_dissipates(law: str, name: str) -> None:
     """An equality, so a C that is not Christoffel's or a wrong sign shows.
 
@@ -97,14 +95,7 @@ def test_storage_grows_by_supplied_work_less_what_the_law_dissipates(law: str, n
     K = 700 * mass * np.array([1.0, 0.8, 1.3, 0.7])[: len(mass)]
     D = 14 * mass * np.array([1.2, 0.9, 0.7, 0.5])[: len(mass)]
     w = 15.0
-    laws: dict[str, Controller] = {
-        "pd": PD(K, D),
-        "feed-forward": PDFeedForward(K, D),
-        "computed": ComputedTorque(w),
-        "augmented": AugmentedPD(K, D),
-        "slotine-li": SlotineLi(w, D),
-    }
-    held = law in ("pd", "feed-forward")
+    held, controller = law in ("pd", "feed-forward"), Controller(LAWS[law], K, D, w)
 
     def desired(t: np.ndarray) -> Desired:
         return resting(trajectory, t) if held else trajectory.desired(t)
@@ -114,7 +105,7 @@ def test_storage_grows_by_supplied_work_less_what_the_law_dissipates(law: str, n
 
     def torque(t: float, q: np.ndarray, qd: np.ndarray) -> np.ndarray:
         at = np.array([t])
-        return laws[law].torque(model, MeasuredState(q, qd), desired(at)) + disturbance(at)
+        return controller.torque(model, MeasuredState(q, qd), desired(at)) + disturbance(at)
 
     time = np.linspace(0, 0.3, 301)
     first = desired(time[:1])

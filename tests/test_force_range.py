@@ -16,7 +16,6 @@ from deltaid.joint_forces.ranges import (
     ForceEvidence,
     Ranges,
     evidence,
-    structural_determinacy,
 )
 from deltaid.joint_forces.unknowns import ConsistencyBlock, ForceUnknowns, unknowns
 from deltaid.model.model import load
@@ -169,7 +168,8 @@ def test_weight_of_an_arm_that_no_torque_shows(exact: Job) -> None:
 
 
 def test_without_recordings_the_same_is_known_to_be_open(noisy: Job) -> None:
-    structural = structural_determinacy(noisy.model)
+    model = load(noisy.model)
+    structural = Determinacy(model, random_motion_base(model.dynamics))
     for c in noisy.coefficients[4]:
         one, other = structural.openness(c), noisy.known.openness(c)
         assert one.half_width == pytest.approx(other.half_width, rel=1e-6, abs=1e-9)

@@ -11,8 +11,7 @@ import pytest
 from command import run
 from deltaid.control.comparison import ControllerRun
 from deltaid.control.infeasible import of_motion, of_tracking
-from deltaid.control.tracking import Drives, Tracking
-from deltaid.control.trajectory import MotionTrajectory
+from deltaid.control.tracking import Drives, MotionTrajectory, Tracking
 from deltaid.dynamics.limits import LimitsAlong
 from deltaid.model.model import Model, load
 from deltaid.motion.fourier import FourierMotion

@@ -189,18 +189,19 @@ def timing(off: float, count: int, rng: np.random.Generator) -> GripTiming:
 @pytest.mark.parametrize("off", [0.06, 0.02, -0.03, -0.12])
 def test_signals_that_are_early_or_late_are_timed(off: float) -> None:
     found = timing(off, 20, np.random.default_rng(1))
-    for timed in (found.taken, found.left):
+    taken, left = (found.offset(taken=kind) for kind in (True, False))
+    for timed in (taken, left):
         assert timed.low - 6e-3 < off < timed.high + 6e-3
         assert timed.high - timed.low < 0.03
-    assert found.taken.signals + found.left.signals == 39
-    (doubt,) = gripper_doubts(replace(NOTHING, taken=found.taken, left=found.left), [load()], 0.0)
+    assert taken.signals + left.signals == 39
+    (doubt,) = gripper_doubts(replace(NOTHING, taken=taken, left=left), [load()], 0.0)
     assert f" ms {'before' if off > 0 else 'after'} loads are taken, and left" in doubt
     assert ("--grip-time" in doubt) == (off > 0)
 
 
 def test_signals_in_time_are_not_doubted() -> None:
     found = timing(0.0, 20, np.random.default_rng(1))
-    assert found.taken.low == found.left.high == 0.0
+    assert found.offset(taken=True).low == found.offset(taken=False).high == 0.0
     known = replace(NOTHING, taken=Offset(0.04, 0.06, 9, 8), left=Offset(0.045, 0.049, 9, 8))
     assert not list(gripper_doubts(known, [load()], 0.05))
 

@@ -113,11 +113,11 @@ def test_settings_that_cannot_be_are_refused(online: deltaid.Online) -> None:
 
 def test_a_layout_has_places_and_refuses_what_does_not_fit() -> None:
     a, b = Field("a", 2, "two", initial=(1.0, 2.0)), Field("b", 1, "one", initial=3.0)
-    both = Layout.from_fields(a, Field("none", 0, "nothing"), b)
+    both = Layout(a, Field("none", 0, "nothing"), b)
     assert both.initial.tolist() == [1.0, 2.0, 3.0]
     assert both.split(np.arange(6.0).reshape(2, 3))["b"].tolist() == [[2.0], [5.0]]
     with pytest.raises(ValueError, match="one name"):
-        Layout.from_fields(a, a)
+        Layout(a, a)
 
 
 def test_a_stream_tells_of_contacts_where_the_model_is_identified() -> None:

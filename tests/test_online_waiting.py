@@ -23,7 +23,7 @@ from st_program import Program
 
 # Two drives whose torques come late, one whose torques come early [s].
 DELAY = (1.4e-3, 1.4e-3, -0.6e-3)
-READ = Layout.from_fields(
+READ = Layout(
     Field("q", 1, "position"), Field("tau", 2, "torques"), Field("gripper", 1, "it", initial=-1.0)
 )
 

@@ -8,10 +8,9 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from deltaid.control.controllers import ComputedTorque, ControlModel, PDFeedForward, tuned
+from deltaid.control.controllers import Controller, ControlModel, tuned
 from deltaid.control.plant import DriveRipple, Held, Payload, Plant, Running, point_mass
-from deltaid.control.tracking import Drives, track
-from deltaid.control.trajectory import MotionTrajectory, SampledTrajectory
+from deltaid.control.tracking import Drives, MotionTrajectory, SampledTrajectory, track
 from deltaid.dynamics.forward_dynamics import link_side, motor_inertia, motor_speeds
 from deltaid.errors import DescriptionError
 from deltaid.model.model import Model, load
@@ -110,7 +109,7 @@ def test_gears_wind_up_by_what_they_carry(robot: Model) -> None:
     still = SampledTrajectory(
         robot.forward.kinematics, np.linspace(0, 0.5, 8), np.repeat(q, 8, axis=0)
     )
-    law = PDFeedForward(np.full(3, 2000.0), np.full(3, 60.0))
+    law = Controller("pd-feedforward", np.full(3, 2000.0), np.full(3, 60.0))
     done = track(Plant(robot, elastic=True), law, ControlModel(robot.robot, robot.p), still,
                  Drives(encoder_step=0.0))  # fmt: skip
     link = robot.forward.drive_coordinates(done.z[-1:])[0]
@@ -171,7 +170,7 @@ def test_gears_that_cannot_wind_up_are_told() -> None:
 def test_stiff_gears_are_no_gears(robot: Model, motion: MotionTrajectory) -> None:
     stiff = load(robot.robot.changed(gear_stiffness=1e6))
     motion = replace(motion, duration=0.2)
-    law, known = ComputedTorque(60.0), ControlModel(robot.robot, robot.p)
+    law, known = Controller("computed-torque", bandwidth=60.0), ControlModel(robot.robot, robot.p)
     rigid = track(robot, law, known, motion, Drives())
     elastic = track(Plant(stiff, elastic=True, damping=0.1), law, known, motion, Drives())
     assert elastic.ended is None

@@ -7,10 +7,9 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from deltaid.control.comparison import ControllerRun, ModelCandidate, compare, gains
+from deltaid.control.comparison import ControllerRun, ModelCandidate, compare
 from deltaid.control.controllers import (
     CONTROLLERS,
-    ComputedTorque,
     Controller,
     ControlModel,
     Desired,
@@ -18,7 +17,9 @@ from deltaid.control.controllers import (
     tuned,
 )
 from deltaid.control.infeasible import of_tracking
-from deltaid.control.tracking import Drives, Tracking, track
+from deltaid.control.plant import Plant
+from deltaid.control.simulate import Conditions
+from deltaid.control.tracking import Drives, Tracking, gains, track
 from deltaid.dynamics.forward_dynamics import ForwardDynamics, compiled_forward
 from deltaid.dynamics.parameters import prior_parameters
 from deltaid.model.model import Model, load
@@ -114,7 +115,13 @@ def test_torques_stay_within_the_limits() -> None:
     robot = robot.changed(drive_limits=limits)
     forward, p = ForwardDynamics(robot), prior_parameters(robot)
     model, trajectory = ControlModel(robot, p), motion(forward, 0.5)
-    result = track(Model(forward.robot, p), ComputedTorque(60.0), model, trajectory, Drives())
+    result = track(
+        Model(forward.robot, p),
+        Controller("computed-torque", bandwidth=60.0),
+        model,
+        trajectory,
+        Drives(),
+    )
     assert np.abs(result.tau).max() == 12.0
     assert 0 < result.saturated.mean() < 1
     assert np.array_equal(np.abs(result.tau) == 12.0, result.saturated)
@@ -171,8 +178,10 @@ def test_all_controllers_are_tuned_with_the_mass_matrix_of_the_last_model() -> N
     trajectory, drives = motion(forward, 0.1), Drives(encoder_step=0.0)
     light, right = ControlModel(robot, 0.5 * p), ControlModel(robot, p)
     models = (ModelCandidate("half", light), ModelCandidate("right", right))
-    runs = compare(Model(forward.robot, p), models, trajectory, drives, 10.0)
+    plant = Model(forward.robot, p)
+    on = Conditions(plant, Plant(plant), trajectory, "", drives, 10.0, None, ())
+    runs = compare(on, models)
     law = gains("pd", right, trajectory, 10.0)
-    alone = track(Model(forward.robot, p), law, right, trajectory, drives)
+    alone = track(plant, law, right, trajectory, drives)
     pd = next(run.tracking for run in runs if run.controller == "pd")
     np.testing.assert_allclose(pd.error.platform_rms, alone.error.platform_rms, rtol=1e-9)

@@ -8,9 +8,9 @@ from deltaid.checks.check import check as check
 from deltaid.checks.identify import identify as identify
 from deltaid.checks.verdicts import Verdicts as Verdicts
 from deltaid.control.options import ControlSettings as ControlSettings
-from deltaid.control.simulate import Comparison as Comparison
+from deltaid.control.comparison import Comparison as Comparison
 from deltaid.control.simulate import Simulation as Simulation
-from deltaid.control.simulate import compare_controllers as compare_controllers
+from deltaid.control.comparison import compare_controllers as compare_controllers
 from deltaid.control.simulate import simulate as simulate
 from deltaid.control.simulation import integrate as integrate
 from deltaid.control.simulation import step_through as step_through

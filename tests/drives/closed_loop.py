@@ -14,14 +14,12 @@ import polars as pl
 from scipy.signal import lfilter
 
 from deltaid.control.controllers import (
-    ComputedTorque,
     Controller,
     ControlModel,
     Desired,
     MeasuredState,
 )
-from deltaid.control.tracking import Drives, track
-from deltaid.control.trajectory import SampledTrajectory
+from deltaid.control.tracking import Drives, SampledTrajectory, track
 from deltaid.dynamics.dynamics import compiled
 from deltaid.mechanism.kinematics import Samples
 from deltaid.model.model import Model
@@ -74,7 +72,7 @@ def followed(
     dynamics = compiled(m.robot)
     wanted = happening.at(happening.time)
     plant = Model(m.robot, m.plant.p)
-    law = ComputedTorque(2 * np.pi * float(rng.uniform(10, 30)))
+    law = Controller("computed-torque", bandwidth=2 * np.pi * float(rng.uniform(10, 30)))
     noise = _NOISE * rng.standard_normal((len(wanted.q) + 2, m.dof))
     drives = Drives(rate=m.rate, velocity_cutoff=_CUTOFF)
     trajectory = SampledTrajectory(dynamics.kinematics, wanted.time, wanted.q)

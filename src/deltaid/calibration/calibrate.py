@@ -11,7 +11,7 @@ from scipy.stats import chi2
 from deltaid.calibration.fit import GeometryFit, Residuals, UsedReadings, fit
 from deltaid.calibration.loops import Loops
 from deltaid.calibration.mistakes import require_own, require_sense
-from deltaid.calibration.outlook import Direction, Places, open_directions, places
+from deltaid.calibration.outlook import Direction, Knows, Places, open_directions, places
 from deltaid.calibration.readings import (
     Instrument,
     Measurements,
@@ -38,16 +38,13 @@ _GROWN, _CHANCE = 2.0, 0.01
 
 @dataclass(frozen=True)
 class MeasuringSession:
-    """Readings of one file.
+    """Readings of one file: how many, and those that were excluded, in words.
 
     Attributes:
-        kind, source: of the instrument, and its file.
-        readings: how many there are.
-        excluded: what was excluded, in words.
-        residual: of those used, root mean square [m].
-        noise: standard deviation that the fit took [m].
-        grown: how many times that is what was stated.
-        quiet: whether residuals are far below that, as where noise is stated ten times too large.
+        residual: of those used, root mean square, and
+        noise: standard deviation that the fit took [m],
+        grown: how many times that is what was stated,
+        quiet: whether residuals are far below it, as where noise is stated ten times too large.
     """
 
     kind: PoseKind
@@ -60,34 +57,17 @@ class MeasuringSession:
     quiet: bool
 
 
-@dataclass(frozen=True)
-class Knows:
-    """Standard deviations over the workspace.
-
-    Attributes:
-        position: of positions, root mean square [m].
-        worst: the same where it is largest [m].
-        size: of sizes across, as a share.
-    """
-
-    position: float
-    worst: float
-    size: float
-
-
 @dataclass(frozen=True, eq=False, repr=False)
 class Calibration(Shown, Plotted, Tabled, Reported):
     """A calibrated geometry.
 
     Attributes:
-        described: the robot as described before.
-        robot: with the estimated geometry and its tolerances.
+        described, robot: as it was, and with the estimated geometry and its tolerances.
         left: root mean square of positions that `robot`, `zeros` and `scales` cannot hold [m].
         zeros: by rotary drive, what its coordinate is more than recorded [rad]; those of rails are
             in `robot`.
         scales: by drive, the share that it moves more than recorded.
-        values: of all numbers, how much they exceed the described ones [m, rad or share].
-        std: their standard deviations.
+        values, std: of all numbers, how much they exceed the described ones [m, rad or share].
         decided: which source decided each number most: 'description', an instrument's kind, or
             'torques'.
         shares: of each source, description first, in each number.
@@ -144,46 +124,30 @@ class Calibration(Shown, Plotted, Tabled, Reported):
         """Numbers that are farther from the description than it allows, noise that is larger or
         smaller than stated, and what checks of recordings doubt."""
         far = np.abs(self.values) / [number.spread or np.inf for number in self.known.numbers]
-        doubts: list[str] = [
-            Doubt(
-                f"{self.names[k]} is {far[k]:.2g} standard deviations from its description",
-                cause="a tolerance that is too small for the part",
-                cure="measure it, or state its tolerance in the robot file",
-            )
-            for k in np.argsort(-far)[:3]
-            if far[k] > 5
-        ]
-        doubts += [
-            Doubt(
-                f"{x.source}: residuals are {x.grown:.2g}× the stated noise",
-                cause="rows beside other poses, or numbers held or shared that differ",
-                cure="compare the rows with their poses, or state the noise with --columns",
-            )
-            for x in self.sessions
-            if x.grown > _GROWN
-        ]
-        doubts += [
-            Doubt(
-                f"{x.source}: residuals are {x.residual / x.noise:.2g}× the stated noise, so "
-                "intervals are too wide",
-                cause="an instrument that reads better than stated",
-                cure="state how well it reads with --columns",
-            )
-            for x in self.sessions
-            if x.quiet
-        ]
+        rows = [
+            (f"{self.names[k]} is {far[k]:.2g} standard deviations from its description",
+             "a tolerance that is too small for the part",
+             "measure it, or state its tolerance in the robot file")
+            for k in np.argsort(-far)[:3] if far[k] > 5
+        ] + [
+            (f"{x.source}: residuals are {x.grown:.2g}× the stated noise",
+             "rows beside other poses, or numbers held or shared that differ",
+             "compare the rows with their poses, or state the noise with --columns")
+            for x in self.sessions if x.grown > _GROWN
+        ] + [
+            (f"{x.source}: residuals are {x.residual / x.noise:.2g}× the stated noise, so "
+             "intervals are too wide",
+             "an instrument that reads better than stated",
+             "state how well it reads with --columns")
+            for x in self.sessions if x.quiet
+        ]  # fmt: skip
         torques = self.known.torques
-        doubts += torques.doubts if torques else ()
+        doubts = [Doubt(what, cause=cause, cure=cure) for what, cause, cure in rows]
         if torques and torques.grown > _GROWN:
-            doubts.append(
-                Doubt(
-                    f"{torques.source}: torques contradict the poses, {torques.grown:.2g}× "
-                    "their noise",
-                    cause="a fault of this recording",
-                    cure="run deltaid check on it",
-                )
-            )
-        return tuple(doubts)
+            what = f"torques contradict the poses, {torques.grown:.2g}× their noise"
+            cause, cure = "a fault of this recording", "run deltaid check on it"
+            doubts.append(Doubt(f"{torques.source}: {what}", cause=cause, cure=cure))
+        return (*doubts, *(torques.doubts if torques else ()))
 
     def save(self, path: str | Path) -> None:
         """Write the calibrated robot file.
@@ -297,17 +261,12 @@ def _result(description: RobotDescription, found: GeometryFit) -> Calibration:
         shares=shares,
         sessions=_sessions(found),
         rank=int(np.sum(np.linalg.svd(A, compute_uv=False) > 1)),
-        before=_knows(over, known.G),
-        after=_knows(over, known.G @ found.root),
+        before=over.knows(known.G),
+        after=over.knows(known.G @ found.root),
         open=open_directions(found, over),
         places=over,
         fit=found,
     )
-
-
-def _knows(over: Places, root: Float[np.ndarray, "numbers _"]) -> Knows:
-    errors = over.errors(root)
-    return Knows(float(np.sqrt(np.mean(errors**2))), float(errors.max()), over.size(root))
 
 
 def _sessions(found: GeometryFit) -> tuple[MeasuringSession, ...]:

@@ -53,13 +53,8 @@ Residuals = Float[np.ndarray, "readings values"]
 
 @dataclass(frozen=True, eq=False)
 class WeightedRows:
-    """Rows of an instrument, or of torques, at some geometry, in units of their noise.
-
-    Attributes:
-        slopes: of the prediction by u and by the unknowns of all instruments.
-        errors: measured less predicted.
-        used: which readings the fit uses.
-    """
+    """Rows of an instrument, or of torques, at some geometry, in units of their noise: slopes by u
+    and all v, measured less predicted, and which readings the fit uses."""
 
     slopes: Float[np.ndarray, "readings values variables"]
     errors: Residuals
@@ -83,13 +78,8 @@ class WeightedRows:
 
 @dataclass(frozen=True, eq=False)
 class UsedReadings:
-    """An instrument's readings in a fit.
-
-    Attributes:
-        used: which of them.
-        state: of the instrument's unknowns.
-        noise: what residuals show, at least the instrument's [m].
-    """
+    """An instrument's readings in a fit: which of them are used, the state of the instrument's
+    unknowns, and the noise that residuals show, at least the instrument's [m]."""
 
     instrument: Instrument
     used: Used
@@ -108,13 +98,7 @@ class UsedReadings:
         own: Int[np.ndarray, " own"],
         width: int,
     ) -> WeightedRows:
-        """Rows at tool points.
-
-        Args:
-            x, by_u: tool points, and their slopes.
-            own: columns of the instrument's unknowns.
-            width: how many columns there are.
-        """
+        """Rows at tool points with slopes `by_u`, the instrument's unknowns in columns `own`."""
         error, by_tools, by_own = self.instrument.slopes(x, self.state)
         A = np.zeros((*error.shape, width))
         A[..., : by_u.shape[2]], A[..., own] = by_tools @ by_u, by_own

@@ -110,20 +110,18 @@ class Loops:
                 break
             if not np.max(np.abs(c), initial=0.0) > _CLOSED:
                 break
-        open_ = np.flatnonzero(~(np.abs(c).max(axis=1) < 1e3 * _CLOSED))
-        if open_.size:
+        open_ = ~(np.abs(c).max(axis=1) < 1e3 * _CLOSED)
+        if open_.any():
             raise KinematicsError(
                 "the loops do not close with the estimated geometry",
-                where=f"pose {open_[0]}",
+                where=f"pose {open_.argmax()}",
                 cure="check this pose; or hold some numbers, such as --hold upper_arm",
             )
-        out = self._all(np.hstack([y, q]).T, theta).T
         ends = np.cumsum([rows * columns for rows, columns in self._shapes])
+        blocks = np.split(self._all(np.hstack([y, q]).T, theta).T, ends[:-1], axis=1)
         _, x, C_y, C_theta, X_y, X_theta = (
-            block.reshape(-1, columns, rows).swapaxes(1, 2)  # CasADi stores columns
-            for block, (rows, columns) in zip(
-                np.split(out, ends[:-1], axis=1), self._shapes, strict=True
-            )
+            block.reshape(-1, *shape[::-1]).swapaxes(1, 2)  # CasADi stores columns
+            for block, shape in zip(blocks, self._shapes, strict=True)
         )
         X_c = np.linalg.solve(C_y.swapaxes(1, 2), X_y.swapaxes(1, 2)).swapaxes(1, 2)
         return ToolPoints(x[..., 0], X_theta - X_c @ C_theta)
@@ -140,18 +138,11 @@ def _turn(axis: str, angle: ca.SX) -> ca.SX:
 
 
 def _gap(
-    limb: LimbGeometry,
-    own: dict[str, ca.SX],
-    q: ca.SX,
-    platform: tuple[ca.SX, ca.SX, ca.SX],
-    side: float,
+    limb: LimbGeometry, own: dict[str, ca.SX], q: ca.SX, platform: tuple[ca.SX, ...], side: float
 ) -> ca.SX:
-    """|a − E| − l of a limb, or of one strut of it.
+    """|a − E| − l of a limb with its own numbers, or of one strut of it.
 
     Args:
-        limb: as described.
-        own: its numbers by kind.
-        q: its drive coordinate.
         platform: the platform point, the platform's turn, and the limb's seat from that point.
         side: −½ or ½ for the first or second strut of a pair, 0 for what stands for both.
     """
@@ -161,20 +152,18 @@ def _gap(
     if limb.drive == "rotary":
         # the frame L is the upright one, turned about its x by the tilt
         frame: ca.SX = _turn("z", own["azimuth"]) @ fixed(limb.R_WL) @ _turn("x", own["tilt"])
-        moved = ca.vertcat(own["base_out"], own["base_across"], own["base_up"])
-        arm = limb.upper_arm + own["upper_arm"]
+        moved, arm = [own["base_out"], own["base_across"], own["base_up"]], limb.upper_arm
+        arm += own["upper_arm"]
         elbow = frame @ ca.vertcat(arm * ca.cos(q), 0, -arm * ca.sin(q))
     else:
-        frame = fixed(limb.R_WL)
-        moved = ca.vertcat(own["rail_out"], own["rail_across"], 0)
-        elbow = axes @ _turn("x", own["lean_across"]) @ _turn("y", -own["lean_out"])
-        elbow = -q * elbow[:, 2]
-    elbow = fixed(limb.base) + axes @ moved + elbow
-    strut = limb.strut + own["strut"]
+        frame, moved = fixed(limb.R_WL), [own["rail_out"], own["rail_across"], 0]
+        leant = axes @ _turn("x", own["lean_across"]) @ _turn("y", -own["lean_out"])
+        elbow = -q * leant[:, 2]
+    elbow, strut = fixed(limb.base) + axes @ ca.vertcat(*moved) + elbow, limb.strut + own["strut"]
     if side:
         along = (limb.spacing or 0.0) + own["spacing"]
-        pair = ca.vertcat(own["pair_out"], own["pair_across"], own["pair_up"])
-        elbow += side * frame @ (ca.vertcat(0, along, 0) + pair)
+        pair = ca.vertcat(own["pair_out"], along + own["pair_across"], own["pair_up"])
+        elbow += side * frame @ pair
         seat = seat + side * fixed(limb.R_WL[:, 1]) * along
         strut += side * own["strut_difference"]
     return ca.norm_2(r + turn @ seat - elbow) - strut

@@ -55,11 +55,8 @@ def require_sense(loops: Loops, known: Unknowns, instrument: Instrument) -> None
     """
     count, own = len(instrument.values), len(instrument.unknowns)
     if count < own / instrument.values.shape[1] + 1:
-        raise RecordingError(
-            f"has {count} rows; too few to fix the {own} unknowns of the instrument itself",
-            where=instrument.source,
-            cure="measure more poses",
-        )
+        what = f"has {count} rows; too few to fix the {own} unknowns of the instrument itself"
+        raise RecordingError(what, where=instrument.source, cure="measure more poses")
     x = _described(loops, instrument.q)
     with np.errstate(over="ignore"):  # of absurd numbers, which are in no unit
         _require_spread(instrument, x)
@@ -69,10 +66,7 @@ def require_sense(loops: Loops, known: Unknowns, instrument: Instrument) -> None
     here, allowed = _misfit(instrument, x), _ALLOWED * (explained + instrument.noise)
     if here <= allowed:
         return
-    hypotheses = (
-        *_of_readings(instrument, x, allowed),
-        *_of_drives(loops, instrument),
-    )
+    hypotheses = *_of_readings(instrument, x, allowed), *_of_drives(loops, instrument)
     better = [entry for entry in hypotheses if entry[0] < _EXPLAINS * here]
     if better:
         least = min(left for left, _, _ in better)
@@ -101,11 +95,8 @@ def require_own(instrument: Instrument, earlier: Sequence[Instrument]) -> None:
         rows = {row.tobytes() for row in longer}
         same = sum(row.tobytes() in rows for row in shorter)
         if other.kind == instrument.kind and same > _COPIED * len(shorter):
-            raise RecordingError(
-                f"{same} rows are the same as in {other.source}, and would count twice",
-                where=instrument.source,
-                cure="give each reading once",
-            )
+            what = f"{same} rows are the same as in {other.source}, and would count twice"
+            raise RecordingError(what, where=instrument.source, cure="give each reading once")
 
 
 def _described(loops: Loops, q: Float[np.ndarray, "rows ends drives"]) -> Tools:
@@ -131,11 +122,9 @@ def _require_spread(instrument: Instrument, x: Tools) -> None:
     parts = (x[:, 0, :2],) if probed else (x[:, 0], instrument.values)
     wide = [np.linalg.svd(part - part.mean(axis=0), compute_uv=False)[1] for part in parts]
     if min(wide) < _SAME * np.sqrt(len(x)):
-        raise RecordingError(
-            f"{instrument.readings} lie on a line, or in one place",
-            where=instrument.source,
-            cure="measure poses that spread over the workspace",
-        )
+        what = f"{instrument.readings} lie on a line, or in one place"
+        cure = "measure poses that spread over the workspace"
+        raise RecordingError(what, where=instrument.source, cure=cure)
 
 
 def _require_unit(instrument: Instrument, x: Tools) -> None:
@@ -153,12 +142,11 @@ def _require_unit(instrument: Instrument, x: Tools) -> None:
         return
     unit = min(NAMED_UNITS, key=lambda factor: abs(np.log(ratio / factor)))
     likely = f"; likely they are in {NAMED_UNITS[unit]}" if 0.5 < ratio / unit < 2 else ""
+    cure = f"say so: unit: {NAMED_UNITS[unit]} under {instrument.kind}, with --columns FILE.yaml"
     raise RecordingError(
         f"lengths are {ratio:.4g} times those of the robot's poses{likely}",
         where=instrument.source,
-        cure=f"say so: unit: {NAMED_UNITS[unit]} under {instrument.kind}, with --columns FILE.yaml"
-        if likely
-        else "check units and columns",
+        cure=cure if likely else "check units and columns",
     )
 
 

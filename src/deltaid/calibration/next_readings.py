@@ -33,11 +33,9 @@ _ALIKE, _SAME_BLOCK = 2.0, 1e-2
 
 @dataclass(frozen=True, eq=False)
 class NextReadings:
-    """Readings of one instrument, the most valuable first.
+    """Readings of one instrument of the list, the most valuable first.
 
     Attributes:
-        name, title: of the instrument in the list.
-        kind: of its readings.
         poses: commanded platform points of each reading's ends, in the described robot's frame [m].
         blocks: height of the block under each touch of a probe [m].
         position: standard deviation of positions after all of them, rms [m].
@@ -58,11 +56,7 @@ class NextReadings:
 
 
 def next_readings(
-    found: Calibration,
-    count: int = 6,
-    *,
-    offers: Offers | None = None,
-    budget: float | None = None,
+    found: Calibration, count: int = 6, *, offers: Offers | None = None, budget: float | None = None
 ) -> tuple[NextReadings, ...]:
     """The best next readings of each instrument of a list, that which gains most per price first.
 

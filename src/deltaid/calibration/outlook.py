@@ -31,14 +31,8 @@ _LISTED, _SHOWN = 3, {"m": (1e3, "mm"), "rad": (1e3, "mrad"), "": (100, "%")}
 
 @dataclass(frozen=True)
 class Direction:
-    """A combination of numbers that measurements do not know.
-
-    Attributes:
-        words: what it does, and which numbers it is of.
-        error: what it makes of positions, root mean square over the workspace [m].
-        size: what it makes of sizes across, as a share.
-        numbers: one standard deviation of it, by name.
-    """
+    """A combination of numbers that measurements do not know: what it does, in words and of
+    positions, root mean square [m], and sizes across, as a share; one standard deviation of it."""
 
     words: str
     error: float
@@ -46,17 +40,28 @@ class Direction:
     numbers: dict[str, float] = field(repr=False)
 
 
+@dataclass(frozen=True)
+class Knows:
+    """Standard deviations of positions over the workspace, root mean square and where it is largest
+    [m], and of sizes across, as a share."""
+
+    position: float
+    worst: float
+    size: float
+
+
 @dataclass(frozen=True, eq=False)
 class Places:
-    """Places over a workspace.
-
-    Attributes:
-        x: tool points [m].
-        moved: what a unit of each number moves them by, less rigid motions.
-    """
+    """Tool points over a workspace [m], and what a unit of each number moves them by, less rigid
+    motions."""
 
     x: Float[np.ndarray, "places 3"]
     moved: Float[np.ndarray, "entries numbers"]
+
+    def knows(self, root: Float[np.ndarray, "numbers _"]) -> Knows:
+        """What is known of positions and sizes."""
+        errors = self.errors(root)
+        return Knows(float(np.sqrt(np.mean(errors**2))), float(errors.max()), self.size(root))
 
     def errors(self, root: Float[np.ndarray, "numbers _"]) -> Float[np.ndarray, " places"]:
         """Standard deviation of positions at each place [m], for L with Cov θ = L Lᵀ."""

@@ -57,17 +57,12 @@ Slopes = tuple[
 
 @dataclass(frozen=True, eq=False)
 class Instrument(ABC):
-    """Readings of one session.
+    """Readings of one session, of columns `read`, what they are called, and the file and its rows.
 
     Attributes:
-        readings: what they are called.
-        read: columns of what was read, and
-        usual: its standard deviation where nobody states one [m].
-        source: file that they come from.
         q: drive coordinates of each end [rad or m].
         values: what was read [m].
-        noise: standard deviation of each value, as stated [m].
-        rows: of the file, for messages.
+        noise: standard deviation of each value, as stated; `usual` where nobody states one [m].
     """
 
     kind: ClassVar[PoseKind]
@@ -228,11 +223,8 @@ def read(
     source, instrument = as_source(given, kind), KINDS[kind]
     table = source.table if isinstance(source, Recording) else open_table(source)
     if kind == "probe" and set(PointReadings.read) <= set(table.header):
-        raise RecordingError(
-            "has px, py, pz: these are points, no touches",
-            where=str(table.path),
-            cure="give the file with --points",
-        )
+        what, cure = "has px, py, pz: these are points, no touches", "give the file with --points"
+        raise RecordingError(what, where=str(table.path), cure=cure)
     where, length = str(table.path), si_factor(columns.unit, "m", where=f"{kind}.unit")
     needed = [name for name in instrument.read if name != "block" or columns.has(name, table)]
     values = [_column(table, columns, name, length) for name in needed]
@@ -254,10 +246,8 @@ def _drives(
         x = np.column_stack([_column(table, columns, f"{end}{axis}", length) for axis in "xyz"])
         q = _inverse(x, loops, str(table.path))
         bad = ~(np.linalg.norm(loops.start(q)[:, :3] - x, axis=1) < _CLOSED)
-        what, cure = (
-            "the described robot does not stand at this point",
-            "z points up, so most robots work below zero; check signs and axes of x, y, z",
-        )
+        what = "the described robot does not stand at this point"
+        cure = "z points up, so most robots work below zero; check signs and axes of x, y, z"
     else:
         target = "m" if linear else "rad"
         factor = si_factor(columns.drive_unit or target, target, where="drive_unit")
@@ -270,10 +260,8 @@ def _drives(
                 cure="say so: drive_unit: deg under this instrument, with --columns FILE.yaml",
             )
         bad = ~np.isfinite(loops.start(q)).all(axis=1)
-        what, cure = (
-            "the described robot cannot stand at these drive positions",
-            "check the drives' unit, sign, zero and order, and the description's lengths",
-        )
+        what = "the described robot cannot stand at these drive positions"
+        cure = "check the drives' unit, sign, zero and order, and the description's lengths"
     if bad.any():
         where = table.row_place(table.first_row + int(bad.argmax()))
         raise RecordingError(what, where=where, cure=cure)
@@ -318,11 +306,9 @@ def _column(
     pieces = [(np.asarray(x.numbers[0], dtype=float), x.written[0]) for x in table.rows([column])]
     numbers = np.concatenate([part for part, _ in pieces] or [np.zeros(0)])
     if len(numbers) > _MOST:
-        raise RecordingError(
-            f"has {len(numbers)} readings; at most {_MOST} are fitted",
-            where=str(table.path),
-            cure="keep some hundred that are spread over the workspace",
-        )
+        what = f"has {len(numbers)} readings; at most {_MOST} are fitted"
+        cure = "keep some hundred that are spread over the workspace"
+        raise RecordingError(what, where=str(table.path), cure=cure)
     bad = np.flatnonzero(~np.isfinite(numbers))
     if bad.size:
         written = [text for _, part in pieces for text in part]

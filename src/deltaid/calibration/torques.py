@@ -12,6 +12,7 @@ as far as the description's tolerance `mounting` lets it.
 
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
@@ -67,10 +68,10 @@ class GeometryNumbers(UnknownEffect):
 
 def _slope(number: Number, slopes: TorqueSlopes, point: TracePoint) -> np.ndarray:
     """dτ/dθ of one number."""
-    own, w = np.eye(point.dof)[number.limb], point.motion
     if number.kind == "zero":
         return slopes.of_zero(number.limb)
     if number.kind == "scale":
+        own, w = np.eye(point.dof)[number.limb], point.motion
         return slopes.of_motion(point.q * own, w.qd * own, w.qdd * own)
     limbs = point.dynamics.robot.limb_geometry
     direction = np.zeros(slopes.grown.symbols)
@@ -98,12 +99,9 @@ def _mounting(kind: str, limb: LimbGeometry) -> tuple[np.ndarray, np.ndarray]:
 
 
 def torque_rows(
-    robot: RobotDescription,
-    logs: Sequence[RecordingLike],
-    columns: ColumnMapping | None,
-    known: Unknowns,
-    progress: Progress,
-) -> TorqueRows:
+    robot: RobotDescription, logs: Sequence[RecordingLike], columns: ColumnMapping | None,
+    known: Unknowns, progress: Progress,
+) -> TorqueRows:  # fmt: skip
     """What recordings of torques say of a robot's numbers.
 
     Raises:
@@ -119,30 +117,22 @@ def torque_rows(
     recordings = open_recordings(logs, kinematics, columns, None, progress)
     setup = Setup(robot, tuple(recording.excerpted() for recording in recordings), Settings())
     source = ", ".join(str(recording.path) for recording in recordings)
+    refused = partial(
+        IdentificationError, where=source, cure="run deltaid check on this recording first"
+    )
     rails = (GearRatios.name,) if "scale" in known.kinds else ()
     instead = (Zeros.name, Lengths.name, Tilt.name, *rails)
     try:
         with np.errstate(divide="ignore", invalid="ignore"):  # of drives that stand still
             contest = swept_beside(before_contest(setup, progress), numbers, instead)
     except np.linalg.LinAlgError:
-        raise IdentificationError(
-            "no model fits these torques, as where drives stand still",
-            where=source,
-            cure="run deltaid check on this recording first",
-        ) from None
+        raise refused("no model fits these torques, as where drives stand still") from None
     if contest is None:
-        raise IdentificationError(
-            "no torques are left to calibrate with",
-            where=source,
-            cure="record longer, without loads that come and go",
-        )
+        cure = "record longer, without loads that come and go"
+        raise refused("no torques are left to calibrate with", cure=cure)
     for noise, drive in zip(contest.shrunk.sigma, contest.shrunk.blocks, strict=True):
         if not noise <= _MISFIT * drive.largest:  # nor where it is not finite
-            raise IdentificationError(
-                f"{noise / drive.largest:.0%} of a drive's torque is unmodelled",
-                where=source,
-                cure="run deltaid check on this recording first",
-            )
+            raise refused(f"{noise / drive.largest:.0%} of a drive's torque is unmodelled")
     A, b = contest.shrunk.rows_of(contest.group(numbers.name), len(known.numbers))
     return TorqueRows(source, A, b, doubts=doubts)
 
@@ -155,26 +145,22 @@ def _doubts(
     Zeros and tilts that leave the loops closed are no fault here: they are what is estimated.
     """
     records = [evidence(robot, log, columns) for log in logs]
-    for record in records:
+    places = [str(record.table.path) for record in records]
+    for record, where in zip(records, places, strict=True):
         if not record.moved.any():
-            raise RecordingError(
-                "no drive moves",
-                where=str(record.table.path),
-                cure="record a motion of all drives",
-            )
+            cure = "record a motion of all drives"
+            raise RecordingError("no drive moves", where=where, cure=cure)
     common, each = checked_wirings(records)
     doubts = dict[str, None]()
-    for record, wiring in zip(records, each, strict=True):
+    for record, where, wiring in zip(records, places, each, strict=True):
         verdicts = (*common, *wiring, *checked_signals(record))
         wrong = [verdict for verdict in verdicts if verdict.grade is Grade.WRONG]
         if wrong:
-            raise RecordingError(
-                "; ".join(verdict.finding for verdict in wrong),
-                where=str(record.table.path),
-                cure="; ".join(dict.fromkeys(verdict.cure for verdict in wrong)),
-            )
+            cure = "; ".join(dict.fromkeys(verdict.cure for verdict in wrong))
+            finding = "; ".join(verdict.finding for verdict in wrong)
+            raise RecordingError(finding, where=where, cure=cure)
         doubts |= {
-            f"{record.table.path}: {verdict.sentence}": None
+            f"{where}: {verdict.sentence}": None
             for verdict in verdicts
             if verdict.grade is Grade.DOUBTFUL and verdict.key != "homing-or-tilt"
         }

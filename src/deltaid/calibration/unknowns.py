@@ -26,49 +26,38 @@ from deltaid.robot.tolerances import LENGTHS, Tolerances
 LENGTH, ANGLE, SCALE = 1e-3, 1e-3, 1e-3
 
 Unit = Literal["m", "rad", ""]
-ROTARY: dict[str, Unit] = {
-    "base_out": "m", "base_across": "m", "base_up": "m", "azimuth": "rad", "tilt": "rad",
-    "upper_arm": "m", "zero": "rad", "strut": "m",
+# Of each kind its unit, and how it is called.
+Kinds = dict[str, tuple[Unit, str]]
+ROTARY: Kinds = {
+    "base_out": ("m", "base radius"), "base_across": ("m", "base sideways"),
+    "base_up": ("m", "base height"), "azimuth": ("rad", "axis azimuth"),
+    "tilt": ("rad", "axis tilt"), "upper_arm": ("m", "upper arm"), "zero": ("rad", "zero"),
+    "strut": ("m", "strut"),
 }  # fmt: skip
-LINEAR: dict[str, Unit] = {
-    "rail_out": "m", "rail_across": "m", "lean_out": "rad", "lean_across": "rad",
-    "zero": "m", "scale": "", "strut": "m",
+LINEAR: Kinds = {
+    "rail_out": ("m", "rail radius"), "rail_across": ("m", "rail sideways"),
+    "lean_out": ("rad", "rail lean out"), "lean_across": ("rad", "rail lean aside"),
+    "zero": ("m", "zero"), "scale": ("", "drive scale"), "strut": ("m", "strut"),
 }  # fmt: skip
 # Of a limb with struts apart: the second strut less the first; what their distance at the elbow
 # exceeds that at the platform by, along x, y, z of the limb's frame; their distance.
-APART: dict[str, Unit] = {
-    "strut_difference": "m", "pair_out": "m", "pair_across": "m", "pair_up": "m", "spacing": "m",
+APART: Kinds = {
+    "strut_difference": ("m", "strut difference"), "pair_out": ("m", "strut pair, out"),
+    "pair_across": ("m", "strut pair, across"), "pair_up": ("m", "strut pair, up"),
+    "spacing": ("m", "strut spacing"),
 }  # fmt: skip
-TOOL: dict[str, Unit] = {"tool_x": "m", "tool_y": "m", "tool_z": "m"}
-# The kind of length of the description whose tolerance each has.
-_TOLERANCE = {
-    "base": "base_radius",
-    "rail": "base_radius",
-    "upper": "upper_arm",
-    "half": "platform",
-}
-WORDS = {
-    "base_out": "base radius", "base_across": "base sideways", "base_up": "base height",
-    "azimuth": "axis azimuth", "tilt": "axis tilt", "upper_arm": "upper arm",
-    "zero": "zero", "strut": "strut", "rail_out": "rail radius", "rail_across": "rail sideways",
-    "lean_out": "rail lean out", "lean_across": "rail lean aside", "scale": "drive scale",
-    "strut_difference": "strut difference", "pair_out": "strut pair, out",
-    "pair_across": "strut pair, across", "pair_up": "strut pair, up", "spacing": "strut spacing",
-    "half": "platform half", "tool_x": "tool x", "tool_y": "tool y",
-    "tool_z": "tool z",
-}  # fmt: skip
+TOOL: Kinds = {f"tool_{axis}": ("m", f"tool {axis}") for axis in "xyz"}
+_HALF: Kinds = {"half": ("m", "platform half")}
+WORDS = {kind: words for kind, (_, words) in (ROTARY | LINEAR | APART | TOOL | _HALF).items()}
+# The kind of length of the description whose tolerance each has, by its first word.
+_TOLERANCE = {"base": "base_radius", "rail": "base_radius", "upper": "upper_arm",
+              "half": "platform"}  # fmt: skip
 
 
 @dataclass(frozen=True)
 class Number:
-    """One number of the geometry, by how much it exceeds the described one.
-
-    Attributes:
-        kind: such as 'strut'.
-        limb: that it is of, from 0; −1 for the platform's and the tool's.
-        unit: m, rad, or none for a share.
-        spread: standard deviation before any measurement.
-    """
+    """One number of the geometry, by how much it exceeds the described one: its kind, its limb from
+    0 (−1 for platform and tool), its unit, and its standard deviation before any measurement."""
 
     kind: str
     limb: int
@@ -85,14 +74,8 @@ class Number:
 
 @dataclass(frozen=True, eq=False)
 class TorqueRows:
-    """What recordings say of a robot's numbers, whatever all else is.
-
-    Attributes:
-        source: files, for messages.
-        A, b: A θ = b in units of the noise.
-        grown: how many times larger the noise is than the recordings show.
-        doubts: what checks of the recordings doubt.
-    """
+    """What recordings say of a robot's numbers, whatever all else is: A θ = b in units of a noise
+    `grown` times larger than they show; with their files, and what checks doubt of them."""
 
     source: str
     A: Float[np.ndarray, "rows numbers"]
@@ -154,16 +137,7 @@ def unknowns(
     shared: Sequence[str] = (),
     held: Sequence[str] = (),
 ) -> Unknowns:
-    """The numbers of a robot's geometry with what is known of them before.
-
-    Args:
-        robot: a Delta-like robot of limbs.
-        apart: whether the two struts of each limb differ and the platform tilts.
-        length: standard deviation of lengths before [m]; where None the description's tolerance
-            if its file states one, else a millimetre.
-        angle: the same of angles [rad].
-        shared: kinds that are alike in all limbs, such as strut.
-        held: kinds or names that are as described.
+    """The numbers of a robot's geometry with what is known of them before, as of `calibrate`.
 
     Raises:
         DescriptionError: the robot has a mechanism of its own, or no pairs of struts to tell apart.
@@ -184,12 +158,12 @@ def unknowns(
             cure="give limbs.strut_spacing, or calibrate with equal struts",
         )
     per_limb = (ROTARY if limbs.drive == "rotary" else LINEAR) | (APART if apart else {})
-    of_platform = {"half": "m"} if isinstance(robot.platform, H4Platform | Par4Platform) else {}
-    listed = [(kind, i, unit) for i in range(limbs.count) for kind, unit in per_limb.items()]
-    listed += [(kind, -1, unit) for kind, unit in (of_platform | (TOOL if apart else {})).items()]
+    once = _HALF if isinstance(robot.platform, H4Platform | Par4Platform) else {}
+    once |= TOOL if apart else {}
     numbers = [
         Number(kind, i, unit, _spread(robot, kind, i, unit, length, angle))
-        for kind, i, unit in listed
+        for i in (*range(limbs.count), -1)
+        for kind, (unit, _) in (once if i < 0 else per_limb).items()
     ]
     kinds, names = [x.kind for x in numbers], [x.name for x in numbers]
     for asked, known in ((shared, kinds), (held, kinds + names)):
@@ -206,13 +180,9 @@ def unknowns(
 
 
 def _spread(
-    robot: RobotDescription,
-    kind: str,
-    limb: int,
-    unit: Unit,
-    length: float | None,
-    angle: float | None,
-) -> float:
+    robot: RobotDescription, kind: str, limb: int, unit: Unit,
+    length: float | None, angle: float | None,
+) -> float:  # fmt: skip
     """Standard deviation before: given, stated by the description's file, or usual."""
     known, given = robot.tolerances, length if unit == "m" else angle
     stated = known.model_fields_set if "tolerances" in robot.model_fields_set else set[str]()
@@ -258,11 +228,6 @@ def calibrated_robot(
 
     Base joints take what base and platform differ by; limbs' joints at the platform stay where
     they are described. Motor axes turn by azimuth and tilt; zeros of rails move their base points.
-
-    Args:
-        robot: as described.
-        known: its numbers.
-        theta, std: their estimates and standard deviations.
 
     Returns:
         The robot; zeros of rotary drives [rad] and scales of drives, which no key holds, by drive;

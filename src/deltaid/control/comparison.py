@@ -2,33 +2,29 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
-from jaxtyping import Float
 
-from deltaid.control.controllers import (
-    CONTROLLERS,
-    NEED_MASS_MATRIX,
-    Controller,
-    ControlModel,
-    tuned,
-)
-from deltaid.control.infeasible import MotionProblem, of_tracking
-from deltaid.control.options import ControllerName
-from deltaid.control.plant import Payload, Plant, as_plant
-from deltaid.control.tracking import Drives, Tracking, track
-from deltaid.control.trajectory import Trajectory
+from deltaid.control.controllers import CONTROLLERS, NEED_MASS_MATRIX, ControlModel
+from deltaid.control.infeasible import MotionProblem, of_motion, of_tracking
+from deltaid.control.options import ControllerName, ControlSettings
+from deltaid.control.simulate import Conditions, conditions
+from deltaid.control.tracking import Tracking, Trajectory, gains, poses
 from deltaid.dynamics.dynamics import Parameters
 from deltaid.dynamics.parameters import parameter_layout, prior_parameters
-from deltaid.errors import DeltaidError
-from deltaid.model.model import Model, ModelLike, load
+from deltaid.errors import DeltaidError, with_options
+from deltaid.model.model import ModelLike, load
 from deltaid.model.record import IdentifiedModel
+from deltaid.motion.surrogate import Motion
+from deltaid.progress import Watch, watched
+from deltaid.recording.mapping import MappingLike
+from deltaid.recording.memory import RecordingLike
+from deltaid.shown import Reported, Shown
 
 # M counts as positive definite with eigenvalues above this share of its own diagonal: below it the
 # feedback of a computed torque is a hundred times weaker in one direction than it was tuned for.
 _POSITIVE = 0.01
-# Poses of a trajectory at which M is looked at.
-_POSES = 400
 
 
 @dataclass(frozen=True)
@@ -48,8 +44,8 @@ class ControllerRun:
         model: the model's name; empty for a controller that needs none.
         tracking: what became of it; None where it cannot run.
         why_not: why not, then.
-        ends: the same with loads at the ends of what they may be, by their mass [kg].
         problems: what no one would want on a robot: a limit that cuts, a robot that is lost.
+        ends: the same with loads at the ends of what they may be, by their mass [kg].
     """
 
     controller: ControllerName
@@ -58,6 +54,54 @@ class ControllerRun:
     why_not: str = ""
     problems: tuple[MotionProblem, ...] = ()
     ends: tuple[tuple[float, Tracking], ...] = ()
+
+
+@dataclass(frozen=True, repr=False)
+class Comparison(Shown, Reported):
+    """Every controller with every model of a robot, on one plant.
+
+    Attributes:
+        conditions: on what.
+        candidates: the models.
+        runs: one a controller and model.
+        problems: what the motion asks of the plant beyond its limits.
+    """
+
+    conditions: Conditions
+    candidates: tuple[ModelCandidate, ...]
+    runs: tuple[ControllerRun, ...]
+    problems: tuple[MotionProblem, ...]
+
+    @property
+    def remarks(self) -> tuple[str, ...]:
+        """What is held, and whether gears wind up, in words."""
+        payload = self.conditions.payload
+        load = [f"the robot holds a load of {payload.mass:.4g} kg"] if payload else []
+        return (*self.conditions.remarks, *load)
+
+
+def compare_controllers(
+    model: ModelLike,
+    motion: RecordingLike | Motion | Trajectory,
+    *,
+    plant: ModelLike,
+    columns: MappingLike | None = None,
+    duration: float | None = None,
+    settings: ControlSettings | None = None,
+    progress: Watch = None,
+    **options: Any,
+) -> Comparison:
+    """Compare tracking with the prior, the base parameters and the identified model.
+
+    Every controller runs with every model on the plant, all tuned alike: what differs is what they
+    know of the robot. Arguments and errors are those of `simulate`.
+    """
+    asked = with_options(settings or ControlSettings(), options, "compare_controllers")
+    with watched(progress, "compare") as say:
+        on = conditions(asked, model, motion, plant, columns, duration, say)
+        problems, models = of_motion(on.loaded.model_at(0.0), on.motion), candidates(on.model)
+        runs = compare(on, models, say)
+    return Comparison(on, models, runs, problems)
 
 
 def candidates(model: ModelLike) -> tuple[ModelCandidate, ...]:
@@ -80,79 +124,55 @@ def base_vector(model: IdentifiedModel) -> Parameters:
     Its torques, M and C are those of all p with the same base parameters, but its bodies are not
     those of a robot.
     """
-    layout = parameter_layout(model.robot)
-    p = np.zeros(len(layout.names))
+    names = parameter_layout(model.robot).names
+    p = np.zeros(len(names))
     for parameter in model.base_parameters:
-        if parameter.representative not in layout.names:
+        if parameter.representative not in names:
             raise DeltaidError(
                 "the model's file says its base parameters in words only",
                 where="base_parameters",
                 cure="identify once more with this version, then compare",
             )
-        p[layout.names.index(parameter.representative)] = parameter.value
+        p[names.index(parameter.representative)] = parameter.value
     return p
 
 
-def gains(
-    name: ControllerName, model: ControlModel, trajectory: Trajectory, bandwidth: float
-) -> Controller:
-    """A controller tuned with a model's M along a trajectory; `bandwidth` in Hz.
-
-    Raises:
-        KinematicsError: the trajectory is out of reach.
-    """
-    return tuned(name, model.mass_diagonal(_poses(trajectory)), bandwidth)
-
-
 def compare(
-    plant: Model | Plant,
+    on: Conditions,
     models: Sequence[ModelCandidate],
-    trajectory: Trajectory,
-    drives: Drives,
-    bandwidth: float,
     progress: Callable[[str], None] = lambda _: None,
-    payload: Payload | None = None,
 ) -> tuple[ControllerRun, ...]:
     """All controllers with all models, tuned alike: with the mass matrix of the last model.
 
     A controller that needs a mass matrix does not run with a model whose M is not positive definite
-    along the trajectory; base parameters by least squares promise torques only.
-
-    Args:
-        payload: what the plant carries; the last model then runs a second time, with its mass
-            known, and all runs are repeated at both ends of what it may be.
+    along the trajectory; base parameters by least squares promise torques only. With a load the
+    last model runs a second time, with its mass known, and all runs are repeated at both ends of
+    what it may be.
 
     Raises:
         KinematicsError: the trajectory is out of reach.
     """
-    plant, tuned_with, known = as_plant(plant), models[-1].model, models[-1:]
-    if payload is not None:
-        plant, last = plant.carrying(payload.mass), models[-1]
-        known = (ModelCandidate(f"{last.name}, load known", last.model.holding(payload.mass)),)
-        models = (*models, *known)
+    last, known = models[-1], models[-1]
+    if on.payload is not None:
+        known = ModelCandidate(f"{last.name}, load known", last.model.holding(on.payload.mass))
+        models = (*models, known)
     runs = []
     for name in CONTROLLERS:
-        law = gains(name, tuned_with, trajectory, bandwidth)
-        for candidate in known if name == "pd" else models:
+        law = gains(name, last.model, on.motion, on.bandwidth)
+        for candidate in (known,) if name == "pd" else models:
             label = "" if name == "pd" else candidate.name
             progress(f"{name} {label}")
+            why_not = ""
             if name in NEED_MASS_MATRIX:
-                why_not = _lack(candidate.model.least_eigenvalue(_poses(trajectory)))
-                if why_not:
-                    runs.append(ControllerRun(name, label, None, why_not))
-                    continue
-            done = track(plant, law, candidate.model, trajectory, drives)
-            ends = tuple(
-                (mass, track(plant.carrying(mass), law, candidate.model, trajectory, drives))
-                for mass in (payload.ends if payload else ())
-            )
-            runs.append(ControllerRun(name, label, done, "", of_tracking(plant.model, done), ends))
+                why_not = _lack(candidate.model.least_eigenvalue(poses(on.motion)))
+            if why_not:
+                runs.append(ControllerRun(name, label, None, why_not))
+                continue
+            done, ends = on.tracked(law, candidate.model)
+            problems = of_tracking(on.plant.model, done)
+            runs.append(ControllerRun(name, label, done, "", problems, ends))
     return tuple(runs)
 
 
 def _lack(eigenvalue: float) -> str:
     return "" if eigenvalue > _POSITIVE else "M is not positive definite"
-
-
-def _poses(trajectory: Trajectory) -> Float[np.ndarray, "poses dof"]:
-    return trajectory.desired(np.linspace(0.0, trajectory.duration, _POSES)).q

@@ -19,7 +19,7 @@ A model is asked for the left side of (1) with arguments of the controller's.
 
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import Protocol, runtime_checkable
+from typing import get_args
 
 import casadi as ca
 import numpy as np
@@ -27,11 +27,10 @@ from jaxtyping import Float
 
 from deltaid.control.options import ControllerName
 from deltaid.control.plant import loaded, point_mass
-from deltaid.dynamics.dynamics import Dynamics, Parameters, compiled
+from deltaid.dynamics.dynamics import Parameters, compiled
 from deltaid.dynamics.joint_columns import with_load_friction
 from deltaid.kernel.batch import BatchKernel
 from deltaid.mechanism.kinematics import Samples
-from deltaid.mechanism.mechanism import Mechanism
 from deltaid.mechanism.one_or_many import real_numbers
 from deltaid.robot.description import RobotDescription
 
@@ -56,20 +55,10 @@ class ControlModel:
         """The same that knows of a load, a mass [kg] at the tool."""
         return ControlModel(self.robot, loaded(self.robot, self.p, point_mass(mass)))
 
-    @property
-    def dynamics(self) -> Dynamics:
-        """Dynamics of the robot, compiled where needed."""
-        return compiled(self.robot)
-
     def torque(
-        self,
-        near: Samples,
-        q: Samples,
-        qd: Samples,
-        along: Samples,
-        acceleration: Samples,
-        rubbing: Samples,
-    ) -> Samples:
+        self, near: Samples, q: Samples, qd: Samples,
+        along: Samples, acceleration: Samples, rubbing: Samples,
+    ) -> Samples:  # fmt: skip
         """M(q) a + C(q, q̇) v + g(q) + f(w), with C from Christoffel symbols, ½Ṁ − C skew.
 
         Friction that depends on load is a share of what gears carry, in the direction of w.
@@ -91,7 +80,8 @@ class ControlModel:
         Raises:
             KinematicsError: q closes no loop or is singular.
         """
-        return np.diagonal(self.dynamics.mass_matrix(q, self.p), axis1=1, axis2=2).mean(axis=0)
+        M = compiled(self.robot).mass_matrix(q, self.p)
+        return np.diagonal(M, axis1=1, axis2=2).mean(axis=0)
 
     def least_eigenvalue(self, q: Samples) -> float:
         """Smallest eigenvalue of M, scaled to a unit diagonal of its mean, at drive coordinates.
@@ -99,7 +89,7 @@ class ControlModel:
         Raises:
             KinematicsError: q closes no loop or is singular.
         """
-        M = self.dynamics.mass_matrix(q, self.p)
+        M = compiled(self.robot).mass_matrix(q, self.p)
         size = np.sqrt(np.abs(np.diagonal(M.mean(axis=0))))
         return float(np.linalg.eigvalsh(M / np.outer(size, size)).min())
 
@@ -107,33 +97,26 @@ class ControlModel:
 @lru_cache(maxsize=8)
 def _law(description: str) -> BatchKernel:
     robot = RobotDescription.model_validate_json(description)
-    dynamics = compiled(robot)
-    e, dof = dynamics.equations, dynamics.dof
+    dynamics, mechanism = compiled(robot), compiled(robot).kinematics.mechanism
+    e = dynamics.equations
     near, q, along, acceleration, rubbing = (
-        ca.SX.sym(name, dof) for name in ("near", "q", "v", "a", "w")
+        ca.SX.sym(name, dynamics.dof) for name in ("near", "q", "v", "a", "w")
     )
     torque = e.M @ acceleration + e.C @ along + e.g + ca.substitute(e.f, e.qd, rubbing)
     torque = with_load_friction(robot, torque, rubbing, acceleration, e.p)
     law = ca.Function("law", [e.z, e.qd, along, acceleration, rubbing, e.p], [torque])
-    pose = _located(dynamics.kinematics.mechanism, near, q)
+    # z with q(z) = q by Newton's method on inverse kinematics
+    step = mechanism.z - mechanism.speeds.inverse_jacobian @ (mechanism.q - q)
+    pose, move = near, ca.Function("move", [mechanism.z, q], [step])
+    for _ in range(_STEPS):
+        pose = move(pose, q)
     x = ca.vertcat(near, q, e.qd, along, acceleration, rubbing)
     return BatchKernel(x, law(pose, e.qd, along, acceleration, rubbing, e.p), uniform=e.p)
 
 
-def _located(mechanism: Mechanism, near: ca.SX, q: ca.SX) -> ca.SX:
-    """z with q(z) = q by Newton's method on inverse kinematics."""
-    step = mechanism.z - mechanism.speeds.inverse_jacobian @ (mechanism.q - q)
-    move = ca.Function("move", [mechanism.z, q], [step])
-    for _ in range(_STEPS):
-        near = move(near, q)
-    return near
-
-
-CONTROLLERS: tuple[ControllerName, ...] = (
-    "pd", "pd-feedforward", "computed-torque", "augmented-pd", "slotine-li"
-)  # fmt: skip
+CONTROLLERS: tuple[ControllerName, ...] = get_args(ControllerName)
 # Those that need a positive definite mass matrix and not only torques along the desired motion.
-NEED_MASS_MATRIX: tuple[ControllerName, ...] = ("computed-torque", "augmented-pd", "slotine-li")
+NEED_MASS_MATRIX = CONTROLLERS[2:]
 
 Gains = Float[np.ndarray, " dof"]
 
@@ -161,76 +144,40 @@ class MeasuredState:
     qd: Samples
 
 
-@runtime_checkable
-class Controller(Protocol):
-    """A control law of a drive."""
+@dataclass(frozen=True)
+class Controller:
+    """A control law of a drive, by name, with the numbers that stand in its formula.
+
+    Attributes:
+        stiffness: K of PD, one number a drive [N m/rad or N/m].
+        damping: D of PD, K of Slotine–Li [N m s/rad or N s/m].
+        bandwidth: ω of computed torque, Λ of Slotine–Li [1/s].
+    """
+
+    name: ControllerName
+    stiffness: Gains | float = 0.0
+    damping: Gains | float = 0.0
+    bandwidth: float = 0.0
 
     def torque(self, model: ControlModel, measured: MeasuredState, desired: Desired) -> Samples:
         """Drive torques [N m or N], one sample a row."""
-        ...
-
-
-@dataclass(frozen=True)
-class PD:
-    """−K e − D ė with K `stiffness`, D `damping`, one number a drive."""
-
-    stiffness: Gains
-    damping: Gains
-
-    def torque(self, model: ControlModel, measured: MeasuredState, desired: Desired) -> Samples:
-        """Torques of the law, which asks nothing of the model."""
-        return -self.stiffness * (measured.q - desired.q) - self.damping * (
-            measured.qd - desired.qd
-        )
-
-
-class PDFeedForward(PD):
-    """Inverse dynamics of the desired motion, and PD."""
-
-    def torque(self, model: ControlModel, measured: MeasuredState, desired: Desired) -> Samples:
-        """Torques of the law."""
-        d = desired
-        ahead = model.torque(d.z, d.q, d.qd, d.qd, d.qdd, d.qd)
-        return ahead + super().torque(model, measured, desired)
-
-
-@dataclass(frozen=True)
-class ComputedTorque:
-    """Linearises the robot; the error then obeys ë + 2ω ė + ω² e = 0. `bandwidth` is ω [rad/s]."""
-
-    bandwidth: float
-
-    def torque(self, model: ControlModel, measured: MeasuredState, desired: Desired) -> Samples:
-        """Torques of the law."""
-        w, m, d = self.bandwidth, measured, desired
-        acceleration = d.qdd - 2 * w * (m.qd - d.qd) - w**2 * (m.q - d.q)
-        return model.torque(d.z, m.q, m.qd, m.qd, acceleration, d.qd)
-
-
-class AugmentedPD(PD):
-    """Paden's and Panja's: PD that stays passive along a motion."""
-
-    def torque(self, model: ControlModel, measured: MeasuredState, desired: Desired) -> Samples:
-        """Torques of the law."""
-        m, d = measured, desired
-        along = model.torque(d.z, m.q, m.qd, d.qd, d.qdd, d.qd)
-        return along + super().torque(model, measured, desired)
-
-
-@dataclass(frozen=True)
-class SlotineLi:
-    """Slotine's and Li's, without adaptation. `slope` is Λ [1/s], `gain` K [N m s/rad, N s/m]."""
-
-    slope: float
-    gain: Gains
-
-    def torque(self, model: ControlModel, measured: MeasuredState, desired: Desired) -> Samples:
-        """Torques of the law."""
-        m, d = measured, desired
+        m, d, w = measured, desired, self.bandwidth
         error, error_rate = m.q - d.q, m.qd - d.qd
-        velocity = d.qd - self.slope * error
-        along = model.torque(d.z, m.q, m.qd, velocity, d.qdd - self.slope * error_rate, velocity)
-        return along - self.gain * (m.qd - velocity)
+        feedback = -self.stiffness * error - self.damping * error_rate
+        match self.name:
+            case "pd":
+                return feedback
+            case "pd-feedforward":
+                return model.torque(d.z, d.q, d.qd, d.qd, d.qdd, d.qd) + feedback
+            case "computed-torque":
+                acceleration = d.qdd - 2 * w * error_rate - w**2 * error
+                return model.torque(d.z, m.q, m.qd, m.qd, acceleration, d.qd)
+            case "augmented-pd":
+                return model.torque(d.z, m.q, m.qd, d.qd, d.qdd, d.qd) + feedback
+            case "slotine-li":
+                velocity, acceleration = d.qd - w * error, d.qdd - w * error_rate
+                along = model.torque(d.z, m.q, m.qd, velocity, acceleration, velocity)
+                return along - self.damping * (m.qd - velocity)
 
 
 def tuned(name: ControllerName, mass: Gains, bandwidth: float) -> Controller:
@@ -245,12 +192,4 @@ def tuned(name: ControllerName, mass: Gains, bandwidth: float) -> Controller:
         bandwidth: [Hz].
     """
     w = 2 * np.pi * bandwidth
-    stiffness, damping = mass * w**2, 2 * mass * w
-    laws: dict[ControllerName, Controller] = {
-        "pd": PD(stiffness, damping),
-        "pd-feedforward": PDFeedForward(stiffness, damping),
-        "computed-torque": ComputedTorque(w),
-        "augmented-pd": AugmentedPD(stiffness, damping),
-        "slotine-li": SlotineLi(w, mass * w),
-    }
-    return laws[name]
+    return Controller(name, mass * w**2, (1 if name == "slotine-li" else 2) * mass * w, w)

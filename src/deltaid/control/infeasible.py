@@ -10,13 +10,11 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Float
 
-from deltaid.control.tracking import Tracking
-from deltaid.control.trajectory import Trajectory
+from deltaid.control.tracking import Tracking, Trajectory
 from deltaid.dynamics.limits import LimitsAlong, effort_limits
 from deltaid.errors import sentence
-from deltaid.mechanism.kinematics import Kinematics, Samples
 from deltaid.model.model import Model
 
 Signal = Float[np.ndarray, " samples"]
@@ -69,172 +67,105 @@ def of_motion(plant: Model, trajectory: Trajectory) -> tuple[MotionProblem, ...]
     time = np.linspace(0.0, trajectory.duration, samples)
     desired, dynamics, robot = trajectory.desired(time), plant.dynamics, plant.robot
     z = dynamics.kinematics.forward(desired.q)
-    tau = dynamics.torque(z, desired.qd, desired.qdd, plant.p)
-    found = []
-    for i, largest in enumerate(effort_limits(robot)):
-        use = np.abs(tau[:, i]) / largest
+    tau, limits = dynamics.torque(z, desired.qd, desired.qdd, plant.p), LimitsAlong(dynamics)
+
+    def beyond(kind: Kind, what: str, use: Signal, asks: str, over: str, short: str) -> None:
         if use.max() > _BEYOND:
-            found.append(_effort(plant, i, use, time))
-    limits = LimitsAlong(dynamics)
-    use = limits.kinematic(z, *_rates(dynamics.kinematics, z, desired.qd, desired.qdd))
-    for name, shares in zip(limits.names, use.T, strict=True):
-        if shares.max() > _BEYOND:
-            found.append(_kinematic(name, shares, time))
-    return tuple(found)
+            worst, share = int(use.argmax()), float((use > 1).mean())
+            text = f"{asks} at {time[worst]:.3g} s, {over} for {_percent(share)} of the time"
+            size, at = float(use[worst]), float(time[worst])
+            problems.append(MotionProblem(kind, what, text, short, size, at, share))
+
+    problems: list[MotionProblem] = []
+    for drive, largest, used in zip(robot.drives, effort_limits(robot), np.abs(tau.T), strict=True):
+        units, most = robot.units(drive), float((used / largest).max())
+        asks = f"the motion needs more {units.effort} than {drive} has: {most * largest:.3g} "
+        asks += f"{units.force} of {largest:g} {units.force}"
+        short = f"{drive} needs {most:.0%} of its {units.effort}"
+        beyond("torque", drive, used / largest, asks, "beyond the limit", short)
+    # ż and z̈ of drive rates: J ż = q̇, J z̈ = q̈ − J̇ ż.
+    J = dynamics.kinematics.jacobian(z)
+    zd = np.linalg.solve(J, desired.qd[:, :, None])
+    along = dynamics.kinematics.jacobian_rate(z, zd[:, :, 0]) @ zd
+    zdd = np.linalg.solve(J, desired.qdd[:, :, None] - along)[:, :, 0]
+    for name, use in zip(limits.names, limits.kinematic(z, zd[:, :, 0], zdd).T, strict=True):
+        kind, words = _kinematic(name)
+        asks, over = f"{words}, {use.max():.0%} of what is described", "beyond it"
+        beyond(kind, name, use, asks, over, f"{name} at {use.max():.0%}")
+    return tuple(problems)
 
 
-def _rates(kinematics: Kinematics, z: Samples, qd: Samples, qdd: Samples) -> tuple[Samples, ...]:
-    """ż and z̈ of drive rates: J ż = q̇, J z̈ = q̈ − J̇ ż."""
-    J = kinematics.jacobian(z)
-    zd = np.linalg.solve(J, qd[:, :, None])
-    along = kinematics.jacobian_rate(z, zd[:, :, 0]) @ zd
-    return zd[:, :, 0], np.linalg.solve(J, qdd[:, :, None] - along)[:, :, 0]
-
-
-def _effort(plant: Model, i: int, use: Signal, time: Signal) -> MotionProblem:
-    drive, worst = plant.robot.drives[i], int(use.argmax())
-    units, limit = plant.robot.units(drive), float(effort_limits(plant.robot)[i])
-    share = float((use > 1).mean())
-    needed = f"{use[worst] * limit:.3g} {units.force}"
-    return MotionProblem(
-        kind="torque",
-        what=drive,
-        text=f"the motion needs more {units.effort} than {drive} has: {needed} of "
-        f"{limit:g} {units.force} at {time[worst]:.3g} s, beyond the limit for "
-        f"{_percent(share)} of the time",
-        short=f"{drive} needs {use[worst]:.0%} of its {units.effort}",
-        size=float(use[worst]),
-        time=float(time[worst]),
-        share=share,
-    )
-
-
-def _kinematic(name: str, use: Signal, time: Signal) -> MotionProblem:
-    worst, share = int(use.argmax()), float((use > 1).mean())
-    kind: Kind = "range"
-    words = f"the motion leaves what the robot may reach, by its limit “{name}”"
+def _kinematic(name: str) -> tuple[Kind, str]:
+    """What it is to break a limit of this name."""
     if "speed" in name:
-        kind, words = "speed", f"the motion is too fast for {name.removesuffix(' speed')}"
-    elif "acceleration" in name:
-        kind = "acceleration"
-        words = f"the motion accelerates {name.removesuffix(' acceleration')} too much"
-        if name.startswith("platform "):
-            words = f"the motion accelerates the platform too much along {name[-1]}"
-    elif name.startswith("workspace"):
-        words = f"the motion leaves the workspace: {name}"
-    return MotionProblem(
-        kind=kind,
-        what=name,
-        text=f"{words}, {use[worst]:.0%} of what is described at {time[worst]:.3g} s, beyond it "
-        f"for {_percent(share)} of the time",
-        short=f"{name} at {use[worst]:.0%}",
-        size=float(use[worst]),
-        time=float(time[worst]),
-        share=share,
-    )
+        return "speed", f"the motion is too fast for {name.removesuffix(' speed')}"
+    if name.startswith("platform ") and "acceleration" in name:
+        return "acceleration", f"the motion accelerates the platform too much along {name[-1]}"
+    if "acceleration" in name:
+        moved = name.removesuffix(" acceleration")
+        return "acceleration", f"the motion accelerates {moved} too much"
+    if name.startswith("workspace"):
+        return "range", f"the motion leaves the workspace: {name}"
+    return "range", f"the motion leaves what the robot may reach, by its limit “{name}”"
 
 
 def of_tracking(plant: Model, result: Tracking) -> tuple[MotionProblem, ...]:
     """What became of a motion under a controller that no one would want on a robot."""
-    valid = result.time < (np.inf if result.ended is None else result.ended)
-    if not valid.any():
-        return (_lost(result),)
-    found = [
-        _saturated(plant, i, result.saturated[valid, i], result.time[valid])
-        for i in range(result.saturated.shape[1])
-        if result.saturated[valid, i].mean() > _SATURATED
-    ]
-    found += [_lost(result)] if result.ended is not None else _branch(plant, result)
-    _, half = plant.robot.within(0.0)
-    away, limit = result.platform_error[valid], _FAR * float(half[plant.robot.task.moves].min())
-    if away.size and away.max() > limit:
-        found.append(_far(away, limit, result.time[valid]))
-    turn = result.turn_error
-    if turn is not None and np.abs(turn[valid]).max() > _TURNED:
-        found.append(_turned(turn[valid], result.time[valid]))
-    return tuple(found)
-
-
-def _saturated(
-    plant: Model, i: int, cut: Bool[np.ndarray, " samples"], time: Signal
-) -> MotionProblem:
-    drive, share = plant.robot.drives[i], float(cut.mean())
-    first = float(time[int(cut.argmax())])
-    return MotionProblem(
-        kind="saturated",
-        what=drive,
-        text=f"the controller stands at the {plant.robot.units(drive).effort} limit of {drive} for "
-        f"{_percent(share)} of the time, from {first:.3g} s on",
-        short=f"{drive} at its limit",
-        size=1.0,
-        time=first,
-        share=share,
-    )
-
-
-def _lost(result: Tracking) -> MotionProblem:
-    ended = float(result.ended or 0.0)
-    left = 1.0 - ended / float(result.time[-1])
-    return MotionProblem(
-        kind="lost",
-        what="robot",
-        text=sentence(
-            f"lost after {ended:.4g} s, where a limb was stretched",
+    valid, robot = result.valid, plant.robot
+    time, problems = result.time[valid], list[MotionProblem]()
+    for drive, cut in zip(robot.drives, result.saturated[valid].T, strict=True):
+        if cut.sum() > _SATURATED * len(cut):
+            share, first = float(cut.mean()), float(time[cut.argmax()])
+            text = (
+                f"the controller stands at the {robot.units(drive).effort} limit of {drive} for "
+                f"{_percent(share)} of the time, from {first:.3g} s on"
+            )
+            short = f"{drive} at its limit"
+            problems.append(MotionProblem("saturated", drive, text, short, 1.0, first, share))
+    if result.ended is not None:
+        short, left = f"lost after {result.ended:.4g} s", 1.0 - result.ended / result.time[-1]
+        text = sentence(
+            f"{short}, where a limb was stretched",
             "its gains or its model do not hold the robot on this motion",
             "lower the gains, or take a slower motion",
-        ),
-        short=f"lost after {ended:.4g} s",
-        size=1.0,
-        time=ended,
-        share=left,
-    )
-
-
-def _branch(plant: Model, result: Tracking) -> list[MotionProblem]:
-    """Where a robot went through a singular pose, beyond which its drives turn it elsewhere."""
-    sides = np.sign(plant.dynamics.kinematics.regularity(result.z).determinant)
-    other = sides != sides[0]
-    if not other.any():
-        return []
-    first = float(result.time[int(other.argmax())])
-    text = f"passed through a singular pose at {first:.4g} s and went on in another assembly mode"
-    share = float(other.mean())
-    return [
-        MotionProblem("branch", "robot", text, f"other mode from {first:.4g} s", 1.0, first, share)
-    ]
-
-
-def _far(away: Signal, limit: float, time: Signal) -> MotionProblem:
-    worst, first = int(away.argmax()), float(time[int((away > limit).argmax())])
-    share = float((away > limit).mean())
-    return MotionProblem(
-        kind="diverged",
-        what="platform",
-        text=f"the loop does not follow: the platform is {1e3 * away[worst]:.3g} mm from where it "
-        f"should be at {time[worst]:.3g} s, farther than {1e3 * limit:.3g} mm from {first:.3g} s "
-        f"on, {_percent(share)} of the time",
-        short=f"platform {1e3 * away[worst]:.3g} mm off",
-        size=float(away[worst]),
-        time=float(time[worst]),
-        share=share,
-    )
-
-
-def _turned(error: Signal, time: Signal) -> MotionProblem:
-    worst, share = int(np.abs(error).argmax()), float((np.abs(error) > _TURNED).mean())
-    size = float(np.abs(error[worst]))
-    whole = size / (2 * np.pi)
-    amount = f"{whole:.2g} turns" if whole >= 0.75 else f"{np.rad2deg(size):.0f}°"
-    return MotionProblem(
-        kind="turn",
-        what="tool",
-        text=f"the tool is off by {amount} at {time[worst]:.3g} s, and by more than a quarter of a "
-        f"turn for {_percent(share)} of the time",
-        short=f"tool off by {amount}",
-        size=size,
-        time=float(time[worst]),
-        share=share,
-    )
+        )
+        found = MotionProblem("lost", "robot", text, short, 1.0, result.ended, float(left))
+        problems.append(found)
+    else:  # beyond a singular pose its drives turn a robot elsewhere
+        sides = np.sign(plant.dynamics.kinematics.regularity(result.z).determinant)
+        other = sides != sides[0]
+        if other.any():
+            first = float(result.time[other.argmax()])
+            text = (
+                f"passed through a singular pose at {first:.4g} s and went on in another assembly "
+                "mode"
+            )
+            short, share = f"other mode from {first:.4g} s", float(other.mean())
+            problems.append(MotionProblem("branch", "robot", text, short, 1.0, first, share))
+    away = result.platform_error[valid]
+    limit = _FAR * float(robot.within(0.0)[1][robot.task.moves].min())
+    if away.max(initial=0.0) > limit:
+        k, share = int(away.argmax()), float((away > limit).mean())
+        text = (
+            f"the loop does not follow: the platform is {1e3 * away[k]:.3g} mm from where it "
+            f"should be at {time[k]:.3g} s, farther than {1e3 * limit:.3g} mm from "
+            f"{time[(away > limit).argmax()]:.3g} s on, {_percent(share)} of the time"
+        )
+        short, size = f"platform {1e3 * away[k]:.3g} mm off", float(away[k])
+        found = MotionProblem("diverged", "platform", text, short, size, float(time[k]), share)
+        problems.append(found)
+    turn = np.zeros(0) if result.turn_error is None else np.abs(result.turn_error[valid])
+    if turn.max(initial=0.0) > _TURNED:
+        k, share = int(turn.argmax()), float((turn > _TURNED).mean())
+        whole = float(turn[k]) / (2 * np.pi)
+        amount = f"{whole:.2g} turns" if whole >= 0.75 else f"{360 * whole:.0f}°"
+        text = (
+            f"the tool is off by {amount} at {time[k]:.3g} s, and by more than a quarter of a "
+            f"turn for {_percent(share)} of the time"
+        )
+        short, size = f"tool off by {amount}", float(turn[k])
+        problems.append(MotionProblem("turn", "tool", text, short, size, float(time[k]), share))
+    return tuple(problems)
 
 
 def _percent(share: float) -> str:

@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Float
 from scipy.linalg import inv
 
-from deltaid.control.simulation import time_steps
+from deltaid.control.simulation import LONGEST_STEP, time_steps
 from deltaid.dynamics.forward_dynamics import link_side, motor_inertia, motor_speeds
 from deltaid.dynamics.parameters import Parameters, parameter_layout
 from deltaid.errors import DeltaidError, DescriptionError
@@ -72,15 +72,14 @@ def as_payload(given: Payload | float | str | None) -> Payload | None:
     if given is None or isinstance(given, Payload):
         return given
     text = str(given)
-    found = _PAYLOAD.fullmatch(text.strip())
-    if found is None:
-        cure = "give kilograms, with a standard deviation or without: 1.5 or 1.5±0.1"
-        raise DeltaidError(f"'{text[:40]}' is no mass", where="--payload", cure=cure)
-    mass, std = float(found[1]), float(found[2] or 0.0)
-    if not 0 < mass < _HEAVY or not std <= mass:
+    what, cure = "mass", "give kilograms, with a standard deviation or without: 1.5 or 1.5±0.1"
+    if found := _PAYLOAD.fullmatch(text.strip()):
+        mass, std = float(found[1]), float(found[2] or 0.0)
+        if 0 < mass < _HEAVY and std <= mass:
+            return Payload(mass, std)
+        what = "load of a robot"
         cure = "give kilograms; the standard deviation is no more than the mass"
-        raise DeltaidError(f"'{text[:40]}' is no load of a robot", where="--payload", cure=cure)
-    return Payload(mass, std)
+    raise DeltaidError(f"'{text[:40]}' is no {what}", where="--payload", cure=cure)
 
 
 def loaded(robot: RobotDescription, p: Parameters, load: Float[np.ndarray, " 10"]) -> Parameters:
@@ -130,20 +129,17 @@ class Plant:
     damping: float = 0.03
 
     def __post_init__(self) -> None:
-        if not self.elastic:
-            return
-        robot, where = self.model.robot, self.model.source or self.model.robot.name
+        robot = self.model.robot
         for drive, inertia in zip(robot.drives, motor_inertia(robot, self.model.p), strict=True):
-            if not np.isfinite(robot.stiffness(drive)):
-                cure = "give gear_stiffness in the plant's description, N m/rad or N/m"
+            stiff = np.isfinite(robot.stiffness(drive))
+            if not self.elastic or (stiff and inertia > 0):
+                continue
+            what = f"nothing says what inertia the motor of {drive} has"
+            cure = "give rotor_inertia, kg m² or kg at the joint: an elastic gear needs two sides"
+            if not stiff:
                 what = f"nothing says how stiff the gear of {drive} is"
-                raise DescriptionError(what, where=where, cure=cure)
-            if not inertia > 0:
-                cure = (
-                    "give rotor_inertia, kg m² or kg at the joint: an elastic gear needs two sides"
-                )
-                what = f"nothing says what inertia the motor of {drive} has"
-                raise DescriptionError(what, where=where, cure=cure)
+                cure = "give gear_stiffness in the plant's description, N m/rad or N/m"
+            raise DescriptionError(what, where=self.model.source or robot.name, cure=cure)
 
     def held(self, time: float) -> tuple[Held, ...]:
         """What it holds at a time [s]."""
@@ -182,19 +178,15 @@ class Running:
     def __init__(
         self, plant: Plant, q: Samples, qd: Samples, rate: float, current_loop: float
     ) -> None:
-        self._plant, self._rate = plant, rate
-        self._forward = plant.model.forward
-        self._lag = 2 * np.pi * current_loop
-        self._current: Samples | None = None
+        self._plant, self._forward = plant, plant.model.forward
+        self._lag, self._current = 2 * np.pi * current_loop, None
         self._held, self._p = plant.held(0.0), plant.model_at(0.0).p
         self._link = link_side(plant.model.robot, self._p)
         self._gear = _Gear(plant, plant.model_at(0.0), q, qd) if plant.elastic else None
-        self._substeps, self._h = time_steps(rate)
-        if self._gear is not None:
-            self._substeps = max(self._substeps, int(np.ceil(1 / (rate * self._gear.longest))))
-            self._h = 1 / (rate * self._substeps)
-            q = self._gear.links
-        self.z, self.qd = self._forward.kinematics.forward(q), qd
+        longest = LONGEST_STEP if self._gear is None else min(LONGEST_STEP, self._gear.longest)
+        self._substeps, self._h = time_steps(rate, longest)
+        links = q if self._gear is None else self._gear.links
+        self.z, self.qd = self._forward.kinematics.forward(links), qd
 
     @property
     def encoders(self) -> Samples:
@@ -209,23 +201,17 @@ class Running:
         if held != self._held:
             self._held, self._p = held, self._plant.model_at(time).p
             self._link = link_side(self._plant.model.robot, self._p)
+        forward, gear, ripple = self._forward, self._gear, self._plant.ripple
         for _ in range(self._substeps):
-            given = self._given(tau)
-            if self._plant.ripple is not None:
-                r = self._plant.ripple
-                given = given - r.amplitude * np.sin(r.waves * self.encoders + r.phase)
-            if self._gear is None:
-                self.z, self.qd = self._forward.step(self.z, self.qd, given, self._p, self._h)
-            else:
-                self._wind(given)
-
-    def _wind(self, given: Samples) -> None:
-        """One time step of motors and links, pulled at by what gears carry in its middle."""
-        gear, forward = self._gear, self._forward
-        assert gear is not None
-        carried = gear.carried(forward.drive_coordinates(self.z), self.qd, self._h)
-        gear.turn(given, carried, self._p, self._h)
-        self.z, self.qd = forward.step(self.z, self.qd, carried, self._link, self._h)
+            given, p = self._given(tau), self._p
+            if ripple is not None:
+                phase = ripple.waves * self.encoders + ripple.phase
+                given = given - ripple.amplitude * np.sin(phase)
+            if gear is not None:  # motors and links are pulled at by what gears carry in between
+                carried = gear.carried(forward.drive_coordinates(self.z), self.qd, self._h)
+                gear.turn(given, carried, self._p, self._h)
+                given, p = carried, self._link
+            self.z, self.qd = forward.step(self.z, self.qd, given, p, self._h)
 
     def _given(self, tau: Samples) -> Samples:
         """Mean torque over a time step behind the current loop, a first-order lag."""

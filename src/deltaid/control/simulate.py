@@ -9,13 +9,21 @@ from typing import Any
 import numpy as np
 import polars as pl
 
-from deltaid.control.comparison import ControllerRun, ModelCandidate, candidates, compare, gains
-from deltaid.control.controllers import ControlModel
+from deltaid.control.controllers import Controller, ControlModel
 from deltaid.control.infeasible import MotionProblem, of_motion, of_tracking
 from deltaid.control.options import ControllerName, ControlSettings
 from deltaid.control.plant import Payload, Plant, as_payload
-from deltaid.control.tracking import ENCODER_STEP, Drives, Tracking, TrackingError, track
-from deltaid.control.trajectory import MotionTrajectory, Trajectory, open_trajectory
+from deltaid.control.tracking import (
+    ENCODER_STEP,
+    Drives,
+    MotionTrajectory,
+    Tracking,
+    TrackingError,
+    Trajectory,
+    gains,
+    open_trajectory,
+    track,
+)
 from deltaid.dynamics.dynamics import compiled
 from deltaid.errors import DeltaidError, with_options
 from deltaid.model.model import Model, ModelLike, load
@@ -23,9 +31,11 @@ from deltaid.motion.surrogate import Motion
 from deltaid.progress import Progress, Watch, watched
 from deltaid.recording.mapping import MappingLike, as_mapping
 from deltaid.recording.memory import RecordingLike, as_source
-from deltaid.robot.description import RobotDescription
 from deltaid.sensors.robot_sensors import simulated_sensors
 from deltaid.shown import Plotted, Reported, Shown, Tabled
+
+# Runs with other loads, by their mass [kg].
+Ends = tuple[tuple[float, Tracking], ...]
 
 
 @dataclass(frozen=True)
@@ -55,6 +65,19 @@ class Conditions:
         """The plant with its load."""
         return self.plant if self.payload is None else self.plant.carrying(self.payload.mass)
 
+    @property
+    def remarks(self) -> tuple[str, ...]:
+        """Whether gears wind up, in words."""
+        return ("gears wind up, with the encoders on the motors",) * self.plant.elastic
+
+    def tracked(self, law: Controller, known: ControlModel) -> tuple[Tracking, Ends]:
+        """A controller with a model on the plant with its load, and with loads two deviations off,
+        by their mass [kg]."""
+        masses = self.payload.ends if self.payload else ()
+        plants = [(mass, self.plant.carrying(mass)) for mass in masses]
+        ends = [(m, track(plant, law, known, self.motion, self.drives)) for m, plant in plants]
+        return track(self.loaded, law, known, self.motion, self.drives), tuple(ends)
+
 
 @dataclass(frozen=True, repr=False)
 class Simulation(Shown, Plotted, Tabled, Reported):
@@ -74,7 +97,7 @@ class Simulation(Shown, Plotted, Tabled, Reported):
     tracking: Tracking
     problems: tuple[MotionProblem, ...]
     payload_known: bool
-    ends: tuple[tuple[float, Tracking], ...]
+    ends: Ends
 
     @property
     def error(self) -> TrackingError:
@@ -84,12 +107,11 @@ class Simulation(Shown, Plotted, Tabled, Reported):
     @property
     def remarks(self) -> tuple[str, ...]:
         """What is held, and whether gears wind up, in words."""
-        payload = self.conditions.payload
-        lines = ["gears wind up, with the encoders on the motors"] * self.conditions.plant.elastic
-        if payload is None:
-            return tuple(lines)
-        known = f"{payload.mass:.4g} kg" if self.payload_known else "nothing"
-        lines.append(f"with a load of {payload.mass:.4g} kg, of which the controller knows {known}")
+        payload, lines = self.conditions.payload, [*self.conditions.remarks]
+        if payload is not None:
+            known = f"{payload.mass:.4g} kg" if self.payload_known else "nothing"
+            load = f"with a load of {payload.mass:.4g} kg"
+            lines.append(f"{load}, of which the controller knows {known}")
         for mass, result in self.ends:
             lost = "" if result.ended is None else f", and lost after {result.ended:.3g} s"
             lines.append(
@@ -107,27 +129,17 @@ class Simulation(Shown, Plotted, Tabled, Reported):
         result, task = self.tracking, self.tracking.task.names
         columns = {"t": result.time}
         for name, values in (
-            ("q{}", result.q),
-            ("tau{}", result.tau),
-            ("q{}_desired", result.q_desired),
-        ):
-            columns |= {name.format(i + 1): values[:, i] for i in range(values.shape[1])}
-        columns |= {name: result.z[:, i] for i, name in enumerate(task)}
-        columns |= {f"{name}_desired": result.z_desired[:, i] for i, name in enumerate(task)}
-        columns |= self._sensed()
-        valid = result.time < (np.inf if result.ended is None else result.ended)
-        return pl.DataFrame({name: values[valid] for name, values in columns.items()})
-
-    def _sensed(self) -> dict[str, np.ndarray]:
-        """What the plant's sensors would show, with their noise.
-
-        Accelerations are differences of velocities, so as they are between the drives' samples.
-        """
-        plant, result = self.conditions.loaded.model_at(0.0), self.tracking
-        if not plant.robot.sensors:
-            return {}
-        motion = result.z, result.qd, np.gradient(result.qd, result.time, axis=0)
-        return simulated_sensors(compiled(plant.robot), plant.p, *motion, np.random.default_rng(0))
+            ("q{}", result.q), ("tau{}", result.tau), ("q{}_desired", result.q_desired)
+        ):  # fmt: skip
+            columns |= {name.format(i + 1): x for i, x in enumerate(values.T)}
+        columns |= dict(zip(task, result.z.T, strict=True))
+        columns |= {f"{name}_desired": x for name, x in zip(task, result.z_desired.T, strict=True)}
+        plant = self.conditions.loaded.model_at(0.0)
+        if plant.robot.sensors:  # accelerations as they are between the drives' samples
+            motion = result.z, result.qd, np.gradient(result.qd, result.time, axis=0)
+            rng = np.random.default_rng(0)
+            columns |= simulated_sensors(compiled(plant.robot), plant.p, *motion, rng)
+        return pl.DataFrame({name: values[result.valid] for name, values in columns.items()})
 
 
 def simulate(
@@ -176,62 +188,9 @@ def simulate(
             known = known.holding(on.payload.mass)
         law = gains(controller, known, on.motion, on.bandwidth)
         problems = of_motion(on.loaded.model_at(0.0), on.motion)
-        result = track(on.loaded, law, known, on.motion, on.drives)
+        result, ends = on.tracked(law, known)
         problems += of_tracking(on.plant.model, result)
-        ends = tuple(
-            (mass, track(on.plant.carrying(mass), law, known, on.motion, on.drives))
-            for mass in (on.payload.ends if on.payload else ())
-        )
     return Simulation(controller, on, result, problems, payload_known, ends)
-
-
-@dataclass(frozen=True, repr=False)
-class Comparison(Shown, Reported):
-    """Every controller with every model of a robot, on one plant.
-
-    Attributes:
-        conditions: on what.
-        candidates: the models.
-        runs: one a controller and model.
-        problems: what the motion asks of the plant beyond its limits.
-    """
-
-    conditions: Conditions
-    candidates: tuple[ModelCandidate, ...]
-    runs: tuple[ControllerRun, ...]
-    problems: tuple[MotionProblem, ...]
-
-    @property
-    def remarks(self) -> tuple[str, ...]:
-        """What is held, and whether gears wind up, in words."""
-        payload = self.conditions.payload
-        lines = ["gears wind up, with the encoders on the motors"] * self.conditions.plant.elastic
-        lines += [f"the robot holds a load of {payload.mass:.4g} kg"] if payload else []
-        return tuple(lines)
-
-
-def compare_controllers(
-    model: ModelLike,
-    motion: RecordingLike | Motion | Trajectory,
-    *,
-    plant: ModelLike,
-    columns: MappingLike | None = None,
-    duration: float | None = None,
-    settings: ControlSettings | None = None,
-    progress: Watch = None,
-    **options: Any,
-) -> Comparison:
-    """Compare tracking with the prior, the base parameters and the identified model.
-
-    Every controller runs with every model on the plant, all tuned alike: what differs is what they
-    know of the robot. Arguments and errors are those of `simulate`.
-    """
-    asked = with_options(settings or ControlSettings(), options, "compare_controllers")
-    with watched(progress, "compare") as say:
-        on = conditions(asked, model, motion, plant, columns, duration, say)
-        problems, models = of_motion(on.loaded.model_at(0.0), on.motion), candidates(on.model)
-        runs = compare(on.plant, models, on.motion, on.drives, on.bandwidth, say, on.payload)
-    return Comparison(on, models, runs, problems)
 
 
 def conditions(
@@ -246,30 +205,23 @@ def conditions(
     """What `simulate` and `compare_controllers` try controllers on; arguments as there."""
     step = ENCODER_STEP if asked.encoder is None else asked.encoder
     drives = Drives(asked.rate, step, asked.delay, current_loop=asked.current_loop or math.inf)
-    bandwidth, held = asked.bandwidth, as_payload(asked.payload)
-    known = load(model)
-    moved = known if plant is None else load(plant)
-    _require_alike(moved.robot, known.robot, plant)
-    robot = Plant(moved, elastic=asked.elastic_gears)
-    kinematics = compiled(known.robot).kinematics
-    if isinstance(motion, Motion):
-        length = duration or getattr(motion, "duration", 0.0) or getattr(motion, "period", 0.0)
-        motion = MotionTrajectory(kinematics, motion, length)
-    if isinstance(motion, Trajectory):
-        return Conditions(known, robot, motion, "a motion", drives, bandwidth, held, ())
-    source = as_source(motion)
-    progress(f"checking {source}")
-    path, log = open_trajectory(source, kinematics, as_mapping(columns))
-    warnings = tuple(f"{source}: {text}" for text in log.warnings)
-    return Conditions(known, robot, path, log.path.name, drives, bandwidth, held, warnings)
-
-
-def _require_alike(plant: RobotDescription, robot: RobotDescription, source: object) -> None:
-    kinds = [[r.is_linear(drive) for drive in r.drives] for r in (plant, robot)]
+    held, known = as_payload(asked.payload), load(model)
+    moved, name, warnings = known if plant is None else load(plant), "a motion", ()
+    kinds = [[x.is_linear(drive) for drive in x.drives] for x in (moved.robot, known.robot)]
     if kinds[0] != kinds[1]:
         words = [f"{k.count(False)} rotary and {k.count(True)} linear drives" for k in kinds]
         raise DeltaidError(
             f"has {words[0]}, but the model's robot has {words[1]}",
-            where=f"--plant {source}" if isinstance(source, str | Path) else "plant",
+            where=f"--plant {plant}" if isinstance(plant, str | Path) else "plant",
             cure="the plant must be the robot that the model is of",
         )
+    robot, kinematics = Plant(moved, elastic=asked.elastic_gears), compiled(known.robot).kinematics
+    if isinstance(motion, Motion):
+        length = duration or getattr(motion, "duration", 0.0) or getattr(motion, "period", 0.0)
+        motion = MotionTrajectory(kinematics, motion, length)
+    elif not isinstance(motion, Trajectory):
+        source = as_source(motion)
+        progress(f"checking {source}")
+        motion, log = open_trajectory(source, kinematics, as_mapping(columns))
+        name, warnings = log.path.name, tuple(f"{source}: {text}" for text in log.warnings)
+    return Conditions(known, robot, motion, name, drives, asked.bandwidth, held, warnings)

@@ -145,7 +145,7 @@ def step_through(
     return StatePath(np.arange(samples + 1) / rate, path[0], velocity)
 
 
-def time_steps(rate: float) -> tuple[int, float]:
+def time_steps(rate: float, longest: float = LONGEST_STEP) -> tuple[int, float]:
     """Number and length [s] of the time steps within one sample of a drive."""
-    substeps = int(np.ceil(1 / (rate * LONGEST_STEP) - 1e-9))
+    substeps = int(np.ceil(1 / (rate * longest) - 1e-9))
     return substeps, 1 / (rate * substeps)

@@ -1,7 +1,8 @@
-"""A controller on a robot, sample by sample as a drive runs it, and how well it follows a motion.
+"""Motions that a controller follows, a controller on a robot, and how well it follows.
 
-At each sample k of period T the drive reads its encoders, and the torque that it computes is held
-until the next one:
+Motions are those of a file, of samples, or in memory. A controller runs sample by sample, as a
+drive runs it. At each sample k of period T the drive reads its encoders, and the torque that it
+computes is held until the next one:
 
 1. q_m = q(t_k) rounded to encoder steps; e = q_m − q_d(t_k).
 2. ė = the difference of e over T through a first-order low-pass. Differentiating e and not q_m
@@ -9,24 +10,130 @@ until the next one:
 3. Both are `delay` samples old when the law sees them.
 4. The law is evaluated at the middle of the time for which its torque will be held, with the
    desired motion of then, q = q_d + e and q̇ = q̇_d + ė; torques are cut to the drives' limits.
-
-The motion to follow is that of a file, or one in memory.
 """
 
 from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cached_property
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 from jaxtyping import Bool, Float
+from scipy.interpolate import make_interp_spline
 
-from deltaid.control.controllers import Controller, ControlModel, Desired, MeasuredState
+from deltaid.control.controllers import Controller, ControlModel, Desired, MeasuredState, tuned
+from deltaid.control.options import ControllerName
 from deltaid.control.plant import Plant, Running, as_plant
-from deltaid.control.trajectory import Trajectory
 from deltaid.dynamics.limits import effort_limits
-from deltaid.mechanism.kinematics import Samples
+from deltaid.errors import RecordingError
+from deltaid.mechanism.kinematics import Kinematics, Samples
+from deltaid.mechanism.one_or_many import real_numbers
 from deltaid.model.model import Model
+from deltaid.motion.surrogate import Motion
+from deltaid.recording.log import Log
+from deltaid.recording.mapping import ColumnMapping
+from deltaid.recording.memory import RecordingLike
+from deltaid.recording.opening import open_log
+from deltaid.recording.recording import with_filter
 from deltaid.robot.limits import Task
+
+# Through samples, so that q̈ has no corners.
+_DEGREE = 5
+# Poses of a trajectory at which M is looked at.
+_POSES = 400
+
+
+@runtime_checkable
+class Trajectory(Protocol):
+    """A desired motion that can be asked for any time between 0 and its duration."""
+
+    @property
+    def duration(self) -> float:
+        """How long the motion lasts [s]."""
+        ...
+
+    def desired(self, time: Float[np.ndarray, " samples"]) -> Desired:
+        """The desired motion at times [s], which start at 0."""
+        ...
+
+
+@dataclass(frozen=True)
+class MotionTrajectory:
+    """A Fourier motion or a run from rest to rest, in memory.
+
+    Attributes:
+        duration: how much of it is to be followed [s].
+    """
+
+    kinematics: Kinematics
+    motion: Motion
+    duration: float
+
+    def desired(self, time: Float[np.ndarray, " samples"]) -> Desired:
+        """The desired motion at times [s].
+
+        Raises:
+            KinematicsError: a pose is out of reach or singular.
+        """
+        z, zd, zdd = self.motion.evaluate(np.clip(time, 0.0, self.duration))
+        return Desired(z, *self.kinematics.drive_motion(z, zd, zdd))
+
+
+class SampledTrajectory:
+    """Samples of drive coordinates, joined by a spline of fifth degree.
+
+    Args:
+        time: evenly spaced or not, at least six [s].
+        q: drive coordinates there.
+
+    Velocities and accelerations are the spline's own, so that all three agree.
+    """
+
+    def __init__(
+        self, kinematics: Kinematics, time: Float[np.ndarray, " samples"], q: Samples
+    ) -> None:
+        time, q = real_numbers(time, "time"), real_numbers(q, "q")
+        self._kinematics = kinematics
+        self._spline = make_interp_spline(time - time[0], q, k=_DEGREE)
+        self.duration = float(time[-1] - time[0])
+
+    def desired(self, time: Float[np.ndarray, " samples"]) -> Desired:
+        """The desired motion at times [s].
+
+        Raises:
+            KinematicsError: between the samples a pose is out of reach or singular.
+        """
+        inside = np.clip(time, 0.0, self.duration)
+        q, qd, qdd = (np.asarray(self._spline(inside, order)) for order in range(3))
+        return Desired(self._kinematics.forward(q), q, qd, qdd)
+
+
+def open_trajectory(
+    path: RecordingLike, kinematics: Kinematics, mapping: ColumnMapping | None = None
+) -> tuple[SampledTrajectory, Log]:
+    """The motion of a file: what `deltaid excite` writes, or a recording.
+
+    A file with velocities and accelerations is taken as it is. One with positions only is a
+    recording: it is low-passed as an identification would, and is shorter at both ends by the
+    filter's length.
+
+    Raises:
+        RecordingError: the file cannot be used, or has too few samples.
+    """
+    log = open_log(path, kinematics, mapping, need_torque=False)
+    recording = with_filter(log, None if log.has_derivatives else log.motion_cutoff)
+    parts = [(w.own.time, kinematics.inverse(w.own.z)) for w in recording.windows(kinematics)]
+    time, q = (np.concatenate(part) for part in zip(*parts, strict=True))
+    if len(time) <= _DEGREE:
+        raise RecordingError(
+            f"has {len(time)} samples, too few for a motion (at least {_DEGREE + 1})",
+            where=str(path),
+            cure="give a longer one; without velocities and accelerations the filter's length is "
+            "lost at either end",
+        )
+    return SampledTrajectory(kinematics, time, q), recording.log
+
 
 # Resolution of a common encoder, 20 bits a turn [rad].
 ENCODER_STEP = 2 * np.pi / 2**20
@@ -118,19 +225,23 @@ class Tracking:
         i = self.task.turn
         return None if i is None else self.z[:, i] - self.z_desired[:, i]
 
+    @cached_property
+    def valid(self) -> Bool[np.ndarray, " samples"]:
+        """Samples before it ended."""
+        return self.time < (np.inf if self.ended is None else self.ended)
+
     @property
     def error(self) -> TrackingError:
         """Its size, up to where it ended."""
-        valid = self.time < (np.inf if self.ended is None else self.ended)
+        valid, tau = self.valid, self.tau[self.valid]
         drives, platform = self.drive_error[valid], self.platform_error[valid]
         turn = None if self.turn_error is None else self.turn_error[valid]
-        tau = self.tau[valid]
         return TrackingError(
             drive_rms=_rms(drives),
             drive_max=np.abs(drives).max(axis=0),
-            platform_rms=float(_rms(platform[:, None])[0]),
+            platform_rms=float(_rms(platform)),
             platform_max=float(platform.max()),
-            turn_rms=None if turn is None else float(_rms(turn[:, None])[0]),
+            turn_rms=None if turn is None else float(_rms(turn)),
             turn_max=None if turn is None else float(np.abs(turn).max()),
             torque_rms=_rms(tau),
             torque_max=np.abs(tau).max(axis=0),
@@ -168,7 +279,7 @@ def track(
         q = running.encoders
         path[:, k] = q[0], running.z[0], running.qd[0]
         error, error_rate = readings.take(q, start.q[k : k + 1])
-        now = _row(desired, k)
+        now = Desired(*(x[k : k + 1] for x in (desired.z, desired.q, desired.qd, desired.qdd)))
         measured = MeasuredState(now.q + error, now.qd + error_rate)
         wanted[k] = controller.torque(known(float(time[k])), measured, now)[0]
         torques[k] = np.clip(wanted[k], -limits, limits)
@@ -189,6 +300,22 @@ def track(
     )
 
 
+def gains(
+    name: ControllerName, model: ControlModel, trajectory: Trajectory, bandwidth: float
+) -> Controller:
+    """A controller tuned with a model's M along a trajectory; `bandwidth` in Hz.
+
+    Raises:
+        KinematicsError: the trajectory is out of reach.
+    """
+    return tuned(name, model.mass_diagonal(poses(trajectory)), bandwidth)
+
+
+def poses(trajectory: Trajectory) -> Samples:
+    """Drive coordinates along a trajectory, at which M is looked at."""
+    return trajectory.desired(np.linspace(0.0, trajectory.duration, _POSES)).q
+
+
 class _Readings:
     """Encoders, difference, low-pass and delay of the tracking error."""
 
@@ -196,25 +323,21 @@ class _Readings:
         self._drives = drives
         self._share = 1 - np.exp(-2 * np.pi * drives.velocity_cutoff)
         self._late: deque[tuple[Samples, Samples]] = deque(maxlen=drives.delay + 1)
-        self._last = self._rate = np.zeros((0, 0))
+        self._last: Samples | None = None
 
     def take(self, q: Samples, q_desired: Samples) -> tuple[Samples, Samples]:
         """e and ė as the law sees them now."""
         step = self._drives.encoder_step
         error = (np.round(q / step) * step if step > 0 else q) - q_desired
-        if not self._last.size:
+        if self._last is None:
             self._last, self._rate = error, np.zeros_like(error)
-        slope = (error - self._last) * self._drives.rate
-        self._rate = self._rate + self._share * (slope - self._rate)
+        self._rate = self._rate + self._share * (
+            (error - self._last) * self._drives.rate - self._rate
+        )
         self._last = error
         self._late.append((error, self._rate))
         return self._late[0]
 
 
-def _rms(values: Float[np.ndarray, "samples columns"]) -> Float[np.ndarray, " columns"]:
+def _rms(values: Float[np.ndarray, "samples *columns"]) -> Float[np.ndarray, "*columns"]:
     return np.sqrt((values**2).mean(axis=0))
-
-
-def _row(desired: Desired, k: int) -> Desired:
-    part = slice(k, k + 1)
-    return Desired(desired.z[part], desired.q[part], desired.qd[part], desired.qdd[part])

@@ -53,14 +53,13 @@ class ConstraintForces(WithParameters, Shown):
                 where="mechanism",
                 cure="describe the robot by limbs and platform if it is composed of them",
             )
-        self.robot = robot
-        self.layout = parameter_layout(robot)
+        self.robot, self.layout = robot, parameter_layout(robot)
         self.kinematics = Kinematics(robot)
         self.equations: ForceEquations = build_forces(robot, self.kinematics.mechanism)
-        self.names = tuple(channel.name for channel in self.equations.channels)
-        self.units = tuple(channel.unit for channel in self.equations.channels)
-        self.struts = self.equations.struts
-        self.note = _why_sums(robot)
+        channels = self.equations.channels
+        self.names, self.units = (tuple(getattr(c, k) for c in channels) for k in ("name", "unit"))
+        self._values = ca.vertcat(*(channel.value for channel in channels))
+        self.struts, self.note = self.equations.struts, _why_sums(robot)
         self.socket_force = robot.limbs.socket_force if splits(robot) else None
 
     def index(self, name: str) -> int:
@@ -91,13 +90,8 @@ class ConstraintForces(WithParameters, Shown):
         self, z: Samples, qd: Samples, qdd: Samples
     ) -> Float[np.ndarray, "samples channels parameters"]:
         """C with F = C p, for the few samples that matter."""
-        return np.stack(
-            [np.array(self._coefficients(*row)) for row in zip(z, qd, qdd, strict=True)]
-        )
-
-    @cached_property
-    def _values(self) -> ca.SX:
-        return ca.vertcat(*[channel.value for channel in self.equations.channels])
+        C, rows = self._coefficients, zip(z, qd, qdd, strict=True)
+        return np.stack([np.array(C(*row)) for row in rows])
 
     @cached_property
     def _kernel(self) -> BatchKernel:

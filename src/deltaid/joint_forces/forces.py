@@ -12,16 +12,10 @@ from jaxtyping import Float
 from deltaid.dynamics.dynamics import Parameters
 from deltaid.errors import DescriptionError, Doubt, RecordingError, positive
 from deltaid.files import written_whole
+from deltaid.identification.generic_motion import random_motion_base
 from deltaid.identification.sources import model_filtered
 from deltaid.joint_forces.constraint_forces import ConstraintForces, SampleBlock, motion_of
-from deltaid.joint_forces.ranges import (
-    Openness,
-    Range,
-    Ranges,
-    evidence,
-    left_aside,
-    structural_determinacy,
-)
+from deltaid.joint_forces.ranges import Determinacy, Openness, Range, Ranges, evidence
 from deltaid.model.model import Model, ModelLike, load
 from deltaid.progress import Watch, watched
 from deltaid.recording.mapping import ColumnMappings, MappingLike, as_mapping
@@ -73,49 +67,35 @@ class Extremes:
     values: Float[np.ndarray, "two channels"]
     samples: Float[np.ndarray, "two channels columns"]
 
-    def worst(self, part: str, kind: str, channels: Iterable[str], *, largest: bool) -> Worst:
-        """The worst of some channels."""
-        side = int(largest)
+    def worst(self, part: str, kind: str, *channels: str) -> Worst:
+        """The worst of some channels, or of one by its size for the kind 'load'."""
         at = [self.names.index(name) for name in channels]
-        k = at[int((np.argmax if largest else np.argmin)(self.values[side, at]))]
-        return self._worst(part, kind, side, k)
-
-    def load(self, channel: str) -> Worst:
-        """A channel where its size is largest."""
-        k = self.names.index(channel)
-        return self._worst(channel, "load", int(np.abs(self.values[:, k]).argmax()), k)
-
-    def _worst(self, part: str, kind: str, side: int, k: int) -> Worst:
-        time, *motion = self.samples[side, k]
-        z, qd, qdd = np.split(np.array(motion), 3)
+        sizes = np.abs(self.values[:, at[0]])
+        side = int(sizes.argmax()) if kind == "load" else int(kind == "tension")
+        k = at[int((np.argmax if side else np.argmin)(self.values[side, at]))]
+        z, qd, qdd = np.split(self.samples[side, k, 1:], 3)
+        instant = Instant(float(self.samples[side, k, 0]), z, qd, qdd)
         value = float(self.values[side, k])
-        instant = Instant(float(time), z, qd, qdd)
         return Worst(part, kind, self.names[k], self.units[k], value, instant)
 
 
-def extremes(
-    forces: ConstraintForces,
-    p: Parameters,
-    motion: Iterable[SampleBlock],
-) -> Extremes:
+def extremes(forces: ConstraintForces, p: Parameters, motion: Iterable[SampleBlock]) -> Extremes:
     """The extremes of all channels along a motion.
 
     Raises:
         RecordingError: the motion has no samples.
     """
-    values, samples = np.array([]), np.array([])
+    values = np.multiply.outer([1, -1], np.full(len(forces.names), np.inf))
+    samples = np.zeros((*values.shape, 1 + 3 * forces.dof))
     for part in motion:
         F = forces.evaluate(part.z, part.qd, part.qdd, p)
         at = np.stack([F.argmin(axis=0), F.argmax(axis=0)])
         found = np.take_along_axis(F, at, axis=0)
         rows = np.column_stack([part.time, part.z, part.qd, part.qdd])[at]
-        if not values.size:
-            values, samples = found, rows
-            continue
         better = np.stack([found[0] < values[0], found[1] > values[1]])
         values = np.where(better, found, values)
         samples = np.where(better[..., None], rows, samples)
-    if not values.size:
+    if np.isinf(values).all():
         raise RecordingError(
             "has no samples left",
             where="motion",
@@ -130,14 +110,11 @@ def worst_cases(forces: ConstraintForces, found: Extremes) -> tuple[Worst, ...]:
     cases = []
     for strut in forces.struts:
         along = (f"{strut}.platform.x", f"{strut}.elbow.x")
-        cases.append(found.worst(strut, "tension", along, largest=True))
-        cases.append(found.worst(strut, "compression", along, largest=False))
-    if forces.socket_force is not None:
-        for strut in forces.struts:
-            ends = (f"{strut}.platform.out", f"{strut}.elbow.out")
-            cases.append(found.worst(strut, "socket", ends, largest=False))
-    loads = [n for n in forces.names if n.startswith(("motor", "telescope"))]
-    return (*cases, *(found.load(name) for name in loads if not name.endswith(".drive")))
+        cases += [found.worst(strut, kind, *along) for kind in ("tension", "compression")]
+    for strut in forces.struts if forces.socket_force is not None else ():
+        cases.append(found.worst(strut, "socket", f"{strut}.platform.out", f"{strut}.elbow.out"))
+    loads = [name for name in forces.names if name.startswith(("motor", "telescope"))]
+    return (*cases, *(found.worst(x, "load", x) for x in loads if not x.endswith(".drive")))
 
 
 # Distances of struts [m] and forces of springs [N] that can be.
@@ -147,6 +124,11 @@ _WITHOUT_LOADS = Doubt(
     "forces are those without the loads that the mapping declares",
     cause="what the robot holds is no part of its model",
     cure="describe the load as a part of the tool, and compute the forces again",
+)
+# What the fit knew and ranges of forces do not ask, so that they are wider than need be.
+_ASIDE = (
+    "how far forces are known is determined by torques and measured values alone; what {} showed "
+    "is in the model, and would make these ranges narrower"
 )
 
 
@@ -249,26 +231,24 @@ def forces(
         recording = model_filtered(known, log)
         say(f"computing forces along {recording.path}")
         found = extremes(computed, known.p, motion_of(recording, kinematics))
-        ranges = None
+        ranges, certain = None, None
         if given:
             facts, certain = evidence(known, logs, columns=log_columns, progress=say)
             ranges = Ranges(facts, certain, known.p)
-        else:
-            certain = structural_determinacy(known)
+        certain = certain or Determinacy(known, random_motion_base(known.dynamics))
         say("finding ranges")
         findings = []
         for worst in worst_cases(computed, found):
             at = worst.at
             C = computed.coefficients(at.z[None], at.qd[None], at.qdd[None])[0]
             c = C[computed.index(worst.channel)]
-            findings.append(
-                ForceFinding(worst, certain.openness(c), ranges.force_range(c) if ranges else None)
-            )
+            limits = ranges.force_range(c) if ranges else None
+            findings.append(ForceFinding(worst, certain.openness(c), limits))
     seen = [*recording.log.warnings, *([_WITHOUT_LOADS] if recording.log.columns.loads else [])]
-    warnings = [f"{source}: {text}" for text in seen]
-    warnings += [computed.note] if computed.note else []
-    warnings += left_aside(known) if given else ()
-    return Forces(known, computed, recording, tuple(findings), found, tuple(warnings))
+    sensors = ", ".join(x.name for x in (known.identified.sensors if known.identified else ()))
+    aside = _ASIDE.format(sensors) if given and sensors else ""
+    warnings = [*(f"{source}: {text}" for text in seen), computed.note, aside]
+    return Forces(known, computed, recording, tuple(findings), found, tuple(filter(None, warnings)))
 
 
 def with_struts(model: ModelLike, spacing: float | None, socket_force: float | None) -> Model:
@@ -278,9 +258,8 @@ def with_struts(model: ModelLike, spacing: float | None, socket_force: float | N
         DescriptionError: limbs of one strut have neither.
     """
     model = load(model)
-    limbs = model.robot.limbs
-    given = {"strut_spacing": spacing, "socket_force": socket_force}
-    given = {key: value for key, value in given.items() if value is not None}
+    limbs, asked = model.robot.limbs, {"strut_spacing": spacing, "socket_force": socket_force}
+    given = {key: value for key, value in asked.items() if value is not None}
     if not given or limbs is None:
         return model
     if limbs.struts_per_limb == 1:

@@ -22,23 +22,21 @@ from jaxtyping import Float
 from scipy.linalg import solve_triangular
 from threadpoolctl import threadpool_limits
 
-from deltaid.dynamics.dynamics import Dynamics, Parameters
+from deltaid.dynamics.dynamics import Parameters
 from deltaid.errors import DescriptionError, RecordingError
 from deltaid.estimation.base_parameters import BaseParameters, base_parameters
 from deltaid.estimation.information import NOISE_FLOOR, Information, triangle
 from deltaid.estimation.scatter import NORMAL, half_width
 from deltaid.identification.gathering import gather_balanced
-from deltaid.identification.generic_motion import random_motion_base
 from deltaid.identification.geometric_rows import Geometry, geometry
 from deltaid.identification.least_squares import BaseEstimate, estimate_base
 from deltaid.identification.loads import as_known
 from deltaid.identification.sources import model_filtered
 from deltaid.joint_forces.unknowns import ConsistentBall, ForceUnknowns, unknowns
 from deltaid.model.model import Model, ModelLike, load
-from deltaid.model.record import IdentifiedModel
 from deltaid.recording.mapping import ColumnMappings
 from deltaid.recording.memory import RecordingLike
-from deltaid.recording.recording import PreparedRecording, open_recordings
+from deltaid.recording.recording import open_recordings
 
 # A force of whose prior variance torques leave less than this share (squared) is determined.
 _DETERMINED = 1e-6
@@ -98,32 +96,13 @@ class Determinacy:
     def openness(self, c: Coefficients) -> Openness:
         """What torques leave open of c·p: the part of c·u across the rows of K A."""
         c_u = self.unknowns.A.T @ c
-        k, *_ = np.linalg.lstsq(self._rows.T, c_u, rcond=None)
-        rest = c_u - self._rows.T @ k
+        rest = c_u - self._rows.T @ np.linalg.lstsq(self._rows.T, c_u, rcond=None)[0]
         whole, left = float(np.linalg.norm(c_u)), float(np.linalg.norm(rest))
         if left <= _DETERMINED * whole or whole == 0:
             return Openness(0.0, ())
-        share = rest**2 / left**2
+        share = (rest / left) ** 2
         order = [k for k in np.argsort(-share) if share[k] > _NAMED][:_MOST]
         return Openness(NORMAL * left, tuple(self.unknowns.names[k] for k in order))
-
-
-def structural_determinacy(model: ModelLike) -> Determinacy:
-    """What a generic motion would determine; needs no recording."""
-    model = load(model)
-    return Determinacy(model, random_motion_base(model.dynamics))
-
-
-def left_aside(model: ModelLike) -> tuple[str, ...]:
-    """What the fit knew and ranges of forces do not ask, so that they are wider than need be."""
-    known = load(model).identified
-    names = [sensor.name for sensor in known.sensors] if known else []
-    if not names:
-        return ()
-    return (
-        f"how far forces are known is determined by torques and measured values alone; what "
-        f"{', '.join(names)} showed is in the model, and would make these ranges narrower",
-    )
 
 
 @threadpool_limits.wrap(limits=1, user_api="blas")  # for small matrices, threads only wait
@@ -142,19 +121,25 @@ def evidence(
         IdentificationError: the motion does not determine base parameters.
     """
     model = load(model)
-    known = model.identified
+    known, dynamics = model.identified, model.dynamics
     if known is None:
         raise DescriptionError(
             "is a robot at its prior, which comes from no recordings",
             where=model.source,
             cure="identify a model from them first, and give its file",
         )
-    dynamics: Dynamics = model.dynamics
-    cutoff, keep_all = known.settings.cutoff, known.settings.keep_all
+    own, kept = {source.sha256 for source in known.sources}, known.settings
     recordings = open_recordings(
-        logs, dynamics.kinematics, columns, cutoff, progress, keep_all=keep_all
+        logs, dynamics.kinematics, columns, kept.cutoff, progress, keep_all=kept.keep_all
     )
-    _require_sources(known, recordings)
+    for recording in recordings:  # of another robot, a range would hold neither truth nor model
+        if recording.log.sha256 not in own:
+            raise RecordingError(
+                "is not a recording that the model was identified from",
+                where=str(recording.path),
+                cure="give those that the model names, unchanged: "
+                + ", ".join(source.log for source in known.sources),
+            )
     recordings = [as_known(model_filtered(model, recording.log), model) for recording in recordings]
     predicted_by = model.p if model.robot.load_drives else None
     gathered = gather_balanced(dynamics, recordings, load=predicted_by, progress=progress)
@@ -165,19 +150,6 @@ def evidence(
     return ForceEvidence(information, estimate, shape), Determinacy(model, base)
 
 
-def _require_sources(model: IdentifiedModel, recordings: Sequence[PreparedRecording]) -> None:
-    """Another recording may be of another robot: its range would hold neither truth nor model."""
-    own = {source.sha256 for source in model.sources}
-    for recording in recordings:
-        if recording.log.sha256 not in own:
-            raise RecordingError(
-                "is not a recording that the model was identified from",
-                where=str(recording.path),
-                cure="give those that the model names, unchanged: "
-                + ", ".join(source.log for source in model.sources),
-            )
-
-
 class Ranges:
     """Ranges of forces c·p given recordings, around and with the identified value c·p.
 
@@ -186,7 +158,7 @@ class Ranges:
 
     def __init__(self, given: ForceEvidence, known: Determinacy, p: Parameters) -> None:
         self._noise, self._known, self._p = given.estimate.noise, known, p
-        self._shifts = given.geometry.shifts
+        self._shifts, self._white = given.geometry.shifts, max(self._noise.sigma, NOISE_FLOOR)
         information, unknown, at = given.information, known.unknowns, given.information.columns
         self._data = information.problem.substituted(unknown.A[at], unknown.p_0[at]).triangle
 
@@ -218,10 +190,6 @@ class Ranges:
         by_noise, nu = self._noise.deviations(U)
         std = np.hypot(by_noise, np.linalg.norm(U.T @ self._noise.root @ self._shifts, axis=1))
         return max(float(half_width(std, by_noise, nu)[0]) / (NORMAL * size), NOISE_FLOOR)
-
-    @cached_property
-    def _white(self) -> float:
-        return max(self._noise.sigma, NOISE_FLOOR)
 
     @cached_property
     def _scores(self) -> Float[np.ndarray, "base n"]:

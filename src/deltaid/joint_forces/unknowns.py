@@ -77,32 +77,26 @@ def unknowns(
         spread: standard deviation of a diagonal entry M̄_ii or a coefficient as a share of its
             prior, and of an off-diagonal entry as a share of √(M̄_ii M̄_jj).
     """
-    layout = parameter_layout(robot)
-    p_0 = prior_parameters(robot)
-    names: list[str] = []
-    columns: list[np.ndarray] = []
-    blocks: list[ConsistencyBlock] = []
+    layout, p_0 = parameter_layout(robot), prior_parameters(robot)
+    names, columns, blocks = list[str](), list[np.ndarray](), list[ConsistencyBlock]()
     for body in layout.bodies:
         part = layout.body(body)
         M, vary = _entries(robot, body, p_0[part], visible[part])
         p_0[part] = inertia_parameters(M)
-        d = np.sqrt(np.diag(M))
-        slopes = []
-        for entry in vary:
+        d, slopes = np.sqrt(np.diag(M)), np.zeros((len(vary), 4, 4))
+        size = np.outer(d, d)
+        for slope, entry in zip(slopes, vary, strict=True):
             i, j = PSEUDO_INERTIA_ENTRIES[entry]
-            slope = np.zeros((4, 4))
             slope[i, j] = slope[j, i] = spread
-            slopes.append(slope)
             column = np.zeros(len(p_0))
-            column[part] = inertia_parameters(slope * np.outer(d, d))
+            column[part] = inertia_parameters(slope * size)
             columns.append(column)
-        if slopes:
-            at = tuple(range(len(names), len(names) + len(slopes)))
-            blocks.append(ConsistencyBlock(M / np.outer(d, d), at, np.array(slopes)))
+        if vary:
+            at = tuple(range(len(names), len(names) + len(vary)))
+            blocks.append(ConsistencyBlock(M / size, at, slopes))
         names += [f"{body}.{entry}" for entry in vary]
     for k in range(10 * len(layout.bodies), len(p_0)):
-        size = layout.signed[k] if k in layout.signed else float(p_0[k])
-        columns.append(spread * size * np.eye(len(p_0))[k])
+        columns.append(spread * layout.signed.get(k, float(p_0[k])) * np.eye(len(p_0))[k])
         if k not in layout.signed:
             blocks.append(ConsistencyBlock(np.eye(1), (len(names),), np.full((1, 1, 1), spread)))
         names.append(layout.names[k])
@@ -158,8 +152,7 @@ class ConsistentBall:
         return float(c @ self._u + g @ self._solve(-g / length, self._radius))
 
     @cached_property
-    def _radius(self) -> float:
-        """Radius √(m² + 1.96²) of the ball."""
+    def _radius(self) -> float:  # √(m² + 1.96²) of the ball
         if self._consistent(self._u):
             return NORMAL
         return float(np.hypot(np.linalg.norm(self._solve(None, None)), NORMAL))

@@ -3,7 +3,6 @@
 from dataclasses import replace
 
 import numpy as np
-from jaxtyping import Float
 
 from deltaid.dynamics.dynamics import Dynamics, Parameters
 from deltaid.dynamics.limits import LimitsAlong
@@ -44,8 +43,13 @@ def random_motion(
         if np.ptp(np.sign(kinematics.regularity(z).determinant)) > 0:
             reason = "the robot passes through singular poses"
             continue
-        reason = _outside(robot, q)
-        if not reason:
+        for i, drive in enumerate(robot.drives):
+            low, high = robot.limits_of(drive).range or (-np.inf, np.inf)
+            if q[:, i].min() < low or q[:, i].max() > high:
+                what = "position" if robot.is_linear(drive) else "angle"
+                reason = f"{drive} leaves its {what} range"
+                break
+        else:
             return motion
     raise KinematicsError(
         f"no random motion in the described workspace is possible: {reason}",
@@ -55,38 +59,23 @@ def random_motion(
     )
 
 
-def _outside(robot: RobotDescription, q: Float[np.ndarray, "samples dof"]) -> str:
-    """The first drive that leaves its described range, in words; empty if none does."""
-    for i, drive in enumerate(robot.drives):
-        low, high = robot.limits_of(drive).range or (-np.inf, np.inf)
-        if q[:, i].min() < low or q[:, i].max() > high:
-            what = "position" if robot.is_linear(drive) else "angle"
-            return f"{drive} leaves its {what} range"
-    return ""
-
-
 def _scaled(
     robot: RobotDescription, dof: int, rng: np.random.Generator, period: float, harmonics: int
 ) -> FourierMotion:
     """Random coefficients, scaled to the workspace and to speed and acceleration limits."""
-    w0 = 2 * np.pi / period
-    decay = np.arange(1, harmonics + 1) ** -0.5
-    sine = rng.standard_normal((dof, harmonics)) * decay
-    cosine = rng.standard_normal((dof, harmonics)) * decay
+    w0, decay = 2 * np.pi / period, np.arange(1, harmonics + 1) ** -0.5
+    sine, cosine = (rng.standard_normal((dof, harmonics)) * decay for _ in range(2))
     motion = FourierMotion(w0, np.zeros(dof), sine, cosine)
     z, zd, zdd = (np.abs(x).max(axis=0) for x in motion.evaluate(np.linspace(0, period, _GRID)))
-    centre, half = robot.within(0.0)
-    task, scale = robot.task, np.ones(dof)
+    (centre, half), task, scale = robot.within(0.0), robot.task, np.ones(dof)
     m = task.moves
     scale[m] = 0.95 * np.minimum.reduce([half[m] / z[m], robot.platform_speed / zd[m],
                                          robot.platform_acceleration / zdd[m]])  # fmt: skip
     if task.turn is not None:
-        turn, i = robot.turn, task.turn
-        shares = [turn.speed / zd[i], turn.acceleration / zdd[i]]
+        turn, i, share = robot.turn, task.turn, np.inf
         if robot.platform_turns:  # a telescope turns without end
-            shares.append(0.5 * (turn.high - turn.low) / z[i])
-            centre[i] = 0.5 * (turn.high + turn.low)
-        scale[i] = 0.95 * min(shares)
+            centre[i], share = 0.5 * (turn.high + turn.low), 0.5 * (turn.high - turn.low) / z[i]
+        scale[i] = 0.95 * min(turn.speed / zd[i], turn.acceleration / zdd[i], share)
     return FourierMotion(w0, centre, sine * scale[:, None], cosine * scale[:, None])
 
 
@@ -107,26 +96,25 @@ def tamed(dynamics: Dynamics, p: Parameters, motion: FourierMotion) -> FourierMo
     Raises:
         KinematicsError: the path leaves the workspace, or standing on it takes too much torque.
     """
-    limits = LimitsAlong(dynamics)
-    turn = dynamics.robot.task.turn
+    limits, turn = LimitsAlong(dynamics), dynamics.robot.task.turn
     if turn is not None and not _kept(limits, p, motion):
         still = _turning(motion, turn, 0.0)
         if _kept(limits, p, still):
             ladder = (_turning(motion, turn, _LESS**k) for k in range(1, _STEPS))
             return next((m for m in ladder if _kept(limits, p, m)), still)
-    paces = (_LESS**k for k in range(_STEPS))
-    slower = (replace(motion, base_frequency=motion.base_frequency * pace) for pace in paces)
-    found = next((m for m in slower if _kept(limits, p, m)), None)
-    if found is None:
-        use = _use(limits, p, replace(motion, base_frequency=motion.base_frequency * _LESS**_STEPS))
-        worst = max(use, key=lambda name: use[name])
-        raise KinematicsError(
-            f"no motion keeps the described limits: {worst} is at {use[worst]:.0%} of what may be "
-            "used of it, however slow the motion is",
-            where=dynamics.robot.name,
-            cure="check workspace, drive_limits and masses in the description",
-        )
-    return found
+    use: dict[str, float] = {}
+    for k in range(_STEPS + 1):
+        slower = replace(motion, base_frequency=motion.base_frequency * _LESS**k)
+        use = _use(limits, p, slower)
+        if k < _STEPS and max(use.values(), default=0.0) <= 1.0:
+            return slower
+    worst = max(use, key=lambda name: use[name])
+    raise KinematicsError(
+        f"no motion keeps the described limits: {worst} is at {use[worst]:.0%} of what may be "
+        "used of it, however slow the motion is",
+        where=dynamics.robot.name,
+        cure="check workspace, drive_limits and masses in the description",
+    )
 
 
 def _turning(motion: FourierMotion, turn: int, factor: float) -> FourierMotion:

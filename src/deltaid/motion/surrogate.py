@@ -61,26 +61,19 @@ def surrogate_parameters(
     """
     p, layout = prior_parameters(robot), parameter_layout(robot)
     for body in layout.bodies:
-        part = layout.body(body)
-        G = np.diag(np.exp(0.5 * spread * rng.uniform(-1, 1, 4)))
+        part, G = layout.body(body), np.diag(np.exp(0.5 * spread * rng.uniform(-1, 1, 4)))
         p[part] = RigidBody(p[part]).transformed(G).p
-    if _like_the_papers(robot):
-        for columns, values in ((layout.viscous, _VISCOUS), (layout.coulomb, _COULOMB)):
-            p[columns] = [values[joint] for joint in robot.friction_joints]
+    more = slice(layout.viscous.start, layout.spring.stop)
+    efforts = {drive: robot.limits_of(drive).effort or np.inf for drive in robot.drives}
+    if not (robot.platform_turns or any(map(robot.is_linear, robot.drives))) and all(
+        _COULOMB[drive] <= _SMALL * effort for drive, effort in efforts.items()
+    ):  # friction of Sec. VII suits a rotary Delta with drives as strong
+        p[layout.viscous] = [_VISCOUS[joint] for joint in robot.friction_joints]
+        p[layout.coulomb] = [_COULOMB[joint] for joint in robot.friction_joints]
         more = slice(layout.coulomb.stop, layout.spring.stop)
-    else:
-        more = slice(layout.viscous.start, layout.spring.stop)
     p[more] *= np.exp(spread * rng.uniform(-1, 1, more.stop - more.start))
     p[layout.rotor] *= np.exp(spread * rng.uniform(-1, 1, len(robot.rotor_drives)))
     return p
-
-
-def _like_the_papers(robot: RobotDescription) -> bool:
-    """Whether friction of Sec. VII suits a robot: a rotary Delta with drives as strong."""
-    if robot.platform_turns or any(robot.is_linear(d) for d in robot.drives):
-        return False
-    efforts = {drive: robot.limits_of(drive).effort for drive in robot.drives}
-    return all(_COULOMB[drive] <= _SMALL * effort for drive, effort in efforts.items() if effort)
 
 
 def simulate_recording(
@@ -115,13 +108,12 @@ def simulate_recording(
     tau = dynamics.torque(z, qd, qdd, p)
     if unmodelled is not None:
         tau = tau + unmodelled(qd)
-    columns: dict[str, Float[np.ndarray, " samples"]] = {"t": time}
-    if noise is None:
-        columns |= _named("q", q) | _named("qd", qd) | _named("qdd", qdd) | _named("tau", tau)
-    else:
-        measured = np.round(q / noise.encoder_step) * noise.encoder_step
+    shown = {"q": q, "qd": qd, "qdd": qdd, "tau": tau}
+    if noise is not None:
         noisy = tau + noise.torque * np.abs(tau).max(axis=0) * rng.standard_normal(tau.shape)
-        columns |= _named("q", measured) | _named("tau", noisy)
+        shown = {"q": np.round(q / noise.encoder_step) * noise.encoder_step, "tau": noisy}
+    columns = {"t": time}
+    columns |= {f"{name}{i + 1}": x for name, xs in shown.items() for i, x in enumerate(xs.T)}
     if dynamics.robot.sensors:
         columns |= simulated_sensors(dynamics, p, z, qd, qdd, None if noise is None else rng)
     return pl.DataFrame(columns)
@@ -135,7 +127,3 @@ def write_recording(recording: pl.DataFrame, path: Path) -> None:
     """
     with written_whole(path) as file:
         file.write(recording.write_csv())
-
-
-def _named(name: str, values: Float[np.ndarray, "samples dof"]) -> dict[str, np.ndarray]:
-    return {f"{name}{i + 1}": values[:, i] for i in range(values.shape[1])}

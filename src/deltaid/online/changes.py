@@ -21,7 +21,7 @@ from typing import NamedTuple
 import casadi as ca
 import numpy as np
 
-from deltaid.online.graph import CycleFields, Field
+from deltaid.online.graph import CycleFields, Field, every
 from deltaid.online.kalman import Estimate, Update
 from deltaid.online.momentum import Lowpass
 from deltaid.online.settings import OnlineSettings
@@ -34,14 +34,8 @@ _UNTOLD_EVERY, _UNTOLD_LIFE = 5, 0.15
 
 
 class Onset(NamedTuple):
-    """What would have happened since one time θ, or since several, each in a column.
-
-    Attributes:
-        moved: F.
-        evidence, information: D and C.
-        once, twice: what the filter of the load's column remembers from before θ, and the filter
-            behind it.
-    """
+    """What would have happened since one time θ, or since several, each in a column: F, D, C, and
+    what the filter of the load's column remembers from before θ, and the filter behind it."""
 
     moved: ca.SX
     evidence: ca.SX
@@ -55,9 +49,8 @@ class Onset(NamedTuple):
         Args:
             stays: share of each estimate that is not forgotten in a cycle.
         """
-        once = lowpass.a * self.once
+        once, moved = lowpass.a * self.once, self.moved * ca.repmat(stays, 1, self.moved.shape[1])
         twice = lowpass.output(lowpass.keep(self.twice, self.once), once)
-        moved = self.moved * ca.repmat(stays, 1, self.moved.shape[1])
         return self._replace(moved=moved, once=once, twice=twice)
 
     def measured(
@@ -71,8 +64,7 @@ class Onset(NamedTuple):
             lasts: of each time, 1 while the change lasts, 0 once estimates know it, −1 where they
                 have what is not there.
         """
-        G = column[i] * lasts - self.twice[i, :] - update.row @ self.moved
-        G = G * update.counts
+        G = (column[i] * lasts - self.twice[i, :] - update.row @ self.moved) * update.counts
         share = G / update.variance
         return self._replace(
             moved=self.moved + update.gain @ G,
@@ -130,26 +122,23 @@ class Onsets:
         Args:
             stays: share of each estimate that is not forgotten in a cycle.
         """
-        count = round(_LIFE / _EVERY)
-        sizes = dict(zip(Onset._fields, (stays.numel(), 1, 1, dof, dof), strict=True))
-        doc = "times at which the load may have changed"
+        count, doc = round(_LIFE / _EVERY), "times at which the load may have changed"
+        sizes = zip(Onset._fields, (stays.numel(), 1, 1, dof, dof), strict=True)
         *parts, clock = fields.keep(
-            *(Field(f"onset_{name}", size * (count + 1), doc) for name, size in sizes.items()),
+            *(Field(f"onset_{name}", size * (count + 1), doc) for name, size in sizes),
             Field("onset_clock", 1, doc),
         )
         symbols = Onset(*(ca.reshape(part, -1, count + 1) for part in parts))
         turn = max(1, int(np.ceil(_EVERY / period - 1e-6)))
         later = ca.if_else(clock + 1.5 > turn * count, 0.0, clock + 1)
-        began = turn * ca.DM(range(count)).T
-        cycles = clock - began
+        cycles = clock - turn * ca.DM(range(count)).T
         ages = ca.if_else(cycles > 0.5, cycles, cycles + turn * count) * period
         each, ends = symbols.later(lowpass, stays), ca.fabs(cycles) < 0.5
         return cls(each, symbols, ca.SX(0), ages, turn * period, ends, later)
 
     def measured(self, i: int, column: ca.SX, update: Update) -> "Onsets":
         """With one measurement more."""
-        count = self.ages.numel()
-        lasts = ca.horzcat(ca.repmat(1 - self.open_, 1, count), -self.open_)
+        lasts = ca.horzcat(ca.repmat(1 - self.open_, 1, self.ages.numel()), -self.open_)
         return replace(self, each=self.each.measured(i, column, update, lasts))
 
     @property
@@ -168,12 +157,7 @@ class Onsets:
         return best
 
     def follow(
-        self,
-        fields: CycleFields,
-        change: "Change",
-        closes: ca.SX,
-        once: ca.SX,
-        twice: ca.SX,
+        self, fields: CycleFields, change: "Change", closes: ca.SX, once: ca.SX, twice: ca.SX
     ) -> None:
         """What the fields of the state become.
 
@@ -188,14 +172,14 @@ class Onsets:
         count, waits = self.ages.numel(), self.each.candidate(self.ages.numel())
         told = ca.logic_and(change.told, ca.logic_not(self.open_))
         stays = (1 - closes) * (1 - change.changed)
+        filtered, kept = {"once": once, "twice": twice}, ca.fmax(stays, told * (1 - closes))
         for name, now in zip(Onset._fields, self.each, strict=True):
-            filtered = {"once": once, "twice": twice}.get(name)
-            begun = getattr(waits, name) * self.open_ if filtered is None else filtered
+            begun, of_signal, anew = getattr(waits, name) * self.open_, kept, ca.SX(0)
+            if name in filtered:
+                begun, of_signal = filtered[name], stays
+                anew = closes * (1 - change.changed) * begun
             each = [ca.if_else(self.ends[j], begun, now[:, j]) for j in range(count)]
-            of_signal = stays if filtered is not None else ca.fmax(stays, told * (1 - closes))
-            each = [part * of_signal for part in each]
-            if filtered is not None:
-                each = [part + closes * (1 - change.changed) * filtered for part in each]
+            each = [part * of_signal + anew for part in each]
             last = now[:, count] * stays * self.open_
             fields.following[f"onset_{name}"] = ca.vec(ca.densify(ca.horzcat(*each, last)))
         fields.following["onset_clock"] = self.clock
@@ -216,14 +200,8 @@ _WIDER, _ROUGH, _FREE = 4.0, 0.5, 0.05
 
 @dataclass(frozen=True, eq=False)
 class Change:
-    """What is held behind a cycle.
-
-    Attributes:
-        changed: 1 where it is another load, or none, from now on.
-        held: 1 while a load is held.
-        told: 1 where the gripper told the change.
-        seen: 1 where the change was found in residuals.
-    """
+    """What is held behind a cycle: 1 where it is another load, or none, from now on, where one is
+    held, where the gripper told the change, and where it was found in residuals."""
 
     changed: ca.SX
     held: ca.SX
@@ -237,14 +215,9 @@ def gripper_differs(held: ca.SX, gripper: ca.SX) -> ca.SX:
 
 
 def judge_change(
-    fields: CycleFields,
-    seen: Onset,
-    gripper: ca.SX,
-    mass: ca.SX,
-    spread: ca.SX,
-    least: float,
-    settings: OnlineSettings,
-) -> Change:
+    fields: CycleFields, seen: Onset, gripper: ca.SX, mass: ca.SX, spread: ca.SX,
+    least: float, settings: OnlineSettings,
+) -> Change:  # fmt: skip
     """Whether the load changes.
 
     Args:
@@ -257,14 +230,13 @@ def judge_change(
     waiting = ca.if_else(differs, waited + settings.period, 0)
     by_gripper = ca.logic_and(differs, waiting > settings.grip_time)
     score, size = seen.score, seen.size
-    more = ca.logic_and(silent, ca.logic_and(score > settings.alarm, size > least))
-    less = ca.logic_and(silent, ca.logic_and(score < -settings.alarm, size < -least))
-    less = ca.logic_and(less, held)
+    more = every(silent, score > settings.alarm, size > least)
+    less = every(silent, score < -settings.alarm, size < -least, held)
     alerted = ca.if_else(ca.logic_or(more, less), alert + settings.period, 0)
     sure = alerted > _CONFIRMED / settings.corner
     more, less = ca.logic_and(more, sure), ca.logic_and(less, sure)
     small = ca.logic_and(mass < 2 * spread, mass + 2 * spread < ca.fmax(least, _SMALL))
-    nothing = ca.logic_and(ca.logic_and(held, silent), small)
+    nothing = every(held, silent, small)
     left = ca.logic_and(less, mass + size > ca.fmax(_LEFT * mass, least))
     now = ca.if_else(ca.logic_or(nothing, less), left, ca.logic_or(held, more))
     now = ca.if_else(by_gripper, wanted, ca.if_else(silent, now, held))
@@ -285,18 +257,15 @@ def estimate_after(estimate: Estimate, seen: Onset, change: Change, n_load: int)
 
         x ← x − F Δ,   P ← P + F Fᵀ / C.
     """
-    n = estimate.x.numel()
-    mine = ca.vertcat(ca.SX.ones(n_load), ca.SX.zeros(n - n_load))
-    by_itself = change.seen
+    n, by_itself, none = estimate.x.numel(), change.seen, ca.SX.zeros(estimate.x.numel() - n_load)
     mass = ca.fmax(estimate.x[0] + (1 - seen.moved[0]) * seen.size, 0) * by_itself * change.held
     variance = _WIDER / (seen.information + 1.0) + (_ROUGH * seen.size) ** 2
     others = ca.vertcat(ca.SX(n_load, 1), seen.moved[n_load:]) * by_itself
     first = ca.vertcat(change.held * by_itself, ca.SX(n - 1, 1))
     along = ca.densify(first - others) * ca.sqrt(variance)
-    x = estimate.x * (1 - mine * change.changed) - others * seen.size + first * mass
-    kept = 1 - mine * change.changed
-    own = change.told + _FREE * change.seen
-    fresh = ca.vertcat(own, ca.SX.ones(n_load - 1), ca.SX.zeros(n - n_load))
-    fresh = fresh * (change.changed * change.held)
+    kept = 1 - ca.vertcat(ca.SX.ones(n_load), none) * change.changed
+    x = estimate.x * kept - others * seen.size + first * mass
+    fresh = ca.vertcat(change.told + _FREE * change.seen, ca.SX.ones(n_load - 1), none)
+    fresh *= change.changed * change.held
     P = estimate.P * (kept @ kept.T) + ca.diag(fresh) + along @ along.T
     return Estimate(x, ca.tril2symm(ca.tril(P)))

@@ -62,14 +62,11 @@ def threshold(false_alarms: float, corner: float, dof: int) -> float:
     """
     low, high = FALSE_ALARMS
     if not low <= false_alarms <= high:
-        raise DeltaidError(
-            f"must lie between {low:g} and {high:g} an hour, not {false_alarms:g}",
-            where="false alarms",
-        )
-    rate = false_alarms / 3600.0
+        what = f"must lie between {low:g} and {high:g} an hour, not {false_alarms:g}"
+        raise DeltaidError(what, where="false alarms")
 
     def excess(u: float) -> float:
-        return float(np.log(corner * u) + chi.logpdf(u, dof) - np.log(rate))
+        return float(np.log(3600.0 * corner * u / false_alarms) + chi.logpdf(u, dof))
 
     # f falls beyond √dof, and with it the rate.
     return float(brentq(excess, np.sqrt(dof + 1.0), 40.0))
@@ -99,17 +96,17 @@ class ContactResidual:
         covariance: S.
         bound: b.
         levers: T, directions of the platform point × drives.
-        light, heavy: with `lifted`, the least and the most that an untold load may add to the mass.
-        lifted: filtered torque of a kilogram more; None where the load is told.
+        lifted: filtered torque of a kilogram more, and
+        light, heavy: the least and the most that an untold load may add to the mass.
     """
 
     value: ca.SX
     covariance: ca.SX
     bound: ca.SX
     levers: ca.SX
-    lifted: ca.SX | None = None
-    light: ca.SX | None = None
-    heavy: ca.SX | None = None
+    lifted: ca.SX
+    light: ca.SX
+    heavy: ca.SX
 
 
 @dataclass(frozen=True)
@@ -143,18 +140,27 @@ def contact(
         u: threshold.
         live: 0 where the filter has no past, so that nothing can be told.
     """
-    beyond, T = _beyond(residual), residual.levers
-    dof = beyond.numel()
-    solved = cholesky_solve(residual.covariance, ca.horzcat(beyond, T.T))
+    r, T, bound = residual, residual.levers, _BREAKAWAY * residual.bound
+    dof = bound.numel()
+    # χ of ρ beyond the likeliest load that nobody told and friction that no speed tells, the latter
+    # as noise of size b: where all joints rest the load is hardly known, and b hides what is left.
+    weighted = cholesky_solve(r.covariance + ca.diag(bound * bound), r.lifted)
+    share = ca.dot(weighted, r.lifted)
+    mass = ca.dot(weighted, r.value) * share / (share * share + 1e-30)
+    load = r.lifted * ca.fmin(ca.fmax(mass, r.light), r.heavy)
+    beyond = _outside(r.value - load, bound)
+    solved = cholesky_solve(r.covariance, ca.horzcat(beyond, T.T))
     length, information = ca.dot(beyond, solved[:, 0]), T @ solved[:, 1:]
     size = ca.if_else(live, ca.sqrt(ca.fmax(length, 0.0)) / u, 0.0)
     found = ca.if_else(size > ca.if_else(before > 0.5, _HOLDS, 1.0), 1.0, 0.0)
-    rho, S = _with_load(residual)
-    solved = cholesky_solve(S, ca.horzcat(rho, T.T, ca.SX.eye(dof)))
+    # The place, with a load that nobody told as noise: taking out the likeliest one would take out
+    # a part of a push as well.
+    whole = r.lifted * (r.heavy - r.light)
+    rho = _outside(r.value, bound)
+    solved = cholesky_solve(r.covariance + whole @ whole.T, ca.horzcat(rho, T.T, ca.SX.eye(dof)))
     weighted, of_levers, inverse = solved[:, 0], solved[:, 1 : 1 + T.shape[0]], solved[:, -dof:]
-    squared = ca.dot(rho, weighted)
     force = -cholesky_solve(T @ of_levers, T @ weighted)
-    limb = _limb(weighted, inverse, squared)
+    limb = _limb(weighted, inverse, ca.dot(rho, weighted))
     return Contact(
         size=size,
         found=found,
@@ -163,31 +169,6 @@ def contact(
         effort=-rho,
         information=information,
     )
-
-
-def _beyond(residual: ContactResidual) -> ca.SX:
-    """ρ beyond what a load that nobody told, and friction that no speed tells, may be.
-
-    The load is the likeliest one with friction as noise of size b: where all joints rest it is
-    hardly known, and b hides what is left.
-    """
-    rho, bound = residual.value, _BREAKAWAY * residual.bound
-    if residual.lifted is not None and residual.light is not None and residual.heavy is not None:
-        weighted = cholesky_solve(residual.covariance + ca.diag(bound * bound), residual.lifted)
-        share = ca.dot(weighted, residual.lifted)
-        mass = ca.dot(weighted, rho) * share / (share * share + 1e-30)
-        rho -= residual.lifted * ca.fmin(ca.fmax(mass, residual.light), residual.heavy)
-    return _outside(rho, bound)
-
-
-def _with_load(residual: ContactResidual) -> tuple[ca.SX, ca.SX]:
-    """ρ for finding the place, and its covariance: a load that nobody told counts as noise, since
-    taking out the likeliest one would take out a part of a push as well."""
-    rho, S = _outside(residual.value, _BREAKAWAY * residual.bound), residual.covariance
-    if residual.lifted is not None and residual.light is not None and residual.heavy is not None:
-        whole = residual.lifted * (residual.heavy - residual.light)
-        S += whole @ whole.T
-    return rho, S
 
 
 def _outside(x: ca.SX, bound: ca.SX) -> ca.SX:

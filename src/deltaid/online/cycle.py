@@ -1,8 +1,19 @@
 """The whole cycle of one robot as one graph, and contact as a part of it: covariance of the
-residual, and what a cycle gives of it."""
+residual, and what a cycle gives of it.
+
+How noisy speeds are, speeds alone show. A motion is smooth, noise is not: noise makes nearly all of
+the n-th difference Dₙ of a drive's speeds. Where measured numbers have white noise, and speeds are
+sums of these with weights c,
+
+    σ² = Σ c² / Σ (c ∗ d)² · E Dₙ²,   d the weights of the n-th difference.
+
+A motion makes σ larger than it is; a push does not, as bodies move smoothly then too. The mean is
+over cycles in which the drive moves: at rest, steps of an encoder are still.
+"""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import reduce
 
 import casadi as ca
 import numpy as np
@@ -10,24 +21,17 @@ import numpy as np
 from deltaid.model.model import Model
 from deltaid.online.contact import ContactResidual, contact
 from deltaid.online.estimates import CycleEstimates, estimates, friction_bounds, give_friction
-from deltaid.online.graph import CycleFields, Field, StepGraph
+from deltaid.online.graph import CycleFields, Field, StepGraph, every
 from deltaid.online.grips import chosen_estimate
-from deltaid.online.instant import waits
+from deltaid.online.instant import Waits, waits
 from deltaid.online.settings import OnlineKnowledge, OnlineSettings, knowledge
 from deltaid.online.signals import Signals, signals
-from deltaid.online.speed_noise import learn_speed_noise
 
 
 @dataclass(frozen=True, eq=False)
 class Cycle:
-    """What further parts can be made of.
-
-    Attributes:
-        model, settings, known: what the cycle is of.
-        signals: what is read, filtered.
-        estimates: what is known of load, model and friction.
-        fields: what it keeps and gives.
-    """
+    """What further parts can be made of: what the cycle is of, what is read, filtered, what is
+    known of load, model and friction, and what the cycle keeps and gives."""
 
     model: Model
     settings: OnlineSettings
@@ -66,9 +70,9 @@ def step_graph(
     for add in more:
         add(Cycle(model, settings, known, read, found, fields))
     graph = fields.graph(read.inputs, read.u, read.good, settings.period)
-    contact = ca.if_else(fields.following.get("contact_rests", ca.SX(0)) > 0, 1.0, 0.0)
+    rests = ca.if_else(fields.following.get("contact_rests", ca.SX(0)) > 0, 1.0, 0.0)
     x, y = ca.substitute([graph.following, graph.y], [anew], [found.changed])
-    x, y = ca.substitute([x, y], [touched], [contact])
+    x, y = ca.substitute([x, y], [touched], [rests])
     return replace(graph, following=x, y=y)
 
 
@@ -104,13 +108,11 @@ def contact_of(cycle: Cycle) -> None:
         Field("excess", 1, "how much larger residuals are", initial=1.0),
         Field("hangs_on", 1, "of the load let go last, what may still be there"),
     )
-    residual = _residual(cycle)
-    dof = residual.levers.shape[1]
-    u = settings.contact_threshold(dof)
     larger = ca.fmax(excess / _TOLERATED, 1.0)
-    residual = replace(residual, covariance=residual.covariance * larger)
-    judged = ca.logic_and(s.settled, ca.logic_or(s.calm, since > 0))
-    seen = contact(residual, ca.if_else(since > 0, 1.0, 0.0), u, judged)
+    residual = _residual(cycle, larger)
+    dof, touched = residual.levers.shape[1], ca.if_else(since > 0, 1.0, 0.0)
+    u, judged = settings.contact_threshold(dof), every(s.settled, ca.logic_or(s.calm, since > 0))
+    seen = contact(residual, touched, u, judged)
     lasts = ca.if_else(seen.found > 0.5, ca.fmin(since + settings.period, _FOREVER), 0.0)
     pushed = ca.logic_and(seen.found > 0.5, lasts < _LONGEST)
     pauses = ca.if_else(pushed, _REMEMBERED, ca.fmax(rests - settings.period, 0.0))
@@ -118,7 +120,7 @@ def contact_of(cycle: Cycle) -> None:
     pauses = ca.if_else(cycle.estimates.told, 0.0, pauses)
     found = ca.fmin((seen.size * u) ** 2 * larger / dof, _MOST)
     memory = ca.if_else(found > excess, _GROWS, _FALLS)
-    learns = ca.logic_and(ca.logic_and(s.settled, s.calm), seen.found < 0.5)
+    learns = every(s.settled, s.calm, seen.found < 0.5)
     learnt = excess + settings.period / memory * learns * (found - excess)
     of_drives = "N" if all(robot.is_linear(drive) for drive in robot.drives) else "N m"
     fields.following |= {"contact_time": lasts, "contact_rests": pauses, "excess": learnt}
@@ -135,9 +137,10 @@ def contact_of(cycle: Cycle) -> None:
         fields.give(name, value, doc, unit)
 
 
-def _residual(cycle: Cycle) -> ContactResidual:
-    """The residual with its covariance: of what is estimated, of torques that the model has not,
-    of torque noise behind the filter, and of noise of speeds in the momentum, K M v.
+def _residual(cycle: Cycle, larger: ca.SX) -> ContactResidual:
+    """The residual with its covariance, so many times as large: of what is estimated, of torques
+    that the model has not, of torque noise behind the filter, and of noise of speeds in the
+    momentum, K M v.
 
     A load that is not known yet is in M too: it gives its column as measured, so what noise does to
     that is no part of the column's span.
@@ -156,21 +159,18 @@ def _residual(cycle: Cycle) -> ContactResidual:
     lifted, untold = s.columns[:, s.at_load], 1 - ca.if_else(s.gripper > -0.5, 1.0, 0.0)
     aside = ca.horzcat(lifted[:, 1:] * (_ASIDE * untold), lifted[:, 0] * partly)
     S = s.columns @ P @ s.columns.T + ca.diag(behind) + aside @ aside.T
-    if settings.speed_noise is None:
-        noise = learn_speed_noise(cycle.fields, s, waits(model, settings), settings)
-    else:
-        noise = ca.SX(np.array(settings.speed_noise) ** 2)
+    known = settings.speed_noise
+    noise = learn_speed_noise(cycle) if known is None else ca.SX(np.array(known) ** 2)
     spread = ca.fmax(ca.diag(P)[s.at_load], 0)
     spread[0] += partly**2
     S += settings.corner**2 * of_speeds(cycle, x[s.at_load], spread, noise + s.bridged**2)
     mechanism = model.dynamics.kinematics.mechanism
     T = mechanism.speeds.inverse_jacobian[model.robot.task.moves, :]
-    levers = ca.Function("levers", [mechanism.z], [T])(s.z)
     return ContactResidual(
         value=s.residual - s.columns @ x - e.grip.remembered,
-        covariance=S,
+        covariance=S * larger,
         bound=s.dry,
-        levers=levers,
+        levers=ca.Function("levers", [mechanism.z], [T])(s.z),
         lifted=lifted[:, 0],
         light=-x[0] * untold,
         heavy=(1 - x[0]) * untold,
@@ -199,15 +199,51 @@ def of_speeds(cycle: Cycle, x: ca.SX, spread: ca.SX, noise: ca.SX) -> ca.SX:
         noise: variances of speeds.
     """
     momentum, known, model = cycle.signals.momentum, cycle.known, cycle.model
-    p, first = ca.SX(model.p), model.layout.body(known.entries.body).start
-    entries = ca.SX.sym("entries", x.numel())
-    for i, k in enumerate(known.entries.shown):
-        p[first + k] += known.load_scales[i] * entries[i]
+    p, entries = ca.SX(model.p), ca.SX.sym("entries", x.numel())
+    p[known.entries.places(model.layout)] += ca.SX(known.load_scales) * entries
     M = ca.substitute(momentum.M, momentum.p, p)
     by_entry = ca.horzsplit(ca.jacobian(ca.vec(M), entries))
     parts = [M, *(ca.reshape(column, *M.shape) for column in by_entry)]
     at_pose = ca.Function("M", [momentum.z, entries], parts)(cycle.signals.z, x)
-    found = ca.SX(*M.shape)
-    for part, share in zip(at_pose, (1.0, *ca.vertsplit(spread)), strict=True):
-        found += share * part @ ca.diag(noise) @ part.T
-    return found
+    shares = zip(at_pose, (1.0, *ca.vertsplit(spread)), strict=True)
+    return sum((share * part @ ca.diag(noise) @ part.T for part, share in shares), ca.SX(*M.shape))
+
+
+# Differences of speeds, and how long what they show is remembered, of motion [s].
+_ORDER, _MEMORY = 5, 10.0
+# The most that one cycle counts, in units of the variance so far: rows that were skipped leave
+# more for some cycles.
+_STEP = 10.0
+
+
+def learn_speed_noise(cycle: Cycle) -> ca.SX:
+    """Variance of each drive's speed, as known before this cycle.
+
+    It begins with `rest_speed`, below which the sign of a speed is not known, as one cycle's.
+    """
+    fields, s, settings = cycle.fields, cycle.signals, cycle.settings
+    dof, wait = s.qd.numel(), waits(cycle.model, settings)
+    variance, cycles, *past = fields.keep(
+        Field("speed_variance", dof, "of speeds", initial=settings.rest_speed**2),
+        Field("speed_cycles", dof, "in which they were measured", initial=1.0),
+        *(Field(f"speed_{k}", dof, f"difference {k} of speeds") for k in range(_ORDER)),
+    )
+    differences = [s.qd]
+    for before in past:
+        differences.append(differences[-1] - before)
+    shown = share_of_noise(wait, settings) * differences[-1] ** 2
+    moves = every(s.slow < 0.5, s.settled, s.calm)
+    step = ca.fmin(shown, _STEP * variance) - variance
+    count = ca.fmin(cycles + moves, _MEMORY / settings.period)
+    fields.following |= {"speed_variance": variance + moves * step / count, "speed_cycles": count}
+    fields.following |= {f"speed_{k}": x for k, x in enumerate(differences[:-1])}
+    return variance
+
+
+def share_of_noise(wait: Waits, settings: OnlineSettings) -> float:
+    """Σ c² / Σ (c ∗ d)²: variance of speeds for that of their n-th difference."""
+    c = np.array([1 - wait.motion % 1.0, wait.motion % 1.0])
+    if settings.speed == "differenced":
+        c = np.convolve(c, [1.0, -1.0])
+    d = reduce(np.convolve, [[1.0, -1.0]] * _ORDER, c)
+    return float(np.sum(c**2) / np.sum(d**2))

@@ -20,6 +20,7 @@ from dataclasses import dataclass
 import casadi as ca
 
 from deltaid.dynamics.dynamics import Dynamics
+from deltaid.dynamics.parameters import ParameterLayout
 from deltaid.errors import DescriptionError
 from deltaid.robot.inertia import INERTIA_NAMES
 
@@ -35,10 +36,9 @@ _ROUNDING = 1e-3
 
 @dataclass(frozen=True)
 class LoadEntries:
-    """What torques show of a load.
+    """What torques show of a load that a body carries.
 
     Attributes:
-        body: what carries it.
         shown: places of the entries among the ten of a body, the mass first.
         axis: first moments across the axis about which the body turns; None where it does not turn
             or turns about several.
@@ -53,10 +53,13 @@ class LoadEntries:
         """Such as m, mcx, mcy, Izz."""
         return tuple(INERTIA_NAMES[k] for k in self.shown)
 
+    def places(self, layout: ParameterLayout) -> list[int]:
+        """Places of the entries among all parameters."""
+        return [layout.body(self.body).start + k for k in self.shown]
+
     def scales(self, mass: float, extent: float) -> tuple[float, ...]:
         """Sizes of the entries for a load of this mass [kg] that reaches so far [m]."""
-        powers = [0 if k == 0 else 1 if k < 4 else 2 for k in self.shown]
-        return tuple(mass * extent**power for power in powers)
+        return tuple(mass * extent ** ((k > 0) + (k > 3)) for k in self.shown)
 
     def consistent(self, x: ca.SX, P: ca.SX, scales: tuple[float, ...], extent: float) -> ca.SX:
         """Entries of a load that exists, from an estimate and its covariance.
@@ -75,16 +78,12 @@ class LoadEntries:
         ten[0] = m * scales[0]
         if len(self.shown) == 1:
             return ten[0]
-        across = self.axis or (1, 2, 3)
-        mc = ca.vertcat(*(ten[k] for k in across))
+        across, most = self.axis or (1, 2, 3), extent**2 * ten[0]
+        mc, least = ca.vertcat(*(ten[k] for k in across)), _LEAST * most
         mc = mc / ca.fmax(1, ca.sqrt(ca.sumsqr(mc) + 1e-30) / (extent * ten[0]))
-        most = extent**2 * ten[0]
-        least = _LEAST * most
-        for i, k in enumerate(across):
-            ten[k] = mc[i]
+        ten |= dict(zip(across, ca.vertsplit(mc), strict=True))
         if self.axis is not None:
-            of_centre = ca.sumsqr(mc) / ten[0]
-            turned = self.shown[-1]
+            of_centre, turned = ca.sumsqr(mc) / ten[0], self.shown[-1]
             ten[turned] = of_centre + _positive(ca.fmin(ten[turned], most) - of_centre, least)
         else:
             second = 0.5 * (ten[4] + ten[5] + ten[6])  # tr Σ
@@ -134,19 +133,16 @@ def load_entries(dynamics: Dynamics, body: str | None = None) -> LoadEntries:
         DescriptionError: the robot has no such body, or it is not said which.
     """
     bodies = dynamics.layout.bodies
-    chosen = body or next((name for name in ("EE", "P") if name in bodies), None)
-    if chosen is None or chosen not in bodies:
+    chosen = body or next((name for name in ("EE", "P") if name in bodies), "")
+    if chosen not in bodies:
         raise DescriptionError(
             f"has no body {body}" if body else "does not say which body carries a load",
             where=dynamics.robot.name,
             cure=f"name one of {', '.join(bodies)}",
         )
-    first = dynamics.layout.body(chosen).start
-    _, columns = dynamics.regressor_pattern
-    shown = sorted({int(k) - first for k in columns if 0 <= k - first < 10})
-    if shown == [0]:
-        return LoadEntries(chosen, (0,), None)
-    for moment, across in _AXES:
-        if shown == [0, *across, moment]:
-            return LoadEntries(chosen, tuple(shown), across)
+    first, (_, columns) = dynamics.layout.body(chosen).start, dynamics.regressor_pattern
+    shown = tuple(sorted({int(k) - first for k in columns if 0 <= k - first < 10}))
+    axes = {(0, *across, moment): across for moment, across in _AXES} | {(0,): None}
+    if shown in axes:
+        return LoadEntries(chosen, shown, axes[shown])
     return LoadEntries(chosen, tuple(range(10)), None)

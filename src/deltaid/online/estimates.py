@@ -29,7 +29,7 @@ from deltaid.model.model import Model
 from deltaid.online.changes import Onsets, estimate_after, gripper_differs, judge_change
 from deltaid.online.graph import CycleFields, Field, chosen
 from deltaid.online.grips import Grip, chosen_estimate, follow_grip, grip_before, keep_grip
-from deltaid.online.kalman import Estimate, keep_levels, learn_levels, states
+from deltaid.online.kalman import Estimate, States, keep_levels, learn_levels
 from deltaid.online.momentum import Lowpass
 from deltaid.online.settings import OnlineKnowledge, OnlineSettings
 from deltaid.online.signals import Signals
@@ -84,7 +84,7 @@ def estimates(
     """
     period, n_load, dof = settings.period, len(known.entries.shown), s.qd.numel()
     silent, lowpass = s.gripper <= -0.5, Lowpass.lines(settings.corner, period)
-    kinds = states(s, period, settings.friction_time)
+    kinds = States.of_signals(s, period, settings.friction_time)
     kept = kinds.before(fields)
     moving, slow = keep_levels(fields, dof)
     parts = ca.SX(known.unmodelled * moving), ca.SX(known.unmodelled_slow * slow * s.slow)

@@ -95,11 +95,12 @@ class Touch:
 
 @dataclass
 class _Held:
+    """A load that is held: time, entries and deviations as known now, and their last rows."""
+
     start: float
     soon: tuple[float, float, float] | None = None
-    entries: np.ndarray | None = None
-    std: np.ndarray | None = None
-    last: np.ndarray | None = None  # rows of time, load and std
+    known: np.ndarray | None = None
+    last: np.ndarray | None = None
 
 
 class Loads:
@@ -111,57 +112,52 @@ class Loads:
 
     def __init__(self, online: Online, told: bool) -> None:
         self._told, self._least = told, online.known.least_mass
-        self._scales = np.array(online.known.load_scales)
-        names = online.entries.names
-        self._names = [(name, INERTIA_UNITS[INERTIA_NAMES.index(name)]) for name in names]
+        self._scales, self._names = np.array(online.known.load_scales), online.entries.names
+        self._units = [INERTIA_UNITS[INERTIA_NAMES.index(name)] for name in self._names]
+        self._positive = np.isin(self._names, ("m", "Ixx", "Iyy", "Izz"))
         self._held: _Held | None = None
         self._found: list[WeighedLoad] = []
 
     def add(self, time: Times, found: OnlineEstimate) -> None:
         """Take some more cycles."""
         begin = 0
-        for k in np.flatnonzero(found.changed):
-            self._hold(time[begin:k], found, slice(begin, int(k)))
-            start = float(time[k])
+        for k in np.flatnonzero(found.changed).tolist():
+            self._hold(time, found, slice(begin, k))
+            begin, start = k, float(time[k])
             if self._held is not None and found.held[k] and start - self._held.start < _STEP:
-                start = self._held.start  # the same load, better seen
-                self._held = None
+                start, self._held = self._held.start, None  # the same load, better seen
             self.close(float(time[k]))
-            if found.held[k]:
-                self._held = _Held(start)
-            begin = int(k)
-        self._hold(time[begin:], found, slice(begin, len(time)))
+            self._held = _Held(start) if found.held[k] else None
+        self._hold(time, found, slice(begin, len(time)))
 
     def _hold(self, time: Times, found: OnlineEstimate, rows: slice) -> None:
-        if self._held is None or not len(time):
+        time, held = time[rows], self._held
+        if held is None or not len(time):
             return
         now = np.column_stack([time, found.load[rows], found.load_std[rows]])
-        last = now if self._held.last is None else np.concatenate([self._held.last, now])
-        last = last[last[:, 0] >= time[-1] - _UNSEEN]
-        since = time - self._held.start
-        known = last[-1] if self._told or since[-1] < 2 * _UNSEEN else last[0]
-        self._held.last, (self._held.entries, self._held.std) = last, np.split(known[1:], 2)
-        if self._held.soon is None and since[-1] >= SOON:
-            k = int(np.argmax(since >= SOON - 1e-9))
-            low, high = found.mass_interval[rows][k]
-            self._held.soon = float(found.mass[rows][k]), float(low), float(high)
+        last = now if held.last is None else np.concatenate([held.last, now])
+        held.last, since = last[last[:, 0] >= time[-1] - _UNSEEN], time - held.start
+        held.known = held.last[-1 if self._told or since[-1] < 2 * _UNSEEN else 0]
+        if held.soon is None and since[-1] >= SOON:
+            k = rows.start + int(np.argmax(since >= SOON - 1e-9))
+            held.soon = (float(found.mass[k]), *found.mass_interval[k].tolist())
 
     def close(self, end: float | None = None) -> None:
         """The load is left at a time [s]; None where that is not known, as at a hole."""
         load, self._held = self._held, None
-        if load is None or load.entries is None or load.std is None:
+        if load is None or load.known is None:
             return
+        values, std = np.split(load.known[1:], 2)
         brief = end is not None and end - load.start < _STEP
-        if not self._told and (brief or load.entries[0] < self._least):
+        if not self._told and (brief or values[0] < self._least):
             return
-        largest = self._scales * load.entries[0] / self._scales[0]
-        entries = []
-        for i, (name, unit) in enumerate(self._names):
-            value, half = float(load.entries[i]), NORMAL * float(load.std[i])
-            low = max(value - half, 0.0) if name in ("m", "Ixx", "Iyy", "Izz") else value - half
-            shown = i == 0 or half < _SHOWN * float(largest[i])
-            entries.append(LoadEntry(name, unit, value, low, value + half, shown))
-        self._found.append(WeighedLoad(load.start, end, load.soon, tuple(entries)))
+        low, high = values - NORMAL * std, values + NORMAL * std
+        shown = NORMAL * std < _SHOWN * self._scales * values[0] / self._scales[0]
+        shown[0] = True
+        low[self._positive] = np.maximum(low[self._positive], 0.0)
+        columns = (part.tolist() for part in (values, low, high, shown))
+        entries = tuple(map(LoadEntry, self._names, self._units, *columns))
+        self._found.append(WeighedLoad(load.start, end, load.soon, entries))
 
     def finished(self) -> tuple[WeighedLoad, ...]:
         """All of them, the last one closed."""
@@ -171,12 +167,14 @@ class Loads:
 
 @dataclass
 class _Touched:
+    """A contact that lasts: its largest size with force and effort of then, votes for places."""
+
     start: float
-    end: float
-    size: float
-    force: np.ndarray
-    effort: np.ndarray
     votes: np.ndarray
+    end: float = 0.0
+    size: float = 0.0
+    force: np.ndarray | None = None
+    effort: np.ndarray | None = None
 
 
 class Touches:
@@ -192,27 +190,26 @@ class Touches:
         out = found.outputs
         for k in np.flatnonzero(out["contact"][:, 0] > 0.5):
             instant, size = float(time[k]), float(out["contact_size"][k, 0])
-            now = self._now
-            if now is None or instant - now.end > _APART:
+            if self._now is None or instant - self._now.end > _APART:
                 self.close()
-                none = np.zeros(len(self._drives) + 1)
-                now = self._now = _Touched(instant, instant, 0.0, none[:0], none[:0], none)
+                self._now = _Touched(instant, np.zeros(len(self._drives) + 1))
+            now = self._now
             now.end = instant
             now.votes[int(out["contact_limb"][k, 0])] += size**2
             if size > now.size:
-                now.size = size
-                now.force, now.effort = out["contact_force"][k], out["contact_effort"][k]
+                force, effort = out["contact_force"][k], out["contact_effort"][k]
+                now.size, now.force, now.effort = size, force, effort
 
     def close(self) -> None:
         """The contact ends, as at a hole."""
-        touch, self._now = self._now, None
-        if touch is None:
+        now, self._now = self._now, None
+        if now is None or now.force is None or now.effort is None:
             return
-        limb = int(touch.votes.argmax())
-        force = None if limb else tuple(touch.force.tolist())
-        effort = float(touch.effort[limb - 1]) if limb else None
-        place = self._drives[limb - 1] if limb else "platform"
-        self._found.append(Touch(touch.start, touch.end, place, force, effort, touch.size))
+        limb = int(now.votes.argmax())
+        place, force, effort = "platform", tuple(now.force.tolist()), None
+        if limb:
+            place, force, effort = self._drives[limb - 1], None, float(now.effort[limb - 1])
+        self._found.append(Touch(now.start, now.end, place, force, effort, now.size))
 
     def finished(self) -> tuple[Touch, ...]:
         """All of them, the last one closed."""

@@ -10,7 +10,8 @@ signals are zero there (`signals`), so estimates stay, and filters begin anew be
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, reduce
+from itertools import pairwise
 
 import casadi as ca
 import numpy as np
@@ -23,8 +24,7 @@ class Field:
 
     Attributes:
         name: an identifier of C and of structured text.
-        size: how many numbers.
-        doc: what they are, for a comment.
+        size: how many numbers, which are `doc`, for a comment.
         unit: of all of them; empty where they differ or have none.
         initial: what a state begins with, one number for all, or one each.
     """
@@ -35,50 +35,31 @@ class Field:
     unit: str = ""
     initial: float | tuple[float, ...] = 0.0
 
-    @property
-    def start(self) -> Float[np.ndarray, " size"]:
-        """`initial` as an array."""
-        return np.array(np.broadcast_to(np.asarray(self.initial, dtype=float), (self.size,)))
 
-
-@dataclass(frozen=True)
 class Layout:
-    """Fields of one vector, in its order.
+    """Fields of one vector, in its order; what is of size 0 stands for nothing and is left out.
 
     Attributes:
-        fields: their names differ; what is of size 0 stands for nothing and is left out.
+        fields: their names differ.
+        places: where each stands.
+        size: how many numbers the vector has.
+        initial: what a state begins with.
+
+    Raises:
+        ValueError: two have the same name.
     """
 
-    fields: tuple[Field, ...]
-
-    @classmethod
-    def from_fields(cls, *fields: Field) -> "Layout":
-        """A layout of the fields that have any number.
-
-        Raises:
-            ValueError: two have the same name.
-        """
-        kept = tuple(field for field in fields if field.size)
-        names = [field.name for field in kept]
-        if len(set(names)) < len(names):
-            raise ValueError(f"two fields of one name in {names}")
-        return cls(kept)
-
-    @cached_property
-    def places(self) -> dict[str, slice]:
-        """Where each field stands."""
-        ends = np.cumsum([field.size for field in self.fields]).tolist()
-        return {f.name: slice(end - f.size, end) for f, end in zip(self.fields, ends, strict=True)}
-
-    @property
-    def size(self) -> int:
-        """How many numbers the vector has."""
-        return sum(field.size for field in self.fields)
-
-    @property
-    def initial(self) -> Float[np.ndarray, " size"]:
-        """What a state begins with."""
-        return np.concatenate([np.zeros(0), *(field.start for field in self.fields)])
+    def __init__(self, *fields: Field) -> None:
+        self.fields = tuple(field for field in fields if field.size)
+        ends = np.cumsum([0, *(field.size for field in self.fields)]).tolist()
+        self.places = {
+            f.name: slice(*pair) for f, pair in zip(self.fields, pairwise(ends), strict=True)
+        }
+        self.size: int = ends[-1]
+        starts = [np.broadcast_to(np.array(f.initial, dtype=float), f.size) for f in self.fields]
+        self.initial: Float[np.ndarray, " size"] = np.concatenate([np.zeros(0), *starts])
+        if len(self.places) < len(self.fields):
+            raise ValueError(f"two fields of one name in {[field.name for field in self.fields]}")
 
     def symbols(self, name: str) -> dict[str, ca.SX]:
         """New symbols for each field, named name_field."""
@@ -90,12 +71,10 @@ class Layout:
         Raises:
             ValueError: an expression has another size than its field.
         """
-        parts = [ca.SX(0, 1)]
-        for field in self.fields:
-            part = ca.vec(ca.densify(values[field.name]))
+        parts = [ca.SX(0, 1), *(ca.vec(ca.densify(values[field.name])) for field in self.fields)]
+        for field, part in zip(self.fields, parts[1:], strict=True):
             if part.numel() != field.size:
                 raise ValueError(f"{field.name} has {field.size} numbers, not {part.numel()}")
-            parts.append(part)
         return ca.vertcat(*parts)
 
     def split(
@@ -132,15 +111,13 @@ class StepGraph:
     @cached_property
     def function(self) -> ca.Function:
         """(state, inputs) → (next state, outputs)."""
-        names = ["state", "inputs"], ["following", "outputs"]
-        both = ca.cse([self.following, self.y])
-        return ca.Function("online_step", [self.x, self.u], both, *names)
+        names, both = (["state", "inputs"], ["following", "outputs"]), [self.following, self.y]
+        return ca.Function("online_step", [self.x, self.u], ca.cse(both), *names)
 
     @property
     def operations(self) -> int:
         """How many a cycle takes."""
-        f = self.function
-        ends = {ca.OP_INPUT, ca.OP_OUTPUT, ca.OP_CONST}
+        f, ends = self.function, {ca.OP_INPUT, ca.OP_OUTPUT, ca.OP_CONST}
         return sum(f.instruction_id(k) not in ends for k in range(f.n_instructions()))
 
 
@@ -177,27 +154,23 @@ class CycleFields:
             good: 1 where the inputs can be used.
         """
         self.give("status", 1 - good, "0 for a good cycle, 1 for one that could not be used")
-        state = Layout.from_fields(*self._kept)
-        outputs = Layout.from_fields(*(field for field, _ in self._given))
+        state, outputs = Layout(*self._kept), Layout(*(field for field, _ in self._given))
         following = self.following | {
             name: chosen(good, self.following[name], spoilt) for name, spoilt in self.spoilt.items()
         }
-        given = {field.name: value for field, value in self._given}
-        return StepGraph(
-            state,
-            inputs,
-            outputs,
-            state.vector(self.before),
-            inputs.vector(u),
-            state.vector(following),
-            outputs.vector(given),
-            period,
-        )
+        y = outputs.vector({field.name: value for field, value in self._given})
+        x, after = state.vector(self.before), state.vector(following)
+        return StepGraph(state, inputs, outputs, x, inputs.vector(u), after, y, period)
 
 
 def all_finite(x: ca.SX) -> ca.SX:
     """1 where no number is NaN, infinite or beyond all bounds."""
     return ca.sum1(ca.fabs(ca.densify(x))) < _LARGEST
+
+
+def every(*conditions: ca.SX) -> ca.SX:
+    """1 where all conditions hold."""
+    return reduce(ca.logic_and, conditions)
 
 
 def only_if(condition: ca.SX, x: ca.SX) -> ca.SX:

@@ -12,6 +12,7 @@ The pose z of measured drive coordinates is a closed form, or found by Newton st
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import islice
 
 import casadi as ca
 import numpy as np
@@ -39,18 +40,13 @@ def inputs_of(model: Model, settings: OnlineSettings) -> Layout:
     """What a cycle reads."""
     dof, units = model.dynamics.dof, model.robot
     angle = "m" if all(units.is_linear(drive) for drive in units.drives) else "rad"
-    return Layout.from_fields(
+    elapsed = "since the last new row by its stamp, 0 if this row is not new, -1 unknown"
+    return Layout(
         Field("q", dof, "drive coordinates", angle),
         Field("qd", dof if settings.speed == "measured" else 0, "drive velocities", f"{angle}/s"),
         Field("tau", dof, "torques or forces as the drives report them"),
         Field("gripper", 1, "1 holds, 0 empty, -1 unknown", initial=NOT_TOLD),
-        Field(
-            "elapsed",
-            1,
-            "since the last new row by its stamp, 0 if this row is not new, -1 unknown",
-            "s",
-            initial=NOT_TOLD,
-        ),
+        Field("elapsed", 1, elapsed, "s", initial=NOT_TOLD),
     )
 
 
@@ -78,10 +74,8 @@ class Waits:
 
     def of_inputs(self, inputs: Layout) -> list[float]:
         """Of each number that a cycle reads: the gripper goes with the motion, in whole cycles."""
-        each = {"tau": list(self.torque), "gripper": [float(self.whole)]}
-        each["elapsed"] = [0.0]
-        waits = (each.get(f.name, [self.motion] * f.size) for f in inputs.fields)
-        return [wait for field in waits for wait in field]
+        each = {"tau": [*self.torque], "gripper": [float(self.whole)], "elapsed": [0.0]}
+        return [x for f in inputs.fields for x in each.get(f.name, [self.motion] * f.size)]
 
 
 def waits(model: Model, settings: OnlineSettings) -> Waits:
@@ -99,7 +93,7 @@ def waits(model: Model, settings: OnlineSettings) -> Waits:
             cure="give one for all drives, or one for each",
         )
     delay: Float[np.ndarray, " drives"] = np.broadcast_to(given, (dof,))
-    motion = float(np.maximum(delay.max(), 0.0))
+    motion = max(float(delay.max()), 0.0)
     longest = motion - min(float(delay.min()), 0.0)
     if not (longest <= _LONGEST and longest * settings.rate <= _MOST):
         raise DeltaidError(
@@ -107,8 +101,7 @@ def waits(model: Model, settings: OnlineSettings) -> Waits:
             f"{1e3 * _LONGEST:g} ms and {_MOST} cycles are the most that a cycle keeps",
             where="delay",
             cure="lags of drives are some milliseconds: is it in seconds? What comes later is "
-            "corrected "
-            "before it is given",
+            "corrected before it is given",
         )
     cycles = settings.rate * np.array([motion, *(motion - delay)])
     cycles = np.where(np.abs(cycles - np.round(cycles)) < _NONE, np.round(cycles), cycles)
@@ -139,17 +132,14 @@ def line(
     (past,) = fields.keep(
         Field("waiting", sum(counts), "what waits, number by number, the latest first")
     )
-    then, following, start = list[ca.SX](), list[ca.SX](), 0
+    then, following, past = list[ca.SX](), list[ca.SX](), iter(ca.vertsplit(past))
     now = ca.vertsplit(only_if(finite, inputs.vector(u)))
     for number, wait, count in zip(now, waits, counts, strict=True):
-        before = ca.vertsplit(past[start : start + count]) if count else []
-        values = [number, *(ca.if_else(goes_on, value, number) for value in before)]
-        share = count - wait
-        then.append(
-            share * values[count - 1] + (1 - share) * values[count] if share else values[-1]
-        )
+        before = (ca.if_else(goes_on, value, number) for value in islice(past, count))
+        values, share = [number, *before], count - wait
+        mixed = share * values[count - 1] + (1 - share) * values[count] if share else values[-1]
+        then.append(mixed)
         following += values[:count]
-        start += count
     fields.following["waiting"] = ca.vertcat(*following)
     return {name: ca.vertcat(*then[place]) for name, place in inputs.places.items()}
 
@@ -197,18 +187,14 @@ def pose(mechanism: Mechanism, near: ca.SX, q: ca.SX) -> tuple[ca.SX, ca.SX]:
     Args:
         near: the cycle before's.
     """
-    form = mechanism.forward
+    m, form, z = mechanism, mechanism.forward, near
     if form is not None:
-        found = ca.Function("z", [mechanism.q_symbols], [form.z, form.margin, form.modes])
+        found = ca.Function("z", [m.q_symbols], [form.z, form.margin, form.modes])
         z, margin, modes = found(q)
         return z, ca.logic_and(margin > 0, ca.mmin(modes) > 0)
-    step = mechanism.z - inverse(ca.jacobian(mechanism.closure, mechanism.z)) @ mechanism.closure
-    move = ca.Function("move", [mechanism.z, mechanism.q_symbols], [step])
-    check = ca.Function(
-        "check", [mechanism.z, mechanism.q_symbols], [mechanism.closure, mechanism.modes]
-    )
-    z = near
+    step = m.z - inverse(ca.jacobian(m.closure, m.z)) @ m.closure
+    move = ca.Function("move", [m.z, m.q_symbols], [step])
     for _ in range(_STEPS):
         z = move(z, q)
-    gap, modes = check(z, q)
+    gap, modes = ca.Function("check", [m.z, m.q_symbols], [m.closure, m.modes])(z, q)
     return z, ca.logic_and(ca.sum1(ca.fabs(gap)) < _CLOSED, ca.mmin(modes) > 0)

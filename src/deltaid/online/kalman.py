@@ -32,15 +32,8 @@ _LOAD, _MODEL, _UNMODELLED = 1e6, 300.0, 0.05
 
 @dataclass(frozen=True, eq=False)
 class Update:
-    """What one measured number does.
-
-    Attributes:
-        row: h, what it shows of the states.
-        innovation: what it is beyond what was expected.
-        variance: of that.
-        gain: by which states move with it.
-        counts: 0 where it was taken for nothing.
-    """
+    """What one measured number does: its row h of the states, what it is beyond what was expected
+    with its variance, the gain by which states move, and 0 where it counts for nothing."""
 
     row: ca.SX
     innovation: ca.SX
@@ -87,34 +80,35 @@ class Estimate:
         return Estimate(self.x + gain * innovation, P), update
 
 
-@dataclass(frozen=True, eq=False)
 class States:
     """What is estimated, and how long it is remembered.
 
     Attributes:
+        stays: share of each that is not forgotten in a cycle.
+        wander: 1 for those whose mean is forgotten too.
+
+    Args:
         kinds: of each: 0 load, 1 model, 2 friction, 3 unmodelled.
         period, friction_time: [s].
     """
 
-    kinds: np.ndarray
-    period: float
-    friction_time: float
+    def __init__(self, kinds: np.ndarray, period: float, friction_time: float) -> None:
+        self._loads, self.wander = kinds == 0, ca.SX((kinds == 3).astype(float))
+        memory = np.array([_LOAD, _MODEL, friction_time, _UNMODELLED])[kinds]
+        self.stays = ca.SX(np.exp(-period / memory))
 
-    @property
-    def stays(self) -> ca.SX:
-        """Share of each that is not forgotten in a cycle."""
-        memory = np.array([_LOAD, _MODEL, self.friction_time, _UNMODELLED])[self.kinds]
-        return ca.SX(np.exp(-self.period / memory))
-
-    @property
-    def wander(self) -> ca.SX:
-        """1 for those whose mean is forgotten too."""
-        return ca.SX((self.kinds == 3).astype(float))
+    @classmethod
+    def of_signals(cls, s: Signals, period: float, friction_time: float) -> "States":
+        """Load, model, friction, and what is unmodelled of each drive."""
+        parts = (s.at_load, 0), (s.at_directions, 1), (s.at_friction, 2), (s.at_lacked, 1)
+        sizes = [part.stop - part.start for part, _ in parts]
+        kinds = np.repeat([*(kind for _, kind in parts), 3], [*sizes, s.qd.numel()])
+        return cls(kinds, period, friction_time)
 
     def before(self, fields: CycleFields) -> Estimate:
         """As the cycle before left them."""
-        n, initial = len(self.kinds), np.diag(np.where(self.kinds == 0, 0.0, 1.0))
-        first = tuple(initial.T[np.triu_indices(n)].tolist())
+        n, initial = len(self._loads), np.diag(np.where(self._loads, 0.0, 1.0))
+        first = tuple(initial[np.triu_indices(n)].tolist())
         x, P = fields.keep(
             Field("x", n, "estimate, in deviations of its prior"),
             Field("P", len(first), "its covariance, columns of the lower triangle", initial=first),
@@ -127,16 +121,8 @@ class States:
         Args:
             held: 1 while a load was held.
         """
-        prior = ca.vertcat(*(held if kind == 0 else ca.SX(1) for kind in self.kinds))
+        prior = ca.vertcat(*(held if is_load else ca.SX(1) for is_load in self._loads))
         return estimate.forgotten(self.stays, prior, self.wander)
-
-
-def states(s: Signals, period: float, friction_time: float) -> States:
-    """What is estimated of signals: load, model, friction, and what is unmodelled of each drive."""
-    parts = (s.at_load, 0), (s.at_directions, 1), (s.at_friction, 2), (s.at_lacked, 1)
-    sizes = [part.stop - part.start for part, _ in parts]
-    kinds = np.repeat([*(kind for _, kind in parts), 3], [*sizes, s.qd.numel()])
-    return States(kinds, period, friction_time)
 
 
 # How fast [s] sizes are learnt, within which bounds, and the most by which one cycle counts.

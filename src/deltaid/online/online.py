@@ -125,11 +125,9 @@ class CommandTorques:
         self.z, self.qd, self.qdd = e.z, e.qd, e.qdd
         self.load = ca.SX.sym("load", len(known.entries.shown))
         self.friction = ca.SX.sym("friction", len(known.followed))
-        p, first = ca.SX(model.p), layout.body(known.entries.body).start
-        for i, k in enumerate(known.followed):
-            p[k] = self.friction[i]
-        for i, k in enumerate(known.entries.shown):
-            p[first + k] += self.load[i]
+        p = ca.SX(model.p)
+        p[list(known.followed)] = self.friction
+        p[known.entries.places(layout)] += self.load
         self.tau: ca.SX = ca.substitute([e.torque], [e.p], [p])[0] / ca.SX(model.gains)
         self._kinematics = model.dynamics.kinematics
 

@@ -56,7 +56,7 @@ class OnlineSettings:
         friction_time: over which friction may change by that much [s].
         false_alarms: of contact that are accepted in an hour.
         speed_noise: standard deviation of one cycle's speed, drive by drive [rad/s or m/s]; None
-            where it is not known: it is learnt then while the drives move (`online.speed_noise`).
+            where it is not known: it is learnt then while the drives move (`online.cycle`).
         alarm: how many standard deviations make a change of load.
         delay: by how much torques are reported later than their motion, drive by drive or one for
             all [s], negative where they are early; None for what the identification found, 0 for

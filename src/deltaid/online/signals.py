@@ -177,10 +177,12 @@ def _columns(
     model: Model, known: OnlineKnowledge, settings: OnlineSettings
 ) -> tuple[Momentum, ca.DM]:
     """The equations, and directions of p: the model's own, a load, its errors, friction."""
-    rest = dict.fromkeys(model.robot.friction_joints, settings.rest_speed)
+    rest, unit = (
+        dict.fromkeys(model.robot.friction_joints, settings.rest_speed),
+        np.eye(model.p.size),
+    )
     momentum = build_momentum(model.robot, model.dynamics.kinematics.mechanism, rest)
-    unit, first = np.eye(model.p.size), model.layout.body(known.entries.body).start
-    load = unit[:, [first + k for k in known.entries.shown]] * known.load_scales
+    load = unit[:, known.entries.places(model.layout)] * known.load_scales
     friction = unit[:, list(known.followed)] * known.friction_std
     D = np.column_stack([model.p, load, known.directions, friction])
     return momentum, ca.sparsify(ca.DM(D))

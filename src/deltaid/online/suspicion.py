@@ -16,11 +16,11 @@ tenth of a second as one measurement, so that G is twice the logarithm of a like
 one kind are summed up: the largest G says d, and how far it stands above G(0), how surely.
 """
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import casadi as ca
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Float
 
 from deltaid.online.cycle import Cycle
 from deltaid.online.instant import EMPTY, HOLDS
@@ -63,20 +63,16 @@ class Offset:
         return 0.5 * (self.low + self.high)
 
 
-@dataclass
 class GripTiming:
-    """Running sums; `add` consecutive cycles, `broken` at holes, then read `taken` and `left`.
+    """Running sums; `add` consecutive cycles, `broken` at holes, then read `offset`.
 
-    Attributes:
+    Args:
         period: of a cycle [s].
     """
 
-    period: float
-    _rows: Float[np.ndarray, "rows three"] = field(default_factory=lambda: np.zeros((0, 3)))
-    _next: int = 0
-    _better: dict[bool, list[np.ndarray]] = field(
-        default_factory=lambda: dict[bool, list[np.ndarray]]({True: [], False: []})
-    )
+    def __init__(self, period: float) -> None:
+        self._period, self._rows, self._next = period, np.zeros((0, 3)), 0
+        self._better: dict[bool, list[np.ndarray]] = {True: [], False: []}
 
     def broken(self) -> None:
         """A hole: what is before it says nothing of what follows."""
@@ -98,52 +94,34 @@ class GripTiming:
             lifted: ψ.
             lacking: what the model may lack, friction that no speed tells included.
         """
-        W = self.period / _ONE / lacking**2
+        W = self._period / _ONE / lacking**2
         rows = np.column_stack([told, (residual * W * lifted).sum(1), (W * lifted**2).sum(1)])
         self._rows = np.concatenate([self._rows, rows])
         self._look(last=False)
 
     def _look(self, *, last: bool) -> None:
-        around, rows = round(_AROUND / self.period), self._rows
-        changes = 1 + np.flatnonzero(np.diff(rows[:, 0]))
-        ends = np.concatenate([[0], changes, [len(rows)]])
-        for k, at in enumerate(changes.tolist(), start=1):
+        around, rows = round(_AROUND / self._period), self._rows
+        changes = (1 + np.flatnonzero(np.diff(rows[:, 0]))).tolist()
+        for start, at, end in zip([0, *changes], changes, [*changes[1:], len(rows)], strict=False):
             if at < self._next or (not last and at + 2 * around > len(rows)):
                 continue
-            before = min(around, (at - int(ends[k - 1])) // 2)
-            after = min(around, (int(ends[k + 1]) - at) // 2)
+            before, after = (min(around, span // 2) for span in (at - start, end - at))
             taken = bool(rows[at, 0] > rows[at - 1, 0])
-            self._better[taken].append(
-                self._explained(rows[at - before : at + after], before, taken)
-            )
+            near = rows[at - before : at + after, 1:]
+            both, power = np.cumsum(near[::-1] if taken else near, axis=0).T
+            G = np.concatenate([[0.0], both**2 / (power + 1e-12)])
+            offsets = before + np.round(_GRID / self._period).astype(int)
+            places = np.clip([*offsets, before], 0, len(near))
+            explained = G[len(near) - places if taken else places]
+            better = explained[:-1] - explained[-1]  # G(d) − G(0)
+            share = min(1.0, _MOST / max(float(better.max()), 1e-12))
+            self._better[taken].append(better * share)
             self._next = at + 1
         cut = max(0, len(rows) - 4 * around)
         self._rows, self._next = rows[cut:], max(self._next - cut, 0)
 
-    def _explained(
-        self, rows: Float[np.ndarray, "rows three"], before: int, taken: bool
-    ) -> Float[np.ndarray, " grid"]:
-        """G(d) − G(0) on the grid."""
-        both, power = (rows[::-1] if taken else rows)[:, 1:].T
-        G = np.concatenate([[0.0], np.cumsum(both) ** 2 / (np.cumsum(power) + 1e-12)])
-        at = before + np.round(_GRID / self.period).astype(int)
-        at, zero = np.clip(at, 0, len(rows)), before
-        if taken:
-            at, zero = len(rows) - at, len(rows) - zero
-        better = G[at] - G[zero]
-        return better * min(1.0, _MOST / max(float(better.max()), 1e-12))
-
-    @property
-    def taken(self) -> Offset:
-        """Of signals that something is held from now on."""
-        return self._offset(taken=True)
-
-    @property
-    def left(self) -> Offset:
-        """Of signals that nothing is held any longer."""
-        return self._offset(taken=False)
-
-    def _offset(self, *, taken: bool) -> Offset:
+    def offset(self, *, taken: bool) -> Offset:
+        """Of signals that something is held from now on, or no longer."""
         better = np.array(self._better[taken] or np.zeros((0, len(_GRID))))
         total = better.sum(axis=0)
         likely = np.flatnonzero(total > total.max() - _NEARLY)
@@ -240,27 +218,17 @@ class Suspicion:
         empty = live & ~found.held & (rows.gripper < HOLDS) & ~cut
         touched = live & (out["contact"][:, 0] > 0.5)
         told = live & (rows.gripper == EMPTY)
-        parts = touched, live & ~touched, touched & told, told
-        self._seconds += self._period * np.array([np.sum(part) for part in parts])
+        parts = np.stack([touched, live & ~touched, touched & told, told])
+        self._seconds += self._period * parts.sum(axis=1)
         self._told.update(np.unique(rows.gripper).tolist())
-        self._compare(out["torque"], found.residual, out["rubs"], empty)
-        self._look_for_stuck(rows)
-
-    def _compare(
-        self,
-        torque: Float[np.ndarray, "rows drives"],
-        residual: Float[np.ndarray, "rows drives"],
-        friction: Float[np.ndarray, "rows drives"],
-        empty: Bool[np.ndarray, " rows"],
-    ) -> None:
-        m = torque - residual - friction
-        model = m + friction
+        m = out["torque"] - found.residual - out["rubs"]
+        model = m + out["rubs"]
         rate = np.gradient(model, self._period, axis=0) if len(model) > 1 else np.zeros_like(model)
-        columns = np.stack([m, friction, rate, torque], axis=2)
-        columns *= empty[:, None, None]
+        columns = np.stack([m, out["rubs"], rate, out["torque"]], axis=2) * empty[:, None, None]
         products = np.einsum("tdi,tdj->tdij", columns, columns)
         starts = np.arange(0, len(products), max(1, round(1 / self._period)))
         self._sums.append(np.add.reduceat(products, starts, axis=0))
+        self._look_for_stuck(rows)
 
     def _look_for_stuck(self, rows: Cycles) -> None:
         """The longest time for which a torque is the same, no end of its channel, while its drive
@@ -268,34 +236,21 @@ class Suspicion:
         within = np.abs(rows.tau[1:]) < 0.999 * self._ends
         same = (np.diff(rows.tau, axis=0) == 0) & (np.diff(rows.q, axis=0) != 0) & within
         for i, drive in enumerate(same.T):
-            ends = np.flatnonzero(np.diff(drive.astype(int), prepend=0, append=0))
-            if not ends.size:
-                continue
-            longest = np.diff(ends)[::2]
-            k = int(longest.argmax())
-            if longest[k] * self._period > self._stuck[i]:
-                self._stuck[i] = longest[k] * self._period
-                self._stuck_at[i] = rows.time[ends[2 * k]]
+            ends = np.flatnonzero(np.diff(drive.astype(int), prepend=0, append=0)).reshape(-1, 2)
+            for start, end in ends:
+                if (end - start) * self._period > self._stuck[i]:
+                    self._stuck[i] = (end - start) * self._period
+                    self._stuck_at[i] = rows.time[start]
 
     @property
     def seen(self) -> RunEvidence:
         """All that was summed up."""
-        gain, deviation = _gain(np.concatenate(self._sums))
-        touched, untouched, touched_empty, empty = self._seconds.tolist()
         self._timing.broken()
+        taken, left = (self._timing.offset(taken=kind) for kind in (True, False))
         return RunEvidence(
-            gain,
-            deviation,
-            touched,
-            untouched,
-            touched_empty,
-            empty,
-            frozenset(self._told),
-            self._timing.taken,
-            self._timing.left,
-            self._stuck,
-            self._stuck_at,
-        )
+            *_gain(np.concatenate(self._sums)), *self._seconds.tolist(), frozenset(self._told),
+            taken, left, self._stuck, self._stuck_at,
+        )  # fmt: skip
 
 
 def _gain(

@@ -33,7 +33,7 @@ _KINDS = {
     "calibration.calibrate.Calibration": ("calibration", "calibration", "calibration"),
     "model.verdict.Verdict": ("verdicts", "check", "check"),
     "checks.verdicts.Verdicts": ("verdicts", "check", "check"),
-    "control.simulate.Comparison": ("simulation", "tracking", "tracking"),
+    "control.comparison.Comparison": ("simulation", "tracking", "tracking"),
     "control.simulate.Simulation": ("simulation", "tracking", "tracking"),
     "control.simulation.StatePath": ("fields", "show", "show"),
     "dynamics.dynamics.Dynamics": ("robot", "robots", "robots"),

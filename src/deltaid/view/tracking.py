@@ -8,9 +8,9 @@ import plotly.graph_objects as go
 import polars as pl
 from jaxtyping import Float
 
-from deltaid.control.comparison import ControllerRun
+from deltaid.control.comparison import Comparison, ControllerRun
 from deltaid.control.infeasible import MotionProblem
-from deltaid.control.simulate import Comparison, Simulation
+from deltaid.control.simulate import Simulation
 from deltaid.control.tracking import Drives, Tracking
 from deltaid.dynamics.limits import effort_limits
 from deltaid.robot.description import RobotDescription

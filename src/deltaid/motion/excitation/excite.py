@@ -1,6 +1,6 @@
 """From a robot to a motion that makes its parameters visible: the whole of Sec. IV."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import count
 from pathlib import Path
 from threading import Event
@@ -26,14 +26,7 @@ from deltaid.motion.excitation.optimize import (
     optimise,
     random_start,
 )
-from deltaid.motion.excitation.problem import (
-    Criterion,
-    ExcitationProblem,
-    Torques,
-    Velocity,
-    Weighting,
-    by_bodies,
-)
+from deltaid.motion.excitation.problem import ExcitationProblem, by_bodies, criterion
 from deltaid.motion.excitation.run import Run, plan_run, run_use, write_run
 from deltaid.motion.excitation.settings import ExcitationSettings
 from deltaid.motion.fourier import Series
@@ -151,17 +144,27 @@ class Exciter(Shown, Plotted):
         self._graph = ExcitationGraph(dynamics, heads)
         self._p = prior_parameters(dynamics.robot)
         self._values = self.base.values(self._p)
-        self._series = _series(dynamics, settings)
-        self._torques = Torques(self._values, torques_without_friction(dynamics))
         dof, n = dynamics.dof, len(heads)
-        self._shape = self._problem(Weighting(np.ones(dof), np.ones(n), np.eye(n)), np.ones(dof))
-        self.torque_reference, self._speed, self._column_rms = self._references()
-        self.problem = self._problem(self._weighting(), self._speed)
+        shape = ExcitationProblem(
+            self._graph, _series(dynamics, settings), settings.criterion, np.ones(dof), np.ones(n),
+            np.eye(n), self._values, torques_without_friction(dynamics), settings.velocity_weight,
+            np.ones(dof), _POINTS * settings.harmonics,
+        )  # fmt: skip
+        self.torque_reference, speed, rms = self._references(shape)
+        noise, samples = (
+            settings.torque_noise * self.torque_reference,
+            settings.duration * settings.rate,
+        )
+        # scaled columns and normalised torques, or prior and noise as units of both
+        weights, scales, prior = self.torque_reference**-2.0, 1 / rms, np.zeros((n, n))
+        if settings.weigh_prior:
+            spread = settings.prior_spread * parameter_scale(self.base.layout, self._p)
+            scales = np.linalg.norm(self.base.combination() * spread, axis=1)
+            weights, prior = noise**-2.0, np.eye(n) / samples
+        self.problem = replace(shape, row_weights=weights, scales=scales, prior=prior, speed=speed)
         self._judge: Judge | None = None
         if settings.by == "sensors":
-            samples = settings.duration * settings.repeats * settings.rate
-            noise = settings.torque_noise * self.torque_reference
-            self._judge = by_bodies(dynamics, noise, samples)
+            self._judge = by_bodies(dynamics, noise, samples * settings.repeats)
 
     def optimise(
         self, stop: Event | None = None, progress: Progress | bool | None = None, *, offset: int = 0
@@ -190,9 +193,12 @@ class Exciter(Shown, Plotted):
         periods = max(1, round(self.settings.duration / optimum.motion.period))
         run = plan_run(self.problem, optimum.motion, periods * self.settings.repeats)
         torque_max = np.abs(self.preview(run)).max(axis=0)
-        names, use = self.problem.limit_names, run_use(self.problem, run, 4000)
+        names, use = (
+            self.problem.limit_names,
+            run_use(self.problem, run, np.linspace(0.0, run.duration, 4000)),
+        )
         for k, (i, largest) in enumerate(torque_limits(self.dynamics.robot).items()):
-            use[len(names) - len(self._torques.largest) + k] = torque_max[i] / largest
+            use[len(names) - len(self.problem.largest) + k] = torque_max[i] / largest
         return Excitation(
             exciter=self,
             run=run,
@@ -219,8 +225,7 @@ class Exciter(Shown, Plotted):
         z, zd, zdd = run.evaluate(np.linspace(0, run.duration, samples))
         Y = self._graph.dense(self._graph.exact_regressor(np.hstack([z, zd, zdd]).T))
         Y = Y / (self.settings.torque_noise * self.torque_reference)[None, :, None]
-        count = run.duration * self.settings.rate
-        A = Y.reshape(-1, Y.shape[2]) * np.sqrt(count / samples)
+        A = Y.reshape(-1, Y.shape[2]) * np.sqrt(run.duration * self.settings.rate / samples)
         norms = np.linalg.norm(A, axis=0)
         R = np.linalg.qr(A / norms, mode="r")
         std = np.linalg.norm(np.linalg.solve(R, np.eye(len(norms))), axis=1) / norms
@@ -230,60 +235,28 @@ class Exciter(Shown, Plotted):
 
     def _criterion(self, x: np.ndarray) -> float:
         G = self.problem.information(x, 10 * self.problem.samples)
-        return self.problem.criterion.evaluate(G)[0]
+        return criterion(self.settings.criterion, G)[0]
 
-    def _problem(self, weighting: Weighting, speed: np.ndarray) -> ExcitationProblem:
-        return ExcitationProblem(
-            graph=self._graph,
-            series=self._series,
-            criterion=Criterion(self.settings.criterion),
-            weighting=weighting,
-            torques=self._torques,
-            velocity=Velocity(self.settings.velocity_weight, speed),
-            samples=_POINTS * self.settings.harmonics,
-        )
-
-    def _references(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    def _references(self, shape: ExcitationProblem) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Largest torques and speeds, and column sizes, over random motions within the limits."""
-        states = []
-        for seed in range(_REFERENCES):
-            s = self._series.state(random_start(self._shape, seed), self._shape.grid())
-            if np.any(s[self.dynamics.dof :]):
-                states.append(s)
+        starts, robot, dof = range(_REFERENCES), self.dynamics.robot, self.dynamics.dof
+        states = [shape.series.state(random_start(shape, seed), shape.grid()) for seed in starts]
+        states = [s for s in states if np.any(s[dof:])]
         if not states:
-            raise conflict(self._shape, random_start(self._shape, 0))
+            raise conflict(shape, random_start(shape, 0))
         s = np.hstack(states)
         Y = self._graph.dense(self._graph.exact_regressor(s))
         torque = np.abs(Y @ self._values).max(axis=0)
-        speed = np.abs(self._graph.regressor(s)[-self.dynamics.dof :]).max(axis=1)
+        speed = np.abs(self._graph.regressor(s)[-dof:]).max(axis=1)
+        speed = [
+            robot.limits_of(d).top_speed or v for d, v in zip(robot.drives, speed, strict=True)
+        ]
         rms = np.sqrt(np.mean(np.sum((Y / torque[None, :, None]) ** 2, axis=1), axis=0))
-        robot = self.dynamics.robot
-        for i, drive in enumerate(robot.drives):
-            speed[i] = robot.limits_of(drive).top_speed or speed[i]
-        return torque, speed, rms
-
-    def _weighting(self) -> Weighting:
-        """Scaled columns and normalised torques; or prior and noise as units of both."""
-        n = len(self._values)
-        if not self.settings.weigh_prior:
-            return Weighting(self.torque_reference**-2.0, 1 / self._column_rms, np.zeros((n, n)))
-        spread = self.settings.prior_spread * parameter_scale(self.base.layout, self._p)
-        sizes = np.linalg.norm(self.base.combination() * spread, axis=1)
-        noise = self.settings.torque_noise * self.torque_reference
-        count = self.settings.duration * self.settings.rate
-        return Weighting(noise**-2.0, sizes, np.eye(n) / count)
+        return torque, np.array(speed), rms
 
 
 def _series(dynamics: Dynamics, settings: ExcitationSettings) -> Series:
-    turn = dynamics.robot.turn
-    centre, half = dynamics.robot.within(
-        0.5 * (turn.low + turn.high), min(_TURN, 0.5 * (turn.high - turn.low))
-    )
-    slowest = 2 * np.pi / settings.duration
-    return Series(
-        harmonics=settings.harmonics,
-        slowest=slowest,
-        fastest=_SHORTER * slowest,
-        centre=centre,
-        size=half,
-    )
+    turn, slowest = dynamics.robot.turn, 2 * np.pi / settings.duration
+    reach = min(_TURN, 0.5 * (turn.high - turn.low))
+    centre, half = dynamics.robot.within(0.5 * (turn.low + turn.high), reach)
+    return Series(settings.harmonics, slowest, _SHORTER * slowest, centre, half)

@@ -37,19 +37,15 @@ class ExcitationGraph:
     """
 
     def __init__(self, dynamics: Dynamics, columns: Int[np.ndarray, " base"]) -> None:
-        self.dynamics = dynamics
-        mechanism = dynamics.kinematics.mechanism
-        self._smooth = build_task_motion(dynamics.robot, mechanism, _smooth_sign)
+        self.dynamics, mechanism = dynamics, dynamics.kinematics.mechanism
+        m = self._smooth = build_task_motion(dynamics.robot, mechanism, _smooth_sign)
         self._exact = build_task_motion(dynamics.robot, mechanism)
-        self._at = [int(c) for c in columns]
-        self.n_columns = len(self._at)
-        self.limits: tuple[Limit, ...] = kinematic_limits(dynamics.robot, mechanism, self._smooth)
+        self._at = columns.tolist()
+        self.limits: tuple[Limit, ...] = kinematic_limits(dynamics.robot, mechanism, m)
         self._u = ca.vertcat(*[limit.u for limit in self.limits])
-
-    @property
-    def _s(self) -> ca.SX:
-        m = self._smooth
-        return ca.vertcat(m.z, m.zd, m.zdd)
+        self._s = ca.vertcat(m.z, m.zd, m.zdd)
+        self._slopes = ca.jacobian(self._u, self._s)
+        self._outputs = ca.vertcat(self._entries(m), m.qd)
 
     @cached_property
     def regressor_pattern(self) -> Pattern:
@@ -60,13 +56,13 @@ class ExcitationGraph:
     @cached_property
     def limit_pattern(self) -> Pattern:
         """Limit and entry of s of each nonzero of ∂u/∂s."""
-        rows, columns = ca.jacobian(self._u, self._s).sparsity().get_triplet()
+        rows, columns = self._slopes.sparsity().get_triplet()
         return np.array(rows), np.array(columns)
 
     @cached_property
     def regressor(self) -> BatchKernel:
         """s → regressor entries with smooth signs, then the drive speeds."""
-        return BatchKernel(self._s, ca.vertcat(self._entries(self._smooth), self._smooth.qd))
+        return BatchKernel(self._s, self._outputs)
 
     @cached_property
     def exact_regressor(self) -> BatchKernel:
@@ -77,9 +73,8 @@ class ExcitationGraph:
     @cached_property
     def pullback(self) -> BatchKernel:
         """(s, λ) → Σ λ_i ∂o_i/∂s for the outputs o of `regressor`."""
-        output = ca.vertcat(self._entries(self._smooth), self._smooth.qd)
-        weights = ca.SX.sym("w", output.numel())
-        gradient = ca.gradient(ca.dot(weights, output), self._s)
+        weights = ca.SX.sym("w", self._outputs.numel())
+        gradient = ca.gradient(ca.dot(weights, self._outputs), self._s)
         return BatchKernel(ca.vertcat(self._s, weights), gradient)
 
     @cached_property
@@ -90,7 +85,7 @@ class ExcitationGraph:
     @cached_property
     def limit_slopes(self) -> BatchKernel:
         """s → nonzeros of ∂u/∂s."""
-        return BatchKernel(self._s, ca.jacobian(self._u, self._s).nz[:])
+        return BatchKernel(self._s, self._slopes.nz[:])
 
     def _entries(self, motion: TaskMotion) -> ca.SX:
         return motion.Y[:, self._at].T.nz[:]
@@ -99,7 +94,7 @@ class ExcitationGraph:
         self, entries: Float[np.ndarray, "entries samples"]
     ) -> Float[np.ndarray, "samples dof base"]:
         """Regressor entries as matrices."""
-        Y = np.zeros((entries.shape[1], self.dynamics.dof, self.n_columns))
+        Y = np.zeros((entries.shape[1], self.dynamics.dof, len(self._at)))
         Y[:, *self.regressor_pattern] = entries.T
         return Y
 
@@ -121,7 +116,7 @@ def torques_without_friction(dynamics: Dynamics) -> dict[int, float]:
     Raises:
         DeltaidError: friction alone takes the whole torque.
     """
-    robot = dynamics.robot
+    robot, left = dynamics.robot, dict[int, float]()
     arms = [limb.upper_arm or 1.0 for limb in robot.limb_geometry]
     # A passive joint's friction reaches a drive through a lever of about the arm's length.
     passive = sum(
@@ -129,10 +124,8 @@ def torques_without_friction(dynamics: Dynamics) -> dict[int, float]:
         for joint, law in robot.friction.items()
         if joint not in robot.drives
     )
-    left = {}
     for i, largest in torque_limits(robot).items():
-        drive = robot.drives[i]
-        law = robot.friction.get(drive)
+        drive, law = robot.drives[i], robot.friction.get(robot.drives[i])
         own = at_rest(law) + (law.load or 0.0) * largest if law else 0.0
         left[i] = largest - own - (passive * arms[i] if i < len(arms) else 0.0)
         if left[i] <= 0:

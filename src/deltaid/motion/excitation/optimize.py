@@ -104,8 +104,7 @@ def optimise(
     Raises:
         DeltaidError: no start led to a feasible motion; says which limits fight.
     """
-    stop = stop or Event()
-    results = []
+    stop, results = stop or Event(), []
     with threadpool_limits(1), ThreadPoolExecutor(os.cpu_count()) as pool:
         for account, x in pool.map(lambda seed: _from_start(problem, seed, stop), seeds):
             if judge is not None and account.feasible:
@@ -116,8 +115,7 @@ def optimise(
     if not feasible:
         raise conflict(problem, results[0][1])
     best, x = min(feasible, key=lambda pair: pair[0].merit)
-    accounts = tuple(account for account, _ in results)
-    return Optimum(x, problem.series.motion(x), best.after, accounts)
+    return Optimum(x, problem.series.motion(x), best.after, tuple(a for a, _ in results))
 
 
 def random_start(problem: ExcitationProblem, seed: int) -> Vector:
@@ -130,9 +128,8 @@ def random_start(problem: ExcitationProblem, seed: int) -> Vector:
     shape = rng.standard_normal((series.dof, 2, series.harmonics)) * decay
     x = _resting(problem, rng)
     x[0] = rng.uniform(np.log(series.slowest), np.log(series.fastest))
-    direction = np.zeros(series.length)
-    direction[1:] = np.hstack([np.zeros((series.dof, 1)), shape.reshape(series.dof, -1)]).ravel()
-    low, high = 0.0, 2.0
+    moved = np.hstack([np.zeros((series.dof, 1)), shape.reshape(series.dof, -1)])
+    direction, low, high = np.insert(moved.ravel(), 0, 0.0), 0.0, 2.0
     for _ in range(25):
         middle = 0.5 * (low + high)
         inside = largest_use(problem, x + middle * direction).max() <= 0.95
@@ -165,10 +162,8 @@ def largest_use(
 def _from_start(problem: ExcitationProblem, seed: int, stop: Event) -> tuple[StartAccount, Vector]:
     """Optimise from one start, then tighten limits until they hold between the grid points."""
     began, fine = time.perf_counter(), _FINER * problem.samples
-    x_0 = random_start(problem, seed)
-    before = problem.evaluate(x_0).value
-    search = _Search(problem, stop)
-    x, message = x_0, "stopped"
+    x_0, search = random_start(problem, seed), _Search(problem, stop)
+    before, x, message = problem.evaluate(x_0).value, x_0, "stopped"
     for sharpness in _SHARPNESS:
         x, message = search.run(x, sharpness)
     for _ in range(_ROUNDS):
@@ -184,16 +179,8 @@ def _from_start(problem: ExcitationProblem, seed: int, stop: Event) -> tuple[Sta
             if other_use <= _FULL:
                 x, use, message = other, other_use, f"went back to a feasible motion ({message})"
     after = problem.evaluate(x).value
-    account = StartAccount(
-        seed=seed,
-        before=before,
-        after=after,
-        use=float(use) if np.isfinite(after) else np.inf,
-        evaluations=search.evaluations,
-        seconds=time.perf_counter() - began,
-        message=message,
-    )
-    return account, x
+    use, seconds = float(use) if np.isfinite(after) else np.inf, time.perf_counter() - began
+    return StartAccount(seed, before, after, use, search.evaluations, seconds, message), x
 
 
 class _Search:
@@ -203,12 +190,10 @@ class _Search:
     """
 
     def __init__(self, problem: ExcitationProblem, stop: Event) -> None:
-        self._problem, self._stop = problem, stop
-        self._bound = np.ones(len(problem.two_sided))
-        self._at, self._last = b"", None
-        self.evaluations = 0
+        self._problem, self._stop, self._bound = problem, stop, np.ones(len(problem.two_sided))
+        self._last: tuple[bytes, Evaluation] | None = None
         self.best: Vector | None = None
-        self._best_value = np.inf
+        self._best_value, self.evaluations = np.inf, 0
 
     def tighten(self, use: Float[np.ndarray, " limits"]) -> None:
         """Lower the bounds of the limits that are exceeded between the grid points."""
@@ -219,10 +204,10 @@ class _Search:
 
         def evaluated(x: Vector) -> Evaluation:
             key = x.tobytes() + np.float64(sharpness).tobytes()
-            if self._last is None or key != self._at:
-                self._last, self._at = self._problem.evaluate(x, sharpness), key
+            if self._last is None or key != self._last[0]:
+                self._last = key, self._problem.evaluate(x, sharpness)
                 self.evaluations += 1
-            return self._last
+            return self._last[1]
 
         def watch(x: Vector) -> None:
             here = evaluated(x)

@@ -45,27 +45,24 @@ def plot_run(exciter: Exciter, run: Run, file_format: str) -> bytes:
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
-    figure = Figure(figsize=(11, 8), layout="constrained")
+    robot, figure = exciter.dynamics.robot, Figure(figsize=(11, 8), layout="constrained")
     FigureCanvasAgg(figure)
     panels: Any = figure.subfigures(1, 2, width_ratios=(1, 2))
-    left, right = panels
-    time = np.linspace(0, run.duration, SAMPLES)
+    time, units = np.linspace(0, run.duration, SAMPLES), robot.drive_units
     z, zd, zdd = run.evaluate(time)
     q, qd, _ = exciter.dynamics.kinematics.drive_motion(z, zd, zdd)
-    _draw_path(left.subplots(2, 1), z)
-    units = exciter.dynamics.robot.drive_units
+    _draw_path(panels[0].subplots(2, 1), z)
     shown = np.array([u.per_shown for u in units.values()])
     rows = (q * shown, qd * shown, exciter.preview(run, SAMPLES))
     labels = ("{0.motion} [{0.shown}]", "speed [{0.shown}/s]", "{0.effort}, predicted [{0.force}]")
-    axes = right.subplots(3, 1, sharex=True)
+    axes = panels[1].subplots(3, 1, sharex=True)
     for axis, values, label in zip(axes, rows, labels, strict=True):
         _draw_drives(axis, time, values, units, label)
-    axes[0].legend(loc="upper right", ncols=len(exciter.dynamics.robot.drives), fontsize="small")
-    axes[-1].set_xlabel("time [s]")
-    for axis in axes:
         for edge in (run.ramp, run.duration - run.ramp):
             axis.axvline(edge, color="0.6", linewidth=0.8, linestyle=":")
-    figure.suptitle(exciter.dynamics.robot.title or exciter.dynamics.robot.name)
+    axes[0].legend(loc="upper right", ncols=len(robot.drives), fontsize="small")
+    axes[-1].set_xlabel("time [s]")
+    figure.suptitle(robot.title or robot.name)
     buffer = BytesIO()
     figure.savefig(buffer, format=file_format, dpi=150)
     return buffer.getvalue()
@@ -75,9 +72,7 @@ def _draw_path(axes: Any, z: np.ndarray) -> None:
     for axis, (i, j), labels in zip(axes, ((0, 1), (0, 2)), (("x", "y"), ("x", "z")), strict=True):
         axis.plot(z[:, i], z[:, j], linewidth=0.8)
         axis.plot(z[0, i], z[0, j], "o", markersize=4, label="start")
-        axis.set_xlabel(f"{labels[0]} [m]")
-        axis.set_ylabel(f"{labels[1]} [m]")
-        axis.set_aspect("equal")
+        axis.set(xlabel=f"{labels[0]} [m]", ylabel=f"{labels[1]} [m]", aspect="equal")
         axis.grid(alpha=0.3)
     axes[0].legend(fontsize="small")
 
@@ -89,14 +84,12 @@ def _draw_drives(
     sizes, first = np.abs(values).max(axis=0), next(iter(drives.values()))
     axis.set_ylabel(label.format(first))
     for i, (drive, units) in enumerate(drives.items()):
-        large = sizes[i] > 5 * np.median(sizes)
-        small = sizes[i] < 0.2 * np.median(sizes)
-        if large or small or units != first:
+        shown, color = (time, values[:, i]), f"C{i}"
+        if not 0.2 <= sizes[i] / np.median(sizes) <= 5 or units != first:
             twin = axis.twinx()
-            twin.set_ylabel(label.format(units), color=f"C{i}")
-            twin.plot(time, values[:, i], color=f"C{i}", linewidth=0.9)
-            twin.tick_params(axis="y", colors=f"C{i}")
-            axis.plot([], [], color=f"C{i}", label=f"{drive} (right)")
-        else:
-            axis.plot(time, values[:, i], color=f"C{i}", linewidth=0.9, label=drive)
+            twin.set_ylabel(label.format(units), color=color)
+            twin.plot(*shown, color=color, linewidth=0.9)
+            twin.tick_params(axis="y", colors=color)
+            drive, shown = f"{drive} (right)", ([], [])
+        axis.plot(*shown, color=color, linewidth=0.9, label=drive)
     axis.grid(alpha=0.3)

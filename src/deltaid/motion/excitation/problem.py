@@ -42,36 +42,30 @@ Judge = Callable[[FourierMotion], float]
 _SMALLEST = 1e-14
 
 
-@dataclass(frozen=True)
-class Criterion:
-    """A criterion by name.
+def criterion(
+    name: CriterionName, G: Float[np.ndarray, "n n"]
+) -> tuple[float, Float[np.ndarray, "n n"]]:
+    """Value and gradient ∂J/∂G of a criterion by name.
 
     cond:      log λ_max − log λ_min, that is log cond(Y_BᵀWY_B).
     logdet:    −(1/n) Σ log λ_i, D-optimality per parameter.
     a-optimal: log((1/n) Σ 1/λ_i), the mean variance.
     e-optimal: −log λ_min, the largest variance.
     """
-
-    name: CriterionName
-
-    def evaluate(self, G: Float[np.ndarray, "n n"]) -> tuple[float, Float[np.ndarray, "n n"]]:
-        """Value and gradient ∂J/∂G."""
-        lam, V = np.linalg.eigh(G)
-        lam = np.maximum(lam, _SMALLEST)
-        slope, n = np.zeros_like(lam), len(lam)
-        match self.name:
-            case "cond":
-                value = np.log(lam[-1] / lam[0])
-                slope[-1], slope[0] = 1 / lam[-1], -1 / lam[0]
-            case "logdet":
-                value, slope = -np.mean(np.log(lam)), -1 / (n * lam)
-            case "a-optimal":
-                total = np.sum(1 / lam)
-                value, slope = np.log(total / n), -1 / (lam**2 * total)
-            case "e-optimal":
-                value = -np.log(lam[0])
-                slope[0] = -1 / lam[0]
-        return float(value), (V * slope) @ V.T
+    lam, V = np.linalg.eigh(G)
+    lam = np.maximum(lam, _SMALLEST)
+    slope, n = np.zeros_like(lam), len(lam)
+    match name:
+        case "cond":
+            value, slope[-1], slope[0] = np.log(lam[-1] / lam[0]), 1 / lam[-1], -1 / lam[0]
+        case "logdet":
+            value, slope = -np.mean(np.log(lam)), -1 / (n * lam)
+        case "a-optimal":
+            total = np.sum(1 / lam)
+            value, slope = np.log(total / n), -1 / (lam**2 * total)
+        case "e-optimal":
+            value, slope[0] = -np.log(lam[0]), -1 / lam[0]
+    return float(value), (V * slope) @ V.T
 
 
 # Samples of a period, and the share of an entry that is known well enough with.
@@ -114,37 +108,6 @@ Speeds = Float[np.ndarray, "dof samples"]
 
 
 @dataclass(frozen=True)
-class Weighting:
-    """How the rows and columns of the regressor count.
-
-    Attributes:
-        rows: one weight for each drive, 1/torque².
-        columns: the scale of each base column; G then has no units.
-        prior: added to G, in the same scaling; zero for a criterion of the data alone.
-    """
-
-    rows: Float[np.ndarray, " dof"]
-    columns: Float[np.ndarray, " base"]
-    prior: Float[np.ndarray, "base base"]
-
-
-@dataclass(frozen=True)
-class Torques:
-    """What torque limits need: base parameters, and the largest torque of drives that have one."""
-
-    base: Float[np.ndarray, " base"]
-    largest: dict[int, float]
-
-
-@dataclass(frozen=True)
-class Velocity:
-    """The term −w ‖q̇‖ of (9): w and the speed that each drive's velocity is measured in."""
-
-    weight: float
-    speed: Float[np.ndarray, " dof"]
-
-
-@dataclass(frozen=True)
 class Evaluation:
     """Objective and largest use of each limit, with derivatives; NaN with a pose out of reach."""
 
@@ -156,28 +119,41 @@ class Evaluation:
 
 @dataclass(frozen=True)
 class ExcitationProblem:
-    """Problem (9)–(11) on a grid of one period."""
+    """Problem (9)–(11) on a grid of one period.
+
+    Attributes:
+        row_weights: of each drive, 1/torque².
+        scales: of each base column; G then has no units.
+        prior: added to G, in the same scaling; zero for a criterion of the data alone.
+        base: base parameters, which torque limits need, with
+        largest: the largest torque of drives that have one.
+        velocity_weight: w of the term −w ‖q̇‖ of (9), with
+        speed: what each drive's velocity is measured in.
+    """
 
     graph: ExcitationGraph
     series: Series
-    criterion: Criterion
-    weighting: Weighting
-    torques: Torques
-    velocity: Velocity
+    criterion: CriterionName
+    row_weights: Float[np.ndarray, " dof"]
+    scales: Float[np.ndarray, " base"]
+    prior: Float[np.ndarray, "base base"]
+    base: Float[np.ndarray, " base"]
+    largest: dict[int, float]
+    velocity_weight: float
+    speed: Float[np.ndarray, " dof"]
     samples: int
 
     @property
     def limit_names(self) -> tuple[str, ...]:
         """Names of all limits, torques last."""
         drives = self.graph.dynamics.robot.drives
-        torque = [f"{drives[i]} torque" for i in self.torques.largest]
+        torque = [f"{drives[i]} torque" for i in self.largest]
         return (*(limit.name for limit in self.graph.limits), *torque)
 
     @property
     def two_sided(self) -> np.ndarray:
         """Which limits bound from both sides."""
-        kinematic = [limit.two_sided for limit in self.graph.limits]
-        return np.array([*kinematic, *(True for _ in self.torques.largest)])
+        return np.array([*(x.two_sided for x in self.graph.limits), *[True] * len(self.largest)])
 
     def grid(self, samples: int | None = None) -> Float[np.ndarray, "3 samples terms"]:
         """The series' basis on evenly spaced points of a period."""
@@ -198,57 +174,49 @@ class ExcitationProblem:
         slopes = self.series.chain(x, basis, gradients)
         return Evaluation(value, slopes[0], use, slopes[1:])
 
-    def limits_of(self, s: States) -> Float[np.ndarray, "limits samples"]:
-        """u of every limit for any states (z, ż, z̈), samples in columns."""
-        return self._limits(s, self._outputs(s)[0])
-
     def use_of(self, s: States) -> Float[np.ndarray, "limits samples"]:
         """Use of every limit for any states (z, ż, z̈), samples in columns; ∞ out of reach."""
-        u = self.limits_of(s)
+        u = self._limits(s, self._outputs(s)[0])
         use = np.where(self.two_sided[:, None], np.abs(u), u)
         return np.where(np.isnan(use), np.inf, use)
 
     def information(self, x: Vector, samples: int) -> Float[np.ndarray, "base base"]:
         """G with the true signs of Coulomb friction, on a grid of its own."""
-        s = self.series.state(x, self.grid(samples))
-        return self._information(self._weighted(self.graph.dense(self.graph.exact_regressor(s))))
+        entries = self.graph.exact_regressor(self.series.state(x, self.grid(samples)))
+        return self._information(self._weighted(self.graph.dense(entries)))
 
     def _outputs(self, s: States) -> tuple[Entries, Speeds]:
-        """Regressor entries and drive speeds."""
         out = self.graph.regressor(s, threads=1)
-        dof = self.series.dof
-        return out[:-dof], out[-dof:]
+        return out[: -self.series.dof], out[-self.series.dof :]
 
     def _weighted(
         self, Y: Float[np.ndarray, "samples dof base"]
     ) -> Float[np.ndarray, "samples dof base"]:
-        return Y * np.sqrt(self.weighting.rows)[None, :, None] * self.weighting.columns
+        return Y * np.sqrt(self.row_weights)[None, :, None] * self.scales
 
     def _information(
         self, Y: Float[np.ndarray, "samples dof base"]
     ) -> Float[np.ndarray, "base base"]:
         flat = Y.reshape(-1, Y.shape[2])
-        return flat.T @ flat / len(Y) + self.weighting.prior
+        return flat.T @ flat / len(Y) + self.prior
 
     def _objective(self, s: States, entries: Entries, qd: Speeds) -> tuple[float, States]:
         """J − w‖q̇‖ and its gradient with respect to s, by one reverse sweep."""
-        Y = self._weighted(self.graph.dense(entries))
-        value, slope = self.criterion.evaluate(self._information(Y))
-        n = s.shape[1]
+        Y, n, speed = self._weighted(self.graph.dense(entries)), s.shape[1], self.speed[:, None]
+        value, slope = criterion(self.criterion, self._information(Y))
         d_Y = self._weighted((2 / n) * (Y @ slope))
-        relative = qd / self.velocity.speed[:, None]
-        norm = max(float(np.sqrt(np.mean(np.sum(relative**2, axis=0)))), 1e-12)
-        d_qd = -self.velocity.weight * relative / (self.velocity.speed[:, None] * n * norm)
-        adjoint = np.vstack([d_Y[:, *self.graph.regressor_pattern].T, d_qd])
-        gradient = self.graph.pullback(np.vstack([s, adjoint]), threads=1)
-        return value - self.velocity.weight * norm, gradient
+        norm = max(float(np.sqrt(np.mean(np.sum((qd / speed) ** 2, axis=0)))), 1e-12)
+        d_qd = -self.velocity_weight * (qd / speed) / (speed * n * norm)
+        adjoint = np.vstack([s, d_Y[:, *self.graph.regressor_pattern].T, d_qd])
+        gradient = self.graph.pullback(adjoint, threads=1)
+        return value - self.velocity_weight * norm, gradient
 
     def _limits(self, s: States, entries: Entries) -> Float[np.ndarray, "limits samples"]:
         drives, columns = self.graph.regressor_pattern
         rows = [self.graph.limit_values(s, threads=1)]
-        for drive, largest in self.torques.largest.items():
+        for drive, largest in self.largest.items():
             at = drives == drive
-            rows.append((self.torques.base[columns[at]] @ entries[at])[None] / largest)
+            rows.append((self.base[columns[at]] @ entries[at])[None] / largest)
         return np.vstack(rows)
 
     def _limit_gradients(
@@ -258,16 +226,18 @@ class ExcitationProblem:
         gradients = np.zeros((len(weights), *s.shape))
         limits, inputs = self.graph.limit_pattern
         gradients[limits, inputs] = self.graph.limit_slopes(s, threads=1) * weights[limits]
-        (drives, columns), n = self.graph.regressor_pattern, s.shape[1]
-        if not self.torques.largest:
-            return gradients
+        (drives, columns), speeds = (
+            self.graph.regressor_pattern,
+            np.zeros((self.series.dof, s.shape[1])),
+        )
         adjoints = []
-        for k, (drive, largest) in enumerate(self.torques.largest.items(), len(self.graph.limits)):
-            share = np.where(drives == drive, self.torques.base[columns], 0.0) / largest
-            speeds = np.zeros((self.series.dof, n))
+        for k, (drive, largest) in enumerate(self.largest.items(), len(self.graph.limits)):
+            share = np.where(drives == drive, self.base[columns], 0.0) / largest
             adjoints.append(np.vstack([s, np.outer(share, weights[k]), speeds]))
-        swept = self.graph.pullback(np.hstack(adjoints), threads=1)
-        gradients[len(self.graph.limits) :] = swept.reshape(len(s), -1, n).swapaxes(0, 1)
+        if adjoints:
+            swept = self.graph.pullback(np.hstack(adjoints), threads=1)
+            split = swept.reshape(len(s), -1, s.shape[1]).swapaxes(0, 1)
+            gradients[len(self.graph.limits) :] = split
         return gradients
 
 

@@ -7,6 +7,7 @@ checked. σ = 10 s³ − 15 s⁴ + 6 s⁵ with s = t / ramp.
 """
 
 from dataclasses import dataclass
+from itertools import product
 from pathlib import Path
 
 import numpy as np
@@ -53,13 +54,13 @@ class Run(Shown):
         self, time: Float[np.ndarray, " samples"]
     ) -> tuple[Float[np.ndarray, "samples coordinates"], ...]:
         """z, ż, z̈ at times between 0 and `duration`."""
-        whole = self.repeats * self.motion.period
         falling = self.duration - time
-        on_ramp = np.minimum(np.minimum(time, falling), self.ramp)
-        covered, rate, slope = _ramp(on_ramp / self.ramp)
-        up = time <= falling
+        s, up = np.minimum(np.minimum(time, falling), self.ramp) / self.ramp, time <= falling
+        # ∫σ ds, σ and dσ/ds of the ramp at s in [0, 1]
+        covered, rate = 2.5 * s**4 - 3 * s**5 + s**6, 10 * s**3 - 15 * s**4 + 6 * s**5
+        slope = 30 * s**2 * (1 - s) ** 2
         # Distance on the phase from the start of the first whole period.
-        ramped = self.ramp * (covered - 0.5)
+        ramped, whole = self.ramp * (covered - 0.5), self.repeats * self.motion.period
         inner = np.clip(time - self.ramp, 0.0, whole)
         phase = self.phase + inner + np.where(up, np.minimum(ramped, 0), np.maximum(-ramped, 0))
         z, z_1, z_2 = self.motion.evaluate(phase)
@@ -74,14 +75,13 @@ def plan_run(problem: ExcitationProblem, motion: FourierMotion, repeats: int) ->
         DeltaidError: no ramp of up to two periods keeps them.
     """
     phases, best = np.arange(_PHASES) * motion.period / _PHASES, np.inf
-    for share in _RAMPS:
-        for phase in phases:
-            run = Run(motion, float(phase), share * motion.period, repeats)
-            ramp = np.linspace(0.0, run.ramp, _POINTS)
-            use = float(_use_at(problem, run, np.append(ramp, run.duration - ramp)).max())
-            if use <= _FULL:
-                return run
-            best = min(best, use)
+    for share, phase in product(_RAMPS, phases.tolist()):
+        run = Run(motion, phase, share * motion.period, repeats)
+        ramp = np.linspace(0.0, run.ramp, _POINTS)
+        use = float(run_use(problem, run, np.append(ramp, run.duration - ramp)).max())
+        if use <= _FULL:
+            return run
+        best = min(best, use)
     raise DeltaidError(
         f"the motion cannot be reached from rest within its limits: at best a limit is exceeded by "
         f"{100 * (best - 1):.2g} %",
@@ -90,24 +90,11 @@ def plan_run(problem: ExcitationProblem, motion: FourierMotion, repeats: int) ->
     )
 
 
-def run_use(problem: ExcitationProblem, run: Run, samples: int) -> Float[np.ndarray, " limits"]:
-    """Largest use of every limit over a whole run."""
-    return _use_at(problem, run, np.linspace(0.0, run.duration, samples))
-
-
-def _use_at(
+def run_use(
     problem: ExcitationProblem, run: Run, time: Float[np.ndarray, " samples"]
 ) -> Float[np.ndarray, " limits"]:
+    """Largest use of every limit at some times of a run [s]."""
     return problem.use_of(np.hstack(run.evaluate(time)).T).max(axis=1)
-
-
-def _ramp(s: Float[np.ndarray, " samples"]) -> tuple[Float[np.ndarray, " samples"], ...]:
-    """∫σ ds, σ and dσ/ds of the ramp at s in [0, 1]."""
-    return (
-        2.5 * s**4 - 3 * s**5 + s**6,
-        10 * s**3 - 15 * s**4 + 6 * s**5,
-        30 * s**2 * (1 - s) ** 2,
-    )
 
 
 # The longest run [s], ten hours, and the most rows of a file, some ten gigabytes.
@@ -134,9 +121,8 @@ def _sampled(kinematics: Kinematics, run: Run, time: Float[np.ndarray, " rows"])
     drives = kinematics.drive_motion(z, zd, zdd)
     columns = {"t": time}
     for name, values in zip(("q", "qd", "qdd"), drives, strict=True):
-        columns |= {f"{name}{i + 1}": values[:, i] for i in range(values.shape[1])}
-    columns |= {name: z[:, i] for i, name in enumerate(kinematics.robot.task.names)}
-    return pl.DataFrame(columns)
+        columns |= {f"{name}{i + 1}": x for i, x in enumerate(values.T)}
+    return pl.DataFrame(columns | dict(zip(kinematics.robot.task.names, z.T, strict=True)))
 
 
 def write_run(kinematics: Kinematics, run: Run, rate: float, path: Path) -> None:
