@@ -2,7 +2,7 @@
 
 from deltaid.calibration.calibrate import Calibration as Calibration
 from deltaid.calibration.calibrate import calibrate as calibrate
-from deltaid.calibration.next_readings import next_readings as next_readings
+from deltaid.calibration.outlook import next_readings as next_readings
 from deltaid.calibration.readings import Measurements as Measurements
 from deltaid.checks.check import check as check
 from deltaid.checks.identify import identify as identify

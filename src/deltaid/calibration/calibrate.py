@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Float
 from scipy.stats import chi2
 
-from deltaid.calibration.fit import GeometryFit, Residuals, UsedReadings, fit
+from deltaid.calibration.fit import GeometryFit, UsedReadings, fit
 from deltaid.calibration.loops import Loops
 from deltaid.calibration.mistakes import require_own, require_sense
 from deltaid.calibration.outlook import Direction, Knows, Places, open_directions, places
@@ -241,7 +241,7 @@ def _several(given: ReadingsLike | None) -> Sequence[RecordingLike]:
 
 def _result(description: RobotDescription, found: GeometryFit) -> Calibration:
     """What a fit says."""
-    known, theta = found.known, found.theta
+    known, theta = found.known, found.known.G @ found.u
     over, std = places(found.loops, known, theta), np.linalg.norm(known.G @ found.root, axis=1)
     robot, zeros, scales, kept = calibrated_robot(description, known, theta, std)
     shares = found.shares()
@@ -272,25 +272,24 @@ def _result(description: RobotDescription, found: GeometryFit) -> Calibration:
 def _sessions(found: GeometryFit) -> tuple[MeasuringSession, ...]:
     """What a fit says of the readings of each file."""
     made = []
-    for part, rows in zip(found.readings, found.rows, strict=False):
-        square, freedom = rows.chance(found.knowledge)
+    for part in found.readings:
+        square, freedom = part.chance(found.knowledge)
         quiet = freedom >= 1 and square * _GROWN**2 < chi2.ppf(_CHANCE, freedom)
-        excluded = [
-            _excluded(part, part.noise * rows.errors, k) for k in np.flatnonzero(~part.used)
-        ]
-        residual = float(np.sqrt(np.mean(rows.used_errors**2))) * part.noise
+        excluded = tuple(_excluded(part, int(k)) for k in np.flatnonzero(~part.used))
+        residual = float(np.sqrt(np.mean(part.errors[part.used] ** 2))) * part.noise
+        kind, source, count = part.instrument.kind, part.instrument.source, len(part.used)
         made.append(
             MeasuringSession(
-                part.instrument.kind, part.instrument.source, len(part.used), tuple(excluded),
-                residual, part.noise, part.grown, bool(quiet),
+                kind, source, count, excluded, residual, part.noise, part.grown, bool(quiet)
             )
-        )  # fmt: skip
+        )
     return tuple(made)
 
 
-def _excluded(part: UsedReadings, errors: Residuals, k: int) -> str:
+def _excluded(part: UsedReadings, k: int) -> str:
     """Why a reading is excluded: it stands there twice, or beside another's pose, or is off."""
-    instrument, row = part.instrument, f"row {part.instrument.rows[k]}"
+    instrument, errors = part.instrument, part.noise * part.errors
+    row = f"row {instrument.rows[k]}"
     if (first := instrument.repeats[k]) != k:
         return f"{row}: the same as row {instrument.rows[first]}"
     why = f"{row}: off by {1e3 * np.abs(errors[k]).max():.3g} mm"

@@ -47,6 +47,7 @@ _CHANCE = 0.01
 # A robust standard deviation is the median of |residuals| over this.
 _MEDIAN = 0.6745
 
+U = Float[np.ndarray, " free"]
 Used = Bool[np.ndarray, " readings"]
 Residuals = Float[np.ndarray, "readings values"]
 
@@ -65,44 +66,41 @@ class WeightedRows:
         """Slopes of the used readings."""
         return self.slopes[self.used].reshape(-1, self.slopes.shape[2])
 
-    @cached_property
-    def used_errors(self) -> Float[np.ndarray, " rows"]:
-        """Errors of the used readings."""
-        return self.errors[self.used].ravel()
-
     def chance(self, knowledge: Knowledge) -> tuple[float, float]:
         """Sum of squared errors, and what it should be in the mean."""
-        taken = float(np.sum((self.used_slopes @ knowledge.inverse) ** 2))
-        return float(self.used_errors @ self.used_errors), len(self.used_errors) - taken
+        square, taken = self.errors[self.used] ** 2, (self.used_slopes @ knowledge.inverse) ** 2
+        return float(square.sum()), square.size - float(taken.sum())
 
 
 @dataclass(frozen=True, eq=False)
-class UsedReadings:
-    """An instrument's readings in a fit: which of them are used, the state of the instrument's
-    unknowns, and the noise that residuals show, at least the instrument's [m]."""
+class UsedReadings(WeightedRows):
+    """An instrument's readings in a fit, with the state of the instrument's unknowns, and the noise
+    that residuals show, at least the instrument's [m]."""
 
     instrument: Instrument
-    used: Used
     state: np.ndarray
     noise: float
+
+    @classmethod
+    def begun(cls, instrument: Instrument, used: Used, state: np.ndarray) -> "UsedReadings":
+        """Readings without any rows yet."""
+        slopes, errors = np.zeros((len(used), 1, 0)), np.zeros((len(used), 1))
+        return cls(slopes, errors, used, instrument, state, instrument.noise)
 
     @property
     def grown(self) -> float:
         """By how much the noise is larger than stated."""
         return self.noise / self.instrument.noise
 
-    def rows(
-        self,
-        x: Float[np.ndarray, "readings ends 3"],
-        by_u: Float[np.ndarray, "readings coordinates free"],
-        own: Int[np.ndarray, " own"],
-        width: int,
-    ) -> WeightedRows:
-        """Rows at tool points with slopes `by_u`, the instrument's unknowns in columns `own`."""
+    def weighted(
+        self, loops: Loops, known: Unknowns, u: U, own: Int[np.ndarray, " own"], width: int
+    ) -> "UsedReadings":
+        """With their rows, of which the instrument's unknowns have the columns `own`."""
+        x, by_u = tools_of(loops, known, self.instrument, u)
         error, by_tools, by_own = self.instrument.slopes(x, self.state)
         A = np.zeros((*error.shape, width))
-        A[..., : by_u.shape[2]], A[..., own] = by_tools @ by_u, by_own
-        return WeightedRows(A / self.noise, error / self.noise, self.used)
+        A[..., : len(u)], A[..., own] = by_tools @ by_u, by_own
+        return replace(self, slopes=A / self.noise, errors=error / self.noise)
 
     def misfit(self, what: str) -> IdentificationError:
         """An error whose place these readings are."""
@@ -113,16 +111,16 @@ class UsedReadings:
 class GeometryFit:
     """Attributes:
     readings: of each instrument.
+    rows: these, and behind them those of torques.
     u: free numbers in units of their spread before.
-    rows: of each instrument, and behind them of torques.
     knowledge: of u and the instruments' unknowns.
     """
 
     loops: Loops = field(repr=False)
     known: Unknowns = field(repr=False)
     readings: tuple[UsedReadings, ...]
-    u: Float[np.ndarray, " free"]
     rows: tuple[WeightedRows, ...]
+    u: U
     knowledge: Knowledge
 
     @property
@@ -135,16 +133,11 @@ class GeometryFit:
         """Of each instrument's readings in units of their σ: less what the fit took of it, or more
         where it does not use them."""
         residuals = []
-        for part in self.rows[: len(self.readings)]:
+        for part in self.readings:
             taken = np.sum((part.slopes @ self.knowledge.inverse) ** 2, axis=2)
             variance = np.where(part.used[:, None], np.maximum(1 - taken, 1e-6), 1 + taken)
             residuals.append(part.errors / np.sqrt(variance))
         return tuple(residuals)
-
-    @property
-    def theta(self) -> Float[np.ndarray, " numbers"]:
-        """The numbers of the geometry."""
-        return self.known.G @ self.u
 
     @property
     def root(self) -> Float[np.ndarray, "free variables"]:
@@ -163,9 +156,8 @@ class GeometryFit:
 
     def again(self, readings: Sequence[UsedReadings], noise: float = 1.0) -> "GeometryFit":
         """The fit to other readings, from here; torques with so many times the noise."""
-        known = self.known
-        if known.torques is not None:
-            known = replace(known, torques=known.torques.with_noise(noise))
+        known, torques = self.known, self.known.torques
+        known = replace(known, torques=torques.with_noise(noise)) if torques else known
         return _solved(self.loops, known, readings, self.u)
 
 
@@ -176,7 +168,7 @@ def own_columns(n: int, instruments: Sequence[Instrument]) -> list[Int[np.ndarra
 
 
 def tools_of(
-    loops: Loops, known: Unknowns, instrument: Instrument, u: Float[np.ndarray, " free"]
+    loops: Loops, known: Unknowns, instrument: Instrument, u: U
 ) -> tuple[Float[np.ndarray, "readings ends 3"], Float[np.ndarray, "readings coordinates free"]]:
     """Tool points of an instrument's readings, and their slopes by u."""
     rows, ends, drives = instrument.q.shape
@@ -184,29 +176,28 @@ def tools_of(
     return x.reshape(rows, ends, 3), (slopes @ known.G).reshape(rows, 3 * ends, -1)
 
 
-def _solved(
-    loops: Loops, known: Unknowns, readings: Sequence[UsedReadings], u: Float[np.ndarray, " free"]
-) -> GeometryFit:
+def _solved(loops: Loops, known: Unknowns, readings: Sequence[UsedReadings], u: U) -> GeometryFit:
     """The fit to used readings, from some u and the states of the instruments."""
     n, columns = len(u), own_columns(len(u), [part.instrument for part in readings])
     width = n + sum(map(len, columns))
     D = np.diag(np.where(np.arange(width) < n, 1.0, 1 / FAR))
     for _ in range(_STEPS):
-        rows = [
-            part.rows(*tools_of(loops, known, part.instrument, u), places, width)
+        readings = [
+            part.weighted(loops, known, u, places, width)
             for part, places in zip(readings, columns, strict=True)
         ]
+        rows = list[WeightedRows](readings)
         if known.torques is not None:  # which say nothing of the instruments' unknowns
             by_u, every = known.torques.A @ known.G, np.ones(len(known.torques.b), dtype=bool)
             slopes = np.pad(by_u, ((0, 0), (0, width - n)))[:, None]
             rows.append(WeightedRows(slopes, (known.torques.b - by_u @ u)[:, None], every))
         A = np.vstack([part.used_slopes for part in rows])
-        error = np.concatenate([part.used_errors for part in rows])
+        error = np.concatenate([part.errors[part.used].ravel() for part in rows])
         problem = LinearProblem(A, error, np.zeros(len(error), dtype=int))
         step = problem.with_known(D, np.pad(-u, (0, width - n))).x
         if np.abs(step[:n]).max() < _STILL:
             knowledge = Knowledge(D).and_rows(A)
-            return GeometryFit(loops, known, tuple(readings), u, tuple(rows), knowledge)
+            return GeometryFit(loops, known, tuple(readings), tuple(rows), u, knowledge)
         u = u + step[:n]
         readings = [
             replace(part, state=part.instrument.moved(part.state, step[places]))
@@ -242,13 +233,13 @@ def fit(loops: Loops, known: Unknowns, instruments: Sequence[Instrument]) -> Geo
 
 def _near(loops: Loops, known: Unknowns, instrument: Instrument) -> UsedReadings:
     """Readings that some geometry near the described one may explain."""
-    n, used = known.G.shape[1], instrument.is_first
-    own = n + np.arange(len(instrument.unknowns))
-    x, by_u = tools_of(loops, known, instrument, np.zeros(n))
+    u, used = np.zeros(known.G.shape[1]), instrument.is_first
+    own = len(u) + np.arange(len(instrument.unknowns))
+    x, _ = tools_of(loops, known, instrument, u)
     while True:
-        near = UsedReadings(instrument, used, instrument.start(x, used), instrument.noise)
-        rows = near.rows(x, by_u, own, n + len(own))
-        far = rows.errors / np.sqrt(1 + np.sum(np.square(rows.slopes[..., :n]), axis=2))
+        near = UsedReadings.begun(instrument, used, instrument.start(x, used))
+        rows = near.weighted(loops, known, u, own, len(u) + len(own))
+        far = rows.errors / np.sqrt(1 + np.sum(rows.slopes[..., : len(u)] ** 2, axis=2))
         worst = _outliers(far, used, _spared(used), _scale(far, used))
         if not worst.any():
             return near
@@ -294,9 +285,9 @@ def _with_predicted(found: GeometryFit) -> GeometryFit:
         if same and max(grown, default=1.0) <= 1.0:
             break
         found = found.again(readings, grown[-1])
-    for part, rows in zip(found.readings, found.rows, strict=False):
-        before = float(np.median(np.linalg.norm(rows.used_slopes[:, : len(found.u)], axis=1)))
-        left = float(np.sqrt(np.mean(rows.used_errors**2)))
+    for part in found.readings:
+        before = float(np.median(np.linalg.norm(part.used_slopes[:, : len(found.u)], axis=1)))
+        left = float(np.sqrt(np.mean(part.errors[part.used] ** 2)))
         if part.grown > _GROWN and left > _BEYOND * before:
             raise part.misfit(
                 f"{part.instrument.readings} misfit every geometry near the described one by "

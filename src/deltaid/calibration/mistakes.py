@@ -213,5 +213,4 @@ def _order(x: Float[np.ndarray, "rows 3"], m: Float[np.ndarray, "rows 3"]) -> np
     own, others = (
         np.sort(np.linalg.norm(points[:, None] - points[None], axis=2), axis=1) for points in (m, x)
     )
-    cost = np.linalg.norm(own[:, None] - others[None], axis=2)
-    return linear_sum_assignment(cost)[1]
+    return linear_sum_assignment(np.linalg.norm(own[:, None] - others[None], axis=2))[1]

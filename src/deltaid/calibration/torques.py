@@ -53,8 +53,7 @@ class GeometryNumbers(UnknownEffect):
         self.known, self.mounting = known, mounting
 
     def columns(self, point: TracePoint) -> ColumnsOfDrives:
-        grown = grown_torques(point.dynamics.robot, mounted=True)
-        slopes = replace(point.slopes, grown=grown)
+        slopes = replace(point.slopes, grown=grown_torques(point.dynamics.robot, mounted=True))
         return point.weighted([
             *(_slope(number, slopes, point) for number in self.known.numbers),
             *(slopes.of_gravity(axis) for axis in across(slopes.gravity)),
@@ -62,8 +61,7 @@ class GeometryNumbers(UnknownEffect):
 
     def deviations(self, point: TracePoint, columns: ColumnsOfDrives) -> Deviations:
         spreads = [number.spread for number in self.known.numbers]
-        tilts = columns.shape[2] - len(spreads)
-        return np.maximum([*spreads, *[self.mounting] * tilts], _EXACT)
+        return np.maximum([*spreads, *[self.mounting] * (columns.shape[2] - len(spreads))], _EXACT)
 
 
 def _slope(number: Number, slopes: TorqueSlopes, point: TracePoint) -> np.ndarray:

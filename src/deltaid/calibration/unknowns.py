@@ -210,8 +210,7 @@ def mounting_axes(limb: LimbGeometry) -> Float[np.ndarray, "3 3"]:
     if limb.drive == "rotary":
         out, up = limb.R_WL[:, 0], np.array([0.0, 0.0, 1.0])
         return np.column_stack([out, np.cross(up, out), up])
-    lean = np.rad2deg(np.arctan2(limb.rail[0], -limb.rail[2]))
-    return limb.R_WL @ rotation("y", -float(lean))
+    return limb.R_WL @ rotation("y", -float(np.rad2deg(np.arctan2(limb.rail[0], -limb.rail[2]))))
 
 
 # A rail that leans more than this from the vertical has an azimuth that turns it sideways: half.

@@ -14,7 +14,7 @@ from deltaid.cli.output_files import print_written, require_outputs, write_files
 from deltaid.errors import DeltaidError
 
 if TYPE_CHECKING:
-    from deltaid.calibration.next_readings import NextReadings
+    from deltaid.calibration.outlook import NextReadings
 
 # Lines of a screen; directions that readings do not know get those that are left.
 _LINES = 25
@@ -118,29 +118,14 @@ def calibrate(
     with progress(as_json) as say:
         say("fitting the geometry")
         found = deltaid.calibrate(
-            robot,
-            points=points,
-            probe=probe,
-            distances=distances,
-            torques=torques,
-            columns=columns,
-            lengths=lengths,
-            angles=angles,
-            shared=names(shared),
-            hold=names(hold),
-            struts_apart=struts_apart,
-            tool=(x, y, z),
-            progress=say,
-        )
+            robot, points=points, probe=probe, distances=distances, torques=torques,
+            columns=columns, lengths=lengths, angles=angles, shared=names(shared),
+            hold=names(hold), struts_apart=struts_apart, tool=(x, y, z), progress=say,
+        )  # fmt: skip
     plans = deltaid.next_readings(found, following, offers=shop, budget=budget) if following else ()
-    texts = {
-        path: firmware_text(found, option.strip("-")) for option, path in configs.items() if path
-    }
-    write_files(
-        *((path, text) for path, (text, _) in texts.items()),
-        (output, found.save),
-        (report, found.report),
-    )
+    texts = {path: firmware_text(found, name[2:]) for name, path in configs.items() if path}
+    printers = ((path, text) for path, (text, _) in texts.items())
+    write_files(*printers, (output, found.save), (report, found.report))
     if as_json:
         print_json(as_dictionary(found, plans, shop.currency))
         return
@@ -148,20 +133,16 @@ def calibrate(
     console.print(styled(f"{grade}:"), words.strip())
     shown = next_table(found, plans, shop.currency) if plans else number_table(found)
     first = wrapped(session_lines(found))
-    listed = ", ".join(f"{drive} {-value:.6f}" for drive, value in found.zeros.items())
-    zeros = f"{output} holds no zeros; as zero of each drive in a log's mapping, rad: {listed}"
-    last = wrapped(
-        [
-            *(next_line(plan, shop.currency) for plan in plans[:1]),
-            *(f"doubtful: {doubt}" for doubt in found.doubts),
-            *(
-                f"wrote {path}; its model of the printer leaves {1e3 * left:.2g} mm"
-                for path, (_, left) in texts.items()
-            ),
-            *([zeros] if output and found.zeros else []),
-        ]
-    )
-    files_written = sum(path is not None for path in (output, report))
+    said = [next_line(plan, shop.currency) for plan in plans[:1]]
+    said += [f"doubtful: {doubt}" for doubt in found.doubts]
+    for path, (_, left) in texts.items():
+        said.append(f"wrote {path}; its model of the printer leaves {1e3 * left:.2g} mm")
+    if output and found.zeros:
+        listed = ", ".join(f"{drive} {-value:.6f}" for drive, value in found.zeros.items())
+        said.append(
+            f"{output} holds no zeros; as zero of each drive in a log's mapping, rad: {listed}"
+        )
+    last, files_written = wrapped(said), sum(path is not None for path in (output, report))
     room = _LINES - 2 - len(first) - len(shown.rows) - len(last) - files_written
     for part in (*first, *open_lines(found, room), table(shown), *last):
         console.print(part)
@@ -202,20 +183,7 @@ def as_dictionary(
         "before": vars(found.before),
         "after": vars(found.after),
         "rank": found.rank,
-        "numbers": [
-            {
-                "name": name,
-                "value": value,
-                "std": std,
-                "before": number.spread,
-                "unit": number.unit,
-                "decided_by": decided,
-            }
-            for name, value, std, number, decided in zip(
-                found.names, found.values.tolist(), found.std.tolist(), found.known.numbers,
-                found.decided, strict=True,
-            )
-        ],
+        "numbers": found.to_frame().rename({"number": "name"}).to_dicts(),
         "not_known": [vars(direction) for direction in found.open],
         "readings": [vars(session) for session in found.sessions],
         "zeros": found.zeros,
@@ -226,4 +194,4 @@ def as_dictionary(
             | {"currency": currency, "poses": plan.poses.tolist(), "blocks": plan.blocks.tolist()}
             for plan in plans
         ],
-    }  # fmt: skip
+    }

@@ -91,11 +91,10 @@ def integrate(
         return float(np.nan_to_num(forward.reach(x.reshape(shape)[0]), nan=-1.0).min()) - _EDGE
 
     margin.terminal = True  # pyright: ignore[reportFunctionMemberAccess], SciPy's way to say it
-    start = np.concatenate([z.ravel(), zd.ravel()])
     solved = solve_ivp(
         rate,
         (float(time[0]), float(time[-1])),
-        start,
+        np.concatenate([z.ravel(), zd.ravel()]),
         method="DOP853",
         t_eval=time,
         events=margin,

@@ -30,14 +30,8 @@ _KINDS = ("rail_across", "zero", "strut")
 
 @dataclass(frozen=True)
 class Printer:
-    """The numbers of a firmware.
-
-    Attributes:
-        radius: R, from tower to the middle, less that of the platform [m].
-        rods, endstops: l_i, p_i of each tower [m].
-        azimuths: of the towers [degrees], and by how much they exceed the described ones.
-        left: what the model cannot hold, rms of positions [m].
-    """
+    """The numbers of a firmware: R, from tower to the middle, less that of the platform, l_i, p_i
+    [m], azimuths [degrees], also less the described ones, and what it leaves of positions [m]."""
 
     radius: float
     rods: Float[np.ndarray, " 3"]
@@ -58,30 +52,25 @@ def printer(found: Calibration) -> Printer:
     """
     robot, known, limbs = found.described, found.known, found.described.limb_geometry
     assert robot.limbs is not None  # unknowns refuse others
-    azimuths = np.array(robot.limbs.azimuth_deg)
-    if (
-        len(limbs) != 3
-        or any(limb.drive != "linear" or np.hypot(*limb.rail[:2]) > _UPRIGHT for limb in limbs)
-        or robot.limbs.base_radius is None
-        or robot.limbs.platform_radius is None
-        or known.apart
-        or not np.allclose(np.mod(np.roll(azimuths, -1) - azimuths, 360), 120)
-    ):
+    turns = np.mod(np.diff([*robot.limbs.azimuth_deg, robot.limbs.azimuth_deg[0]]), 360)
+    upright = all(x.drive == "linear" and np.hypot(*x.rail[:2]) <= _UPRIGHT for x in limbs)
+    by_radii = None not in (robot.limbs.base_radius, robot.limbs.platform_radius)
+    if len(limbs) != 3 or not (upright and by_radii and np.allclose(turns, 120)) or known.apart:
         raise DeltaidError(
             "firmwares take three upright rails, 120° apart and anticlockwise, with equal struts",
             where=robot.name,
             cure="describe them by base_radius and platform_radius, or take the robot file",
         )
-    bed = next((k for k, session in enumerate(found.sessions) if session.kind == "probe"), None)
-    if bed is None:
+    beds = [part.state for part in found.fit.readings if part.instrument.kind == "probe"]
+    if not beds:
         what = "no bed was probed, so heights above it are not known"
         raise DeltaidError(what, where=robot.name, cure="give --probe")
-    (h, a, b), loops, n = found.fit.readings[bed].state, found.fit.loops, len(found.values)
+    (h, a, b), loops, n = beds[0], found.fit.loops, len(found.values)
     q = drawn(loops.kinematics, loops.limbs)
-    tools = loops.points(q, np.zeros(n))
-    J, arms = tools.slopes.reshape(-1, n), tools.x - tools.x.mean(axis=0)
+    x, slopes = loops.points(q, np.zeros(n))
+    J, arms = slopes.reshape(-1, n), x - x.mean(axis=0)
     # a turn that makes the bed level; shifts and turns in its plane are free
-    level = np.cross([-b, a, 0.0], tools.x).ravel()
+    level = np.cross([-b, a, 0.0], x).ravel()
     plane = [np.tile(axis, len(arms)) for axis in np.eye(3)[:2]]
     free = np.column_stack([*plane, np.cross([0.0, 0.0, 1.0], arms).ravel()])
     G = np.zeros((n, 10))

@@ -75,8 +75,7 @@ class Extremes:
         k = at[int((np.argmax if side else np.argmin)(self.values[side, at]))]
         z, qd, qdd = np.split(self.samples[side, k, 1:], 3)
         instant = Instant(float(self.samples[side, k, 0]), z, qd, qdd)
-        value = float(self.values[side, k])
-        return Worst(part, kind, self.names[k], self.units[k], value, instant)
+        return Worst(part, kind, self.names[k], self.units[k], float(self.values[side, k]), instant)
 
 
 def extremes(forces: ConstraintForces, p: Parameters, motion: Iterable[SampleBlock]) -> Extremes:

@@ -117,8 +117,7 @@ def _entries(
     whole = pseudo_inertia(RigidBody(robot.bodies[body].prior_parameters()).with_thickness().p)
     vary = []
     for k, (entry, (i, j)) in enumerate(PSEUDO_INERTIA_ENTRIES.items()):
-        hidden = not np.any(visible & (to_p[:, k] != 0))
-        if entry in free or hidden:
+        if entry in free or not np.any(visible & (to_p[:, k] != 0)):
             vary.append(entry)
             if entry not in free:
                 M[i, j] = M[j, i] = whole[i, j]

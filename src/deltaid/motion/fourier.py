@@ -53,8 +53,7 @@ class FourierMotion(Shown):
         s, c = np.sin(np.outer(time, w)), np.cos(np.outer(time, w))
         z = self.centre + s @ self.sine.T + c @ self.cosine.T
         zd = (c * w) @ self.sine.T - (s * w) @ self.cosine.T
-        zdd = -(s * w**2) @ self.sine.T - (c * w**2) @ self.cosine.T
-        return z, zd, zdd
+        return z, zd, -(s * w**2) @ self.sine.T - (c * w**2) @ self.cosine.T
 
 
 Vector = Float[np.ndarray, " unknowns"]

@@ -130,8 +130,7 @@ def _kept(limits: LimitsAlong, p: Parameters, motion: FourierMotion) -> bool:
 
 def _use(limits: LimitsAlong, p: Parameters, motion: FourierMotion) -> dict[str, float]:
     """Largest use of each limit, 1 where its share is used up."""
-    phases = np.linspace(0.0, 2 * np.pi, _INSTANTS)
-    z, zd, zdd = motion.evaluate(phases / motion.base_frequency)
+    z, zd, zdd = motion.evaluate(np.linspace(0.0, 2 * np.pi, _INSTANTS) / motion.base_frequency)
     kinematic = limits.kinematic(z, zd, zdd).max(axis=0)
     efforts = limits.effort(z, zd, zdd, p).max(axis=0) / _EFFORT
     names = (*limits.names, *limits.efforts)

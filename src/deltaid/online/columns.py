@@ -10,7 +10,6 @@ taken for. Else signs, order and units are judged as an identification judges th
 wrong is refused as there.
 """
 
-from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 
@@ -57,24 +56,33 @@ class RecordedSpeeds:
 
 def speeds_of(log: Log, model: Model) -> RecordedSpeeds:
     """Look at the velocities of a recording."""
-    dof = model.dynamics.dof
+    dof, known = model.dynamics.dof, model.identified.corrections if model.identified else ()
     made = log.position_noise[:dof] * log.rate * np.sqrt(2.0)
-    differences = RecordedSpeeds(True, tuple(made.tolist()))
-    if not log.columns.velocity:
-        return differences
-    known = model.identified.corrections if model.identified else ()
-    if any(
-        correction.kind == "velocity" for correction in known
-    ):  # its drives' velocities come late
+    differences, velocity = RecordedSpeeds(True, tuple(made.tolist())), log.columns.velocity
+    if not velocity or any(correction.kind == "velocity" for correction in known):  # or late
         return differences
     rows = _first(log)
-    lag, names = _lag(rows, log.rate, dof), [channel.column for channel in log.columns.velocity]
+    lag, noise = _lag(rows, log.rate, dof), white_noise(rows[:, 1 + dof : 1 + 2 * dof])
     if np.abs(lag).max() > _HARMLESS:
-        return replace(differences, doubts=(_late(lag, names),))
-    noise = white_noise(rows[:, 1 + dof : 1 + 2 * dof])
-    if np.any(noise > np.maximum(made, _QUIET)):
-        return replace(differences, doubts=(_noisy(noise, made, names),))
-    return RecordedSpeeds(False, tuple(noise.tolist()))
+        i = int(np.argmax(np.abs(lag)))
+        what = f"comes {_in_words(lag[i])} against its position"
+        cause = "the drive filters its velocity"
+    elif np.any(noise > np.maximum(made, _QUIET)):
+        i = int(np.argmax(noise))
+        what = (
+            f"has noise of {noise[i]:.2g} a row, and differences of its position have {made[i]:.2g}"
+        )
+        cause = "the drive makes its velocity of few steps of the encoder"
+    else:
+        return RecordedSpeeds(False, tuple(noise.tolist()))
+    doubt = Doubt(
+        f"column {velocity[i].column} {what}: velocities are excluded, and positions differenced",
+        cause=cause,
+        cure="a controller that runs on such velocities has to difference positions too "
+        "(OnlineSettings.speed)",
+        key="velocity",
+    )
+    return replace(differences, doubts=(doubt,))
 
 
 def _first(log: Log) -> Float[np.ndarray, "rows channels"]:
@@ -112,31 +120,6 @@ def _lag(
     return np.where(np.abs(lag) > _CLEAR * deviation, lag, 0.0)
 
 
-def _late(lag: Float[np.ndarray, " drives"], names: Sequence[str]) -> Doubt:
-    i = int(np.argmax(np.abs(lag)))
-    word = "late" if lag[i] > 0 else "early"
-    return Doubt(
-        f"column {names[i]} comes {1e3 * abs(lag[i]):.2g} ms "
-        f"{word} against its position: velocities are excluded, and positions differenced",
-        cause="the drive filters its velocity",
-        cure="a controller that runs on such velocities has to difference positions too "
-        "(OnlineSettings.speed)",
-        key="velocity",
-    )
-
-
-def _noisy(noise: np.ndarray, made: np.ndarray, names: Sequence[str]) -> Doubt:
-    i = int(np.argmax(noise))
-    return Doubt(
-        f"column {names[i]} has noise of {noise[i]:.2g} a row, and differences of its position "
-        f"have {made[i]:.2g}: velocities are excluded, and positions differenced",
-        cause="the drive makes its velocity of few steps of the encoder",
-        cure="a controller that runs on such velocities has to difference positions too "
-        "(OnlineSettings.speed)",
-        key="velocity",
-    )
-
-
 # What is judged elsewhere: the size of torques by the run, as the model knows it better than the
 # prior does, and velocities with what comes of it (`speeds_of`).
 _ELSEWHERE = {"torque-unit", "velocity"}
@@ -158,36 +141,32 @@ def judged_wiring(
     """
     if np.all(_along(model, opened) > _ALONG):
         return ()
-    found = checked_wiring(evidence(model.robot, log, mapping))
-    verdicts = [verdict for verdict in found if verdict.key not in _ELSEWHERE]
-    for verdict in verdicts:
+    doubts = list[Doubt]()
+    for verdict in checked_wiring(evidence(model.robot, log, mapping)):
+        if verdict.key in _ELSEWHERE:
+            continue
         if verdict.grade is Grade.WRONG:
-            raise RecordingError(
-                verdict.finding,
-                where=str(opened.path),
-                cure=f"{verdict.cure}; `deltaid check` shows more",
+            cure = f"{verdict.cure}; `deltaid check` shows more"
+            raise RecordingError(verdict.finding, where=str(opened.path), cure=cure)
+        if verdict.grade is Grade.DOUBTFUL:
+            doubts.append(
+                Doubt(verdict.seen, cause=verdict.cause, cure=verdict.cure, key=verdict.key)
             )
-    return tuple(
-        Doubt(verdict.seen, cause=verdict.cause, cure=verdict.cure, key=verdict.key)
-        for verdict in verdicts
-        if verdict.grade is Grade.DOUBTFUL
-    )
+    return tuple(doubts)
 
 
 def _along(model: Model, opened: Log) -> Float[np.ndarray, " drives"]:
     """Correlation of recorded torques with the model's, drive by drive; 0 where there is none."""
-    dynamics, pairs = model.dynamics, list[np.ndarray]()
-    try:
+    dynamics, pairs = model.dynamics, [np.zeros((2, model.dynamics.dof, 0))]
+    with suppress(RecordingError):  # whose cause is told by what follows
         for window in with_filter(opened).spread(dynamics.kinematics, _WINDOWS):
             wide = window.wide
             torque = dynamics.torque(wide.z, wide.qd, wide.qdd, model.p)
             pairs.append(np.stack([window.smoothed(x.T) for x in (wide.tau, torque)]))
-    except RecordingError:  # whose cause is told by what follows
-        return np.zeros(dynamics.dof)
-    both = np.concatenate([np.zeros((2, dynamics.dof, 0)), *pairs], axis=2)
+    both = np.concatenate(pairs, axis=2)
     both = both - both.mean(axis=2, keepdims=True) if both.size else both
-    scale = np.sqrt(np.sum(both[0] ** 2, axis=1) * np.sum(both[1] ** 2, axis=1))
-    return np.sum(both[0] * both[1], axis=1) / np.maximum(scale, np.finfo(float).tiny)
+    scale = np.sqrt(np.prod(np.sum(both**2, axis=2), axis=0))
+    return np.sum(np.prod(both, axis=0), axis=1) / np.maximum(scale, np.finfo(float).tiny)
 
 
 # A lag that the model has not is told beyond this [s], and beyond so many half widths of its
@@ -214,31 +193,27 @@ def judged_lag(model: Model, log: Log, delay: Delay) -> tuple[Doubt, ...]:
         study = studied(model.dynamics, recording, model.p)
     if study is None:
         return ()
-    lag = study.common if study.alike else study.each
+    lag, drives = study.common if study.alike else study.each, model.robot.drives
     surely = lag.interval * (_HIDDEN_LAG if study.hidden else _CLEAR_LAG)
     clear = np.abs(lag.values - delay) > np.maximum(_LAG, surely)
     if not clear.any():
         return ()
-    found = np.where(clear, lag.values, delay)
-    return (_delay_doubt(found, lag.interval, delay, model.robot.drives),)
-
-
-def _delay_doubt(found: Delay, half: Delay, known: Delay, drives: Sequence[str]) -> Doubt:
-    off: list[int] = np.flatnonzero(found != known).tolist()
-    alike = np.ptp(found) == 0 and np.ptp(known) == 0
-    if alike:
-        said = f"torques are {_in_words(found[0], half[0])}"
-    else:
-        said = listed([f"{drives[i]}'s torque is {_in_words(found[i], half[i])}" for i in off])
-    given = ",".join(f"{1e3 * lag:.2g}" for lag in (found[:1] if alike else found))
-    words = [_in_words(known[i]) for i in (off[:1] if alike else off)]
-    put_right = listed(words) if known.any() else "no lag"
-    return Doubt(
-        f"{said} against positions, and {put_right} is corrected: masses are wrong by a per cent "
-        "or two for each ms between",
-        cause="this recording was made another way than the model's, through another filter or bus",
-        cure=f"record as the model's recordings were made, or give it by --lag={given}",
-        key="torque-lag",
+    found, off = np.where(clear, lag.values, delay), np.flatnonzero(clear).tolist()
+    each = [f"{drives[i]}'s torque is {_in_words(found[i], lag.interval[i])}" for i in off]
+    said, given = listed(each), found
+    if np.ptp(found) == 0 and np.ptp(delay) == 0:
+        said, given, off = f"torques are {_in_words(found[0], lag.interval[0])}", found[:1], off[:1]
+    put_right = listed([_in_words(delay[i]) for i in off]) if delay.any() else "no lag"
+    return (
+        Doubt(
+            f"{said} against positions, and {put_right} is corrected: masses are wrong by a per "
+            "cent or two for each ms between",
+            cause="this recording was made another way than the model's, through another filter or "
+            "bus",
+            cure="record as the model's recordings were made, or give it by --lag="
+            + ",".join(f"{1e3 * value:.2g}" for value in given),
+            key="torque-lag",
+        ),
     )
 
 

@@ -147,8 +147,7 @@ def contact(
     weighted = cholesky_solve(r.covariance + ca.diag(bound * bound), r.lifted)
     share = ca.dot(weighted, r.lifted)
     mass = ca.dot(weighted, r.value) * share / (share * share + 1e-30)
-    load = r.lifted * ca.fmin(ca.fmax(mass, r.light), r.heavy)
-    beyond = _outside(r.value - load, bound)
+    beyond = _outside(r.value - r.lifted * ca.fmin(ca.fmax(mass, r.light), r.heavy), bound)
     solved = cholesky_solve(r.covariance, ca.horzcat(beyond, T.T))
     length, information = ca.dot(beyond, solved[:, 0]), T @ solved[:, 1:]
     size = ca.if_else(live, ca.sqrt(ca.fmax(length, 0.0)) / u, 0.0)

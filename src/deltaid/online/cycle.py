@@ -245,5 +245,4 @@ def share_of_noise(wait: Waits, settings: OnlineSettings) -> float:
     c = np.array([1 - wait.motion % 1.0, wait.motion % 1.0])
     if settings.speed == "differenced":
         c = np.convolve(c, [1.0, -1.0])
-    d = reduce(np.convolve, [[1.0, -1.0]] * _ORDER, c)
-    return float(np.sum(c**2) / np.sum(d**2))
+    return float(np.sum(c**2) / np.sum(reduce(np.convolve, [[1.0, -1.0]] * _ORDER, c) ** 2))

@@ -52,26 +52,20 @@ def doubts(
     touches: Sequence[Touch],
 ) -> tuple[Doubt, ...]:
     """All of them, the recording's own first."""
-    of_rows = tuple(_of_rows(replay, settings, seen))
+    of_rows, found = tuple(_of_rows(replay, settings, seen)), list[Doubt]()
     # Rows that tell nothing, torques that are too small, and a gripper that tells something else:
     # all look like loads that weigh nothing, or like a wrong model.
-    blind = any(doubt.key in _BLIND for doubt in of_rows)
-    scale = () if blind else tuple(_of_scale(replay, seen))
-    told = ()
-    if replay.is_told and not blind and not (scale and not 1 < seen.common[0] < _FAR):
-        by_column = any(load.column for load in replay.log.columns.loads)
-        told = tuple(gripper_doubts(seen, loads, settings.grip_time, is_column=by_column))
-    late = ()
-    if not (blind or told):
-        delay = np.array(replay.delay if settings.delay is None else settings.delay)
-        late = judged_lag(
-            model, _carrying(replay, loads), np.broadcast_to(delay, (len(replay.delay),))
-        )
-    of_model = () if told else scale
-    if not (blind or told or scale):
-        of_model = tuple(_of_contacts(seen, () if late else touches))
-    found = (*late, *told, *of_model) or tuple(_too_heavy(settings, loads))
-    return (*replay.doubts, *of_rows, *found)
+    if not any(doubt.key in _BLIND for doubt in of_rows):
+        scale = list(_of_scale(replay, seen))
+        if replay.is_told and (not scale or 1 < seen.common[0] < _FAR):
+            by_column = any(load.column for load in replay.log.columns.loads)
+            found += gripper_doubts(seen, loads, settings.grip_time, is_column=by_column)
+        if not found:
+            delay = np.array(replay.delay if settings.delay is None else settings.delay)
+            delay = np.broadcast_to(delay, (len(replay.delay),))
+            found += judged_lag(model, _carrying(replay, loads), delay)
+            found += scale or _of_contacts(seen, () if found else touches)
+    return (*replay.doubts, *of_rows, *(found or _too_heavy(settings, loads)))
 
 
 def _carrying(replay: Replay, loads: Sequence[WeighedLoad]) -> Log:
@@ -111,12 +105,12 @@ def _of_rows(replay: Replay, settings: OnlineSettings, seen: RunEvidence) -> Ite
             key="clock",
         )
     if (share := replay.share("saturated torque")) > _ENDS:
-        which = [
+        ended = [
             drive.column for drive, end in zip(drives, replay.ends, strict=True) if end < np.inf
         ]
         yield Doubt(
             f"{percent(share)} of the rows are on the largest or smallest number of "
-            f"{listed(which)}: while they are, a push on that drive is not detected, and it says "
+            f"{listed(ended)}: while they are, a push on that drive is not detected, and it says "
             "nothing of a load",
             cause="the drive is at its limit of current, or the channel's range ends there",
             cure="raise the channel's range, or move more gently",
@@ -171,18 +165,17 @@ def _of_contacts(seen: RunEvidence, touches: Sequence[Touch]) -> Iterator[Doubt]
 
 def _of_scale(replay: Replay, seen: RunEvidence) -> Iterator[Doubt]:
     """Torques that are a multiple of the model's."""
-    names = [drive.column for drive in replay.log.columns.torque]
-    common, deviation = seen.common
+    (common, deviation), drives = seen.common, replay.log.columns.torque
     most = _UNTOLD if not replay.is_told else 0.0  # what nobody noticed looks like larger torques
     apart = np.abs(seen.gain - common) > np.maximum(_COMMON, _APART * seen.deviation)
-    off = _off(seen.gain, most) > np.maximum(_GAIN, _CLEAR * seen.deviation)
-    off &= seen.deviation < _KNOWN
-    if not apart.any() and _off(np.array(common), most) > max(_COMMON, _CLEAR * deviation):
+    gains, sure = np.append(seen.gain, common), np.append(seen.deviation, deviation)
+    least = np.append([_GAIN] * len(drives), _COMMON)
+    *each, alike = np.maximum(1.0 - gains, gains - 1.0 - most) > np.maximum(least, _CLEAR * sure)
+    bad = np.flatnonzero(each & (seen.deviation < _KNOWN)).tolist()
+    which = listed([f"{drives[i].column} is {seen.gain[i]:.3g} times" for i in bad])
+    if alike and not apart.any():
         which = f"torques of all drives are {common:.3g} times"
-    elif off.any():
-        bad = np.flatnonzero(off).tolist()
-        which = listed([f"{names[i]} is {seen.gain[i]:.3g} times" for i in bad])
-    else:
+    if not which:
         return
     yield Doubt(
         f"while nothing is held, {which} what the model says: loads and forces are wrong by as "
@@ -194,15 +187,9 @@ def _of_scale(replay: Replay, seen: RunEvidence) -> Iterator[Doubt]:
     )
 
 
-def _off(gain: np.ndarray, most: float) -> np.ndarray:
-    """How far from 1, and from 1 + most."""
-    return np.asarray(np.maximum(1.0 - gain, gain - 1.0 - most))
-
-
 def _too_heavy(settings: OnlineSettings, loads: Sequence[WeighedLoad]) -> Iterator[Doubt]:
-    most = settings.largest_mass
-    heavy = [load for load in loads if most is not None and load.mass.low > most]
-    if heavy:
+    most = settings.largest_mass or np.inf
+    if heavy := [load for load in loads if load.mass.low > most]:
         yield Doubt(
             f"{len(heavy)} of {len(loads)} loads weigh more than the {most:g} kg that may be held "
             "at most",

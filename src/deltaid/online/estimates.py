@@ -151,8 +151,7 @@ def _shape(held: ca.SX, load: ca.SX, grip: Grip, left: ca.SX) -> ca.SX:
     mass alone."""
     load = ca.if_else(grip.open_, left * (1 - held), load * held)
     unit = ca.vertcat(ca.SX(1), ca.SX.zeros(load.numel() - 1))
-    mine = load / ca.fmax(load[0], _LEAST_SHARE)
-    return chosen(load[0] > _LEAST_SHARE, mine, unit)
+    return chosen(load[0] > _LEAST_SHARE, load / ca.fmax(load[0], _LEAST_SHARE), unit)
 
 
 def _unnoticed(onsets: Onsets, held: ca.SX, gripper: ca.SX, alarm: float) -> ca.SX:

@@ -135,8 +135,7 @@ def grip_before(
     squares = ca.sum2(times.weight * (times.variance + times.mass**2))
     share = per_time @ (times.weight * times.moment / squares)[:, :-1].T
     known = _taken(estimate, moved, share, mass, variance, P0)
-    gone = _left(estimate, moved, variance, left.numel())
-    likely = chosen_estimate(held, known, gone)
+    likely = chosen_estimate(held, known, _left(estimate, moved, variance, left.numel()))
     likely = chosen_estimate(was_open, likely, estimate)
     to_come, open_ = 1 - came, ca.if_else(closes, 0.0, was_open)
     # What was pushed until the signal is no load: torques behind it decide.
@@ -199,7 +198,7 @@ def _times(onsets: Onsets, since: ca.SX, left: ca.SX, held: ca.SX, x: ca.SX, P: 
     weight = prior * share * ca.exp(0.5 * (gain - ca.mmax(gain)))
     weight /= ca.sum2(weight)
     off = ca.horzcat(off[:signal], 0.0, 0.0) * ca.if_else(ca.logic_and(held, pushed), 0.0, 1.0)
-    parts = (weight, off, *rest)
+    parts = weight, off, *rest
     return _Times(*(ca.horzcat(part[:signal], part[signal + 1]) for part in parts))
 
 
@@ -216,8 +215,7 @@ def _taken(
     along = estimate.P[:, 0] / P
     x = estimate.x - moved + along * (mass + moved[0] - estimate.x[0])
     g = along * (1 + share[0]) - share
-    covariance = estimate.P - along @ along.T * P + g @ g.T * variance
-    return Estimate(x, ca.tril2symm(ca.tril(covariance)))
+    return Estimate(x, ca.tril2symm(ca.tril(estimate.P - along @ along.T * P + g @ g.T * variance)))
 
 
 def _left(estimate: Estimate, moved: ca.SX, variance: ca.SX, n_load: int) -> Estimate:

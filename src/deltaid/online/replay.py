@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Float
 
 from deltaid.errors import Doubt, RecordingError
 from deltaid.identification.sources import delays_of
@@ -111,46 +111,28 @@ class Replay:
         """Rows whose torques are not those that moved the robot: stale ones, and those on brakes
         with the stop before."""
         braked = [m for m in self.masks if m.reason == "on brakes" and m.end - m.start > _BRAKED]
+        stops = [m for m in self.masks if m.reason == "emergency stop"]
         ahead = {mask.first - 1 for mask in braked}
-        others = [
-            m
-            for m in self.masks
-            if m.reason == "stale rows" or (m.reason == "emergency stop" and m.last in ahead)
-        ]
-        return tuple(sorted((*braked, *others), key=lambda mask: mask.first))
+        stops = [mask for mask in stops if mask.last in ahead]
+        return tuple(sorted((*braked, *stops, *_stale(self.masks)), key=lambda mask: mask.first))
 
     def share(self, *reasons: Reason) -> float:
         """Of the rows that are masked for some reasons."""
-        masks = [
-            mask
-            for mask in self.masks
-            if mask.reason in reasons and (mask.reason not in _BRAKES or mask in self.powerless)
-        ]
+        masks = [mask for mask in self.masks if mask.reason in reasons]
+        masks = [mask for mask in masks if mask.reason not in _BRAKES or mask in self.powerless]
         return float(np.max(1.0 - kept(masks, len(self.ends), self.log.samples)))
 
     def _cycles(self, values: Float[np.ndarray, "_ _"], begins: bool) -> Cycles:
-        c, dof = self.log.columns, len(self.log.columns.torque)
-        time, told = values[:, 0], values[:, c.extra_places]
+        c, dof, around = self.log.columns, len(self.log.columns.torque), 0.5 / self.log.rate
+        time, told, tau = values[:, 0], values[:, c.extra_places], values[:, c.torque_places].copy()
         gripper = np.full(len(values), NOT_TOLD)
         if c.loads:
             gripper = np.where(c.held(time, told).any(axis=0), HOLDS, EMPTY)
-        tau = values[:, c.torque_places].copy()
-        tau[self._without_power(time)] = np.nan
-        return Cycles(
-            begins,
-            time,
-            values[:, 1 : 1 + dof],
-            values[:, 1 + dof : 1 + 2 * dof] if self.has_velocity else None,
-            tau,
-            gripper,
-        )
-
-    def _without_power(self, time: Float[np.ndarray, " samples"]) -> Bool[np.ndarray, " samples"]:
-        around = 0.5 / self.log.rate
         spans = [(mask.start - around, mask.end + around) for mask in self.powerless]
-        if not spans:
-            return np.zeros(len(time), dtype=bool)
-        return np.searchsorted(joined_times(np.array(spans)).ravel(), time) % 2 == 1
+        if spans:
+            tau[np.searchsorted(joined_times(np.array(spans)).ravel(), time) % 2 == 1] = np.nan
+        q, qd = values[:, 1 : 1 + dof], values[:, 1 + dof : 1 + 2 * dof]
+        return Cycles(begins, time, q, qd if self.has_velocity else None, tau, gripper)
 
 
 def open_replay(
@@ -175,11 +157,8 @@ def open_replay(
     mapping = mapping or ColumnMapping()
     if gripper is not None:
         if mapping.loads:
-            raise RecordingError(
-                "the mapping says already when a load is held",
-                where=f"--gripper {gripper}",
-                cure="omit one of the two",
-            )
+            what, cure = "the mapping says already when a load is held", "omit one of the two"
+            raise RecordingError(what, where=f"--gripper {gripper}", cure=cure)
         mapping = mapping.changed(load=Load(column=gripper)).known_as(mapping.source)
     opened = open_log(log, model.dynamics.kinematics, mapping, need_rest=False)
     if opened.rate < _LEAST_RATE:
@@ -189,51 +168,39 @@ def open_replay(
             where=str(opened.path),
             cure="record at the controller's rate",
         )
-    _require_rows(opened)
-    delay = tuple(delays_of(model, opened).tolist()) if delay is None else delay
-    speeds = speeds_of(opened, model)
-    ends = _ends(opened)
-    doubts = (
-        *opened.cut_at(None, 1).warnings,
-        *judged_wiring(model, opened, log, mapping),
-        *speeds.doubts,
-    )
-    stale = tuple(mask for mask in opened.masks if mask.reason == "stale rows")
-    taken = replace(opened, masks=stale).cut_at(None, 1)
-    if speeds.differenced:
-        taken = replace(taken, columns=replace(taken.columns, velocity=(), acceleration=()))
-    return Replay(taken, delay, speeds, opened.masks, ends, doubts)
-
-
-def _require_rows(log: Log) -> None:
-    """Refuse a recording in which nothing can show.
-
-    Raises:
-        RecordingError: it is too short, or most of its rows are of no use.
-    """
-    seconds = log.samples / log.rate
+    seconds, stale = opened.samples / opened.rate, _stale(opened.masks)
     if seconds < _LEAST_TIME:
         raise RecordingError(
-            f"has {log.samples} rows, {seconds:.2g} s, and no load shows within {_LEAST_TIME:g} s",
-            where=str(log.path),
+            f"has {opened.samples} rows, {seconds:.2g} s, and no load shows within "
+            f"{_LEAST_TIME:g} s",
+            where=str(opened.path),
             cure="give a whole recording",
         )
-    stale = [mask for mask in log.masks if mask.reason == "stale rows"]
-    share = float(np.max(1.0 - kept(stale, 1, log.samples)))
+    share = float(np.max(1.0 - kept(stale, 1, opened.samples)))
     if share > _MOST_STALE:
         raise RecordingError(
             f"{percent(share)} of its rows repeat the one before them while the robot moves",
-            where=str(log.path),
+            where=str(opened.path),
             cure="it was logged faster than its values change: keep one row of each value, or "
             "record at the rate of the drives",
         )
+    delay = tuple(delays_of(model, opened).tolist()) if delay is None else delay
+    speeds, of_wiring = speeds_of(opened, model), judged_wiring(model, opened, log, mapping)
+    doubts = (*opened.cut_at(None, 1).warnings, *of_wiring, *speeds.doubts)
+    taken = replace(opened, masks=stale).cut_at(None, 1)
+    if speeds.differenced:
+        taken = replace(taken, columns=replace(taken.columns, velocity=(), acceleration=()))
+    return Replay(taken, delay, speeds, opened.masks, _ends(opened), doubts)
+
+
+def _stale(masks: tuple[Mask, ...]) -> tuple[Mask, ...]:
+    return tuple(mask for mask in masks if mask.reason == "stale rows")
 
 
 def _ends(log: Log) -> tuple[float, ...]:
     """The least number on which each torque channel stays."""
-    found = np.full(len(log.columns.torque), np.inf)
+    found, row = np.full(len(log.columns.torque), np.inf), 0
     masks = [mask for mask in log.masks if mask.reason == "saturated torque"]
-    row = 0
     for values in log.batches() if masks else ():
         rows = np.arange(row, row := row + len(values))
         sizes = np.abs(values[:, log.columns.torque_places])

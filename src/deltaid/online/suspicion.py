@@ -114,8 +114,7 @@ class GripTiming:
             places = np.clip([*offsets, before], 0, len(near))
             explained = G[len(near) - places if taken else places]
             better = explained[:-1] - explained[-1]  # G(d) − G(0)
-            share = min(1.0, _MOST / max(float(better.max()), 1e-12))
-            self._better[taken].append(better * share)
+            self._better[taken].append(better * min(1.0, _MOST / max(float(better.max()), 1e-12)))
             self._next = at + 1
         cut = max(0, len(rows) - 4 * around)
         self._rows, self._next = rows[cut:], max(self._next - cut, 0)

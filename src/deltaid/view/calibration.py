@@ -7,7 +7,7 @@ import plotly.graph_objects as go
 import polars as pl
 
 from deltaid.calibration.calibrate import Calibration
-from deltaid.calibration.next_readings import NextReadings
+from deltaid.calibration.outlook import NextReadings
 from deltaid.calibration.readings import KINDS
 from deltaid.calibration.unknowns import TOOL, WORDS
 from deltaid.view import style
@@ -122,9 +122,8 @@ def calibration_frame(found: Calibration) -> pl.DataFrame:
 def calibration_figure(found: Calibration) -> go.Figure:
     """Standard deviation of positions over the workspace, before and after [mm]."""
     (x, y, z), known, figure = 1e3 * found.places.x.T, found.known, go.Figure()
-    for k, (name, root) in enumerate(
-        {"before": known.G, "after": known.G @ found.fit.root}.items()
-    ):
+    roots = {"before": known.G, "after": known.G @ found.fit.root}
+    for k, (name, root) in enumerate(roots.items()):
         errors = 1e3 * found.places.errors(root)
         figure.add_scatter3d(
             x=x, y=y, z=z, mode="markers", name=name,

@@ -208,8 +208,7 @@ class ExcitationProblem:
         norm = max(float(np.sqrt(np.mean(np.sum((qd / speed) ** 2, axis=0)))), 1e-12)
         d_qd = -self.velocity_weight * (qd / speed) / (speed * n * norm)
         adjoint = np.vstack([s, d_Y[:, *self.graph.regressor_pattern].T, d_qd])
-        gradient = self.graph.pullback(adjoint, threads=1)
-        return value - self.velocity_weight * norm, gradient
+        return value - self.velocity_weight * norm, self.graph.pullback(adjoint, threads=1)
 
     def _limits(self, s: States, entries: Entries) -> Float[np.ndarray, "limits samples"]:
         drives, columns = self.graph.regressor_pattern
