@@ -152,7 +152,7 @@ def row(name: str, kinematics: deltaid.Kinematics, drawing: Drawing, machines: i
             abs(value - expected[number]) < WIDTH * std
             for number, value, std in zip(found.names, found.values, found.std, strict=True)
         ]
-        unknown = len(found.names) + sum(len(x.unknowns) for x in found.fit.instruments)
+        unknown = len(found.names) + sum(len(x.instrument.unknowns) for x in found.fit.readings)
         ranks.add(f"{found.rank}/{unknown}")
     mm = [f"{1e3 * np.sqrt(np.mean(np.square(x))):.3g}" for x in (before, predicted, true)]
     held, took = f"{100 * np.mean(holds):.1f} %", f"{np.median(seconds):.2f} s"

@@ -12,13 +12,7 @@ from deltaid.calibration.fit import GeometryFit, UsedReadings, fit
 from deltaid.calibration.loops import Loops
 from deltaid.calibration.mistakes import require_own, require_sense
 from deltaid.calibration.outlook import Direction, Knows, Places, open_directions, places
-from deltaid.calibration.readings import (
-    Instrument,
-    Measurements,
-    ProbeReadings,
-    ReadingsLike,
-    read,
-)
+from deltaid.calibration.readings import Measurements, ProbeReadings, ReadingsLike, read
 from deltaid.calibration.unknowns import LENGTH, Unknowns, calibrated_robot, unknowns
 from deltaid.errors import DeltaidError, Doubt, RecordingError, within
 from deltaid.estimation.information import triangle
@@ -38,14 +32,9 @@ _GROWN, _CHANCE = 2.0, 0.01
 
 @dataclass(frozen=True)
 class MeasuringSession:
-    """Readings of one file: how many, and those that were excluded, in words.
-
-    Attributes:
-        residual: of those used, root mean square, and
-        noise: standard deviation that the fit took [m],
-        grown: how many times that is what was stated,
-        quiet: whether residuals are far below it, as where noise is stated ten times too large.
-    """
+    """Readings of one file: how many, those that were excluded, in words, the residual of the rest,
+    root mean square, and the noise that the fit took [m]; `grown` is how many times that is what
+    was stated, `quiet` whether residuals are far below it, as of noise stated too large."""
 
     kind: PoseKind
     source: str
@@ -68,9 +57,8 @@ class Calibration(Shown, Plotted, Tabled, Reported):
             in `robot`.
         scales: by drive, the share that it moves more than recorded.
         values, std: of all numbers, how much they exceed the described ones [m, rad or share].
-        decided: which source decided each number most: 'description', an instrument's kind, or
-            'torques'.
-        shares: of each source, description first, in each number.
+        decided, shares: of each number, which source ('description', an instrument's kind, or
+            'torques') decided it most, and all their shares, description first.
         sessions: readings, file by file.
         rank: how many combinations of numbers and instruments' unknowns readings know better than
             the description does, these to a millimetre and a milliradian.
@@ -150,11 +138,7 @@ class Calibration(Shown, Plotted, Tabled, Reported):
         return (*doubts, *(torques.doubts if torques else ()))
 
     def save(self, path: str | Path) -> None:
-        """Write the calibrated robot file.
-
-        Raises:
-            DeltaidError: it cannot be written.
-        """
+        """Write the calibrated robot file, or raise a DeltaidError."""
         save_yaml(self.robot, Path(path))
 
 
@@ -213,7 +197,7 @@ def calibrate(
     loops, mapping = Loops(description, known, tool), columns or Measurements()
     if not isinstance(mapping, Measurements):
         mapping = load_yaml(Path(mapping), Measurements)
-    instruments: list[Instrument] = []
+    instruments = []
     for kind, given in (("points", points), ("probe", probe), ("distances", distances)):
         for source in _several(given):
             instruments.append(read(kind, source, getattr(mapping, kind), loops))
@@ -245,28 +229,18 @@ def _result(description: RobotDescription, found: GeometryFit) -> Calibration:
     over, std = places(found.loops, known, theta), np.linalg.norm(known.G @ found.root, axis=1)
     robot, zeros, scales, kept = calibrated_robot(description, known, theta, std)
     shares = found.shares()
-    kinds = ["description", *(x.kind for x in found.instruments), "torques"]
+    kinds = ["description", *(part.instrument.kind for part in found.readings), "torques"]
     A = triangle(np.vstack([part.used_slopes for part in found.rows]))
     A[:, len(found.u) :] *= LENGTH
+    missing = over.moved @ np.where(kept, 0.0, theta)
     return Calibration(
-        described=description,
-        robot=robot,
-        left=float(np.linalg.norm(over.moved @ np.where(kept, 0.0, theta)) / np.sqrt(len(over.x))),
-        zeros=zeros,
-        scales=scales,
-        known=known,
-        values=theta,
-        std=std,
-        decided=tuple(kinds[k] for k in np.argmax(shares, axis=0)),
-        shares=shares,
-        sessions=_sessions(found),
-        rank=int(np.sum(np.linalg.svd(A, compute_uv=False) > 1)),
-        before=over.knows(known.G),
-        after=over.knows(known.G @ found.root),
+        described=description, robot=robot, zeros=zeros, scales=scales, known=known, fit=found,
+        left=float(np.linalg.norm(missing) / np.sqrt(len(over.x))), values=theta, std=std,
+        decided=tuple(kinds[k] for k in np.argmax(shares, axis=0)), shares=shares,
+        sessions=_sessions(found), rank=int(np.sum(np.linalg.svd(A, compute_uv=False) > 1)),
+        before=over.knows(known.G), after=over.knows(known.G @ found.root), places=over,
         open=open_directions(found, over),
-        places=over,
-        fit=found,
-    )
+    )  # fmt: skip
 
 
 def _sessions(found: GeometryFit) -> tuple[MeasuringSession, ...]:
@@ -278,11 +252,8 @@ def _sessions(found: GeometryFit) -> tuple[MeasuringSession, ...]:
         excluded = tuple(_excluded(part, int(k)) for k in np.flatnonzero(~part.used))
         residual = float(np.sqrt(np.mean(part.errors[part.used] ** 2))) * part.noise
         kind, source, count = part.instrument.kind, part.instrument.source, len(part.used)
-        made.append(
-            MeasuringSession(
-                kind, source, count, excluded, residual, part.noise, part.grown, bool(quiet)
-            )
-        )
+        numbers = residual, part.noise, part.grown, bool(quiet)
+        made.append(MeasuringSession(kind, source, count, excluded, *numbers))
     return tuple(made)
 
 

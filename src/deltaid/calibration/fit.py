@@ -71,6 +71,12 @@ class WeightedRows:
         square, taken = self.errors[self.used] ** 2, (self.used_slopes @ knowledge.inverse) ** 2
         return float(square.sum()), square.size - float(taken.sum())
 
+    def level(self, knowledge: Knowledge) -> float:
+        """How many times larger noise is than assumed; 1 where chance explains the squares."""
+        square, freedom = self.chance(knowledge)
+        explained = freedom < 1 or square <= chi2.ppf(1 - _CHANCE, freedom)
+        return 1.0 if explained else float(np.sqrt(square / freedom))
+
 
 @dataclass(frozen=True, eq=False)
 class UsedReadings(WeightedRows):
@@ -109,12 +115,8 @@ class UsedReadings(WeightedRows):
 
 @dataclass(frozen=True, eq=False)
 class GeometryFit:
-    """Attributes:
-    readings: of each instrument.
-    rows: these, and behind them those of torques.
-    u: free numbers in units of their spread before.
-    knowledge: of u and the instruments' unknowns.
-    """
+    """Readings of each instrument, these and behind them torques as rows, free numbers in units of
+    their spread before, and what is known of them and of the instruments' unknowns."""
 
     loops: Loops = field(repr=False)
     known: Unknowns = field(repr=False)
@@ -122,11 +124,6 @@ class GeometryFit:
     rows: tuple[WeightedRows, ...]
     u: U
     knowledge: Knowledge
-
-    @property
-    def instruments(self) -> tuple[Instrument, ...]:
-        """Whose readings are fitted."""
-        return tuple(readings.instrument for readings in self.readings)
 
     @cached_property
     def residuals(self) -> tuple[Residuals, ...]:
@@ -213,12 +210,8 @@ def _solved(loops: Loops, known: Unknowns, readings: Sequence[UsedReadings], u: 
 
 
 def fit(loops: Loops, known: Unknowns, instruments: Sequence[Instrument]) -> GeometryFit:
-    """The geometry that explains the readings, with outliers excluded.
-
-    Raises:
-        IdentificationError: no geometry is found, or more than a fifth of an instrument's readings
-            fit none.
-    """
+    """The geometry that explains the readings, with outliers excluded; an IdentificationError where
+    none is found, or more than a fifth of an instrument's readings fit none."""
     readings = [_near(loops, known, instrument) for instrument in instruments]
     try:
         found = _solved(loops, known, readings, np.zeros(known.G.shape[1]))
@@ -240,7 +233,7 @@ def _near(loops: Loops, known: Unknowns, instrument: Instrument) -> UsedReadings
         near = UsedReadings.begun(instrument, used, instrument.start(x, used))
         rows = near.weighted(loops, known, u, own, len(u) + len(own))
         far = rows.errors / np.sqrt(1 + np.sum(rows.slopes[..., : len(u)] ** 2, axis=2))
-        worst = _outliers(far, used, _spared(used), _scale(far, used))
+        worst = _outliers(far, used, robust=True)
         if not worst.any():
             return near
         used = used & ~worst
@@ -250,7 +243,7 @@ def _without_outliers(found: GeometryFit) -> GeometryFit:
     """The fit without readings that noise as stated does not explain, a fifth at most."""
     while True:
         pairs = list(zip(found.readings, found.residuals, strict=True))
-        worst = [_outliers(far, part.used, _spared(part.used), 1.0) for part, far in pairs]
+        worst = [_outliers(far, part.used, robust=False) for part, far in pairs]
         if not any(map(np.any, worst)):
             break
         found = found.again([
@@ -258,7 +251,7 @@ def _without_outliers(found: GeometryFit) -> GeometryFit:
             for part, outliers in zip(found.readings, worst, strict=True)
         ])  # fmt: skip
     for part, far in pairs:
-        if _outliers(far, part.used, len(part.used), _scale(far, part.used)).any():
+        if _outliers(far, part.used, robust=True, every=True).any():
             readings = part.instrument.readings
             raise part.misfit(
                 f"more than {_MOST:.0%} of the {readings} fit no geometry near the described one"
@@ -266,15 +259,10 @@ def _without_outliers(found: GeometryFit) -> GeometryFit:
     return found
 
 
-def _spared(used: Used) -> int:
-    """How many more readings may be excluded."""
-    return max(0, int(used.sum() - np.ceil((1 - _MOST) * len(used))))
-
-
 def _with_predicted(found: GeometryFit) -> GeometryFit:
     """With the noise that residuals show, and all readings that the others predict within it."""
     while True:
-        grown = [_level(*rows.chance(found.knowledge)) for rows in found.rows]
+        grown = [rows.level(found.knowledge) for rows in found.rows]
         readings = []
         for part, far, more in zip(found.readings, found.residuals, grown, strict=False):
             explained = np.abs(far).max(axis=1) < _OUTLIER * more
@@ -296,21 +284,11 @@ def _with_predicted(found: GeometryFit) -> GeometryFit:
     return found
 
 
-def _scale(residuals: Residuals, used: Used) -> float:
-    """Robust standard deviation of residuals, at least that of the noise."""
-    return max(1.0, float(np.median(np.abs(residuals[used]))) / _MEDIAN)
-
-
-def _outliers(residuals: Residuals, used: Used, most: int, scale: float) -> Used:
-    """Readings that noise does not explain, of those at least half as far off as the worst, and
-    not more than so many."""
+def _outliers(residuals: Residuals, used: Used, *, robust: bool, every: bool = False) -> Used:
+    """Readings that noise does not explain, or robustly the spread of the used ones, of those at
+    least half as far off as the worst; not more than may be excluded, unless `every`."""
     size = np.where(used, np.abs(residuals).max(axis=1), 0.0)
-    among = np.argsort(np.argsort(-size)) < most
-    return among & (size > max(_OUTLIER * scale, 0.5 * size.max(initial=0.0)))
-
-
-def _level(square: float, freedom: float) -> float:
-    """How many times larger noise is than assumed; 1 where chance explains the sum of squares."""
-    if freedom < 1 or square <= chi2.ppf(1 - _CHANCE, freedom):
-        return 1.0
-    return float(np.sqrt(square / freedom))
+    spread = float(np.median(np.abs(residuals[used]))) / _MEDIAN if robust else 0.0
+    spared = len(used) if every else int(used.sum() - np.ceil((1 - _MOST) * len(used)))
+    among = np.argsort(np.argsort(-size)) < spared
+    return among & (size > max(_OUTLIER * max(1.0, spread), 0.5 * size.max(initial=0.0)))

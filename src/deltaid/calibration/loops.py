@@ -42,13 +42,8 @@ class ToolPoints(NamedTuple):
 
 
 class Loops:
-    """The closed loops of a robot.
-
-    Args:
-        robot: a Delta-like robot of limbs.
-        known: its numbers.
-        tool: the tool from the platform point [m]; of effect only where the platform tilts.
-    """
+    """The closed loops of a robot of limbs with its numbers; the tool from the platform point [m]
+    is of effect only where the platform tilts."""
 
     def __init__(
         self, robot: RobotDescription, known: Unknowns, tool: Sequence[float] = (0.0, 0.0, 0.0)
@@ -61,7 +56,10 @@ class Loops:
         *limbs, platform = known.by_limb(ca.vertsplit(theta))
         z = ca.vertcat(y[:3], y[3:] if not known.apart else ca.SX(0, 1))
         points = build_platform(robot, Path.still(z), platform.get("half")).points
-        turn, x = _turned(y[3:6]) if known.apart else ca.SX.eye(3), y[:3]
+        turn, x = ca.SX.eye(3), y[:3]
+        if known.apart:  # by a small vector, to third order: exact for what struts allow
+            S = skew(y[3:6])
+            turn += S + S @ S / 2 + S @ S @ S / 6
         c = ca.vertcat(*(
             _gap(limb, limbs[i], q[i], (y[:3], turn, points[i].at - y[:3]), side)
             for i, limb in enumerate(robot.limb_geometry)
@@ -83,21 +81,15 @@ class Loops:
         return np.pad(z, ((0, 0), (0, self._size - z.shape[1])))
 
     def inverse(self, x: Float[np.ndarray, "samples 3"]) -> Drives:
-        """Drive coordinates of the described robot at platform points, the tool at its home angle.
-
-        Raises:
-            KinematicsError: a point is out of reach.
-        """
+        """Drive coordinates of the described robot at platform points, the tool at its home angle;
+        a KinematicsError where one is out of reach."""
         z = np.tile(self.kinematics.home, (len(x), 1))
         z[:, :3] = x
         return self.kinematics.inverse(z)[:, : self.limbs]
 
     def points(self, q: Drives, theta: Numbers) -> ToolPoints:
-        """Tool points and their slopes, by Newton's method from the described robot's poses.
-
-        Raises:
-            KinematicsError: loops do not close; names the sample.
-        """
+        """Tool points and their slopes, by Newton's method from the described robot's poses; a
+        KinematicsError with the sample where loops do not close."""
         y, size = self.start(q), self._size
         c = np.full(y.shape, np.inf)
         for _ in range(_STEPS):
@@ -125,12 +117,6 @@ class Loops:
         )
         X_c = np.linalg.solve(C_y.swapaxes(1, 2), X_y.swapaxes(1, 2)).swapaxes(1, 2)
         return ToolPoints(x[..., 0], X_theta - X_c @ C_theta)
-
-
-def _turned(angles: ca.SX) -> ca.SX:
-    """The rotation by a small vector of angles, to third order: exact for what struts allow."""
-    S = skew(angles)
-    return ca.SX.eye(3) + S + S @ S / 2 + S @ S @ S / 6
 
 
 def _turn(axis: str, angle: ca.SX) -> ca.SX:

@@ -22,6 +22,7 @@ from deltaid.calibration.readings import (
     ProbeReadings,
     Tools,
     aligned,
+    lengths,
 )
 from deltaid.calibration.unknowns import Unknowns
 from deltaid.errors import RecordingError
@@ -47,12 +48,8 @@ Hypotheses = Iterator[tuple[float, str, str]]
 
 
 def require_sense(loops: Loops, known: Unknowns, instrument: Instrument) -> None:
-    """Refuse readings that only a mistake explains.
-
-    Raises:
-        RecordingError: lengths are in another unit, a frame is mirrored, points stand in another
-            order, or drives are exchanged.
-    """
+    """Refuse with a RecordingError readings that only a mistake explains: lengths in another unit,
+    a mirrored frame, points in another order, drives that are exchanged."""
     count, own = len(instrument.values), len(instrument.unknowns)
     if count < own / instrument.values.shape[1] + 1:
         what = f"has {count} rows; too few to fix the {own} unknowns of the instrument itself"
@@ -85,11 +82,8 @@ def require_sense(loops: Loops, known: Unknowns, instrument: Instrument) -> None
 
 
 def require_own(instrument: Instrument, earlier: Sequence[Instrument]) -> None:
-    """Refuse a file most of whose rows stand in an earlier one too, digit by digit.
-
-    Raises:
-        RecordingError: readings would count twice.
-    """
+    """Refuse with a RecordingError a file most of whose rows stand in an earlier one too, digit by
+    digit, as readings would count twice."""
     for other in earlier:
         shorter, longer = sorted((instrument.numbers, other.numbers), key=len)
         rows = {row.tobytes() for row in longer}
@@ -104,19 +98,14 @@ def _described(loops: Loops, q: Float[np.ndarray, "rows ends drives"]) -> Tools:
     return loops.start(q.reshape(-1, q.shape[2]))[:, :3].reshape(*q.shape[:2], 3)
 
 
-def _lengths(x: Tools) -> Float[np.ndarray, " rows"]:
-    return np.linalg.norm(x[:, 1] - x[:, 0], axis=1)
-
-
 def _require_spread(instrument: Instrument, x: Tools) -> None:
     if isinstance(instrument, DistanceReadings):
-        none = np.flatnonzero((_lengths(x) < _SAME) | (instrument.values[:, 0] <= 0))
-        if none.size:
-            raise RecordingError(
-                "is a distance between equal poses, or not positive",
-                where=f"{instrument.source}, row {instrument.rows[none[0]]}",
-                cure="remove the row, or correct its poses and distance",
-            )
+        none = (lengths(x) < _SAME) | (instrument.values[:, 0] <= 0)
+        if none.any():
+            what, row = "is a distance between equal poses, or not positive", none.argmax()
+            where = f"{instrument.source}, row {instrument.rows[row]}"
+            cure = "remove the row, or correct its poses and distance"
+            raise RecordingError(what, where=where, cure=cure)
         return
     probed = isinstance(instrument, ProbeReadings)
     parts = (x[:, 0, :2],) if probed else (x[:, 0], instrument.values)
@@ -133,7 +122,7 @@ def _require_unit(instrument: Instrument, x: Tools) -> None:
         spreads = [np.linalg.norm(np.std(part, axis=0)) for part in (instrument.values, x[:, 0])]
         ratio = spreads[0] / spreads[1]
     elif isinstance(instrument, DistanceReadings):
-        ratio = float(np.median(instrument.values[:, 0] / _lengths(x)))
+        ratio = float(np.median(instrument.values[:, 0] / lengths(x)))
     elif np.ptp(instrument.values) > 0:
         A = np.column_stack([np.ones(len(x)), x[:, 0, :2], instrument.values])
         slope = np.linalg.lstsq(A, x[:, 0, 2], rcond=None)[0][3]
@@ -178,7 +167,7 @@ def _of_readings(instrument: Instrument, x: Tools, allowed: float) -> Hypotheses
     if probed and np.ptp(values):
         below = _misfit(replace(instrument, values=-values), x)
         yield below, "blocks stand below the plane", "give heights above the lowest block"
-    what, sizes = ("blocks", x[:, 0, 2]) if probed else ("distances", _lengths(x))
+    what, sizes = ("blocks", x[:, 0, 2]) if probed else ("distances", lengths(x))
     ranks = np.argsort(np.argsort(sizes))
     left = _misfit(replace(instrument, values=np.sort(values, axis=0)[ranks]), x)
     if left <= allowed:
@@ -196,13 +185,14 @@ def _of_drives(loops: Loops, instrument: Instrument) -> Hypotheses:
         if not np.isfinite(x).all():
             continue
         other = listed([str(k + 1) for k in range(n) if order[k] != k or signs[k] < 0])
-        words = (
-            (f"drives {other} are exchanged",
-             "name the columns of q in the order of the description's limbs")
-            if signs == straight
-            else (f"the sign of drive {other} is reversed", "change the sign of these columns of q")
-        )  # fmt: skip
-        yield _misfit(instrument, x), *words
+        what, cure = (
+            f"the sign of drive {other} is reversed",
+            "change the sign of these columns of q",
+        )
+        if signs == straight:
+            what = f"drives {other} are exchanged"
+            cure = "name the columns of q in the order of the description's limbs"
+        yield _misfit(instrument, x), what, cure
 
 
 def _order(x: Float[np.ndarray, "rows 3"], m: Float[np.ndarray, "rows 3"]) -> np.ndarray:

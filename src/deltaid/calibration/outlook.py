@@ -29,7 +29,7 @@ from deltaid.errors import DescriptionError
 from deltaid.mechanism.kinematics import Kinematics
 from deltaid.sensors.planning.knowledge import Knowledge
 from deltaid.sensors.planning.offers import Offer, Offers, PoseKind, PoseReadings, shipped_offers
-from deltaid.sensors.planning.shopping import BODIES, Goal
+from deltaid.sensors.planning.shopping import Goal
 
 if TYPE_CHECKING:
     from deltaid.calibration.calibrate import Calibration
@@ -178,10 +178,9 @@ class NextReadings:
     """Readings of one instrument of the list, the most valuable first.
 
     Attributes:
-        poses: commanded platform points of each reading's ends, in the described robot's frame [m].
-        blocks: height of the block under each touch of a probe [m].
-        position: standard deviation of positions after all of them, rms [m].
-        size: the same of sizes across, as a share.
+        poses, blocks: commanded platform points of each reading's ends, in the described robot's
+            frame, and height of the block under each touch of a probe [m].
+        position, size: standard deviation of positions after all of them, rms [m], and of sizes.
         gain: what is learnt of positions [nats].
         cost: of instrument and work; of an instrument that was used already the work alone.
     """
@@ -198,12 +197,9 @@ class NextReadings:
 
 
 def next_readings(
-    found: "Calibration",
-    count: int = 6,
-    *,
-    offers: Offers | None = None,
+    found: "Calibration", count: int = 6, *, offers: Offers | None = None,
     budget: float | None = None,
-) -> tuple[NextReadings, ...]:
+) -> tuple[NextReadings, ...]:  # fmt: skip
     """The best next readings of each instrument of a list, that which gains most per price first.
 
     Args:
@@ -216,11 +212,8 @@ def next_readings(
         DescriptionError: the list has no instrument for that money.
     """
     offers = offers or shipped_offers()
-    plans = [
-        _plan(found, name, offer, offers.hourly, count)
-        for name, offer in offers.offers.items()
-        if offer.reads
-    ]
+    sold = [(name, offer) for name, offer in offers.offers.items() if offer.reads]
+    plans = [_plan(found, name, offer, offers.hourly, count) for name, offer in sold]
     plans = [plan for plan in plans if budget is None or plan.cost <= budget]
     if not plans:
         raise DescriptionError(
@@ -234,7 +227,8 @@ def next_readings(
 def _plan(found: "Calibration", name: str, offer: Offer, hourly: float, count: int) -> NextReadings:
     assert offer.reads is not None
     fit, reads, F = found.fit, offer.reads, found.places.moved @ found.known.G
-    kind, knowledge, n, instruments = reads.kind, fit.knowledge, len(fit.u), fit.instruments
+    kind, knowledge, n = reads.kind, fit.knowledge, len(fit.u)
+    instruments = [part.instrument for part in fit.readings]
     alike = [k for k, past in enumerate(instruments) if past.kind == kind]
     used = next((k for k in alike if _is_offered(instruments[k], reads)), None)
     past = next(iter(alike), None) if used is None and kind == "probe" else used  # on the same bed
@@ -257,7 +251,7 @@ def _plan(found: "Calibration", name: str, offer: Offer, hourly: float, count: i
     A = offered.weighted(fit.loops, found.known, fit.u, own, len(knowledge.root)).slopes
     F = np.linalg.qr(np.pad(F, ((0, 0), (0, len(knowledge.root) - n)))).R
     F /= np.sqrt(len(found.places.x))
-    goal = Goal(BODIES, "positions", F, 1.0, _ENOUGH)
+    goal = Goal("positions", F, 1.0, _ENOUGH)
     before, chosen = goal.left(knowledge), list[int]()
     for _ in range(count):
         half = A @ knowledge.inverse

@@ -48,22 +48,14 @@ Points = Float[np.ndarray, "rows 3"]
 Tools = Float[np.ndarray, "rows ends 3"]
 # Of rows: measured less predicted [m], slopes of the prediction by the tool points of all ends, and
 # by changes of the instrument's unknowns.
-Slopes = tuple[
-    Float[np.ndarray, "rows values"],
-    Float[np.ndarray, "rows values coordinates"],
-    Float[np.ndarray, "rows values own"],
-]
+Slopes = tuple[Float[np.ndarray, "rows values"], Float[np.ndarray, "rows values coordinates"],
+               Float[np.ndarray, "rows values own"]]  # fmt: skip
 
 
 @dataclass(frozen=True, eq=False)
 class Instrument(ABC):
-    """Readings of one session, of columns `read`, what they are called, and the file and its rows.
-
-    Attributes:
-        q: drive coordinates of each end [rad or m].
-        values: what was read [m].
-        noise: standard deviation of each value, as stated; `usual` where nobody states one [m].
-    """
+    """Readings of one session: drive coordinates of each end [rad or m], what was read of columns
+    `read`, its standard deviation, `usual` where nobody states one [m], and rows of the file."""
 
     kind: ClassVar[PoseKind]
     readings: ClassVar[str]
@@ -157,11 +149,14 @@ class DistanceReadings(Instrument):
         return np.zeros(0)
 
     def slopes(self, x: Tools, state: np.ndarray) -> Slopes:
-        way = x[:, 1] - x[:, 0]
-        length = np.linalg.norm(way, axis=1, keepdims=True)
-        along = (way / length)[:, None, :]
-        none = np.zeros((len(way), 1, 0))
+        length = lengths(x)[:, None]
+        along, none = ((x[:, 1] - x[:, 0]) / length)[:, None, :], np.zeros((len(x), 1, 0))
         return self.values - length, np.concatenate([-along, along], axis=2), none
+
+
+def lengths(x: Tools) -> Float[np.ndarray, " rows"]:
+    """Distances between both ends of each row [m]."""
+    return np.linalg.norm(x[:, 1] - x[:, 0], axis=1)
 
 
 KINDS: dict[PoseKind, type[Instrument]] = {
@@ -182,11 +177,11 @@ class InstrumentColumns(Part):
     """Columns of one kind of instrument."""
 
     noise: Positive | None = Field(
-        default=None, description="standard deviation of what is read, in `unit`"
+        None, description="standard deviation of what is read, in `unit`"
     )
-    unit: str = Field(default="m", description="of lengths and points, such as mm")
+    unit: str = Field("m", description="of lengths and points, such as mm")
     drive_unit: str | None = Field(
-        default=None, description="of q1, q2, …: rad or m by default, such as deg"
+        None, description="of q1, q2, …: rad or m by default, such as deg"
     )
     columns: dict[str, Annotated[str, Field(min_length=1)]] = Field(
         default_factory=dict[str, str],
@@ -214,12 +209,9 @@ class Measurements(Part):
 def read(
     kind: PoseKind, given: RecordingLike, columns: InstrumentColumns, loops: Loops
 ) -> Instrument:
-    """The readings of one file or table, in SI units.
-
-    Raises:
-        RecordingError: the file is of another instrument; a column is missing, or a number is;
-            there are no rows, or too many; drives look like degrees, or poses are out of reach.
-    """
+    """The readings of one file or table, in SI units; a RecordingError where it is of another
+    instrument, a column or number is missing, there are no rows, or too many, drives look like
+    degrees, or poses are out of reach."""
     source, instrument = as_source(given, kind), KINDS[kind]
     table = source.table if isinstance(source, Recording) else open_table(source)
     if kind == "probe" and set(PointReadings.read) <= set(table.header):
@@ -240,7 +232,6 @@ def read(
 def _drives(
     table: LogTable, columns: InstrumentColumns, end: str, loops: Loops, length: float
 ) -> Float[np.ndarray, "rows drives"]:
-    """Drive coordinates of one end of each row."""
     names, linear = [f"{end}q{i + 1}" for i in range(loops.limbs)], loops.is_linear
     if not columns.has(names[0], table) and columns.has(f"{end}x", table):
         x = np.column_stack([_column(table, columns, f"{end}{axis}", length) for axis in "xyz"])
@@ -271,7 +262,6 @@ def _drives(
 def _inverse(
     x: Float[np.ndarray, "rows 3"], loops: Loops, where: str
 ) -> Float[np.ndarray, "rows drives"]:
-    """Drive coordinates at commanded points."""
     what = ""
     for factor, unit in ({1.0: ""} | NAMED_UNITS).items():
         try:
@@ -294,7 +284,6 @@ def _inverse(
 def _column(
     table: LogTable, columns: InstrumentColumns, name: str, factor: float
 ) -> Float[np.ndarray, " rows"]:
-    """One column in SI units."""
     column = columns.columns.get(name, name)
     if column not in table.header:
         raise RecordingError(

@@ -65,7 +65,6 @@ class GeometryNumbers(UnknownEffect):
 
 
 def _slope(number: Number, slopes: TorqueSlopes, point: TracePoint) -> np.ndarray:
-    """dτ/dθ of one number."""
     if number.kind == "zero":
         return slopes.of_zero(number.limb)
     if number.kind == "scale":
@@ -100,17 +99,13 @@ def torque_rows(
     robot: RobotDescription, logs: Sequence[RecordingLike], columns: ColumnMapping | None,
     known: Unknowns, progress: Progress,
 ) -> TorqueRows:  # fmt: skip
-    """What recordings of torques say of a robot's numbers.
-
-    Raises:
-        RecordingError: a log cannot be used, or its columns are wrong by the checks of wiring.
-        IdentificationError: torques are not those of this robot.
-    """
+    """What recordings of torques say of a robot's numbers; a RecordingError where a log cannot be
+    used or its columns are wrong, an IdentificationError where torques are another robot's."""
     progress("checking the columns of torques")
     doubts = _doubts(robot, logs, columns)
-    stated = "tolerances" in robot.model_fields_set
-    stated = stated and "mounting" in robot.tolerances.model_fields_set
-    numbers = GeometryNumbers(known, robot.tolerances.mounting if stated else Tilt.deviation)
+    fields = robot.tolerances.model_fields_set if "tolerances" in robot.model_fields_set else ()
+    tilt = robot.tolerances.mounting if "mounting" in fields else Tilt.deviation
+    numbers = GeometryNumbers(known, tilt)
     kinematics = Setup(robot, (), Settings()).dynamics.kinematics
     recordings = open_recordings(logs, kinematics, columns, None, progress)
     setup = Setup(robot, tuple(recording.excerpted() for recording in recordings), Settings())

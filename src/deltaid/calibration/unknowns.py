@@ -94,12 +94,8 @@ class Unknowns:
 
         θ = G u,    u ~ N(0, 1) before any measurement
 
-    Attributes:
-        numbers: θ, all of the robot's.
-        G: takes free variables to θ; numbers that are held have rows of zeros, shared ones alike
-            rows.
-        apart: whether both struts of a limb are modelled.
-        torques: what recordings say of the numbers, if there are any.
+    Numbers that are held have rows of zeros in G, shared ones alike rows. `apart` is whether both
+    struts of a limb are modelled, and `torques` what recordings say of the numbers, if any.
     """
 
     numbers: tuple[Number, ...]
@@ -137,12 +133,9 @@ def unknowns(
     shared: Sequence[str] = (),
     held: Sequence[str] = (),
 ) -> Unknowns:
-    """The numbers of a robot's geometry with what is known of them before, as of `calibrate`.
-
-    Raises:
-        DescriptionError: the robot has a mechanism of its own, or no pairs of struts to tell apart.
-        UnknownNameError: a name to share or to hold is none of its numbers.
-    """
+    """The numbers of a robot's geometry with what is known of them before, as of `calibrate`; a
+    DescriptionError where it has a mechanism of its own or no pairs of struts to tell apart, an
+    UnknownNameError for a name to share or to hold that is none of its numbers."""
     limbs = robot.limbs
     if limbs is None:
         raise DescriptionError(
@@ -186,15 +179,13 @@ def _spread(
     """Standard deviation before: given, stated by the description's file, or usual."""
     known, given = robot.tolerances, length if unit == "m" else angle
     stated = known.model_fields_set if "tolerances" in robot.model_fields_set else set[str]()
-    if kind == "scale":
-        return SCALE
-    if given is not None:
+    if kind != "scale" and given is not None:
         return given
     if kind == "zero" and "homing" in stated:
         return known.of_drive(robot.drives[limb])
     if unit == "m" and "lengths" in stated:
         return known.of_length(_length_of(kind))
-    return LENGTH if unit == "m" else ANGLE
+    return {"m": LENGTH, "rad": ANGLE, "": SCALE}[unit]
 
 
 def _length_of(kind: str) -> str:
@@ -223,14 +214,11 @@ def calibrated_robot(
     theta: Float[np.ndarray, " numbers"],
     std: Float[np.ndarray, " numbers"],
 ) -> tuple[RobotDescription, dict[str, float], dict[str, float], Bool[np.ndarray, " numbers"]]:
-    """The robot with estimated numbers and their standard deviations as tolerances.
+    """The robot with estimated numbers and their standard deviations as tolerances; zeros of rotary
+    drives [rad] and scales of drives, which no key holds; which numbers all that holds.
 
     Base joints take what base and platform differ by; limbs' joints at the platform stay where
     they are described. Motor axes turn by azimuth and tilt; zeros of rails move their base points.
-
-    Returns:
-        The robot; zeros of rotary drives [rad] and scales of drives, which no key holds, by drive;
-        which numbers all that holds.
     """
     limbs, platform = robot.limbs, robot.platform
     assert limbs is not None  # unknowns refuse others

@@ -44,12 +44,7 @@ class Printer:
 
 
 def printer(found: Calibration) -> Printer:
-    """The best firmware model of a calibrated printer.
-
-    Raises:
-        DeltaidError: the robot is no linear Delta on three upright rails, described by radii, 120°
-            apart and counted anticlockwise; or its bed was not probed.
-    """
+    """The best firmware model of a calibrated printer; errors as of `firmware_text`."""
     robot, known, limbs = found.described, found.known, found.described.limb_geometry
     assert robot.limbs is not None  # unknowns refuse others
     turns = np.mod(np.diff([*robot.limbs.azimuth_deg, robot.limbs.azimuth_deg[0]]), 360)
@@ -95,14 +90,10 @@ def printer(found: Calibration) -> Printer:
 
 
 def firmware_text(found: Calibration, firmware: str) -> tuple[str, float]:
-    """Lines for a printer's configuration, and what its model cannot hold [m].
-
-    Args:
-        found: a calibrated linear Delta whose bed was probed.
-        firmware: klipper, marlin or reprap.
+    """Lines for klipper, marlin or reprap, and what their model of a printer cannot hold [m].
 
     Raises:
-        DeltaidError: it is no printer that a firmware could run.
+        DeltaidError: it is no linear Delta that a firmware could run, or its bed was not probed.
     """
     p = printer(found)
     text = rendered("firmware.jinja", p=p, firmware=firmware, version=version("deltaid"))
