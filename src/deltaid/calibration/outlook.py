@@ -23,7 +23,7 @@ from jaxtyping import Float
 
 from deltaid.calibration.fit import FAR, GeometryFit, UsedReadings, own_columns, tools_of
 from deltaid.calibration.loops import Loops
-from deltaid.calibration.readings import KINDS, Instrument
+from deltaid.calibration.readings import KINDS
 from deltaid.calibration.unknowns import WORDS, Unknowns
 from deltaid.errors import DescriptionError
 from deltaid.mechanism.kinematics import Kinematics
@@ -230,7 +230,12 @@ def _plan(found: "Calibration", name: str, offer: Offer, hourly: float, count: i
     kind, knowledge, n = reads.kind, fit.knowledge, len(fit.u)
     instruments = [part.instrument for part in fit.readings]
     alike = [k for k, past in enumerate(instruments) if past.kind == kind]
-    used = next((k for k in alike if _is_offered(instruments[k], reads)), None)
+    used = None  # the instrument that is offered
+    for k in reversed(alike):
+        stood = instruments[k].values if kind == "probe" else np.zeros((1, 1))
+        on = [np.abs(stood - block).min() < _SAME_BLOCK for block in reads.blocks]
+        if 1 / _ALIKE <= instruments[k].noise / reads.noise <= _ALIKE and all(on):
+            used = k
     past = next(iter(alike), None) if used is None and kind == "probe" else used  # on the same bed
     ends, blocks = _candidates(found, reads)
     q = fit.loops.inverse(ends.reshape(-1, 3)).reshape(*ends.shape[:2], -1)
@@ -267,13 +272,6 @@ def _plan(found: "Calibration", name: str, offer: Offer, hourly: float, count: i
         gain=max(before - goal.left(knowledge), np.finfo(float).tiny),
         cost=offer.hours * hourly + (offer.price if used is None else 0.0),
     )  # fmt: skip
-
-
-def _is_offered(past: Instrument, reads: PoseReadings) -> bool:
-    """Whether an instrument of a calibration is that of an offer."""
-    stood = past.values if past.kind == "probe" else np.zeros((1, 1))
-    on = [np.abs(stood - block).min() < _SAME_BLOCK for block in reads.blocks]
-    return 1 / _ALIKE <= past.noise / reads.noise <= _ALIKE and all(on)
 
 
 def _candidates(

@@ -16,7 +16,6 @@ from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Protocol, runtime_checkable
 
 import numpy as np
 from jaxtyping import Bool, Float
@@ -42,20 +41,6 @@ from deltaid.robot.limits import Task
 _DEGREE = 5
 # Poses of a trajectory at which M is looked at.
 _POSES = 400
-
-
-@runtime_checkable
-class Trajectory(Protocol):
-    """A desired motion that can be asked for any time between 0 and its duration."""
-
-    @property
-    def duration(self) -> float:
-        """How long the motion lasts [s]."""
-        ...
-
-    def desired(self, time: Float[np.ndarray, " samples"]) -> Desired:
-        """The desired motion at times [s], which start at 0."""
-        ...
 
 
 @dataclass(frozen=True)
@@ -107,6 +92,10 @@ class SampledTrajectory:
         inside = np.clip(time, 0.0, self.duration)
         q, qd, qdd = (np.asarray(self._spline(inside, order)) for order in range(3))
         return Desired(self._kinematics.forward(q), q, qd, qdd)
+
+
+# A desired motion that can be asked for any time [s] between 0 and its duration.
+Trajectory = MotionTrajectory | SampledTrajectory
 
 
 def open_trajectory(

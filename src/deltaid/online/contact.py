@@ -34,7 +34,7 @@ from scipy.optimize import brentq
 from scipy.stats import chi, chi2, norm
 
 from deltaid.dynamics.task_dynamics import cholesky_solve
-from deltaid.errors import DeltaidError
+from deltaid.errors import within
 from deltaid.mechanism.rotation import reciprocal
 
 # Friction at rest may exceed Coulomb friction, by so much at most.
@@ -60,10 +60,7 @@ def threshold(false_alarms: float, corner: float, dof: int) -> float:
     Raises:
         DeltaidError: the number is not within `FALSE_ALARMS`.
     """
-    low, high = FALSE_ALARMS
-    if not low <= false_alarms <= high:
-        what = f"must lie between {low:g} and {high:g} an hour, not {false_alarms:g}"
-        raise DeltaidError(what, where="false alarms")
+    within("false alarms an hour", false_alarms, FALSE_ALARMS)
 
     def excess(u: float) -> float:
         return float(np.log(3600.0 * corner * u / false_alarms) + chi.logpdf(u, dof))

@@ -23,7 +23,7 @@ from deltaid.online.contact import ContactResidual, contact
 from deltaid.online.estimates import CycleEstimates, estimates, friction_bounds, give_friction
 from deltaid.online.graph import CycleFields, Field, StepGraph, every
 from deltaid.online.grips import chosen_estimate
-from deltaid.online.instant import Waits, waits
+from deltaid.online.instant import waits
 from deltaid.online.settings import OnlineKnowledge, OnlineSettings, knowledge
 from deltaid.online.signals import Signals, signals
 
@@ -231,18 +231,14 @@ def learn_speed_noise(cycle: Cycle) -> ca.SX:
     differences = [s.qd]
     for before in past:
         differences.append(differences[-1] - before)
-    shown = share_of_noise(wait, settings) * differences[-1] ** 2
+    # Σ c² / Σ (c ∗ d)²: variance of speeds for that of their n-th difference
+    c = np.array([1 - wait.motion % 1.0, wait.motion % 1.0])
+    c = np.convolve(c, [1.0, -1.0]) if settings.speed == "differenced" else c
+    d = reduce(np.convolve, [[1.0, -1.0]] * _ORDER, c)
+    shown = float(np.sum(c**2) / np.sum(d**2)) * differences[-1] ** 2
     moves = every(s.slow < 0.5, s.settled, s.calm)
     step = ca.fmin(shown, _STEP * variance) - variance
     count = ca.fmin(cycles + moves, _MEMORY / settings.period)
     fields.following |= {"speed_variance": variance + moves * step / count, "speed_cycles": count}
     fields.following |= {f"speed_{k}": x for k, x in enumerate(differences[:-1])}
     return variance
-
-
-def share_of_noise(wait: Waits, settings: OnlineSettings) -> float:
-    """Σ c² / Σ (c ∗ d)²: variance of speeds for that of their n-th difference."""
-    c = np.array([1 - wait.motion % 1.0, wait.motion % 1.0])
-    if settings.speed == "differenced":
-        c = np.convolve(c, [1.0, -1.0])
-    return float(np.sum(c**2) / np.sum(reduce(np.convolve, [[1.0, -1.0]] * _ORDER, c) ** 2))

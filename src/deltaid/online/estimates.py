@@ -122,7 +122,10 @@ def estimates(
     behind = estimate_after(_bounded(behind, s.at_friction, bounds, calm), seen, change, n_load)
     fields.following |= {"x": behind.x, "P": ca.tril(ca.densify(behind.P)).nz[:]}
     likely = ca.logic_and(grip.open_, ca.logic_not(change.changed))
-    loaded = chosen_estimate(likely, grip.given_out, behind).part(slice(0, n_load))
+    P = ca.SX(grip.likely.P)
+    P[0, 0] = ca.fmax(P[0, 0], grip.variance)  # if the load may be still to come
+    given = Estimate(grip.likely.x, P)
+    loaded = chosen_estimate(likely, given, behind).part(slice(0, n_load))
     load = known.entries.consistent(loaded.x, loaded.P, known.load_scales, settings.extent)
     load = chosen(change.held, load, ca.SX.zeros(n_load))
     std = ca.sqrt(ca.fmax(ca.diag(loaded.P), 0)) * ca.SX(known.load_scales)

@@ -64,13 +64,6 @@ class Grip:
     remembered: ca.SX
     offset: ca.SX
 
-    @property
-    def given_out(self) -> Estimate:
-        """Estimates, with the mass as uncertain as it is if the load may be still to come."""
-        P = ca.SX(self.likely.P)
-        P[0, 0] = ca.fmax(P[0, 0], self.variance)
-        return Estimate(self.likely.x, P)
-
 
 def keep_grip(fields: CycleFields, n_load: int) -> None:
     """Declare what is kept of when a load was taken or left."""

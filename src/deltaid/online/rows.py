@@ -112,7 +112,10 @@ def even_rows(
         "tau": chosen(skipped, tau1, u["tau"]),
     }
     behind = ca.logic_and(missed > 0, ca.logic_not(bad))
-    found = chosen(behind, ca.fabs(q - ahead) / h, _stretched(at, h) * noise)
+    # the parabola has a q + b q₁ + …, a and b of at: noise of a speed beyond that of differences
+    a, b = 2 * h**2 / ((2 * h + at) * (h + at)), 2 * at / (h + at)
+    stretched = ca.sqrt(ca.fmax(0.5 * (a**2 + (1 - b) ** 2) - 1, 0))
+    found = chosen(behind, ca.fabs(q - ahead) / h, stretched * noise)
     off = ca.fmax(off * np.exp(-settings.corner * h), found)
     following = {"q1": even["q"], "q2": q1, "q3": q2, "tau1": even["tau"], "read": u["q"]}
     following["off"] = off
@@ -137,13 +140,6 @@ def even_rows(
     fields.spoilt |= {f"{name}_row": x for name, x in zip(names, past, strict=True)}
     anew, unused = ca.logic_or(anew, rows < 0.5), ca.logic_or(skipped, old)
     return EvenRows(even, unused, anew, bridged < 0.5, off)
-
-
-def _stretched(at: ca.SX, h: float) -> ca.SX:
-    """Noise of a speed that a row adds which was taken `at` after its cycle, in units of the noise
-    of differences: the parabola has a q + b q₁ + …, a and b of at."""
-    a, b = 2 * h**2 / ((2 * h + at) * (h + at)), 2 * at / (h + at)
-    return ca.sqrt(ca.fmax(0.5 * (a**2 + (1 - b) ** 2) - 1, 0))
 
 
 def _bounds(

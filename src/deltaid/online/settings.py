@@ -16,7 +16,7 @@ import numpy as np
 from jaxtyping import Float
 
 from deltaid.dynamics.parameters import stated_spreads
-from deltaid.errors import DeltaidError
+from deltaid.errors import DeltaidError, positive, within
 from deltaid.estimation.posterior_density import density
 from deltaid.model.model import Model
 from deltaid.motion.random_motion import random_motion
@@ -92,17 +92,9 @@ class OnlineSettings:
         ):  # fmt: skip
             given = getattr(self, name)
             for value in np.atleast_1d(() if given is None else given):
-                if not 0 < value < 1e9:
-                    raise DeltaidError(f"must be a positive number, and is {value:g}", where=name)
-        if not 0 <= self.friction_range < 1:
-            raise DeltaidError(
-                f"must lie between 0 and 1, and is {self.friction_range:g}", where="friction_range"
-            )
-        if not 0 <= self.grip_time <= LONGEST_GRIP:
-            raise DeltaidError(
-                f"must lie between 0 and {LONGEST_GRIP:g} s, and is {self.grip_time:g}",
-                where="grip_time",
-            )
+                positive(name, float(value), (0.0, 1e9))
+        within("friction_range", self.friction_range, (0.0, 1.0))
+        within("grip_time", self.grip_time, (0.0, LONGEST_GRIP))
         if self.corner > self.rate:
             raise DeltaidError(
                 f"of {self.corner:g} 1/s is faster than the cycle of {self.rate:g} Hz",

@@ -105,7 +105,12 @@ def signals(
         [momentum.H @ D, momentum.W @ D, ca.substitute(momentum.dry, momentum.p, ca.SX(model.p))],
     )
     parts = along(z, qd, load)
-    lacked = _lacked(known, settings, qd, load)
+    # Friction that many gears have and few models: more of it at low speed, and with what gears
+    # carry; each the same share of all drives.
+    slow = (qd / ca.SX(known.slow_speed)) ** 2
+    sign = qd / ca.sqrt(qd * qd + settings.rest_speed**2)
+    falling = known.unmodelled_slow * sign * ca.exp(-slow)
+    lacked = ca.horzcat(falling, _CARRIED * sign * ca.fabs(load))
     parts = [ca.horzcat(parts[0], ca.SX(*lacked.shape)), ca.horzcat(parts[1], lacked), parts[2]]
     computed = ca.logic_and(*(all_finite(ca.vertcat(p.nz[:], tau)) for p in parts[:2]))
     good = ca.logic_and(finite, ca.logic_and(closed, computed))
@@ -186,14 +191,6 @@ def _columns(
     friction = unit[:, list(known.followed)] * known.friction_std
     D = np.column_stack([model.p, load, known.directions, friction])
     return momentum, ca.sparsify(ca.DM(D))
-
-
-def _lacked(known: OnlineKnowledge, settings: OnlineSettings, qd: ca.SX, load: ca.SX) -> ca.SX:
-    """Friction that many gears have and few models: more of it at low speed, and with what gears
-    carry; each the same share of all drives."""
-    sign = qd / ca.sqrt(qd * qd + settings.rest_speed**2)
-    falling = known.unmodelled_slow * sign * ca.exp(-((qd / ca.SX(known.slow_speed)) ** 2))
-    return ca.horzcat(falling, _CARRIED * sign * ca.fabs(load))
 
 
 def _carried(model: Model, qd: ca.SX, tau: ca.SX) -> ca.SX:

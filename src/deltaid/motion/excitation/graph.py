@@ -6,8 +6,6 @@ Gradients come from the same graph: a reverse sweep for the regressor (which ser
 well), a sparse Jacobian for the limits.
 """
 
-from functools import cached_property
-
 import casadi as ca
 import numpy as np
 from jaxtyping import Float, Int
@@ -31,61 +29,40 @@ Pattern = tuple[Int[np.ndarray, " entries"], Int[np.ndarray, " entries"]]
 class ExcitationGraph:
     """Kernels of one robot for one choice of base columns.
 
+    Attributes:
+        limits: all kinematic limits.
+        regressor: s → regressor entries with smooth signs, then the drive speeds.
+        exact_regressor: s → regressor entries as they are.
+        pullback: (s, λ) → Σ λ_i ∂o_i/∂s for the outputs o of `regressor`.
+        limit_values, limit_slopes: s → u, all limits, and s → nonzeros of ∂u/∂s.
+        regressor_pattern: drive and base column of each regressor entry, drive by drive.
+        limit_pattern: limit and entry of s of each nonzero of ∂u/∂s.
+
     Args:
         dynamics: the robot.
         columns: the parameters whose regressor columns are to be excited.
     """
 
     def __init__(self, dynamics: Dynamics, columns: Int[np.ndarray, " base"]) -> None:
-        self.dynamics, mechanism = dynamics, dynamics.kinematics.mechanism
-        m = self._smooth = build_task_motion(dynamics.robot, mechanism, _smooth_sign)
-        self._exact = build_task_motion(dynamics.robot, mechanism)
+        self.dynamics, robot, mechanism = dynamics, dynamics.robot, dynamics.kinematics.mechanism
         self._at = columns.tolist()
-        self.limits: tuple[Limit, ...] = kinematic_limits(dynamics.robot, mechanism, m)
-        self._u = ca.vertcat(*[limit.u for limit in self.limits])
-        self._s = ca.vertcat(m.z, m.zd, m.zdd)
-        self._slopes = ca.jacobian(self._u, self._s)
-        self._outputs = ca.vertcat(self._entries(m), m.qd)
-
-    @cached_property
-    def regressor_pattern(self) -> Pattern:
-        """Drive and base column of each regressor entry, drive by drive."""
-        columns, rows = self._smooth.Y[:, self._at].T.sparsity().get_triplet()
-        return np.array(rows), np.array(columns)
-
-    @cached_property
-    def limit_pattern(self) -> Pattern:
-        """Limit and entry of s of each nonzero of ∂u/∂s."""
-        rows, columns = self._slopes.sparsity().get_triplet()
-        return np.array(rows), np.array(columns)
-
-    @cached_property
-    def regressor(self) -> BatchKernel:
-        """s → regressor entries with smooth signs, then the drive speeds."""
-        return BatchKernel(self._s, self._outputs)
-
-    @cached_property
-    def exact_regressor(self) -> BatchKernel:
-        """s → regressor entries as they are."""
-        m = self._exact
-        return BatchKernel(ca.vertcat(m.z, m.zd, m.zdd), self._entries(m))
-
-    @cached_property
-    def pullback(self) -> BatchKernel:
-        """(s, λ) → Σ λ_i ∂o_i/∂s for the outputs o of `regressor`."""
-        weights = ca.SX.sym("w", self._outputs.numel())
-        gradient = ca.gradient(ca.dot(weights, self._outputs), self._s)
-        return BatchKernel(ca.vertcat(self._s, weights), gradient)
-
-    @cached_property
-    def limit_values(self) -> BatchKernel:
-        """Kernel of s → u, all limits."""
-        return BatchKernel(self._s, self._u)
-
-    @cached_property
-    def limit_slopes(self) -> BatchKernel:
-        """s → nonzeros of ∂u/∂s."""
-        return BatchKernel(self._s, self._slopes.nz[:])
+        smooth, exact = (
+            build_task_motion(robot, mechanism, *sign) for sign in ([_smooth_sign], [])
+        )
+        s, exact_s = (ca.vertcat(m.z, m.zd, m.zdd) for m in (smooth, exact))
+        self.limits: tuple[Limit, ...] = kinematic_limits(robot, mechanism, smooth)
+        u, outputs = (
+            ca.vertcat(*(x.u for x in self.limits)),
+            ca.vertcat(self._entries(smooth), smooth.qd),
+        )
+        weights, slopes = ca.SX.sym("w", outputs.numel()), ca.jacobian(u, s)
+        gradient = ca.gradient(ca.dot(weights, outputs), s)
+        self.regressor, self.limit_values = BatchKernel(s, outputs), BatchKernel(s, u)
+        self.exact_regressor = BatchKernel(exact_s, self._entries(exact))
+        self.pullback = BatchKernel(ca.vertcat(s, weights), gradient)
+        self.limit_slopes = BatchKernel(s, slopes.nz[:])
+        entries = smooth.Y[:, self._at].T
+        self.regressor_pattern, self.limit_pattern = _pattern(entries)[::-1], _pattern(slopes)
 
     def _entries(self, motion: TaskMotion) -> ca.SX:
         return motion.Y[:, self._at].T.nz[:]
@@ -97,6 +74,11 @@ class ExcitationGraph:
         Y = np.zeros((entries.shape[1], self.dynamics.dof, len(self._at)))
         Y[:, *self.regressor_pattern] = entries.T
         return Y
+
+
+def _pattern(matrix: ca.SX) -> Pattern:
+    rows, columns = matrix.sparsity().get_triplet()
+    return np.array(rows), np.array(columns)
 
 
 def _smooth_sign(velocity: ca.SX) -> ca.SX:
