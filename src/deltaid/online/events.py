@@ -112,7 +112,7 @@ class Loads:
 
     def __init__(self, online: Online, told: bool) -> None:
         self._told, self._least = told, online.known.least_mass
-        self._scales, self._names = np.array(online.known.load_scales), online.entries.names
+        self._scales, self._names = np.array(online.known.load_scales), online.known.entries.names
         self._units = [INERTIA_UNITS[INERTIA_NAMES.index(name)] for name in self._names]
         self._positive = np.isin(self._names, ("m", "Ixx", "Iyy", "Izz"))
         self._held: _Held | None = None

@@ -100,10 +100,9 @@ class States:
     @classmethod
     def of_signals(cls, s: Signals, period: float, friction_time: float) -> "States":
         """Load, model, friction, and what is unmodelled of each drive."""
-        parts = (s.at_load, 0), (s.at_directions, 1), (s.at_friction, 2), (s.at_lacked, 1)
-        sizes = [part.stop - part.start for part, _ in parts]
-        kinds = np.repeat([*(kind for _, kind in parts), 3], [*sizes, s.qd.numel()])
-        return cls(kinds, period, friction_time)
+        parts = s.at_load, s.at_directions, s.at_friction, s.at_lacked
+        sizes = [*(part.stop - part.start for part in parts), s.qd.numel()]
+        return cls(np.repeat([0, 1, 2, 1, 3], sizes), period, friction_time)
 
     def before(self, fields: CycleFields) -> Estimate:
         """As the cycle before left them."""

@@ -63,9 +63,8 @@ class Lowpass:
             corner: K [1/s].
             period: h [s].
         """
-        a = float(np.exp(-corner * period))
-        g = -float(np.expm1(-corner * period)) / (corner * period)
-        return cls(a, 1 - g, g - a)
+        a, g = np.exp(-corner * period), -np.expm1(-corner * period) / (corner * period)
+        return cls(float(a), float(1 - g), float(g - a))
 
     @classmethod
     def held(cls, corner: float, period: float) -> "Lowpass":

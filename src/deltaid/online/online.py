@@ -14,7 +14,6 @@ from deltaid.kernel.batch import BatchKernel, Recurrence
 from deltaid.mechanism.one_or_many import real_numbers
 from deltaid.model.model import Model, ModelLike, load
 from deltaid.online.cycle import MorePart, standard_parts, step_graph
-from deltaid.online.entries import LoadEntries
 from deltaid.online.graph import StepGraph
 from deltaid.online.grips import UNKNOWN
 from deltaid.online.instant import NOT_TOLD
@@ -106,9 +105,8 @@ class OnlineEstimate(Named):
     def mass_interval(self) -> Float[np.ndarray, "*samples 2"]:
         """Between which masses it lies with 95 % [kg]; while none is noticed, from none to what may
         be held unnoticed."""
-        half = NORMAL * self.load_std[..., 0]
-        low, high = self.mass - half, self.mass + half + self.unnoticed
-        return np.maximum(np.stack([low, high], axis=-1), 0.0)
+        half, mass = NORMAL * self.load_std[..., 0], self.mass
+        return np.maximum(np.stack([mass - half, mass + half + self.unnoticed], axis=-1), 0.0)
 
 
 class CommandTorques:
@@ -121,13 +119,12 @@ class CommandTorques:
     """
 
     def __init__(self, model: Model, known: OnlineKnowledge) -> None:
-        e, layout = model.dynamics.equations, model.layout
+        e, p = model.dynamics.equations, ca.SX(model.p)
         self.z, self.qd, self.qdd = e.z, e.qd, e.qdd
         self.load = ca.SX.sym("load", len(known.entries.shown))
         self.friction = ca.SX.sym("friction", len(known.followed))
-        p = ca.SX(model.p)
         p[list(known.followed)] = self.friction
-        p[known.entries.places(layout)] += self.load
+        p[known.entries.places(model.layout)] += self.load
         self.tau: ca.SX = ca.substitute([e.torque], [e.p], [p])[0] / ca.SX(model.gains)
         self._kinematics = model.dynamics.kinematics
 
@@ -177,9 +174,8 @@ class Online(Named):
         more: tuple[MorePart, ...] = (),
     ) -> None:
         self.model: Model = load(model)
-        self.settings = settings or OnlineSettings()
-        if rate is not None:
-            self.settings = self.settings.at_rate(rate)
+        asked = settings or OnlineSettings()
+        self.settings = asked if rate is None else asked.at_rate(rate)
         self.known: OnlineKnowledge = knowledge(self.model, self.settings)
         more = (*standard_parts(self.model), *more)
         self.graph: StepGraph = step_graph(self.model, self.settings, more, self.known)
@@ -188,11 +184,6 @@ class Online(Named):
     def reset(self) -> None:
         """Forget all of the past."""
         self.state: Float[np.ndarray, " state"] = self.graph.state.initial
-
-    @property
-    def entries(self) -> LoadEntries:
-        """What torques show of a load."""
-        return self.known.entries
 
     @cached_property
     def feedforward(self) -> CommandTorques:
@@ -252,10 +243,9 @@ class Online(Named):
 
     def _velocity(self, qd: np.ndarray | None) -> list[np.ndarray]:
         if (qd is None) != (self.settings.speed == "differenced"):
-            which = "are differenced" if qd is not None else "are measured"
+            given = "were not given" if qd is None else "were given"
             raise DeltaidError(
-                f"velocities {which} by the settings, but "
-                + ("were given" if qd is not None else "were not given"),
+                f"velocities are {self.settings.speed} by the settings, but {given}",
                 where="qd",
                 cure="set OnlineSettings.speed to 'measured' or to 'differenced'",
             )
@@ -276,13 +266,12 @@ class Online(Named):
 
     @cached_property
     def _kernel(self) -> Recurrence:
-        g = self.graph
-        return Recurrence(g.x, g.u, g.following, g.y)
+        return Recurrence(self.graph.x, self.graph.u, self.graph.following, self.graph.y)
 
     def _estimate(self, y: Float[np.ndarray, "*samples outputs"]) -> OnlineEstimate:
         fields = self.graph.outputs.split(y)
         return OnlineEstimate(
-            names=self.entries.names,
+            names=self.known.entries.names,
             held=np.asarray(fields["held"][..., 0] > 0.5),
             changed=np.asarray(fields["changed"][..., 0] > 0.5),
             load=fields["load"],

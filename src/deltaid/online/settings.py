@@ -179,27 +179,19 @@ def knowledge(model: Model, settings: OnlineSettings) -> OnlineKnowledge:
         DescriptionError: no such body to carry a load.
         DeltaidError: noise is not given for each drive.
     """
-    dynamics, layout = model.dynamics, model.layout
-    entries = load_entries(dynamics, settings.body)
+    dynamics, layout, found = model.dynamics, model.layout, model.identified
+    entries, root = load_entries(dynamics, settings.body), _root(model)
     motion = random_motion(dynamics.kinematics, np.random.default_rng(0), period=_PERIOD)
-    z, zd, zdd = motion.evaluate(np.linspace(0, _PERIOD, _SAMPLES, endpoint=False))
-    q, qd, qdd = dynamics.kinematics.drive_motion(z, zd, zdd)
+    pose = motion.evaluate(np.linspace(0, _PERIOD, _SAMPLES, endpoint=False))
+    q, qd, qdd = dynamics.kinematics.drive_motion(*pose)
     Y = dynamics.regressor(q, qd, qdd, np.zeros_like(q))
     largest = np.abs(Y @ model.p).max(axis=0)
-    found = model.identified
-    noise = _each(
-        settings.noise,
-        "noise",
-        model,
-        largest * _NOISE if found is None else np.array(found.fit.rms_unfiltered) * model.gains,
-    )
-    unmodelled = _each(
-        settings.unmodelled,
-        "unmodelled",
-        model,
-        largest * _UNMODELLED if found is None else _OF_FIT * np.array(found.fit.rms) * model.gains,
-    )
-    root = _root(model)
+    noise, unmodelled = largest * _NOISE, largest * _UNMODELLED
+    if found is not None:
+        noise = np.array(found.fit.rms_unfiltered) * model.gains
+        unmodelled = _OF_FIT * np.array(found.fit.rms) * model.gains
+    noise = _each(settings.noise, "noise", model, noise)
+    unmodelled = _each(settings.unmodelled, "unmodelled", model, unmodelled)
     followed = tuple(
         k
         for k, parameter in enumerate(layout.parameters)
@@ -207,10 +199,10 @@ def knowledge(model: Model, settings: OnlineSettings) -> OnlineKnowledge:
         and parameter.symbol in _FOLLOWED
         and parameter.owner in model.robot.drives
     )
-    std = np.sqrt(np.sum(root[list(followed)] ** 2, axis=1))
-    std = np.maximum(std, settings.friction_range / 2 * np.abs(model.p[list(followed)]))
-    rest = root.copy()
-    rest[list(followed)] = 0.0
+    places, rest = list(followed), root.copy()
+    rest[places] = 0.0
+    std = np.sqrt(np.sum(root[places] ** 2, axis=1))
+    std = np.maximum(std, settings.friction_range / 2 * np.abs(model.p[places]))
     seen = (Y @ rest) / noise[:, None] / np.sqrt(_SAMPLES)
     _, sizes, V = np.linalg.svd(seen.reshape(-1, rest.shape[1]), full_matrices=False)
     count = min(_DIRECTIONS, int(np.sum(sizes > _SMALLEST)))
@@ -263,15 +255,11 @@ def _each(
 
 def _root(model: Model) -> Float[np.ndarray, "parameters n"]:
     """R with p's covariance R Rᵀ: of the posterior, else of the priors, each by itself."""
-    found, layout = model.identified, model.layout
+    found, spreads = model.identified, stated_spreads(model.robot)
     if found is not None and found.posterior is not None:
         posterior = density(found, model.source)
         return posterior.reduction.A @ posterior.root
     if found is not None:
         return np.diag([parameter.std for parameter in found.parameters])
-    spreads = stated_spreads(model.robot)
-    sizes = [
-        spreads.get(parameter.name, model.prior_spread) * parameter.scale
-        for parameter in layout.parameters
-    ]
-    return np.diag(sizes)
+    parameters = model.layout.parameters
+    return np.diag([spreads.get(x.name, model.prior_spread) * x.scale for x in parameters])

@@ -131,21 +131,21 @@ def signals(
         fields.following[name] = chosen(begins, resting, kept)
         return y
 
+    def steady(name: str, x: ca.SX) -> ca.SX:
+        return filtered(name, x, lines.keep(x, x))
+
     torque = filtered("torque", tau, of_torque.before * tau, of_torque)
-    of_momentum = settings.corner * of_momentum
+    of_momentum *= settings.corner
     x = of_momentum - rest
     columns = of_momentum - filtered("columns", x, lines.keep(of_momentum, x))
     both = only_if(live, ca.horzcat(torque - columns[:, 0], columns[:, 1:]))
-    smooth = filtered("smooth", both, ca.SX(*both.shape))
-    beyond = _beyond(model, tau, settings)
+    smooth, beyond = filtered("smooth", both, ca.SX(*both.shape)), _beyond(model, tau, settings)
     # (1 - sign²)² of friction: a drive that moves slowly has a direction.
     at_stand = only_if(good, along(z, ca.SX.zeros(dof), load)[2])
     rest, dry = dry * dry / (at_stand + 1e-12) + beyond, dry + beyond
-    dry = filtered("dry", dry, lines.keep(dry, dry))
-    rest = filtered("rest", rest, lines.keep(rest, rest))
-    at_rest = filtered("smooth_rest", rest, lines.keep(rest, rest))
-    slow = 1 / (1 + (qd / ca.SX(known.slow_speed)) ** 2)
-    slow = filtered("slow", slow, lines.keep(slow, slow))
+    dry, rest = steady("dry", dry), steady("rest", rest)
+    at_rest = steady("smooth_rest", rest)
+    slow = steady("slow", 1 / (1 + (qd / ca.SX(known.slow_speed)) ** 2))
     fields.give(
         "skipped", rows.skipped, "1 for a row that is not new or cannot be, and is not used"
     )

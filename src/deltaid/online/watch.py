@@ -129,15 +129,14 @@ def watch(
         bad += int(np.sum(~found.good))
         at = rows.time - late
         events = np.maximum(at, rows.time[0]) if rows.begins else at  # what was held before
-        loads.add(events, found)
-        touches.add(events, found)
+        for part in (loads, touches):
+            part.add(events, found)
         suspicion.add(rows, found)
         parts.append(_thinned(online, at, found, every, told))
     progress("judging what speaks against it")
-    series = pl.concat(parts)
+    series, held, pushes = pl.concat(parts), loads.finished(), touches.finished()
     best, worst = series.select("least_force_best", "least_force_worst").to_numpy().T
     finite = np.isfinite(worst)
-    held, pushes = loads.finished(), touches.finished()
     return Watched(
         robot=model.robot,
         log=replay.log.path.name,
@@ -161,21 +160,15 @@ def _thinned(
     online: Online, at: Float[np.ndarray, " rows"], found: OnlineEstimate, every: int, told: bool
 ) -> pl.DataFrame:
     """Every so-manieth cycle; of the residual the one of largest size since."""
-    out, n = found.outputs, len(at)
-    size = out["contact_size"][:, 0]
-    ends = np.arange(every - 1, n, every)
-    if not ends.size:
-        ends = np.array([n - 1])
-    starts = np.concatenate([[0], ends[:-1] + 1])
-    peak = np.array([a + size[a : b + 1].argmax() for a, b in zip(starts, ends, strict=True)])
-    force = out["contact_force"][peak]
-    u = online.settings.contact_threshold(found.residual.shape[1])
+    out, size = found.outputs, found.outputs["contact_size"][:, 0]
+    ends = np.minimum(np.arange(every - 1, max(len(at), every), every), len(at) - 1)
+    spans = zip([0, *(ends[:-1] + 1)], ends, strict=True)
+    peak = np.array([a + size[a : b + 1].argmax() for a, b in spans])
+    force, interval = out["contact_force"][peak], found.mass_interval[ends]
     A = out["contact_information"][ends].reshape(len(ends), *2 * force.shape[1:])
-    best, worst = least_force(A, u)
+    best, worst = least_force(A, online.settings.contact_threshold(found.residual.shape[1]))
     if not told:  # straight up or down, a load may hide its weight of a push
         worst = worst + _GRAVITY * online.known.load_scales[0]
-    interval = found.mass_interval[ends]
-    names = online.model.robot.task.names
     columns = {
         "t": at[ends],
         "held": found.held[ends].astype(float),
@@ -185,6 +178,7 @@ def _thinned(
         "contact_size": size[peak],
         "contact_limb": out["contact_limb"][peak, 0],
     }
+    names = online.model.robot.task.names
     columns |= {f"force_{name}": x for name, x in zip(names, force.T, strict=False)}
     columns |= {f"effort{i + 1}": x for i, x in enumerate(out["contact_effort"][peak].T)}
     return pl.DataFrame(columns | {"least_force_best": best, "least_force_worst": worst})
@@ -193,20 +187,12 @@ def _thinned(
 def _friction(online: Online) -> tuple[FollowedFriction, ...]:
     """Coefficients as they are believed at the end, by the state."""
     known, layout, state = online.known, online.model.layout, online.graph.state.split(online.state)
-    n = state["x"].size
-    P = np.zeros((n, n))
-    P.T[np.triu_indices(n)] = state["P"]  # columns of the lower triangle
-    first = len(known.entries.shown) + known.directions.shape[1]
+    n, first = state["x"].size, len(known.entries.shown) + known.directions.shape[1]
+    rows, columns = np.triu_indices(n)  # of the upper triangle are columns of the lower one
+    deviations = np.sqrt(np.maximum(state["P"][rows == columns], 0.0))
     found = []
-    for i, (k, std) in enumerate(zip(known.followed, known.friction_std, strict=True)):
-        before, at = float(online.model.p[k]), first + i
-        found.append(
-            FollowedFriction(
-                layout.names[k],
-                layout.units[k],
-                before,
-                before + std * float(state["x"][at]),
-                std * float(np.sqrt(max(P[at, at], 0.0))),
-            )
-        )
+    for i, (k, std) in enumerate(zip(known.followed, known.friction_std, strict=True), first):
+        before, name, unit = float(online.model.p[k]), layout.names[k], layout.units[k]
+        value = before + std * float(state["x"][i])
+        found.append(FollowedFriction(name, unit, before, value, std * float(deviations[i])))
     return tuple(found)
