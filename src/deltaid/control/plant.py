@@ -169,6 +169,10 @@ _OF_A_GEAR = 0.2
 class Running:
     """The state of a plant from sample to sample, as one row.
 
+    Between elastic gears' motors and links, positions of the motors go half a step, speeds a whole
+    one by the springs of then, positions the other half: so without damping a swing neither grows
+    nor dies down.
+
     Attributes:
         z: task coordinates; NaN from where the robot left its workspace.
         qd: velocities of the joints behind the gears.
@@ -178,77 +182,56 @@ class Running:
     def __init__(
         self, plant: Plant, q: Samples, qd: Samples, rate: float, current_loop: float
     ) -> None:
-        self._plant, self._forward = plant, plant.model.forward
+        self._plant, self._forward, robot = plant, plant.model.forward, plant.model.robot
         self._lag, self._current = 2 * np.pi * current_loop, None
-        self._held, self._p = plant.held(0.0), plant.model_at(0.0).p
-        self._link = link_side(plant.model.robot, self._p)
-        self._gear = _Gear(plant, plant.model_at(0.0), q, qd) if plant.elastic else None
-        longest = LONGEST_STEP if self._gear is None else min(LONGEST_STEP, self._gear.longest)
+        loaded, longest, links = plant.model_at(0.0), LONGEST_STEP, q
+        self._held, self._p, self._link = plant.held(0.0), loaded.p, link_side(robot, loaded.p)
+        if plant.elastic:
+            self._k = np.array([robot.stiffness(drive) for drive in robot.drives])
+            yielding = inv(loaded.dynamics.mass_matrix(q, self._link)[0], assume_a="pos")
+            yielding += np.diag(1 / motor_inertia(robot, loaded.p))
+            self._d = 2 * plant.damping * np.sqrt(self._k / np.diagonal(yielding))
+            fastest = np.sqrt(np.linalg.eigvals(self._k[:, None] * yielding).real.max())
+            longest = min(longest, float(_OF_A_GEAR / fastest))
+            self._motors, self._speeds = q, qd
+            steady = loaded.dynamics.inverse_dynamics(q, qd, np.zeros_like(q), self._link)
+            links = q - steady / self._k
         self._substeps, self._h = time_steps(rate, longest)
-        links = q if self._gear is None else self._gear.links
         self.z, self.qd = self._forward.kinematics.forward(links), qd
 
     @property
     def encoders(self) -> Samples:
         """Coordinates of the motors, of joints where gears are stiff."""
-        if self._gear is not None:
-            return self._gear.position
-        return self._forward.drive_coordinates(self.z)
+        return self._motors if self._plant.elastic else self._forward.drive_coordinates(self.z)
 
     def hold(self, tau: Samples, time: float) -> None:
         """Go on by one sample under torques that the drives are asked for."""
-        held = self._plant.held(time)
+        held, plant = self._plant.held(time), self._plant
         if held != self._held:
-            self._held, self._p = held, self._plant.model_at(time).p
-            self._link = link_side(self._plant.model.robot, self._p)
-        forward, gear, ripple = self._forward, self._gear, self._plant.ripple
+            self._held, self._p = held, plant.model_at(time).p
+            self._link = link_side(plant.model.robot, self._p)
         for _ in range(self._substeps):
             given, p = self._given(tau), self._p
-            if ripple is not None:
-                phase = ripple.waves * self.encoders + ripple.phase
-                given = given - ripple.amplitude * np.sin(phase)
-            if gear is not None:  # motors and links are pulled at by what gears carry in between
-                carried = gear.carried(forward.drive_coordinates(self.z), self.qd, self._h)
-                gear.turn(given, carried, self._p, self._h)
-                given, p = carried, self._link
-            self.z, self.qd = forward.step(self.z, self.qd, given, p, self._h)
+            if plant.ripple is not None:
+                phase = plant.ripple.waves * self.encoders + plant.ripple.phase
+                given = given - plant.ripple.amplitude * np.sin(phase)
+            if plant.elastic:
+                given, p = self._carried(given), self._link
+            self.z, self.qd = self._forward.step(self.z, self.qd, given, p, self._h)
+
+    def _carried(self, tau: Samples) -> Samples:
+        """Torque between motors and links in the middle of a step; motors turn by all of it."""
+        before, faster, h = self._speeds, self._speeds - self.qd, self._h
+        wound = self._motors - self._forward.drive_coordinates(self.z) + 0.5 * h * faster
+        carried, robot = self._k * wound + self._d * faster, self._plant.model.robot
+        self._speeds = motor_speeds(robot, self._p, before, tau, carried, h)
+        self._motors = self._motors + 0.5 * h * (before + self._speeds)
+        return carried
 
     def _given(self, tau: Samples) -> Samples:
         """Mean torque over a time step behind the current loop, a first-order lag."""
         if not np.isfinite(self._lag):
             return tau
-        last = tau if self._current is None else self._current
-        share = np.exp(-self._lag * self._h)
+        last, share = tau if self._current is None else self._current, np.exp(-self._lag * self._h)
         self._current = tau + (last - tau) * share
         return tau + (last - tau) * (1 - share) / (self._lag * self._h)
-
-
-class _Gear:
-    """Motors, and the springs between them and the links.
-
-    Positions go half a step, speeds a whole one by the springs of then, positions the other half:
-    so without damping a swing neither grows nor dies down.
-    """
-
-    def __init__(self, plant: Plant, loaded: Model, q: Samples, qd: Samples) -> None:
-        robot, p = plant.model.robot, loaded.p
-        link = link_side(robot, p)
-        self._robot, self._k = robot, np.array([robot.stiffness(d) for d in robot.drives])
-        yielding = inv(loaded.dynamics.mass_matrix(q, link)[0], assume_a="pos")
-        yielding += np.diag(1 / motor_inertia(robot, p))
-        self._d = 2 * plant.damping * np.sqrt(self._k / np.diagonal(yielding))
-        fastest = np.sqrt(np.linalg.eigvals(self._k[:, None] * yielding).real.max())
-        self.longest = float(_OF_A_GEAR / fastest)
-        steady = loaded.dynamics.inverse_dynamics(q, qd, np.zeros_like(q), link)
-        self.position, self.speed, self.links = q, qd, q - steady / self._k
-
-    def carried(self, q: Samples, qd: Samples, h: float) -> Samples:
-        """Torque between motors and links half a step of length h later."""
-        faster = self.speed - qd
-        return self._k * (self.position - q + 0.5 * h * faster) + self._d * faster
-
-    def turn(self, tau: Samples, carried: Samples, p: Parameters, h: float) -> None:
-        """One step of the motors."""
-        before = self.speed
-        self.speed = motor_speeds(self._robot, p, before, tau, carried, h)
-        self.position = self.position + 0.5 * h * (before + self.speed)

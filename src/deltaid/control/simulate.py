@@ -1,6 +1,5 @@
 """A controller that knows a model, on a robot that may be another one, along a motion."""
 
-import math
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -204,7 +203,7 @@ def conditions(
 ) -> Conditions:
     """What `simulate` and `compare_controllers` try controllers on; arguments as there."""
     step = ENCODER_STEP if asked.encoder is None else asked.encoder
-    drives = Drives(asked.rate, step, asked.delay, current_loop=asked.current_loop or math.inf)
+    drives = Drives(asked.rate, step, asked.delay, current_loop=asked.current_loop or np.inf)
     held, known = as_payload(asked.payload), load(model)
     moved, name, warnings = known if plant is None else load(plant), "a motion", ()
     kinds = [[x.is_linear(drive) for drive in x.drives] for x in (moved.robot, known.robot)]

@@ -254,16 +254,13 @@ def track(
     Raises:
         KinematicsError: the trajectory is out of the plant's reach, or of the model's.
     """
-    plant = as_plant(plant)
+    plant, period = as_plant(plant), 1 / drives.rate
     known = model if callable(model) else lambda _: model
-    period = 1 / drives.rate
     time = np.arange(int(trajectory.duration * drives.rate + 1e-9) + 1) * period
     start, desired = trajectory.desired(time), trajectory.desired(time + 0.5 * period)
-    limits = effort_limits(plant.model.robot)
+    limits, readings = effort_limits(plant.model.robot), _Readings(drives)
     running = Running(plant, start.q[:1], start.qd[:1], drives.rate, drives.current_loop)
-    readings = _Readings(drives)
-    path, torques = np.empty((3, *start.q.shape)), np.empty(start.q.shape)
-    wanted = np.empty_like(torques)
+    path, (torques, wanted) = np.empty((3, *start.q.shape)), np.empty((2, *start.q.shape))
     for k in range(len(time)):
         q = running.encoders
         path[:, k] = q[0], running.z[0], running.qd[0]

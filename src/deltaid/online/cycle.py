@@ -71,7 +71,7 @@ def step_graph(
         add(Cycle(model, settings, known, read, found, fields))
     graph = fields.graph(read.inputs, read.u, read.good, settings.period)
     rests = ca.if_else(fields.following.get("contact_rests", ca.SX(0)) > 0, 1.0, 0.0)
-    x, y = ca.substitute([graph.following, graph.y], [anew], [found.changed])
+    x, y = ca.substitute([graph.following, graph.y], [anew], [found.change.changed])
     x, y = ca.substitute([x, y], [touched], [rests])
     return replace(graph, following=x, y=y)
 
@@ -117,7 +117,7 @@ def contact_of(cycle: Cycle) -> None:
     pushed = ca.logic_and(seen.found > 0.5, lasts < _LONGEST)
     pauses = ca.if_else(pushed, _REMEMBERED, ca.fmax(rests - settings.period, 0.0))
     # Filters begin anew with what the gripper tells, and a contact before may have been the load.
-    pauses = ca.if_else(cycle.estimates.told, 0.0, pauses)
+    pauses = ca.if_else(cycle.estimates.change.told, 0.0, pauses)
     found = ca.fmin((seen.size * u) ** 2 * larger / dof, _MOST)
     memory = ca.if_else(found > excess, _GROWS, _FALLS)
     learns = every(s.settled, s.calm, seen.found < 0.5)
@@ -185,7 +185,7 @@ def _partly(cycle: Cycle, mass: ca.SX) -> ca.SX:
     """
     e, hung = cycle.estimates, cycle.fields.before["hangs_on"]
     expected = ca.if_else(cycle.signals.gripper > 0.5, 1.0, mass)
-    let_go = ca.logic_and(e.changed, ca.logic_not(e.held))
+    let_go = ca.logic_and(e.change.changed, ca.logic_not(e.change.held))
     left = ca.if_else(let_go, mass, hung * np.exp(-cycle.settings.period / _HANGS_ON))
     cycle.fields.following["hangs_on"] = left
     return ca.if_else(e.differs, expected, hung)

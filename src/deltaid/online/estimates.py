@@ -26,7 +26,7 @@ import casadi as ca
 import numpy as np
 
 from deltaid.model.model import Model
-from deltaid.online.changes import Onsets, estimate_after, gripper_differs, judge_change
+from deltaid.online.changes import Change, Onsets, estimate_after, gripper_differs, judge_change
 from deltaid.online.graph import CycleFields, Field, chosen
 from deltaid.online.grips import Grip, chosen_estimate, follow_grip, grip_before, keep_grip
 from deltaid.online.kalman import Estimate, States, keep_levels, learn_levels
@@ -50,19 +50,15 @@ class CycleEstimates:
     Attributes:
         before: mean and covariance of the states before this cycle's residual told anything.
         behind: and after it.
-        held: 1 while a load is held, behind this cycle.
-        changed: 1 where that is another one from now on.
-        told: 1 where the gripper tells so, and
-        differs: where it tells something else than what was held before.
+        change: whether another load is held from now on, and
+        differs: where the gripper tells something else than what was held before.
         grip: what is known of when a load was taken or left.
         lacking: size of torques that the model has not, δ.
     """
 
     before: Estimate
     behind: Estimate
-    held: ca.SX
-    changed: ca.SX
-    told: ca.SX
+    change: Change
     differs: ca.SX
     grip: Grip
     lacking: ca.SX
@@ -85,8 +81,7 @@ def estimates(
     period, n_load, dof = settings.period, len(known.entries.shown), s.qd.numel()
     silent, lowpass = s.gripper <= -0.5, Lowpass.lines(settings.corner, period)
     kinds = States.of_signals(s, period, settings.friction_time)
-    kept = kinds.before(fields)
-    moving, slow = keep_levels(fields, dof)
+    kept, (moving, slow) = kinds.before(fields), keep_levels(fields, dof)
     parts = ca.SX(known.unmodelled * moving), ca.SX(known.unmodelled_slow * slow * s.slow)
     size = parts[0] + parts[1]
     rows = ca.horzcat(s.smooth_columns, ca.diag(size))
@@ -104,7 +99,11 @@ def estimates(
     innovations = s.smooth_residual - rows @ before.x
     variances = ca.SX(known.noise**2) + (_AT_REST / period) * s.at_rest**2
     weight = s.live * s.calm * (1 - touched) * (1 - differs)
-    shape = _shape(held, before.x[:n_load], grip, fields.before["left"])
+    # Entries of a change in units of its mass: those of the load held, or left just now, else a
+    # mass alone.
+    load = ca.if_else(grip.open_, fields.before["left"] * (1 - held), before.x[:n_load] * held)
+    unit = ca.vertcat(ca.SX(1), ca.SX.zeros(n_load - 1))
+    shape = chosen(load[0] > _LEAST_SHARE, load / ca.fmax(load[0], _LEAST_SHARE), unit)
     once, twice = s.columns[:, :n_load] @ shape, rows[:, :n_load] @ shape
     behind = before
     for i in range(dof):
@@ -129,7 +128,11 @@ def estimates(
     load = known.entries.consistent(loaded.x, loaded.P, known.load_scales, settings.extent)
     load = chosen(change.held, load, ca.SX.zeros(n_load))
     std = ca.sqrt(ca.fmax(ca.diag(loaded.P), 0)) * ca.SX(known.load_scales)
-    unnoticed = _unnoticed(onsets, change.held, s.gripper, settings.alarm) * known.load_scales[0]
+    open_, information = ca.logic_and(silent, ca.logic_not(change.held)), ca.SX(0)
+    for onset, recent in onsets.untold:
+        information = ca.fmax(information, onset.information * recent)
+    most = ca.fmin(1.0, settings.alarm / ca.sqrt(information + 1e-12)) * known.load_scales[0]
+    unnoticed = ca.if_else(open_, most, 0.0)
     names = ", ".join(known.entries.names)
     for name, value, doc, unit in (
         ("held", change.held, "1 while a load is held", ""),
@@ -144,26 +147,7 @@ def estimates(
         ("unexplained", innovations, "what load and model leave of it", ""),
     ):  # fmt: skip
         fields.give(name, value, doc, unit)
-    return CycleEstimates(
-        before, behind, change.held, change.changed, change.told, differs, grip, size
-    )
-
-
-def _shape(held: ca.SX, load: ca.SX, grip: Grip, left: ca.SX) -> ca.SX:
-    """Entries of a change in units of its mass: those of the load held, or left just now, else a
-    mass alone."""
-    load = ca.if_else(grip.open_, left * (1 - held), load * held)
-    unit = ca.vertcat(ca.SX(1), ca.SX.zeros(load.numel() - 1))
-    return chosen(load[0] > _LEAST_SHARE, load / ca.fmax(load[0], _LEAST_SHARE), unit)
-
-
-def _unnoticed(onsets: Onsets, held: ca.SX, gripper: ca.SX, alarm: float) -> ca.SX:
-    """Mass that is no change yet, in units of the largest; none where the gripper tells."""
-    known = ca.SX(0)
-    for onset, recent in onsets.untold:
-        known = ca.fmax(known, onset.information * recent)
-    open_ = ca.logic_and(gripper <= -0.5, ca.logic_not(held))
-    return ca.if_else(open_, ca.fmin(1.0, alarm / ca.sqrt(known + 1e-12)), 0.0)
+    return CycleEstimates(before, behind, change, differs, grip, size)
 
 
 def _bounded(estimate: Estimate, at: slice, bounds: Bounds, calm: ca.SX) -> Estimate:

@@ -22,7 +22,7 @@ import numpy as np
 from jaxtyping import Float
 
 from deltaid.model.model import Model
-from deltaid.online.graph import CycleFields, Field, chosen
+from deltaid.online.graph import CycleFields, Field, chosen, every
 from deltaid.online.instant import NOT_TOLD
 from deltaid.online.settings import OnlineKnowledge, OnlineSettings
 
@@ -96,44 +96,44 @@ def even_rows(
     bend = ((u["q"] - q1) / (h + at) - (q1 - q2) / h) / (2 * h + at)
     q = chosen(new, 2 * q1 - q2 + 2 * h**2 * bend, u["q"])
     repeats = ca.sumsqr(u["q"] - read) + ca.sumsqr(u["tau"] - tau1) <= 0
-    stale = ca.logic_and(has_past, ca.logic_and(repeats, repeating < _REPEATS))
+    stale = every(has_past, repeats, repeating < _REPEATS)
     old = ca.logic_and(finite, ca.if_else(stamped, elapsed <= 0, stale))
     torque, jump = _bounds(model, known, settings)
     beyond = ca.logic_or(
         ca.mmax(ca.fabs(u["tau"]) / ca.SX(torque)) > 1,
         ca.mmax(ca.fabs(q - ahead) / ca.SX(jump)) > 1,
     )
-    bad = ca.logic_or(old, ca.logic_and(ca.logic_and(finite, has_past), beyond))
+    bad = ca.logic_or(old, every(finite, has_past, beyond))
     over = ca.logic_or(missed + 1 > max(_LONGEST / h, 1.0), ca.logic_not(has_past))
     anew = ca.logic_or(hole, ca.logic_and(bad, over))
     skipped = ca.logic_and(bad, ca.logic_not(anew))
-    even = u | {
-        "q": chosen(skipped, ahead, q),
-        "tau": chosen(skipped, tau1, u["tau"]),
-    }
+    even = u | {"q": chosen(skipped, ahead, q), "tau": chosen(skipped, tau1, u["tau"])}
     behind = ca.logic_and(missed > 0, ca.logic_not(bad))
     # the parabola has a q + b q₁ + …, a and b of at: noise of a speed beyond that of differences
     a, b = 2 * h**2 / ((2 * h + at) * (h + at)), 2 * at / (h + at)
     stretched = ca.sqrt(ca.fmax(0.5 * (a**2 + (1 - b) ** 2) - 1, 0))
     found = chosen(behind, ca.fabs(q - ahead) / h, stretched * noise)
     off = ca.fmax(off * np.exp(-settings.corner * h), found)
-    following = {"q1": even["q"], "q2": q1, "q3": q2, "tau1": even["tau"], "read": u["q"]}
-    following["off"] = off
+    following = {
+        "q1": even["q"],
+        "q2": q1,
+        "q3": q2,
+        "tau1": even["tau"],
+        "read": u["q"],
+        "off": off,
+    }
     if measured:
         qd1, qd2 = speeds
         qd = chosen(new, qd1 + (u["qd"] - qd1) * (h / (h + at)), u["qd"])
         even["qd"] = chosen(skipped, 2 * qd1 - qd2, qd)
         following |= {"qd1": even["qd"], "qd2": qd1}
-    first = ca.if_else(old, 0, 1)  # a row that is not new is no past
-    count = ca.if_else(anew, first, ca.fmin(rows + 1, _PAST))
     bridged = ca.if_else(skipped, float(waiting + _BEHIND), ca.fmax(rests - 1, 0))
-    often = repeating + (ca.if_else(repeats, 1.0, 0.0) - repeating) / _ROWS
-    numbers = {
-        "rows": count,
+    numbers = {  # a row that is not new is no past
+        "rows": ca.if_else(anew, ca.if_else(old, 0, 1), ca.fmin(rows + 1, _PAST)),
         "missed": ca.if_else(skipped, missed + 1, 0),
         "late": drift,
         "bridged": bridged,
-        "repeating": often,
+        "repeating": repeating + (ca.if_else(repeats, 1.0, 0.0) - repeating) / _ROWS,
     }
     fields.following |= numbers | {f"{name}_row": x for name, x in following.items()}
     fields.spoilt |= dict.fromkeys(numbers, ca.SX(0))
