@@ -215,8 +215,8 @@ def read(
     source, instrument = as_source(given, kind), KINDS[kind]
     table = source.table if isinstance(source, Recording) else open_table(source)
     if kind == "probe" and set(PointReadings.read) <= set(table.header):
-        what, cure = "has px, py, pz: these are points, no touches", "give the file with --points"
-        raise RecordingError(what, where=str(table.path), cure=cure)
+        what = "has px, py, pz: these are points, no touches"
+        raise RecordingError(what, where=str(table.path), cure="give the file with --points")
     where, length = str(table.path), si_factor(columns.unit, "m", where=f"{kind}.unit")
     needed = [name for name in instrument.read if name != "block" or columns.has(name, table)]
     values = [_column(table, columns, name, length) for name in needed]

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 
 from deltaid.control.tracking import Tracking, Trajectory
 from deltaid.dynamics.limits import LimitsAlong, effort_limits
@@ -69,20 +69,16 @@ def of_motion(plant: Model, trajectory: Trajectory) -> tuple[MotionProblem, ...]
     z = dynamics.kinematics.forward(desired.q)
     tau, limits = dynamics.torque(z, desired.qd, desired.qdd, plant.p), LimitsAlong(dynamics)
 
-    def beyond(kind: Kind, what: str, use: Signal, asks: str, over: str, short: str) -> None:
-        if use.max() > _BEYOND:
-            worst, share = int(use.argmax()), float((use > 1).mean())
-            text = f"{asks} at {time[worst]:.3g} s, {over} for {_percent(share)} of the time"
-            size, at = float(use[worst]), float(time[worst])
-            problems.append(MotionProblem(kind, what, text, short, size, at, share))
-
-    problems: list[MotionProblem] = []
+    problems = list[MotionProblem]()
     for drive, largest, used in zip(robot.drives, effort_limits(robot), np.abs(tau.T), strict=True):
-        units, most = robot.units(drive), float((used / largest).max())
-        asks = f"the motion needs more {units.effort} than {drive} has: {most * largest:.3g} "
-        asks += f"{units.force} of {largest:g} {units.force}"
-        short = f"{drive} needs {most:.0%} of its {units.effort}"
-        beyond("torque", drive, used / largest, asks, "beyond the limit", short)
+        use, units = used / largest, robot.units(drive)
+        text = (
+            f"the motion needs more {units.effort} than {drive} has: {used.max():.3g} "
+            f"{units.force} of {largest:g} {units.force} at {{at:.3g}} s, beyond the limit for "
+            "{share} of the time"
+        )
+        over, short = _beyond(use), f"{drive} needs {use.max():.0%} of its {units.effort}"
+        problems += _problem("torque", drive, text, short, over, time, use)
     # ż and z̈ of drive rates: J ż = q̇, J z̈ = q̈ − J̇ ż.
     J = dynamics.kinematics.jacobian(z)
     zd = np.linalg.solve(J, desired.qd[:, :, None])
@@ -90,9 +86,31 @@ def of_motion(plant: Model, trajectory: Trajectory) -> tuple[MotionProblem, ...]
     zdd = np.linalg.solve(J, desired.qdd[:, :, None] - along)[:, :, 0]
     for name, use in zip(limits.names, limits.kinematic(z, zd[:, :, 0], zdd).T, strict=True):
         kind, words = _kinematic(name)
-        asks, over = f"{words}, {use.max():.0%} of what is described", "beyond it"
-        beyond(kind, name, use, asks, over, f"{name} at {use.max():.0%}")
+        text = (
+            f"{words}, {use.max():.0%} of what is described at {{at:.3g}} s, beyond it for "
+            "{share} of the time"
+        )
+        short = f"{name} at {use.max():.0%}"
+        problems += _problem(kind, name, text, short, _beyond(use), time, use)
     return tuple(problems)
+
+
+def _beyond(use: Signal) -> Bool[np.ndarray, " samples"]:
+    return (use > 1) & (use.max() > _BEYOND)
+
+
+def _problem(
+    kind: Kind, what: str, text: str, short: str, over: Bool[np.ndarray, " samples"], time: Signal,
+    size: Signal | None = None,
+) -> list[MotionProblem]:  # fmt: skip
+    """A problem where there is one, at the largest size, or from where it began."""
+    if not over.any():
+        return []
+    k, first = int((over if size is None else size).argmax()), float(time[over.argmax()])
+    at, share, worst = float(time[k]), float(over.mean()), 1.0 if size is None else float(size[k])
+    percent = f"{100 * share:.2g} %" if share < 0.995 else "100 %"
+    said, short = text.format(at=at, first=first, share=percent), short.format(first=first)
+    return [MotionProblem(kind, what, said, short, worst, at, share)]
 
 
 def _kinematic(name: str) -> tuple[Kind, str]:
@@ -114,14 +132,12 @@ def of_tracking(plant: Model, result: Tracking) -> tuple[MotionProblem, ...]:
     valid, robot = result.valid, plant.robot
     time, problems = result.time[valid], list[MotionProblem]()
     for drive, cut in zip(robot.drives, result.saturated[valid].T, strict=True):
-        if cut.sum() > _SATURATED * len(cut):
-            share, first = float(cut.mean()), float(time[cut.argmax()])
-            text = (
-                f"the controller stands at the {robot.units(drive).effort} limit of {drive} for "
-                f"{_percent(share)} of the time, from {first:.3g} s on"
-            )
-            short = f"{drive} at its limit"
-            problems.append(MotionProblem("saturated", drive, text, short, 1.0, first, share))
+        text = (
+            f"the controller stands at the {robot.units(drive).effort} limit of {drive} for "
+            "{share} of the time, from {first:.3g} s on"
+        )
+        over = cut & (cut.sum() > _SATURATED * len(cut))
+        problems += _problem("saturated", drive, text, f"{drive} at its limit", over, time)
     if result.ended is not None:
         short, left = f"lost after {result.ended:.4g} s", 1.0 - result.ended / result.time[-1]
         text = sentence(
@@ -129,44 +145,30 @@ def of_tracking(plant: Model, result: Tracking) -> tuple[MotionProblem, ...]:
             "its gains or its model do not hold the robot on this motion",
             "lower the gains, or take a slower motion",
         )
-        found = MotionProblem("lost", "robot", text, short, 1.0, result.ended, float(left))
-        problems.append(found)
+        problems += [MotionProblem("lost", "robot", text, short, 1.0, result.ended, float(left))]
     else:  # beyond a singular pose its drives turn a robot elsewhere
         sides = np.sign(plant.dynamics.kinematics.regularity(result.z).determinant)
-        other = sides != sides[0]
-        if other.any():
-            first = float(result.time[other.argmax()])
-            text = (
-                f"passed through a singular pose at {first:.4g} s and went on in another assembly "
-                "mode"
-            )
-            short, share = f"other mode from {first:.4g} s", float(other.mean())
-            problems.append(MotionProblem("branch", "robot", text, short, 1.0, first, share))
+        text = (
+            "passed through a singular pose at {first:.4g} s and went on in another assembly mode"
+        )
+        short, over = "other mode from {first:.4g} s", sides != sides[0]
+        problems += _problem("branch", "robot", text, short, over, result.time)
     away = result.platform_error[valid]
     limit = _FAR * float(robot.within(0.0)[1][robot.task.moves].min())
-    if away.max(initial=0.0) > limit:
-        k, share = int(away.argmax()), float((away > limit).mean())
-        text = (
-            f"the loop does not follow: the platform is {1e3 * away[k]:.3g} mm from where it "
-            f"should be at {time[k]:.3g} s, farther than {1e3 * limit:.3g} mm from "
-            f"{time[(away > limit).argmax()]:.3g} s on, {_percent(share)} of the time"
-        )
-        short, size = f"platform {1e3 * away[k]:.3g} mm off", float(away[k])
-        found = MotionProblem("diverged", "platform", text, short, size, float(time[k]), share)
-        problems.append(found)
-    turn = np.zeros(0) if result.turn_error is None else np.abs(result.turn_error[valid])
-    if turn.max(initial=0.0) > _TURNED:
-        k, share = int(turn.argmax()), float((turn > _TURNED).mean())
-        whole = float(turn[k]) / (2 * np.pi)
-        amount = f"{whole:.2g} turns" if whole >= 0.75 else f"{360 * whole:.0f}°"
-        text = (
-            f"the tool is off by {amount} at {time[k]:.3g} s, and by more than a quarter of a "
-            f"turn for {_percent(share)} of the time"
-        )
-        short, size = f"tool off by {amount}", float(turn[k])
-        problems.append(MotionProblem("turn", "tool", text, short, size, float(time[k]), share))
+    off = f"{1e3 * away.max(initial=0.0):.3g} mm"
+    text = (
+        f"the loop does not follow: the platform is {off} from where it should be at {{at:.3g}} s, "
+        f"farther than {1e3 * limit:.3g} mm from {{first:.3g}} s on, {{share}} of the time"
+    )
+    short = f"platform {off} off"
+    problems += _problem("diverged", "platform", text, short, away > limit, time, away)
+    turn = np.zeros(len(time)) if result.turn_error is None else np.abs(result.turn_error[valid])
+    whole = float(turn.max(initial=0.0)) / (2 * np.pi)
+    amount = f"{whole:.2g} turns" if whole >= 0.75 else f"{360 * whole:.0f}°"
+    text = (
+        f"the tool is off by {amount} at {{at:.3g}} s, and by more than a quarter of a turn for "
+        "{share} of the time"
+    )
+    short = f"tool off by {amount}"
+    problems += _problem("turn", "tool", text, short, turn > _TURNED, time, turn)
     return tuple(problems)
-
-
-def _percent(share: float) -> str:
-    return f"{100 * share:.2g} %" if share < 0.995 else "100 %"

@@ -91,16 +91,11 @@ def integrate(
         return float(np.nan_to_num(forward.reach(x.reshape(shape)[0]), nan=-1.0).min()) - _EDGE
 
     margin.terminal = True  # pyright: ignore[reportFunctionMemberAccess], SciPy's way to say it
+    span, start = (float(time[0]), float(time[-1])), np.concatenate([z.ravel(), zd.ravel()])
     solved = solve_ivp(
-        rate,
-        (float(time[0]), float(time[-1])),
-        np.concatenate([z.ravel(), zd.ravel()]),
-        method="DOP853",
-        t_eval=time,
-        events=margin,
-        rtol=_RELATIVE,
+        rate, span, start, method="DOP853", t_eval=time, events=margin, rtol=_RELATIVE,
         atol=_ABSOLUTE,
-    )
+    )  # fmt: skip
     if solved.status != 0:
         at = solved.t_events[0][0] if solved.status == 1 else solved.t[-1]
         raise KinematicsError(
@@ -128,14 +123,12 @@ def step_through(
     """
     z, zd = (real_numbers(x, name).astype(float) for x, name in ((z, "z"), (zd, "zd")))
     within("duration", duration, (0.0, math.inf))
-    samples = round(duration * rate)
-    substeps, h = time_steps(rate)
-    q, qd = forward.drive_motion(z, zd)
+    samples, (substeps, h) = round(duration * rate), time_steps(rate)
+    _, qd = forward.drive_motion(z, zd)
     path = np.empty((2, samples + 1, *z.shape))
     path[:, 0] = z, qd
     for k in range(samples):
-        q = forward.drive_coordinates(z)
-        tau = torque(k / rate, q, qd)
+        tau = torque(k / rate, forward.drive_coordinates(z), qd)
         for _ in range(substeps):
             z, qd = forward.step(z, qd, tau, p, h)
         path[:, k + 1] = z, qd

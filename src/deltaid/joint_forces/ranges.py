@@ -85,18 +85,16 @@ class Determinacy:
     """
 
     def __init__(self, model: Model, base: BaseParameters) -> None:
-        visible = np.ones(len(base.layout.names), dtype=bool)
-        visible[list(base.invisible)] = False
+        visible = ~np.isin(np.arange(len(base.layout.names)), list(base.invisible))
         self.unknowns: ForceUnknowns = unknowns(model.robot, visible, model.prior_spread)
-        self.base = base
-        rows = base.combination() @ self.unknowns.A
-        size = np.linalg.norm(rows, axis=1, keepdims=True)
-        self._rows = rows / np.where(size > 0, size, 1.0)
+        self.base, self.rows = base, base.combination() @ self.unknowns.A
+        size = np.linalg.norm(self.rows, axis=1, keepdims=True)
+        self._units = self.rows / np.where(size > 0, size, 1.0)
 
     def openness(self, c: Coefficients) -> Openness:
         """What torques leave open of c·p: the part of c·u across the rows of K A."""
         c_u = self.unknowns.A.T @ c
-        rest = c_u - self._rows.T @ np.linalg.lstsq(self._rows.T, c_u, rcond=None)[0]
+        rest = c_u - self._units.T @ np.linalg.lstsq(self._units.T, c_u, rcond=None)[0]
         whole, left = float(np.linalg.norm(c_u)), float(np.linalg.norm(rest))
         if left <= _DETERMINED * whole or whole == 0:
             return Openness(0.0, ())
@@ -169,11 +167,10 @@ class Ranges:
         Raises:
             IdentificationError: the solver did not converge.
         """
-        unknown = self._known.unknowns
+        unknown, value = self._known.unknowns, float(c @ self._p)
         c_u, constant = unknown.A.T @ c, float(c @ unknown.p_0)
         ball = ConsistentBall(self._data / self._level(c_u), unknown)
         low, high = (constant + sign * ball.largest(sign * c_u) for sign in (-1.0, 1.0))
-        value = float(c @ self._p)
         return Range(min(low, value), max(high, value))
 
     def _level(self, c_u: Float[np.ndarray, " n"]) -> float:
@@ -184,8 +181,7 @@ class Ranges:
         that is off moves it as scores R_B δp_B do.
         """
         U = (self._scores @ c_u)[:, None]
-        size = float(np.linalg.norm(U))
-        if size == 0:
+        if (size := float(np.linalg.norm(U))) == 0:
             return self._white
         by_noise, nu = self._noise.deviations(U)
         std = np.hypot(by_noise, np.linalg.norm(U.T @ self._noise.root @ self._shifts, axis=1))
@@ -197,5 +193,4 @@ class Ranges:
         n = len(self._known.unknowns.names)
         root = triangle(np.vstack([self._data[:, :n] / self._white, np.eye(n)]))
         half = solve_triangular(root, np.eye(n))
-        rows = self._known.base.combination() @ self._known.unknowns.A
-        return self._noise.root @ rows @ half @ half.T
+        return self._noise.root @ self._known.rows @ half @ half.T

@@ -115,13 +115,12 @@ def _entries(
     if not free:
         return M, []
     whole = pseudo_inertia(RigidBody(robot.bodies[body].prior_parameters()).with_thickness().p)
-    vary = []
-    for k, (entry, (i, j)) in enumerate(PSEUDO_INERTIA_ENTRIES.items()):
-        if entry in free or not np.any(visible & (to_p[:, k] != 0)):
-            vary.append(entry)
-            if entry not in free:
-                M[i, j] = M[j, i] = whole[i, j]
-    return M, vary
+    hidden = [not np.any(visible & (column != 0)) for column in to_p.T]
+    entries = list(zip(PSEUDO_INERTIA_ENTRIES.items(), hidden, strict=True))
+    for (entry, (i, j)), is_hidden in entries:
+        if is_hidden and entry not in free:
+            M[i, j] = M[j, i] = whole[i, j]
+    return M, [entry for (entry, _), is_hidden in entries if is_hidden or entry in free]
 
 
 # The solver's tolerance, of values in standard deviations.
@@ -132,22 +131,19 @@ class ConsistentBall:
     """Consistent unknowns with ‖R u − b‖² within the reach of the best."""
 
     def __init__(self, data: Float[np.ndarray, "rows augmented"], unknown: ForceUnknowns) -> None:
-        n = len(unknown.names)
+        n, self._blocks = len(unknown.names), unknown.blocks
         factor = triangle(np.vstack([data, np.eye(n, n + 1)]))
-        self._R, self._b = factor[:n, :n], factor[:n, n]
-        self._u = solve_triangular(self._R, self._b)
-        self._blocks = unknown.blocks
+        self._R = factor[:n, :n]
+        self._u = solve_triangular(self._R, factor[:n, n])
 
     def largest(self, c: Float[np.ndarray, " n"]) -> float:
         """The largest value of c·u."""
         g = solve_triangular(self._R, c, trans="T")
-        length = float(np.linalg.norm(g))
-        if length == 0:
+        if (length := float(np.linalg.norm(g))) == 0:
             return 0.0
-        if self._consistent(self._u):
-            u = self._u + solve_triangular(self._R, NORMAL * g / length)
-            if self._consistent(u):
-                return float(c @ u)
+        u = self._u + solve_triangular(self._R, NORMAL * g / length)
+        if self._consistent(self._u) and self._consistent(u):
+            return float(c @ u)
         return float(c @ self._u + g @ self._solve(-g / length, self._radius))
 
     @cached_property

@@ -112,16 +112,10 @@ class Series:
 
     def basis(self, phase: Float[np.ndarray, " samples"]) -> Basis:
         """Φ, Φ′, Φ″: values of [1, sin kφ, cos kφ] and their derivatives with respect to φ."""
-        k = np.arange(1, self.harmonics + 1)
+        k, one = np.arange(1, self.harmonics + 1), np.ones((len(phase), 1))
         s, c = np.sin(np.outer(phase, k)), np.cos(np.outer(phase, k))
-        constant, zero = np.ones((len(phase), 1)), np.zeros((len(phase), 1))
-        return np.stack(
-            [
-                np.hstack([constant, s, c]),
-                np.hstack([zero, c * k, -s * k]),
-                np.hstack([zero, -s * k**2, -c * k**2]),
-            ]
-        )
+        rows = (one, s, c), (0 * one, c * k, -s * k), (0 * one, -s * k**2, -c * k**2)
+        return np.stack([np.hstack(row) for row in rows])
 
     def state(self, x: Vector, basis: Basis) -> Float[np.ndarray, "inputs samples"]:
         """s = (z, ż, z̈) at the basis' points, samples in columns."""
@@ -133,8 +127,7 @@ class Series:
         self, x: Vector, basis: Basis, gradients: Float[np.ndarray, "functions inputs samples"]
     ) -> Float[np.ndarray, "functions unknowns"]:
         """∂/∂x from ∂/∂s, for several functions at once."""
-        w, c = self.frequency(x), self.coefficients(x)
-        powers = w ** np.arange(3)
+        c, powers = self.coefficients(x), self.frequency(x) ** np.arange(3)
         by_order = gradients.reshape(len(gradients), 3, self.dof, -1)
         along = np.einsum("o,fods,ost->fodt", powers, by_order, basis, optimize=True)
         d_log_w = np.einsum("o,fodt,dt->f", np.arange(3.0), along, c)

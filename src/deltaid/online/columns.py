@@ -104,14 +104,12 @@ def _lag(
     Means over some hundredths of a second, of velocities and of what positions did meanwhile, have
     hardly any noise.
     """
-    n = max(1, round(_MEAN * rate))
-    q, v = rows[:, 1 : 1 + dof], rows[:, 1 + dof : 1 + 2 * dof]
+    n, q, v = max(1, round(_MEAN * rate)), rows[:, 1 : 1 + dof], rows[:, 1 + dof : 1 + 2 * dof]
     if len(q) < 4 * n + _PARTS:
         return np.zeros(dof)
     area = np.vstack([np.zeros(dof), np.cumsum(0.5 * (v[1:] + v[:-1]), axis=0)])
     means, true = (area[n:] - area[:-n]) / n, (q[n:] - q[:-n]) * rate / n
-    change = (true[2 * n :] - true[: -2 * n]) * rate / (2 * n)
-    late = (true - means)[n:-n]
+    change, late = (true[2 * n :] - true[: -2 * n]) * rate / (2 * n), (true - means)[n:-n]
     starts = np.linspace(0, len(late), _PARTS, endpoint=False).astype(int)
     power, moment = (np.add.reduceat(x, starts) for x in (change**2, change * late))
     total = np.maximum(power.sum(axis=0), np.finfo(float).tiny)

@@ -105,9 +105,8 @@ def _second_moments(ten: dict[int, ca.SX], mc: ca.SX, least: ca.SX) -> dict[int,
 
     Slopes L are kept within what a product of inertia can be, or tiny pivots would make them large.
     """
-    half = 0.5 * (ten[4] + ten[5] + ten[6])
     place = {(0, 0): 4, (1, 1): 5, (2, 2): 6, (1, 0): 7, (2, 1): 8, (2, 0): 9}
-    S = ca.SX.zeros(3, 3)
+    half, S = 0.5 * (ten[4] + ten[5] + ten[6]), ca.SX.zeros(3, 3)
     for (i, j), k in place.items():
         S[i, j] = (half if i == j else 0) - ten[k] - mc[i] * mc[j] / ten[0]
     L, D = ca.SX.eye(3), ca.SX.zeros(3)
@@ -119,8 +118,7 @@ def _second_moments(ten: dict[int, ca.SX], mc: ca.SX, least: ca.SX) -> dict[int,
             slope = (S[i, j] - ca.dot(L[i, :j].T * L[j, :j].T, D[:j])) / D[j]
             L[i, j] = ca.fmin(ca.fmax(slope, -most), most)
     Sigma = L @ ca.diag(D) @ L.T + mc @ mc.T / ten[0]
-    trace = ca.trace(Sigma)
-    return {k: (trace if i == j else 0) - Sigma[i, j] for (i, j), k in place.items()}
+    return {k: (ca.trace(Sigma) if i == j else 0) - Sigma[i, j] for (i, j), k in place.items()}
 
 
 def load_entries(dynamics: Dynamics, body: str | None = None) -> LoadEntries:

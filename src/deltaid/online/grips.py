@@ -108,9 +108,11 @@ def grip_before(
         gripper: what it tells, and
         differs: 1 where that is something else.
     """
-    names = ("held", "gripping", "since_grip", "left", "offset")
+    names, P0 = (
+        ("held", "gripping", "since_grip", "left", "offset"),
+        ca.fmax(estimate.P[0, 0], 1e-9),
+    )
     held, was_open, since, left, known_offset = (fields.before[name] for name in names)
-    P0 = ca.fmax(estimate.P[0, 0], 1e-9)
     times = _times(onsets, since, left, held, estimate.x[0], P0)
     came = ca.sum2(times.weight) + 1e-12
     offset = ca.sum2(times.weight * times.off) / came
@@ -128,7 +130,7 @@ def grip_before(
     squares = ca.sum2(times.weight * (times.variance + times.mass**2))
     share = per_time @ (times.weight * times.moment / squares)[:, :-1].T
     known = _taken(estimate, moved, share, mass, variance, P0)
-    likely = chosen_estimate(held, known, _left(estimate, moved, variance, left.numel()))
+    likely = chosen_estimate(held, known, _left(estimate, moved, left.numel()))
     likely = chosen_estimate(was_open, likely, estimate)
     to_come, open_ = 1 - came, ca.if_else(closes, 0.0, was_open)
     # What was pushed until the signal is no load: torques behind it decide.
@@ -211,7 +213,7 @@ def _taken(
     return Estimate(x, ca.tril2symm(ca.tril(estimate.P - along @ along.T * P + g @ g.T * variance)))
 
 
-def _left(estimate: Estimate, moved: ca.SX, variance: ca.SX, n_load: int) -> Estimate:
+def _left(estimate: Estimate, moved: ca.SX, n_load: int) -> Estimate:
     """With what the load did to the others taken back, of which a share is uncertain."""
     others = ca.vertcat(ca.SX.zeros(n_load), moved[n_load:])
     spread = others @ others.T * _ROUGH**2
@@ -220,5 +222,4 @@ def _left(estimate: Estimate, moved: ca.SX, variance: ca.SX, n_load: int) -> Est
 
 def chosen_estimate(condition: ca.SX, a: Estimate, b: Estimate) -> Estimate:
     """The one, or the other."""
-    x, P = (ca.if_else(condition, *pair) for pair in ((a.x, b.x), (a.P, b.P)))
-    return Estimate(x, P)
+    return Estimate(ca.if_else(condition, a.x, b.x), ca.if_else(condition, a.P, b.P))

@@ -197,11 +197,9 @@ class Suspicion:
         self, period: float, ends: tuple[float, ...], lacking: Float[np.ndarray, " drives"]
     ) -> None:
         self._period, self._ends, self._lacking = period, np.array(ends), lacking
-        self._timing = GripTiming(period)
-        self._sums = [np.zeros((0, len(ends), 4, 4))]
-        self._seconds = np.zeros(4)
-        self._told = set[float]()
-        self._stuck, self._stuck_at = np.zeros(len(ends)), np.zeros(len(ends))
+        self._timing, self._told = GripTiming(period), set[float]()
+        self._sums, self._seconds = [np.zeros((0, len(ends), 4, 4))], np.zeros(4)
+        self._stuck, self._stuck_at = np.zeros((2, len(ends)))
 
     def add(self, rows: Cycles, found: OnlineEstimate) -> None:
         """Take some more cycles."""
@@ -212,11 +210,10 @@ class Suspicion:
         self._timing.add(rows.gripper, found.residual, out["lifted"], lacking)
         live = found.good & (out["torque"] != 0).any(axis=1)
         cut = np.any(np.abs(rows.tau) >= 0.999 * self._ends, axis=1)
-        remembered = max(1, round(_REMEMBERED / self._period))
-        cut = np.convolve(cut, np.ones(remembered))[: len(rows.time)] > 0.5
+        memory = np.ones(max(1, round(_REMEMBERED / self._period)))
+        cut = np.convolve(cut, memory)[: len(rows.time)] > 0.5
         empty = live & ~found.held & (rows.gripper < HOLDS) & ~cut
-        touched = live & (out["contact"][:, 0] > 0.5)
-        told = live & (rows.gripper == EMPTY)
+        touched, told = live & (out["contact"][:, 0] > 0.5), live & (rows.gripper == EMPTY)
         parts = np.stack([touched, live & ~touched, touched & told, told])
         self._seconds += self._period * parts.sum(axis=1)
         self._told.update(np.unique(rows.gripper).tolist())
@@ -256,13 +253,12 @@ def _gain(
     parts: Float[np.ndarray, "parts drives 4 4"],
 ) -> tuple[Float[np.ndarray, " drives"], Float[np.ndarray, " drives"]]:
     """g of each drive, and how sure it is by what each part says; NaN where nothing shows it."""
-    A, b = parts[..., :3, :3], parts[..., :3, 3]
-    total = A.sum(axis=0)
+    A, b, total = parts[..., :3, :3], parts[..., :3, 3], parts[..., :3, :3].sum(axis=0)
     size = np.sqrt(np.einsum("dii->di", total))
     if not (size > 0).all():
         return np.full(len(size), np.nan), np.full(len(size), np.nan)
-    inverse = np.linalg.pinv(total / size[:, :, None] / size[:, None, :], hermitian=True)
-    inverse = inverse / size[:, :, None] / size[:, None, :]
+    sizes = size[:, :, None] * size[:, None, :]
+    inverse = np.linalg.pinv(total / sizes, hermitian=True) / sizes
     x = np.einsum("dij,dj->di", inverse, b.sum(axis=0))
     left = b - np.einsum("pdij,dj->pdi", A, x)
     return x[:, 0], np.sqrt(np.sum(np.einsum("dj,pdj->pd", inverse[:, 0], left) ** 2, axis=0))

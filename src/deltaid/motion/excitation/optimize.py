@@ -74,10 +74,8 @@ class Optimum:
     @property
     def best(self) -> StartAccount:
         """The start that it comes from."""
-        return min(
-            (account for account in self.accounts if account.feasible),
-            key=lambda account: account.merit,
-        )
+        feasible = (account for account in self.accounts if account.feasible)
+        return min(feasible, key=lambda account: account.merit)
 
 
 Progress = Callable[[StartAccount], None]
@@ -124,8 +122,8 @@ def random_start(problem: ExcitationProblem, seed: int) -> Vector:
     At rest in the middle of the workspace when even that exceeds a limit.
     """
     rng, series = np.random.default_rng(seed), problem.series
-    decay = np.arange(1, series.harmonics + 1) ** -1.0
-    shape = rng.standard_normal((series.dof, 2, series.harmonics)) * decay
+    shape = rng.standard_normal((series.dof, 2, series.harmonics))
+    shape *= np.arange(1, series.harmonics + 1) ** -1.0
     x = _resting(problem, rng)
     x[0] = rng.uniform(np.log(series.slowest), np.log(series.fastest))
     moved = np.hstack([np.zeros((series.dof, 1)), shape.reshape(series.dof, -1)])
@@ -139,14 +137,12 @@ def random_start(problem: ExcitationProblem, seed: int) -> Vector:
 
 def _resting(problem: ExcitationProblem, rng: np.random.Generator) -> Vector:
     """Rest in the middle of the workspace; where that exceeds a limit, at a better random point."""
-    series = problem.series
-    centres = np.zeros((_CENTRES, series.dof))
-    moves = problem.graph.dynamics.robot.task.moves
+    series, moves = problem.series, problem.graph.dynamics.robot.task.moves
+    centres, x = np.zeros((_CENTRES, series.dof)), np.zeros(series.length)
     centres[1:, moves] = rng.uniform(-1, 1, (_CENTRES - 1, moves.stop))
     z = series.centre + centres * series.size
     use = problem.use_of(np.hstack([z, np.zeros((_CENTRES, 2 * series.dof))]).T).max(axis=0)
     best = 0 if use[0] <= 0.8 else int(np.argmin(use))
-    x = np.zeros(series.length)
     x[1:].reshape(series.dof, -1)[:, 0] = centres[best]
     return x
 

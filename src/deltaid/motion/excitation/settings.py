@@ -58,12 +58,9 @@ class ExcitationSettings:
         ):
             if value not in known:
                 raise unknown(value, known, name, _HERE)
-        for name in ("harmonics", "repeats", "starts"):
-            if int(getattr(self, name)) < 1:
-                raise DeltaidError(
-                    f"{name} is {getattr(self, name)}", where=_HERE, cure="at least 1"
-                )
-        for name in ("duration", "torque_noise", "rate", "prior_spread"):
-            value = getattr(self, name)
-            if not (math.isfinite(value) and value > 0):
-                raise DeltaidError(f"{name} is {value:g}", where=_HERE, cure="give more than zero")
+        counts, sizes = ("harmonics", "repeats", "starts"), ("duration", "torque_noise", "rate")
+        for name in (*counts, *sizes, "prior_spread"):
+            value, whole = getattr(self, name), name in counts
+            if not (value >= 1 if whole else 0 < value < math.inf):
+                cure = "at least 1" if whole else "give more than zero"
+                raise DeltaidError(f"{name} is {value:g}", where=_HERE, cure=cure)
