@@ -93,16 +93,6 @@ class Touch:
         return float(np.linalg.norm(self.force)) if self.force else abs(self.effort or 0.0)
 
 
-@dataclass
-class _Held:
-    """A load that is held: time, entries and deviations as known now, and their last rows."""
-
-    start: float
-    soon: tuple[float, float, float] | None = None
-    known: np.ndarray | None = None
-    last: np.ndarray | None = None
-
-
 class Loads:
     """Loads that were held, one after the other.
 
@@ -115,8 +105,14 @@ class Loads:
         self._scales, self._names = np.array(online.known.load_scales), online.known.entries.names
         self._units = [INERTIA_UNITS[INERTIA_NAMES.index(name)] for name in self._names]
         self._positive = np.isin(self._names, ("m", "Ixx", "Iyy", "Izz"))
-        self._held: _Held | None = None
         self._found: list[WeighedLoad] = []
+        self._begin(None)
+
+    def _begin(self, start: float | None) -> None:
+        """A load is held from a time on, or none; rows of time, entries and deviations follow."""
+        self._start, self._last = start, np.zeros((0, 1 + 2 * len(self._names)))
+        self._soon: tuple[float, float, float] | None = None
+        self._known = self._last
 
     def add(self, time: Times, found: OnlineEstimate) -> None:
         """Take some more cycles."""
@@ -124,40 +120,40 @@ class Loads:
         for k in np.flatnonzero(found.changed).tolist():
             self._hold(time, found, slice(begin, k))
             begin, start = k, float(time[k])
-            if self._held is not None and found.held[k] and start - self._held.start < _STEP:
-                start, self._held = self._held.start, None  # the same load, better seen
+            if self._start is not None and found.held[k] and start - self._start < _STEP:
+                start = self._start  # the same load, better seen
+                self._begin(None)
             self.close(float(time[k]))
-            self._held = _Held(start) if found.held[k] else None
+            self._begin(start if found.held[k] else None)
         self._hold(time, found, slice(begin, len(time)))
 
     def _hold(self, time: Times, found: OnlineEstimate, rows: slice) -> None:
-        time, held = time[rows], self._held
-        if held is None or not len(time):
+        time = time[rows]
+        if self._start is None or not len(time):
             return
         now = np.column_stack([time, found.load[rows], found.load_std[rows]])
-        last = now if held.last is None else np.concatenate([held.last, now])
-        held.last, since = last[last[:, 0] >= time[-1] - _UNSEEN], time - held.start
-        held.known = held.last[-1 if self._told or since[-1] < 2 * _UNSEEN else 0]
-        if held.soon is None and since[-1] >= SOON:
+        last, since = np.concatenate([self._last, now]), time - self._start
+        self._last = last[last[:, 0] >= time[-1] - _UNSEEN]
+        self._known = self._last[-1 if self._told or since[-1] < 2 * _UNSEEN else 0]
+        if self._soon is None and since[-1] >= SOON:
             k = rows.start + int(np.argmax(since >= SOON - 1e-9))
-            held.soon = (float(found.mass[k]), *found.mass_interval[k].tolist())
+            self._soon = (float(found.mass[k]), *found.mass_interval[k].tolist())
 
     def close(self, end: float | None = None) -> None:
         """The load is left at a time [s]; None where that is not known, as at a hole."""
-        load, self._held = self._held, None
-        if load is None or load.known is None:
+        start, soon, known = self._start, self._soon, self._known
+        self._begin(None)
+        if start is None or not known.size:
             return
-        values, std = np.split(load.known[1:], 2)
-        brief = end is not None and end - load.start < _STEP
+        values, half = np.split(known[1:], 2) * np.array([[1.0], [NORMAL]])
+        brief = end is not None and end - start < _STEP
         if not self._told and (brief or values[0] < self._least):
             return
-        low, high = values - NORMAL * std, values + NORMAL * std
-        shown = NORMAL * std < _SHOWN * self._scales * values[0] / self._scales[0]
-        shown[0] = True
-        low[self._positive] = np.maximum(low[self._positive], 0.0)
-        columns = (part.tolist() for part in (values, low, high, shown))
+        low, shown = values - half, half < _SHOWN * self._scales * values[0] / self._scales[0]
+        low[self._positive], shown[0] = np.maximum(low[self._positive], 0.0), True
+        columns = (part.tolist() for part in (values, low, values + half, shown))
         entries = tuple(map(LoadEntry, self._names, self._units, *columns))
-        self._found.append(WeighedLoad(load.start, end, load.soon, entries))
+        self._found.append(WeighedLoad(start, end, soon, entries))
 
     def finished(self) -> tuple[WeighedLoad, ...]:
         """All of them, the last one closed."""
@@ -165,51 +161,37 @@ class Loads:
         return tuple(self._found)
 
 
-@dataclass
-class _Touched:
-    """A contact that lasts: its largest size with force and effort of then, votes for places."""
-
-    start: float
-    votes: np.ndarray
-    end: float = 0.0
-    size: float = 0.0
-    force: np.ndarray | None = None
-    effort: np.ndarray | None = None
-
-
 class Touches:
     """Contacts, one after the other."""
 
     def __init__(self, robot: RobotDescription) -> None:
-        self._drives = robot.drives
-        self._now: _Touched | None = None
-        self._found: list[Touch] = []
+        self._drives, self._found = robot.drives, list[Touch]()
+        self._votes: np.ndarray | None = None  # for places, none while nothing touches
+        self._start = self._end = 0.0
+        self._most: tuple[float, np.ndarray, np.ndarray] | None = None
 
     def add(self, time: Times, found: OnlineEstimate) -> None:
         """Take some more cycles."""
         out = found.outputs
         for k in np.flatnonzero(out["contact"][:, 0] > 0.5):
             instant, size = float(time[k]), float(out["contact_size"][k, 0])
-            if self._now is None or instant - self._now.end > _APART:
+            if self._votes is None or instant - self._end > _APART:
                 self.close()
-                self._now = _Touched(instant, np.zeros(len(self._drives) + 1))
-            now = self._now
-            now.end = instant
-            now.votes[int(out["contact_limb"][k, 0])] += size**2
-            if size > now.size:
-                force, effort = out["contact_force"][k], out["contact_effort"][k]
-                now.size, now.force, now.effort = size, force, effort
+                self._start, self._votes = instant, np.zeros(len(self._drives) + 1)
+            self._end = instant
+            self._votes[int(out["contact_limb"][k, 0])] += size**2
+            if self._most is None or size > self._most[0]:
+                self._most = size, out["contact_force"][k], out["contact_effort"][k]
 
     def close(self) -> None:
         """The contact ends, as at a hole."""
-        now, self._now = self._now, None
-        if now is None or now.force is None or now.effort is None:
-            return
-        limb = int(now.votes.argmax())
-        place, force, effort = "platform", tuple(now.force.tolist()), None
-        if limb:
-            place, force, effort = self._drives[limb - 1], None, float(now.effort[limb - 1])
-        self._found.append(Touch(now.start, now.end, place, force, effort, now.size))
+        if self._votes is not None and self._most is not None:
+            limb, (size, force, effort) = int(self._votes.argmax()), self._most
+            place = self._drives[limb - 1] if limb else "platform"
+            pushed = None if limb else tuple(force.tolist())
+            turned = float(effort[limb - 1]) if limb else None
+            self._found.append(Touch(self._start, self._end, place, pushed, turned, size))
+        self._votes = self._most = None
 
     def finished(self) -> tuple[Touch, ...]:
         """All of them, the last one closed."""
