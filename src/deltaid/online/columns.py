@@ -11,7 +11,6 @@ wrong is refused as there.
 """
 
 from contextlib import suppress
-from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Float
@@ -38,29 +37,14 @@ _HARMLESS, _QUIET = 1e-4, 3e-3
 _ROWS, _MEAN, _PARTS, _CLEAR = 1 << 16, 0.02, 20, 4.0
 
 
-@dataclass(frozen=True, eq=False)
-class RecordedSpeeds:
-    """What is known of a recording's velocities.
-
-    Attributes:
-        differenced: whether positions are differenced, because none are recorded or as that is
-            better.
-        noise: standard deviation of one cycle's speed, as it is taken, drive by drive.
-        doubts: why recorded ones are not taken.
-    """
-
-    differenced: bool
-    noise: tuple[float, ...]
-    doubts: tuple[Doubt, ...] = ()
-
-
-def speeds_of(log: Log, model: Model) -> RecordedSpeeds:
-    """Look at the velocities of a recording."""
+def speeds_of(log: Log, model: Model) -> tuple[bool, tuple[float, ...], tuple[Doubt, ...]]:
+    """Whether a recording's velocities are taken: there are any, and better than differences of
+    positions; standard deviation of one cycle's speed, as it is taken, drive by drive; why recorded
+    ones are not taken."""
     dof, known = model.dynamics.dof, model.identified.corrections if model.identified else ()
-    made = log.position_noise[:dof] * log.rate * np.sqrt(2.0)
-    differences, velocity = RecordedSpeeds(True, tuple(made.tolist())), log.columns.velocity
+    made, velocity = log.position_noise[:dof] * log.rate * np.sqrt(2.0), log.columns.velocity
     if not velocity or any(correction.kind == "velocity" for correction in known):  # or late
-        return differences
+        return False, tuple(made.tolist()), ()
     rows = _first(log)
     lag, noise = _lag(rows, log.rate, dof), white_noise(rows[:, 1 + dof : 1 + 2 * dof])
     if np.abs(lag).max() > _HARMLESS:
@@ -74,7 +58,7 @@ def speeds_of(log: Log, model: Model) -> RecordedSpeeds:
         )
         cause = "the drive makes its velocity of few steps of the encoder"
     else:
-        return RecordedSpeeds(False, tuple(noise.tolist()))
+        return True, tuple(noise.tolist()), ()
     doubt = Doubt(
         f"column {velocity[i].column} {what}: velocities are excluded, and positions differenced",
         cause=cause,
@@ -82,7 +66,7 @@ def speeds_of(log: Log, model: Model) -> RecordedSpeeds:
         "(OnlineSettings.speed)",
         key="velocity",
     )
-    return replace(differences, doubts=(doubt,))
+    return False, tuple(made.tolist()), (doubt,)
 
 
 def _first(log: Log) -> Float[np.ndarray, "rows channels"]:

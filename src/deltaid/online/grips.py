@@ -114,21 +114,22 @@ def grip_before(
     )
     held, was_open, since, left, known_offset = (fields.before[name] for name in names)
     times = _times(onsets, since, left, held, estimate.x[0], P0)
-    came = ca.sum2(times.weight) + 1e-12
-    offset = ca.sum2(times.weight * times.off) / came
-    spread = ca.sum2(times.weight * (times.off - offset) ** 2) / came
+    weight, off, masses, variances, change, moment = times
+    came = ca.sum2(weight) + 1e-12
+    offset = ca.sum2(weight * off) / came
+    spread = ca.sum2(weight * (off - offset) ** 2) / came
     sure = ca.logic_and(came > _SURE, since + ca.fmin(offset, 0) > _AFTER)
     timed = ca.logic_and(was_open, ca.logic_and(sure, spread < _TIMED**2))
     late = since > ca.if_else(sure, _SETTLED, _LATEST)
     over = ca.logic_or(late, ca.logic_or(gripper <= -0.5, differs))
     closes = ca.logic_and(was_open, ca.logic_or(timed, over))
-    mass = ca.sum2(times.weight * times.mass) / came
-    variance = ca.sum2(times.weight * (times.variance + (times.mass - mass) ** 2)) / came
-    moves = times.weight * times.change / came
+    mass = ca.sum2(weight * masses) / came
+    variance = ca.sum2(weight * (variances + (masses - mass) ** 2)) / came
+    moves = weight * change / came
     per_time = onsets.symbols.moved[:, :-1]
     moved = per_time @ moves[:, :-1].T
-    squares = ca.sum2(times.weight * (times.variance + times.mass**2))
-    share = per_time @ (times.weight * times.moment / squares)[:, :-1].T
+    squares = ca.sum2(weight * (variances + masses**2))
+    share = per_time @ (weight * moment / squares)[:, :-1].T
     known = _taken(estimate, moved, share, mass, variance, P0)
     likely = chosen_estimate(held, known, _left(estimate, moved, left.numel()))
     likely = chosen_estimate(was_open, likely, estimate)
@@ -147,21 +148,12 @@ def grip_before(
     )
 
 
-@dataclass(frozen=True, eq=False)
-class _Times:
+def _times(
+    onsets: Onsets, since: ca.SX, left: ca.SX, held: ca.SX, x: ca.SX, P: ca.SX
+) -> tuple[ca.SX, ...]:
     """Of each time, and last the signal's own: its probability, by how much the signal is off, the
-    mass, the change that torques had before estimates knew of it, and the mean of their product."""
-
-    weight: ca.SX
-    off: ca.SX
-    mass: ca.SX
-    variance: ca.SX
-    change: ca.SX
-    moment: ca.SX
-
-
-def _times(onsets: Onsets, since: ca.SX, left: ca.SX, held: ca.SX, x: ca.SX, P: ca.SX) -> _Times:
-    """The last time kept is none yet, so its probability is what others lack."""
+    mass with its variance, the change that torques had before estimates knew of it, and the mean of
+    their product. The last time kept is none yet, so its probability is what others lack."""
     D, C, F = onsets.symbols.evidence, onsets.symbols.information, onsets.symbols.moved[0, :]
     off, zero = ca.horzcat(onsets.ages - since, 0.0), ca.SX.zeros(1)
     D, C, F = (ca.horzcat(part, zero) for part in (D, C, F))
@@ -194,7 +186,7 @@ def _times(onsets: Onsets, since: ca.SX, left: ca.SX, held: ca.SX, x: ca.SX, P: 
     weight /= ca.sum2(weight)
     off = ca.horzcat(off[:signal], 0.0, 0.0) * ca.if_else(ca.logic_and(held, pushed), 0.0, 1.0)
     parts = weight, off, *rest
-    return _Times(*(ca.horzcat(part[:signal], part[signal + 1]) for part in parts))
+    return tuple(ca.horzcat(part[:signal], part[signal + 1]) for part in parts)
 
 
 def _taken(

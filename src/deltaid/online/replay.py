@@ -16,7 +16,7 @@ from deltaid.identification.sources import delays_of
 from deltaid.mechanism.kinematics import Samples
 from deltaid.model.model import Model
 from deltaid.model.verdict import percent
-from deltaid.online.columns import RecordedSpeeds, judged_wiring, speeds_of
+from deltaid.online.columns import judged_wiring, speeds_of
 from deltaid.online.instant import EMPTY, HOLDS, NOT_TOLD
 from deltaid.online.settings import OnlineSettings
 from deltaid.recording.carried import Load
@@ -64,7 +64,8 @@ class Replay:
     Attributes:
         log: as surveyed; without velocities where positions are differenced.
         delay: by how much torques of each drive come late [s].
-        speeds: what is known of its velocities.
+        has_velocity: whether recorded velocities are taken.
+        speed_noise: standard deviation of one cycle's speed, as it is taken, drive by drive.
         masks: what is no motion under power of the drives, or is not what happened.
         ends: the number at which each drive's torque channel ends; infinite if it does not.
         doubts: what is doubtful about it, the log's own warnings first.
@@ -72,15 +73,11 @@ class Replay:
 
     log: Log
     delay: tuple[float, ...]
-    speeds: RecordedSpeeds
+    has_velocity: bool
+    speed_noise: tuple[float, ...]
     masks: tuple[Mask, ...]
     ends: tuple[float, ...]
     doubts: tuple[Doubt, ...]
-
-    @property
-    def has_velocity(self) -> bool:
-        """Whether recorded velocities are taken."""
-        return not self.speeds.differenced
 
     @property
     def is_told(self) -> bool:
@@ -92,7 +89,7 @@ class Replay:
         return replace(
             given.at_rate(self.log.rate),
             speed="measured" if self.has_velocity else "differenced",
-            speed_noise=self.speeds.noise,
+            speed_noise=self.speed_noise,
             delay=self.delay if given.delay is None else given.delay,
             torque_ends=self.ends,
         )
@@ -185,12 +182,13 @@ def open_replay(
             "record at the rate of the drives",
         )
     delay = tuple(delays_of(model, opened).tolist()) if delay is None else delay
-    speeds, of_wiring = speeds_of(opened, model), judged_wiring(model, opened, log, mapping)
-    doubts = (*opened.cut_at(None, 1).warnings, *of_wiring, *speeds.doubts)
+    has_velocity, noise, of_speeds = speeds_of(opened, model)
+    of_wiring = judged_wiring(model, opened, log, mapping)
+    doubts = (*opened.cut_at(None, 1).warnings, *of_wiring, *of_speeds)
     taken = replace(opened, masks=stale).cut_at(None, 1)
-    if speeds.differenced:
+    if not has_velocity:
         taken = replace(taken, columns=replace(taken.columns, velocity=(), acceleration=()))
-    return Replay(taken, delay, speeds, opened.masks, _ends(opened), doubts)
+    return Replay(taken, delay, has_velocity, noise, opened.masks, _ends(opened), doubts)
 
 
 def _stale(masks: tuple[Mask, ...]) -> tuple[Mask, ...]:

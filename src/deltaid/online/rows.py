@@ -15,8 +15,6 @@ position needs such a torque in all drives at once. What goes on for 20 ms ends 
 begin anew with what is read then.
 """
 
-from dataclasses import dataclass
-
 import casadi as ca
 import numpy as np
 from jaxtyping import Float
@@ -39,25 +37,6 @@ _CLOCKS = 1.0
 _PAST, _BEHIND = 3, 3
 
 
-@dataclass(frozen=True, eq=False)
-class EvenRows:
-    """What is read, on an even grid.
-
-    Attributes:
-        u: by field.
-        skipped: 1 where the row is not used, as it is not new or cannot be.
-        anew: 1 where rows were skipped for too long, or behind a hole: all begins anew.
-        calm: 1 where no row that was skipped is in what the cycle uses.
-        off: further noise of speeds by rows that were skipped or late [rad/s or m/s].
-    """
-
-    u: dict[str, ca.SX]
-    skipped: ca.SX
-    anew: ca.SX
-    calm: ca.SX
-    off: ca.SX
-
-
 def even_rows(
     fields: CycleFields,
     u: dict[str, ca.SX],
@@ -66,13 +45,19 @@ def even_rows(
     known: OnlineKnowledge,
     settings: OnlineSettings,
     waiting: int,
-) -> EvenRows:
+) -> tuple[dict[str, ca.SX], ca.SX, ca.SX, ca.SX, ca.SX]:
     """Put rows on an even grid, and skip those that are not new or cannot be.
 
     Args:
         u: what is read.
         finite: 1 where all of it is.
         waiting: cycles for which signals wait.
+
+    Returns:
+        What is read, by field; 1 where the row is not used, as it is not new or cannot be; 1 where
+        rows were skipped for too long, or behind a hole: all begins anew; 1 where no row that was
+        skipped is in what the cycle uses; further noise of speeds by rows that were skipped or late
+        [rad/s or m/s].
     """
     noise = ca.DM(np.array(settings.speed_noise or np.zeros(u["q"].numel())))
     h, dof, measured = settings.period, u["q"].numel(), "qd" in u
@@ -138,8 +123,7 @@ def even_rows(
     fields.following |= numbers | {f"{name}_row": x for name, x in following.items()}
     fields.spoilt |= dict.fromkeys(numbers, ca.SX(0))
     fields.spoilt |= {f"{name}_row": x for name, x in zip(names, past, strict=True)}
-    anew, unused = ca.logic_or(anew, rows < 0.5), ca.logic_or(skipped, old)
-    return EvenRows(even, unused, anew, bridged < 0.5, off)
+    return even, ca.logic_or(skipped, old), ca.logic_or(anew, rows < 0.5), bridged < 0.5, off
 
 
 def _bounds(

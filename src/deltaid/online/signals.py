@@ -87,11 +87,12 @@ def signals(
     u = inputs.symbols("in")
     finite, (needed, most) = all_finite(inputs.vector(u)), settling(wait, settings)
     (near,) = fields.keep(Field("z", dof, "pose [x, y, z, psi]", initial=tuple(home.tolist())))
-    rows = even_rows(fields, u, finite, model, known, settings, wait.cycles)
+    even = even_rows(fields, u, finite, model, known, settings, wait.cycles)
+    row, skipped, lost, calm, bridged = even
     (count,) = fields.keep(Field("live", 1, f"good cycles in a row, up to {most}"))
-    count = ca.if_else(rows.anew, 0, count)
+    count = ca.if_else(lost, 0, count)
     fields.following["live"], fields.spoilt["live"] = ca.fmin(count + 1, most), ca.SX(0)
-    waited = line(fields, inputs, rows.u, wait.of_inputs(inputs), count > 0, finite)
+    waited = line(fields, inputs, row, wait.of_inputs(inputs), count > 0, finite)
     q, qd, tau = instant(fields, waited, count > 0, ca.SX(model.gains), settings)
     z, closed = pose(mechanism, near, q)
     # Where loops do not close yet the pose goes on from where it came, or from home.
@@ -146,9 +147,7 @@ def signals(
     dry, rest = steady("dry", dry), steady("rest", rest)
     at_rest = steady("smooth_rest", rest)
     slow = steady("slow", 1 / (1 + (qd / ca.SX(known.slow_speed)) ** 2))
-    fields.give(
-        "skipped", rows.skipped, "1 for a row that is not new or cannot be, and is not used"
-    )
+    fields.give("skipped", skipped, "1 for a row that is not new or cannot be, and is not used")
     counts = [len(known.entries.shown), known.directions.shape[1], len(known.followed)]
     ends = np.cumsum([0, *counts, lacked.shape[1]]).tolist()
     return Signals(
@@ -157,8 +156,8 @@ def signals(
         good=good,
         live=live,
         settled=ca.logic_and(count >= most, good),
-        calm=rows.calm,
-        bridged=rows.off,
+        calm=calm,
+        bridged=bridged,
         z=chosen(good, z, ca.SX(home)),
         qd=qd,
         gripper=waited["gripper"],
