@@ -224,7 +224,6 @@ def _several(given: ReadingsLike | None) -> Sequence[RecordingLike]:
 
 
 def _result(description: RobotDescription, found: GeometryFit) -> Calibration:
-    """What a fit says."""
     known, theta = found.known, found.known.G @ found.u
     over, std = places(found.loops, known, theta), np.linalg.norm(known.G @ found.root, axis=1)
     robot, zeros, scales, kept = calibrated_robot(description, known, theta, std)
@@ -244,7 +243,6 @@ def _result(description: RobotDescription, found: GeometryFit) -> Calibration:
 
 
 def _sessions(found: GeometryFit) -> tuple[MeasuringSession, ...]:
-    """What a fit says of the readings of each file."""
     made = []
     for part in found.readings:
         square, freedom = part.chance(found.knowledge)

@@ -174,7 +174,6 @@ def tools_of(
 
 
 def _solved(loops: Loops, known: Unknowns, readings: Sequence[UsedReadings], u: U) -> GeometryFit:
-    """The fit to used readings, from some u and the states of the instruments."""
     n, columns = len(u), own_columns(len(u), [part.instrument for part in readings])
     width = n + sum(map(len, columns))
     D = np.diag(np.where(np.arange(width) < n, 1.0, 1 / FAR))

@@ -175,7 +175,6 @@ def _of_readings(instrument: Instrument, x: Tools, allowed: float) -> Hypotheses
 
 
 def _of_drives(loops: Loops, instrument: Instrument) -> Hypotheses:
-    """Drives that are exchanged, or count the other way."""
     n = instrument.q.shape[2]
     as_read, straight = tuple(range(n)), (1,) * n
     exchanged = [(order, straight) for order in permutations(as_read)][1:]

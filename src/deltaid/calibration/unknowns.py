@@ -189,7 +189,6 @@ def _spread(
 
 
 def _length_of(kind: str) -> str:
-    """The kind of length of the description that a number changes."""
     first = kind.partition("_")[0]
     return _TOLERANCE.get(first, first)
 
@@ -245,7 +244,6 @@ def calibrated_robot(
 
 
 def _changed(limbs: Limbs, each: Sequence[dict[str, float]]) -> dict[str, object]:
-    """Keys of limbs with their estimated numbers."""
     rotary, geometry, bases, turns = limbs.drive == "rotary", limbs.geometry(), [], []
     for limb, x in zip(geometry, each, strict=True):
         leans = abs(limb.rail[0]) > _LEANS

@@ -62,7 +62,6 @@ def random_motion(
 def _scaled(
     robot: RobotDescription, dof: int, rng: np.random.Generator, period: float, harmonics: int
 ) -> FourierMotion:
-    """Random coefficients, scaled to the workspace and to speed and acceleration limits."""
     w0, decay = 2 * np.pi / period, np.arange(1, harmonics + 1) ** -0.5
     sine, cosine = (rng.standard_normal((dof, harmonics)) * decay for _ in range(2))
     motion = FourierMotion(w0, np.zeros(dof), sine, cosine)
@@ -118,7 +117,6 @@ def tamed(dynamics: Dynamics, p: Parameters, motion: FourierMotion) -> FourierMo
 
 
 def _turning(motion: FourierMotion, turn: int, factor: float) -> FourierMotion:
-    """The same motion with turns of the tool that are `factor` times as large."""
     scale = np.ones((len(motion.centre), 1))
     scale[turn] = factor
     return replace(motion, sine=motion.sine * scale, cosine=motion.cosine * scale)
@@ -129,7 +127,6 @@ def _kept(limits: LimitsAlong, p: Parameters, motion: FourierMotion) -> bool:
 
 
 def _use(limits: LimitsAlong, p: Parameters, motion: FourierMotion) -> dict[str, float]:
-    """Largest use of each limit, 1 where its share is used up."""
     z, zd, zdd = motion.evaluate(np.linspace(0.0, 2 * np.pi, _INSTANTS) / motion.base_frequency)
     kinematic = limits.kinematic(z, zd, zdd).max(axis=0)
     efforts = limits.effort(z, zd, zdd, p).max(axis=0) / _EFFORT

@@ -70,7 +70,6 @@ def speeds_of(log: Log, model: Model) -> tuple[bool, tuple[float, ...], tuple[Do
 
 
 def _first(log: Log) -> Float[np.ndarray, "rows channels"]:
-    """The longest of the first stretches of even rows."""
     found, read = np.zeros((0, len(log.columns.all))), 0
     for segment in log.segments(None):
         for rows in segment:

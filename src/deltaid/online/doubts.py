@@ -69,7 +69,6 @@ def doubts(
 
 
 def _carrying(replay: Replay, loads: Sequence[WeighedLoad]) -> Log:
-    """The recording with the loads that were found, where nothing told of them."""
     log = replace(replay.log, masks=replay.masks)
     if not loads or replay.is_told:
         return log
@@ -164,7 +163,6 @@ def _of_contacts(seen: RunEvidence, touches: Sequence[Touch]) -> Iterator[Doubt]
 
 
 def _of_scale(replay: Replay, seen: RunEvidence) -> Iterator[Doubt]:
-    """Torques that are a multiple of the model's."""
     (common, deviation), drives = seen.common, replay.log.columns.torque
     most = _UNTOLD if not replay.is_told else 0.0  # what nobody noticed looks like larger torques
     apart = np.abs(seen.gain - common) > np.maximum(_COMMON, _APART * seen.deviation)
@@ -244,7 +242,6 @@ def gripper_doubts(
 
 
 def _apart(seen: RunEvidence, grip_time: float) -> Iterator[Doubt]:
-    """Signals that come before or after what they tell of."""
     kinds = {"are taken": seen.taken, "are left": seen.left}
     shown = {word: offset for word, offset in kinds.items() if offset.low or offset.high}
     # By how much they are off at least.

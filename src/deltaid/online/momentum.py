@@ -137,5 +137,4 @@ def _smooth_sign(rest: float) -> Sign:
 
 
 def _rate(matrix: ca.SX, x: ca.SX, xd: ca.SX) -> ca.SX:
-    """The matrix's rate ∂matrix/∂x ẋ."""
     return ca.sparsify(ca.reshape(ca.jtimes(ca.vec(ca.densify(matrix)), x, xd), *matrix.shape))

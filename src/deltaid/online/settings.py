@@ -226,7 +226,6 @@ def knowledge(model: Model, settings: OnlineSettings) -> OnlineKnowledge:
 
 
 def _dry(model: Model) -> Float[np.ndarray, " drives"]:
-    """Friction of each drive that jumps at rest."""
     found = np.zeros(len(model.robot.drives))
     for k, term in enumerate(model.robot.friction_terms, start=model.layout.friction.start):
         if term.joint in model.robot.drives and not term.continuous and not term.of_load:

@@ -185,7 +185,6 @@ def _thinned(
 
 
 def _friction(online: Online) -> tuple[FollowedFriction, ...]:
-    """Coefficients as they are believed at the end, by the state."""
     known, layout, state = online.known, online.model.layout, online.graph.state.split(online.state)
     n, first = state["x"].size, len(known.entries.shown) + known.directions.shape[1]
     rows, columns = np.triu_indices(n)  # of the upper triangle are columns of the lower one
