@@ -3,7 +3,7 @@
 import numpy as np
 
 import deltaid
-from deltaid.online.contact import least_force
+from deltaid.online.contact import least_force, threshold
 from deltaid.online.settings import OnlineSettings
 from shuttling import RATE, Shuttle, shuttle
 
@@ -41,7 +41,7 @@ def test_a_minute_of_weak_pushes_does_not_make_it_deaf() -> None:
     robot, noise = shuttle(), np.random.default_rng(9)
     settings = OnlineSettings(speed="differenced", largest_mass=1.0)
     online, limits = deltaid.Online(robot.model, settings), []
-    u = settings.contact_threshold(3)
+    u = threshold(settings.false_alarms, settings.corner, 3)
     for seed, (seconds, *forces) in enumerate(((QUIET, 0, 0), (WEAK, 5, 15), (STRONG, 30, 30))):
         q, tau, held, starts = produced(robot, seconds, (forces[0], forces[1]), seed)
         tau += online.known.noise * noise.standard_normal(tau.shape)

@@ -19,7 +19,7 @@ import casadi as ca
 import numpy as np
 
 from deltaid.model.model import Model
-from deltaid.online.contact import ContactResidual, contact
+from deltaid.online.contact import ContactResidual, contact, threshold
 from deltaid.online.estimates import CycleEstimates, estimates, friction_bounds, give_friction
 from deltaid.online.graph import CycleFields, Field, StepGraph, every
 from deltaid.online.grips import chosen_estimate
@@ -111,7 +111,10 @@ def contact_of(cycle: Cycle) -> None:
     larger = ca.fmax(excess / _TOLERATED, 1.0)
     residual = _residual(cycle, larger)
     dof, touched = residual.levers.shape[1], ca.if_else(since > 0, 1.0, 0.0)
-    u, judged = settings.contact_threshold(dof), every(s.settled, ca.logic_or(s.calm, since > 0))
+    u, judged = (
+        threshold(settings.false_alarms, settings.corner, dof),
+        every(s.settled, ca.logic_or(s.calm, since > 0)),
+    )
     seen = contact(residual, touched, u, judged)
     lasts = ca.if_else(seen.found > 0.5, ca.fmin(since + settings.period, _FOREVER), 0.0)
     pushed = ca.logic_and(seen.found > 0.5, lasts < _LONGEST)

@@ -259,7 +259,7 @@ def _apart(seen: RunEvidence, grip_time: float) -> Iterator[Doubt]:
             f"{_span_in_words(o.low, o.high, grip_time)} loads {w}" for w, o in off.items()
         )
     signals, saying = (sum(getattr(o, n) for o in off.values()) for n in ("signals", "saying"))
-    early = min(offset.middle for offset in off.values()) > grip_time
+    early = min(o.low + o.high for o in off.values()) > 2 * grip_time
     yield Doubt(
         f"the gripper signals {said} ({saying} of {signals} signals show it): masses of the first "
         "tenths of a second are wrong, later ones a little, and contacts about then may be the "

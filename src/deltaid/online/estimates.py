@@ -28,8 +28,8 @@ import numpy as np
 from deltaid.model.model import Model
 from deltaid.online.changes import Change, Onsets, estimate_after, gripper_differs, judge_change
 from deltaid.online.graph import CycleFields, Field, chosen
-from deltaid.online.grips import Grip, chosen_estimate, follow_grip, grip_before, keep_grip
-from deltaid.online.kalman import Estimate, States, keep_levels, learn_levels
+from deltaid.online.grips import UNKNOWN, Grip, chosen_estimate, follow_grip, grip_before
+from deltaid.online.kalman import DRIVES, Estimate, States, learn_levels
 from deltaid.online.momentum import Lowpass
 from deltaid.online.settings import OnlineKnowledge, OnlineSettings
 from deltaid.online.signals import Signals
@@ -81,7 +81,10 @@ def estimates(
     period, n_load, dof = settings.period, len(known.entries.shown), s.qd.numel()
     silent, lowpass = s.gripper <= -0.5, Lowpass.lines(settings.corner, period)
     kinds = States.of_signals(s, period, settings.friction_time)
-    kept, (moving, slow) = kinds.before(fields), keep_levels(fields, dof)
+    kept, doc = kinds.before(fields), "how much more than thought the model lacks of {} drives"
+    moving, slow = fields.keep(
+        *(Field(f"{kind}_level", dof, doc.format(kind), initial=1.0) for kind in DRIVES)
+    )
     parts = ca.SX(known.unmodelled * moving), ca.SX(known.unmodelled_slow * slow * s.slow)
     size = parts[0] + parts[1]
     rows = ca.horzcat(s.smooth_columns, ca.diag(size))
@@ -89,8 +92,11 @@ def estimates(
         Field("held", 1, "1 while a load is held"),
         Field("waited", 1, "time since the gripper's signal", "s"),
         Field("alert", 1, "time for which a change was likely", "s"),
+        Field("gripping", 1, "1 while it is open when it was taken or left"),
+        Field("since_grip", 1, "the gripper's signal", "s"),
+        Field("left", n_load, "load left last, in units of the largest"),
+        Field("offset", 1, "of the gripper's signal", "s", UNKNOWN),
     )
-    keep_grip(fields, n_load)
     onsets = Onsets.before(fields, 1 - kinds.wander * (1 - kinds.stays), dof, lowpass, period)
     differs = gripper_differs(held, s.gripper)
     grip = grip_before(fields, onsets, kept, s.gripper, differs)

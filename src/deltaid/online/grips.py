@@ -21,7 +21,7 @@ from dataclasses import dataclass
 import casadi as ca
 
 from deltaid.online.changes import Change, Onsets
-from deltaid.online.graph import CycleFields, Field
+from deltaid.online.graph import CycleFields
 from deltaid.online.kalman import Estimate
 
 # What a signal is off by where it is off, typically, and at most where its load is to come [s]; the
@@ -63,16 +63,6 @@ class Grip:
     variance: ca.SX
     remembered: ca.SX
     offset: ca.SX
-
-
-def keep_grip(fields: CycleFields, n_load: int) -> None:
-    """Declare what is kept of when a load was taken or left."""
-    fields.keep(
-        Field("gripping", 1, "1 while it is open when it was taken or left"),
-        Field("since_grip", 1, "the gripper's signal", "s"),
-        Field("left", n_load, "load left last, in units of the largest"),
-        Field("offset", 1, "of the gripper's signal", "s", UNKNOWN),
-    )
 
 
 def follow_grip(

@@ -127,15 +127,7 @@ class States:
 # How fast [s] sizes are learnt, within which bounds, and the most by which one cycle counts.
 _LEARNT, _LEVELS, _LARGEST_STEP = 2.0, (0.15, 20.0), 10.0
 # Drives whose sizes are learnt apart, in units of what was thought.
-_DRIVES = ("moving", "slow")
-
-
-def keep_levels(fields: CycleFields, dof: int) -> tuple[ca.SX, ...]:
-    """Sizes of torques that the model has not, as the cycle before left them."""
-    doc = "how much more than thought the model lacks of {} drives"
-    return fields.keep(
-        *(Field(f"{kind}_level", dof, doc.format(kind), initial=1.0) for kind in _DRIVES)
-    )
+DRIVES = ("moving", "slow")
 
 
 def learn_levels(
@@ -149,7 +141,7 @@ def learn_levels(
         calm: 1 where it may be learnt from.
     """
     beyond = ca.fmin(d.x**2 + ca.diag(d.P) - 1, _LARGEST_STEP)
-    for kind, part in zip(_DRIVES, parts, strict=True):
+    for kind, part in zip(DRIVES, parts, strict=True):
         share = (part / (parts[0] + parts[1])) ** 2
         grown = fields.before[f"{kind}_level"] * (1 + period / _LEARNT * calm * beyond * share)
         fields.following[f"{kind}_level"] = ca.fmin(ca.fmax(grown, _LEVELS[0]), _LEVELS[1])

@@ -20,7 +20,6 @@ from deltaid.errors import DeltaidError, positive, within
 from deltaid.estimation.posterior_density import density
 from deltaid.model.model import Model
 from deltaid.motion.random_motion import random_motion
-from deltaid.online.contact import threshold
 from deltaid.online.entries import LoadEntries, load_entries
 
 # From the gripper's signal to the load [s], at most.
@@ -108,10 +107,6 @@ class OnlineSettings:
             value = getattr(self, name)
             if value not in (first, second):
                 raise DeltaidError(f"must be '{first}' or '{second}', not {value!r}", where=name)
-
-    def contact_threshold(self, dof: int) -> float:
-        """How large a residual must be for a contact, in deviations (`online.contact`)."""
-        return threshold(self.false_alarms, self.corner, dof)
 
     def at_rate(self, rate: float) -> "OnlineSettings":
         """The same at another rate, with a filter that is no faster than a fifth of it."""

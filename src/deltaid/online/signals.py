@@ -8,11 +8,12 @@ import numpy as np
 from deltaid.dynamics.joint_columns import JointMotion, joint_columns
 from deltaid.model.model import Model
 from deltaid.online.graph import CycleFields, Field, Layout, all_finite, chosen, only_if
-from deltaid.online.instant import inputs_of, instant, line, pose, settling, waits
+from deltaid.online.instant import even_rows, inputs_of, instant, line, pose, waits
 from deltaid.online.momentum import Lowpass, Momentum, build_momentum
-from deltaid.online.rows import even_rows
 from deltaid.online.settings import OnlineKnowledge, OnlineSettings
 
+# How long filters remember what they began with, in their time constants.
+_SETTLED = 3.0
 # Friction by what gears carry that a model may lack, as a share of that.
 _CARRIED = 0.03
 
@@ -85,7 +86,12 @@ def signals(
     dof, mechanism = model.dynamics.dof, model.dynamics.kinematics.mechanism
     inputs, wait, home = inputs_of(model, settings), waits(model, settings), model.home
     u = inputs.symbols("in")
-    finite, (needed, most) = all_finite(inputs.vector(u)), settling(wait, settings)
+    # good cycles in a row from which a cycle is of one instant, and filters forget their start
+    needed = wait.cycles + (1 if settings.speed == "measured" else 2)
+    finite, most = (
+        all_finite(inputs.vector(u)),
+        needed + round(_SETTLED * settings.rate / settings.corner),
+    )
     (near,) = fields.keep(Field("z", dof, "pose [x, y, z, psi]", initial=tuple(home.tolist())))
     even = even_rows(fields, u, finite, model, known, settings, wait.cycles)
     row, skipped, lost, calm, bridged = even

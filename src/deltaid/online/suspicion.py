@@ -57,11 +57,6 @@ class Offset:
     signals: int
     saying: int
 
-    @property
-    def middle(self) -> float:
-        """Middle of what it may be [s]."""
-        return 0.5 * (self.low + self.high)
-
 
 class GripTiming:
     """Running sums; `add` consecutive cycles, `broken` at holes, then read `offset`.

@@ -10,7 +10,7 @@ from jaxtyping import Float
 
 from deltaid.errors import DescriptionError, Doubt
 from deltaid.model.model import Model
-from deltaid.online.contact import least_force
+from deltaid.online.contact import least_force, threshold
 from deltaid.online.doubts import doubts
 from deltaid.online.events import Loads, Touch, Touches, WeighedLoad
 from deltaid.online.instant import waits
@@ -166,7 +166,8 @@ def _thinned(
     peak = np.array([a + size[a : b + 1].argmax() for a, b in spans])
     force, interval = out["contact_force"][peak], found.mass_interval[ends]
     A = out["contact_information"][ends].reshape(len(ends), *2 * force.shape[1:])
-    best, worst = least_force(A, online.settings.contact_threshold(found.residual.shape[1]))
+    settings, dof = online.settings, found.residual.shape[1]
+    best, worst = least_force(A, threshold(settings.false_alarms, settings.corner, dof))
     if not told:  # straight up or down, a load may hide its weight of a push
         worst = worst + _GRAVITY * online.known.load_scales[0]
     columns = {

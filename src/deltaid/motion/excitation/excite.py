@@ -144,9 +144,12 @@ class Exciter(Shown, Plotted):
         self._graph = ExcitationGraph(dynamics, heads)
         self._p = prior_parameters(dynamics.robot)
         self._values = self.base.values(self._p)
-        dof, n = dynamics.dof, len(heads)
+        dof, n, turn = dynamics.dof, len(heads), dynamics.robot.turn
+        slowest, reach = 2 * np.pi / settings.duration, min(_TURN, 0.5 * (turn.high - turn.low))
+        centre, half = dynamics.robot.within(0.5 * (turn.low + turn.high), reach)
+        series = Series(settings.harmonics, slowest, _SHORTER * slowest, centre, half)
         shape = ExcitationProblem(
-            self._graph, _series(dynamics, settings), settings.criterion, np.ones(dof), np.ones(n),
+            self._graph, series, settings.criterion, np.ones(dof), np.ones(n),
             np.eye(n), self._values, torques_without_friction(dynamics), settings.velocity_weight,
             np.ones(dof), _POINTS * settings.harmonics,
         )  # fmt: skip
@@ -253,10 +256,3 @@ class Exciter(Shown, Plotted):
         ]
         rms = np.sqrt(np.mean(np.sum((Y / torque[None, :, None]) ** 2, axis=1), axis=0))
         return torque, np.array(speed), rms
-
-
-def _series(dynamics: Dynamics, settings: ExcitationSettings) -> Series:
-    turn, slowest = dynamics.robot.turn, 2 * np.pi / settings.duration
-    reach = min(_TURN, 0.5 * (turn.high - turn.low))
-    centre, half = dynamics.robot.within(0.5 * (turn.low + turn.high), reach)
-    return Series(settings.harmonics, slowest, _SHORTER * slowest, centre, half)

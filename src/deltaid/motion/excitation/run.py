@@ -103,20 +103,19 @@ LONGEST, MOST_ROWS = 36_000.0, 3e7
 _BLOCK = 1 << 16
 
 
-def sample_run(kinematics: Kinematics, run: Run, rate: float) -> pl.DataFrame:
-    """A run at a fixed rate: columns t, q1…, qd1…, qdd1…, x, y, z (and psi), SI units.
-
-    The first and the last row are at rest.
-    """
-    return _sampled(kinematics, run, np.arange(run_rows(run, rate)) / rate)
-
-
 def run_rows(run: Run, rate: float) -> int:
     """Number of rows of a run at a fixed rate."""
     return int(np.ceil(run.duration * rate - 1e-9)) + 1
 
 
-def _sampled(kinematics: Kinematics, run: Run, time: Float[np.ndarray, " rows"]) -> pl.DataFrame:
+def sample_run(
+    kinematics: Kinematics, run: Run, rate: float, rows: range | None = None
+) -> pl.DataFrame:
+    """A run at a fixed rate: columns t, q1…, qd1…, qdd1…, x, y, z (and psi), SI units.
+
+    The first and the last row are at rest.
+    """
+    time = np.array(range(run_rows(run, rate)) if rows is None else rows) / rate
     z, zd, zdd = run.evaluate(np.minimum(time, run.duration))
     drives = kinematics.drive_motion(z, zd, zdd)
     columns = {"t": time}
@@ -134,5 +133,5 @@ def write_run(kinematics: Kinematics, run: Run, rate: float, path: Path) -> None
     rows = run_rows(run, rate)
     with written_whole(path) as file:
         for start in range(0, rows, _BLOCK):
-            part = _sampled(kinematics, run, np.arange(start, min(start + _BLOCK, rows)) / rate)
+            part = sample_run(kinematics, run, rate, range(start, min(start + _BLOCK, rows)))
             file.write(part.write_csv(include_header=start == 0))
