@@ -24,7 +24,7 @@ from _table import STATED, leave
 
 from deltaid.control.comparison import base_vector
 from deltaid.control.controllers import ControlModel
-from deltaid.control.plant import DriveRipple, Plant
+from deltaid.control.plant import Plant
 from deltaid.control.tracking import Drives, MotionTrajectory, Tracking, gains, track
 from deltaid.dynamics.parameters import prior_parameters, with_prior
 from deltaid.errors import DeltaidError
@@ -74,7 +74,10 @@ def made(name: str, robot: RobotDescription, rng: np.random.Generator) -> Case:
     model = load(robot)
     coulomb = np.array([model.value(f"coulomb.{drive}") for drive in robot.drives])
     phase = rng.uniform(0, 2 * np.pi, len(coulomb))
-    ripple = DriveRipple(RIPPLE * coulomb, np.full(len(coulomb), float(WAVES)), phase)
+
+    def ripple(q: np.ndarray) -> np.ndarray:
+        return RIPPLE * coulomb * np.sin(WAVES * q + phase)
+
     plant = Plant(model, elastic=has("gears"), ripple=ripple if has("ripple") else None)
     return Case(plant, Drives(current_loop=LOOP if has("current loop") else np.inf))
 

@@ -9,7 +9,7 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from deltaid.control.controllers import Controller, ControlModel, tuned
-from deltaid.control.plant import DriveRipple, Held, Payload, Plant, Running, point_mass
+from deltaid.control.plant import Held, Payload, Plant, Running, point_mass
 from deltaid.control.tracking import Drives, MotionTrajectory, SampledTrajectory, track
 from deltaid.dynamics.forward_dynamics import link_side, motor_inertia, motor_speeds
 from deltaid.errors import DescriptionError
@@ -94,7 +94,10 @@ def test_ripple_pulls_by_place(robot: Model) -> None:
     """Where its phase is a quarter of a turn it takes its whole amplitude from the torque."""
     model = robot.without_friction()
     q, still = model.forward.drive_coordinates(model.home[None]), np.zeros((1, 3))
-    ripple = DriveRipple(np.array([3.0, 0, 0]), np.array([6.0, 0, 0]), np.pi / 2 - 6.0 * q[0])
+
+    def ripple(at: np.ndarray) -> np.ndarray:
+        return np.array([3.0, 0, 0]) * np.cos(6.0 * (at - q[0]) * [1, 0, 0])
+
     ends = []
     for plant, tau in ((Plant(model, ripple=ripple), 5.0), (Plant(model), 2.0)):
         running = Running(plant, q, still, 4000.0, np.inf)

@@ -2,6 +2,7 @@
 state under torques that are held from one sample of its drives to the next."""
 
 import re
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -90,23 +91,6 @@ def loaded(robot: RobotDescription, p: Parameters, load: Float[np.ndarray, " 10"
 
 
 @dataclass(frozen=True, eq=False)
-class DriveRipple:
-    """Torque that goes round with a drive, as of cogging and of a gear's teeth.
-
-    τ − amplitude · sin(waves · q + phase) is what moves the robot.
-
-    Attributes:
-        amplitude: of each drive [N m or N].
-        waves: how far its phase goes on by one radian or metre of the joint [rad].
-        phase: [rad].
-    """
-
-    amplitude: Float[np.ndarray, " dof"]
-    waves: Float[np.ndarray, " dof"]
-    phase: Float[np.ndarray, " dof"]
-
-
-@dataclass(frozen=True, eq=False)
 class Plant:
     """A robot as it is.
 
@@ -115,7 +99,7 @@ class Plant:
         loads: what it holds, and when.
         elastic: gears wind up by the description's `gear_stiffness`, with encoders, friction and
             inertia of the motors on the motors' side.
-        ripple: of the drives' torques.
+        ripple: torque that drives lose at their coordinates, as of cogging and of a gear's teeth.
         damping: of the gears, as a share of what is critical for motor against robot.
 
     Raises:
@@ -125,7 +109,7 @@ class Plant:
     model: Model
     loads: tuple[Held, ...] = ()
     elastic: bool = False
-    ripple: DriveRipple | None = None
+    ripple: Callable[[Samples], Samples] | None = None
     damping: float = 0.03
 
     def __post_init__(self) -> None:
@@ -213,8 +197,7 @@ class Running:
         for _ in range(self._substeps):
             given, p = self._given(tau), self._p
             if plant.ripple is not None:
-                phase = plant.ripple.waves * self.encoders + plant.ripple.phase
-                given = given - plant.ripple.amplitude * np.sin(phase)
+                given = given - plant.ripple(self.encoders)
             if plant.elastic:
                 given, p = self._carried(given), self._link
             self.z, self.qd = self._forward.step(self.z, self.qd, given, p, self._h)

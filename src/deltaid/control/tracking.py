@@ -12,7 +12,6 @@ computes is held until the next one:
    desired motion of then, q = q_d + e and q̇ = q̇_d + ė; torques are cut to the drives' limits.
 """
 
-from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
@@ -258,15 +257,21 @@ def track(
     known = model if callable(model) else lambda _: model
     time = np.arange(int(trajectory.duration * drives.rate + 1e-9) + 1) * period
     start, desired = trajectory.desired(time), trajectory.desired(time + 0.5 * period)
-    limits, readings = effort_limits(plant.model.robot), _Readings(drives)
+    limits, step = effort_limits(plant.model.robot), drives.encoder_step
+    share = 1 - np.exp(-2 * np.pi * drives.velocity_cutoff)
     running = Running(plant, start.q[:1], start.qd[:1], drives.rate, drives.current_loop)
     path, (torques, wanted) = np.empty((3, *start.q.shape)), np.empty((2, *start.q.shape))
+    errors, rates = np.zeros((2, *start.q.shape))
     for k in range(len(time)):
         q = running.encoders
         path[:, k] = q[0], running.z[0], running.qd[0]
-        error, error_rate = readings.take(q, start.q[k : k + 1])
+        errors[k] = (np.round(q / step) * step if step > 0 else q)[0] - start.q[k]
+        if k > 0:
+            slope = (errors[k] - errors[k - 1]) * drives.rate
+            rates[k] = rates[k - 1] + share * (slope - rates[k - 1])
         now = Desired(*(x[k : k + 1] for x in (desired.z, desired.q, desired.qd, desired.qdd)))
-        measured = MeasuredState(now.q + error, now.qd + error_rate)
+        late = max(k - drives.delay, 0)
+        measured = MeasuredState(now.q + errors[late], now.qd + rates[late])
         wanted[k] = controller.torque(known(float(time[k])), measured, now)[0]
         torques[k] = np.clip(wanted[k], -limits, limits)
         running.hold(torques[k : k + 1], float(time[k]))
@@ -300,29 +305,6 @@ def gains(
 def poses(trajectory: Trajectory) -> Samples:
     """Drive coordinates along a trajectory, at which M is looked at."""
     return trajectory.desired(np.linspace(0.0, trajectory.duration, _POSES)).q
-
-
-class _Readings:
-    """Encoders, difference, low-pass and delay of the tracking error."""
-
-    def __init__(self, drives: Drives) -> None:
-        self._drives = drives
-        self._share = 1 - np.exp(-2 * np.pi * drives.velocity_cutoff)
-        self._late: deque[tuple[Samples, Samples]] = deque(maxlen=drives.delay + 1)
-        self._last: Samples | None = None
-
-    def take(self, q: Samples, q_desired: Samples) -> tuple[Samples, Samples]:
-        """e and ė as the law sees them now."""
-        step = self._drives.encoder_step
-        error = (np.round(q / step) * step if step > 0 else q) - q_desired
-        if self._last is None:
-            self._last, self._rate = error, np.zeros_like(error)
-        self._rate = self._rate + self._share * (
-            (error - self._last) * self._drives.rate - self._rate
-        )
-        self._last = error
-        self._late.append((error, self._rate))
-        return self._late[0]
 
 
 def _rms(values: Float[np.ndarray, "samples *columns"]) -> Float[np.ndarray, "*columns"]:
