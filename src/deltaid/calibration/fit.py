@@ -153,8 +153,10 @@ class GeometryFit:
 
     def again(self, readings: Sequence[UsedReadings], noise: float = 1.0) -> "GeometryFit":
         """The fit to other readings, from here; torques with so many times the noise."""
-        known, torques = self.known, self.known.torques
-        known = replace(known, torques=torques.with_noise(noise)) if torques else known
+        known, rows = self.known, self.known.torques
+        if rows is not None:
+            grown = {"A": rows.A / noise, "b": rows.b / noise, "grown": rows.grown * noise}
+            known = replace(known, torques=replace(rows, **grown))
         return _solved(self.loops, known, readings, self.u)
 
 

@@ -9,7 +9,7 @@ far as its keys can.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any, Literal
 
 import numpy as np
@@ -82,10 +82,6 @@ class TorqueRows:
     b: Float[np.ndarray, " rows"]
     grown: float = 1.0
     doubts: tuple[str, ...] = ()
-
-    def with_noise(self, more: float) -> "TorqueRows":
-        """The same with so many times the noise."""
-        return replace(self, A=self.A / more, b=self.b / more, grown=self.grown * more)
 
 
 @dataclass(frozen=True, eq=False)

@@ -105,11 +105,6 @@ class Series:
         centre = self.centre + c[:, 0]
         return FourierMotion(self.frequency(x), centre, c[:, 1 : n + 1], c[:, n + 1 :])
 
-    def unknowns(self, motion: FourierMotion) -> Vector:
-        """The inverse of `motion`."""
-        c = np.column_stack([motion.centre - self.centre, motion.sine, motion.cosine])
-        return np.append(np.log(motion.base_frequency), (c / self.size[:, None]).ravel())
-
     def basis(self, phase: Float[np.ndarray, " samples"]) -> Basis:
         """Φ, Φ′, Φ″: values of [1, sin kφ, cos kφ] and their derivatives with respect to φ."""
         k, one = np.arange(1, self.harmonics + 1), np.ones((len(phase), 1))

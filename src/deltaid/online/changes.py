@@ -82,10 +82,6 @@ class Onset(NamedTuple):
         """Size Δ of the change."""
         return self.evidence / (self.information + 1.0)
 
-    def chosen(self, condition: ca.SX, other: "Onset") -> "Onset":
-        """This one, or another one."""
-        return Onset(*(ca.if_else(condition, a, b) for a, b in zip(self, other, strict=True)))
-
     def candidate(self, j: int) -> "Onset":
         """One of several times."""
         return Onset(*(part[:, j] for part in self))
@@ -153,7 +149,9 @@ class Onsets:
         best, most = self.each.candidate(0), ca.SX(-1)
         for onset, recent in self.untold:
             score = ca.if_else(recent, ca.fabs(onset.score), -1.0)
-            best, most = onset.chosen(score > most, best), ca.fmax(score, most)
+            pairs = zip(onset, best, strict=True)
+            best = Onset(*(ca.if_else(score > most, *pair) for pair in pairs))
+            most = ca.fmax(score, most)
         return best
 
     def follow(

@@ -114,12 +114,6 @@ class StepGraph:
         names, both = (["state", "inputs"], ["following", "outputs"]), [self.following, self.y]
         return ca.Function("online_step", [self.x, self.u], ca.cse(both), *names)
 
-    @property
-    def operations(self) -> int:
-        """How many a cycle takes."""
-        f, ends = self.function, {ca.OP_INPUT, ca.OP_OUTPUT, ca.OP_CONST}
-        return sum(f.instruction_id(k) not in ends for k in range(f.n_instructions()))
-
 
 class CycleFields:
     """What a cycle keeps and gives: its parts declare fields, and say what each becomes.

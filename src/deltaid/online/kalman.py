@@ -24,7 +24,6 @@ import casadi as ca
 import numpy as np
 
 from deltaid.online.graph import CycleFields, Field
-from deltaid.online.signals import Signals
 
 # Memory [s] of a load, of the model's own errors, and of torques that the model has not.
 _LOAD, _MODEL, _UNMODELLED = 1e6, 300.0, 0.05
@@ -96,13 +95,6 @@ class States:
         self._loads, self.wander = kinds == 0, ca.SX((kinds == 3).astype(float))
         memory = np.array([_LOAD, _MODEL, friction_time, _UNMODELLED])[kinds]
         self.stays = ca.SX(np.exp(-period / memory))
-
-    @classmethod
-    def of_signals(cls, s: Signals, period: float, friction_time: float) -> "States":
-        """Load, model, friction, and what is unmodelled of each drive."""
-        parts = s.at_load, s.at_directions, s.at_friction, s.at_lacked
-        sizes = [*(part.stop - part.start for part in parts), s.qd.numel()]
-        return cls(np.repeat([0, 1, 2, 1, 3], sizes), period, friction_time)
 
     def before(self, fields: CycleFields) -> Estimate:
         """As the cycle before left them."""

@@ -166,7 +166,7 @@ def _from_start(problem: ExcitationProblem, seed: int, stop: Event) -> tuple[Sta
         use = largest_use(problem, x, fine)
         if use.max() <= _FULL or use.max() > _SLIGHT or stop.is_set():
             break
-        search.tighten(use)
+        search.bound = np.where(use > _FULL, search.bound * _FULL / use - 1e-3, search.bound)
         x, message = search.run(x, _SHARPNESS[-1])
     use = largest_use(problem, x, fine).max()
     for other in (search.best, x_0):  # the start itself is feasible, unless the limits fight
@@ -180,20 +180,14 @@ def _from_start(problem: ExcitationProblem, seed: int, stop: Event) -> tuple[Sta
 
 
 class _Search:
-    """Sequential quadratic programming on the smooth problem, with bounds that can be tightened.
-
-    `best` is the best point that kept all bounds, for when the search is stopped on its way.
-    """
+    """Sequential quadratic programming on the smooth problem, with a `bound` of each limit that can
+    be tightened. `best` is the best point that kept all, for when the search is stopped."""
 
     def __init__(self, problem: ExcitationProblem, stop: Event) -> None:
-        self._problem, self._stop, self._bound = problem, stop, np.ones(len(problem.two_sided))
+        self._problem, self._stop, self.bound = problem, stop, np.ones(len(problem.two_sided))
         self._last: tuple[bytes, Evaluation] | None = None
         self.best: Vector | None = None
         self._best_value, self.evaluations = np.inf, 0
-
-    def tighten(self, use: Float[np.ndarray, " limits"]) -> None:
-        """Lower the bounds of the limits that are exceeded between the grid points."""
-        self._bound = np.where(use > _FULL, self._bound * _FULL / use - 1e-3, self._bound)
 
     def run(self, x: Vector, sharpness: float) -> tuple[Vector, str]:
         """Minimise the smooth problem from x."""
@@ -207,7 +201,7 @@ class _Search:
 
         def watch(x: Vector) -> None:
             here = evaluated(x)
-            if here.value < self._best_value and np.all(here.use <= self._bound + 1e-3):
+            if here.value < self._best_value and np.all(here.use <= self.bound + 1e-3):
                 self.best, self._best_value = x.copy(), here.value
             if self._stop.is_set():
                 raise StopIteration
@@ -220,7 +214,7 @@ class _Search:
             constraints=[
                 {
                     "type": "ineq",
-                    "fun": lambda x: self._bound - _finite(evaluated(x).use),
+                    "fun": lambda x: self.bound - _finite(evaluated(x).use),
                     "jac": lambda x: -_finite(evaluated(x).slopes),
                 }
             ],
