@@ -26,17 +26,9 @@ def judged(
     heavy: float = 0.0,
 ) -> dict[str, np.ndarray]:
     """A residual judged in numbers."""
-    untold = {}
-    if lifted is not None:
-        column = ca.SX(ca.DM(np.array(lifted)))
-        untold = {"lifted": column, "light": ca.SX(light), "heavy": ca.SX(heavy)}
-    residual = ContactResidual(
-        ca.SX(ca.DM(np.array(rho))),
-        ca.SX(ca.DM(S)),
-        ca.SX(ca.DM(np.array(bound))),
-        ca.SX(ca.DM(T)),
-        **untold,
-    )
+    column = np.zeros(4) if lifted is None else lifted
+    parts = [ca.SX(ca.DM(np.array(x))) for x in (rho, S, bound, T, column)]
+    residual = ContactResidual(*parts, ca.SX(light), ca.SX(heavy))
     found = contact(residual, ca.SX(before), U)
     names = ("size", "found", "limb", "force", "effort", "information")
     f = ca.Function("f", [], [getattr(found, name) for name in names])
