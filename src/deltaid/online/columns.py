@@ -11,6 +11,7 @@ wrong is refused as there.
 """
 
 from contextlib import suppress
+from itertools import chain
 
 import numpy as np
 from jaxtyping import Float
@@ -71,11 +72,10 @@ def speeds_of(log: Log, model: Model) -> tuple[bool, tuple[float, ...], tuple[Do
 
 def _first(log: Log) -> Float[np.ndarray, "rows channels"]:
     found, read = np.zeros((0, len(log.columns.all))), 0
-    for segment in log.segments(None):
-        for rows in segment:
-            found, read = max(found, rows[:_ROWS], key=len), read + len(rows)
-            if read > _ROWS:
-                return found
+    for rows in chain.from_iterable(log.segments(None)):
+        found, read = max(found, rows[:_ROWS], key=len), read + len(rows)
+        if read > _ROWS:
+            break
     return found
 
 

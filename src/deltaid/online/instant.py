@@ -314,11 +314,9 @@ def _bounds(
 ) -> tuple[Float[np.ndarray, " drives"], Float[np.ndarray, " drives"]]:
     """Torque of each drive as it reports it, and by how much its position may be off what the rows
     before let expect, beyond which a row cannot be."""
-    robot, largest = model.robot, known.largest.copy()
-    for i, drive in enumerate(robot.drives):
-        largest[i] = max(largest[i], robot.limits_of(drive).effort or 0.0)
+    efforts = [model.robot.limits_of(drive).effort or 0.0 for drive in model.robot.drives]
+    bound = _BEYOND * np.maximum(known.largest, efforts)
     q = model.dynamics.kinematics.inverse(np.array(model.home))
     M = model.dynamics.terms(q, np.zeros_like(q), model.p).M
-    bound = _BEYOND * largest
     jump = np.abs(np.linalg.inv(M)) @ bound * settings.period**2
     return bound / np.abs(model.gains), np.maximum(jump, _COARSE)

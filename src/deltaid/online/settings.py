@@ -221,11 +221,11 @@ def knowledge(model: Model, settings: OnlineSettings) -> OnlineKnowledge:
 
 
 def _dry(model: Model) -> Float[np.ndarray, " drives"]:
-    found = np.zeros(len(model.robot.drives))
+    found = dict.fromkeys(model.robot.drives, 0.0)
     for k, term in enumerate(model.robot.friction_terms, start=model.layout.friction.start):
-        if term.joint in model.robot.drives and not term.continuous and not term.of_load:
-            found[model.robot.drives.index(term.joint)] += abs(model.p[k])
-    return found
+        if term.joint in found and not term.continuous and not term.of_load:
+            found[term.joint] += abs(float(model.p[k]))
+    return np.array([*found.values()])
 
 
 def _each(

@@ -200,8 +200,7 @@ def _columns(
 
 def _carried(model: Model, qd: ca.SX, tau: ca.SX) -> ca.SX:
     """What gears carry, x, from torques: τ = x + f + μ sign(q̇) |x|, without the rotors' share."""
-    robot, none = model.robot, ca.SX(0)
-    x, share = ca.SX(tau), ca.SX.zeros(tau.numel())
+    robot, none, x, share = model.robot, ca.SX(0), ca.SX(tau), ca.SX.zeros(tau.numel())
     for k, column in enumerate(joint_columns(robot), start=model.layout.coefficients.start):
         if column.joint in robot.drives and column.parameter.kind == "friction":
             i = robot.drives.index(column.joint)
@@ -216,10 +215,10 @@ def _carried(model: Model, qd: ca.SX, tau: ca.SX) -> ca.SX:
 def _beyond(model: Model, tau: ca.SX, settings: OnlineSettings) -> ca.SX:
     """Size of torques at their limits, or at the end of their channel, where a report may not be
     what acts."""
-    robot, found = model.robot, ca.SX.zeros(tau.numel())
-    ends = np.abs(model.gains) * np.array(settings.torque_ends or [np.inf] * len(robot.drives))
-    for i, drive in enumerate(robot.drives):
-        end = min(float(ends[i]), robot.limits_of(drive).effort or np.inf)
+    limits = [model.robot.limits_of(drive).effort or np.inf for drive in model.robot.drives]
+    ends = np.abs(model.gains) * np.array(settings.torque_ends or [np.inf] * len(limits))
+    found = ca.SX.zeros(tau.numel())
+    for i, end in enumerate(np.minimum(ends, limits).tolist()):
         if np.isfinite(end):
             found[i] = end * (ca.fabs(tau[i]) >= 0.999 * end)
     return found

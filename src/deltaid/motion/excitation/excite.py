@@ -190,25 +190,27 @@ class Exciter(Shown, Plotted):
             return self._optimised(stop, lambda _: say(f"start {next(ended)} of {starts}"), offset)
 
     def _optimised(self, stop: Event | None, progress: Progress, offset: int) -> Excitation:
-        first = self.settings.seed + offset
+        first, fine = self.settings.seed + offset, 10 * self.problem.samples
         seeds = range(first, first + self.settings.starts)
         optimum = optimise(self.problem, seeds, stop=stop, progress=progress, judge=self._judge)
         periods = max(1, round(self.settings.duration / optimum.motion.period))
         run = plan_run(self.problem, optimum.motion, periods * self.settings.repeats)
         torque_max = np.abs(self.preview(run)).max(axis=0)
-        names, use = (
-            self.problem.limit_names,
-            run_use(self.problem, run, np.linspace(0.0, run.duration, 4000)),
-        )
+        use = run_use(self.problem, run, np.linspace(0.0, run.duration, 4000))
         for k, (i, largest) in enumerate(torque_limits(self.dynamics.robot).items()):
-            use[len(names) - len(self.problem.largest) + k] = torque_max[i] / largest
+            use[len(use) - len(self.problem.largest) + k] = torque_max[i] / largest
+        limits = zip(self.problem.limit_names, use.tolist(), strict=True)
+        before, after = (
+            criterion(self.settings.criterion, self.problem.information(x, fine))[0]
+            for x in (random_start(self.problem, optimum.best.seed), optimum.x)
+        )
         return Excitation(
             exciter=self,
             run=run,
             optimum=optimum,
-            criterion_before=self._criterion(random_start(self.problem, optimum.best.seed)),
-            criterion_after=self._criterion(optimum.x),
-            limits=tuple(LimitUse(n, float(u)) for n, u in zip(names, use, strict=True)),
+            criterion_before=before,
+            criterion_after=after,
+            limits=tuple(LimitUse(*pair) for pair in limits),
             predictions=self.predict(run),
             torque_max=torque_max,
         )
@@ -235,10 +237,6 @@ class Exciter(Shown, Plotted):
         units = [self.dynamics.layout.units[group.representative] for group in self.base.groups]
         rows = zip(self.base.formulas, self._values, std, units, strict=True)
         return tuple(Prediction(f, float(v), float(s), u) for f, v, s, u in rows)
-
-    def _criterion(self, x: np.ndarray) -> float:
-        G = self.problem.information(x, 10 * self.problem.samples)
-        return criterion(self.settings.criterion, G)[0]
 
     def _references(self, shape: ExcitationProblem) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Largest torques and speeds, and column sizes, over random motions within the limits."""
