@@ -21,7 +21,7 @@ from _table import STATED, leave
 from online import FORCE, KINDS, LATEST, SOON, STANDS
 
 from deltaid.model.model import Model
-from deltaid.online.contact import least_force
+from deltaid.online.contact import least_force, threshold
 from deltaid.online.events import Touches
 from deltaid.online.online import Online, OnlineEstimate
 from deltaid.online.settings import OnlineSettings
@@ -86,7 +86,8 @@ class Run:
     def __init__(self, model: Model, chain: Chain) -> None:
         settings = OnlineSettings(speed="differenced", largest_mass=chain.payload)
         self.online, self.chain, self.model = Online(model, settings), chain, model
-        self.u = settings.contact_threshold(len(model.robot.drives))
+        dof = len(model.robot.drives)
+        self.u = threshold(settings.false_alarms, settings.corner, dof)
         self.noise, self.time = np.random.default_rng(5), 0.0
 
     def part(self, seconds: float, seed: int, forces: tuple[float, float] | None = None) -> Part:
