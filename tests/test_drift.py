@@ -10,7 +10,7 @@ import polars as pl
 import pytest
 
 from command import run
-from deltaid.cli.drift import drift_settings
+from deltaid.cli.gather import drift_settings
 from deltaid.errors import DeltaidError, RecordingError
 from deltaid.fleets.drift_findings import DriftSettings
 from deltaid.fleets.drift_tables import DRIFT, FRICTION, drift_table, friction_table, save

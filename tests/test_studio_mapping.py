@@ -20,7 +20,7 @@ from deltaid.studio.edits import (
     with_value,
     written,
 )
-from deltaid.studio.look import Problem, mapping_cured, preview, signals, try_look
+from deltaid.studio.look import mapping_cured, preview, signals
 from logs import recorded
 from studios import foreign, german
 
@@ -100,10 +100,9 @@ def test_a_foreign_recording_is_read_as_it_was(tmp_path: Path) -> None:
     np.testing.assert_allclose(seen.curves[0].time, log["t"], atol=1e-9)
 
 
-def test_a_file_that_cannot_be_read_is_a_value(tmp_path: Path) -> None:
-    found = try_look(read_contents, str(tmp_path / "none.csv"), TURNING)
-    assert isinstance(found, Problem)
-    assert "no such file" in found.what
+def test_a_file_that_cannot_be_read_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(DeltaidError, match="no such file"):
+        read_contents(str(tmp_path / "none.csv"), TURNING)
     (tmp_path / "words.csv").write_text("a,b\n1,x\n2,y\n")
     partly = read_contents(str(tmp_path / "words.csv"), TURNING)
     assert [(column.address, column.high) for column in partly.columns] == [("a", 2.0), ("b", None)]

@@ -16,7 +16,6 @@ from deltaid.robot.load import catalogue_text
 from deltaid.studio import jobs
 from deltaid.studio.folder import Folder
 from deltaid.studio.jobs import Job
-from deltaid.studio.look import Problem, try_look
 from deltaid.studio.plan import Plan, Used
 from deltaid.studio.runs import new_run, runs
 from deltaid.studio.session import FileEdit, Session, draft_key, standing, unmapped
@@ -40,24 +39,19 @@ def _dies_once(mark: Path) -> str:
 def test_a_reading_process_that_is_killed_is_one_message_and_comes_back(session: Session) -> None:
     mark = session.folder.root / "mark"
 
-    async def scenario() -> tuple[object, object, object]:
+    async def scenario() -> None:
         try:
-            killed = await session.look(_dies_once, mark)
+            with pytest.raises(DeltaidError, match="process that reads files was ended"):
+                await session.look(_dies_once, mark)
             assert await session.look(_dies_once, mark) == "alive"
-            gone = await session.look(count_columns, "none.csv")
-            alive = await session.glance(count_columns, "none.csv")
+            missing = str(session.folder.root / "none.csv")
+            for ask in (session.look, session.glance):
+                with pytest.raises(DeltaidError, match="^none.csv: no such file"):
+                    await ask(count_columns, missing)
         finally:
             await session.close()
-        return killed, gone, alive
 
-    killed, gone, alive = asyncio.run(scenario())
-    assert isinstance(killed, Problem)
-    assert killed.passes
-    assert "process that reads files was ended" in killed.what
-    for found in (gone, alive):
-        assert isinstance(found, Problem)
-        assert found.what.startswith("no such file")
-        assert not found.passes
+    asyncio.run(scenario())
 
 
 @pytest.mark.slow
@@ -222,11 +216,10 @@ def test_what_is_no_recording_is_told_at_once(
     tmp_path: Path, name: str, data: bytes, said: str
 ) -> None:
     (tmp_path / name).write_bytes(data)
-    found = try_look(count_columns, str(tmp_path / name))
-    assert isinstance(found, Problem)
-    assert said in found.what
-    assert found.cure
-    assert found.inside(tmp_path).where.startswith(name)
+    with pytest.raises(DeltaidError, match=said) as refused, Folder(tmp_path).called_by_name():
+        count_columns(str(tmp_path / name))
+    assert refused.value.cure
+    assert refused.value.where.startswith(name)
 
 
 def test_a_recording_of_any_names_may_be_one(tmp_path: Path) -> None:
@@ -272,7 +265,8 @@ def test_a_robot_file_that_changes_is_shown_as_it_is(tmp_path: Path) -> None:
     after = stage(str(path), "2")
     assert after.size > before.size + 0.01
     path.write_text("name: none\n")
-    assert isinstance(try_look(stage, str(path), "3"), Problem)
+    with pytest.raises(DeltaidError):
+        stage(str(path), "3")
 
 
 def test_turns_are_asked_for_in_degrees() -> None:

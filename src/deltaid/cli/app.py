@@ -1,8 +1,18 @@
-"""The `deltaid` command: its subcommands and what happens to errors."""
+"""The `deltaid` command: its subcommands, what happens to errors, and its process.
 
+Streams may be closed, full, or have lost their reader. Under a low limit of address space, as
+`ulimit -v` sets it, libraries that get no memory abort the process, or try again for ever, and no
+exception ever arrives; so they are not loaded.
+"""
+
+import errno
+import os
 import signal
 import sys
-from contextlib import suppress
+import threading
+from collections.abc import Generator
+from contextlib import contextmanager, suppress
+from io import TextIOWrapper
 from pathlib import Path
 from typing import Annotated
 
@@ -12,9 +22,7 @@ import deltaid
 from deltaid.cli import (
     calibrate,
     check,
-    columns,
     control,
-    drift,
     excite,
     export,
     fleet,
@@ -22,21 +30,12 @@ from deltaid.cli import (
     identify,
     look,
     new,
-    online,
     reproduce,
     sensors,
     start,
     use,
-    validate,
 )
-from deltaid.cli.output import print_error, print_note
-from deltaid.cli.process import (
-    EndedError,
-    cleaning_up,
-    limited_address_space,
-    open_streams,
-    written_output,
-)
+from deltaid.cli.output import remark
 from deltaid.errors import DeltaidError
 
 app = typer.Typer(
@@ -50,13 +49,13 @@ app = typer.Typer(
 )
 # In the order of `--help`.
 COMMANDS = {
-    "Start": (start.demo, start.studio, start.robots, new.new, columns.columns, check.check),
+    "Start": (start.demo, start.studio, start.robots, new.new, check.columns, check.check),
     "Identify": (
         excite.excite,
         sensors.sensors,
         calibrate.calibrate,
         identify.identify,
-        validate.validate,
+        identify.validate,
         use.sample,
     ),
     "Use": (
@@ -64,11 +63,11 @@ COMMANDS = {
         control.simulate,
         control.compare_controllers,
         use.forces,
-        online.online,
+        export.online,
         export.export,
     ),
     "Look": (look.show, look.base, look.schema, reproduce.reproduce),
-    "Fleet": (gather.gather, fleet.fleet, drift.drift),
+    "Fleet": (gather.gather, fleet.fleet, gather.drift),
 }
 for group, commands in COMMANDS.items():
     for command in commands:
@@ -97,19 +96,145 @@ def _options(
         raise typer.Exit
 
 
+_FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO, errno.EBADF)
+# Address space of `identify` and `torque` on 1,500 rows, with 2 to 8 threads [B]: libraries,
+# stacks and heaps of threads. On one core it is 1.4e9.
+_NEEDED = 1.9e9
+# What tries for ever to begin threads, or to get their memory, where there is none.
+_WITH_THREADS = ("polars", "scipy")
+# What NumPy takes before it computes anything [B].
+_LEAST = 4e8
+
+
+def _open_streams() -> None:
+    """Let streams that are closed lead nowhere, or the next file to be opened takes their place.
+
+    Write UTF-8 into files and pipes, and to terminals at least no error over a Greek letter:
+    Windows would choose a code page without γ for them, and YAML and JSON are UTF-8 anyway.
+    """
+    for descriptor, name in enumerate(("stdin", "stdout", "stderr")):
+        if getattr(sys, name) is None:
+            stream = open(os.devnull, "w" if descriptor else "r", encoding="utf-8")  # noqa: SIM115
+            if stream.fileno() != descriptor and sys.platform != "win32":
+                os.dup2(stream.fileno(), descriptor)
+            setattr(sys, name, stream)
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, TextIOWrapper):
+            encoding = stream.encoding if stream.isatty() else "utf-8"
+            stream.reconfigure(encoding=encoding, errors="replace")
+
+
+@contextmanager
+def _written_output() -> Generator[None, None, None]:
+    """Write all of standard output before the block ends.
+
+    Raises:
+        DeltaidError: it cannot be written.
+        BrokenPipeError: nobody reads it any more.
+    """
+    try:
+        try:
+            yield
+        finally:
+            sys.stdout.flush()
+    except OSError as error:
+        is_unread = isinstance(error, BrokenPipeError)
+        if not is_unread and (error.errno not in _FULL or error.filename is not None):
+            raise
+        with suppress(OSError):  # Python would write what is left once more, at its end
+            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        if is_unread:
+            raise
+        raise DeltaidError(
+            f"cannot be written: {error.strerror}",
+            where="standard output",
+            cure="check the space left, or send it elsewhere; files that were asked for may be "
+            "complete",
+        ) from None
+
+
+class EndedError(BaseException):
+    """A signal asks the process to end."""
+
+    def __init__(self, number: int) -> None:
+        super().__init__(number)
+        self.number = number
+
+
+@contextmanager
+def _cleaning_up() -> Generator[None, None, None]:
+    """Leave by the way of errors when told to end, so that no half-written file stays."""
+
+    def on_end(number: int, frame: object) -> None:
+        raise EndedError(number)
+
+    names = ("SIGTERM", "SIGHUP") if threading.current_thread() is threading.main_thread() else ()
+    signals = [getattr(signal, name) for name in names if hasattr(signal, name)]
+    before = {number: signal.signal(number, on_end) for number in signals}
+    try:
+        yield
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+
+
+def _keep_to_address_space() -> None:
+    """Let nothing be loaded that a limit of the address space is too low for.
+
+    Raises:
+        DeltaidError: it is too low for any command; or later, as a library with threads is loaded.
+    """
+    if sys.platform != "linux":  # no other system keeps such a limit
+        return
+    import resource
+
+    limit = resource.getrlimit(resource.RLIMIT_AS)[0]
+    if limit == resource.RLIM_INFINITY or limit >= _NEEDED:
+        return
+    if limit < _LEAST:
+        raise _too_little(limit)
+    sys.meta_path.insert(0, _Refusal(limit))
+
+
+class _Refusal:
+    """Refuses to import what would not end."""
+
+    def __init__(self, limit: int) -> None:
+        self.limit = limit
+
+    def find_spec(self, name: str, path: object, target: object = None) -> None:
+        """As Python asks for every module; None leaves it to others.
+
+        Raises:
+            DeltaidError: the module is one of these libraries.
+        """
+        if name in _WITH_THREADS:
+            raise _too_little(self.limit)
+
+
+def _too_little(limit: int) -> DeltaidError:
+    return DeltaidError(
+        "too little for this command",
+        where=f"address space limited to {limit / 1e9:.2g} GB",
+        cure=f"`ulimit -v unlimited`, or at least twice the {_NEEDED / 1e9:.2g} GB that "
+        "libraries and threads take; long recordings need little more",
+    )
+
+
 def main() -> None:
     """Entry point. Exit code 0 when done, 2 when the user has something to mend."""
-    open_streams()
+    _open_streams()
     try:
-        with limited_address_space(), cleaning_up(), written_output():
+        _keep_to_address_space()
+        with _cleaning_up(), _written_output():
             app(prog_name="deltaid")
     except DeltaidError as error:
         with suppress(OSError):  # the code says it too
-            print_error(error)
+            remark("error", error)
         sys.exit(2)
     except EndedError as ended:
         with suppress(OSError):  # the terminal may be gone
-            print_note(f"ended by {signal.Signals(ended.number).name}; no file is half-written")
+            remark("note", f"ended by {signal.Signals(ended.number).name}; no file is half-written")
         sys.exit(128 + ended.number)
     except BrokenPipeError:  # the reader of a pipe has seen enough
         sys.exit(0)

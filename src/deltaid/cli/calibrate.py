@@ -9,8 +9,16 @@ import typer
 
 import deltaid
 from deltaid.cli.options import AsJson, Report, Robot, bounded, names, output_file
-from deltaid.cli.output import console, print_json, progress, styled, table
-from deltaid.cli.output_files import print_written, require_outputs, write_files
+from deltaid.cli.output import (
+    console,
+    print_json,
+    print_written,
+    progress,
+    require_outputs,
+    styled,
+    table,
+    write_files,
+)
 from deltaid.errors import DeltaidError
 
 if TYPE_CHECKING:
@@ -126,12 +134,12 @@ def calibrate(
     printers = ((path, text) for path, (text, _) in texts.items())
     write_files(*printers, (output, found.save), (report, found.report))
     if as_json:
-        print_json(as_dictionary(found, plans, shop.currency))
+        print_json(_as_dictionary(found, plans, shop.currency))
         return
     grade, _, words = found.verdict.partition(":")
     console.print(styled(f"{grade}:"), words.strip())
     shown = next_table(found, plans, shop.currency) if plans else number_table(found)
-    first = wrapped(session_lines(found))
+    first = _wrapped(session_lines(found))
     said = [next_line(plan, shop.currency) for plan in plans[:1]]
     said += [f"doubtful: {doubt}" for doubt in found.doubts]
     for path, (_, left) in texts.items():
@@ -141,14 +149,14 @@ def calibrate(
         said.append(
             f"{output} holds no zeros; as zero of each drive in a log's mapping, rad: {listed}"
         )
-    last, files_written = wrapped(said), sum(path is not None for path in (output, report))
+    last, files_written = _wrapped(said), sum(path is not None for path in (output, report))
     room = _LINES - 2 - len(first) - len(shown.rows) - len(last) - files_written
-    for part in (*first, *open_lines(found, room), table(shown), *last):
+    for part in (*first, *_open_lines(found, room), table(shown), *last):
         console.print(part)
     print_written(output, report)
 
 
-def wrapped(sentences: "Sequence[str]") -> list[str]:
+def _wrapped(sentences: "Sequence[str]") -> list[str]:
     """Lines that fit, those of a sentence after its first indented."""
     return [
         piece
@@ -160,18 +168,18 @@ def wrapped(sentences: "Sequence[str]") -> list[str]:
     ]  # fmt: skip
 
 
-def open_lines(found: "deltaid.Calibration", room: int) -> list[str]:
+def _open_lines(found: "deltaid.Calibration", room: int) -> list[str]:
     """What readings do not know, the worst first, as far as there is room; one at least."""
     lines: list[str] = []
     for k, part in enumerate(found.open):
-        more = wrapped([f"not known: {part.words}"])
+        more = _wrapped([f"not known: {part.words}"])
         if k and len(lines) + len(more) + 1 > room:
             return [*lines, f"and {len(found.open) - k} more, in --report and --json"]
         lines += more
     return lines
 
 
-def as_dictionary(
+def _as_dictionary(
     found: "deltaid.Calibration", plans: "Sequence[NextReadings]" = (), currency: str = ""
 ) -> dict[str, Any]:
     """The calibration as one JSON object, in m and rad."""

@@ -1,16 +1,37 @@
-"""`deltaid check`: what is wrong with a description and with recordings, before they are used."""
+"""`deltaid columns` and `check`: which column of a recording is what, and what is wrong with it."""
 
+import textwrap
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, NamedTuple
 
 import typer
+from rich.table import Table
 
 import deltaid
-from deltaid.cli.options import AsJson, ColumnFiles, Cutoff, KeepAll, Report, Robot, output_file
-from deltaid.cli.output import console, print_json, print_note, progress, styled, verdicts_shown
-from deltaid.cli.output_files import print_written, require_outputs, write_files
-from deltaid.errors import DescriptionError
+from deltaid.cli.options import (
+    AsJson,
+    ColumnFiles,
+    Cutoff,
+    KeepAll,
+    Report,
+    Robot,
+    bounded,
+    output_file,
+)
+from deltaid.cli.output import (
+    WIDEST,
+    Finished,
+    console,
+    print_json,
+    print_written,
+    progress,
+    remark,
+    require_outputs,
+    styled,
+    write_files,
+)
+from deltaid.errors import DeltaidError, DescriptionError, visible
 
 if TYPE_CHECKING:
     from deltaid.checks.verdicts import File
@@ -18,6 +39,127 @@ if TYPE_CHECKING:
 # Exit codes by the most severe verdict; 1 and 2 mean what they mean everywhere.
 EXIT = {"good": 0, "cannot tell": 3, "doubtful": 3, "wrong": 4}
 _BELONGS: dict["File", str] = {"robot": "the robot file", "mapping": "the mapping (--columns)"}
+_COLOURS = {"wrong": "bold red", "doubtful": "yellow", "cannot tell": "cyan", "good": "green"}
+
+
+def columns(
+    log: Annotated[Path, typer.Argument(help="A recording of any kind, with any names.")],
+    robot: Annotated[
+        str | None, typer.Argument(help="Catalogue name or file; its drives are sought.")
+    ] = None,
+    output: Annotated[
+        Path | None, output_file("--output", "-o", help="Where to write the mapping (YAML).")
+    ] = None,
+    unit: Annotated[
+        list[str] | None,
+        typer.Option(help="Unit of a quantity, such as torque='0.0235 N*m'; repeated."),
+    ] = None,
+    gear: Annotated[
+        float | None, bounded(help="Motor turns per joint turn, for columns of the motors.")
+    ] = None,
+    torque_constant: Annotated[
+        float | None, bounded(help="N m per A at the motor, for currents.")
+    ] = None,
+    as_json: AsJson = False,
+) -> None:
+    """Find out which column of a recording is what.
+
+    It says how sure that is, and why.
+
+    Exit code 0: it is certain; 3: something is in doubt or missing.
+    """
+    require_outputs([log, robot], {"--output": output})
+    given = dict(_unit(text) for text in unit or ())
+    found = deltaid.columns(log, robot, units=given, gear=gear, torque_constant=torque_constant)
+    if output is not None:
+        found.save(output)
+    if as_json:
+        print_json(
+            {
+                "certain": found.certain,
+                "missing": list(found.missing),
+                "mapping": found.data,
+                "found": [
+                    {
+                        "quantity": part.quantity,
+                        "columns": list(part.columns),
+                        "units": list(part.units),
+                        "reasons": list(part.reasons),
+                        "doubts": list(part.open_questions),
+                    }
+                    for part in found.found
+                ],
+            }
+        )
+    else:
+        _print(found, log)
+        if output is not None:
+            console.print(f"wrote {output}; give it with --columns {output}")
+    raise typer.Exit(EXIT["good" if found.certain else "doubtful"])
+
+
+def _unit(text: str) -> tuple[str, str]:
+    """A quantity and its unit.
+
+    Raises:
+        DeltaidError: it is neither, or the unit is of something else.
+    """
+    from deltaid.recording.column_meanings import kind_of
+
+    quantity, _, unit = (part.strip() for part in text.partition("="))
+    kind = kind_of(unit) if unit else ""
+    if quantity not in ("time", "position", "velocity", "acceleration", "torque"):
+        raise DeltaidError(
+            f"'{text}' names no quantity",
+            where="--unit",
+            cure="write it as torque='0.0235 N*m', or with time, position, velocity, acceleration",
+        )
+    if kind != quantity and (quantity, kind) != ("torque", "current"):
+        raise DeltaidError(
+            f"'{unit}' is no unit of {quantity}",
+            where="--unit",
+            cure="write it as in s, ms, rad, deg, rad/s, rpm, N*m, mN*m, A; a number may stand "
+            "before it",
+        )
+    return quantity, unit
+
+
+def _print(found: "deltaid.MappingProposal", log: Path) -> None:
+    """The verdict, each quantity with its doubts or else its reasons, and what to do next."""
+    parts = [f"{len(found.doubts)} in doubt"] * bool(found.doubts)
+    parts += [f"missing: {', '.join(found.missing)}"] * bool(found.missing)
+    console.print(styled(f"{log.name}:"), "; ".join(parts) or "certain")
+    for part in found.found:
+        names = part.columns if len(part.columns) < 3 else (part.columns[0], part.columns[-1])
+        unit = part.unit or ", ".join(dict.fromkeys(part.units)) or "unit unknown"
+        console.print()
+        console.print(
+            styled(part.quantity),
+            f"{(' … ' if len(part.columns) > 2 else ', ').join(names)} in {unit}",
+        )
+        _print_line("because", "; ".join(part.reasons))
+        for text in part.open_questions:
+            _print_line("in doubt", text)
+    console.print()
+    units = [text.removeprefix("unit of ") for text in found.missing if text.startswith("unit")]
+    if units:
+        step = f"give the unit: --unit {units[0]}='0.0235 N*m' for a per mille of 23.5 N m"
+    elif "torque_constant" in found.missing:
+        step = "give --torque-constant in N m per A at the motor, and --gear if there is one"
+    elif found.missing:
+        step = "name what is missing in a mapping file (docs: The mapping file)"
+    else:
+        step = "write it (-o columns.yaml), check it, and give it with --columns columns.yaml"
+    if found.missing or found.doubts:
+        _print_line("→", step)
+
+
+def _print_line(mark: str, text: str) -> None:
+    indent = f"  {mark:<9}" if len(mark) > 1 else f"{mark} "
+    width = max(console.width, 40)
+    console.print(
+        textwrap.fill(text, width, initial_indent=indent, subsequent_indent=" " * len(indent))
+    )
 
 
 def check(
@@ -59,7 +201,7 @@ def check(
         verdicts = deltaid.check(robot, logs, columns=columns, settings=settings, progress=say)
     for log, mapping in zip(logs, verdicts.mappings, strict=False):  # none of a broken description
         if mapping is not None and mapping.source == FOUND:
-            print_note(f"{log}: {as_words(mapping)}; `deltaid columns {log} {robot}` says why")
+            remark("note", f"{log}: {as_words(mapping)}; `deltaid columns {log} {robot}` says why")
     with progress(as_json):
         cures = _cures(robot, columns or [], logs, verdicts)
     if write is not None and len(cures) == 1:
@@ -69,48 +211,54 @@ def check(
         (report, lambda path: _write_report(robot, verdicts, logs, cures, path)),
     )
     if as_json:
+        keys = ("key", "grade", "subject", "seen", "number", "unit", "cause", "cure")
         print_json(
             {
                 "robot": as_written(robot).get("name"),
                 "grade": verdicts.grade,
                 "verdicts": [
-                    {
-                        "key": verdict.key,
-                        "grade": verdict.grade,
-                        "subject": verdict.subject,
-                        "seen": verdict.seen,
-                        "number": verdict.number,
-                        "unit": verdict.unit,
-                        "cause": verdict.cause,
-                        "cure": verdict.cure,
+                    {key: getattr(verdict, key) for key in keys}
+                    | {
                         "proposals": [
                             {"file": proposal.file, "changes": dict(proposal.changes)}
                             for proposal in verdict.proposals
-                        ],
+                        ]
                     }
                     for verdict in verdicts
                 ],
             }
         )
-    else:
-        if listed := verdicts if full else verdicts.poor:  # the most severe first
-            console.print(verdicts_shown(verdict_table(listed)))
-            console.print()
-        console.print(tally(verdicts))
-        for cure in cures:
-            console.print()
-            console.print(styled(f"into {_BELONGS[cure.file]}:"))
-            console.print(cure.lines)
-        for cure in cures if write else ():
-            path = targets[cure.file]
-            with_it = f"give it with --columns {path}"
-            use = "use it in place of the robot" if cure.file == "robot" else with_it
-            console.print(f"wrote {path}; {use}")
-        if write is not None and not cures:
-            nothing = "no verdict proposes a line of robot file or mapping"
-            console.print(f"nothing was written: {nothing}")
-        print_written(report)
+        raise typer.Exit(EXIT[verdicts.grade])
+    if listed := verdicts if full else verdicts.poor:  # the most severe first
+        console.print(_verdicts_shown(verdict_table(listed)))
+        console.print()
+    console.print(tally(verdicts))
+    for cure in cures:
+        console.print()
+        console.print(styled(f"into {_BELONGS[cure.file]}:"))
+        console.print(cure.lines)
+    for cure in cures if write else ():
+        path = targets[cure.file]
+        with_it = f"give it with --columns {path}"
+        use = "use it in place of the robot" if cure.file == "robot" else with_it
+        console.print(f"wrote {path}; {use}")
+    if write is not None and not cures:
+        console.print("nothing was written: no verdict proposes a line of robot file or mapping")
+    print_written(report)
     raise typer.Exit(EXIT[verdicts.grade])
+
+
+def _verdicts_shown(finished: Finished) -> Table:
+    """A table of verdicts: cause and next step stand below what was seen, whatever the width."""
+    result = Table(box=None, pad_edge=False, show_header=False)
+    result.add_column(no_wrap=True)
+    result.add_column(no_wrap=True)
+    result.add_column(max_width=WIDEST, overflow="fold")
+    for grade, key, about, seen, cause, cure in finished.rows:
+        lines = [seen if about in seen else f"{about}: {seen}"]
+        lines += [f"likely: {cause}"] * bool(cause) + [f"→ {cure}"] * bool(cure)
+        result.add_row(styled(grade, _COLOURS[grade]), visible(key), visible("\n".join(lines)))
+    return result
 
 
 class Cure(NamedTuple):
@@ -125,30 +273,23 @@ def _cures(
     robot: str, columns: Sequence[Path], logs: Sequence[Path], verdicts: "deltaid.Verdicts"
 ) -> list[Cure]:
     """Files with what is proposed; of several mappings none, for they differ."""
+    from deltaid.checks import verdicts as checks
     from deltaid.checks.evidence import evidence
-    from deltaid.checks.verdicts import (
-        as_written,
-        changes,
-        files_of,
-        mapping_text,
-        pasted,
-        robot_text,
-    )
     from deltaid.robot.load import described
 
     cures = list[Cure]()
-    for file in files_of(verdicts):
-        wanted = changes(verdicts, file)
+    for file in checks.files_of(verdicts):
+        wanted = checks.changes(verdicts, file)
         if file == "robot":
-            data, text = as_written(robot), robot_text(robot, wanted)
+            data, text = checks.as_written(robot), checks.robot_text(robot, wanted)
         elif len(columns) > 1:
-            print_note("to have a mapping corrected, check its recording alone")
+            remark("note", "to have a mapping corrected, check its recording alone")
             continue
         else:
             path = columns[0] if columns else None
             record = evidence(described(robot), logs[0], path and deltaid.load_mapping(path))
-            data, text = record.written_mapping, mapping_text(record, wanted, path)
-        cures.append(Cure(file, pasted(data, wanted), text))
+            data, text = record.written_mapping, checks.mapping_text(record, wanted, path)
+        cures.append(Cure(file, checks.pasted(data, wanted), text))
     return cures
 
 

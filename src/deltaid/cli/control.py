@@ -14,19 +14,18 @@ from deltaid.cli.output import (
     console,
     print_found,
     print_json,
-    print_problems,
-    print_warnings,
+    print_written,
     progress,
+    remark,
+    require_outputs,
     table,
     used,
+    write_files,
 )
-from deltaid.cli.output_files import print_written, require_outputs, write_files
 from deltaid.control.options import ControllerName, ControlSettings
 from deltaid.files import write_bytes
 
 if TYPE_CHECKING:
-    from deltaid.control.comparison import ControllerRun
-    from deltaid.control.simulate import Conditions
     from deltaid.control.tracking import Tracking
 
 Trajectory = Annotated[
@@ -112,7 +111,7 @@ def simulate(
             (report, result.report),
         )
     on, error = result.conditions, result.tracking.error
-    print_warnings(on.warnings)
+    remark("warning", *on.warnings)
     if as_json:
         ends = [
             {
@@ -123,11 +122,9 @@ def simulate(
             }
             for mass, end in result.ends
         ]
-        held = {"known": result.payload_known, "ends": ends}
         print_json(
             {"controller": controller, "model": model, "plant": plant or model}
-            | _on_what(on)
-            | {"payload": asdict(on.payload) | held if on.payload else None}
+            | _on_what(result, known=result.payload_known, ends=ends)
             | _errors(result.tracking)
             | {"infeasible": [asdict(problem) for problem in result.problems]}
         )
@@ -145,7 +142,7 @@ def simulate(
         for text in result.remarks:
             console.print(text)
         print_written(output, report)
-    print_problems([problem.text for problem in result.problems])
+    remark("not feasible", *(problem.text for problem in result.problems))
 
 
 def compare_controllers(
@@ -182,41 +179,44 @@ def compare_controllers(
         )  # fmt: skip
         write_files((report, result.report))
     on = result.conditions
-    print_warnings(on.warnings)
+    remark("warning", *on.warnings)
     if as_json:
-        held = asdict(on.payload) | {"known": False, "ends": []} if on.payload else None
         print_json(
             {"model": model, "plant": plant}
-            | _on_what(on)
-            | {"payload": held}
+            | _on_what(result, known=False, ends=[])
             | {"infeasible": [asdict(problem) for problem in result.problems]}
-            | {"runs": [_run(run) for run in result.runs]}
+            | {
+                "runs": [
+                    {
+                        "controller": run.controller,
+                        "model": run.model or None,
+                        "why_not": run.why_not or None,
+                    }
+                    | (_errors(run.tracking) if run.tracking else {})
+                    | ({"infeasible": list(map(asdict, run.problems))} if run.tracking else {})
+                    | (
+                        {
+                            "ends": [
+                                {"mass": mass, "platform_rms": end.error.platform_rms}
+                                for mass, end in run.ends
+                            ]
+                        }
+                        if run.ends
+                        else {}
+                    )
+                    for run in result.runs
+                ]
+            }
         )
     else:
         console.print(table(comparison_table(on.model.robot, result.runs)))
         print_written(report)
-    print_problems(infeasible_lines(result.problems, result.runs))
+    remark("not feasible", *infeasible_lines(result.problems, result.runs))
 
 
-def _run(run: "ControllerRun") -> dict[str, Any]:
-    value: dict[str, Any] = {
-        "controller": run.controller,
-        "model": run.model or None,
-        "why_not": run.why_not or None,
-    }
-    if run.tracking is not None:
-        value |= _errors(run.tracking)
-        value["infeasible"] = [asdict(problem) for problem in run.problems]
-    if run.ends:
-        value["ends"] = [
-            {"mass": mass, "platform_rms": end.error.platform_rms} for mass, end in run.ends
-        ]
-    return value
-
-
-def _on_what(on: "Conditions") -> dict[str, Any]:
-    """On what controllers were tried, for JSON."""
-    drives = on.drives
+def _on_what(result: "deltaid.Simulation | deltaid.Comparison", **held: object) -> dict[str, Any]:
+    """On what controllers were tried, for JSON; what is known of a load that is held."""
+    on, drives = result.conditions, result.conditions.drives
     return {
         "bandwidth_hz": on.bandwidth,
         "rate_hz": drives.rate,
@@ -224,6 +224,7 @@ def _on_what(on: "Conditions") -> dict[str, Any]:
         "delay": drives.delay,
         "current_loop_hz": drives.current_loop if math.isfinite(drives.current_loop) else None,
         "elastic_gears": on.plant.elastic,
+        "payload": asdict(on.payload) | held if on.payload else None,
     }
 
 

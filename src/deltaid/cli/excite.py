@@ -1,26 +1,27 @@
 """`deltaid excite`: a motion that makes the parameters visible and keeps the machine's limits."""
 
 import signal
-from collections.abc import Generator, Iterable
+from collections.abc import Generator
 from contextlib import contextmanager
 from itertools import groupby
 from pathlib import Path
 from threading import Event
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
 import typer
 
 import deltaid
 from deltaid.cli.options import AsJson, Full, Report, Robot, UsePoor, bounded, output_file
-from deltaid.cli.output import judged, print_found, print_json, print_note, progress
-from deltaid.cli.output_files import print_written, require_outputs, write_files
+from deltaid.cli.output import print_outcome, progress, remark, require_outputs, used, write_files
 from deltaid.errors import DeltaidError, within
 from deltaid.files import write_bytes
 from deltaid.motion.excitation.settings import VERIFICATION_OFFSET, CriterionName, PurposeName
 from deltaid.view.numbers import number
 
-if TYPE_CHECKING:
-    from deltaid.robot.parameter import JointUnits
+# What is said of each start of the search, for JSON.
+_ACCOUNT = (
+    "seed", "before", "after", "feasible", "evaluations", "seconds", "message", "judged"
+)  # fmt: skip
 
 
 def excite(
@@ -78,6 +79,7 @@ def excite(
     """
     from deltaid.motion.excitation.plot import plot_run, require_matplotlib
     from deltaid.motion.excitation.run import LONGEST, MOST_ROWS
+    from deltaid.view import excitation as view
 
     within("--duration times --repeats", duration * repeats, (0.0, LONGEST))
     within("rows (duration, repeats, rate)", duration * repeats * rate, (0.0, MOST_ROWS))
@@ -103,8 +105,12 @@ def excite(
     require_outputs([robot], asked)
     model = deltaid.load(robot)
     if model.identified is not None:
-        print_note(f"{model.source} is a model: planned with its masses and friction")
-    with judged(model, force=force), progress(as_json) as say, _stop_on_interrupt() as stop:
+        remark("note", f"{model.source} is a model: planned with its masses and friction")
+    with (
+        used(model, force=force, as_prior=False),
+        progress(as_json) as say,
+        _stop_on_interrupt() as stop,
+    ):
         say("preparing the robot")
         exciter = deltaid.Exciter(model, settings)
         say(f"optimising from {starts} starts, Ctrl-C keeps the best so far")
@@ -121,11 +127,31 @@ def excite(
         (plot, lambda path: write_bytes(path, plot_run(exciter, result.run, picture))),
         (report, result.report),
     )
-    if as_json:
-        print_json(_as_dictionary(result))
-    else:
-        _print(result, full)
-        print_written(*asked.values())
+    exciter, run = result.exciter, result.run
+    described = exciter.dynamics.robot
+    units = described.drive_units.values()
+    efforts = " and ".join(dict.fromkeys(f"{u.effort}s" for u in units))
+    each = groupby(zip(result.torque_max, units, strict=True), key=lambda pair: pair[1].force)
+    largest = ", ".join(
+        f"{', '.join(f'{value:.3g}' for value, _ in group)} {unit}" for unit, group in each
+    )
+    print_outcome(
+        as_json,
+        _as_dictionary(result),
+        [
+            described.title or described.name,
+            view.verdict(result).sentence,
+            f"{exciter.settings.criterion} {number(result.criterion_before)} before, "
+            f"{number(result.criterion_after)} after; {run.repeats} periods of "
+            f"{run.motion.period:.3g} s between ramps of {run.ramp:.3g} s, "
+            f"{run.duration:.4g} s in all",
+            f"largest {efforts} at the prior: {largest}",
+        ],
+        [view.prediction_table(result)],
+        [view.limit_table(result), view.start_table(result)],
+        full=full,
+        files=tuple(asked.values()),
+    )
 
 
 @contextmanager
@@ -167,47 +193,6 @@ def _as_dictionary(result: "deltaid.Excitation") -> dict[str, Any]:
             for p in result.predictions
         ],
         "starts": [
-            {
-                "seed": account.seed,
-                "before": account.before,
-                "after": account.after,
-                "feasible": account.feasible,
-                "evaluations": account.evaluations,
-                "seconds": account.seconds,
-                "message": account.message,
-                "judged": account.judged,
-            }
-            for account in result.optimum.accounts
+            {key: getattr(account, key) for key in _ACCOUNT} for account in result.optimum.accounts
         ],
     }
-
-
-def _print(result: "deltaid.Excitation", full: bool) -> None:
-    from deltaid.view.excitation import limit_table, prediction_table, start_table, verdict
-
-    exciter, run = result.exciter, result.run
-    robot = exciter.dynamics.robot
-    units = robot.drive_units.values()
-    efforts = " and ".join(dict.fromkeys(f"{u.effort}s" for u in units))
-    print_found(
-        [
-            robot.title or robot.name,
-            verdict(result).sentence,
-            f"{exciter.settings.criterion} {number(result.criterion_before)} before, "
-            f"{number(result.criterion_after)} after; {run.repeats} periods of "
-            f"{run.motion.period:.3g} s between ramps of {run.ramp:.3g} s, "
-            f"{run.duration:.4g} s in all",
-            f"largest {efforts} at the prior: {_with_units(result.torque_max, units)}",
-        ],
-        [prediction_table(result)],
-        [limit_table(result), start_table(result)],
-        full=full,
-    )
-
-
-def _with_units(values: Iterable[float], units: "Iterable[JointUnits]") -> str:
-    """Numbers with their units, each unit once where consecutive ones are the same."""
-    groups = groupby(zip(values, units, strict=True), key=lambda pair: pair[1].force)
-    return ", ".join(
-        f"{', '.join(f'{value:.3g}' for value, _ in group)} {unit}" for unit, group in groups
-    )

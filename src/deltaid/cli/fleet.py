@@ -1,5 +1,6 @@
 """`deltaid fleet`: hundreds of robots and all their recordings, from a manifest to tables."""
 
+from collections.abc import Sized
 from dataclasses import asdict
 from pathlib import Path
 from typing import Annotated
@@ -7,7 +8,7 @@ from typing import Annotated
 import typer
 
 import deltaid
-from deltaid.cli.drift import FalseAlarms, Limit, Since, drift_settings
+from deltaid.cli.gather import FalseAlarms, Limit, Since, drift_settings
 from deltaid.cli.options import (
     AsJson,
     Compliance,
@@ -18,7 +19,7 @@ from deltaid.cli.options import (
     bounded,
     output_file,
 )
-from deltaid.cli.output import console, print_error, print_json, print_note, progress
+from deltaid.cli.output import console, print_json, progress, remark
 from deltaid.errors import DeltaidError, quoted, shortened
 from deltaid.files import require_writable, write_bytes
 from deltaid.model.options import FrictionLaws, Period
@@ -104,6 +105,7 @@ def fleet(
     be used is put into quarantine with its reason and stops nothing else.
     """
     from deltaid.fleets.fleet import find_fleet
+    from deltaid.fleets.place import Place
 
     if scheduler is not None and workers is not None:
         raise DeltaidError(
@@ -134,16 +136,26 @@ def fleet(
                 regather=regather, progress=say,
             )  # fmt: skip
     except KeyboardInterrupt:
-        print_error(
-            DeltaidError(
-                "stopped; what has been gathered and fitted is kept",
-                where=output,
-                cure="the same command does the rest",
-            )
+        kept = DeltaidError(
+            "stopped; what has been gathered and fitted is kept",
+            where=output,
+            cure="the same command does the rest",
         )
+        remark("error", kept)
         raise typer.Exit(_INTERRUPTED) from None
     if prior_out is not None:
-        _write_prior(run, output, prior_out)
+        place = Place.named(output)
+        data = [place.read(fit.job.file) for fit in run.types if not fit.reason]
+        if not data or data[0] is None:
+            raise DeltaidError(
+                "there is nothing to write: no robot of the fleet could be used",
+                where="--prior-out",
+                cure="see quarantine.csv",
+            )
+        write_bytes(prior_out, data[0])
+    used = [outcome for outcome in run.outcomes if outcome.file]
+    fits = [fit for fit in run.fits if not fit.reason]
+    site = f"{output}/{run.site}" if run.site else None
     if as_json:
         print_json(
             {
@@ -151,16 +163,30 @@ def fleet(
                 "robots": len({outcome.recorded.robot for outcome in run.outcomes}),
                 "recordings": len(run.outcomes),
                 "gathered": run.computed[0],
-                "used": sum(bool(outcome.file) for outcome in run.outcomes),
-                "fits": sum(not fit.reason for fit in run.fits),
+                "used": len(used),
+                "fits": len(fits),
                 "fitted": run.computed[1],
-                "site": None if not run.site else f"{output}/{run.site}",
+                "site": site,
                 "quarantine": [asdict(line) for line in run.quarantine],
             }
         )
     else:
-        _print(run, output)
-    if all(fit.reason for fit in run.fits):
+        robots_used = {outcome.recorded.robot for outcome in used}
+        console.print(
+            f"{_count(robots_used, 'robot')}, {_count(used, 'recording')} "
+            f"({run.computed[0]} processed now), {_count(fits, 'fit')} "
+            f"({run.computed[1]} made now); in {output}"
+        )
+        if site:
+            console.print(f"pages: {site}")
+        if run.quarantine:
+            remark("note", f"{len(run.quarantine)} in quarantine, see {output}/quarantine.csv")
+        for line in run.quarantine[:_SHOWN]:
+            which = quoted(line.which)
+            reason = line.reason.replace(line.which, which)
+            reason = reason if which in reason else f"{which}: {reason}"
+            remark("note", shortened(f"{line.what} of {line.robot}: {reason}"))
+    if not fits:
         raise DeltaidError(
             "no robot could be fitted",
             where=manifest,
@@ -168,44 +194,5 @@ def fleet(
         )
 
 
-def _write_prior(run: "deltaid.FleetRun", output: str, path: Path) -> None:
-    """The description of the next robot under a name of the user's.
-
-    Raises:
-        DeltaidError: the fleet knows nothing of its type, or it cannot be written.
-    """
-    from deltaid.fleets.place import Place
-
-    place = Place.named(output)
-    data = [place.read(fit.job.file) for fit in run.types if not fit.reason]
-    if not data or data[0] is None:
-        raise DeltaidError(
-            "there is nothing to write: no robot of the fleet could be used",
-            where="--prior-out",
-            cure="see quarantine.csv",
-        )
-    write_bytes(path, data[0])
-
-
-def _print(run: "deltaid.FleetRun", output: str) -> None:
-    used = [outcome for outcome in run.outcomes if outcome.file]
-    robots = len({outcome.recorded.robot for outcome in used})
-    console.print(
-        f"{_count(robots, 'robot')}, {_count(len(used), 'recording')} "
-        f"({run.computed[0]} processed now), "
-        f"{_count(sum(not fit.reason for fit in run.fits), 'fit')} "
-        f"({run.computed[1]} made now); in {output}"
-    )
-    if run.site:
-        console.print(f"pages: {output}/{run.site}")
-    if run.quarantine:
-        print_note(f"{len(run.quarantine)} in quarantine, see {output}/quarantine.csv")
-    for line in run.quarantine[:_SHOWN]:
-        which = quoted(line.which)
-        reason = line.reason.replace(line.which, which)
-        reason = reason if which in reason else f"{which}: {reason}"
-        print_note(shortened(f"{line.what} of {line.robot}: {reason}"))
-
-
-def _count(number: int, what: str) -> str:
-    return f"{number} {what}{'' if number == 1 else 's'}"
+def _count(things: Sized, what: str) -> str:
+    return f"{len(things)} {what}{'' if len(things) == 1 else 's'}"

@@ -6,7 +6,6 @@ from typing import TYPE_CHECKING, Any
 
 import deltaid
 from deltaid.cli.output import print_found
-from deltaid.cli.validate import error_dictionary
 
 if TYPE_CHECKING:
     from deltaid.identification.prediction import Compared
@@ -80,6 +79,16 @@ def as_dictionary(
     if verification is not None:
         value["verify"] = error_dictionary(verification)
     return value
+
+
+def error_dictionary(error: "TorqueError") -> dict[str, Any]:
+    """Torque errors for JSON."""
+    return {
+        "rms": error.rms.tolist(),
+        "nrmse": error.nrmse.tolist(),
+        "rms_unfiltered": error.rms_unfiltered.tolist(),
+        "cutoff_hz": error.cutoff,
+    }
 
 
 def print_result(

@@ -1,19 +1,20 @@
-"""`deltaid identify`: from a robot and its logs to a model."""
+"""`deltaid identify` and `validate`: from a robot and its logs to a model, and its errors."""
 
 import gc
-from collections.abc import Generator
-from contextlib import contextmanager
+from dataclasses import asdict
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
 import deltaid
 from deltaid.cli.gather import are_factor_files, compared, in_folders, require_open
+from deltaid.cli.identified import as_dictionary, error_dictionary, print_result
 from deltaid.cli.options import (
     CORRECTIONS,
     AsJson,
     ColumnFiles,
+    Columns,
     Compliance,
     Cutoff,
     Events,
@@ -21,13 +22,23 @@ from deltaid.cli.options import (
     Full,
     KeepAll,
     Lag,
+    ModelOrRobot,
     Report,
     Robot,
     bounded,
     output_file,
 )
-from deltaid.cli.output import console, print_json, print_next, print_note, print_warnings, progress
-from deltaid.cli.output_files import print_written, require_outputs, write_files
+from deltaid.cli.output import (
+    console,
+    print_json,
+    print_next,
+    print_outcome,
+    print_written,
+    progress,
+    remark,
+    require_outputs,
+    write_files,
+)
 from deltaid.errors import DeltaidError
 from deltaid.model.options import (
     GAMMA_LIMITS,
@@ -118,11 +129,17 @@ def identify(
 
     Recordings hold joint positions and motor torques.
     """
-    with _uncollected():
-        from deltaid.checks.identify import identify as run
-        from deltaid.cli.identified import as_dictionary, print_result
-        from deltaid.identification.prediction import noted, remarks
-        from deltaid.recording.source import opened
+    # Modules make a great many objects that stay, and looking through them again and again for some
+    # that do not takes a fifth of the time.
+    gc.disable()
+    from deltaid.checks.identify import identify as run
+    from deltaid.fleets.factor_file import read
+    from deltaid.fleets.identify_gathered import identify_gathered
+    from deltaid.identification.prediction import noted, remarks
+    from deltaid.recording.source import opened
+
+    gc.enable()
+    gc.freeze()
 
     logs = in_folders(logs)
     settings = deltaid.Settings(
@@ -146,7 +163,7 @@ def identify(
             pass  # to miss it now, not after the fit
     model = deltaid.load(robot)
     if model.identified is not None:
-        print_note(f"{model.source} is a model: its robot is identified anew, from its prior")
+        remark("note", f"{model.source} is a model: its robot is identified anew, from its prior")
     mappings, of_verify = [deltaid.load_mapping(path) for path in columns or ()], None
     if verify is not None and len(mappings) not in (0, 1, len(logs) + 1):
         raise DeltaidError(
@@ -170,9 +187,6 @@ def identify(
         require_open({}, report)
     with progress(as_json) as say:
         if from_factors:
-            from deltaid.fleets.factor_file import read
-            from deltaid.fleets.identify_gathered import identify_gathered
-
             say(f"merging {len(logs)} factor files")
             result = identify_gathered(robot, [read(log) for log in logs], settings)
         else:
@@ -187,7 +201,7 @@ def identify(
             error, log = verification
             doubts += [f"{verify}: {text}" for text in remarks(result.model, log, error)]
             kept = noted(result.model, log, error, str(verify))
-    print_warnings(doubts)
+    remark("warning", *doubts)
     with_samples = verification if isinstance(verification, deltaid.Validation) else None
     write_files((output, kept.save), (report, lambda path: result.report(path, with_samples)))
     if as_json:
@@ -203,13 +217,49 @@ def identify(
         print_written(report)
 
 
-@contextmanager
-def _uncollected() -> Generator[None, None, None]:
-    """Import in here: modules make a great many objects that stay, and looking through them
-    again and again for some that do not takes a fifth of the time."""
-    gc.disable()
-    try:
-        yield
-    finally:
-        gc.enable()
-        gc.freeze()
+def validate(
+    model: ModelOrRobot,
+    log: Annotated[Path, typer.Argument(help="A recording, in any kind of file; or its factors.")],
+    columns: Columns = None,
+    report: Report = None,
+    keep_all: KeepAll = False,
+    full: Full = False,
+    as_json: AsJson = False,
+) -> None:
+    """Compare a model's torques with a recording."""
+    from deltaid.identification.prediction import remarks
+    from deltaid.identification.sources import left_out, model_filtered
+    from deltaid.view.corrections import left_out_table
+    from deltaid.view.model_tables import error_table
+    from deltaid.view.summary import summary
+
+    require_outputs((model, log, columns), {"--report": report})
+    if are_factor_files([log]):
+        require_open({"--columns": columns is not None, "--keep-all": keep_all}, report)
+    known = deltaid.load(model)
+    with progress(as_json) as say:
+        say(f"comparing with {log}")
+        comparison = compared(known, log, columns, keep_all)
+        error, seen = comparison
+        if isinstance(comparison, deltaid.Validation):
+            about: dict[str, Any] = {"log": log.name, "sha256": comparison.log.sha256}
+            about["clock"] = asdict(model_filtered(known, comparison.log).clock)
+            missing = left_out(comparison.log, known.robot.drives, error)
+            write_files((report, comparison.report))
+        else:
+            _, record = comparison
+            about = {"log": record.log, "sha256": record.sha256}
+            missing = record.model.sources[0].left_out
+    if known.identified is None:
+        remark("note", f"{known.source} is a robot: it stands for its prior parameters")
+    remark("warning", *(f"{log}: {text}" for text in remarks(known, seen, error)))
+    said, excluded = summary(known, error, seen), left_out_table([(log.name, missing)])
+    print_outcome(
+        as_json,
+        about | error_dictionary(error) | {"left_out": [span.model_dump() for span in missing]},
+        [said.sentence, *said.lines],
+        [error_table(known, error)],
+        [excluded] if excluded is not None else [],
+        full=full,
+        files=(report,),
+    )

@@ -9,8 +9,17 @@ import typer
 
 import deltaid
 from deltaid.cli.options import AsJson, ColumnFiles, Cutoff, Full, KeepAll, bounded, output_file
-from deltaid.cli.output import console, judged, print_found, print_json, print_warnings, progress
-from deltaid.cli.output_files import print_written, require_outputs
+from deltaid.cli.output import (
+    console,
+    print_found,
+    print_json,
+    print_outcome,
+    print_written,
+    progress,
+    remark,
+    require_outputs,
+    used,
+)
 from deltaid.model.options import LeastSquaresMethod
 
 if TYPE_CHECKING:
@@ -63,7 +72,7 @@ def show(
             free_port((port,))
     model = deltaid.load(robot)
     require_space(model.robot)
-    with judged(model, force=True), progress(False) as say:
+    with used(model, force=True, as_prior=False), progress(False) as say:
         say("compiling")
         at_rest = AtRest(model.dynamics, model.p)
     if report is not None:
@@ -71,20 +80,31 @@ def show(
         write_robot(at_rest, report, f"Robot at rest, with its {known} parameters")
     elif not live:
         reached, surveyed = reach(at_rest), survey(at_rest)
-        print_warnings(robots.rest_warnings(at_rest, surveyed))
+        remark("warning", *robots.rest_warnings(at_rest, surveyed))
         drives = robots.rest_table(at_rest, surveyed).without("held at home")
-        uses, ends = robots.use_table(at_rest, surveyed), robots.end_table(at_rest, reached)
+        tables = {
+            "drives": drives,
+            "limits in the workspace": robots.use_table(at_rest, surveyed),
+            "limits that end straight moves from home": robots.end_table(at_rest, reached),
+        }
         print_found(
             fact_lines(at_rest, reached, surveyed),
-            [
-                replace(drives, title="drives"),
-                replace(uses, title="limits in the workspace"),
-                replace(ends, title="limits that end straight moves from home"),
-            ],
+            [replace(table, title=title) for title, table in tables.items()],
             full=full,
         )
     if live:
-        _open(at_rest, port)
+        from deltaid.view.live import DEFAULT_PORT, LiveView
+
+        shown = LiveView(at_rest, DEFAULT_PORT if port is None else port)
+        try:
+            console.print(f"{at_rest.robot.name} is shown at {shown.url} until Ctrl-C")
+            closed = threading.Event()
+            while not closed.wait(_LOOK):
+                pass
+        except KeyboardInterrupt:
+            console.print("closed")
+        finally:
+            shown.close()
 
 
 def write_robot(robot: "AtRest", path: Path, origin: str) -> None:
@@ -108,21 +128,6 @@ def fact_lines(robot: "AtRest", reached: "Reach", surveyed: "WorkspaceSurvey") -
             for fact in rest_facts(robot, reached, surveyed)
         ),
     ]
-
-
-def _open(robot: "AtRest", port: int | None) -> None:
-    from deltaid.view.live import DEFAULT_PORT, LiveView
-
-    live = LiveView(robot, DEFAULT_PORT if port is None else port)
-    try:
-        console.print(f"{robot.robot.name} is shown at {live.url} until Ctrl-C")
-        closed = threading.Event()
-        while not closed.wait(_LOOK):
-            pass
-    except KeyboardInterrupt:
-        console.print("closed")
-    finally:
-        live.close()
 
 
 def base(
@@ -167,27 +172,24 @@ def base(
     layout, free = result.layout, build_reduction(description, active_columns(dynamics)).size
     invisible = [layout.names[i] for i in result.invisible]
     visible = len(layout.names) - len(invisible)
-    if as_json:
-        value: dict[str, Any] = {
-            "robot": description.name,
-            "columns": len(layout.names),
-            "nonzero_columns": visible,
-            "base_parameters": result.rank,
-            "optimization_variables": free,
-            "condition": result.condition,
-            "groups": list(result.formulas),
-            "invisible": invisible,
+    value: dict[str, Any] = {
+        "robot": description.name,
+        "columns": len(layout.names),
+        "nonzero_columns": visible,
+        "base_parameters": result.rank,
+        "optimization_variables": free,
+        "condition": result.condition,
+        "groups": list(result.formulas),
+        "invisible": invisible,
+    }
+    if estimate is not None:
+        value |= {
+            "method": estimate.method,
+            "values": estimate.values.tolist(),
+            "std": estimate.std.tolist(),
+            "low": (estimate.values - estimate.interval).tolist(),
+            "high": (estimate.values + estimate.interval).tolist(),
         }
-        if estimate is not None:
-            value |= {
-                "method": estimate.method,
-                "values": estimate.values.tolist(),
-                "std": estimate.std.tolist(),
-                "low": (estimate.values - estimate.interval).tolist(),
-                "high": (estimate.values + estimate.interval).tolist(),
-            }
-        print_json(value)
-        return
     bodies = description.bodies.values()
     measured = len(description.measured) + sum(len(body.measured) for body in bodies)
     beside = [*description.sensors, *([f"{measured} measured values"] if measured else [])]
@@ -200,7 +202,8 @@ def base(
         f"{', '.join(invisible)}",
     ]
     units = [layout.units[group.representative] for group in result.groups]
-    print_found(lines, [estimate_table(result.formulas, units, estimate)], full=full)
+    estimated = estimate_table(result.formulas, units, estimate)
+    print_outcome(as_json, value, lines, [estimated], full=full)
 
 
 def schema(

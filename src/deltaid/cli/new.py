@@ -15,14 +15,13 @@ import deltaid
 from deltaid.cli.options import output_file
 from deltaid.cli.output import (
     console,
-    print_error,
     print_found,
     print_next,
-    print_note,
-    print_warnings,
+    remark,
+    require_outputs,
     styled,
+    write_files,
 )
-from deltaid.cli.output_files import require_outputs, write_files
 from deltaid.errors import DeltaidError
 from deltaid.files import require_writable
 from deltaid.studio.drafting.questions import KINDS, QUESTIONS, Question
@@ -34,20 +33,6 @@ _TITLES = {
     "lengths": "Lengths and ends", "masses": "Masses", "motors": "Motors", "tool": "Tool",
     "friction": "Friction", "workspace": "Workspace and speed",
 }  # fmt: skip
-
-
-def _option(question: Question) -> inspect.Parameter:
-    unit = f" [{question.shown_unit}]" if question.unit else ""
-    option = typer.Option(
-        question.option,
-        help=f"{question.text}{unit}",
-        rich_help_panel=_TITLES[question.group],
-        metavar="NUMBER",
-    )
-    kind = inspect.Parameter.KEYWORD_ONLY
-    return inspect.Parameter(
-        question.key, kind, default=None, annotation=Annotated[str | None, option]
-    )
 
 
 def new(
@@ -102,15 +87,33 @@ def new(
         draft = interview(draft, asker)
     except (KeyboardInterrupt, EOFError):
         console.print()
-        print_note("nothing was written")
+        remark("note", "nothing was written")
         raise typer.Exit(130) from None
-    _write(draft, file)
-    _show(draft, file, report)
+    _write(draft, file, report)
 
 
 # The command has an option for every question.
-_own = [p for p in inspect.signature(new).parameters.values() if p.kind is not p.VAR_KEYWORD]
-new.__signature__ = inspect.Signature([*_own, *map(_option, QUESTIONS)])  # pyright: ignore[reportFunctionMemberAccess]
+_parameters = inspect.signature(new).parameters.values()
+_options = [
+    inspect.Parameter(
+        question.key,
+        inspect.Parameter.KEYWORD_ONLY,
+        default=None,
+        annotation=Annotated[
+            str | None,
+            typer.Option(
+                question.option,
+                help=question.label,
+                rich_help_panel=_TITLES[question.group],
+                metavar="NUMBER",
+            ),
+        ],
+    )
+    for question in QUESTIONS
+]
+new.__signature__ = inspect.Signature(  # pyright: ignore[reportFunctionMemberAccess]
+    [*(p for p in _parameters if p.kind is not p.VAR_KEYWORD), *_options]
+)
 
 
 def _draft(
@@ -128,15 +131,13 @@ def _draft(
     offered: dict[str, float] = {}
     if start is not None:
         robot = deltaid.load_robot(start)
-        offered, own = answers(robot), kind_of(robot)
-        if kind not in (None, own):
+        offered, its_kind = answers(robot), kind_of(robot)
+        if kind not in (None, its_kind):
             raise DeltaidError(
-                f"{start} is a {own}", where=f"--kind {kind}", cure="leave --kind out"
+                f"{start} is a {its_kind}", where=f"--kind {kind}", cure="leave --kind out"
             )
-        kind = own
-    if kind is None and asker is not None:
-        kind = asker.kind()
-    kind = _known(kind)
+        kind = its_kind
+    kind = asker.kind() if kind is None and asker is not None else _known(kind)
     return Draft(
         kind=kind,
         name=name or file.stem,
@@ -166,16 +167,14 @@ class _Terminal:
 
     def kind(self) -> str:
         console.print("What kind of robot is it?")
-        names = list(KINDS)
-        for i, name in enumerate(names):
-            console.print(f"  {i + 1}  {name}: {KINDS[name]}")
+        names = dict(enumerate(KINDS, 1))
+        for i, name in names.items():
+            console.print(f"  {i}  {name}: {KINDS[name]}")
         console.print("A number may have a unit (235 mm, 3 kg cm²); ? shows how to find it out.")
         while True:
             text = _line("number or name: ").strip()
-            if text.isdigit() and 1 <= int(text) <= len(names):
-                return names[int(text) - 1]
             try:
-                return _known(text)
+                return names.get(int(text) if text.isdecimal() else 0) or _known(text)
             except DeltaidError as error:
                 self.tell(error)
 
@@ -193,7 +192,7 @@ class _Terminal:
             console.print(f"  {question.how}")
 
     def tell(self, error: "DeltaidError") -> None:
-        print_error(error)
+        remark("error", error)
 
 
 def _line(prompt: str) -> str:
@@ -206,38 +205,33 @@ def _line(prompt: str) -> str:
     return console.input(prompt)
 
 
-def _write(draft: "Draft", file: Path) -> None:
-    """The description, and the schema that its first line names, if there is none beside it."""
-    from deltaid.studio.drafting.text import SCHEMA_FILE, written
-
-    schema = file.with_name(SCHEMA_FILE)
-    keys = deltaid.RobotDescription.model_json_schema()
-    text = f"{json.dumps(keys, indent=2, ensure_ascii=False)}\n"
-    write_files((file, written(draft)), (None if schema.exists() else schema, text))
-
-
-def _show(draft: "Draft", file: Path, report: Path | None) -> None:
-    """What was written, how much of it is known, and the robot at rest."""
+def _write(draft: "Draft", file: Path, report: Path | None) -> None:
+    """Write the description, the schema that its first line names, if there is none beside it, and
+    the page; say how much is known, and show the robot at rest."""
     from deltaid.cli.look import fact_lines, write_robot
     from deltaid.dynamics.at_rest import AtRest
     from deltaid.studio.drafting.draft import ASSUMED
     from deltaid.studio.drafting.interview import unusual
+    from deltaid.studio.drafting.text import SCHEMA_FILE, written
     from deltaid.view.reach import reach, survey
     from deltaid.view.robots import rest_warnings
 
+    schema = file.with_name(SCHEMA_FILE)
+    keys = json.dumps(deltaid.RobotDescription.model_json_schema(), indent=2, ensure_ascii=False)
+    write_files((file, written(draft)), (None if schema.exists() else schema, f"{keys}\n"))
     model = deltaid.load(str(file))
-    at_rest, origin = AtRest(model.dynamics, model.p), "Robot at rest, with its prior parameters"
+    at_rest = AtRest(model.dynamics, model.p)
     surveyed, doubts = survey(at_rest), unusual(draft)
-    print_warnings((*doubts, *rest_warnings(at_rest, surveyed)))
-    assumed = [key for key, origin in draft.origins.items() if origin == ASSUMED]
+    remark("warning", *doubts, *rest_warnings(at_rest, surveyed))
+    assumed = [key.replace("_", " ") for key, origin in draft.origins.items() if origin == ASSUMED]
     lines = [
         f"wrote {file}, {'in doubt' if doubts else 'good'} by `deltaid check`",
         f"{len(draft.values) - len(assumed)} numbers are known, {len(assumed)} are assumed"
-        + (f": {', '.join(key.replace('_', ' ') for key in assumed)}" if assumed else ""),
+        + (f": {', '.join(assumed)}" if assumed else ""),
         "",
         *fact_lines(at_rest, reach(at_rest), surveyed),
     ]
     print_found(lines, full=False)
     print_next(f"`deltaid show {file}` prints drives and limits")
     if report is not None:
-        write_robot(at_rest, report, origin)
+        write_robot(at_rest, report, "Robot at rest, with its prior parameters")

@@ -1,4 +1,4 @@
-"""What all commands print: results as they fit a screen, errors, tables, progress, JSON."""
+"""What all commands print and write: results as they fit a screen, remarks, tables, JSON, files."""
 
 import json
 import math
@@ -6,11 +6,12 @@ import os
 import re
 import sys
 import textwrap
-from collections.abc import Callable, Generator, Mapping, Sequence
+from collections.abc import Callable, Generator, Iterable, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 from datetime import datetime
 from functools import partial
+from pathlib import Path
 from typing import Any
 
 from rich.cells import cell_len
@@ -20,6 +21,7 @@ from rich.text import Text
 
 import deltaid
 from deltaid.errors import DeltaidError, visible
+from deltaid.files import require_writable, together, write_bytes
 from deltaid.view.page import Table as Finished
 
 # Columns whose cells are words.
@@ -37,10 +39,14 @@ _BAR = 16
 # Lines of a result on a screen of usual height, with those that name the files written below.
 _SCREEN = 22
 # A line of text that is longer is hard to read.
-_WIDEST = 100
+WIDEST = 100
 # Of a verdict on a model, as words begin it.
 _GRADES = ("Good", "Fair", "Poor", "Untested", "Against the truth")
-_COLOURS = {"wrong": "bold red", "doubtful": "yellow", "cannot tell": "cyan", "good": "green"}
+# Of remarks by what they begin with; what is not feasible makes a result worthless.
+_STYLES = {
+    "error": "bold red", "warning": "yellow", "not feasible": "bold red", "note": "dim",
+    "progress": "default",
+}  # fmt: skip
 
 # Of JSON, besides those that it escapes anyway.
 _CONTROL = re.compile("[\x7f-\x9f\u2028\u2029\u202a-\u202e\u2066-\u2069]")
@@ -62,41 +68,27 @@ console = LiteralConsole(highlight=False, soft_wrap=True)
 error_console = LiteralConsole(stderr=True, highlight=False, soft_wrap=True)
 
 
-def print_error(error: DeltaidError) -> None:
-    """One clear message on standard error."""
-    error_console.print(styled("error:", "bold red"), str(error))
-
-
-def print_warnings(warnings: Sequence[str]) -> None:
-    """Warnings on standard error, so that --json stays clean."""
-    for text in warnings:
-        error_console.print(styled("warning:", "yellow"), text)
-
-
-def print_problems(problems: Sequence[str]) -> None:
-    """What makes a result worthless, in red on standard error; the program did run."""
-    for text in problems:
-        error_console.print(styled("not feasible:", "bold red"), text)
+def remark(kind: str, *texts: object) -> None:
+    """Remarks of a kind on standard error, a line each, so that --json stays clean."""
+    for text in texts:
+        error_console.print(styled(f"{kind}:", _STYLES[kind]), str(text))
 
 
 @contextmanager
-def used(model: "deltaid.Model", *, force: bool = False) -> Generator[None]:
-    """As `judged`; of a robot it says that it stands for its prior."""
-    with judged(model, force=force):
-        yield
-    print_origin(model)
+def used(model: "deltaid.Model", *, force: bool = False, as_prior: bool = True) -> Generator[None]:
+    """Say what a model is worth that a command uses, where it is not good or was changed by hand.
 
-
-@contextmanager
-def judged(model: "deltaid.Model", *, force: bool = False) -> Generator[None]:
-    """Say on standard error what a model is worth that a command has used, where it is not good,
-    and whether its file was changed by hand.
+    Args:
+        force: whether a poor one may be used.
+        as_prior: whether to say of a robot that it stands for its prior.
 
     Raises:
         DeltaidError: it is poor, and `force` is not set; before it is used.
     """
     if model.identified is None:
         yield
+        if as_prior:
+            remark("note", f"{model.source} is a robot: it stands for its prior parameters")
         return
     from deltaid.model.record import CHANGED
     from deltaid.view.page import Trust
@@ -111,20 +103,9 @@ def judged(model: "deltaid.Model", *, force: bool = False) -> Generator[None]:
         )
     yield
     if verdict.grade is not Trust.GOOD:
-        print_note(f"{model.source}: {verdict.sentence}")
+        remark("note", f"{model.source}: {verdict.sentence}")
     if CHANGED in model.identified.warnings:
-        print_warnings([f"{model.source}: {CHANGED}"])
-
-
-def print_origin(model: "deltaid.Model") -> None:
-    """Say on standard error that a robot stands for its prior, where a model is expected."""
-    if model.identified is None:
-        print_note(f"{model.source} is a robot: it stands for its prior parameters")
-
-
-def print_note(text: str) -> None:
-    """A remark on standard error that is no warning."""
-    error_console.print(styled("note:", "dim"), text)
+        remark("warning", f"{model.source}: {CHANGED}")
 
 
 def styled(text: str, style: str = "bold") -> Text:
@@ -137,6 +118,25 @@ def print_json(value: Mapping[str, Any]) -> None:
     of_time = partial(datetime.isoformat, timespec="seconds")
     text = json.dumps(value, indent=2, allow_nan=False, ensure_ascii=False, default=of_time)
     print(_CONTROL.sub(lambda match: f"\\u{ord(match[0]):04x}", text))
+
+
+def print_outcome(
+    as_json: bool,
+    value: Mapping[str, Any],
+    lines: Sequence[str],
+    tables: Sequence[Finished] = (),
+    further: Sequence[Finished] = (),
+    details: Sequence[str] = (),
+    *,
+    full: bool = True,
+    files: Sequence[Path | None] = (),
+) -> None:
+    """A result as one JSON object, or as `print_found` has it, and the files that were written."""
+    if as_json:
+        print_json(value)
+    else:
+        print_found(lines, tables, further, details, full=full)
+        print_written(*files)
 
 
 def print_found(
@@ -210,7 +210,7 @@ def _folded(*sentences: str) -> list[str | Text]:
 
     What stands before the first colon of a verdict is in bold.
     """
-    width = min(console.width, _WIDEST) if console.is_terminal else math.inf
+    width = min(console.width, WIDEST) if console.is_terminal else math.inf
     lines: list[str | Text] = []
     for text in sentences:
         first, *others = (
@@ -251,19 +251,6 @@ def table(finished: Finished) -> Table:
     return result
 
 
-def verdicts_shown(finished: Finished) -> Table:
-    """A table of verdicts: cause and next step stand below what was seen, whatever the width."""
-    result = Table(box=None, pad_edge=False, show_header=False)
-    result.add_column(no_wrap=True)
-    result.add_column(no_wrap=True)
-    result.add_column(max_width=_WIDEST, overflow="fold")
-    for grade, key, about, seen, cause, cure in finished.rows:
-        lines = [seen if about in seen else f"{about}: {seen}"]
-        lines += [f"likely: {cause}"] * bool(cause) + [f"→ {cure}"] * bool(cure)
-        result.add_row(styled(grade, _COLOURS[grade]), visible(key), visible("\n".join(lines)))
-    return result
-
-
 @contextmanager
 def progress(silent: bool) -> Generator[Callable[[str], None], None, None]:
     """A bar on standard error beside what is being done; nothing when silent or not a terminal.
@@ -297,3 +284,44 @@ def progress(silent: bool) -> Generator[Callable[[str], None], None, None]:
 
         yield say
     sys.stderr.flush()
+
+
+def require_outputs(inputs: Iterable[str | Path | None], files: Mapping[str, Path | None]) -> None:
+    """Refuse before any work files that could not be written, would replace an input or each other.
+
+    Args:
+        inputs: names of files, of robots in the catalogue, or None for what is not given.
+        files: by option, such as '--output'; that of '--report' must be a page.
+    """
+    given = [Path(name) for name in inputs if name is not None]
+    taken: dict[Path, str] = {}
+    for option, path in files.items():
+        if path is None:
+            continue
+        if option == "--report" and path.suffix.lower() != ".html":
+            raise DeltaidError("must end in .html", where=f"--report {path}")
+        require_writable(path, given)
+        other = taken.setdefault(path.resolve(), option)
+        if other != option:
+            raise DeltaidError(
+                f"is the file of {other} as well; give another name", where=f"{option} {path}"
+            )
+
+
+def write_files(*files: tuple[Path | None, str | Callable[[Path], object]]) -> None:
+    """Write the files that were asked for, all or none: a text, or what a function writes."""
+    with together():
+        for path, content in files:
+            if path is None:
+                continue
+            if isinstance(content, str):
+                write_bytes(path, content.encode())
+            else:
+                content(path)
+
+
+def print_written(*paths: Path | None) -> None:
+    """Names of files that have been written; None for one that was not asked for."""
+    for path in paths:
+        if path is not None:
+            console.print(f"wrote {path}")

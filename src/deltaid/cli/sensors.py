@@ -7,8 +7,7 @@ import typer
 
 import deltaid
 from deltaid.cli.options import AsJson, Full, Report, Robot, UsePoor, bounded, names
-from deltaid.cli.output import judged, print_found, print_json, print_note, progress
-from deltaid.cli.output_files import print_written, require_outputs, write_files
+from deltaid.cli.output import print_outcome, progress, remark, require_outputs, used, write_files
 from deltaid.view.numbers import percent
 
 if TYPE_CHECKING:
@@ -86,9 +85,10 @@ def sensors(
     Nothing is measured: standard deviations are predicted for a motion, a noise and a prior.
     """
     from deltaid.robot.load import read_text
+    from deltaid.sensors.planning.null_space import DESCRIBED, PLAN, TORQUES
     from deltaid.sensors.planning.offers import shipped_text
+    from deltaid.view import sensor_plan as view
     from deltaid.view.html import write_page
-    from deltaid.view.sensor_plan import chosen_entries
     from deltaid.view.sensors import sensors_page
 
     if print_list:
@@ -108,7 +108,7 @@ def sensors(
         seed=seed,
     )
     model = deltaid.load(robot)
-    with judged(model, force=force), progress(as_json) as say:
+    with used(model, force=force, as_prior=False), progress(as_json) as say:
         plan = deltaid.sensor_plan(
             model,
             motion,
@@ -120,32 +120,13 @@ def sensors(
             columns=columns,
             progress=say,
         )
-    shown = chosen_entries(plan) if entries is None else names(entries)
+    shown = view.chosen_entries(plan) if entries is None else names(entries)
     for name in shown:
         plan.entry(name)  # refuses one that there is not
     write_files((report, lambda path: write_page(sensors_page(plan, shown), path)))
-    if as_json:
-        print_json(as_dictionary(plan))
-    else:
-        if plan.model.identified is not None:
-            print_note(f"{plan.model.source} is a model: planned with its masses and friction")
-        _print(plan, shown, full)
-        print_written(report)
-
-
-def _print(plan: "deltaid.SensorPlan", entries: tuple[str, ...], full: bool) -> None:
-    from deltaid.sensors.planning.null_space import DESCRIBED, PLAN, TORQUES
-    from deltaid.view.sensor_plan import (
-        count_table,
-        entry_table,
-        open_table,
-        plan_card,
-        step_table,
-        untold,
-        use_table,
-    )
-
-    settings, hidden, card = plan.settings, untold(plan), plan_card(plan)
+    if plan.model.identified is not None and not as_json:
+        remark("note", f"{plan.model.source} is a model: planned with its masses and friction")
+    hidden, card = view.untold(plan), view.plan_card(plan)
     details = [
         f"planned for {plan.motion}, torque noise {percent(settings.torque_noise)} of each drive's "
         f"largest torque, {settings.rate:g} independent samples a second, prior "
@@ -156,20 +137,28 @@ def _print(plan: "deltaid.SensorPlan", entries: tuple[str, ...], full: bool) -> 
         details.append(f"nothing of the list determines much of {', '.join(hidden)}")
     now = DESCRIBED if plan.has_described else TORQUES
     still_open = [  # now, and when all has been bought
-        open_table(opening)
+        view.open_table(opening)
         for opening in plan.openings
         if opening.name in (now, PLAN) and opening.null.directions
     ]
-    print_found(
+    print_outcome(
+        as_json,
+        as_dictionary(plan),
         [
             card.title,
             *card.lines,
             "; ".join(f"{name}: {value}" for name, value in card.facts),
         ],
-        [step_table(plan)] if plan.steps else [],
-        [entry_table(plan), use_table(plan, entries), count_table(plan), *still_open],
+        [view.step_table(plan)] if plan.steps else [],
+        [
+            view.entry_table(plan),
+            view.use_table(plan, shown),
+            view.count_table(plan),
+            *still_open,
+        ],
         details,
         full=full,
+        files=(report,),
     )
 
 

@@ -10,6 +10,7 @@ import deltaid
 from deltaid.cli.options import Full
 from deltaid.cli.output import Finished, console, progress, table
 from deltaid.files import require_writable, together, write_bytes
+from deltaid.libraries import require
 from deltaid.view.numbers import percent
 
 
@@ -76,10 +77,15 @@ def studio(
 
     Everything stays in FOLDER, in the files that the other commands read and write.
     """
-    from deltaid.studio.server import PORTS, require_nicegui, serve
+    require(
+        "nicegui",
+        by="deltaid studio",
+        name="NiceGUI",
+        install="pip install '.[studio]' in a clone of deltaid, or pip install 'nicegui>=3'",
+    )
+    from deltaid.studio.server import PORTS, serve
     from deltaid.view.own_page import free_port
 
-    require_nicegui()
     opened = list[str]()
 
     def say(address: str) -> None:

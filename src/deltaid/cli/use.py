@@ -1,7 +1,7 @@
 """`deltaid torque`, `forces` and `sample`: what follows from a model."""
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import Annotated, Any, Literal
 
 import typer
 
@@ -16,14 +16,18 @@ from deltaid.cli.options import (
     bounded,
     output_file,
 )
-from deltaid.cli.output import console, print_found, print_json, print_warnings, progress, used
-from deltaid.cli.output_files import print_written, require_outputs, write_files
+from deltaid.cli.output import (
+    console,
+    print_outcome,
+    progress,
+    remark,
+    require_outputs,
+    used,
+    write_files,
+)
 from deltaid.errors import DeltaidError
 from deltaid.files import require_new_folder, require_writable
 from deltaid.model.options import SAMPLES_LIMITS, TOLERANCE_LIMITS
-
-if TYPE_CHECKING:
-    from deltaid.joint_forces.forces import ForceFinding
 
 Form = Literal["npz", "mjcf"]
 
@@ -52,7 +56,7 @@ def torque(
     known = deltaid.load(model)
     with used(known, force=force), progress(False) as say:
         result = deltaid.torque(known, log, columns=columns, periodic=periodic, progress=say)
-        print_warnings(result.warnings)
+        remark("warning", *result.warnings)
         say(f"predicting torques along {log}")
         result.save(output)
     cutoff = result.recording.motion_cutoff
@@ -108,47 +112,52 @@ def forces(
             columns=columns, log_columns=log_columns, progress=say,
         )  # fmt: skip
         write_files((output, result.save), (report, result.report))
-    print_warnings(result.warnings)
-    if as_json:
-        computed, extremes = result.constraint_forces, result.extremes
-        print_json(
-            {
-                "robot": computed.robot.name,
-                "motion": result.recording.path.name,
-                "struts": list(computed.struts),
-                "note": computed.note or None,
-                "socket_force": computed.socket_force,
-                "worst": [_finding(finding, computed.socket_force) for finding in result.findings],
-                "extremes": {
-                    channel: {"unit": unit, "least": float(least), "largest": float(largest)}
-                    for channel, unit, least, largest in zip(
-                        extremes.names, extremes.units, *extremes.values, strict=True
-                    )
-                },
-            }
-        )
-    else:
-        print_found([verdict(result).sentence, what_is_open(result)], tables(result), full=full)
-        print_written(output, report)
+    remark("warning", *result.warnings)
+    computed, extremes = result.constraint_forces, result.extremes
+    print_outcome(
+        as_json,
+        {
+            "robot": computed.robot.name,
+            "motion": result.recording.path.name,
+            "struts": list(computed.struts),
+            "note": computed.note or None,
+            "socket_force": computed.socket_force,
+            "worst": _findings(result),
+            "extremes": {
+                channel: {"unit": unit, "least": float(least), "largest": float(largest)}
+                for channel, unit, least, largest in zip(
+                    extremes.names, extremes.units, *extremes.values, strict=True
+                )
+            },
+        },
+        [verdict(result).sentence, what_is_open(result)],
+        tables(result),
+        full=full,
+        files=(output, report),
+    )
 
 
-def _finding(finding: "ForceFinding", socket_force: float | None) -> dict[str, Any]:
-    worst, known = finding.worst, finding.range
-    margin = worst.value + socket_force if worst.kind == "socket" and socket_force else None
-    return {
-        "part": worst.part,
-        "kind": worst.kind,
-        "channel": worst.channel,
-        "unit": worst.unit,
-        "value": worst.value,
-        "margin": margin,
-        "time": worst.at.time,
-        "z": worst.at.z.tolist(),
-        "low": known.low if known else None,
-        "high": known.high if known else None,
-        "open": finding.openness.half_width,
-        "open_entries": list(finding.openness.unknowns),
-    }
+def _findings(result: "deltaid.Forces") -> list[dict[str, Any]]:
+    """The worst of each part, for JSON; of sockets with what is left of the springs' force."""
+    held = result.constraint_forces.socket_force
+    return [
+        {
+            "part": worst.part,
+            "kind": worst.kind,
+            "channel": worst.channel,
+            "unit": worst.unit,
+            "value": worst.value,
+            "margin": worst.value + held if worst.kind == "socket" and held else None,
+            "time": worst.at.time,
+            "z": worst.at.z.tolist(),
+            "low": finding.range.low if finding.range else None,
+            "high": finding.range.high if finding.range else None,
+            "open": finding.openness.half_width,
+            "open_entries": list(finding.openness.unknowns),
+        }
+        for finding in result.findings
+        for worst in [finding.worst]
+    ]
 
 
 def sample(
@@ -198,31 +207,32 @@ def sample(
         drawn = known.sample(n, seed, limb_tolerance)
         say(f"writing {output}")
         written = drawn.save(output) if to == "npz" else drawn.mjcf(output)
-    if as_json:
-        print_json(
-            {
-                "robot": drawn.robot.name,
-                "models": len(drawn),
-                "seed": drawn.seed,
-                "limb_tolerance": drawn.limb_tolerance,
-                "effective_size": float(drawn.ess.min()),
-                "rhat": float(drawn.rhat.max()),
-                "output": str(written),
-                "parameters": [
-                    {
-                        "name": name,
-                        "unit": unit,
-                        "mean": float(column.mean()),
-                        "std": float(column.std()),
-                        "effective_size": float(size),
-                        "rhat": float(factor),
-                    }
-                    for name, unit, column, size, factor in zip(
-                        drawn.names, drawn.units, drawn.p.T, drawn.ess, drawn.rhat, strict=True
-                    )
-                ],
-            }
-        )
-    else:
-        print_found([sample_sentence(drawn)], [sample_table(drawn)], full=full)
-        print_written(written)
+    print_outcome(
+        as_json,
+        {
+            "robot": drawn.robot.name,
+            "models": len(drawn),
+            "seed": drawn.seed,
+            "limb_tolerance": drawn.limb_tolerance,
+            "effective_size": float(drawn.ess.min()),
+            "rhat": float(drawn.rhat.max()),
+            "output": str(written),
+            "parameters": [
+                {
+                    "name": name,
+                    "unit": unit,
+                    "mean": float(column.mean()),
+                    "std": float(column.std()),
+                    "effective_size": float(size),
+                    "rhat": float(factor),
+                }
+                for name, unit, column, size, factor in zip(
+                    drawn.names, drawn.units, drawn.p.T, drawn.ess, drawn.rhat, strict=True
+                )
+            ],
+        },
+        [sample_sentence(drawn)],
+        [sample_table(drawn)],
+        full=full,
+        files=(written,),
+    )

@@ -75,11 +75,8 @@ def entries(data: Data, quantity: Quantity, dof: int) -> list[Data]:
 
 def named(data: Data, dof: int) -> set[str]:
     """All columns that a mapping names for time and drives."""
-    listed = [
-        data.get("time", {}),
-        *(e for quantity in UNITS for e in entries(data, quantity, dof)),
-    ]
-    return {str(entry["column"]) for entry in listed if "column" in entry}
+    listed = [entry for quantity in UNITS for entry in entries(data, quantity, dof)]
+    return {str(e["column"]) for e in (data.get("time", {}), *listed) if "column" in e}
 
 
 def with_value(
@@ -89,15 +86,13 @@ def with_value(
 
     A default value takes the key out; no column takes the whole entry out.
     """
-    data, listed = copy.deepcopy(data), entries(data, quantity, dof)
+    listed = copy.deepcopy(entries(data, quantity, dof))
     for k, entry in enumerate(listed):
-        if k != drive and not (alike and key in ALIKE and entry):
-            continue
-        if value in (None, "") or (key in DEFAULTS and value == DEFAULTS[key]):
-            entry.pop(key, None)
-        else:
+        if k == drive or (alike and key in ALIKE and entry):
             entry[key] = value
-    return _with_entries(data, quantity, listed if any("column" in e for e in listed) else [])
+            if value in (None, "") or (key in DEFAULTS and value == DEFAULTS[key]):
+                del entry[key]
+    return _with_entries(data, quantity, listed)
 
 
 def with_column(
@@ -114,8 +109,10 @@ def with_column(
         names: of all columns of the recording.
     """
     data = with_value(data, quantity, drive, "column", column, dof, alike=False)
-    listed, chosen = entries(data, quantity, dof), {drive: column} if column else {}
-    if column and alike and not any("column" in e for i, e in enumerate(listed) if i != drive):
+    if not column:
+        return data
+    listed, chosen = entries(data, quantity, dof), {drive: column}
+    if alike and sum("column" in entry for entry in listed) == 1:
         places = (group.places for group in groups_of(names, dof))
         axes = next((p for p in places if names[p[drive]] == column), ())
         chosen |= {axis: names[place] for axis, place in enumerate(axes)}
@@ -123,23 +120,24 @@ def with_column(
         entry, unit = listed[axis], read_name(name).unit
         others = [other for i, other in enumerate(listed) if i != axis and "column" in other]
         shared = {key: other[key] for other in others for key in ALIKE if key in other}
-        listed[axis] = {"column": name} | ({"unit": unit} if unit else {}) | entry
-        listed[axis] |= {k: v for k, v in shared.items() if alike and k not in entry}
-    return _with_entries(data, quantity, listed) if chosen else data
+        stated = {"column": name} | ({"unit": unit} if unit else {})
+        missing = {k: v for k, v in shared.items() if alike and k not in entry}
+        listed[axis] = stated | entry | missing
+    return _with_entries(data, quantity, listed)
 
 
 def _with_entries(data: Data, quantity: Quantity, listed: list[Data]) -> Data:
-    others = {key: value for key, value in data.items() if key != quantity or listed}
-    return others | ({quantity: listed} if listed else {})
+    others = copy.deepcopy(data)
+    if any("column" in entry for entry in listed):
+        return others | {quantity: listed}
+    others.pop(quantity, None)
+    return others
 
 
 def with_time(data: Data, column: str | None, unit: str | None, rate: float | None) -> Data:
     """The data with a time column, or with a rate in its place."""
-    given: Data = {"column": column} if column else {}
-    if rate is not None:
-        given["rate"] = rate
-    elif unit and column:
-        given["unit"] = unit
+    wanted = {"column": column, "rate": rate, "unit": unit if column and rate is None else None}
+    given = {key: value for key, value in wanted.items() if value not in (None, "")}
     others = {key: value for key, value in copy.deepcopy(data).items() if key != "time"}
     return {"time": given} | others if given else others
 

@@ -1,6 +1,5 @@
 """The folder that a studio works in: what lies there, and names that cannot lead out of it."""
 
-import hashlib
 import itertools
 import os
 import re
@@ -138,6 +137,15 @@ class Folder:
         """Files at the top of the folder, without hidden ones; none if it has been removed."""
         return sorted(p for p in self.root.glob("*") if p.is_file() and not p.name.startswith("."))
 
+    @contextmanager
+    def called_by_name(self) -> Generator[None, None, None]:
+        """Files of the folder are called by their names there in errors that come from inside."""
+        try:
+            yield
+        except DeltaidError as error:
+            error.where = error.where.replace(f"{self.root}{os.sep}", "")
+            raise
+
     @property
     def is_there(self) -> bool:
         """Whether it has not been removed or renamed."""
@@ -192,9 +200,3 @@ def refusing(where: str) -> Generator[None, None, None]:
             where=where,
             cure="see whether the folder is still there, may be written to, and has room",
         ) from None
-
-
-def sha256(path: Path) -> str:
-    """Checksum of a file of any length."""
-    with path.open("rb") as file:
-        return hashlib.file_digest(file, "sha256").hexdigest()

@@ -12,14 +12,7 @@ from typing import Literal
 
 from deltaid.errors import DeltaidError, visible
 from deltaid.studio.folder import Folder
-from deltaid.studio.runs import (
-    FinishedRun,
-    Record,
-    did_its_work,
-    inputs_of,
-    keep_inputs,
-    write_record,
-)
+from deltaid.studio.runs import FinishedRun, Record, keep_inputs, write_record
 from deltaid.studio.steps import Step
 
 State = Literal["running", "done", "failed", "cancelled"]
@@ -54,7 +47,6 @@ class Job:
     state: State = "running"
     stages: list[str] = field(default_factory=list[str])
     said: str = ""
-    out: str = ""
     began: datetime = field(default_factory=lambda: datetime.now(UTC))
     run: FinishedRun | None = None
     _process: asyncio.subprocess.Process | None = None
@@ -83,13 +75,12 @@ class Job:
         Raises:
             DeltaidError: its files cannot be kept beside it.
         """
-        keep_inputs(self.folder, self.place, self.step)
-        inputs = await asyncio.to_thread(inputs_of, self.folder, self.step)
+        inputs = await asyncio.to_thread(keep_inputs, self.folder, self.place, self.step)
         more = ("--json",) if self.step.kind in _WITH_JSON else ()
         self._process = await asyncio.create_subprocess_exec(
             sys.executable, "-P", "-c", _ENTRY, *self.step.arguments, *more,
             cwd=self.folder.root,
-            env=_environment(),
+            env=os.environ | {PROGRESS: "lines", "PYTHONIOENCODING": "utf-8"} | _paths(),
             stdin=asyncio.subprocess.DEVNULL,
             stdout=asyncio.subprocess.PIPE,
             stderr=asyncio.subprocess.PIPE,
@@ -107,10 +98,7 @@ class Job:
                 self.stages.append(text.removeprefix(_MARK))
             else:
                 self.said += text + "\n"
-        self.out = (await reading).decode("utf-8", "replace")
-        code = await self._process.wait()
-        if self.state != "cancelled":
-            self.state = "done" if did_its_work(self.step.kind, code) else "failed"
+        out = (await reading).decode("utf-8", "replace")
         record = Record(
             kind=self.step.kind,
             command=self.step.command,
@@ -118,12 +106,14 @@ class Job:
             version=version("deltaid"),
             began=self.began.isoformat(timespec="seconds"),
             seconds=round(self.seconds, 1),
-            exit=code,
+            exit=await self._process.wait(),
             inputs=inputs,
             of=self.of,
             robot=self.robot,
         )
-        written = self.folder, self.place, record, self.out, self.said
+        if self.state != "cancelled":
+            self.state = "done" if record.succeeded else "failed"
+        written = self.folder, self.place, record, out, self.said
         self.run = await asyncio.to_thread(write_record, *written)
 
     async def cancel(self) -> None:
@@ -131,7 +121,7 @@ class Job:
         if self.state != "running":
             return
         self.state = "cancelled"
-        if self._process is None:
+        if self._process is None:  # it is told to end when it has begun
             return
         self._tell(signal.SIGTERM)
         try:
@@ -148,12 +138,10 @@ class Job:
                 os.killpg(self._process.pid, number)
 
 
-def _environment() -> dict[str, str]:
-    found = os.environ | {PROGRESS: "lines", "PYTHONIOENCODING": "utf-8"}
-    if given := os.environ.get("PYTHONPATH"):
-        places = (os.path.abspath(place) for place in given.split(os.pathsep) if place)
-        found["PYTHONPATH"] = os.pathsep.join(places)
-    return found
+def _paths() -> dict[str, str]:
+    """Where Python looks for modules, from any folder."""
+    places = filter(None, os.environ.get("PYTHONPATH", "").split(os.pathsep))
+    return {"PYTHONPATH": os.pathsep.join(map(os.path.abspath, places))}
 
 
 def error_in(said: str) -> str:

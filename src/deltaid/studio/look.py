@@ -1,15 +1,15 @@
-"""Looks at a recording, made in a process of their own: what it holds, and a preview of its rows.
+"""Looks at a recording, made in a process of their own: a preview of its rows, models beside it.
 
-What goes in and out is plain data. An error of the program is a value here, a `Problem`.
+What goes in and out is plain data.
 """
 
 import importlib
-import os
 import re
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import lru_cache
 from pathlib import Path
-from typing import Any, ParamSpec, TypeVar
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from jaxtyping import Float
@@ -17,46 +17,24 @@ from jaxtyping import Float
 from deltaid.checks.evidence import evidence
 from deltaid.checks.verdicts import mapping_text
 from deltaid.dynamics.dynamics import compiled
-from deltaid.errors import DeltaidError
+from deltaid.model.model import load
 from deltaid.recording.columns import Channel
 from deltaid.recording.mapping import ColumnMapping, load_mapping
 from deltaid.recording.opening import resolved_table
 from deltaid.recording.source import LogTable
 from deltaid.recording.table import open_table
 from deltaid.robot.load import described, parse, yaml_text
+from deltaid.studio.folder import stamp
 from deltaid.view.comparison import extreme_rows, stretch_length
+
+if TYPE_CHECKING:
+    from deltaid.view.comparison import TorqueComparison
 
 # Points of a curve at most; a screen has hardly more columns.
 POINTS = 1600
 
 # Rows of a block of which two are kept at first; a picture has fewer points than blocks.
 _BLOCK = 128
-
-_Asked = ParamSpec("_Asked")
-_Found = TypeVar("_Found")
-
-
-@dataclass(frozen=True)
-class Problem:
-    """An error of the program, on its way between processes and onto a page.
-
-    Attributes:
-        passes: whether it may be gone the next time.
-    """
-
-    what: str
-    where: str = ""
-    cure: str = ""
-    passes: bool = False
-
-    @staticmethod
-    def from_error(error: DeltaidError) -> "Problem":
-        """The same error as data."""
-        return Problem(error.what, error.where, error.cure)
-
-    def inside(self, folder: Path) -> "Problem":
-        """The same with files of a folder called by their names there."""
-        return replace(self, where=self.where.replace(f"{folder}{os.sep}", ""))
 
 
 @dataclass(frozen=True)
@@ -83,16 +61,6 @@ class Preview:
     curves: tuple[Curve, ...]
     rows: int
     seconds: float
-
-
-def try_look(
-    look: Callable[_Asked, _Found], *given: _Asked.args, **named: _Asked.kwargs
-) -> _Found | Problem:
-    """A look, or the error that the program has about it."""
-    try:
-        return look(*given, **named)
-    except DeltaidError as error:
-        return Problem.from_error(error)
 
 
 def ready() -> bool:
@@ -154,12 +122,11 @@ def signals(
         RecordingError: a column is missing, or the file cannot be read.
     """
     seen = _thinned(open_table(Path(path)), time, columns, points, span)
-    rows = dict[str, int]()
-    drawn = list[Curve]()
-    for k, name in enumerate(columns):
-        stem = re.sub(r"\d+", "…", name)
-        rows[stem] = rows.get(stem, -1) + 1
-        drawn.append(Curve(name, stem, rows[stem], "", *seen.curve(k)))
+    stems = [re.sub(r"\d+", "…", name) for name in columns]
+    drawn = [
+        Curve(name, stem, stems[:k].count(stem), "", *seen.curve(k))
+        for k, (name, stem) in enumerate(zip(columns, stems, strict=True))
+    ]
     return Preview(tuple(drawn), seen.rows, seen.seconds)
 
 
@@ -190,6 +157,104 @@ def mapping_cured(
     return mapping_text(record, dict(wanted), Path(mapping) if mapping else None)
 
 
+# Comparisons that are kept, such as of two models with a few recordings.
+_KEPT = 12
+
+
+@dataclass(frozen=True)
+class Line:
+    """A thinned curve of one drive: what was measured, or what a model makes of it.
+
+    Attributes:
+        model: its number among those that were asked for; None for what was measured.
+        time: [s].
+        values: torque, or predicted minus measured torque [N m or N].
+    """
+
+    drive: int
+    model: int | None
+    time: Float[np.ndarray, " points"]
+    values: Float[np.ndarray, " points"]
+
+
+@dataclass(frozen=True)
+class Beside:
+    """What models predict of a recording.
+
+    Attributes:
+        drives, units: names, and what their torques or forces are in.
+        torques, errors: curves.
+        nrmse: of each model and drive.
+    """
+
+    drives: tuple[str, ...]
+    units: tuple[str, ...]
+    torques: tuple[Line, ...]
+    errors: tuple[Line, ...]
+    nrmse: Float[np.ndarray, "models drives"]
+
+
+def torques(
+    path: str,
+    mapping: str | None,
+    models: Sequence[str],
+    span: tuple[float, float] | None = None,
+) -> Beside:
+    """Measured torques of a recording and those that models predict.
+
+    Args:
+        path, mapping, models: files.
+        span: first and last second to be shown; None for all.
+
+    Raises:
+        DeltaidError: recording, mapping or a model cannot be used, or they are of other robots.
+    """
+    changed = tuple(stamp(Path(name)) for name in (path, mapping, *models) if name)
+    found = [_compared(path, mapping, model, changed) for model in models]
+    robot = load(models[0]).robot
+    lines = _lines(None, found[0][0].time, found[0][0].measured, span)
+    errors: list[Line] = []
+    for k, (seen, _) in enumerate(found):
+        lines += _lines(k, seen.time, seen.predicted, span)
+        errors += _lines(k, seen.time, seen.predicted - seen.measured, span)
+    return Beside(
+        drives=tuple(robot.drives),
+        units=tuple(robot.units(drive).force for drive in robot.drives),
+        torques=tuple(lines),
+        errors=tuple(errors),
+        nrmse=np.array([nrmse for _, nrmse in found]),
+    )
+
+
+@lru_cache(_KEPT)
+def _compared(
+    path: str, mapping: str | None, name: str, _changed: tuple[object, ...]
+) -> "tuple[TorqueComparison, Float[np.ndarray, ' drives']]":
+    # The server knows this module and need not wait for those.
+    from deltaid.identification.loads import as_known
+    from deltaid.identification.sources import model_filtered
+    from deltaid.identification.torque_error import torque_error
+    from deltaid.recording.opening import open_log
+    from deltaid.view.comparison import compare
+
+    model = load(name)
+    log = open_log(path, model.dynamics.kinematics, load_mapping(mapping) if mapping else None)
+    recording = as_known(model_filtered(model, log), model)
+    seen = compare(model.dynamics, model.p, recording)
+    return seen, torque_error(model.dynamics, model.p, recording).nrmse
+
+
+def _lines(
+    model: int | None,
+    time: Float[np.ndarray, " samples"],
+    values: Float[np.ndarray, "samples drives"],
+    span: tuple[float, float] | None,
+) -> list[Line]:
+    thin = MinMax(values.shape[1], POINTS, span)
+    thin.add(time, values)
+    return [Line(k, model, *thin.curve(k)) for k in range(values.shape[1])]
+
+
 def _si(channel: Channel, values: np.ndarray) -> np.ndarray:
     return channel.scale * (values - channel.zero)
 
@@ -208,39 +273,29 @@ class MinMax:
     def __init__(self, curves: int, points: int, span: Any = None) -> None:
         self.rows, self._taken = 0, 0
         self._points, self._span = max(4, points), span
-        self._values: list[list[np.ndarray]] = [[] for _ in range(curves)]
-        self._places: list[list[np.ndarray]] = [[] for _ in range(curves)]
-        self._first, self._last = np.inf, -np.inf
+        self._kept: list[list[np.ndarray]] = [[np.empty((2, 0))] for _ in range(curves)]
+        self._ends: list[float] = []
 
     @property
     def seconds(self) -> float:
         """From the first to the last time."""
-        return float(max(self._last - self._first, 0.0))
+        return float(max(self._ends[-1] - self._ends[0], 0.0)) if self._ends else 0.0
 
     def add(self, time: Float[np.ndarray, " rows"], values: Float[np.ndarray, "rows _"]) -> None:
         """Take a piece of rows."""
         self.rows += len(time)
-        if len(time):
-            self._first = min(self._first, float(time[0]))
-            self._last = max(self._last, float(time[-1]))
+        self._ends += time[[0, -1]].tolist() if len(time) else []
         if self._span is not None:
             inside = (time >= self._span[0]) & (time <= self._span[1])
             time, values = time[inside], values[inside]
         self._taken += len(time)
-        for k, column in enumerate(values.T):
-            kept = (
-                extreme_rows(column, _BLOCK)
-                if self._taken > 8 * self._points
-                else np.arange(len(time))
-            )
-            self._places[k].append(time[kept])
-            self._values[k].append(column[kept])
+        for kept, column in zip(self._kept, values.T, strict=True):
+            rows = extreme_rows(column, _BLOCK) if self._taken > 8 * self._points else slice(None)
+            kept.append(np.stack([time[rows], column[rows]]))
 
     def curve(self, k: int) -> tuple[Float[np.ndarray, " points"], Float[np.ndarray, " points"]]:
         """Times and values of one curve."""
-        if not self._values[k]:
-            return np.empty(0), np.empty(0)
-        time, values = np.concatenate(self._places[k]), np.concatenate(self._values[k])
+        time, values = np.concatenate(self._kept[k], axis=1)
         if len(time) > self._points:
             kept = extreme_rows(values, stretch_length(2 * len(time), self._points))
             time, values = time[kept], values[kept]

@@ -60,30 +60,28 @@ class Plan(Part):
         """Those that it is fitted to, then the one that it is tested on."""
         return (*self.fitted, *((self.verified,) if self.verified else ()))
 
-    def recording(self, file: str) -> Used | None:
-        """One recording by its file."""
-        return next((recording for recording in self.recordings if recording.file == file), None)
-
     def with_recording(self, used: Used) -> "Plan":
         """The same with a recording, new or in place of itself; at most one verifies."""
-        others = [
-            recording.changed(use="fit") if used.use == recording.use == "verify" else recording
+        others = {
+            recording.file: recording.changed(use="fit")
+            if used.use == recording.use == "verify"
+            else recording
             for recording in self.recordings
-        ]
-        if self.recording(used.file) is None:
-            return self.changed(recordings=(*others, used))
-        placed = (used if recording.file == used.file else recording for recording in others)
-        return self.changed(recordings=tuple(placed))
+        }
+        return self.changed(recordings=tuple((others | {used.file: used}).values()))
 
     def without_recording(self, file: str) -> "Plan":
         """The same without a recording."""
-        return self.changed(recordings=tuple(o for o in self.recordings if o.file != file))
+        return self.changed(recordings=tuple(r for r in self.recordings if r.file != file))
 
 
 class Store:
     """The plan of a folder on disk: read before each change, so that none is lost.
 
     All tabs of a server share one. Changes by other programs are seen by `look`.
+
+    Attributes:
+        plan: as it was read last.
 
     Raises:
         DeltaidError: studio.yaml is none.
@@ -95,14 +93,9 @@ class Store:
         self.revision = 0
         self.teller = ""
         self._seen = self._stamp()
-        self._plan = self._read()
+        self.plan = self._read()
 
-    @property
-    def plan(self) -> Plan:
-        """The plan as it was read last."""
-        return self._plan
-
-    def change(self, edit: Callable[[Plan], Plan]) -> Plan:
+    def change(self, edit: Callable[[Plan], Plan]) -> None:
         """Change the plan as it is on disk, write it, and tell everyone.
 
         Raises:
@@ -114,9 +107,8 @@ class Store:
         if after != before or text is None:
             data = after.model_dump(mode="json", exclude_defaults=True)
             self.folder.write(FILE, _HEADER + (yaml_text(data) if data else ""), instead_of=text)
-        self._plan = after
+        self.plan = after
         self.tell()
-        return after
 
     def tell(self, teller: str = "") -> None:
         """Have everything drawn anew, but for the page that shows the change already."""
@@ -131,7 +123,7 @@ class Store:
         if self._stamp() == self._seen:
             return False
         try:
-            self._plan = self._read()
+            self.plan = self._read()
         except DeltaidError:  # half edited by hand: what was read last holds until it is whole
             self._seen = self._stamp()
             return False
@@ -145,8 +137,7 @@ class Store:
     @property
     def is_checked(self) -> bool:
         """Whether the check has run for exactly what the plan says now."""
-        checked = self.plan.checked
-        return checked is not None and checked.of == self.checked_of()
+        return self.plan.checked is not None and self.plan.checked.of == self.checked_of()
 
     def _read(self) -> Plan:
         return _parsed(self.folder.text(FILE) if self.folder.has(FILE) else "")
@@ -171,6 +162,5 @@ def digest(folder: Folder, plan: Plan) -> str:
     robot = [plan.robot] if plan.robot and plan.robot not in catalogue() else []
     texts = (*robot, *(mapping for _, mapping in used if mapping))
     seen += [folder.text(name) if folder.has(name) else None for name in texts]
-    for file, _ in used:
-        seen.append(stamp(folder.path(file)) if folder.has(file) else None)
+    seen += [stamp(folder.path(file)) if folder.has(file) else None for file, _ in used]
     return hashlib.sha256(json.dumps(seen).encode()).hexdigest()[:16]

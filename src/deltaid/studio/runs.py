@@ -1,9 +1,12 @@
-"""Runs of a studio: one folder each below `runs/`, with what it made and where it comes from."""
+"""Runs of a studio: one folder each below `runs/`, with what it made and where it comes from; and
+runs side by side."""
 
 import contextlib
+import hashlib
 import json
 import re
 import shutil
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
@@ -11,10 +14,12 @@ from typing import Any
 
 from deltaid.errors import DeltaidError
 from deltaid.files import written_whole
+from deltaid.model.model import load
 from deltaid.robot.load import catalogue, parse, yaml_text
 from deltaid.robot.part import Part
-from deltaid.studio.folder import RUNS, Folder, refusing, sha256
+from deltaid.studio.folder import RUNS, Folder, refusing
 from deltaid.studio.steps import Kind, Step
+from deltaid.view.numbers import number, percent
 
 RECORD, OUTPUT, MESSAGES = "run.yaml", "output.json", "messages.txt"
 _NAME = re.compile(r"(\d{4,})-(\w+)")
@@ -43,6 +48,11 @@ class Record(Part):
     of: str = ""
     robot: str = ""
 
+    @property
+    def succeeded(self) -> bool:
+        """Whether it did what it was asked for; checks end with what they found."""
+        return self.exit == 0 or (self.kind == "check" and self.exit in (3, 4))
+
 
 @dataclass(frozen=True)
 class FinishedRun:
@@ -64,16 +74,11 @@ class FinishedRun:
     @property
     def succeeded(self) -> bool:
         """Whether it did what it was asked for."""
-        return did_its_work(self.record.kind, self.record.exit)
+        return self.record.succeeded
 
     def file(self, name: str) -> str:
         """One of its files by a name inside the studio's folder."""
         return f"{self.folder}/{name}"
-
-
-def did_its_work(kind: Kind, code: int) -> bool:
-    """Whether a command that ended with a code did it; checks end with what they found."""
-    return code == 0 or (kind == "check" and code in (3, 4))
 
 
 def new_run(folder: Folder, kind: str) -> str:
@@ -99,32 +104,29 @@ def next_run(folder: Folder, kind: str) -> str:
     return f"{RUNS}/{last + 1:04d}-{kind}"
 
 
-def inputs_of(folder: Folder, step: Step) -> tuple[Input, ...]:
-    """Checksums of a step's files as they are now.
+def keep_inputs(folder: Folder, run: str, step: Step) -> tuple[Input, ...]:
+    """Checksums of a step's files as they are now; and copies of small ones, which change later.
 
     Raises:
-        DeltaidError: one cannot be read.
+        DeltaidError: one cannot be read, or copied.
     """
-    names = [name for name in step.reads if name not in catalogue()]
-    with refusing(", ".join(names)):
-        return tuple(
-            Input(file=name, sha256=sha256(folder.path(name))) for name in names if folder.has(name)
-        )
-
-
-def keep_inputs(folder: Folder, run: str, step: Step) -> None:
-    """Copies of the small files that a step reads: descriptions and mappings change later.
-
-    Raises:
-        DeltaidError: they cannot be made.
-    """
+    inputs: list[Input] = []
     for name in step.reads:
-        if folder.has(name) and name.endswith((".yaml", ".yml")) and "/" not in name:
-            path, kept = folder.path(name), folder.root / run / "inputs" / name
-            with refusing(name):
-                if path.stat().st_size <= _KEPT:
-                    kept.parent.mkdir(exist_ok=True)
-                    shutil.copyfile(path, kept)
+        if name in catalogue() or not folder.has(name):
+            continue
+        path, kept = folder.path(name), folder.root / run / "inputs" / name
+        with refusing(name):
+            if (
+                name.endswith((".yaml", ".yml"))
+                and "/" not in name
+                and path.stat().st_size <= _KEPT
+            ):
+                kept.parent.mkdir(exist_ok=True)
+                shutil.copyfile(path, kept)
+            with path.open("rb") as file:
+                digest = hashlib.file_digest(file, "sha256").hexdigest()
+        inputs.append(Input(file=name, sha256=digest))
+    return tuple(inputs)
 
 
 def write_record(folder: Folder, run: str, record: Record, out: str, messages: str) -> FinishedRun:
@@ -139,12 +141,13 @@ def write_record(folder: Folder, run: str, record: Record, out: str, messages: s
 
 def runs(folder: Folder) -> list[FinishedRun]:
     """All runs that came to their end, the last one first."""
-    found: list[FinishedRun] = []
-    for path in (folder.root / RUNS).glob(f"*/{RECORD}"):
-        record = _record(path, path.stat().st_mtime_ns) if path.is_file() else None
-        if record is not None and _NAME.fullmatch(path.parent.name):
-            found.append(FinishedRun(f"{RUNS}/{path.parent.name}", record))
-    return sorted(found, key=lambda run: run.folder, reverse=True)
+    paths = (folder.root / RUNS).glob(f"*/{RECORD}")
+    records = {
+        f"{RUNS}/{path.parent.name}": _record(path, path.stat().st_mtime_ns)
+        for path in paths
+        if path.is_file() and _NAME.fullmatch(path.parent.name)
+    }
+    return [FinishedRun(place, r) for place, r in sorted(records.items(), reverse=True) if r]
 
 
 @lru_cache(512)
@@ -158,13 +161,85 @@ def _record(path: Path, changed: int) -> Record | None:
 
 def output(folder: Folder, run: FinishedRun) -> dict[str, Any]:
     """What a run printed as JSON; empty if nothing."""
-    path = folder.root / run.folder / OUTPUT
-    if not path.is_file():
-        return {}
-    return json.loads(path.read_text(encoding="utf-8"))
+    return json.loads(_text_of(folder, run, OUTPUT) or "{}")
 
 
 def messages(folder: Folder, run: FinishedRun) -> str:
     """What a run said on standard error."""
-    path = folder.root / run.folder / MESSAGES
+    return _text_of(folder, run, MESSAGES)
+
+
+def _text_of(folder: Folder, run: FinishedRun, name: str) -> str:
+    path = folder.root / run.folder / name
     return path.read_text(encoding="utf-8") if path.is_file() else ""
+
+
+# Parameters of a comparison: those that changed most, in standard deviations of both.
+_SHOWN = 12
+# Endings of inputs that are no recordings.
+_TEXT = (".yaml", ".yml")
+_KINDS = {"good": "good", "poor": "bad"}
+
+
+def describe_fit(folder: Folder, run: FinishedRun) -> list[tuple[str, str]]:
+    """Sentences about a fit, each with its kind of note: '', 'good', 'doubt' or 'bad'."""
+    summary = output(folder, run).get("summary")
+    if not isinstance(summary, dict):
+        return []
+    kind = _KINDS.get(str(summary["grade"]), "doubt")
+    return [(str(summary["sentence"]), kind), ("\n".join(summary["lines"]), "")]
+
+
+def comparison(folder: Folder, pair: Sequence[FinishedRun]) -> list[tuple[str, ...]]:
+    """Rows of a table of runs: errors, noise, rank, settings, parameters that differ most."""
+    found = [output(folder, run) for run in pair]
+    rows: list[tuple[str, ...]] = [
+        ("verdict", *(str(result.get("summary", {}).get("sentence", "–")) for result in found)),
+        ("robot", *(str(result.get("robot", "")) for result in found)),
+        (
+            "recordings",
+            *(
+                ", ".join(r.file for r in run.record.inputs if not r.file.endswith(_TEXT))
+                for run in pair
+            ),
+        ),
+        ("error on them", *(_share(result.get("nrmse")) for result in found)),
+        (
+            "error on an unseen motion",
+            *(_share((result.get("verify") or {}).get("nrmse")) for result in found),
+        ),
+        ("torque noise", *(percent(result["noise_level"]) for result in found)),
+        ("base parameters", *(str(result["base_parameters"]) for result in found)),
+        ("corrections", *(str(len(result["corrections"])) for result in found)),
+        ("γ", *(number(result["gamma"], 3) for result in found)),
+    ]
+    return rows + _parameters(folder, pair)
+
+
+def _parameters(folder: Folder, pair: Sequence[FinishedRun]) -> list[tuple[str, ...]]:
+    try:
+        models = [load(folder.root / run.file("model.yaml")).identified for run in pair]
+    except DeltaidError:
+        return []
+    known = [{p.name: p for p in model.parameters} for model in models if model]
+    if len(known) != 2 or len(pair) != 2:
+        return []
+    left, right = known
+    shared = [name for name in left if name in right and left[name].value != right[name].value]
+
+    def apart(name: str) -> float:
+        scale = left[name].std + right[name].std
+        return -abs(left[name].value - right[name].value) / scale if scale else 0.0
+
+    return [
+        (
+            f"{name} [{left[name].unit}]",
+            *(f"{side[name].value:.4g} ({side[name].low:.3g} … {side[name].high:.3g})"
+              for side in (left, right)),
+        )
+        for name in sorted(shared, key=apart)[:_SHOWN]
+    ]  # fmt: skip
+
+
+def _share(values: Sequence[float] | None) -> str:
+    return percent(max(values)) if values else "–"

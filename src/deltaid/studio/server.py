@@ -14,22 +14,22 @@ import os
 import secrets
 import tempfile
 import webbrowser
-from collections.abc import Awaitable, Callable, Generator, Mapping, MutableMapping
-from contextlib import ExitStack, contextmanager
-from http.cookies import CookieError, SimpleCookie
+from collections.abc import Callable, Generator
+from contextlib import contextmanager, nullcontext
 from pathlib import Path
-from typing import Any
-from urllib.parse import parse_qs
 
-from deltaid.libraries import require
+import uvicorn
+from fastapi import FastAPI
+from nicegui import app, background_tasks, ui
+from starlette.datastructures import MutableHeaders
+from starlette.requests import HTTPConnection
+from starlette.responses import HTMLResponse, PlainTextResponse
+from starlette.types import ASGIApp, Message, Receive, Scope, Send
+
 from deltaid.studio.folder import Folder
+from deltaid.studio.pages.frame import build
 from deltaid.studio.session import Session
 from deltaid.view.own_page import HOST, is_own
-
-Scope = MutableMapping[str, Any]
-Receive = Callable[[], Awaitable[MutableMapping[str, Any]]]
-Send = Callable[[MutableMapping[str, Any]], Awaitable[None]]
-App = Callable[[Scope, Receive, Send], Awaitable[None]]
 
 _REFUSED = (
     "Not the studio's own page: open the address that `deltaid studio` has printed last; each "
@@ -39,15 +39,15 @@ _REFUSED = (
 _SECRET_BYTES = 16
 # Whatever a page of the studio holds, it talks to this server only.
 _POLICY = (
-    b"default-src 'self' 'unsafe-inline' 'unsafe-eval' data: blob:; frame-ancestors 'self'; "
-    b"form-action 'self'; base-uri 'self'"
+    "default-src 'self' 'unsafe-inline' 'unsafe-eval' data: blob:; frame-ancestors 'self'; "
+    "form-action 'self'; base-uri 'self'"
 )
-_HEADERS = (
-    (b"x-content-type-options", b"nosniff"),
-    (b"referrer-policy", b"no-referrer"),
-    (b"x-frame-options", b"SAMEORIGIN"),
-    (b"cross-origin-resource-policy", b"same-origin"),
-)
+_HEADERS = {
+    "x-content-type-options": "nosniff",
+    "referrer-policy": "no-referrer",
+    "x-frame-options": "SAMEORIGIN",
+    "cross-origin-resource-policy": "same-origin",
+}
 
 
 class Guard:
@@ -62,7 +62,7 @@ class Guard:
         key: that opens the studio once, by an address that ends in `?key=…`.
     """
 
-    def __init__(self, app: App, port: int, renewed: Callable[[], None] = lambda: None) -> None:
+    def __init__(self, app: ASGIApp, port: int, renewed: Callable[[], None] = lambda: None) -> None:
         self.app, self.port, self.renewed = app, port, renewed
         self.cookie = f"deltaid-studio-{port}"
         self.key, self._secret = (secrets.token_urlsafe(_SECRET_BYTES) for _ in range(2))
@@ -77,39 +77,47 @@ class Guard:
         if scope["type"] not in ("http", "websocket"):
             await self.app(scope, receive, send)
             return
-        headers, websocket = dict[str, list[str]](), scope["type"] == "websocket"
-        for name, value in scope["headers"]:
-            headers.setdefault(name.decode("latin-1").lower(), []).append(value.decode("latin-1"))
-        query = parse_qs(scope.get("query_string", b"").decode("latin-1"))
-        hosts, origins = headers.get("host", []), headers.get("origin", [])
-        own = is_own(hosts, origins, self.port, websocket=websocket)
+        asked, websocket = HTTPConnection(scope), scope["type"] == "websocket"
+        hosts, origins = asked.headers.getlist("host"), asked.headers.getlist("origin")
         # A cookie is of one name of this machine, so a page is too.
-        if not own or (origins and origins[0].lower() != f"http://{hosts[0].lower()}"):
-            await _refuse(scope, send)
-        elif not websocket and _equal(query.get("key", [""])[0], self.key):
-            await self._welcome(scope, send)
-        elif _equal(_cookie(headers, self.cookie), self._secret):
-            await self._pass(scope, receive, send)
+        if is_own(hosts, origins, self.port, websocket=websocket) and (
+            not origins or origins[0].lower() == f"http://{hosts[0].lower()}"
+        ):
+            if not websocket and _equal(asked.query_params.get("key", ""), self.key):
+                await self._welcome(scope, receive, send)
+                return
+            if _equal(asked.cookies.get(self.cookie, ""), self._secret):
+                await self._pass(scope, receive, send)
+                return
+        if websocket:
+            await send({"type": "websocket.close", "code": 1008})
         else:
-            await _refuse(scope, send)
+            await PlainTextResponse(_REFUSED, 403)(scope, receive, send)
 
     async def _pass(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Hand on; that a page which has been left gets no answer any more is no error."""
         left = False
 
-        async def receiving() -> MutableMapping[str, Any]:
+        async def receiving() -> Message:
             nonlocal left
             message = await receive()
             left = left or message["type"] == "http.disconnect"
             return message
 
+        async def sending(message: Message) -> None:
+            if message["type"] == "http.response.start":
+                headers = MutableHeaders(scope=message)
+                headers.update(_HEADERS)
+                headers.setdefault("content-security-policy", _POLICY)
+            await send(message)
+
         try:
-            await self.app(scope, receiving, _guarded(send))
+            await self.app(scope, receiving, sending)
         except RuntimeError:  # "No response returned.", as Starlette has it
             if not left:
                 raise
 
-    async def _welcome(self, scope: Scope, send: Send) -> None:
+    async def _welcome(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Exchange the key for a cookie, by a page that goes on to the studio without it.
 
         A redirection would not do: where a file has led to it, browsers keep a strict cookie back.
@@ -117,14 +125,9 @@ class Guard:
         self.key = secrets.token_urlsafe(_SECRET_BYTES)
         self.renewed()
         cookie = f"{self.cookie}={self._secret}; Path=/; HttpOnly; SameSite=Strict"
-        headers = [
-            (b"content-type", b"text/html; charset=utf-8"),
-            (b"cache-control", b"no-store"),
-            (b"set-cookie", cookie.encode()),
-        ]
         page = leading_to("/" + scope["path"].lstrip("/"))
-        await send({"type": "http.response.start", "status": 200, "headers": [*headers, *_HEADERS]})
-        await send({"type": "http.response.body", "body": page.encode()})
+        headers = {"cache-control": "no-store", "set-cookie": cookie, **_HEADERS}
+        await HTMLResponse(page, headers=headers)(scope, receive, send)
 
 
 def leading_to(address: str) -> str:
@@ -138,58 +141,17 @@ def _equal(given: str, secret: str) -> bool:
     return secrets.compare_digest(given.encode(), secret.encode())
 
 
-def _cookie(headers: Mapping[str, list[str]], name: str) -> str:
-    for line in headers.get("cookie", []):
-        try:
-            found = SimpleCookie(line).get(name)
-        except CookieError:
-            continue
-        if found is not None:
-            return found.value
-    return ""
-
-
-def _guarded(send: Send) -> Send:
-    async def sending(message: MutableMapping[str, Any]) -> None:
-        if message["type"] == "http.response.start":
-            given = list(message.get("headers", ()))
-            has = any(name.lower() == b"content-security-policy" for name, _ in given)
-            policy = [] if has else [(b"content-security-policy", _POLICY)]
-            message["headers"] = [*given, *_HEADERS, *policy]
-        await send(message)
-
-    return sending
-
-
-async def _refuse(scope: Scope, send: Send) -> None:
-    if scope["type"] == "websocket":
-        await send({"type": "websocket.close", "code": 1008})
-        return
-    headers = [(b"content-type", b"text/plain; charset=utf-8")]
-    await send({"type": "http.response.start", "status": 403, "headers": headers})
-    await send({"type": "http.response.body", "body": _REFUSED.encode()})
-
-
+_FAVICON = (
+    '<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 32 32"><rect width="32" height="32" '
+    'rx="7" fill="#1f5fa8"/><path d="M6 8h20L16 25z" fill="none" stroke="#fff" stroke-width="3" '
+    'stroke-linejoin="round"/></svg>'
+)
 # Ports that are tried if none is asked for.
 PORTS = (*range(8090, 8110), 0)
 # Seconds a page may be away, as while it is reloaded, before its state in the server is dropped.
 _AWAY = 10.0
 # Seconds that open pages have when the server ends.
 _LEAVE = 1
-
-
-def require_nicegui() -> None:
-    """Find out whether the library behind the studio is there.
-
-    Raises:
-        DeltaidError: it is not installed.
-    """
-    require(
-        "nicegui",
-        by="deltaid studio",
-        name="NiceGUI",
-        install="pip install '.[studio]' in a clone of deltaid, or pip install 'nicegui>=3'",
-    )
 
 
 async def _tell(guard: Guard, say: Callable[[str], None], page: Path | None) -> None:
@@ -212,12 +174,13 @@ def _opening(guard: Guard, folder: Path) -> Generator[Path, None, None]:
     """A page for this account alone that leads to the studio: in the command line of a browser,
     which all accounts can read, stands its name and no key."""
     handle, name = tempfile.mkstemp(dir=folder, prefix="open-studio-", suffix=".html")
-    with os.fdopen(handle, "w", encoding="utf-8") as file:
-        file.write(leading_to(guard.address))
+    os.close(handle)
+    page = Path(name)
+    page.write_text(leading_to(guard.address), encoding="utf-8")
     try:
-        yield Path(name)
+        yield page
     finally:
-        Path(name).unlink(missing_ok=True)
+        page.unlink(missing_ok=True)
 
 
 def serve(path: Path, port: int, *, show: bool, say: Callable[[str], None]) -> None:
@@ -232,18 +195,11 @@ def serve(path: Path, port: int, *, show: bool, say: Callable[[str], None]) -> N
     Raises:
         DeltaidError: the folder cannot be used.
     """
-    import uvicorn
-    from fastapi import FastAPI
-    from nicegui import app, background_tasks, ui
-
-    from deltaid.studio.pages.frame import build
-
     session = Session(Folder.open(path))
     whole = FastAPI(openapi_url=None)
     guard = Guard(whole, port)  # before everything else, whatever the library adds
     build(session)
-    with ExitStack() as stack:
-        page = stack.enter_context(_opening(guard, session.folder.root)) if show else None
+    with _opening(guard, session.folder.root) if show else nullcontext() as page:
 
         def renewed() -> None:
             if page is not None:
@@ -270,10 +226,3 @@ def serve(path: Path, port: int, *, show: bool, say: Callable[[str], None]) -> N
             proxy_headers=False,
             timeout_graceful_shutdown=_LEAVE,
         )
-
-
-_FAVICON = (
-    '<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 32 32"><rect width="32" height="32" '
-    'rx="7" fill="#1f5fa8"/><path d="M6 8h20L16 25z" fill="none" stroke="#fff" stroke-width="3" '
-    'stroke-linejoin="round"/></svg>'
-)

@@ -13,18 +13,16 @@ from deltaid.errors import DeltaidError
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.load import catalogue, described
 from deltaid.studio.edits import incomplete, read
-from deltaid.studio.folder import RUNS, Folder, refusing, stamp
+from deltaid.studio.folder import Folder, stamp
 from deltaid.studio.jobs import Job
-from deltaid.studio.look import Problem, ready, try_look
+from deltaid.studio.look import ready
 from deltaid.studio.plan import Checked, Plan, Store, Used
-from deltaid.studio.runs import new_run, output
-from deltaid.studio.steps import Step, show_step
+from deltaid.studio.runs import FinishedRun, new_run, output, runs
+from deltaid.studio.steps import Kind, Step
 
 _Found = TypeVar("_Found")
 
 STAGES = ("robot", "recording", "check", "fit", "result", "use")
-# The robot's page, and where its record goes.
-VIEW, _DRAWN = f"{RUNS}/robot.html", f"{RUNS}/robot"
 # Looks that are remembered.
 _REMEMBERED = 40
 
@@ -42,7 +40,6 @@ class Session:
 
     Attributes:
         job: the step that runs now, or ran last.
-        view: the same for the robot's page.
         dark: how pages look; as the system does where None.
         drafts: what is being edited and is not saved yet, by the name of its file.
         choices: what was chosen for a step last, by the name of the field.
@@ -53,14 +50,13 @@ class Session:
         self.folder = folder
         self.store = Store(folder)
         self.job: Job | None = None
-        self.view: Job | None = None
         self.dark: bool | None = None
         self.drafts: dict[str, FileEdit] = {}
         self.choices: dict[str, Any] = {}
         self.poses: dict[tuple[str, str], tuple[float, ...]] = {}
-        self._robots: dict[tuple[str, str], RobotDescription | Problem] = {}
+        self._robots: dict[tuple[str, str], RobotDescription | DeltaidError] = {}
         self._seen: dict[tuple[Any, ...], Any] = {}
-        self._tasks: set[asyncio.Task[None]] = set()
+        self._task: asyncio.Task[None] | None = None
         self._pool: ProcessPoolExecutor | None = None
 
     @property
@@ -73,25 +69,26 @@ class Session:
         """Whether a step runs."""
         return self.job is not None and self.job.state == "running"
 
-    def robot(self) -> RobotDescription | Problem | None:
+    def robot(self) -> RobotDescription | DeltaidError | None:
         """The robot that is picked; what is wrong with it; None as long as none is."""
         name = self.plan.robot
         if name is None:
             return None
         key = (name, self.stamped(name))
         if key not in self._robots:
-            self._robots = {key: self._inside(try_look(described, self.place(name)))}
+            self._robots.clear()
+            try:
+                with self.folder.called_by_name():
+                    self._robots[key] = described(self.place(name))
+            except DeltaidError as error:
+                self._robots[key] = error
         return self._robots[key]
-
-    def _inside(self, found: _Found | Problem) -> _Found | Problem:
-        """The same with files called by their names in the folder."""
-        return found.inside(self.folder.root) if isinstance(found, Problem) else found
 
     def place(self, robot: str) -> str:
         """A robot's or model's name for functions: catalogue names stay, files get their path."""
         return robot if robot in catalogue() else str(self.folder.path(robot))
 
-    def begin(self, kind: str, make: Callable[[str], Step]) -> Job:
+    def begin(self, kind: Kind, make: Callable[[str], Step]) -> Job:
         """Begin a step in a folder of its own.
 
         Raises:
@@ -102,88 +99,66 @@ class Session:
                 "a step is still running", where=kind, cure="wait for its end, or cancel it"
             )
         place = new_run(self.folder, kind)
-        of = self.store.checked_of() if kind in ("check", "fit") else ""
-        self.job = Job(make(place), self.folder, place, of=of, robot=self.plan.robot or "")
-        self._start(self.job)
+        robot, of = self.plan.robot or "", ""
+        if kind in ("check", "fit"):
+            of = self.store.checked_of()
+        elif kind == "show":
+            of = self.stamped(robot)
+        self.job = Job(make(place), self.folder, place, of=of, robot=robot)
+        self._task = asyncio.get_running_loop().create_task(self._run(self.job))
+        self.store.tell()
         return self.job
 
-    @property
-    def is_shown(self) -> bool:
-        """Whether the robot's page is of the robot as it is now, or will be."""
-        return self.view is not None and self.view.of == self._robot_now()
+    def last(self, kind: Kind) -> FinishedRun | None:
+        """The last run of a kind that did what it was asked for."""
+        done = (run for run in runs(self.folder) if run.record.kind == kind and run.succeeded)
+        return next(done, None)
 
-    def show(self) -> None:
-        """Draw the robot's page.
+    async def look(self, function: Callable[..., _Found], *given: Any) -> _Found:
+        """A look at files in a process of its own, remembered until they change.
 
         Raises:
-            DeltaidError: none is picked, another one is being drawn, or no folder can be made.
+            DeltaidError: as the function, or its process was ended.
         """
-        robot = self.plan.robot
-        if robot is None:
-            raise DeltaidError("there is none", where="robot", cure="pick one")
-        if self.view is not None and self.view.state == "running":
-            raise DeltaidError(
-                "cannot be drawn while another robot is", where=robot, cure="wait for its end"
-            )
-        with refusing(RUNS):
-            (self.folder.root / _DRAWN).mkdir(parents=True, exist_ok=True)
-        self.view = Job(show_step(robot, VIEW), self.folder, _DRAWN, of=self._robot_now())
-        self._start(self.view)
-
-    def _robot_now(self) -> str:
-        return f"{self.plan.robot} {self.stamped(self.plan.robot or '')}"
-
-    async def look(self, function: Callable[..., _Found], *given: Any) -> _Found | Problem:
-        """A look at files in a process of its own, remembered until they change."""
         key = (
             function.__name__,
             *map(repr, given),
             *(self.stamped(name) for name in given if isinstance(name, str)),
         )
-        if key in self._seen:
-            return self._seen[key]
-        found = await self.glance(function, *given)
-        if not (isinstance(found, Problem) and found.passes):
-            self._seen[key] = found
-        while len(self._seen) > _REMEMBERED:
-            del self._seen[next(iter(self._seen))]
-        return found
+        if key not in self._seen:
+            self._seen[key] = await self.glance(function, *given)
+            for oldest in list(self._seen)[:-_REMEMBERED]:
+                del self._seen[oldest]
+        return self._seen[key]
 
-    async def glance(self, function: Callable[..., _Found], *given: Any) -> _Found | Problem:
+    async def glance(self, function: Callable[..., _Found], *given: Any) -> _Found:
         """The same, not remembered."""
-        pool, asked = self.warm(), partial(try_look, function, *given)
+        pool, loop = self.warm(), asyncio.get_running_loop()
         try:
-            found: Any = await asyncio.get_running_loop().run_in_executor(pool, asked)
+            with self.folder.called_by_name():
+                return await loop.run_in_executor(pool, partial(function, *given))
         except BrokenProcessPool:  # killed from outside, such as for want of memory
             if self._pool is pool:
                 self._pool = None
             what = "the process that reads files was ended, perhaps for want of memory"
-            return Problem(what, cure="load the page again", passes=True)
-        return self._inside(found)
+            raise DeltaidError(what, cure="load the page again") from None
 
     def warm(self) -> ProcessPoolExecutor:
         """The process that looks at files, begun now if there is none."""
         if self._pool is None:
             self._pool = ProcessPoolExecutor(1, mp_context=multiprocessing.get_context("spawn"))
-            self._pool.submit(try_look, ready)
+            self._pool.submit(ready)
         return self._pool
 
     async def close(self) -> None:
         """End all that still runs."""
-        for job in filter(None, (self.job, self.view)):
-            await job.cancel()
-        if self._tasks:
-            await asyncio.wait(self._tasks, timeout=5)
+        if self.job is not None and self._task is not None:
+            await self.job.cancel()
+            await asyncio.wait([self._task], timeout=5)
         if self._pool is not None:
             for child in multiprocessing.active_children():  # none but the pool's
                 child.terminate()
             self._pool.shutdown(cancel_futures=True)
-
-    def _start(self, job: Job) -> None:
-        task = asyncio.get_running_loop().create_task(self._run(job))
-        self._tasks.add(task)
-        task.add_done_callback(self._tasks.discard)
-        self.store.tell()
 
     async def _run(self, job: Job) -> None:
         """Run a job to an end, whatever comes between; keep what a check or a fit has come to."""
@@ -216,20 +191,19 @@ class Session:
 def standing(session: Session) -> dict[str, str]:
     """How far each stage is: 'done', 'open', 'wrong' or 'later', by name."""
     plan, robot = session.plan, session.robot()
-    found: dict[str, str] = dict.fromkeys(STAGES, "later")
-    found["robot"] = "open" if robot is None else "wrong" if isinstance(robot, Problem) else "done"
-    if found["robot"] != "done":
-        return found
+    stages: dict[str, str] = dict.fromkeys(STAGES, "later")
+    if not isinstance(robot, RobotDescription):
+        return stages | {"robot": "open" if robot is None else "wrong"}
     mapped = bool(plan.fitted) and not unmapped(session)
-    found["recording"] = "done" if mapped else "open"
+    stages |= {"robot": "done", "recording": "done" if mapped else "open"}
+    has_model = plan.model is not None and session.folder.has(plan.model)
     if mapped:
         grade = plan.checked.grade if plan.checked and session.store.is_checked else ""
-        found["check"] = "wrong" if grade == "wrong" else "done" if grade else "open"
-        found["fit"] = "open" if grade else "later"
-    if plan.model is not None and session.folder.has(plan.model):
-        found["fit"] = "done" if found["fit"] == "open" else found["fit"]
-        found["result"], found["use"] = "done", "open"
-    return found
+        stages["check"] = "wrong" if grade == "wrong" else "done" if grade else "open"
+        stages["fit"] = "later" if not grade else "done" if has_model else "open"
+    if has_model:
+        stages |= {"result": "done", "use": "open"}
+    return stages
 
 
 def unmapped(session: Session) -> list[str]:

@@ -48,9 +48,9 @@ def show_step(robot: str, report: str) -> Step:
 
 def check_step(plan: Plan, folder: str) -> Step:
     """All checks of the robot and of the recordings that are fitted and tested on."""
-    robot, files = _robot(plan), [recording.file for recording in plan.used]
-    asked = {"columns": _mappings(plan.used)}
-    asked |= _given(Settings(cutoff=plan.settings.cutoff, keep_all=plan.settings.keep_all))
+    robot, files = plan.robot or "", [recording.file for recording in plan.used]
+    seen = Settings(cutoff=plan.settings.cutoff, keep_all=plan.settings.keep_all)
+    asked = {"columns": _mappings(plan.used)} | _given(seen)
     logs = (repr(files),) if files else ()
     python = f"""\
 verdicts = {_call("deltaid.check", repr(robot), *logs, **asked)}
@@ -63,7 +63,7 @@ for verdict in verdicts:
 
 def fit_step(plan: Plan, folder: str) -> Step:
     """A model from the recordings, tested on the one that verifies."""
-    robot, used, verify = _robot(plan), plan.fitted, plan.verified
+    robot, used, verify = plan.robot or "", plan.fitted, plan.verified
     model, files = f"{folder}/model.yaml", [recording.file for recording in used]
     settings = _given(plan.settings)
     shared = {"columns": _mappings(plan.used), "verify": verify.file if verify else None}
@@ -226,11 +226,6 @@ def _call(function: str, *given: str, **named: object) -> str:
     return line if len(line) <= _LINE else f"{function}(\n    {', '.join(words)},\n)"
 
 
-def _robot(plan: Plan) -> str:
-    assert plan.robot is not None
-    return plan.robot
-
-
 def _mappings(used: Sequence[Used]) -> str | list[str | None] | None:
     names = [recording.mapping for recording in used]
     return names if len(set(names)) > 1 else names[0] if names else None
@@ -238,24 +233,30 @@ def _mappings(used: Sequence[Used]) -> str | list[str | None] | None:
 
 def _reads(plan: Plan) -> tuple[str, ...]:
     names = [name for recording in plan.used for name in (recording.file, recording.mapping)]
-    return tuple(dict.fromkeys(name for name in (_robot(plan), *names) if name))
+    return tuple(dict.fromkeys(name for name in (plan.robot, *names) if name))
 
 
 def _given(settings: Settings) -> dict[str, Any]:
     """Settings that are not the default ones, as a user writes them."""
-    plain, default = settings.model_dump(), Settings().model_dump()
-    return {key: value for key, value in plain.items() if value != default[key]}
+    default = Settings().model_dump()
+    return {k: value for k, value in settings.model_dump().items() if value != default[k]}
 
 
 def _option(key: str, value: Any) -> list[str]:
     """An option of the command line; nothing where it is None or False."""
     name = "--" + key.replace("_", "-")
-    if key == "events":
-        return ["--events" if value else "--no-events"]
-    if value is None or isinstance(value, bool):
-        return [name] if value else []
-    if isinstance(value, list):
-        return [word for each in value for word in (name, str(each))]
-    if key == "lag" and isinstance(value, tuple):
-        return [f"{name}={','.join(f'{1e3 * x:.10g}' for x in value)}"]
-    return [name, f"{value:.10g}" if isinstance(value, float) else str(value)]
+    match value:
+        case bool() if key == "events":
+            return ["--events" if value else "--no-events"]
+        case None | False:
+            return []
+        case True:
+            return [name]
+        case list():
+            return [word for each in value for word in (name, str(each))]
+        case tuple():  # lags in ms
+            return [f"{name}={','.join(f'{1e3 * x:.10g}' for x in value)}"]
+        case float():
+            return [name, f"{value:.10g}"]
+        case _:
+            return [name, str(value)]

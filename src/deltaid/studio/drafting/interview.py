@@ -53,7 +53,7 @@ def _settled(draft: Draft, group: Group, asker: Asker) -> Draft:
     while True:
         for question in questions:
             if again or question.key not in draft.values:
-                draft = draft.answered(question.key, *_answer(draft, question, asker))
+                draft = _answered(draft, question, asker)
         try:
             return require_group(draft, group)
         except DeltaidError as error:
@@ -63,16 +63,17 @@ def _settled(draft: Draft, group: Group, asker: Asker) -> Draft:
             again = True
 
 
-def _answer(draft: Draft, question: Question, asker: Asker) -> tuple[float, str]:
+def _answered(draft: Draft, question: Question, asker: Asker) -> Draft:
     offer = draft.offer(question)
     if question.key in draft.values:  # asked again
         offer = draft.values[question.key], draft.origins[question.key]
     while True:
         text = asker.ask(question, offer).strip()
         if not text and offer is not None:
-            return offer
+            return draft.answered(question.key, *offer)
         try:
-            return read_answer(question, text, question.option), GIVEN
+            value = read_answer(question, text, question.option)
+            return draft.answered(question.key, value, GIVEN)
         except DeltaidError as error:
             asker.tell(error)
 
@@ -96,11 +97,6 @@ def description(draft: Draft) -> RobotDescription:
         raise DeltaidError(what, where="the answers", cure=_reach(draft)) from None
 
 
-def doubts(draft: Draft) -> tuple[Verdict, ...]:
-    """What `deltaid check` would say of a complete draft, but for what is good."""
-    return tuple(v for v in of_robot(description(draft)) if v.grade is not Grade.GOOD)
-
-
 def unusual(draft: Draft) -> tuple[str, ...]:
     """What `deltaid check` doubts of a draft's masses, which the machine may have all the same."""
     found = checked_priors(description(draft))
@@ -118,17 +114,16 @@ def require_group(draft: Draft, group: Group) -> Draft:
     _require_ordered(draft.values)
     if group in ("lengths", "tool"):
         return _with_space(draft)
+    complete = (draft if group == "workspace" else _but(draft, _SPACE)).completed()
     if group == "workspace":
-        complete = draft.completed()
         _require_ordered(complete.values)
-        _refuse(complete, doubts(complete))
+        _refuse(complete, of_robot(description(complete)))
         return complete
-    so_far = _but(draft, _SPACE).completed()
     if group == "masses":
-        _refuse(so_far, checked_priors(description(so_far)))
+        _refuse(complete, checked_priors(description(complete)))
     if group == "motors":
-        found = checked_workspace(description(so_far))
-        _refuse(so_far, (verdict for verdict in found if verdict.key == "torque-limit"))
+        limits = checked_workspace(description(complete))
+        _refuse(complete, (verdict for verdict in limits if verdict.key == "torque-limit"))
     return draft
 
 
@@ -191,12 +186,12 @@ def _with_found_space(draft: Draft, radius: float, low: float, high: float) -> D
 
 
 def _reach(draft: Draft) -> str:
-    a = draft.found
-    if not a:
+    if not draft.found:
         return "check the lengths"
+    radius, low, high = (draft.found[f"found_{key}"] for key in _SPACE)
     return (
-        f"these lengths reach a radius of {a['found_radius']:g} m (--radius) between heights of "
-        f"{a['found_low']:g} m (--low) and {a['found_high']:g} m (--high)"
+        f"these lengths reach a radius of {radius:g} m (--radius) between heights of {low:g} m "
+        f"(--low) and {high:g} m (--high)"
     )
 
 
@@ -213,11 +208,10 @@ def _refuse(draft: Draft, found: Iterable[Verdict]) -> None:
     """Raise the first verdict that is not good, but for unusual masses."""
     for verdict in found:
         unusual_mass = verdict.key == "prior-scale" and verdict.grade is Grade.DOUBTFUL
-        if verdict.grade is Grade.GOOD or unusual_mass:
-            continue
-        more = [_reach(draft)] if verdict.key in ("workspace", "length-unit") else []
-        cure = "; ".join(filter(None, [verdict.cure, *more]))
-        raise DeltaidError(verdict.seen, where=verdict.subject, cure=cure)
+        if verdict.grade is not Grade.GOOD and not unusual_mass:
+            more = _reach(draft) if verdict.key in ("workspace", "length-unit") else ""
+            cure = "; ".join(filter(None, (verdict.cure, more)))
+            raise DeltaidError(verdict.seen, where=verdict.subject, cure=cure)
 
 
 def drafted(kind: str, name: str, answers: Mapping[str, str]) -> str:

@@ -98,6 +98,11 @@ class Question:
         """Its unit as people write it."""
         return _WORDS[self.unit]
 
+    @property
+    def label(self) -> str:
+        """What it is, with its unit."""
+        return f"{self.text} [{self.shown_unit}]" if self.unit else self.text
+
     def require(self, value: float, where: str = "") -> float:
         """The value, if a machine can have it; `where` names it in messages, else its option.
 

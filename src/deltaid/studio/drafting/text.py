@@ -2,7 +2,8 @@
 
 import json
 import re
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
+from typing import NamedTuple
 
 from deltaid.studio.drafting.bodies import bodies, stroke
 from deltaid.studio.drafting.draft import ASSUMED, Draft
@@ -35,64 +36,70 @@ _AZIMUTHS = {
 _HOW = {question.key: question.how for question in QUESTIONS}
 
 
-class _Description:
-    """A description line by line, and where its numbers come from, by the paths of their keys."""
+class _Row(NamedTuple):
+    """One key of the description.
 
-    def __init__(self, draft: Draft) -> None:
-        self.draft, self.kind, self.a = draft, draft.kind, draft.values
-        self.lines = [f"name: {_scalar(draft.name)}", f"title: {_scalar(draft.title)}"]
-        self.sources: dict[str, str] = {}
+    Attributes:
+        path: of the key.
+        value: as YAML; empty where a part begins, whose source then holds for all of its keys.
+        questions: whose answers it is made of; the comment says where they come from, and how to
+            find out what is assumed.
+        note: begins the comment.
+        source: where it comes from, if that is not where the answers come from.
+    """
 
-    def part(self, key: str, comment: str = "", source: str = "") -> None:
-        """Begin a part; its source, if it is given, holds for all of its keys."""
-        self.lines += ["", f"{key}:{comment and f' # {comment}'}"]
-        if source:
-            self.sources[key] = source
+    path: str
+    value: str = ""
+    questions: tuple[str, ...] = ()
+    note: str = ""
+    source: str = ""
 
-    def put(self, path: str, value: str, *questions: str, note: str = "", source: str = "") -> None:
-        """One key with its value.
-
-        Args:
-            path: of the key.
-            value: as YAML.
-            questions: whose answers it is made of; the comment says where they come from, and how
-                to find out what is assumed.
-            note: begins the comment.
-            source: where it comes from, if that is not where the answers come from.
-        """
-        origins = [self.draft.origins[key] for key in questions]
-        comment = [note] if note else []
-        if ASSUMED in origins:
-            comment.append(f"{ASSUMED}; {_HOW[questions[origins.index(ASSUMED)]]}")
-        elif origins:
-            comment.append(origins[0])
-        line = f"{path.rpartition('.')[2]}: {value}" + (
-            f" # {'; '.join(comment)}" if comment else ""
-        )
-        self.lines.append("  " * path.count(".") + line)
-        said = source or (self.together(*questions) if questions else "")
-        if said and path.partition(".")[0] not in self.sources:
-            self.sources[path] = said
-
-    def answer(self, path: str, question: str, unit: str = "") -> None:
+    @classmethod
+    def answer(cls, draft: Draft, path: str, question: str, unit: str = "") -> "_Row":
         """One key with the answer to one question."""
-        self.put(path, number(self.a[question]), question, note=unit)
+        return cls(path, number(draft.values[question]), (question,), unit)
 
-    def each_drive(self, part: str, value: str, source: str) -> None:
-        """The same for the drives of all limbs that have none yet."""
-        for i in range(limbs_of(self.kind)):
-            if f"{part}.drive{i + 1}" not in self.sources:
-                self.put(f"{part}.drive{i + 1}", value, source=source)
 
-    def together(self, *questions: str) -> str:
-        """One word if all answers come from one place, or each by its name."""
-        origins = [self.draft.origins[key] for key in questions]
-        if len(set(origins)) == 1:
-            return origins[0]
-        return ", ".join(
-            f"{key.replace('_', ' ')} {origin}"
-            for key, origin in zip(questions, origins, strict=True)
-        )
+def written(draft: Draft) -> str:
+    """The description as YAML; all questions of its kind must have answers."""
+    lines, sources = [f"name: {_scalar(draft.name)}", f"title: {_scalar(draft.title)}"], {}
+    for chapter in (_limbs, _telescope, _platform, _bodies, _friction, _rotors, _limits):
+        for row in chapter(draft):
+            if isinstance(row, str):
+                lines.append(row)
+                continue
+            path, value, questions, note, source = row
+            origins = [draft.origins[key] for key in questions]
+            comment = [note] if note else []
+            if ASSUMED in origins:
+                comment.append(f"{ASSUMED}; {_HOW[questions[origins.index(ASSUMED)]]}")
+            elif origins:
+                comment.append(origins[0])
+            lines += [""] if not value and "." not in path else []
+            said = f" # {'; '.join(comment)}" if comment else ""
+            key = f"{path.rpartition('.')[2]}: {value}".rstrip()
+            lines.append(f"{'  ' * path.count('.')}{key}{said}")
+            source = source or _together(draft, questions)
+            if source and path.partition(".")[0] not in sources:
+                sources[path] = source
+    lines += ["", "sources:"]
+    lines += [f"  {path}: {_scalar(source)}" for path, source in _once(sources).items()]
+    return _HEAD + "".join(f"{line}\n" for line in lines)
+
+
+def _together(draft: Draft, questions: Iterable[str]) -> str:
+    """One word if all answers come from one place, or each by its name."""
+    origins = {key: draft.origins[key] for key in questions}
+    if len(set(origins.values())) == 1:
+        return next(iter(origins.values()))
+    return ", ".join(f"{key.replace('_', ' ')} {origin}" for key, origin in origins.items())
+
+
+def _other_drives(draft: Draft, first: _Row) -> list[_Row]:
+    """The same for the drives of all other limbs."""
+    part, source = first.path.partition(".")[0], _together(draft, first.questions)
+    drives = range(2, limbs_of(draft.kind) + 1)
+    return [_Row(f"{part}.drive{i}", first.value, source=source) for i in drives]
 
 
 def number(value: float) -> str:
@@ -110,16 +117,6 @@ def _scalar(text: str) -> str:
     return text if _PLAIN.fullmatch(text) else json.dumps(text, ensure_ascii=not text.isprintable())
 
 
-def written(draft: Draft) -> str:
-    """The description as YAML; all questions of its kind must have answers."""
-    d = _Description(draft)
-    for chapter in (_limbs, _telescope, _platform, _bodies, _friction, _rotors, _limits):
-        chapter(d)
-    d.lines += ["", "sources:"]
-    d.lines += [f"  {path}: {_scalar(source)}" for path, source in _once(d.sources).items()]
-    return _HEAD + "".join(f"{line}\n" for line in d.lines)
-
-
 def _once(sources: Mapping[str, str]) -> dict[str, str]:
     said = dict(sources)
     for part in ("friction", "rotor_inertia", "drive_limits"):
@@ -130,31 +127,33 @@ def _once(sources: Mapping[str, str]) -> dict[str, str]:
     return said
 
 
-def _limbs(d: _Description) -> None:
-    platform, rail = platform_of(d.kind), is_linear(d.kind)
-    d.part("limbs")
-    d.put("limbs.drive", "linear" if rail else "rotary")
-    d.put(
-        "limbs.azimuth_deg",
-        _AZIMUTHS[platform],
-        note="assumed: world axes are laid that way",
-        source=ASSUMED,
-    )
-    if rail:
-        d.answer("limbs.tilt_deg", "tilt", "0 upright, 90 flat")
+def _limbs(draft: Draft) -> list[_Row]:
+    platform, rail = platform_of(draft.kind), is_linear(draft.kind)
     if platform == "h4":
-        base, own = _h4_points(d.a)
-        d.put("limbs.base_points", _list(base), "base_radius", note="m, from base_radius")
+        base, own = _h4_points(draft.values)
         source = f"{ASSUMED}, by the length of the middle bar"
-        d.put("limbs.platform_points", _list(own), note="m; assumed", source=source)
+        ends = [
+            _Row("limbs.base_points", _list(base), ("base_radius",), "m, from base_radius"),
+            _Row("limbs.platform_points", _list(own), note="m; assumed", source=source),
+        ]
     else:
-        d.answer("limbs.base_radius", "base_radius", "m")
-        d.answer("limbs.platform_radius", "platform_radius", "m")
-    if not rail:
-        d.answer("limbs.upper_arm", "arm", "m, axis to elbow")
-    d.answer("limbs.strut", "strut", "m, between joints")
-    d.put("limbs.struts_per_limb", "2", source=ASSUMED)
-    d.answer("limbs.strut_spacing", "spacing", "m; forces in single struts depend on it")
+        keys = "base_radius", "platform_radius"
+        ends = [_Row.answer(draft, f"limbs.{key}", key, "m") for key in keys]
+    tilt = [_Row.answer(draft, "limbs.tilt_deg", "tilt", "0 upright, 90 flat")] if rail else []
+    arm = [] if rail else [_Row.answer(draft, "limbs.upper_arm", "arm", "m, axis to elbow")]
+    laid = "assumed: world axes are laid that way"
+    apart = "m; forces in single struts depend on it"
+    return [
+        _Row("limbs"),
+        _Row("limbs.drive", "linear" if rail else "rotary"),
+        _Row("limbs.azimuth_deg", _AZIMUTHS[platform], note=laid, source=ASSUMED),
+        *tilt,
+        *ends,
+        *arm,
+        _Row.answer(draft, "limbs.strut", "strut", "m, between joints"),
+        _Row("limbs.struts_per_limb", "2", source=ASSUMED),
+        _Row.answer(draft, "limbs.strut_spacing", "spacing", apart),
+    ]
 
 
 def _h4_points(a: Mapping[str, float]) -> tuple[list[list[float]], list[list[float]]]:
@@ -169,106 +168,116 @@ def _list(points: list[list[float]]) -> str:
     return "[" + ", ".join("[" + ", ".join(map(number, p)) + "]" for p in points) + "]"
 
 
-def _telescope(d: _Description) -> None:
-    if not has_telescope(d.kind):
-        return
-    low, high = stroke(d.a)
-    d.part("telescope", source=ASSUMED)
-    d.put("telescope.base_joint", "[0, 0, 0]", note="m; assumed in the middle of base and platform")
-    d.put("telescope.platform_joint", "[0, 0, 0]")
-    ends = f"[{number(low)}, {number(high)}]"
-    d.put("telescope.stroke", ends, note="m; assumed, what the workspace takes")
+def _telescope(draft: Draft) -> list[_Row]:
+    if not has_telescope(draft.kind):
+        return []
+    low, high = map(number, stroke(draft.values))
+    middle = "m; assumed in the middle of base and platform"
+    return [
+        _Row("telescope", source=ASSUMED),
+        _Row("telescope.base_joint", "[0, 0, 0]", note=middle),
+        _Row("telescope.platform_joint", "[0, 0, 0]"),
+        _Row("telescope.stroke", f"[{low}, {high}]", note="m; assumed, what the workspace takes"),
+    ]
 
 
-def _platform(d: _Description) -> None:
-    platform, a = platform_of(d.kind), d.a
+def _platform(draft: Draft) -> list[_Row]:
+    platform, a = platform_of(draft.kind), draft.values
     if platform == "rigid":
-        return
-    d.part("platform")
-    d.put("platform.kind", platform)
+        return []
     if platform == "i4":
         across = "the slide lies across the limbs that hold one half"
-        d.put("platform.direction_deg", "90", note=across, source=ASSUMED)
-    else:
-        d.answer(f"platform.{'half_length' if platform == 'h4' else 'length'}", "bar", "m")
-    d.put("platform.first", "[1, 3]" if platform == "h4" else "[1, 2]", source=ASSUMED)
-    if platform == "i4":
-        d.put(
+        pinion, origin = a["pinion"], draft.origins["pinion"]
+        shape = _Row("platform.direction_deg", "90", note=across, source=ASSUMED)
+        ratio = _Row(
             "platform.ratio",
-            number(_product(0.5, 1 / a["pinion"])),
-            "pinion",
-            note=f"rad/m, of a pinion of {number(a['pinion'])} m",
-            source=f"by the pinion's radius, {d.draft.origins['pinion']}",
+            number(_product(0.5, 1 / pinion)),
+            ("pinion",),
+            f"rad/m, of a pinion of {number(pinion)} m",
+            f"by the pinion's radius, {origin}",
         )
     else:
-        d.answer("platform.ratio", "ratio")
+        length = "half_length" if platform == "h4" else "length"
+        shape = _Row.answer(draft, f"platform.{length}", "bar", "m")
+        ratio = _Row.answer(draft, "platform.ratio", "ratio")
     turn = number(a["tool_turn"])
-    d.put("platform.angle_deg", f"[-{turn}, {turn}]", "tool_turn")
-    d.answer("platform.speed_deg_s", "tool_speed")
+    return [
+        _Row("platform"),
+        _Row("platform.kind", platform),
+        shape,
+        _Row("platform.first", "[1, 3]" if platform == "h4" else "[1, 2]", source=ASSUMED),
+        ratio,
+        _Row("platform.angle_deg", f"[-{turn}, {turn}]", ("tool_turn",)),
+        _Row.answer(draft, "platform.speed_deg_s", "tool_speed"),
+    ]
 
 
-def _bodies(d: _Description) -> None:
-    d.part("bodies", "solids of the right mass; shapes are assumed: better ones are worth minutes")
-    for body in bodies(d.kind, d.a):
-        origin, length = d.draft.origins[body.mass], {"U": "arm", "S": "strut"}.get(body.name)
+def _bodies(draft: Draft) -> list[_Row | str]:
+    shapes = "solids of the right mass; shapes are assumed: better ones are worth minutes"
+    rows: list[_Row | str] = [_Row("bodies", note=shapes)]
+    for body in bodies(draft.kind, draft.values):
+        origin, length = draft.origins[body.mass], {"U": "arm", "S": "strut"}.get(body.name)
         how = f"; {_HOW[body.mass]}" if origin == ASSUMED else ""
-        d.lines += [
-            f"  {body.name}: # {body.comment}; mass: {origin}{how}",
-            "    prior:",
-            f"      - {body.shape}",
-            f"    free: {body.free}",
+        long = f", length {draft.origins[length]}" if length else ""
+        rows += [
+            _Row(
+                f"bodies.{body.name}",
+                note=f"{body.comment}; mass: {origin}{how}",
+                source=f"mass {origin}{long}; shape {ASSUMED}",
+            ),
+            f"    prior:\n      - {body.shape}\n    free: {body.free}",
         ]
-        long = f", length {d.draft.origins[length]}" if length else ""
-        d.sources[f"bodies.{body.name}"] = f"mass {origin}{long}; shape {ASSUMED}"
+    return rows
 
 
-def _friction(d: _Description) -> None:
-    a, rail = d.a, "rail_" if is_linear(d.kind) else ""
+def _friction(draft: Draft) -> list[_Row]:
+    a, rail = draft.values, "rail_" if is_linear(draft.kind) else ""
     keys = f"{rail}viscous", f"{rail}coulomb"
     law = f"{{viscous: {number(a[keys[0]])}, coulomb: {number(a[keys[1]])}}}"
-    d.part("friction", "N s/m and N" if rail else "N m s/rad and N m")
-    d.put("friction.drive1", law, *keys)
-    d.each_drive("friction", law, d.together(*keys))
+    first = _Row("friction.drive1", law, keys)
+    rows = [_Row("friction", note="N s/m and N" if rail else "N m s/rad and N m"), first]
+    rows += _other_drives(draft, first)
     weight = GRAVITY * (a["platform_mass"] + a.get("tool_mass", 0.0))
-    if has_telescope(d.kind):
+    if has_telescope(draft.kind):
         coulomb = rounded(0.08 * a["tool_torque"])
-        d.put("friction.drive4", _law(coulomb / 16, coulomb), note=ASSUMED, source=ASSUMED)
-        slide = "N s/m and N, telescope; assumed"
-        d.put("friction.slide", _law(0.3 * weight, 0.4 * weight), note=slide, source=ASSUMED)
-    elif platform_of(d.kind) == "i4":
-        law, note = _law(0.3 * weight, 0.3 * weight), "N s/m and N; assumed"
-        d.put("friction.platform", law, note=note, source=ASSUMED)
-    elif platform_of(d.kind) != "rigid":
+        others = {
+            "drive4": (coulomb / 16, coulomb, ASSUMED),
+            "slide": (0.3 * weight, 0.4 * weight, "N s/m and N, telescope; assumed"),
+        }
+    elif platform_of(draft.kind) == "i4":
+        others = {"platform": (0.3 * weight, 0.3 * weight, "N s/m and N; assumed")}
+    elif platform_of(draft.kind) != "rigid":
         coulomb = 0.25 * weight * a["bar"]
-        law, note = _law(coulomb / 6, coulomb), "of the bar's joints; assumed"
-        d.put("friction.platform", law, note=note, source=ASSUMED)
-
-
-def _law(viscous: float, coulomb: float) -> str:
-    return f"{{viscous: {number(rounded(viscous))}, coulomb: {number(rounded(coulomb))}}}"
-
-
-def _rotors(d: _Description) -> None:
-    d.part("rotor_inertia", "of motor and gear, referred to the joint")
-    if is_linear(d.kind):
-        value, keys, note = d.a["rotor_mass"], ("rotor_mass",), "kg"
+        others = {"platform": (coulomb / 6, coulomb, "of the bar's joints; assumed")}
     else:
-        rotor, gear = d.a["rotor"], d.a["gear"]
+        others = {}
+    for joint, (viscous, coulomb, note) in others.items():
+        law = f"{{viscous: {number(rounded(viscous))}, coulomb: {number(rounded(coulomb))}}}"
+        rows.append(_Row(f"friction.{joint}", law, note=note, source=ASSUMED))
+    return rows
+
+
+def _rotors(draft: Draft) -> list[_Row]:
+    if is_linear(draft.kind):
+        value, keys, note = draft.values["rotor_mass"], ("rotor_mass",), "kg"
+    else:
+        rotor, gear = draft.values["rotor"], draft.values["gear"]
         value, keys = _product(rotor, gear**2), ("rotor", "gear")
         note = f"kg m², {number(rotor)} times {number(gear)}²"
-    d.put("rotor_inertia.drive1", number(value), *keys, note=note)
-    d.each_drive("rotor_inertia", number(value), d.together(*keys))
-    if has_telescope(d.kind):
-        d.answer("rotor_inertia.drive4", "tool_rotor", "kg m²")
+    first = _Row("rotor_inertia.drive1", number(value), keys, note)
+    rows = [
+        _Row("rotor_inertia", note="of motor and gear, referred to the joint"),
+        first,
+        *_other_drives(draft, first),
+    ]
+    if has_telescope(draft.kind):
+        rows.append(_Row.answer(draft, "rotor_inertia.drive4", "tool_rotor", "kg m²"))
+    return rows
 
 
-def _limits(d: _Description) -> None:
-    a = d.a
-    d.part("workspace", source=d.together("radius", "low", "high"))
-    d.put("workspace.shape", "cylinder")
-    d.answer("workspace.radius", "radius", "m")
-    d.put("workspace.z", f"[{number(a['low'])}, {number(a['high'])}]", "low", "high")
-    if is_linear(d.kind):
+def _limits(draft: Draft) -> list[_Row | str]:
+    a = draft.values
+    if is_linear(draft.kind):
         keys = ("rail_low", "rail_high", "rail_speed", "rail_force")
         names, values = ("position", "speed", "force"), [a[key] for key in keys]
     else:
@@ -278,15 +287,29 @@ def _limits(d: _Description) -> None:
         values = [a["angle_low"], a["angle_high"], speed, torque]
     low, high, speed, effort = map(number, values)
     limits = f"{{{names[0]}: [{low}, {high}], {names[1]}: {speed}, {names[2]}: {effort}}}"
-    said = [f"{key.replace('_', ' ')} {d.draft.origins[key]}" for key in keys if key != "gear"]
-    d.part("drive_limits")
-    d.lines.append(f"  # {', '.join(said)}")
-    d.each_drive("drive_limits", limits, d.together(*keys))
-    if has_telescope(d.kind):
-        rest = f"{{speed_deg_s: {number(a['tool_speed'])}, torque: {number(a['tool_torque'])}}}"
-        d.put("drive_limits.drive4", rest, "tool_speed", "tool_torque")
-    d.answer("platform_speed", "top_speed", "m/s")
-    d.answer("platform_acceleration", "top_acceleration", "m/s²")
-    d.answer("strut_swing_deg", "swing")
+    said = [f"{key.replace('_', ' ')} {draft.origins[key]}" for key in keys if key != "gear"]
     singular = "assumed: how near to a singularity motions may come"
-    d.put("largest_condition", str(_CONDITION), note=singular, source=ASSUMED)
+    rows: list[_Row | str] = [
+        _Row("workspace", source=_together(draft, ("radius", "low", "high"))),
+        _Row("workspace.shape", "cylinder"),
+        _Row.answer(draft, "workspace.radius", "radius", "m"),
+        _Row("workspace.z", f"[{number(a['low'])}, {number(a['high'])}]", ("low", "high")),
+        _Row("drive_limits"),
+        f"  # {', '.join(said)}",
+    ]
+    rows += [
+        _Row(f"drive_limits.drive{i + 1}", limits, source=_together(draft, keys))
+        for i in range(limbs_of(draft.kind))
+    ]
+    if has_telescope(draft.kind):
+        turning = "tool_speed", "tool_torque"
+        speed, torque = (number(a[key]) for key in turning)
+        rest = f"{{speed_deg_s: {speed}, torque: {torque}}}"
+        rows.append(_Row("drive_limits.drive4", rest, turning))
+    return [
+        *rows,
+        _Row.answer(draft, "platform_speed", "top_speed", "m/s"),
+        _Row.answer(draft, "platform_acceleration", "top_acceleration", "m/s²"),
+        _Row.answer(draft, "strut_swing_deg", "swing"),
+        _Row("largest_condition", str(_CONDITION), note=singular, source=ASSUMED),
+    ]

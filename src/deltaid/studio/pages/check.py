@@ -6,12 +6,13 @@ from typing import Any
 from nicegui import ui
 
 from deltaid.errors import DeltaidError
+from deltaid.robot.description import RobotDescription
 from deltaid.robot.load import catalogue, catalogue_text
 from deltaid.studio.edits import difference, own_copy, robot_cured, wanted
-from deltaid.studio.look import Problem, mapping_cured
-from deltaid.studio.pages import parts, texts
-from deltaid.studio.plan import Used
-from deltaid.studio.runs import FinishedRun, next_run, output, runs
+from deltaid.studio.look import mapping_cured
+from deltaid.studio.pages import parts
+from deltaid.studio.plan import Plan, Used
+from deltaid.studio.runs import FinishedRun, output
 from deltaid.studio.session import Session, mapping_name, mapping_of
 from deltaid.studio.steps import check_step
 from deltaid.studio.words import page_words
@@ -27,34 +28,24 @@ _SENTENCES = {
 
 async def body(session: Session) -> None:
     """The check, its verdicts, and what they propose."""
-    if session.plan.robot is None or isinstance(session.robot(), Problem):
+    if not isinstance(session.robot(), RobotDescription):
         parts.note("Pick a robot first; its description is checked even without a recording.")
         return
-    _begin(session)
-    last = next((run for run in runs(session.folder) if run.record.kind == "check"), None)
-    if last is not None and last.succeeded and not session.busy:
-        _verdicts(session, last)
-
-
-def _begin(session: Session) -> None:
     plan = session.plan
     with parts.panel():
         names = ", ".join(recording.file for recording in plan.used)
         ui.label(f"Of {plan.robot}{f' with {names}' if names else ', the description only'}")
-        ready = parts.all_mapped(session) and not session.busy
-
-        def begin() -> None:
-            parts.attempt(lambda: session.begin("check", partial(check_step, session.plan)))
-
-        ui.button("Check", on_click=begin).props("no-caps").set_enabled(ready)
-        parts.progress(session, "check")
+        ready = parts.all_mapped(session)
         if plan.checked is not None and not session.store.is_checked and not session.busy:
             parts.note(
                 "Robot, recordings, mapping or filter have changed since the last check: "
                 "check again.",
                 "doubt",
             )
-        texts.commands(lambda: check_step(plan, next_run(session.folder, "check")))
+        make = partial(check_step, plan)
+        parts.step(session, "check", "Check", make, ready=ready, looks="no-caps")
+    if not session.busy and (last := session.last("check")) is not None:
+        _verdicts(session, last)
 
 
 def _verdicts(session: Session, run: FinishedRun) -> None:
@@ -87,92 +78,64 @@ def _words(verdict: dict[str, Any]) -> None:
 def _card(session: Session, verdict: dict[str, Any]) -> None:
     with parts.panel():
         _words(verdict)
-        if verdict["cause"]:
-            ui.label(page_words(f"Likely: {verdict['cause']}"))
-        if verdict["cure"]:
-            ui.label(page_words(f"→ {verdict['cure']}"))
+        for mark, key in (("Likely:", "cause"), ("→", "cure")):
+            if verdict[key]:
+                ui.label(page_words(f"{mark} {verdict[key]}"))
         if verdict["key"] == "torque-lag":
             ui.label("The fit corrects this lag too (setting: Lag).").classes("dim")
         for file, name in (("robot", "the robot file"), ("mapping", "the mapping")):
-            changes = wanted(verdict, file)
-            if not changes:
-                continue
-            ui.button(
-                f"Show the change to {name}",
-                on_click=partial(_offer, session, verdict, file, changes),
-            ).props(f'outline no-caps aria-label="Show the change to {name} for {verdict["key"]}"')
+            if changes := wanted(verdict, file):
+                label = f"Show the change to {name}"
+                offer = partial(_offer, session, verdict, file, changes)
+                ui.button(label, on_click=offer).props(
+                    f'outline no-caps aria-label="{label} for {verdict["key"]}"'
+                )
 
 
 async def _offer(
     session: Session, verdict: dict[str, Any], file: str, changes: list[tuple[str, object]]
 ) -> None:
-    folder, used = session.folder, None
-    try:
-        if file == "robot":
-            name, before, after = _robot_change(session, changes)
-        else:
-            used = _used(session, verdict)
-            name, before, after = await _mapping_change(session, used, changes)
-    except DeltaidError as error:
-        parts.warn(error)
-        return
+    """Show what a file would become, and write it when asked to."""
+    folder, plan, robot = session.folder, session.plan, session.plan.robot or ""
+    used = None if file == "robot" else _used(plan, verdict)
+    if used is not None:
+        name = used.mapping or mapping_name(session, used.file)
+        before = folder.text(name) if folder.has(name) else None
+        path, mapping = str(folder.path(used.file)), mapping_of(session, used)
+        after = await session.look(mapping_cured, path, session.place(robot), mapping, changes)
+    elif robot in catalogue():
+        name, before = folder.free_name(f"{robot}.yaml"), None
+        after = robot_cured(catalogue_text(robot), changes, name)
+    else:
+        name, before = robot, folder.text(robot)
+        after = robot_cured(before, changes, robot)
 
     def write() -> None:
+        dialog.close()
         written, instead_of = name, before
         if used is None and before is None:
-            written = own_copy(folder, session.plan.robot or "")
+            written = own_copy(folder, robot)
             instead_of = folder.text(written)
         folder.write(written, after, instead_of=instead_of)
-        session.store.change(
-            lambda plan: (
-                plan.changed(robot=written)
-                if used is None
-                else plan.with_recording(used.changed(mapping=written))
-            )
-        )
+        if used is None:
+            parts.change(session, robot=written)
+        else:
+            parts.change_use(session, used, mapping=written)
         ui.notify(f"{written} is changed", type="positive")
 
     with ui.dialog(value=True) as dialog, ui.card().style("min-width: min(640px, 90vw)"):
         ui.label(f"Change {name}?").classes("text-h6")
-        texts.difference(difference(name, before or "", after))
+        parts.difference(difference(name, before or "", after))
         with ui.row():
-
-            def apply() -> None:
-                dialog.close()
-                parts.attempt(write)
-
-            ui.button("Apply", on_click=apply).props("no-caps autofocus")
+            ui.button("Apply", on_click=write).props("no-caps autofocus")
             ui.button("Leave it", on_click=dialog.close).props("flat no-caps")
 
 
-def _robot_change(
-    session: Session, changes: list[tuple[str, object]]
-) -> tuple[str, str | None, str]:
-    robot, folder = session.plan.robot or "", session.folder
-    if robot in catalogue():
-        name = folder.free_name(f"{robot}.yaml")
-        return name, None, robot_cured(catalogue_text(robot), changes, name)
-    return robot, folder.text(robot), robot_cured(folder.text(robot), changes, robot)
-
-
-def _used(session: Session, verdict: dict[str, Any]) -> Used:
+def _used(plan: Plan, verdict: dict[str, Any]) -> Used:
     """The recording that a verdict is on: of several it names its own."""
-    used = session.plan.used
-    for recording in used:
-        if len(used) == 1 or str(verdict["subject"]).startswith(recording.file):
+    for recording in plan.used:
+        if len(plan.used) == 1 or str(verdict["subject"]).startswith(recording.file):
             return recording
     raise DeltaidError(
         "is of no single recording", where=str(verdict["key"]), cure="change the mappings by hand"
     )
-
-
-async def _mapping_change(
-    session: Session, used: Used, changes: list[tuple[str, object]]
-) -> tuple[str, str | None, str]:
-    name = used.mapping or mapping_name(session, used.file)
-    before = session.folder.text(name) if session.folder.has(name) else None
-    path, robot = str(session.folder.path(used.file)), session.place(session.plan.robot or "")
-    after = await session.look(mapping_cured, path, robot, mapping_of(session, used), changes)
-    if isinstance(after, Problem):
-        raise DeltaidError(after.what, where=after.where, cure=after.cure)
-    return name, before, after

@@ -1,19 +1,22 @@
-"""Figures of the studio: curves over one time axis, legible on light and dark ground."""
+"""Figures of the studio, legible on light and dark ground: curves over one time axis, and the robot
+in three dimensions, which goes where sliders or the dragged ball ask it to go."""
 
 from collections.abc import Awaitable, Callable, Mapping, Sequence
 from typing import Any, Literal
 
+import numpy as np
 import plotly.graph_objects as go
-from nicegui import events, ui
+from nicegui import background_tasks, events, ui
 
 from deltaid.recording.contents import Contents
 from deltaid.studio import look
-from deltaid.studio.compare import Beside
 from deltaid.studio.edits import NEEDED, Data, named
-from deltaid.studio.look import Preview
+from deltaid.studio.look import Beside, Preview
 from deltaid.studio.pages import parts
 from deltaid.studio.plan import Used
 from deltaid.studio.session import Session
+from deltaid.studio.stand import Axis, Stage, Stand, stage, stand
+from deltaid.view.at_pose import panel
 from deltaid.view.style import stacked
 
 Options = dict[str, Any]
@@ -95,7 +98,7 @@ def _panels(titles: Sequence[str], time: str = "time [s]") -> go.Figure:
     )
 
 
-def linked(plot: ui.plotly, again: Callable[[Span | None], Awaitable[Options | None]]) -> None:
+def linked(plot: ui.plotly, again: Callable[[Span | None], Awaitable[Options]]) -> None:
     """Draw a figure in more detail when one looks at a part of its time.
 
     Args:
@@ -106,9 +109,7 @@ def linked(plot: ui.plotly, again: Callable[[Span | None], Awaitable[Options | N
     async def looked(event: events.GenericEventArguments) -> None:
         asked = _span(event.args)
         if asked is not False:
-            figure = await again(asked)
-            if figure is not None:
-                plot.update_figure(figure)
+            plot.update_figure(await again(asked))
 
     plot.on("plotly_relayout", looked)
 
@@ -129,11 +130,10 @@ async def preview(session: Session, used: Used, mapping: Data) -> None:
         return
     robot, said = session.place(session.plan.robot or ""), ui.label().classes("dim")
     seen = await _drawn(session, used, look.preview, (robot, mapping))
-    if seen is not None:
-        said.set_text(
-            f"{seen.seconds:.4g} s, {(seen.rows - 1) / max(seen.seconds, 1e-9):.4g} rows a second; "
-            "angles in degrees. Do they look like what the robot did?"
-        )
+    said.set_text(
+        f"{seen.seconds:.4g} s, {(seen.rows - 1) / max(seen.seconds, 1e-9):.4g} rows a second; "
+        "angles in degrees. Do they look like what the robot did?"
+    )
 
 
 async def signals(
@@ -154,11 +154,10 @@ async def signals(
 
     async def draw() -> None:
         place.clear()
-        with place:
+        with place, parts.shown():
             if picked.value:
-                await _drawn(
-                    session, used, look.signals, (time, tuple(picked.value)), time or "row"
-                )
+                given = time, tuple(picked.value)
+                await _drawn(session, used, look.signals, given, time or "row")
 
     parts.remembered(session, f"signals of {used.file}", picked)
     picked.on_value_change(draw)
@@ -168,20 +167,129 @@ async def signals(
 async def _drawn(
     session: Session, used: Used, see: Callable[..., Preview], given: tuple[Any, ...],
     time: str = "time [s]",
-) -> Preview | None:  # fmt: skip
-    """The figure of a look at a recording, which is drawn again in more detail; None without."""
+) -> Preview:  # fmt: skip
+    """The figure of a look at a recording, which is drawn again in more detail."""
     path = str(session.folder.path(used.file))
     with parts.waiting():
         seen = await session.look(see, path, *given)
-    if isinstance(seen, look.Problem):
-        parts.problem(seen)
-        return None
     plot = ui.plotly(curves(seen, time)).classes("w-full")
     plot.props(f'role=img aria-label="Preview of {used.file}"')
 
-    async def again(span: Span | None) -> Options | None:
-        detail = await session.look(see, path, *given, look.POINTS, span)
-        return None if isinstance(detail, look.Problem) else curves(detail, time)
+    async def again(span: Span | None) -> Options:
+        return curves(await session.look(see, path, *given, look.POINTS, span), time)
 
     linked(plot, again)
     return seen
+
+
+# Of the ground and of the workspace's edges, on a light page and on a dark one.
+_LIGHT, _DARK = ("#dfe5ea", "#66727d"), ("#2a3138", "#9aa6b0")
+# three.js draws cylinders along y; parts are placed along z.
+_Y_TO_Z = np.array([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]])
+
+
+async def live(session: Session, name: str) -> None:
+    """The robot, sliders for its platform, and readings of drives and limits."""
+    robot, changed = session.place(name), session.stamped(name)
+    with parts.waiting():
+        found = await session.look(stage, robot, changed)
+    await _Live(session, (robot, changed), found).go()
+
+
+class _Live:
+    """A scene, and the pose that it was asked for last."""
+
+    def __init__(self, session: Session, robot: tuple[str, str], found: Stage) -> None:
+        self.session, self.robot, self.found = session, robot, found
+        self.place = session.poses.get(robot, found.home)
+        self.wanted, self.going = self.place, False
+        with ui.element("div").classes("live"):
+            with ui.element("div").classes("seen"):
+                self._scene()
+                with ui.row().classes("dim legend"):
+                    for label, color in found.legend.items():
+                        with ui.row().classes("items-center no-wrap"):
+                            ui.element("span").classes("swatch").style(f"background: {color}")
+                            ui.label(label)
+                    ui.label("Drag the ball, or turn and zoom with the mouse.")
+            with ui.element("div").classes("asked"):
+                ui.label("Where the platform is to be").classes("text-weight-bold")
+                self.sliders = [self._slider(k, axis) for k, axis in enumerate(found.axes)]
+                ui.button("Home", on_click=lambda: self._put(found.home)).props(
+                    "outline dense no-caps"
+                )
+                self.readings = ui.html(sanitize=False).props("role=status")
+
+    def _scene(self) -> None:
+        size = self.found.size
+        ground, edges = _DARK if self.session.dark else _LIGHT
+        self.scene = ui.scene(
+            height=440, grid=False, background_color=ground, click_events=[],
+            on_drag_end=lambda event: self._put((event.x, event.y, event.z, *self.wanted[3:])),
+        ).classes("w-full")  # fmt: skip
+        self.scene.props('role=img aria-label="The robot, in three dimensions"')
+        with self.scene:
+            for start, end in self.found.edges:
+                self.scene.line(start.tolist(), end.tolist()).material(edges)
+            self.bars = [
+                self.scene.cylinder(1, 1, 1, 12).material(color) for color in self.found.colors
+            ]
+            self.ball = self.scene.sphere(0.022 * size).material("#e8a200").draggable()
+        middle = np.array(self.found.home[:3]) * [1, 1, 0.55]
+        eye = middle + size * np.array([1.0, 0.78, 0.25])
+        self.scene.move_camera(*eye.tolist(), *middle.tolist(), duration=0)
+
+    def _slider(self, k: int, axis: Axis) -> Any:
+        def ask(event: events.ValueChangeEventArguments[float | None]) -> None:
+            asked = self.found.home[k] if event.value is None else event.value
+            value.set_text(_text(asked, axis))
+            if abs(asked - self.wanted[k]) > 1e-9:
+                self._ask(tuple(asked if i == k else w for i, w in enumerate(self.wanted)))
+
+        with ui.row().classes("items-center w-full no-wrap"):
+            ui.label(axis.name).classes("w-4")
+            slider = ui.slider(
+                min=axis.low, max=axis.high, step=(axis.high - axis.low) / 200, value=self.place[k]
+            )
+            slider.props(f'aria-label="platform {axis.name} [{axis.unit}]"').classes("grow")
+            value = ui.label(_text(self.place[k], axis)).classes("number")
+            slider.on_value_change(ask)
+        return slider
+
+    def _put(self, wanted: tuple[float, ...]) -> None:
+        """Go somewhere that no slider has asked for: they follow."""
+        self._ask(wanted)
+        for slider, value in zip(self.sliders, wanted, strict=True):
+            slider.set_value(value)
+
+    def _ask(self, wanted: tuple[float, ...]) -> None:
+        """Go somewhere; of what is asked for on the way the last counts."""
+        self.wanted = wanted
+        if not self.going:
+            background_tasks.create(self.go(), name="go", context=self.scene.client)
+
+    async def go(self) -> None:
+        """Move the robot until it is where it was asked to be last."""
+        self.going = True
+        try:
+            asked = None
+            while asked != self.wanted:
+                asked = self.wanted
+                self._draw(await self.session.glance(stand, *self.robot, asked, self.place))
+        finally:
+            self.going = False
+
+    def _draw(self, found: Stand) -> None:
+        units = np.array([1.0 if axis.unit == "m" else np.rad2deg(1.0) for axis in self.found.axes])
+        self.place = tuple((found.view.z * units).tolist())
+        self.session.poses = {self.robot: self.place}
+        for k, (bar, radius) in enumerate(zip(self.bars, self.found.radii, strict=True)):
+            bar.move(*found.middles[k].tolist())
+            bar.rotate_R((found.turns[k] @ _Y_TO_Z).tolist())
+            bar.scale(radius, float(found.lengths[k]), radius)
+        self.ball.move(*self.place[:3])
+        self.readings.set_content(panel(found.view))
+
+
+def _text(value: float, axis: Axis) -> str:
+    return f"{value:.3f} m" if axis.unit == "m" else f"{value:.1f}°"

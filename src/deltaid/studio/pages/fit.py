@@ -1,6 +1,5 @@
 """Stage 4: the fit. Settings with their defaults, progress, and an end before its end."""
 
-from collections.abc import Callable
 from functools import partial
 from typing import Any, get_args
 
@@ -16,8 +15,7 @@ from deltaid.model.options import (
     RegularizerName,
 )
 from deltaid.model.record import Settings
-from deltaid.studio.pages import parts, texts
-from deltaid.studio.runs import next_run
+from deltaid.studio.pages import parts
 from deltaid.studio.session import Session
 from deltaid.studio.steps import fit_step
 from deltaid.studio.words import INSIST
@@ -60,20 +58,11 @@ async def body(session: Session) -> None:
                 "how well the model predicts unknown data."
             ).classes("dim")
 
-        def run() -> None:
-            if not session.store.is_checked:
-                raise DeltaidError("it has changed since the check", cure="check again")
-            session.begin("fit", partial(fit_step, session.plan))
-
-        ready = _gate(session) and not session.busy
-        begin = partial(parts.attempt, run)
-        ui.button("Fit", on_click=begin).props("no-caps").set_enabled(ready)
-        parts.progress(session, "fit")
-        job = session.job
+        job, make = session.job, partial(fit_step, plan)
+        parts.step(session, "fit", "Fit", make, ready=_gate(session), looks="no-caps")
         if job is not None and job.step.kind == "fit" and job.state == "done":
             parts.note("The model is fitted.", "good")
             parts.go_to("result", "See the result", "no-caps")
-        texts.commands(lambda: fit_step(plan, next_run(session.folder, "fit")))
     _settings(session)
 
 
@@ -88,67 +77,59 @@ def _gate(session: Session) -> bool:
         return False
     if plan.checked is not None and plan.checked.grade == "wrong":
         parts.note("The check calls something wrong, and a fit would refuse it.", "bad")
-
-        ui.switch(
-            INSIST,
-            value=plan.force,
-            on_change=lambda event: parts.change(session, force=bool(event.value)),
-        )
+        insist = ui.switch(INSIST, value=plan.force)
+        insist.on_value_change(lambda event: parts.change(session, force=bool(event.value)))
         return plan.force
     return True
 
 
 def _settings(session: Session) -> None:
     settings = session.plan.settings
+
+    def take(key: str, value: Any) -> None:
+        session.store.change(
+            lambda plan: plan.changed(settings=plan.settings.changed(**{key: value}))
+        )
+
+    def number(key: str, text: str) -> None:
+        take(key, parts.number(text, key, getattr(Settings(), key), "such as 30"))
+
     with parts.panel("Settings"):
         changed = settings != Settings()
-        said = (
+        ui.label(
             "Changed from the defaults." if changed else "Defaults are right for most recordings."
-        )
-        ui.label(said).classes("dim")
+        ).classes("dim")
         with ui.element("div").classes("columns"):
             for key, (label, kind) in _CHOICES.items():
                 ui.select(
                     list(get_args(kind)),
                     value=getattr(settings, key),
                     label=label,
-                    on_change=_setter(session, key),
+                    on_change=lambda event, key=key: take(key, event.value),
                 ).props("outlined dense")
             for key, label in _NUMBERS.items():
                 value = getattr(settings, key)
                 field = ui.input(label, value="" if value is None else f"{value:.10g}")
-                field.props("outlined dense")
-                parts.on_leaving(field, _number_setter(session, key))
+                parts.on_leaving(field.props("outlined dense"), partial(number, key))
             given = settings.lag
             shown = given if isinstance(given, str) else ",".join(f"{1e3 * s:.10g}" for s in given)
             lag = ui.input("Lag of torques: estimate, none, or ms", value=shown)
-            parts.on_leaving(
-                lag.props("outlined dense"), lambda text: _set(session, "lag", _lag(text.strip()))
-            )
+            parts.on_leaving(lag.props("outlined dense"), lambda text: take("lag", _lag(text)))
             for key, label in _SWITCHES.items():
-                ui.switch(label, value=getattr(settings, key), on_change=_setter(session, key))
+                ui.switch(
+                    label,
+                    value=getattr(settings, key),
+                    on_change=lambda event, key=key: take(key, event.value),
+                )
         if changed:
             reset = partial(parts.change, session, settings=Settings())
             ui.button("Back to the defaults", on_click=reset).props("flat no-caps")
 
 
-def _setter(session: Session, key: str) -> Callable[[Any], None]:
-    return lambda event: parts.attempt(lambda: _set(session, key, event.value))
-
-
-def _number_setter(session: Session, key: str) -> Callable[[str], None]:
-    default = getattr(Settings(), key)
-    return lambda text: _set(session, key, parts.number(text, key, default, "such as 30"))
-
-
-def _set(session: Session, key: str, value: Any) -> None:
-    session.store.change(lambda plan: plan.changed(settings=plan.settings.changed(**{key: value})))
-
-
 def _lag(text: str) -> Any:
     """What the option --lag would make of it."""
-    if text in ("estimate", "none"):
-        return text
+    if text.strip() in ("estimate", "none"):
+        return text.strip()
     try:
         return tuple(1e-3 * float(number) for number in text.split(","))
     except ValueError:

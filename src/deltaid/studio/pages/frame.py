@@ -1,7 +1,7 @@
 """The frame of all stages: header, stepper, content that follows the folder, files."""
 
 import asyncio
-from collections.abc import Awaitable, Callable
+from functools import partial
 from importlib import resources
 
 from nicegui import app, background_tasks, ui
@@ -9,9 +9,7 @@ from nicegui.client import Client
 from starlette.responses import FileResponse, PlainTextResponse, RedirectResponse, Response
 
 from deltaid.errors import DeltaidError
-from deltaid.studio.look import Problem
 from deltaid.studio.pages import check, fit, parts, recording, result, robot, use
-from deltaid.studio.pages.parts import warn
 from deltaid.studio.session import STAGES, Session, standing
 
 # Seconds between looks at files that other programs may change.
@@ -26,17 +24,13 @@ _TITLES = {
 }
 _MARKS = {"done": "check_circle", "wrong": "error", "open": "radio_button_unchecked", "later": ""}
 _WORDS = {"done": "done", "wrong": "to fix", "open": "open", "later": "later"}
-_BODIES: dict[str, Callable[[Session], Awaitable[None]]] = {
-    "robot": robot.body,
-    "recording": recording.body,
-    "check": check.body,
-    "fit": fit.body,
-    "result": result.body,
-    "use": use.body,
+_BODIES = dict(zip(STAGES, (robot, recording, check, fit, result, use), strict=True))
+# How pages look: what the button says, what comes next, and JavaScript for it.
+_THEMES: dict[bool | None, tuple[str, bool | None, str]] = {
+    None: ("Theme: system", True, "studioTheme(null)"),
+    True: ("Theme: dark", False, "studioTheme(true)"),
+    False: ("Theme: light", None, "studioTheme(false)"),
 }
-_THEMES: dict[bool | None, str] = {None: "system", False: "light", True: "dark"}
-_NEXT: dict[bool | None, bool | None] = {None: True, True: False, False: None}
-_SCRIPT: dict[bool | None, str] = {None: "null", False: "false", True: "true"}
 # A page of the folder may hold anything: it gets no say in the studio.
 _OF_FILES = "sandbox allow-scripts allow-downloads; default-src 'unsafe-inline' data: blob:"
 
@@ -44,7 +38,8 @@ _OF_FILES = "sandbox allow-scripts allow-downloads; default-src 'unsafe-inline' 
 def build(session: Session) -> None:
     """Add all pages and routes."""
     for stage in STAGES:
-        _add(session, stage)
+        title = f"{_TITLES[stage][0]} · deltaid studio"
+        ui.page(f"/{stage}", title=title)(partial(_stage, session, stage))
 
     @app.get("/")
     def _first() -> Response:
@@ -64,17 +59,13 @@ def build(session: Session) -> None:
         )
 
 
-def _add(session: Session, stage: str) -> None:
-    @ui.page(f"/{stage}", title=f"{_TITLES[stage][0]} · deltaid studio")
-    def _page(client: Client) -> None:
-        _stage(session, stage, client)
-
-
 def _stage(session: Session, stage: str, client: Client) -> None:
-    style = resources.files("deltaid.studio.pages") / "studio.css"
-    script = resources.files("deltaid.studio.pages") / "studio.js"
-    ui.add_css(style.read_text(encoding="utf-8"))
-    ui.add_body_html(f"<script>{script.read_text(encoding='utf-8')}</script>")
+    files = resources.files("deltaid.studio.pages")
+    style, script = (
+        (files / name).read_text(encoding="utf-8") for name in ("studio.css", "studio.js")
+    )
+    ui.add_css(style)
+    ui.add_body_html(f"<script>{script}</script>")
     ui.colors(primary="#1f5fa8", positive="#2c7a4b", negative="#b3261e", warning="#8a6100")
     _header(session)
     nav = ui.refreshable(lambda: _stepper(session, stage))
@@ -119,27 +110,18 @@ def _stage(session: Session, stage: str, client: Client) -> None:
     task: asyncio.Task[None] | None = None
     session.store.listeners.append(again)
     client.on_delete(gone)
-    client.on_exception(_show_error)
+    client.on_exception(parts.warn)
     ui.timer(_LOOK, session.store.look)
     again()
 
 
 async def _body(session: Session, stage: str) -> None:
     """A stage, or why it cannot be shown."""
-    if not session.folder.is_there:
-        parts.problem(Problem("is no longer there", str(session.folder.root), "put it back"))
-        return
-    try:
-        await _BODIES[stage](session)
-    except DeltaidError as error:
-        parts.problem(error)
-
-
-def _show_error(error: Exception) -> None:
-    """An error of the program where the user sees it; a defect stays one."""
-    if not isinstance(error, DeltaidError):
-        raise error
-    warn(error)
+    with parts.shown():
+        if not session.folder.is_there:
+            where = str(session.folder.root)
+            raise DeltaidError("is no longer there", where=where, cure="put it back")
+        await _BODIES[stage].body(session)
 
 
 def _header(session: Session) -> None:
@@ -148,18 +130,17 @@ def _header(session: Session) -> None:
         ui.label("deltaid studio").classes("brand")
         ui.label(str(session.folder.root)).classes("folder").tooltip("All files lie here")
         dark = ui.dark_mode(session.dark)
-        button = ui.button(f"Theme: {_THEMES[session.dark]}").props(
-            "flat dense no-caps color=white"
-        )
 
         def turn() -> None:
-            session.dark = _NEXT[session.dark]
+            session.dark = _THEMES[session.dark][1]
+            text, _, script = _THEMES[session.dark]
             dark.set_value(session.dark)
-            button.set_text(f"Theme: {_THEMES[session.dark]}")
-            ui.run_javascript(f"studioTheme({_SCRIPT[session.dark]})")
+            button.set_text(text)
+            ui.run_javascript(script)
 
-        button.on_click(turn)
-    ui.add_body_html(f"<script>studioTheme({_SCRIPT[session.dark]})</script>")
+        button = ui.button(_THEMES[session.dark][0], on_click=turn)
+        button.props("flat dense no-caps color=white")
+    ui.add_body_html(f"<script>{_THEMES[session.dark][2]}</script>")
 
 
 def _stepper(session: Session, here: str) -> None:
@@ -181,10 +162,8 @@ def _stepper(session: Session, here: str) -> None:
 def _ways(stage: str) -> None:
     place = STAGES.index(stage)
     with ui.row().classes("ways"):
-        if place:
-            before = STAGES[place - 1]
+        for before in STAGES[:place][-1:]:
             parts.go_to(before, f"← {_TITLES[before][0]}", "flat no-caps")
         ui.space()
-        if place + 1 < len(STAGES):
-            after = STAGES[place + 1]
+        for after in STAGES[place + 1 :][:1]:
             parts.go_to(after, f"{_TITLES[after][0]} →")

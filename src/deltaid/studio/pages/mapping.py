@@ -1,6 +1,7 @@
 """The form of a mapping: time, and for each quantity and drive its column, unit and sign."""
 
 from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 from nicegui import ui
@@ -51,6 +52,7 @@ class Form:
         self, session: Session, used: Used, contents: Contents, robot: RobotDescription, data: Data
     ) -> None:
         self.session, self.name, self.robot = session, used.mapping, robot
+        self.drives, self.dof = tuple(robot.drives), len(robot.drives)
         self.key, self.names = draft_key(used), [c.address for c in contents.columns]
         self.before = session.folder.text(used.mapping) if used.mapping else ""
         self.fields: dict[tuple[Quantity, int, str], ValueElement[Any]] = {}
@@ -62,21 +64,6 @@ class Form:
             self.data = draft.after
         elif draft is not None:
             del session.drafts[self.key]
-
-    @property
-    def drives(self) -> tuple[str, ...]:
-        """Their names."""
-        return tuple(self.robot.drives)
-
-    @property
-    def dof(self) -> int:
-        """How many drives there are."""
-        return len(self.drives)
-
-    @property
-    def alike(self) -> bool:
-        """Whether all drives have the same unit and gear."""
-        return bool(self.session.choices.get("alike", True))
 
     @property
     def missing(self) -> str:
@@ -123,13 +110,13 @@ class Form:
         entry = entries(self.data, quantity, self.dof)[drive]
         if value == entry.get(key, DEFAULTS.get(key)):
             return
-        if key == "column":
-            changed = with_column(
-                self.data, quantity, drive, value, self.names, self.dof, alike=self.alike
-            )
-        else:
-            changed = with_value(self.data, quantity, drive, key, value, self.dof, alike=self.alike)
-        self.take(changed)
+        alike = bool(self.session.choices.get("alike", True))  # all drives have one unit and gear
+        given = self.data, quantity, drive
+        self.take(
+            with_column(*given, value, self.names, self.dof, alike=alike)
+            if key == "column"
+            else with_value(*given, key, value, self.dof, alike=alike)
+        )
 
 
 def form(state: Form) -> None:
@@ -172,11 +159,8 @@ def _time(state: Form, columns: list[str]) -> None:
         rate.props("outlined dense").classes("w-48")
 
     def take() -> None:
-        def do() -> None:
-            each = parts.number(rate.value, "samples a second", such="such as 1000")
-            state.take(with_time(state.data, column.value, unit.value, each))
-
-        parts.attempt(do)
+        each = parts.number(rate.value, "samples a second", such="such as 1000")
+        state.take(with_time(state.data, column.value, unit.value, each))
 
     column.on_value_change(take)
     unit.on_value_change(take)
@@ -190,13 +174,11 @@ def _row(
         return f'outlined dense stack-label label="{of}" aria-label="{quantity} of {name}: {of}"'
 
     def setter(key: str) -> Callable[[Any], None]:
-        return lambda event: parts.attempt(lambda: state.set(quantity, drive, key, event.value))
+        return lambda event: state.set(quantity, drive, key, event.value)
 
-    def numbers(key: str) -> Callable[[str], None]:
+    def number(key: str, text: str) -> None:
         where = f"{quantity} of {name}: {_NUMBERS[key]}"
-        return lambda text: state.set(
-            quantity, drive, key, parts.number(text, where, DEFAULTS[key])
-        )
+        state.set(quantity, drive, key, parts.number(text, where, DEFAULTS[key]))
 
     ui.label(name).classes("drive")
     fields: dict[str, ValueElement[Any]] = {
@@ -217,7 +199,7 @@ def _row(
             ui.label("")
             continue
         field = ui.input(value=_text(entry.get(key, DEFAULTS[key]))).props(label(shown))
-        parts.on_leaving(field, numbers(key))
+        parts.on_leaving(field, partial(number, key))
         fields[key] = field
     state.fields |= {(quantity, drive, key): field for key, field in fields.items()}
 

@@ -1,8 +1,8 @@
-"""What several stages show: errors with their cures, commands to copy, progress, reports."""
+"""What several stages show: errors with their cures, commands to copy, progress, reports, files."""
 
 import tempfile
 from collections.abc import Awaitable, Callable, Generator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 from html import escape
 from pathlib import Path
 from typing import Any, TypeVar
@@ -11,10 +11,11 @@ from nicegui import events, ui
 from nicegui.elements.mixins.value_element import ValueElement
 
 from deltaid.errors import DeltaidError
-from deltaid.studio.jobs import Job
-from deltaid.studio.look import Problem
+from deltaid.studio.folder import Folder
 from deltaid.studio.plan import Used
+from deltaid.studio.runs import FinishedRun, Record, next_run
 from deltaid.studio.session import Session, unmapped
+from deltaid.studio.steps import Kind, Step
 from deltaid.studio.words import page_words
 
 _Field = TypeVar("_Field", bound=ValueElement[Any])
@@ -24,12 +25,22 @@ _GRADES = {"good": "good", "cannot tell": "tell", "doubtful": "doubtful", "wrong
 
 @contextmanager
 def panel(title: str = "") -> Generator[None, None, None]:
-    """A part of a stage, with a heading."""
+    """A part of a stage, with a heading; what goes wrong in it is shown there."""
     with ui.element("section").classes("panel"):
         if title:
             with ui.element("h2"):
                 ui.label(title)
+        with shown():
+            yield
+
+
+@contextmanager
+def shown() -> Generator[None, None, None]:
+    """What goes wrong inside is shown in its place: what, where, and how to mend it."""
+    try:
         yield
+    except DeltaidError as error:
+        problem(error)
 
 
 def note(text: str, kind: str = "") -> None:
@@ -39,7 +50,7 @@ def note(text: str, kind: str = "") -> None:
         ui.label(page_words(text))
 
 
-def problem(error: Problem | DeltaidError) -> None:
+def problem(error: DeltaidError) -> None:
     """What is wrong, where, and how to mend it."""
     what, cure = _said(error)
     with ui.element("div").classes("note bad").props("role=alert"):
@@ -48,14 +59,14 @@ def problem(error: Problem | DeltaidError) -> None:
             ui.label(f"→ {cure}").classes("cure")
 
 
-def warn(error: Problem | DeltaidError) -> None:
-    """The same as a message that goes away by itself."""
-    what, cure = _said(error)
-    ui.notify(f"{what} → {cure}" if cure else what, type="negative", multi_line=True,
-              timeout=20_000, close_button="Close")  # fmt: skip
+def warn(error: Exception) -> None:
+    """The same as a message that goes away by itself; a defect goes into the server's log."""
+    if isinstance(error, DeltaidError):
+        ui.notify(" → ".join(filter(None, _said(error))), type="negative", multi_line=True,
+                  timeout=20_000, close_button="Close")  # fmt: skip
 
 
-def _said(error: Problem | DeltaidError) -> tuple[str, str]:
+def _said(error: DeltaidError) -> tuple[str, str]:
     where = page_words(error.where)
     what = f"{where}: {error.what}" if where else error.what
     return page_words(what), page_words(error.cure)
@@ -85,39 +96,31 @@ def on_leaving(field: ui.input, take: Callable[[str], None]) -> None:
         nonlocal before
         if field.value != before:
             before = field.value
-            attempt(lambda: take(str(field.value)))
+            take(str(field.value))
 
-    field.on("blur", do)
-    field.on("keydown.enter", do)
+    for event in ("blur", "keydown.enter"):
+        field.on(event, do)
 
 
 @contextmanager
 def waiting() -> Generator[None, None, None]:
     """A sign that something is on its way."""
     sign = ui.spinner().props('aria-label="reading"')
-    yield
-    if not sign.is_deleted:
-        sign.delete()
-
-
-def attempt(action: Callable[[], Any]) -> Any:
-    """Do something that may be refused, and say why it was."""
     try:
-        return action()
-    except DeltaidError as error:
-        warn(error)
-        return None
+        yield
+    finally:
+        if not sign.is_deleted:
+            sign.delete()
 
 
 def change(session: Session, **values: object) -> None:
-    """Change the plan, and say why it may not be so."""
-    attempt(lambda: session.store.change(lambda plan: plan.changed(**values)))
+    """Change the plan."""
+    session.store.change(lambda plan: plan.changed(**values))
 
 
 def change_use(session: Session, used: Used, **values: object) -> None:
-    """The same of a recording in the plan."""
-    changed = used.changed(**values)
-    attempt(lambda: session.store.change(lambda plan: plan.with_recording(changed)))
+    """Change a recording in the plan."""
+    session.store.change(lambda plan: plan.with_recording(used.changed(**values)))
 
 
 def go_to(stage: str, label: str, looks: str = "outline no-caps") -> None:
@@ -144,14 +147,12 @@ def remembered(session: Session, key: str, field: _Field) -> _Field:
 def all_mapped(session: Session) -> bool:
     """Whether columns are named of all recordings in use; says of which they are not."""
     missing = unmapped(session)
-    gone = [name for name in missing if not session.folder.has(name)]
+    gone = ", ".join(name for name in missing if not session.folder.has(name))
+    if gone:
+        note(f"{gone}: no longer in the folder. Put it back, or forget it.", "bad")
+    elif missing:
+        note(f"Say first which column is what in {', '.join(missing)}.", "doubt")
     if missing:
-        what = (
-            f"{', '.join(gone)}: no longer in the folder. Put it back, or forget it."
-            if gone
-            else f"Say first which column is what in {', '.join(missing)}."
-        )
-        note(what, "bad" if gone else "doubt")
         go_to("recording", "Go to the recordings")
     return not missing
 
@@ -164,7 +165,8 @@ def progress(session: Session, kind: str) -> None:
     if job.state == "cancelled":
         note("Cancelled: nothing was written.", "doubt")
     if job.state == "failed":
-        failed(job)
+        what, _, cure = job.error.partition("\n  → ")
+        problem(DeltaidError(what, cure=cure))
     if job.state != "running":
         return
     with ui.element("div").classes("note").props("role=status aria-live=polite"):
@@ -182,12 +184,6 @@ def progress(session: Session, kind: str) -> None:
 
     tick()
     ui.timer(0.3, tick)
-
-
-def failed(job: Job) -> None:
-    """Why a step failed, and how to mend it."""
-    what, _, cure = job.error.partition("\n  → ")
-    problem(Problem(what, cure=cure))
 
 
 def report(session: Session, name: str, label: str) -> None:
@@ -217,7 +213,7 @@ def table(columns: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
 def upload(
     session: Session,
     what: str,
-    look: Callable[[Path], Awaitable[Problem | None]],
+    look: Callable[[Any], object],
     then: Callable[[str], Awaitable[None] | None],
     endings: Sequence[str] = (),
 ) -> None:
@@ -225,7 +221,7 @@ def upload(
 
     Args:
         what: is dropped, such as 'a robot file'.
-        look: says why a file cannot be one; None if it may be.
+        look: refuses a file that cannot be one, in a process of its own.
         then: called with the name that the file has in the folder.
         endings: of names that are taken; all without any.
     """
@@ -236,22 +232,24 @@ def upload(
             with tempfile.TemporaryDirectory(prefix=".dropped-", dir=session.folder.root) as place:
                 part = Path(place) / name
                 await event.file.save(part)
-                if wrong := await look(part):
-                    warn(wrong.inside(session.folder.root).inside(Path(Path(place).name)))
-                    return
+                with Folder(Path(part.parent.name)).called_by_name():
+                    await session.glance(look, part)
                 name = session.folder.free_name(name)
                 part.replace(session.folder.path(name))
         except OSError as error:
-            what = f"cannot be written: {error.strerror or error}"
-            warn(Problem(what, name, "make room in the folder, or the right to write to it"))
-            return
+            raise DeltaidError(
+                f"cannot be written: {error.strerror or error}",
+                where=name,
+                cure="make room in the folder, or the right to write to it",
+            ) from None
         if name != event.file.name:
             ui.notify(f"{event.file.name} is kept as {name}")
         if (after := then(name)) is not None:
             await after
 
     def rejected() -> None:
-        warn(Problem("is not taken", what, f"give a file that ends with {' or '.join(endings)}"))
+        cure = f"give a file that ends with {' or '.join(endings)}"
+        raise DeltaidError("is not taken", where=what, cure=cure)
 
     field = ui.upload(on_upload=received, on_rejected=rejected, auto_upload=True, multiple=True)
     field.props(f'aria-label="Drop {what} here"').style("display: none")
@@ -265,3 +263,77 @@ def upload(
     add = f"getElement({field.id}).$refs.qRef.addFiles"
     zone.on("drop", js_handler=f"(e) => {{ e.preventDefault(); {add}(e.dataTransfer.files) }}")
     zone.on("dragover", js_handler="(e) => e.preventDefault()")
+
+
+def step(
+    session: Session,
+    kind: Kind,
+    label: str,
+    make: Callable[[str], Step],
+    *fields: ValueElement[Any],
+    row: ui.row | None = None,
+    ready: bool = True,
+    looks: str = "outline no-caps",
+    below: Callable[[FinishedRun], None] = lambda run: None,
+) -> None:
+    """A button that begins a step, its progress, what the last one made, and its command.
+
+    Args:
+        make: the step in a folder.
+        fields: it follows from.
+        row: where the button goes.
+        ready: whether it may begin, unless another one runs.
+        below: shows the last run.
+    """
+    with row or nullcontext():
+        begin = ui.button(label, on_click=lambda: session.begin(kind, make)).props(looks)
+        begin.set_enabled(ready and not session.busy)
+    progress(session, kind)
+    if (run := session.last(kind)) is not None:
+        below(run)
+    at = next_run(session.folder, kind)
+    commands(lambda: make(at), *fields)
+
+
+def commands(make: Callable[[], Step], *fields: ValueElement[Any]) -> None:
+    """The command line of a step and the Python that does the same, to be copied.
+
+    Args:
+        make: the step as it would begin now.
+        fields: it follows from; when one changes, so does what is shown.
+    """
+
+    def text() -> None:
+        ui.label("In the studio's folder:").classes("dim")
+        both(make())
+
+    whole = ui.expansion("Command line and Python of this step").classes("w-full").props("dense")
+    with whole:
+        shown = ui.refreshable(text)
+        shown()
+    for field in (whole, *fields):
+        field.on_value_change(lambda: shown.refresh())
+
+
+def both(step: Step | Record) -> None:
+    """The command line of a step and its Python."""
+    code(step.command, "Copy command", "command")
+    code(step.python, "Copy Python", "python")
+
+
+def code(text: str, label: str, kind: str = "") -> None:
+    """Text as it stands, with a button that copies it."""
+    ui.html(f'<pre class="code {kind}" tabindex="0">{escape(text)}</pre>', sanitize=False).classes(
+        "w-full"
+    )
+    ui.button(label, on_click=lambda: ui.clipboard.write(text)).props("flat dense no-caps")
+
+
+def difference(text: str) -> None:
+    """A unified diff in colours."""
+    marks = {"+": "plus", "-": "minus"}
+    body = "\n".join(
+        f'<span class="{marks.get(line[:1], "")}">{escape(line)}</span>'
+        for line in text.splitlines()
+    )
+    ui.html(f'<div class="diff" tabindex="0">{body}</div>', sanitize=False).classes("w-full")

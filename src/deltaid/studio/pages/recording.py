@@ -2,14 +2,12 @@
 
 import asyncio
 from functools import partial
-from pathlib import Path
 
 from nicegui import background_tasks, ui
 
 from deltaid.errors import DeltaidError
 from deltaid.recording.contents import Contents, count_columns, read_contents
 from deltaid.robot.description import RobotDescription
-from deltaid.studio import look
 from deltaid.studio.edits import named, read, written
 from deltaid.studio.pages import parts
 from deltaid.studio.pages.figures import preview, signals
@@ -34,15 +32,11 @@ async def body(session: Session) -> None:
 
 
 def _files(session: Session, robot: RobotDescription) -> None:
-    async def readable(path: Path) -> look.Problem | None:
-        found = await session.glance(count_columns, str(path))
-        return found if isinstance(found, look.Problem) else None
-
     def forget(name: str) -> None:
-        parts.attempt(lambda: session.store.change(lambda plan: plan.without_recording(name)))
+        session.store.change(lambda plan: plan.without_recording(name))
 
     with parts.panel("Recordings"):
-        upload(session, "a recording", readable, partial(_add, session, robot))
+        upload(session, "a recording", count_columns, partial(_add, session, robot))
         ui.label(
             "CSV, Parquet, MATLAB, NumPy, HDF5, TwinCAT scopes, ROS bags; any names of columns."
         ).classes("dim")
@@ -82,38 +76,31 @@ async def _add(session: Session, robot: RobotDescription, name: str) -> None:
         use = "verify" if plan.fitted and not plan.verified else "fit"
         return plan.with_recording(Used(file=name, use=use, mapping=mapping))
 
-    parts.attempt(lambda: session.store.change(edit))
+    session.store.change(edit)
 
 
-async def _contents(
-    session: Session, robot: RobotDescription, name: str
-) -> Contents | look.Problem:
+async def _contents(session: Session, robot: RobotDescription, name: str) -> Contents:
     linear = tuple(robot.is_linear(drive) for drive in robot.drives)
     return await session.look(read_contents, str(session.folder.path(name)), linear)
 
 
 async def _has_columns_of(session: Session, robot: RobotDescription, used: Used, name: str) -> bool:
     """Whether a recording is there and has the same columns as another one."""
-    if not session.folder.has(used.file):
+    try:
+        mine, theirs = [await _contents(session, robot, file) for file in (used.file, name)]
+    except DeltaidError:
         return False
-    found = [await _contents(session, robot, file) for file in (used.file, name)]
-    columns = [[c.address for c in each.columns] for each in found if isinstance(each, Contents)]
-    return len(columns) == len(found) and columns[0] == columns[1]
+    return [c.address for c in mine.columns] == [c.address for c in theirs.columns]
 
 
 async def _recording(session: Session, used: Used, robot: RobotDescription) -> None:
     with parts.panel(f"{used.file}: which column is what"):
         if not session.folder.has(used.file):
-            parts.note(
-                f"{used.file} is no longer in the folder: put it back there, or forget it above.",
-                "bad",
-            )
+            gone = "is no longer in the folder: put it back there, or forget it above."
+            parts.note(f"{used.file} {gone}", "bad")
             return
         with parts.waiting():
             contents = await _contents(session, robot, used.file)
-        if isinstance(contents, look.Problem):
-            parts.problem(contents)
-            return
         size = f"{contents.rows:,} rows".replace(",", " ")
         ui.label(f"{size}, {len(contents.columns)} columns").classes("dim")
         for text in contents.warnings:
@@ -121,14 +108,8 @@ async def _recording(session: Session, used: Used, robot: RobotDescription) -> N
         if used.mapping is None:
             await _proposal(session, used, contents, robot)
             return
-        try:
-            data = read(session.folder.text(used.mapping), used.mapping)
-        except DeltaidError as error:
-            data = None
-            parts.problem(error)
         _another(session, used)
-        if data is None:
-            return
+        data = read(session.folder.text(used.mapping), used.mapping)
         state = Form(session, used, contents, robot, data)
         form(state)
         await _figure(state, used, contents, ui.column().classes("w-full figure"))
@@ -146,7 +127,7 @@ async def _figure(state: Form, used: Used, contents: Contents, place: ui.column)
                 return
             drawn = wanted
             place.clear()
-            with place:
+            with place, parts.shown():
                 if state.missing:
                     await signals(state.session, used, contents, state.data, state.dof)
                 else:
@@ -224,9 +205,6 @@ async def _take(state: Form, used: Used, name: str) -> None:
             plan = plan.with_recording(recording.changed(mapping=name))
         return plan
 
-    def do() -> None:
-        session.folder.write(name, written(state.data, name))
-        session.drafts.pop(state.key, None)
-        session.store.change(edit)
-
-    parts.attempt(do)
+    session.folder.write(name, written(state.data, name))
+    session.drafts.pop(state.key, None)
+    session.store.change(edit)

@@ -5,12 +5,12 @@ from typing import Any
 
 from nicegui import ui
 
-from deltaid.studio.compare import Beside, comparison, describe_fit, torques
-from deltaid.studio.look import Problem
-from deltaid.studio.pages import parts, texts
+from deltaid.errors import DeltaidError
+from deltaid.studio.look import Beside, torques
+from deltaid.studio.pages import parts
 from deltaid.studio.pages.figures import beside, linked
 from deltaid.studio.plan import Used
-from deltaid.studio.runs import FinishedRun, runs
+from deltaid.studio.runs import FinishedRun, comparison, describe_fit, runs
 from deltaid.studio.session import Session, mapping_of
 from deltaid.studio.steps import validate_step
 from deltaid.view.numbers import percent
@@ -40,7 +40,7 @@ async def body(session: Session) -> None:
 
 def _commands(run: FinishedRun) -> None:
     with ui.expansion("Command line and Python of this run").classes("w-full").props("dense"):
-        texts.both(run.record)
+        parts.both(run.record)
 
 
 def _validate(session: Session, run: FinishedRun) -> None:
@@ -52,10 +52,9 @@ def _validate(session: Session, run: FinishedRun) -> None:
         file.props("outlined dense")
 
         def begin() -> None:
-            used, model = known[str(file.value)], run.file("model.yaml")
-            keep = session.plan.settings.keep_all
-            make = partial(validate_step, model, used, keep_all=keep)
-            parts.attempt(lambda: session.begin("validate", make))
+            used, keep = known[str(file.value)], session.plan.settings.keep_all
+            make = partial(validate_step, run.file("model.yaml"), used, keep_all=keep)
+            session.begin("validate", make)
 
         ui.button("Test", on_click=begin).props("outline no-caps").set_enabled(not session.busy)
 
@@ -79,21 +78,16 @@ def _provenance(session: Session, run: FinishedRun) -> None:
     parts.table(("made from", "SHA-256, first 16 digits"), [*rows, ("deltaid", record.version)])
     _commands(run)
     name = ui.input("Name of this run", value=session.plan.names.get(run.folder, ""))
-    name.props("outlined dense")
 
-    def call() -> None:
-        names = {key: text for key, text in session.plan.names.items() if key != run.folder}
-        if name.value:
-            names[run.folder] = str(name.value)
-        if names != session.plan.names:
-            parts.change(session, names=names)
+    def call(text: str) -> None:
+        names = session.plan.names | {run.folder: text}
+        parts.change(session, names={key: text for key, text in names.items() if text})
 
-    name.on("blur", call)
-    name.on("keydown.enter", call)
+    parts.on_leaving(name.props("outlined dense"), call)
     with ui.row():
-        for file in sorted(path.name for path in (session.folder.root / run.folder).iterdir()):
-            if (session.folder.root / run.folder / file).is_file():
-                ui.link(file, f"/files/{run.file(file)}", new_tab=True)
+        for path in sorted((session.folder.root / run.folder).iterdir()):
+            if path.is_file():
+                ui.link(path.name, f"/files/{run.file(path.name)}", new_tab=True)
     if run.record.kind == "fit" and run.succeeded:
         use = partial(parts.change, session, model=run.file("model.yaml"))
         ui.button("Show and use this model", on_click=use).props("outline no-caps")
@@ -120,7 +114,7 @@ def _over_time(session: Session, models: list[FinishedRun], chosen: FinishedRun)
             place.clear()
             runs = [run for run in models if run.folder in (picked.value or [])]
             used = known.get(str(along.value))
-            with place:
+            with place, parts.shown():
                 if not runs or not used:
                     return
                 await _along(session, runs, used, str(shown.value))
@@ -140,9 +134,7 @@ def _name(session: Session, run: FinishedRun) -> str:
     return f"{run.name} {given}" if given else run.name
 
 
-async def _look(
-    session: Session, runs: list[FinishedRun], used: Used, span: Any = None
-) -> Beside | Problem:
+async def _look(session: Session, runs: list[FinishedRun], used: Used, span: Any = None) -> Beside:
     path, mapping = str(session.folder.path(used.file)), mapping_of(session, used)
     models = tuple(str(session.folder.path(run.file("model.yaml"))) for run in runs)
     return await session.look(torques, path, mapping, models, span)
@@ -151,9 +143,6 @@ async def _look(
 async def _along(session: Session, runs: list[FinishedRun], used: Used, shown: str) -> None:
     with parts.waiting():
         found = await _look(session, runs, used)
-    if isinstance(found, Problem):
-        parts.problem(found)
-        return
     names = [_name(session, run) for run in runs]
     rows = [
         (name, *map(percent, nrmse))
@@ -164,8 +153,7 @@ async def _along(session: Session, runs: list[FinishedRun], used: Used, shown: s
     plot.props(f'role=img aria-label="{shown.capitalize()} of models along {used.file}"')
 
     async def again(span: tuple[float, float] | None) -> Any:
-        detail = await _look(session, runs, used, span)
-        return None if isinstance(detail, Problem) else beside(detail, names, shown)
+        return beside(await _look(session, runs, used, span), names, shown)
 
     linked(plot, again)
 
@@ -186,7 +174,8 @@ def _everywhere(session: Session, runs: list[FinishedRun], known: dict[str, Used
 
 
 async def _shares(session: Session, runs: list[FinishedRun], used: Used) -> list[str]:
-    found = await _look(session, runs, used)
-    if isinstance(found, Problem):
-        return [found.what] * len(runs)
+    try:
+        found = await _look(session, runs, used)
+    except DeltaidError as error:
+        return [error.what] * len(runs)
     return [percent(float(shares.max())) for shares in found.nrmse]

@@ -2,8 +2,7 @@
 
 import contextlib
 import re
-from functools import cache
-from pathlib import Path
+from functools import cache, partial
 
 from nicegui import ui
 
@@ -14,19 +13,19 @@ from deltaid.studio.drafting.interview import drafted, new_step
 from deltaid.studio.drafting.questions import KINDS, Question, asked
 from deltaid.studio.edits import own_copy
 from deltaid.studio.folder import ConflictError
-from deltaid.studio.look import Problem, try_look
-from deltaid.studio.pages import parts, texts
-from deltaid.studio.pages.live import live
-from deltaid.studio.pages.parts import attempt, note, panel, problem, report, upload
-from deltaid.studio.session import VIEW, FileEdit, Session
-from deltaid.studio.steps import show_step
+from deltaid.studio.pages import parts
+from deltaid.studio.pages.figures import live
+from deltaid.studio.pages.parts import note, panel, problem, report, upload
+from deltaid.studio.runs import FinishedRun
+from deltaid.studio.session import FileEdit, Session
+from deltaid.studio.steps import Step, show_step
 
 _ENDINGS = (".yaml", ".yml")
 
 
 async def body(session: Session) -> None:
     """The robot: picked, described, edited, and shown."""
-    robot = session.robot()
+    robot, name = session.robot(), session.plan.robot or ""
     _pick(session, robot)
     if robot is None:
         note(
@@ -34,57 +33,50 @@ async def body(session: Session) -> None:
             "or describe your own by a few numbers."
         )
         return
-    name = session.plan.robot or ""
     edited = name not in catalogue() and editor(session, name)
-    if isinstance(robot, Problem):
-        if not edited:  # the editor says it
-            problem(robot)
-        return
-    await _show_robot(session, name)
+    if isinstance(robot, RobotDescription):
+        await _show_robot(session, name)
+    elif not edited:  # the editor says it
+        problem(robot)
 
 
-def _pick(session: Session, robot: RobotDescription | Problem | None) -> None:
-    async def readable(path: Path) -> Problem | None:
-        # What is wrong with the text is said by the editor.
-        found = try_look(read_text, path)
-        return found if isinstance(found, Problem) else None
-
+def _pick(session: Session, robot: RobotDescription | DeltaidError | None) -> None:
+    take = partial(_take, session)
     with panel("Pick a robot"):
-        own = session.folder.robots()
-        options = {name: f"{name} (file of this folder)" for name in own}
+        options = {name: f"{name} (file of this folder)" for name in session.folder.robots()}
         options |= {name: f"{name}: {_title(name)}" for name in catalogue()}
         chosen = session.plan.robot
-        if chosen is not None and chosen not in options:
-            options[chosen] = f"{chosen} (missing)"
+        if chosen is not None:
+            options.setdefault(chosen, f"{chosen} (missing)")
         with ui.row().classes("w-full items-center"):
             ui.select(
                 options,
                 value=chosen,
                 label="Robot",
                 with_input=True,
-                on_change=lambda event: _take(session, event.value),
+                on_change=lambda event: take(event.value),
             ).classes("grow").props('outlined aria-label="Robot"')
             if chosen in catalogue():
                 ui.button(
                     "Edit a copy of it",
-                    on_click=lambda: attempt(
-                        lambda: _take(session, own_copy(session.folder, chosen or ""))
-                    ),
+                    on_click=lambda: take(own_copy(session.folder, chosen or "")),
                 ).props("no-caps")
-        upload(session, "a robot file", readable, lambda file: _take(session, file), _ENDINGS)
+        # What is wrong with the text of a file is said by the editor.
+        upload(session, "a robot file", read_text, take, _ENDINGS)
         describe(session)
         if isinstance(robot, RobotDescription):
+            drives = (
+                f"{drive} ({'slides' if robot.is_linear(drive) else 'turns'})"
+                for drive in robot.drives
+            )
+            facts = {
+                "robot": robot.title or robot.name,
+                "drives, in the order of q": ", ".join(drives),
+                "bodies": ", ".join(robot.bodies),
+                "friction": ", ".join(robot.friction) or "none described",
+            }
             with ui.element("div").classes("facts"):
-                drives = (
-                    f"{drive} ({'slides' if robot.is_linear(drive) else 'turns'})"
-                    for drive in robot.drives
-                )
-                for what, value in (
-                    ("robot", robot.title or robot.name),
-                    ("drives, in the order of q", ", ".join(drives)),
-                    ("bodies", ", ".join(robot.bodies)),
-                    ("friction", ", ".join(robot.friction) or "none described"),
-                ):
+                for what, value in facts.items():
                     ui.label(what).classes("dim")
                     ui.label(value)
 
@@ -105,24 +97,22 @@ async def _show_robot(session: Session, name: str) -> None:
     with panel("See it, and its limits"):
         await live(session, name)
     with panel("What it can reach, and what holds it"):
-        if not session.is_shown:
-            ui.label(
-                "A page of the robot at rest: reach, limits that end it, condition and torques "
-                "all over the workspace."
-            ).classes("dim")
-            ui.button("Draw it", on_click=lambda: attempt(session.show)).props("outline no-caps")
-        elif session.view is not None and session.view.state == "running":
-            with ui.row().classes("items-center"):
-                ui.spinner().props('aria-hidden="true"')
-                ui.label("drawing the robot …").props("role=status")
-        elif session.view is not None and session.view.state == "failed":
-            parts.failed(session.view)
-        else:
-            report(session, VIEW, f"{name}: picture, reach, limits")
-        texts.commands(lambda: show_step(name, VIEW))
+        ui.label(
+            "A page of the robot at rest: reach, limits that end it, condition and torques all "
+            "over the workspace."
+        ).classes("dim")
+
+        def below(run: FinishedRun) -> None:
+            if (run.record.robot, run.record.of) == (name, session.stamped(name)):
+                report(session, run.file(_PAGE), f"{name}: picture, reach, limits")
+
+        def make(at: str) -> Step:
+            return show_step(name, f"{at}/{_PAGE}")
+
+        parts.step(session, "show", "Draw it", make, below=below)
 
 
-_FILE = "my-robot.yaml"
+_FILE, _PAGE = "my-robot.yaml", "robot.html"
 
 
 def describe(session: Session) -> None:
@@ -144,50 +134,34 @@ def describe(session: Session) -> None:
 
         async def write() -> None:
             said.clear()
-            given = dict(answers)
-            with said, parts.waiting():
-                text = await session.glance(drafted, kind.value, name.partition(".")[0], given)
-            if isinstance(text, Problem):
-                with said:
-                    parts.problem(text)
-                return
-
-            def take() -> None:
+            with said, parts.shown():
+                with parts.waiting():
+                    stem = name.partition(".")[0]
+                    text = await session.glance(drafted, kind.value, stem, dict(answers))
                 session.folder.write(name, text)
-                session.choices["own robot"].clear()
-                session.store.change(lambda plan: plan.changed(robot=name))
-
-            parts.attempt(take)
+                answers.clear()
+                parts.change(session, robot=name)
 
         ui.button(f"Write {name}", on_click=write).props("no-caps")
-        shown = ui.refreshable(lambda: texts.both(new_step(str(kind.value), name, answers)))
-        with (
-            ui.expansion("Command line and Python of this step")
-            .classes("w-full")
-            .props("dense") as commands
-        ):
-            shown()
-        commands.on_value_change(lambda: shown.refresh())
+        parts.commands(lambda: new_step(str(kind.value), name, answers))
         kind.on_value_change(lambda: fields.refresh())
 
 
 def _fields(kind: str, answers: dict[str, str]) -> None:
-    questions = asked(kind)
-    needed = [question for question in questions if question.assumed is None]
+    needed = [question for question in asked(kind) if question.assumed is None]
     with ui.element("div").classes("columns"):
         for question in needed:
             _field(question, answers)
     known = ui.expansion("Masses, motors and what else you know").classes("w-full").props("dense")
     with known, ui.element("div").classes("columns"):
-        for question in questions:
+        for question in asked(kind):
             if question not in needed:
                 _field(question, answers)
 
 
 def _field(question: Question, answers: dict[str, str]) -> None:
-    unit = f" [{question.shown_unit}]" if question.unit else ""
     ui.input(
-        f"{question.text}{unit}",
+        question.label,
         value=answers.get(question.key, ""),
         on_change=lambda event: answers.update({question.key: str(event.value or "")}),
     ).props("outlined dense").tooltip(question.how)
@@ -226,17 +200,15 @@ def _changed_meanwhile(session: Session, name: str, draft: FileEdit, now: str) -
         "doubt",
     )
 
-    def keep() -> None:
-        session.drafts[name] = FileEdit(now, draft.after)
+    def settle(kept: dict[str, FileEdit]) -> None:
+        session.drafts.pop(name)
+        session.drafts |= kept
         session.store.tell()
 
-    def drop() -> None:
-        del session.drafts[name]
-        session.store.tell()
-
+    mine = {name: FileEdit(now, draft.after)}
     with ui.row():
-        ui.button("Keep mine", on_click=keep).props("outline dense no-caps")
-        ui.button("Take the file as it is", on_click=drop).props("outline dense no-caps")
+        for label, kept in (("Keep mine", mine), ("Take the file as it is", {})):
+            ui.button(label, on_click=partial(settle, kept)).props("outline dense no-caps")
 
 
 class _Editor:
@@ -246,10 +218,9 @@ class _Editor:
         self.field.classes("w-full").style(f"height: {_HEIGHT}").props('aria-label="Robot file"')
         self.said = ui.column().classes("w-full")
         with ui.row():
-            self.save = ui.button("Save", on_click=lambda: attempt(self._keep)).props("no-caps")
-            self.undo = ui.button(
-                "Undo all", on_click=lambda: self.field.set_value(self.before)
-            ).props("flat no-caps")
+            save = ui.button("Save", on_click=self._keep).props("no-caps")
+            undo = ui.button("Undo all", on_click=lambda: self.field.set_value(self.before))
+        self.buttons = (save, undo.props("flat no-caps"))
         self.place = ui.column()
         self.pause = ui.timer(_PAUSE, self._judge, once=True)
         self.field.on_value_change(self._later)
@@ -266,17 +237,13 @@ class _Editor:
 
     def _judge(self) -> None:
         text = self.field.value
-        for button in (self.save, self.undo):
+        for button in self.buttons:
             button.set_enabled(text != self.before)
         self.said.clear()
-        with self.said:
-            try:
-                described_in(text, self.name)
-            except DeltaidError as error:
-                problem(error)
-            else:
-                if text != self.before:
-                    note("Valid; not saved yet.", "good")
+        with self.said, parts.shown():
+            described_in(text, self.name)
+            if text != self.before:
+                note("Valid; not saved yet.", "good")
 
     def _keep(self) -> None:
         text = self.field.value

@@ -9,11 +9,11 @@ from nicegui.elements.mixins.value_element import ValueElement
 
 from deltaid.control.options import ControllerName
 from deltaid.exports.options import FURTHER, FmiVersion
-from deltaid.studio.compare import describe_fit
-from deltaid.studio.pages import parts, texts
-from deltaid.studio.runs import FinishedRun, messages, next_run, runs
+from deltaid.studio.pages import parts
+from deltaid.studio.runs import FinishedRun, describe_fit, messages, runs
 from deltaid.studio.session import Session
 from deltaid.studio.steps import (
+    Kind,
     Step,
     excite_step,
     export_step,
@@ -87,15 +87,10 @@ def _model(session: Session, model: str) -> None:
 
 
 def _step(
-    session: Session, row: ui.row, kind: str, label: str,
+    session: Session, row: ui.row, kind: Kind, label: str,
     fields: Mapping[str, ValueElement[Any]], make: Callable[[str], Step],
 ) -> None:  # fmt: skip
-    """A button behind the fields of a step, its progress, what the last one made, and its command.
-
-    Args:
-        row: of the fields, which are remembered by their names here.
-        make: the step in a folder.
-    """
+    """A step of the model; its fields in a row are remembered by their names here."""
     for name, field in fields.items():
         parts.remembered(session, f"{kind} {name}", field)
 
@@ -103,15 +98,8 @@ def _step(
         insists = kind != "excite" and session.choices.get(_POOR)
         return insisting(make(at)) if insists else make(at)
 
-    with row:
-        begin = partial(parts.attempt, lambda: session.begin(kind, made))
-        ui.button(label, on_click=begin).props("outline no-caps").set_enabled(not session.busy)
-    parts.progress(session, kind)
-    done = (r for r in runs(session.folder) if r.record.kind == kind and r.succeeded)
-    if (run := next(done, None)) is not None:
-        _made(session, run)
-    at = next_run(session.folder, kind)
-    texts.commands(lambda: made(at), *fields.values())
+    below = partial(_made, session)
+    parts.step(session, kind, label, made, *fields.values(), row=row, below=below)
 
 
 def _made(session: Session, run: FinishedRun) -> None:
@@ -126,7 +114,7 @@ def _made(session: Session, run: FinishedRun) -> None:
     for path in files:
         if path.name.startswith("README_"):
             with ui.expansion("README of this folder").classes("w-full").props("dense"):
-                texts.code(session.folder.text(run.file(path.name)), "Copy README")
+                parts.code(session.folder.text(run.file(path.name)), "Copy README")
 
 
 def _excite(session: Session, model: str) -> None:
@@ -142,7 +130,7 @@ def _excite(session: Session, model: str) -> None:
         _step(session, row, "excite", "Excite", fields, make)
 
 
-def _along(session: Session, kind: str, title: str, model: str, motions: list[str]) -> None:
+def _along(session: Session, kind: Kind, title: str, model: str, motions: list[str]) -> None:
     used = {recording.file: recording.mapping for recording in session.plan.recordings}
 
     def make(at: str) -> Step:
