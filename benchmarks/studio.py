@@ -212,10 +212,10 @@ def scripts(work: Path, table: list[tuple[str, str]]) -> None:
     """Run every Python text that the studio has kept, in its folder."""
     for run in reversed(runs(Folder.open(work))):
         if not run.succeeded:
-            raise SystemExit(f"{run.name} failed: {run.record.command}")
+            raise SystemExit(f"{run.name} failed: {run.command}")
         begun = time.perf_counter()
         with contextlib.chdir(work), contextlib.redirect_stdout(None):
-            exec(compile(run.record.python, run.name, "exec"), {})
+            exec(compile(run.python, run.name, "exec"), {})
         table.append((f"Python of {run.name}", f"{time.perf_counter() - begun:.1f} s"))
 
 

@@ -190,9 +190,9 @@ def test_a_job_is_its_command_and_leaves_its_provenance(folder: Folder) -> None:
     assert job.state == "done"
     assert job.stages[0] == "checking the description"
     (found,) = runs(folder)
-    assert found.record.command == step.command
-    assert found.record.inputs[0].file == "robot.yaml"
-    assert found.record.of == "digest"
+    assert found.command == step.command
+    assert found.inputs[0].file == "robot.yaml"
+    assert found.of == "digest"
     assert (folder.root / place / "inputs" / "robot.yaml").is_file()
     assert (folder.root / place / "check.html").is_file()
 

@@ -112,7 +112,7 @@ def test_from_an_empty_folder_to_an_exported_model(visitor: Visitor, place: Path
     export = page.get_by_role("button", name="Export", exact=True)
     export.click()
     page.get_by_role("link", name="clavel_delta3.xml").wait_for()
-    done = {run.record.kind: run for run in reversed(runs(Folder.open(work)))}
+    done = {run.kind: run for run in reversed(runs(Folder.open(work)))}
     xml.etree.ElementTree.parse(work / done["export"].file("clavel_delta3.xml"))
     # The lag was found and put right, and nothing of it all left this machine.
     model = load(work / done["fit"].file("model.yaml")).identified
@@ -123,8 +123,8 @@ def test_from_an_empty_folder_to_an_exported_model(visitor: Visitor, place: Path
     assert any(url.startswith("ws:") for url in visitor.asked)
     # What was shown is what ran; that its Python does the same is a test of its own.
     for shown, kind in ((check, "check"), (fit, "fit")):
-        assert shown[0] == shlex.split(done[kind].record.command)
-        assert shown[1].split() == done[kind].record.python.split()
+        assert shown[0] == shlex.split(done[kind].command)
+        assert shown[1].split() == done[kind].python.split()
 
 
 def _ask(studio: Studio, path: str, **headers: str) -> http.client.HTTPResponse:

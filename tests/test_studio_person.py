@@ -103,7 +103,7 @@ def test_a_recording_in_german_becomes_a_verified_model_and_feed_forward(
     page.get_by_role("link", name="clavel_delta3_vectors.csv").wait_for()
     page.get_by_text("README of this folder").click()
     visitor.see("Compile `clavel_delta3.c` with your code")
-    made = {run.record.kind: run for run in reversed(runs(Folder.open(work)))}
+    made = {run.kind: run for run in reversed(runs(Folder.open(work)))}
     model = load(work / made["fit"].file("model.yaml")).identified
     assert max(model.verification.nrmse) < 0.02
     torques = pl.read_csv(work / made["torque"].file("feed-forward.csv"))

@@ -182,7 +182,6 @@ def _open_lines(found: "deltaid.Calibration", room: int) -> list[str]:
 def _as_dictionary(
     found: "deltaid.Calibration", plans: "Sequence[NextReadings]" = (), currency: str = ""
 ) -> dict[str, Any]:
-    """The calibration as one JSON object, in m and rad."""
     return {
         "robot": found.described.name,
         "verdict": found.verdict,

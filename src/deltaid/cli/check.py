@@ -304,15 +304,15 @@ def _write_report(
     from deltaid.checks.verdicts import as_written
     from deltaid.dynamics.dynamics import compiled
     from deltaid.robot.load import described
-    from deltaid.view.check import check_page
-    from deltaid.view.drawing import drawing
-    from deltaid.view.html import write_page
+    from deltaid.view import check as view
+    from deltaid.view import drawing, html
 
     try:
         description = described(robot)
-        picture = drawing(description, compiled(description).kinematics)
+        picture = drawing.drawing(description, compiled(description).kinematics)
     except DescriptionError:  # which the verdicts tell
         picture = None
     lines, data = {_BELONGS[cure.file]: cure.lines for cure in cures}, as_written(robot)
     title = str(data.get("title") or data.get("name") or robot)
-    write_page(check_page(title, verdicts, [log.name for log in logs], lines, picture), path)
+    page = view.check_page(title, verdicts, [log.name for log in logs], lines, picture)
+    html.write_page(page, path)

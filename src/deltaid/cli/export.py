@@ -190,15 +190,13 @@ def online(
     looks like one.
     """
     from deltaid.fleets.drift_tables import require_table, save
-    from deltaid.online.contact import FALSE_ALARMS
-    from deltaid.online.replay import open_replay
-    from deltaid.online.settings import LONGEST_GRIP
+    from deltaid.online import contact, replay, settings
     from deltaid.online.watch import watch
+    from deltaid.view import html
     from deltaid.view import online as view
-    from deltaid.view.html import write_page
 
-    within("--grip-time", grip_time, (0.0, LONGEST_GRIP))
-    within("--false-alarms", false_alarms, FALSE_ALARMS)
+    within("--grip-time", grip_time, (0.0, settings.LONGEST_GRIP))
+    within("--false-alarms", false_alarms, contact.FALSE_ALARMS)
     require_outputs((model, log, columns), {"--output": output, "--report": report})
     if output is not None:
         require_table(output)
@@ -207,15 +205,15 @@ def online(
     mapping = None if columns is None else deltaid.load_mapping(columns)
     with used(known, force=force), progress(as_json) as say:
         say(f"checking {log}")
-        replay = open_replay(known, log, mapping, gripper, delay)
-        settings = deltaid.OnlineSettings(
+        replayed = replay.open_replay(known, log, mapping, gripper, delay)
+        asked = deltaid.OnlineSettings(
             largest_mass=payload_max, false_alarms=false_alarms, grip_time=grip_time
         )
-        watched = watch(known, replay, settings, say)
+        watched = watch(known, replayed, asked, say)
         title = f"{watched.log} with {known.source}"
         write_files(
             (output, lambda path: save(watched.series, path)),
-            (report, lambda path: write_page(view.online_page(watched, title), path)),
+            (report, lambda path: html.write_page(view.online_page(watched, title), path)),
         )
     remark("warning", *(f"{log}: {text}" for text in watched.doubts))
     tables = view.loads_table(watched), view.touches_table(watched), view.friction_table(watched)
@@ -223,7 +221,7 @@ def online(
         as_json,
         {
             "log": watched.log,
-            "sha256": replay.log.sha256,
+            "sha256": replayed.log.sha256,
             "cycles": watched.cycles,
             "bad": watched.bad,
             "rate_hz": watched.rate,

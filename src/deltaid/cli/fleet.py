@@ -104,8 +104,8 @@ def fleet(
     It may be ended at any time: the same call does what is left. A recording or a robot that cannot
     be used is put into quarantine with its reason and stops nothing else.
     """
+    from deltaid.fleets import place
     from deltaid.fleets.fleet import find_fleet
-    from deltaid.fleets.place import Place
 
     if scheduler is not None and workers is not None:
         raise DeltaidError(
@@ -144,8 +144,8 @@ def fleet(
         remark("error", kept)
         raise typer.Exit(_INTERRUPTED) from None
     if prior_out is not None:
-        place = Place.named(output)
-        data = [place.read(fit.job.file) for fit in run.types if not fit.reason]
+        folder, fits = place.Place.named(output), [fit for fit in run.types if not fit.reason]
+        data = [folder.read(fit.job.file) for fit in fits]
         if not data or data[0] is None:
             raise DeltaidError(
                 "there is nothing to write: no robot of the fleet could be used",

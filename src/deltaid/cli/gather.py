@@ -251,11 +251,8 @@ def drift(
 
     Temperature and load are taken out. docs/drift.md says what alarms rest on.
     """
-    from deltaid.fleets import drift_tables
-    from deltaid.fleets.robot_drift import recorded
-    from deltaid.fleets.factor_file import read
+    from deltaid.fleets import drift_tables, factor_file, robot_drift
     from deltaid.fleets.identify_gathered import identify_gathered
-    from deltaid.fleets.robot_drift import robot_drift
 
     settings = drift_settings(limit, false_alarms, since)
     paths = in_folders(factors)
@@ -273,10 +270,10 @@ def drift(
     with used(model, force=force, as_prior=False), progress(as_json) as say:
         for k, path in enumerate(paths):
             say(f"reading {k + 1} of {len(paths)}")
-            files.append(read(path))
+            files.append(factor_file.read(path))
         say("looking for drift")
         known = model.identified or identify_gathered(model.robot, files).model
-        result = robot_drift(recorded(files), known, settings)
+        result = robot_drift.robot_drift(robot_drift.recorded(files), known, settings)
     for path, table in writers.items():
         drift_tables.save(table([result]), path)
     common = ("robot", "false_alarms", "tool_change", "tool_mass")

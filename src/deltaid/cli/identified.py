@@ -82,7 +82,6 @@ def as_dictionary(
 
 
 def error_dictionary(error: "TorqueError") -> dict[str, Any]:
-    """Torque errors for JSON."""
     return {
         "rms": error.rms.tolist(),
         "nrmse": error.nrmse.tolist(),

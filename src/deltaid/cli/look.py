@@ -109,11 +109,10 @@ def show(
 
 def write_robot(robot: "AtRest", path: Path, origin: str) -> None:
     """Write the page of a robot at rest, whose parameters are of that origin."""
-    from deltaid.view.html import write_page
-    from deltaid.view.reach import reach, survey
-    from deltaid.view.robots import rest_page
+    from deltaid.view import html, reach, robots
 
-    write_page(rest_page(robot, reach(robot), survey(robot), origin), path)
+    page = robots.rest_page(robot, reach.reach(robot), reach.survey(robot), origin)
+    html.write_page(page, path)
     print_written(path)
 
 

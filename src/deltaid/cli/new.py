@@ -125,7 +125,6 @@ def _draft(
     given: Mapping[str, str | None],
     asker: "_Terminal | None",
 ) -> "Draft":
-    """A draft from what the options say."""
     from deltaid.studio.drafting.draft import Draft, answers, kind_of
 
     offered: dict[str, float] = {}

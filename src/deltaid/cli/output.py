@@ -45,7 +45,6 @@ _GRADES = ("Good", "Fair", "Poor", "Untested", "Against the truth")
 # Of remarks by what they begin with; what is not feasible makes a result worthless.
 _STYLES = {
     "error": "bold red", "warning": "yellow", "not feasible": "bold red", "note": "dim",
-    "progress": "default",
 }  # fmt: skip
 
 # Of JSON, besides those that it escapes anyway.

@@ -163,7 +163,6 @@ def sensors(
 
 
 def as_dictionary(plan: "deltaid.SensorPlan") -> dict[str, Any]:
-    """The plan as one JSON object."""
     u = plan.unknowns
     return {
         "robot": plan.model.robot.name,

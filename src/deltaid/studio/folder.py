@@ -1,6 +1,7 @@
 """The folder that a studio works in: what lies there, and names that cannot lead out of it."""
 
 import itertools
+import math
 import os
 import re
 import tempfile
@@ -110,15 +111,13 @@ class Folder:
         if before == text:
             return
         if before != instead_of:
-            raise ConflictError(
-                "has been changed meanwhile, in another tab or by another program"
-                if before is not None and instead_of is not None
-                else "is there already"
-                if before is not None
-                else "has been removed meanwhile",
-                where=name,
-                cure="look at it as it is now, and make the change again",
-            )
+            what = "has been changed meanwhile, in another tab or by another program"
+            if before is None:
+                what = "has been removed meanwhile"
+            elif instead_of is None:
+                what = "is there already"
+            cure = "look at it as it is now, and make the change again"
+            raise ConflictError(what, where=name, cure=cure)
         with written_whole(path) as file:
             file.write(text)
 
@@ -128,10 +127,9 @@ class Folder:
         if _DEVICES.fullmatch(name):
             name = f"file-{name}"
         stem, dot, suffix = name.partition(".")
-        stem, suffix = stem[:_LONGEST], suffix[-_LONGEST:]
-        name = f"{stem}{dot}{suffix}"
-        names = (f"{stem}-{number}{dot}{suffix}" for number in itertools.count(2))
-        return next(n for n in itertools.chain([name], names) if not (self.root / n).exists())
+        stem, ending = stem[:_LONGEST], dot + suffix[-_LONGEST:]
+        names = (f"{stem}{f'-{k}' if k > 1 else ''}{ending}" for k in itertools.count(1))
+        return next(name for name in names if not (self.root / name).exists())
 
     def files(self) -> list[Path]:
         """Files at the top of the folder, without hidden ones; none if it has been removed."""
@@ -168,21 +166,20 @@ class Folder:
         return [path.name for path in self.files() if path.name.lower().endswith(kinds)]
 
     def _texts(self) -> list[tuple[str, str]]:
-        found = (path for path in self.files() if path.suffix.lower() in _TEXT)
         return [
             (path.name, path.read_text(encoding="utf-8", errors="replace"))
-            for path in found
-            if (size := stamp(path)) is not None and size[0] <= LARGEST_FILE
+            for path in self.files()
+            if path.suffix.lower() in _TEXT and (stamp(path) or [math.inf])[0] <= LARGEST_FILE
         ]
 
 
 def stamp(path: Path) -> tuple[int, int] | None:
     """Length and time of the last change [ns] of a file; None if it has just been removed."""
     try:
-        found = path.stat()
+        known = path.stat()
+        return known.st_size, known.st_mtime_ns
     except OSError:
         return None
-    return found.st_size, found.st_mtime_ns
 
 
 @contextmanager

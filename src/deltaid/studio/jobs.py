@@ -12,7 +12,7 @@ from typing import Literal
 
 from deltaid.errors import DeltaidError, visible
 from deltaid.studio.folder import Folder
-from deltaid.studio.runs import FinishedRun, Record, keep_inputs, write_record
+from deltaid.studio.runs import FinishedRun, keep_inputs, write_record
 from deltaid.studio.steps import Step
 
 State = Literal["running", "done", "failed", "cancelled"]
@@ -99,7 +99,8 @@ class Job:
             else:
                 self.said += text + "\n"
         out = (await reading).decode("utf-8", "replace")
-        record = Record(
+        run = FinishedRun(
+            folder=self.place,
             kind=self.step.kind,
             command=self.step.command,
             python=self.step.python,
@@ -112,9 +113,9 @@ class Job:
             robot=self.robot,
         )
         if self.state != "cancelled":
-            self.state = "done" if record.succeeded else "failed"
-        written = self.folder, self.place, record, out, self.said
-        self.run = await asyncio.to_thread(write_record, *written)
+            self.state = "done" if run.succeeded else "failed"
+        await asyncio.to_thread(write_record, self.folder, run, out, self.said)
+        self.run = run
 
     async def cancel(self) -> None:
         """End it and all that it has started; files that it was writing do not appear."""

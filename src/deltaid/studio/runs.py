@@ -7,10 +7,11 @@ import json
 import re
 import shutil
 from collections.abc import Sequence
-from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
+
+from pydantic import Field
 
 from deltaid.errors import DeltaidError
 from deltaid.files import written_whole
@@ -34,9 +35,14 @@ class Input(Part):
     sha256: str
 
 
-class Record(Part):
-    """Provenance of a run: `run.yaml` in its folder."""
+class FinishedRun(Part):
+    """A finished run and where it comes from: `run.yaml` in its folder.
 
+    Attributes:
+        folder: its name below the studio's folder, such as `runs/0003-fit`; not in the file.
+    """
+
+    folder: str = Field(default="", exclude=True)
     kind: Kind
     command: str
     python: str
@@ -49,32 +55,14 @@ class Record(Part):
     robot: str = ""
 
     @property
-    def succeeded(self) -> bool:
-        """Whether it did what it was asked for; checks end with what they found."""
-        return self.exit == 0 or (self.kind == "check" and self.exit in (3, 4))
-
-
-@dataclass(frozen=True)
-class FinishedRun:
-    """A finished run.
-
-    Attributes:
-        folder: its name below the studio's folder, such as `runs/0003-fit`.
-        record: where it comes from.
-    """
-
-    folder: str
-    record: Record
-
-    @property
     def name(self) -> str:
         """Name of its folder, such as `0003-fit`."""
         return self.folder.rpartition("/")[2]
 
     @property
     def succeeded(self) -> bool:
-        """Whether it did what it was asked for."""
-        return self.record.succeeded
+        """Whether it did what it was asked for; checks end with what they found."""
+        return self.exit == 0 or (self.kind == "check" and self.exit in (3, 4))
 
     def file(self, name: str) -> str:
         """One of its files by a name inside the studio's folder."""
@@ -129,32 +117,32 @@ def keep_inputs(folder: Folder, run: str, step: Step) -> tuple[Input, ...]:
     return tuple(inputs)
 
 
-def write_record(folder: Folder, run: str, record: Record, out: str, messages: str) -> FinishedRun:
+def write_record(folder: Folder, run: FinishedRun, out: str, messages: str) -> None:
     """Write down how a run ended: its record last, so that what has one is complete."""
-    text = yaml_text(record.model_dump(mode="json"))
+    text = yaml_text(run.model_dump(mode="json"))
     for name, content in ((OUTPUT, out), (MESSAGES, messages), (RECORD, text)):
         if content:
-            with written_whole(folder.root / run / name) as file:
+            with written_whole(folder.root / run.file(name)) as file:
                 file.write(content)
-    return FinishedRun(run, record)
 
 
 def runs(folder: Folder) -> list[FinishedRun]:
     """All runs that came to their end, the last one first."""
-    paths = (folder.root / RUNS).glob(f"*/{RECORD}")
-    records = {
-        f"{RUNS}/{path.parent.name}": _record(path, path.stat().st_mtime_ns)
+    paths = sorted((folder.root / RUNS).glob(f"*/{RECORD}"), reverse=True)
+    found = [
+        _record(path, path.stat().st_mtime_ns)
         for path in paths
         if path.is_file() and _NAME.fullmatch(path.parent.name)
-    }
-    return [FinishedRun(place, r) for place, r in sorted(records.items(), reverse=True) if r]
+    ]
+    return [run for run in found if run is not None]
 
 
 @lru_cache(512)
-def _record(path: Path, changed: int) -> Record | None:
-    """A run's record, read once as long as it is not changed; None if it is of another version."""
+def _record(path: Path, changed: int) -> FinishedRun | None:
+    """A run, read once as long as it is not changed; None if it is of another version."""
     try:
-        return parse(path.read_text(encoding="utf-8"), Record, where=str(path))
+        run = parse(path.read_text(encoding="utf-8"), FinishedRun, where=str(path))
+        return run.changed(folder=f"{RUNS}/{path.parent.name}")
     except (DeltaidError, OSError):
         return None
 
@@ -165,7 +153,6 @@ def output(folder: Folder, run: FinishedRun) -> dict[str, Any]:
 
 
 def messages(folder: Folder, run: FinishedRun) -> str:
-    """What a run said on standard error."""
     return _text_of(folder, run, MESSAGES)
 
 
@@ -198,10 +185,7 @@ def comparison(folder: Folder, pair: Sequence[FinishedRun]) -> list[tuple[str, .
         ("robot", *(str(result.get("robot", "")) for result in found)),
         (
             "recordings",
-            *(
-                ", ".join(r.file for r in run.record.inputs if not r.file.endswith(_TEXT))
-                for run in pair
-            ),
+            *(", ".join(r.file for r in run.inputs if not r.file.endswith(_TEXT)) for run in pair),
         ),
         ("error on them", *(_share(result.get("nrmse")) for result in found)),
         (

@@ -10,6 +10,7 @@ it comes from, as browsers do.
 
 import asyncio
 import html
+import logging
 import os
 import secrets
 import tempfile
@@ -26,6 +27,7 @@ from starlette.requests import HTTPConnection
 from starlette.responses import HTMLResponse, PlainTextResponse
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
+from deltaid.errors import DeltaidError
 from deltaid.studio.folder import Folder
 from deltaid.studio.pages.frame import build
 from deltaid.studio.session import Session
@@ -199,6 +201,8 @@ def serve(path: Path, port: int, *, show: bool, say: Callable[[str], None]) -> N
     whole = FastAPI(openapi_url=None)
     guard = Guard(whole, port)  # before everything else, whatever the library adds
     build(session)
+    # What a page says, such as that a file cannot be read, is no defect.
+    logging.getLogger("nicegui").addFilter(lambda line: not isinstance(line.msg, DeltaidError))
     with _opening(guard, session.folder.root) if show else nullcontext() as page:
 
         def renewed() -> None:

@@ -111,7 +111,7 @@ class Session:
 
     def last(self, kind: Kind) -> FinishedRun | None:
         """The last run of a kind that did what it was asked for."""
-        done = (run for run in runs(self.folder) if run.record.kind == kind and run.succeeded)
+        done = (run for run in runs(self.folder) if run.kind == kind and run.succeeded)
         return next(done, None)
 
     async def look(self, function: Callable[..., _Found], *given: Any) -> _Found:

@@ -27,7 +27,6 @@ _SENTENCES = {
 
 
 async def body(session: Session) -> None:
-    """The check, its verdicts, and what they propose."""
     if not isinstance(session.robot(), RobotDescription):
         parts.note("Pick a robot first; its description is checked even without a recording.")
         return
@@ -43,7 +42,7 @@ async def body(session: Session) -> None:
                 "doubt",
             )
         make = partial(check_step, plan)
-        parts.step(session, "check", "Check", make, ready=ready, looks="no-caps")
+        parts.step(session, "check", "Check", make, ready=ready, looks="")
     if not session.busy and (last := session.last("check")) is not None:
         _verdicts(session, last)
 
@@ -88,7 +87,7 @@ def _card(session: Session, verdict: dict[str, Any]) -> None:
                 label = f"Show the change to {name}"
                 offer = partial(_offer, session, verdict, file, changes)
                 ui.button(label, on_click=offer).props(
-                    f'outline no-caps aria-label="{label} for {verdict["key"]}"'
+                    f'outline aria-label="{label} for {verdict["key"]}"'
                 )
 
 
@@ -127,8 +126,8 @@ async def _offer(
         ui.label(f"Change {name}?").classes("text-h6")
         parts.difference(difference(name, before or "", after))
         with ui.row():
-            ui.button("Apply", on_click=write).props("no-caps autofocus")
-            ui.button("Leave it", on_click=dialog.close).props("flat no-caps")
+            ui.button("Apply", on_click=write).props("autofocus")
+            ui.button("Leave it", on_click=dialog.close).props("flat")
 
 
 def _used(plan: Plan, verdict: dict[str, Any]) -> Used:

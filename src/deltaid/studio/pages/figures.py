@@ -149,7 +149,7 @@ async def signals(
     if len(chosen) < len(known) and any(quantity not in mapping for quantity in NEEDED):
         chosen = [*dict.fromkeys((*chosen, *moving))][:_MOST]
     picked = ui.select(known, value=chosen, label="Signals as recorded", multiple=True)
-    picked.props("outlined dense use-chips").classes("w-full")
+    picked.props("use-chips").classes("w-full")
     place = ui.column().classes("w-full")
 
     async def draw() -> None:
@@ -215,9 +215,7 @@ class _Live:
             with ui.element("div").classes("asked"):
                 ui.label("Where the platform is to be").classes("text-weight-bold")
                 self.sliders = [self._slider(k, axis) for k, axis in enumerate(found.axes)]
-                ui.button("Home", on_click=lambda: self._put(found.home)).props(
-                    "outline dense no-caps"
-                )
+                ui.button("Home", on_click=lambda: self._put(found.home)).props("outline dense")
                 self.readings = ui.html(sanitize=False).props("role=status")
 
     def _scene(self) -> None:

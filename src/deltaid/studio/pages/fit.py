@@ -43,7 +43,6 @@ _SWITCHES = {
 
 
 async def body(session: Session) -> None:
-    """The fit with its settings and progress."""
     plan = session.plan
     if plan.robot is None or not plan.fitted:
         parts.note("Pick a robot and a recording first.")
@@ -59,10 +58,10 @@ async def body(session: Session) -> None:
             ).classes("dim")
 
         job, make = session.job, partial(fit_step, plan)
-        parts.step(session, "fit", "Fit", make, ready=_gate(session), looks="no-caps")
+        parts.step(session, "fit", "Fit", make, ready=_gate(session), looks="")
         if job is not None and job.step.kind == "fit" and job.state == "done":
             parts.note("The model is fitted.", "good")
-            parts.go_to("result", "See the result", "no-caps")
+            parts.go_to("result", "See the result", "")
     _settings(session)
 
 
@@ -106,15 +105,15 @@ def _settings(session: Session) -> None:
                     value=getattr(settings, key),
                     label=label,
                     on_change=lambda event, key=key: take(key, event.value),
-                ).props("outlined dense")
+                )
             for key, label in _NUMBERS.items():
                 value = getattr(settings, key)
                 field = ui.input(label, value="" if value is None else f"{value:.10g}")
-                parts.on_leaving(field.props("outlined dense"), partial(number, key))
+                parts.on_leaving(field, partial(number, key))
             given = settings.lag
             shown = given if isinstance(given, str) else ",".join(f"{1e3 * s:.10g}" for s in given)
             lag = ui.input("Lag of torques: estimate, none, or ms", value=shown)
-            parts.on_leaving(lag.props("outlined dense"), lambda text: take("lag", _lag(text)))
+            parts.on_leaving(lag, lambda text: take("lag", _lag(text)))
             for key, label in _SWITCHES.items():
                 ui.switch(
                     label,
@@ -123,7 +122,7 @@ def _settings(session: Session) -> None:
                 )
         if changed:
             reset = partial(parts.change, session, settings=Settings())
-            ui.button("Back to the defaults", on_click=reset).props("flat no-caps")
+            ui.button("Back to the defaults", on_click=reset).props("flat")
 
 
 def _lag(text: str) -> Any:

@@ -36,7 +36,10 @@ _OF_FILES = "sandbox allow-scripts allow-downloads; default-src 'unsafe-inline' 
 
 
 def build(session: Session) -> None:
-    """Add all pages and routes."""
+    """Add all pages and routes, and how their parts look."""
+    ui.button.default_props("no-caps")
+    for field in (ui.select, ui.input, ui.number):
+        field.default_props("outlined dense")
     for stage in STAGES:
         title = f"{_TITLES[stage][0]} · deltaid studio"
         ui.page(f"/{stage}", title=title)(partial(_stage, session, stage))
@@ -139,7 +142,7 @@ def _header(session: Session) -> None:
             ui.run_javascript(script)
 
         button = ui.button(_THEMES[session.dark][0], on_click=turn)
-        button.props("flat dense no-caps color=white")
+        button.props("flat dense color=white")
     ui.add_body_html(f"<script>{_THEMES[session.dark][2]}</script>")
 
 
@@ -163,7 +166,7 @@ def _ways(stage: str) -> None:
     place = STAGES.index(stage)
     with ui.row().classes("ways"):
         for before in STAGES[:place][-1:]:
-            parts.go_to(before, f"← {_TITLES[before][0]}", "flat no-caps")
+            parts.go_to(before, f"← {_TITLES[before][0]}", "flat")
         ui.space()
         for after in STAGES[place + 1 :][:1]:
             parts.go_to(after, f"{_TITLES[after][0]} →")

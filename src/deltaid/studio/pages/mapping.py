@@ -120,7 +120,6 @@ class Form:
 
 
 def form(state: Form) -> None:
-    """All fields of a mapping."""
     kept = f"Kept in {state.name}. " if state.name else ""
     ui.label(f"{kept}joint value = sign · unit · (number − zero) / gear").classes("dim")
     columns, data = [*state.names], state.data
@@ -150,13 +149,13 @@ def _time(state: Form, columns: list[str]) -> None:
     with ui.row().classes("items-center w-full"):
         column = ui.select(
             columns, value=_known(given.get("column"), columns), label="Time column", clearable=True
-        ).props("outlined dense").classes("grow time")  # fmt: skip
+        ).classes("grow time")  # fmt: skip
         unit = ui.select(
             _with(TIME_UNITS, given.get("unit", "s")), value=given.get("unit", "s"), label="Unit",
             new_value_mode="add-unique", with_input=True,
-        ).props("outlined dense").classes("w-32")  # fmt: skip
+        ).classes("w-32")  # fmt: skip
         rate = ui.input("or samples a second", value=_text(given.get("rate")))
-        rate.props("outlined dense").classes("w-48")
+        rate.classes("w-48")
 
     def take() -> None:
         each = parts.number(rate.value, "samples a second", such="such as 1000")
@@ -171,7 +170,7 @@ def _row(
     state: Form, quantity: Quantity, drive: int, name: str, entry: Data, columns: list[str]
 ) -> None:
     def label(of: str) -> str:
-        return f'outlined dense stack-label label="{of}" aria-label="{quantity} of {name}: {of}"'
+        return f'stack-label label="{of}" aria-label="{quantity} of {name}: {of}"'
 
     def setter(key: str) -> Callable[[Any], None]:
         return lambda event: state.set(quantity, drive, key, event.value)

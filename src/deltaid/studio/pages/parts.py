@@ -13,7 +13,7 @@ from nicegui.elements.mixins.value_element import ValueElement
 from deltaid.errors import DeltaidError
 from deltaid.studio.folder import Folder
 from deltaid.studio.plan import Used
-from deltaid.studio.runs import FinishedRun, Record, next_run
+from deltaid.studio.runs import FinishedRun, next_run
 from deltaid.studio.session import Session, unmapped
 from deltaid.studio.steps import Kind, Step
 from deltaid.studio.words import page_words
@@ -114,22 +114,18 @@ def waiting() -> Generator[None, None, None]:
 
 
 def change(session: Session, **values: object) -> None:
-    """Change the plan."""
     session.store.change(lambda plan: plan.changed(**values))
 
 
 def change_use(session: Session, used: Used, **values: object) -> None:
-    """Change a recording in the plan."""
     session.store.change(lambda plan: plan.with_recording(used.changed(**values)))
 
 
-def go_to(stage: str, label: str, looks: str = "outline no-caps") -> None:
-    """A button that leads to a stage."""
+def go_to(stage: str, label: str, looks: str = "outline") -> None:
     ui.button(label, on_click=lambda: ui.navigate.to(f"/{stage}")).props(looks)
 
 
 def grade(word: str) -> None:
-    """A grade as a mark."""
     ui.label(word).classes(f"grade {_GRADES.get(word, 'tell')}")
 
 
@@ -174,7 +170,7 @@ def progress(session: Session, kind: str) -> None:
             ui.spinner(size="22px").props('aria-hidden="true"')
             stage = ui.label().classes("grow")
             seconds = ui.label().classes("dim")
-            ui.button("Cancel", on_click=job.cancel).props("outline no-caps color=negative")
+            ui.button("Cancel", on_click=job.cancel).props("outline color=negative")
         before = ui.label().classes("dim")
 
     def tick() -> None:
@@ -257,7 +253,7 @@ def upload(
         field.props(f'accept="{",".join(endings)}"')
     with ui.element("div").classes("drop") as zone:
         ui.label(f"Drop {what} here, or").classes("dim")
-        ui.button(f"Choose {what}").props("outline dense no-caps").on(
+        ui.button(f"Choose {what}").props("outline dense").on(
             "click", js_handler=f"() => getElement({field.id}).$refs.qRef.pickFiles()"
         )
     add = f"getElement({field.id}).$refs.qRef.addFiles"
@@ -273,7 +269,7 @@ def step(
     *fields: ValueElement[Any],
     row: ui.row | None = None,
     ready: bool = True,
-    looks: str = "outline no-caps",
+    looks: str = "outline",
     below: Callable[[FinishedRun], None] = lambda run: None,
 ) -> None:
     """A button that begins a step, its progress, what the last one made, and its command.
@@ -315,8 +311,7 @@ def commands(make: Callable[[], Step], *fields: ValueElement[Any]) -> None:
         field.on_value_change(lambda: shown.refresh())
 
 
-def both(step: Step | Record) -> None:
-    """The command line of a step and its Python."""
+def both(step: Step | FinishedRun) -> None:
     code(step.command, "Copy command", "command")
     code(step.python, "Copy Python", "python")
 
@@ -326,7 +321,7 @@ def code(text: str, label: str, kind: str = "") -> None:
     ui.html(f'<pre class="code {kind}" tabindex="0">{escape(text)}</pre>', sanitize=False).classes(
         "w-full"
     )
-    ui.button(label, on_click=lambda: ui.clipboard.write(text)).props("flat dense no-caps")
+    ui.button(label, on_click=lambda: ui.clipboard.write(text)).props("flat dense")
 
 
 def difference(text: str) -> None:

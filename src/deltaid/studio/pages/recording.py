@@ -20,7 +20,6 @@ _USES = {"fit": "fit the model to it", "verify": "test the model on it", "aside"
 
 
 async def body(session: Session) -> None:
-    """The folder's recordings, and the mapping and preview of each."""
     robot = session.robot()
     if not isinstance(robot, RobotDescription):
         parts.note("Pick a robot first: columns are proposed for its drives.")
@@ -47,7 +46,7 @@ def _files(session: Session, robot: RobotDescription) -> None:
                 used = known.get(name)
                 if used is None:
                     ui.button("Use it", on_click=partial(_add, session, robot, name)).props(
-                        f'outline dense no-caps aria-label="Use {name}"'
+                        f'outline dense aria-label="Use {name}"'
                     )
                     continue
                 if session.folder.has(name):
@@ -57,11 +56,11 @@ def _files(session: Session, robot: RobotDescription) -> None:
                         on_change=lambda event, used=used: parts.change_use(
                             session, used, use=event.value
                         ),
-                    ).props(f'dense outlined aria-label="What {name} is for"')
+                    ).props(f'aria-label="What {name} is for"')
                 else:
                     ui.label("is missing").classes("grade wrong")
                 ui.button("Forget it", on_click=partial(forget, name)).props(
-                    f'flat dense no-caps aria-label="Forget {name}"'
+                    f'flat dense aria-label="Forget {name}"'
                 ).tooltip("The file stays in the folder")
 
 
@@ -153,11 +152,11 @@ async def _proposal(
     with ui.row():
         for mapping, sharing in fitting.items():
             point = partial(parts.change_use, session, used, mapping=mapping)
-            ui.button(f"Use {mapping}{sharing}", on_click=point).props("no-caps")
+            ui.button(f"Use {mapping}{sharing}", on_click=point)
     figure = ui.column().classes("w-full figure")
     form(state)
     take = ui.button(f"Use these, write {name}", on_click=partial(_take, state, used, name))
-    take.props("no-caps outline" if fitting else "no-caps").set_enabled(not state.missing)
+    take.props("outline" if fitting else "").set_enabled(not state.missing)
     state.changed.append(lambda: take.set_enabled(not state.missing))
     await _figure(state, used, contents, figure)
 
@@ -186,7 +185,7 @@ def _another(session: Session, used: Used) -> None:
             ui.label(f"{used.mapping} is the mapping of {', '.join(others)} too.")
         point = partial(parts.change_use, session, used, mapping=None)
         ui.button("Choose another mapping", on_click=point).props(
-            f'flat dense no-caps aria-label="Choose another mapping for {used.file}"'
+            f'flat dense aria-label="Choose another mapping for {used.file}"'
         )
 
 

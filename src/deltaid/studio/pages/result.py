@@ -19,9 +19,8 @@ _SHOWN = ["torques", "errors"]
 
 
 async def body(session: Session) -> None:
-    """The model that was found, beside all other runs."""
     everything = runs(session.folder)
-    models = [run for run in everything if run.record.kind == "fit" and run.succeeded]
+    models = [run for run in everything if run.kind == "fit" and run.succeeded]
     if not models:
         parts.note("There is no model yet: fit one first.")
         return
@@ -40,7 +39,7 @@ async def body(session: Session) -> None:
 
 def _commands(run: FinishedRun) -> None:
     with ui.expansion("Command line and Python of this run").classes("w-full").props("dense"):
-        parts.both(run.record)
+        parts.both(run)
 
 
 def _validate(session: Session, run: FinishedRun) -> None:
@@ -49,14 +48,13 @@ def _validate(session: Session, run: FinishedRun) -> None:
         return
     with parts.panel("Test this model on a recording"), ui.row().classes("items-center"):
         file = ui.select(list(known), value=next(iter(known)), label="Recording")
-        file.props("outlined dense")
 
         def begin() -> None:
             used, keep = known[str(file.value)], session.plan.settings.keep_all
             make = partial(validate_step, run.file("model.yaml"), used, keep_all=keep)
             session.begin("validate", make)
 
-        ui.button("Test", on_click=begin).props("outline no-caps").set_enabled(not session.busy)
+        ui.button("Test", on_click=begin).props("outline").set_enabled(not session.busy)
 
 
 def _history(session: Session, everything: list[FinishedRun], chosen: FinishedRun) -> None:
@@ -65,7 +63,7 @@ def _history(session: Session, everything: list[FinishedRun], chosen: FinishedRu
             state = "" if run.succeeded else " · failed or cancelled"
             here = " · shown above" if run.folder == chosen.folder else ""
             name = session.plan.names.get(run.folder, "")
-            when = f"{run.record.began.replace('T', ' ')[:16]} · {run.record.seconds:g} s"
+            when = f"{run.began.replace('T', ' ')[:16]} · {run.seconds:g} s"
             with ui.expansion().classes("w-full").props("dense") as line:
                 with line.add_slot("header"):
                     ui.label(f"{run.name} {name} · {when}{state}{here}").classes("grow")
@@ -73,9 +71,8 @@ def _history(session: Session, everything: list[FinishedRun], chosen: FinishedRu
 
 
 def _provenance(session: Session, run: FinishedRun) -> None:
-    record = run.record
-    rows = [(read.file, read.sha256[:16]) for read in record.inputs]
-    parts.table(("made from", "SHA-256, first 16 digits"), [*rows, ("deltaid", record.version)])
+    rows = [(read.file, read.sha256[:16]) for read in run.inputs]
+    parts.table(("made from", "SHA-256, first 16 digits"), [*rows, ("deltaid", run.version)])
     _commands(run)
     name = ui.input("Name of this run", value=session.plan.names.get(run.folder, ""))
 
@@ -83,14 +80,14 @@ def _provenance(session: Session, run: FinishedRun) -> None:
         names = session.plan.names | {run.folder: text}
         parts.change(session, names={key: text for key, text in names.items() if text})
 
-    parts.on_leaving(name.props("outlined dense"), call)
+    parts.on_leaving(name, call)
     with ui.row():
         for path in sorted((session.folder.root / run.folder).iterdir()):
             if path.is_file():
                 ui.link(path.name, f"/files/{run.file(path.name)}", new_tab=True)
-    if run.record.kind == "fit" and run.succeeded:
+    if run.kind == "fit" and run.succeeded:
         use = partial(parts.change, session, model=run.file("model.yaml"))
-        ui.button("Show and use this model", on_click=use).props("outline no-caps")
+        ui.button("Show and use this model", on_click=use).props("outline")
 
 
 def _over_time(session: Session, models: list[FinishedRun], chosen: FinishedRun) -> None:
@@ -103,8 +100,8 @@ def _over_time(session: Session, models: list[FinishedRun], chosen: FinishedRun)
     with parts.panel("Over time, and side by side"):
         with ui.row().classes("items-center w-full"):
             picked = ui.select(names, value=[chosen.folder], label="Models", multiple=True)
-            picked.props("outlined dense use-chips").classes("grow")
-            along = ui.select(list(known), value=first, label="Recording").props("outlined dense")
+            picked.props("use-chips").classes("grow")
+            along = ui.select(list(known), value=first, label="Recording")
             shown = ui.toggle(_SHOWN, value=_SHOWN[0]).props('no-caps aria-label="What is shown"')
         parts.remembered(session, "models along", along)
         parts.remembered(session, "models shown", shown)
@@ -169,7 +166,7 @@ def _everywhere(session: Session, runs: list[FinishedRun], known: dict[str, Used
                 rows = [(file, *await _shares(session, runs, used)) for file, used in known.items()]
             parts.table(("largest error of a drive", *(_name(session, run) for run in runs)), rows)
 
-    ui.button("On every recording", on_click=draw).props("outline dense no-caps")
+    ui.button("On every recording", on_click=draw).props("outline dense")
     place = ui.column().classes("w-full")
 
 

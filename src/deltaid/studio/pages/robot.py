@@ -24,7 +24,6 @@ _ENDINGS = (".yaml", ".yml")
 
 
 async def body(session: Session) -> None:
-    """The robot: picked, described, edited, and shown."""
     robot, name = session.robot(), session.plan.robot or ""
     _pick(session, robot)
     if robot is None:
@@ -55,12 +54,12 @@ def _pick(session: Session, robot: RobotDescription | DeltaidError | None) -> No
                 label="Robot",
                 with_input=True,
                 on_change=lambda event: take(event.value),
-            ).classes("grow").props('outlined aria-label="Robot"')
+            ).classes("grow").props('aria-label="Robot"')
             if chosen in catalogue():
                 ui.button(
                     "Edit a copy of it",
                     on_click=lambda: take(own_copy(session.folder, chosen or "")),
-                ).props("no-caps")
+                )
         # What is wrong with the text of a file is said by the editor.
         upload(session, "a robot file", read_text, take, _ENDINGS)
         describe(session)
@@ -103,7 +102,7 @@ async def _show_robot(session: Session, name: str) -> None:
         ).classes("dim")
 
         def below(run: FinishedRun) -> None:
-            if (run.record.robot, run.record.of) == (name, session.stamped(name)):
+            if (run.robot, run.of) == (name, session.stamped(name)):
                 report(session, run.file(_PAGE), f"{name}: picture, reach, limits")
 
         def make(at: str) -> Step:
@@ -121,7 +120,7 @@ def describe(session: Session) -> None:
     with ui.expansion("Describe one of your own by a few numbers").classes("w-full") as whole:
         whole.set_value(bool(answers))
         kinds = {key: f"{key}: {text}" for key, text in KINDS.items()}
-        kind = ui.select(kinds, value="delta", label="Kind").props("outlined").classes("w-full")
+        kind = ui.select(kinds, value="delta", label="Kind").classes("w-full")
         parts.remembered(session, "own kind", kind)
         name = session.folder.free_name(_FILE)
         ui.label(
@@ -142,7 +141,7 @@ def describe(session: Session) -> None:
                 answers.clear()
                 parts.change(session, robot=name)
 
-        ui.button(f"Write {name}", on_click=write).props("no-caps")
+        ui.button(f"Write {name}", on_click=write)
         parts.commands(lambda: new_step(str(kind.value), name, answers))
         kind.on_value_change(lambda: fields.refresh())
 
@@ -164,7 +163,7 @@ def _field(question: Question, answers: dict[str, str]) -> None:
         question.label,
         value=answers.get(question.key, ""),
         on_change=lambda event: answers.update({question.key: str(event.value or "")}),
-    ).props("outlined dense").tooltip(question.how)
+    ).tooltip(question.how)
 
 
 # Seconds without a key before a text is looked at.
@@ -208,7 +207,7 @@ def _changed_meanwhile(session: Session, name: str, draft: FileEdit, now: str) -
     mine = {name: FileEdit(now, draft.after)}
     with ui.row():
         for label, kept in (("Keep mine", mine), ("Take the file as it is", {})):
-            ui.button(label, on_click=partial(settle, kept)).props("outline dense no-caps")
+            ui.button(label, on_click=partial(settle, kept)).props("outline dense")
 
 
 class _Editor:
@@ -218,9 +217,9 @@ class _Editor:
         self.field.classes("w-full").style(f"height: {_HEIGHT}").props('aria-label="Robot file"')
         self.said = ui.column().classes("w-full")
         with ui.row():
-            save = ui.button("Save", on_click=self._keep).props("no-caps")
+            save = ui.button("Save", on_click=self._keep)
             undo = ui.button("Undo all", on_click=lambda: self.field.set_value(self.before))
-        self.buttons = (save, undo.props("flat no-caps"))
+        self.buttons = (save, undo.props("flat"))
         self.place = ui.column()
         self.pause = ui.timer(_PAUSE, self._judge, once=True)
         self.field.on_value_change(self._later)

@@ -46,7 +46,6 @@ _FRICTION = {
 
 
 async def body(session: Session) -> None:
-    """Everything that the model may be used for."""
     fitted, done = session.plan.model, runs(session.folder)
     model = fitted if fitted is not None and session.folder.has(fitted) else session.plan.robot
     if model is None:
@@ -56,7 +55,7 @@ async def body(session: Session) -> None:
         parts.note("There is no fitted model yet: what is here goes by the robot's prior.", "doubt")
     else:
         _model(session, model)
-    planned = (r.file("motion.csv") for r in done if r.record.kind == "excite" and r.succeeded)
+    planned = (r.file("motion.csv") for r in done if r.kind == "excite" and r.succeeded)
     motions = [name for name in planned if session.folder.has(name)]
     motions += [recording.file for recording in session.plan.recordings]
     _excite(session, model)
@@ -83,7 +82,7 @@ def _model(session: Session, model: str) -> None:
         with ui.row():
             ui.button(
                 "Download the model", on_click=lambda: ui.download(f"/files/{model}?download=true")
-            ).props("outline no-caps")
+            ).props("outline")
 
 
 def _step(
@@ -124,8 +123,8 @@ def _excite(session: Session, model: str) -> None:
 
     with parts.panel("A motion for the next recording"):
         with ui.row().classes("items-center") as row:
-            duration = ui.number("Seconds", value=10, min=0.1, max=3600).props("outlined dense")
-            count = ui.number("Starts", value=4, min=1, max=100).props("outlined dense")
+            duration = ui.number("Seconds", value=10, min=0.1, max=3600)
+            count = ui.number("Starts", value=4, min=1, max=100)
         fields = {"seconds": duration, "starts": count}
         _step(session, row, "excite", "Excite", fields, make)
 
@@ -146,7 +145,7 @@ def _along(session: Session, kind: Kind, title: str, model: str, motions: list[s
             parts.note("There is no motion yet: take one from above, or add a recording.")
             return
         with ui.row().classes("items-center") as row:
-            motion = ui.select(motions, value=motions[0], label="Motion").props("outlined dense")
+            motion = ui.select(motions, value=motions[0], label="Motion")
             motion.props(f'aria-label="Motion: {kind}"')
             if kind == "torque":
                 option = ui.checkbox("The motion goes on as it begins (periodic)")
@@ -156,7 +155,6 @@ def _along(session: Session, kind: Kind, title: str, model: str, motions: list[s
             else:
                 option = ui.number("Distance of a limb's struts [m], if not described")
                 option.classes("w-96")
-            option.props("dense" if kind == "torque" else "outlined dense")
         label = "Feed-forward" if kind == "torque" else kind.capitalize()
         _step(session, row, kind, label, {"motion": motion, "option": option}, make)
 
@@ -174,13 +172,13 @@ def _export(session: Session, model: str) -> None:
 
     with parts.panel("Export"):
         with ui.row().classes("items-center") as row:
-            form = ui.select(_FORMS, value="mjcf", label="Form").props("outlined dense")
-            friction = ui.select(_FRICTION, value="all", label="Friction").props("outlined dense")
+            form = ui.select(_FORMS, value="mjcf", label="Form")
+            friction = ui.select(_FRICTION, value="all", label="Friction")
             further = ui.select(list(FURTHER), value=[], label="Further functions", multiple=True)
-            further.props("outlined dense use-chips").classes("w-60")
+            further.props("use-chips").classes("w-60")
             single = ui.checkbox("Single precision").props("dense")
             fmi = ui.select(list(get_args(FmiVersion)), value="2", label="FMI")
-            fmi.props("outlined dense").classes("w-24")
+            fmi.classes("w-24")
         for choice, field in (("code", further), ("code", single), ("unit", fmi)):
             field.bind_visibility_from(
                 form, "value", backward=lambda to, choice=choice: choice in _CHOICES_OF.get(to, ())
