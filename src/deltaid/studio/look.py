@@ -44,6 +44,8 @@ class Curve:
     Attributes:
         name, quantity, drive: of the column, and what it is of which drive, counted from 0.
         unit: of the values.
+        model: that predicts it, by its number among those that were asked for; None for what was
+            measured.
     """
 
     name: str
@@ -52,6 +54,7 @@ class Curve:
     unit: str
     time: Float[np.ndarray, " points"]
     values: Float[np.ndarray, " points"]
+    model: int | None = None
 
 
 @dataclass(frozen=True)
@@ -162,35 +165,17 @@ _KEPT = 12
 
 
 @dataclass(frozen=True)
-class Line:
-    """A thinned curve of one drive: what was measured, or what a model makes of it.
-
-    Attributes:
-        model: its number among those that were asked for; None for what was measured.
-        time: [s].
-        values: torque, or predicted minus measured torque [N m or N].
-    """
-
-    drive: int
-    model: int | None
-    time: Float[np.ndarray, " points"]
-    values: Float[np.ndarray, " points"]
-
-
-@dataclass(frozen=True)
 class Beside:
     """What models predict of a recording.
 
     Attributes:
-        drives, units: names, and what their torques or forces are in.
-        torques, errors: curves.
+        drives: their names.
+        curves: torques, and errors: predicted minus measured torque [N m or N].
         nrmse: of each model and drive.
     """
 
     drives: tuple[str, ...]
-    units: tuple[str, ...]
-    torques: tuple[Line, ...]
-    errors: tuple[Line, ...]
+    curves: tuple[Curve, ...]
     nrmse: Float[np.ndarray, "models drives"]
 
 
@@ -212,18 +197,22 @@ def torques(
     changed = tuple(stamp(Path(name)) for name in (path, mapping, *models) if name)
     found = [_compared(path, mapping, model, changed) for model in models]
     robot = load(models[0]).robot
-    lines = _lines(None, found[0][0].time, found[0][0].measured, span)
-    errors: list[Line] = []
+    units = [robot.units(drive).force for drive in robot.drives]
+
+    def thinned(quantity: str, model: int | None, values: np.ndarray) -> list[Curve]:
+        thin = MinMax(len(units), POINTS, span)
+        thin.add(found[model or 0][0].time, values)
+        return [
+            Curve(drive, quantity, k, units[k], *thin.curve(k), model)
+            for k, drive in enumerate(robot.drives)
+        ]
+
+    curves = thinned("torques", None, found[0][0].measured)
     for k, (seen, _) in enumerate(found):
-        lines += _lines(k, seen.time, seen.predicted, span)
-        errors += _lines(k, seen.time, seen.predicted - seen.measured, span)
-    return Beside(
-        drives=tuple(robot.drives),
-        units=tuple(robot.units(drive).force for drive in robot.drives),
-        torques=tuple(lines),
-        errors=tuple(errors),
-        nrmse=np.array([nrmse for _, nrmse in found]),
-    )
+        curves += thinned("torques", k, seen.predicted)
+        curves += thinned("errors", k, seen.predicted - seen.measured)
+    nrmse = np.array([nrmse for _, nrmse in found])
+    return Beside(tuple(robot.drives), tuple(curves), nrmse)
 
 
 @lru_cache(_KEPT)
@@ -242,17 +231,6 @@ def _compared(
     recording = as_known(model_filtered(model, log), model)
     seen = compare(model.dynamics, model.p, recording)
     return seen, torque_error(model.dynamics, model.p, recording).nrmse
-
-
-def _lines(
-    model: int | None,
-    time: Float[np.ndarray, " samples"],
-    values: Float[np.ndarray, "samples drives"],
-    span: tuple[float, float] | None,
-) -> list[Line]:
-    thin = MinMax(values.shape[1], POINTS, span)
-    thin.add(time, values)
-    return [Line(k, model, *thin.curve(k)) for k in range(values.shape[1])]
 
 
 def _si(channel: Channel, values: np.ndarray) -> np.ndarray:

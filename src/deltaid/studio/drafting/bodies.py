@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from deltaid.studio.drafting.questions import has_telescope, is_linear, platform_of, rounded, turns
+from deltaid.studio.drafting.questions import LINEAR, TELESCOPE, TURNING, platform_of, rounded
 
 # kg/m³: aluminium with holes; struts of carbon fibre with joints of metal.
 _METAL, _CARBON = 2700.0, 1800.0
@@ -34,7 +34,7 @@ class Drawn:
 
 def bodies(kind: str, a: Mapping[str, float]) -> list[Drawn]:
     """All bodies of a kind of robot, in the order of the parameters."""
-    if is_linear(kind):
+    if kind in LINEAR:
         carriage = _lump("z", a["carriage_mass"])
         drawn = [Drawn("C", "carriage: slides along the rail", carriage, "[m]", "carriage_mass")]
     else:
@@ -46,12 +46,12 @@ def bodies(kind: str, a: Mapping[str, float]) -> list[Drawn]:
         Drawn(name, what, shape, free, "platform_mass")
         for name, what, shape, free in _platform(kind, a)
     ]
-    if has_telescope(kind):
+    if kind in TELESCOPE:
         half, length = a["telescope_mass"] / 2, tube(a)
         for name, which, middle in (("TU", "upper", -length / 2), ("TL", "lower", length / 2)):
             shape = _rod("z", length, half, _METAL, middle)
             drawn.append(Drawn(name, f"telescope, {which} tube", shape, _TUBE, "telescope_mass"))
-    if turns(kind):
+    if kind in TURNING:
         size = _size(a["tool_mass"])
         tool = _rod("z", size, a["tool_mass"], _METAL, -size / 2)
         drawn.append(Drawn("EE", "tool: translates and turns about z", tool, _TOOL, "tool_mass"))

@@ -14,9 +14,9 @@ from deltaid.robot.limits import Cylinder
 from deltaid.robot.platform import H4Platform, I4Platform, Par4Platform
 from deltaid.studio.drafting.questions import (
     QUESTIONS,
+    TELESCOPE,
     Question,
     asked,
-    has_telescope,
     platform_of,
 )
 
@@ -75,7 +75,7 @@ class Draft:
             text = texts.get(question.key)
             if text is None:
                 continue
-            if not question.of(self.kind):
+            if self.kind not in question.of:
                 raise DeltaidError(
                     f"a {self.kind} has none ({question.text})",
                     where=f"{named(question)} {text}",
@@ -255,7 +255,7 @@ def answers(robot: RobotDescription) -> dict[str, float]:
         "rotor": inertia,
         "rotor_mass": inertia,
     }
-    if has_telescope(kind):
+    if kind in TELESCOPE:
         found["telescope_mass"] = mass["TU"] + mass["TL"]
     if isinstance(space, Cylinder):
         found |= {"radius": space.radius, "low": space.z[0], "high": space.z[1]}
@@ -275,7 +275,7 @@ def answers(robot: RobotDescription) -> dict[str, float]:
         found["tool_turn"] = max(abs(angle) for angle in platform.angle_deg)
         found["tool_speed"] = platform.speed_deg_s
     turning = robot.drive_limits.get(_TOOL)
-    if has_telescope(kind) and turning is not None:
+    if kind in TELESCOPE and turning is not None:
         found |= {"tool_speed": turning.speed_deg_s, "tool_torque": turning.torque}
         found["tool_rotor"] = robot.rotor_inertia.get(_TOOL)
     numbers = {question.key: found.get(question.key) for question in asked(kind)}

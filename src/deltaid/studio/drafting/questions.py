@@ -32,11 +32,6 @@ KINDS: dict[str, str] = {
 }
 
 
-def is_linear(kind: str) -> bool:
-    """Whether carriages drive it."""
-    return "linear" in kind
-
-
 def platform_of(kind: str) -> str:
     """Kind of platform: rigid, h4, i4 or par4."""
     head = kind.split("-")[0]
@@ -48,19 +43,19 @@ def limbs_of(kind: str) -> int:
     return 3 if platform_of(kind) == "rigid" else 4
 
 
-def is_articulated(kind: str) -> bool:
-    """Whether its platform turns the tool."""
-    return platform_of(kind) != "rigid"
-
-
-def has_telescope(kind: str) -> bool:
-    """Whether a telescope bar turns the tool."""
-    return kind == "delta-4"
-
-
-def turns(kind: str) -> bool:
-    """Whether it turns a tool."""
-    return has_telescope(kind) or is_articulated(kind)
+ALL = frozenset(KINDS)
+# Driven by carriages on rails, and by arms on motors.
+LINEAR = frozenset(kind for kind in KINDS if "linear" in kind)
+ROTARY = ALL - LINEAR
+# Whose platform, or telescope bar, turns the tool.
+ARTICULATED = frozenset(kind for kind in KINDS if platform_of(kind) != "rigid")
+TELESCOPE = frozenset({"delta-4"})
+TURNING = ARTICULATED | TELESCOPE
+# With a bar that turns within the platform, or two half platforms that slide.
+_BAR = frozenset(kind for kind in KINDS if platform_of(kind) in ("h4", "par4"))
+_SLIDE = ARTICULATED - _BAR
+# Whose limbs end on a circle.
+_ROUND = frozenset(kind for kind in KINDS if platform_of(kind) != "h4")
 
 
 @dataclass(frozen=True)
@@ -73,7 +68,7 @@ class Question:
         unit: as pint writes it; empty for a plain number.
         low, high: what a machine may have.
         how: how to find it out.
-        of: whether a kind of robot has it.
+        of: kinds of robots that have it.
         assumed: from kind and what was answered before; None where nobody can guess it.
         group: what it is asked with.
     """
@@ -84,7 +79,7 @@ class Question:
     low: int | float
     high: int | float
     how: str
-    of: Callable[[str], bool]
+    of: frozenset[str]
     assumed: Callable[[str, Answers], float] | None
     group: Group
 
@@ -150,14 +145,14 @@ def _mass(kind: str, a: Answers, typical: float) -> float:
 
 def _top_speed(kind: str, a: Answers) -> float:
     """Half of what the drives' ends reach [m/s]."""
-    if is_linear(kind):
+    if kind in LINEAR:
         return rounded(min(_FASTEST, 0.5 * a["rail_speed"]))
     return rounded(min(_FASTEST, 0.5 * math.radians(a["speed"]) / a["gear"] * a["arm"]))
 
 
 def _top_acceleration(kind: str, a: Answers) -> float:
     """What the motors have above gravity, halved as they work together [m/s²]."""
-    if is_linear(kind):
+    if kind in LINEAR:
         most = a["rail_force"] / (lifted(kind, a) + a["carriage_mass"] + a["rotor_mass"])
     else:
         inertia = a["rotor"] * a["gear"] ** 2 / a["arm"]
@@ -167,19 +162,6 @@ def _top_acceleration(kind: str, a: Answers) -> float:
 
 def _moment(kind: str, a: Answers) -> float:
     return (lifted(kind, a) + 0.4 * a["arm_mass"]) * a["arm"]
-
-
-def _bar(kind: str) -> bool:
-    return platform_of(kind) in ("h4", "par4")
-
-
-def _all(_: str) -> bool:
-    return True
-
-
-def is_rotary(kind: str) -> bool:
-    """Whether arms on motors drive it."""
-    return not is_linear(kind)
 
 
 def _constant(value: float) -> Callable[[str, Answers], float]:
@@ -194,108 +176,108 @@ _FOUND = "what these lengths and ends reach"
 
 QUESTIONS: tuple[Question, ...] = (
     Question("arm", "length of the arms, from motor axis to elbow", "m", 0.01, 5, _CALIPER,
-             is_rotary, None, "lengths"),
-    Question("strut", "length of the struts, between their joints", "m", 0.02, 10, _CALIPER, _all,
+             ROTARY, None, "lengths"),
+    Question("strut", "length of the struts, between their joints", "m", 0.02, 10, _CALIPER, ALL,
              None, "lengths"),
     Question("base_radius", "from the middle of the base to a motor axis, or to a rail's zero",
-             "m", 1e-3, 5, "drawing, or half of the largest distance", _all, None, "lengths"),
+             "m", 1e-3, 5, "drawing, or half of the largest distance", ALL, None, "lengths"),
     Question("platform_radius", "from the middle of the platform to the struts' joints", "m", 1e-3,
-             2, _CALIPER, lambda kind: platform_of(kind) != "h4", None, "lengths"),
+             2, _CALIPER, _ROUND, None, "lengths"),
     Question("tilt", "lean of the rails, lower end outwards; 0 upright, 90 flat", "degree", -90,
-             90, "drawing, or a phone's spirit level", is_linear, _constant(0.0), "lengths"),
+             90, "drawing, or a phone's spirit level", LINEAR, _constant(0.0), "lengths"),
     Question("bar", "platform's turning bar: middle to end (H4), length of a rod (Par4)", "m",
-             0.002, 1, _CALIPER, _bar,
+             0.002, 1, _CALIPER, _BAR,
              lambda kind, a: rounded(a["strut"] / (8 if platform_of(kind) == "h4" else 7)),
              "lengths"),
-    Question("spacing", "distance of the two struts of a limb", "m", 0.001, 2, _CALIPER, _all,
+    Question("spacing", "distance of the two struts of a limb", "m", 0.001, 2, _CALIPER, ALL,
              lambda kind, a: rounded(0.1 * a["strut"]), "lengths"),
     Question("swing", "largest angle of the ball joints between strut and the plane of the arm",
-             "degree", 5, 85, _SHEET + " of the joints", _all, _constant(40.0), "lengths"),
+             "degree", 5, 85, _SHEET + " of the joints", ALL, _constant(40.0), "lengths"),
     Question("angle_low", "lowest angle of the arms, upwards from horizontal", "degree", -180, 90,
-             "swing it by hand to its stop", is_rotary, _constant(-50.0), "lengths"),
+             "swing it by hand to its stop", ROTARY, _constant(-50.0), "lengths"),
     Question("angle_high", "highest angle of the arms, downwards from horizontal", "degree", -90,
-             180, "swing it by hand to its stop", is_rotary, _constant(90.0), "lengths"),
+             180, "swing it by hand to its stop", ROTARY, _constant(90.0), "lengths"),
     Question("rail_low", "upper end of a carriage's travel, from the rail's zero", "m", -20, 20,
-             "measure from stop to stop", is_linear, _constant(0.0), "lengths"),
+             "measure from stop to stop", LINEAR, _constant(0.0), "lengths"),
     Question("rail_high", "lower end of a carriage's travel, from the rail's zero", "m", -20, 20,
-             "measure from stop to stop", is_linear,
+             "measure from stop to stop", LINEAR,
              lambda kind, a: rounded(a["strut"] + a["rail_low"]), "lengths"),
     Question("arm_mass", "mass of one arm, with the elbow's joints", "kg", 1e-3, 500, _SCALE,
-             is_rotary, lambda kind, a: _mass(kind, a, 1.5 * a["arm"]), "masses"),
-    Question("carriage_mass", "mass of one carriage", "kg", 1e-3, 2000, _SCALE, is_linear,
+             ROTARY, lambda kind, a: _mass(kind, a, 1.5 * a["arm"]), "masses"),
+    Question("carriage_mass", "mass of one carriage", "kg", 1e-3, 2000, _SCALE, LINEAR,
              lambda kind, a: _mass(kind, a, 2.0 * a["strut"]), "masses"),
     Question("strut_mass", "mass of one strut of the two, with its joints", "kg", 1e-4, 200, _SCALE,
-             _all, lambda kind, a: _mass(kind, a, 0.15 * a["strut"]), "masses"),
+             ALL, lambda kind, a: _mass(kind, a, 0.15 * a["strut"]), "masses"),
     Question("platform_mass", "mass of the platform, with all that does not turn", "kg", 1e-3, 500,
-             _SCALE, _all, lambda kind, a: _mass(kind, a, 0.8 * a["strut"]), "masses"),
+             _SCALE, ALL, lambda kind, a: _mass(kind, a, 0.8 * a["strut"]), "masses"),
     Question("tool_mass", "mass of the tool, and what turns with it", "kg", 1e-3, 500, _SCALE,
-             turns, lambda kind, a: _mass(kind, a, 0.3 * a["strut"]), "masses"),
+             TURNING, lambda kind, a: _mass(kind, a, 0.3 * a["strut"]), "masses"),
     Question("telescope_mass", "mass of the telescope's two tubes together", "kg", 1e-3, 500,
-             _SCALE, has_telescope, lambda kind, a: _mass(kind, a, a["strut"]), "masses"),
+             _SCALE, TELESCOPE, lambda kind, a: _mass(kind, a, a["strut"]), "masses"),
     Question("gear", "gear ratio of the motors; 1 if what follows is behind the gear", "", 0.01,
-             1000, _SHEET, is_rotary, _constant(1.0), "motors"),
+             1000, _SHEET, ROTARY, _constant(1.0), "motors"),
     Question("torque", "largest torque of a motor, before its gear", "N*m", 1e-5, 1e6,
-             _SHEET + ": peak torque", is_rotary,
+             _SHEET + ": peak torque", ROTARY,
              # Arm and load at the elbow, lifted and accelerated.
              lambda kind, a: rounded(_UPWARDS * _moment(kind, a) / a["gear"]), "motors"),
     Question("rail_force", "largest force that drives a carriage", "N", 1e-3, 1e6,
              _SHEET + ": torque times 2π, by the lead of a spindle or the travel of a belt a turn",
-             is_linear,
+             LINEAR,
              lambda kind, a: rounded(_UPWARDS * (lifted(kind, a) + a["carriage_mass"])), "motors"),
     Question("speed", "largest speed of a motor, before its gear", "degree/s", 1, 1e6, _SHEET,
-             is_rotary, lambda kind, a: rounded(600.0 * a["gear"]), "motors"),
-    Question("rail_speed", "largest speed of a carriage", "m/s", 1e-3, 100, _SHEET, is_linear,
+             ROTARY, lambda kind, a: rounded(600.0 * a["gear"]), "motors"),
+    Question("rail_speed", "largest speed of a carriage", "m/s", 1e-3, 100, _SHEET, LINEAR,
              _constant(3.0), "motors"),
     Question("rotor", "inertia of a motor's rotor and what turns with it, before the gear",
-             "kg*m**2", 1e-12, 1e4, _SHEET, is_rotary,
+             "kg*m**2", 1e-12, 1e4, _SHEET, ROTARY,
              # A third of what the load is, seen from the arm.
              lambda kind, a: rounded(0.3 * lifted(kind, a) * (a["arm"] / a["gear"]) ** 2),
              "motors"),
     Question("rotor_mass", "inertia of motor, spindle or belt, as a mass at the carriage", "kg",
-             1e-6, 1e4, _SHEET + ": inertia times (2π / lead)²", is_linear,
+             1e-6, 1e4, _SHEET + ": inertia times (2π / lead)²", LINEAR,
              lambda kind, a: rounded(0.5 * a["carriage_mass"]), "motors"),
     Question("ratio", "turns of the tool for a turn of the platform's bar", "", 0.1, 100,
-             "count the teeth", _bar, _constant(4.0), "tool"),
+             "count the teeth", _BAR, _constant(4.0), "tool"),
     Question("pinion", "radius of the pinion between the two racks", "m", 1e-3, 1, _CALIPER,
-             lambda kind: platform_of(kind) == "i4",
+             _SLIDE,
              # Its platform stays smaller than its limbs' circle.
              lambda kind, a: rounded(0.018 * a["strut"]), "tool"),
     Question("tool_turn", "how far the tool turns, either way", "degree", 1, 7200, _SHEET,
-             is_articulated, lambda kind, a: 45.0 * a["ratio"] if "ratio" in a else 180.0, "tool"),
-    Question("tool_speed", "largest speed of the tool's turn", "degree/s", 1, 1e5, _SHEET, turns,
+             ARTICULATED, lambda kind, a: 45.0 * a["ratio"] if "ratio" in a else 180.0, "tool"),
+    Question("tool_speed", "largest speed of the tool's turn", "degree/s", 1, 1e5, _SHEET, TURNING,
              _constant(1500.0), "tool"),
     Question("tool_torque", "largest torque of the tool's motor, behind its gear", "N*m", 1e-4, 1e5,
-             _SHEET, has_telescope,
+             _SHEET, TELESCOPE,
              lambda kind, a: rounded(2.0 * GRAVITY * a["tool_mass"] * a["strut"]), "tool"),
     Question("tool_rotor", "inertia of the tool's motor, behind its gear", "kg*m**2", 1e-12, 1e3,
-             _SHEET + ": rotor times the square of the gear ratio", has_telescope,
+             _SHEET + ": rotor times the square of the gear ratio", TELESCOPE,
              lambda kind, a: rounded(2e-4 * a["tool_torque"]), "tool"),
     Question("coulomb", "torque that a motor needs to turn at all, behind its gear", "N*m", 1e-6,
-             1e5, _TRY, is_rotary,
+             1e5, _TRY, ROTARY,
              lambda kind, a: rounded(0.03 * a["torque"] * a["gear"]), "friction"),
     Question("viscous", "torque more for each rad/s, behind the gear", "N*m*s/rad", 1e-6, 1e5, _TRY,
-             is_rotary, lambda kind, a: rounded(a["coulomb"] / 3), "friction"),
+             ROTARY, lambda kind, a: rounded(a["coulomb"] / 3), "friction"),
     Question("rail_coulomb", "force that a carriage needs to move at all", "N", 1e-5, 1e6, _TRY,
-             is_linear, lambda kind, a: rounded(0.05 * a["rail_force"]), "friction"),
-    Question("rail_viscous", "force more for each m/s", "N*s/m", 1e-5, 1e6, _TRY, is_linear,
+             LINEAR, lambda kind, a: rounded(0.05 * a["rail_force"]), "friction"),
+    Question("rail_viscous", "force more for each m/s", "N*s/m", 1e-5, 1e6, _TRY, LINEAR,
              lambda kind, a: rounded(a["rail_coulomb"]), "friction"),
-    Question("radius", "radius of the workspace, a cylinder", "m", 1e-3, 20, _FOUND, _all,
+    Question("radius", "radius of the workspace, a cylinder", "m", 1e-3, 20, _FOUND, ALL,
              lambda kind, a: a["found_radius"], "workspace"),
     Question("low", "lowest height of the platform point, below the base negative", "m", -50, 50,
-             _FOUND, _all, lambda kind, a: a["found_low"], "workspace"),
-    Question("high", "highest height of the platform point", "m", -50, 50, _FOUND, _all,
+             _FOUND, ALL, lambda kind, a: a["found_low"], "workspace"),
+    Question("high", "highest height of the platform point", "m", -50, 50, _FOUND, ALL,
              lambda kind, a: a["found_high"], "workspace"),
-    Question("top_speed", "largest speed of the platform", "m/s", 1e-3, 100, _SHEET, _all,
+    Question("top_speed", "largest speed of the platform", "m/s", 1e-3, 100, _SHEET, ALL,
              _top_speed, "workspace"),
     Question("top_acceleration", "largest acceleration of the platform", "m/s**2", 1e-2, 2000,
-             _SHEET, _all, _top_acceleration, "workspace"),
+             _SHEET, ALL, _top_acceleration, "workspace"),
 )  # fmt: skip
 GROUPS: tuple[Group, ...] = ("lengths", "masses", "motors", "tool", "friction", "workspace")
 
 
 def asked(kind: str) -> list[Question]:
     """What a kind of robot is asked for, in order."""
-    return [question for question in QUESTIONS if question.of(kind)]
+    return [question for question in QUESTIONS if kind in question.of]
 
 
 def answered(kind: str, answers: Mapping[str, str]) -> dict[str, str]:

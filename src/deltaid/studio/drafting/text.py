@@ -9,9 +9,9 @@ from deltaid.studio.drafting.bodies import bodies, stroke
 from deltaid.studio.drafting.draft import ASSUMED, Draft
 from deltaid.studio.drafting.questions import (
     GRAVITY,
+    LINEAR,
     QUESTIONS,
-    has_telescope,
-    is_linear,
+    TELESCOPE,
     limbs_of,
     platform_of,
     rounded,
@@ -128,7 +128,7 @@ def _once(sources: Mapping[str, str]) -> dict[str, str]:
 
 
 def _limbs(draft: Draft) -> list[_Row]:
-    platform, rail = platform_of(draft.kind), is_linear(draft.kind)
+    platform, rail = platform_of(draft.kind), draft.kind in LINEAR
     if platform == "h4":
         base, own = _h4_points(draft.values)
         source = f"{ASSUMED}, by the length of the middle bar"
@@ -169,7 +169,7 @@ def _list(points: list[list[float]]) -> str:
 
 
 def _telescope(draft: Draft) -> list[_Row]:
-    if not has_telescope(draft.kind):
+    if draft.kind not in TELESCOPE:
         return []
     low, high = map(number, stroke(draft.values))
     middle = "m; assumed in the middle of base and platform"
@@ -231,14 +231,14 @@ def _bodies(draft: Draft) -> list[_Row | str]:
 
 
 def _friction(draft: Draft) -> list[_Row]:
-    a, rail = draft.values, "rail_" if is_linear(draft.kind) else ""
+    a, rail = draft.values, "rail_" if draft.kind in LINEAR else ""
     keys = f"{rail}viscous", f"{rail}coulomb"
     law = f"{{viscous: {number(a[keys[0]])}, coulomb: {number(a[keys[1]])}}}"
     first = _Row("friction.drive1", law, keys)
     rows = [_Row("friction", note="N s/m and N" if rail else "N m s/rad and N m"), first]
     rows += _other_drives(draft, first)
     weight = GRAVITY * (a["platform_mass"] + a.get("tool_mass", 0.0))
-    if has_telescope(draft.kind):
+    if draft.kind in TELESCOPE:
         coulomb = rounded(0.08 * a["tool_torque"])
         others = {
             "drive4": (coulomb / 16, coulomb, ASSUMED),
@@ -258,7 +258,7 @@ def _friction(draft: Draft) -> list[_Row]:
 
 
 def _rotors(draft: Draft) -> list[_Row]:
-    if is_linear(draft.kind):
+    if draft.kind in LINEAR:
         value, keys, note = draft.values["rotor_mass"], ("rotor_mass",), "kg"
     else:
         rotor, gear = draft.values["rotor"], draft.values["gear"]
@@ -270,14 +270,14 @@ def _rotors(draft: Draft) -> list[_Row]:
         first,
         *_other_drives(draft, first),
     ]
-    if has_telescope(draft.kind):
+    if draft.kind in TELESCOPE:
         rows.append(_Row.answer(draft, "rotor_inertia.drive4", "tool_rotor", "kg m²"))
     return rows
 
 
 def _limits(draft: Draft) -> list[_Row | str]:
     a = draft.values
-    if is_linear(draft.kind):
+    if draft.kind in LINEAR:
         keys = ("rail_low", "rail_high", "rail_speed", "rail_force")
         names, values = ("position", "speed", "force"), [a[key] for key in keys]
     else:
@@ -301,7 +301,7 @@ def _limits(draft: Draft) -> list[_Row | str]:
         _Row(f"drive_limits.drive{i + 1}", limits, source=_together(draft, keys))
         for i in range(limbs_of(draft.kind))
     ]
-    if has_telescope(draft.kind):
+    if draft.kind in TELESCOPE:
         turning = "tool_speed", "tool_torque"
         speed, torque = (number(a[key]) for key in turning)
         rest = f"{{speed_deg_s: {speed}, torque: {torque}}}"

@@ -12,7 +12,7 @@ from deltaid.dynamics.limits import torque_limits
 from deltaid.dynamics.parameters import prior_parameters
 from deltaid.errors import DeltaidError, KinematicsError
 from deltaid.robot.description import RobotDescription
-from deltaid.studio.drafting.questions import is_linear
+from deltaid.studio.drafting.questions import LINEAR
 
 # Height of the cylinder over its radius; radii that are tried, as shares of the struts' length;
 # directions and heights at which its rim is looked at; shares of limits that may be used.
@@ -42,7 +42,7 @@ def height(kind: str, a: Mapping[str, float]) -> float:
     Raises:
         DeltaidError: the struts do not reach from there to the platform.
     """
-    if is_linear(kind):
+    if kind in LINEAR:
         tilt, along = np.deg2rad(a["tilt"]), 0.5 * (a["rail_low"] + a["rail_high"])
         out, down = a["base_radius"] + along * np.sin(tilt), along * np.cos(tilt)
         where = "with the carriages halfway"
@@ -57,7 +57,7 @@ def height(kind: str, a: Mapping[str, float]) -> float:
             f"are {1e3 * wide:.4g} mm apart sideways alone",
             where="--strut",
             cure="a longer strut, a shorter arm, a smaller base or a larger platform"
-            if not is_linear(kind)
+            if kind not in LINEAR
             else "a longer strut, a smaller base or a larger platform",
         )
     return float(down + np.sqrt(a["strut"] ** 2 - wide**2))

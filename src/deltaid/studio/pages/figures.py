@@ -62,21 +62,21 @@ def beside(found: Beside, names: Sequence[str], shown: str) -> Options:
         names: of the models.
         shown: 'torques' or 'errors'.
     """
-    pairs = zip(found.drives, found.units, strict=True)
-    plot = _panels([f"{drive} [{unit}]" for drive, unit in pairs])
-    for line in found.torques if shown == "torques" else found.errors:
+    curves = [curve for curve in found.curves if curve.quantity == shown]
+    plot = _panels(list({c.drive: f"{c.name} [{c.unit}]" for c in curves}.values()))
+    for curve in curves:
         name, drawn = "measured", {"color": _MEASURED, "width": 2.5}
-        if line.model is not None:
-            name = names[line.model]
-            drawn = {"color": _COLOURS[line.model % len(_COLOURS)], "width": 1.2}
+        if curve.model is not None:
+            name = names[curve.model]
+            drawn = {"color": _COLOURS[curve.model % len(_COLOURS)], "width": 1.2}
         plot.add_scatter(
-            x=line.time,
-            y=line.values,
+            x=curve.time,
+            y=curve.values,
             name=name,
             legendgroup=name,
-            showlegend=line.drive == 0,
+            showlegend=curve.drive == 0,
             line=drawn,
-            row=line.drive + 1,
+            row=curve.drive + 1,
             col=1,
         )
     return plot.to_plotly_json() | _CONFIG
