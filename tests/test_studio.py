@@ -15,8 +15,9 @@ from deltaid.studio.edits import difference, own_copy, robot_cured
 from deltaid.studio.folder import ConflictError, Folder
 from deltaid.studio.jobs import Job, error_in
 from deltaid.studio.look import MinMax
-from deltaid.studio.plan import FILE, Checked, Plan, Store, Used, digest
-from deltaid.studio.runs import new_run, next_run, runs
+from deltaid.studio.plan import FILE, Plan, Store, Used, digest
+from deltaid.studio.runs import FinishedRun, new_run, next_run, runs, write_record
+from deltaid.studio.session import Session
 from deltaid.studio.steps import check_step, fit_step
 
 
@@ -115,17 +116,18 @@ def test_a_check_holds_for_exactly_what_it_saw(folder: Folder) -> None:
     folder.write("mapping.yaml", "position: {column: q, unit: deg}\n")
     (folder.root / "log.csv").write_text("t\n")
     (folder.root / "test.csv").write_text("t\n")
-    store = Store(folder)
-    used = Used(file="log.csv", mapping="mapping.yaml")
+    session = Session(folder)
+    store, used = session.store, Used(file="log.csv", mapping="mapping.yaml")
     store.change(lambda p: p.changed(robot="robot.yaml", recordings=(used,)))
-    assert not store.is_checked
-    of = store.checked_of()
-    store.change(lambda p: p.changed(checked=Checked(of=of, grade="good", run="runs/0001-check")))
-    assert store.is_checked
+    assert not session.grade()
+    of, place = digest(folder, store.plan), new_run(folder, "check")
+    run = {"folder": place, "kind": "check", "command": "", "python": "", "version": "", "began": ""}
+    write_record(folder, FinishedRun(**run, seconds=1, exit=0, of=of), '{"grade": "good"}', "")
+    assert session.grade() == "good"
     # What a check does not see: names of runs, what is left aside, settings of the fit alone.
     store.change(lambda p: p.with_recording(Used(file="test.csv", use="aside")))
     store.change(lambda p: p.changed(settings=Settings(prior_spread=0.3), names={"a": "b"}))
-    assert store.is_checked
+    assert session.grade()
     plan = store.plan
     other = plan.changed(settings=Settings(cutoff=30.0))
     assert digest(folder, other) != of
@@ -134,11 +136,11 @@ def test_a_check_holds_for_exactly_what_it_saw(folder: Folder) -> None:
     assert digest(folder, plan.with_recording(Used(file="test.csv", use="verify"))) != of
     text = folder.text("mapping.yaml")
     folder.write("mapping.yaml", text + "# 1\n", instead_of=text)
-    assert not store.is_checked
+    assert not session.grade()
     (folder.root / "mapping.yaml").write_text(text)
-    assert store.is_checked
+    assert session.grade()
     (folder.root / "log.csv").write_text("t\n1\n")
-    assert not store.is_checked
+    assert not session.grade()
 
 
 def test_commands_say_what_is_not_default_and_nothing_else() -> None:

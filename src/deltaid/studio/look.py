@@ -3,13 +3,12 @@
 What goes in and out is plain data.
 """
 
-import importlib
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float
@@ -17,18 +16,18 @@ from jaxtyping import Float
 from deltaid.checks.evidence import evidence
 from deltaid.checks.verdicts import mapping_text
 from deltaid.dynamics.dynamics import compiled
+from deltaid.identification.loads import as_known
+from deltaid.identification.sources import model_filtered
+from deltaid.identification.torque_error import torque_error
 from deltaid.model.model import load
 from deltaid.recording.columns import Channel
 from deltaid.recording.mapping import ColumnMapping, load_mapping
-from deltaid.recording.opening import resolved_table
+from deltaid.recording.opening import open_log, resolved_table
 from deltaid.recording.source import LogTable
 from deltaid.recording.table import open_table
 from deltaid.robot.load import described, parse, yaml_text
 from deltaid.studio.folder import stamp
-from deltaid.view.comparison import extreme_rows, stretch_length
-
-if TYPE_CHECKING:
-    from deltaid.view.comparison import TorqueComparison
+from deltaid.view.comparison import TorqueComparison, compare, extreme_rows, stretch_length
 
 # Points of a curve at most; a screen has hardly more columns.
 POINTS = 1600
@@ -67,9 +66,7 @@ class Preview:
 
 
 def ready() -> bool:
-    """Load what other looks need, so that the first one is quick too."""
-    for name in ("deltaid.view.reach", "deltaid.view.comparison"):
-        importlib.import_module(name)
+    """Whether the modules of looks are loaded, so that the first one is quick too."""
     return True
 
 
@@ -218,14 +215,7 @@ def torques(
 @lru_cache(_KEPT)
 def _compared(
     path: str, mapping: str | None, name: str, _changed: tuple[object, ...]
-) -> "tuple[TorqueComparison, Float[np.ndarray, ' drives']]":
-    # The server knows this module and need not wait for those.
-    from deltaid.identification.loads import as_known
-    from deltaid.identification.sources import model_filtered
-    from deltaid.identification.torque_error import torque_error
-    from deltaid.recording.opening import open_log
-    from deltaid.view.comparison import compare
-
+) -> tuple[TorqueComparison, Float[np.ndarray, " drives"]]:
     model = load(name)
     log = open_log(path, model.dynamics.kinematics, load_mapping(mapping) if mapping else None)
     recording = as_known(model_filtered(model, log), model)

@@ -24,14 +24,6 @@ class Used(Part):
     use: Literal["fit", "verify", "aside"] = "fit"
 
 
-class Checked(Part):
-    """The last check: of what, and how it ended."""
-
-    of: str = Field(description="digest of all that the check saw")
-    grade: str
-    run: str
-
-
 class Plan(Part):
     """Everything that a studio remembers beside the files themselves."""
 
@@ -39,7 +31,7 @@ class Plan(Part):
     recordings: tuple[Used, ...] = ()
     settings: Settings = Settings()
     force: bool = False
-    checked: Checked | None = None
+    checked: object = Field(default=None, exclude=True, description="of earlier versions")
     model: str | None = Field(default=None, description="the model file that is put to use")
     names: dict[str, str] = Field(
         default_factory=dict[str, str], description="what runs are called"
@@ -129,15 +121,6 @@ class Store:
             return False
         self.tell()
         return True
-
-    def checked_of(self) -> str:
-        """Digest of all that a check of the plan sees: files, mappings and settings."""
-        return digest(self.folder, self.plan)
-
-    @property
-    def is_checked(self) -> bool:
-        """Whether the check has run for exactly what the plan says now."""
-        return self.plan.checked is not None and self.plan.checked.of == self.checked_of()
 
     def _read(self) -> Plan:
         return _parsed(self.folder.text(FILE) if self.folder.has(FILE) else "")

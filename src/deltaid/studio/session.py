@@ -16,7 +16,7 @@ from deltaid.studio.edits import incomplete, read
 from deltaid.studio.folder import Folder, stamp
 from deltaid.studio.jobs import Job
 from deltaid.studio.look import ready
-from deltaid.studio.plan import Checked, Plan, Store, Used
+from deltaid.studio.plan import Plan, Store, Used, digest
 from deltaid.studio.runs import FinishedRun, new_run, output, runs
 from deltaid.studio.steps import Kind, Step
 
@@ -101,7 +101,7 @@ class Session:
         place = new_run(self.folder, kind)
         robot, of = self.plan.robot or "", ""
         if kind in ("check", "fit"):
-            of = self.store.checked_of()
+            of = digest(self.folder, self.plan)
         elif kind == "show":
             of = self.stamped(robot)
         self.job = Job(make(place), self.folder, place, of=of, robot=robot)
@@ -113,6 +113,13 @@ class Session:
         """The last run of a kind that did what it was asked for."""
         done = (run for run in runs(self.folder) if run.kind == kind and run.succeeded)
         return next(done, None)
+
+    def grade(self) -> str:
+        """Grade of the last check, if it saw exactly what the plan says now; else empty."""
+        last = self.last("check")
+        if last is None or last.of != digest(self.folder, self.plan):
+            return ""
+        return str(output(self.folder, last).get("grade", ""))
 
     async def look(self, function: Callable[..., _Found], *given: Any) -> _Found:
         """A look at files in a process of its own, remembered until they change.
@@ -161,7 +168,7 @@ class Session:
             self._pool.shutdown(cancel_futures=True)
 
     async def _run(self, job: Job) -> None:
-        """Run a job to an end, whatever comes between; keep what a check or a fit has come to."""
+        """Run a job to an end, whatever comes between; use the model of a fit."""
         try:
             await job.go()
         except DeltaidError as error:
@@ -171,14 +178,8 @@ class Session:
                 what = "was ended by a defect of deltaid"
                 job.fail(DeltaidError(what, where=job.step.kind, cure="please report it"))
                 self.store.tell()
-        if job.run is not None and job.state == "done":
-            run = job.run
-            if job.step.kind == "check":
-                grade = str(output(self.folder, run).get("grade", ""))
-                checked = Checked(of=job.of, grade=grade, run=run.folder)
-                self.store.change(lambda plan: plan.changed(checked=checked))
-            elif job.step.kind == "fit":
-                self.store.change(lambda plan: plan.changed(model=run.file("model.yaml")))
+        if job.step.kind == "fit" and job.state == "done" and (run := job.run) is not None:
+            self.store.change(lambda plan: plan.changed(model=run.file("model.yaml")))
         self.store.tell()
 
     def stamped(self, name: str) -> str:
@@ -198,7 +199,7 @@ def standing(session: Session) -> dict[str, str]:
     stages |= {"robot": "done", "recording": "done" if mapped else "open"}
     has_model = plan.model is not None and session.folder.has(plan.model)
     if mapped:
-        grade = plan.checked.grade if plan.checked and session.store.is_checked else ""
+        grade = session.grade()
         stages["check"] = "wrong" if grade == "wrong" else "done" if grade else "open"
         stages["fit"] = "later" if not grade else "done" if has_model else "open"
     if has_model:

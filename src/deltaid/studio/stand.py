@@ -3,18 +3,17 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import TYPE_CHECKING
 
 import numpy as np
 from jaxtyping import Float
+from scipy.spatial.transform import Rotation
 
+from deltaid.dynamics.at_rest import AtRest
+from deltaid.mechanism.skeleton import Skeleton
 from deltaid.model.model import load
-from deltaid.view.drawing import members, outline_points, outline_segments
-
-if TYPE_CHECKING:
-    from deltaid.dynamics.at_rest import AtRest
-    from deltaid.mechanism.skeleton import Skeleton
-    from deltaid.view.at_pose import View
+from deltaid.view.at_pose import View, home_view, moved
+from deltaid.view.drawing import along, members, outline_points, outline_segments
+from deltaid.view.reach import require_space
 
 # How far beyond its workspace a robot may be asked to go, as a share of that.
 _BEYOND = 0.3
@@ -62,7 +61,7 @@ class Stand:
         lengths: [m].
     """
 
-    view: "View"
+    view: View
     middles: Float[np.ndarray, "segments 3"]
     turns: Float[np.ndarray, "segments 3 3"]
     lengths: Float[np.ndarray, " segments"]
@@ -105,11 +104,6 @@ def stand(robot: str, changed: str, wanted: Sequence[float], before: Sequence[fl
     Raises:
         DeltaidError: as `stage`.
     """
-    from scipy.spatial.transform import Rotation
-
-    from deltaid.view.at_pose import home_view, moved
-    from deltaid.view.drawing import along
-
     rest, skeleton = _built(robot, changed)
     units = _units(rest)
     view = moved(rest, home_view(rest), np.asarray(before, dtype=float) / units)
@@ -120,24 +114,19 @@ def stand(robot: str, changed: str, wanted: Sequence[float], before: Sequence[fl
 
 
 @lru_cache(2)
-def _built(robot: str, _changed: str) -> "tuple[AtRest, Skeleton]":
-    # The server knows this module and need not wait for those.
-    from deltaid.dynamics.at_rest import AtRest
-    from deltaid.mechanism.skeleton import Skeleton
-    from deltaid.view.reach import require_space
-
+def _built(robot: str, _changed: str) -> tuple[AtRest, Skeleton]:
     model = load(robot)
     require_space(model.robot)
     rest = AtRest(model.dynamics, model.p)
     return rest, Skeleton(rest.robot, rest.dynamics.kinematics.mechanism)
 
 
-def _units(rest: "AtRest") -> Float[np.ndarray, " dof"]:
+def _units(rest: AtRest) -> Float[np.ndarray, " dof"]:
     """What coordinates are multiplied with to be shown: m stay, rad become degrees."""
     return np.array([1.0, 1.0, 1.0, *(np.rad2deg(1.0) for _ in range(rest.dynamics.dof - 3))])
 
 
-def _axes(rest: "AtRest") -> tuple[Axis, ...]:
+def _axes(rest: AtRest) -> tuple[Axis, ...]:
     edges = outline_points(rest.robot.workspace)
     low, high = edges.min(axis=0), edges.max(axis=0)
     beyond = _BEYOND * (high - low)

@@ -4,7 +4,7 @@ import re
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cache
-from typing import TYPE_CHECKING
+from typing import Any
 
 import numpy as np
 
@@ -19,9 +19,6 @@ from deltaid.studio.drafting.questions import (
     asked,
     platform_of,
 )
-
-if TYPE_CHECKING:
-    import pint
 
 GIVEN, ASSUMED = "given", "assumed"
 # The drive of a telescope, behind those of three limbs.
@@ -177,8 +174,7 @@ def quantity(text: str, unit: str, where: str = "the answer") -> float:
     # Spaces between names are products.
     words = re.sub(r"(?<=[A-Za-zµμ\d])\s+(?=[A-Za-zµμ])", "*", words)
     try:
-        given = _registry().parse_units(words)
-        return float(_registry().Quantity(number, given).to(unit).magnitude)
+        return float(_registry().Quantity(number, _registry().parse_units(words)).m_as(unit))
     except (pint.PintError, ValueError, TypeError, AttributeError):
         raise DeltaidError(
             f"{found[2].strip()!r} is no unit for this",
@@ -188,7 +184,7 @@ def quantity(text: str, unit: str, where: str = "the answer") -> float:
 
 
 @cache
-def _registry() -> "pint.UnitRegistry[float]":
+def _registry() -> Any:
     import pint
 
     return pint.UnitRegistry()

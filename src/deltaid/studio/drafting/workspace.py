@@ -93,26 +93,28 @@ def find_space(robot: RobotDescription, middle: float, strut: float) -> Space:
     radius = _LARGEST * strut
     while radius > _SMALLEST * strut:
         for shift in _SHIFTS:
-            low = -middle - shift * strut - 0.5 * _TALL * radius
-            space = Space(radius, low, low + _TALL * radius)
+            space = _cylinder(-middle - shift * strut, radius)
             if space.high < 0 and _holds(at_rest, space):
                 return _rounded(_taller(at_rest, space, _GROWN * strut))
         radius *= _STEP
     raise DeltaidError(
         "no place was found where the robot stands well: everywhere near the middle "
-        f"{_worst(at_rest, middle, _SMALLEST * strut)}",
+        f"{_worst(at_rest, _cylinder(-middle, _SMALLEST * strut))}",
         where="the lengths",
         cure=_cure(robot),
     )
 
 
+def _cylinder(middle: float, radius: float) -> Space:
+    low = middle - 0.5 * _TALL * radius
+    return Space(radius, low, low + _TALL * radius)
+
+
 def _taller(at_rest: AtRest, space: Space, step: float) -> Space:
     """The same radius, as far down and up as it goes: rails reach farther than arms."""
-    for direction in (-1.0, 1.0):
+    for down, up in ((step, 0.0), (0.0, step)):
         for _ in range(_GROWTHS):
-            grown = replace(space, high=space.high + step)
-            if direction < 0:
-                grown = replace(space, low=space.low - step)
+            grown = replace(space, low=space.low - down, high=space.high + up)
             if grown.high >= 0 or not _holds(at_rest, grown):
                 break
             space = grown
@@ -152,14 +154,13 @@ def _holds(at_rest: AtRest, space: Space) -> bool:
     return bool(poses.stands.all() and (poses.shares[:, _pose_limits(at_rest)] <= _SHARE).all())
 
 
-def _worst(at_rest: AtRest, middle: float, radius: float) -> str:
-    low = -middle - 0.5 * _TALL * radius
-    poses = at_rest(_points(at_rest, Space(radius, low, low + _TALL * radius)))
+def _worst(at_rest: AtRest, space: Space) -> str:
+    poses = at_rest(_points(at_rest, space))
     if not poses.stands.all():
         return at_rest.why_not(poses.z[int(np.argmin(poses.stands))])
-    own = _pose_limits(at_rest)
-    shares = poses.shares[:, own].max(axis=0)
-    return f"the limit “{at_rest.limits[own[int(shares.argmax())]]}” is at {shares.max():.0%}"
+    limits = _pose_limits(at_rest)
+    shares = poses.shares[:, limits].max(axis=0)
+    return f"the limit “{at_rest.limits[limits[int(shares.argmax())]]}” is at {shares.max():.0%}"
 
 
 def _points(at_rest: AtRest, space: Space) -> Float[np.ndarray, "samples dof"]:

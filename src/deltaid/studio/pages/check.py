@@ -30,12 +30,12 @@ async def body(session: Session) -> None:
     if not isinstance(session.robot(), RobotDescription):
         parts.note("Pick a robot first; its description is checked even without a recording.")
         return
-    plan = session.plan
+    plan, last, seen = session.plan, session.last("check"), bool(session.grade())
     with parts.panel():
         names = ", ".join(recording.file for recording in plan.used)
         ui.label(f"Of {plan.robot}{f' with {names}' if names else ', the description only'}")
         ready = parts.all_mapped(session)
-        if plan.checked is not None and not session.store.is_checked and not session.busy:
+        if last is not None and not seen and not session.busy:
             parts.note(
                 "Robot, recordings, mapping or filter have changed since the last check: "
                 "check again.",
@@ -43,17 +43,17 @@ async def body(session: Session) -> None:
             )
         make = partial(check_step, plan)
         parts.step(session, "check", "Check", make, ready=ready, looks="")
-    if not session.busy and (last := session.last("check")) is not None:
-        _verdicts(session, last)
+    if last is not None and not session.busy:
+        _verdicts(session, last, seen)
 
 
-def _verdicts(session: Session, run: FinishedRun) -> None:
+def _verdicts(session: Session, run: FinishedRun, seen: bool) -> None:
     found = output(session.folder, run)
     grade = str(found.get("grade", ""))
     verdicts: list[dict[str, Any]] = found.get("verdicts", [])
     kind = {"wrong": "bad", "good": "good"}.get(grade, "doubt")
     parts.note(_SENTENCES.get(grade, grade), kind)
-    if not session.store.is_checked:
+    if not seen:
         ui.label("These verdicts are of what was there before the last change.").classes("dim")
     verdicts = sorted(verdicts, key=lambda verdict: _ORDER.index(verdict["grade"]))
     good = [verdict for verdict in verdicts if verdict["grade"] == "good"]

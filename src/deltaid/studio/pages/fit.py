@@ -69,12 +69,14 @@ def _gate(session: Session) -> bool:
     plan = session.plan
     if not parts.all_mapped(session):
         return False
-    if not session.store.is_checked:
-        again = "has changed since the check" if plan.checked else "has not been checked yet"
+    if not (grade := session.grade()):
+        again = (
+            "has changed since the check" if session.last("check") else "has not been checked yet"
+        )
         parts.note(f"What is to be fitted {again}: run the check first.", "doubt")
         parts.go_to("check", "Go to the check")
         return False
-    if plan.checked is not None and plan.checked.grade == "wrong":
+    if grade == "wrong":
         parts.note("The check calls something wrong, and a fit would refuse it.", "bad")
         insist = ui.switch(INSIST, value=plan.force)
         insist.on_value_change(lambda event: parts.change(session, force=bool(event.value)))
