@@ -1,9 +1,9 @@
 """`deltaid columns` and `check`: which column of a recording is what, and what is wrong with it."""
 
 import textwrap
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, NamedTuple
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 from rich.table import Table
@@ -205,9 +205,9 @@ def check(
     with progress(as_json):
         cures = _cures(robot, columns or [], logs, verdicts)
     if write is not None and len(cures) == 1:
-        targets = {cures[0].file: write}
+        targets = dict.fromkeys(cures, write)
     write_files(
-        *((targets.get(cure.file), cure.text) for cure in cures),
+        *((targets.get(file), text) for file, (_, text) in cures.items()),
         (report, lambda path: _write_report(robot, verdicts, logs, cures, path)),
     )
     if as_json:
@@ -233,14 +233,14 @@ def check(
         console.print(_verdicts_shown(verdict_table(listed)))
         console.print()
     console.print(tally(verdicts))
-    for cure in cures:
+    for file, (lines, _) in cures.items():
         console.print()
-        console.print(styled(f"into {_BELONGS[cure.file]}:"))
-        console.print(cure.lines)
-    for cure in cures if write else ():
-        path = targets[cure.file]
+        console.print(styled(f"into {_BELONGS[file]}:"))
+        console.print(lines)
+    for file in cures if write else ():
+        path = targets[file]
         with_it = f"give it with --columns {path}"
-        use = "use it in place of the robot" if cure.file == "robot" else with_it
+        use = "use it in place of the robot" if file == "robot" else with_it
         console.print(f"wrote {path}; {use}")
     if write is not None and not cures:
         console.print("nothing was written: no verdict proposes a line of robot file or mapping")
@@ -261,23 +261,18 @@ def _verdicts_shown(finished: Finished) -> Table:
     return result
 
 
-class Cure(NamedTuple):
-    """One file with all that is proposed for it: changed keys to paste, and the whole text."""
-
-    file: "File"
-    lines: str
-    text: str
-
-
 def _cures(
     robot: str, columns: Sequence[Path], logs: Sequence[Path], verdicts: "deltaid.Verdicts"
-) -> list[Cure]:
-    """Files with what is proposed; of several mappings none, for they differ."""
+) -> dict["File", tuple[str, str]]:
+    """What is proposed for each file: changed keys to paste, and the whole text.
+
+    Of several mappings it is nothing, for they differ.
+    """
     from deltaid.checks import verdicts as checks
     from deltaid.checks.evidence import evidence
     from deltaid.robot.load import described
 
-    cures = list[Cure]()
+    cures = dict["File", tuple[str, str]]()
     for file in checks.files_of(verdicts):
         wanted = checks.changes(verdicts, file)
         if file == "robot":
@@ -289,7 +284,7 @@ def _cures(
             path = columns[0] if columns else None
             record = evidence(described(robot), logs[0], path and deltaid.load_mapping(path))
             data, text = record.written_mapping, checks.mapping_text(record, wanted, path)
-        cures.append(Cure(file, checks.pasted(data, wanted), text))
+        cures[file] = checks.pasted(data, wanted), text
     return cures
 
 
@@ -297,7 +292,7 @@ def _write_report(
     robot: str,
     verdicts: "deltaid.Verdicts",
     logs: Sequence[Path],
-    cures: Sequence[Cure],
+    cures: Mapping["File", tuple[str, str]],
     path: Path,
 ) -> None:
     """Write the page, which names files; that of `Verdicts.report` needs a robot."""
@@ -312,7 +307,7 @@ def _write_report(
         picture = drawing.drawing(description, compiled(description).kinematics)
     except DescriptionError:  # which the verdicts tell
         picture = None
-    lines, data = {_BELONGS[cure.file]: cure.lines for cure in cures}, as_written(robot)
+    lines, data = {_BELONGS[file]: shown for file, (shown, _) in cures.items()}, as_written(robot)
     title = str(data.get("title") or data.get("name") or robot)
     page = view.check_page(title, verdicts, [log.name for log in logs], lines, picture)
     html.write_page(page, path)

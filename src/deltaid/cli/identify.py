@@ -133,8 +133,6 @@ def identify(
     # that do not takes a fifth of the time.
     gc.disable()
     from deltaid.checks.identify import identify as run
-    from deltaid.fleets.factor_file import read
-    from deltaid.fleets.identify_gathered import identify_gathered
     from deltaid.identification.prediction import noted, remarks
     from deltaid.recording.source import opened
 
@@ -187,6 +185,9 @@ def identify(
         require_open({}, report)
     with progress(as_json) as say:
         if from_factors:
+            from deltaid.fleets.factor_file import read
+            from deltaid.fleets.identify_gathered import identify_gathered
+
             say(f"merging {len(logs)} factor files")
             result = identify_gathered(robot, [read(log) for log in logs], settings)
         else:

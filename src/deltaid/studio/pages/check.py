@@ -8,7 +8,7 @@ from nicegui import ui
 from deltaid.errors import DeltaidError
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.load import catalogue, catalogue_text
-from deltaid.studio.edits import difference, own_copy, robot_cured, wanted
+from deltaid.studio.edits import difference, robot_cured, wanted
 from deltaid.studio.look import mapping_cured
 from deltaid.studio.pages import parts
 from deltaid.studio.plan import Plan, Used
@@ -99,32 +99,27 @@ async def _offer(
     used = None if file == "robot" else _used(plan, verdict)
     if used is not None:
         name = used.mapping or mapping_name(session, used.file)
-        before = folder.text(name) if folder.has(name) else None
+        before = folder.text(name)
         path, mapping = str(folder.path(used.file)), mapping_of(session, used)
         after = await session.look(mapping_cured, path, session.place(robot), mapping, changes)
-    elif robot in catalogue():
-        name, before = folder.free_name(f"{robot}.yaml"), None
-        after = robot_cured(catalogue_text(robot), changes, name)
     else:
-        name, before = robot, folder.text(robot)
-        after = robot_cured(before, changes, robot)
+        name = folder.free_name(f"{robot}.yaml") if robot in catalogue() else robot
+        before = catalogue_text(robot) if robot in catalogue() else folder.text(robot)
+        after = robot_cured(before, changes, name)
+    instead_of = before if folder.has(name) else None
 
     def write() -> None:
         dialog.close()
-        written, instead_of = name, before
-        if used is None and before is None:
-            written = own_copy(folder, robot)
-            instead_of = folder.text(written)
-        folder.write(written, after, instead_of=instead_of)
+        folder.write(name, after, instead_of=instead_of)
         if used is None:
-            parts.change(session, robot=written)
+            parts.change(session, robot=name)
         else:
-            parts.change_use(session, used, mapping=written)
-        ui.notify(f"{written} is changed", type="positive")
+            parts.change_use(session, used, mapping=name)
+        ui.notify(f"{name} is changed", type="positive")
 
     with ui.dialog(value=True) as dialog, ui.card().style("min-width: min(640px, 90vw)"):
         ui.label(f"Change {name}?").classes("text-h6")
-        parts.difference(difference(name, before or "", after))
+        parts.difference(difference(name, before, after))
         with ui.row():
             ui.button("Apply", on_click=write).props("autofocus")
             ui.button("Leave it", on_click=dialog.close).props("flat")

@@ -12,7 +12,7 @@ from deltaid.studio.pages.figures import beside, linked
 from deltaid.studio.plan import Used
 from deltaid.studio.runs import FinishedRun, comparison, describe_fit, runs
 from deltaid.studio.session import Session, mapping_of
-from deltaid.studio.steps import validate_step
+from deltaid.studio.steps import Step, validate_step
 from deltaid.view.numbers import percent
 
 _SHOWN = ["torques", "errors"]
@@ -24,7 +24,6 @@ async def body(session: Session) -> None:
     if not models:
         parts.note("There is no model yet: fit one first.")
         return
-    parts.progress(session, "validate")
     used = (run for run in models if run.file("model.yaml") == session.plan.model)
     chosen = next(used, models[0])
     with parts.panel(f"{chosen.name}: {session.plan.names.get(chosen.folder, 'the model')}"):
@@ -46,15 +45,15 @@ def _validate(session: Session, run: FinishedRun) -> None:
     known = {recording.file: recording for recording in session.plan.recordings}
     if not known:
         return
-    with parts.panel("Test this model on a recording"), ui.row().classes("items-center"):
-        file = ui.select(list(known), value=next(iter(known)), label="Recording")
 
-        def begin() -> None:
-            used, keep = known[str(file.value)], session.plan.settings.keep_all
-            make = partial(validate_step, run.file("model.yaml"), used, keep_all=keep)
-            session.begin("validate", make)
+    def make(at: str) -> Step:
+        used, keep = known[str(file.value)], session.plan.settings.keep_all
+        return validate_step(run.file("model.yaml"), used, at, keep_all=keep)
 
-        ui.button("Test", on_click=begin).props("outline").set_enabled(not session.busy)
+    with parts.panel("Test this model on a recording"):
+        with ui.row().classes("items-center") as row:
+            file = ui.select(list(known), value=next(iter(known)), label="Recording")
+        parts.step(session, "validate", "Test", make, file, row=row)
 
 
 def _history(session: Session, everything: list[FinishedRun], chosen: FinishedRun) -> None:
