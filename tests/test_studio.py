@@ -121,7 +121,14 @@ def test_a_check_holds_for_exactly_what_it_saw(folder: Folder) -> None:
     store.change(lambda p: p.changed(robot="robot.yaml", recordings=(used,)))
     assert not session.grade()
     of, place = digest(folder, store.plan), new_run(folder, "check")
-    run = {"folder": place, "kind": "check", "command": "", "python": "", "version": "", "began": ""}
+    run = {
+        "folder": place,
+        "kind": "check",
+        "command": "",
+        "python": "",
+        "version": "",
+        "began": "",
+    }
     write_record(folder, FinishedRun(**run, seconds=1, exit=0, of=of), '{"grade": "good"}', "")
     assert session.grade() == "good"
     # What a check does not see: names of runs, what is left aside, settings of the fit alone.

@@ -15,15 +15,13 @@ from deltaid.studio.drafting.interview import drafted, new_step
 from deltaid.studio.plan import Plan, Used
 from deltaid.studio.steps import (
     Step,
+    along_step,
     check_step,
     excite_step,
     export_step,
     fit_step,
-    forces_step,
     insisting,
     show_step,
-    simulate_step,
-    torque_step,
     validate_step,
 )
 from logs import recorded
@@ -63,12 +61,12 @@ def _steps() -> Iterator[object]:
     yield pytest.param(fit_step(PLAN.changed(settings=Settings()), "at"), marks=SLOW)
     yield pytest.param(validate_step(ROBOT, LOG, "at"), marks=SLOW)
     yield EXCITE
-    yield pytest.param(simulate_step(ROBOT, MOTION, None, "at", "pd"), marks=SLOW)
-    yield pytest.param(simulate_step(ROBOT, "log.csv", MAPPING, "at"), marks=SLOW)
-    yield torque_step(ROBOT, "log.csv", MAPPING, "at")
-    yield pytest.param(torque_step(ROBOT, MOTION, None, "at", periodic=True), marks=SLOW)
-    yield forces_step(ROBOT, MOTION, None, "at", 0.1)
-    yield forces_step(ROBOT, "log.csv", MAPPING, "at")
+    yield pytest.param(along_step("simulate", ROBOT, MOTION, None, "at", "pd"), marks=SLOW)
+    yield pytest.param(along_step("simulate", ROBOT, "log.csv", MAPPING, "at"), marks=SLOW)
+    yield along_step("torque", ROBOT, "log.csv", MAPPING, "at")
+    yield pytest.param(along_step("torque", ROBOT, MOTION, None, "at", True), marks=SLOW)
+    yield along_step("forces", ROBOT, MOTION, None, "at", 0.1)
+    yield along_step("forces", ROBOT, "log.csv", MAPPING, "at")
     for form in ("c", "mjcf", "urdf", "casadi", "npz"):
         yield export_step(ROBOT, form, f"at/{form}/")
     yield export_step(ROBOT, "mjcf", "at/plain/", plain_friction=True)

@@ -98,47 +98,57 @@ result.save({motion!r})
     return _step("excite", (robot,), asked, _made(folder, motion), python)
 
 
-def torque_step(
-    model: str, motion: str, mapping: str | None, folder: str, *, periodic: bool = False
-) -> Step:
-    """Feed-forward: the torques that a model predicts along a motion."""
-    output = f"{folder}/feed-forward.csv"
-    asked = {"columns": mapping, "periodic": periodic or None}
-    python = f"""\
-result = {_call("deltaid.torque", repr(model), repr(motion), **asked)}
+AlongKind = Literal["torque", "simulate", "forces"]
+# Along a motion: the file that is made, the option, and Python for what comes out.
+_ALONG: dict[AlongKind, tuple[str, str, str]] = {
+    "torque": (
+        "feed-forward.csv",
+        "periodic",
+        """\
 print("rows without torques at both ends:", result.without)
 result.save({output!r})
-"""
-    return _step("torque", (model, motion), asked, {"output": output}, python)
-
-
-def simulate_step(
-    model: str, motion: str, mapping: str | None, folder: str, controller: str = "computed-torque"
-) -> Step:
-    """A controller that knows a model, along a motion."""
-    output = f"{folder}/simulated.csv"
-    asked = {"controller": controller, "columns": mapping}
-    python = f"""\
-result = {_call("deltaid.simulate", repr(model), repr(motion), **asked)}
+""",
+    ),
+    "simulate": (
+        "simulated.csv",
+        "controller",
+        """\
 print("platform error rms [m]:", result.error.platform_rms)
 result.table().write_csv({output!r})
-"""
-    return _step("simulate", (model, motion), asked, _made(folder, output), python)
-
-
-def forces_step(
-    model: str, motion: str, mapping: str | None, folder: str, spacing: float | None = None
-) -> Step:
-    """What struts, joints and bearings carry along a motion."""
-    output = f"{folder}/forces.csv"
-    asked = {"columns": mapping, "strut_spacing": spacing}
-    python = f"""\
-result = {_call("deltaid.forces", repr(model), repr(motion), **asked)}
+""",
+    ),
+    "forces": (
+        "forces.csv",
+        "strut_spacing",
+        """\
 for finding in result.findings:
     print(finding)
 result.save({output!r})
-"""
-    return _step("forces", (model, motion), asked, _made(folder, output), python)
+""",
+    ),
+}
+
+
+def along_step(
+    kind: AlongKind,
+    model: str,
+    motion: str,
+    mapping: str | None,
+    folder: str,
+    option: str | float | bool | None = None,
+) -> Step:
+    """A model along a motion: the torques that it predicts, a controller that knows it, or what
+    struts, joints and bearings carry.
+
+    Args:
+        option: whether the motion is periodic; the controller; the distance of a limb's struts [m].
+    """
+    file, name, shown = _ALONG[kind]
+    output, asked = f"{folder}/{file}", {"columns": mapping, name: option or None}
+    call = _call(f"deltaid.{kind}", repr(model), repr(motion), **asked)
+    python = f"result = {call}\n{shown.format(output=output)}"
+    made = {"output": output} if kind == "torque" else _made(folder, output)
+    return _step(kind, (model, motion), asked, made, python)
 
 
 def export_step(

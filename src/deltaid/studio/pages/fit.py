@@ -1,42 +1,29 @@
 """Stage 4: the fit. Settings with their defaults, progress, and an end before its end."""
 
 from functools import partial
-from typing import Any, get_args
+from typing import Any, Literal, get_args, get_origin
 
 from nicegui import ui
 
 from deltaid.errors import DeltaidError
-from deltaid.model.options import (
-    ComplianceChoice,
-    EffectsChoice,
-    FrictionLaws,
-    IntervalChoice,
-    Method,
-    RegularizerName,
-)
 from deltaid.model.record import Settings
 from deltaid.studio.pages import parts
 from deltaid.studio.session import Session
 from deltaid.studio.steps import fit_step
 from deltaid.studio.words import INSIST
 
-_CHOICES: dict[str, tuple[str, Any]] = {
-    "friction": ("Friction laws: choose further terms, or as described", FrictionLaws),
-    "intervals": ("Intervals of parameters", IntervalChoice),
-    "method": ("Method", Method),
-    "regularizer": ("Distance to the prior", RegularizerName),
-    "compliance": ("Gears that wind up", ComplianceChoice),
-    "effects": (
-        "Zeros, lengths, tilt, forces and ripples that the recording asks for",
-        EffectsChoice,
-    ),
-}
-_NUMBERS = {
+# Settings in the order of the page, and what their fields are called.
+_LABELS = {
+    "friction": "Friction laws: choose further terms, or as described",
+    "intervals": "Intervals of parameters",
+    "method": "Method",
+    "regularizer": "Distance to the prior",
+    "compliance": "Gears that wind up",
+    "effects": "Zeros, lengths, tilt, forces and ripples that the recording asks for",
     "cutoff": "Cut-off of the low-pass [Hz]; empty: from the data",
     "gamma": "Weight γ of the prior; empty: from the noise",
     "prior_spread": "How far the prior may be off, as a share",
-}
-_SWITCHES = {
+    "lag": "Lag of torques: estimate, none, or ms",
     "events": "Detect contacts, stops and spikes, and exclude them",
     "keep_all": "Exclude nothing else (rest, brakes, reversals)",
 }
@@ -85,6 +72,7 @@ def _gate(session: Session) -> bool:
 
 
 def _settings(session: Session) -> None:
+    """A field for each setting, of the kind that its values have."""
     settings = session.plan.settings
 
     def take(key: str, value: Any) -> None:
@@ -92,8 +80,9 @@ def _settings(session: Session) -> None:
             lambda plan: plan.changed(settings=plan.settings.changed(**{key: value}))
         )
 
-    def number(key: str, text: str) -> None:
-        take(key, parts.number(text, key, getattr(Settings(), key), "such as 30"))
+    def read(key: str, text: str) -> None:
+        default = getattr(Settings(), key)
+        take(key, _lag(text) if key == "lag" else parts.number(text, key, default, "such as 30"))
 
     with parts.panel("Settings"):
         changed = settings != Settings()
@@ -101,30 +90,26 @@ def _settings(session: Session) -> None:
             "Changed from the defaults." if changed else "Defaults are right for most recordings."
         ).classes("dim")
         with ui.element("div").classes("columns"):
-            for key, (label, kind) in _CHOICES.items():
-                ui.select(
-                    list(get_args(kind)),
-                    value=getattr(settings, key),
-                    label=label,
-                    on_change=lambda event, key=key: take(key, event.value),
-                )
-            for key, label in _NUMBERS.items():
-                value = getattr(settings, key)
-                field = ui.input(label, value="" if value is None else f"{value:.10g}")
-                parts.on_leaving(field, partial(number, key))
-            given = settings.lag
-            shown = given if isinstance(given, str) else ",".join(f"{1e3 * s:.10g}" for s in given)
-            lag = ui.input("Lag of torques: estimate, none, or ms", value=shown)
-            parts.on_leaving(lag, lambda text: take("lag", _lag(text)))
-            for key, label in _SWITCHES.items():
-                ui.switch(
-                    label,
-                    value=getattr(settings, key),
-                    on_change=lambda event, key=key: take(key, event.value),
-                )
+            for key, label in _LABELS.items():
+                value, kind = getattr(settings, key), Settings.model_fields[key].annotation
+                if kind is bool:
+                    field = ui.switch(label, value=value)
+                elif get_origin(kind) is Literal:
+                    field = ui.select(list(get_args(kind)), value=value, label=label)
+                else:
+                    parts.on_leaving(ui.input(label, value=_text(value)), partial(read, key))
+                    continue
+                field.on_value_change(lambda event, key=key: take(key, event.value))
         if changed:
             reset = partial(parts.change, session, settings=Settings())
             ui.button("Back to the defaults", on_click=reset).props("flat")
+
+
+def _text(value: float | str | tuple[float, ...] | None) -> str:
+    """As a field shows it; lags in ms."""
+    if isinstance(value, tuple):
+        return ",".join(f"{1e3 * lag:.10g}" for lag in value)
+    return f"{value:.10g}" if isinstance(value, float) else value or ""
 
 
 def _lag(text: str) -> Any:

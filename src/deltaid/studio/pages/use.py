@@ -13,14 +13,13 @@ from deltaid.studio.pages import parts
 from deltaid.studio.runs import FinishedRun, describe_fit, messages, runs
 from deltaid.studio.session import Session
 from deltaid.studio.steps import (
+    AlongKind,
     Kind,
     Step,
+    along_step,
     excite_step,
     export_step,
-    forces_step,
     insisting,
-    simulate_step,
-    torque_step,
 )
 from deltaid.studio.words import INSIST
 
@@ -129,16 +128,18 @@ def _excite(session: Session, model: str) -> None:
         _step(session, row, "excite", "Excite", fields, make)
 
 
-def _along(session: Session, kind: Kind, title: str, model: str, motions: list[str]) -> None:
+def _along(
+    session: Session,
+    kind: AlongKind,
+    title: str,
+    model: str,
+    motions: list[str],
+) -> None:
     used = {recording.file: recording.mapping for recording in session.plan.recordings}
 
     def make(at: str) -> Step:
-        path, asked = str(motion.value), option.value
-        if kind == "torque":
-            return torque_step(model, path, used.get(path), at, periodic=bool(asked))
-        if kind == "simulate":
-            return simulate_step(model, path, used.get(path), at, str(asked))
-        return forces_step(model, path, used.get(path), at, asked)
+        path = str(motion.value)
+        return along_step(kind, model, path, used.get(path), at, option.value)
 
     with parts.panel(title):
         if not motions:
