@@ -24,15 +24,7 @@ from deltaid.cli.options import (
     UsePoor,
     output_file,
 )
-from deltaid.cli.output import (
-    console,
-    print_json,
-    print_outcome,
-    progress,
-    remark,
-    require_outputs,
-    used,
-)
+from deltaid.cli.output import print_outcome, progress, remark, require_outputs, used
 from deltaid.errors import DeltaidError
 
 if TYPE_CHECKING:
@@ -82,23 +74,26 @@ def gather(
                 remark("error", recording.error)
     states = [recording.state for recording in gathered]
     counts = {state: states.count(state) for state in ("new", "there", "refused")}
-    if as_json:
-        print_json(
-            {
-                "robot": description.name,
-                **counts,
-                "recordings": [
-                    {"log": str(recording.log), "file": str(recording.path),
-                     "state": recording.state, "reason": recording.reason}
-                    for recording in gathered
-                ],
-            }
-        )  # fmt: skip
-    else:
-        console.print(
+    print_outcome(
+        as_json,
+        {
+            "robot": description.name,
+            **counts,
+            "recordings": [
+                {
+                    "log": str(recording.log),
+                    "file": str(recording.path),
+                    "state": recording.state,
+                    "reason": recording.reason,
+                }
+                for recording in gathered
+            ],
+        },
+        [
             f"{counts['new']} gathered, {counts['there']} there already, "
             f"{counts['refused']} refused; in {output}"
-        )
+        ],
+    )
     if counts["refused"]:
         raise typer.Exit(2)
 

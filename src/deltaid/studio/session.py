@@ -22,7 +22,7 @@ from deltaid.studio.steps import Kind, Step
 
 _Found = TypeVar("_Found")
 
-STAGES = ("robot", "recording", "check", "fit", "result", "use")
+STAGES: tuple[str, ...] = ("robot", "recording", "check", "fit", "result", "use")
 # Looks that are remembered.
 _REMEMBERED = 40
 

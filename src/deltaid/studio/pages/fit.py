@@ -109,7 +109,7 @@ def _text(value: float | str | tuple[float, ...] | None) -> str:
     """As a field shows it; lags in ms."""
     if isinstance(value, tuple):
         return ",".join(f"{1e3 * lag:.10g}" for lag in value)
-    return f"{value:.10g}" if isinstance(value, float) else value or ""
+    return value or "" if value is None or isinstance(value, str) else f"{value:.10g}"
 
 
 def _lag(text: str) -> Any:
