@@ -154,11 +154,7 @@ def _written_output() -> Generator[None, None, None]:
 
 
 class EndedError(BaseException):
-    """A signal asks the process to end."""
-
-    def __init__(self, number: int) -> None:
-        super().__init__(number)
-        self.number = number
+    """A signal, whose number is the argument, asks the process to end."""
 
 
 @contextmanager
@@ -191,16 +187,22 @@ def _keep_to_address_space() -> None:
     limit = resource.getrlimit(resource.RLIMIT_AS)[0]
     if limit == resource.RLIM_INFINITY or limit >= _NEEDED:
         return
+    refusal = DeltaidError(
+        "too little for this command",
+        where=f"address space limited to {limit / 1e9:.2g} GB",
+        cure=f"`ulimit -v unlimited`, or at least twice the {_NEEDED / 1e9:.2g} GB that "
+        "libraries and threads take; long recordings need little more",
+    )
     if limit < _LEAST:
-        raise _too_little(limit)
-    sys.meta_path.insert(0, _Refusal(limit))
+        raise refusal
+    sys.meta_path.insert(0, _Refusal(refusal))
 
 
 class _Refusal:
     """Refuses to import what would not end."""
 
-    def __init__(self, limit: int) -> None:
-        self.limit = limit
+    def __init__(self, error: DeltaidError) -> None:
+        self.error = error
 
     def find_spec(self, name: str, path: object, target: object = None) -> None:
         """As Python asks for every module; None leaves it to others.
@@ -209,16 +211,7 @@ class _Refusal:
             DeltaidError: the module is one of these libraries.
         """
         if name in _WITH_THREADS:
-            raise _too_little(self.limit)
-
-
-def _too_little(limit: int) -> DeltaidError:
-    return DeltaidError(
-        "too little for this command",
-        where=f"address space limited to {limit / 1e9:.2g} GB",
-        cure=f"`ulimit -v unlimited`, or at least twice the {_NEEDED / 1e9:.2g} GB that "
-        "libraries and threads take; long recordings need little more",
-    )
+            raise self.error
 
 
 def main() -> None:
@@ -234,7 +227,8 @@ def main() -> None:
         sys.exit(2)
     except EndedError as ended:
         with suppress(OSError):  # the terminal may be gone
-            remark("note", f"ended by {signal.Signals(ended.number).name}; no file is half-written")
-        sys.exit(128 + ended.number)
+            name = signal.Signals(ended.args[0]).name
+            remark("note", f"ended by {name}; no file is half-written")
+        sys.exit(128 + ended.args[0])
     except BrokenPipeError:  # the reader of a pipe has seen enough
         sys.exit(0)
