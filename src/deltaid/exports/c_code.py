@@ -123,9 +123,11 @@ def cycle_texts(c: ExportedCycle, precision: Precision) -> dict[str, object]:
 
 
 def _fields(layout: Layout) -> list[tuple[str, int, int, str]]:
-    notes = ["\n     * ".join(textwrap.wrap(plain_letters(note_of(f)), 88)) for f in layout.fields]
-    places = [layout.places[f.name].start for f in layout.fields]
-    return [(f.name, f.size, *at) for f, *at in zip(layout.fields, places, notes, strict=True)]
+    notes = {f.name: textwrap.wrap(plain_letters(note_of(f)), 88) for f in layout.fields}
+    return [
+        (f.name, f.size, layout.places[f.name].start, "\n     * ".join(notes[f.name]))
+        for f in layout.fields
+    ]
 
 
 DEFAULT = OnlineSettings()

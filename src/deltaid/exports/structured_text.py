@@ -104,10 +104,10 @@ class Writer:
     def pairs(self) -> Iterator[Unit]:
         """PREFIX_pair_sum and so on; c + dc is the result, dc a second output."""
         numbers = {"pi": np.pi, "small": _SMALL, "large": _LARGE, "whole": _WHOLE}
-        for part, (note, *names) in _PAIRS.items():
-            name, variables = f"{self.prefix}_pair_{part}", map(self.reals, names)
+        for part, (note, given, result, own) in _PAIRS.items():
+            name, (a, b, c) = f"{self.prefix}_pair_{part}", map(self.reals, (given, result, own))
             text = self.body(part, name, **numbers, quarter=QUARTER, sine=SINE, cosine=COSINE)
-            yield Unit(name, self.precision.st_type, [note], *variables, text)
+            yield Unit(name, self.precision.st_type, [note], a, b, c, text)
 
     def table(self, name: str, note: str, values: list[float], notes: Sequence[str] = ()) -> Unit:
         """A function whose output are numbers, with a note each or none; those not named are 0."""

@@ -127,7 +127,8 @@ _FILES = Environment(
     keep_trailing_newline=True,
     autoescape=False,  # of XML, attributes are
 )
-_FILES.globals.update(attr=attributes, numbers=numbers)
+_GLOBALS: dict[str, Any] = {"attr": attributes, "numbers": numbers}
+_FILES.globals.update(_GLOBALS)
 
 
 def rendered(template: str, /, **values: Any) -> str:

@@ -128,7 +128,7 @@ def verdicts_card(value: Verdicts | Verdict) -> Card:
     poor, good = value.poor, _parted(value)[1]
     told = [f"{verdict.grade}, {verdict.key}: {verdict.finding}" for verdict in poor[:_TOLD]]
     told += [f"… and {len(poor) - _TOLD} more"] * (len(poor) > _TOLD)
-    more = {"lines that are proposed": _proposed(value), "good": good and page_table(good)}
+    more = {"lines that are proposed": _proposed(value), "good": page_table(good) if good else ""}
     cure = {"mapping": ".cured_columns()", "robot": ".cured_robot()"}
     return Card(
         f"Checked: {', '.join([_title(value, 'the description'), *map(_name, value.sources)])}",

@@ -217,10 +217,10 @@ def exciter_card(value: Exciter) -> Card:
 
 def run_card(value: Run | FourierMotion) -> Card:
     """Period, number of harmonics, and duration of a run."""
-    title, motion, facts = "Periodic motion", value, list[tuple[str, str]]()
-    if isinstance(value, Run):
-        title, motion = "Motion from rest to rest", value.motion
-        facts = [("duration", f"{number(value.duration)} s"), ("periods", str(value.repeats))]
+    motion, title, facts = value, "Periodic motion", list[tuple[str, str]]()
+    if not isinstance(motion, FourierMotion):
+        facts = [("duration", f"{number(motion.duration)} s"), ("periods", str(motion.repeats))]
+        motion, title = motion.motion, "Motion from rest to rest"
     facts += [
         ("period", f"{number(motion.period)} s"),
         ("harmonics", str(motion.sine.shape[1])),

@@ -96,11 +96,11 @@ def _numbers(column: pl.Series) -> np.ndarray:
 def _ranges(table: pl.DataFrame) -> Table:
     rows = list[tuple[str, str, str]]()
     for column in table:
-        ends = (str(column.dtype), "")
+        low, high = str(column.dtype), ""
         if column.dtype.is_numeric() and len(column.drop_nulls()):
             numbers = column.cast(pl.Float64)
-            ends = f"{numbers.min():.4g}", f"{numbers.max():.4g}"
-        rows.append((column.name, *ends))
+            low, high = f"{numbers.min():.4g}", f"{numbers.max():.4g}"
+        rows.append((column.name, low, high))
     return Table(("column", "least", "largest"), tuple(rows))
 
 
