@@ -46,7 +46,7 @@ def test_a_reading_process_that_is_killed_is_one_message_and_comes_back(session:
             assert await session.look(_dies_once, mark) == "alive"
             missing = str(session.folder.root / "none.csv")
             for ask in (session.look, session.glance):
-                with pytest.raises(DeltaidError, match="^none.csv: no such file"):
+                with pytest.raises(DeltaidError, match=r"^none\.csv: no such file"):
                     await ask(count_columns, missing)
         finally:
             await session.close()

@@ -7,10 +7,10 @@ from deltaid.calibration.readings import Measurements as Measurements
 from deltaid.checks.check import check as check
 from deltaid.checks.identify import identify as identify
 from deltaid.checks.verdicts import Verdicts as Verdicts
-from deltaid.control.options import ControlSettings as ControlSettings
 from deltaid.control.comparison import Comparison as Comparison
-from deltaid.control.simulate import Simulation as Simulation
 from deltaid.control.comparison import compare_controllers as compare_controllers
+from deltaid.control.options import ControlSettings as ControlSettings
+from deltaid.control.simulate import Simulation as Simulation
 from deltaid.control.simulate import simulate as simulate
 from deltaid.control.simulation import integrate as integrate
 from deltaid.control.simulation import step_through as step_through
@@ -23,11 +23,11 @@ from deltaid.exports.jax_functions import JaxFunctions as JaxFunctions
 from deltaid.exports.jax_functions import jax_functions as jax_functions
 from deltaid.fleets.run import FleetRun as FleetRun
 from deltaid.fleets.run import fleet as fleet
-from deltaid.identification.prediction import FeedForward as FeedForward
-from deltaid.identification.prediction import torque as torque
 from deltaid.identification.generic_motion import base as base
 from deltaid.identification.identify import Identification as Identification
+from deltaid.identification.prediction import FeedForward as FeedForward
 from deltaid.identification.prediction import Validation as Validation
+from deltaid.identification.prediction import torque as torque
 from deltaid.identification.prediction import validate as validate
 from deltaid.joint_forces.constraint_forces import ConstraintForces as ConstraintForces
 from deltaid.joint_forces.forces import Forces as Forces
@@ -60,8 +60,8 @@ from deltaid.online.settings import OnlineSettings as OnlineSettings
 from deltaid.recording.carried import Load as Load
 from deltaid.recording.contents import columns as columns
 from deltaid.recording.mapping import ColumnMapping as ColumnMapping
-from deltaid.recording.mapping import load_mapping as load_mapping
 from deltaid.recording.mapping import MappingProposal as MappingProposal
+from deltaid.recording.mapping import load_mapping as load_mapping
 from deltaid.recording.memory import Recording as Recording
 from deltaid.robot.description import RobotDescription as RobotDescription
 from deltaid.robot.limbs import LimbGeometry as LimbGeometry
@@ -70,8 +70,8 @@ from deltaid.robot.load import catalogue as catalogue
 from deltaid.robot.load import load_robot as load_robot
 from deltaid.sensors.planning.offers import Offers as Offers
 from deltaid.sensors.planning.offers import load_offers as load_offers
+from deltaid.sensors.planning.plan import PlanSettings as PlanSettings
 from deltaid.sensors.planning.plan import SensorPlan as SensorPlan
 from deltaid.sensors.planning.plan import sensor_plan as sensor_plan
-from deltaid.sensors.planning.plan import PlanSettings as PlanSettings
 
 __version__: str

@@ -14,8 +14,7 @@ import numpy as np
 from jaxtyping import Float
 
 from deltaid.dynamics.dynamics import Dynamics, Parameters
-from deltaid.dynamics.geometry import Error, GeometrySlopes, errors_by
-from deltaid.dynamics.geometry import GrownDynamics, grown_torques
+from deltaid.dynamics.geometry import Error, GeometrySlopes, GrownDynamics, errors_by, grown_torques
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.parameter import PRIOR_SPREAD, PriorParameter
 from deltaid.robot.sensors import BaseWrench, JointTorque, Sensor, StrutForce
