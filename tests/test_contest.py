@@ -17,6 +17,7 @@ from deltaid.effects.lag_columns import LagColumns
 from deltaid.effects.lag_groups import LagGroup
 from deltaid.effects.point import TracePoint
 from deltaid.effects.ripple import _NEAR, _blocks, nearest_order
+from deltaid.identification import contest as contest_module
 from deltaid.identification import contest_outcome, contest_stage, study
 from deltaid.identification.doubts import constants
 from deltaid.identification.fit import fit, with_geometry
@@ -278,6 +279,7 @@ FORCES = {"platform-spring", "platform-force"}
         ("askew", "delta4", {"structure"}),
         pytest.param("falling-gain", "linear", {"torque-constant"}, marks=pytest.mark.slow),
         pytest.param("falling-gain", "delta3", {"torque-constant"}, marks=pytest.mark.slow),
+        pytest.param("ripple", "delta3", {"ripple"}, marks=pytest.mark.slow),
         pytest.param("spring", "delta3", FORCES, marks=pytest.mark.slow),
         pytest.param("force", "par4", {"platform-force"}, marks=pytest.mark.slow),
     ],
@@ -294,6 +296,8 @@ def test_a_cause_that_no_effect_is_of_ends_as_unexplained(
         "_unknowns",
         lambda point: tuple(u for u in unknowns(point) if u.name not in missing),
     )
+    if "ripple" in missing:
+        monkeypatch.setattr(contest_module.Contest, "with_ripples", lambda self: self)
     searched = tuple(effect for effect in study.EFFECTS if effect.kind not in missing)
     monkeypatch.setattr(study, "EFFECTS", searched)
     result = identified(case(row, kind))

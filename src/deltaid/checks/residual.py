@@ -97,7 +97,7 @@ def _verdict(cause: Cause, recording: PreparedRecording) -> Verdict | None:
     effect = effect_of(cause)
     if not isinstance(effect, DescribedEffect):
         return None
-    share = cause.rms / np.maximum(cause.fit.model.std(axis=1), 1e-300)
+    share = cause.shares
     subject, drives = effect.subject(cause), cause.fit.drives
     size = share[drives.index(subject) if subject in drives else int(np.argmax(share))]
     number, unit, seen = effect.seen(cause, subject, size)

@@ -211,6 +211,11 @@ class Cause:
         return self.found[0].candidate
 
     @property
+    def shares(self) -> Float[np.ndarray, " dof"]:
+        """Of each drive's rms torque without its mean."""
+        return self.rms / np.maximum(self.fit.model.std(axis=1), 1e-300)
+
+    @property
     def others(self) -> Span:
         """What parameters and all other causes explain."""
         span = self.fit.span
@@ -238,6 +243,8 @@ class Effect:
     """A cause, called `kind`; another check judges it, unless it is a `DescribedEffect`."""
 
     kind: ClassVar[str]
+    # whether nothing but the contest of causes corrects what it is of
+    is_contested: ClassVar[bool] = False
 
     def candidates(self, fit: RigidFit) -> Iterable[EffectCandidate]:
         """Columns that it would add to the torques, to first order, known beforehand."""

@@ -33,6 +33,7 @@ class Gain(UnknownEffect, DescribedEffect):
     """
 
     kind = "drive-gain"
+    is_contested = True
     name = "gain"
     deviation = 0.03
     likeliest = "a torque constant, rated torque or gear that is not what the mapping says"
@@ -116,6 +117,7 @@ class Saturation(UnknownEffect, DescribedEffect):
     deviation = 0.05
     is_of_parts = False  # how far motors are driven into saturation is no matter of tolerances
     kind = corrected_as = "torque-constant"
+    is_contested = True
     unit = "%"
     text = "its torque constant falls with current: the joint lacks this at its largest torque"
     likeliest = "the motor saturates, so that its torque constant falls with current"

@@ -196,6 +196,7 @@ class Zero(Effect):
     """The zero of a drive or of all; verdicts on wiring report how far they are off."""
 
     kind = "homing-or-tilt"
+    is_contested = True
 
     def candidates(self, fit: RigidFit) -> Iterable[EffectCandidate]:
         for candidate in self.of_each(fit.drives, fit.rows.stack(Zeros().columns(fit))):

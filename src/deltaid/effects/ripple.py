@@ -36,6 +36,7 @@ class PositionRipple(DescribedEffect):
     """
 
     kind = "ripple"
+    is_contested = True
     likeliest = "cogging of the motor, or teeth of the gear"
     fix = "let the drive compensate it, or take a lower --cutoff"
 
@@ -137,6 +138,7 @@ class PlaceDependence(DescribedEffect):
     """Squares of the task coordinates, alone and times what the drive gives."""
 
     kind = "geometry-or-cogging"
+    is_contested = True
     likeliest = (
         "lengths, zeros or mounting are not as described, a spring or cable pulls, or gears have "
         "play"

@@ -18,7 +18,7 @@ from deltaid.identification.setup import (
     ContestOutcome,
     Setup,
 )
-from deltaid.identification.study import ADEQUATE, rests
+from deltaid.identification.study import ADEQUATE, left_of_a_drive
 from deltaid.model.corrections import Inseparable, cause_in_words
 from deltaid.model.verdict import listed, percent
 from deltaid.robot.description import RobotDescription
@@ -105,8 +105,7 @@ def why_not(setup: Setup, beyond: Collection[str]) -> str:
     """Why what is kept is not what acts on the robot; empty where it may be."""
     if beyond:
         return f"{_named(sorted(beyond))} would be further off than they ever are"
-    every = (rest for study in setup.studies if study for rest in rests(study))
-    left = max((rest.part for rest in every if rest.is_unexplained), default=0.0)
+    left = max((left_of_a_drive(study) for study in setup.studies if study), default=0.0)
     return f"{percent(left)} of a drive's torque would be left" if left > ADEQUATE else ""
 
 

@@ -29,7 +29,12 @@ from deltaid.identification.contest_outcome import (
     refuted,
     why_not,
 )
-from deltaid.identification.lags_and_gears import estimated_anew, traced, without_lags
+from deltaid.identification.lags_and_gears import (
+    estimated_anew,
+    gears_turned_back,
+    traced,
+    without_lags,
+)
 from deltaid.identification.setup import WIND_UP, ContestOutcome, Progress, Setup
 from deltaid.model.corrections import Kind
 from deltaid.recording.columns import Readings
@@ -95,7 +100,9 @@ def contested(setup: Setup, progress: Progress) -> Setup:
         return bare.changed(outcome=outcome) if outcome.doubts else bare
     if end.why_not:
         moves = [move for each in (end, *others) for move in each.moves]
-        return bare.changed(outcome=refuted(outcome, end.why_not, moves))
+        bare = bare.changed(outcome=refuted(outcome, end.why_not, moves))
+        # Gears that seemed to wind up while nothing was beside them do not.
+        return bare if outcome.winds_up else gears_turned_back(bare, progress)
     return estimated_anew(end.setup, progress)
 
 

@@ -209,9 +209,8 @@ def estimated_anew(setup: Setup, progress: Progress) -> Setup:
 
 def _turned_back(setup: Setup, progress: Progress, *, search: bool = True) -> Setup:
     """With stated gears and, if searched, those that are detected."""
-    setup = setup.all_repaired(gears=None)
-    # Lags are separate columns here.
-    bare = setup.reported((), "compliance").without(TimingColumns)
+    setup = setup.all_repaired(gears=None).reported((), "compliance")
+    bare = setup.without(TimingColumns)  # lags are separate columns here
     # In the band of the motion and in that of a fit, of all that have a filter.
     cutoffs = [(r, r.low_pass.cutoff) for r in bare.recordings if r.low_pass is not None]
     pairs = [

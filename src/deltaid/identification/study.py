@@ -18,7 +18,7 @@ from threadpoolctl import threadpool_limits
 
 from deltaid.dynamics.dynamics import Dynamics, Parameters
 from deltaid.dynamics.parameters import prior_parameters
-from deltaid.effects.all import EFFECTS
+from deltaid.effects.all import EFFECTS, effect_of
 from deltaid.effects.effect import SEEN, SHARE, Account, account, causes_of
 from deltaid.effects.lag_columns import slopes
 from deltaid.effects.lags import Lag, estimate_lags
@@ -232,6 +232,14 @@ def rests(study: Study) -> tuple[Rest, ...]:
         found = trend if follows else None
         rests.append(Rest(drive, float(times), float(size), float(part), found, bool(is_far)))
     return tuple(rests)
+
+
+def left_of_a_drive(study: Study) -> float:
+    """The largest share of a drive's torque that nothing explains, or only an effect that a contest
+    would have corrected."""
+    contested = (c for c in causes_of(study.fit, study.account) if effect_of(c).is_contested)
+    shares = [float(cause.shares.max()) for cause in contested]
+    return max([*shares, *(rest.part for rest in rests(study) if rest.is_unexplained)], default=0.0)
 
 
 def unexplained(study: Study) -> Float[np.ndarray, "samples dof"]:
