@@ -1,11 +1,14 @@
 """Gains of drives as columns of a fit, and what drives read: zeros, ratios, constants that fall."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from pathlib import Path
 
 import numpy as np
 import polars as pl
 import pytest
 
+import deltaid
 from deltaid.dynamics.dynamics import Dynamics, compiled
 from deltaid.dynamics.parameters import prior_parameters
 from deltaid.effects.gain import Saturation
@@ -16,12 +19,14 @@ from deltaid.identification.study import studied_trace
 from deltaid.model.parameter_record import Parameter
 from deltaid.recording.columns import Channel, Columns, Readings, TimeChannel
 from deltaid.recording.recording import PreparedRecording
+from deltaid.recording.repairs import TorqueDrift
 from deltaid.recording.windows import SampleBlock
 from deltaid.robot.load import load_robot
 from deltaid.robot.parameter import PriorParameter
 from drives import case
 from drives.identify import identified
 from drives.judge import judge
+from drives.rows import Case
 
 GAIN = np.array([1.2, 0.9, 1.05])
 
@@ -212,3 +217,57 @@ def test_motors_may_saturate_beside_other_causes() -> None:
     kinds = {correction.kind for correction in result.model.corrections}
     assert {"torque-constant", "ripple"} <= kinds
     assert judge(made, result).M < 0.02
+
+
+def drifting(made: Case, ends: Sequence[float]) -> Case:
+    """With torque constants that drift by these shares to the end of each recording, evenly."""
+    drives, logs = len(made.robot.drives), list[pl.DataFrame]()
+    for log, end in zip(made.logs, ends, strict=True):
+        share = log["t"].to_numpy() / float(np.max(log["t"].to_numpy()))
+        names = [f"tau{i + 1}" for i in range(drives)]
+        logs.append(log.with_columns(pl.col(name) * (1.0 + end * share) for name in names))
+    return replace(made, logs=tuple(logs))
+
+
+def test_torque_constants_that_drift_are_no_load_that_is_put_down(tmp_path: Path) -> None:
+    """By 6 % over the recording, as magnets do that warm up."""
+    made = drifting(case("clean", "delta3"), [-0.06])
+    model, log = tmp_path / "model.yaml", tmp_path / "log.csv"
+    made.logs[0].write_csv(log)
+    result = deltaid.identify(made.robot, log)
+    corrections = result.model.corrections
+    assert [correction.kind for correction in corrections] == ["torque-drift"] * 3
+    for correction in corrections:
+        assert correction.value == pytest.approx(-6.0, abs=0.5)
+        assert (correction.low or 0.0) < -6.0 < (correction.high or -9.0)
+    judged = judge(made, result)
+    assert judged.M < 0.003  # 4.5 % with the load that a step in time looks like
+    assert judged.friction < 0.01
+    result.save(model)
+    verification = deltaid.validate(deltaid.load(model), log)
+    assert verification.error.nrmse.max() < 0.012  # 0.02 where the drift is not read again
+
+
+def test_each_recording_has_a_drift_of_its_own() -> None:
+    first = drifting(case("clean", "delta3", 1), [0.05])
+    second = drifting(case("clean", "delta3", 1), [-0.03])
+    made = replace(first, logs=(*first.logs, second.logs[0].slice(0, 12000)))
+    corrections = identified(made).model.corrections
+    assert {correction.kind for correction in corrections} == {"torque-drift"}
+    share = 12000 / len(second.logs[0])
+    values = [correction.value for correction in corrections]
+    assert values == pytest.approx([5.0] * 3 + [-3.0 * share] * 3, abs=0.5)
+    assert len({correction.log for correction in corrections}) == 2
+
+
+def test_drift_is_undone_exactly() -> None:
+    drift = TorqueDrift(2.0, 10.0, ((0.1, -0.02), (-0.3, 0.05)))
+    rng, time = np.random.default_rng(3), np.linspace(2.0, 12.0, 50)
+    tau, names = rng.standard_normal((50, 2)), ("tau1", "tau2")
+    torques = tuple(Channel(name, 1.0, 0.0) for name in names)
+    columns = Columns(TimeChannel("t", 1.0, 0.0), (), (), (), torques)
+    share = (time - 2.0) / 10.0
+    recorded = tau * np.column_stack([
+        1 + 0.1 * share - 0.02 * share**2, 1 - 0.3 * share + 0.05 * share**2
+    ])  # fmt: skip
+    assert drift.undone(np.column_stack([time, recorded]), columns)[:, 1:] == pytest.approx(tau)

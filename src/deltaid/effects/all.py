@@ -3,6 +3,7 @@
 Deleting one's class and its lines leaves the others.
 """
 
+from deltaid.effects.drifting_gain import DriftingGain
 from deltaid.effects.effect import Cause, Effect
 from deltaid.effects.friction import (
     Drift,
@@ -24,6 +25,7 @@ EFFECTS: tuple[Effect, ...] = (
     Delay(),
     Gain(),
     Saturation(),
+    DriftingGain(),
     FrictionLaw(),
     Drift(),
     Zero(),
@@ -42,6 +44,7 @@ UNKNOWNS: tuple[UnknownEffect, ...] = (
     WindUp(),
     Gain(),
     Saturation(),
+    DriftingGain(),
     Zeros(),
     GearRatios(),
     Tilt(),

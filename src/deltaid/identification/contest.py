@@ -148,14 +148,10 @@ def contest(
         usual = unknown.deviations(points[0], own[0])
         deviation = np.maximum(usual, unknown.stated(rows.dynamics.robot))
         may_be_dropped = bool(np.all(deviation == usual))
-        mean = -applied.get(unknown.name, np.zeros(width))
         if unknown.is_own:
-            own, copies = _side_by_side(own), len(own)
-            deviation, mean, width = (
-                np.tile(deviation, copies),
-                np.zeros(width * copies),
-                width * copies,
-            )
+            deviation, width = np.tile(deviation, len(own)), width * len(own)
+            own = _side_by_side(own)
+        mean = -applied.get(unknown.name, np.zeros(width))
         columns = [np.concatenate(pair, axis=2) for pair in zip(columns, own, strict=True)]
         places = np.arange(first, first + width)
         groups.append(

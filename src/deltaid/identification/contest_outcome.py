@@ -43,7 +43,10 @@ def decided(before: ContestOutcome, last: Contest) -> ContestOutcome:
         deviations[unknown.name] = last.shrunk.deviation(group)
     if winds_up:
         values[WIND_UP] = _wound(before.described, last, values[WIND_UP])
-    return ContestOutcome(before.described, kept, values, deviations, doubts=before.doubts)
+    recordings = tuple(point.trace.recording.log.sha256 for point in last.points)
+    return ContestOutcome(
+        before.described, kept, values, deviations, recordings, doubts=before.doubts
+    )
 
 
 def _wound(robot: RobotDescription, last: Contest, compliance: Coefficients) -> Coefficients:

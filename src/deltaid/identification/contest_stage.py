@@ -1,6 +1,6 @@
 """Effects that win the contest of causes, corrected exactly or fitted as columns."""
 
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -36,7 +36,7 @@ from deltaid.identification.lags_and_gears import (
     without_lags,
 )
 from deltaid.identification.setup import WIND_UP, ContestOutcome, Progress, Setup
-from deltaid.model.corrections import Kind
+from deltaid.model.corrections import Correction, Kind
 from deltaid.recording.columns import Readings
 from deltaid.recording.repairs import Gears
 
@@ -52,7 +52,8 @@ _WINDOWS = 8
 # Half a 95 % interval in standard deviations.
 _HALF = 1.96
 
-_KINDS: tuple[Kind, ...] = ("zero", "gear-ratio", "tilt", "length", "torque-constant", "structure")
+_KINDS: tuple[Kind, ...] = ("zero", "gear-ratio", "tilt", "length", "torque-constant",
+                            "torque-drift", "structure")  # fmt: skip
 
 
 @dataclass(frozen=True, eq=False)
@@ -206,7 +207,7 @@ def _bare(setup: Setup) -> Setup:
         )  # fmt: skip
     kept = tuple(a for a in setup.additions if not isinstance(a, AtPlatform | AtDrives))
     bare = setup.changed(additions=kept, outcome=None).with_robot(robot).reported((), *_KINDS)
-    return bare.all_repaired(readings=None)
+    return bare.all_repaired(readings=None, drift=None)
 
 
 def _traces(setup: Setup) -> list[Trace]:
@@ -251,13 +252,19 @@ def _read(bare: Setup, outcome: ContestOutcome, p: Parameters) -> Setup:
         largest=tuple(largest.tolist()) if falling else (),
     )
     setup, wound = bare, outcome.coefficients(WIND_UP)
+    drifts = np.reshape(outcome.coefficients("torque-drift"), (len(outcome.recordings), -1, 2))
+    drifting = dict(zip(outcome.recordings, drifts.tolist(), strict=True)) if drifts.size else {}
     for recording in bare.recordings:
         gears = None
         if any(wound) and recording.low_pass is not None:
             cutoff, rate = recording.low_pass.cutoff, recording.log.rate
             gears = motors_of(bare.robot, p, cutoff, rate, wound)
+        drift = drifting.get(recording.log.sha256)
         setup = setup.repaired(
-            recording, readings=None if readings.are_right else readings, gears=gears
+            recording,
+            readings=None if readings.are_right else readings,
+            drift=drift and recording.drifting(drift),
+            gears=gears,
         )
     return setup
 
@@ -283,18 +290,28 @@ def _finished(now: Setup, outcome: ContestOutcome, last: Contest) -> Setup:
             scale = last.shrunk.alpha[last.shrunk.groups.index(group)] * group.deviation
             assert isinstance(unknown.addition, AtPlatform | AtDrives)
             additions.append(replace(unknown.addition, deviation=tuple(scale.tolist())))
-    nothing = np.zeros(0)
     corrections = [
         correction
         for unknown in UNKNOWNS
         if unknown.name in outcome.kept
-        for correction in unknown.corrections(
-            outcome.described,
-            outcome.values.get(unknown.name, nothing),
-            _HALF * outcome.deviations.get(unknown.name, nothing),
-        )
+        for correction in _corrections(unknown, outcome, last)
     ]
     now = now.changed(additions=tuple(additions), outcome=outcome).reported(
         corrections, "compliance"
     )
     return now.studied()
+
+
+def _corrections(
+    unknown: UnknownEffect, outcome: ContestOutcome, last: Contest
+) -> Iterator[Correction]:
+    """By an effect; of each recording where each has its own."""
+    points = last.points if unknown.is_own else last.points[:1]
+    sizes = [
+        np.split(coefficients.get(unknown.name, np.zeros(0)), len(points))
+        for coefficients in (outcome.values, outcome.deviations)
+    ]
+    for point, values, deviations in zip(points, *sizes, strict=True):
+        log = point.trace.recording.path.name if unknown.is_own else ""
+        for correction in unknown.corrections(outcome.described, values, _HALF * deviations):
+            yield correction.changed(log=log) if log else correction

@@ -34,6 +34,7 @@ class ContestOutcome:
         described: the robot as it is described.
         kept: names of effects.
         values, deviations: of those that are applied exactly.
+        recordings: checksums of those that took part, in whose order values of each stand.
         moves: what parameters of the robot, by name, move by where these are off as they may be,
             or where another cause takes the place of one of them: one standard deviation each.
         inseparable: causes that rows do not separate.
@@ -44,6 +45,7 @@ class ContestOutcome:
     kept: tuple[str, ...] = ()
     values: dict[str, Coefficients] = field(default_factory=dict[str, Coefficients])
     deviations: dict[str, Coefficients] = field(default_factory=dict[str, Coefficients])
+    recordings: tuple[str, ...] = ()
     moves: tuple[dict[str, float], ...] = ()
     inseparable: tuple[Inseparable, ...] = ()
     doubts: dict[str, str] = field(default_factory=dict[str, str])

@@ -55,6 +55,7 @@ def source(
         delay=repairs.lag,
         filters=repairs.constants,
         growth=repairs.growth and astuple(repairs.growth),
+        drift=repairs.drift.coefficients if repairs.drift else (),
     )
 
 
@@ -102,6 +103,7 @@ def model_filtered(
         delay=dead if any(dead) else (),
         constants=tuple(filters.tolist()) if np.any(filters) else (),
         growth=LagGrowth(*same[0].growth) if same and same[0].growth else None,
+        drift=recording.drifting(same[0].drift) if same and same[0].drift else None,
         left_out=spans_left_out(same[0], model.robot.drives) if same else (),
         gears=gears,
         readings=identified.readings,

@@ -81,6 +81,11 @@ class Source(Part):
         description="rate at which the delay grows, the time at which it is the one above, and how "
         "far other times are from there at most [s]; missing where clocks agree",
     )
+    drift: tuple[tuple[float, float], ...] = Field(
+        default=(),
+        description="how torque constants drift along it, by a s + b s² at the share s of its "
+        "time; a and b of each drive, empty where they do not",
+    )
     events: tuple[Event, ...] = Field(
         default=(),
         description="what acted on the robot beside its drives; missing in earlier files",
@@ -106,6 +111,7 @@ Kind = Literal[
     "length",
     "tilt",
     "torque-constant",
+    "torque-drift",
     "ripple",
     "drive-spring",
     "platform-force",
@@ -135,6 +141,7 @@ NAMES: dict[Kind, str] = {
     "length": "length",
     "tilt": "tilt of the base",
     "torque-constant": "torque constant that falls with current",
+    "torque-drift": "torque constant that drifts with time",
     "ripple": "ripple",
     "drive-spring": "springs at drives",
     "platform-force": "force at the platform",

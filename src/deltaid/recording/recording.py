@@ -1,6 +1,6 @@
 """A recording as a value: a surveyed log and its filter, whose windows come ready to use."""
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 from itertools import chain, islice
@@ -20,7 +20,7 @@ from deltaid.recording.mapping import ColumnMappings, mapping_each
 from deltaid.recording.masks.masks import before_stops
 from deltaid.recording.memory import RecordingLike, as_sources
 from deltaid.recording.opening import open_log
-from deltaid.recording.repairs import Repairs, burden_of
+from deltaid.recording.repairs import Repairs, TorqueDrift, burden_of
 from deltaid.recording.spectrum import SpectrumEstimate
 from deltaid.recording.time.clock import ClockReport
 from deltaid.recording.windows import WINDOW, Directions, Window, blocks, window_of
@@ -89,6 +89,11 @@ class PreparedRecording(Shown):
     def repaired(self, **repairs: Any) -> "PreparedRecording":
         """The same with other fields of its repairs."""
         return replace(self, repairs=replace(self.repairs, **repairs))
+
+    def drifting(self, coefficients: Iterable[Sequence[float]] = ()) -> TorqueDrift:
+        """Torque constants that drift from its beginning to its end, by a and b of each drive."""
+        log, pairs = self.log, tuple((a, b) for a, b in coefficients)
+        return TorqueDrift(log.clock.first, log.samples / log.rate, pairs)
 
     @property
     def brief(self) -> "PreparedRecording":

@@ -216,11 +216,37 @@ def burden_of(
 
 
 @dataclass(frozen=True)
+class TorqueDrift:
+    """Torque constants that drift along a recording: τ_m = (1 + a s + b s²) τ, s = (t − t_0)/T.
+
+    Attributes:
+        start, length: t_0 and T [s].
+        coefficients: a and b of each drive.
+    """
+
+    start: float
+    length: float
+    coefficients: tuple[tuple[float, float], ...] = ()
+
+    def share(self, time: Float[np.ndarray, " samples"]) -> Float[np.ndarray, " samples"]:
+        """s at some times [s]."""
+        return (time - self.start) / self.length
+
+    def undone(self, rows: Rows, columns: Columns) -> Rows:
+        """Rows with torques by the constants of the beginning."""
+        (a, b), s = np.array(self.coefficients).T, self.share(rows[:, :1])
+        rows = rows.copy()
+        rows[:, columns.torque_places] /= 1.0 + a * s + b * s**2
+        return rows
+
+
+@dataclass(frozen=True)
 class Repairs:
     """What is known to be wrong with a recording, and is put right in every pass over it.
 
     Attributes:
         readings: what positions and torques are that drives read otherwise; None if they do not.
+        drift: of torque constants; None where they do not.
         gain: what torques of each drive are to be multiplied by; empty for 1.
         hold: how drives hold their torques between two updates; empty for none.
         delay: torques of each drive are recorded so much late [s]; empty for none.
@@ -235,6 +261,7 @@ class Repairs:
     """
 
     readings: Readings | None = None
+    drift: TorqueDrift | None = None
     gain: tuple[float, ...] = ()
     hold: tuple[Hold, ...] = ()
     delay: tuple[float, ...] = ()
@@ -261,6 +288,8 @@ class Repairs:
             segment = filled(segment, columns, self.hold, rate)
         if (readings := self.readings) is not None:
             segment = (readings.corrected(rows, columns) for rows in segment)
+        if (drift := self.drift) is not None:
+            segment = (drift.undone(rows, columns) for rows in segment)
         if any(self.delay) or any(self.constants) or self.growth:
             segment = delayed(segment, columns, self.shift(rate), rate)
         if self.gain:

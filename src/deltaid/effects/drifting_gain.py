@@ -1,0 +1,57 @@
+"""Torque constants that drift along a recording, as magnets lose some of their field in the heat.
+
+A drive records τ_m = (1 + a s + b s²) τ with s = (t − t_0)/T from the beginning of a recording to
+its end: what counts is its torque constant as it was at the beginning.
+"""
+
+from collections.abc import Iterable
+
+import numpy as np
+
+from deltaid.effects.effect import Cause, DescribedEffect, torque_of
+from deltaid.effects.point import Deviations, EffectCandidate, RigidFit, TracePoint, UnknownEffect
+from deltaid.estimation.drive_rows import ColumnsOfDrives, of_own_drives
+from deltaid.model.corrections import Correction
+from deltaid.model.verdict import percent
+from deltaid.robot.description import RobotDescription
+
+
+class DriftingGain(UnknownEffect, DescribedEffect):
+    """a, b of each drive, with the columns τ s and τ s²."""
+
+    name = "torque-drift"
+    corrects = "readings"
+    deviation = 0.03  # magnets lose 0.1 to 0.2 % a kelvin, and motors warm up by some 30 K
+    is_own = True
+    is_of_parts = False  # how warm motors get is no matter of tolerances
+    kind = corrected_as = "torque-drift"
+    is_contested = True
+    unit = "%"
+    text = (
+        "its torque constant drifts along the recording, by this to its end, as magnets do that "
+        "warm up: torques are read as it was at the beginning"
+    )
+    likeliest = "magnets lose some of their field while motors warm up"
+    fix = "move the robot until it is warm before recording, and record shorter"
+
+    def columns(self, point: TracePoint) -> ColumnsOfDrives:
+        s = point.trace.recording.drifting().share(point.motion.time)
+        return of_own_drives(np.stack([point.model * s, point.model * s**2], axis=2))
+
+    def corrections(
+        self, robot: RobotDescription, values: Deviations, half: Deviations
+    ) -> tuple[Correction, ...]:
+        at_end, wide = values.reshape(-1, 2).sum(axis=1), half.reshape(-1, 2).max(axis=1)
+        return super().corrections(robot, at_end, wide)
+
+    def candidates(self, fit: RigidFit) -> Iterable[EffectCandidate]:
+        """Of one drive or of all: steadily, or in an arc."""
+        s = fit.trace.recording.drifting().share(fit.motion.time) - 0.5
+        for course in (s, s**2 - 1 / 12):
+            columns = fit.rows.per_drive(fit.model * course)
+            yield EffectCandidate(self.kind, "", columns.sum(axis=1)[:, None])
+            yield from self.of_each(fit.drives, columns)
+
+    def seen(self, cause: Cause, subject: str, share: float) -> tuple[float, str, str]:
+        change = f"{percent(share)} of {torque_of(subject)}"
+        return 100 * share, "%", f"{change} grows or falls with time as the torque itself does"
