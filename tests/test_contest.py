@@ -16,7 +16,7 @@ from deltaid.effects.geometry import Structure, lengths_of, reshaped
 from deltaid.effects.lag_columns import LagColumns
 from deltaid.effects.lag_groups import LagGroup
 from deltaid.effects.point import TracePoint
-from deltaid.effects.ripple import _NEAR, _blocks, nearest_order
+from deltaid.effects.ripple import _NODES, _blocks, nearest_order, waves_near
 from deltaid.identification import contest as contest_module
 from deltaid.identification import contest_outcome, contest_stage, study
 from deltaid.identification.doubts import constants
@@ -252,12 +252,29 @@ def test_torques_that_bend_along_a_stroke_are_waves_longer_than_a_tooth(waves: f
     assert all(" mm, as teeth" in text for text in texts)
 
 
+def test_ripples_between_nodes_are_combinations_of_their_own_columns() -> None:
+    """Of some drive, whose stroke lies anywhere, for orders as far apart as those searched."""
+    made = case("clean", "linear", 1)
+    (recording,) = identified(made).recordings
+    record = studied_trace(compiled(made.robot), recording, np.zeros(0))
+    assert record is not None
+    point = TracePoint(record, np.zeros(len(record.dynamics.layout.names)))
+    wave = 2 * np.pi / np.ptp(point.q[:, 1])
+    near = wave * np.linspace(7.0, 7.5, 5)
+    between = waves_near(point, 1, near)
+    for k, order in enumerate(near.tolist()):
+        ripple = RippleColumns(point.dynamics, (1,), (1.0, 1.0), (order,))
+        columns = point.added(ripple)[1]
+        combined = between[:, k] @ np.linalg.lstsq(between[:, k], columns)[0]
+        assert combined == pytest.approx(columns, abs=1e-5)
+
+
 def test_no_ripple_is_longer_than_any_that_is_searched(monkeypatch: pytest.MonkeyPatch) -> None:
     """Refining the longest wave again and again led to an order of 7e-18, with a coefficient of
     4e14 N m."""
     fit = Mock(explained=lambda _, sets: -np.arange(sets[0].shape[1]))  # the longer, the better
-    point = Mock(dof=1, dynamics=compiled(described("clavel-delta3")))
-    point.added.return_value = np.zeros((1, 5, 2 * _NEAR))
+    point = Mock(dof=1, dynamics=compiled(described("clavel-delta3")), q=np.zeros((5, 1)))
+    point.added.return_value = np.zeros((1, 5, 2 * _NODES))
     monkeypatch.setattr("deltaid.effects.ripple._orders", lambda *_: np.array([2.0, 3.0]))
     assert nearest_order([point], fit, 0, 3.5) == 2.5
     assert nearest_order([point], fit, 0, 2.5) == nearest_order([point], fit, 0, 2.0) == 2.0

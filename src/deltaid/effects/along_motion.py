@@ -94,9 +94,12 @@ class AtDrives(AlongMotion):
 
     @property
     def coefficients(self) -> Iterable[tuple[str, str, str, float]]:
-        named = [(owner, symbol) for owner in self.owners for symbol in self.symbols]
+        named, unit = (
+            [(owner, symbol) for owner in self.owners for symbol in self.symbols],
+            self.unit,
+        )
         pairs = zip(named, self.deviation, strict=True)
-        return [(owner, symbol, self.unit, size) for (owner, symbol), size in pairs]
+        return [(owner, symbol, unit, size) for (owner, symbol), size in pairs]
 
     @property
     def pattern(self) -> tuple[np.ndarray, np.ndarray]:

@@ -5,6 +5,7 @@ from collections.abc import Callable, Iterable, Sequence
 
 import numpy as np
 from jaxtyping import Float
+from numpy.polynomial.chebyshev import chebpts1, chebvander
 
 from deltaid.effects.along_motion import RippleColumns
 from deltaid.effects.effect import DescribedEffect
@@ -18,8 +19,9 @@ _COUNTS = np.arange(1.0, 81.0, 0.5)
 # Waves over the stroke from which torque over the position is no spring, for it bends, and to which
 # it is searched; and how far apart orders are that are searched, in waves over the stroke.
 _LEAST, _MOST, _APART = 0.5, 160.0, 0.25
-# Orders about the largest that are searched more finely.
-_NEAR = 41
+# Orders about the largest that are searched more finely; filtered columns of so many are computed,
+# between which those of all others are interpolated to 1e-6: their phases differ by π/4 at most.
+_NEAR, _NODES = 41, 7
 # Orders that pass the filter at a drive's usual speed by less than this share cannot be seen.
 _PASSED = 0.1
 # Decades that torques over the place must be more surprising: so many shapes bend to noise that is
@@ -93,9 +95,24 @@ def nearest_order(points: Sequence[TracePoint], fit: Shrunk, i: int, order: floa
     orders = _orders(points, i)
     step = orders[1] - orders[0]
     near = np.linspace(max(order - step, orders[0]), order + step, _NEAR)
-    ripples = RippleColumns(points[0].dynamics, (i,) * _NEAR, (1.0,) * (2 * _NEAR), tuple(near))
-    pairs = [point.added(ripples)[i].reshape(-1, _NEAR, 2) for point in points]
+    pairs = [waves_near(point, i, near) for point in points]
     return float(near[np.argmax(fit.explained(_blocks(points, i), pairs))])
+
+
+def waves_near(point: TracePoint, i: int, near: Orders) -> Float[np.ndarray, "samples orders 2"]:
+    """Filtered columns of a drive's ripples of orders that are close together: sine and cosine of
+    n (q − q_0) with q_0 in the middle of its stroke, by polynomials in n."""
+    x = chebpts1(_NODES)
+    nodes = near[0] + 0.5 * (x + 1.0) * (near[-1] - near[0])
+    ripples = RippleColumns(point.dynamics, (i,) * _NODES, (1.0,) * (2 * _NODES), tuple(nodes))
+    sine, cosine = np.moveaxis(point.added(ripples)[i].reshape(-1, _NODES, 2), 2, 0)
+    turn = 0.5 * nodes * (point.q[:, i].min() + point.q[:, i].max())
+    C, S = np.cos(turn), np.sin(turn)
+    # Values at nodes to coefficients of Chebyshev polynomials, and these to values.
+    of_nodes = np.linalg.solve(chebvander(x, _NODES - 1), np.eye(_NODES))
+    weights = chebvander(np.linspace(-1.0, 1.0, len(near)), _NODES - 1) @ of_nodes
+    centred = np.stack([sine * C - cosine * S, cosine * C + sine * S])
+    return np.einsum("psk,nk->snp", centred, weights)
 
 
 def _blocks(points: Sequence[TracePoint], i: int) -> list[int]:
