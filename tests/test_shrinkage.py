@@ -211,7 +211,7 @@ def test_what_physics_does_not_allow_stands_for_something_else() -> None:
 def test_what_physics_does_not_allow_is_no_rival() -> None:
     full = problem()
     like = [block.A[:, 2:5] for block in full.blocks]
-    both = full.with_group("double", like, np.full(3, 0.5))
+    both = full.with_groups([("double", like, np.full(3, 0.5))])
     kept = reduced(both, LEAST)
     (dropped,) = {"cause", "double"} - set(kept.candidates)
     never = {dropped: lambda _: False}
@@ -247,7 +247,7 @@ def test_a_cause_that_looks_like_another_is_its_rival(apart: float) -> None:
     full = problem()
     rng = np.random.default_rng(3)
     like = [block.A[:, 2:5] + apart * rng.standard_normal((400, 3)) for block in full.blocks]
-    both = full.with_group("double", like, np.full(3, 0.5))
+    both = full.with_groups([("double", like, np.full(3, 0.5))])
     kept = reduced(both, LEAST)
     pairs = {frozenset(pair) for pair in rivals(both, kept, LEAST)}
     assert pairs == ({frozenset({"cause", "double"})} if apart < 0.1 else set())

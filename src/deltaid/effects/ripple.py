@@ -69,30 +69,30 @@ class PositionRipple(DescribedEffect):
 
 
 def largest_ripples(
-    points: Sequence[TracePoint], fit: Shrunk, least: float
+    points: Sequence[TracePoint], fit: Shrunk, least: float, searched: Sequence[Orders]
 ) -> list[tuple[int, float]]:
     """The order of the largest ripple of each drive that has one so unlikely by chance [decades],
     beside all that a fit has."""
     ripples = list[tuple[int, float]]()
-    for i in range(points[0].dof):
-        orders = _orders(points, i)
+    for i, orders in enumerate(searched):
         if len(orders) < 2:
             continue
         pairs = [_waves(point, i, orders) for point in points]
         explained = fit.explained(_blocks(points, i), pairs)
         best = int(np.argmax(explained))
         if surprise(float(explained[best]), 2) - np.log10(len(orders)) > least:
-            ripples.append((i, nearest_order(points, fit, i, float(orders[best]))))
+            ripples.append((i, nearest_order(points, fit, i, float(orders[best]), orders)))
     return ripples
 
 
-def nearest_order(points: Sequence[TracePoint], fit: Shrunk, i: int, order: float) -> float:
+def nearest_order(
+    points: Sequence[TracePoint], fit: Shrunk, i: int, order: float, orders: Orders
+) -> float:
     """The order near another that explains most beside all that a fit has, by filtered columns.
 
     No longer a wave than any that is searched: torques along a shorter part of one are those of a
     spring, with coefficients as large as that part is small.
     """
-    orders = _orders(points, i)
     step = orders[1] - orders[0]
     near = np.linspace(max(order - step, orders[0]), order + step, _NEAR)
     pairs = [waves_near(point, i, near) for point in points]
@@ -128,6 +128,11 @@ def _waves(point: TracePoint, i: int, orders: Orders) -> Float[np.ndarray, "samp
 def ripple_of(point: TracePoint, drive: int, order: float) -> Added:
     name = f"ripple of {point.drives[drive]}, {order:.4g}"
     return Added(name, RippleColumns(point.dynamics, (drive,), (1.0, 1.0), (order,)))
+
+
+def searched_orders(points: Sequence[TracePoint]) -> list[Orders]:
+    """Orders of ripples that each drive may show [1/rad or 1/m]."""
+    return [_orders(points, i) for i in range(points[0].dof)]
 
 
 def _orders(points: Sequence[TracePoint], i: int) -> Orders:

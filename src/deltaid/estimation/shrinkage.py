@@ -256,17 +256,22 @@ class Shrunk:
         given = sigma, K[np.ix_(stay, stay)], r[stay] - K[np.ix_(stay, gone)] @ held
         return Shrunk(blocks, self.D[:, stay], self.d, groups, self.alpha[kept], sigma, given)
 
-    def with_group(self, name: str, columns: Sequence[Columns], deviation: np.ndarray) -> "Shrunk":
-        """The same with columns of one more candidate, given for each block."""
-        places = np.arange(len(self.x), len(self.x) + len(deviation))
-        group = CauseColumns(name, places, deviation, np.zeros(len(deviation)))
+    def with_groups(
+        self, candidates: Sequence[tuple[str, Sequence[Columns], Float[np.ndarray, " k"]]]
+    ) -> "Shrunk":
+        """The same with more candidates: a name, columns for each block, and deviations of each."""
+        groups, first = list(self.groups), len(self.x)
+        for name, _, deviation in candidates:
+            places = np.arange(first, first + len(deviation))
+            groups.append(CauseColumns(name, places, deviation, np.zeros(len(deviation))))
+            first += len(deviation)
         blocks = tuple(
-            replace(block, A=np.hstack([block.A, more]))
-            for block, more in zip(self.blocks, columns, strict=True)
+            replace(block, A=np.hstack([block.A, *(columns[k] for _, columns, _ in candidates)]))
+            for k, block in enumerate(self.blocks)
         )
-        D = np.pad(self.D, ((0, 0), (0, len(deviation))))
-        alpha = np.append(self.alpha, 1.0)
-        return Shrunk(blocks, D, self.d, (*self.groups, group), alpha, self.sigma)._settled()
+        D = np.pad(self.D, ((0, 0), (0, first - len(self.x))))
+        alpha = np.append(self.alpha, np.ones(len(candidates)))
+        return Shrunk(blocks, D, self.d, tuple(groups), alpha, self.sigma)._settled()
 
     def explained(
         self, numbers: Sequence[int], sets: Sequence[Float[np.ndarray, "_ sets k"]]

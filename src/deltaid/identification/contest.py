@@ -15,10 +15,16 @@ from threadpoolctl import threadpool_limits
 from deltaid.dynamics.dynamics import Parameters
 from deltaid.effects.along_motion import RippleColumns
 from deltaid.effects.effect import SEEN
-from deltaid.effects.point import Added, TracePoint, UnknownEffect
-from deltaid.effects.ripple import largest_ripples, nearest_order, ripple_of
+from deltaid.effects.point import Added, Deviations, TracePoint, UnknownEffect
+from deltaid.effects.ripple import (
+    Orders,
+    largest_ripples,
+    nearest_order,
+    ripple_of,
+    searched_orders,
+)
 from deltaid.estimation.drive_rows import POSITION_ERROR, TraceRows, stretch_numbers
-from deltaid.estimation.problem import CauseColumns, NoiseBlock
+from deltaid.estimation.problem import CauseColumns, Columns, NoiseBlock
 from deltaid.estimation.shrinkage import Shrunk
 from deltaid.estimation.traces import Trace
 
@@ -69,31 +75,32 @@ class Contest:
         """With columns of ripples, the largest of each drive, and again, until none is beyond
         chance; orders as they are beside all others."""
         contest, ripples = self, list[Added]()
+        searched = searched_orders(self.points)
         while len(ripples) < _RIPPLES * self.points[0].dof:
-            found = largest_ripples(self.points, contest.shrunk, SEEN)
+            found = largest_ripples(self.points, contest.shrunk, SEEN, searched)
             if not found:
                 break
             ripples += [ripple_of(self.points[0], drive, order) for drive, order in found]
             rough = self._with(ripples)
-            ripples = [rough._nearer(ripple) for ripple in ripples]
+            ripples = [rough._nearer(ripple, searched) for ripple in ripples]
             contest = self._with(ripples)
         return contest
 
-    def _nearer(self, ripple: Added) -> Added:
+    def _nearer(self, ripple: Added, searched: Sequence[Orders]) -> Added:
         """A ripple with the order that explains most beside all others."""
         addition, bare = ripple.addition, self.shrunk.without([ripple.name])
         assert isinstance(addition, RippleColumns)
         (drive,), (order,) = addition.drives, addition.orders
-        order = nearest_order(self.points, bare, drive, order)
+        order = nearest_order(self.points, bare, drive, order, searched[drive])
         return ripple_of(self.points[0], drive, order)
 
     def _with(self, unknowns: Sequence[UnknownEffect]) -> "Contest":
-        shrunk = self.shrunk
+        candidates = list[tuple[str, list[Columns], Deviations]]()
         for unknown in unknowns:
             own = [unknown.columns(point) for point in self.points]
-            deviation = unknown.deviations(self.points[0], own[0])
             columns = [drive for recording in own for drive in recording]
-            shrunk = shrunk.with_group(unknown.name, columns, deviation)
+            candidates.append((unknown.name, columns, unknown.deviations(self.points[0], own[0])))
+        shrunk = self.shrunk.with_groups(candidates)
         return replace(self, unknowns=(*self.unknowns, *unknowns), shrunk=shrunk)
 
     def reduced(self) -> "Contest":
