@@ -166,8 +166,13 @@ def test_torques_grow_with_current() -> None:
 
 def test_a_torque_constant_that_grows_with_current_is_no_saturation() -> None:
     falls, grows = (0.08, 0.02), (-0.05, -0.03)
-    assert Saturation().is_possible(np.array([*falls, 0.0, -0.01]))
-    assert not Saturation().is_possible(np.array([*grows, 0.0, 0.01]))
+    well, hardly = 1e-4 * np.eye(4), np.eye(4)
+    assert Saturation().is_possible(np.array([*falls, 0.0, -0.01]), well)
+    assert not Saturation().is_possible(np.array([*grows, 0.0, 0.01]), well)
+    again = np.array([0.26, -0.2, 0.26, -0.2])  # falls, then rises
+    assert not Saturation().is_possible(again, well)
+    assert Saturation().is_possible(again, hardly)
+    assert not Saturation().is_possible(np.array([-0.1, 0.2, -0.1, 0.2]), well)
 
 
 def test_slopes_of_a_torque_constant_are_at_recorded_torques() -> None:

@@ -194,7 +194,7 @@ def test_what_physics_does_not_allow_stands_for_something_else() -> None:
     full = problem(mean=0.5)
     applied: list[np.ndarray] = []
 
-    def grows(values: np.ndarray) -> bool:
+    def grows(values: np.ndarray, _covariance: np.ndarray) -> bool:
         applied.append(values)
         return bool(values.sum() > 0.0)
 
@@ -203,7 +203,7 @@ def test_what_physics_does_not_allow_stands_for_something_else() -> None:
     assert reduced(full, LEAST).candidates == ("cause",)
     assert reduced(barred, LEAST).candidates == ()
     assert applied[0] == pytest.approx(full.x[2:5] - 0.5)  # of all that is applied
-    allowed = replace(impossible, is_possible=lambda values: not grows(values))
+    allowed = replace(impossible, is_possible=lambda *values: not grows(*values))
     kept = Shrunk.fitted(full.blocks, full.D, full.d, [allowed, full.groups[1]])
     assert reduced(kept, LEAST).candidates == ("cause",)
 
@@ -214,7 +214,7 @@ def test_what_physics_does_not_allow_is_no_rival() -> None:
     both = full.with_groups([("double", like, np.full(3, 0.5))])
     kept = reduced(both, LEAST)
     (dropped,) = {"cause", "double"} - set(kept.candidates)
-    never = {dropped: lambda _: False}
+    never = {dropped: lambda *_: False}
     groups = [replace(g, is_possible=never.get(g.name, g.is_possible)) for g in both.groups]
     barred = Shrunk.fitted(both.blocks, both.D, both.d, groups)
     assert rivals(both, kept, LEAST)

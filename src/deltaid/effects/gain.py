@@ -7,10 +7,11 @@ import numpy as np
 from jaxtyping import Float
 from scipy.linalg import null_space
 
-from deltaid.effects.effect import Cause, DescribedEffect
+from deltaid.effects.effect import SEEN, Cause, DescribedEffect
 from deltaid.effects.point import Deviations, EffectCandidate, RigidFit, TracePoint, UnknownEffect
 from deltaid.estimation.drive_rows import ColumnsOfDrives, of_own_drives
 from deltaid.estimation.problem import Columns, scatter
+from deltaid.estimation.scatter import surprise
 from deltaid.model.corrections import Correction
 from deltaid.model.verdict import listed, percent
 from deltaid.recording.columns import LEAST_SLOPE
@@ -134,10 +135,19 @@ class Saturation(UnknownEffect, DescribedEffect):
         squared = (torque / highest[:, None]) ** 2
         return of_own_drives(np.stack([torque * squared, torque * squared**2], axis=2))
 
-    def is_possible(self, values: Deviations) -> bool:
-        """Torque constants fall with current; where they would grow, something else does."""
-        lacking = values.reshape(-1, 2).sum(axis=1)
-        return bool(np.sum(lacking * np.abs(lacking)) >= 0.0)
+    def is_possible(
+        self, values: Deviations, covariance: Float[np.ndarray, "coefficients coefficients"]
+    ) -> bool:
+        """Torque constants fall with current, and never rise again beyond chance: where they would,
+        something else does. β_2 + 2 β_4 u² ≥ 0 up to u = 1."""
+        pairs, count = values.reshape(-1, 2), len(values) // 2
+        lacking, rising = pairs.sum(axis=1), list[float]()
+        for fall in ([1.0, 0.0], [1.0, 2.0]):  # from the smallest current on, and at the largest
+            by_drive = np.kron(np.eye(count), fall)
+            deviation = np.sqrt(np.diag(by_drive @ covariance @ by_drive.T))
+            rising.append(float(np.sum(np.minimum(pairs @ fall / deviation, 0.0) ** 2)))
+        falls = bool(np.sum(lacking * np.abs(lacking)) >= 0.0)
+        return falls and all(surprise(square, count) < SEEN for square in rising)
 
     def possible(self, values: Deviations) -> Deviations:
         """Torques grow with current, up to the largest."""

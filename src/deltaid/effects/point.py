@@ -219,7 +219,9 @@ class UnknownEffect(ABC):
         where it has none."""
         return np.zeros(1)
 
-    def is_possible(self, values: Deviations) -> bool:
+    def is_possible(
+        self, values: Deviations, covariance: Float[np.ndarray, "coefficients coefficients"]
+    ) -> bool:
         """Whether physics allows such coefficients; others stand for another cause."""
         return True
 

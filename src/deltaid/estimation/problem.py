@@ -257,8 +257,8 @@ class CauseColumns:
         is_candidate: whether it is corrected; else it only keeps others from explaining it.
         may_be_dropped: whether a candidate goes where rows do not need it.
         is_positive: whether x less the mean, all that is applied, is at least zero by physics.
-        is_possible: whether physics allows such values of x less the mean; a candidate whose
-            estimate it does not allow stands for something else, and is dropped.
+        is_possible: whether physics allows such values of x less the mean, with this covariance; a
+            candidate whose estimate it does not allow stands for something else, and is dropped.
     """
 
     name: str
@@ -268,11 +268,14 @@ class CauseColumns:
     is_candidate: bool = True
     is_positive: bool = False
     may_be_dropped: bool = True
-    is_possible: Callable[[Float[np.ndarray, " k"]], bool] = lambda _: True
+    is_possible: Callable[[Float[np.ndarray, " k"], Float[np.ndarray, "k k"]], bool] = lambda *_: (
+        True
+    )
 
-    def allows(self, x: Float[np.ndarray, " n"]) -> bool:
+    def allows(self, x: Float[np.ndarray, " n"], covariance: Float[np.ndarray, "n n"]) -> bool:
         """Whether physics allows all that is applied."""
-        return self.is_possible(x[self.columns] - self.mean)
+        own = covariance[np.ix_(self.columns, self.columns)]
+        return self.is_possible(x[self.columns] - self.mean, own)
 
     def held(self, x: Float[np.ndarray, " n"]) -> "CauseColumns":
         """With coefficients at zero where physics allows no less than x has."""

@@ -200,7 +200,7 @@ def reduced(full: Shrunk, least: float) -> Shrunk:
     while now.droppable:
         prices = {
             group.name: now.surprise(group)
-            if now.size(group) > POSITION_ERROR and group.allows(now.x)
+            if now.size(group) > POSITION_ERROR and group.allows(now.x, now.covariance)
             else 0.0
             for group in now.droppable
         }
@@ -229,5 +229,5 @@ def rivals(
     return {
         pair: trial for pair, trial in trials.items()
         if trial.evidence > now.evidence + more and trial.least_surprising >= least
-        and all(group.allows(trial.x) for group in trial.groups)
+        and all(group.allows(trial.x, trial.covariance) for group in trial.groups)
     }  # fmt: skip
