@@ -100,10 +100,11 @@ def contested(setup: Setup, progress: Progress) -> Setup:
     if not outcome.kept and (_gears(bare) or not outcome.winds_up):
         return bare.changed(outcome=outcome) if outcome.doubts else bare
     if end.why_not:
+        stiff = gears_turned_back(bare.changed(outcome=ContestOutcome(bare.robot)), progress)
         moves = [move for each in (end, *others) for move in each.moves]
-        bare = bare.changed(outcome=refuted(outcome, end.why_not, moves))
-        # Gears that seemed to wind up while nothing was beside them do not.
-        return bare if outcome.winds_up else gears_turned_back(bare, progress)
+        if _gears(bare):
+            moves.append(_start(bare) - _start(stiff))
+        return stiff.changed(outcome=refuted(outcome, end.why_not, moves))
     return estimated_anew(end.setup, progress)
 
 
@@ -168,6 +169,16 @@ def swept_beside(setup: Setup, own: UnknownEffect, instead_of: Collection[str]) 
     return _swept(bare, _begun(bare), traces, None, 0, (own,)) if traces else None
 
 
+def _start(setup: Setup) -> Parameters:
+    """Parameters before any effect of a contest is known."""
+    return start(_rows(setup), _traces(setup))
+
+
+def _rows(setup: Setup) -> TraceRows:
+    spread = _WIDER * setup.settings.prior_spread
+    return TraceRows.for_dynamics(setup.dynamics, without_lags(setup.additions), spread)
+
+
 def _swept(
     now: Setup,
     before: ContestOutcome,
@@ -177,8 +188,7 @@ def _swept(
     more: Sequence[UnknownEffect] = (),
 ) -> Contest:
     """All effects at the recordings as they have been corrected."""
-    spread = _WIDER * now.settings.prior_spread
-    rows = TraceRows.for_dynamics(now.dynamics, without_lags(now.additions), spread)
+    rows = _rows(now)
     points = points_of(traces, start(rows, traces) if p is None else p)
     unknowns = [u for u in _unknowns(points[0]) if u.name not in now.barred_effects]
     unknowns = (*_allowed(unknowns, before, sweep), *more)
