@@ -41,6 +41,7 @@ STATED: dict[str, Size] = {
     "fleet_nights": {"rows": 4},
     "fleet_walk": {"rows": 7, "robots": 20, "steps": 60},
     "house": {},
+    "leave_one_out": {"rows": 9, "kinds": 6, "seeds": 1},
     "limits_held": {"rows": 3, "motions": 25},
     "masks": {"rows": 16, "seeds": 6},
     "mutants": {"rows": 60},

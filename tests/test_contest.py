@@ -17,8 +17,7 @@ from deltaid.effects.lag_columns import LagColumns
 from deltaid.effects.lag_groups import LagGroup
 from deltaid.effects.point import TracePoint
 from deltaid.effects.ripple import _NODES, _blocks, nearest_order, waves_near
-from deltaid.identification import contest as contest_module
-from deltaid.identification import contest_outcome, contest_stage, study
+from deltaid.identification import contest_stage
 from deltaid.identification.doubts import constants
 from deltaid.identification.fit import fit, with_geometry
 from deltaid.identification.friction_constants import LawConstants
@@ -29,6 +28,7 @@ from deltaid.model.settings import Settings
 from deltaid.robot.friction import Stribeck
 from deltaid.robot.load import described
 from drives import case, mixture
+from drives.absent import without
 from drives.identify import described as described_in
 from drives.identify import identified
 from drives.judge import judge
@@ -303,23 +303,11 @@ FORCES = {"platform-spring", "platform-force"}
     ],
 )
 def test_a_cause_that_no_effect_is_of_ends_as_unexplained(
-    row: str, kind: str, missing: set[str], monkeypatch: pytest.MonkeyPatch
+    row: str, kind: str, missing: set[str]
 ) -> None:
-    for module in (contest_stage, contest_outcome):
-        known = tuple(unknown for unknown in module.UNKNOWNS if unknown.name not in missing)
-        monkeypatch.setattr(module, "UNKNOWNS", known)
-    unknowns = contest_stage._unknowns
-    monkeypatch.setattr(
-        contest_stage,
-        "_unknowns",
-        lambda point: tuple(u for u in unknowns(point) if u.name not in missing),
-    )
-    if "ripple" in missing:
-        monkeypatch.setattr(contest_module.Contest, "with_ripples", lambda self: self)
-    searched = tuple(effect for effect in study.EFFECTS if effect.kind not in missing)
-    monkeypatch.setattr(study, "EFFECTS", searched)
-    result = identified(case(row, kind))
-    others = {"contact", "compliance", "friction", "lag", "prior", "temperature"}
+    with without(missing):
+        result = identified(case(row, kind))
+    others = {"contact", "friction", "lag", "prior", "temperature"}
     assert {correction.kind for correction in result.model.corrections} <= others
     (doubt,) = (text for text in result.model.warnings if "no known effect explains" in text)
     assert "nothing of it is corrected" in doubt

@@ -1,0 +1,46 @@
+"""Identification as if nobody had thought of some effects."""
+
+from collections.abc import Collection, Iterator
+from contextlib import contextmanager
+
+import pytest
+
+from deltaid.effects.point import TracePoint, UnknownEffect
+from deltaid.identification import contest, contest_outcome, contest_stage, study
+
+# Effects that are one cause, by the rows of `causes.py` that have it.
+CAUSES_OF: dict[str, frozenset[str]] = {
+    "homing-0.5": frozenset({"zero", "homing-or-tilt"}),
+    "gear-ratio": frozenset({"gear-ratio"}),
+    "long-limb": frozenset({"length"}),
+    "tilt": frozenset({"tilt"}),
+    "falling-gain": frozenset({"torque-constant"}),
+    "ripple": frozenset({"ripple"}),
+    "balancer": frozenset({"drive-spring"}),
+    "hose": frozenset({"platform-force", "platform-spring", "platform-drag"}),
+    "askew": frozenset({"structure"}),
+}
+
+
+@contextmanager
+def without(missing: Collection[str]) -> Iterator[None]:
+    """Neither a study nor a contest has effects of these names and kinds.
+
+    Args:
+        missing: such as 'gear-ratio' or 'ripple'.
+    """
+    known = tuple(unknown for unknown in contest_stage.UNKNOWNS if unknown.name not in missing)
+    searched = tuple(effect for effect in study.EFFECTS if effect.kind not in missing)
+    unknowns = contest_stage._unknowns
+
+    def others(point: TracePoint) -> tuple[UnknownEffect, ...]:
+        return tuple(unknown for unknown in unknowns(point) if unknown.name not in missing)
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(contest_stage, "UNKNOWNS", known)
+        patch.setattr(contest_outcome, "UNKNOWNS", known)
+        patch.setattr(contest_stage, "_unknowns", others)
+        patch.setattr(study, "EFFECTS", searched)
+        if "ripple" in missing:
+            patch.setattr(contest.Contest, "with_ripples", lambda self: self)
+        yield
