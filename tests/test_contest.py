@@ -23,7 +23,7 @@ from deltaid.identification.fit import fit, with_geometry
 from deltaid.identification.friction_constants import LawConstants
 from deltaid.identification.identify import _moves_of_laws
 from deltaid.identification.setup import UNEXPLAINED, ContestOutcome, Setup
-from deltaid.identification.study import studied_trace
+from deltaid.identification.study import left_of_a_drive, studied_trace
 from deltaid.model.settings import Settings
 from deltaid.robot.friction import Stribeck
 from deltaid.robot.load import described
@@ -313,6 +313,21 @@ def test_a_cause_that_no_effect_is_of_ends_as_unexplained(
     assert "nothing of it is corrected" in doubt
     assert any("explained" in verdict.seen for verdict in result.verdicts), result.verdicts
     assert np.mean(judge(case(row, kind), result).base) > 0.65  # 0.55 to 0.65 where others stand in
+
+
+@pytest.mark.parametrize(
+    ("place", "drift", "unexplained", "left"),
+    [(0.02, 0.01, 0.0, 0.02), (0.02, 0.03, 0.0, 0.0), (0.02, 0.03, 0.01, 0.01), (0, 0.03, 0, 0)],
+)
+def test_what_a_contest_leaves_is_more_than_what_later_stages_leave_of_theirs(
+    place: float, drift: float, unexplained: float, left: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    sizes = {"geometry-or-cogging": place, "drift": drift}
+    causes = [Mock(kind=kind, shares=np.array([0.0, size])) for kind, size in sizes.items()]
+    rest = Mock(part=unexplained, is_unexplained=True)
+    monkeypatch.setattr("deltaid.identification.study.causes_of", lambda *_: causes)
+    monkeypatch.setattr("deltaid.identification.study.rests", lambda _: [rest])
+    assert left_of_a_drive(Mock()) == left
 
 
 @pytest.mark.parametrize(

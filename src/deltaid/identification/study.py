@@ -236,10 +236,19 @@ def rests(study: Study) -> tuple[Rest, ...]:
 
 def left_of_a_drive(study: Study) -> float:
     """The largest share of a drive's torque that nothing explains, or only an effect that a contest
-    would have corrected."""
-    contested = (c for c in causes_of(study.fit, study.account) if effect_of(c).is_contested)
-    shares = [float(cause.shares.max()) for cause in contested]
-    return max([*shares, *(rest.part for rest in rests(study) if rest.is_unexplained)], default=0.0)
+    would have corrected.
+
+    What such effects have less than those that later stages correct, these may leave to first
+    order.
+    """
+    causes = [
+        (effect_of(cause).is_contested, float(cause.shares.max()))
+        for cause in causes_of(study.fit, study.account)
+    ]
+    later = max((share for is_contested, share in causes if not is_contested), default=0.0)
+    contested = [share for is_contested, share in causes if is_contested and share > later]
+    unknown = (rest.part for rest in rests(study) if rest.is_unexplained)
+    return max([*contested, *unknown], default=0.0)
 
 
 def unexplained(study: Study) -> Float[np.ndarray, "samples dof"]:
