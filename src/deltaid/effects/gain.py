@@ -138,16 +138,14 @@ class Saturation(UnknownEffect, DescribedEffect):
     def is_possible(
         self, values: Deviations, covariance: Float[np.ndarray, "coefficients coefficients"]
     ) -> bool:
-        """Torque constants fall with current, and never rise again beyond chance: where they would,
-        something else does. β_2 + 2 β_4 u² ≥ 0 up to u = 1."""
+        """Torque constants fall with current, and do not rise again beyond chance up to the largest:
+        β_2 + 2 β_4 ≥ 0. Where they would, something else does."""
         pairs, count = values.reshape(-1, 2), len(values) // 2
-        lacking, rising = pairs.sum(axis=1), list[float]()
-        for fall in ([1.0, 0.0], [1.0, 2.0]):  # from the smallest current on, and at the largest
-            by_drive = np.kron(np.eye(count), fall)
-            deviation = np.sqrt(np.diag(by_drive @ covariance @ by_drive.T))
-            rising.append(float(np.sum(np.minimum(pairs @ fall / deviation, 0.0) ** 2)))
-        falls = bool(np.sum(lacking * np.abs(lacking)) >= 0.0)
-        return falls and all(surprise(square, count) < SEEN for square in rising)
+        lacking, falling = pairs.sum(axis=1), np.kron(np.eye(count), [1.0, 2.0])
+        deviation = np.sqrt(np.diag(falling @ covariance @ falling.T))
+        rising = np.sum(np.minimum(falling @ values / deviation, 0.0) ** 2)
+        falls = float(np.sum(lacking * np.abs(lacking))) >= 0.0
+        return falls and surprise(float(rising), count) < SEEN
 
     def possible(self, values: Deviations) -> Deviations:
         """Torques grow with current, up to the largest."""
