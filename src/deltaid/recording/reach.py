@@ -53,9 +53,13 @@ class Stretch:
 
     def after(self, before: "Stretch") -> "Stretch":
         """These samples behind others."""
-        own = ([getattr(s, name) for s in (before, self)] for name in ("time", "q", "z"))
         pairs = ([getattr(s.regular, f.name) for s in (before, self)] for f in fields(Regularity))
-        return Stretch(*map(np.concatenate, own), Regularity(*map(np.concatenate, pairs)))
+        return Stretch(
+            np.concatenate([before.time, self.time]),
+            np.concatenate([before.q, self.q]),
+            np.concatenate([before.z, self.z]),
+            Regularity(*map(np.concatenate, pairs)),
+        )
 
 
 class ReachCheck:
