@@ -120,7 +120,7 @@ class SensorRows(ABC):
     def about(self, values: Float[np.ndarray, " columns"]) -> "SensorRows":
         """The same rows about p₀ and values of its unknowns; what it showed is not looked at."""
         rows = replace(self, values=values)
-        vars(rows)["_compiled"] = self._compiled
+        vars(rows)["_compiled"] = self._compiled  # where cached properties are kept
         return rows
 
     def entries(

@@ -60,8 +60,8 @@ def explained(
     likely = _searched(dynamics, fine, coarse.few(_SAMPLES), settled=any(c.clear for c in mapped))
     if likely is None:
         return tuple(mapped)
-    solved = {map: residuals(dynamics, fine, [map]) for map in (trial.map for trial in likely)}
-    solved = {map: next(found, None) for map, found in solved.items()}
+    maps = dict.fromkeys(trial.map for trial in likely)
+    solved = {map: next(residuals(dynamics, fine, [map]), None) for map in maps}
     fitted = (
         WiringHypothesis(under, trial.order, trial.gains)
         for trial in likely

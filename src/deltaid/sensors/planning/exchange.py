@@ -337,5 +337,5 @@ def _passes(a: str, b: str) -> str:
 def _place(a: str, b: str) -> str:
     """Where two bodies meet, in words."""
     first, second = a.rstrip("0123456789"), b.rstrip("0123456789")
-    places = (at for x, y, at in _PLACES if x in ("*", first) and second in y.split())
+    places = (place for x, y, place in _PLACES if x in ("*", first) and second in y.split())
     return next(places, f"where {a} and {b} meet")
