@@ -22,7 +22,7 @@ from deltaid.dynamics.parameters import ParameterLayout, parameter_layout
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.inertia import RigidBody
 from deltaid.robot.limbs import rotation as about_axis
-from deltaid.robot.measured import Axis, Measured, MeasuredTogether, Placed
+from deltaid.robot.measured import Axis, Measured, Placed
 from deltaid.robot.part import Vector
 
 _AXES: dict[Axis, tuple[float, float, float]] = {
@@ -80,7 +80,6 @@ def weighings(robot: RobotDescription) -> tuple[Weighing, ...]:
     together = [
         weighing(measured, measured.placed, layout, prior, f"measured[{k}]")
         for k, measured in enumerate(robot.measured, start=1)
-        if isinstance(measured, MeasuredTogether)  # all of them, for the type
     ]
     return (*alone, *together)
 
