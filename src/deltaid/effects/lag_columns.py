@@ -151,12 +151,13 @@ class LagColumns(TimingColumns):
         timing, names = self.timing, self.dynamics.robot.drives
         if timing is None:
             return columns
+        constants = timing.constants[:, None]
         columns += [
             TimingColumn(
                 (i,),
                 f"filter.{names[i]}",
                 "s",
-                lambda w, late, rise: -timing.constants[:, None] * rise(late),
+                lambda w, late, rise: -constants * rise(late),
                 float(timing.deviation[i]),
             )
             for i in timing.filters

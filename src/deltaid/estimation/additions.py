@@ -134,8 +134,13 @@ class Extended:
     def dof(self) -> int:
         return self.regressor.dof
 
-    @cached_property
+    @property
     def regressor_pattern(self) -> tuple[np.ndarray, np.ndarray]:
+        """Drive and column of every entry that is not always zero."""
+        return self._pattern
+
+    @cached_property
+    def _pattern(self) -> tuple[np.ndarray, np.ndarray]:
         patterns, first = [self.regressor.regressor_pattern], self.own
         for addition in self.additions:
             drives, within = addition.pattern

@@ -22,7 +22,7 @@ from deltaid.identification.lags_and_gears import without_doubtful_lags
 from deltaid.identification.loads import found_loads, held, unloaded
 from deltaid.identification.setup import Setup
 from deltaid.identification.sources import source
-from deltaid.identification.stages import BEFORE_LAWS, LAWS, after, idle
+from deltaid.identification.stages import before_laws, idle, with_laws
 from deltaid.identification.study import Study
 from deltaid.identification.torque_error import TorqueError, torque_error
 from deltaid.identification.widening import with_widened_prior
@@ -192,8 +192,8 @@ def _confirmed(
     def fitted(setup: Setup) -> FittedProblem:
         return fit(setup.dynamics, setup.recordings, setup.settings, progress, setup.additions)
 
-    corrected = corrected or after(first, BEFORE_LAWS, progress)
-    setup = watched(after(corrected.changed(barred=first.barred), LAWS, progress))
+    corrected = corrected or before_laws(first, progress)
+    setup = watched(with_laws(corrected.changed(barred=first.barred), progress))
     problem = fitted(setup)
     if setup.additions:
         confirmed = without_doubtful_lags(setup, judged_parameters(problem, len(problem.p)))

@@ -87,11 +87,6 @@ STAGES: tuple[Stage, ...] = (
 )
 
 
-# Stages before friction laws are chosen, which no barred term changes, and the others.
-BEFORE_LAWS = STAGES[: STAGES.index(chosen_friction)]
-LAWS = STAGES[len(BEFORE_LAWS) :]
-
-
 def after(setup: Setup, stages: Sequence[Stage], progress: Progress) -> Setup:
     """A setup after some stages."""
     for stage in stages:
@@ -102,6 +97,16 @@ def after(setup: Setup, stages: Sequence[Stage], progress: Progress) -> Setup:
 def before_contest(setup: Setup, progress: Progress) -> Setup:
     """A setup after the stages before causes are weighed against each other."""
     return after(setup, STAGES[: STAGES.index(contested)], progress)
+
+
+def before_laws(setup: Setup, progress: Progress) -> Setup:
+    """A setup after the stages before friction laws are chosen, which no barred term changes."""
+    return after(setup, STAGES[: STAGES.index(chosen_friction)], progress)
+
+
+def with_laws(setup: Setup, progress: Progress) -> Setup:
+    """The same after all others."""
+    return after(setup, STAGES[STAGES.index(chosen_friction) :], progress)
 
 
 class Idle(NamedTuple):
