@@ -155,7 +155,8 @@ def spanning_tree(subject: Model) -> Tree:
         DeltaidError: the mechanism is the user's own, so its joints are not known.
     """
     robot, mechanism = subject.robot, subject.dynamics.kinematics.mechanism
-    parts = list(_platform(subject))
+    coordinates, parts = tree_coordinates(robot, mechanism), list[Part]()  # refuses first
+    parts += _platform(subject)
     for i, both in enumerate(zip(robot.limb_geometry, mechanism.limbs, strict=True)):
         parts += _limb(subject, i, *both)
     if robot.telescope is not None:
@@ -165,7 +166,7 @@ def spanning_tree(subject: Model) -> Tree:
         cuts=tuple(part for part in parts if isinstance(part, LoopCut)),
         couplings=tuple(part for part in parts if isinstance(part, Coupling)),
         struts=tuple(part for part in parts if isinstance(part, TreeStrut)),
-        coordinates=tree_coordinates(robot, mechanism),
+        coordinates=coordinates,
         z=mechanism.z,
     )
 
