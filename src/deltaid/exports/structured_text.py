@@ -104,8 +104,8 @@ class Writer:
     def pairs(self) -> Iterator[Unit]:
         """PREFIX_pair_sum and so on; c + dc is the result, dc a second output."""
         numbers = {"pi": np.pi, "small": _SMALL, "large": _LARGE, "whole": _WHOLE}
-        for part, (note, given, result, own) in _PAIRS.items():
-            name, (a, b, c) = f"{self.prefix}_pair_{part}", map(self.reals, (given, result, own))
+        for part, (note, *names) in _PAIRS.items():
+            name, (a, b, c) = f"{self.prefix}_pair_{part}", map(self.reals, names)
             text = self.body(part, name, **numbers, quarter=QUARTER, sine=SINE, cosine=COSINE)
             yield Unit(name, self.precision.st_type, [note], a, b, c, text)
 
