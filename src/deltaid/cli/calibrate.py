@@ -119,8 +119,9 @@ def calibrate(
     try:
         x, y, z = (float(part) for part in tool.split(","))
     except ValueError:
-        what = f"must be three numbers such as 0,0,-0.05, not {tool!r}"
-        raise DeltaidError(what, where="--tool") from None
+        raise DeltaidError(
+            f"must be three numbers such as 0,0,-0.05, not {tool!r}", where="--tool"
+        ) from None
     shop = shipped_offers() if offers is None else deltaid.load_offers(offers)
     with progress(as_json) as say:
         say("fitting the geometry")
