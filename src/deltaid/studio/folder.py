@@ -141,7 +141,7 @@ class Folder:
         try:
             yield
         except DeltaidError as error:
-            error.where = error.where.replace(f"{self.root}{os.sep}", "")
+            error.where = str(error.where).replace(f"{self.root}{os.sep}", "")
             raise
 
     @property
