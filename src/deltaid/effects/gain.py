@@ -138,7 +138,7 @@ class Saturation(UnknownEffect, DescribedEffect):
     def is_possible(
         self, values: Deviations, covariance: Float[np.ndarray, "coefficients coefficients"]
     ) -> bool:
-        """Torque constants fall with current, and do not rise again beyond chance up to the largest:
+        """Torque constants fall with current, and do not rise again beyond chance up to its peak:
         β_2 + 2 β_4 ≥ 0. Where they would, something else does."""
         pairs, count = values.reshape(-1, 2), len(values) // 2
         lacking, falling = pairs.sum(axis=1), np.kron(np.eye(count), [1.0, 2.0])
