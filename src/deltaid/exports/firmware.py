@@ -84,7 +84,7 @@ def printer(found: Calibration) -> Printer:
     )
     return Printer(
         radius, rods, (joints[:, 2] - zero - h) - np.sqrt(rods**2 - radius**2),
-        azimuths + corrections, corrections, left,
+        np.array(robot.limbs.azimuth_deg) + corrections, corrections, left,
         robot.title or robot.name, float(np.abs(robot.workspace.bounding_box[:, :2]).max()),
     )  # fmt: skip
 

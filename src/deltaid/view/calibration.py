@@ -139,7 +139,8 @@ def calibration_figure(found: Calibration) -> go.Figure:
 def residual_figure(found: Calibration) -> go.Figure:
     """Residuals of every reading over their standard deviation."""
     figure = go.Figure()
-    for instrument, r in zip(found.fit.instruments, found.fit.residuals, strict=True):
+    for part, r in zip(found.fit.readings, found.fit.residuals, strict=True):
+        instrument = part.instrument
         for k in range(r.shape[1]):
             name = f"{instrument.kind} {'xyz'[k]}" if r.shape[1] > 1 else instrument.kind
             figure.add_scatter(x=instrument.rows, y=r[:, k], mode="markers", name=style.label(name))
