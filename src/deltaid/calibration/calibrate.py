@@ -198,7 +198,10 @@ def calibrate(
     if not isinstance(mapping, Measurements):
         mapping = load_yaml(Path(mapping), Measurements)
     instruments = []
-    for kind, given in (("points", points), ("probe", probe), ("distances", distances)):
+    by_kind: dict[PoseKind, ReadingsLike | None] = {
+        "points": points, "probe": probe, "distances": distances
+    }  # fmt: skip
+    for kind, given in by_kind.items():
         for source in _several(given):
             instruments.append(read(kind, source, getattr(mapping, kind), loops))
             require_own(instruments[-1], instruments[:-1])

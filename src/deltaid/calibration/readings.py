@@ -177,11 +177,11 @@ class InstrumentColumns(Part):
     """Columns of one kind of instrument."""
 
     noise: Positive | None = Field(
-        None, description="standard deviation of what is read, in `unit`"
+        default=None, description="standard deviation of what is read, in `unit`"
     )
-    unit: str = Field("m", description="of lengths and points, such as mm")
+    unit: str = Field(default="m", description="of lengths and points, such as mm")
     drive_unit: str | None = Field(
-        None, description="of q1, q2, …: rad or m by default, such as deg"
+        default=None, description="of q1, q2, …: rad or m by default, such as deg"
     )
     columns: dict[str, Annotated[str, Field(min_length=1)]] = Field(
         default_factory=dict[str, str],

@@ -252,17 +252,18 @@ def _changed(limbs: Limbs, each: Sequence[dict[str, float]]) -> dict[str, object
         turns.append(turn)
     described = limbs.azimuth_deg, np.broadcast_to(limbs.tilt_deg, limbs.count)
     azimuths, tilts = np.rad2deg(turns).T + np.stack(described)
-    return {
+    changed: dict[str, object] = {
         "base_radius": None,
         "platform_radius": None,
         "platform_points": tuple(tuple(limb.attachment.tolist()) for limb in geometry),
         "base_points": tuple(bases),
         "azimuth_deg": tuple(azimuths.tolist()),
         "tilt_deg": tuple(tilts.tolist()),
-    } | {
-        kind: tuple(getattr(limb, kind) + x[kind] for limb, x in zip(geometry, each, strict=True))
-        for kind in (("strut", "upper_arm") if rotary else ("strut",))
     }
+    for kind in ("strut", "upper_arm") if rotary else ("strut",):
+        pairs = zip(geometry, each, strict=True)
+        changed[kind] = tuple(getattr(limb, kind) + x[kind] for limb, x in pairs)
+    return changed
 
 
 def _tolerances(
