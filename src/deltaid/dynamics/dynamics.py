@@ -56,22 +56,27 @@ class Regressor(Protocol):
     @property
     def kinematics(self) -> Kinematics:
         """Kinematics of the robot, with its mechanism."""
+        ...
 
     @property
     def dof(self) -> int:
         """Number of drives δ."""
+        ...
 
     @property
     def regressor_pattern(self) -> tuple[np.ndarray, np.ndarray]:
         """Drive and column of every structurally nonzero entry, drive by drive."""
+        ...
 
     def sparse_regressor(
         self, z: Samples, qd: Samples, qdd: Samples, load: Samples | None = None
     ) -> SparseRegressor:
         """The nonzero entries at some samples; friction that depends on load needs the load."""
+        ...
 
     def carried(self, z: Samples, qd: Samples, qdd: Samples, p: Parameters) -> Samples:
         """What the robot's gears carry at some samples."""
+        ...
 
 
 _Self = TypeVar("_Self", bound="WithParameters")
@@ -208,9 +213,13 @@ class Dynamics(WithParameters, Plotted):
         values = self._regressor_kernel(np.hstack(parts).T)
         return SparseRegressor(values, *self.regressor_pattern)
 
-    @cached_property
+    @property
     def regressor_pattern(self) -> tuple[np.ndarray, np.ndarray]:
         """Drive and parameter of every entry of Y that is not always zero, drive by drive."""
+        return self._pattern
+
+    @cached_property
+    def _pattern(self) -> tuple[np.ndarray, np.ndarray]:
         columns, rows = self.equations.Y.T.sparsity().get_triplet()
         return np.array(rows)[self._nonzero], np.array(columns)[self._nonzero]
 

@@ -13,6 +13,7 @@ import pathlib
 import runpy
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from typing import Any
 
 import casadi as ca
 import numpy as np
@@ -162,7 +163,7 @@ def build_own(robot: RobotDescription, own: OwnMechanism) -> Mechanism:
     motion = Path(z, speeds.z.u, speeds.z.ud)
     bodies = tuple(_body(body, motion, check) for body in parts.bodies)
     joints = {name: check.scalar(parts.joints[name], f"joint '{name}'") for name in own.joints}
-    turn = parts.turn_length
+    turn: Any = parts.turn_length  # whatever the user's function gives
     if not isinstance(turn, int | float | np.number) or not 0 < turn < np.inf:
         raise check.wrong(f"turn_length is {turn!r}; it must be a positive number")
     lengths = tuple(float(turn) if name == "psi" else 1.0 for name in own.task.names)
@@ -226,8 +227,9 @@ def _body(body: BodyPose, z: Path, check: Checker) -> MovingBody:
             f"{what} has a rotation of shape {rotation.shape} and an origin of shape "
             f"{origin.shape}; they must be (3, 3) and (3, 1)"
         )
-    if not isinstance(body.count, int) or body.count < 1:
-        raise check.wrong(f"{what} has the count {body.count!r}; it must be 1, 2, …")
+    count: Any = body.count
+    if not isinstance(count, int) or count < 1:
+        raise check.wrong(f"{what} has the count {count!r}; it must be 1, 2, …")
     J_w = ca.horzcat(*(_turning(rotation, z.at[i]) for i in range(z.at.numel())))
     w = J_w @ z.rate
     spin = Rotation(rotation, w, J_w @ z.acceleration + ca.jtimes(w, z.at, z.rate))

@@ -246,6 +246,7 @@ class HasModel(Protocol):
     @property
     def model(self) -> IdentifiedModel:
         """The model that was identified."""
+        ...
 
 
 # What stands for a robot with parameters: a catalogue name, a file of a robot or a model, a value,

@@ -58,6 +58,7 @@ class HasRobot(Protocol):
     @property
     def robot(self) -> RobotDescription:
         """The description of the robot."""
+        ...
 
 
 # What stands for a robot: its description, by value or as a dictionary; what has one; a catalogue
