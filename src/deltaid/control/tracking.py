@@ -260,8 +260,12 @@ def track(
     limits, step = effort_limits(plant.model.robot), drives.encoder_step
     share = 1 - np.exp(-2 * np.pi * drives.velocity_cutoff)
     running = Running(plant, start.q[:1], start.qd[:1], drives.rate, drives.current_loop)
-    path, (torques, wanted) = np.empty((3, *start.q.shape)), np.empty((2, *start.q.shape))
-    errors, rates = np.zeros((2, *start.q.shape))
+    path, torques, wanted = (
+        np.empty((3, *start.q.shape)),
+        np.empty_like(start.q),
+        np.empty_like(start.q),
+    )
+    errors, rates = np.zeros_like(start.q), np.zeros_like(start.q)
     for k in range(len(time)):
         q = running.encoders
         path[:, k] = q[0], running.z[0], running.qd[0]

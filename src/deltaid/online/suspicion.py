@@ -238,8 +238,10 @@ class Suspicion:
         """All that was summed up."""
         self._timing.broken()
         taken, left = (self._timing.offset(taken=kind) for kind in (True, False))
+        gain, deviation = _gain(np.concatenate(self._sums))
+        touched, untouched, touched_empty, empty = self._seconds.tolist()
         return RunEvidence(
-            *_gain(np.concatenate(self._sums)), *self._seconds.tolist(), frozenset(self._told),
+            gain, deviation, touched, untouched, touched_empty, empty, frozenset(self._told),
             taken, left, self._stuck, self._stuck_at,
         )  # fmt: skip
 

@@ -116,8 +116,8 @@ def mapping_each(columns: ColumnMappings, recordings: int) -> list[ColumnMapping
         RecordingError: there are several, but not as many as recordings; or something is none.
         DescriptionError: a file does not fit.
     """
-    several = isinstance(columns, Sequence) and not isinstance(columns, str)
-    mappings = [as_mapping(mapping) for mapping in (columns if several else [columns])] or [None]
+    each = columns if isinstance(columns, Sequence) and not isinstance(columns, str) else [columns]
+    mappings = [as_mapping(mapping) for mapping in each] or [None]
     if len(mappings) not in (1, recordings):
         raise RecordingError(
             f"{len(mappings)} mappings are given for {recordings} "
