@@ -15,7 +15,7 @@ from jaxtyping import Float, Int
 
 from deltaid.effects.point import EffectCandidate, RigidFit
 from deltaid.estimation.drive_rows import POSITION_ERROR
-from deltaid.estimation.problem import Columns, Explained, Rows, Span, independent, lengths
+from deltaid.estimation.problem import Columns, Explanation, Rows, Span, independent, lengths
 from deltaid.estimation.scatter import surprise
 from deltaid.model.verdict import Proposal, percent
 from deltaid.recording.carried import Load
@@ -37,7 +37,7 @@ SHARE = 0.15
 
 
 @dataclass(frozen=True, eq=False)
-class Contribution(Explained):
+class Contribution(Explanation):
     """What a candidate explains of a residual.
 
     Attributes:
@@ -150,7 +150,7 @@ class _Trial:
     def explained(self, groups: Int[np.ndarray, " rows"]) -> Contribution:
         """With the noise by its scatter between stretches of time where that is larger."""
         U = self.A @ self.basis
-        own = Explained.by_columns(U, self.residual, groups, self.beside)
+        own = Explanation.by_columns(U, self.residual, groups, self.beside)
         more = self.surprise(max(self.noise, own.level))
         return Contribution(U, self.gain, own.left, own.level, self.candidate, more)
 

@@ -9,7 +9,7 @@ from numpy.polynomial import Legendre
 
 from deltaid.effects.effect import Cause, DescribedEffect, Effect, torque_of
 from deltaid.effects.joint import SHAPES, FrictionJoint, of_load, one_way, one_way_speed, over_speed
-from deltaid.effects.point import Beside, Deviations, EffectCandidate, RigidFit, TracePoint
+from deltaid.effects.point import Deviations, EffectCandidate, RigidFit, StagedEffect, TracePoint
 from deltaid.estimation.drive_rows import ColumnsOfDrives
 from deltaid.estimation.information import active_columns
 from deltaid.model.verdict import percent
@@ -58,7 +58,7 @@ class FrictionLaw(DescribedEffect):
         return f"the described friction law has no term for it, or {other}"
 
 
-class Drift(Beside, DescribedEffect):
+class Drift(StagedEffect, DescribedEffect):
     """Friction that changes steadily or as in warming up, or an offset that does; in the contest a
     share of each joint's friction that grows along a recording, and bends."""
 
@@ -122,7 +122,7 @@ class MissingFriction(Effect):
             yield EffectCandidate(self.kind, "", columns, is_preferred=True)
 
 
-class FrictionOverSpeed(Beside):
+class FrictionOverSpeed(StagedEffect):
     """Any curve over the speed of each joint."""
 
     name = "friction-curve"
@@ -136,7 +136,7 @@ class FrictionOverSpeed(Beside):
         return _CURVE * np.repeat(_coulomb(point, point.joints), len(SHAPES))
 
 
-class FrictionByDirection(Beside):
+class FrictionByDirection(StagedEffect):
     """What drives' friction has more one way than the other, constant and with the speed."""
 
     name = "friction-direction"
@@ -150,7 +150,7 @@ class FrictionByDirection(Beside):
         return np.repeat(sizes, 2) / np.ravel([[1.0, 2 * joint.fastest] for joint in point.driven])
 
 
-class FrictionByLoad(Beside):
+class FrictionByLoad(StagedEffect):
     """A share of what a drive's gear carries."""
 
     name = "friction-load"

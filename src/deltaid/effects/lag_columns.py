@@ -20,7 +20,7 @@ from jaxtyping import Bool
 from deltaid.dynamics.dynamics import Parameters
 from deltaid.effects.effect import Effect
 from deltaid.effects.lag_groups import LagGroup, Timing, common_lag
-from deltaid.effects.point import Beside, EffectCandidate, RigidFit, TracePoint
+from deltaid.effects.point import EffectCandidate, RigidFit, StagedEffect, TracePoint
 from deltaid.estimation.additions import Addition, OfTorques, Own, Values
 from deltaid.estimation.drive_rows import ColumnsOfDrives, OfDrives, of_own_drives
 from deltaid.estimation.traces import Trace
@@ -319,7 +319,7 @@ def _sentence(value: float, spread: float, *, held: bool) -> str:
     return f"{text}; drives differ by {1e3 * spread:.2g} ms" if spread > APART else text
 
 
-class Delay(Beside, Effect):
+class Delay(StagedEffect, Effect):
     """A lag of all drives, or one a drive [s]; separate verdicts report its size. In the contest
     what remains of each drive's."""
 

@@ -253,7 +253,7 @@ class UnknownEffect(ABC):
         return ""
 
 
-class Beside(UnknownEffect):
+class StagedEffect(UnknownEffect):
     """An effect that stages of their own correct; in the contest it keeps others from explaining
     what it may be."""
 

@@ -11,7 +11,7 @@ from deltaid.dynamics.dynamics import Parameters
 from deltaid.dynamics.parameters import parameter_layout
 from deltaid.effects.joint import SHAPES
 from deltaid.effects.lag_columns import late, slope
-from deltaid.effects.point import Beside, Deviations, TracePoint
+from deltaid.effects.point import Deviations, StagedEffect, TracePoint
 from deltaid.estimation.drive_rows import (
     STRETCHES,
     ColumnsOfDrives,
@@ -257,7 +257,7 @@ class Windup:
         return text
 
 
-class WindUp(Beside):
+class WindUp(StagedEffect):
     """q = q_m − s τ_g: gears that wind up under what they carry, s [rad/(N m) or m/N]."""
 
     name = "compliance"

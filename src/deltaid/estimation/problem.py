@@ -216,7 +216,7 @@ def group_sums(
 
 
 @dataclass(frozen=True, eq=False)
-class Explained:
+class Explanation:
     """What orthonormal columns explain of rows, beside others.
 
     Attributes:
@@ -237,7 +237,7 @@ class Explained:
     @classmethod
     def by_columns(
         cls, U: Columns, residual: Rows, groups: Int[np.ndarray, " rows"], rank: int
-    ) -> "Explained":
+    ) -> "Explanation":
         """By columns U beside others of some rank, without which they and the residual are."""
         scores = U.T @ residual
         left, freedom = residual - U @ scores, max(len(residual) - rank - U.shape[1], 1)

@@ -84,7 +84,7 @@ class Care:
         return frozenset(found)
 
     def _rows(
-        self, steps: Sequence["_Step"], out: Mapping[int, int], parts: Sequence[OutputPart]
+        self, steps: Sequence["_RoundedStep"], out: Mapping[int, int], parts: Sequence[OutputPart]
     ) -> list[tuple[int, np.ndarray]]:
         """Instructions that make outputs, with the largest entry that errors are counted by."""
         rows, end = list[tuple[int, np.ndarray]](), 0
@@ -135,7 +135,7 @@ def _poses(subject: Model, rng: np.random.Generator) -> Float[np.ndarray, "state
 
 
 @dataclass(frozen=True)
-class _Step:
+class _RoundedStep:
     """An instruction at some states.
 
     Attributes:
@@ -152,9 +152,9 @@ class _Step:
 
 def _evaluated(
     f: ca.Function, states: Sequence[Float[np.ndarray, "_ states"]]
-) -> tuple[list[_Step], dict[int, int]]:
+) -> tuple[list[_RoundedStep], dict[int, int]]:
     """All steps of a graph, and by entry of the output the step that makes it."""
-    steps, writer, out = list[_Step](), dict[int, int](), dict[int, int]()
+    steps, writer, out = list[_RoundedStep](), dict[int, int](), dict[int, int]()
     for k in range(f.n_instructions()):
         op, read, to = f.instruction_id(k), f.instruction_input(k), f.instruction_output(k)
         value = rounding = np.zeros(states[0].shape[1])
@@ -172,12 +172,12 @@ def _evaluated(
             rounding = _ROUNDING * value if op not in _EXACT else rounding
         if op != ca.OP_OUTPUT:
             writer[to[0]] = k
-        steps.append(_Step(op, value, reads, np.abs(_finite(rounding))))
+        steps.append(_RoundedStep(op, value, reads, np.abs(_finite(rounding))))
     return steps, out
 
 
 def _shares(
-    steps: Sequence[_Step], rows: Sequence[tuple[int, np.ndarray]]
+    steps: Sequence[_RoundedStep], rows: Sequence[tuple[int, np.ndarray]]
 ) -> tuple[list[float], list[list[float]]]:
     """Of each instruction what rounding its result, and what it reads, moves outputs by, as a
     share of the largest entry."""

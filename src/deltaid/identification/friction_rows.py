@@ -31,7 +31,7 @@ from deltaid.effects.point import TracePoint, points_of
 from deltaid.estimation.additions import Addition
 from deltaid.estimation.drive_rows import POSITION_ERROR, DriveRows, parameters_of
 from deltaid.estimation.information import active_columns
-from deltaid.estimation.problem import Columns, Explained, Rows, Span
+from deltaid.estimation.problem import Columns, Explanation, Rows, Span
 from deltaid.estimation.scatter import surprise
 from deltaid.estimation.traces import Trace, trace
 from deltaid.model.parameter_record import AdditionKind, JointTerm
@@ -122,7 +122,7 @@ class FrictionRows:
 
     def judged(self, U: Columns, residual: Rows, constants: int) -> JudgedColumns:
         """What orthonormal columns explain of rows, `constants` of them chosen beside."""
-        own = Explained.by_columns(U, residual, self.drive_rows.groups, self.span.rank)
+        own = Explanation.by_columns(U, residual, self.drive_rows.groups, self.span.rank)
         return JudgedColumns(
             directions=U,
             gain=own.gain / max(float(residual @ residual), 1e-300),

@@ -33,7 +33,7 @@ from deltaid.estimation.drive_rows import (
     parameters_of,
 )
 from deltaid.estimation.information import active_columns
-from deltaid.estimation.problem import Explained, Rows, Span, independent, lengths
+from deltaid.estimation.problem import Explanation, Rows, Span, independent, lengths
 from deltaid.estimation.scatter import surprise
 from deltaid.estimation.spectra import white_noise
 from deltaid.estimation.traces import Trace, trace
@@ -287,6 +287,6 @@ def _trends(study: Study, drive: int) -> Iterator[Trend]:
         A = span.without(A / lengths(A))
         U = A @ independent(A)
         if U.shape[1] and total:
-            own = Explained.by_columns(U, left, fit.rows.groups, span.rank)
+            own = Explanation.by_columns(U, left, fit.rows.groups, span.rank)
             rare = surprise(own.gain / own.level, own.rank) - np.log10(len(quantities))
             yield Trend(words, own.gain / total, float(rare))

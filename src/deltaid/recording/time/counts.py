@@ -60,7 +60,7 @@ def _ticks(numbers: Column, written: Column) -> tuple[pl.Series, float] | None:
     """Whole ticks, and how many a second has; None for numbers that are exact as they are."""
     if isinstance(numbers, np.ndarray) and numbers.dtype.kind in "iuM":
         numbers = pl.Series(numbers.astype("M8[ns]") if numbers.dtype.kind == "M" else numbers)
-    if isinstance(numbers, pl.Series) and numbers.dtype in (pl.Datetime, pl.Time):
+    if isinstance(numbers, pl.Series) and numbers.dtype.base_type() in (pl.Datetime, pl.Time):
         unit = getattr(numbers.dtype, "time_unit", "ns")
         return numbers.to_physical(), _PER_SECOND[unit]
     if isinstance(written, pl.Series) and written.dtype == pl.String and len(written):
