@@ -16,7 +16,7 @@ from deltaid.effects.geometry import Structure, lengths_of, reshaped
 from deltaid.effects.lag_columns import LagColumns
 from deltaid.effects.lag_groups import LagGroup
 from deltaid.effects.point import TracePoint
-from deltaid.effects.ripple import _NODES, _blocks, nearest_order, waves_near
+from deltaid.effects.ripple_search import _NODES, _blocks, nearest_order, waves_near
 from deltaid.identification import contest_stage
 from deltaid.identification.doubts import constants
 from deltaid.identification.fit import fit, with_geometry

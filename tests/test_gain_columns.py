@@ -11,8 +11,8 @@ import pytest
 import deltaid
 from deltaid.dynamics.dynamics import Dynamics, compiled
 from deltaid.dynamics.parameters import prior_parameters
-from deltaid.effects.gain import Saturation
 from deltaid.effects.point import TracePoint
+from deltaid.effects.saturation import Saturation
 from deltaid.estimation.additions import Addition, Own, Values
 from deltaid.identification.gains import SPREAD, Gains
 from deltaid.identification.study import studied_trace

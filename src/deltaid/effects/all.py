@@ -1,25 +1,28 @@
 """All effects: those that a study searches, and those that the contest weighs.
 
-Deleting one's class and its lines leaves the others.
+Deleting one's file and its lines leaves the others.
 """
 
+from deltaid.effects.delay import Delay
+from deltaid.effects.drift import Drift
 from deltaid.effects.drifting_gain import DriftingGain
 from deltaid.effects.effect import Cause, Effect
 from deltaid.effects.friction import (
-    Drift,
     FrictionByDirection,
     FrictionByLoad,
     FrictionLaw,
     FrictionOverSpeed,
-    MissingFriction,
 )
-from deltaid.effects.gain import Gain, Saturation
-from deltaid.effects.geometry import GearRatios, Lengths, Structure, Tilt, Zero, Zeros
-from deltaid.effects.lag_columns import Delay
+from deltaid.effects.gain import Gain
+from deltaid.effects.geometry import GearRatios, Lengths, Structure, Tilt, Zeros
 from deltaid.effects.load import LoadChange
+from deltaid.effects.missing_friction import MissingFriction
+from deltaid.effects.place import PlaceDependence
 from deltaid.effects.point import UnknownEffect
-from deltaid.effects.ripple import PlaceDependence, PositionRipple
+from deltaid.effects.ripple import PositionRipple
+from deltaid.effects.saturation import Saturation
 from deltaid.effects.windings import WindUp
+from deltaid.effects.zero import Zero
 
 EFFECTS: tuple[Effect, ...] = (
     Delay(),

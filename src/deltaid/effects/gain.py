@@ -1,5 +1,4 @@
-"""Drives whose torque is not what the recording calls 1 N m: a torque constant, which may fall with
-current, a gear ratio."""
+"""Drives whose torque is not what the recording calls 1 N m: a torque constant, a gear ratio."""
 
 from collections.abc import Iterable
 
@@ -7,23 +6,17 @@ import numpy as np
 from jaxtyping import Float
 from scipy.linalg import null_space
 
-from deltaid.effects.effect import SEEN, Cause, DescribedEffect
-from deltaid.effects.point import Deviations, EffectCandidate, RigidFit, TracePoint, UnknownEffect
+from deltaid.effects.effect import Cause, DescribedEffect
+from deltaid.effects.point import EffectCandidate, RigidFit, TracePoint, UnknownEffect
 from deltaid.estimation.drive_rows import ColumnsOfDrives, of_own_drives
-from deltaid.estimation.problem import Columns, scatter
-from deltaid.estimation.scatter import surprise
-from deltaid.model.corrections import Correction
+from deltaid.estimation.problem import scatter
 from deltaid.model.verdict import listed, percent
-from deltaid.recording.columns import LEAST_SLOPE
-from deltaid.robot.description import RobotDescription
 
 # A drive's factor is odd where it is so many standard deviations, this much, and this share of the
 # oddest one's away from the middle of all.
 _CLEAR, _ODD, _BESIDE = 3.0, 0.01, 0.25
 # Directions of factors below this share are excluded: one common to all is not identifiable.
 _SHOWN = 1e-4
-# Currents at which a torque has to grow.
-_CURRENTS = 21
 
 
 class Gain(UnknownEffect, DescribedEffect):
@@ -102,76 +95,3 @@ def _factors(cause: Cause) -> tuple[Float[np.ndarray, " dof"], Float[np.ndarray,
     freedom = max(len(residual) - span.rank - len(theta), 1)
     errors = scatter(influence, residual, fit.rows.groups, freedom)
     return (common + theta) / common, np.sqrt(np.diag(errors)) / common
-
-
-class Saturation(UnknownEffect, DescribedEffect):
-    """A recorded torque τ_r of which the joint gets τ = τ_r (1 − β (τ_r/τ_max)²).
-
-    To first order in β, τ_r = Y p + β τ³/τ_max² with the torques τ of the model and their largest
-    size τ_max, where the joint lacks the share β. In the contest β_2, β_4 of each drive as of
-    `Readings`, with the columns τ_m u² and τ_m u⁴.
-    """
-
-    name = "torque-constant"
-    corrects = "readings"
-    deviation = 0.05
-    is_of_parts = False  # how far motors are driven into saturation is no matter of tolerances
-    kind = corrected_as = "torque-constant"
-    is_contested = True
-    unit = "%"
-    text = "its torque constant falls with current: the joint lacks this at its largest torque"
-    likeliest = "the motor saturates, so that its torque constant falls with current"
-    fix = (
-        "record torques by the motor's curve of torque over current, not by one constant; or move "
-        "more gently"
-    )
-
-    def columns(self, point: TracePoint) -> ColumnsOfDrives:
-        recording, torque = point.trace.recording, point.model
-        if (readings := recording.repairs.readings) is not None:  # as amplifiers say it
-            torque = readings.recorded(torque.T).T
-        highest = np.maximum(point.highest or recording.log.torque_max, np.finfo(float).tiny)
-        squared = (torque / highest[:, None]) ** 2
-        return of_own_drives(np.stack([torque * squared, torque * squared**2], axis=2))
-
-    def is_possible(
-        self, values: Deviations, covariance: Float[np.ndarray, "coefficients coefficients"]
-    ) -> bool:
-        """Torque constants fall with current, and do not rise again beyond chance up to its peak:
-        β_2 + 2 β_4 ≥ 0. Where they would, something else does."""
-        pairs, count = values.reshape(-1, 2), len(values) // 2
-        lacking, falling = pairs.sum(axis=1), np.kron(np.eye(count), [1.0, 2.0])
-        deviation = np.sqrt(np.diag(falling @ covariance @ falling.T))
-        rising = np.sum(np.minimum(falling @ values / deviation, 0.0) ** 2)
-        falls = float(np.sum(lacking * np.abs(lacking))) >= 0.0
-        return falls and surprise(float(rising), count) < SEEN
-
-    def possible(self, values: Deviations) -> Deviations:
-        """Torques grow with current, up to the largest."""
-        u = np.linspace(0.0, 1.0, _CURRENTS)
-        pairs = values.reshape(-1, 2)
-        falls = (pairs @ np.stack([3.0 * u**2, 5.0 * u**4])).max(axis=1)
-        share = (1.0 - LEAST_SLOPE) / np.maximum(falls, 1.0 - LEAST_SLOPE)
-        return np.ravel(pairs * share[:, None])
-
-    def corrections(
-        self, robot: RobotDescription, values: Deviations, half: Deviations
-    ) -> tuple[Correction, ...]:
-        lacking, wide = values.reshape(-1, 2).sum(axis=1), half.reshape(-1, 2).max(axis=1)
-        return super().corrections(robot, lacking, wide)
-
-    def candidates(self, fit: RigidFit) -> Iterable[EffectCandidate]:
-        return self.of_each(fit.drives, _cubes(fit))
-
-    def seen(self, cause: Cause, subject: str, share: float) -> tuple[float, str, str]:
-        fit, others = cause.fit, cause.others
-        lacking = np.linalg.lstsq(others.without(_cubes(fit)), others.without(fit.tau))[0]
-        worst = fit.drives.index(subject) if subject else int(np.argmax(np.abs(lacking)))
-        beta = float(lacking[worst])
-        size = f"{percent(abs(beta))} too {'large' if beta > 0 else 'small'}"
-        return 100 * beta, "%", f"{fit.drives[worst]}'s largest torques are {size}, small ones not"
-
-
-def _cubes(fit: RigidFit) -> Columns:
-    """τ³/τ_max², one column a drive."""
-    return fit.rows.per_drive(fit.model * (fit.model / fit.largest[:, None]) ** 2)

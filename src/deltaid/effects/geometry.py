@@ -1,19 +1,15 @@
 """What is not as described: zeros, gear ratios, lengths, a tilt of the base, symmetry of bodies."""
 
-from collections.abc import Iterable, Sequence
-from dataclasses import replace
+from collections.abc import Sequence
 from typing import get_args
 
 import numpy as np
 from jaxtyping import Int
 
 from deltaid.dynamics.geometry import across
-from deltaid.effects.effect import Effect
 from deltaid.effects.point import (
     SIZE,
     Deviations,
-    EffectCandidate,
-    RigidFit,
     TracePoint,
     UnknownEffect,
 )
@@ -190,14 +186,3 @@ def _left_out(point: TracePoint) -> tuple[Reduction, Int[np.ndarray, " entries"]
         variable.name not in own.names and variable.symbol.startswith(off_diagonal)
         for variable in full.variables
     ])  # fmt: skip
-
-
-class Zero(Effect):
-    """The zero of a drive or of all; verdicts on wiring report how far they are off."""
-
-    kind = "homing-or-tilt"
-    is_contested = True
-
-    def candidates(self, fit: RigidFit) -> Iterable[EffectCandidate]:
-        for candidate in self.of_each(fit.drives, fit.rows.stack(Zeros().columns(fit))):
-            yield replace(candidate, is_preferred=True, bends=True)

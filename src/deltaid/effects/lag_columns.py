@@ -10,7 +10,7 @@ same first-order term, so the estimate is the sum of dead time and time constant
 them, `Trace.shifted` applies them exactly."""
 
 from abc import abstractmethod
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
@@ -18,9 +18,7 @@ import numpy as np
 from jaxtyping import Bool
 
 from deltaid.dynamics.dynamics import Parameters
-from deltaid.effects.effect import Effect
 from deltaid.effects.lag_groups import LagGroup, Timing, common_lag
-from deltaid.effects.point import EffectCandidate, RigidFit, StagedEffect, TracePoint
 from deltaid.estimation.additions import Addition, OfTorques, Own, Values
 from deltaid.estimation.drive_rows import ColumnsOfDrives, OfDrives, of_own_drives
 from deltaid.estimation.traces import Trace
@@ -317,21 +315,3 @@ def _sentence(value: float, spread: float, *, held: bool) -> str:
             "law, load or torque constants are in doubt"
         )
     return f"{text}; drives differ by {1e3 * spread:.2g} ms" if spread > APART else text
-
-
-class Delay(StagedEffect, Effect):
-    """A lag of all drives, or one a drive [s]; separate verdicts report its size. In the contest
-    what remains of each drive's."""
-
-    kind = "torque-lag"
-    name = "lag"
-    is_own = True
-    deviation = 3e-4
-
-    def columns(self, point: TracePoint) -> ColumnsOfDrives:
-        return late(point.trace, point.p)
-
-    def candidates(self, fit: RigidFit) -> Iterable[EffectCandidate]:
-        columns = slopes(fit.trace, fit.p)
-        yield EffectCandidate(self.kind, "", fit.rows.stack(columns)[:, None])
-        yield EffectCandidate(self.kind, "", fit.rows.per_drive(columns))

@@ -1,12 +1,11 @@
-"""A load that is picked up or put down during a recording, and when: a course between two levels
-(Viterbi)."""
+"""A load that is picked up or put down during a recording."""
 
 from collections.abc import Callable, Iterable
 
 import numpy as np
-from jaxtyping import Float, Int
 
 from deltaid.effects.effect import Cause, DescribedEffect
+from deltaid.effects.load_times import Held, refined, two_levels
 from deltaid.effects.point import EffectCandidate, RigidFit
 from deltaid.estimation.problem import Columns, Rows
 from deltaid.model.verdict import Proposal
@@ -17,17 +16,6 @@ from deltaid.recording.recording import PreparedRecording
 _GONE = 1.0
 # How far a span that lasts to the end of a recording goes beyond it [s].
 _BEYOND = 0.01
-
-
-# Length of the windows in which a load is searched [s], and their largest number.
-_WINDOW, _WINDOWS = 0.1, 4000
-# A load is held for so long at least [s]; shorter ones are knocks.
-_HELD = 0.4
-# Shares of the windows that the search begins with as the lower level, and its rounds.
-_SPLITS, _ROUNDS = (0.02, 0.2, 0.5, 0.8, 0.98), 4
-
-# For each sample or window 0 or 1: the lower or higher of two levels.
-Held = Int[np.ndarray, " samples"]
 
 
 class LoadChange(DescribedEffect):
@@ -122,75 +110,3 @@ def _mass(cause: Cause) -> float:
     """How much heavier the robot is in the second of a load's two states [kg]."""
     alone = cause.fit.span.without(cause.first.columns)
     return float(np.linalg.lstsq(alone, cause.fit.tau, rcond=1e-6)[0][0])
-
-
-def refined(fit: RigidFit, columns: Columns, residual: Rows, held: Held) -> Held | None:
-    """The course of a load and its coefficients by turns; None where it is not held long enough."""
-    count = len(held)
-    for _ in range(_ROUNDS):
-        is_held = np.tile(held, fit.dof)
-        bare = fit.span.without(columns * is_held[:, None])
-        theta = np.linalg.lstsq(bare, residual, rcond=1e-6)[0]
-        remaining = residual - bare @ theta
-        load = columns @ theta
-        # What the torques would be of, were parameters those that go with this load.
-        torque = remaining + is_held * load
-        gain = (load * (2 * torque - load)).reshape(fit.dof, -1).sum(axis=0)
-        noise = float(remaining @ remaining) / len(remaining)
-        course = _course(np.stack([np.zeros(count), -gain]), 4.0 * noise * np.log(count))
-        if np.array_equal(course, held):
-            break
-        held = course
-    return held if _is_long(held, float(np.median(np.diff(fit.motion.time)))) else None
-
-
-def two_levels(fit: RigidFit, column: Rows, residual: Rows) -> Held | None:
-    """For each sample 0 or 1, the lower or higher of two levels of a column's coefficient.
-
-    Means of two levels by turns with the most likely course between them (Viterbi), where each
-    change costs as much as chance makes of one.
-    """
-    time = fit.motion.time
-    step = float(np.median(np.diff(time)))
-    length = max(round(_WINDOW / step), 1, -(-len(time) // _WINDOWS))
-    window = np.arange(len(time)) // length
-    u = np.bincount(window, (column * residual).reshape(fit.dof, -1).sum(axis=0))
-    d = np.bincount(window, (column**2).reshape(fit.dof, -1).sum(axis=0))
-    order, count = np.argsort(u / np.maximum(d, 1e-300)), len(d)
-    share = np.empty(count)
-    share[order] = np.cumsum(d[order]) / max(float(d.sum()), 1e-300)
-    cost = 4.0 * float(residual @ residual) / len(residual) * np.log(count)
-    best, lowest = None, np.inf
-    for split in _SPLITS:
-        course, errors = (share > split).astype(int), np.zeros((2, count))
-        for _ in range(_ROUNDS):
-            parts = course == 0, course == 1
-            levels = [np.sum(u[part]) / max(np.sum(d[part]), 1e-300) for part in parts]
-            errors = np.stack([d * level**2 - 2 * u * level for level in levels])
-            course = _course(errors, cost)
-        changes = int(np.sum(np.diff(course) != 0))
-        total = float(errors[course, np.arange(count)].sum()) + cost * changes
-        if changes and total < lowest and _is_long(course, length * step):
-            best, lowest = course[window], total
-    return best
-
-
-def _is_long(course: Held, step: float) -> bool:
-    """Whether both levels last long enough, for seconds from one to the next."""
-    return bool(min(course.sum(), len(course) - course.sum()) * step >= _HELD)
-
-
-def _course(errors: Float[np.ndarray, "2 samples"], cost: float) -> Held:
-    """The course of least error between two levels, each change of which costs something."""
-    count = errors.shape[1]
-    came = np.zeros((2, count), dtype=int)
-    total = errors[:, 0].copy()
-    for k in range(1, count):
-        change = total[::-1] + cost
-        came[:, k] = np.where(change < total, [1, 0], [0, 1])
-        total = np.minimum(total, change) + errors[:, k]
-    course = np.empty(count, dtype=int)
-    course[-1] = int(np.argmin(total))
-    for k in range(count - 1, 0, -1):
-        course[k - 1] = came[course[k], k]
-    return course

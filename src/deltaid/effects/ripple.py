@@ -1,34 +1,16 @@
-"""Torques that bend with the place of the platform, as lengths, zeros and cables do, or ripple over
-a drive's position, as of cogging and teeth of gears; ripples beside all that a contest has."""
+"""Torques that ripple over a drive's position: cogging of a motor, teeth of a gear."""
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable
 
 import numpy as np
-from jaxtyping import Float
-from numpy.polynomial.chebyshev import chebpts1, chebvander
 
-from deltaid.effects.along_motion import RippleColumns
 from deltaid.effects.effect import DescribedEffect
-from deltaid.effects.point import Added, EffectCandidate, RigidFit, TracePoint
+from deltaid.effects.point import EffectCandidate, RigidFit
+from deltaid.effects.ripple_search import waves_of
 from deltaid.estimation.problem import Rows
-from deltaid.estimation.scatter import surprise
-from deltaid.estimation.shrinkage import Shrunk
 
 # Waves of a ripple over a drive's stroke.
 _COUNTS = np.arange(1.0, 81.0, 0.5)
-# Waves over the stroke from which torque over the position is no spring, for it bends, and to which
-# it is searched; and how far apart orders are that are searched, in waves over the stroke.
-_LEAST, _MOST, _APART = 0.5, 160.0, 0.25
-# Orders about the largest that are searched more finely; filtered columns of so many are computed,
-# between which those of all others are interpolated to 1e-6: their phases differ by π/4 at most.
-_NEAR, _NODES = 41, 7
-# Orders that pass the filter at a drive's usual speed by less than this share cannot be seen.
-_PASSED = 0.1
-# Decades that torques over the place must be more surprising: so many shapes bend to noise that is
-# not quite white.
-_BENDS = 6.0
-
-Orders = Float[np.ndarray, " orders"]
 
 
 class PositionRipple(DescribedEffect):
@@ -49,7 +31,7 @@ class PositionRipple(DescribedEffect):
     def search(self, fit: RigidFit) -> Callable[[Rows], Iterable[EffectCandidate]]:
         strokes = np.ptp(fit.q, axis=0).tolist()
         waves = {
-            i: _waves(fit, i, 2 * np.pi / stroke * _COUNTS)
+            i: waves_of(fit, i, 2 * np.pi / stroke * _COUNTS)
             for i, stroke in enumerate(strokes) if stroke > 0
         }  # fmt: skip
 
@@ -66,115 +48,3 @@ class PositionRipple(DescribedEffect):
                 yield EffectCandidate(self.kind, fit.drives[i], rows, words, tries, bends=True)
 
         return candidates_in
-
-
-def largest_ripples(
-    points: Sequence[TracePoint], fit: Shrunk, least: float, searched: Sequence[Orders]
-) -> list[tuple[int, float]]:
-    """The order of the largest ripple of each drive that has one so unlikely by chance [decades],
-    beside all that a fit has."""
-    ripples = list[tuple[int, float]]()
-    for i, orders in enumerate(searched):
-        if len(orders) < 2:
-            continue
-        pairs = [_waves(point, i, orders) for point in points]
-        explained = fit.explained(_blocks(points, i), pairs)
-        best = int(np.argmax(explained))
-        if surprise(float(explained[best]), 2) - np.log10(len(orders)) > least:
-            ripples.append((i, nearest_order(points, fit, i, float(orders[best]), orders)))
-    return ripples
-
-
-def nearest_order(
-    points: Sequence[TracePoint], fit: Shrunk, i: int, order: float, orders: Orders
-) -> float:
-    """The order near another that explains most beside all that a fit has, by filtered columns.
-
-    No longer a wave than any that is searched: torques along a shorter part of one are those of a
-    spring, with coefficients as large as that part is small.
-    """
-    step = orders[1] - orders[0]
-    near = np.linspace(max(order - step, orders[0]), order + step, _NEAR)
-    pairs = [waves_near(point, i, near) for point in points]
-    return float(near[np.argmax(fit.explained(_blocks(points, i), pairs))])
-
-
-def waves_near(point: TracePoint, i: int, near: Orders) -> Float[np.ndarray, "samples orders 2"]:
-    """Filtered columns of a drive's ripples of orders that are close together: sine and cosine of
-    n (q − q_0) with q_0 in the middle of its stroke, by polynomials in n."""
-    x = chebpts1(_NODES)
-    nodes = near[0] + 0.5 * (x + 1.0) * (near[-1] - near[0])
-    ripples = RippleColumns(point.dynamics, (i,) * _NODES, (1.0,) * (2 * _NODES), tuple(nodes))
-    sine, cosine = np.moveaxis(point.added(ripples)[i].reshape(-1, _NODES, 2), 2, 0)
-    turn = 0.5 * nodes * (point.q[:, i].min() + point.q[:, i].max())
-    C, S = np.cos(turn), np.sin(turn)
-    # Values at nodes to coefficients of Chebyshev polynomials, and these to values.
-    of_nodes = np.linalg.solve(chebvander(x, _NODES - 1), np.eye(_NODES))
-    weights = chebvander(np.linspace(-1.0, 1.0, len(near)), _NODES - 1) @ of_nodes
-    centred = np.stack([sine * C - cosine * S, cosine * C + sine * S])
-    return np.einsum("psk,nk->snp", centred, weights)
-
-
-def _blocks(points: Sequence[TracePoint], i: int) -> list[int]:
-    """Numbers of a drive's blocks, which follow each other recording by recording."""
-    return [k * point.dof + i for k, point in enumerate(points)]
-
-
-def _waves(point: TracePoint, i: int, orders: Orders) -> Float[np.ndarray, "samples orders 2"]:
-    turns, size = np.outer(point.q[:, i], orders), passed(point, i, orders).T
-    return np.stack([size * np.sin(turns), size * np.cos(turns)], axis=2)
-
-
-def ripple_of(point: TracePoint, drive: int, order: float) -> Added:
-    name = f"ripple of {point.drives[drive]}, {order:.4g}"
-    return Added(name, RippleColumns(point.dynamics, (drive,), (1.0, 1.0), (order,)))
-
-
-def searched_orders(points: Sequence[TracePoint]) -> list[Orders]:
-    """Orders of ripples that each drive may show [1/rad or 1/m]."""
-    return [_orders(points, i) for i in range(points[0].dof)]
-
-
-def _orders(points: Sequence[TracePoint], i: int) -> Orders:
-    stroke = np.ptp(np.concatenate([point.q[:, i] for point in points]))
-    usual = max(float(np.sqrt(np.mean(point.motion.qd[:, i] ** 2))) for point in points)
-    if stroke <= 0 or usual <= 0:
-        return np.zeros(0)
-    wave = 2 * np.pi / stroke
-    fastest = 2 * np.pi * points[0].trace.low_pass.cutoff / usual / _PASSED
-    orders = np.arange(_LEAST, min(fastest / wave, _MOST), _APART) * wave
-    sizes = [np.sqrt(np.mean(passed(point, i, orders) ** 2, axis=1)) for point in points]
-    return orders[np.max(sizes, axis=0) > _PASSED]
-
-
-def passed(point: TracePoint, i: int, orders: Orders) -> Float[np.ndarray, "orders samples"]:
-    """What the low-pass leaves of ripples of a drive of size 1: at the frequency n q̇ / 2π."""
-    low_pass = point.trace.low_pass
-    frequency = np.fft.rfftfreq(1 << 14, 1 / low_pass.rate)
-    response = np.abs(np.fft.rfft(low_pass.response, 1 << 14))
-    speeds = np.abs(np.outer(orders, point.motion.qd[:, i])) / (2 * np.pi)
-    return np.interp(speeds, frequency, response) * point.motion.weights[:, i]
-
-
-class PlaceDependence(DescribedEffect):
-    """Squares of the task coordinates, alone and times what the drive gives."""
-
-    kind = "geometry-or-cogging"
-    is_contested = True
-    likeliest = (
-        "lengths, zeros or mounting are not as described, a spring or cable pulls, or gears have "
-        "play"
-    )
-    fix = "measure arms, struts and radii, set the drives' zeros anew, and inspect for play"
-
-    def candidates(self, fit: RigidFit) -> Iterable[EffectCandidate]:
-        w, dof = fit.motion, fit.dof
-        x = ((w.z - w.z.mean(axis=0)) / np.maximum(np.ptp(w.z, axis=0), 1e-12)).T
-        shapes = [*x, *(x[i] * x[j] for i in range(dof) for j in range(i, dof))]
-        blocks = [fit.rows.per_drive(w.weights.T * shape) for shape in shapes]
-        blocks += [fit.rows.per_drive(fit.model * shape) for shape in x]
-        words = "it bends with the place of the platform"
-        for i, drive in enumerate(fit.drives):
-            columns = np.stack([block[:, i] for block in blocks], axis=1)
-            yield EffectCandidate(self.kind, drive, columns, words, _BENDS / dof, bends=True)
-        yield EffectCandidate(self.kind, "", np.hstack(blocks), words, _BENDS, bends=True)

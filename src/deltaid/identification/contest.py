@@ -16,7 +16,7 @@ from deltaid.dynamics.dynamics import Parameters
 from deltaid.effects.along_motion import RippleColumns
 from deltaid.effects.effect import SEEN
 from deltaid.effects.point import Added, Deviations, TracePoint, UnknownEffect
-from deltaid.effects.ripple import (
+from deltaid.effects.ripple_search import (
     Orders,
     largest_ripples,
     nearest_order,

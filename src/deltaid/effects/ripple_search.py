@@ -1,0 +1,111 @@
+"""Orders of ripples beside all that a contest has: the largest of each drive, again and again."""
+
+from collections.abc import Sequence
+
+import numpy as np
+from jaxtyping import Float
+from numpy.polynomial.chebyshev import chebpts1, chebvander
+
+from deltaid.effects.along_motion import RippleColumns
+from deltaid.effects.point import Added, TracePoint
+from deltaid.estimation.scatter import surprise
+from deltaid.estimation.shrinkage import Shrunk
+
+# Waves over the stroke from which torque over the position is no spring, for it bends, and to which
+# it is searched; and how far apart orders are that are searched, in waves over the stroke.
+_LEAST, _MOST, _APART = 0.5, 160.0, 0.25
+# Orders about the largest that are searched more finely; filtered columns of so many are computed,
+# between which those of all others are interpolated to 1e-6: their phases differ by π/4 at most.
+_NEAR, _NODES = 41, 7
+# Orders that pass the filter at a drive's usual speed by less than this share cannot be seen.
+_PASSED = 0.1
+
+Orders = Float[np.ndarray, " orders"]
+
+
+def largest_ripples(
+    points: Sequence[TracePoint], fit: Shrunk, least: float, searched: Sequence[Orders]
+) -> list[tuple[int, float]]:
+    """The order of the largest ripple of each drive that has one so unlikely by chance [decades],
+    beside all that a fit has."""
+    ripples = list[tuple[int, float]]()
+    for i, orders in enumerate(searched):
+        if len(orders) < 2:
+            continue
+        pairs = [waves_of(point, i, orders) for point in points]
+        explained = fit.explained(_blocks(points, i), pairs)
+        best = int(np.argmax(explained))
+        if surprise(float(explained[best]), 2) - np.log10(len(orders)) > least:
+            ripples.append((i, nearest_order(points, fit, i, float(orders[best]), orders)))
+    return ripples
+
+
+def nearest_order(
+    points: Sequence[TracePoint], fit: Shrunk, i: int, order: float, orders: Orders
+) -> float:
+    """The order near another that explains most beside all that a fit has, by filtered columns.
+
+    No longer a wave than any that is searched: torques along a shorter part of one are those of a
+    spring, with coefficients as large as that part is small.
+    """
+    step = orders[1] - orders[0]
+    near = np.linspace(max(order - step, orders[0]), order + step, _NEAR)
+    pairs = [waves_near(point, i, near) for point in points]
+    return float(near[np.argmax(fit.explained(_blocks(points, i), pairs))])
+
+
+def waves_near(point: TracePoint, i: int, near: Orders) -> Float[np.ndarray, "samples orders 2"]:
+    """Filtered columns of a drive's ripples of orders that are close together: sine and cosine of
+    n (q − q_0) with q_0 in the middle of its stroke, by polynomials in n."""
+    x = chebpts1(_NODES)
+    nodes = near[0] + 0.5 * (x + 1.0) * (near[-1] - near[0])
+    ripples = RippleColumns(point.dynamics, (i,) * _NODES, (1.0,) * (2 * _NODES), tuple(nodes))
+    sine, cosine = np.moveaxis(point.added(ripples)[i].reshape(-1, _NODES, 2), 2, 0)
+    turn = 0.5 * nodes * (point.q[:, i].min() + point.q[:, i].max())
+    C, S = np.cos(turn), np.sin(turn)
+    # Values at nodes to coefficients of Chebyshev polynomials, and these to values.
+    of_nodes = np.linalg.solve(chebvander(x, _NODES - 1), np.eye(_NODES))
+    weights = chebvander(np.linspace(-1.0, 1.0, len(near)), _NODES - 1) @ of_nodes
+    centred = np.stack([sine * C - cosine * S, cosine * C + sine * S])
+    return np.einsum("psk,nk->snp", centred, weights)
+
+
+def _blocks(points: Sequence[TracePoint], i: int) -> list[int]:
+    """Numbers of a drive's blocks, which follow each other recording by recording."""
+    return [k * point.dof + i for k, point in enumerate(points)]
+
+
+def waves_of(point: TracePoint, i: int, orders: Orders) -> Float[np.ndarray, "samples orders 2"]:
+    turns, size = np.outer(point.q[:, i], orders), passed(point, i, orders).T
+    return np.stack([size * np.sin(turns), size * np.cos(turns)], axis=2)
+
+
+def ripple_of(point: TracePoint, drive: int, order: float) -> Added:
+    name = f"ripple of {point.drives[drive]}, {order:.4g}"
+    return Added(name, RippleColumns(point.dynamics, (drive,), (1.0, 1.0), (order,)))
+
+
+def searched_orders(points: Sequence[TracePoint]) -> list[Orders]:
+    """Orders of ripples that each drive may show [1/rad or 1/m]."""
+    return [_orders(points, i) for i in range(points[0].dof)]
+
+
+def _orders(points: Sequence[TracePoint], i: int) -> Orders:
+    stroke = np.ptp(np.concatenate([point.q[:, i] for point in points]))
+    usual = max(float(np.sqrt(np.mean(point.motion.qd[:, i] ** 2))) for point in points)
+    if stroke <= 0 or usual <= 0:
+        return np.zeros(0)
+    wave = 2 * np.pi / stroke
+    fastest = 2 * np.pi * points[0].trace.low_pass.cutoff / usual / _PASSED
+    orders = np.arange(_LEAST, min(fastest / wave, _MOST), _APART) * wave
+    sizes = [np.sqrt(np.mean(passed(point, i, orders) ** 2, axis=1)) for point in points]
+    return orders[np.max(sizes, axis=0) > _PASSED]
+
+
+def passed(point: TracePoint, i: int, orders: Orders) -> Float[np.ndarray, "orders samples"]:
+    """What the low-pass leaves of ripples of a drive of size 1: at the frequency n q̇ / 2π."""
+    low_pass = point.trace.low_pass
+    frequency = np.fft.rfftfreq(1 << 14, 1 / low_pass.rate)
+    response = np.abs(np.fft.rfft(low_pass.response, 1 << 14))
+    speeds = np.abs(np.outer(orders, point.motion.qd[:, i])) / (2 * np.pi)
+    return np.interp(speeds, frequency, response) * point.motion.weights[:, i]

@@ -1,0 +1,19 @@
+"""Zeros of drives that are off, and a tilted base, which looks much the same."""
+
+from collections.abc import Iterable
+from dataclasses import replace
+
+from deltaid.effects.effect import Effect
+from deltaid.effects.geometry import Zeros
+from deltaid.effects.point import EffectCandidate, RigidFit
+
+
+class Zero(Effect):
+    """The zero of a drive or of all; verdicts on wiring report how far they are off."""
+
+    kind = "homing-or-tilt"
+    is_contested = True
+
+    def candidates(self, fit: RigidFit) -> Iterable[EffectCandidate]:
+        for candidate in self.of_each(fit.drives, fit.rows.stack(Zeros().columns(fit))):
+            yield replace(candidate, is_preferred=True, bends=True)
