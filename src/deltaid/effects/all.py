@@ -5,7 +5,6 @@ Deleting one's file and its lines leaves the others.
 
 from deltaid.effects.delay import Delay
 from deltaid.effects.drift import Drift
-from deltaid.effects.drifting_gain import DriftingGain
 from deltaid.effects.effect import Cause, Effect
 from deltaid.effects.friction import (
     FrictionByDirection,
@@ -14,6 +13,7 @@ from deltaid.effects.friction import (
     FrictionOverSpeed,
 )
 from deltaid.effects.gain import Gain
+from deltaid.effects.gain_over_time import GainOverTime
 from deltaid.effects.geometry import GearRatios, Lengths, Structure, Tilt, Zeros
 from deltaid.effects.load import LoadChange
 from deltaid.effects.missing_friction import MissingFriction
@@ -28,7 +28,7 @@ EFFECTS: tuple[Effect, ...] = (
     Delay(),
     Gain(),
     Saturation(),
-    DriftingGain(),
+    GainOverTime(),
     FrictionLaw(),
     Drift(),
     Zero(),
@@ -47,7 +47,7 @@ UNKNOWNS: tuple[UnknownEffect, ...] = (
     WindUp(),
     Gain(),
     Saturation(),
-    DriftingGain(),
+    GainOverTime(),
     Zeros(),
     GearRatios(),
     Tilt(),

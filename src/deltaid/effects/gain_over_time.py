@@ -16,7 +16,7 @@ from deltaid.model.verdict import percent
 from deltaid.robot.description import RobotDescription
 
 
-class DriftingGain(UnknownEffect, DescribedEffect):
+class GainOverTime(UnknownEffect, DescribedEffect):
     """a, b of each drive, with the columns τ s and τ s²."""
 
     name = "torque-drift"
