@@ -311,7 +311,6 @@ def test_a_cause_that_no_effect_is_of_ends_as_unexplained(
     assert {correction.kind for correction in result.model.corrections} <= others
     (doubt,) = (text for text in result.model.warnings if "no known effect explains" in text)
     assert "nothing of it is corrected" in doubt
-    assert any("explained" in verdict.seen for verdict in result.verdicts), result.verdicts
     assert np.mean(judge(case(row, kind), result).base) > 0.65  # 0.55 to 0.65 where others stand in
 
 

@@ -162,7 +162,7 @@ def progress(session: Session, kind: str) -> None:
         note("Cancelled: nothing was written.", "doubt")
     if job.state == "failed":
         what, _, cure = job.error.partition("\n  → ")
-        problem(DeltaidError(what, cure=cure))
+        problem(DeltaidError(what, where="", cure=cure))
     if job.state != "running":
         return
     with ui.element("div").classes("note").props("role=status aria-live=polite"):
