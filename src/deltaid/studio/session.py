@@ -148,7 +148,7 @@ class Session:
             if self._pool is pool:
                 self._pool = None
             what = "the process that reads files was ended, perhaps for want of memory"
-            raise DeltaidError(what, cure="load the page again") from None
+            raise DeltaidError(what, where="studio", cure="load the page again") from None
 
     def warm(self) -> ProcessPoolExecutor:
         """The process that looks at files, begun now if there is none."""
