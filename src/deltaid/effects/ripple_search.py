@@ -21,10 +21,12 @@ _NEAR, _NODES = 41, 7
 _PASSED = 0.1
 
 Orders = Float[np.ndarray, " orders"]
+# Of each drive, which differ in number.
+OrdersOfDrives = Sequence[Float[np.ndarray, " _"]]
 
 
 def largest_ripples(
-    points: Sequence[TracePoint], fit: Shrunk, least: float, searched: Sequence[Orders]
+    points: Sequence[TracePoint], fit: Shrunk, least: float, searched: OrdersOfDrives
 ) -> list[tuple[int, float]]:
     """The order of the largest ripple of each drive that has one so unlikely by chance [decades],
     beside all that a fit has."""
@@ -85,7 +87,7 @@ def ripple_of(point: TracePoint, drive: int, order: float) -> Added:
     return Added(name, RippleColumns(point.dynamics, (drive,), (1.0, 1.0), (order,)))
 
 
-def searched_orders(points: Sequence[TracePoint]) -> list[Orders]:
+def searched_orders(points: Sequence[TracePoint]) -> OrdersOfDrives:
     """Orders of ripples that each drive may show [1/rad or 1/m]."""
     return [_orders(points, i) for i in range(points[0].dof)]
 

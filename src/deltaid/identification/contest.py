@@ -17,7 +17,7 @@ from deltaid.effects.along_motion import RippleColumns
 from deltaid.effects.effect import SEEN
 from deltaid.effects.point import Added, Deviations, TracePoint, UnknownEffect
 from deltaid.effects.ripple_search import (
-    Orders,
+    OrdersOfDrives,
     largest_ripples,
     nearest_order,
     ripple_of,
@@ -86,7 +86,7 @@ class Contest:
             contest = self._with(ripples)
         return contest
 
-    def _nearer(self, ripple: Added, searched: Sequence[Orders]) -> Added:
+    def _nearer(self, ripple: Added, searched: OrdersOfDrives) -> Added:
         """A ripple with the order that explains most beside all others."""
         addition, bare = ripple.addition, self.shrunk.without([ripple.name])
         assert isinstance(addition, RippleColumns)
