@@ -2,7 +2,6 @@
 
 from dataclasses import replace
 from pathlib import Path
-from types import SimpleNamespace
 from unittest.mock import Mock
 
 import numpy as np
@@ -12,18 +11,21 @@ import pytest
 import deltaid
 from deltaid.dynamics.dynamics import compiled
 from deltaid.effects.along_motion import DriveSpring, RippleColumns, platform_forces
+from deltaid.effects.effect import Cause
 from deltaid.effects.geometry import Structure, lengths_of, reshaped
 from deltaid.effects.lag_columns import LagColumns
 from deltaid.effects.lag_groups import LagGroup
 from deltaid.effects.point import TracePoint
 from deltaid.effects.ripple_search import _NODES, _blocks, nearest_order, waves_near
+from deltaid.estimation.shrinkage import Shrunk
 from deltaid.identification import contest_stage
+from deltaid.identification.contest import Contest
 from deltaid.identification.doubts import constants
 from deltaid.identification.fit import fit, with_geometry
 from deltaid.identification.friction_constants import LawConstants
 from deltaid.identification.identify import _moves_of_laws
 from deltaid.identification.setup import UNEXPLAINED, ContestOutcome, Setup
-from deltaid.identification.study import left_of_a_drive, studied_trace
+from deltaid.identification.study import Study, left_of_a_drive, studied_trace
 from deltaid.model.settings import Settings
 from deltaid.robot.friction import Stribeck
 from deltaid.robot.load import described
@@ -322,11 +324,13 @@ def test_what_a_contest_leaves_is_more_than_what_later_stages_leave_of_theirs(
     place: float, drift: float, unexplained: float, left: float, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     sizes = {"geometry-or-cogging": place, "drift": drift}
-    causes = [Mock(kind=kind, shares=np.array([0.0, size])) for kind, size in sizes.items()]
+    causes = [
+        Mock(spec=Cause, kind=kind, shares=np.array([0.0, size])) for kind, size in sizes.items()
+    ]
     rest = Mock(part=unexplained, is_unexplained=True)
     monkeypatch.setattr("deltaid.identification.study.causes_of", lambda *_: causes)
     monkeypatch.setattr("deltaid.identification.study.rests", lambda _: [rest])
-    assert left_of_a_drive(Mock()) == left
+    assert left_of_a_drive(Mock(spec=Study, fit=None, account=None)) == left
 
 
 @pytest.mark.parametrize(
@@ -338,7 +342,8 @@ def test_another_end_stands_if_it_leaves_no_more_but_for_chance(
     robot = described("clavel-delta3")
     setup, outcome = Setup(robot, (), Settings()), ContestOutcome(robot)
     last, other = (
-        SimpleNamespace(noise=n, shrunk=SimpleNamespace(noise_spread=0.02)) for n in (0.0, noise)
+        Mock(spec=Contest, noise=n, shrunk=Mock(spec=Shrunk, noise_spread=0.02))
+        for n in (0.0, noise)
     )
     end = contest_stage._Sweeps(setup, outcome, last, np.zeros(0), (), frozenset(), "length", False)
     other = replace(end, last=other, why_not=why_not)

@@ -9,6 +9,7 @@ import pytest
 from deltaid.dynamics.dynamics import compiled
 from deltaid.dynamics.parameters import prior_parameters
 from deltaid.errors import DescriptionError, RecordingError
+from deltaid.estimation.additions import extended
 from deltaid.identification.measured_rows import LoadSlope
 from deltaid.motion.random_motion import random_motion
 from deltaid.motion.surrogate import SensorNoise, simulate_recording
@@ -226,7 +227,7 @@ def test_columns_are_slopes_of_the_torques_and_their_sum_is_these() -> None:
     _, qd, qdd = dynamics.kinematics.drive_motion(z, zd, zdd)
     x = dynamics.carried(z, qd, qdd, p)
     w = SampleBlock(np.arange(n) / n, z, qd, qdd, 0 * qd, 1 + 0 * qd, np.zeros((n, 0)), 0 * qd)
-    slope = LoadSlope.about(dynamics, p)
+    slope = LoadSlope.about(extended(dynamics, ()), p)
     np.testing.assert_array_equal(slope.shares, [0.05, 0, 0, 0.08])
     factor = slope.factor(w, x)
     sparse = dynamics.sparse_regressor(z, qd, qdd, x)

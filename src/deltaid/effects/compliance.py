@@ -35,7 +35,7 @@ from deltaid.effects.windings import (
     parameters,
     rows_of,
 )
-from deltaid.estimation.drive_rows import OfDrives, RecordingRows, TraceRows, stretch_starts
+from deltaid.estimation.drive_rows import RecordingRows, TraceRows, stretch_starts
 from deltaid.estimation.traces import Trace
 
 # Sweeps at most, and steps that are small enough, in standard deviations. Only compliances count
@@ -107,13 +107,18 @@ class _Fit:
         motors = [motors_of(robot, p, low_pass.cutoff, low_pass.rate) for low_pass in filters]
         return [Windings.measured(*pair) for pair in zip(self.traces, motors, strict=True)]
 
-    def residuals(self, s: Compliance, p: Parameters) -> tuple[list[OfDrives], Parameters]:
+    def residuals(
+        self, s: Compliance, p: Parameters
+    ) -> tuple[list[Float[np.ndarray, "dof _"]], Parameters]:
         """Residuals of each trace's rows with compliances, and p fitted with lags and friction, for
         what motors take by other p."""
         return fitted(self.rows, [winding.turned(s) for winding in self.windings(p)])
 
     def start(
-        self, free: Bool[np.ndarray, " dof"], residuals: list[OfDrives], p: Parameters
+        self,
+        free: Bool[np.ndarray, " dof"],
+        residuals: list[Float[np.ndarray, "dof _"]],
+        p: Parameters,
     ) -> tuple[Compliance, Parameters]:
         """Compliances to begin with: equal windup, as a share of their drives' range, for rows have
         several minima over it; from residuals of gears as they are known."""
@@ -222,7 +227,7 @@ def _together(S: Groups, pooled: Bool[np.ndarray, " groups"]) -> Float[np.ndarra
     return np.column_stack([S[:, pooled].sum(axis=1), S[:, ~pooled]]) if pooled.any() else S
 
 
-def _size(residuals: Sequence[OfDrives]) -> float:
+def _size(residuals: Sequence[Float[np.ndarray, "dof _"]]) -> float:
     """Logarithm of the size of residuals, all drives counting alike."""
     together = np.concatenate(residuals, axis=1)
     return float(np.sum(np.log(np.maximum(together.std(axis=1), np.finfo(float).tiny))))
