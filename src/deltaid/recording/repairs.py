@@ -234,7 +234,7 @@ class TorqueDrift:
 
     def undone(self, rows: Rows, columns: Columns) -> Rows:
         """Rows with torques by the constants of the beginning."""
-        (a, b), s = np.array(self.coefficients).T, self.share(rows[:, :1])
+        (a, b), s = np.array(self.coefficients).T, self.share(rows[:, 0])[:, None]
         rows = rows.copy()
         rows[:, columns.torque_places] /= 1.0 + a * s + b * s**2
         return rows
