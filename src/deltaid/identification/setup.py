@@ -21,7 +21,7 @@ from deltaid.robot.description import RobotDescription
 
 WIND_UP = "compliance"
 
-Coefficients = Float[np.ndarray, " coefficients"]
+Coefficients = Float[np.ndarray, " _"]  # of each effect as many as it has
 # Key of the doubt that no known effect explains what acts on the robot.
 UNEXPLAINED = "unexplained"
 
