@@ -136,7 +136,10 @@ class SensorRows(ABC):
             return self._entries(columns, shown)
         straight, half, expected = self._expected(columns)
         entries = self._entries(columns, expected)
-        for selected, seen in ((self._of("position"), straight), (self._of("rotation"), half)):
+        for selected, seen in (
+            (self._entries_of("position"), straight),
+            (self._entries_of("rotation"), half),
+        ):
             if selected.any():
                 entries[selected] = self._entries(columns, seen)[selected]
         return entries
@@ -161,7 +164,7 @@ class SensorRows(ABC):
                 np.add.at(total, self.pattern[0][chosen], entries)
             return total
 
-        position, rotation = self._of("position"), self._of("rotation")
+        position, rotation = self._entries_of("position"), self._entries_of("rotation")
         straight = added(np.zeros((len(self.channels), columns.shape[1])), ~(position | rotation))
         moved = straight + added(straight, position)
         turned = half = moved
@@ -175,7 +178,7 @@ class SensorRows(ABC):
         own = enumerate(self.parameters, len(self.dynamics.layout.parameters))
         return [k for k, parameter in own if parameter.symbol.startswith(symbol)]
 
-    def _of(self, symbol: str) -> Bool[np.ndarray, " entries"]:
+    def _entries_of(self, symbol: str) -> Bool[np.ndarray, " entries"]:
         return np.isin(self.pattern[1], self._places(symbol))
 
     @cached_property
