@@ -208,6 +208,22 @@ def test_what_physics_does_not_allow_stands_for_something_else() -> None:
     assert reduced(kept, LEAST).candidates == ("cause",)
 
 
+def test_slopes_know_a_step_to_no_better_than_its_size() -> None:
+    """What is applied by one step of slopes may be off by the step."""
+    (group,) = problem(mean=-0.5).groups[:1]
+    given: list[np.ndarray] = []
+
+    def allowed(_values: np.ndarray, covariance: np.ndarray) -> bool:
+        given.append(covariance)
+        return True
+
+    x, covariance = np.zeros(5), 1e-6 * np.eye(5)
+    x[group.columns] = [0.3, -0.2, 0.1]
+    replace(group, is_possible=allowed).allows(x, covariance)
+    step = x[group.columns]
+    np.testing.assert_allclose(given[0], np.outer(step, step) + 1e-6 * np.eye(3))
+
+
 def test_what_physics_does_not_allow_is_no_rival() -> None:
     full = problem()
     like = [block.A[:, 2:5] for block in full.blocks]

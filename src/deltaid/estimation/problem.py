@@ -273,9 +273,14 @@ class CauseColumns:
     )
 
     def allows(self, x: Float[np.ndarray, " n"], covariance: Float[np.ndarray, "n n"]) -> bool:
-        """Whether physics allows all that is applied."""
-        own = covariance[np.ix_(self.columns, self.columns)]
-        return self.is_possible(x[self.columns] - self.mean, own)
+        """Whether physics allows all that is applied.
+
+        Slopes are known where coefficients were before: a step of x is off by as much as itself, or
+        effects that bend would go before they have settled.
+        """
+        step = x[self.columns]
+        own = covariance[np.ix_(self.columns, self.columns)] + np.outer(step, step)
+        return self.is_possible(step - self.mean, own)
 
     def held(self, x: Float[np.ndarray, " n"]) -> "CauseColumns":
         """With coefficients at zero where physics allows no less than x has."""

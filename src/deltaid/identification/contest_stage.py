@@ -65,7 +65,7 @@ class _Sweeps:
         last: the last contest, with what is kept.
         plain: parameters before any sweep.
         moves: of parameters, by what is corrected, and by what is beyond its limit.
-        beyond: errors of the description that would be further off than they ever are.
+        parts: errors of the description that any sweep has kept.
         why_not: why this is not what acts on the robot; empty where it may be.
         is_lost: whether the next sweep would lead to poses in which the robot cannot be.
     """
@@ -75,7 +75,7 @@ class _Sweeps:
     last: Contest
     plain: Parameters
     moves: tuple[Parameters, ...]
-    beyond: frozenset[str]
+    parts: frozenset[str]
     why_not: str
     is_lost: bool
 
@@ -83,9 +83,10 @@ class _Sweeps:
 def contested(setup: Setup, progress: Progress) -> Setup:
     """Effects that rows need beside all others; earlier results are decided anew.
 
-    Slopes are first taken far from where the robot is, and an error of its description that is
-    beyond all that parts are off by may stand for the curvature of another. So sweeps without it,
-    and such as begin where these have settled, stand in its place if they leave as little.
+    Slopes are first taken far from where the robot is, and where sweeps end at what cannot be, an
+    error of the description may have stood for the curvature of another. So sweeps without such
+    errors, and such as begin where these have settled, stand in their place if they leave as
+    little.
     """
     if setup.settings.effects == "none":
         return setup
@@ -94,7 +95,7 @@ def contested(setup: Setup, progress: Progress) -> Setup:
     if not _traces(bare):
         return setup
     end = _sweeps(bare)
-    others = _again(bare, end.beyond)
+    others = _again(bare, end.parts) if end.why_not else []
     end = min((o for o in others if _is_better(o, end)), key=lambda o: o.last.noise, default=end)
     outcome = end.outcome
     if not outcome.kept and (_gears(bare) or not outcome.winds_up):
@@ -114,11 +115,11 @@ def _is_better(other: _Sweeps, end: _Sweeps) -> bool:
     return not other.why_not and other.last.noise < end.last.noise + spread
 
 
-def _again(bare: Setup, beyond: frozenset[str]) -> list[_Sweeps]:
+def _again(bare: Setup, parts: frozenset[str]) -> list[_Sweeps]:
     """What sweeps settle at with none of these or only one, and those that begin where whichever of
     them leaves least has settled."""
-    all_but_one = [beyond - {name} for name in sorted(beyond)] if len(beyond) > 1 else []
-    ends = [_sweeps(bare, barred) for barred in (beyond, *all_but_one) if barred]
+    all_but_one = [parts - {name} for name in sorted(parts)] if len(parts) > 1 else []
+    ends = [_sweeps(bare, barred) for barred in (parts, *all_but_one) if barred]
     ends = sorted((end for end in ends if not end.is_lost), key=lambda end: end.last.noise)
     return [*(_sweeps(bare, since=end) for end in ends[:1]), *ends]
 
@@ -135,8 +136,10 @@ def _sweeps(
         now, before, p = _read(without, since.outcome, since.last.p), since.outcome, since.last.p
     full, sweep, undecided = _swept(now, before, _traces(now), p, 0), 0, None
     plain, dismissed = since.plain if since else full.points[0].p, ()
+    parts = frozenset[str]()
     while True:
         last = full.reduced()
+        parts |= {u.name for u in UNKNOWNS if u.is_of_parts and u.name in last.shrunk.candidates}
         if undecided is None or sweep < _DECIDED:
             undecided = full.p - last.p
         after, sweep, is_lost = decided(before, last).within_limits(), sweep + 1, False
@@ -157,7 +160,7 @@ def _sweeps(
             setup = _finished(_read(bare, outcome, last.p), outcome, last)
         why = why_not(setup, beyond)
     moves = (last.p - plain, *dismissed)
-    return _Sweeps(setup, outcome, last, plain, moves, beyond, why, is_lost)
+    return _Sweeps(setup, outcome, last, plain, moves, parts, why, is_lost)
 
 
 def swept_beside(setup: Setup, own: UnknownEffect, instead_of: Collection[str]) -> Contest | None:
