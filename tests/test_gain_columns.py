@@ -79,6 +79,17 @@ def test_before_any_recording_drives_of_limbs_that_are_alike_are_alike() -> None
     np.testing.assert_allclose(free.A.sum(axis=0), 0.0, atol=1e-12)
 
 
+def test_what_drives_have_in_common_is_known_as_their_ratios_scatter() -> None:
+    """The mean of three drives, by t of two degrees of freedom."""
+    _, found = gains(alike=(0, 1, 2))
+    off = np.log(GAIN) - np.mean(np.log(GAIN))
+    standard_error = np.sqrt(np.sum(off**2) / 2 / 3)
+    assert found.common_spread == pytest.approx(4.302653 / 1.959964 * standard_error)
+    _, two = gains(alike=(0, 1))
+    error = np.abs(np.log(GAIN[0] / GAIN[1])) / 2
+    assert two.common_spread == pytest.approx(12.706205 / 1.959964 * error)
+
+
 def test_torques_that_gains_multiply_are_all_that_drives_bear() -> None:
     """Those of the robot, of other additions, and of what is held; −ε of them is missing."""
     dynamics, found = gains()

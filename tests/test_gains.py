@@ -13,7 +13,7 @@ from deltaid.dynamics.dynamics import Dynamics, compiled
 from deltaid.estimation.additions import Addition, Own, Values
 from deltaid.estimation.reduction import Free
 from deltaid.identification.fit import fit
-from deltaid.identification.gains import Gains, gains
+from deltaid.identification.gains import Gains, gains, moves_of_scale
 from deltaid.identification.identify import identify
 from deltaid.identification.judgement import judged_base, judged_parameters
 from deltaid.identification.prediction import validate
@@ -134,8 +134,8 @@ def test_limbs_that_are_alike_tell_ratios_without_any_load() -> None:
     dynamics, p = moving()
     gain = np.array([1.06, 0.95, 1.02])
     only = Settings(events=False, friction="described")
-    model = identify(dynamics.robot, table(1, gain, 0.0), settings=only).model
-    common = np.exp(np.mean(np.log(gain)))
+    result = identify(dynamics.robot, table(1, gain, 0.0), settings=only)
+    model, common = result.model, np.exp(np.mean(np.log(gain)))
     np.testing.assert_allclose(model.gains, gain / common, rtol=2e-3)
     told = [correction for correction in model.corrections if correction.kind == "gain"]
     assert [correction.subject for correction in told] == list(dynamics.robot.drives)
@@ -146,6 +146,14 @@ def test_limbs_that_are_alike_tell_ratios_without_any_load() -> None:
     q = np.zeros((1, 3))
     ratio = dynamics.mass_matrix(q, model.p) / dynamics.mass_matrix(q, p)
     np.testing.assert_allclose(np.diag(ratio[0]), 1 / common, rtol=3e-3)
+    # What all gains have in common is counted, as they scatter; stated tolerances take its place.
+    values = result.base.combination()[:, : len(p)] @ p
+    assert all(parameter.low <= value <= parameter.high
+               for parameter, value in zip(model.base_parameters, values, strict=False))  # fmt: skip
+    tolerances = dynamics.robot.tolerances.changed(torque_constants=0.01)
+    stated = compiled(dynamics.robot.changed(tolerances=tolerances))
+    assert moves_of_scale(result.problem)
+    assert not moves_of_scale(replace(result.problem, dynamics=stated))
 
 
 def test_a_load_that_is_always_there_tells_no_gains_and_that_is_said() -> None:

@@ -24,11 +24,13 @@ from deltaid.dynamics.geometry import CONSTANT_OF, CONSTANTS
 from deltaid.estimation.additions import Addition, OfTorques, Own, Values
 from deltaid.estimation.problem import Span
 from deltaid.estimation.reduction import Free
+from deltaid.estimation.scatter import quantile
 from deltaid.identification.fit import FittedProblem, fit
 from deltaid.identification.setup import Progress, Setup
 from deltaid.identification.uncertainty import uncertainty
 from deltaid.model.corrections import Correction
 from deltaid.model.parameter_record import Parameter
+from deltaid.model.verdict import percent
 from deltaid.recording.recording import PreparedRecording
 from deltaid.recording.windows import SampleBlock
 from deltaid.robot.parameter import PriorParameter
@@ -80,6 +82,15 @@ class Gains(OfTorques):
         return Free(self._coefficients(names, -A.T @ np.log(self.gain)), A, np.zeros(len(A)), ())
 
     @property
+    def common_spread(self) -> float:
+        """Standard deviation of what n drives have in common, ln c̄ ± s/√n by the scatter s of their
+        ratios, as wide as Student's interval with n − 1 degrees of freedom."""
+        logarithms = np.log(self.gain[list(self.alike)])
+        count = len(logarithms)
+        wider = quantile(np.array([count - 1.0])) / quantile(np.array([np.inf]))
+        return float(wider[0] * logarithms.std(ddof=1) / np.sqrt(count))
+
+    @property
     def determines(self) -> tuple[str, ...]:
         return (CONSTANT_OF,) if self.alike else (CONSTANT_OF, CONSTANTS)
 
@@ -100,9 +111,9 @@ class Gains(OfTorques):
             if self.alike:
                 text = (
                     f"limbs are the same, so {torque}, against the mean of the limbs' drives; "
-                    "what is "
-                    f"common to all shows nowhere and is taken to be right{assumed}: a second "
-                    "recording with a known load determines these too"
+                    "what is common to all shows nowhere and is taken to be right, within "
+                    f"{percent(self.common_spread)} as these differ{assumed}: a second recording "
+                    "with a known load determines these too"
                 )
             elif gain.std < _TOLD * SPREAD:
                 exact = ", which is 1 as far as this shows" if low <= 1.0 <= high else ""
@@ -151,6 +162,18 @@ def gains(setup: Setup, progress: Progress) -> Setup:
             break
         c = c * np.exp(step)
     return corrected()
+
+
+def moves_of_scale(problem: FittedProblem) -> tuple[dict[str, float], ...]:
+    """What parameters, by name, move by where the gains that drives have in common are off, which
+    nothing determines but the ratios of some: in proportion to themselves."""
+    if problem.dynamics.robot.tolerances.torque_constants:
+        return ()  # intervals count what is stated
+    names = problem.dynamics.layout.names
+    return tuple(
+        dict(zip(names, (addition.common_spread * problem.p).tolist(), strict=True))
+        for addition in problem.additions if isinstance(addition, Gains) and addition.alike
+    )  # fmt: skip
 
 
 def shown_by_torques(additions: Sequence[Addition]) -> tuple[Addition, ...]:

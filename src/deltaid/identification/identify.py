@@ -17,6 +17,7 @@ from deltaid.identification.assembly import assembled
 from deltaid.identification.events import unwatched, watched
 from deltaid.identification.fit import FittedProblem, Progress, fit, with_geometry
 from deltaid.identification.friction_constants import LawConstants, freed
+from deltaid.identification.gains import moves_of_scale
 from deltaid.identification.judgement import judged_parameters
 from deltaid.identification.lags_and_gears import without_doubtful_lags
 from deltaid.identification.loads import found_loads, held, unloaded
@@ -127,9 +128,9 @@ def identify(
     described_friction = robot.friction
     setup, problem = _fitted(setup, progress)
     robot, recordings, additions = setup.robot, setup.recordings, setup.additions
-    if setup.outcome is not None:
-        moves = (*setup.outcome.moves, *_moves_of_laws(setup, described_friction, problem))
-        problem = replace(problem, moves=moves)
+    moves = setup.outcome.moves if setup.outcome is not None else ()
+    moves = (*moves, *_moves_of_laws(setup, described_friction, problem), *moves_of_scale(problem))
+    problem = replace(problem, moves=moves)
     problem = with_widened_prior(with_geometry(problem, recordings), recordings)
     judged = judged_parameters(freed(problem))
     added = judged[len(problem.p) :]
