@@ -73,8 +73,6 @@ ASKED = {
     "backlash": (0.3, 1.0),
     "gear-20000": (0.5, None),
     "gear-5000": (1.0, None),
-    "realistic": (3.0, 12.0),
-    "production": (0.5, 1.0),
     "poor-priors": (2.0, None),
 }
 # Asked of M and of friction without its constant, where a constant of friction and what nobody
@@ -96,7 +94,11 @@ ASKED_SHAPE: dict[str, tuple[float, float | None]] = {
     "asymmetric": (0.7, None),
     "askew": (0.7, None),
     "mixture": (0.5, 2.0),
+    "realistic": (0.6, 1.5),
+    "production": (0.3, 1.5),
 }
+# Rows of the first table of which intervals are judged.
+OF_INTERVALS = ("clean", "homing", "poor-priors", "closed-loop", "unlogged", "realistic")
 # Asked of the median of these, where it is asked for (%).
 ASKED_MEDIAN = {"mixture": (0.15, 0.6)}
 
@@ -197,10 +199,12 @@ def more(row: str, outcomes: Sequence[Result], judgements: Sequence[Judged]) -> 
     if row == "realistic":
         measured = [100 * judgement.friction_as_measured for judgement in judgements]
         yield f"friction as measured {spread(measured)}"
+        shapes = [100 * judgement.M_shape for judgement in judgements]
+        yield f"M but for the torques' scale {spread(shapes)}"
     curves = [share for judgement in judgements for share in judgement.curves]
     if curves:
         yield f"friction curves' intervals hold {np.mean(curves):.0%}"
-    if row in ("clean", "homing", "poor-priors", "closed-loop", "unlogged", *CAUSES):
+    if row in OF_INTERVALS or row in CAUSES:
         yield f"intervals of bodies hold {share(judgement.bodies for judgement in judgements)}"
         yield f"of base parameters {share(judgement.base for judgement in judgements)}"
     refused = Counter(outcome.error for outcome in outcomes if outcome.error)

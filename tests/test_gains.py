@@ -148,8 +148,8 @@ def test_limbs_that_are_alike_tell_ratios_without_any_load() -> None:
     np.testing.assert_allclose(np.diag(ratio[0]), 1 / common, rtol=3e-3)
     # What all gains have in common is counted, as they scatter; stated tolerances take its place.
     values = result.base.combination()[:, : len(p)] @ p
-    assert all(parameter.low <= value <= parameter.high
-               for parameter, value in zip(model.base_parameters, values, strict=False))  # fmt: skip
+    base = zip(model.base_parameters, values, strict=False)
+    assert all(parameter.low <= value <= parameter.high for parameter, value in base)
     tolerances = dynamics.robot.tolerances.changed(torque_constants=0.01)
     stated = compiled(dynamics.robot.changed(tolerances=tolerances))
     assert moves_of_scale(result.problem)

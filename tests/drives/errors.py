@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import casadi as ca
 import numpy as np
+from scipy.optimize import minimize_scalar
 
 from deltaid.checks.identify import Judged as Identified
 from deltaid.dynamics.parameters import parameter_layout
@@ -24,13 +25,20 @@ from oracle.tree import Array
 SPEEDS = np.linspace(0.05, 1.0, 40)
 
 
-def mass_matrix_error(case: Case, result: Identified) -> float:
-    """Over the poses of the machine; drive coordinates as the description has them."""
+def mass_matrix_error(case: Case, result: Identified, factor: float = 1.0) -> float:
+    """Over the poses of the machine, drive coordinates as the description has them."""
     dynamics, machine = result.problem.dynamics, case.machine
     q = dynamics.kinematics.inverse(machine.poses)
-    found, true = dynamics.mass_matrix(q, result.model.p), machine.M
+    identified, true = dynamics.mass_matrix(q, result.model.p), machine.M
     scale = np.sqrt(np.einsum("sii,sjj->sij", true, true))
-    return float(np.max(np.abs(found - true) / scale))
+    return float(np.max(np.abs(factor * identified - true) / scale))
+
+
+def mass_matrix_shape_error(case: Case, result: Identified) -> float:
+    """With the factor that makes it smallest: without a known load torques have no scale."""
+    best = minimize_scalar(lambda factor: mass_matrix_error(case, result, factor),
+                           bounds=(0.5, 2.0), method="bounded")  # fmt: skip
+    return float(best.fun)
 
 
 def friction_curve(robot: RobotDescription, p: Array, drive: str, v: Array, link: float) -> Array:

@@ -12,7 +12,13 @@ from deltaid.checks.identify import Judged as Identified
 from deltaid.model.corrections import Correction
 from deltaid.model.record import IdentifiedModel
 from deltaid.model.verdict import Grade, Verdict
-from drives.errors import curves_held, friction_error, friction_shape_error, mass_matrix_error
+from drives.errors import (
+    curves_held,
+    friction_error,
+    friction_shape_error,
+    mass_matrix_error,
+    mass_matrix_shape_error,
+)
 from drives.happening import Contact, Happening, Span, within
 from drives.rows import Case
 
@@ -53,7 +59,7 @@ class Judged:
     """An identification beside the truth.
 
     Attributes:
-        M, friction, friction_shape: errors.
+        M, M_shape, friction, friction_shape: errors.
         friction_as_measured: of the curve with torque constants and offsets as recorded.
         curves: share of the points of each drive's friction curve that its intervals hold.
         lag: largest error of a drive's lag (s); None where no lag is told.
@@ -70,6 +76,7 @@ class Judged:
     """
 
     M: float
+    M_shape: float
     friction: float
     friction_as_measured: float
     friction_shape: float
@@ -96,6 +103,7 @@ def judge(case: Case, result: Identified) -> Judged:
     link = happening.carried
     return Judged(
         M=mass_matrix_error(case, result),
+        M_shape=mass_matrix_shape_error(case, result),
         friction=friction_error(happening, model, link, 1.0, 0.0),
         friction_as_measured=friction_error(happening, model, link, sensors.gain, offset),
         friction_shape=friction_shape_error(happening, model, link),
