@@ -55,19 +55,21 @@ class Source:
         return sum(isinstance(node, ast.stmt) for node in ast.walk(self.tree))
 
     def constants(self) -> Iterator[Constant]:
-        """Names of the module that hold one number."""
+        """Names of the module that hold one number, those that share a line as well."""
         for node in self.tree.body:
             match node:
-                case ast.Assign(targets=[ast.Name(name)], value=value):
-                    pass
-                case ast.AnnAssign(target=ast.Name(name), value=ast.expr() as value):
-                    pass
+                case ast.Assign(targets=[ast.Tuple(names)], value=ast.Tuple(values)):
+                    pairs = list(zip(names, values, strict=False))
+                case ast.Assign(targets=[target], value=value):
+                    pairs = [(target, value)]
+                case ast.AnnAssign(target=target, value=ast.expr() as value):
+                    pairs = [(target, value)]
                 case _:
                     continue
-            if is_number(value):
-                yield Constant(
-                    self.path, node.lineno, name, ast.unparse(value), self._reason(node.lineno)
-                )
+            for target, value in pairs:
+                if isinstance(target, ast.Name) and is_number(value):
+                    reason = self._reason(node.lineno)
+                    yield Constant(self.path, node.lineno, target.id, ast.unparse(value), reason)
 
     def _reason(self, line: int) -> str:
         """The comment beside a line and the block of comments above it."""
@@ -132,10 +134,13 @@ def note(files: list[Source]) -> str:
                   for path in (ROOT / part).rglob("*.py"))
         for part in ("tests", "benchmarks")
     }  # fmt: skip
+    lines_of = Counter((each.path, each.line) for file in files for each in file.constants())
+    alone = sum(count == 1 for count in lines_of.values())
     return (
         f"{folders} folders, {short} files below 60 lines, {repeated} names of classes used more "
         f"than once; {words:,} words in README and `docs/`, generated pages excepted; "
-        f"{lines['tests']:,} lines of tests, {lines['benchmarks']:,} of benchmarks."
+        f"{lines['tests']:,} lines of tests, {lines['benchmarks']:,} of benchmarks. Constants are "
+        f"all that have a name; {alone} have a line to themselves: earlier tables counted these."
     )
 
 
