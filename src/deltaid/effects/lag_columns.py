@@ -21,6 +21,7 @@ from deltaid.dynamics.dynamics import Parameters
 from deltaid.effects.lag_groups import LagGroup, Timing, common_lag
 from deltaid.estimation.additions import Addition, OfTorques, Own, Values
 from deltaid.estimation.drive_rows import ColumnsOfDrives, OfDrives, of_own_drives
+from deltaid.estimation.scatter import NORMAL
 from deltaid.estimation.traces import Trace
 from deltaid.model.corrections import Correction, Kind
 from deltaid.model.parameter_record import Parameter
@@ -40,8 +41,6 @@ _PURE = "; it is all that makes them late"
 _PPM = 1e6
 # Lags that differ by more [s] are reported to do so.
 APART = 3e-4
-# Half a 95 % interval in standard deviations.
-NORMAL = 1.96
 
 Ends = tuple[float | None, float | None]
 # From samples, −τ̇ of every drive, and what gives any x its rate ẋ: what a coefficient of 1 changes.

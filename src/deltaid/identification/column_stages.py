@@ -24,6 +24,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from deltaid.dynamics.parameters import parameter_layout
+from deltaid.effects.lag_groups import HARMLESS
 from deltaid.effects.lags import Lag
 from deltaid.errors import RecordingError
 from deltaid.estimation.additions import Addition, extended
@@ -42,8 +43,8 @@ from deltaid.sensors.weighings import weighings
 
 # Windows of a recording that are compared, at most.
 _WINDOWS = 8
-# Lags [s] that do no harm, and how many half widths of its interval a lag is larger than.
-_HARMLESS, _CLEAR = 2e-5, 2.0
+# Half widths of its interval that a lag of a sensor is larger than.
+_CLEAR = 2.0
 
 _HELD = (
     "drives update their torques so seldom and hold them in the rows between, which come late: "
@@ -124,7 +125,7 @@ def late_rate(recording: PreparedRecording, kinematics: Kinematics) -> Lag | Non
         lags.append(_lag(qd, qd_derived, acceleration, counts))
     if columns.acceleration:
         lags.append(_lag(qdd, qdd_derived, rate * np.gradient(acceleration, axis=0), counts))
-    shown = (np.abs(lag.values) > np.maximum(_CLEAR * lag.interval, _HARMLESS) for lag in lags)
+    shown = (np.abs(lag.values) > np.maximum(_CLEAR * lag.interval, HARMLESS) for lag in lags)
     return next((lag for lag, harmful in zip(lags, shown, strict=True) if harmful.any()), None)
 
 
@@ -149,7 +150,7 @@ def _lag(
 def _corrections(lag: Lag, recording: PreparedRecording, drives: Sequence[str]) -> list[Correction]:
     """One for all drives if their lags may be equal, or one a drive."""
     values, halves, subjects = lag.values, lag.interval, list(drives)
-    if np.ptp(values) < max(_HARMLESS, 0.05 * np.abs(values).max(), halves.max()):
+    if np.ptp(values) < max(HARMLESS, 0.05 * np.abs(values).max(), halves.max()):
         weights, subjects = 1.0 / np.maximum(halves, 1e-9) ** 2, [""]
         values, halves = np.array([weights @ values / weights.sum()]), halves.max(keepdims=True)
     return [

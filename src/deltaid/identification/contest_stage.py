@@ -19,6 +19,7 @@ from deltaid.effects.point import Added, TracePoint, UnknownEffect, points_of
 from deltaid.effects.windings import motors_of
 from deltaid.errors import KinematicsError
 from deltaid.estimation.drive_rows import TraceRows
+from deltaid.estimation.scatter import NORMAL
 from deltaid.estimation.traces import Trace
 from deltaid.identification.contest import Contest, contest, start
 from deltaid.identification.contest_outcome import (
@@ -47,10 +48,6 @@ _SWEEPS = 8
 _WIDER = 10.0
 # Sweeps after which nothing more is added.
 _DECIDED = 2
-# Windows of a recording at least that are used.
-_WINDOWS = 8
-# Half a 95 % interval in standard deviations.
-_HALF = 1.96
 
 _KINDS: tuple[Kind, ...] = ("zero", "gear-ratio", "tilt", "length", "torque-constant",
                             "torque-drift", "structure")  # fmt: skip
@@ -226,7 +223,7 @@ def _bare(setup: Setup) -> Setup:
 def _traces(setup: Setup) -> list[Trace]:
     """Of recordings that no undeclared load disturbs."""
     recordings = [r for k, r in enumerate(setup.recordings) if not setup.is_disturbed(k)]
-    traces = (traced(setup, recording, recording.cutoff, _WINDOWS) for recording in recordings)
+    traces = (traced(setup, recording, recording.cutoff) for recording in recordings)
     return [trace for trace in traces if trace is not None]
 
 
@@ -326,5 +323,5 @@ def _corrections(
     ]
     for point, values, deviations in zip(points, *sizes, strict=True):
         log = point.trace.recording.path.name if unknown.is_own else ""
-        for correction in unknown.corrections(outcome.described, values, _HALF * deviations):
+        for correction in unknown.corrections(outcome.described, values, NORMAL * deviations):
             yield correction.changed(log=log) if log else correction

@@ -10,7 +10,7 @@ import numpy as np
 from deltaid.dynamics.parameters import prior_parameters
 from deltaid.effects.compliance import compliances
 from deltaid.effects.lag_columns import LagColumns, TimingColumns, UnknownFilter, UnknownLag
-from deltaid.effects.lag_groups import LagGroup, Timing, alone, chosen_groups, delays_of
+from deltaid.effects.lag_groups import SMALL, LagGroup, Timing, alone, chosen_groups, delays_of
 from deltaid.effects.lags import estimate_lags
 from deltaid.effects.timing import other_than_delays
 from deltaid.effects.windings import Compliance, motors_of
@@ -30,9 +30,6 @@ from deltaid.recording.windows import WINDOW
 _UNKNOWN = 1e-3
 # Windows of a recording at least, and seconds, that are used; more hardly help.
 _WINDOWS, _SECONDS = 8, 12.0
-# Standard deviation beyond which intervals allow for a lag that may be none [s]: twice as much does
-# harm. It is 5 to 20 µs in good recordings of 15 s, and up to 0.1 ms in those of a few seconds.
-_HARDLY = 1.5e-4
 # What a recording is corrected by that has no lags.
 _ON_TIME: dict[str, Any] = {"delay": (), "constants": (), "growth": None}
 # Windows of a recording at least that gears are searched in.
@@ -57,7 +54,7 @@ def lags_corrected(setup: Setup, progress: Progress) -> Setup:
     for k, recording in enumerate(setup.recordings):
         as_it_came, record = recording.repaired(**_ON_TIME), None
         if not setup.is_disturbed(k):
-            record = traced(setup, as_it_came, recording.cutoff, _WINDOWS)
+            record = traced(setup, as_it_came, recording.cutoff)
         if record is not None:
             traces.append((recording, record))
         else:  # an initial lag by other stages is no estimate
@@ -89,7 +86,7 @@ def _estimated(setup: Setup, traces: Sequence[tuple[PreparedRecording, Trace]]) 
             doubted = tuple(group for group in groups if set(group.drives) & set(which))
             if doubted and all(group.delay for group in doubted):  # intervals allow for filters
                 columns.append(UnknownFilter(*common, doubted, several))
-        elif lags.common(k).deviation[0] > _HARDLY:
+        elif lags.common(k).deviation[0] > SMALL:
             columns.append(UnknownLag(*common, (LagGroup(every, 0.0),), several, which))
         setup = setup.repaired(recording, **repairs)
         setup = setup.changed(additions=(*setup.additions, *columns))
@@ -154,7 +151,7 @@ def without_lags(additions: Sequence[Addition]) -> tuple[Addition, ...]:
 
 
 def traced(
-    setup: Setup, recording: PreparedRecording, cutoff: float | None, least: int
+    setup: Setup, recording: PreparedRecording, cutoff: float | None, least: int = _WINDOWS
 ) -> Trace | None:
     """At least `least` windows of a recording; None where it cannot be differentiated."""
     windows = max(least, round(_SECONDS * recording.log.rate / WINDOW))
@@ -169,7 +166,7 @@ def _of_motors(setup: Setup, record: Trace) -> Trace:
     recording = record.recording
     if recording.repairs.gears is None:
         return record
-    return traced(setup, recording.repaired(gears=None), recording.cutoff, _WINDOWS) or record
+    return traced(setup, recording.repaired(gears=None), recording.cutoff) or record
 
 
 def _fixed(setup: Setup, lag: tuple[float, ...]) -> Setup:

@@ -12,10 +12,10 @@ from typing import NamedTuple
 import numpy as np
 
 from deltaid.effects.along_motion import AlongMotion, RippleColumns
-from deltaid.effects.lag_columns import NORMAL
 from deltaid.effects.load_columns import LoadColumns
 from deltaid.errors import RecordingError
 from deltaid.estimation.additions import of_each
+from deltaid.estimation.scatter import NORMAL
 from deltaid.identification.column_stages import (
     holds_filled,
     late_rates_left_out,

@@ -21,6 +21,7 @@ from deltaid.dynamics.parameters import prior_parameters
 from deltaid.effects.all import EFFECTS, effect_of
 from deltaid.effects.effect import SEEN, SHARE, Account, account, causes_of
 from deltaid.effects.lag_columns import slopes
+from deltaid.effects.lag_groups import SMALL
 from deltaid.effects.lags import Lag, estimate_lags
 from deltaid.effects.point import EffectCandidate, RigidFit
 from deltaid.errors import RecordingError
@@ -44,8 +45,8 @@ from deltaid.robot.parameter import PRIOR_SPREAD
 # Seconds of a log that are studied, and the cut-off of rows [Hz]; more hardly help.
 _SECONDS, _CUTOFF = 24.0, 30.0
 LOAD_CHANGE = "load-change"  # the kind of an effect that hides others
-# Lags smaller than this [s] do nothing; drives that differ do so by twice as much.
-_SMALL, _AT_ONCE = 1.5e-4, 2.0
+# Drives whose lags differ do so by so many times `SMALL`.
+_AT_ONCE = 2.0
 # A residual is far above noise at so many times the noise and this share of the largest torque.
 _FAR, _SEEN = 3.0, 0.01
 # Degree of the smooth functions of one quantity.
@@ -103,12 +104,12 @@ def studied(
     fit, causes = _accounted(record, Y, rows)
     apart = np.abs(each.values - common.values)
     apart_by = float(apart.max()) / _AT_ONCE
-    alike = _surprise(apart, each) < SEEN or apart_by < _SMALL
+    alike = _surprise(apart, each) < SEEN or apart_by < SMALL
     plain = _inertia(fit)
     study = Study(fit, causes, common, each, 0.0, alike, plain, on_time=plain)
     off = (common.values[0] / max(common.deviation[0], 1e-12)) ** 2
     late = max(surprise(off, 1), _surprise(each.values, each)) - 1.0
-    if late < SEEN or max(abs(common.values[0]), 0.0 if alike else apart_by) < _SMALL:
+    if late < SEEN or max(abs(common.values[0]), 0.0 if alike else apart_by) < SMALL:
         return study
     others = [trial.surprise for trial in causes.first if trial.candidate.kind != "torque-lag"]
     first = causes.found[0].candidate.kind if causes.found else ""
