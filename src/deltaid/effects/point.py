@@ -1,6 +1,9 @@
-"""A recording at some parameters: what slopes of its torques are taken of, what parameters leave of
-them, columns that effects would add, and what takes part in the contest of causes: effects with
-unknown coefficients."""
+"""Where effects are linearised, and what an effect of the contest of causes has to provide.
+
+`TracePoint` is a recording at given parameters, where slopes of its torques are taken. `RigidFit`
+is such a point after least squares without effects. `UnknownEffect` is one cause with unknown
+coefficients: columns, prior, bounds, exact application, words.
+"""
 
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
@@ -175,31 +178,36 @@ def points_of(traces: Sequence[Trace], p: Parameters) -> list[TracePoint]:
 
 
 class UnknownEffect(ABC):
-    """An effect in the contest."""
+    """A cause with unknown coefficients that takes part in the contest.
 
-    name: str  # of the effect
-    # standard deviation of each coefficient before any recording, where it is the same for all; 0
-    # if not
+    Attributes:
+        name: unique.
+        deviation: prior standard deviation of each coefficient; 0 where `deviations` differ.
+        corrected_as, unit, text: kind, unit and words of its corrections, one a subject; the
+            drive's own unit where none is given, no correction where there is no text.
+        is_candidate: it is corrected where the rows need it. Otherwise it is a nuisance here, which
+            keeps others from explaining its torque, and a stage of its own corrects it.
+        is_positive: physics allows no coefficient below zero.
+        is_of_parts: a tolerance of manufacture or mounting bounds it to a few deviations.
+        is_own: each recording has coefficients of its own.
+        corrects: what its coefficients are applied to exactly: readings of the drives or the robot;
+            empty where they stay columns of the fit, or a stage of its own estimates them.
+        is_fitted: the final fit estimates it again, as parameters of the robot.
+        limit: norm of all coefficients above which it is a doubt instead of a correction: then the
+            description is wrong, or another cause mimics it.
+    """
+
+    name: str
     deviation: ClassVar[float] = 0.0
-    # corrected_as, unit, text: of the corrections of each subject, with the unit of the drive's
-    # coordinate if none is given; no text where other stages say what was corrected
     corrected_as: ClassVar[Kind]
     unit: ClassVar[str] = ""
     text: ClassVar[str] = ""
-    # whether it is named and corrected where rows need it; else it only keeps others from
-    # explaining what it may be, and stages of their own correct it
     is_candidate: ClassVar[bool] = True
-    is_positive: ClassVar[bool] = False  # whether its coefficients are at least zero by physics
-    # whether parts are made and mounted within a few times its deviation
+    is_positive: ClassVar[bool] = False
     is_of_parts: ClassVar[bool] = True
-    is_own: ClassVar[bool] = False  # whether each recording has its own
-    # what its coefficients are applied to exactly: readings of the drives, the robot, or nothing
-    # where they stay columns of a fit or stages of their own estimate them
+    is_own: ClassVar[bool] = False
     corrects: ClassVar[Literal["readings", "robot", ""]] = ""
-    # whether the fit estimates it anew, as parameters of the robot
     is_fitted: ClassVar[bool] = False
-    # size of all coefficients together above which the description is wrong, or something else
-    # looks like it: that is said and not corrected
     limit: ClassVar[float] = np.inf
 
     @abstractmethod
@@ -207,22 +215,21 @@ class UnknownEffect(ABC):
         """Slopes of the torques by its coefficients."""
 
     def deviations(self, point: TracePoint, columns: ColumnsOfDrives) -> Deviations:
-        """Standard deviations of its coefficients before any recording; where nothing is known
-        those that make `SIZE` of the drives' largest torques."""
+        """Prior standard deviations of its coefficients; where nothing is known, those whose torque
+        is `SIZE` of the drives' largest."""
         if self.deviation:
             return np.full(columns.shape[2], self.deviation)
         own = np.sqrt(np.mean((columns / point.largest[:, None, None]) ** 2, axis=(0, 1)))
         return SIZE / np.maximum(own, np.finfo(float).tiny ** 0.5)
 
     def stated(self, robot: RobotDescription) -> Deviations:
-        """Standard deviations that parts may have besides, as a description states them; one zero
-        where it has none."""
+        """Standard deviations by the tolerances that the description states; one zero without."""
         return np.zeros(1)
 
     def is_possible(
         self, values: Deviations, covariance: Float[np.ndarray, "coefficients coefficients"]
     ) -> bool:
-        """Whether physics allows such coefficients; others stand for another cause."""
+        """Whether physics allows such coefficients; if not, they imitate another cause."""
         return True
 
     def possible(self, values: Deviations) -> Deviations:
@@ -248,14 +255,12 @@ class UnknownEffect(ABC):
         return robot.drives
 
     def doubt(self, values: Deviations) -> str:
-        """A sentence on what is beyond the limit: what torques look like, the likeliest cause, and
-        what to do."""
+        """Words for coefficients beyond the limit: the finding, the likeliest cause, the fix."""
         return ""
 
 
 class StagedEffect(UnknownEffect):
-    """An effect that stages of their own correct; in the contest it keeps others from explaining
-    what it may be."""
+    """A nuisance of the contest that a stage of its own corrects."""
 
     is_candidate = False
 

@@ -1,8 +1,8 @@
-"""One contest of causes: bodies, friction and all effects fitted at once to rows in memory.
+"""One sweep of the contest of causes: bodies, friction and all effects in one linear fit.
 
-Each effect has columns, slopes of the torques at the present estimate, and a prior. All are shrunk
-together (`estimation.shrinkage`); what rows do not need beside all others is dropped once, at the
-end of a sweep. What is kept is applied exactly, and slopes are taken again.
+Each effect has a prior and columns, the slopes of the torques at the present estimate. All effects
+are shrunk together (`estimation.shrinkage`). At the end of a sweep those are dropped that the rows
+do not need beside all others; the rest is applied exactly, and the next sweep takes new slopes.
 """
 
 from collections.abc import Collection, Sequence
@@ -40,12 +40,12 @@ _CERTAIN = float(np.log(100.0))
 
 @dataclass(frozen=True, eq=False)
 class Contest:
-    """All effects at some rows.
+    """A linear fit of all effects.
 
     Attributes:
-        rows: over the free parameters of the robot and of what is declared.
+        rows: over the free parameters of the robot and of declared additions.
         points: recordings at the parameters of the sweep before.
-        unknowns: effects.
+        unknowns: the effects that take part.
         shrunk: the fit; its first columns are the free parameters.
     """
 
@@ -72,8 +72,8 @@ class Contest:
         return float(np.average(np.log(self.shrunk.sigma), weights=rows))
 
     def with_ripples(self) -> "Contest":
-        """With columns of ripples, the largest of each drive, and again, until none is beyond
-        chance; orders as they are beside all others."""
+        """With columns of ripples: the largest of each drive is added until none exceeds chance;
+        orders are refined beside all others."""
         contest, ripples = self, list[Added]()
         searched = searched_orders(self.points)
         while len(ripples) < _RIPPLES * self.points[0].dof:
@@ -104,20 +104,20 @@ class Contest:
         return replace(self, unknowns=(*self.unknowns, *unknowns), shrunk=shrunk)
 
     def reduced(self) -> "Contest":
-        """With what rows need beside all others."""
+        """Without the effects that the rows do not need."""
         return replace(self, shrunk=reduced(self.shrunk, SEEN))
 
     def rivals(self, last: "Contest") -> dict[tuple[str, str], "Contest"]:
-        """Contests that rows do not separate from a reduced one, by what was kept and what takes
-        its place."""
+        """Contests that the rows do not separate from the reduced one, by the effect that was kept
+        and the rival that replaces it."""
         return {
             pair: replace(self, shrunk=shrunk)
             for pair, shrunk in rivals(self.shrunk, last.shrunk, SEEN).items()
         }
 
     def follows(self, names: Collection[str]) -> list[Parameters]:
-        """What parameters of the robot move by where effects are off as they may be, one standard
-        deviation of each of independent causes."""
+        """Changes of the robot's parameters by one standard deviation each of independent errors of
+        some effects."""
         groups = [group for group in self.shrunk.groups if group.name in names]
         count = len(self.rows.dynamics.layout.names)
         moves = self.shrunk.follows(groups).T

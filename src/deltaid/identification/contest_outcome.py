@@ -1,5 +1,5 @@
-"""What a contest of causes has come to: what it keeps, by how much, how uncertain that is, and
-whether it may be what acts on the robot."""
+"""Decisions of the contest of causes: which effects are kept, how large and how uncertain they are,
+and whether the result stands or is refuted."""
 
 from collections.abc import Collection, Sequence
 from dataclasses import replace
@@ -28,7 +28,7 @@ _SETTLED = 0.2
 
 
 def decided(before: ContestOutcome, last: Contest) -> ContestOutcome:
-    """What is kept, with what had been applied before."""
+    """The outcome of a reduced sweep: steps added to what had been applied."""
     kept, values, deviations = last.shrunk.candidates, dict(before.values), {}
     winds_up = last.shrunk.surprise(last.group(WIND_UP)) > SEEN
     exact = (*kept, WIND_UP) if winds_up else kept
@@ -73,10 +73,10 @@ def is_settled(before: ContestOutcome, after: ContestOutcome) -> bool:
 def doubted(
     outcome: ContestOutcome, full: Contest, last: Contest, undecided: Parameters
 ) -> ContestOutcome:
-    """With what is uncertain about it.
+    """With moves that widen intervals, and pairs of causes that rows do not separate.
 
     Args:
-        undecided: what parameters move by where all causes may be as large as rows allow.
+        undecided: change of the parameters where no effect is dropped.
     """
     names, rivals = last.rows.dynamics.layout.names, full.rivals(last)
     exact = (*outcome.kept, *outcome.values)
@@ -93,8 +93,9 @@ def doubted(
 
 
 def beyond_parts(last: Contest) -> frozenset[str]:
-    """Errors of the description that would be further off than parts ever are, beside other causes:
-    one gross error explains all by itself, and where it needs others it stands for something else.
+    """Errors of the description beyond any tolerance of parts that are kept beside other effects.
+
+    A gross error explains everything by itself; one that needs others imitates something else.
     """
     kept, robot = last.shrunk.candidates, last.rows.dynamics.robot
     return frozenset(
@@ -105,7 +106,7 @@ def beyond_parts(last: Contest) -> frozenset[str]:
 
 
 def why_not(setup: Setup, beyond: Collection[str]) -> str:
-    """Why what is kept is not what acts on the robot; empty where it may be."""
+    """Why the kept effects are refuted; empty where they stand."""
     if beyond:
         return f"{_named(sorted(beyond))} would be further off than they ever are"
     left = max((left_of_a_drive(study) for study in setup.studies if study), default=0.0)
@@ -113,10 +114,10 @@ def why_not(setup: Setup, beyond: Collection[str]) -> str:
 
 
 def refuted(outcome: ContestOutcome, why: str, moves: Sequence[Parameters]) -> ContestOutcome:
-    """Nothing is corrected: something else acts on the robot.
+    """The outcome without corrections, with a doubt that names what was refuted.
 
     Args:
-        moves: of parameters, by what would have been corrected.
+        moves: changes of the parameters by the refuted corrections.
     """
     doubt = (
         "something acts on the robot that no known effect explains: with corrections of "

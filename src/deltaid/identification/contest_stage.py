@@ -1,4 +1,8 @@
-"""Effects that win the contest of causes, corrected exactly or fitted as columns."""
+"""The stage of the contest of causes: sweeps until what is applied settles, then corrections.
+
+Each sweep (`contest`) linearises all effects about the present estimate, drops what the rows do not
+need, and applies the rest exactly to readings or robot. Effects that stay columns join the fit.
+"""
 
 from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass, replace
@@ -43,8 +47,8 @@ from deltaid.recording.repairs import Gears
 
 # Sweeps at most.
 _SWEEPS = 8
-# By how much wider priors of bodies are here, or effects would explain what contradicts a prior:
-# the fit widens it as much and says so.
+# Priors of bodies are so many times wider here: otherwise effects would explain what contradicts a
+# prior, which the fit widens and reports.
 _WIDER = 10.0
 # Sweeps after which nothing more is added.
 _DECIDED = 2
@@ -55,16 +59,16 @@ _KINDS: tuple[Kind, ...] = ("zero", "gear-ratio", "tilt", "length", "torque-cons
 
 @dataclass(frozen=True, eq=False)
 class _Sweeps:
-    """What sweeps end at.
+    """The end of a series of sweeps.
 
     Attributes:
-        setup, outcome: what is kept.
-        last: the last contest, with what is kept.
+        setup, outcome: with the effects that are kept.
+        last: the last sweep, reduced to these.
         plain: parameters before any sweep.
-        moves: of parameters, by what is corrected, and by what is beyond its limit.
-        parts: errors of the description that any sweep has kept.
-        why_not: why this is not what acts on the robot; empty where it may be.
-        is_lost: whether the next sweep would lead to poses in which the robot cannot be.
+        moves: changes of the parameters by the corrections, and by effects beyond their limits.
+        parts: errors of the description that any sweep kept.
+        why_not: why these corrections are refuted; empty where they stand.
+        is_lost: the next sweep would need poses that the robot cannot reach.
     """
 
     setup: Setup
@@ -78,12 +82,12 @@ class _Sweeps:
 
 
 def contested(setup: Setup, progress: Progress) -> Setup:
-    """Effects that rows need beside all others; earlier results are decided anew.
+    """Correct the effects that the rows need beside all others; earlier results do not count.
 
-    Slopes are first taken far from where the robot is, and where sweeps end at what cannot be, an
-    error of the description may have stood for the curvature of another. So sweeps without such
-    errors, and such as begin where these have settled, stand in their place if they leave as
-    little.
+    The first slopes are taken far from the solution. Where sweeps end at a refuted result, one
+    error of the description may have imitated the curvature of another. So sweeps are repeated
+    without these errors, and once more from where those settle; the best takes the place of the
+    first if it leaves as little noise.
     """
     if setup.settings.effects == "none":
         return setup
@@ -107,14 +111,14 @@ def contested(setup: Setup, progress: Progress) -> Setup:
 
 
 def _is_better(other: _Sweeps, end: _Sweeps) -> bool:
-    """Whether what is within all that parts are off by leaves no more, but for chance."""
+    """Whether other sweeps are not refuted and leave no more noise, but for chance."""
     spread = end.last.shrunk.noise_spread
     return not other.why_not and other.last.noise < end.last.noise + spread
 
 
 def _again(bare: Setup, parts: frozenset[str]) -> list[_Sweeps]:
-    """What sweeps settle at with none of these or only one, and those that begin where whichever of
-    them leaves least has settled."""
+    """Sweeps with none or only one of these errors of the description, and sweeps that begin where
+    the best of them settled."""
     all_but_one = [parts - {name} for name in sorted(parts)] if len(parts) > 1 else []
     ends = [_sweeps(bare, barred) for barred in (parts, *all_but_one) if barred]
     ends = sorted((end for end in ends if not end.is_lost), key=lambda end: end.last.noise)
@@ -124,8 +128,8 @@ def _again(bare: Setup, parts: frozenset[str]) -> list[_Sweeps]:
 def _sweeps(
     bare: Setup, barred: frozenset[str] = frozenset(), since: _Sweeps | None = None
 ) -> _Sweeps:
-    """Sweeps without some effects, until what is applied changes no more, or the robot cannot be in
-    its poses; and whether what they end at may be what acts on the robot."""
+    """Sweep without some effects until what is applied settles or poses become unreachable, and
+    judge the result."""
     without = bare.changed(barred_effects=bare.barred_effects | barred)
     if since is None:
         now, before, p = without, _begun(bare), None
@@ -161,8 +165,8 @@ def _sweeps(
 
 
 def swept_beside(setup: Setup, own: UnknownEffect, instead_of: Collection[str]) -> Contest | None:
-    """One sweep of all effects, of which none is dropped, with one of the caller's instead of some,
-    by name; None where no recording can be differentiated."""
+    """One sweep of all effects without dropping any, with `own` in place of those named; None where
+    no recording can be differentiated."""
     bare = _bare(setup)
     bare = bare.changed(barred_effects=bare.barred_effects | frozenset(instead_of))
     traces = _traces(bare)
@@ -187,7 +191,7 @@ def _swept(
     sweep: int,
     more: Sequence[UnknownEffect] = (),
 ) -> Contest:
-    """All effects at the recordings as they have been corrected."""
+    """One sweep about the recordings as corrected so far."""
     rows = _rows(now)
     points = points_of(traces, start(rows, traces) if p is None else p)
     unknowns = [u for u in _unknowns(points[0]) if u.name not in now.barred_effects]
@@ -196,18 +200,18 @@ def _swept(
 
 
 def _begun(bare: Setup) -> ContestOutcome:
-    """Nothing but gears that wind up, as far as they have been turned back."""
+    """The outcome before the first sweep: the compliance of gears that is applied already."""
     wound = {WIND_UP: np.array(gears[0].compliance)} if (gears := _gears(bare)) else {}
     return ContestOutcome(bare.robot, values=wound)
 
 
 def _gears(setup: Setup) -> list[Gears]:
-    """Those that are turned back, a recording each."""
+    """The compliant gears of each recording that has them."""
     return [r.repairs.gears for r in setup.recordings if r.repairs.gears is not None]
 
 
 def _bare(setup: Setup) -> Setup:
-    """Without what an earlier contest has decided."""
+    """Without the corrections of an earlier contest."""
     robot = setup.robot
     if setup.outcome is not None:
         described = setup.outcome.described
@@ -221,7 +225,7 @@ def _bare(setup: Setup) -> Setup:
 
 
 def _traces(setup: Setup) -> list[Trace]:
-    """Of recordings that no undeclared load disturbs."""
+    """Traces of recordings without an undeclared load."""
     recordings = [r for k, r in enumerate(setup.recordings) if not setup.is_disturbed(k)]
     traces = (traced(setup, recording, recording.cutoff) for recording in recordings)
     return [trace for trace in traces if trace is not None]
@@ -238,8 +242,7 @@ def _unknowns(point: TracePoint) -> tuple[UnknownEffect, ...]:
 def _allowed(
     unknowns: Sequence[UnknownEffect], before: ContestOutcome, sweep: int
 ) -> tuple[UnknownEffect, ...]:
-    """Those that take part: later sweeps only drop, and what has been beyond its limit is no
-    correction."""
+    """Effects that take part: later sweeps only drop, those beyond their limits are barred."""
     late = sweep >= _DECIDED
     return tuple(
         unknown for unknown in unknowns
@@ -251,7 +254,7 @@ def _allowed(
 
 
 def _read(bare: Setup, outcome: ContestOutcome, p: Parameters) -> Setup:
-    """Recordings as links moved and torques acted."""
+    """Recordings with the readings corrected by an outcome."""
     largest = np.max([recording.log.torque_max for recording in bare.recordings], axis=0)
     pairs = np.reshape(outcome.coefficients("torque-constant"), (-1, 2)).tolist()
     falling = tuple((a, b) for a, b in pairs)
@@ -280,7 +283,7 @@ def _read(bare: Setup, outcome: ContestOutcome, p: Parameters) -> Setup:
 
 
 def _finished(now: Setup, outcome: ContestOutcome, last: Contest) -> Setup:
-    """With the robot as it is, columns of the fit, reports, and studies of what is left."""
+    """With the robot corrected, effects that stay columns, corrections, and new studies."""
     if outcome.coefficients("length") or outcome.coefficients("tilt"):
         robot = reshaped(
             outcome.described, outcome.coefficients("length"), outcome.coefficients("tilt")
@@ -315,7 +318,7 @@ def _finished(now: Setup, outcome: ContestOutcome, last: Contest) -> Setup:
 def _corrections(
     unknown: UnknownEffect, outcome: ContestOutcome, last: Contest
 ) -> Iterator[Correction]:
-    """By an effect; of each recording where each has its own."""
+    """Corrections of an effect, per recording where each has its own coefficients."""
     points = last.points if unknown.is_own else last.points[:1]
     sizes = [
         np.split(coefficients.get(unknown.name, np.zeros(0)), len(points))

@@ -1,5 +1,5 @@
-"""What a fit is posed from: a robot, its recordings as far as they are corrected, and why; and what
-a contest of causes came to, for the stages after it and for the model."""
+"""`Setup`, the value that stages pass on until a fit is posed, and the outcome of the contest of
+causes in it."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -28,17 +28,18 @@ UNEXPLAINED = "unexplained"
 
 @dataclass(frozen=True, eq=False)
 class ContestOutcome:
-    """What won a contest.
+    """The result of a contest.
 
     Attributes:
-        described: the robot as it is described.
-        kept: names of effects.
-        values, deviations: of those that are applied exactly.
-        recordings: checksums of those that took part, in whose order values of each stand.
-        moves: what parameters of the robot, by name, move by where these are off as they may be,
-            or where another cause takes the place of one of them: one standard deviation each.
-        inseparable: causes that rows do not separate.
-        doubts: sentences, by effect, on what is beyond all that a description may be off by.
+        described: the robot as described.
+        kept: names of the effects that the rows need.
+        values, deviations: coefficients of effects that are applied exactly.
+        recordings: checksums of the recordings that took part; coefficients that each recording has
+            of its own stand in this order.
+        moves: changes of the robot's parameters, by name, by one standard deviation of an effect,
+            or where a rival takes the place of one.
+        inseparable: pairs of causes that the rows do not separate.
+        doubts: sentences, by effect, about coefficients beyond their limits.
     """
 
     described: RobotDescription
@@ -52,12 +53,12 @@ class ContestOutcome:
 
     @property
     def read(self) -> dict[str, Coefficients]:
-        """Those that recordings have been corrected by."""
+        """Coefficients that recordings have been corrected by."""
         robot = [unknown.name for unknown in UNKNOWNS if unknown.corrects == "robot"]
         return {name: values for name, values in self.values.items() if name not in robot}
 
     def within_limits(self) -> "ContestOutcome":
-        """Without effects that are beyond their limits, and with doubts in their place."""
+        """With doubts in place of effects beyond their limits."""
         beyond = {
             unknown.name: unknown.doubt(self.values[unknown.name])
             for unknown in UNKNOWNS
@@ -74,7 +75,7 @@ class ContestOutcome:
 
     @property
     def winds_up(self) -> bool:
-        """Whether rows need gears that wind up beside all else."""
+        """Whether the rows need compliant gears beside all other effects."""
         return WIND_UP in self.values
 
     def coefficients(self, name: str) -> tuple[float, ...]:
@@ -84,29 +85,36 @@ class ContestOutcome:
 
 @dataclass(frozen=True, eq=False)
 class Setup:
-    """A fit that is about to be posed."""
+    """A fit that is about to be posed.
 
-    robot: RobotDescription  # the description, with the friction laws that have been chosen so far
-    recordings: tuple[
-        PreparedRecording, ...
-    ]  # each with its filter and what has been corrected in it
+    Attributes:
+        robot: the description, with the friction laws chosen so far.
+        recordings: each with its filter and its corrections.
+        additions: extra columns of the fit.
+        corrections: in the order in which they were made.
+        barred, barred_effects: friction terms and effects that a fit has put at zero; they are not
+            chosen again.
+        closely: every row is inspected for events, not only excerpts.
+        glanced: numbers of the recordings of which only an excerpt was inspected.
+        studies: of each recording before undeclared causes are corrected; empty before
+            they are studied.
+        detected: the studies that detected undeclared loads, by the names of these.
+        outcome: of the contest of causes.
+    """
+
+    robot: RobotDescription
+    recordings: tuple[PreparedRecording, ...]
     settings: Settings
-    additions: tuple[Addition, ...] = ()  # extra columns
-    corrections: tuple[Correction, ...] = ()  # in the order in which they were made
+    additions: tuple[Addition, ...] = ()
+    corrections: tuple[Correction, ...] = ()
     friction_choice: FrictionChoice | None = None
-    # terms of friction and effects that are not chosen, for a fit has put them at zero
     barred: frozenset[JointTerm] = frozenset()
     barred_effects: frozenset[str] = frozenset()
-    # whether every row of recordings is inspected for events; else excerpts are first
     closely: bool = False
-    # numbers of the recordings of which nothing but an excerpt was inspected for events
     glanced: tuple[int, ...] = ()
-    # what each recording looks like before anything in it is corrected that was not declared; none
-    # before they have been studied
     studies: tuple[Study | None, ...] = ()
-    # by the names of loads that no mapping declares, the studies that detected them
     detected: Mapping[str, Study] = field(default_factory=dict[str, Study])
-    outcome: ContestOutcome | None = None  # of the contest of causes
+    outcome: ContestOutcome | None = None
 
     def is_disturbed(self, k: int) -> bool:
         """Whether an undeclared load comes and goes in the k-th recording."""
@@ -130,12 +138,12 @@ class Setup:
         return self.changed(additions=kept)
 
     def with_robot(self, robot: RobotDescription) -> "Setup":
-        """The same for a description with other friction laws, additions beside its columns."""
+        """With another description, and additions rebuilt for its columns."""
         additions = tuple(addition.on(compiled(robot)) for addition in self.additions)
         return self.changed(robot=robot, additions=additions)
 
     def repaired(self, recording: PreparedRecording, **repairs: Any) -> "Setup":
-        """The same with one more thing corrected in a recording, by fields of `Repairs`."""
+        """With one more correction of a recording, by fields of `Repairs`."""
         k = next(k for k, other in enumerate(self.recordings) if other is recording)
         return self.with_recording(k, recording.repaired(**repairs))
 
@@ -147,10 +155,10 @@ class Setup:
         return self.changed(recordings=(*before, recording, *after))
 
     def reported(self, corrections: Sequence[Correction], *instead_of: Kind) -> "Setup":
-        """The same with more corrections, in the place of all earlier ones of some kinds."""
+        """With more corrections, which replace all earlier ones of some kinds."""
         kept = (correction for correction in self.corrections if correction.kind not in instead_of)
         return self.changed(corrections=(*kept, *corrections))
 
 
-# One step towards a fit: what it detects, it corrects and reports.
+# One step towards a fit: it detects, corrects and reports one kind of cause.
 Stage = Callable[[Setup, Progress], Setup]
