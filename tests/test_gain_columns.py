@@ -79,6 +79,14 @@ def test_before_any_recording_drives_of_limbs_that_are_alike_are_alike() -> None
     np.testing.assert_allclose(free.A.sum(axis=0), 0.0, atol=1e-12)
 
 
+def test_drives_that_agree_may_be_the_reference() -> None:
+    _, found = gains(alike=(0, 1, 2))
+    free = replace(found, reference=(0, 2)).free
+    assert free.A.shape == (3, 2)
+    np.testing.assert_allclose(free.A[[0, 2]].sum(axis=0), 0.0, atol=1e-12)
+    np.testing.assert_allclose(np.linalg.norm(free.A[1]), 1.0)
+
+
 def test_what_drives_have_in_common_is_known_as_their_ratios_scatter() -> None:
     """The mean of three drives, by t of two degrees of freedom."""
     _, found = gains(alike=(0, 1, 2))

@@ -156,6 +156,19 @@ def test_limbs_that_are_alike_tell_ratios_without_any_load() -> None:
     assert not moves_of_scale(replace(result.problem, dynamics=stated))
 
 
+def test_where_one_drive_differs_from_others_that_agree_these_are_right() -> None:
+    dynamics, p = moving()
+    gain = np.array([1.0, 0.95, 1.0])
+    only = Settings(events=False, friction="described")
+    model = identify(dynamics.robot, table(1, gain, 0.0), settings=only).model
+    np.testing.assert_allclose(model.gains, gain, rtol=2e-3)
+    assert all("other limbs' drives, which agree" in correction.text
+               for correction in model.corrections if correction.kind == "gain")  # fmt: skip
+    q = np.zeros((1, 3))
+    ratio = dynamics.mass_matrix(q, model.p) / dynamics.mass_matrix(q, p)
+    np.testing.assert_allclose(np.diag(ratio[0]), 1.0, rtol=3e-3)
+
+
 def test_a_load_that_is_always_there_tells_no_gains_and_that_is_said() -> None:
     dynamics, _ = moving()
     bare = setup(np.array([1.04, 1.04, 1.04]))

@@ -10,7 +10,8 @@ are known so far, c_i τ_meas,i = Y_i p − ε_i Y_i p₀ with the torques Y_i p
 ones would put the noise on both sides. So gains are further columns of the fit, by turns, and
 certificate and intervals are the fit's own. Without anything known in N m the common scale of all c
 and p is free. Identical limbs determine the ratios of their drives' gains even then;
-where these explain more of a recording than anything else, Σ log c_i = 0 over these drives.
+where these explain more of a recording than anything else, Σ log c_i = 0 over these drives, or
+over all others where one drive alone differs.
 """
 
 from collections.abc import Iterable, Sequence
@@ -54,6 +55,8 @@ class Gains(OfTorques):
     prior_spread: float  # of the fit, which all scales of parameters are relative to
     # drives of whose gains only the ratios are identifiable; all gains if empty
     alike: tuple[int, ...] = ()
+    # those whose mean is taken to be right; all that are alike if empty
+    reference: tuple[int, ...] = ()
 
     @property
     def parameters(self) -> tuple[PriorParameter, ...]:
@@ -75,7 +78,8 @@ class Gains(OfTorques):
     def free(self) -> Free:
         if not self.alike:
             return super().free
-        ratios = null_space(np.ones((1, len(self.alike))))
+        mean = np.isin(self.alike, self.reference or self.alike)
+        ratios = null_space(mean[None].astype(float))
         A = np.zeros((self.dynamics.dof, ratios.shape[1]))
         A[list(self.alike)] = ratios
         names = [f"ratio{k + 1}" for k in range(ratios.shape[1])]
@@ -102,6 +106,9 @@ class Gains(OfTorques):
         absolute = [other.witness for other in self.beside if other.witness]
         silent = " and ".join(drive for i, drive in enumerate(drives) if i not in self.alike)
         assumed = f", {silent} is taken to be right" if silent else ""
+        against = "the other limbs' drives, which agree" if self.reference else (
+            "the mean of the limbs' drives"
+        )  # fmt: skip
         for i, (drive, c, gain) in enumerate(zip(drives, self.gain.tolist(), judged, strict=True)):
             if self.alike and i not in self.alike:
                 continue
@@ -110,8 +117,8 @@ class Gains(OfTorques):
             torque = f"the joint gets {value:.4g} times the torque that {drive} records"
             if self.alike:
                 text = (
-                    f"limbs are the same, so {torque}, against the mean of the limbs' drives; "
-                    "what is common to all shows nowhere and is taken to be right, within "
+                    f"limbs are the same, so {torque}, against {against}; what is common to all "
+                    "shows nowhere and is taken to be right, within "
                     f"{percent(self.common_spread)} as these differ{assumed}: a second recording "
                     "with a known load determines these too"
                 )
@@ -146,22 +153,45 @@ def gains(setup: Setup, progress: Progress) -> Setup:
     if not (absolute or alike):
         return setup
     progress("comparing drives with what is known in N m" if absolute else "comparing drives")
-    c = np.ones(dynamics.dof)
+    c, rounds = np.ones(dynamics.dof), 0
     values = fit(dynamics, setup.recordings, settings, additions=others).values
     count = len(values)  # of the robot's parameters and of all additions but the gains
 
-    def corrected() -> Setup:
-        columns = Gains(dynamics, others, values[:count], c, settings.prior_spread, alike)
+    def corrected(reference: tuple[int, ...] = ()) -> Setup:
+        columns = Gains(
+            dynamics, others, values[:count], c, settings.prior_spread, alike, reference
+        )
         return setup.all_repaired(gain=tuple(c.tolist())).changed(additions=(*others, columns))
 
-    for _ in range(_ROUNDS):
+    while True:
         now = corrected()
-        values = fit(dynamics, now.recordings, settings, additions=now.additions).values
+        problem = fit(dynamics, now.recordings, settings, additions=now.additions)
+        values, rounds = problem.values, rounds + 1
         step = values[-dynamics.dof :]
-        if np.abs(step).max() < _SETTLED:
+        if np.abs(step).max() < _SETTLED or rounds == _ROUNDS:
             break
         c = c * np.exp(step)
-    return corrected()
+    reference = _agreeing(problem, np.log(c), alike)
+    if reference:
+        c = c / np.exp(np.mean(np.log(c[list(reference)])))
+    return corrected(reference)
+
+
+def _agreeing(
+    problem: FittedProblem, logarithms: Float[np.ndarray, " dof"], alike: tuple[int, ...]
+) -> tuple[int, ...]:
+    """Drives whose gains agree where the one other does not: one torque constant is wrong more
+    often than all are, so that just their mean is right. None where there is no such drive."""
+    if len(alike) < 3:
+        return ()
+    dof, middle = len(logarithms), np.median(logarithms[list(alike)])
+    odd = max(alike, key=lambda i: abs(logarithms[i] - middle))
+    reference = [i for i in alike if i != odd]
+    apart = np.eye(dof)[reference] - np.isin(np.arange(dof), reference) / len(reference)
+    combinations = np.zeros((len(apart), len(problem.values)))
+    combinations[:, -dof:] = apart
+    agree = np.abs(apart @ logarithms) <= uncertainty(problem, combinations).interval
+    return tuple(reference) if np.all(agree) else ()
 
 
 def moves_of_scale(problem: FittedProblem) -> tuple[dict[str, float], ...]:
