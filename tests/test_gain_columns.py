@@ -231,6 +231,16 @@ def test_motors_that_saturate_are_the_only_cause(row: str) -> None:
 
 
 @pytest.mark.slow
+def test_the_drive_of_a_telescope_keeps_its_torque_where_limbs_are_compared() -> None:
+    made = case("clean", "delta4")
+    (log,) = made.logs
+    made = replace(made, logs=(log.with_columns(1.04 * pl.col("tau2")),))
+    result = identified(made)
+    assert result.model.gains == pytest.approx([1.0, 1 / 1.04, 1.0, 1.0], rel=1e-3)
+    assert judge(made, result).M < 0.003
+
+
+@pytest.mark.slow
 def test_motors_may_saturate_beside_other_causes() -> None:
     """How far a torque constant falls is no matter of tolerances that parts are made to."""
     made = case("saturation", "delta4")

@@ -20,6 +20,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 from scipy.linalg import null_space
+from scipy.stats import gmean
 
 from deltaid.dynamics.geometry import CONSTANT_OF, CONSTANTS
 from deltaid.estimation.additions import Addition, OfTorques, Own, Values
@@ -173,7 +174,7 @@ def gains(setup: Setup, progress: Progress) -> Setup:
         c = c * np.exp(step)
     reference = _agreeing(problem, np.log(c), alike)
     if reference:
-        c = c / np.exp(np.mean(np.log(c[list(reference)])))
+        c[list(alike)] /= gmean(c[list(reference)])
     return corrected(reference)
 
 
