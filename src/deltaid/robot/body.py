@@ -1,6 +1,6 @@
-"""A body as a user writes it: its prior, and which of its ten parameters may change.
+"""Bodies as a user describes them: priors, and which of the ten parameters may change.
 
-Shapes whose inertia parameters serve as priors (Sec. VIII A): cylinders, tubes and points.
+Priors are numbers, or shapes (Sec. VIII A): cylinders, tubes and points.
 """
 
 import re
@@ -82,7 +82,7 @@ Shape = Annotated[HollowCylinder | PointMass, Field(discriminator="shape")]
 InertiaName = Literal["m", "mcx", "mcy", "mcz", "Ixx", "Iyy", "Izz", "Ixy", "Iyz", "Ixz"]
 Entry = Literal["m", "mcx", "mcy", "mcz", "Sxx", "Syy", "Szz", "Sxy", "Syz", "Sxz"]
 
-# What the short names of bodies stand for; of those that several limbs have, each one.
+# Bodies by their short names.
 _BODIES = {
     "U": "upper arm",
     "C": "carriage",
@@ -177,7 +177,7 @@ class Body(Part):
         return _parameters(self.prior)
 
     def reduced_prior(self) -> Float[np.ndarray, " 10"]:
-        """The prior with the first moments and products that `free` leaves out set to zero.
+        """The prior with first moments and products set to zero that `free` excludes.
 
         Bodies without thickness are made barely solid (`RigidBody.with_thickness`).
         """
@@ -189,7 +189,7 @@ _ZERO = ("mcx", "mcy", "mcz", "Sxy", "Syz", "Sxz")
 
 
 def reduced_prior(prior: Prior, free: tuple[Entry, ...]) -> Float[np.ndarray, " 10"]:
-    """`Body.reduced_prior` of what a body says."""
+    """`Body.reduced_prior` of a prior and its free entries."""
     body = RigidBody(_parameters(prior))
     if free:
         body = body.without([entry for entry in _ZERO if entry not in free])

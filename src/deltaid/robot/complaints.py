@@ -1,4 +1,4 @@
-"""What pydantic found wrong in a YAML file, as sentences with line and key."""
+"""Turns validation errors of pydantic into sentences with the line and key of a YAML file."""
 
 import difflib
 import json
@@ -10,7 +10,7 @@ from pydantic import BaseModel, ValidationError
 
 from deltaid.robot.yaml_tree import Entry, child
 
-# Complaints that one message lists.
+# Complaints listed in one message.
 _MOST = 5
 _REASONS = {
     "missing": "is missing",
@@ -29,11 +29,11 @@ _REASONS = {
     "too_long": "must have at most {max_length} entries, not {actual_length}",
 }
 
-# A value of the wrong kind; where a key may hold one of several kinds, each says so.
+# Errors about a value of the wrong kind. Each branch of a union reports one.
 _KINDS = ("float_type", "int_type", "string_type", "tuple_type", "model_type", "dict_type")
 
-# What stands there instead is said by these, or there is nothing.
-_SAY_ALL = (
+# Errors whose reason names the value, or that have none.
+_NAME_VALUE = (
     "missing", "extra_forbidden", "value_error", "string_too_short", "too_short", "too_long",
 )  # fmt: skip
 
@@ -43,36 +43,37 @@ class _Complaint:
     line: int  # 0 if there is none
     path: tuple[str, ...]
     reason: str
-    value: str = ""  # what stands there instead, where that is short to say
+    value: str = ""  # the refused value, where it is short
     of_kind: bool = False
 
     def __str__(self) -> str:
-        said = f"{self.reason}{self.value}"
+        text = f"{self.reason}{self.value}"
         if self.line:
-            return f"line {self.line}, {'.'.join(self.path) or 'top level'}: {said}"
-        return f"{'.'.join(self.path)}: {said}" if self.path else said
+            return f"line {self.line}, {'.'.join(self.path) or 'top level'}: {text}"
+        return f"{'.'.join(self.path)}: {text}" if self.path else text
 
 
 def complaints(tree: Entry, error: ValidationError, model: type[BaseModel]) -> str:
-    """All that is wrong, as 'line 12, limbs.strut: is missing; …'; the first few if it is a lot.
+    """All errors as 'line 12, limbs.strut: is missing; …', at most the first few.
 
-    Values that come from no file are on line 0, which is not named.
+    Values that come from no file have line 0, which is not shown.
     """
-    found = [_locate(tree, dict(item), model) for item in error.errors(include_url=False)]
-    # what lies deeper says more
-    outer = {c.path[:k] for c in found for k in range(len(c.path))}
-    texts = [str(c) for c in _joined([c for c in found if c.path not in outer])]
+    located = [_locate(tree, dict(item), model) for item in error.errors(include_url=False)]
+    outer = {
+        c.path[:k] for c in located for k in range(len(c.path))
+    }  # deeper ones are more precise
+    texts = [str(c) for c in _joined([c for c in located if c.path not in outer])]
     more = f"; and {len(texts) - _MOST} more" if len(texts) > _MOST else ""
     return "; ".join(texts[:_MOST]) + more
 
 
-def _joined(found: list[_Complaint]) -> list[_Complaint]:
-    """One complaint a place: what the branches of a union say is joined by 'or'.
+def _joined(located: list[_Complaint]) -> list[_Complaint]:
+    """One complaint per place. Reasons of a union's branches are joined by 'or'.
 
-    A branch whose kind of value is right knows better what is wrong than one that wants another.
+    Branches that accept the kind of the value take precedence over those that refuse it.
     """
     by_place: dict[tuple[int, tuple[str, ...]], list[_Complaint]] = {}
-    for c in found:
+    for c in located:
         by_place.setdefault((c.line, c.path), []).append(c)
     joined = []
     for (line, path), same in by_place.items():
@@ -87,9 +88,9 @@ def _locate(tree: Entry, item: dict[str, Any], model: type[BaseModel]) -> _Compl
     path: list[str] = []
     place, kind = tree, item["type"]
     for key in item["loc"]:
-        found = child(place.value, key)
-        if found is not None:  # else it is the name of a union's branch and no key of the file
-            place = found
+        entry = child(place.value, key)
+        if entry is not None:  # else the key is the name of a union's branch, not of the file
+            place = entry
             path.append(str(key)[:60])
     if kind == "missing":
         missing = item["loc"][-1]
@@ -108,31 +109,31 @@ def _deeper(place: Entry, complaint: _Complaint) -> _Complaint:
     first, _, rest = complaint.reason.partition(" ")
     path = first.split(".")
     for key in path:
-        found = child(place.value, key)
-        if found is None:
+        entry = child(place.value, key)
+        if entry is None:
             return complaint
-        place = found
+        place = entry
     return _Complaint(place.line, (*complaint.path, *path), rest)
 
 
 def _reason(item: dict[str, Any]) -> str:
     if item["type"] in _REASONS:
         return _REASONS[item["type"]].format(**item.get("ctx", {}))
-    said = str(item["msg"]).removeprefix("Value error, ")
-    return said.replace("Input should be ", "must be ", 1)
+    message = str(item["msg"]).removeprefix("Value error, ")
+    return message.replace("Input should be ", "must be ", 1)
 
 
 def _value(item: dict[str, Any]) -> str:
-    """What stands there instead, as ', not 0'; nothing where the reason says it or it is long."""
+    """The refused value as ', not 0'; empty where the reason names it, or where it is no scalar."""
     value = item.get("input")
-    if item["type"] in _SAY_ALL or not isinstance(value, bool | int | float | str | None):
+    if item["type"] in _NAME_VALUE or not isinstance(value, bool | int | float | str | None):
         return ""
     text = json.dumps(value, ensure_ascii=False)
     return f", not {text if len(text) <= 40 else text[:39] + '…'}"
 
 
 def _near(key: str, model: type[BaseModel]) -> str:
-    known = set(_keys(model.model_json_schema())) - {key}  # it may be a key of another place
+    known = set(_keys(model.model_json_schema())) - {key}  # valid in another place
     near = difflib.get_close_matches(key, known, n=1, cutoff=0.75)
     return f"; did you mean {near[0]}?" if near else ""
 

@@ -1,4 +1,4 @@
-"""What a user writes about a robot: geometry, bodies with priors and reductions, friction, limits.
+"""The description of a robot: geometry, bodies with priors and reductions, friction, limits.
 
 All lengths are metres, angles degrees where the key ends in `_deg`, everything else SI. Frames are
 those of `docs/conventions.md`.
@@ -158,12 +158,12 @@ class RobotDescription(Shown, Plotted, Reported, Part):
 
     @property
     def limb_geometry(self) -> tuple[LimbGeometry, ...]:
-        """Each limb by its numbers; none for a mechanism of the user's own."""
+        """Geometry of each limb; none for a user's own mechanism."""
         return self.limbs.geometry() if self.limbs is not None else ()
 
     @property
     def _drive_kinds(self) -> tuple[DriveKind, ...]:
-        """Of the drives but a telescope's."""
+        """Kind of each drive, the telescope's excepted."""
         if self.mechanism is not None:
             return self.mechanism.drives
         return (self.limbs.drive,) * self.limbs.count if self.limbs is not None else ()
@@ -176,7 +176,7 @@ class RobotDescription(Shown, Plotted, Reported, Part):
         return not isinstance(self.platform, RigidPlatform)
 
     def limits_of(self, drive: str) -> DriveLimits:
-        """What a drive can do; all None where nothing is described."""
+        """Limits of a drive; all None if none are described."""
         return self.drive_limits.get(drive, DriveLimits())
 
     def is_linear(self, joint: str) -> bool:
@@ -189,12 +189,12 @@ class RobotDescription(Shown, Plotted, Reported, Part):
         return joint == "slide" or kinds.get(joint) == "linear"
 
     def units(self, joint: str) -> JointUnits:
-        """Units and words for a joint that turns or slides."""
+        """Units and words of a joint."""
         return SLIDING if self.is_linear(joint) else TURNING
 
     @property
     def drive_units(self) -> dict[str, JointUnits]:
-        """Units and words for each drive, in the order of q."""
+        """Units and words of each drive, in the order of q."""
         return {drive: self.units(drive) for drive in self.drives}
 
     @property
@@ -207,7 +207,7 @@ class RobotDescription(Shown, Plotted, Reported, Part):
 
     @property
     def turn(self) -> "TurnLimits":
-        """Where the tool's angle ψ may go, and how fast."""
+        """Limits of the tool's angle ψ."""
         p = self.mechanism or self.platform
         if self.platform_turns and not isinstance(p, RigidPlatform):
             low, high = np.deg2rad(p.angle_deg)
@@ -221,7 +221,7 @@ class RobotDescription(Shown, Plotted, Reported, Part):
 
     @property
     def task(self) -> Task:
-        """What the task coordinates z consist of."""
+        """The task coordinates z."""
         return self.mechanism.task if self.mechanism else Task(NAMES[: len(self.drives)])
 
     @property
@@ -234,7 +234,7 @@ class RobotDescription(Shown, Plotted, Reported, Part):
     def within(
         self, middle: float, half: float = 0.0
     ) -> tuple[Float[np.ndarray, " dof"], Float[np.ndarray, " dof"]]:
-        """Middle and half extents of z in a box inside of the workspace, with those given of ψ."""
+        """Middle and half extents of z in a box inside the workspace, with the given ones of ψ."""
         centre, size = map(self.task.of_point, self.workspace.inner_box)
         turns = self.task.turn is not None
         return np.append(centre, [middle] * turns), np.append(size, [half] * turns)
@@ -273,7 +273,7 @@ class RobotDescription(Shown, Plotted, Reported, Part):
         return tuple(drive for drive in self.drives if drive in self.rotor_inertia)
 
     def stiffness(self, drive: str) -> float:
-        """Of a drive's gear [N m/rad or N/m]; infinite where none is given."""
+        """Stiffness of a drive's gear [N m/rad or N/m]; infinite by default."""
         given = self.gear_stiffness
         return given.get(drive, np.inf) if isinstance(given, dict) else given
 

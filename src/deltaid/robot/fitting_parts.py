@@ -1,6 +1,4 @@
-"""Whether the parts of a description fit together: bodies, joints, drives, limbs, workspace,
-measured values and sensors; and whether limbs of its lengths close.
-"""
+"""Checks that the parts of a description fit together, and that limbs of its lengths close."""
 
 import difflib
 import re
@@ -20,7 +18,7 @@ if TYPE_CHECKING:
 
 
 def require_parts_that_fit(robot: "RobotDescription") -> None:
-    """Refuse parts that contradict each other, or that the robot does not have.
+    """Refuse parts that contradict each other or that the robot lacks.
 
     Raises:
         ValueError: with the key.
@@ -95,8 +93,8 @@ def _check_drives(robot: "RobotDescription") -> None:
 def _exactly(key: str, given: dict[str, Body], wanted: tuple[str, ...]) -> None:
     missing = [name for name in wanted if name not in given]
     extra = [name for name in given if name not in wanted]
-    found = {"lacks": missing, "has unknown": extra}
-    parts = [f"{what} {', '.join(names)}" for what, names in found.items() if names]
+    faults = {"lacks": missing, "has unknown": extra}
+    parts = [f"{what} {', '.join(names)}" for what, names in faults.items() if names]
     if parts:
         raise ValueError(f"{key} {' and '.join(parts)}; this robot has {', '.join(wanted)}")
 
@@ -110,10 +108,10 @@ def _among(key: str, given: Collection[str], allowed: tuple[str, ...]) -> None:
 def open_limb(robot: "RobotDescription") -> str:
     """Why a limb cannot hold the platform in the middle of the workspace; empty if all can.
 
-    A rotary limb reaches from |L − l| to L + l around its motor axis, L and l seen along that axis;
-    a linear one as far from its rail as its strut is long.
+    A rotary limb reaches from |L − l| to L + l around its motor axis, L and l projected along
+    that axis; a linear one as far from its rail as its strut is long.
     """
-    if robot.limbs is None:  # a mechanism of the user's own, which is checked when it is built
+    if robot.limbs is None:  # a user's own mechanism is checked when it is built
         return ""
     home = robot.home
     for i, limb in enumerate(robot.limb_geometry):
@@ -134,7 +132,7 @@ def open_limb(robot: "RobotDescription") -> str:
 
 
 _NAME = re.compile(r"[A-Za-z_][A-Za-z0-9_-]{0,39}")
-# Default names of a log's other columns, and of a load.
+# Default names of other columns of a log, and of a load.
 _OF_LOGS = re.compile(r"t|time|load|(?:q|qd|qdd|tau)[0-9]*")
 
 
@@ -171,7 +169,7 @@ def _check_sensors(robot: "RobotDescription") -> None:
 
 
 def _check_value(where: str, measured: Measured, bodies: Mapping[str, Body]) -> None:
-    """What was measured must be free to follow."""
+    """Refuse a measured value of entries that are not free."""
     if all(not body.free for body in bodies.values()):
         known = f"{'is' if len(bodies) == 1 else 'are'} known (free: [])"
         raise ValueError(
@@ -193,14 +191,14 @@ def _check_value(where: str, measured: Measured, bodies: Mapping[str, Body]) -> 
 
 
 def _along(axis: Axis | Vector | None) -> list[str]:
-    """Axes of the link frame that a direction has a part along."""
+    """Axes of the link frame along which a direction has a component."""
     if axis is None or isinstance(axis, str):
         return [axis] if axis else []
     return [letter for letter, part in zip(get_args(Axis), axis, strict=True) if part]
 
 
 def _check_name(robot: "RobotDescription", name: str) -> None:
-    """Names stand in headers, mappings and parameters."""
+    """Refuse a sensor's name that headers, mappings or parameters cannot have."""
     if not _NAME.fullmatch(name):
         raise ValueError(
             f"sensors has the name '{name[:50]}': begin with a letter, then letters, digits, _ and "
@@ -236,7 +234,7 @@ def _check_turns(robot: "RobotDescription", name: str, sensor: BaseWrench) -> No
 
 
 def _struts(robot: "RobotDescription") -> Iterator[str]:
-    """What a gauge may be on: a strut, or both of a limb."""
+    """Names of places of a gauge: a strut, or both struts of a limb."""
     for i, limb in enumerate(robot.limb_geometry):
         yield f"strut{i + 1}"
         if limb.struts == 2:

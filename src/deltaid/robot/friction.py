@@ -2,7 +2,7 @@
 
 With the joint's speed v and s = sign(v), the friction torque (a force in a sliding joint) is
 
-    viscous·v + coulomb·s                        the law of the paper, always there
+    viscous·v + coulomb·s                        the law of the paper, always present
     + viscous_back, coulomb_back                 take their place for v < 0
     + offset                                     constant, of either sign: a bias of the measurement
     + power·s·|v|^exponent                       lubricants: exponent below 1 flattens with speed
@@ -10,9 +10,9 @@ With the joint's speed v and s = sign(v), the friction torque (a force in a slid
     + hess_soom·s/(1 + (v/speed)²)               the same in the form of Hess and Soom
     + load·s·|x|                                 a gear's loss: a share of what it carries
 
-where x is the drive's torque on its link's side: without friction and rotor of the motor itself.
-Every coefficient but the offset is positive, so friction always takes energy away. A new term is a
-key of `Friction` and one class in `friction_terms.py`.
+where x is the drive's torque on the link's side, without friction and rotor of the motor.
+Every coefficient but the offset is positive, so friction dissipates energy. A new term is a key of
+`Friction` and a class in `friction_terms.py`.
 """
 
 from typing import Annotated
@@ -21,7 +21,7 @@ from pydantic import Field, model_validator
 
 from deltaid.robot.part import Part, Positive
 
-# Beyond these a term is as good as Coulomb's, or as an end stop.
+# Below, a power is Coulomb friction; above, an end stop.
 EXPONENTS = (0.05, 5.0)
 Exponent = Annotated[float, Field(ge=EXPONENTS[0], le=EXPONENTS[1])]
 
@@ -96,5 +96,5 @@ class Friction(Part):
 
     @property
     def both_ways(self) -> bool:
-        """Whether the same coefficients hold for both directions."""
+        """Whether both directions have the same coefficients."""
         return self.coulomb_back is None

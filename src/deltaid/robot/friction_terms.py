@@ -1,4 +1,4 @@
-"""Terms of friction laws: what each is of speed and load, at a coefficient of 1; laws in words."""
+"""Terms of friction laws as functions of speed and load, and laws in words."""
 
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
@@ -13,14 +13,13 @@ from jaxtyping import Float
 from deltaid.robot.friction import Friction
 from deltaid.robot.parameter import TURNING, JointUnits, PriorParameter
 
-# Speeds below this [rad/s, m/s] count as rest: it keeps powers of |v| differentiable there.
-_REST = 1e-9
-# A step so small that its square is none.
-_STEP = 1e-20
+# A complex step whose square is lost in rounding, and a squared speed [rad²/s², m²/s²] that keeps
+# powers of |v| differentiable at rest.
+_ROUNDING = float(np.finfo(float).eps)
 
 Speeds = Float[np.ndarray, " *shape"]
 
-# Terms that `law_in_words` says together, for all laws have them.
+# Terms that all laws have; `law_in_words` names them together.
 _PLAIN = ("viscous", "coulomb", "viscous_back", "coulomb_back")
 
 
@@ -29,11 +28,11 @@ class FrictionTerm(ABC):
     """One term of one joint's law, coefficient · h(v): one column of the regressor.
 
     Attributes:
-        joint: of which joint.
-        unit: of its coefficient.
-        size: typical size of the coefficient: its prior, for an offset what the description says.
-        one_sided: viscous and coulomb for positive speed only.
-        exponent, speed: constants of the term, where it has them.
+        joint: name of the joint.
+        unit: of the coefficient.
+        size: typical size of the coefficient: its prior, or for an offset the value described.
+        one_sided: whether viscous or Coulomb friction acts at positive speed only.
+        exponent, speed: constants of the term, if it has any.
     """
 
     joint: str
@@ -44,16 +43,16 @@ class FrictionTerm(ABC):
     speed: float = 1.0
 
     kind: ClassVar[str]
-    # Unit of the coefficient, and the term in a sentence where its kind is none; with constants.
+    # Unit of the coefficient, and the term in words where that is not `kind`; both with constants.
     unit_form: ClassVar[str] = "{force}"
     saying: ClassVar[str] = ""
     # Whether h(v) is continuous at rest, v = 0.
     continuous: ClassVar[bool] = False
-    # Whether h depends on what the gear carries.
+    # Whether h depends on the load of the gear.
     of_load: ClassVar[bool] = False
-    # Which constants it has.
+    # Names of its constants.
     constants: ClassVar[tuple[str, ...]] = ()
-    # Whether it is for positive speed only where the other direction has a coefficient of its own.
+    # Whether negative speed can have a coefficient of its own.
     has_back: ClassVar[bool] = False
     # Bounds of the coefficient.
     low: ClassVar[float] = 0.0
@@ -61,7 +60,7 @@ class FrictionTerm(ABC):
 
     @classmethod
     def of_law(cls, joint: str, law: Friction, units: JointUnits) -> "FrictionTerm | None":
-        """The term of a joint's law; None if the law has none of its kind."""
+        """The term of this kind in a joint's law; None if it has none."""
         stated = getattr(law, cls.kind)
         if stated is None:
             return None
@@ -73,12 +72,12 @@ class FrictionTerm(ABC):
 
     @abstractmethod
     def h(self, v: Any, s: Any, load: Any) -> Any:
-        """Friction for a coefficient of one, of numbers, arrays or symbols of CasADi.
+        """Friction for a coefficient of 1, for numbers, arrays or CasADi symbols.
 
         Args:
-            v: the joint's speed.
-            s: its sign, or a smooth stand-in for it.
-            load: torque that the drive's gear carries on its link's side, x.
+            v: speed of the joint [rad/s or m/s].
+            s: sign of v, or a smooth approximation of it.
+            load: torque x of the drive's gear on the link's side [N m or N].
         """
 
     def values(self, v: Speeds) -> Speeds:
@@ -87,16 +86,16 @@ class FrictionTerm(ABC):
 
     def slopes(self, v: Speeds) -> dict[str, Speeds]:
         """∂h/∂ln c of each constant c, by a complex step, which has no rounding."""
-        found = dict[str, Speeds]()
+        slopes = dict[str, Speeds]()
         for name in self.constants:
             moved = copy(self)
-            object.__setattr__(moved, name, getattr(self, name) * (1 + _STEP * 1j))
-            found[name] = np.imag(moved.h(v, np.sign(v), 0.0)) / _STEP
-        return found
+            object.__setattr__(moved, name, getattr(self, name) * (1 + _ROUNDING * 1j))
+            slopes[name] = np.imag(moved.h(v, np.sign(v), 0.0)) / _ROUNDING
+        return slopes
 
     @property
     def words(self) -> str:
-        """The term in a sentence, with its constants."""
+        """The term in words, with its constants."""
         return self.saying.format(**vars(self)) or self.kind
 
     @property
@@ -109,7 +108,7 @@ class FrictionTerm(ABC):
         )
 
     def in_law(self, coefficient: float) -> dict[str, Any]:
-        """What a law says of this term where its coefficient is another one."""
+        """This term with another coefficient, as the entry of a law."""
         constants = {name: getattr(self, name) for name in self.constants}
         return {self.kind: {"coefficient": coefficient, **constants} if constants else coefficient}
 
@@ -159,7 +158,7 @@ class _Offset(FrictionTerm):
         return 1.0 + 0.0 * v
 
     def in_law(self, coefficient: float) -> dict[str, Any]:
-        return {self.kind: self.size}  # the prior of an offset is zero, whatever it was found to be
+        return {self.kind: self.size}  # the prior of an offset is always zero
 
 
 class _Power(FrictionTerm):
@@ -201,7 +200,7 @@ TERMS: tuple[type[FrictionTerm], ...] = (
 
 
 def _size(v: Any) -> Any:
-    return (v * v + _REST**2) ** 0.5
+    return (v * v + _ROUNDING) ** 0.5
 
 
 def _exp(x: Any) -> Any:
@@ -209,9 +208,9 @@ def _exp(x: Any) -> Any:
 
 
 def friction_terms(laws: Mapping[str, tuple[Friction, JointUnits]]) -> tuple[FrictionTerm, ...]:
-    """The terms of all joints' laws in the order of p: by kind, then by joint."""
-    found = (kind.of_law(joint, *law) for kind in TERMS for joint, law in laws.items())
-    return tuple(term for term in found if term is not None)
+    """Terms of all joints' laws in the order of p: by kind, then by joint."""
+    terms = (kind.of_law(joint, *law) for kind in TERMS for joint, law in laws.items())
+    return tuple(term for term in terms if term is not None)
 
 
 def at_rest(law: Friction) -> float:
@@ -221,7 +220,7 @@ def at_rest(law: Friction) -> float:
 
 
 def law_in_words(law: Friction) -> str:
-    """A law as its terms, constants in brackets: 'viscous + Coulomb + Stribeck (0.3 rad/s, …)'."""
+    """A law in words, such as 'viscous + Coulomb + Stribeck (speed 0.3, exponent 1)'."""
     plain = "viscous + Coulomb" if law.both_ways else "viscous + Coulomb, each direction its own"
     terms = friction_terms({"": (law, TURNING)})
     return " + ".join([plain, *(term.words for term in terms if term.kind not in _PLAIN)])

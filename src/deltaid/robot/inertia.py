@@ -82,7 +82,7 @@ def entry_map() -> Float[np.ndarray, "10 10"]:
 
 
 def consistency(p: Float[np.ndarray, "*batch 10"]) -> Float[np.ndarray, "*batch"]:
-    """How far a body is from the boundary of physical consistency, as one number without unit.
+    """Distance of a body from the boundary of physical consistency, without unit.
 
     The smallest eigenvalue of M̄ after scaling rows and columns to a unit diagonal: positive if and
     only if the body is consistent, 1 for a body with its centre of mass at the origin and principal
@@ -101,7 +101,7 @@ Vector = Sequence[float] | Float[np.ndarray, " 3"]
 
 @dataclass(frozen=True, eq=False)
 class RigidBody:
-    """A rigid body by its ten parameters about the origin of a link frame; those of parts add up.
+    """A rigid body by its ten parameters about a link frame's origin; parameters of parts add up.
 
     Attributes:
         p: m, first moment and inertia tensor in the order above [kg, kg m, kg m²].
@@ -140,7 +140,7 @@ class RigidBody:
         return RigidBody(inertia_parameters(M))
 
     def moved(self, R: Float[np.ndarray, "3 3"], d: Float[np.ndarray, " 3"]) -> "RigidBody":
-        """The same in axes in which its link frame stands turned by R and shifted by d [m]."""
+        """The body in a frame in which its link frame is rotated by R and shifted by d [m]."""
         T = np.eye(4)
         T[:3, :3], T[:3, 3] = R, d
         return self.transformed(T)
@@ -213,9 +213,8 @@ class RigidBody:
     def why_not_physical(self) -> str:
         """Why no body has these parameters; empty for one that can exist.
 
-        Beside the pseudo-inertia matrix (12) the tensor about the centre of mass is looked at, as
-        the program that reads it will: positive definite, principal moments within the triangle
-        inequality.
+        Checks the pseudo-inertia matrix (12), and the tensor about the centre of mass as programs
+        that read it do: positive definite, principal moments within the triangle inequality.
         """
         if not np.all(np.isfinite(self.p)):
             return "its parameters are not all finite"

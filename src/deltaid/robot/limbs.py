@@ -1,4 +1,4 @@
-"""Limbs of a Delta-like robot as a user writes them, and each limb's geometry on its own.
+"""Limbs of a Delta-like robot as a user describes them, and the geometry of each.
 
 A limb is a drive (an upper arm on a motor, or a carriage on a rail), then a parallelogram of struts
 to a joint of the platform. Its frame L has x outwards in direction `azimuth_deg`, y along the motor
@@ -23,23 +23,19 @@ Lengths = Length | tuple[Length, ...]
 Radii = Radius | tuple[Radius, ...]
 Angles = Angle | tuple[Angle, ...]
 
-# Degrees. Directions that lie closer together than this were meant as radians: 2π rad is 6.3°.
-_NARROW = 10.0
-
 
 @dataclass(frozen=True)
 class LimbGeometry:
-    """One limb by its numbers; vectors in the world unless said otherwise.
+    """Geometry of one limb; vectors are in the world frame unless stated otherwise.
 
     Attributes:
-        drive: how it is driven.
         R_WL: rotation from the limb's frame L to the world.
         base: a point A of the motor axis in the arm's plane, or of the rail where q = 0 [m].
         attachment: from the point of its platform part to the strut joints' middle [m].
         rail: direction of positive q of a linear drive, in L.
         upper_arm, strut: lengths [m]; the arm's is 0 for a linear drive.
-        struts: how many struts.
-        spacing: distance of the two struts [m]; None where it is not known, or there is one.
+        struts: number of struts.
+        spacing: distance of the two struts [m]; None if unknown, or for a single strut.
         outwards: whether the elbow points outwards (rotary), or the carriage stands above the
             platform's joint along the rail (linear): the limb's working mode.
     """
@@ -151,7 +147,7 @@ class Limbs(Part):
         return self
 
     def _check_places(self) -> None:
-        """Refuse limbs in the same place, and such as point one way, as radians for degrees do."""
+        """Refuse limbs in the same place, and directions in radians."""
         if self.base_points is None and self.platform_points is None:
             angles = np.sort(np.mod(self.azimuth_deg, 360.0))
             gaps = np.diff(np.append(angles, angles[0] + 360.0))
@@ -159,7 +155,8 @@ class Limbs(Part):
                 raise ValueError(
                     "two limbs point the same way; azimuth_deg needs distinct directions"
                 )
-            if self.count > 1 and gaps.max() > 360.0 - _NARROW:
+            # Directions in radians lie within 2π.
+            if self.count > 1 and gaps.max() > 360.0 - 2 * np.pi:
                 raise ValueError(
                     f"all limbs point the same way within {360.0 - gaps.max():.3g}°; azimuth_deg "
                     "is in degrees"
@@ -173,18 +170,18 @@ class Limbs(Part):
         if self.drive == "linear" or self.base_points is not None or self.platform_points:
             return
         lengths = (self.upper_arm, self.strut, self.base_radius, self.platform_radius)
-        alike = not any(isinstance(length, tuple) for length in lengths)
+        identical = not any(isinstance(length, tuple) for length in lengths)
         for i, limb in enumerate(limbs):
             span = abs(np.linalg.norm(limb.base) - np.linalg.norm(limb.attachment))
             if limb.strut + limb.upper_arm <= span:
-                whose = "the limbs" if alike else f"limb {i + 1}"
+                whose = "the limbs" if identical else f"limb {i + 1}"
                 raise ValueError(
                     f"{whose} cannot close: upper_arm + strut = {limb.upper_arm + limb.strut:g} m, "
                     f"but base_radius and platform_radius differ by {span:g} m"
                 )
 
     def geometry(self) -> tuple[LimbGeometry, ...]:
-        """Each limb by its numbers."""
+        """Geometry of each limb."""
         return tuple(self._limb(i) for i in range(self.count))
 
     def _limb(self, i: int) -> LimbGeometry:

@@ -1,8 +1,8 @@
-"""Where a robot may go: its task coordinates, its workspace, and what its drives can do.
+"""Limits of a robot: its task coordinates, workspace and drive limits.
 
-The task z consists of coordinates of the platform point r, and ψ of a tool. A Delta has z = (x, y,
-z) or (x, y, z, ψ). A mechanism of the user's own may have fewer: a planar one (x, z), a sled (x), a
-turntable (ψ). Directions in which r does not move keep the coordinate 0.
+The task z consists of coordinates of the platform point r and the angle ψ of a tool. A Delta has
+z = (x, y, z) or (x, y, z, ψ). A user's own mechanism may have fewer: a planar one (x, z), a sled
+(x), a turntable (ψ). Coordinates of r along which it does not move are 0.
 """
 
 from dataclasses import dataclass
@@ -36,17 +36,17 @@ class Task:
 
     @property
     def axes(self) -> tuple[int, ...]:
-        """Which of the world's axes 0, 1, 2 the point moves along; they come first in z."""
+        """World axes 0, 1, 2 along which the point moves; they come first in z."""
         return tuple(NAMES.index(name) for name in self.names if name != "psi")
 
     @property
     def turn(self) -> int | None:
-        """The place of ψ in z; None for a robot that does not turn its tool."""
+        """Index of ψ in z; None for a robot that does not turn its tool."""
         return self.names.index("psi") if "psi" in self.names else None
 
     @property
     def moves(self) -> slice:
-        """The places of the point's coordinates in z."""
+        """Indices of the point's coordinates in z."""
         return slice(0, len(self.axes))
 
     def point(self, z: Float[np.ndarray, "*rows dof"]) -> Float[np.ndarray, "*rows 3"]:
@@ -58,7 +58,7 @@ class Task:
         return r
 
     def of_point(self, r: Shaped[np.ndarray, "*rows 3"]) -> Float[np.ndarray, "*rows moves"]:
-        """The entries of z that a point in the world has."""
+        """Entries of z of a point in the world."""
         return r[..., self.axes]
 
 
@@ -191,7 +191,7 @@ class DriveLimits(Part):
         return [name for name in names if getattr(self, name) is not None]
 
     def foreign(self, *, linear: bool) -> list[str]:
-        """Keys given that are of the other kind of drive."""
+        """Given keys that belong to the other kind of drive."""
         return self._given(_ROTARY if linear else _LINEAR)
 
     @property

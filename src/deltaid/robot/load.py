@@ -1,4 +1,4 @@
-"""Reading descriptions: YAML to validated models, with the line of whatever is wrong; catalogue."""
+"""Reads YAML files into validated models, with the line of each error; the robot catalogue."""
 
 import json
 import os
@@ -22,9 +22,9 @@ from deltaid.robot.yaml_tree import MOST_NODES, Entry, child, plain, read_tree
 _Model = TypeVar("_Model", bound=BaseModel)
 
 _CATALOGUE = resources.files("deltaid.robot") / "catalogue"
-# Bytes. A model file has some 15 kB; what is much larger is a log, and YAML takes minutes over it.
+# Bytes. A model file has some 15 kB; a much larger file is a log, which takes YAML minutes.
 LARGEST_FILE = 1 << 20
-# A key that every model file has at its left edge, and no robot file.
+# Top-level key that every model file has and no robot file.
 _OF_MODELS = re.compile(r"^[\"']?parameters[\"']?\s*:", re.MULTILINE)
 _KINDS = {
     "ColumnMapping": "columns",
@@ -53,21 +53,21 @@ def catalogue_text(name: str) -> str:
 
 @runtime_checkable
 class HasRobot(Protocol):
-    """A model, its dynamics: whatever knows its description."""
+    """Anything with a description: a model, its dynamics."""
 
     @property
     def robot(self) -> RobotDescription:
-        """The description of the robot."""
+        """Description of the robot."""
         ...
 
 
-# What stands for a robot: its description, by value or as a dictionary; what has one; a catalogue
-# name; a file.
+# A robot: its description, by value or as a dictionary; an object that has one; a catalogue name; a
+# file.
 RobotLike = RobotDescription | HasRobot | Mapping[str, Any] | str | Path
 
 
 def described(robot: RobotLike) -> RobotDescription:
-    """The description behind whatever stands for a robot.
+    """Description of a robot given in any form.
 
     Raises:
         DescriptionError: no such robot or file, or the file does not describe a robot.
@@ -83,7 +83,7 @@ def described(robot: RobotLike) -> RobotDescription:
 
 
 def require_name(robot: object) -> None:
-    """Refuse what can neither be a name nor a path.
+    """Refuse what is neither a name nor a path.
 
     Raises:
         DescriptionError: it is something else.
@@ -98,7 +98,7 @@ def require_name(robot: object) -> None:
 
 
 class _ModelFile(BaseModel):
-    """A saved model, of which only the robot is wanted."""
+    """A saved model, of which only the robot is read."""
 
     robot: RobotDescription
 
@@ -135,7 +135,10 @@ def holds_a_model(text: str) -> bool:
 
 
 def _usable(robot: RobotDescription, text: str, where: str) -> RobotDescription:
-    """The robot bound, unless its limbs reach nowhere; without a text, no line of it is named."""
+    """The robot bound to its mechanism file, unless its limbs cannot close.
+
+    Errors name a line if there is a text.
+    """
     if reason := open_limb(robot):
         limbs = child(_tree(text, where).value, "limbs") if text else None
         strut = limbs and child(limbs.value, "strut")
@@ -153,7 +156,7 @@ def bound(robot: RobotDescription, where: str) -> RobotDescription:
     """A description tied to the Python file that the user has named, if it needs one.
 
     Raises:
-        DescriptionError: it needs one, and none has been named, or another one.
+        DescriptionError: it needs a file, but none or another one has been named.
     """
     if robot.mechanism is None:
         return robot
@@ -189,10 +192,13 @@ def plain_data(text: str, where: str) -> dict[str, Any]:
 
 
 def parse(text: str, model: type[_Model], *, where: str, most: int = MOST_NODES) -> _Model:
-    """Validate YAML text of at most so many nodes against a model; `where` names the text in
-    messages.
+    """Validate YAML text against a model.
 
-    Numbers must be written as numbers: '0.5' in quotes, 0,5 or true are none.
+    Numbers must be written as numbers: '0.5' in quotes, 0,5 and true are refused.
+
+    Args:
+        where: the text's name in messages.
+        most: nodes that it may have.
 
     Raises:
         DescriptionError: with the line, the key and the reason of every complaint.
@@ -214,7 +220,7 @@ def read_text(path: Path) -> str:
     """The text of a description, mapping or model.
 
     Raises:
-        DescriptionError: it cannot be read, is no text in UTF-8, or much too long for one.
+        DescriptionError: it cannot be read, is not UTF-8, or is too large.
     """
     data = b""
     try:

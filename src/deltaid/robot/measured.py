@@ -1,6 +1,6 @@
-"""What somebody has measured of a body by other means than a recording: a scale, an edge, a swing.
+"""Values of bodies measured by other means than a recording: a scale, an edge, a pendulum.
 
-Each value is linear in the ten parameters of its bodies, so it is one more row of the fit.
+Each value is linear in the ten parameters of its bodies, so it is a row of the fit.
 """
 
 from typing import Annotated, Literal
@@ -15,12 +15,12 @@ Count = Annotated[int, Field(ge=1, le=1000)]
 _QUANTITIES = ("mass", "first_moment", "centre", "inertia")
 
 
-def require_axis(quantity: str, axis: str | Vector | None, ways: str) -> None:
-    """Refuse an axis of a mass, none of anything else, and one without a direction."""
+def require_axis(quantity: str, axis: str | Vector | None, choices: str) -> None:
+    """Refuse an axis of a mass, a missing axis of other quantities, and a zero vector."""
     if quantity == "mass" and axis is not None:
         raise ValueError("a mass has no axis; leave it out")
     if quantity != "mass" and axis is None:
-        raise ValueError(f"{quantity} needs its axis: {ways}")
+        raise ValueError(f"{quantity} needs its axis: {choices}")
     if not isinstance(axis, str) and axis is not None and not any(axis):
         raise ValueError("axis has no direction")
 
@@ -94,7 +94,7 @@ class MeasuredTogether(Measured):
 
     @property
     def placed(self) -> tuple[Placed, ...]:
-        """The bodies, with where each was."""
+        """The bodies and their poses."""
         if isinstance(self.of, str):
             return (Placed(body=self.of),)
         if isinstance(self.of, dict):

@@ -1,8 +1,8 @@
-"""A mechanism that is the user's own: what a description says of it.
+"""A user's own mechanism, as far as a description states it.
 
-The geometry is a function in a Python file (`mechanism.user_code`). The description says what has
-to be known without running it: drives, bodies, joints, the checksum of the file. Running a file is
-never a description's doing: the user names the file, on the command line or by `use_mechanism`.
+The geometry is a function in a Python file (`mechanism.user_code`). The description states
+what must be known without running it: drives, bodies, joints, the checksum of the file. A
+description never runs a file: the user names it on the command line or by `use_mechanism`.
 """
 
 from collections.abc import Callable
@@ -28,7 +28,7 @@ class NamedFile:
     function: Callable[..., Any]
 
 
-# The file that counts, if there is one.
+# The file in use, at most one.
 _named: list[NamedFile] = []
 
 
@@ -90,7 +90,7 @@ class OwnMechanism(Part):
 
 
 def name_file(file: NamedFile) -> None:
-    """Take note of the file that the user has named; it takes the place of one before."""
+    """Set the file that the user has named, in place of an earlier one."""
     _named[:] = [file]
 
 
@@ -100,7 +100,7 @@ def named_file() -> NamedFile | None:
 
 
 def with_named_file(own: OwnMechanism, where: str) -> OwnMechanism:
-    """The same with the checksum of the file that the user has named.
+    """The mechanism with the checksum of the file that the user has named.
 
     Raises:
         DescriptionError: no file has been named, or the description belongs to another one.

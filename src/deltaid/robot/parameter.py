@@ -1,6 +1,4 @@
-"""One entry of the parameter vector p: what it is, whose, in which unit, within which bounds;
-and units and words for a joint that turns and for one that slides.
-"""
+"""Entries of the parameter vector p with unit, bounds and prior; units of joints."""
 
 from dataclasses import dataclass
 from typing import Literal
@@ -20,7 +18,7 @@ ParameterKind = Literal[
     "effect",
     "sensor",
 ]
-# What is fitted beside a robot and is not of it; loads are named as bodies are.
+# Parameters that are fitted but do not belong to the robot.
 ADDED: tuple[ParameterKind, ...] = (
     "load",
     "lag",
@@ -32,22 +30,22 @@ ADDED: tuple[ParameterKind, ...] = (
 )
 _OF_BODIES = ("inertia", "load")
 
-# Relative standard deviation of a prior where nothing else is said.
+# Relative standard deviation of a prior by default.
 PRIOR_SPREAD = 0.5
 
 
 @dataclass(frozen=True)
 class PriorParameter:
-    """One parameter of a robot and what is known of it before any recording.
+    """One parameter of a robot with its prior.
 
     Attributes:
-        kind: what sort of parameter it is.
-        owner: the body or joint that has it.
-        symbol: what it is called there: 'mcx', 'Ixx', 'viscous', 'rotor'.
+        kind: such as 'inertia' or 'friction'.
+        owner: name of its body or joint.
+        symbol: its name there: 'mcx', 'Ixx', 'viscous', 'rotor'.
         unit: of its value.
-        low, high: the value lies strictly between them.
+        low, high: bounds; the value lies strictly between them.
         prior: its value in the description, after the reduction.
-        scale: size that deviations are compared with: |prior|, or a typical size if that is zero.
+        scale: unit of deviations: |prior|, or a typical size if that is zero.
         spread: standard deviation of the prior as a share of `scale`.
     """
 
@@ -83,19 +81,19 @@ class PriorParameter:
         return self.spread * self.scale
 
     def margin(self, value: float) -> float:
-        """How far a value is from the nearest bound; negative beyond it."""
+        """Distance of a value from the nearest bound; negative beyond it."""
         return min(value - self.low, self.high - value)
 
 
 @dataclass(frozen=True)
 class JointUnits:
-    """How a joint's numbers are called.
+    """Words and units of a joint.
 
     Attributes:
         motion: 'angle' or 'position'.
         coordinate: unit of the joint's coordinate in files and arrays.
-        shown: unit in which pictures for people show it.
-        per_shown: how many of these make one of `coordinate`.
+        shown: unit of the coordinate in figures.
+        per_shown: factor from `coordinate` to `shown`.
         effort: 'torque' or 'force'.
         force: its unit.
         stiffness: unit of a spring.

@@ -1,8 +1,6 @@
-"""What all descriptions have in common: frozen, no unknown keys, finite numbers, valid copies.
+"""Base class of descriptions: frozen, no unknown keys, finite numbers, valid copies.
 
-Numbers are of the right sign, and no larger or smaller than a machine has them. The bounds keep
-every product of such numbers far from overflow, and lengths in millimetres, which would pass for a
-giant's, get a message of their own.
+Bounds of numbers keep products far from overflow and detect wrong units, such as millimetres.
 """
 
 import json
@@ -20,12 +18,9 @@ from deltaid.shown import Named
 _Part = TypeVar("_Part", bound="Part")
 _Init = TypeVar("_Init", bound=Callable[..., None])
 
-# Keys that a message names; of a kind with more of them, `deltaid schema` prints all.
-_FEW = 30
-
 
 def _only_when_called(init: _Init) -> _Init:
-    """Pydantic then makes parts of a larger whole itself, so that it knows where each one is."""
+    """Let pydantic build nested parts itself, so that its errors have their place."""
     vars(init)["__pydantic_base_init__"] = True
     return init
 
@@ -49,10 +44,10 @@ class Part(Named, BaseModel):
 
     @classmethod
     def from_dict(cls: type[_Part], values: Mapping[str, Any], where: str) -> _Part:
-        """What a dictionary describes, which is held to the same as a file.
+        """The part that a dictionary describes, validated as a file is.
 
         Raises:
-            DescriptionError: a file could not hold these values, or they do not fit.
+            DescriptionError: a file could not hold these values, or they are refused.
         """
         try:
             text = json.dumps(values, default=_listed)
@@ -84,7 +79,7 @@ class Part(Named, BaseModel):
     def model_copy(
         self: _Part, *, update: Mapping[str, Any] | None = None, deep: bool = False
     ) -> _Part:
-        """A copy; with `update` the same as `changed`, which pydantic's own would not validate."""
+        """A copy, validated as `changed` does, which pydantic's own `model_copy` does not do."""
         copy = super().model_copy(deep=deep)
         return copy.changed(**update) if update else copy
 
@@ -93,18 +88,17 @@ def _refusal(
     error: ValidationError, values: Mapping[str, Any], kind: type[BaseModel], where: str
 ) -> DescriptionError:
     keys = ", ".join(kind.model_fields)
-    few = len(kind.model_fields) <= _FEW and kind.__name__ != "RobotDescription"
     return DescriptionError(
         complaints(Entry(0, _tree(values)), error, kind),
         where=where,
-        cure=f"its keys are: {keys}"
-        if few
-        else "`deltaid schema robot` prints all keys with their bounds and units",
+        cure="`deltaid schema robot` prints all keys with their bounds and units"
+        if kind.__name__ == "RobotDescription"
+        else f"its keys are: {keys}",
     )
 
 
 def _listed(value: Any) -> Any:
-    """An array or a number of NumPy as JSON would have it; a part as its keys and values."""
+    """NumPy arrays and numbers as lists and numbers of JSON; parts as dictionaries."""
     if isinstance(value, BaseModel):
         return value.model_dump(mode="json", exclude_none=True)
     if hasattr(value, "tolist"):
@@ -130,7 +124,7 @@ _STRONGEST = 100.0  # m/s², of gravity
 
 
 def limited(low: float, high: float, refusal: str) -> AfterValidator:
-    """Refuse numbers but zero outside of limits; `refusal` has a place for the number."""
+    """Refuse numbers outside of limits, zero excepted; `refusal` has a field for the number."""
 
     def check(value: float) -> float:
         if value and not low <= value <= high:
@@ -141,7 +135,7 @@ def limited(low: float, high: float, refusal: str) -> AfterValidator:
 
 
 def require_increasing(part: Part, *names: str) -> None:
-    """Refuse ranges that do not rise; a schema cannot say so.
+    """Refuse ranges that do not rise, which a schema cannot express.
 
     Raises:
         ValueError: with the key.
@@ -159,7 +153,7 @@ def _gravity(value: tuple[float, float, float]) -> tuple[float, float, float]:
 
 
 def _limits(**limits: Any) -> Any:
-    """What validators below refuse, for editors too, which know only the schema."""
+    """Limits of validators as JSON Schema, for editors."""
     return Field(json_schema_extra=limits)
 
 

@@ -1,4 +1,4 @@
-"""Platforms of Delta-like robots, and the telescope of a 4-DOF Delta, as a user writes them.
+"""Platforms of Delta-like robots, and the telescope of a 4-DOF Delta, as a user describes them.
 
 With r the platform point, u(θ) = (cos θ, sin θ, 0) and d_i fixed, limb i holds the point
 
@@ -19,10 +19,10 @@ from pydantic import Field, model_validator
 
 from deltaid.robot.part import AngleRange, Length, Part, Point, Positive, require_increasing
 
-# What `_check` below refuses, for editors too.
+# JSON Schema, for editors, of what `_check` below refuses.
 Ratio = Annotated[float, Field(ge=-1e3, le=1e3, json_schema_extra={"not": {"const": 0}})]
 LimbNumber = Annotated[int, Field(json_schema_extra={"minimum": 1, "maximum": 4})]
-# Positive, which `_check` says in its own words.
+# `_check` below refuses other numbers with a message of its own.
 Stroke = Annotated[float, Field(json_schema_extra={"exclusiveMinimum": 0.0})]
 
 

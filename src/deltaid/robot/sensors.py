@@ -1,7 +1,7 @@
-"""Sensors beside the drives' own torques, as a user describes them, and what they show.
+"""Sensors in addition to the drives' torques, as a user describes them, and their channels.
 
-Noise, biases and tolerances are one standard deviation each. What a recording calls a sensor's
-columns stands in its mapping.
+Noise, biases and tolerances are one standard deviation each. A recording's mapping names a
+sensor's columns.
 """
 
 from dataclasses import dataclass
@@ -79,10 +79,10 @@ Sensor = Annotated[BaseWrench | StrutForce | JointTorque, Field(discriminator="k
 
 @dataclass(frozen=True)
 class SensorChannel:
-    """One number that a sensor shows.
+    """One channel of a sensor.
 
     Attributes:
-        name: as a column is called by default: 'plate.fx', 'gauge1'.
+        name: default name of its column: 'plate.fx', 'gauge1'.
         unit: N or N m.
         noise: its standard deviation.
     """
@@ -93,8 +93,7 @@ class SensorChannel:
 
 
 def channels_of(robot: "RobotDescription", name: str, sensor: Sensor) -> tuple[SensorChannel, ...]:
-    """The channels of one sensor, which the robot's own description need not have, in the order of
-    its columns."""
+    """Channels of a sensor, which need not be in the robot's description, in column order."""
     if isinstance(sensor, BaseWrench):
         kinds = ("f", "N", sensor.force_noise), ("m", "N m", sensor.moment_noise)
         return tuple(

@@ -1,4 +1,4 @@
-"""How well a robot's geometry is known, as a user states it.
+"""Tolerances of a robot's geometry, as a user states them.
 
 Every number is one standard deviation: about a third of all machines are further off.
 """
@@ -9,15 +9,15 @@ from pydantic import Field
 
 from deltaid.robot.part import Part, limited
 
-# Larger ones are in another unit: millimetres for metres, degrees for radians, per cent for shares.
+# Larger tolerances are in a wrong unit: millimetres, degrees, per cent.
 _LONG, _WIDE, _UNSURE = 0.05, 0.2, 0.5
-# What a well-made robot has: parts to a tenth of a millimetre, encoders set with a gauge, a base
+# Defaults of a well-made robot: parts to a tenth of a millimetre, encoders set with a gauge, base
 # levelled with a machinist's level [m; rad or m; rad].
 _LENGTH, _ZERO, _TILT = 5e-5, 1e-4, 2e-4
 
 
 def _within(most: float) -> Any:
-    """The same limits for editors, which know only the schema."""
+    """Limits as JSON Schema, for editors."""
     return Field(json_schema_extra={"minimum": 0.0, "maximum": most})
 
 
@@ -77,7 +77,7 @@ class Tolerances(Part):
 
     @property
     def exact(self) -> bool:
-        """Whether nothing is off."""
+        """Whether all tolerances are zero."""
         by_name = (
             sizes.values() if isinstance(sizes, dict) else [sizes]
             for sizes in (self.lengths, self.homing)

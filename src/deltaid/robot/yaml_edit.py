@@ -1,9 +1,8 @@
-"""Plain data as YAML text; values of a YAML file replaced by path, such as `torque[1].sign`, where
-comments, order and numbers stay.
+"""Writes plain data as YAML, and replaces values of a YAML file by path, such as `torque[1].sign`.
 
-The text of a file is edited between the marks of YAML's own parser, and what comes out is parsed
-again. Where it does not say what it should (values that share an anchor, blocks that are replaced),
-ruamel.yaml writes the file anew, which keeps comments and order, but no layout.
+Comments, order and numbers stay. The text is edited between the marks of the YAML parser and parsed
+again. Where the result differs from the intended data (shared anchors, replaced blocks),
+ruamel.yaml rewrites the file, which keeps comments and order, but not the layout.
 """
 
 import copy
@@ -24,13 +23,13 @@ from deltaid.robot.yaml_tree import plain, read_tree
 
 Data = dict[str, Any]
 
-# From so many entries on a list of mappings is written one a line.
+# Lists of mappings with at least so many entries are written one entry per line, as JSON.
 _LONG = 50
 
 
 def yaml_text(data: Data) -> str:
-    """Plain data as YAML, the innermost lists and mappings on one line each, and so the entries of
-    a long list of mappings, such as a year of recordings."""
+    """Plain data as YAML, with innermost lists and mappings, and entries of long lists, on one line
+    each."""
     yaml, text, short = YAML(), io.StringIO(), dict(data)
     yaml.default_flow_style = None
     yaml.width = 100
@@ -47,8 +46,7 @@ def yaml_text(data: Data) -> str:
 
 
 def _json_lines(entries: list[Any]) -> str:
-    """Mappings as items on one line each, of JSON, which is YAML and is written much faster; empty
-    where that is not so."""
+    """Items as lines of JSON, which is YAML and faster to write; empty if JSON cannot hold them."""
     lines = [f"- {json.dumps(entry, ensure_ascii=False)}" for entry in entries]
     is_yaml = all(isinstance(entry, dict) for entry in entries)
     is_yaml &= all(line.isprintable() for line in lines)
@@ -56,10 +54,10 @@ def _json_lines(entries: list[Any]) -> str:
 
 
 def _quoted(value: Any) -> Any:
-    """Text between quotes where something of it would be lost without.
+    """Text in quotes where it would not survive without.
 
-    Line breaks and control characters; and a question mark or colon at its beginning, which the
-    writer leaves plain and the parser takes for the mark of a key or a value.
+    That is text with line breaks or control characters, or with a leading question mark or colon,
+    which the writer leaves plain and the parser reads as the mark of a key or value.
     """
     if isinstance(value, dict):
         return {key: _quoted(entry) for key, entry in value.items()}
@@ -70,11 +68,11 @@ def _quoted(value: Any) -> Any:
 
 
 class _LayoutError(Exception):
-    """A value that stands where text cannot be edited in place."""
+    """A value that cannot be edited in place."""
 
 
 def mended(data: Data, proposed: Mapping[str, object]) -> Data:
-    """The data with values replaced by path, such as `torque[1].sign`; None takes a key out."""
+    """The data with values replaced by path, such as `torque[1].sign`; None removes a key."""
     data = copy.deepcopy(data)
     for path, value in proposed.items():
         *parents, last = steps_of(path)
@@ -98,9 +96,9 @@ def edited(text: str, proposed: Mapping[str, object], wanted: Data, where: str) 
 
     Args:
         text: of the file.
-        proposed: values by path; None takes a key out.
-        wanted: all that the file should hold then; keys that it has not yet are taken from here.
-        where: the file, for messages.
+        proposed: values by path; None removes a key.
+        wanted: the intended content, from which missing top-level keys are taken.
+        where: the file's name in messages.
 
     Raises:
         DescriptionError: the text is not YAML.
@@ -195,7 +193,7 @@ def _removed(text: str, parent: MappingNode, key: object) -> str:
 
 
 def _end(node: Node) -> int:
-    """Where the last character of a node stands; marks of blocks lie before what follows them."""
+    """Index of a node's last character; the end mark of a block lies before the next node."""
     if not isinstance(node, CollectionNode) or node.flow_style or not node.value:
         return node.end_mark.index
     last = node.value[-1]

@@ -1,12 +1,13 @@
-"""YAML text as plain values, each with the line where it stands.
+"""Reads YAML text as plain values, each with its line.
 
-Of the YAML library only the parser is used. What its events mean is decided here, by the core
-schema of YAML 1.2 and without tags: no text can name a type, run a constructor or contain itself.
+Only the library's parser is used. Its events are resolved here, by the core schema of YAML 1.2
+without tags: no text can name a type, run a constructor or contain itself.
 """
 
 import functools
 import math
 import re
+import sys
 from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
@@ -45,35 +46,34 @@ _WORDS: dict[str, Scalar] = {
 _INTEGER = re.compile(r"[-+]?[0-9]+")
 _OTHER_BASE = re.compile(r"0o[0-7]+|0x[0-9a-fA-F]+")
 _FLOAT = re.compile(r"[-+]?(?:\.[0-9]+|[0-9]+(?:\.[0-9]*)?)(?:[eE][-+]?[0-9]+)?")
-# Integers of more characters are no finite numbers of a machine.
-_LONGEST_INTEGER = 250
 _MERGE = "<<"
 
 
 @dataclass(frozen=True)
 class Entry:
-    """A value, and the line of its key or item from 1; where it is merged in (<<), of the merge."""
+    """A value with the line of its key or item, from 1; of the merge (<<) for merged ones."""
 
     line: int
     value: Value
 
 
-@functools.lru_cache(maxsize=16)  # parsing takes most of the time that it takes to load a robot
+@functools.lru_cache(maxsize=16)  # most of the time to load a robot is parsing
 def read_tree(text: str, where: str, most: int = MOST_NODES) -> Entry | None:
-    """The one document of a YAML text; None if it is empty. `where` names the text in messages, and
-    more than `most` nodes are too many.
+    """The document of a YAML text; None if it is empty. Shared between calls: do not change it.
 
-    Nobody changes what this returns: the same text gives the same tree.
+    Args:
+        where: the text's name in messages.
+        most: nodes that it may have.
 
     Raises:
         DescriptionError: the text is not YAML, has tags, keys that are not words, references to
-            what is not there before them, or far too much.
+            later anchors, or too many nodes.
     """
     return _Composer(text, where, most).document()
 
 
 def child(value: Value, key: object) -> Entry | None:
-    """The entry under a key, or at a place of a list."""
+    """The entry of a mapping's key or of a list's index."""
     if isinstance(value, dict):
         return value.get(str(key))
     if isinstance(value, list) and isinstance(key, int) and key < len(value):
@@ -82,11 +82,10 @@ def child(value: Value, key: object) -> Entry | None:
 
 
 def plain(tree: Entry, where: str, most: int = MOST_NODES) -> Any:
-    """Strings, numbers, truth values, lists and dictionaries only; references written out, to
-    `most` nodes.
+    """The tree as lists, dictionaries and scalars, with references expanded.
 
     Raises:
-        DescriptionError: references make far too much of it.
+        DescriptionError: it has more than `most` nodes.
     """
     nodes = 0
 
@@ -105,7 +104,7 @@ def plain(tree: Entry, where: str, most: int = MOST_NODES) -> Any:
 
 
 class _Composer:
-    """From the parser's events to entries."""
+    """Composes entries from the parser's events."""
 
     def __init__(self, text: str, where: str, most: int) -> None:
         self._events = _events(text, where)
@@ -142,7 +141,7 @@ class _Composer:
             value = self._list(depth)
         else:
             value = self._mapping(depth)
-        if event.anchor:  # only now: what contains itself is not there yet
+        if event.anchor:  # only now, so that nothing can contain itself
             self._anchors[event.anchor] = value
         return value
 
@@ -170,7 +169,7 @@ class _Composer:
         return entries | {key: entry for key, entry in merged.items() if key not in entries}
 
     def _merged(self, value: Value, event: Event) -> dict[str, Entry]:
-        """The entries of one mapping, or of several of which earlier ones take precedence."""
+        """Entries of one or several mappings; earlier ones take precedence."""
         sources = [entry.value for entry in value] if isinstance(value, list) else [value]
         merged: dict[str, Entry] = {}
         for source in sources:
@@ -187,7 +186,7 @@ class _Composer:
             raise _too_much(self._where)
 
     def _text(self, event: ScalarEvent) -> str:
-        """Of a scalar, with characters that JSON writes as two escapes put together."""
+        """Text of a scalar, with surrogate pairs of JSON combined."""
         if event.value.isascii():
             return event.value
         try:
@@ -211,7 +210,7 @@ class _Composer:
 
 
 def _events(text: str, where: str) -> Iterator[Event]:
-    """What the parser finds; what it stumbles over is told, with its line if that is known."""
+    """Events of the parser; its errors get their line, if known."""
     try:
         yield from YAML(typ="safe", pure=True).parse(text)
     except MarkedYAMLError as error:
@@ -222,7 +221,7 @@ def _events(text: str, where: str) -> Iterator[Event]:
         place = f"{where}, line {text.count(chr(10), 0, error.position) + 1}"
         character = error.character if isinstance(error.character, int) else ord(error.character)
         raise _not_yaml(f"character U+{character:04X} cannot be in it", place) from None
-    except (YAMLError, ValueError, OverflowError) as error:  # chr() of what is no character
+    except (YAMLError, ValueError, OverflowError) as error:  # chr() of an invalid code point
         raise _not_yaml(quoted(str(error).strip().split("\n", 1)[0]), where) from None
 
 
@@ -230,9 +229,9 @@ def _resolved(text: str) -> Scalar:
     if text in _WORDS:
         return _WORDS[text]
     if _INTEGER.fullmatch(text):
-        return int(text) if len(text) <= _LONGEST_INTEGER else float(text)
-    if _OTHER_BASE.fullmatch(text):
-        return int(text, 0) if len(text) <= _LONGEST_INTEGER else math.inf
+        return int(text) if len(text) <= sys.float_info.max_10_exp else float(text)
+    if _OTHER_BASE.fullmatch(text):  # four bits a digit at most
+        return int(text, 0) if 4 * len(text) <= sys.float_info.max_exp else math.inf
     return float(text) if _FLOAT.fullmatch(text) else text
 
 
