@@ -50,7 +50,7 @@ BAD_COLUMNS = {
 @pytest.mark.parametrize("name", BAD_COLUMNS)
 @pytest.mark.parametrize("size", [1 << 16, 64])
 def test_bad_parquet_columns(tmp_path, opened, monkeypatch, name: str, size: int) -> None:
-    monkeypatch.setattr(frames, "_SLICE_ROWS", size)
+    monkeypatch.setattr(frames, "BATCH_ROWS", size)
     expression, fragment = BAD_COLUMNS[name]
     path = write(tmp_path / "log.parquet", FRAME.with_columns(expression))
     message = refusal(opened, path)

@@ -55,7 +55,6 @@ def test_dates_are_seconds_since_the_first_row(tmp_path: Path, frame: pl.DataFra
 def test_slices_share_the_first_date(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     whole = samples(dated(pl.Datetime("us")), tmp_path)
     monkeypatch.setattr("deltaid.recording.formats.frames.BATCH_ROWS", 333)
-    monkeypatch.setattr("deltaid.recording.formats.frames._SLICE_ROWS", 444)
     np.testing.assert_array_equal(samples(dated(pl.Datetime("us")), tmp_path), whole)
 
 

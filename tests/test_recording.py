@@ -111,7 +111,7 @@ def small_blocks(monkeypatch: pytest.MonkeyPatch):
 
     def set_sizes(size: int) -> None:
         monkeypatch.setattr(csv_lines, "_BLOCK_BYTES", size)
-        monkeypatch.setattr(frames, "_SLICE_ROWS", size // 40)
+        monkeypatch.setattr(frames, "BATCH_ROWS", size // 40)
 
     return set_sizes
 

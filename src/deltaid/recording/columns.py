@@ -20,8 +20,6 @@ Rows = Float[np.ndarray, "_ _"]
 Torque = Float[np.ndarray, "samples dof"]
 # By what share of the torque for little current a motor's torque grows at least.
 LEAST_SLOPE = 0.1
-# Steps of Newton's method.
-_ROUNDS = 12
 
 
 @dataclass(frozen=True)
@@ -212,11 +210,14 @@ class Readings(Part):
         """τ_m of torques τ, none beyond τ_max, by Newton's method."""
         if not self.falling:
             return torque
-        out, highest = torque, np.array(self.largest)
-        for _ in range(_ROUNDS):
+        out, highest, number = torque, np.array(self.largest), np.finfo(float)
+        for _ in range(number.nmant):  # no more steps than bisection takes
             share, slope = self._share(out)
             step = (out * share - torque) / np.maximum(slope, LEAST_SLOPE)
-            out = np.clip(out - step, -highest, highest)
+            before, out = out, np.clip(out - step, -highest, highest)
+            # Steps converge quadratically, so the next one is lost in rounding.
+            if np.all(np.abs(out - before) <= np.sqrt(number.eps) * highest):
+                break
         return out
 
     def _share(self, torque: Torque) -> tuple[Torque, Torque]:

@@ -10,12 +10,9 @@ from deltaid.errors import DeltaidError, RecordingError
 from deltaid.recording.mapping import Known, MappingProposal
 from deltaid.recording.memory import Recording, RecordingLike, as_source
 from deltaid.recording.proposed_mapping import Column, addresses, count_drives, proposed_mapping
-from deltaid.recording.source import LogTable
+from deltaid.recording.source import BATCH_ROWS, LogTable
 from deltaid.recording.table import open_table
 from deltaid.robot.load import RobotLike, described
-
-# Rows whose numbers decide: a minute at 1 kHz.
-_DECIDING = 1 << 16
 
 
 @dataclass(frozen=True)
@@ -115,7 +112,7 @@ def proposal_for(table: LogTable, linear: Sequence[bool]) -> MappingProposal:
     by_names = proposed_mapping(addresses(table.fields, table.units), linear)
     if "position" in by_names.missing:
         return by_names
-    return proposed_mapping(_columns_of(table, _DECIDING)[0], linear)
+    return proposed_mapping(_columns_of(table, BATCH_ROWS)[0], linear)
 
 
 def _columns_of(table: LogTable, rows: int | None = None) -> tuple[tuple[Column, ...], int]:
@@ -141,7 +138,7 @@ def _with_ranges(
             finite = np.isfinite(numbers)
             low = np.minimum(low, numbers.min(axis=1, initial=np.inf, where=finite))
             high = np.maximum(high, numbers.max(axis=1, initial=-np.inf, where=finite))
-            starts.append(numbers[:, : max(_DECIDING - count, 0)])
+            starts.append(numbers[:, : max(BATCH_ROWS - count, 0)])
             count += rows.size
             if most is not None and count >= most:
                 break

@@ -22,13 +22,15 @@ from dataclasses import dataclass
 import numpy as np
 
 from deltaid.recording.columns import Columns, Rows
-from deltaid.recording.table import AT_ONCE, padded, recut
-from deltaid.recording.time.signals import weights_at
+from deltaid.recording.table import padded, recut
+from deltaid.recording.time.signals import SIDE, weights_at
+from deltaid.recording.windows import WINDOW
 
-# Samples on either side that a torque, one with its slope, and a motion are interpolated from.
-_TORQUE, _SLOPE, _MOTION = 2, 3, 4
-# Parts of a sample that are none.
-_NONE = 1e-9
+# Samples on either side from which a torque, and one with its slope, are interpolated; of a motion
+# there are `SIDE`.
+TORQUE_SIDE, _SLOPE_SIDE = 2, 3
+# Parts of a sample that count as none: a torque is off by as small a share of its change.
+_NONE = np.sqrt(np.finfo(float).eps)
 
 
 @dataclass(frozen=True)
@@ -101,7 +103,7 @@ class Shift:
         """Over how many samples to either side each drive's torque is spread."""
         constants = self.constants or (0.0,) * len(self.rest)
         return tuple(
-            _SLOPE if T else _TORQUE if rest or self.growth else 0
+            _SLOPE_SIDE if T else TORQUE_SIDE if rest or self.growth else 0
             for rest, T in zip(self.rest, constants, strict=True)
         )
 
@@ -110,7 +112,7 @@ class Shift:
         """How many rows before and after one are needed to put it right."""
         first, last = min(self.whole, default=0), max(self.whole, default=0)
         around = max(self.smear, default=0) + self.grown
-        moved = _MOTION if self.common else 0
+        moved = SIDE if self.common else 0
         return max(moved, around - first, 0), max(moved, around + last, 0)
 
     def rows(self, wide: Rows, motion: int, rate: float, sensors: slice = slice(0, 0)) -> Rows:
@@ -130,7 +132,7 @@ class Shift:
             return wide[before + by : before + by + count, channels]
 
         if self.common:
-            taps = around(-self.common, _MOTION)
+            taps = around(-self.common, SIDE)
             for moved in (slice(1, 1 + motion), sensors):
                 out[:, moved] = sum(share * later(moved, by) for by, share in taps)
             out[:, 0] -= self.common / rate
@@ -145,7 +147,7 @@ class Shift:
         for i, (whole, rest, T) in enumerate(zip(self.whole, self.rest, constants, strict=True)):
             tau, weight = 1 + motion + i, wide.shape[1] - drives + i
             if grown is None:
-                unshifted = around(rest, _SLOPE if T else _TORQUE, T)
+                unshifted = around(rest, _SLOPE_SIDE if T else TORQUE_SIDE, T)
                 taps = [(whole + by, share) for by, share in unshifted]
                 out[:, tau] = sum(share * later(tau, by) for by, share in taps)
                 least = np.min([later(weight, by) for by, _ in taps], axis=0)
@@ -170,7 +172,7 @@ def delayed(segment: Iterable[Rows], columns: Columns, shift: Shift, rate: float
     """
     before, after = shift.reach
     motion = columns.motion_places.stop - 1
-    for wide in recut(padded(segment, before, after, columns), AT_ONCE, before + after):
+    for wide in recut(padded(segment, before, after, columns), WINDOW, before + after):
         yield shift.rows(wide, motion, rate, columns.sensor_places)
 
 
@@ -187,7 +189,7 @@ def in_time(segment: Iterable[Rows], columns: Columns, rate: float) -> Iterator[
     """
     # Columns of one sensor, and shares of the samples so many later.
     shifts = [
-        (np.arange(places.start, places.stop), around(sensor.delay * rate, _MOTION))
+        (np.arange(places.start, places.stop), around(sensor.delay * rate, SIDE))
         for sensor, places in columns.places_of_sensors()
         if sensor.delay
     ]
@@ -196,7 +198,7 @@ def in_time(segment: Iterable[Rows], columns: Columns, rate: float) -> Iterator[
         return
     places = [by for _, taps in shifts for by, _ in taps]
     before, after = max(0, -min(places)), max(0, *places)
-    for wide in recut(padded(segment, before, after, columns), AT_ONCE, before + after):
+    for wide in recut(padded(segment, before, after, columns), WINDOW, before + after):
         count = len(wide) - before - after
         out = wide[before : before + count].copy()
         for channels, taps in shifts:
@@ -225,7 +227,7 @@ def around(place: float, half: int, constant: float = 0.0) -> list[tuple[int, fl
 def _read(
     tau: np.ndarray, weight: np.ndarray, place: np.ndarray, constant: float
 ) -> tuple[np.ndarray, np.ndarray]:
-    half = _SLOPE if constant else _TORQUE
+    half = _SLOPE_SIDE if constant else TORQUE_SIDE
     whole, points = np.floor(place).astype(int), np.arange(1 - half, half + 1)
     rows = whole[:, None] + points
     shares = _shares(place - whole, points, constant)

@@ -23,13 +23,11 @@ from jaxtyping import Int
 from scipy.stats import chi2
 
 from deltaid.recording.columns import Columns, Rows
-from deltaid.recording.table import AT_ONCE, padded, recut
+from deltaid.recording.delay import TORQUE_SIDE
+from deltaid.recording.table import padded, recut
 from deltaid.recording.time.signals import weights_at
+from deltaid.recording.windows import WINDOW
 
-# Updates on either side that a value is interpolated from.
-_HALF = 2
-# The row of an update before the first one that is observed.
-_NEVER = -(1 << 60)
 # Updates that lie on one line in time, such groups at least, and the share of groups that do.
 _GROUP, _GROUPS, _MOST = 16, 6, 0.8
 # A torque held for fewer rows is late by less than an eighth of one.
@@ -63,7 +61,7 @@ class Hold:
     @property
     def spread(self) -> int:
         """Over how many rows to either side a torque is spread."""
-        return _HALF * int(np.ceil(self.rows))
+        return TORQUE_SIDE * int(np.ceil(self.rows))
 
     def __bool__(self) -> bool:
         return self.rows > 0
@@ -84,7 +82,7 @@ def filled(
     """
     margin, drives = 2 * max(held.spread for held in hold) + 1, len(hold)
     marked = padded(_marked(segment, columns, hold, rate), margin, margin, columns)
-    for wide in recut(marked, AT_ONCE, 2 * margin):
+    for wide in recut(marked, WINDOW, 2 * margin):
         out = wide[margin : len(wide) - margin, :-drives].copy()
         inner = np.arange(margin, len(wide) - margin)
         for i, held in enumerate(hold):
@@ -104,10 +102,10 @@ def _between(
     tau: np.ndarray, weight: np.ndarray, knots: np.ndarray, rows: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """Values at rows by those of knots about them, and the least weight of these."""
-    first = np.searchsorted(knots, rows, side="right") - _HALF
-    inside = (first >= 0) & (first + 2 * _HALF <= len(knots))
+    first = np.searchsorted(knots, rows, side="right") - TORQUE_SIDE
+    inside = (first >= 0) & (first + 2 * TORQUE_SIDE <= len(knots))
     value, least = tau[rows], np.where(inside, weight[rows], 0.0)
-    own = knots[first[inside, None] + np.arange(2 * _HALF)]
+    own = knots[first[inside, None] + np.arange(2 * TORQUE_SIDE)]
     shares = weights_at(own.astype(float), rows[inside].astype(float))
     value[inside] = np.sum(shares * tau[own], axis=1)
     used = np.where(shares != 0.0, weight[own], np.inf)
@@ -119,7 +117,7 @@ def _marked(
     segment: Iterable[Rows], columns: Columns, hold: tuple[Hold, ...], rate: float
 ) -> Iterator[Rows]:
     """Rows with a further column a drive: 1 where its torque has been updated."""
-    before, since = None, np.full(len(hold), _NEVER)
+    before, since = None, np.full(len(hold), np.nan)  # no update yet
     longest = np.array([max(1, int(np.ceil(held.rows))) for held in hold])
     for rows in segment:
         if not len(rows):
@@ -128,13 +126,13 @@ def _marked(
         before = tau[:1] if before is None else before
         changed = np.diff(tau, axis=0, prepend=before) != 0
         number = np.arange(len(rows))[:, None]
-        last = np.maximum.accumulate(np.where(changed, number, since), axis=0)
-        marks = ((number - last) % longest == 0) & (last > _NEVER // 2)
+        last = np.fmax.accumulate(np.where(changed, number, since), axis=0)
+        marks = (number - last) % longest == 0
         for i, held in enumerate(hold):
             if held.phase is not None:
                 marks[:, i] = row_numbers(rows, rate) % round(held.rows) == held.phase
         yield np.hstack([rows, marks])
-        before, since = tau[-1:], np.where(last[-1] > _NEVER // 2, last[-1] - len(rows), _NEVER)
+        before, since = tau[-1:], last[-1] - len(rows)
 
 
 def row_numbers(rows: Rows, rate: float) -> Int[np.ndarray, " _"]:

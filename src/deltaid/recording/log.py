@@ -28,7 +28,7 @@ from deltaid.recording.windows import WINDOW
 from deltaid.shown import Shown
 
 # So many stretches, of so many windows and seconds together; no more than so many windows.
-_STRETCHES, _WINDOWS, _SECONDS, _MOST = 4, 3, 24.0, 32
+_STRETCHES, _WINDOWS, _SECONDS, MOST_WINDOWS = 4, 3, 24.0, 32
 # A stretch is so many times as long as the filter at least.
 _LONG = 8
 # A log that is no longer than so many times an excerpt is held as it is.
@@ -217,7 +217,7 @@ class Log(Shown):
             low_pass: the recording's filter, which takes its length off both ends of a stretch.
         """
         lost, segments = low_pass.reach, self.segments(cutoff)
-        wanted = min(max(_WINDOWS * WINDOW, round(_SECONDS * self.rate)), _MOST * WINDOW)
+        wanted = min(max(_WINDOWS * WINDOW, round(_SECONDS * self.rate)), MOST_WINDOWS * WINDOW)
         count = max(1, min(_STRETCHES, wanted // max(1, _LONG * lost)))
         length = -(-wanted // count) + lost
         if self.samples <= _WHOLE * count * length:

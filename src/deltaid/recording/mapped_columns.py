@@ -19,6 +19,8 @@ SHORT_NAMES: dict[Quantity, str] = {
     "torque": "tau",
 }
 QUANTITIES = tuple(SHORT_NAMES)
+# Quantities that every recording of an identification has.
+NEEDED = ("time", "position", "torque")
 # Default names of the time.
 TIMES = ("t", "time")
 # What may be given for the unit of dates, which have none.

@@ -20,16 +20,13 @@ from deltaid.recording.resolution import extra_drives, resolve_columns
 from deltaid.recording.source import LogTable
 from deltaid.recording.spectrum import spectrum_of
 from deltaid.recording.survey import Survey
-from deltaid.recording.survey_checks import require_rate
+from deltaid.recording.survey_checks import STRETCH, require_rate
 from deltaid.recording.table import open_table, read_batches
 from deltaid.recording.time.clock import Clock
 from deltaid.recording.time.counts import doubts_about_rounds, unwrappers
-from deltaid.recording.time.signals import segments
+from deltaid.recording.time.signals import longest_hole, segments
 from deltaid.recording.time.study import study
 from deltaid.robot.sensors import channels_of
-
-# Holes that are bridged while the cut-off is not known yet [s].
-_BRIDGED = 0.005
 
 
 def open_log(
@@ -207,7 +204,7 @@ def _clock(survey: Survey) -> Clock:
     clock = study(read_batches(table, columns), dof)
     require_rate(table, columns.time.column, clock.rate, differentiated=False)
     survey.begin_again()
-    longest = int(_BRIDGED * clock.rate)
+    longest = longest_hole(clock.rate, 1 / STRETCH)  # until the cut-off is known
     for segment in segments(read_batches(table, columns), clock, longest, 0):
         survey.add_even(segment)
     return clock

@@ -17,19 +17,17 @@ from deltaid.recording.columns import Rows
 from deltaid.recording.filter import LowPass, design_low_pass
 from deltaid.recording.log import Log
 from deltaid.recording.recording import PreparedRecording, with_filter
-from deltaid.recording.spectrum import SpectrumEstimate, spectrum_of
+from deltaid.recording.spectrum import SEGMENT, SpectrumEstimate, spectrum_of
 
 Drives = Float[np.ndarray, " drives"]
 End = Literal["first", "last"]
 
-# Rows at an end that are looked at, half a segment of a spectrum.
-_ROWS = 2048
-# An end rests whose speed is below this share of the plan's largest one, give or take so many
-# standard deviations, which may be this share at most: an error of the torque of a few percent.
+# Rows at an end that are inspected.
+_ROWS = SEGMENT // 2
+# An end rests if its speed is below this share of the plan's largest speed, plus so many standard
+# deviations, which are this share of it at most: an error of the torque of a few percent.
 _RESTS, _SIGMAS, _UNSURE = 0.01, 4.0, 0.1
-# A plan closes whose positions at both ends differ by less than this share of its largest step.
-_CLOSES = 0.1
-# Degree of the polynomial that shows the speed at an end, and rows under it at least.
+# Degree of the polynomial that gives the speed at an end, and fewest rows under it.
 _DEGREE, _FEWEST = 3, 6
 
 
@@ -113,7 +111,7 @@ class PlanEnds:
             self.rows - 1: np.abs(q_last - q),
             self.rows: np.abs(q_last + v_last / self.log.rate - q),
         }
-        closing = {rows: gap - _CLOSES * largest - 2 * unsure for rows, gap in apart.items()}
+        closing = {rows: gap - _UNSURE * largest - 2 * unsure for rows, gap in apart.items()}
         period = min(closing, key=lambda rows: closing[rows].max())
         jump = np.abs(v_last - v) - 2 * _RESTS * self.speed - _SIGMAS * (spread + spread_last)
         if closing[period].max() > 0:

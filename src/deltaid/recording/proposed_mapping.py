@@ -8,23 +8,22 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
+import numpy as np
+
 from deltaid.recording.address import RecordedField
 from deltaid.recording.column_meanings import QUANTITIES as WORDS
 from deltaid.recording.column_meanings import Group, Reading, groups_of, kind_of, read_name, unit_of
-from deltaid.recording.mapped_columns import QUANTITIES, SHORT_NAMES, Quantity
+from deltaid.recording.mapped_columns import NEEDED, QUANTITIES, SHORT_NAMES, Quantity
 from deltaid.recording.mapping import FoundColumns, Known, MappingProposal
 from deltaid.recording.resolution import si_unit
 from deltaid.recording.units import Signal, derivative_factor, fitting_units, time_unit
 
 # A carriage hardly travels 10 m; numbers of millimetres mostly exceed that.
 _MOST_METRES = 10.0
-# A drive that turns hardly leaves ±2 π; numbers of degrees mostly do.
-_MOST_RADIANS = 7.0
-# Numbers of an array beside each other that may be a column each; what is wider is an image.
-_WIDEST = 16
-# Drives that a parallel robot has at most.
+# Drives of a parallel robot at most.
 _MOST_DRIVES = 8
-_NEEDED = ("time", "position", "torque")
+# Columns that one array may hold: the time and all quantities of all drives; wider ones are images.
+_WIDEST = 1 + len(QUANTITIES) * _MOST_DRIVES
 _RATES = {"velocity": "/s", "acceleration": "/s^2"}
 
 
@@ -94,9 +93,9 @@ def proposed_mapping(
     found = [time] if (time := _time(columns, known)) else []
     found += [_drives(q, candidates[q], linear, known) for q in QUANTITIES if candidates[q]]
     parts = {part.quantity: part for part in _by_derivatives(found, columns, linear)}
-    missing = [name for name in _NEEDED if name not in parts]
+    missing = [name for name in NEEDED if name not in parts]
     missing += [
-        f"unit of {name}" for name in _NEEDED if name in parts and not all(parts[name].units)
+        f"unit of {name}" for name in NEEDED if name in parts and not all(parts[name].units)
     ]
     if known.torque_constant is None and any(
         kind_of(unit) == "current" for unit in (parts["torque"].units if "torque" in parts else ())
@@ -223,7 +222,7 @@ def _by_size(
     largest = max(map(abs, ends))
     if reading.quantity == "current":
         return "A", "ampere are assumed, for no unit is stated"
-    if quantity == "position" and not slides and largest > _MOST_RADIANS:
+    if quantity == "position" and not slides and largest > 2 * np.pi:
         return "deg", f"numbers go up to {largest:.3g}, so degrees are assumed"
     if quantity == "position" and slides and largest > _MOST_METRES:
         return "mm", f"numbers go up to {largest:.3g}, so millimetres are assumed"

@@ -16,16 +16,14 @@ from deltaid.mechanism.regularity import SINGULAR_CONDITION, Regularity, passage
 from deltaid.recording.columns import Columns
 from deltaid.recording.source import LogTable
 
-# Rows between two places where time leaves off that show a passage from branch to branch.
-_SHOWN = 4
+# Consecutive rows that a passage from branch to branch shows in: two before it, two after.
+_PASSAGE = 4
 # A step of the platform so many times longer than the drives' step can make it is a jump; steps of
 # the drives below the resolution of an encoder [rad or m] prove nothing.
 _JUMP, _STILL = 10.0, 1e-6
 # Condition number of J beyond which a robot without a closed form may have gone on to another
 # branch unseen: steps δ of an encoder turn a passage, where 1/cond is 0, into one of about √δ.
 _LOST = 200.0
-# A passage shows in two samples before it and two after it, so three are carried on.
-_CARRIED = 3
 _KEEP_AWAY = (
     "check zero and sign of the drives and the robot's lengths; a robot that does this cannot be "
     "held by its drives there, so keep the motion away from it"
@@ -143,7 +141,7 @@ class ReachCheck:
         for start, stop in pairwise([0, *apart[apart > 0].tolist(), count]):
             if start in apart:
                 self.branch = BranchCheck(self.kinematics)
-                if stop - start < _SHOWN and stop < count:
+                if stop - start < _PASSAGE and stop < count:
                     continue
             left = self.branch.add(stretch.part(slice(start, stop)))
             if left is not None:
@@ -192,7 +190,7 @@ class BranchCheck:
         """
         before, mechanism = self.carried, self.kinematics.mechanism
         s = stretch.after(before) if before else stretch
-        self.carried = s.part(slice(-_CARRIED, None))
+        self.carried = s.part(slice(1 - _PASSAGE, None))
         sign, lengths = np.sign(s.regular.determinant), np.array(mechanism.lengths)
         flipped = np.diff(sign, prepend=sign[0]) != 0
         flipped[passages(s.regular) + 1] = True

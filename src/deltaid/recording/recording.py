@@ -15,7 +15,7 @@ from deltaid.parallel import ordered
 from deltaid.recording.columns import Rows
 from deltaid.recording.delay import in_time
 from deltaid.recording.filter import LowPass, design_low_pass, no_filter, samples_needed
-from deltaid.recording.log import Excerpt, Log
+from deltaid.recording.log import MOST_WINDOWS, Excerpt, Log
 from deltaid.recording.mapping import ColumnMappings, mapping_each
 from deltaid.recording.masks.masks import before_stops
 from deltaid.recording.memory import RecordingLike, as_sources
@@ -29,8 +29,6 @@ from deltaid.shown import Shown
 _Result = TypeVar("_Result")
 # How many samples of its own a window has, and what makes it.
 _Uncut = tuple[int, Callable[[], Window]]
-# Full windows of whose rows some are chosen: of a recording without an excerpt its beginning.
-_FEW = 32
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -176,7 +174,7 @@ class PreparedRecording(Shown):
         for samples, make in self._uncut(kinematics):
             every.append(make)
             rows += samples
-            if rows >= _FEW * WINDOW:
+            if rows >= MOST_WINDOWS * WINDOW:  # the beginning stands for a log without an excerpt
                 break
         count = max(most, round(most * WINDOW * len(every) / max(rows, 1)))
         chosen = np.unique(np.linspace(0, len(every) - 1, count).round().astype(int))

@@ -27,15 +27,12 @@ from deltaid.recording.delay import LagGrowth, Shift, delayed
 from deltaid.recording.filter import LowPass, design_low_pass
 from deltaid.recording.hold import Hold, filled
 from deltaid.recording.masks.masks import joined_times, within
-from deltaid.recording.table import AT_ONCE, recut
+from deltaid.recording.table import recut
+from deltaid.recording.windows import rows_at_once
 from deltaid.robot.description import RobotDescription
 
 Values = Float[np.ndarray, "samples drives"]
 
-# Rows put right at once are so many times the filter's length at least.
-_LONG = 4
-# Periods of the cut-off after which 3 % is left of what the second derivative makes of a step.
-_PERIODS = 2
 Samples = Float[np.ndarray, "samples dof"]
 # Reasons to leave stretches out, and why these say nothing about the robot.
 CONTACT, SPIKE, STOP, JOLT = "contact", "torque spike", "stop", "jolt"
@@ -93,8 +90,7 @@ class Gears:
         """
         low_pass = self.low_pass(rate)
         lost = 2 * low_pass.margin
-        size = max(AT_ONCE, _LONG * len(low_pass.first))
-        for wide in recut(segment, size, 2 * lost):
+        for wide in recut(segment, rows_at_once(2 * lost), 2 * lost):
             if len(wide) > 2 * lost:
                 yield self._rows(wide, columns, low_pass)
 
@@ -113,11 +109,8 @@ class Gears:
         motion = [x[lost : len(x) - lost] for x in (qd, qdd)]
         out[:, columns.torque_places] -= self.less(*motion, *wound[1:])
         # While a robot rests or brakes hold it, gears need not carry what its drives exert.
-        idle, reach = (
-            wide[:, -dof:].max(axis=1) == 0.0,
-            round(_PERIODS * low_pass.rate / self.cutoff),
-        )
-        unknown = maximum_filter1d(idle, 2 * reach + 1)
+        idle = wide[:, -dof:].max(axis=1) == 0.0
+        unknown = maximum_filter1d(idle, 2 * low_pass.margin + 1)
         out[unknown[2 * lost : len(wide) - 2 * lost], -dof:] = 0.0
         return out
 

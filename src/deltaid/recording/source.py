@@ -27,8 +27,9 @@ from deltaid.recording.address import Pick, RecordedField, locate, printable
 Column = pl.Series | np.ndarray
 # Rows that are read or looked at together, unless a file has pieces of its own.
 BATCH_ROWS = 1 << 16
-# Bytes read at once: few, because a chunk may unpack to a thousand times its size.
-_CHUNK = 1 << 14
+# Bytes read at once: few, because a chunk may unpack to a thousand times its size. The first ones
+# show the kind of a file.
+CHUNK = 1 << 14
 _GZIP = b"\x1f\x8b"
 ZSTD = b"\x28\xb5\x2f\xfd"
 _UTF_16 = (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)
@@ -289,7 +290,7 @@ def _unpacked(
 ) -> Iterator[bytes]:
     """What compressed data holds; members and frames that follow one another are joined."""
     unpacker: Any = None
-    while data := file.read(_CHUNK):
+    while data := file.read(CHUNK):
         # Files from tapes and some loggers are filled up with zeros.
         while data and (unpacker or data.strip(b"\0")):
             unpacker = unpacker or new()

@@ -19,7 +19,7 @@ _OUTPUTS, _CHUNK = 16, 1 << 17
 # Outputs that are so many samples apart are few.
 _SPARSE = 8
 # Samples of a segment.
-_SEGMENT = 4096
+SEGMENT = 4096
 # Power that stands out is so many times the noise: 20 dB. Noise of an encoder that stays on its
 # steps is taken for what it is where it is so many times that of the upper half of the band.
 _ABOVE, _COLOURED = 100.0, 4.0
@@ -162,11 +162,11 @@ class SpectrumEstimate:
     def noise(self) -> Float[np.ndarray, " dof"]:
         """Standard deviation of each position's noise, by its floor; 0 without a full segment."""
         floor = self._floor / max(self.segments, 1)
-        return np.sqrt(floor / np.sum(blackman_harris(_SEGMENT) ** 2))
+        return np.sqrt(floor / np.sum(blackman_harris(SEGMENT) ** 2))
 
     @property
     def _floor(self) -> Float[np.ndarray, " dof"]:
-        return np.median(self.power[:, _SEGMENT // 4 :], axis=1)
+        return np.median(self.power[:, SEGMENT // 4 :], axis=1)
 
     @property
     def _noise_floor(self) -> Float[np.ndarray, " dof"]:
@@ -177,8 +177,8 @@ class SpectrumEstimate:
         """
         floor, changes = self._floor, self.changes / self.segments
         step = np.where(np.isfinite(self.step), self.step, 0.0)
-        white = step**2 / 12 * np.sum(blackman_harris(_SEGMENT) ** 2) * self.segments
-        steps = white / np.maximum(2 * changes, 1 / _SEGMENT)
+        white = step**2 / 12 * np.sum(blackman_harris(SEGMENT) ** 2) * self.segments
+        steps = white / np.maximum(2 * changes, 1 / SEGMENT)
         return np.where((2 * changes < 1) & (steps > _COLOURED * floor), steps, floor)
 
     def cutoff(self, rate: float) -> float | None:
@@ -191,7 +191,7 @@ class SpectrumEstimate:
         """
         if not self.segments:
             return None
-        frequency = np.fft.rfftfreq(_SEGMENT, 1 / rate)
+        frequency = np.fft.rfftfreq(SEGMENT, 1 / rate)
         above = np.flatnonzero(self._loud.any(axis=0))
         top = frequency[above[-1]] if above.size else frequency[1]
         return float(np.clip(2 * top, LOWEST_CUTOFF, HIGHEST * rate))
@@ -203,7 +203,7 @@ class SpectrumEstimate:
         """
         if not self.segments:
             return None
-        frequency = np.fft.rfftfreq(_SEGMENT, 1 / rate)
+        frequency = np.fft.rfftfreq(SEGMENT, 1 / rate)
         speed = np.where(self._loud, self.power, 0.0) * frequency**2
         total = speed.sum(axis=1, keepdims=True)
         share = np.cumsum((speed / np.where(total > 0, total, 1.0)).sum(axis=0))
@@ -221,10 +221,10 @@ class SpectrumEstimate:
 def spectrum_of(q: Float[np.ndarray, "samples dof"]) -> SpectrumEstimate:
     """Spectra of consecutive samples; a remainder shorter than a segment is left out, unless it is
     all there is."""
-    starts = range(0, len(q) - _SEGMENT + 1, _SEGMENT)
-    power = np.zeros((q.shape[1], _SEGMENT // 2 + 1))
+    starts = range(0, len(q) - SEGMENT + 1, SEGMENT)
+    power = np.zeros((q.shape[1], SEGMENT // 2 + 1))
     for start in starts:
-        power += _segment(q[start : start + _SEGMENT])
+        power += _segment(q[start : start + SEGMENT])
     if not starts and len(q) >= SpectrumEstimate.SHORTEST:
         power += _segment(q)
     segments = len(starts) or int(power.any())
@@ -239,7 +239,7 @@ def _segment(q: Float[np.ndarray, "samples dof"]) -> Float[np.ndarray, "dof freq
     t = np.arange(len(q)) - 0.5 * (len(q) - 1)
     level = q - q.mean(axis=0)
     level -= np.outer(t, t @ level / (t @ t))  # without its straight line
-    return np.abs(np.fft.rfft(level.T * blackman_harris(len(q)), _SEGMENT, axis=1)) ** 2
+    return np.abs(np.fft.rfft(level.T * blackman_harris(len(q)), SEGMENT, axis=1)) ** 2
 
 
 @cache

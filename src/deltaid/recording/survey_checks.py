@@ -20,19 +20,21 @@ from deltaid.recording.columns import Columns
 from deltaid.recording.filter import LOWEST_RATE
 from deltaid.recording.source import LogTable
 from deltaid.recording.time.clock import HIGHEST_RATE, Clock
-from deltaid.recording.time.grid import FASTEST, usual_step
+from deltaid.recording.time.grid import FASTEST, FEWEST, usual_step
+from deltaid.recording.time.signals import GAP
+from deltaid.recording.units import MOST_WRONG
 from deltaid.robot.description import RobotDescription
+from deltaid.robot.part import LARGEST
 
 # How many times a described limit may be exceeded.
 _FACTOR = 100.0
-# s, and the largest magnitudes of position, velocity, acceleration and torque of a turning drive
+# Largest magnitudes of position, velocity, acceleration and torque of a turning drive
 # [rad, rad/s, rad/s², N m] and of a sliding one [m, m/s, m/s², N].
-_LONGEST = 1e12
 _TURNING = (1e5, 1e3, 1e6, 1e6)
 _SLIDING = (100.0, 300.0, 1e6, 1e7)
 _UNITS_OF = {False: ("rad", "rad/s", "rad/s²", "N m"), True: ("m", "m/s", "m/s²", "N")}
-# Rates are compared with their columns over so long [s].
-_STRETCH = 0.02
+# Rates are compared with their columns over so long [s]; motion is slower.
+STRETCH = 0.02
 # Columns that go together this well (squared correlation) must agree in scale; below the other
 # value they hardly belong to the same drive.
 _TOGETHER, _APART = 0.9, 0.3
@@ -44,12 +46,6 @@ _SLIGHT = 1e-3
 _LIKELY = {"degrees": 180 / np.pi, "rpm": 30 / np.pi}
 # A step that is off the usual one by more than this share is uneven.
 _JITTER = 0.05
-# Rows so many usual steps apart are not compared with one another.
-_FAR_APART = 5.0
-# A time column that goes back in a larger share of its rows is none.
-_MOST_BACKWARD = 0.2
-# Fewest steps of stamps that several rows share; fewer do not tell the rate.
-_FEWEST_STEPS = 32
 
 
 class DerivativeCheck:
@@ -70,7 +66,7 @@ class DerivativeCheck:
         if not self._names or len(time) < 2:
             return
         step = np.diff(time)
-        share = min(_STRETCH / float(time[-1] - time[0]), 2.0)  # more than 1: nothing to compare
+        share = min(STRETCH / float(time[-1] - time[0]), 2.0)  # more than 1: nothing to compare
         every = max(1, round(share * len(step)))
         area = 0.5 * (rate[1:] + rate[:-1]) * step[:, None]
         integral = np.vstack([np.zeros(area.shape[1]), np.cumsum(area, axis=0)])
@@ -118,7 +114,7 @@ class Bounds:
 
     def __init__(self, table: LogTable, columns: Columns, robot: RobotDescription) -> None:
         self._table, self._columns = table, columns
-        largest, units = [_LONGEST], ["s"]
+        largest, units = [LARGEST], ["s"]
         parts = (columns.position, columns.velocity, columns.acceleration, columns.torque)
         for quantity, channels in enumerate(parts):
             for drive, _ in zip(robot.drives, channels, strict=False):
@@ -244,7 +240,7 @@ class ClockCheck:
             self.step = float(np.median(known))
             usual = self.step if self.step > 0 else usual_step(time)[0]
             self.period = max(usual, FASTEST) if usual else 0.0
-            self._apart = _FAR_APART * max(self.step, float(np.quantile(known, 0.95)))
+            self._apart = GAP * max(self.step, float(np.quantile(known, 0.95)))
         if not self.samples:
             self.first_time = float(time[0])
         self.last_time = float(time[-1])
@@ -270,12 +266,12 @@ class ClockCheck:
             what = "runs backwards"
         elif not self.forward:
             what = f"is {self.first_time:.10g} s in all rows: it does not run"
-        elif self.forward < _FEWEST_STEPS and 2 * self.forward < samples - 1:
+        elif self.forward < FEWEST and 2 * self.forward < samples - 1:
             what = (
                 f"changes in only {self.forward} of {samples} rows, too few to determine the "
                 "sampling rate"
             )
-        elif self.backward > _MOST_BACKWARD * samples:
+        elif self.backward > MOST_WRONG * samples:
             what = f"goes back in {self.backward} of {samples} rows; it is no time"
         else:
             return

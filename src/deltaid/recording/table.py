@@ -25,21 +25,16 @@ from deltaid.recording.formats.matlab import is_matlab, open_matlab
 from deltaid.recording.formats.rosbag import open_bag
 from deltaid.recording.formats.twincat import is_scope, open_scope
 from deltaid.recording.mapping import ColumnMapping
-from deltaid.recording.source import BATCH_ROWS, Column, LogTable, Rows, content, packed_by
+from deltaid.recording.source import BATCH_ROWS, CHUNK, Column, LogTable, Rows, content, packed_by
 from deltaid.recording.time.counts import Unwrapper, in_seconds, unwrappers
+from deltaid.robot.part import LARGEST
 
-# Rows that are corrected together.
-AT_ONCE = 8000
-# Where signatures of some kind of file end [bytes].
-_START = 4096
 _FOREIGN = {
     b"PK\x03\x04": "an Excel workbook or a ZIP archive",
     b"\xd0\xcf\x11\xe0": "an old Excel workbook",
 }
 # How states are written as text.
 _TRUE, _FALSE = ("true", "on"), ("false", "off")
-# Numbers of sensors beyond this stand for nothing, such as the 1e38 of some loggers.
-_LARGEST = 1e12
 
 
 @dataclass(frozen=True)
@@ -48,8 +43,8 @@ class Format:
 
     Attributes:
         name: what a file of this kind is called, such as 'a Parquet file'.
-        claims: whether a file is of this kind, by its signature: takes the first 4096 bytes,
-            without compression, empty for a folder; and the file or folder.
+        claims: whether a file is of this kind, by its signature: takes its first bytes without
+            compression, empty for a folder; and the file or folder.
         open: reads what a file holds, but none of its numbers. Raises a RecordingError if it is
             damaged, or a library that reads it is not installed.
         suffixes: ends of names that stand for this kind where no signature is known.
@@ -98,7 +93,7 @@ def open_table(path: Path, mapping: ColumnMapping | None = None) -> LogTable:
     start = b""
     if not os.path.isdir(path):  # unlike Path.is_dir it never raises
         with content(path) as file:
-            start = file.read(_START)
+            start = file.read(CHUNK)
         if not start:
             raise RecordingError("is empty", where=str(path), cure="copy or export it again")
     found = next((kind for kind in FORMATS if kind.claims(start, path)), None)
@@ -184,7 +179,8 @@ def to_si(
             if channel.scale != 1:
                 values[:, k] *= channel.scale
     shown = values[:, columns.sensor_places]
-    shown[~(np.abs(shown) <= _LARGEST)] = np.nan
+    # Larger numbers stand for none, such as the 1e38 of some loggers.
+    shown[~(np.abs(shown) <= LARGEST)] = np.nan
     finite = np.isfinite(values)
     finite[:, columns.sensor_places] = True
     if not finite.all():

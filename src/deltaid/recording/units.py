@@ -67,8 +67,8 @@ _GRAMMAR = re.compile(
     rf"(?P<unit>{_NAME}(?:[ ]?[*·./ ][ ]?{_NAME}){{0,4}})"
 )
 Signal = Float[np.ndarray, " rows"]
-# Share of steps of a time that may run backwards, as damage.
-_BACKWARDS = 0.01
+# A column is no time if a larger share of its stamps goes back, or is far off its neighbours.
+MOST_WRONG = 0.2
 # Usual steps that can be of one unit only, recorded at 10 Hz to 20 kHz: seconds up to the step
 # that would be 100 kHz in ms; ms where seconds would be slower than 10 Hz and the number is no
 # cycle's; ns where ticks of 100 ns would be slower.
@@ -187,7 +187,7 @@ def time_unit(start: Signal | None) -> str | None:
     if start is None or len(start) < 2:
         return ""
     steps = np.diff(start)
-    if not np.isfinite(start).all() or start[-1] <= start[0] or np.mean(steps < 0) > _BACKWARDS:
+    if not np.isfinite(start).all() or start[-1] <= start[0] or np.mean(steps < 0) > MOST_WRONG:
         return None
     usual = float(np.median(steps[steps > 0]))
     return next((unit for unit, low, high in _STEPS if low <= usual <= high), "")

@@ -198,9 +198,13 @@ class Window:
 def blocks(rows: Iterable[Rows], low_pass: LowPass) -> Iterator[Rows]:
     """The rows of one segment as blocks from which windows can be made apart from each other."""
     overlap = low_pass.reach
-    # Of long filters the overlap is what costs.
-    size = -(-max(WINDOW, 2 * overlap) // low_pass.thinned) * low_pass.thinned
+    size = -(-rows_at_once(overlap) // low_pass.thinned) * low_pass.thinned
     return recut(rows, size, overlap)
+
+
+def rows_at_once(overlap: int) -> int:
+    """Rows by which blocks that share `overlap` rows advance: of a window, or twice the overlap."""
+    return max(WINDOW, 2 * overlap)
 
 
 def window_of(

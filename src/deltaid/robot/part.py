@@ -116,7 +116,7 @@ def _tree(value: Any) -> Value:
     return value if isinstance(value, bool | int | float | str) else None
 
 
-_LARGEST, _SMALLEST = 1e12, 1e-12  # so that no product of several is near overflow
+LARGEST, _SMALLEST = 1e12, 1e-12  # so that no product of several is near overflow
 _LONGEST, _SHORTEST = 100.0, 1e-6  # m
 _HEAVIEST, _LIGHTEST = 1e6, 1e-9  # kg
 _FASTEST = 300.0  # m/s
@@ -161,12 +161,12 @@ _LENGTH = limited(_SHORTEST, _LONGEST, "{:g} m cannot be; lengths are in metres"
 
 Positive = Annotated[
     float,
-    Field(gt=0, le=_LARGEST),
+    Field(gt=0, le=LARGEST),
     limited(_SMALLEST, math.inf, "{:g} is next to nothing; is its unit right?"),
     _limits(minimum=_SMALLEST),
 ]
-NotNegative = Annotated[float, Field(ge=0, le=_LARGEST)]
-Coordinate = Annotated[float, Field(ge=-_LARGEST, le=_LARGEST)]
+NotNegative = Annotated[float, Field(ge=0, le=LARGEST)]
+Coordinate = Annotated[float, Field(ge=-LARGEST, le=LARGEST)]
 Length = Annotated[float, Field(gt=0), _LENGTH, _limits(minimum=_SHORTEST, maximum=_LONGEST)]
 # May be zero.
 Radius = Annotated[

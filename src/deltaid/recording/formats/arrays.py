@@ -32,7 +32,9 @@ _KINDS = {
     "M": "dates",
     "m": "durations",
 }
-# The one array of a .npy file is called so.
+# Times by which deflate makes data smaller at best.
+DEFLATE_RATIO = 1100
+# Name of the array of a .npy file.
 _ONLY = "array"
 _END = ".npy"
 # What numpy and zipfile raise over damaged files.
@@ -159,7 +161,7 @@ def open_npz(path: Path, mapping: ColumnMapping) -> LogTable:
             with archive.open(member) as file:
                 shape, _, dtype = _header(file)
             claimed, size = math.prod(shape) * dtype.itemsize, member.compress_size
-            is_sane = claimed <= member.file_size <= (size + 100) * 1100
+            is_sane = claimed <= member.file_size <= (size + 100) * DEFLATE_RATIO
             if not (is_sane or dtype.hasobject):  # objects are not read at all
                 raise ValueError(f"{member.filename} claims {claimed} bytes, but has {size}")
             fields += fields_of(member.filename.removesuffix(_END), shape, dtype)

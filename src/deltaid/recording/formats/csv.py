@@ -26,14 +26,13 @@ from deltaid.recording.formats.csv_lines import (
     separator_of,
 )
 from deltaid.recording.formats.csv_table import CsvTable
+from deltaid.recording.mapped_columns import NEEDED
 from deltaid.recording.mapping import ColumnMapping
 from deltaid.recording.source import LogTable, content
 from deltaid.recording.units import is_unit
 
 # Lines in which the names are looked for, and comments that may stand together.
 _SEARCHED_LINES = 200
-# Columns of a recording at least: time, a position, a torque.
-_FEWEST = 3
 _DEFAULT_NAME = re.compile(r"t|time|(?:q|qd|qdd|tau)(?:\d+|\[\d+\])")
 
 
@@ -164,7 +163,7 @@ def _row_above_numbers(lines: HeadLines) -> int | None:
             return None
         separator = separator_of(as_text(lines[row]))
         names, *below = (cells_of(as_text(lines[row + k]), separator) for k in range(3))
-        if len(names) < _FEWEST or any(is_number(name) for name in names):
+        if len(names) < len(NEEDED) or any(is_number(name) for name in names):
             continue
         for cells in below:
             filled = [cell for cell in cells if cell]

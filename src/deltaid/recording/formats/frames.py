@@ -29,8 +29,6 @@ from deltaid.recording.time.counts import in_seconds, is_clock
 _DataType = Any
 # Ticks a second of the units of durations.
 _PER_SECOND = {"ns": 1e9, "us": 1e6, "ms": 1e3}
-# Several slices share a row group, of which each decodes more than its own rows.
-_SLICE_ROWS = 1 << 17
 
 
 def fields_of(frame: pl.LazyFrame) -> tuple[RecordedField, ...]:
@@ -145,7 +143,7 @@ class ParquetTable(LogTable):
             frame = frame.select(tops(frame.collect_schema().names(), picks))
         while True:
             with _decoding(self.path):
-                part = frame.slice(row, _SLICE_ROWS).collect()
+                part = frame.slice(row, BATCH_ROWS).collect()
                 found = rows_of(part, picks)
             if not part.height:
                 return

@@ -12,22 +12,22 @@ import numpy as np
 
 from deltaid.errors import RecordingError
 from deltaid.recording.address import Pick, RecordedField
-from deltaid.recording.formats.arrays import Arrays, ArrayTable, entries_of, fields_of
-from deltaid.recording.formats.matlab import matlab_object
+from deltaid.recording.formats.arrays import (
+    DEFLATE_RATIO,
+    Arrays,
+    ArrayTable,
+    entries_of,
+    fields_of,
+)
+from deltaid.recording.formats.matlab import DEEPEST, MOST_FIELDS, matlab_object
 from deltaid.recording.mapping import ColumnMapping
 from deltaid.recording.source import BATCH_ROWS, LogTable, first_line, library, readable
 
 _SIGNATURE = b"\x89HDF\r\n\x1a\n"
 # A user block, such as that of MATLAB, may come first.
 _STARTS = (0, 512, 1024, 2048)
-# Fields that are looked at, and levels of groups.
-_MOST, _DEEPEST = 2000, 16
-# Of one chunk, which is unpacked as a whole [bytes].
+# Largest chunk, which is unpacked as a whole [bytes]; zeros of that size need not be stored.
 _LARGEST_CHUNK = 1 << 30
-# Times that deflate, the usual filter, makes numbers smaller at best.
-_BEST_RATIO = 1100
-# Less than this may be claimed of nothing stored: zeros [bytes].
-_ALWAYS_SANE = 1 << 28
 # For chunks between two cuts, each dataset's, and for the cuts themselves [bytes].
 _CACHE, _HELD = 1 << 24, 1 << 27
 # What h5py raises over damaged files.
@@ -50,7 +50,7 @@ def open_hdf5(path: Path, mapping: ColumnMapping) -> LogTable:
     """An HDF5 file: its groups and datasets."""
     with _opened(path) as file, path.open("rb") as start:
         by_matlab = file.userblock_size >= 512 and start.read(6) == b"MATLAB"
-        found = list(islice(_contents(file, by_matlab), _MOST))
+        found = list(islice(_contents(file, by_matlab), MOST_FIELDS))
     places = {field.name: place for field, place in found if place}
     fields = tuple(field for field, _ in found)
     return ArrayTable(path, fields, partial(_arrays, path, places, by_matlab))
@@ -90,7 +90,7 @@ class _Dataset:
         # Sizes that only a damaged header claims are refused before memory is asked for.
         chunk = math.prod(self._chunks) * dataset.dtype.itemsize
         stored = dataset.id.get_storage_size()
-        if chunk > _LARGEST_CHUNK or dataset.nbytes > max(stored * _BEST_RATIO, _ALWAYS_SANE):
+        if chunk > _LARGEST_CHUNK or dataset.nbytes > max(stored * DEFLATE_RATIO, _LARGEST_CHUNK):
             raise RecordingError(
                 f"claims {dataset.nbytes:.3g} bytes in chunks of {chunk:.3g}, but "
                 f"{stored:.3g} are stored",
@@ -141,7 +141,7 @@ def _contents(
     for key in group:
         hidden = by_matlab and not depth and key.startswith("#")
         linked = type(group.get(key, getlink=True)).__name__ == "HardLink"
-        if linked and not hidden and depth <= _DEEPEST:
+        if linked and not hidden and depth <= DEEPEST:
             mark = ("." if by_matlab else "/") if name else ""
             yield from _held(f"{name}{mark}{key}", group[key], by_matlab, depth)
 
@@ -174,7 +174,7 @@ def _members(name: str, item: Any, depth: int) -> Iterator[tuple[RecordedField, 
     """
     base, mark, last = name.rpartition(".")
     in_struct = mark and _matlab_class(item) != "cell"
-    for i, reference in enumerate(item[()].T.ravel()[:_MOST] if depth <= _DEEPEST else ()):
+    for i, reference in enumerate(item[()].T.ravel()[:MOST_FIELDS] if depth <= DEEPEST else ()):
         numbered = f"{base}[{i}].{last}" if in_struct else f"{name}[{i}]"
         yield from _held(numbered, item.file[reference], True, depth + 1)
 

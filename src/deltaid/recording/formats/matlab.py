@@ -20,7 +20,7 @@ import numpy as np
 
 from deltaid.errors import RecordingError
 from deltaid.recording.address import Pick, RecordedField
-from deltaid.recording.formats.arrays import Arrays, ArrayTable
+from deltaid.recording.formats.arrays import DEFLATE_RATIO, Arrays, ArrayTable
 from deltaid.recording.mapping import ColumnMapping
 from deltaid.recording.source import BATCH_ROWS, LogTable, opened
 
@@ -46,7 +46,7 @@ _HOLDS = {_TEXT: "text", _SPARSE: "a sparse matrix", _FUNCTION: "a function"}
 # Flags of a matrix that has an imaginary part, and of one of truth values.
 _COMPLEX, _LOGICAL = 0x800, 0x200
 # Levels of structs, and fields of a variable, that are looked at; bytes that hold every header.
-_DEEPEST, _MOST, _HEAD = 16, 2000, 1 << 14
+DEEPEST, MOST_FIELDS, _HEAD = 16, 2000, 1 << 14
 _CURES = {
     "timetable": "s.t = seconds(x.Time - x.Time(1)); s.q = x.Variables",
     "timeseries": "s.t = x.Time; s.q = squeeze(x.Data)",
@@ -79,7 +79,7 @@ class MatVariable:
         try:
             start = zlib.decompressobj().decompress(held, 8)
             size = 8 + int(np.frombuffer(start, f"{self.order}u4", 2)[1])
-            if size > _HEAD + 1100 * len(held):  # no more than deflate can do
+            if size > _HEAD + DEFLATE_RATIO * len(held):
                 raise DamagedMatError(f"{where} claims {size} bytes")
             size = min(size, most or size)
             whole = zlib.decompressobj().decompress(held, size)
@@ -202,7 +202,7 @@ def _contents(data: memoryview, variable: MatVariable) -> Iterator[_Held]:
     head = _Reader(variable.unpacked(data, _HEAD), variable)
     if head.next_class() in (_CELL, _STRUCT, _OBJECT):
         head = _Reader(variable.unpacked(data), variable)
-    yield from islice(head.matrix("", 0), _MOST)
+    yield from islice(head.matrix("", 0), MOST_FIELDS)
 
 
 class _Reader:
@@ -254,7 +254,7 @@ class _Reader:
     def _entries(self, name: str, kind: int, count: int, end: int, depth: int) -> Iterator[_Held]:
         tails = [""] if kind == _CELL else self._fields()
         entries = count * len(tails)
-        if entries * 8 > end - self._at or depth > _DEEPEST:
+        if entries * 8 > end - self._at or depth > DEEPEST:
             raise DamagedMatError(f"{self._where} claims {entries} entries at level {depth}")
         for i in range(count):
             base = name if kind != _CELL and count == 1 else f"{name}[{i}]"

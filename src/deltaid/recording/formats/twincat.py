@@ -13,6 +13,7 @@ decimal mark are options of the export.
 
 import re
 from collections.abc import Iterator
+from datetime import datetime, timedelta
 from pathlib import Path
 
 from deltaid.errors import RecordingError, visible
@@ -32,8 +33,8 @@ _MARKS = re.compile(
     rb'\n"?(?:File|Starttime of export|StartRecord|SymbolName|SymbolComment|Data-Type|NetI[dD]|'
     rb'SampleTime\[ms\]|IndexGroup)"?[^\w"\r\n]'
 )
-# Times as Windows counts them, in 100 ns since 1601, are beyond this; in ms they never are.
-_FILE_TIME = 1e16
+# 1970 as Windows counts time, in 100 ns since 1601; times in ms never get there.
+_FILE_TIME = (datetime(1970, 1, 1) - datetime(1601, 1, 1)) // timedelta(microseconds=1) * 10
 
 
 def is_scope(start: bytes, path: Path) -> bool:

@@ -33,7 +33,7 @@ from deltaid.recording.masks.stuck import Extreme, StaleSearch
 from deltaid.recording.source import LogTable
 from deltaid.recording.time.clock import Clock
 
-# Rest lasts so long at least [s], and so many rows.
+# Rest, and rest on brakes, lasts so long at least [s]; rest so many rows.
 _LASTS, _ROWS = 0.04, 5
 # In that time positions stay within so many encoder steps and so many times the narrowest band that
 # the drive ever stayed in; over a whole rest within so many times that, or that a second.
@@ -50,8 +50,6 @@ Rows = Float[np.ndarray, "rows dof"]
 # A channel at its end is taken to stay there for so long [s] between two samples on it: noise took
 # it off for a moment, and what it leaves there is noise of one sign.
 _BETWEEN = 0.003
-# What is on brakes or not is not told apart in less than this [s].
-_SHORT = 0.04
 # An emergency stop ends so long after the drives are without torque at most [s].
 _STOPS = 1.5
 # A gripper's signal and its grip are so far apart at most [s].
@@ -224,7 +222,7 @@ class MaskSearch:
         stale, off = self._stale.runs(rest.steps), rest.off
         resting = without(rest.at_rest, stale)
         resting = resting[resting[:, 1] - resting[:, 0] >= rest.overlap]
-        on_brakes = _on_brakes(resting, off, round(_SHORT / rest.period))
+        on_brakes = _on_brakes(resting, off, round(_LASTS / rest.period))
         found: list[Found] = [
             ("standing still", everyone, without(resting, on_brakes)),
             ("on brakes", everyone, on_brakes),

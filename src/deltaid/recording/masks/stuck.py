@@ -36,7 +36,7 @@ Rows = Float[np.ndarray, "_ _"]
 _STEPS, _FARTHER = 3.0, 1.5
 # Rows on either side of a bridge, half as many as it is long, and the degree of the polynomial that
 # fits them all; a lower one over a bridge much longer than what is beside it.
-_FEWEST, _BESIDE, _DEGREE, _STIFF = 6, 32, 5, 3
+_FEWEST, _BESIDE, DEGREE, _STIFF = 6, 32, 5, 3
 
 
 @dataclass
@@ -181,7 +181,7 @@ def bridge(values: Float[np.ndarray, "rows channels"], runs: Runs) -> None:
         if not len(near):
             continue
         middle, half = 0.5 * (near[0] + near[-1]), max(0.5 * (near[-1] - near[0]), 1.0)
-        highest = _STIFF if last - first > 3 * beside else _DEGREE
+        highest = _STIFF if last - first > 3 * beside else DEGREE
         degree = 0 if at in (0, len(good)) else min(highest, len(near) - 1)
         level, there = values[near].mean(axis=0), rows[first : last + 1]
         powers = np.vander((near - middle) / half, degree + 1)

@@ -9,13 +9,12 @@ from jaxtyping import Bool, Float, Int
 from deltaid.errors import Doubt, RecordingError
 from deltaid.recording.masks.masks import Runs
 from deltaid.recording.source import LogTable
+from deltaid.recording.units import MOST_WRONG
 
 # No drive is sampled faster [Hz]; a higher rate is a wrong unit of time.
 HIGHEST_RATE = 1e6
-# Jitter that is worth a word, as a share of a period.
-_WORTH = 0.01
-# Where a larger share of stamps is far off those about them, none is believed.
-_MOST_WILD = 0.2
+# Jitter that needs no explanation [periods, rms].
+JITTER = 0.01
 
 
 @dataclass(frozen=True, eq=False)
@@ -177,7 +176,7 @@ def doubts_about_stamps(clock: Clock, table: LogTable, column: str) -> Iterator[
     Raises:
         RecordingError: too many stamps are none.
     """
-    if clock.wild > _MOST_WILD * clock.rows:
+    if clock.wild > MOST_WRONG * clock.rows:
         raise RecordingError(
             f"column {column} jumps about: {clock.wild} of {clock.rows} stamps are far off those "
             "before and after them; it is no time",
@@ -203,7 +202,7 @@ def doubts_about_stamps(clock: Clock, table: LogTable, column: str) -> Iterator[
             cure="log in the controller's own cycle",
             key="clock",
         )
-    elif share > _WORTH:
+    elif share > JITTER:
         why = "positions are even" if clock.even else "positions do not show which is right"
         yield Doubt(
             f"stamps of {column} jitter by {off}; {why}, so rows are taken as evenly spaced at "

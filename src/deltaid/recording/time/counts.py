@@ -29,7 +29,7 @@ _ISO = (
 # Ticks a second of the units of dates.
 _PER_SECOND = {"ns": 1e9, "us": 1e6, "ms": 1e3}
 # Whole numbers beyond this are no longer exact as float64.
-_EXACT = 2**53
+_EXACT = 2 / np.finfo(float).eps
 # A step counts as a new round if it misses the period by less than this share, and so do its
 # neighbours from rest.
 _NEAR = 0.25

@@ -13,6 +13,8 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 from scipy.ndimage import median_filter, minimum_filter1d, uniform_filter1d
 
+from deltaid.recording.time.clock import HIGHEST_RATE
+
 Times = Float[np.ndarray, " rows"]
 
 # Jitter [periods, rms] from which single stamps no longer tell a row's place by themselves.
@@ -21,20 +23,16 @@ SHARP = 0.1
 _BLURRED, _AVERAGED = 0.17, 0.1
 # Rows that share a stamp, on average, from which stamps count as rounded.
 ROUNDED = 1.05
-# No usual step is taken for shorter [s], or places would be no numbers; what is sampled so fast is
-# refused.
-FASTEST = 5e-7
+# Shortest usual step [s]: keeps places finite; so high a rate is refused.
+FASTEST = 0.5 / HIGHEST_RATE
 # A step of this many periods and of as many shared stamps is a gap, within which the phase of the
 # grid need not go on. Rows on either side of one that must agree on where it is.
 FAR, _AGREE = 20.0, 64
-# Rows about a place whose median shows its level, up to so much jitter; how often rows that are too
-# many are looked for.
-_ABOUT, _CLEAR, _TRIES = 33, 0.6, 4
+# Rows about a place whose median is its level, up to so much jitter; rounds of the search for extra
+# rows.
+ABOUT, _CLEAR, _TRIES = 33, 0.6, 4
 # Fewest rows from which a phase is taken, and rows of a stretch of constant phase at least.
-_FEWEST, _STRETCH = 16, 256
-# Rows about a stamp whose median it is compared with: up to half as many may be off in a row, and a
-# staircase of gaps is its own median.
-_ABOUT_STAMP = 129
+FEWEST, _STRETCH = 16, 256
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,7 +65,7 @@ def place(time: Times) -> Grid:
     period, sharing = usual_step(time)
     pieces = np.split(np.arange(len(time)), far_steps(time, period, sharing))
     placed = [_placed(time[rows], period, sharing) for rows in pieces]
-    enough = [piece for piece in placed if len(piece.kept) >= _FEWEST]
+    enough = [piece for piece in placed if len(piece.kept) >= FEWEST]
     rates = np.array([[len(piece.kept), piece.period] for piece in enough])
     if len(rates):
         period = float(rates[:, 0] @ rates[:, 1] / rates[:, 0].sum())
@@ -100,7 +98,7 @@ def repaired(time: Times, period: float, sharing: float) -> tuple[Times, Bool[np
         return time, np.zeros(len(time), dtype=bool)
     rows = np.arange(len(time))
     level = time / period - rows
-    usual = medians(level, _ABOUT_STAMP)
+    usual = medians(level, 2 * _AGREE + 1)
     wild = np.abs(level - usual) > far
     return np.where(wild, period * (usual + rows), time), wild
 
@@ -129,16 +127,16 @@ def far_steps(time: Times, period: float, sharing: float) -> Int[np.ndarray, " b
 
 def _placed(time: Times, period: float, sharing: float) -> Grid:
     rows = np.arange(len(time))
-    if len(time) < _FEWEST:
+    if len(time) < FEWEST:
         return _counted(time, rows, period)
     noise = _noise(time / period, sharing)
     kept = np.flatnonzero(~_extra(time / period, noise, sharing))
-    if len(kept) < _FEWEST:
+    if len(kept) < FEWEST:
         return _counted(time, kept, period)
     period, level, width = _level(time[kept], period, noise, sharing)
     for _ in range(_TRIES):
         falls = _falls(level, noise, sharing)
-        if not falls.size or len(kept) - len(falls) < _FEWEST:
+        if not falls.size or len(kept) - len(falls) < FEWEST:
             break
         kept = np.delete(kept, falls)
         period, level, width = _level(time[kept], period, noise, sharing)
@@ -169,9 +167,9 @@ def _level(time: Times, period: float, noise: float, sharing: float) -> tuple[fl
 
 def _falls(level: Times, noise: float, sharing: float) -> Int[np.ndarray, " falls"]:
     """Rows at which the level falls for good by one, as it does where a row is one too many."""
-    if sharing > ROUNDED or noise > _CLEAR or len(level) < 2 * _ABOUT:
+    if sharing > ROUNDED or noise > _CLEAR or len(level) < 2 * ABOUT:
         return np.zeros(0, dtype=int)
-    stairs = np.round(medians(level, _ABOUT))
+    stairs = np.round(medians(level, ABOUT))
     # Below all before it: what was late only comes back.
     return np.flatnonzero(stairs[1:] < _lowest(stairs, _AGREE)[:-1]) + 1
 

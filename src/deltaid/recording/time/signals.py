@@ -19,21 +19,20 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from deltaid.errors import RecordingError
+from deltaid.recording.source import BATCH_ROWS
 from deltaid.recording.time.clock import Clock
 
-# Samples under the polynomial, and instants worked on at once.
-_POINTS, _CHUNK = 8, 1 << 14
-# A channel tells nothing of an instant if its samples about it are this many periods apart.
-_HOLE = 4.0
+# Samples on either side of an instant under the polynomial.
+SIDE = 4
+# Instants that are interpolated together: under them lie as many samples as a batch has.
+_CHUNK = BATCH_ROWS // (2 * SIDE)
+# Samples so many periods apart have a gap between them, in which nothing is known.
+GAP = 3.0
 Times = Float[np.ndarray, " samples"]
 Instants = Float[np.ndarray, " instants"]
 Values = Float[np.ndarray, "samples channels"]
 Rows = Float[np.ndarray, "_ _"]
 Places = Float[np.ndarray, " _"]
-# Samples on either side under the polynomial that bridges a hole.
-_SIDE = 4
-# Uneven samples so many periods apart say nothing of the torques between them.
-_UNTOLD = 2.5
 
 
 def interpolate(
@@ -46,7 +45,7 @@ def interpolate(
         values: one row a sample.
         at: instants, in any order; outside of `time` the polynomial at the end goes on.
     """
-    points = min(_POINTS, len(time))
+    points = min(2 * SIDE, len(time))
     out = np.empty((len(at), values.shape[1]))
     for start in range(0, len(at), _CHUNK):
         part = at[start : start + _CHUNK]
@@ -118,7 +117,7 @@ def merged(
             # There are samples close before and close after an instant.
             time = signals[k].time
             after = np.clip(np.searchsorted(time, at), 1, len(time) - 1)
-            close = time[after] - time[after - 1] < _HOLE * _period(time)
+            close = time[after] - time[after - 1] < GAP * _period(time)
             keep &= (at >= time[0]) & (at <= time[-1]) & (close | (time[after] == at))
     values = [
         signal.values[keep] if is_same else interpolate(signal.time, signal.values, at[keep])
@@ -231,7 +230,7 @@ class _Run:
             self.next_place = float(places[-1]) + 1
         self.waiting = np.concatenate([self.waiting, rows]) if self.waiting.size else rows
         self.places = np.concatenate([self.places, places])
-        beside = _SIDE * (self.longest + 1)  # rows on either side of one that is interpolated
+        beside = SIDE * (self.longest + 1)  # rows on either side of one that is interpolated
         ready = len(self.places) - beside
         if ready > 2 * beside:
             yield self._samples(int(self.places[ready]))
@@ -251,7 +250,7 @@ class _Run:
             out = interpolate(self.places, self.waiting, wanted)
             after = np.clip(np.searchsorted(self.places, wanted), 1, len(self.places) - 1)
             weights = np.minimum(self.waiting[after - 1, first:], self.waiting[after, first:])
-            near = self.places[after] - self.places[after - 1] < _UNTOLD
+            near = self.places[after] - self.places[after - 1] < GAP
             out[:, first:] = weights * near[:, None]
             out[~near, self._shown] = np.nan
         else:
@@ -266,7 +265,7 @@ class _Run:
         at = np.searchsorted(self.places, wanted)
         out = self.waiting[at]
         holes = np.flatnonzero(self.places[at] != wanted)
-        if holes.size and len(self.places) < 2 * _SIDE:  # too short to be of use
+        if holes.size and len(self.places) < 2 * SIDE:  # too short to be of use
             for k in range(out.shape[1]):
                 out[holes, k] = np.interp(wanted[holes], self.places, self.waiting[:, k])
         elif holes.size:
@@ -281,10 +280,10 @@ class _Run:
 def _about(places: Places, after: Int[np.ndarray, " holes"]) -> Int[np.ndarray, "holes points"]:
     """Rows about each sample that is missing: as far apart as those beside the hole, so that the
     polynomial does not swing in it. `after` is the row after the hole."""
-    points = 2 * _SIDE
-    room = np.minimum(after - 1, len(places) - 1 - after) // (_SIDE - 1)
+    points = 2 * SIDE
+    room = np.minimum(after - 1, len(places) - 1 - after) // (SIDE - 1)
     apart = np.clip((places[after] - places[after - 1]).astype(int), 1, np.maximum(1, room))
-    steps = apart[:, None] * np.arange(_SIDE)
+    steps = apart[:, None] * np.arange(SIDE)
     under = np.hstack([(after - 1)[:, None] - steps[:, ::-1], after[:, None] + steps])
-    near = np.clip(after - _SIDE, 0, len(places) - points)[:, None] + np.arange(points)
+    near = np.clip(after - SIDE, 0, len(places) - points)[:, None] + np.arange(points)
     return np.where((room < 1)[:, None], near, under)

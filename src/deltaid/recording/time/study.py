@@ -13,9 +13,11 @@ from itertools import chain
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
+from deltaid.recording.masks.stuck import DEGREE
 from deltaid.recording.table import recut
-from deltaid.recording.time.clock import Clock
+from deltaid.recording.time.clock import JITTER, Clock
 from deltaid.recording.time.grid import (
+    ABOUT,
     ROUNDED,
     SHARP,
     Grid,
@@ -26,31 +28,21 @@ from deltaid.recording.time.grid import (
     spread,
     usual_step,
 )
-from deltaid.recording.time.signals import weights_at
+from deltaid.recording.time.signals import GAP, weights_at
 
 # Rows that are placed at once, and as many at either end of them whose places are not trusted.
 _SIZE, _EDGE = 1 << 16, 1024
-# A step so many times the usual one is a gap where samples are uneven.
-_GAP = 3.0
 # Of two times the one over which positions are rougher by less than this share explains them.
 _CLEAR = 0.7
-# Rows on either side of one that may be there twice.
-_ABOUT = 12
-# So many rows out of place in a row end a segment.
-_OUT_OF_PLACE = 4
-# Roughness of numbers without noise [rad or m]; and jitter that needs no explanation [periods].
-_SMOOTH, _SHARP = 1e-12, 0.01
+# Positions are without noise if they are rough by less than this [rad or m].
+_SMOOTH = np.sqrt(np.finfo(float).eps)
 Rows = Float[np.ndarray, "_ _"]
 Places = Int[np.ndarray, " _"]
 # How far from where stamps suggest it a hole may be: at least so many rows, and so many times the
 # jitter, and no more than so many. Rows beside these.
 _NEAR, _REACH, _FARTHEST, _BESIDE = 8, 4.0, 128, 4
-# Degree of the polynomial.
-_DEGREE = 5
 # Longest hole that is looked at; longer ones show in the stamps.
 _LONGEST = 3
-# By how much the log-likelihood must be better before stamps are overruled.
-_BETTER = 10.0
 
 
 def study(batches: Iterable[Rows], dof: int) -> Clock:
@@ -135,8 +127,8 @@ class _Notes:
         kept = single[grid.kept]
         if spread(grid.off) > SHARP:
             grid = _revised(grid, block[kept, 1 : 1 + self.dof])
-        # Where many were stamped alike, or written between others, nobody knows what is missing.
-        grid.lost[np.flatnonzero(np.diff(grid.kept) > _OUT_OF_PLACE) + 1] = -1
+        # Between more rows out of place than a hole may have, the number of lost rows is unknown.
+        grid.lost[np.flatnonzero(np.diff(grid.kept) > _LONGEST + 1) + 1] = -1
         if wild.any():
             grid = grid.without(wild[kept])
             kept = single[grid.kept]
@@ -155,7 +147,7 @@ class _Notes:
         kept = np.concatenate(later)
         steps = np.diff(time[kept], prepend=time[kept[:1]])
         usual = float(np.median(steps[1:])) if len(steps) > 1 else 1.0
-        far = steps > _GAP * usual
+        far = steps > GAP * usual
         lost = np.where(far, np.round(steps / usual) - 1, 0).astype(int)
         restarts = np.cumsum([len(rows) for rows in later[:-1]], dtype=int)
         lost[restarts] = -1
@@ -188,7 +180,7 @@ class _Notes:
     def is_even(self) -> bool | None:
         """Whether positions follow the grid; None if they do not tell."""
         steps, total, squares = self.even.sums
-        if self.rounded or squares * steps < (_SHARP * total) ** 2:
+        if self.rounded or squares * steps < (JITTER * total) ** 2:
             return True
         least = _SMOOTH * self.rows
         ratio = np.maximum(self.by_stamps, least) / np.maximum(self.by_grid, least)
@@ -242,9 +234,10 @@ def _doubled(block: Rows) -> Bool[np.ndarray, " rows"]:
     if sharing > ROUNDED:
         return doubled & alone
     # Stamped anew: as many rows more in the same time.
-    level = medians(block[:, 0] / usual - np.arange(len(block)), 2 * _ABOUT + 1)
+    level = medians(block[:, 0] / usual - np.arange(len(block)), ABOUT)
     rows = np.flatnonzero(alone & ~doubled)
-    before, after = np.maximum(rows - _ABOUT - 1, 0), np.minimum(rows + _ABOUT + 1, len(block) - 1)
+    side = ABOUT // 2 + 1
+    before, after = np.maximum(rows - side, 0), np.minimum(rows + side, len(block) - 1)
     doubled[rows[level[after] - level[before] < -0.5]] = True
     return doubled
 
@@ -283,7 +276,8 @@ def _revised(grid: Grid, q: Float[np.ndarray, "kept dof"]) -> Grid:
         likely = _likelihood(around, missing, near)  # of no hole, then of each place
         best = likely.argmax(axis=1)
         gain = likely[np.arange(len(at)), best] - likely[:, 1 + near]
-        sure = gain > _BETTER
+        # At a likelihood ratio above the number of rows, chance overrules less than one hole.
+        sure = gain > np.log(rows)
         lost[at[sure]] = 0
         moved = sure & (best > 0)
         lost[at[moved] + best[moved] - 1 - near] = missing
@@ -297,12 +291,12 @@ def _likelihood(
     side = near + _BESIDE
     x = np.arange(-side, side)
     places = [side, *range(-near, near + 1)]
-    free = len(x) - _DEGREE - 1
+    free = len(x) - DEGREE - 1
     y = around - around.mean(axis=1, keepdims=True)
     found: list[np.ndarray] = []
     for row in places:
         basis = np.polynomial.legendre.legvander(
-            (x + missing * (x >= row)) / (side + missing), _DEGREE
+            (x + missing * (x >= row)) / (side + missing), DEGREE
         )
         q = np.linalg.qr(basis)[0]
         rest = y - q @ (q.T @ y)
