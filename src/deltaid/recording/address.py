@@ -1,7 +1,7 @@
-"""Addresses of what a recording holds: `name`, `name[0]`, `group/name[0]`, `topic.field[joint]`.
+"""Addresses of fields in a recording: `name`, `name[0]`, `group/name[0]`, `topic.field[joint]`.
 
 One syntax for all kinds of files. `name[i]` is a column of an array or an element of a list,
-counted from 0, whichever axis holds the samples; `name[:,i]` and `name[i,:]` say which one it is.
+counted from 0, whichever axis has the samples; `name[:,i]` and `name[i,:]` select that axis.
 """
 
 import difflib
@@ -16,15 +16,15 @@ _INDEXED = re.compile(r"(?s)(?P<base>.+)\[(?P<inner>[^\[\]]*)\]")
 
 @dataclass(frozen=True)
 class RecordedField:
-    """Something that a recording holds under a name.
+    """A named field of a recording.
 
     Attributes:
         name: its address.
-        shape: of its numbers; a length that only reading shows is None, and is one of samples.
-        labels: names of its columns, such as those of joints, that may stand for their numbers.
-        holds: what it holds if not numbers.
-        cure: what to do about that.
-        is_opaque: whether it may hold the numbers of a recording, but cannot be read.
+        shape: of its numbers; None is a number of samples that only reading determines.
+        labels: names of its columns, such as those of joints, that may replace their indices.
+        holds: its content if not numbers.
+        cure: fix of that.
+        is_opaque: whether it may hold numbers of a recording, but cannot be read.
         is_clock: whether it is read as seconds since the first row, as dates are.
         is_duration: whether it holds durations, read as seconds.
         is_truth: whether it holds true and false, read as 1 and 0.
@@ -58,9 +58,9 @@ class RecordedField:
 
 @dataclass(frozen=True)
 class Pick:
-    """One column: a field, and where in it; None stands for `axis`, that of the samples.
+    """One column: a field and an index, with None for `axis`, that of the samples.
 
-    How many `samples` there are is None where only reading shows it.
+    The number of `samples` is None if only reading determines it.
     """
 
     field: RecordedField
@@ -76,15 +76,15 @@ class Pick:
 
 
 def printable(text: str) -> str:
-    """Text of a file for one line of a message."""
+    """Text of a file for a line of a message."""
     return "".join(c if c.isprintable() else "?" for c in text)
 
 
 def find(fields: Sequence[RecordedField], address: str) -> tuple[RecordedField, str] | None:
-    """The field that an address names, and what stands in its last brackets; None if there is none.
+    """The field of an address and the text in its last brackets; None if there is none.
 
-    A name that has brackets itself goes before an element; `.` and `/` stand for each other, and
-    `[0]` may follow what is there once.
+    A name that itself has brackets takes precedence over an element. `.` and `/` are equivalent,
+    and `[0]` may follow what exists once.
     """
     by_name = {field.name: field for field in reversed(fields)}
     if address in by_name:
@@ -104,16 +104,16 @@ def find(fields: Sequence[RecordedField], address: str) -> tuple[RecordedField, 
 def locate(
     fields: Sequence[RecordedField], addresses: Sequence[str], where: str, cure: str = ""
 ) -> list[Pick]:
-    """The columns that addresses name, all of one length.
+    """The columns of addresses, all of one length.
 
     Args:
-        fields: what the recording holds.
-        addresses: the first that is a plain column says how many samples there are.
+        fields: of the recording.
+        addresses: the first plain column determines the number of samples.
         where: the recording, for messages.
-        cure: what to do where a column is missing.
+        cure: fix of a missing column.
 
     Raises:
-        RecordingError: there is no such column, or one is longer than the others.
+        RecordingError: a column is missing, or longer than the others.
     """
     matched = _matched(fields, addresses, where, cure)
     plain = (field.shape[field.wide[0]] for field, _ in matched if len(field.wide) == 1)
@@ -133,13 +133,13 @@ def locate(
 
 
 def listing(fields: Sequence[RecordedField]) -> str:
-    """What a recording holds, for a message, shortened where it is a lot."""
+    """Fields of a recording for a message, shortened."""
     more = f" and {len(fields) - 20} more" if len(fields) > 20 else ""
     return ", ".join(str(field) for field in fields[:20]) + more
 
 
 def near(fields: Sequence[RecordedField], address: str) -> str:
-    """A name that an unknown address may be a slip of; empty if there is none."""
+    """A name similar to an unknown address; empty if there is none."""
     match = _INDEXED.fullmatch(address)
     name = (match["base"] if match else address).lower()
     names = {field.name.lower(): field.name for field in fields if not field.holds}
@@ -159,9 +159,9 @@ def _key(name: str) -> str:
 def _matched(
     fields: Sequence[RecordedField], addresses: Sequence[str], where: str, cure: str
 ) -> list[tuple[RecordedField, str]]:
-    found = {address: find(fields, address) for address in addresses}
-    if missing := [address for address, match in found.items() if match is None]:
-        meant = [match[0].name for match in found.values() if match is not None and not match[1]]
+    matches = {address: find(fields, address) for address in addresses}
+    if missing := [address for address, match in matches.items() if match is None]:
+        meant = [match[0].name for match in matches.values() if match is not None and not match[1]]
         guess = near([field for field in fields if field.name not in meant], missing[0])
         cure = next((field.cure for field in fields if field.is_opaque), cure)
         raise RecordingError(
@@ -169,7 +169,7 @@ def _matched(
             where=where,
             cure=f"did you mean {guess}? Otherwise {cure}" if guess else cure,
         )
-    known = [match for address in addresses if (match := found[address]) is not None]
+    known = [match for address in addresses if (match := matches[address]) is not None]
     for field, _ in known:
         if field.holds:
             raise RecordingError(
@@ -187,7 +187,7 @@ def _index(
         raise _refused(f"{field.name} is one number, not a column", field, where)
     if ":" in inner:
         return _as_written(field, inner, where)
-    # The axis that is as long as time; without time the longest one.
+    # The axis as long as the time; without a time the longest one.
     fitting = [axis for axis, size in enumerate(field.shape) if size in (None, samples)]
     axis = [*fitting, max(range(len(field.shape)), key=lambda axis: field.shape[axis] or 0)][0]
     across = [a for a in field.wide if a != axis]

@@ -1,4 +1,4 @@
-"""Arrays that are to be a recording: shapes, numbers, times and units."""
+"""Turns arrays into columns of a recording: shapes, numbers, times and units."""
 
 import math
 from collections.abc import Collection, Mapping, Sequence
@@ -16,19 +16,20 @@ Units = str | Sequence[str]
 
 
 def copied(values: np.ndarray) -> np.ndarray:
-    """Contiguous, and the recording's own: polars would share the memory of the array.
+    """A contiguous copy, because polars would share the memory of the array.
 
-    Truth values stay some: what is no state refuses them.
+    Truth values stay, so that columns other than states can refuse them.
     """
     kind = bool if values.dtype == bool else np.float64
     return np.array(values, dtype=kind, order="C", copy=True)
 
 
 def numbers_of(value: ArrayLike, where: str, *, truths: bool = False) -> np.ndarray:
-    """Something array-like as real numbers; `where` for messages.
+    """Array-like values as real numbers.
 
     Args:
-        truths: whether arrays of truth values are taken too.
+        where: for messages.
+        truths: whether arrays of truth values are allowed.
     """
     is_truth = getattr(getattr(value, "dtype", None), "kind", "") == "b"
     if truths and is_truth and not np.ma.is_masked(value):
@@ -38,7 +39,7 @@ def numbers_of(value: ArrayLike, where: str, *, truths: bool = False) -> np.ndar
 
 
 def require_shapes(arrays: dict[str, np.ndarray], name: str) -> None:
-    """All of one shape (samples, drives)."""
+    """Refuse arrays that differ in shape from (samples, drives)."""
     shape = arrays["q"].shape
     for key, array in arrays.items():
         if array.ndim != 2 or not array.size:
@@ -89,9 +90,7 @@ def time_of(
 def beside(
     given: Mapping[str, ArrayLike], samples: int, taken: Collection[str], name: str
 ) -> dict[str, np.ndarray]:
-    """Columns of what was recorded beside the drives.
-
-    Of an array of several columns these are called `key[0]`, `key[1]`, …
+    """Extra columns; those of an array with several columns are `key[0]`, `key[1]`, …
 
     Args:
         taken: names of the other columns.
@@ -128,11 +127,11 @@ def columns_of(table: Mapping[str, ArrayLike] | np.ndarray, name: str) -> dict[s
 def _columns(
     given: Mapping[str, ArrayLike], prefix: str, samples: int | None = None
 ) -> dict[str, np.ndarray]:
-    """Copies of columns; those of an array of several as `key[0]`, `key[1]`, …
+    """Copies of columns; those of an array with several columns are `key[0]`, `key[1]`, …
 
     Args:
         prefix: of their names, in messages.
-        samples: how many each has; None if the first decides.
+        samples: number of samples of each; None if the first determines it.
     """
     columns: dict[str, np.ndarray] = {}
     for key, value in given.items():
@@ -156,7 +155,7 @@ def _columns(
 def mapping_of(
     units: dict[str, Units | None], unit_t: str | None, arrays: dict[str, np.ndarray], name: str
 ) -> ColumnMapping | None:
-    """The units as a mapping; None without any."""
+    """Units as a mapping; None without units."""
     columns: dict[Quantity, tuple[DriveColumn, ...]] = {}
     for quantity, key in SHORT_NAMES.items():
         if (unit := units[key]) is None:

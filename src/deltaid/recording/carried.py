@@ -1,7 +1,7 @@
-"""What a robot carries in a recording, and when, as the user declares it.
+"""Loads that a robot carries in a recording, as the user declares them.
 
-A load is held while a column says so, in spans of time, or always. What of it is known is given;
-the rest is identified. Loads of one name, in whatever recordings, are the same thing.
+A load is held as a column shows, in spans of time, or always. Known properties are given, the
+others are identified. Loads of one name are the same load in all recordings.
 """
 
 from typing import Annotated, Literal
@@ -64,13 +64,13 @@ class Load(Part):
 
     @property
     def known(self) -> dict[str, object]:
-        """What is said of the load itself, not of when it is held."""
+        """Declared properties of the load itself."""
         named = ("body", "mass", "mass_tolerance", "centre", "inertia")
         return {key: value for key in named if (value := getattr(self, key)) is not None}
 
     @property
     def holding(self) -> tuple[float, ...] | None:
-        """The column's numbers while the load is held; None where it is 0 or 1."""
+        """The column's numbers while the load is held; None if it is 0 or 1."""
         return (self.when,) if isinstance(self.when, float | int) else self.when
 
     def held(
@@ -90,9 +90,9 @@ class Load(Part):
 
     @model_validator(mode="after")
     def _check(self) -> "Load":
-        ways = [key for key in ("column", "spans", "always") if getattr(self, key) is not None]
-        if len(ways) != 1:
-            given = f"gives {' and '.join(ways)}" if ways else "does not say when it is held"
+        times = [key for key in ("column", "spans", "always") if getattr(self, key) is not None]
+        if len(times) != 1:
+            given = f"gives {' and '.join(times)}" if times else "does not say when it is held"
             raise ValueError(f"{given}: give one of column, spans, always")
         if self.when is not None and (self.column is None or not self.holding):
             raise ValueError("when lists numbers of a column; give both, or neither")
@@ -117,9 +117,9 @@ class Load(Part):
             )
         if (I := self.inertia) is not None:  # about the load's own centre of mass
             ten = [self.mass, 0, 0, 0, I.xx, I.yy, I.zz, I.xy, I.yz, I.xz]
-            own = RigidBody(np.array(ten, dtype=float)).with_thickness()
-            if own.why_inconsistent:
-                raise ValueError(f"the load is not a physical body: {own.why_inconsistent}")
+            body = RigidBody(np.array(ten, dtype=float)).with_thickness()
+            if body.why_inconsistent:
+                raise ValueError(f"the load is not a physical body: {body.why_inconsistent}")
         return self
 
 
@@ -127,12 +127,12 @@ def carrier(load: Load, robot: RobotDescription) -> str:
     """The body that carries a load.
 
     Raises:
-        RecordingError: the robot has no such body, or it is not clear which.
+        RecordingError: the robot has no such body, or none is named and there is no EE or P.
     """
     if load.body is None:
-        found = next((name for name in ("EE", "P") if name in robot.body_names), None)
-        if found is not None:
-            return found
+        last = next((name for name in ("EE", "P") if name in robot.body_names), None)
+        if last is not None:
+            return last
     elif load.body in robot.body_names:
         return load.body
     what = f"{load.body} is no body of the robot" if load.body else "it does not say what carries"

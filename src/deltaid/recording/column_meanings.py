@@ -1,8 +1,7 @@
-"""What columns of a foreign recording mean, by their names.
+"""Meanings of a foreign recording's columns by their names.
 
-Names as people and drives write them say what each stands for, and which axes belong together:
-quantity × command or measurement × axis × unit. The words below, in five languages, stand without
-accents and in small letters; compounds (`Drehzahlistwert`) are taken apart.
+Names state the quantity, command or measurement, axis and unit of a column. The words below, in
+five languages, are in lower case without accents; compounds (`Drehzahlistwert`) are split.
 """
 
 import re
@@ -13,8 +12,8 @@ from functools import cache
 
 from deltaid.recording.units import factor_among, is_unit
 
-# What a word stands for. Of several in one name the first of these counts: the torque of a joint is
-# no joint's position.
+# Quantities by their words. Of several in one name the first in this order counts: a joint's torque
+# is no position.
 QUANTITIES = {
     quantity: frozenset(words.split())
     for quantity, words in {
@@ -40,9 +39,9 @@ QUANTITIES = {
         ),
     }.items()
 }
-# A derivative that a suffix makes: theta_dot.
+# Derivatives by their suffix: theta_dot.
 DERIVATIVES = {"dot": "velocity", "ddot": "acceleration"}
-# What else words say of a column.
+# Other meanings of words.
 _ROLES = {
     key: frozenset(words.split())
     for key, words in {
@@ -55,7 +54,7 @@ _ROLES = {
             "soll sollwert demand goal consigne planned programmed calculated computed ff "
             "feedforward 目标 指令 给定 参考 目標"
         ),
-        # Of something else than a drive's state.
+        # Not a drive's state.
         "others": (
             "err error errors diff difference dev deviation fehler abweichung lag following "
             "tracking limit max min tcp tool platform cartesian ee eef effector end gripper base "
@@ -64,7 +63,7 @@ _ROLES = {
             "fric gravity grav nle cost reward corr rated disturbance dob rfob wheel imu cycle "
             "exec seq frame 偏差 误差 誤差 温度 电压 功率 外力 外乱 扰动"
         ),
-        # What names an axis, and fills compounds.
+        # Names of axes, and parts of compounds.
         "fillers": (
             "axis axes axe achse achsen joint joints gelenk drive antrieb motor moteur mot wert "
             "value val 轴 軸 关节 関節 电机 モータ モーター"
@@ -72,8 +71,8 @@ _ROLES = {
     }.items()
 }
 _KNOWN = frozenset[str]().union(*QUANTITIES.values(), *_ROLES.values(), DERIVATIVES)
-# Units as pint reads them, and as people write them: in small letters without blanks. Those of the
-# empty one depend on a rated value or an encoder, which only the user knows.
+# Units in pint's spelling and in others, in lower case without blanks. The empty unit depends on a
+# rated value or an encoder, which only the user knows.
 _SPELLINGS = {
     "s": "s sec secs second seconds sek sekunden 秒",
     "ms": "ms msec millis milliseconds 毫秒 ミリ秒",
@@ -101,8 +100,8 @@ _SPELLINGS = {
     "pulse pulses digits lu cnt/s cnt/sec counts/s inc/s",
 }
 UNITS = {text: unit for unit, texts in _SPELLINGS.items() for text in texts.split()}
-# Names of signals as drives and robots document them, with their unit: None where the user sets it,
-# empty where a rated value or an encoder decides. SINAMICS parameters, CiA 402 objects, SERCOS
+# Documented names of drives' signals with their unit: None if the user sets it, empty if it depends
+# on a rated value or an encoder. SINAMICS parameters, CiA 402 objects, SERCOS
 # identifiers; ACOPOS, AKD, KUKA, Yaskawa and ACS.
 SIGNALS: dict[str, tuple[str, str | None]] = {
     **dict.fromkeys(("r0061", "r0063", "r0021"), ("velocity", "rpm")),
@@ -117,7 +116,7 @@ SIGNALS: dict[str, tuple[str, str | None]] = {
     **dict.fromkeys(("sctrl_speed_act", "vl.fb", "fspd", "fvel"), ("velocity", None)),
     **dict.fromkeys(("aspos", "cpos", "mpos", "cspd"), ("commanded", None)),
 }
-# The quantity that a unit is of, by the SI units that it may be converted to.
+# Quantities of units, by the SI units that they convert to.
 _KINDS = {
     "time": ("s",),
     "position": ("rad", "m"),
@@ -126,7 +125,7 @@ _KINDS = {
     "torque": ("N m", "N"),
     "current": ("A",),
 }
-# Parts of a compound have three letters at least; German ones may be linked by two.
+# Fewest letters of a part of a compound, and links of German compounds.
 _PART, _LINKS = 3, ("", "s", "n", "en", "es")
 _BRACKETS = re.compile(r"[\[(]\s*([^\[\]()]*?)\s*[\])]")
 _LATIN = re.compile(r"[A-Za-zµ]+|[^\W\dA-Za-z_]+")
@@ -142,15 +141,16 @@ _SIGNAL = re.compile(
 
 @dataclass(frozen=True)
 class Reading:
-    """What the name of a column says.
+    """Meaning of a column's name.
 
     Attributes:
         quantity: time, position, velocity, acceleration, torque or current; empty if none.
-        unit: as pint reads it; empty where a rated value or an encoder decides; None if unstated.
-        is_measured: whether it says so.
-        is_usable: whether it is a drive's state, neither commanded nor of something else.
-        words: all of it.
-        documented: the name of a drive's signal that decided, if one did.
+        unit: in pint's spelling; empty if it depends on a rated value or an encoder; None if
+            unstated.
+        is_measured: whether the name says so.
+        is_usable: whether it is a measured state of a drive.
+        words: of the name.
+        documented: name of a drive's signal that determined the quantity, if any.
     """
 
     quantity: str
@@ -168,12 +168,12 @@ class Reading:
 
 @dataclass(frozen=True)
 class Group:
-    """Columns that differ in their axis only.
+    """Columns whose names differ in their axis only.
 
     Attributes:
-        places: in the recording, one an axis in their order.
-        axes: how many the recording has of them, which may be more.
-        by_letter: whether letters stand for axes, which may mean directions in space.
+        places: indices of columns, one per axis in order.
+        axes: number of axes in the recording, which may be larger.
+        by_letter: whether axes are letters, which may be directions in space.
     """
 
     places: tuple[int, ...]
@@ -182,7 +182,7 @@ class Group:
 
 
 def unit_of(text: str) -> str | None:
-    """A unit as pint reads it, empty for one that needs a rated value, None for no unit."""
+    """A unit in pint's spelling; empty if it needs a rated value; None if it is no unit."""
     plain = text.replace(" ", "").casefold()
     if plain in UNITS:
         return UNITS[plain]
@@ -193,20 +193,20 @@ def unit_of(text: str) -> str | None:
 
 @cache
 def kind_of(unit: str) -> str:
-    """The quantity that a unit is of: 'position' of 'deg'; empty if none that drives have."""
+    """Quantity of a unit, such as 'position' of 'deg'; empty if drives have none."""
     return next((kind for kind, si in _KINDS.items() if factor_among(unit, *si) is not None), "")
 
 
 def read_name(name: str) -> Reading:
-    """What the name of a column stands for, as far as its words say."""
+    """Meaning of a column's name by its words."""
     name = unicodedata.normalize("NFKC", name)
     plain, unit = _without_unit(name)
     words = tuple(_in_words(plain))
-    kind, said = kind_of(unit) if unit else "", {*words}
-    measured, commanded = _ROLES["measured"] & said, _ROLES["commanded"] & said
+    kind, known = kind_of(unit) if unit else "", {*words}
+    measured, commanded = _ROLES["measured"] & known, _ROLES["commanded"] & known
     if measured - {"fb"}:  # a set of actual values
         commanded -= {"set"}
-    usable = not (commanded or _ROLES["others"] & said)
+    usable = not (commanded or _ROLES["others"] & known)
     if signal := _SIGNAL.search(name.casefold()):
         quantity, usual = SIGNALS[signal[1]]
         if quantity == "commanded":
@@ -221,8 +221,8 @@ def read_name(name: str) -> Reading:
 
 
 def groups_of(names: Sequence[str], drives: int) -> Iterator[Group]:
-    """Columns whose names differ in the axis only, as many as there are drives; the axes begin
-    with 0 or 1, or are letters in their order."""
+    """Groups of one column per drive whose names differ in the axis only; axes are numbers from 0
+    or 1, or letters in order."""
     numbered, lettered = dict[str, dict[int, int]](), dict[str, dict[int, int]]()
     for place, name in enumerate(names):
         for match in _NUMBER.finditer(name):
@@ -249,11 +249,11 @@ def groups_of(names: Sequence[str], drives: int) -> Iterator[Group]:
 
 
 def _without_unit(name: str) -> tuple[str, str | None]:
-    """A name without the unit that it states, and the unit."""
+    """A name without its unit, and the unit."""
     for match in reversed([*_BRACKETS.finditer(name)]):
         if not match[1].isdecimal() and (unit := unit_of(match[1])) is not None:
             return f"{name[: match.start()]} {name[match.end() :]}", unit
-    # A unit may stand before the axis too, if it is no letter, which might be the axis.
+    # A unit may precede the axis too, unless it is a letter, which may be the axis.
     for text, shortest in ((name, 1), (re.sub(r"[_ ]?\d+$", "", name), 2)):
         parts = re.split(r"[_\s]+", text.strip())
         for count in (2, 1):
@@ -264,8 +264,8 @@ def _without_unit(name: str) -> tuple[str, str | None]:
 
 
 def _in_words(name: str) -> Iterator[str]:
-    """'Axis1.ActPos' as axis, act, pos; compounds in their parts; Chinese and Japanese by the
-    longest words that are known."""
+    """'Axis1.ActPos' as axis, act, pos; compounds in parts; Chinese and Japanese by the
+    longest known words."""
     for run in _LATIN.findall(name):
         if not run[0].isascii() and not unicodedata.name(run[0], "").startswith("LATIN"):
             yield from _longest_known(run)
@@ -288,7 +288,7 @@ def _longest_known(run: str) -> Iterator[str]:
 
 @cache
 def _parts(word: str) -> tuple[str, ...]:
-    """A compound as words that are known; nothing if it is none."""
+    """Known words of a compound; empty if it is none."""
     for size in range(len(word) - _PART, _PART - 1, -1):
         for link in _LINKS:
             rest = word[size + len(link) :]
@@ -300,13 +300,16 @@ def _parts(word: str) -> tuple[str, ...]:
 
 
 def _quantity(words: Sequence[str]) -> tuple[str, bool]:
-    """What words stand for, and whether 'current' among them means that it is now."""
-    found = {quantity: [w for w in words if w in known] for quantity, known in QUANTITIES.items()}
-    present = [quantity for quantity, matching in found.items() if matching]
+    """Quantity of words, and whether 'current' among them means the present value."""
+    by_quantity = {
+        quantity: [word for word in words if word in known]
+        for quantity, known in QUANTITIES.items()
+    }
+    present = [quantity for quantity, matching in by_quantity.items() if matching]
     others = [quantity for quantity in present if quantity not in ("current", "time")]
-    if found["current"] and others:
-        first = min(words.index(word) for quantity in others for word in found[quantity])
-        is_now = {*found["current"]} <= {"current"} and words.index("current") < first
+    if by_quantity["current"] and others:
+        first = min(words.index(word) for quantity in others for word in by_quantity[quantity])
+        is_now = {*by_quantity["current"]} <= {"current"} and words.index("current") < first
         if not is_now:
             return "current", False
         present.remove("current")

@@ -1,9 +1,9 @@
-"""Columns of a log by what they are, and positions and torques where drives read others.
+"""Columns of a log by quantity, and corrections of positions and torques that drives misread.
 
     q = (1 + r) q_m + q_0,    τ = τ_m (1 − β_2 u² − β_4 u⁴),   u = τ_m / τ_max
 
-with a gear ratio that is off by r, a zero that is off by q_0, and a torque constant that falls with
-current, so that the joint lacks the share β_2 + β_4 at τ_max.
+with the error r of the gear ratio, the error q_0 of the zero, and a torque constant that falls with
+current, by the share β_2 + β_4 at τ_max.
 """
 
 from collections.abc import Iterator
@@ -15,10 +15,10 @@ from jaxtyping import Bool, Float
 from deltaid.recording.carried import Load
 from deltaid.robot.part import Part
 
-# Rows of a log in SI units, columns as in `Columns.all` and what a pass puts behind them.
+# Rows of a log in SI units, columns as in `Columns.all`, then those that a pass appends.
 Rows = Float[np.ndarray, "_ _"]
 Torque = Float[np.ndarray, "samples dof"]
-# By what share of the torque for little current a motor's torque grows at least.
+# Least slope of a motor's torque over its current, as a share of that at low current.
 LEAST_SLOPE = 0.1
 
 
@@ -27,7 +27,7 @@ class Channel:
     """One column with the affine map to SI: value = scale · (number − zero).
 
     Attributes:
-        turn: how much the column grows in a turn of what it counts; 0 if that does not turn.
+        turn: change of the column in one turn; 0 if it does not count turns.
     """
 
     column: str
@@ -41,7 +41,7 @@ class TimeChannel(Channel):
     """The time.
 
     Attributes:
-        is_absent: whether the log has none, so that rows, counted from 0, stand for it.
+        is_absent: whether the log has no time; it is then the number of the row, from 0.
         counts: whether the column counts cycles.
     """
 
@@ -51,12 +51,12 @@ class TimeChannel(Channel):
 
 @dataclass(frozen=True)
 class SensorChannels:
-    """The columns of a sensor beside the drives.
+    """The columns of a sensor.
 
     Attributes:
         name: of the sensor in the description.
-        channels: with their maps to N or N m, in the order of what it shows.
-        delay: it is recorded so much later than the motion [s].
+        channels: with their maps to N or N m, in the order of the sensor's channels.
+        delay: by which it is recorded later than the motion [s].
     """
 
     name: str
@@ -69,18 +69,17 @@ class Columns:
     """Channels of a log; a quantity that the log does not have is empty.
 
     Attributes:
-        extra: what is recorded beside the drives, in no unit: first the columns of sensors, NaN
-            where these show nothing that counts, then states, each column once, whatever asks for
-            it.
+        extra: additional columns in their own units, each once: first those of sensors, NaN where
+            they do not count, then states.
         loads: what the robot carries, and when.
         temperature: one of `extra`, with its map to degrees Celsius; None if there is none.
-        sensors: those that the log has; their channels are the first of `extra`.
+        sensors: sensors of the log; their channels are the first of `extra`.
         drives: channels of the drives.
-        all: all channels, time first, those beside the drives last.
-        recorded: the channels that stand in the log: all, or all but the time.
-        motion_places: where positions, velocities and accelerations stand in `all`, as
-        torque_places, extra_places, sensor_places: torques, channels beside the drives, and those
-            of sensors among these.
+        all: all channels: time, drives, extra columns.
+        recorded: channels that are in the log: all, or all but the time.
+        motion_places: indices in `all` of positions, velocities and accelerations.
+        torque_places, extra_places, sensor_places: indices in `all` of torques, of extra columns,
+            and of sensors' channels.
     """
 
     time: TimeChannel
@@ -120,37 +119,37 @@ class Columns:
 
     @property
     def states(self) -> int:
-        """How many channels beside the drives hold their value until it is recorded again."""
+        """Number of extra columns that hold their value until the next one is recorded."""
         return self.extra_places.stop - self.sensor_places.stop
 
     def shown(
         self, extra: Float[np.ndarray, "samples extra"]
     ) -> dict[str, Float[np.ndarray, "_ samples"]]:
-        """What each sensor of the log shows, by its name: (channels, samples) [N, N m].
+        """Values of each sensor of the log, by its name: (channels, samples) [N, N m].
 
-        All channels of a sensor are NaN in samples that do not count for it: where it recorded no
-        number, in holes and stale rows, and in stretches that are left out for all drives.
+        All channels of a sensor are NaN in samples that do not count for it: without a number, in
+        holes and stale rows, and in stretches that are excluded for all drives.
 
         Args:
-            extra: numbers of the channels beside the drives.
+            extra: numbers of the extra columns.
         """
-        found: dict[str, np.ndarray] = {}
+        by_sensor: dict[str, np.ndarray] = {}
         for sensor, places in self.places_of_sensors():
             zeros = [channel.zero for channel in sensor.channels]
             values = (extra[:, places] - zeros) * [channel.scale for channel in sensor.channels]
             values[~np.isfinite(values).all(axis=1)] = np.nan
-            found[sensor.name] = np.ascontiguousarray(values.T)
-        return found
+            by_sensor[sensor.name] = np.ascontiguousarray(values.T)
+        return by_sensor
 
     def places_of_sensors(self) -> Iterator[tuple[SensorChannels, slice]]:
-        """Sensors, and where their channels stand in `extra`."""
+        """Sensors, and the indices of their channels in `extra`."""
         start = 0
         for sensor in self.sensors:
             yield sensor, slice(start, start + len(sensor.channels))
             start += len(sensor.channels)
 
     def beside(self, column: str) -> int:
-        """Where a column stands in `extra`."""
+        """Index of a column in `extra`."""
         return [channel.column for channel in self.extra].index(column)
 
     def held(
@@ -160,7 +159,7 @@ class Columns:
 
         Args:
             time: of the samples, as the recording has it [s].
-            extra: numbers of the channels beside the drives.
+            extra: numbers of the extra columns.
         """
         states = [
             load.held(time, None if load.column is None else extra[:, self.beside(load.column)])
@@ -190,11 +189,11 @@ class Readings(Part):
 
     @property
     def are_right(self) -> bool:
-        """Whether nothing is off."""
+        """Whether there are no errors."""
         return not (self.zero or self.ratio or self.falling)
 
     def corrected(self, rows: Rows, columns: Columns) -> Rows:
-        """Rows with positions and torques as they are."""
+        """Rows with corrected positions and torques."""
         rows = rows.copy()
         if self.ratio:
             motion = rows[:, columns.motion_places]
@@ -207,7 +206,7 @@ class Readings(Part):
         return rows
 
     def recorded(self, torque: Torque) -> Torque:
-        """τ_m of torques τ, none beyond τ_max, by Newton's method."""
+        """τ_m of torques τ, |τ_m| ≤ τ_max, by Newton's method."""
         if not self.falling:
             return torque
         out, highest, number = torque, np.array(self.largest), np.finfo(float)

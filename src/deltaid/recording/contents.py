@@ -1,4 +1,4 @@
-"""What a recording holds: its columns with the range of their numbers, and a proposed mapping."""
+"""Contents of a recording: its columns with the range of their numbers, and a proposed mapping."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -17,12 +17,12 @@ from deltaid.robot.load import RobotLike, described
 
 @dataclass(frozen=True)
 class Contents:
-    """What a recording holds.
+    """Contents of a recording.
 
     Attributes:
         columns: with the range of their numbers.
-        rows: how many.
-        proposal: the mapping that may be right.
+        rows: their number.
+        proposal: the proposed mapping.
         warnings: about the file's layout.
     """
 
@@ -33,7 +33,7 @@ class Contents:
 
 
 def count_columns(path: str) -> int:
-    """How many columns a file has, if it may be a recording; only its beginning is read.
+    """Number of columns of a file, if it may be a recording; only its beginning is read.
 
     Raises:
         RecordingError: it cannot be read, or holds no numbers.
@@ -60,13 +60,13 @@ def columns(
 ) -> MappingProposal:
     """Propose which column of a recording is what, by names, units in names, and the numbers.
 
-    Read `reasons` and `doubts`, then give `.mapping` as `columns=`, or `.save` it. Where no mapping
-    is given, a proposal that is `certain` is used, which the recording's warnings say.
+    Read `reasons` and `doubts`, then give `.mapping` as `columns=`, or `.save` it. Without a
+    mapping, a `certain` proposal is used, and the recording's warnings report it.
 
     Args:
         log: a file, or a recording in memory.
-        robot: whose drives are sought; without one, as many as the positions are numbered.
-        units: by quantity ("torque": "0.0235 N*m"), whatever the names say.
+        robot: whose drives are searched for; by default as many as positions are numbered.
+        units: by quantity ("torque": "0.0235 N*m"); they override units in names.
         gear: motor revolutions per joint revolution, if columns are of the motors.
         torque_constant: N m per A at the motor, for currents.
 
@@ -84,27 +84,28 @@ def columns(
 def read_contents(
     log: RecordingLike, linear: Sequence[bool] | None, known: Known | None = None
 ) -> Contents:
-    """All columns of a recording and the mapping that is proposed.
+    """All columns of a recording, and the proposed mapping.
 
     Args:
-        linear: for each drive of the robot whether it slides; None where no robot is known.
-        known: what the user says of units, gear and torque constant.
+        linear: for each drive of the robot whether it slides; None without a robot.
+        known: units, gear and torque constant that the user states.
 
     Raises:
         RecordingError: the file cannot be read.
     """
     source = as_source(log)
     table = source.table if isinstance(source, Recording) else open_table(source)
-    found, rows = _columns_of(table)
+    found_columns, rows = _columns_of(table)
     warnings = tuple(str(text) for text in table.warnings)
     if linear is None:
-        linear = [False] * count_drives(found)
-    return Contents(found, rows, proposed_mapping(found, linear, known), warnings)
+        linear = [False] * count_drives(found_columns)
+    proposal = proposed_mapping(found_columns, linear, known)
+    return Contents(found_columns, rows, proposal, warnings)
 
 
 def proposal_for(table: LogTable, linear: Sequence[bool]) -> MappingProposal:
-    """The mapping that is proposed for a table that is open, by its first rows; by names alone
-    where these find no positions.
+    """The mapping proposed for an open table by its first rows, or by names alone if these have no
+    positions.
 
     Raises:
         RecordingError: the file cannot be read.
@@ -125,10 +126,10 @@ def _columns_of(table: LogTable, rows: int | None = None) -> tuple[tuple[Column,
 def _with_ranges(
     table: LogTable, columns: Sequence[Column], most: int | None
 ) -> tuple[Sequence[Column], int]:
-    """Columns with the range of their numbers, and the number of rows; of so many rows at most.
+    """Columns with the range of their numbers in at most `most` rows, and the number of rows.
 
-    Columns that do not belong together, such as arrays of other lengths, are read by themselves;
-    those that cannot be read stay as they are.
+    Columns of different lengths are read one by one; columns that cannot be read stay without a
+    range.
     """
     low, high, count = np.full(len(columns), np.inf), np.full(len(columns), -np.inf), 0
     starts = list[np.ndarray]()

@@ -1,20 +1,18 @@
-"""Zero-phase low-pass filtering and differentiation, and how the cut-off is chosen.
+"""Zero-phase low-pass filters and differentiators.
 
-The low-pass is a symmetric FIR filter (windowed sinc, Kaiser window), so it delays nothing; its
-first and second derivative are the same filter convolved with central differences of eighth order,
-so q, q̇ and q̈ stay consistent. Filtered signals carry nothing above the cut-off and are thinned to
-the rate that this allows.
+The low-pass is a symmetric FIR filter (windowed sinc, Kaiser window) without delay. Its first and
+second derivative are the same filter convolved with central differences of eighth order, so q, q̇
+and q̈ are consistent. Filtered signals have nothing above the cut-off and are thinned accordingly.
 
 Positions and the rows of the regression have a cut-off each. Torques and regressor pass the same
-filter, so whatever it lets through, τ = Y p holds behind it; what a filter took from the positions
-*before* Y was formed is missing in Y alone, and is a bias. So positions keep all that stands out of
-their noise, and rows only what the motion shows the parameters by: noise of the accelerations, play
-and ringing of gears lie above.
+filter, so τ = Y p holds behind it, whatever the cut-off. What a filter removes from positions
+*before* Y is formed is missing in Y alone, and is a bias. So positions keep all that exceeds their
+noise, and rows only the band of the motion: noise of accelerations, play and ringing of gears lie
+above.
 
-At a high rate the low-pass works in two stages, or it would grow with the rate: a short filter
-(`lead`) thins to a rate that is still far above the cut-off, the low-pass itself works there, and
-where values for every sample are wanted `lead` brings them back by interpolation. Either way it is
-the same low-pass but for what `lead` lets through of its stop band, 120 dB.
+At a high rate the low-pass has two stages, so that its length does not grow with the rate: a short
+filter (`lead`) thins to a rate far above the cut-off, the low-pass works at that rate, and `lead`
+interpolates where every sample is needed. The result differs by the stop band of `lead`, 120 dB.
 """
 
 import math
@@ -27,18 +25,18 @@ from jaxtyping import Float
 from deltaid.errors import RecordingError
 from deltaid.recording.spectrum import HIGHEST, LOWEST_CUTOFF, apply
 
-# Stop-band attenuation 80 dB; transition from 0.6 to 1.4 times the cut-off. The pass-band is flat
-# to 1e-4. What it bends is a bias of all parameters: at 60 dB it showed beside a minute's noise.
+# Stop-band attenuation 80 dB; transition from 0.6 to 1.4 times the cut-off. The pass band is flat
+# to 1e-4. Its ripple biases all parameters: at 60 dB visibly against the noise of a minute.
 _ATTENUATION, _TRANSITION = 80.0, 0.8
 # Central differences of eighth order for the first and second derivative.
 _FIRST = np.array([1 / 280, -4 / 105, 1 / 5, -4 / 5, 0, 4 / 5, -1 / 5, 4 / 105, -1 / 280])
 _SECOND = np.array([-1 / 560, 8 / 315, -1 / 5, 8 / 5, -205 / 72, 8 / 5, -1 / 5, 8 / 315, -1 / 560])
-# Cut-offs as a share of the sampling rate at least.
+# Least cut-off as a share of the sampling rate.
 _LOWEST = 1e-6
-# The sampling rate below which positions cannot be differentiated [Hz].
+# Least sampling rate at which positions can be differentiated [Hz].
 LOWEST_RATE = LOWEST_CUTOFF / HIGHEST
-# The rate between both stages at least [Hz], and as a multiple of the cut-off; and the stop-band
-# attenuation [dB] of the filter that leads there.
+# Least rate between the stages [Hz], the same as a multiple of the cut-off, and the stop-band
+# attenuation of the first stage [dB].
 _BETWEEN, _OVERSAMPLED, _LEAD_ATTENUATION = 4000.0, 32.0, 120.0
 
 
@@ -47,19 +45,19 @@ class LowPass:
     """A zero-phase low-pass with its derivatives, as FIR coefficients in the order of convolution.
 
     Attributes:
-        cutoff: frequency of half amplitude of what goes over the rows [Hz].
-        motion_cutoff: of what goes over positions; not below `cutoff`.
-        rate: sampling rate of what goes in [Hz].
-        stride: every how many samples are left by the first stage; 1 where there is a single one.
-        lead: coefficients of the first stage, a single 1 where there is none.
+        cutoff: frequency of half amplitude of the low-pass over rows [Hz].
+        motion_cutoff: of the low-pass over positions; not below `cutoff`.
+        rate: sampling rate of the input [Hz].
+        stride: decimation of the first stage; 1 if there is a single stage.
+        lead: coefficients of the first stage; a single 1 if there is none.
         smooth: coefficients of the low-pass over rows, for samples `stride` apart.
         level, first, second: of the low-pass over positions and of its derivatives [1/s, 1/s²],
             all of one length.
-        decimation: every how many of these samples of the output are kept.
-        thinned: every how many samples of a recording are kept in the end.
-        lead_half: samples that the first stage reaches to either side.
-        half, margin, spread_half: samples, `stride` apart, that the low-pass over rows, the motion
-            and `spread` reach to either side, and lose at either end.
+        decimation: of the second stage.
+        thinned: decimation of both stages together.
+        lead_half: reach of the first stage to either side [samples].
+        half, margin, spread_half: reach of the low-pass over rows, of that over positions and of
+            `spread` to either side, and loss at either end [samples `stride` apart].
     """
 
     cutoff: float
@@ -83,7 +81,7 @@ class LowPass:
 
     @property
     def first_row(self) -> int:
-        """Number of the row that belongs to the first filtered position."""
+        """Row of the first filtered position."""
         return self.lead_half + self.stride * (self.margin + self.spread_half)
 
     @property
@@ -92,12 +90,12 @@ class LowPass:
 
     @property
     def noise_gain(self) -> float:
-        """What is left of the standard deviation of white noise: the norm of both stages."""
+        """Gain of the standard deviation of white noise: the norm of both stages."""
         return float(np.linalg.norm(self.response))
 
     @property
     def independent(self) -> float:
-        """Share of the samples kept that white noise leaves independent: n Σ h², n = `thinned`."""
+        """Effective number of independent samples per kept one: n Σ h², n = `thinned`."""
         return self.noise_gain**2 * self.thinned
 
     @property
@@ -107,7 +105,7 @@ class LowPass:
 
     @cached_property
     def response(self) -> Float[np.ndarray, " response"]:
-        """h, both stages as one filter of the samples that go in."""
+        """h, both stages as one filter of the input."""
         return self._both_stages(self.smooth)
 
     def _both_stages(self, taps: Float[np.ndarray, " taps"]) -> Float[np.ndarray, " response"]:
@@ -117,7 +115,7 @@ class LowPass:
 
     @cached_property
     def power(self) -> Float[np.ndarray, " response"]:
-        """h² / Σ h²: how much each sample adds to the power of white noise behind the filter."""
+        """h² / Σ h²: share of each sample in the power of white noise behind the filter."""
         return self.response**2 / np.sum(self.response**2)
 
     @property
@@ -130,27 +128,27 @@ class LowPass:
 
     @property
     def lost(self) -> int:
-        """Samples, `stride` apart, lost by all there is: derivatives, then the low-pass."""
-        # And what a run of n · `stride` samples loses in the first stage.
+        """Samples `stride` apart that derivatives, the low-pass and the first stage take
+        together."""
         first_stage = -(-len(self.lead) // self.stride) - 1
         return 2 * (self.margin + self.half + self.spread_half) + first_stage
 
     @property
     def reach(self) -> int:
-        """How many samples fewer than there are rows a segment gives."""
+        """Rows that a segment loses."""
         return (self.lost - 1) * self.stride + len(self.lead)
 
     def samples_of(self, rows: int) -> int:
-        """How many samples a window of so many rows has of its own."""
+        """Number of own samples of a window of so many rows."""
         apart = (rows - len(self.lead)) // self.stride + 1
         return max(0, apart - self.lost) * self.stride
 
     def leading(self, x: Float[np.ndarray, "channels all"]) -> Float[np.ndarray, "channels apart"]:
-        """The first stage: of the samples those `stride` apart, as far as it fits entirely."""
+        """Output of the first stage, `stride` samples apart, where it fits entirely."""
         return x if self.stride == 1 else apply(self.lead, x, self.stride)
 
     def spread(self, x: Float[np.ndarray, "channels apart"]) -> Float[np.ndarray, "channels all"]:
-        """Values for every sample from those `stride` apart, `spread_half` lost at either end."""
+        """Values interpolated to every sample; `spread_half` are lost at either end."""
         if self.stride == 1:
             return x
         near = 2 * self.spread_half + 1
@@ -163,10 +161,10 @@ class LowPass:
 
 
 def samples_needed(cutoff: float, rate: float, where: str = "") -> int:
-    """How many samples of a recording a low-pass is worth being applied to: eight times its margin.
+    """Fewest samples of a recording for a low-pass: eight times its margin.
 
     Raises:
-        RecordingError: the cut-off is above a tenth of the sampling rate, or next to nothing.
+        RecordingError: the cut-off is above a tenth of the sampling rate, or below its least one.
     """
     if not _LOWEST * rate <= cutoff <= HIGHEST * rate:
         raise RecordingError(
@@ -181,11 +179,11 @@ def samples_needed(cutoff: float, rate: float, where: str = "") -> int:
 def design_low_pass(
     cutoff: float, rate: float, *, motion_cutoff: float = 0.0, single: bool = False
 ) -> LowPass:
-    """A low-pass of `cutoff` Hz for data of `rate` Hz, in two stages if the rate is high.
+    """A low-pass of `cutoff` Hz at a sampling rate [Hz], in two stages if the rate is high.
 
     Args:
         motion_cutoff: that of positions [Hz], if it is higher.
-        single: in one stage, whatever the rate.
+        single: whether it has one stage at any rate.
 
     Raises:
         RecordingError: a cut-off is not below a tenth of the sampling rate.
@@ -205,30 +203,27 @@ def design_low_pass(
         motion_cutoff=motion_cutoff,
         rate=rate,
         stride=stride,
-        lead=_lead(_highest(motion_cutoff), rate, stride),
+        lead=_lead(_stop_edge(motion_cutoff), rate, stride),
         smooth=smooth,
         level=np.pad(level, len(_FIRST) // 2),
         first=np.convolve(level, _FIRST[::-1]) * between,
         second=np.convolve(level, _SECOND) * between**2,
-        decimation=max(1, int(between / (2 * _highest(cutoff)))),
+        decimation=max(1, int(between / (2 * _stop_edge(cutoff)))),
     )
 
 
 def no_filter(rate: float) -> LowPass:
-    """The filter of recorded velocities and accelerations: all that goes in at `rate` Hz stays."""
+    """The identity, for recorded velocities and accelerations."""
     tap = np.ones(1)
     return LowPass(math.inf, math.inf, rate, 1, tap, tap, tap, tap, tap, decimation=1)
 
 
-def _highest(cutoff: float) -> float:
+def _stop_edge(cutoff: float) -> float:
     return (1 + 0.5 * _TRANSITION) * cutoff
 
 
 def _lead(highest: float, rate: float, stride: int) -> Float[np.ndarray, " lead"]:
-    """The filter before every `stride`-th sample is taken.
-
-    It passes what the low-pass lets through (up to `highest`), and stops what would fold there.
-    """
+    """The first stage: passes frequencies up to `highest`, and stops what would alias there."""
     if stride == 1:
         return np.ones(1)
     width = rate / stride - 2 * highest
@@ -246,7 +241,7 @@ def _taps(attenuation: float, width: float) -> int:
 
 
 def _sinc(attenuation: float, width: float, cutoff: float) -> Float[np.ndarray, " taps"]:
-    """The ideal low-pass within a Kaiser window, of gain 1 at rest.
+    """Ideal low-pass in a Kaiser window, with gain 1 at zero frequency.
 
     Args:
         attenuation, width: of stop band and transition, as of `_taps`.

@@ -1,18 +1,18 @@
-"""Torques that drives update now and then and hold between two updates: interpolated between these.
+"""Detects torques that drives update at a lower rate and hold in between, and interpolates them.
 
-A held torque is known at its updates only: rows in which it changes, and further ones where it has
-not changed for longer than an update takes. Where a log adds noise to each row, these are every
-so-manieth row, and noise of the rows between averages out (`holds` detects both). All rows are
-interpolated from the two updates before and after, so nothing comes late that was not.
+A held torque is known at its updates only: rows in which it changes, and rows in which it should
+have changed by then. If the log adds noise to each row, updates are every k-th row, and the noise
+of the held rows averages out (`holds` detects both). All rows are interpolated from the two updates
+before and after, which adds no delay.
 
-Where nothing is added to a held torque, it repeats exactly, and rows that change lie on a line:
-repeated numbers that are due to a coarse unit come at irregular times. Where a log adds noise to
-each row, a torque held for k rows rises in every k-th row only. With the rise d of a torque from
-row to row and its slope s about it, by other rows, d is regressed on s for rows of each phase,
+Without added noise, a held torque repeats exactly, and it changes at regular times; repetitions due
+to a coarse unit are irregular. With added noise, a torque held for k rows rises in every k-th row
+only. The rise d of a torque from row to row is regressed on its slope s, from other rows, for rows
+of each phase,
 
-    d_n = c_r s_n,    r = n mod k,
+    d_n = c_r s_n,    r = n mod k.
 
-and all c_r but that of updates are zero; without a hold they are equal.
+All c_r but that of the updates are zero; without a hold they are equal.
 """
 
 from collections.abc import Iterable, Iterator, Sequence
@@ -28,18 +28,18 @@ from deltaid.recording.table import padded, recut
 from deltaid.recording.time.signals import weights_at
 from deltaid.recording.windows import WINDOW
 
-# Updates that lie on one line in time, such groups at least, and the share of groups that do.
+# Updates of a group, fewest groups, and the least share of groups with regular updates.
 _GROUP, _GROUPS, _MOST = 16, 6, 0.8
 # A torque held for fewer rows is late by less than an eighth of one.
 _SHORTEST = 1.25
-# Longest hold of a log with noise [s]; prime factors of its rows, one of which shows any.
+# Longest hold of a log with noise [s]; prime factors of its rows, of which any hold has one.
 _LONGEST, _PRIMES = 0.012, (2, 3, 5, 7, 11, 13, 17, 19, 23)
-# How often recordings without a hold are said to have one; standard deviations, and the share of
-# an update's rise, that those of other rows surely stay below.
+# Probability of a false hold; standard deviations, and the share of an update's rise, that rises of
+# other rows stay below.
 _SEEN, _SURE, _LEFT = 1e-6, 3.0, 0.5
-# Share of rows that have no step of friction near, and of rises of a phase that no jump made.
+# Share of rows without a step of friction, and of rises of a phase without a jump.
 _USUAL = 0.9
-# Parts of a recording that have to agree.
+# Parts of a recording that must agree.
 _PARTS = 2
 
 Stretch = tuple[np.ndarray, np.ndarray]  # numbers of rows, and a drive's torque
@@ -50,9 +50,9 @@ class Hold:
     """How a drive holds its torque.
 
     Attributes:
-        rows: between two updates; 0 where it is not held.
-        phase: number of an update's row, counted from time 0 on, modulo `rows`; None where rows
-            that change are updates.
+        rows: between two updates; 0 if it is not held.
+        phase: row of an update, counted from time 0, modulo `rows`; None if updates are the rows
+            that change.
     """
 
     rows: float
@@ -60,7 +60,7 @@ class Hold:
 
     @property
     def spread(self) -> int:
-        """Over how many rows to either side a torque is spread."""
+        """Rows to either side over which a torque is interpolated."""
         return TORQUE_SIDE * int(np.ceil(self.rows))
 
     def __bool__(self) -> bool:
@@ -72,16 +72,16 @@ def filled(
 ) -> Iterator[Rows]:
     """Rows of a segment with torques interpolated between their updates, in constant memory.
 
-    Nothing depends on how the rows are cut into blocks.
+    The result does not depend on the blocks.
 
     Args:
         segment: evenly spaced rows in blocks: `columns`, then a weight a drive.
-        columns: what stands where.
+        columns: of the rows.
         hold: of each drive.
         rate: rows per second.
     """
     margin, drives = 2 * max(held.spread for held in hold) + 1, len(hold)
-    marked = padded(_marked(segment, columns, hold, rate), margin, margin, columns)
+    marked = padded(_with_marks(segment, columns, hold, rate), margin, margin, columns)
     for wide in recut(marked, WINDOW, 2 * margin):
         out = wide[margin : len(wide) - margin, :-drives].copy()
         inner = np.arange(margin, len(wide) - margin)
@@ -93,15 +93,15 @@ def filled(
                     sums = np.append(0.0, np.cumsum(tau))
                     ends = np.minimum(np.arange(len(tau)) + round(held.rows), len(tau))
                     tau = (sums[ends] - sums[:-1]) / (ends - np.arange(len(tau)))
-                out[:, place], least = _between(tau, wide[:, weight], knots, inner)
+                out[:, place], least = _interpolated(tau, wide[:, weight], knots, inner)
                 out[:, weight] = np.minimum(out[:, weight], least)
         yield out
 
 
-def _between(
+def _interpolated(
     tau: np.ndarray, weight: np.ndarray, knots: np.ndarray, rows: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Values at rows by those of knots about them, and the least weight of these."""
+    """Values at rows, interpolated from knots, and the least weight of these."""
     first = np.searchsorted(knots, rows, side="right") - TORQUE_SIDE
     inside = (first >= 0) & (first + 2 * TORQUE_SIDE <= len(knots))
     value, least = tau[rows], np.where(inside, weight[rows], 0.0)
@@ -113,10 +113,10 @@ def _between(
     return value, least
 
 
-def _marked(
+def _with_marks(
     segment: Iterable[Rows], columns: Columns, hold: tuple[Hold, ...], rate: float
 ) -> Iterator[Rows]:
-    """Rows with a further column a drive: 1 where its torque has been updated."""
+    """Rows with one more column per drive: 1 where its torque is updated."""
     before, since = None, np.full(len(hold), np.nan)  # no update yet
     longest = np.array([max(1, int(np.ceil(held.rows))) for held in hold])
     for rows in segment:
@@ -136,7 +136,7 @@ def _marked(
 
 
 def row_numbers(rows: Rows, rate: float) -> Int[np.ndarray, " _"]:
-    """Numbers of rows counted from time 0 on."""
+    """Numbers of rows, counted from time 0."""
     return np.round(np.nan_to_num(rows[:, 0]) * rate).astype(int)
 
 
@@ -145,24 +145,24 @@ def holds(stretches: Iterable[Iterable[Rows]], columns: Columns, rate: float) ->
 
     Args:
         stretches: of evenly spaced rows in blocks.
-        columns: what stands where.
+        columns: of the rows.
         rate: rows per second.
     """
     parts = [np.concatenate(list(stretch)) for stretch in stretches]
     numbers = [row_numbers(part, rate) for part in parts]
-    found = list[Hold]()
+    by_drive = list[Hold]()
     for place in range(columns.torque_places.start, columns.torque_places.stop):
         tau = [part[:, place] for part in parts]
-        rows = _repeated(tau)
+        rows = _exact_period(tau)
         pairs = zip(numbers, tau, strict=True)
         split = [[np.array_split(x, _PARTS) for x in pair] for pair in pairs]
         halves = [[(n[k], y[k]) for n, y in split] for k in range(_PARTS)]
-        found.append(Hold(rows) if rows else _rising(halves, round(_LONGEST * rate)))
-    return tuple(found)
+        by_drive.append(Hold(rows) if rows else _noisy_hold(halves, round(_LONGEST * rate)))
+    return tuple(by_drive)
 
 
-def _repeated(stretches: Sequence[np.ndarray]) -> float:
-    """Rows between two changes, where these are regular."""
+def _exact_period(stretches: Sequence[np.ndarray]) -> float:
+    """Rows between two changes; 0 if these are irregular."""
     groups = list[np.ndarray]()
     for tau in stretches:
         updates = np.flatnonzero(np.diff(tau) != 0)
@@ -179,8 +179,8 @@ def _repeated(stretches: Sequence[np.ndarray]) -> float:
     return period if np.mean(regular) > _MOST else 0.0
 
 
-def _rising(parts: Sequence[Sequence[Stretch]], longest: int) -> Hold:
-    """The longest hold by which torques rise in updates only."""
+def _noisy_hold(parts: Sequence[Sequence[Stretch]], longest: int) -> Hold:
+    """The longest hold in which torques rise at updates only."""
     primes = [k for k in _PRIMES if k <= longest]
     first = [k for k in primes if _phase(parts, k) is not None]
     for k in range(longest, 1, -1) if first else ():
@@ -190,9 +190,9 @@ def _rising(parts: Sequence[Sequence[Stretch]], longest: int) -> Hold:
 
 
 def _phase(parts: Sequence[Sequence[Stretch]], k: int) -> int | None:
-    """The phase of the updates of a torque that is held for k rows; None where it is not.
+    """Phase of the updates of a torque that is held for k rows; None if it is not.
 
-    All parts of a recording show the same, which steps of friction at some rows do not.
+    All parts of a recording must have the same phase, which steps of friction do not.
     """
     phases = {_phase_of(part, k) for part in parts}
     return phases.pop() if len(phases) == 1 else None

@@ -1,10 +1,10 @@
-"""A surveyed log: what it holds, what is wrong with it, and its rows, read again or from memory.
+"""A surveyed log: its contents and faults, and its rows, read again or from memory.
 
-What a recording lacks or has too much of (a lag, a law of friction, a gear that gives way) shows in
-a minute of it as in an hour. So a log is read once more for stretches that are spread evenly from
-its beginning to its end, and whoever has to look at rows again and again looks at these.
+Model errors such as a lag, a friction law or a compliant gear show in a minute of a recording as in
+an hour. So the log is read once more for an excerpt, stretches spread evenly from its beginning to
+its end, and stages that need rows repeatedly use the excerpt.
 
-Reading text takes more than all else, so the rows of a log that is not too long are kept.
+Reading text dominates the run time, so rows of a log that is not too long are kept.
 """
 
 from collections.abc import Iterable, Iterator, Sequence
@@ -27,17 +27,17 @@ from deltaid.recording.time.signals import longest_hole, segments
 from deltaid.recording.windows import WINDOW
 from deltaid.shown import Shown
 
-# So many stretches, of so many windows and seconds together; no more than so many windows.
+# An excerpt: its stretches, fewest windows and seconds together, and most windows.
 _STRETCHES, _WINDOWS, _SECONDS, MOST_WINDOWS = 4, 3, 24.0, 32
-# A stretch is so many times as long as the filter at least.
+# Least length of a stretch, in lengths of the filter.
 _LONG = 8
-# A log that is no longer than so many times an excerpt is held as it is.
+# A log of no more than so many lengths of an excerpt is its own excerpt.
 _WHOLE = 2.0
-# Numbers that are kept at most: 128 MiB, or two million rows of four drives' positions and torques.
+# Most numbers that are kept: 128 MiB, two million rows of four drives' positions and torques.
 _MOST_NUMBERS = 1 << 24
-# The longest stretch of stale rows in whose place a motion is put [s].
+# Longest stretch of stale rows that is bridged [s].
 _HELD = 0.1
-# The rule of `Log.suggested_cutoff`: multiple of the bandwidth, Hz, and periods in a segment.
+# `Log.suggested_cutoff`: multiple of the bandwidth, least cut-off [Hz], least periods in a segment.
 _ABOVE, _AT_LEAST, _LEAST_PERIODS = 2.0, 12.0, 100.0
 
 
@@ -46,9 +46,9 @@ class Excerpt:
     """Evenly spaced rows of a log.
 
     Attributes:
-        columns: what stands where, as in `Log.segments`; weights follow.
+        columns: of the rows, as in `Log.segments`; weights follow.
         stretches: without a gap.
-        whole: whether they are all of it.
+        whole: whether they are the whole log.
     """
 
     columns: Columns
@@ -57,15 +57,15 @@ class Excerpt:
 
     def read(self, columns: Columns) -> Iterator[Rows]:
         """The stretches with some of their columns."""
-        own, wanted = self.columns.all, columns.all
-        places = [own.index(channel) for channel in wanted]
+        held, wanted = self.columns.all, columns.all
+        places = [held.index(channel) for channel in wanted]
         for rows in self.stretches:
-            behind = range(len(own), rows.shape[1])
-            yield rows if len(wanted) == len(own) else rows[:, [*places, *behind]]
+            behind = range(len(held), rows.shape[1])
+            yield rows if len(wanted) == len(held) else rows[:, [*places, *behind]]
 
 
 def _cut(segments: Iterable[Iterable[Rows]], starts: Sequence[int], length: int) -> Iterator[Rows]:
-    """Stretches of a length from some rows on, cut where segments end."""
+    """Stretches of a length that begin at some rows, cut at ends of segments."""
     row = 0
     for segment in segments:
         parts = {start: list[Rows]() for start in starts}
@@ -78,15 +78,15 @@ def _cut(segments: Iterable[Iterable[Rows]], starts: Sequence[int], length: int)
         yield from (np.concatenate(held) for held in parts.values() if held)
 
 
-def taken_down(batches: Iterable[Rows], kept: list[Rows], row: int) -> Iterator[tuple[int, Rows]]:
-    """Batches as they are read for the first time with the numbers of their first rows.
+def keep_batches(batches: Iterable[Rows], kept: list[Rows], row: int) -> Iterator[tuple[int, Rows]]:
+    """Batches with the numbers of their first rows.
 
-    Each is copied to `kept` before it is handed on; nothing is left there where they are too many.
+    Each is copied to `kept`, which is emptied if the numbers are too many.
     """
-    left = _MOST_NUMBERS
+    room = _MOST_NUMBERS
     for values in batches:
-        left -= values.size
-        if left < 0:
+        room -= values.size
+        if room < 0:
             kept.clear()
         else:
             kept.append(values.copy())
@@ -100,23 +100,23 @@ class Log(Shown):
     """A surveyed recording.
 
     Attributes:
-        table, columns: the file or table, and which of its columns are what.
+        table, columns: the file or table, and its columns by quantity.
         sha256: checksum, of the file or of the numbers in memory.
         samples: number of rows.
-        clock: how the rows lie in time: what is missing, doubled, jittered.
+        clock: times of the rows: missing and doubled rows, jitter.
         torque_max: largest |τ| of each drive [N m]; empty without torques.
         position_noise: standard deviation of each drive's position, steps of the encoder included
-            [rad or m]; 0 where it is not seen.
+            [rad or m]; 0 if it is not visible.
         reach: lowest and highest of the platform's coordinates [m].
         motion_cutoff: low-pass cut-off of the positions by the rule of `SpectrumEstimate.cutoff`
             [Hz], from the stretches between emergency stops.
         bandwidth: of the motion, by `SpectrumEstimate.bandwidth` [Hz], from the same.
-        masks: what is left out of it; without any where all is kept.
-        keep_all: whether nothing is to be left out.
-        warnings: what is doubtful, with rows and columns.
+        masks: rows that are excluded; none if all are kept.
+        keep_all: whether nothing is excluded.
+        warnings: doubts, with rows and columns.
         kept: its rows as they were read; None if they are too many.
-        held: what is read in the place of its rows; None for these.
-        path: where the log is; the name of one in memory.
+        held: an excerpt that is read in place of its rows; None for its rows.
+        path: of the log; the name of one in memory.
         rate: the sampling rate [Hz].
         has_derivatives: whether velocities and accelerations are recorded.
     """
@@ -151,12 +151,12 @@ class Log(Shown):
 
     @property
     def suggested_cutoff(self) -> float | None:
-        """Low-pass cut-off for the rows of a regression [Hz]; None where it is not known.
+        """Low-pass cut-off for the rows of a regression [Hz]; None if it is unknown.
 
-        Twice the motion's bandwidth, because torques hold products of velocities, and at least
-        12 Hz for the steps of friction; above there is hardly anything but noise, play and ringing
-        of gears. No higher than what positions hold, and no lower than what costs a usual segment
-        a sixteenth of its samples, by the filter's length.
+        Twice the motion's bandwidth, because torques have products of velocities, and at least 12
+        Hz for the steps of friction; above are mostly noise, play and ringing of gears. No higher
+        than the cut-off of positions, and high enough that the filter's length costs a usual
+        segment a sixteenth of its samples at most.
         """
         if self.motion_cutoff is None or self.bandwidth is None:
             return None
@@ -168,32 +168,32 @@ class Log(Shown):
 
     @cached_property
     def laid(self) -> Clock:
-        """The clock with long stretches of stale rows taken for holes."""
+        """The clock with long stretches of stale rows as holes."""
         return self.clock.without(as_runs((mask.first, mask.last) for mask in self._stale(True)))
 
     def _stale(self, long: bool) -> list[Mask]:
-        """Stretches of stale rows that are long, in whose place no motion is put, or short."""
+        """Stretches of stale rows: long ones, which are holes, or short ones, which are bridged."""
         stale = (mask for mask in self.masks if mask.reason == "stale rows")
         return [mask for mask in stale if (mask.last - mask.first >= _HELD * self.rate) == long]
 
     def batches(self) -> Iterator[Rows]:
         """All rows in SI units: columns as in `Columns.all`, then one weight a drive.
 
-        A weight between 0 and 1 says how far the drive's torque counts in that row; a log without
-        torques has none. In the place of a few stale rows stands a smooth motion. Sensors show NaN
-        where nothing counts.
+        A weight between 0 and 1 is that of the drive's torque in the row; a log without torques has
+        none. Short stretches of stale rows are bridged by a smooth motion. Sensors are NaN in rows
+        that do not count.
         """
         spans = [left_out(self.masks, drive) for drive in range(len(self.columns.torque))]
-        # Where rows or motion are wrong, nothing beside the drives counts either.
+        # Sensors do not count either where rows or motion are wrong.
         reasons = ("stale rows", "emergency stop", "before a stop", "load changes")
-        untold = left_out(mask for mask in self.masks if mask.reason in reasons)
+        invalid = left_out(mask for mask in self.masks if mask.reason in reasons)
         row, read = 0, self.kept.read(self.columns) if self.kept else None
         batches = read or read_batches(self.table, self.columns)
         for block in bridged(batches, self._stale(False), self.columns.motion_places):
             rows = np.arange(row, row + len(block))
-            gone = [within(runs, rows) for runs in spans]
-            values = np.column_stack([block, *(1.0 - lost for lost in gone)])
-            values[within(untold, rows), self.columns.sensor_places] = np.nan
+            excluded = [within(runs, rows) for runs in spans]
+            values = np.column_stack([block, *(1.0 - lost for lost in excluded)])
+            values[within(invalid, rows), self.columns.sensor_places] = np.nan
             yield values
             row += len(block)
 
@@ -201,7 +201,7 @@ class Log(Shown):
         """The samples of each segment, evenly spaced, in blocks; columns as in `batches`.
 
         Args:
-            cutoff: what is filtered away later [Hz]; shorter holes are bridged.
+            cutoff: of the later low-pass [Hz]; holes shorter than it resolves are bridged.
         """
         if self.held is not None:
             return (iter((rows,)) for rows in self.held.read(self.columns))
@@ -210,11 +210,11 @@ class Log(Shown):
         return segments(self.batches(), self.laid, longest, len(c.torque), c.states, sensors)
 
     def excerpt(self, cutoff: float | None, low_pass: LowPass) -> Excerpt:
-        """Stretches that stand for the log; of a short one all of it.
+        """The excerpt of the log; all of a short one.
 
         Args:
             cutoff: as of `segments`.
-            low_pass: the recording's filter, which takes its length off both ends of a stretch.
+            low_pass: the recording's filter, whose length both ends of a stretch lose.
         """
         lost, segments = low_pass.reach, self.segments(cutoff)
         wanted = min(max(_WINDOWS * WINDOW, round(_SECONDS * self.rate)), MOST_WINDOWS * WINDOW)
@@ -227,17 +227,17 @@ class Log(Shown):
         return Excerpt(self.columns, tuple(_cut(segments, starts, length)), whole=False)
 
     def bridged(self, cutoff: float | None) -> int:
-        """Rows missing that are bridged at a cut-off [Hz]; one, where nothing is filtered."""
+        """Most missing rows that are bridged at a cut-off [Hz]; 1 without a filter."""
         return longest_hole(self.rate, cutoff) if cutoff else 1
 
     def cut_at(self, cutoff: float | None, shortest: int) -> "Log":
-        """The same, with what becomes of its holes at a cut-off told among its warnings.
+        """The log with warnings about its holes at a cut-off.
 
         Args:
-            shortest: samples that a segment must have to be of use.
+            shortest: least samples of a usable segment.
 
         Raises:
-            RecordingError: no segment has so many.
+            RecordingError: no segment is usable.
         """
         if self.laid.steady:
             return self

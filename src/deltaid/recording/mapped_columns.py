@@ -1,4 +1,4 @@
-"""Columns as a mapping declares them: of drives, time, temperature and sensors, and their units."""
+"""Entries of a mapping: columns of drives, time, temperature and sensors, with their units."""
 
 from collections.abc import Mapping
 from typing import Annotated, Any, Literal
@@ -23,12 +23,12 @@ QUANTITIES = tuple(SHORT_NAMES)
 NEEDED = ("time", "position", "torque")
 # Default names of the time.
 TIMES = ("t", "time")
-# What may be given for the unit of dates, which have none.
+# Allowed units of dates, which have none.
 DATES = ("iso", "datetime")
 
 
 def _numbered(value: object) -> object:
-    """A column's number as the name that it has in a log without header."""
+    """A column's number as its name in a log without header."""
     return str(value) if isinstance(value, int) and not isinstance(value, bool) else value
 
 
@@ -82,21 +82,21 @@ class _Several(Part):
         return self
 
     def names(self, count: int) -> tuple[str, ...]:
-        """Of so many columns."""
+        """Names of so many columns."""
         return self.columns or tuple(f"{self.column}[{i}]" for i in range(count))
 
     def each(self, count: int, where: str, wanted: str, cure: str) -> list[dict[str, Any]]:
-        """What is said of each of so many columns.
+        """The entry of each of so many columns.
 
         Args:
-            where: for messages, as `wanted` and `cure`.
-            wanted: what needs so many.
+            where, cure: for messages.
+            wanted: what needs so many, for messages.
 
         Raises:
             RecordingError: a list has another length.
         """
-        own = type(self).model_fields.keys() - {"column", "columns"}
-        given: dict[str, Any] = {"column": self.names(count)} | {k: getattr(self, k) for k in own}
+        keys = type(self).model_fields.keys() - {"column", "columns"}
+        given: dict[str, Any] = {"column": self.names(count)} | {k: getattr(self, k) for k in keys}
         for key, value in given.items():
             if isinstance(value, tuple) and len(value) != count:
                 what = f"{key if key == 'column' else 'value'}{'s' * (len(value) != 1)}"
@@ -133,10 +133,10 @@ class AllDrives(_Several):
     )
 
     def entries(self, dof: int, where: str) -> tuple[DriveColumn, ...]:
-        """The same as a list.
+        """One entry per drive.
 
         Raises:
-            RecordingError: a list has another length than there are drives.
+            RecordingError: a list has not one item per drive.
         """
         wanted, cure = f"the robot has {dof} drives", "list one a drive, in order of q"
         return tuple(DriveColumn(**entry) for entry in self.each(dof, where, wanted, cure))
@@ -171,7 +171,7 @@ class TimeColumn(Part):
 
     @property
     def is_absent(self) -> bool:
-        """Whether there is no column: samples follow one another at the rate."""
+        """Whether there is no column, and samples follow one another at the rate."""
         return self.rate is not None and "column" not in self.model_fields_set
 
     @model_validator(mode="after")

@@ -1,6 +1,6 @@
-"""A mapping: which column of a log is what, and in which unit.
+"""Mappings: columns of a log by quantity, with their units.
 
-Declared by the user, or proposed: the columns of each quantity, with reasons and doubts.
+A mapping is declared by the user, or proposed, with reasons and doubts for each quantity.
 """
 
 from collections.abc import Mapping, Sequence
@@ -26,7 +26,7 @@ from deltaid.robot.load import load_yaml, yaml_text
 from deltaid.robot.part import Part
 from deltaid.shown import Shown
 
-# The source of a mapping that nobody gave: one that is found with certainty.
+# Source of a mapping that was proposed with certainty and used.
 FOUND = "columns found"
 
 
@@ -67,23 +67,23 @@ class ColumnMapping(Shown, Part):
 
     @property
     def source(self) -> str:
-        """The file it comes from, for messages."""
+        """Its file, for messages."""
         return self._source
 
     def known_as(self, source: str) -> "ColumnMapping":
-        """The same, known by the file that it comes from."""
+        """The mapping with the name of its file."""
         mapping = self.model_copy()
         mapping._source = source
         return mapping
 
     @property
     def loads(self) -> tuple[Load, ...]:
-        """What the robot carries."""
+        """Loads that the robot carries."""
         return (self.load,) if isinstance(self.load, Load) else self.load or ()
 
     @property
     def needed(self) -> tuple[tuple[str, ...], ...]:
-        """Names of which a header holds one each: time, and positions of whatever robot."""
+        """Alternative names of time and positions, of which a header has one each."""
         if isinstance(self.position, AllDrives):
             names = self.position.names(1)
         else:
@@ -113,7 +113,7 @@ def mapping_each(columns: ColumnMappings, recordings: int) -> list[ColumnMapping
     """The mapping of each recording.
 
     Raises:
-        RecordingError: there are several, but not as many as recordings; or something is none.
+        RecordingError: their number differs from that of recordings, or one is no mapping.
         DescriptionError: a file does not fit.
     """
     each = columns if isinstance(columns, Sequence) and not isinstance(columns, str) else [columns]
@@ -164,11 +164,11 @@ class FoundColumns:
 
     Attributes:
         quantity: time, position, velocity, acceleration or torque.
-        columns: one a drive; of time one.
-        units: as a mapping has them, one a column; empty where none can be proposed.
-        reasons: why these, and why in this unit.
-        doubts: which other columns it may be.
-        assumed: why the unit is a guess; empty where it is none.
+        columns: one per drive, or one of the time.
+        units: one per column; empty if none can be proposed.
+        reasons: for these columns and units.
+        doubts: about the columns.
+        assumed: why the unit is a guess; empty if it is certain.
     """
 
     quantity: str
@@ -185,18 +185,18 @@ class FoundColumns:
 
     @property
     def open_questions(self) -> tuple[str, ...]:
-        """All that is in doubt; nothing if it is certain."""
+        """All doubts; empty if it is certain."""
         return (*self.doubts, self.assumed) if self.assumed else self.doubts
 
 
 @dataclass(frozen=True)
 class MappingProposal:
-    """A mapping that may be right.
+    """A proposed mapping.
 
     Attributes:
-        data: as its file would hold it.
-        found: the columns of each quantity, with reasons and doubts.
-        missing: what is needed and was not found: quantities, units, a torque_constant.
+        data: content of its file.
+        found: columns of each quantity, with reasons and doubts.
+        missing: needed quantities, units or torque_constant that were not found.
     """
 
     data: dict[str, Any]
@@ -205,7 +205,7 @@ class MappingProposal:
 
     @property
     def reasons(self) -> tuple[str, ...]:
-        """Why, one sentence a quantity; what is assumed says so."""
+        """Reasons and assumptions, one sentence per quantity."""
         return tuple(
             f"{part.quantity}: {', '.join(part.columns)}; "
             + "; ".join((*part.reasons, *part.open_questions))
@@ -214,33 +214,33 @@ class MappingProposal:
 
     @property
     def doubts(self) -> tuple[str, ...]:
-        """What else columns and units may be, one sentence each."""
+        """Doubts about columns and units, one sentence each."""
         return tuple(f"{p.quantity}: {text}" for p in self.found for text in p.open_questions)
 
     @property
     def complete(self) -> bool:
-        """Whether a check can begin with it."""
+        """Whether it has all that a check needs."""
         return not self.missing
 
     @property
     def certain(self) -> bool:
-        """Whether it is complete and nothing of it is in doubt."""
+        """Whether it is complete and without doubts."""
         return self.complete and not self.doubts
 
     @property
     def mapping(self) -> ColumnMapping:
-        """The same as a value, to be given as `columns=`.
+        """The mapping, to be given as `columns=`.
 
         Raises:
-            DescriptionError: a quantity or a unit that is needed was not found.
+            DescriptionError: a needed quantity or unit was not found.
         """
         return ColumnMapping.from_dict(self.data, "proposed columns").known_as("proposed columns")
 
     def save(self, path: str | Path) -> None:
-        """Write it as a mapping file, to be read and corrected.
+        """Write it as a mapping file.
 
         Raises:
-            RecordingError: something that is needed was not found.
+            RecordingError: a needed quantity or unit was not found.
             DeltaidError: the file cannot be written.
         """
         if self.missing:
@@ -256,11 +256,11 @@ class MappingProposal:
 
 @dataclass(frozen=True)
 class Known:
-    """What the user says of columns, whatever their names.
+    """Properties of columns that the user states.
 
     Attributes:
         units: by quantity.
-        gear: motor revolutions per joint revolution; None where columns are of the joints.
+        gear: motor revolutions per joint revolution; None if columns are of the joints.
         torque_constant: N m per A at the motor, for currents.
     """
 
@@ -270,7 +270,7 @@ class Known:
 
 
 def as_words(mapping: ColumnMapping) -> str:
-    """'columns are found: time t [s]; position a, b, c [deg]', of a mapping that is found."""
+    """A proposed mapping in words: 'columns are found: time t [s]; position a, b, c [deg]'."""
     parts = [f"time {mapping.time.column} [{mapping.time.unit}]"]
     for quantity in QUANTITIES:
         drives: Any = getattr(mapping, quantity) or ()

@@ -1,4 +1,4 @@
-"""Recordings in memory: tables of polars or pandas, and arrays, beside the paths of files."""
+"""Recordings in memory: tables of polars or pandas, and arrays."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -30,7 +30,7 @@ from deltaid.shown import Plotted, Shown, Tabled
 
 @runtime_checkable
 class PandasTable(Protocol):
-    """What is used of a `pandas.DataFrame`; pandas itself is not needed."""
+    """The interface of a `pandas.DataFrame` that is used; pandas itself is not needed."""
 
     @property
     def columns(self) -> Any: ...
@@ -40,16 +40,16 @@ class PandasTable(Protocol):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Recording(Shown, Plotted, Tabled):
-    """A recording in memory, to be given where a log file can be given.
+    """A recording in memory, which can be given in place of a log file.
 
-    Made by `Recording.from_arrays`, or from a table to give it a name by `Recording.from_table`. It
-    is the raw data: what `Identification.recordings` holds are logs that were checked, each with
-    its filter (`deltaid.recording.recording.PreparedRecording`).
+    Made by `Recording.from_arrays`, or by `Recording.from_table` to name a table. It is the raw
+    data; `Identification.recordings` are checked logs with their filters
+    (`deltaid.recording.recording.PreparedRecording`).
 
     Attributes:
         table: the numbers.
-        mapping: their units, if declared with them; else the mapping given with the call holds.
-        drives: how many drives the arrays are of; None for a table, which may have more columns.
+        mapping: their units, if declared with them; else the mapping of the call holds.
+        drives: number of drives of the arrays; None for a table.
     """
 
     table: LogTable
@@ -64,9 +64,9 @@ class Recording(Shown, Plotted, Tabled):
         """A table under a name for messages and reports.
 
         Columns are named as in a log file: t, q1…, tau1…, or as the mapping says. A lazy table is
-        computed, of a pandas one the columns are copied, without its index. A dictionary of arrays
-        or a structured array of NumPy is a table too; of one with several columns under a name,
-        such as q of shape (samples, drives), these are q[0], q[1], ….
+        computed; the columns of a pandas table are copied, without its index. A dictionary of
+        arrays or a structured array of NumPy is a table too; columns of an array such as q of shape
+        (samples, drives) are q[0], q[1], ….
 
         Raises:
             RecordingError: two columns have one name, their lengths differ, they hold no numbers,
@@ -118,12 +118,12 @@ class Recording(Shown, Plotted, Tabled):
             tau: torques or forces, the same shape.
             t: time, (samples,); or
             rate: the sampling rate in its place [Hz].
-            extra: what was recorded beside the drives, such as the state of a gripper, by the names
-                that a mapping gives, (samples,) each; of a sensor by its name (samples, channels).
+            extra: extra columns, such as the state of a gripper, by the names in a mapping,
+                (samples,) each; of a sensor by its name, (samples, channels).
             name: of the recording, for messages and reports.
 
         Raises:
-            RecordingError: shapes do not fit, something holds no numbers, or neither or both of t
+            RecordingError: shapes do not fit, an array holds no numbers, or neither or both of t
                 and rate are given. Values and units are checked when the recording is used.
         """
         given = {"q": q, "qd": qd, "qdd": qdd, "tau": tau}
@@ -149,10 +149,10 @@ RecordingLike = str | Path | TableLike | Recording
 
 
 def as_source(given: object, name: str = "table") -> Path | Recording:
-    """Where one recording is: a file, or memory; a table without a name gets this one.
+    """The source of a recording: a path, or a recording in memory; `name` is that of a table.
 
     Raises:
-        RecordingError: it is none of the things that hold a recording.
+        RecordingError: it is no recording.
         DeltaidError: the process has lost its threads, as of `require_threads`.
     """
     require_threads()
@@ -173,7 +173,7 @@ def as_source(given: object, name: str = "table") -> Path | Recording:
 
 
 def as_sources(given: object) -> list[Path | Recording]:
-    """One recording, or a sequence of them, as a list; tables in a sequence are numbered.
+    """Sources of one or several recordings; tables of a sequence are numbered.
 
     Raises:
         RecordingError: as `as_source`.
@@ -221,7 +221,7 @@ def _series(key: str, column: Any) -> pl.Series:
         try:
             return pl.Series(key, np.stack([numbers_of(row, key) for row in column]))
         except (RecordingError, ValueError):
-            pass  # no numbers, or not as many in each row
+            pass  # no numbers, or rows of different lengths
     elif isinstance(first, str):
         texts = [text if isinstance(text, str) else None for text in column]
         return pl.Series(key, texts, dtype=pl.String)

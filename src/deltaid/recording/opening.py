@@ -1,4 +1,4 @@
-"""Opening a recording: every row is read once and checked, before anything is computed from it."""
+"""Opens recordings: every row is read and checked before anything is computed from it."""
 
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
@@ -11,7 +11,7 @@ from deltaid.parallel import ordered
 from deltaid.recording.address import find, listing
 from deltaid.recording.columns import Columns, Rows
 from deltaid.recording.contents import proposal_for
-from deltaid.recording.log import Excerpt, Log, taken_down
+from deltaid.recording.log import Excerpt, Log, keep_batches
 from deltaid.recording.mapping import FOUND, ColumnMapping, as_words
 from deltaid.recording.masks.masks import require_rest, runs_of
 from deltaid.recording.masks.search import timed
@@ -43,11 +43,11 @@ def open_log(
     Args:
         source: a file of any kind in `FORMATS`, or a recording in memory.
         kinematics: of the robot that was recorded.
-        mapping: names and units of the columns, if not the default ones; arrays with units of
-            their own keep these.
+        mapping: names and units of the columns, if not the default ones; arrays with units keep
+            theirs.
         need_torque: if false, the log may be a planned motion, and torque columns are not read.
-        keep_all: leave nothing out (`masks`).
-        need_rest: refuse a log of which next to nothing is left.
+        keep_all: whether no rows are excluded (`masks`).
+        need_rest: whether a log with hardly any rows left is refused.
 
     Raises:
         RecordingError: a column is missing; a value is missing or not finite; time runs backwards
@@ -75,12 +75,12 @@ def open_log(
                 cure="give the robot that was recorded; an axis beside it does no harm",
             )
         )
-    with ThreadPoolExecutor(1) as beside:
-        digest = beside.submit(table.checksum, [channel.column for channel in columns.recorded])
+    with ThreadPoolExecutor(1) as thread:
+        digest = thread.submit(table.checksum, [channel.column for channel in columns.recorded])
         unwrapping, kept = unwrappers(columns), list[Rows]()
         batches = read_batches(table, columns, unwrapping)
-        for seen in ordered(survey.look, taken_down(batches, kept, table.first_row)):
-            survey.add(seen)
+        for batch in ordered(survey.look, keep_batches(batches, kept, table.first_row)):
+            survey.add(batch)
         survey.warnings += doubts_about_rounds(unwrapping, table)
         clock = _clock(survey)
         survey.finish(clock)
@@ -110,10 +110,10 @@ def open_log(
 def resolved_table(
     source: RecordingLike, kinematics: Kinematics, mapping: ColumnMapping | None = None
 ) -> tuple[LogTable, Columns, ColumnMapping]:
-    """A recording's table, which of its columns are what, and the mapping that decided it.
+    """A recording's table, its columns by quantity, and the mapping that determines them.
 
-    Without a mapping and default names, columns that are found with certainty are used, and the
-    table's warnings say so.
+    Without a mapping and default names, a certain proposal is used, and the table's warnings report
+    it.
 
     Raises:
         RecordingError: it cannot be read, or a column is missing.
@@ -149,10 +149,10 @@ def resolved_table(
 def _proposed(
     table: LogTable, linear: tuple[bool, ...], error: RecordingError
 ) -> tuple[LogTable, ColumnMapping]:
-    """The table with a warning, and the mapping of columns that are found with certainty.
+    """The table with a warning, and a proposed mapping that is certain.
 
     Raises:
-        RecordingError: nothing is found, or it is in doubt.
+        RecordingError: there is no proposal, or it is in doubt.
     """
     proposal = proposal_for(table, linear)
     if proposal.doubts or {*proposal.missing} - {"torque"}:
@@ -169,7 +169,8 @@ def _proposed(
 
 
 def _with_cutoff_between_stops(log: Log) -> Log:
-    """Brakes stop a robot with a jerk, whose spectrum is no motion's: without it, the cut-off."""
+    """The log with a cut-off from the stretches between emergency stops, whose jerk is no
+    motion."""
     stops = tuple(mask for mask in log.masks if mask.reason == "emergency stop")
     if not stops:
         return log
@@ -191,14 +192,14 @@ def _with_cutoff_between_stops(log: Log) -> Log:
 
 
 def _clock(survey: Survey) -> Clock:
-    """The clock of a surveyed log. Where rows are not steady, what compares neighbours in the
-    survey is begun again, now over segments."""
+    """The clock of a surveyed log; if rows are not steady, neighbours are compared again by
+    segment."""
     survey.clock.require_time()
     if survey.clock.steady:
         return survey.clock.clock
     table, columns, dof = survey.table, survey.columns, survey.kinematics.dof
 
-    # Before any row is placed by such a step.
+    # Refuse a wrong rate before it places rows.
     usual = 1 / survey.clock.step if survey.clock.step > 0 else 0.0
     require_rate(table, columns.time.column, usual, differentiated=False)
     clock = study(read_batches(table, columns), dof)

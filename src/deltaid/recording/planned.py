@@ -1,8 +1,7 @@
-"""A planned motion of positions alone, as it goes on before its first row and behind its last one.
+"""Extends planned motions of positions beyond their ends, so that filters lose no rows.
 
-A filter needs rows on either side of each that it gives. A plan that rests at an end rests beyond
-it, and a periodic one goes on as it begins; so rows are put there, and every row of the plan is
-kept. Beyond an end that moves nothing is known, and the filter's length is lost there.
+A plan that rests at an end rests beyond it, and a periodic one repeats; rows are added there.
+Beyond an end at which the plan moves nothing is known, and the filter's length is lost.
 """
 
 from dataclasses import dataclass, replace
@@ -17,7 +16,7 @@ from deltaid.recording.columns import Rows
 from deltaid.recording.filter import LowPass, design_low_pass
 from deltaid.recording.log import Log
 from deltaid.recording.recording import PreparedRecording, with_filter
-from deltaid.recording.spectrum import SEGMENT, SpectrumEstimate, spectrum_of
+from deltaid.recording.spectrum import HIGHEST, SEGMENT, SpectrumEstimate, spectrum_of
 
 Drives = Float[np.ndarray, " drives"]
 End = Literal["first", "last"]
@@ -37,8 +36,8 @@ class PlanEnds:
 
     Attributes:
         head, tail: its first and last rows, up to `_ROWS` or as many as the filter needs.
-        rows: how many it has.
-        speed: the largest speed of each drive [rad/s or m/s].
+        rows: their number.
+        speed: largest speed of each drive [rad/s or m/s].
     """
 
     log: Log
@@ -48,19 +47,19 @@ class PlanEnds:
     speed: Drives
 
     def beyond(self, end: End, count: int, period: int) -> Rows:
-        """Rows beyond an end of a plan that repeats itself after a period, or rests if it is 0."""
+        """Rows beyond an end of a plan that repeats after `period` rows, or rests if that is 0."""
         c, rate, ahead = self.log.columns, self.log.rate, end == "first"
         places = np.arange(-count, 0) if ahead else self.rows + np.arange(count)
         edge, row = (self.head[0], 0) if ahead else (self.tail[-1], self.rows - 1)
-        found = np.repeat(edge[None], count, axis=0)
-        found[:, 1 + len(c.position) : c.motion_places.stop] = 0.0
+        added = np.repeat(edge[None], count, axis=0)
+        added[:, 1 + len(c.position) : c.motion_places.stop] = 0.0
         if period:
             at = np.mod(places, period)
             behind = at >= len(self.head)
-            found = self.head[np.where(behind, 0, at)]
-            found[behind] = self.tail[at[behind] - (self.rows - len(self.tail))]
-        found[:, 0] = edge[0] + (places - row) / rate
-        return found
+            added = self.head[np.where(behind, 0, at)]
+            added[behind] = self.tail[at[behind] - (self.rows - len(self.tail))]
+        added[:, 0] = edge[0] + (places - row) / rate
+        return added
 
     @property
     def noise(self) -> Drives:
@@ -70,13 +69,13 @@ class PlanEnds:
         return np.maximum(step / np.sqrt(12), self.log.position_noise)
 
     def positions(self, rows: Rows) -> Rows:
-        """Those of some rows [rad or m]."""
+        """Positions of some rows [rad or m]."""
         return rows[:, 1 : 1 + len(self.log.columns.position)]
 
     def state(self, end: End, cutoff: float) -> tuple[Drives, Drives, Drives]:
         """Position and speed at an end, and the speed's standard deviation.
 
-        Least squares of a cubic over half a period of the cut-off [Hz], in which nothing turns.
+        A least-squares cubic over half a period of the cut-off [Hz].
         """
         c, rate = self.log.columns, self.log.rate
         rows = self.head if end == "first" else self.tail[::-1]
@@ -90,7 +89,7 @@ class PlanEnds:
         return fit[0] @ q[:count], fit[1] @ q[:count], np.linalg.norm(fit[1]) * self.noise
 
     def moving(self, end: End, cutoff: float) -> tuple[int, float] | None:
-        """A drive that moves at an end, from 0, and its speed; None where the plan rests."""
+        """Index and speed of a drive that moves at an end; None if the plan rests."""
         _, speed, spread = self.state(end, cutoff)
         limit = _RESTS * self.speed + np.minimum(_SIGMAS * spread, _UNSURE * self.speed)
         over = np.abs(speed) - np.where(self.speed > 0, limit, np.inf)
@@ -98,10 +97,10 @@ class PlanEnds:
         return (k, float(speed[k])) if over[k] > 0 else None
 
     def period(self, cutoff: float) -> int:
-        """After how many rows the plan begins anew: its last row is its first one, or the next is.
+        """Rows of a period: the plan's last row equals the first one, or the next row would.
 
         Raises:
-            RecordingError: it does not go on as it begins.
+            RecordingError: the plan is not periodic.
         """
         (q, v, spread), (q_last, v_last, spread_last) = (
             self.state(end, cutoff) for end in ("first", "last")
@@ -130,18 +129,18 @@ class PlanEnds:
 
 
 def planned(log: Log, cutoff: float | None = None, *, periodic: bool = False) -> PreparedRecording:
-    """A planned motion with its filter over positions, and with rows beyond its ends.
+    """A planned motion with its filter over positions, and rows beyond its ends.
 
-    Rows of torques are not filtered: of each row of the plan that the filter reaches there is one.
+    Torques are not filtered: there is one row for each row of the plan that the filter reaches.
 
     Args:
-        log: of steady rows, else nothing is put beyond its ends.
-        cutoff: a lowest cut-off [Hz].
-        periodic: whether it goes on as it begins.
+        log: of steady rows, else nothing is added beyond its ends.
+        cutoff: least cut-off [Hz].
+        periodic: whether the plan repeats.
 
     Raises:
-        RecordingError: it is periodic and does not go on as it begins, or is too short for the
-            filter and does not rest at both ends.
+        RecordingError: its ends do not fit a period, or it is too short for the filter and does
+            not rest at both ends.
     """
     if log.has_derivatives and cutoff is None:
         return with_filter(log)
@@ -156,8 +155,8 @@ def planned(log: Log, cutoff: float | None = None, *, periodic: bool = False) ->
         return replace(recording, low_pass=_only_motion(recording.filter))
     least = max(cutoff or 0.0, log.motion_cutoff or 0.0)
     ends = _ends(log, _ROWS + 1)
-    # Of a plan too short for a spectrum, speeds are judged as of the fastest motion.
-    judged = least or 0.1 * log.rate
+    # A plan too short for a spectrum is judged as the fastest motion.
+    judged = least or HIGHEST * log.rate
     period = ends.period(judged) if periodic else 0
     rests = [not periodic and ends.moving(end, judged) is None for end in ("first", "last")]
     spectra = [spectrum_of(ends.positions(rows)) for rows in _stretches(ends, period, rests)]
@@ -177,10 +176,9 @@ def planned(log: Log, cutoff: float | None = None, *, periodic: bool = False) ->
 
 
 def still_speed(recording: PreparedRecording) -> Drives:
-    """The speed of each drive below which a plan of positions does not show that it moves.
+    """Speed of each drive below which it counts as resting.
 
-    Friction of a drive at rest would follow the sign of what rounding and steps of positions leave
-    of its speed.
+    Below, the sign of the speed, and so friction, would follow rounding and steps of positions.
     """
     low_pass, c = recording.filter, recording.log.columns
     if c.velocity:
@@ -220,9 +218,9 @@ def _ends(log: Log, count: int) -> PlanEnds:
 
 
 def _stretches(ends: PlanEnds, period: int, rests: list[bool]) -> list[Rows]:
-    """Rows about each end beyond which the motion is known, half of them beyond it."""
+    """Rows about each end with a known continuation, half of them beyond it."""
     before, after = (bool(period) or rest for rest in rests)
-    if before and after and ends.rows < _ROWS:  # all of a short plan in the middle of one stretch
+    if before and after and ends.rows < _ROWS:  # a short plan is the middle of one stretch
         half = _ROWS - ends.rows // 2
         around = [ends.beyond(end, half, period) for end in ("first", "last")]
         return [np.vstack([around[0], ends.head, around[1]])]

@@ -1,7 +1,7 @@
-"""Which column of a foreign recording is what: proposed by names, units in names, and the numbers.
+"""Proposes a mapping for a foreign recording, by names, units in names, and numbers.
 
-Each quantity has its reasons, and what is in doubt. Only a proposal without doubts is used where no
-mapping is given; any other is shown, and a mapping file is written when the user takes it.
+Each quantity has reasons and doubts. Without a mapping, only a proposal without doubts is used; any
+other is shown, and the user may write it to a file.
 """
 
 from collections.abc import Mapping, Sequence
@@ -29,14 +29,14 @@ _RATES = {"velocity": "/s", "acceleration": "/s^2"}
 
 @dataclass(frozen=True)
 class Column:
-    """One column of a recording, as far as it is known.
+    """One column of a recording.
 
     Attributes:
-        address: its name, as a mapping names it.
+        address: its name in a mapping.
         unit: as the file states it; empty if it does not.
-        low, high: of its numbers; None as long as they are not known.
+        low, high: range of its numbers; None if unknown.
         is_date: whether it holds dates.
-        start: its first numbers, a row each; None as long as they are not known.
+        start: its first numbers; None if unknown.
     """
 
     address: str
@@ -48,13 +48,13 @@ class Column:
 
     @property
     def is_constant(self) -> bool:
-        """Whether all its numbers are known to be the same."""
+        """Whether all its numbers are known to be equal."""
         return self.low is not None and self.low == self.high
 
 
 def addresses(fields: Sequence[RecordedField], units: Mapping[str, str]) -> list[Column]:
-    """All columns that a mapping may name; of a short array each one."""
-    found: list[Column] = []
+    """All columns that a mapping may name, with each column of an array."""
+    columns: list[Column] = []
     for entry in fields:
         if entry.holds:
             continue
@@ -62,14 +62,14 @@ def addresses(fields: Sequence[RecordedField], units: Mapping[str, str]) -> list
         wide = [size for size in entry.shape if size is not None and 1 < size <= _WIDEST]
         if len(entry.shape) > 1 and wide:
             names = [f"{entry.name}[{i}]" for i in range(wide[-1])]
-            found += [Column(name, units.get(name, unit)) for name in names]
+            columns += [Column(name, units.get(name, unit)) for name in names]
         elif entry.shape:
-            found.append(Column(entry.name, unit, is_date=entry.is_clock))
-    return found
+            columns.append(Column(entry.name, unit, is_date=entry.is_clock))
+    return columns
 
 
 def count_drives(columns: Sequence[Column]) -> int:
-    """How many drives the largest group of positions has, else of torques; three without any."""
+    """Number of drives of the largest group of positions, else of torques; three without any."""
     names = [column.address for column in columns]
     for quantity in ("position", "torque"):
         for drives in range(_MOST_DRIVES, 0, -1):
@@ -82,17 +82,17 @@ def count_drives(columns: Sequence[Column]) -> int:
 def proposed_mapping(
     columns: Sequence[Column], linear: Sequence[bool], known: Known | None = None
 ) -> MappingProposal:
-    """The mapping that names, units and numbers speak for.
+    """The mapping proposed by names, units and numbers.
 
     Args:
         columns: of the recording, in its order.
         linear: for each drive whether it slides.
-        known: what the user says of units, gear and torque constant.
+        known: units, gear and torque constant that the user states.
     """
     known, candidates = known or Known(), _candidates(columns, len(linear))
-    found = [time] if (time := _time(columns, known)) else []
-    found += [_drives(q, candidates[q], linear, known) for q in QUANTITIES if candidates[q]]
-    parts = {part.quantity: part for part in _by_derivatives(found, columns, linear)}
+    proposed = [time] if (time := _time(columns, known)) else []
+    proposed += [_drives(q, candidates[q], linear, known) for q in QUANTITIES if candidates[q]]
+    parts = {part.quantity: part for part in _by_derivatives(proposed, columns, linear)}
     missing = [name for name in NEEDED if name not in parts]
     missing += [
         f"unit of {name}" for name in NEEDED if name in parts and not all(parts[name].units)
@@ -101,7 +101,7 @@ def proposed_mapping(
         kind_of(unit) == "current" for unit in (parts["torque"].units if "torque" in parts else ())
     ):
         missing.append("torque_constant")
-    for name in ("velocity", "acceleration"):  # positions can take their place
+    for name in ("velocity", "acceleration"):  # they follow from positions
         if name in parts and not all(parts[name].units):
             del parts[name]
     data = {name: _entries(part, columns, known) for name, part in parts.items()}
@@ -111,18 +111,18 @@ def proposed_mapping(
 def _candidates(
     columns: Sequence[Column], drives: int
 ) -> dict[str, list[tuple[Reading, Group, list[Column]]]]:
-    found: dict[str, list[tuple[Reading, Group, list[Column]]]] = {q: [] for q in QUANTITIES}
+    by_quantity: dict[str, list[tuple[Reading, Group, list[Column]]]] = {q: [] for q in QUANTITIES}
     for group in groups_of([column.address for column in columns], drives):
         members = [columns[place] for place in group.places]
         reading = read_name(members[0].address)
         quantity = "torque" if reading.quantity == "current" else reading.quantity
-        candidates = found.get(quantity, [])
+        candidates = by_quantity.get(quantity, [])
         is_new = not any(members == others for _, _, others in candidates)
         if reading.is_usable and is_new:
             candidates.append((reading, group, members))
-    for candidates in found.values():
+    for candidates in by_quantity.values():
         candidates.sort(key=lambda c: (not _are_constant(c[2]), c[0].rank), reverse=True)
-    return found
+    return by_quantity
 
 
 def _are_constant(columns: Sequence[Column]) -> bool:
@@ -130,15 +130,15 @@ def _are_constant(columns: Sequence[Column]) -> bool:
 
 
 def _time(columns: Sequence[Column], known: Known) -> FoundColumns | None:
-    """The column of time: by its name, if its numbers grow; in seconds, if its steps can be no
-    other unit's."""
+    """The time: a column whose name says so and whose numbers grow, in the unit that its steps
+    fit."""
     readings = [(column, read_name(column.address)) for column in columns]
     named = [
         (column, reading)
         for column, reading in readings
         if reading.quantity == "time" and reading.is_usable and time_unit(column.start) is not None
     ]
-    # Plain names first, then those with a word for time, then those with its unit alone.
+    # Plain names first, then names with a word for time, then with a unit of time alone.
     words = WORDS["time"]
     named.sort(
         key=lambda p: (not words.issuperset(p[1].words), not words & {*p[1].words}, not p[1].unit)
@@ -217,7 +217,7 @@ def _stated(
 def _by_size(
     quantity: Quantity, reading: Reading, members: Sequence[Column], *, slides: bool
 ) -> tuple[str, str]:
-    """The unit that is assumed where none is stated, and the doubt."""
+    """The unit assumed if none is stated, and the doubt."""
     ends = [end or 0.0 for column in members for end in (column.low, column.high)]
     largest = max(map(abs, ends))
     if reading.quantity == "current":
@@ -231,10 +231,10 @@ def _by_size(
 
 
 def _by_derivatives(
-    found: Sequence[FoundColumns], columns: Sequence[Column], linear: Sequence[bool]
+    proposed: Sequence[FoundColumns], columns: Sequence[Column], linear: Sequence[bool]
 ) -> list[FoundColumns]:
-    """The same with units that follow from one another, as velocities are rates of positions."""
-    parts, by_name = {part.quantity: part for part in found}, {c.address: c for c in columns}
+    """The same with units that follow from velocities being derivatives of positions."""
+    parts, by_name = {part.quantity: part for part in proposed}, {c.address: c for c in columns}
     time, place = parts.get("time"), parts.get("position")
     for quantity, per in _RATES.items():
         if place and place.unit in ("deg", "mm") and quantity in parts and parts[quantity].assumed:
@@ -268,7 +268,7 @@ def _by_derivatives(
 
 
 def _entries(part: FoundColumns, columns: Sequence[Column], known: Known) -> Any:
-    """What a mapping file holds of a quantity; of time one entry, else one a drive."""
+    """Entries of a quantity in a mapping file: one per drive, or one of the time."""
     entries = list[dict[str, Any]]()
     for name, unit in zip(part.columns, part.units, strict=True):
         entry: dict[str, Any] = {"column": name} | ({"unit": unit} if unit else {})

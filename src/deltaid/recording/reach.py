@@ -1,6 +1,6 @@
-"""Whether a recording stays where the limbs reach: poses, singularities, branch, workspace.
+"""Checks that a recording stays within reach of the limbs: poses, singularities, branch, workspace.
 
-On one branch of the forward kinematics no singularity is crossed.
+A motion on one branch of the forward kinematics crosses no singularity.
 """
 
 from collections.abc import Iterator
@@ -18,11 +18,11 @@ from deltaid.recording.source import LogTable
 
 # Consecutive rows that a passage from branch to branch shows in: two before it, two after.
 _PASSAGE = 4
-# A step of the platform so many times longer than the drives' step can make it is a jump; steps of
-# the drives below the resolution of an encoder [rad or m] prove nothing.
+# A step of the platform so many times longer than the drives' step explains is a jump; the least
+# step of drives that counts, the resolution of an encoder [rad or m].
 _JUMP, _STILL = 10.0, 1e-6
-# Condition number of J beyond which a robot without a closed form may have gone on to another
-# branch unseen: steps δ of an encoder turn a passage, where 1/cond is 0, into one of about √δ.
+# Condition number of J beyond which a robot without a closed form may have changed its branch
+# unnoticed: steps δ of an encoder turn the zero of 1/cond at a passage into about √δ.
 _LOST = 200.0
 _KEEP_AWAY = (
     "check zero and sign of the drives and the robot's lengths; a robot that does this cannot be "
@@ -38,7 +38,7 @@ _CHECK = (
 
 @dataclass(frozen=True, eq=False)
 class Stretch:
-    """Consecutive samples: times, drives, poses, and how regular these are."""
+    """Consecutive samples: times, drives, poses and their regularity."""
 
     time: Float[np.ndarray, " rows"]
     q: Float[np.ndarray, "rows dof"]
@@ -50,7 +50,7 @@ class Stretch:
         return Stretch(self.time[which], self.q[which], self.z[which], self.regular.part(which))
 
     def after(self, before: "Stretch") -> "Stretch":
-        """These samples behind others."""
+        """These samples appended to others."""
         pairs = ([getattr(s.regular, f.name) for s in (before, self)] for f in fields(Regularity))
         return Stretch(
             np.concatenate([before.time, self.time]),
@@ -84,16 +84,16 @@ class ReachCheck:
         """Check consecutive rows.
 
         Args:
-            good: which of the poses there are.
+            good: which of the poses exist.
             row: number of the first row.
-            apart: rows before which time leaves off.
+            apart: rows at which time jumps.
 
         Raises:
-            RecordingError: with the first row that cannot be.
+            RecordingError: with the first impossible row.
         """
         time, q, worst = stretch.time, stretch.q, stretch.regular.worst
         if not good.all():
-            self._require_way(stretch, int(np.argmin(good)), row, apart)
+            self._refuse_missing_pose(stretch, int(np.argmin(good)), row, apart)
         points = self.kinematics.robot.task.point(stretch.z)
         self.nearest = np.minimum(self.nearest, points.min(axis=0))
         self.farthest = np.maximum(self.farthest, points.max(axis=0))
@@ -118,7 +118,7 @@ class ReachCheck:
         self.outside += outside.size
 
     def doubts(self, samples: int) -> Iterator[Doubt]:
-        """What is doubtful of so many samples: outside of the workspace, or near a singularity."""
+        """Doubts about samples outside the workspace or near a singularity."""
         if self.outside:
             yield Doubt(
                 f"{self.outside} of {samples} samples lie outside the workspace of the "
@@ -143,17 +143,17 @@ class ReachCheck:
                 self.branch = BranchCheck(self.kinematics)
                 if stop - start < _PASSAGE and stop < count:
                     continue
-            left = self.branch.add(stretch.part(slice(start, stop)))
-            if left is not None:
-                at, what = left
+            passage = self.branch.add(stretch.part(slice(start, stop)))
+            if passage is not None:
+                at, what = passage
                 place = f", at {self._angles(stretch.q[start + at])}" if at >= 0 else ""
                 where = self.table.row_place(row + start + at)
                 raise RecordingError(f"{what}{place}", where=where, cure=_KEEP_AWAY)
 
-    def _require_way(
+    def _refuse_missing_pose(
         self, stretch: Stretch, bad: int, row: int, apart: Int[np.ndarray, " runs"]
     ) -> None:
-        """Refuse the first sample without a pose, or a passage before it that explains it."""
+        """Refuse the first sample without a pose, or an earlier passage that explains it."""
         if bad:
             self._check_branch(stretch.part(slice(bad)), row, apart[apart < bad])
         q, time, carried = stretch.q, stretch.time[bad], self.branch.carried
@@ -181,12 +181,12 @@ class BranchCheck:
     carried: Stretch | None = None
 
     def add(self, stretch: Stretch) -> tuple[int, str] | None:
-        """The first sample that is not on the branch of the one before it, and what is wrong.
+        """The first sample on another branch than the one before it, with a reason.
 
-        With T = J⁻¹ a step Δq moves the platform by about T Δq. A determinant of J that changes its
-        sign between two samples has been zero in between. Without a change of sign, z(q) may have
-        turned back where the robot went on (`passages`), or may have where J is next to singular.
-        The sample is counted from the first one of this call; it is negative if it lies before.
+        With T = J⁻¹ a step Δq moves the platform by about T Δq. If the determinant of J changes its
+        sign between two samples, it was zero in between. Without a change of sign, z(q) may turn
+        back where the robot went on (`passages`), or near a singular J. Samples are counted from
+        the first one of this call; the index is negative for earlier ones.
         """
         before, mechanism = self.carried, self.kinematics.mechanism
         s = stretch.after(before) if before else stretch

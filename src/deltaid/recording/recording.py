@@ -1,4 +1,4 @@
-"""A recording as a value: a surveyed log and its filter, whose windows come ready to use."""
+"""Prepared recordings: a surveyed log, its filter and repairs, evaluated window by window."""
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
@@ -27,25 +27,25 @@ from deltaid.recording.windows import WINDOW, Directions, Window, blocks, window
 from deltaid.shown import Shown
 
 _Result = TypeVar("_Result")
-# How many samples of its own a window has, and what makes it.
-_Uncut = tuple[int, Callable[[], Window]]
+# Number of own samples of a window, and what makes it.
+_WindowMaker = tuple[int, Callable[[], Window]]
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class PreparedRecording(Shown):
-    """A log that may be computed with.
+    """A log that is ready for computations.
 
     Attributes:
-        log: the file and what its survey found.
-        low_pass: its filter; None if velocities and accelerations are taken as recorded.
-        repairs: what is put right in its rows.
-        excerpt: stretches that stand for all of it; None before they have been read.
-        watch: sees every window that is worked on.
-        every: of its windows each so-manieth is worked on.
-        before: rows of a motion that goes on ahead of the first one, as many as the filter takes,
-            in blocks, columns as in `Log.batches`; none where they are not known.
+        log: the surveyed file.
+        low_pass: its filter; None if velocities and accelerations are used as recorded.
+        repairs: corrections of its rows.
+        excerpt: stretches that represent it; None before they have been read.
+        watch: called with every window that is evaluated.
+        every: every k-th window is evaluated.
+        before: known rows before the first one, as many as the filter takes, in blocks, columns as
+            in `Log.batches`; empty if unknown.
         after: the same behind the last row, at least as many.
-        path: where the recording is.
+        path: of the recording.
         cutoff, motion_cutoff: of the filter over rows and over positions [Hz]; None without one.
     """
 
@@ -72,60 +72,60 @@ class PreparedRecording(Shown):
 
     @property
     def filter(self) -> LowPass:
-        """What its windows pass: `low_pass`, or all frequencies."""
+        """The filter of its windows: `low_pass`, or the identity."""
         return self.low_pass or no_filter(self.log.rate)
 
     @property
     def clock(self) -> ClockReport:
-        """What was seen and done about its time."""
+        """Report on its time."""
         return self.log.laid.report(self.log.bridged(self.motion_cutoff), self.filter.reach + 1)
 
     def excerpted(self) -> "PreparedRecording":
-        """The same with an excerpt, for which it is read once."""
+        """The recording with an excerpt, for which it is read once."""
         return replace(self, excerpt=self.log.excerpt(self.motion_cutoff, self.filter))
 
     def repaired(self, **repairs: Any) -> "PreparedRecording":
-        """The same with other fields of its repairs."""
+        """The recording with other fields of its repairs."""
         return replace(self, repairs=replace(self.repairs, **repairs))
 
     def drifting(self, coefficients: Iterable[Sequence[float]] = ()) -> TorqueDrift:
-        """Torque constants that drift from its beginning to its end, by a and b of each drive."""
+        """Drift of torque constants over the recording, with a and b of each drive."""
         log, pairs = self.log, tuple((a, b) for a, b in coefficients)
         return TorqueDrift(log.clock.first, log.samples / log.rate, pairs)
 
     @property
     def brief(self) -> "PreparedRecording":
-        """Its excerpt as a recording; all of it, where it has none."""
+        """Its excerpt as a recording; the whole one without an excerpt."""
         if self.excerpt is None:
             return self
         return replace(self, log=replace(self.log, held=self.excerpt), watch=None)
 
     def sparser(self, windows: int) -> "PreparedRecording":
-        """The same with no fewer than so many of its windows, evenly spread, and few more."""
+        """The recording thinned to at least so many windows, evenly spread."""
         return replace(self, every=max(1, self.log.samples // (windows * WINDOW)))
 
     def evaluate(
         self, kinematics: Kinematics, work: Callable[[Window], _Result]
     ) -> Iterator[_Result]:
-        """`work` done on every window, in order, in constant memory; windows share all cores.
+        """Results of `work` on every window, in order, in constant memory, on all cores.
 
         A filter's length is lost at both ends of each segment.
         """
 
-        def done(uncut: _Uncut) -> _Result:
+        def done(uncut: _WindowMaker) -> _Result:
             window = uncut[1]()
             if self.watch is not None:
                 self.watch(window)
             return work(window)
 
-        return ordered(done, islice(self._uncut(kinematics), None, None, self.every))
+        return ordered(done, islice(self._window_makers(kinematics), None, None, self.every))
 
-    def _uncut(self, kinematics: Kinematics) -> Iterator[_Uncut]:
-        """Windows to be made, segment by segment; none reaches beyond its segment."""
+    def _window_makers(self, kinematics: Kinematics) -> Iterator[_WindowMaker]:
+        """Windows to make, segment by segment; none reaches beyond its segment."""
         log, low_pass, repairs, start = self.log, self.filter, self.repairs, 0
         directions = burden = None
         if not log.keep_all:
-            noise = np.zeros_like(log.position_noise)  # that of recorded velocities is not known
+            noise = np.zeros_like(log.position_noise)  # that of recorded velocities is unknown
             if not log.columns.velocity:
                 noise = log.position_noise * low_pass.speed_gain
             directions = Directions(1 / log.rate, noise, repairs.smear(log.rate))
@@ -142,8 +142,8 @@ class PreparedRecording(Shown):
 
     @property
     def without(self) -> tuple[int, int]:
-        """Rows at the beginning and at the end that a filter over positions alone gives nothing
-        for, where rows are steady."""
+        """Rows at the beginning and the end that a filter over positions loses, if rows are
+        steady."""
         if not self.log.laid.steady:
             return 0, 0
         start = 0 if self.before else self.filter.first_row
@@ -153,25 +153,25 @@ class PreparedRecording(Shown):
         return start, self.log.samples - start - self.filter.samples_of(rows)
 
     def changed(self, cutoff: float | None, **log: Any) -> "PreparedRecording":
-        """The same with another filter, repairs kept; fields of its log may change as well.
+        """The recording with another filter and other fields of its log; repairs are kept.
 
         Raises:
             RecordingError: the log is too short, or the cut-off does not go with its rate.
         """
-        found = with_filter(replace(self.log, **log), cutoff)
-        return replace(found, repairs=self.repairs, excerpt=self.excerpt)
+        recording = with_filter(replace(self.log, **log), cutoff)
+        return replace(recording, repairs=self.repairs, excerpt=self.excerpt)
 
     def windows(self, kinematics: Kinematics) -> Iterator[Window]:
         """All samples, window by window."""
         return self.evaluate(kinematics, lambda window: window)
 
     def spread(self, kinematics: Kinematics, most: int) -> Iterator[Window]:
-        """As many rows as so many full windows have, in windows spread from the first to the last.
+        """Evenly spread windows with the rows of `most` full windows.
 
-        Gaps cut windows short, and it takes more of them then.
+        Gaps make windows short, which takes more of them.
         """
         every, rows = list[Callable[[], Window]](), 0
-        for samples, make in self._uncut(kinematics):
+        for samples, make in self._window_makers(kinematics):
             every.append(make)
             rows += samples
             if rows >= MOST_WINDOWS * WINDOW:  # the beginning stands for a log without an excerpt
@@ -207,7 +207,7 @@ def open_recordings(
         progress(f"checking {source}")
         log = open_log(source, kinematics, mapping, keep_all=keep_all)
         if same := recordings.get(log.sha256):
-            # It tells nothing new, but would count as twice the evidence.
+            # The same evidence would count twice.
             raise RecordingError(
                 f"is the same recording as {same.path}; a copy adds nothing new, but would narrow "
                 "every interval",
@@ -219,7 +219,7 @@ def open_recordings(
 
 
 def with_filter(log: Log, cutoff: float | None = None) -> PreparedRecording:
-    """A log with its filter: none if velocities and accelerations are recorded, unless asked for.
+    """A log with its filter; without a cut-off, none if velocities and accelerations are recorded.
 
     Raises:
         RecordingError: the log is too short, or the cut-off does not go with its rate.
@@ -227,7 +227,7 @@ def with_filter(log: Log, cutoff: float | None = None) -> PreparedRecording:
     if cutoff is None and log.has_derivatives:
         return PreparedRecording(log.cut_at(None, 1), None)
     cutoff, needed = cutoff or log.suggested_cutoff, SpectrumEstimate.SHORTEST
-    if cutoff:  # before the design, because a tiny cut-off asks for an endless filter
+    if cutoff:  # before the design, because the filter of a tiny cut-off is endless
         needed = samples_needed(cutoff, log.rate, str(log.path))
     else:
         log.cut_at(None, needed)

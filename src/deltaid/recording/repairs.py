@@ -1,14 +1,14 @@
-"""What is put right in the rows of one recording before anything is computed from them.
+"""Corrections of the rows of a recording, which every pass over it applies.
 
-Positions of motors behind gears that wind up are turned back to those of the links. A gear of
-compliance s lets its motor go ahead by s τ_g, τ_g the torque that it carries:
+Positions of motors on compliant gears are converted to those of the links. On a gear of compliance
+s the motor is ahead by s τ_g, with the torque τ_g of the gear:
 
     q = q_motor − s τ_g,   τ_g = τ − viscous q̇ − coulomb sign(q̇) − rotor q̈
 
-the *measured* torque without the motor's own friction and rotor, low-passed. (With the torque of a
-model, which follows from q̈, the iteration diverges.) Friction and rotor see the motor's motion; a
-model of rigid gears has but the link's. So torques become those of a motor that moves as the link
-does: friction of the motor's speed is taken out of them, that of the link's put in.
+which is the *measured* torque without friction and rotor of the motor, low-passed. (With the torque
+of a model, which follows from q̈, the iteration diverges.) Friction and rotor depend on the motor's
+motion, but a model of rigid gears has only the link's. So torques become those of a motor that
+moves as its link: friction at the motor's speed is subtracted, friction at the link's speed added.
 """
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -32,9 +32,8 @@ from deltaid.recording.windows import rows_at_once
 from deltaid.robot.description import RobotDescription
 
 Values = Float[np.ndarray, "samples drives"]
-
 Samples = Float[np.ndarray, "samples dof"]
-# Reasons to leave stretches out, and why these say nothing about the robot.
+# Reasons to exclude stretches, with explanations.
 CONTACT, SPIKE, STOP, JOLT = "contact", "torque spike", "stop", "jolt"
 BACKLASH = "backlash"
 WHY_REPAIRED = {
@@ -48,12 +47,12 @@ WHY_REPAIRED = {
 
 @dataclass(frozen=True)
 class Gears:
-    """Gears of all drives.
+    """Compliant gears of all drives.
 
     Attributes:
-        compliance: s [rad/(N m) or m/N]; 0 for a stiff one.
-        viscous, coulomb, rotor: of the motors, on their own side of the gears.
-        cutoff: of the low-pass over what gears carry [Hz].
+        compliance: s [rad/(N m) or m/N]; 0 for a stiff gear.
+        viscous, coulomb, rotor: of the motors, on the motor's side of the gears.
+        cutoff: of the low-pass over the gears' torques [Hz].
     """
 
     compliance: tuple[float, ...]
@@ -63,20 +62,20 @@ class Gears:
     cutoff: float
 
     def low_pass(self, rate: float) -> LowPass:
-        """The filter of what gears carry, in one stage."""
+        """The filter of the gears' torques, in one stage."""
         return design_low_pass(self.cutoff, rate, single=True)
 
     def of_motor(self, qd: Values, qdd: Values) -> Values:
-        """Torques of the motors' own friction and rotors."""
+        """Torques of the motors' friction and rotors."""
         friction = np.array(self.viscous) * qd + np.array(self.coulomb) * np.sign(qd)
         return friction + np.array(self.rotor) * qdd
 
     def less(self, qd: Values, qdd: Values, ahead: Values, faster: Values) -> Values:
-        """How much more a motor takes than one that moves as the link does.
+        """Torque of a motor minus that of one that moves as its link.
 
         Args:
             qd, qdd: of the motor.
-            ahead, faster: its speed and acceleration less those of the link.
+            ahead, faster: speed and acceleration of the motor minus those of the link.
         """
         return self.of_motor(qd, qdd) - self.of_motor(qd - ahead, qdd - faster)
 
@@ -85,7 +84,7 @@ class Gears:
 
         Args:
             segment: evenly spaced rows in blocks: `columns`, then a weight a drive.
-            columns: what stands where.
+            columns: of the rows.
             rate: samples per second.
         """
         low_pass = self.low_pass(rate)
@@ -95,7 +94,7 @@ class Gears:
                 yield self._rows(wide, columns, low_pass)
 
     def _rows(self, wide: Rows, columns: Columns, low_pass: LowPass) -> Rows:
-        """All rows but those that the filters take at both ends."""
+        """Rows with the links' motion, without those that filters take at both ends."""
         dof, lost = len(self.compliance), low_pass.margin
         q, inner = wide[:, 1 : 1 + dof], slice(lost, len(wide) - lost)
         qd, qdd = convolved(low_pass.first, q), convolved(low_pass.second, q)
@@ -108,7 +107,7 @@ class Gears:
         out[:, columns.motion_places] -= np.hstack(kept)
         motion = [x[lost : len(x) - lost] for x in (qd, qdd)]
         out[:, columns.torque_places] -= self.less(*motion, *wound[1:])
-        # While a robot rests or brakes hold it, gears need not carry what its drives exert.
+        # While brakes or friction hold the robot, gears need not transmit the drives' torques.
         idle = wide[:, -dof:].max(axis=1) == 0.0
         unknown = maximum_filter1d(idle, 2 * low_pass.margin + 1)
         out[unknown[2 * lost : len(wide) - 2 * lost], -dof:] = 0.0
@@ -127,13 +126,13 @@ def convolved(taps: Float[np.ndarray, " taps"], x: Values) -> Float[np.ndarray, 
 
 @dataclass(frozen=True)
 class Push:
-    """What acted on the platform for a while, where it was largest.
+    """A push on the platform, at its maximum.
 
     Attributes:
-        time: when [s].
+        time: of the maximum [s].
         place: of the platform point in the world (3) [m].
-        force: on it, in the world (3) [N].
-        moment: about the axis that the tool turns about [N m]; None for a robot without one.
+        force: in the world (3) [N].
+        moment: about the tool's axis [N m]; None for a robot that does not turn its tool.
     """
 
     time: float
@@ -144,14 +143,14 @@ class Push:
 
 @dataclass(frozen=True)
 class LeftSpan:
-    """A stretch of time that tells nothing about the robot.
+    """An excluded stretch of time.
 
     Attributes:
         first, last: its first and last time stamp, as the torques were recorded [s].
-        reason: why it is left out, such as 'contact'.
-        drives: whose torques do not count; all if empty.
-        push: what acted on the platform, if anything did.
-        gear: the drive whose gear has play, if that is the reason.
+        reason: such as 'contact'.
+        drives: drives whose torques are excluded; all if empty.
+        push: push on the platform, if there was one.
+        gear: drive whose gear has play, if that is the reason.
     """
 
     first: float
@@ -164,10 +163,10 @@ class LeftSpan:
 
 @runtime_checkable
 class Pull(Protocol):
-    """Something beside the robot that takes torques of its drives."""
+    """An external cause that takes torque of the drives, such as a hose."""
 
     def torques(self, z: Samples, qd: Samples) -> Samples:
-        """What it takes along a motion."""
+        """Torques that it takes along a motion."""
         ...
 
 
@@ -177,21 +176,21 @@ def burden_of(
     loads: Sequence[Sequence[float]],
     pulls: Sequence[Pull] = (),
 ) -> Callable[..., Samples]:
-    """What is taken of the drives' torques: τ(time, z, q̇, q̈, extra), sample by sample.
+    """Torques of loads and pulls: a function τ(time, z, q̇, q̈, extra), sample by sample.
 
     Args:
-        columns: of the recording, which say when each load is held.
+        columns: of the recording; they determine when each load is held.
         loads: ten parameters each, in the order of `Columns.loads`; none if their torques stay.
-        pulls: what takes torques all the time.
+        pulls: that act all the time.
 
     Raises:
         RecordingError: the robot has no body that carries one of them.
     """
     dynamics = compiled(robot)
-    # Loads are parameters of a robot whose other bodies weigh nothing and that has no friction.
+    # Parameters of a robot without friction whose other bodies have no mass.
     p = np.zeros((len(columns.loads), len(dynamics.layout.names)))
-    for row, load, ten in zip(p, columns.loads if loads else (), loads, strict=True):
-        row[dynamics.layout.body(carrier(load, robot))] = ten
+    for parameters, load, ten in zip(p, columns.loads if loads else (), loads, strict=True):
+        parameters[dynamics.layout.body(carrier(load, robot))] = ten
 
     def torques(
         time: np.ndarray, z: Samples, qd: Samples, qdd: Samples, extra: np.ndarray
@@ -200,9 +199,9 @@ def burden_of(
         for pull in pulls:
             taken += pull.torques(z, qd)
         for parameters, held in zip(p, columns.held(time, extra), strict=True):
-            at = np.flatnonzero(held)
-            if at.size and parameters.any():
-                taken[at] += dynamics.torque(z[at], qd[at], qdd[at], parameters)
+            rows = np.flatnonzero(held)
+            if rows.size and parameters.any():
+                taken[rows] += dynamics.torque(z[rows], qd[rows], qdd[rows], parameters)
         return taken
 
     return torques
@@ -222,11 +221,11 @@ class TorqueDrift:
     coefficients: tuple[tuple[float, float], ...] = ()
 
     def share(self, time: Float[np.ndarray, " samples"]) -> Float[np.ndarray, " samples"]:
-        """s at some times [s]."""
+        """s at given times [s]."""
         return (time - self.start) / self.length
 
     def undone(self, rows: Rows, columns: Columns) -> Rows:
-        """Rows with torques by the constants of the beginning."""
+        """Rows with torques by the constants at the beginning."""
         (a, b), s = np.array(self.coefficients).T, self.share(rows[:, 0])[:, None]
         rows = rows.copy()
         rows[:, columns.torque_places] /= 1.0 + a * s + b * s**2
@@ -235,22 +234,22 @@ class TorqueDrift:
 
 @dataclass(frozen=True)
 class Repairs:
-    """What is known to be wrong with a recording, and is put right in every pass over it.
+    """Known errors of a recording, corrected in every pass over it.
 
     Attributes:
-        readings: what positions and torques are that drives read otherwise; None if they do not.
-        drift: of torque constants; None where they do not.
-        gain: what torques of each drive are to be multiplied by; empty for 1.
-        hold: how drives hold their torques between two updates; empty for none.
-        delay: torques of each drive are recorded so much late [s]; empty for none.
-        constants: of the first-order filter that each drive's torques passed [s]; empty for none.
-        growth: how delays grow with time; None for clocks that agree.
-        left_out: stretches that do not count, beside what the survey masks.
-        gears: that wind up under what they carry; None for stiff ones.
-        loads: the ten parameters of what is held, in the order of `Columns.loads`; what it takes
-            of the torques is taken out of them, which leaves those of the robot alone. Empty for
+        readings: errors of positions and torques; None for none.
+        drift: of torque constants; None for none.
+        gain: factor of each drive's torques; empty for 1.
+        hold: how drives hold their torques between updates; empty for none.
+        delay: lag of each drive's torques [s]; empty for none.
+        constants: time constant of the first-order filter of each drive's torques [s]; empty for
             none.
-        pulls: what else takes torques all the time, which are taken out of them as well.
+        growth: growth of delays with time; None for clocks that agree.
+        left_out: excluded stretches, in addition to the survey's masks.
+        gears: compliant gears; None for stiff ones.
+        loads: ten parameters of each load, in the order of `Columns.loads`; their torques are
+            subtracted, which leaves those of the robot alone. Empty for none.
+        pulls: external causes whose torques are subtracted too.
     """
 
     readings: Readings | None = None
@@ -266,16 +265,16 @@ class Repairs:
     pulls: tuple[Pull, ...] = ()
 
     def apply(self, segment: Iterator[Rows], columns: Columns, rate: float) -> Iterator[Rows]:
-        """The rows of one segment, put right.
+        """Corrected rows of a segment.
 
         Args:
             segment: evenly spaced rows in blocks, columns as in `Log.batches`.
-            columns: what stands where.
+            columns: of the rows.
             rate: rows per second.
         """
-        if not columns.torque:  # a planned motion: all of this is about torques
+        if not columns.torque:  # a planned motion; all corrections are of torques
             return segment
-        if self.left_out:  # as recorded, so that a delay takes weights along with torques
+        if self.left_out:  # before delays, which shift weights with torques
             segment = (self._weighed(rows, columns) for rows in segment)
         if any(self.hold):
             segment = filled(segment, columns, self.hold, rate)
@@ -299,39 +298,36 @@ class Repairs:
 
     @property
     def lag(self) -> tuple[float, ...]:
-        """By how much torques are late, dead time and time constant [s]; empty for none."""
+        """Lag of torques, dead time plus time constant [s]; empty for none."""
         if not any(self.constants):
             return self.delay
         return tuple(np.add(self.delay or 0.0, self.constants).tolist())
 
     def smear(self, rate: float) -> tuple[int, ...]:
-        """Over how many samples to either side each drive's torque is spread; empty for none."""
+        """Samples to either side over which torques are interpolated; empty for none."""
         smear, spread = self.shift(rate).smear, [hold.spread for hold in self.hold]
         return tuple(np.add(smear or 0, spread).tolist()) if any(self.hold) else smear
 
     def _weighed(self, rows: Rows, columns: Columns) -> Rows:
-        """Weights of zero in all stretches that are left out.
-
-        Sensors show nothing that counts in those that are left out for all drives.
-        """
+        """Rows with weights of zero in excluded stretches; NaN for sensors if for all drives."""
         drives, copied = len(columns.torque), rows
         for drives_of, ends in self._by_drives.items():
-            which, gone = drives_of or tuple(range(drives)), within(ends, rows[:, 0])
-            if not gone.any():
+            which, excluded = drives_of or tuple(range(drives)), within(ends, rows[:, 0])
+            if not excluded.any():
                 continue
             copied = rows.copy() if copied is rows else copied
-            copied[np.ix_(gone, rows.shape[1] - drives + np.array(which))] = 0.0
+            copied[np.ix_(excluded, rows.shape[1] - drives + np.array(which))] = 0.0
             if len(which) == drives:
-                copied[gone, columns.sensor_places] = np.nan
+                copied[excluded, columns.sensor_places] = np.nan
         return copied
 
     @cached_property
     def _by_drives(self) -> dict[tuple[int, ...], np.ndarray]:
-        """Stretches that are left out for some drives: apart from each other, ascending."""
-        found: dict[tuple[int, ...], list[tuple[float, float]]] = {}
+        """Excluded stretches by their drives, disjoint and ascending."""
+        by_drives: dict[tuple[int, ...], list[tuple[float, float]]] = {}
         for span in self.left_out:
-            found.setdefault(span.drives, []).append((span.first, span.last))
-        return {drives: joined_times(np.array(spans)) for drives, spans in found.items()}
+            by_drives.setdefault(span.drives, []).append((span.first, span.last))
+        return {drives: joined_times(np.array(spans)) for drives, spans in by_drives.items()}
 
 
 NO_REPAIRS = Repairs()

@@ -1,4 +1,4 @@
-"""Which columns of a table are what, sensors too: by the user's mapping, or by default names."""
+"""Resolves a table's columns by the user's mapping or by default names."""
 
 import math
 from collections import Counter
@@ -36,20 +36,20 @@ def resolve_columns(
     mapping: ColumnMapping | None = None,
     sensors: Sensors | None = None,
 ) -> Columns:
-    """Match what a log holds with a mapping, or with the default names.
+    """Columns of a log by quantity, from a mapping or the default names.
 
-    These are t (or time), and q1…, qd1…, qdd1…, tau1… or arrays q, qd, qdd, tau, in s, rad, rad/s,
-    rad/s² and N m at the joint, or in m, m/s, m/s² and N. Where the mapping gives no unit, that of
-    the log holds, if it states one.
+    Default names are t (or time), and q1…, qd1…, qdd1…, tau1… or arrays q, qd, qdd, tau, in s, rad,
+    rad/s, rad/s² and N m at the joint, or in m, m/s, m/s² and N. Without a unit in the mapping,
+    that stated in the log holds.
 
     Args:
         table: the log.
-        linear: for each drive whether it is a linear one.
-        sensors: what the robot's sensors show, by their names.
+        linear: for each drive whether it slides.
+        sensors: channels of the robot's sensors, by their names.
 
     Raises:
-        RecordingError: a column is missing, twice there or twice declared; a unit does not fit; or
-            a list has the wrong length.
+        RecordingError: a column is missing, occurs twice or is declared twice; a unit does not fit;
+            or a list has the wrong length.
     """
     mapping = mapping or ColumnMapping()
     time = _time(table, mapping)
@@ -59,20 +59,20 @@ def resolve_columns(
         else _under_default_names(quantity, table, linear)
         for quantity in QUANTITIES
     }
-    beside = dict.fromkeys(load.column for load in mapping.loads if load.column is not None)
+    states = dict.fromkeys(load.column for load in mapping.loads if load.column is not None)
     warm = mapping.temperature
     if warm is not None:
-        beside[warm.column] = None
+        states[warm.column] = None
     degrees = Channel(warm.column, *_CELSIUS[warm.unit]) if warm is not None else None
-    shown = sensor_columns(table, sensors or {}, mapping)
-    measured = [channel.column for sensor in shown for channel in sensor.channels]
+    of_sensors = sensor_columns(table, sensors or {}, mapping)
+    measured = [channel.column for sensor in of_sensors for channel in sensor.channels]
     columns = Columns(
         time,
         **channels,
-        extra=tuple(Channel(name, 1.0, 0.0) for name in (*measured, *beside)),
+        extra=tuple(Channel(name, 1.0, 0.0) for name in (*measured, *states)),
         loads=mapping.loads,
         temperature=degrees,
-        sensors=shown,
+        sensors=of_sensors,
     )
     names = [channel.column for channel in columns.recorded]
     if not columns.position:
@@ -83,17 +83,17 @@ def resolve_columns(
 
 
 def si_unit(quantity: Quantity, *, linear: bool) -> str:
-    """The unit that a column has if none is declared, of a drive that slides or turns."""
+    """Default unit of a quantity, for a drive that slides or turns."""
     return (_SLIDING if linear else _TURNING)[quantity]
 
 
 def extra_drives(table: LogTable, columns: Columns, dof: int) -> list[str]:
-    """Columns with default names of a drive that the robot does not have."""
+    """Columns with default names of drives that the robot lacks."""
     used = {channel.column for channel in columns.all}
     names = [f"{SHORT_NAMES[quantity]}{dof + 1}" for quantity in QUANTITIES]
-    found = [name for name in names if name in table.header and name not in used]
+    extra = [name for name in names if name in table.header and name not in used]
     arrays = [f"{short}[{dof}]" for short in SHORT_NAMES.values() if f"{short}[0]" in used]
-    return found + [name for name in arrays if _is_there(table, columns.time.column, name)]
+    return extra + [name for name in arrays if _is_there(table, columns.time.column, name)]
 
 
 def _is_there(table: LogTable, *names: str) -> bool:
@@ -150,7 +150,7 @@ def _under_default_names(
         if not (find(table.fields, f"{short}[0]") and (not array or len(array[0].shape) > 1)):
             return ()
         names = [f"{short}[{i}]" for i in range(len(linear))]
-    # Some but not all: keep them all, so that the missing ones are named.
+    # If some are missing, all are kept, so that an error names those.
     channels = list[Channel]()
     for name, slides in zip(names, linear, strict=True):
         si, where = si_unit(quantity, linear=slides), f"{table.header_place}, unit of {name}"
@@ -207,7 +207,7 @@ def _channel(quantity: Quantity, column: DriveColumn, linear: bool, where: str) 
 
 
 def _require_numbers(picks: list[Pick], states: int, where: str) -> None:
-    """Refuse times, and truth values anywhere but in the last columns, which are states."""
+    """Refuse times, and truth values except in the last columns, which are states."""
     for k, pick in enumerate(picks):
         if pick.field.is_clock or pick.field.is_duration:
             kind = "durations" if pick.field.is_duration else "dates or times of day"
@@ -244,14 +244,14 @@ def _require_once(names: list[str], table: LogTable, source: str) -> None:
 def sensor_columns(
     table: LogTable, sensors: Sensors, mapping: ColumnMapping
 ) -> tuple[SensorChannels, ...]:
-    """The channels of the sensors that a log has, in the order of the description.
+    """Channels of the sensors in a log, in the order of the description.
 
-    A sensor that the mapping does not name has the columns `plate.fx`, …, `plate.mz` (or `gauge1`),
-    or those of an array `plate`; a log without them is one without that sensor.
+    By default a sensor has the columns `plate.fx`, …, `plate.mz` (or `gauge1`), or those of an
+    array `plate`; a log without them lacks the sensor.
 
     Raises:
-        RecordingError: the mapping names a sensor that the robot does not have, a list has the
-            wrong length, a unit does not fit, or some columns of a sensor are missing.
+        RecordingError: the robot lacks a sensor of the mapping, a list has the wrong length, a unit
+            does not fit, or some columns of a sensor are missing.
     """
     for name in mapping.sensors:
         if name not in sensors:
@@ -262,7 +262,7 @@ def sensor_columns(
                 cure=nearest(name, sensors).strip()
                 or "describe it under `sensors:` of the robot, or leave it out here",
             )
-    found: list[SensorChannels] = []
+    in_log: list[SensorChannels] = []
     for name, shown in sensors.items():
         given, where = mapping.sensors.get(name), f"{mapping.source}, sensors.{name}"
         if name not in mapping.sensors:
@@ -282,12 +282,12 @@ def sensor_columns(
             for entry, number in zip(entries, shown, strict=False)
         ]
         if channels:
-            found.append(SensorChannels(name, tuple(channels), given.delay if given else 0.0))
-    return tuple(found)
+            in_log.append(SensorChannels(name, tuple(channels), given.delay if given else 0.0))
+    return tuple(in_log)
 
 
 def _default_sensor(table: LogTable, name: str, names: list[str]) -> list[dict[str, Any]]:
-    """What a mapping would say of a sensor whose columns have their default names, if there are."""
+    """Entries of a sensor whose columns have their default names; empty without such columns."""
     missing = [column for column in names if find(table.fields, column) is None]
     if len(missing) == len(names):
         names = [f"{name}[{i}]" for i in range(len(names))]
@@ -307,7 +307,7 @@ def _default_sensor(table: LogTable, name: str, names: list[str]) -> list[dict[s
 def _scale(
     unit: str | None, column: str, shown: SensorChannel, table: LogTable, where: str
 ) -> float:
-    """What a column's numbers are to be multiplied by to become SI."""
+    """Factor of a column's numbers to SI."""
     place = f"{table.header_place}, unit of {column}" if unit is None else f"{where}.unit"
     unit = table.units.get(column, shown.unit) if unit is None else unit
     cure = "a force is in N, kN, lbf or kgf, a moment in N*m, mN*m or lbf*in; a number may stand "

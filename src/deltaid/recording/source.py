@@ -1,7 +1,7 @@
-"""Where a log lies, on the disk or in memory: its name, what it holds, and how a file is opened.
+"""Sources of logs on the disk or in memory: base class of tables, and opening of files.
 
-A file is a stream of bytes, text in UTF-8, whether it lies compressed on the disk or in UTF-16.
-Memory stays flat: it is unpacked and transcoded chunk by chunk, each time it is read.
+A file is a stream of bytes, text in UTF-8, also if it is compressed or in UTF-16. It is unpacked
+and transcoded chunk by chunk each time it is read, so memory stays constant.
 """
 
 import codecs
@@ -25,7 +25,7 @@ from deltaid.errors import Doubt, RecordingError, quoted
 from deltaid.recording.address import Pick, RecordedField, locate, printable
 
 Column = pl.Series | np.ndarray
-# Rows that are read or looked at together, unless a file has pieces of its own.
+# Rows of a batch.
 BATCH_ROWS = 1 << 16
 # Bytes read at once: few, because a chunk may unpack to a thousand times its size. The first ones
 # show the kind of a file.
@@ -33,7 +33,7 @@ CHUNK = 1 << 14
 _GZIP = b"\x1f\x8b"
 ZSTD = b"\x28\xb5\x2f\xfd"
 _UTF_16 = (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)
-# One member of a gzip file or one frame of a zstd file: each library has a class of its own.
+# Decompressor of a gzip member or a zstd frame.
 _Unpacker = Any
 
 
@@ -42,9 +42,9 @@ class Rows:
     """Consecutive rows of some columns as a recording holds them.
 
     Attributes:
-        numbers: one array or series a column; null or NaN where there is no number.
-        written: the same as it stands in the file, for messages.
-        size: how many rows there are.
+        numbers: an array or series per column; null or NaN where there is no number.
+        written: the same as in the file, for messages.
+        size: number of rows.
     """
 
     numbers: Sequence[Column]
@@ -57,20 +57,20 @@ class Rows:
 
 @dataclass(frozen=True)
 class LogTable(ABC):
-    """A log that was opened: where it is, what it holds, and how to read it.
+    """An opened log: its place, its fields, and how to read it.
 
-    Each kind of file has a class of its own, which may hold more about the layout.
+    Each kind of file has a class of its own.
 
     Attributes:
-        path: of the file; of a table in memory its name.
-        fields: what it holds, columns and arrays, in order.
+        path: of the file; the name of a table in memory.
+        fields: columns and arrays, in order.
         first_row: of the first data, as a user counts it: a line of a CSV file, otherwise 1.
         units: of columns, as the file states them.
-        warnings: what was seen of the layout.
-        cure_of_missing: what to do about a column that is not there.
-        cure_without_torque: what to do if no torques are among the default columns.
-        doubts: what was seen while all rows were read last.
-        header: names of what it holds.
+        warnings: doubts about the layout.
+        cure_of_missing: fix of a missing column.
+        cure_without_torque: fix of missing torques among the default columns.
+        doubts: about the rows, of the last time that all were read.
+        header: names of the fields.
     """
 
     path: Path
@@ -94,12 +94,12 @@ class LogTable(ABC):
 
     @property
     def header_place(self) -> str:
-        """Where the names stand, for messages."""
+        """Place of the names, for messages."""
         return str(self.path)
 
     @abstractmethod
     def rows(self, columns: Sequence[str]) -> Iterator[Rows]:
-        """Some columns by their addresses, all rows in order, in pieces of any length.
+        """Columns by their addresses, all rows in order, in pieces of any length.
 
         Dates come as seconds since the first row, computed from whole numbers.
 
@@ -111,7 +111,7 @@ class LogTable(ABC):
         """Columns by their addresses.
 
         Raises:
-            RecordingError: one of them is not there, holds no numbers, or is longer than others.
+            RecordingError: one is missing, holds no numbers, or is longer than others.
         """
         return locate(self.fields, columns, self.header_place, self.cure_of_missing)
 
@@ -121,21 +121,21 @@ class LogTable(ABC):
             return hashlib.file_digest(file, "sha256").hexdigest()
 
     def row_place(self, row: int) -> str:
-        """One row, for messages."""
+        """Place of a row, for messages."""
         return f"{self.path}, row {row}"
 
     def row_name(self, row: int) -> str:
-        """One row without the file, for a message that names the file already."""
+        """Place of a row without the file, for messages that name the file."""
         return self.row_place(row).removeprefix(f"{self.path}, ")
 
     def bad_value(self, column: str, written: object, place: str) -> RecordingError:
-        """A field of a column that is no finite number, as it stands in the file."""
+        """Error of a field that is no finite number."""
         text = "" if written is None else printable(str(written))
         what = f"is '{text[:40]}', not a finite number" if text else "is empty"
         return RecordingError(f"column {quoted(column)} {what}", where=place, cure=self.cure(text))
 
     def cure(self, written: str) -> str:
-        """What to do about a field that is no number."""
+        """Fix of a field that is no number."""
         return "remove or repair such rows; deltaid does not fill gaps"
 
 
@@ -161,7 +161,7 @@ def opened(path: Path) -> Generator[BufferedReader, None, None]:
 
 @contextmanager
 def readable(path: Path) -> Generator[None, None, None]:
-    """Turn what the system says about a file that cannot be read into a message.
+    """Turn errors of the system about a file into a message.
 
     Raises:
         RecordingError: with the file's name.
@@ -180,7 +180,7 @@ def readable(path: Path) -> Generator[None, None, None]:
 
 
 def first_line(error: BaseException) -> str:
-    """What an error says, shortened."""
+    """First line of an error's text, shortened."""
     return quoted(str(error).strip().split("\n", 1)[0])
 
 
@@ -207,7 +207,7 @@ if TYPE_CHECKING:
 
 @contextmanager
 def content(path: Path) -> Generator[io.BufferedReader, None, None]:
-    """A log open for reading, without its compression and in UTF-8 if it is in UTF-16.
+    """A log open for reading, uncompressed, and in UTF-8 if it was in UTF-16.
 
     Raises:
         RecordingError: it cannot be read, its compressed data is damaged or cut off, or the library
@@ -228,14 +228,14 @@ def content(path: Path) -> Generator[io.BufferedReader, None, None]:
 
 
 def packed_by(path: Path) -> str:
-    """What a file is compressed by; empty if it is not."""
+    """Name of a file's compression; empty without."""
     with opened(path) as file:
         start = file.peek(4)
     return "gzip" if start.startswith(_GZIP) else "zstd" if start.startswith(ZSTD) else ""
 
 
 def skip(stream: io.BufferedReader, size: int) -> None:
-    """Go on by a number of bytes."""
+    """Skip a number of bytes."""
     if stream.seekable():
         stream.seek(size, io.SEEK_CUR)
         return
@@ -244,7 +244,7 @@ def skip(stream: io.BufferedReader, size: int) -> None:
 
 
 def unzstd(data: bytes, path: Path) -> bytes:
-    """One piece of a file that is compressed by zstd for itself.
+    """Decompressed zstd data.
 
     Raises:
         RecordingError: it is damaged, or the library for it is missing.
@@ -288,10 +288,10 @@ def _unpacked(
     new: Callable[[], _Unpacker],
     damaged: type[Exception],
 ) -> Iterator[bytes]:
-    """What compressed data holds; members and frames that follow one another are joined."""
+    """Decompressed data of all members or frames."""
     unpacker: Any = None
     while data := file.read(CHUNK):
-        # Files from tapes and some loggers are filled up with zeros.
+        # Files from tapes and some loggers are padded with zeros.
         while data and (unpacker or data.strip(b"\0")):
             unpacker = unpacker or new()
             try:

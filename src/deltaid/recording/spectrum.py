@@ -1,6 +1,6 @@
-"""Convolution of many channels with few filters, as matrix products, and power spectra.
+"""Convolution of many channels as matrix products, and power spectra of positions.
 
-From those of positions the cut-offs of the filter are chosen.
+The spectra determine the cut-offs of the filter.
 """
 
 from dataclasses import dataclass
@@ -9,23 +9,23 @@ from functools import cache
 import numpy as np
 from jaxtyping import Bool, Float
 
-# Cut-offs as a share of the sampling rate at most: above, differences are no longer exact to 1e-4.
+# Largest cut-off as a share of the sampling rate: above, differences err by more than 1e-4.
 HIGHEST = 0.1
-# Lowest of the cut-offs that are chosen by rule [Hz].
+# Least cut-off that is chosen by rule [Hz].
 LOWEST_CUTOFF = 2.0
-# Outputs of a filter that one row of a matrix product gives, and numbers that it takes in at once:
-# few enough to stay in the cache.
+# Outputs of a filter per row of a matrix product, and numbers in a product: they fit into the
+# cache.
 _OUTPUTS, _CHUNK = 16, 1 << 17
-# Outputs that are so many samples apart are few.
+# Least decimation for which pieces are faster than a banded matrix.
 _SPARSE = 8
 # Samples of a segment.
 SEGMENT = 4096
-# Power that stands out is so many times the noise: 20 dB. Noise of an encoder that stays on its
-# steps is taken for what it is where it is so many times that of the upper half of the band.
+# Least ratio of a motion's power to the noise: 20 dB. Least ratio of an encoder's noise by its
+# steps to that in the upper half of the band, from which its noise counts as coloured.
 _ABOVE, _COLOURED = 100.0, 4.0
-# Nearly all of the speeds' power; and the bins by which the window widens that of a single wave.
+# Share of the speeds' power within the bandwidth; bins by which the window widens a single wave.
 _NEARLY_ALL, _WIDENED = 0.999, 2
-# A drive rests whose power is this share of the liveliest one's: 0.1 % of its way.
+# A drive rests whose power is below this share of the largest: 0.1 % of its travel.
 _RESTS = 1e-6
 _BLACKMAN_HARRIS = np.array([0.35875, -0.48829, 0.14128, -0.01168])  # of cos 0, 2πk/n, 4πk/n, …
 
@@ -35,7 +35,7 @@ def apply(
     x: Float[np.ndarray, "channels samples"],
     decimation: int = 1,
 ) -> Float[np.ndarray, "channels kept"]:
-    """Convolve each channel where the filter fits entirely; keep every `decimation`-th sample."""
+    """Convolve each channel where the filter fits entirely, and decimate."""
     return convolve(taps[None], x, decimation)[0]
 
 
@@ -46,9 +46,9 @@ def convolve(
 ) -> Float[np.ndarray, "filters channels kept"]:
     """Convolve each channel with several filters of equal length, as `apply` does with one.
 
-    Some neighbouring outputs of all filters are one banded matrix times the samples under them, so
-    nearly all work is a matrix product, an order of magnitude faster than a loop over taps. Where
-    few outputs are kept, samples are cut into pieces as long as these are apart instead.
+    Neighbouring outputs of all filters are a banded matrix times the samples under them. Such
+    matrix products are an order of magnitude faster than a loop over taps. At a high decimation,
+    samples are cut into pieces of that length instead.
     """
     filters, length = taps.shape
     if length == 1:
@@ -63,7 +63,7 @@ def convolve(
     band = _band(taps, decimation, span)
     step = _OUTPUTS * decimation
     blocks = -(-kept // _OUTPUTS)
-    padded = np.zeros((channels, span))  # the samples under the last block, as far as there are
+    padded = np.zeros((channels, span))  # samples under the last block
     end = x[:, (blocks - 1) * step :] if blocks else padded[:, :0]
     padded[:, : min(end.shape[1], span)] = end[:, :span]
     out = np.empty((filters, channels, blocks * _OUTPUTS))
@@ -115,7 +115,7 @@ def _sparse(
     products = np.empty((channels, len(h), count))
     cut = x[:, : whole * decimation].reshape(channels, whole, decimation)
     np.matmul(h, cut.swapaxes(1, 2), out=products[:, :, :whole])
-    if whole < count:  # of the last piece the filter takes in a part
+    if whole < count:  # the filter ends within the last piece
         last = np.zeros((channels, decimation))
         last[:, : samples - whole * decimation] = x[:, whole * decimation : count * decimation]
         products[:, :, whole] = last @ h.T
@@ -127,16 +127,16 @@ def _sparse(
 
 @dataclass(frozen=True, eq=False)
 class SpectrumEstimate:
-    """Power spectra of positions, added up over segments, from which cut-offs are chosen.
+    """Power spectra of positions, summed over segments.
 
-    Estimates add up; those of less than a segment count where no segment is full.
+    Estimates add up; partial segments count only if no segment is full.
 
     Attributes:
-        power: of all segments.
-        segments: how many.
-        are_full: whether they have all samples of a segment.
+        power: sum over all segments.
+        segments: their number.
+        are_full: whether segments have all samples.
         step: smallest change from one sample to the next; infinite without any.
-        changes: in how many of the segments each position changes, by the share of their samples.
+        changes: share of samples at which each position changes, times the number of segments.
     """
 
     power: Float[np.ndarray, "dof frequencies"]
@@ -170,10 +170,10 @@ class SpectrumEstimate:
 
     @property
     def _noise_floor(self) -> Float[np.ndarray, " dof"]:
-        """Power of the noise in one bin, where a motion may be.
+        """Power of the noise in a bin of the motion's band.
 
-        Steps Δ of an encoder are noise of variance Δ²/12. Where the position stays on each for many
-        samples, all of it lies below the rate at which it changes.
+        Steps Δ of an encoder are noise of variance Δ²/12. If the position stays on each step for
+        many samples, that noise lies below the rate of changes.
         """
         floor, changes = self._floor, self.changes / self.segments
         step = np.where(np.isfinite(self.step), self.step, 0.0)
@@ -182,45 +182,44 @@ class SpectrumEstimate:
         return np.where((2 * changes < 1) & (steps > _COLOURED * floor), steps, floor)
 
     def cutoff(self, rate: float) -> float | None:
-        """Twice the highest frequency at which a drive's position stands 20 dB over its noise.
+        """Twice the highest frequency at which a drive's position exceeds its noise by 20 dB [Hz].
 
-        The noise floor is the median power of the upper half of the band, or what the steps of a
-        coarse encoder make of it. Drives that rest have no say: one that flickers between two
-        steps stands over its floor at all frequencies. Twice, because torques hold products of
-        velocities. None without a full segment.
+        The noise floor is the median power in the upper half of the band, or that of a coarse
+        encoder's steps. Resting drives do not count: one that flickers between two steps exceeds
+        its floor at all frequencies. Twice, because torques have products of velocities. None
+        without a full segment.
         """
         if not self.segments:
             return None
         frequency = np.fft.rfftfreq(SEGMENT, 1 / rate)
-        above = np.flatnonzero(self._loud.any(axis=0))
+        above = np.flatnonzero(self._above_noise.any(axis=0))
         top = frequency[above[-1]] if above.size else frequency[1]
         return float(np.clip(2 * top, LOWEST_CUTOFF, HIGHEST * rate))
 
     def bandwidth(self, rate: float) -> float | None:
-        """Frequency below which 99.9 % of the speeds' power lies, drives counting alike [Hz].
+        """Frequency below which 99.9 % of the speeds' power lies, with equal weight of drives [Hz].
 
-        Power that does not stand out of the positions' noise is none. None without a full segment.
+        Only power that exceeds the positions' noise counts. None without a full segment.
         """
         if not self.segments:
             return None
         frequency = np.fft.rfftfreq(SEGMENT, 1 / rate)
-        speed = np.where(self._loud, self.power, 0.0) * frequency**2
+        speed = np.where(self._above_noise, self.power, 0.0) * frequency**2
         total = speed.sum(axis=1, keepdims=True)
         share = np.cumsum((speed / np.where(total > 0, total, 1.0)).sum(axis=0))
         most = int(np.searchsorted(share, _NEARLY_ALL * share[-1]))
         return float(frequency[max(most - _WIDENED, 1)])
 
     @property
-    def _loud(self) -> Bool[np.ndarray, "dof frequencies"]:
-        """Where a position stands out of its noise; nowhere for a drive that rests."""
+    def _above_noise(self) -> Bool[np.ndarray, "dof frequencies"]:
+        """Frequencies at which a position exceeds its noise; none for a resting drive."""
         power = self.power.sum(axis=1, keepdims=True)
         loud = self.power > _ABOVE * self._noise_floor[:, None]
         return loud & (power > _RESTS * power.max())
 
 
 def spectrum_of(q: Float[np.ndarray, "samples dof"]) -> SpectrumEstimate:
-    """Spectra of consecutive samples; a remainder shorter than a segment is left out, unless it is
-    all there is."""
+    """Spectra of consecutive samples; a partial segment counts only if there is no full one."""
     starts = range(0, len(q) - SEGMENT + 1, SEGMENT)
     power = np.zeros((q.shape[1], SEGMENT // 2 + 1))
     for start in starts:
@@ -235,7 +234,6 @@ def spectrum_of(q: Float[np.ndarray, "samples dof"]) -> SpectrumEstimate:
 
 
 def _segment(q: Float[np.ndarray, "samples dof"]) -> Float[np.ndarray, "dof frequencies"]:
-    # Curvature suppresses the leakage of the slow, large motion into the noise floor.
     t = np.arange(len(q)) - 0.5 * (len(q) - 1)
     level = q - q.mean(axis=0)
     level -= np.outer(t, t @ level / (t @ t))  # without its straight line
@@ -244,6 +242,7 @@ def _segment(q: Float[np.ndarray, "samples dof"]) -> Float[np.ndarray, "dof freq
 
 @cache
 def blackman_harris(length: int) -> Float[np.ndarray, " length"]:
-    """Window of Blackman and Harris, whose side lobes lie 92 dB below its main one."""
+    """Window of Blackman and Harris; its side lobes of −92 dB keep the motion out of the noise
+    floor."""
     turns = np.outer(np.arange(length), np.arange(len(_BLACKMAN_HARRIS)))
     return np.cos(2 * np.pi / length * turns) @ _BLACKMAN_HARRIS

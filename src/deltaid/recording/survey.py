@@ -1,4 +1,4 @@
-"""The first pass over a log: every row is checked before anything is computed from it."""
+"""The first pass over a log, which checks every row before anything is computed from it."""
 
 from collections.abc import Iterable
 
@@ -22,13 +22,12 @@ from deltaid.recording.survey_checks import (
 from deltaid.recording.table import recut
 from deltaid.recording.time.clock import Clock, doubts_about_stamps
 
-# No rotary arm of a Delta turns half a revolution from the middle of its work; numbers beyond this
-# are degrees.
+# No rotary arm turns half a revolution from the middle of its range; larger numbers are degrees.
 _LARGEST_ARM_ANGLE = np.pi
-# Number of the first row, rows, their poses, which of these there are, spectra of positions: what
-# can be computed from a batch apart from the rows before it.
-Seen = tuple[int, Rows, Stretch, Bool[np.ndarray, " rows"], SpectrumEstimate]
-# A step of this much of a turn between two samples is a jump of the reading, not a motion.
+# Number of the first row, rows, their poses, which of these exist, spectra of positions: results of
+# a batch that do not need earlier rows.
+Surveyed = tuple[int, Rows, Stretch, Bool[np.ndarray, " rows"], SpectrumEstimate]
+# A larger step between two samples [rad] is a jump of the reading, not a motion.
 _JUMP = 0.75 * 2 * np.pi
 
 
@@ -50,18 +49,18 @@ class Survey:
         self.loads, self.sensors = LoadSearch(table, columns), SensorCheck(table, columns)
 
     def begin_again(self) -> None:
-        """Forget what compares rows over a distance: it holds for evenly spaced samples only."""
+        """Reset checks that compare distant rows, which hold for evenly spaced samples only."""
         c = self.columns
         self.spectrum = spectrum_of(np.zeros((0, self.kinematics.dof)))
         pairs = ((c.position, c.velocity), (c.velocity, c.acceleration))
         columns = [(x.column, v.column) for pair in pairs for x, v in zip(*pair, strict=False)]
         self.derivatives = DerivativeCheck(columns)
 
-    def look(self, batch: tuple[int, Rows]) -> Seen:
-        """Rows and the number of the first one, with poses, whatever they are worth, and spectra.
+    def look(self, batch: tuple[int, Rows]) -> Surveyed:
+        """Poses, valid or not, and spectra of a batch.
 
         Raises:
-            RecordingError: a number is beyond its bound, so that nothing can be computed from it.
+            RecordingError: a number is beyond its bound.
         """
         row, values = batch
         self.bounds.check(values, row)
@@ -70,19 +69,19 @@ class Survey:
         stretch = Stretch(values[:, 0], q, z, self.kinematics.regularity(z))
         return row, values, stretch, good, spectrum_of(q)
 
-    def add(self, seen: Seen) -> None:
-        """Check consecutive rows, as `look` gives them.
+    def add(self, batch: Surveyed) -> None:
+        """Check consecutive rows with the results of `look`.
 
         Raises:
-            RecordingError: with the first row that cannot be.
+            RecordingError: with the first impossible row.
         """
-        row, values, stretch, good, spectrum = seen
+        row, values, stretch, good, spectrum = batch
         apart = self.clock.add(values[:, 0])
         if self.search is not None:
             self.search.add(values[:, : self.columns.torque_places.stop], self.clock.period)
         self.loads.add(values, row)
         self.sensors.add(values, row)
-        self.low = np.fmin(self.low, np.fmin.reduce(values))  # of sensors without their NaN
+        self.low = np.fmin(self.low, np.fmin.reduce(values))  # ignores NaN of sensors
         self.high = np.fmax(self.high, np.fmax.reduce(values))
         self._check_angles(stretch.q, row, apart)
         self.reach.add(stretch, good, row, apart)
@@ -90,15 +89,15 @@ class Survey:
             self._compare(values, spectrum)
 
     def add_even(self, segment: Iterable[Float[np.ndarray, "_ channels"]]) -> None:
-        """Take in the samples of a segment for what holds for evenly spaced ones only."""
+        """Add the samples of a segment to checks of evenly spaced samples."""
         for values in recut(segment, BATCH_ROWS):
             self._compare(values, spectrum_of(values[:, 1 : 1 + self.kinematics.dof]))
 
     def finish(self, clock: Clock) -> None:
-        """Check what only the whole log shows.
+        """Check the log as a whole.
 
         Raises:
-            RecordingError: an impossible rate; a torque or velocity is missing.
+            RecordingError: the rate is impossible, or a torque or velocity was not recorded.
         """
         c, samples, column = self.columns, self.clock.samples, self.columns.time.column
         differentiated = not (c.velocity and c.acceleration)
@@ -117,7 +116,7 @@ class Survey:
     def _check_angles(
         self, q: Float[np.ndarray, "rows dof"], row: int, apart: Int[np.ndarray, " runs"]
     ) -> None:
-        """Refuse angles that no arm takes, and jumps but those where time leaves off."""
+        """Refuse impossible angles, and jumps except where time jumps."""
         middles, robot = self.kinematics.mechanism.middles, self.kinematics.robot
         largest = [np.inf if m is None else _LARGEST_ARM_ANGLE + abs(m) for m in middles]
         for i, drive in np.argwhere(np.abs(q) > largest)[:1].tolist():

@@ -1,13 +1,13 @@
-"""What a survey checks: that numbers can be, go with their rates, are there, and are even in time.
+"""Checks of a survey: bounds of numbers, velocities against positions, sensors, time stamps.
 
-Wrong units and broken rows make numbers that no recording of a robot holds, however finite they
-are. A recording may go beyond the limits that a description states, but not a hundred times; where
-none is stated, no machine of this class comes near.
+Wrong units and broken rows give numbers that no recording of a robot has. A recording may exceed
+the limits of the description, but not a hundredfold; other bounds are beyond any machine of this
+class.
 
-Whether recorded velocities are the derivatives of recorded positions shows units, signs and order.
-Both are compared over stretches of a few hundredths of a second, where encoder steps and noise
-count little: with Δq the change of position and ∫v dt the integral of velocity, the share
-k = Σ ∫v dt Δq / Σ Δq² is 1 when both columns are declared rightly.
+Velocities are compared with the derivatives of positions, which reveals wrong units, signs and
+order. Over stretches of a few hundredths of a second encoder steps and noise count little: with the
+change Δq of position and the integral ∫v dt of velocity, k = Σ ∫v dt Δq / Σ Δq² is 1 if both
+columns are declared correctly.
 """
 
 from collections.abc import Iterator
@@ -26,7 +26,7 @@ from deltaid.recording.units import MOST_WRONG
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.part import LARGEST
 
-# How many times a described limit may be exceeded.
+# Factor by which a described limit may be exceeded.
 _FACTOR = 100.0
 # Largest magnitudes of position, velocity, acceleration and torque of a turning drive
 # [rad, rad/s, rad/s², N m] and of a sliding one [m, m/s, m/s², N].
@@ -35,21 +35,21 @@ _SLIDING = (100.0, 300.0, 1e6, 1e7)
 _UNITS_OF = {False: ("rad", "rad/s", "rad/s²", "N m"), True: ("m", "m/s", "m/s²", "N")}
 # Rates are compared with their columns over so long [s]; motion is slower.
 STRETCH = 0.02
-# Columns that go together this well (squared correlation) must agree in scale; below the other
-# value they hardly belong to the same drive.
+# Squared correlation above which columns must agree in scale, and below which they hardly belong to
+# the same drive.
 _TOGETHER, _APART = 0.9, 0.3
-# Ratios of scales that pass for equal.
+# Ratios of scales that count as equal.
 _SCALE = (0.8, 1.25)
 # Rms of Δq below which a drive counts as resting [rad, rad/s].
 _SLIGHT = 1e-3
-# What a column of a wrong unit is too large by.
+# Factors of wrong units.
 _LIKELY = {"degrees": 180 / np.pi, "rpm": 30 / np.pi}
-# A step that is off the usual one by more than this share is uneven.
+# A step is uneven if it differs from the usual one by more than this share.
 _JITTER = 0.05
 
 
 class DerivativeCheck:
-    """Compares pairs of columns batch by batch: the second should be the rate of the first."""
+    """Running check of pairs of columns: the second should be the rate of the first."""
 
     def __init__(self, names: list[tuple[str, str]]) -> None:
         self._names = names
@@ -62,11 +62,11 @@ class DerivativeCheck:
         x: Float[np.ndarray, "rows pairs"],
         rate: Float[np.ndarray, "rows pairs"],
     ) -> None:
-        """Take in consecutive rows."""
+        """Add consecutive rows."""
         if not self._names or len(time) < 2:
             return
         step = np.diff(time)
-        share = min(STRETCH / float(time[-1] - time[0]), 2.0)  # more than 1: nothing to compare
+        share = min(STRETCH / float(time[-1] - time[0]), 2.0)  # above 1 there is nothing to compare
         every = max(1, round(share * len(step)))
         area = 0.5 * (rate[1:] + rate[:-1]) * step[:, None]
         integral = np.vstack([np.zeros(area.shape[1]), np.cumsum(area, axis=0)])
@@ -76,10 +76,10 @@ class DerivativeCheck:
         self._stretches += len(change)
 
     def warnings(self, where: str) -> Iterator[Doubt]:
-        """What is doubtful.
+        """Doubts about pairs of columns.
 
         Raises:
-            RecordingError: a rate goes with its column, but has another scale or sign.
+            RecordingError: a rate correlates with its column, but has another scale or sign.
         """
         for (name, rate_name), (xx, vv, xv) in zip(self._names, self._sums.T, strict=True):
             if xx <= _SLIGHT**2 * self._stretches or vv == 0:
@@ -94,8 +94,8 @@ class DerivativeCheck:
                     "rates then follow from the positions",
                     key="velocity",
                 )
-            elif together > _TOGETHER and not _is_alike(scale):
-                units = [unit for unit, size in _LIKELY.items() if _is_alike(abs(scale) / size)]
+            elif together > _TOGETHER and not _is_one(scale):
+                units = [unit for unit, size in _LIKELY.items() if _is_one(abs(scale) / size)]
                 raise RecordingError(
                     f"column {rate_name} is {scale:.4g} times the rate at which {name} changes"
                     + next((f", as if it were in {unit}" for unit in units), ""),
@@ -105,12 +105,12 @@ class DerivativeCheck:
                 )
 
 
-def _is_alike(scale: float) -> bool:
+def _is_one(scale: float) -> bool:
     return bool(_SCALE[0] < scale < _SCALE[1])
 
 
 class Bounds:
-    """The largest magnitude of each channel but those beside the drives, as in `Columns.all`."""
+    """Bounds of the magnitude of time and drives' channels, in the order of `Columns.all`."""
 
     def __init__(self, table: LogTable, columns: Columns, robot: RobotDescription) -> None:
         self._table, self._columns = table, columns
@@ -119,9 +119,9 @@ class Bounds:
         for quantity, channels in enumerate(parts):
             for drive, _ in zip(robot.drives, channels, strict=False):
                 slides = robot.is_linear(drive)
-                own = robot.limits_of(drive)
-                # Of positions nothing, for they may be wrapped.
-                limits = (None, own.top_speed, own.top_acceleration, own.effort)
+                described = robot.limits_of(drive)
+                # Not of positions, which may be wrapped.
+                limits = (None, described.top_speed, described.top_acceleration, described.effort)
                 stated = limits[quantity]
                 highest = (_SLIDING if slides else _TURNING)[quantity]
                 largest.append(min(highest, _FACTOR * stated) if stated else highest)
@@ -149,7 +149,7 @@ class Bounds:
 
 
 class SensorCheck:
-    """Running check; `add` all rows, then `require` and ask for `doubts`."""
+    """Running check of sensors; `add` all rows, then `require` and read `doubts`."""
 
     def __init__(self, table: LogTable, columns: Columns) -> None:
         self._table, self._places = table, columns.sensor_places
@@ -158,7 +158,7 @@ class SensorCheck:
         self._first: dict[int, int] = {}
 
     def add(self, values: Float[np.ndarray, "rows channels"], row: int) -> None:
-        """Take in rows, columns as in `Columns.all`; `row` numbers the first for messages."""
+        """Add rows, columns as in `Columns.all`; `row` is the number of the first one."""
         empty = np.isnan(values[:, self._places])
         for k in np.flatnonzero(empty.any(axis=0)).tolist():
             self._first.setdefault(k, row + int(np.argmax(empty[:, k])))
@@ -167,11 +167,11 @@ class SensorCheck:
     def require(
         self, low: Float[np.ndarray, " channels"], high: Float[np.ndarray, " channels"], rows: int
     ) -> None:
-        """Refuse columns in which nothing was recorded.
+        """Refuse columns without or with constant numbers.
 
         Args:
             low, high: least and largest number of each column of `Columns.all`.
-            rows: how many there are.
+            rows: their number.
 
         Raises:
             RecordingError: a column holds no number, or one number only.
@@ -191,7 +191,7 @@ class SensorCheck:
             )
 
     def doubts(self, rows: int) -> list[Doubt]:
-        """What is to be said of sensors without a number in some of so many rows."""
+        """Doubts about sensors without a number in some rows."""
         return [
             Doubt(
                 f"column {self._named[k][1]} of sensor {self._named[k][0]} holds no number in "
@@ -204,13 +204,13 @@ class SensorCheck:
 
 
 class ClockCheck:
-    """First look at consecutive rows: whether they are steady, and whether there is a time at all.
+    """Running check of time stamps: whether they are steady, and whether they are a time at all.
 
     Attributes:
-        table, column: the log, and which of its columns is the time.
+        table, column: the log and its time column.
         samples: rows so far.
-        step: the usual time between two rows, a median [s].
-        period: the same, if several rows share a stamp as well.
+        step: median time between two rows [s].
+        period: the same, also if rows share stamps [s].
         first_time, last_time: of the rows so far [s].
         uneven, backward, forward: steps that are uneven, negative, positive.
     """
@@ -223,17 +223,17 @@ class ClockCheck:
 
     @property
     def steady(self) -> bool:
-        """Whether all steps are alike, so that nothing is missing."""
+        """Whether all steps are equal, so that nothing is missing."""
         return not self.uneven
 
     @property
     def clock(self) -> Clock:
-        """Of a steady recording: its rate is the mean."""
+        """The clock of a steady recording, with the mean rate."""
         period = (self.last_time - self.first_time) / (self.samples - 1)
         return Clock(period, self.samples, self.first_time, self.last_time)
 
     def add(self, time: Float[np.ndarray, " rows"]) -> Int[np.ndarray, " runs"]:
-        """Take in stamps of consecutive rows; gives those before which time leaves off, from 0."""
+        """Add stamps of consecutive rows; returns the rows at which time jumps, from 0."""
         steps = np.diff(time, prepend=self.last_time)
         known = steps[~np.isnan(steps)]
         if not self.step and known.size:
@@ -252,11 +252,10 @@ class ClockCheck:
         return np.flatnonzero(np.abs(steps) > self._apart)
 
     def require_time(self) -> None:
-        """Refuse what is no time.
+        """Refuse a column that is no time.
 
         Raises:
-            RecordingError: it stands still, or nearly so, goes backwards, or jumps about; or there
-                are too few rows.
+            RecordingError: it hardly changes, runs backwards or jumps, or there are too few rows.
         """
         where, samples = str(self.table.path), self.samples
         if samples < 2:
@@ -284,10 +283,10 @@ class ClockCheck:
 
 
 def require_rate(table: LogTable, column: str, rate: float, *, differentiated: bool) -> None:
-    """Refuse a rate at which nothing is sampled, or positions cannot be differentiated.
+    """Refuse an impossible rate, or one at which positions cannot be differentiated.
 
     Raises:
-        RecordingError: with what can be.
+        RecordingError: with the limit.
     """
     slow = differentiated and rate < LOWEST_RATE
     if slow or rate > HIGHEST_RATE:

@@ -1,6 +1,6 @@
-"""Reading a log in batches of constant memory, whatever kind of file it is.
+"""Reads logs of any kind of file in batches of constant memory.
 
-To add a kind, write how it is opened in a module of `formats/`, and put it into `FORMATS`.
+To add a kind, write a module of `formats/` that opens it, and add it to `FORMATS`.
 """
 
 import os
@@ -33,7 +33,7 @@ _FOREIGN = {
     b"PK\x03\x04": "an Excel workbook or a ZIP archive",
     b"\xd0\xcf\x11\xe0": "an old Excel workbook",
 }
-# How states are written as text.
+# States written as text.
 _TRUE, _FALSE = ("true", "on"), ("false", "off")
 
 
@@ -42,13 +42,13 @@ class Format:
     """A kind of file.
 
     Attributes:
-        name: what a file of this kind is called, such as 'a Parquet file'.
+        name: such as 'a Parquet file'.
         claims: whether a file is of this kind, by its signature: takes its first bytes without
             compression, empty for a folder; and the file or folder.
-        open: reads what a file holds, but none of its numbers. Raises a RecordingError if it is
-            damaged, or a library that reads it is not installed.
-        suffixes: ends of names that stand for this kind where no signature is known.
-        unpacks: whether it reads files that are compressed as a whole by gzip or zstd.
+        open: reads the file's fields, but no numbers. Raises a RecordingError if it is damaged, or
+            the library that reads it is missing.
+        suffixes: of files of this kind, if no signature is known.
+        unpacks: whether it reads files compressed as a whole by gzip or zstd.
     """
 
     name: str
@@ -58,7 +58,7 @@ class Format:
     unpacks: bool = False
 
 
-# In the order in which they are asked; CSV, which has no signature, takes what is left.
+# In the order of their checks; CSV, which has no signature, is the last resort.
 FORMATS = (
     Format(
         "a Parquet file",
@@ -77,14 +77,14 @@ FORMATS = (
 
 
 def open_table(path: Path, mapping: ColumnMapping | None = None) -> LogTable:
-    """Find out what kind of file a log is, by its signature or else by its name, and open it.
+    """Open a log of any kind, recognised by its signature, else by its name.
 
     Args:
         path: the log.
-        mapping: what to look for in CSV: names of columns, lines of the header and first data.
+        mapping: for CSV: names of columns, lines of the header and first data.
 
     Raises:
-        RecordingError: the file is missing, empty, cannot be read, or is of no kind that is known.
+        RecordingError: the file is missing, empty, cannot be read, or is of no known kind.
         DeltaidError: the process has lost its threads, as of `require_threads`.
     """
     require_threads()
@@ -96,18 +96,18 @@ def open_table(path: Path, mapping: ColumnMapping | None = None) -> LogTable:
             start = file.read(CHUNK)
         if not start:
             raise RecordingError("is empty", where=str(path), cure="copy or export it again")
-    found = next((kind for kind in FORMATS if kind.claims(start, path)), None)
-    if found and not found.unpacks and (packing := packed_by(path)):
-        raise RecordingError(f"is {found.name} inside {packing}", where=str(path), cure="unpack it")
-    if found is None:
-        for signature, kind in _FOREIGN.items():
+    kind = next((kind for kind in FORMATS if kind.claims(start, path)), None)
+    if kind and not kind.unpacks and (packing := packed_by(path)):
+        raise RecordingError(f"is {kind.name} inside {packing}", where=str(path), cure="unpack it")
+    if kind is None:
+        for signature, name in _FOREIGN.items():
             if start.startswith(signature):
                 raise RecordingError(
-                    f"is {kind}", where=str(path), cure="export it as CSV in UTF-8 or as Parquet"
+                    f"is {name}", where=str(path), cure="export it as CSV in UTF-8 or as Parquet"
                 )
         suffix = path.suffix.lower()
-        found = next((kind for kind in FORMATS if suffix in kind.suffixes), FORMATS[-1])
-    return found.open(path, mapping or ColumnMapping())
+        kind = next((kind for kind in FORMATS if suffix in kind.suffixes), FORMATS[-1])
+    return kind.open(path, mapping or ColumnMapping())
 
 
 def read_batches(
@@ -115,10 +115,10 @@ def read_batches(
 ) -> Iterator[Float[np.ndarray, "rows channels"]]:
     """The rows of a log in SI units, batch by batch, columns as in `Columns.all`.
 
-    Batches have as many rows however the file is read, so that nothing depends on how it is.
+    Batches have the same rows for all kinds of files.
 
     Args:
-        unwrapping: take down which columns start again; fresh ones.
+        unwrapping: new unwrappers of time and positions.
 
     Raises:
         RecordingError: a value is missing, not a number or not finite; names row and column.
@@ -154,13 +154,13 @@ def to_si(
 ) -> Float[np.ndarray, "rows channels"]:
     """Consecutive rows in SI units.
 
+    Sensors without a number, or with an impossible one, are NaN.
+
     Args:
         table, columns: the log and its columns.
         rows: the numbers of all of these columns.
-        row: the first row.
-        unwrapping: what makes counters and angles go on that start again.
-
-    Where a sensor has no number, or one that no sensor shows, there is NaN.
+        row: number of the first row.
+        unwrapping: unwraps counters and angles.
 
     Raises:
         RecordingError: one of them is not finite; names the first such row.
@@ -169,7 +169,7 @@ def to_si(
     values = np.empty((rows.size, len(channels)), order="F")
     with np.errstate(over="ignore", invalid="ignore"):
         for k, (channel, numbers) in enumerate(zip(channels, rows.numbers, strict=True)):
-            # A null becomes NaN.
+            # Null becomes NaN.
             array = numbers.to_numpy() if isinstance(numbers, pl.Series) else numbers
             if k < len(unwrapping):
                 array = unwrapping[k].add(np.asarray(array, dtype=np.float64), row)
@@ -179,7 +179,7 @@ def to_si(
             if channel.scale != 1:
                 values[:, k] *= channel.scale
     shown = values[:, columns.sensor_places]
-    # Larger numbers stand for none, such as the 1e38 of some loggers.
+    # Larger numbers mean no number, such as the 1e38 of some loggers.
     shown[~(np.abs(shown) <= LARGEST)] = np.nan
     finite = np.isfinite(values)
     finite[:, columns.sensor_places] = True
@@ -190,7 +190,7 @@ def to_si(
 
 
 def _states(numbers: np.ndarray, written: Column) -> Float[np.ndarray, " rows"]:
-    """Numbers of a column beside the drives, with 1 and 0 where true and false stand as text."""
+    """Numbers of a state, with 1 and 0 for text such as true and false."""
     if not isinstance(written, pl.Series) or written.dtype != pl.String:
         return np.asarray(numbers, dtype=np.float64)
     text = written.str.strip_chars().str.to_lowercase()
@@ -205,7 +205,7 @@ def recut(
 ) -> Iterator[Float[np.ndarray, "_ channels"]]:
     """Join arrays and cut them into blocks that advance by `size` and share `overlap` rows.
 
-    The last block is shorter; there is none if it would hold nothing but the overlap.
+    The last block is shorter; it is dropped if it has no rows beyond the overlap.
     """
     parts: list[np.ndarray] = []
     held = 0
@@ -226,12 +226,12 @@ def recut(
 def padded(
     segment: Iterable[Float[np.ndarray, "_ _"]], before: int, after: int, columns: Columns
 ) -> Iterator[Float[np.ndarray, "_ _"]]:
-    """A segment with its end rows again beyond its ends, where they have no time and no weight.
+    """A segment extended by copies of its end rows, without time and weight.
 
     Args:
         segment: evenly spaced rows in blocks: `columns`, at the end a weight (or a mark) a drive.
         before, after: how many rows beyond the ends.
-        columns: what stands where.
+        columns: of the rows.
     """
     drives = len(columns.torque)
     blocks = (block for block in segment if len(block))

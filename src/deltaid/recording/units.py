@@ -1,12 +1,11 @@
-"""Units that columns of a log may have, and the factor by which their numbers become SI.
+"""Units of columns, their factors to SI, and units that follow from the numbers.
 
-The registry knows these units and no others, and angle is a dimension of its own, so that counts,
-per cent or 1/min are refused where an angle is wanted. What pint gets to see has passed a narrow
-grammar: an optional number, then names with small powers, so nothing in a file is ever computed
-beyond a product.
+The registry has only these units, and angle is a dimension of its own, so counts, per cent or 1/min
+are refused as angles. Text passes a narrow grammar before pint parses it: an optional number, then
+names with small powers, so that no file can make it compute more than a product.
 
-First numbers of a column say whether it may be a time, and in which unit; whether velocities are
-the derivatives of positions, and which unit follows from that.
+The first numbers of columns show whether one is a time, and in which unit, and whether velocities
+are derivatives of positions, from which a missing unit follows.
 """
 
 import math
@@ -69,13 +68,13 @@ _GRAMMAR = re.compile(
 Signal = Float[np.ndarray, " rows"]
 # A column is no time if a larger share of its stamps goes back, or is far off its neighbours.
 MOST_WRONG = 0.2
-# Usual steps that can be of one unit only, recorded at 10 Hz to 20 kHz: seconds up to the step
-# that would be 100 kHz in ms; ms where seconds would be slower than 10 Hz and the number is no
-# cycle's; ns where ticks of 100 ns would be slower.
+# Steps that fit one unit only at rates of 10 Hz to 20 kHz: s up to steps that would be 100 kHz in
+# ms; ms where s would be slower than 10 Hz and steps are no cycles; ns where ticks of 100 ns would
+# be slower.
 _STEPS = (("s", 5e-5, 0.0100001), ("ms", 0.11, 0.9), ("ns", 1.1e6, 1e8))
-# Rows on either side over which a position is differentiated, and a velocity averaged.
-_HALF = 4
-# Correlation of a derivative at least, and how far factors of drives or units may differ.
+# Rows on either side of one over which a motion is smooth: derivatives and polynomials span them.
+SIDE = 4
+# Least correlation of a derivative, and largest difference of factors of drives or units.
 _SAME, _APART = 0.98, 0.03
 _UNITS = {
     ("time", False): ("s", "ms", "us", "ns"),
@@ -94,17 +93,17 @@ def si_factor(
     torque_constant: float | None = None,
     cure: str = "",
 ) -> float:
-    """The number by which values in `unit` become values in `target`.
+    """The factor from values in `unit` to values in `target`.
 
     Args:
         unit: such as 'deg', 'rpm', 'mN*m', '0.0235 N*m' or '360/65536 deg'.
         target: the SI unit wanted.
-        torque_constant: N m per A, for a current where a torque is wanted.
+        torque_constant: N m per A, for a current in place of a torque.
         where: file and key for messages.
-        cure: what to do about a unit of something else, in place of what helps with drives.
+        cure: fix of a wrong unit, in place of that for drives.
 
     Raises:
-        RecordingError: the unit is not known, or is a unit of something else.
+        RecordingError: the unit is unknown, or of another quantity.
     """
     if unit == target and torque_constant is None:
         return 1.0
@@ -143,7 +142,7 @@ def si_factor(
 
 
 def factor_among(unit: str, *targets: str) -> float | None:
-    """The factor to the first of some SI units that a unit is of; None if it is of none."""
+    """The factor to the first SI unit that a unit converts to; None if there is none."""
     for target in targets:
         try:
             return si_factor(unit, target, where="")
@@ -153,12 +152,12 @@ def factor_among(unit: str, *targets: str) -> float | None:
 
 
 def is_unit(unit: str) -> bool:
-    """Whether a text is a unit of anything that a log may hold."""
+    """Whether a text is a known unit."""
     return _parsed(unit) is not None
 
 
 def _parsed(unit: str) -> tuple[float, Any] | None:
-    """The number before a unit, and one of the unit itself; None if it is not known."""
+    """The number before a unit, and the unit as a quantity; None if it is unknown."""
     import pint
 
     match = _GRAMMAR.fullmatch(unit.strip())
@@ -168,7 +167,7 @@ def _parsed(unit: str) -> tuple[float, Any] | None:
     number = float(match["number"] or 1) / divisor if divisor else float("inf")
     try:
         return number, _registry().Quantity(1.0, re.sub(r"[·.]", "*", match["unit"]))
-    except (pint.UndefinedUnitError, ValueError):  # the latter for words that are numbers: nan
+    except (pint.UndefinedUnitError, ValueError):  # ValueError for words that are numbers: nan
         return None
 
 
@@ -183,7 +182,7 @@ def _registry() -> "pint.UnitRegistry[float]":
 
 
 def time_unit(start: Signal | None) -> str | None:
-    """The only unit that fits a column as a time; empty if several do, None if it is no time."""
+    """The only unit that fits a column as a time; empty if several fit; None if it is no time."""
     if start is None or len(start) < 2:
         return ""
     steps = np.diff(start)
@@ -196,13 +195,13 @@ def time_unit(start: Signal | None) -> str | None:
 def derivative_factor(
     time: Signal, positions: Sequence[Signal | None], velocities: Sequence[Signal | None]
 ) -> float | None:
-    """How many times larger the derivative of positions is than what may be velocities; None where
-    these are no derivatives, or nothing moves."""
+    """Ratio of the derivatives of positions to velocities; None if these are no derivatives, or
+    nothing moves."""
     factors = list[float]()
     for position, velocity in zip(positions, velocities, strict=True):
-        if position is None or velocity is None or len(time) <= 4 * _HALF:
+        if position is None or velocity is None or len(time) <= 4 * SIDE:
             return None
-        width = 2 * _HALF
+        width = 2 * SIDE
         with np.errstate(all="ignore"):
             slope = (position[width:] - position[:-width]) / (time[width:] - time[:-width])
         mean = np.convolve(velocity, np.full(width + 1, 1 / (width + 1)), "valid")
@@ -225,9 +224,9 @@ def fitting_units(
     Args:
         factor: of `derivative_factor`.
         units: of position, velocity and time.
-        unknown: which of these is unknown; empty to ask whether all three fit, for which the answer
-            is the unit of time or nothing.
-        slides: whether the drives do.
+        unknown: which of these is unknown; empty to check whether all three fit, which returns the
+            unit of time or nothing.
+        slides: whether the drives slide.
     """
     place = ("position", "velocity", "time").index(unknown) if unknown else 2
     tried = _UNITS[unknown, slides and unknown != "time"] if unknown else (units[2],)

@@ -1,17 +1,17 @@
-"""From the rows of a segment to windows of samples (z, q̇, q̈, τ), filtered where needed.
+"""Turns rows of a segment into windows of samples (z, q̇, q̈, τ), filtered where needed.
 
 A segment is a run of rows without a gap. No filter reaches beyond its ends.
 
-Friction changes its sign with the speed ϑ̇. With noise on the positions, and channels that are
-not read at the very same instant, the time of a reversal is known to about a sample; what torque
-and model make of the rows about it can differ by the whole friction. A row is left out where
+Friction changes its sign with the speed ϑ̇. With noise on positions, and channels that are read at
+slightly different instants, the time of a reversal is known to about a sample; torque and model of
+the rows about it may differ by the whole friction. A row is excluded where
 
     |ϑ̇| ≤ δ |ϑ̈| + 3 σ,
 
-δ the time by which torques and positions may be apart, a millisecond and no more than the time
-between two samples, and σ the deviation that noise of the positions gives ϑ̇ after the filter:
-for a drive in its own row, for a passive joint in the rows of all drives that move it. Where a
-drive's torque has been interpolated, δ is longer by the samples that it was made of.
+with the time δ between torques and positions, at most a millisecond and at most a sample, and the
+standard deviation σ of ϑ̇ from noise of positions after the filter: for a drive in its own row, for
+a passive joint in the rows of all drives that move it. If a drive's torque is interpolated, δ is
+longer by the samples under it.
 """
 
 from collections.abc import Callable, Iterable, Iterator
@@ -26,24 +26,24 @@ from deltaid.recording.filter import LowPass
 from deltaid.recording.spectrum import apply, convolve
 from deltaid.recording.table import recut
 
-# A speed within so many standard deviations of zero may have either sign.
+# Standard deviations from zero within which a speed may have either sign.
 _CERTAIN = 3.0
-# Torques and positions of one row are taken at the same instant within this [s].
+# Largest time between torques and positions of a row [s].
 _SAME = 1e-3
-# Samples of a window: long against the filter's length, short against memory, and no power of two,
-# because rows of an array that lie a power of two apart fight for the same lines of the cache.
+# Samples of a window: many against the filter's length, few against memory, and no power of two,
+# because rows of an array a power of two apart share lines of the cache.
 WINDOW = 8000
 Values = Float[np.ndarray, "_ _"]
 
 
 @dataclass(frozen=True, eq=False)
 class Directions:
-    """When joints turn round.
+    """Which directions of motion are certain near reversals.
 
     Attributes:
         period: time between two samples [s].
         noise: σ of each drive's speed [rad/s or m/s].
-        smear: over how many samples to either side each drive's torque is spread; empty for none.
+        smear: samples to either side over which torques are interpolated; empty for none.
     """
 
     period: float
@@ -58,7 +58,7 @@ class Directions:
         qdd: Float[np.ndarray, "samples dof"],
         within: float = _SAME,
     ) -> Bool[np.ndarray, "samples dof"]:
-        """Whether in a drive's row the direction of every joint with friction is known.
+        """Whether a drive's row has certain directions of all its joints with friction.
 
         Args:
             within: longest δ [s].
@@ -85,11 +85,11 @@ class SampleBlock:
 
     Attributes:
         time [s], z, qd, qdd: the motion; filtered if there is a filter.
-        tau: drive torques as recorded, never filtered here; no columns if the log has none. What
-            held loads take is taken out of them.
-        weights: how far each drive's torque counts, between 0 and 1; no columns without torques.
-        extra: what is recorded beside the drives, as in `Columns.extra`, never filtered.
-        carried: what held loads take of the torques.
+        tau: drive torques as recorded, unfiltered, without those of held loads; no columns if the
+            log has none.
+        weights: of each drive's torque, between 0 and 1; no columns without torques.
+        extra: extra columns as in `Columns.extra`, unfiltered.
+        carried: torques of held loads.
     """
 
     time: Float[np.ndarray, " samples"]
@@ -108,13 +108,13 @@ class SampleBlock:
     def weighted(self, values: Values, drives: Int[np.ndarray, " channels"]) -> Values:
         """Channels (channels, samples) times the weights of the drives that they belong to.
 
-        m τ = m Y p holds sample by sample, so what is to be left out is left out here, at the full
-        rate, before a filter spreads it.
+        m τ = m Y p holds sample by sample, so samples are excluded here, at the full rate, before a
+        filter spreads them.
         """
         return self.weigh(values.copy(), drives)
 
     def weigh(self, values: Values, drives: Int[np.ndarray, " channels"]) -> Values:
-        """The same in place, of channels that nobody else holds."""
+        """The same in place."""
         part = np.flatnonzero((self.weights != 1.0).any(axis=1))
         values[:, part] *= self.weights[part].T[drives]
         return values
@@ -122,16 +122,15 @@ class SampleBlock:
 
 @dataclass(frozen=True, eq=False)
 class Window:
-    """A stretch of a recording, ready to use.
+    """A stretch of a recording, ready for computations.
 
     Attributes:
-        start: number of samples of the recording's other windows before it.
-        own: its samples; those of all windows are the recording.
-        wide: the same and more at either end: where to evaluate what is to be filtered.
-        low_pass: the filter; `no_filter` where velocities and accelerations are recorded.
-        off: recorded positions less the filtered ones, at the wide samples.
-        turning: for each drive how many of its own samples do not count because a joint turns round
-            there, and for no other reason.
+        start: number of samples in earlier windows.
+        own: its samples; those of all windows make up the recording.
+        wide: its samples and more at either end, for values that are filtered.
+        low_pass: the filter; `no_filter` if velocities and accelerations are recorded.
+        off: recorded minus filtered positions, at the wide samples.
+        turning: own samples of each drive that are excluded only because a joint reverses.
     """
 
     start: int
@@ -142,32 +141,32 @@ class Window:
     turning: Int[np.ndarray, " torques"]
 
     def filtered(self, of: Callable[[SampleBlock], Values]) -> Values:
-        """The low-pass over something that follows from samples, thinned as the cut-off allows.
+        """The low-pass over a function of samples, thinned as the cut-off allows.
 
         Args:
-            of: gives (channels, samples). Where the filter has two stages it is asked for a few
-                samples at a time, since few remain of them.
+            of: returns (channels, samples). With two stages of the filter it is evaluated part by
+                part, of which few samples remain.
         """
         parts = [self.low_pass.leading(of(part)) for part in self._parts()]
         values = parts[0] if len(parts) == 1 else np.hstack(parts)  # no copy of a whole window
         return apply(self.low_pass.smooth, values, self.low_pass.decimation)
 
     def smoothed(self, x: Float[np.ndarray, "channels wide"], *, thinned: bool = False) -> Values:
-        """The low-pass over something computed from `wide`.
+        """The low-pass over values at the `wide` samples.
 
         Args:
-            thinned: as `filtered` thins it; else at every `stride`-th own sample.
+            thinned: whether it is thinned as by `filtered`, else to every `stride`-th own sample.
         """
         every = self.low_pass.decimation if thinned else 1
         return apply(self.low_pass.smooth, self.low_pass.leading(x), every)
 
     def counted(self, every: int) -> Float[np.ndarray, "torques kept"]:
-        """What is left of the noise's power by the weights m: Σ (h m)² / Σ h², h the low-pass.
+        """Share of the noise's power that weights m keep: Σ (h m)² / Σ h², h the low-pass.
 
-        So many samples each filtered sample is worth, for every drive.
+        It is the weight of each filtered sample, for every drive.
 
         Args:
-            every: how many own samples lie between two: the filter's `stride` or `thinned`.
+            every: decimation of own samples: the filter's `stride` or `thinned`.
         """
         return self.worth(self.wide.weights.T, every)
 
@@ -180,12 +179,12 @@ class Window:
         return apply(self.low_pass.power, weights**2, every)[:, : -(-len(self.own.time) // every)]
 
     def trimmed(self, x: Shaped[np.ndarray, "wide ..."]) -> Shaped[np.ndarray, "own ..."]:
-        """Something computed from `wide`, unfiltered, at the own samples."""
+        """Values at the `wide` samples, unfiltered, at the own samples."""
         lost = self.low_pass.lead_half + self.low_pass.stride * self.low_pass.half
         return x[lost : lost + len(self.own.time)]
 
     def _parts(self) -> Iterator[SampleBlock]:
-        """`wide` in parts of which the first stage makes consecutive samples."""
+        """`wide` in parts from which the first stage makes consecutive samples."""
         lead, stride = len(self.low_pass.lead), self.low_pass.stride
         if stride == 1:
             yield self.wide
@@ -196,7 +195,7 @@ class Window:
 
 
 def blocks(rows: Iterable[Rows], low_pass: LowPass) -> Iterator[Rows]:
-    """The rows of one segment as blocks from which windows can be made apart from each other."""
+    """Rows of a segment as blocks, from which windows are made independently."""
     overlap = low_pass.reach
     size = -(-rows_at_once(overlap) // low_pass.thinned) * low_pass.thinned
     return recut(rows, size, overlap)
@@ -219,12 +218,12 @@ def window_of(
     """The window of some rows, columns as in `Columns.all`, then one weight a drive.
 
     Velocities and accelerations that are not recorded come from differentiating the highest
-    derivative that is, through the filter. `no_filter` has none: there both must be recorded.
+    derivative that is, through the filter; with `no_filter` both must be recorded.
 
     Args:
-        start: number of the recording's samples before it.
-        directions: when joints turn round; None where all rows count.
-        burden: what is taken of the torques, as `burden_of` makes it.
+        start: number of samples in earlier windows.
+        directions: which are certain; None if all rows count.
+        burden: torques to subtract, as `burden_of` makes it.
     """
     c, first = columns, low_pass.first_row
     counts = [len(x) for x in (c.position, c.velocity, c.acceleration)]

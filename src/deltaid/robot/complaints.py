@@ -62,12 +62,12 @@ def complaints(tree: Entry, error: ValidationError, model: type[BaseModel]) -> s
     outer = {
         c.path[:k] for c in located for k in range(len(c.path))
     }  # deeper ones are more precise
-    texts = [str(c) for c in _joined([c for c in located if c.path not in outer])]
+    texts = [str(c) for c in _join_unions([c for c in located if c.path not in outer])]
     more = f"; and {len(texts) - _MOST} more" if len(texts) > _MOST else ""
     return "; ".join(texts[:_MOST]) + more
 
 
-def _joined(located: list[_Complaint]) -> list[_Complaint]:
+def _join_unions(located: list[_Complaint]) -> list[_Complaint]:
     """One complaint per place. Reasons of a union's branches are joined by 'or'.
 
     Branches that accept the kind of the value take precedence over those that refuse it.
@@ -97,14 +97,14 @@ def _locate(tree: Entry, item: dict[str, Any], model: type[BaseModel]) -> _Compl
         if isinstance(missing, int):  # entries of a list have no names
             return _Complaint(place.line, tuple(path), f"has no entry {missing + 1}")
         path.append(str(missing))
-    hint = _near(path[-1], model) if kind == "extra_forbidden" and path else ""
+    hint = _suggestion(path[-1], model) if kind == "extra_forbidden" and path else ""
     complaint = _Complaint(
         place.line, tuple(path), _reason(item) + hint, _value(item), kind in _KINDS
     )
-    return _deeper(place, complaint)
+    return _at_named_key(place, complaint)
 
 
-def _deeper(place: Entry, complaint: _Complaint) -> _Complaint:
+def _at_named_key(place: Entry, complaint: _Complaint) -> _Complaint:
     """The complaint at the key that its reason begins with, such as 'springs.drive1 has …'."""
     first, _, rest = complaint.reason.partition(" ")
     path = first.split(".")
@@ -132,7 +132,7 @@ def _value(item: dict[str, Any]) -> str:
     return f", not {text if len(text) <= 40 else text[:39] + '…'}"
 
 
-def _near(key: str, model: type[BaseModel]) -> str:
+def _suggestion(key: str, model: type[BaseModel]) -> str:
     known = set(_keys(model.model_json_schema())) - {key}  # valid in another place
     near = difflib.get_close_matches(key, known, n=1, cutoff=0.75)
     return f"; did you mean {near[0]}?" if near else ""

@@ -269,7 +269,7 @@ class RobotDescription(Shown, Plotted, Reported, Part):
 
     @property
     def rotor_drives(self) -> tuple[str, ...]:
-        """Names of the drives with a rotor inertia of their own, in the order of the drives."""
+        """Names of the drives with a rotor inertia, in the order of the drives."""
         return tuple(drive for drive in self.drives if drive in self.rotor_inertia)
 
     def stiffness(self, drive: str) -> float:

@@ -25,9 +25,9 @@ def require_parts_that_fit(robot: "RobotDescription") -> None:
     """
     _check_drives(robot)
     _check_workspace(robot)
-    _exactly("bodies", robot.bodies, robot.body_names)
-    _among("friction", robot.friction, robot.joints)
-    _among("springs", robot.springs, robot.joints)
+    _require_exactly("bodies", robot.bodies, robot.body_names)
+    _require_among("friction", robot.friction, robot.joints)
+    _require_among("springs", robot.springs, robot.joints)
     for joint, spring in robot.springs.items():
         wrong = "rest_deg" if robot.is_linear(joint) else "rest"
         if getattr(spring, wrong) is not None:
@@ -44,7 +44,7 @@ def require_parts_that_fit(robot: "RobotDescription") -> None:
         ("tolerances.homing", robot.tolerances.homing, robot.drives),
     ):
         if isinstance(given, dict):
-            _among(key, given, known)
+            _require_among(key, given, known)
     _check_measured(robot)
     _check_sensors(robot)
 
@@ -90,7 +90,7 @@ def _check_drives(robot: "RobotDescription") -> None:
             raise ValueError(f"drive_limits.{drive} has {foreign[0]}, but the drive is {kind}")
 
 
-def _exactly(key: str, given: dict[str, Body], wanted: tuple[str, ...]) -> None:
+def _require_exactly(key: str, given: dict[str, Body], wanted: tuple[str, ...]) -> None:
     missing = [name for name in wanted if name not in given]
     extra = [name for name in given if name not in wanted]
     faults = {"lacks": missing, "has unknown": extra}
@@ -99,7 +99,7 @@ def _exactly(key: str, given: dict[str, Body], wanted: tuple[str, ...]) -> None:
         raise ValueError(f"{key} {' and '.join(parts)}; this robot has {', '.join(wanted)}")
 
 
-def _among(key: str, given: Collection[str], allowed: tuple[str, ...]) -> None:
+def _require_among(key: str, given: Collection[str], allowed: tuple[str, ...]) -> None:
     extra = [name for name in given if name not in allowed]
     if extra:
         raise ValueError(f"{key} has unknown {', '.join(extra)}; choose from {', '.join(allowed)}")
@@ -151,7 +151,7 @@ def _check_measured(robot: "RobotDescription") -> None:
         if not names:
             raise ValueError(f"{where}.of names no body")
         for name in names:
-            _known(f"{where}.of", "body", name, robot.body_names)
+            _require_known(f"{where}.of", "body", name, robot.body_names)
         _check_value(where, measured, {name: robot.bodies[name] for name in names})
 
 
@@ -162,10 +162,12 @@ def _check_sensors(robot: "RobotDescription") -> None:
             _check_turns(robot, name, sensor)
         elif isinstance(sensor, StrutForce):
             if robot.limbs is not None:
-                _known(f"sensors.{name}.strut", "strut", sensor.strut, tuple(_struts(robot)))
+                _require_known(
+                    f"sensors.{name}.strut", "strut", sensor.strut, tuple(_struts(robot))
+                )
         else:
             assert isinstance(sensor, JointTorque)
-            _known(f"sensors.{name}.drive", "drive", sensor.drive, robot.drives)
+            _require_known(f"sensors.{name}.drive", "drive", sensor.drive, robot.drives)
 
 
 def _check_value(where: str, measured: Measured, bodies: Mapping[str, Body]) -> None:
@@ -181,7 +183,7 @@ def _check_value(where: str, measured: Measured, bodies: Mapping[str, Body]) -> 
     ((name, body),) = bodies.items()
     if any(any(placed.turned_deg) for placed in getattr(measured, "placed", ())):
         return
-    along = _along(measured.axis)
+    along = _axes_along(measured.axis)
     held = [f"mc{axis}" for axis in along if f"mc{axis}" not in body.free]
     if held:
         raise ValueError(
@@ -190,7 +192,7 @@ def _check_value(where: str, measured: Measured, bodies: Mapping[str, Body]) -> 
         )
 
 
-def _along(axis: Axis | Vector | None) -> list[str]:
+def _axes_along(axis: Axis | Vector | None) -> list[str]:
     """Axes of the link frame along which a direction has a component."""
     if axis is None or isinstance(axis, str):
         return [axis] if axis else []
@@ -225,7 +227,7 @@ def _check_turns(robot: "RobotDescription", name: str, sensor: BaseWrench) -> No
     turns = given if isinstance(given, dict) else {"": given}
     for drive, turn in turns.items():
         if drive:
-            _known(where, "drive", drive, robot.drives)
+            _require_known(where, "drive", drive, robot.drives)
         if turn == 0:
             raise ValueError(
                 f"{f'{where}.{drive}'.rstrip('.')} is 0, but a motor turns with its drive; give "
@@ -241,7 +243,7 @@ def _struts(robot: "RobotDescription") -> Iterator[str]:
             yield from (f"strut{i + 1}a", f"strut{i + 1}b")
 
 
-def _known(where: str, what: str, name: str, names: tuple[str, ...]) -> None:
+def _require_known(where: str, what: str, name: str, names: tuple[str, ...]) -> None:
     if name in names:
         return
     near = difflib.get_close_matches(name, names, n=1)

@@ -8,7 +8,7 @@ With the joint's speed v and s = sign(v), the friction torque (a force in a slid
     + power·s·|v|^exponent                       lubricants: exponent below 1 flattens with speed
     + stribeck·s·exp(−(|v|/speed)^exponent)      more friction near rest
     + hess_soom·s/(1 + (v/speed)²)               the same in the form of Hess and Soom
-    + load·s·|x|                                 a gear's loss: a share of what it carries
+    + load·s·|x|                                 a gear's loss: a share of its load
 
 where x is the drive's torque on the link's side, without friction and rotor of the motor.
 Every coefficient but the offset is positive, so friction dissipates energy. A new term is a key of

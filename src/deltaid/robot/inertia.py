@@ -31,7 +31,7 @@ MOMENTS_OF_INERTIA = INERTIA_NAMES[4:7]
 # A body's mass and moments of inertia; the other entries may be negative.
 POSITIVE_NAMES = (INERTIA_NAMES[0], *MOMENTS_OF_INERTIA)
 
-# The independent entries of M̄ and where they stand in it: x, y, z are rows 0–2, the mass is row 3.
+# Independent entries of M̄ and their indices: x, y, z are rows 0–2, the mass is row 3.
 PSEUDO_INERTIA_ENTRIES = {
     "m": (3, 3),
     "mcx": (0, 3),

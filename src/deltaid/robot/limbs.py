@@ -134,8 +134,10 @@ class Limbs(Part):
                 raise ValueError(
                     f"{name} has {len(value)} entries, but azimuth_deg has {self.count} limbs"
                 )
-        _either("base_radius", self.base_radius, "base_points", self.base_points)
-        _either("platform_radius", self.platform_radius, "platform_points", self.platform_points)
+        _require_either("base_radius", self.base_radius, "base_points", self.base_points)
+        _require_either(
+            "platform_radius", self.platform_radius, "platform_points", self.platform_points
+        )
         if self.drive == "rotary" and self.upper_arm is None:
             raise ValueError("upper_arm is missing; rotary drives need its length")
         if self.drive == "linear" and self.upper_arm is not None:
@@ -220,7 +222,7 @@ def rotation(axis: Literal["x", "y", "z"], angle_deg: float) -> Float[np.ndarray
     return R
 
 
-def _either(first: str, a: object, second: str, b: object) -> None:
+def _require_either(first: str, a: object, second: str, b: object) -> None:
     if (a is None) == (b is None):
         problem = "both are given" if a is not None else "neither is given"
         raise ValueError(f"give either {first} or {second}; {problem}")

@@ -186,7 +186,7 @@ def plain_data(text: str, where: str) -> dict[str, Any]:
     """The keys and values of YAML text, before any validation.
 
     Raises:
-        DescriptionError: it is no YAML, or holds no keys with values.
+        DescriptionError: it is no YAML, or has no keys with values.
     """
     return plain(_tree(text, where), where)
 

@@ -50,7 +50,7 @@ class Part(Named, BaseModel):
             DescriptionError: a file could not hold these values, or they are refused.
         """
         try:
-            text = json.dumps(values, default=_listed)
+            text = json.dumps(values, default=_as_json)
         except (TypeError, ValueError) as error:
             raise DescriptionError(
                 f"no file could hold this dictionary: {error}",
@@ -97,8 +97,8 @@ def _refusal(
     )
 
 
-def _listed(value: Any) -> Any:
-    """NumPy arrays and numbers as lists and numbers of JSON; parts as dictionaries."""
+def _as_json(value: Any) -> Any:
+    """NumPy arrays and numbers as lists and numbers, parts as dictionaries."""
     if isinstance(value, BaseModel):
         return value.model_dump(mode="json", exclude_none=True)
     if hasattr(value, "tolist"):

@@ -1,6 +1,6 @@
-"""Recordings whose columns are numpy arrays, or what can be cut like them, and those of numpy.
+"""Recordings of arrays, and files of NumPy.
 
-A `.npy` file is read where it lies, a `.npz` archive member by member.
+A `.npy` file is mapped into memory, a `.npz` archive is read member by member.
 """
 
 import math
@@ -37,7 +37,7 @@ DEFLATE_RATIO = 1100
 # Name of the array of a .npy file.
 _ONLY = "array"
 _END = ".npy"
-# What numpy and zipfile raise over damaged files.
+# Errors of numpy and zipfile about damaged files.
 _DAMAGE = (
     ValueError, OSError, EOFError, zipfile.BadZipFile, zlib.error, NotImplementedError,
     RuntimeError, KeyError, TypeError, OverflowError, MemoryError, SyntaxError, IndexError,
@@ -47,12 +47,12 @@ _DAMAGE = (
 
 @runtime_checkable
 class Sliceable(Protocol):
-    """An array of which parts are read, in the order of its samples."""
+    """An array that is read part by part, in the order of its samples."""
 
     def __getitem__(self, index: tuple[slice, ...], /) -> np.ndarray: ...
 
 
-# Arrays by their names, and how many samples to read at a time.
+# Arrays by their names, and samples to read at a time.
 Arrays = tuple[Mapping[str, Sliceable], int]
 
 
@@ -61,8 +61,8 @@ class ArrayTable(LogTable):
     """A file of arrays, read in steps along the samples.
 
     Attributes:
-        arrays: opens those of some columns, which are readable while the context lasts. Raises a
-            RecordingError if the file is damaged.
+        arrays: context manager with the arrays of some columns. Raises a RecordingError if the file
+            is damaged.
     """
 
     arrays: Callable[[Sequence[Pick]], AbstractContextManager[Arrays]]
@@ -77,7 +77,7 @@ class ArrayTable(LogTable):
 
 
 def entries_of(dtype: Any) -> Iterator[tuple[tuple[str, ...], tuple[int, ...], Any]]:
-    """Of each plain entry of a type the names that lead to it, the axes that it adds, its type."""
+    """Path of names, additional axes and type of each plain entry of a type."""
     for name in dtype.names or ():
         for names, axes, plain in entries_of(dtype.fields[name][0]):
             yield (name, *names), axes, plain
@@ -90,7 +90,7 @@ def entries_of(dtype: Any) -> Iterator[tuple[tuple[str, ...], tuple[int, ...], A
 
 
 def fields_of(name: str, shape: tuple[int, ...], dtype: np.dtype[Any]) -> Iterator[RecordedField]:
-    """What an array holds; the entries of a structured one under names of their own."""
+    """Fields of an array; each entry of a structured one is a field."""
     for names, axes, plain in entries_of(dtype):
         is_clock = plain.kind == "M" and np.datetime_data(plain)[0] in _UNITS
         holds = "" if plain.kind in "iufb" else _KINDS.get(plain.kind, str(plain)[:40])
@@ -104,7 +104,7 @@ def fields_of(name: str, shape: tuple[int, ...], dtype: np.dtype[Any]) -> Iterat
 
 
 def parts_of(name: str, array: np.ndarray) -> dict[str, np.ndarray]:
-    """The arrays behind the names of `fields_of`, without a copy."""
+    """Arrays of `fields_of` by name, without a copy."""
     return {
         ".".join(filter(None, (name, *names))): reduce(lambda part, key: part[key], names, array)
         for names, _, _ in entries_of(array.dtype)
@@ -130,7 +130,7 @@ def _cut(
 
 
 def open_npy(path: Path, mapping: ColumnMapping) -> LogTable:
-    """A file of one array: it is called `array`; of a structured one, its columns."""
+    """A file of one array, called `array`, or of a structured array's columns."""
     with _damage(path), opened(path) as file:
         shape, _, dtype = _header(file)
         claimed, size = math.prod(shape) * dtype.itemsize, path.stat().st_size - file.tell()
@@ -170,24 +170,24 @@ def open_npz(path: Path, mapping: ColumnMapping) -> LogTable:
 
 @contextmanager
 def _members(path: Path, picks: Sequence[Pick]) -> Generator[Arrays, None, None]:
-    """Arrays of an archive: those with a sample a row are streamed, others are in memory."""
+    """Arrays of an archive; those with one sample per row are streamed, others are loaded."""
     axes: dict[str, set[int]] = {}
     for pick in picks:
         axes.setdefault(pick.field.name, set()).add(pick.axis)
     with _archive(path) as archive, ExitStack() as members:
-        found: dict[str, Sliceable] = {}
+        arrays: dict[str, Sliceable] = {}
         for member in _arrays_of(archive):
             base = member.filename.removesuffix(_END)
             if not any(f"{name}.".startswith(f"{base}.") for name in axes):
                 continue
             stream = _Stream(members.enter_context(archive.open(member)))
             if axes.get(base) == {0} and stream.is_by_rows:
-                found.setdefault(base, stream)
+                arrays.setdefault(base, stream)
                 continue
             with archive.open(member) as file:
                 array = np.lib.format.read_array(file, allow_pickle=False)
-            found = parts_of(base, array) | found
-        yield found, BATCH_ROWS
+            arrays = parts_of(base, array) | arrays
+        yield arrays, BATCH_ROWS
 
 
 class _Stream:
@@ -231,7 +231,7 @@ def _damage(path: Path) -> Generator[None, None, None]:
 
 
 def _header(file: Any) -> tuple[tuple[int, ...], bool, np.dtype[Any]]:
-    """Shape of an array, whether it lies in Fortran's order, and its type.
+    """Shape of an array, whether it is in Fortran order, and its type.
 
     Raises:
         ValueError: the header is damaged.

@@ -1,7 +1,7 @@
-"""Messages of a bag as bytes, whichever of the kinds of bags it is, and its topics of joint states.
+"""Reads messages of all kinds of ROS bags as bytes, and topics of joint states.
 
-What lies compressed on the disk, or under a name by which rosbags does not know it, is unpacked
-into a temporary folder each time it is read.
+Compressed bags, and bags with a suffix that rosbags does not know, are unpacked into a temporary
+folder each time they are read.
 """
 
 import shutil
@@ -27,10 +27,10 @@ _CURES = {
     ".mcap": "copy it again; if its recording was cut off, `mcap recover FILE -o NEW` repairs it",
 }
 _FOLDER_CURE = "copy it again; if its recording was cut off, `ros2 bag reindex FOLDER` repairs it"
-# Messages that are in memory at a time, and those of a topic that show what it holds.
+# Messages in memory at a time, and messages of a topic that determine its fields.
 _CHUNK, _FIRST = 4096, 100
 JOINT_STATE = "sensor_msgs/msg/JointState"
-# What a mapping calls the quantities, their units for turning joints, and their default names.
+# Quantities of mappings, units of turning joints, and default names.
 QUANTITIES = {
     "position": ("position", "rad", "q"),
     "velocity": ("velocity", "rad/s", "qd"),
@@ -65,12 +65,14 @@ class Bag:
                 if connection.topic in topics
                 and connection.msgtype == self.topics[connection.topic]
             ]
-            # Without any, rosbags would give the messages of all topics.
-            found: Iterator[Any] = self._reader.messages(connections=wanted) if wanted else iter(())
+            # Without connections, rosbags returns the messages of all topics.
+            messages: Iterator[Any] = (
+                self._reader.messages(connections=wanted) if wanted else iter(())
+            )
         while True:
             with _reporting(self.path):
-                chunk = [(c.topic, time, raw) for c, time, raw in islice(found, _CHUNK)]
-                for topic, time, raw in chunk:  # a damaged SQLite file holds things of any type
+                chunk = [(c.topic, time, raw) for c, time, raw in islice(messages, _CHUNK)]
+                for topic, time, raw in chunk:  # a damaged SQLite file has values of any type
                     if not (
                         isinstance(time, int) and isinstance(raw, bytes) and abs(time) < 1 << 62
                     ):
@@ -98,7 +100,7 @@ def opened_bag(path: Path) -> Generator[Bag, None, None]:
     """
     rosbag1, rosbag2 = (library(f"rosbags.rosbag{k}", "a ROS bag", path) for k in (1, 2))
     with ExitStack() as stack:
-        place = stack.enter_context(_as_rosbags_knows_it(path))
+        place = stack.enter_context(_readable_bag(path))
         with _reporting(path):
             cdr = place.suffix != ".bag"
             reader = stack.enter_context((rosbag2 if cdr else rosbag1).Reader(place))
@@ -107,17 +109,17 @@ def opened_bag(path: Path) -> Generator[Bag, None, None]:
 
 
 @contextmanager
-def _as_rosbags_knows_it(path: Path) -> Generator[Path, None, None]:
-    """A folder with metadata, or a file that is not compressed and has the suffix of its kind."""
+def _readable_bag(path: Path) -> Generator[Path, None, None]:
+    """A folder with metadata, or an uncompressed file with the suffix of its kind."""
     if path.is_dir() and not (path / "metadata.yaml").is_file():
-        found = storage(path)
-        if len(found) != 1:
+        files = storage(path)
+        if len(files) != 1:
             raise RecordingError(
-                f"holds {len(found)} files of a bag, but no metadata.yaml that joins them",
+                f"holds {len(files)} files of a bag, but no metadata.yaml that joins them",
                 where=str(path),
                 cure="copy the whole folder, or run `ros2 bag reindex FOLDER`",
             )
-        path = found[0]
+        path = files[0]
     if path.is_dir():
         yield path
         return
@@ -136,27 +138,27 @@ def _as_rosbags_knows_it(path: Path) -> Generator[Path, None, None]:
 
 
 def storage(folder: Path) -> list[Path]:
-    """The files of messages in a folder."""
+    """Files of messages in a folder."""
     ends = (".db3", ".mcap", ".db3.zstd", ".mcap.zstd")
     return sorted(path for path in folder.iterdir() if path.name.endswith(ends))
 
 
 @contextmanager
 def _reporting(path: Path) -> Generator[None, None, None]:
-    """Turn whatever comes out of the libraries that unpack a bag into one message.
+    """Turn any error of the libraries that unpack a bag into one message.
 
-    Over damaged bytes they fail with assertions, lookups, wrong types, struct and codec errors, too
-    little memory, and errors of libraries below them, which change with their versions. So nothing
-    less than all exceptions is caught; only calls of these libraries stand under this.
+    On damaged bytes they raise assertions, lookup, type, struct, codec and memory errors, and those
+    of libraries below, which change with versions. So all exceptions are caught, around calls of
+    these libraries only.
     """
     try:
         yield
     except RecordingError:
         raise
     except Exception as error:
-        said = visible(first_line(error)) or type(error).__name__
+        reason = visible(first_line(error)) or type(error).__name__
         raise RecordingError(
-            f"cannot be read as a ROS bag: {said}",
+            f"cannot be read as a ROS bag: {reason}",
             where=str(path),
             cure=_CURES.get(path.suffix, _FOLDER_CURE),
         ) from None
@@ -164,14 +166,14 @@ def _reporting(path: Path) -> Generator[None, None, None]:
 
 @dataclass(frozen=True)
 class Topic:
-    """A topic of joint states, as its first messages show it.
+    """A topic of joint states, by its first messages.
 
     Attributes:
-        joints: those that have a number, for each quantity.
-        hollow: quantities that have none, and what they hold.
-        stamped: whether headers have stamps; else all of them are zero.
-        first: the first stamp, and
-        received: when the first message was received [ns].
+        joints: joints with a number, for each quantity.
+        hollow: content of quantities without numbers.
+        stamped: whether headers have stamps that are not zero.
+        first: the first stamp [ns].
+        received: time of receipt of the first message [ns].
     """
 
     name: str
@@ -184,7 +186,7 @@ class Topic:
 
     @property
     def fields(self) -> list[RecordedField]:
-        """One array a quantity, one column a joint."""
+        """One array per quantity, one column per joint."""
         full = [
             RecordedField(f"{self.name}.{quantity}", (None, len(joints)), joints)
             for quantity, joints in self.joints.items()
@@ -195,7 +197,7 @@ class Topic:
 
     def __str__(self) -> str:
         joints = self.joints.get("position") or next(iter(self.joints.values()), ())
-        return f"{self.name} ({_some(joints)})"
+        return f"{self.name} ({_shortened(joints)})"
 
 
 def topics_of(bag: Bag) -> list[Topic]:
@@ -209,7 +211,7 @@ def topics_of(bag: Bag) -> list[Topic]:
     if not topics:
         raise RecordingError(
             "has no messages of sensor_msgs/JointState or control_msgs/DynamicJointState; its "
-            f"topics are {_some(list(bag.topics))}"
+            f"topics are {_shortened(list(bag.topics))}"
             if bag.topics
             else "holds no topics",
             where=str(bag.path),
@@ -243,7 +245,7 @@ def _topic(bag: Bag, name: str) -> Topic | None:
 
 
 def damaged(bag: Bag, topic: str, error: MessageError, before: int) -> RecordingError:
-    """A message is not what its type says; so many of the topic were read before."""
+    """Error of a message that does not fit its type, after `before` others of the topic."""
     return RecordingError(
         f"message {before + error.index + 1} of {visible(topic)} {visible(error.what)}",
         where=str(bag.path),
@@ -251,7 +253,7 @@ def damaged(bag: Bag, topic: str, error: MessageError, before: int) -> Recording
     )
 
 
-def _some(names: Sequence[str]) -> str:
+def _shortened(names: Sequence[str]) -> str:
     more = f" and {len(names) - 20} more" if len(names) > 20 else ""
     shown = [name if len(name) <= 60 else f"{name[:57]}…" for name in names[:20]]
     return visible(", ".join(shown)) + more

@@ -1,6 +1,6 @@
-"""CSV as people have it: comments, preambles, units, decimal commas, compressed.
+"""Opens CSV files of any layout: comments, preambles, units, decimal commas, compression.
 
-Where its names stand, what separates them, where the data begins.
+Finds the line of names, the separator, and the first line of data.
 """
 
 import re
@@ -31,7 +31,7 @@ from deltaid.recording.mapping import ColumnMapping
 from deltaid.recording.source import LogTable, content
 from deltaid.recording.units import is_unit
 
-# Lines in which the names are looked for, and comments that may stand together.
+# Lines in which names are searched for, and most consecutive comments.
 _SEARCHED_LINES = 200
 _DEFAULT_NAME = re.compile(r"t|time|(?:q|qd|qdd|tau)(?:\d+|\[\d+\])")
 
@@ -45,10 +45,10 @@ class _NameLine:
 
 
 def open_csv(path: Path, mapping: ColumnMapping) -> LogTable:
-    """Find out how a CSV file is laid out.
+    """Open a CSV file, of any layout.
 
-    Its names stand in `mapping.header_row` if that is given, else in the first of 200 lines
-    that holds those of time and positions.
+    Its names are in `mapping.header_row` if that is given, else in the first of 200 lines with the
+    names of time and positions.
 
     Raises:
         RecordingError: it is not text, or its header is missing.
@@ -117,8 +117,8 @@ def _header(lines: HeadLines, path: Path, mapping: ColumnMapping) -> tuple[_Name
         row = _row_above_numbers(lines) or _after_comments(lines, 1)
     text = decoded(lines[row], f"{path}, row {row}")
     bare = COMMENT.sub("", text, count=1)
-    # A mark that has a field of its own is the name of a column.
-    if _holds(bare, needed) and not bare.lstrip(" ").startswith(SEPARATORS):
+    # A mark in a field of its own is the name of a column.
+    if _has_names(bare, needed) and not bare.lstrip(" ").startswith(SEPARATORS):
         text = bare
     separator = separator_of(text)
     names = names_in(text, separator, f"{path}, row {row}")
@@ -150,14 +150,14 @@ def _row_of_names(lines: HeadLines, needed: tuple[tuple[str, ...], ...]) -> int 
         if not lines[row]:
             return None
         text = as_text(lines[row])
-        if _holds(text, needed) or _holds(COMMENT.sub("", text, count=1), needed):
+        if _has_names(text, needed) or _has_names(COMMENT.sub("", text, count=1), needed):
             return row
     return None
 
 
 def _row_above_numbers(lines: HeadLines) -> int | None:
-    """The first line of words above as many numbers, or above a row of units and the numbers: the
-    names of a file whose names are foreign, below a preamble."""
+    """The first line of words above as many numbers, or above a row of units and numbers: foreign
+    names below a preamble."""
     for row in range(1, _SEARCHED_LINES + 1):
         if not lines[row]:
             return None
@@ -174,7 +174,7 @@ def _row_above_numbers(lines: HeadLines) -> int | None:
     return None
 
 
-def _holds(text: str, needed: tuple[tuple[str, ...], ...]) -> bool:
+def _has_names(text: str, needed: tuple[tuple[str, ...], ...]) -> bool:
     return _are_among(needed, cells_of(text, separator_of(text)))
 
 
@@ -192,7 +192,7 @@ def _after_comments(lines: HeadLines, row: int) -> int:
 
 
 def _units(line: bytes, header: _NameLine, mapping: ColumnMapping) -> dict[str, str]:
-    """The unit of each column that may be used, if the line under the names is a row of units."""
+    """Units of the columns that may be used, if the line below the names is a row of units."""
     cells = cells_of(as_text(line), header.separator)
     if len(cells) != len(header.names) or any(cell and is_number(cell) for cell in cells):
         return {}

@@ -1,7 +1,6 @@
-"""Lines of a CSV file: the first ones as text, how it ends, blocks of them, marks within them.
+"""Lines of a CSV file: head, end, blocks of lines, cells and numbers.
 
-It begins with comments, a separator, cells and names. It ends with data, or with lines of text such
-as END that belong to no sample.
+The head has comments and names. The file ends with data, or with lines of text such as END.
 """
 
 import csv
@@ -19,7 +18,7 @@ from deltaid.recording.address import printable
 from deltaid.recording.source import content, skip
 from deltaid.recording.time.counts import is_clock
 
-# Longer than any line of samples [bytes], so that what has no line breaks is refused early.
+# Longest line [bytes]; files without line breaks are refused early.
 _LONGEST_LINE = 1 << 20
 # Bytes that are read at once.
 _BLOCK_BYTES = 4 << 20
@@ -30,19 +29,19 @@ NO_LINE_BREAK = Doubt(
     cause="the file was copied while it was being written, or the disk was full",
     cure="nothing is to be done if the file is whole; else remove the line",
 )
-# Bytes at the end in which lines of text are looked for, and how many such lines at most.
+# Bytes at the end in which lines of text are searched for, and most such lines.
 _TAIL, _LINES = 1 << 16, 3
 
 
 class HeadLines:
-    """The lines from the start of a file, read as they are asked for."""
+    """Lines from the start of a file, read on demand."""
 
     def __init__(self, file: io.BufferedReader, path: Path) -> None:
         self._file, self._path = file, path
         self._lines: list[bytes] = []
 
     def __getitem__(self, row: int) -> bytes:
-        """A line, counted from 1; nothing behind the end of the file."""
+        """A line, counted from 1; empty beyond the end of the file."""
         while len(self._lines) < row:
             line = self._file.readline(_LONGEST_LINE)
             if len(line) == _LONGEST_LINE:
@@ -56,17 +55,17 @@ class HeadLines:
         return self._lines[row - 1]
 
     def size(self, rows: int) -> int:
-        """Of the first lines together [bytes]."""
+        """Size of the first lines [bytes]."""
         return sum(map(len, self._lines[:rows]))
 
 
 def is_comment(line: bytes) -> bool:
-    """Whether a line near the head of a file says nothing but remarks."""
+    """Whether a line near the head of a file is a comment."""
     return bool(COMMENT.match(line.decode("latin-1")))
 
 
 def as_text(line: bytes) -> str:
-    """A line as text. What is not UTF-8 comes from Windows, where ° is one byte."""
+    """A line as text; if it is not UTF-8, in the code page of Windows, where ° is one byte."""
     try:
         text = line.decode("utf-8-sig")
     except UnicodeDecodeError:
@@ -97,8 +96,8 @@ def decoded(line: bytes, place: str) -> str:
 def separator_of(header: str) -> str:
     """The separator of a header: tab before semicolon before comma, since names may hold commas.
 
-    One that only follows another (`t,<tab>q1`) is padding. Where there is none of them, or numbers
-    with decimal commas stand apart, it is runs of blanks.
+    A separator after another one (`t,<tab>q1`) is padding. Without any, or between numbers with
+    decimal commas, it is runs of blanks.
     """
     unquoted = re.sub(r'"[^"]*"', "", header)
     for mark in SEPARATORS[:-1]:
@@ -111,7 +110,7 @@ def separator_of(header: str) -> str:
 
 
 def cells_of(text: str, separator: str) -> list[str]:
-    """Fields of a line; none of one that is no CSV."""
+    """Fields of a line; empty if it is no CSV."""
     try:
         return list(names_in(text, separator, ""))
     except RecordingError:
@@ -119,10 +118,10 @@ def cells_of(text: str, separator: str) -> list[str]:
 
 
 def names_in(text: str, separator: str, place: str) -> tuple[str, ...]:
-    """The names of a row.
+    """Names in a row.
 
     Raises:
-        RecordingError: it is none.
+        RecordingError: it is no row of names.
     """
     text = text.strip() if separator == " " else text
     try:
@@ -137,9 +136,7 @@ def names_in(text: str, separator: str, place: str) -> tuple[str, ...]:
 
 
 def find_end(file: io.BufferedReader, data_start: int, separator: str) -> tuple[int, str, bytes]:
-    """How the data ends that begins at an offset.
-
-    What is compressed has to be unpacked for it once more.
+    """End of the data that begins at an offset; reads the file to its end.
 
     Returns:
         Its size [bytes], the text after it, empty if there is none, and the last byte of the file,
@@ -167,7 +164,7 @@ def find_end(file: io.BufferedReader, data_start: int, separator: str) -> tuple[
 
 
 def is_marked_row(line: bytes, separator: str, columns: int) -> bool:
-    """Whether a comment line might be a row of data: all fields but the first are numbers."""
+    """Whether a comment line may be a row of data: all fields but the first are numbers."""
     fields = line.decode("latin-1").strip().split(None if separator == " " else separator)
     return 1 < columns == len(fields) and all(is_number(field) for field in fields[1:])
 
@@ -182,16 +179,16 @@ def is_number(text: str) -> bool:
 
 
 def whole_lines(path: Path, start: int, size: int) -> Iterator[bytes]:
-    """A part of a file in blocks that end where a line ends.
+    """A part of a file in blocks of whole lines.
 
     Raises:
-        RecordingError: it has no lines of a length that can be.
+        RecordingError: a line is too long.
     """
     with content(path) as file:
         skip(file, start)
-        rest, left = b"", size
-        while block := file.read(min(_BLOCK_BYTES, left)):
-            left -= len(block)
+        rest, remaining = b"", size
+        while block := file.read(min(_BLOCK_BYTES, remaining)):
+            remaining -= len(block)
             if cut := block.rfind(b"\n") + 1:
                 yield rest + block[:cut]
             rest = block[cut:] if cut else rest + block
@@ -206,7 +203,7 @@ def whole_lines(path: Path, start: int, size: int) -> Iterator[bytes]:
 
 
 def line_ends(block: bytes) -> Int[np.ndarray, " lines"]:
-    """Where the lines of a block end, the last one with a line break or without."""
+    """Ends of the lines of a block, also of a last one without a line break."""
     ends = np.flatnonzero(np.frombuffer(block, np.uint8) == ord("\n"))
     return ends if block.endswith(b"\n") else np.append(ends, len(block))
 
@@ -214,29 +211,29 @@ def line_ends(block: bytes) -> Int[np.ndarray, " lines"]:
 def per_line(
     positions: Int[np.ndarray, " marks"], ends: Int[np.ndarray, " lines"]
 ) -> Int[np.ndarray, " lines"]:
-    """How many of some sorted positions lie in each line, by where the lines end."""
+    """Number of sorted positions in each line, by the ends of the lines."""
     return np.diff(np.searchsorted(positions, ends), prepend=0)
 
 
 class Decimals:
-    """Whether a file has decimal commas, which the first number that is not whole decides.
+    """Numbers of a file with decimal points or commas, as in its first number that is not whole.
 
-    With commas between the columns there is no question. Numbers written the other way are none.
+    With commas between columns it has decimal points. Numbers written otherwise are null.
     """
 
     def __init__(self, separator: str) -> None:
         self._mark = "." if separator == "," else ""
 
     def numbers(self, texts: list[pl.Series]) -> list[pl.Series]:
-        """Text as numbers, null where it is none."""
-        if not self._mark:  # that of the first row with one; fractions of a second have their own
+        """Text as numbers; null for other text."""
+        if not self._mark:  # that of the first row; times of day have their own
             plain = [text for text in texts if len(text) and not is_clock(text[0])]
             marked = [
                 (text.str.contains(m, literal=True).arg_true(), m) for m in ".," for text in plain
             ]
             rows = [(int(rows[0]), mark) for rows, mark in marked if len(rows)]
             self._mark = min(rows, default=(0, ""))[1]
-        if self._mark == ",":  # null where a number has a point
+        if self._mark == ",":  # null for numbers with a point
             pointed = [text.str.contains(".", literal=True) for text in texts]
             texts = [text.str.replace(",", ".", literal=True) for text in texts]
             texts = [text.set(is_, None) for text, is_ in zip(texts, pointed, strict=True)]

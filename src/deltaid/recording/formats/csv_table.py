@@ -1,7 +1,7 @@
-"""Reading CSV in blocks of lines: decimal commas, quotes, and the line of each fault.
+"""Reads CSV in blocks of lines, with the line of each fault.
 
-A block ends where a line ends, so fields are counted before polars parses it and every row keeps
-its line number. Fields are read as text, because only then the place of a bad number is known.
+Blocks are whole lines, so fields are counted before polars parses them, and rows keep their line
+numbers. Fields are read as text, so that the place of a bad number is known.
 """
 
 import io
@@ -28,16 +28,15 @@ from deltaid.recording.source import LogTable, Rows
 
 @dataclass(frozen=True)
 class CsvTable(LogTable):
-    """An open CSV file, of which a block is in memory at a time; rows are lines of the file.
+    """An open CSV file, with one block in memory at a time; rows are lines of the file.
 
     Attributes:
-        separator: between its fields.
+        separator: between fields.
         header_row: line of the names, from 1.
-        data_start, data_size: where the data starts, and how much there is [bytes].
+        data_start, data_size: start and size of the data [bytes].
         ends_open: whether the file ends without a line break.
-        marked: comment lines that hold a number for every column but the first.
-        comments: for each comment line that was met among the data, the row after it, comments not
-            counted.
+        marked: comment lines with a number for every column but the first.
+        comments: for each comment line in the data, the row after it, comments not counted.
     """
 
     separator: str
@@ -92,7 +91,7 @@ class CsvTable(LogTable):
         return f"{self.path}, row {row + bisect_right(self.comments, row)}"
 
     def cure(self, written: str) -> str:
-        """What to do about a field that is no number, by its marks."""
+        """Fix of a field that is no number, by its marks."""
         if "," in written and self.separator == ",":
             return "decimal commas need semicolons or tabs between the columns"
         if "," in written or "." in written:
@@ -101,16 +100,16 @@ class CsvTable(LogTable):
 
 
 def _blocks(table: CsvTable) -> Iterator[tuple[int, bytes]]:
-    """Whole lines with the row of the first, without the empty lines at the end of the file."""
+    """Blocks of lines with their first rows, without empty lines at the end of the file."""
     row, empty_row, comments, separator = table.first_row, 0, 0, table.separator
     for whole in whole_lines(table.path, table.data_start, table.data_size):
-        block, found = _without_comments(whole, separator, row)
-        # A later pass meets the same comments again.
-        for after, line in found[max(0, len(table.comments) - comments) :]:
+        block, in_block = _without_comments(whole, separator, row)
+        # Later passes have the same comments again.
+        for after, line in in_block[max(0, len(table.comments) - comments) :]:
             if is_marked_row(line, separator, len(table.header)):
                 table.marked.append(after + len(table.comments))
             table.comments.append(after)
-        comments += len(found)
+        comments += len(in_block)
         if not block:
             continue
         if separator == " ":
@@ -129,17 +128,17 @@ def _blocks(table: CsvTable) -> Iterator[tuple[int, bytes]]:
 def _without_comments(
     block: bytes, separator: str, row: int
 ) -> tuple[bytes, list[tuple[int, bytes]]]:
-    """A block without its comment lines, and these with the rows after them."""
+    """A block without comments, and its comment lines with the rows after them."""
     marks = [b"#", b"%", b"//"] + [b";"] * (separator != ";")
-    found, parts, start = list[tuple[int, bytes]](), list[bytes](), 0
+    comments, parts, start = list[tuple[int, bytes]](), list[bytes](), 0
     if not any(mark in block for mark in marks):
-        return block, found
+        return block, comments
     for match in re.finditer(rb"(?m)^ *(?:" + b"|".join(marks) + rb")[^\n]*\n?", block):
         parts.append(block[start : match.start()])
         row += parts[-1].count(b"\n")
-        found.append((row, match[0]))
+        comments.append((row, match[0]))
         start = match.end()
-    return b"".join([*parts, block[start:]]), found
+    return b"".join([*parts, block[start:]]), comments
 
 
 def _single_blanks(block: bytes) -> bytes:
@@ -158,7 +157,7 @@ def _fields(table: CsvTable, block: bytes, row: int) -> pl.DataFrame:
             has_header=False,
             separator=table.separator,
             infer_schema=False,
-            encoding="utf8-lossy",  # only columns that are not used may hold other encodings
+            encoding="utf8-lossy",  # only unused columns may have other encodings
         )
     if frame is None or frame.shape != (lines, len(table.header)):
         first, last = (table.row_name(end).removeprefix("row ") for end in (row, row + lines - 1))
@@ -171,7 +170,7 @@ def _fields(table: CsvTable, block: bytes, row: int) -> pl.DataFrame:
 
 
 def _require_fields(table: CsvTable, block: bytes, row: int) -> int:
-    """The number of lines of a block, each with as many fields as the header has."""
+    """Number of lines of a block, all with as many fields as the header."""
     data, ends, wanted = np.frombuffer(block, np.uint8), line_ends(block), len(table.header)
     marks = np.flatnonzero(data == ord(table.separator))
     unclosed = np.zeros(0, dtype=int)

@@ -1,8 +1,8 @@
-"""Columns of polars as numbers: lists, structs, dates, times as text, decimals; Parquet files.
+"""Tables of polars as numbers (lists, structs, dates, times as text, decimals), and Parquet files.
 
-Rust code aborts the whole process if it cannot have memory, and one damaged Parquet file in some
-thousands makes polars ask for 10¹⁸ bytes. No exception ever arrives then; trying every file in a
-process of its own would cost each command a quarter of a second. So a message is ready for it.
+Rust aborts the process if an allocation fails, and one damaged Parquet file in some thousands makes
+polars request 10¹⁸ bytes. No exception arrives then, and opening every file in a process of its own
+would cost each command a quarter of a second. So a handler of the abort prints a message.
 """
 
 import ctypes
@@ -25,36 +25,36 @@ from deltaid.recording.mapping import ColumnMapping
 from deltaid.recording.source import BATCH_ROWS, LogTable, Rows, first_line, readable
 from deltaid.recording.time.counts import in_seconds, is_clock
 
-# One of polars; the run-time check of types cannot read the name of its class.
+# A type of polars; the run-time check of types cannot resolve its class.
 _DataType = Any
 # Ticks a second of the units of durations.
 _PER_SECOND = {"ns": 1e9, "us": 1e6, "ms": 1e3}
 
 
 def fields_of(frame: pl.LazyFrame) -> tuple[RecordedField, ...]:
-    """What a table holds; entries of structs under names of their own, such as `pose.x`.
+    """Fields of a table; entries of structs are fields such as `pose.x`.
 
-    Reads one row, for the lengths of lists, and for text that is a time.
+    Reads one row for the lengths of lists and for text that is a time.
     """
     schema = frame.collect_schema()
-    looked = [name for name, kind in schema.items() if _needs_a_look(kind)]
-    first = frame.select(looked).head(1).collect() if looked else pl.DataFrame()
+    unclear = [name for name, kind in schema.items() if _needs_a_row(kind)]
+    first = frame.select(unclear).head(1).collect() if unclear else pl.DataFrame()
     return tuple(
         field
         for name, kind in schema.items()
-        for field in _fields(name, kind, first[name] if name in looked else None)
+        for field in _fields(name, kind, first[name] if name in unclear else None)
     )
 
 
 def tops(columns: Sequence[str], picks: Sequence[Pick]) -> list[str]:
-    """The columns of a table that hold these fields."""
+    """Columns of a table that contain these fields."""
     return list(dict.fromkeys(_top(columns, pick.field.name) for pick in picks))
 
 
 def rows_of(part: pl.DataFrame, picks: Sequence[Pick]) -> Rows:
-    """Columns of consecutive rows, null where there is no number."""
+    """Columns of consecutive rows; null where there is no number."""
     written = [_written(part, pick) for pick in picks]
-    # Text is no number; what it says as a time is for `in_seconds` to tell.
+    # Text is no number; `in_seconds` converts times.
     numbers = [
         pl.repeat(None, len(column), dtype=pl.Float64, eager=True)
         if column.dtype == pl.String
@@ -68,7 +68,7 @@ def _written(part: pl.DataFrame, pick: Pick) -> pl.Series:
     series = _column(part, pick.field.name)
     if isinstance(series.dtype, pl.List):
         element = series.list.get(pick.at[1] or 0, null_on_oob=True)
-        # Null where the list is not as long as the first one.
+        # Null if the list is not as long as the first one.
         series = element.set((series.list.len() != pick.field.shape[1]).fill_null(True), None)
     elif isinstance(series.dtype, pl.Array):
         series = series.arr.get(pick.at[1] or 0)
@@ -78,9 +78,9 @@ def _written(part: pl.DataFrame, pick: Pick) -> pl.Series:
     return series if whole or pick.field.is_clock else series.cast(pl.Float64, strict=False)
 
 
-def _needs_a_look(kind: _DataType) -> bool:
+def _needs_a_row(kind: _DataType) -> bool:
     if isinstance(kind, pl.Struct):
-        return any(_needs_a_look(entry.dtype) for entry in kind.fields)
+        return any(_needs_a_row(entry.dtype) for entry in kind.fields)
     return isinstance(kind, pl.List | pl.String)
 
 
@@ -111,7 +111,7 @@ def _is_number(kind: _DataType) -> bool:
 
 
 def _column(part: pl.DataFrame, name: str) -> pl.Series:
-    """A column, or an entry of a struct, whose name may hold dots."""
+    """A column or an entry of a struct; names may have dots."""
     top = _top(part.columns, name)
     series, rest = part[top], name[len(top) + 1 :]
     while isinstance(series.dtype, pl.Struct):
@@ -127,14 +127,14 @@ def _top(columns: Sequence[str], name: str) -> str:
 
 
 def open_parquet(path: Path, mapping: ColumnMapping) -> LogTable:
-    """A Parquet file: columns and types by its schema."""
+    """A Parquet file, by its schema."""
     with _decoding(path):
         return ParquetTable(path, fields_of(_scan(path)))
 
 
 @dataclass(frozen=True)
 class ParquetTable(LogTable):
-    """An open Parquet file; in memory are a slice at a time and the row group that holds it."""
+    """An open Parquet file; a slice and its row group are in memory at a time."""
 
     def rows(self, columns: Sequence[str]) -> Iterator[Rows]:
         picks, row = self.picks(columns), 0
@@ -144,10 +144,10 @@ class ParquetTable(LogTable):
         while True:
             with _decoding(self.path):
                 part = frame.slice(row, BATCH_ROWS).collect()
-                found = rows_of(part, picks)
+                rows = rows_of(part, picks)
             if not part.height:
                 return
-            yield found
+            yield rows
             row += part.height
 
 
@@ -157,10 +157,9 @@ def _scan(path: Path) -> pl.LazyFrame:
 
 @contextmanager
 def _decoding(path: Path) -> Generator[None, None, None]:
-    """Turn what polars says about a damaged file into one message.
+    """Turn errors of polars about a damaged file into one message.
 
-    Its threads panic, and each reports that on file descriptor 2 before an exception with the
-    reason arrives here.
+    Its threads print their panic to file descriptor 2 before the exception arrives.
     """
     kept, nowhere = os.dup(2), os.open(os.devnull, os.O_WRONLY)
     try:
@@ -185,9 +184,9 @@ def _damaged(path: Path, reason: str) -> RecordingError:
 
 @contextmanager
 def last_words(message: str, descriptor: int) -> Generator[None, None, None]:
-    """Write a message on a file descriptor if the process is aborted, and end it with code 2.
+    """Write a message to a file descriptor if the process is aborted, and exit with code 2.
 
-    A handler of Python's own would run only after it is too late. Windows has no such signal.
+    A handler of Python would run too late. Windows has no such signal.
     """
     if sys.platform == "win32":
         yield
@@ -226,9 +225,9 @@ class FrameTable(LogTable):
             yield rows_of(part, picks)
 
     def checksum(self, columns: Sequence[str]) -> str:
-        """SHA-256 of these columns: their addresses and, as binary64, their numbers in no unit.
+        """SHA-256 of these columns: their addresses, and their numbers as binary64 without units.
 
-        Equal for equal numbers, whether from arrays, polars or pandas; a file's is of its bytes.
+        Equal for equal numbers from arrays, polars or pandas; a file's is that of its bytes.
         """
         digest = hashlib.sha256("\0".join(columns).encode())
         has_dates = self.picks(columns)[0].field.is_clock

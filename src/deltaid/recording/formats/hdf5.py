@@ -1,4 +1,4 @@
-"""HDF5 by h5py, in slices; MATLAB files of version 7.3 are such files too."""
+"""Reads HDF5 by h5py in slices; MATLAB files of version 7.3 are such files too."""
 
 import math
 from collections.abc import Generator, Iterator, Mapping, Sequence
@@ -28,9 +28,9 @@ _SIGNATURE = b"\x89HDF\r\n\x1a\n"
 _STARTS = (0, 512, 1024, 2048)
 # Largest chunk, which is unpacked as a whole [bytes]; zeros of that size need not be stored.
 _LARGEST_CHUNK = 1 << 30
-# For chunks between two cuts, each dataset's, and for the cuts themselves [bytes].
+# Cache of each dataset's chunks, and largest slice of whole chunks [bytes].
 _CACHE, _HELD = 1 << 24, 1 << 27
-# What h5py raises over damaged files.
+# Errors of h5py about damaged files.
 _DAMAGE = (
     OSError, RuntimeError, KeyError, ValueError, TypeError, AttributeError, OverflowError,
     MemoryError, IndexError,
@@ -42,7 +42,7 @@ _PLAIN = (
 
 
 def is_hdf5(start: bytes, path: Path) -> bool:
-    """Whether the signature of HDF5 stands where one may."""
+    """Whether the file has the signature of HDF5 at one of its places."""
     return any(start[place:].startswith(_SIGNATURE) for place in _STARTS)
 
 
@@ -56,8 +56,8 @@ def open_hdf5(path: Path, mapping: ColumnMapping) -> LogTable:
     return ArrayTable(path, fields, partial(_arrays, path, places, by_matlab))
 
 
-# Where the numbers of a field are: a dataset's path in the file, or a reference to it, and of a
-# compound type the names of the entry from outside to inside.
+# Place of a field's numbers: path of a dataset, or a reference to it, and for compound types the
+# path of names of the entry.
 _Place = tuple[Any, tuple[str, ...]]
 
 
@@ -65,9 +65,9 @@ _Place = tuple[Any, tuple[str, ...]]
 def _arrays(
     path: Path, places: Mapping[str, _Place], by_matlab: bool, picks: Sequence[Pick]
 ) -> Generator[Arrays, None, None]:
-    """Datasets of some columns, of which a few chunks are in memory at a time.
+    """Datasets of some columns, with a few chunks in memory at a time.
 
-    Whole chunks are read, so that each is unpacked once, as long as they fit into memory.
+    Whole chunks are read if they fit into memory, so that each is unpacked once.
     """
     used = {(pick.field.name, pick.axis) for pick in picks}
     with _opened(path) as file:
@@ -87,7 +87,7 @@ class _Dataset:
         self._dataset, self._reverse = dataset, reverse
         self.shape, self.nbytes = dataset.shape[order], dataset.nbytes
         self._chunks = (dataset.chunks or ())[order]
-        # Sizes that only a damaged header claims are refused before memory is asked for.
+        # Sizes of a damaged header are refused before memory is allocated.
         chunk = math.prod(self._chunks) * dataset.dtype.itemsize
         stored = dataset.id.get_storage_size()
         if chunk > _LARGEST_CHUNK or dataset.nbytes > max(stored * DEFLATE_RATIO, _LARGEST_CHUNK):
@@ -109,13 +109,13 @@ class _Dataset:
         return self._dataset[outer[::-1]].T if self._reverse else self._dataset[outer]
 
     def chunk(self, axis: int) -> int:
-        """Samples in a chunk; 0 if the dataset lies in one piece."""
+        """Samples in a chunk; 0 for a contiguous dataset."""
         return self._chunks[axis] if axis < len(self._chunks) else 0
 
 
 @contextmanager
 def _opened(path: Path) -> Generator[Any, None, None]:
-    """A file of h5py; what it says about a damaged one becomes a message."""
+    """A file of h5py; its errors about damaged files become messages."""
     h5py = library("h5py", "an HDF5 file", path)
     with readable(path), path.open("rb"):
         pass
@@ -137,19 +137,19 @@ def _opened(path: Path) -> Generator[Any, None, None]:
 def _contents(
     group: Any, by_matlab: bool, name: str = "", depth: int = 0
 ) -> Iterator[tuple[RecordedField, _Place | None]]:
-    """All that is in a group, by hard links only: others may lead to other files."""
+    """Content of a group, by hard links only, since others may lead to other files."""
     for key in group:
         hidden = by_matlab and not depth and key.startswith("#")
         linked = type(group.get(key, getlink=True)).__name__ == "HardLink"
         if linked and not hidden and depth <= DEEPEST:
             mark = ("." if by_matlab else "/") if name else ""
-            yield from _held(f"{name}{mark}{key}", group[key], by_matlab, depth)
+            yield from _fields_under(f"{name}{mark}{key}", group[key], by_matlab, depth)
 
 
-def _held(
+def _fields_under(
     name: str, item: Any, by_matlab: bool, depth: int
 ) -> Iterator[tuple[RecordedField, _Place | None]]:
-    """What stands under a name: fields, with the places of those that are numbers."""
+    """Fields under a name, with the places of those that are numbers."""
     kind = _matlab_class(item) if by_matlab else ""
     if kind and (kind not in _PLAIN or "MATLAB_object_decode" in item.attrs):
         yield matlab_object(name, kind), None
@@ -170,13 +170,13 @@ def _held(
 def _members(name: str, item: Any, depth: int) -> Iterator[tuple[RecordedField, _Place | None]]:
     """The members of a MATLAB cell or of a field of a struct array, by their numbers.
 
-    The number stands before the field: `signals[0].values`.
+    The number precedes the field: `signals[0].values`.
     """
     base, mark, last = name.rpartition(".")
     in_struct = mark and _matlab_class(item) != "cell"
     for i, reference in enumerate(item[()].T.ravel()[:MOST_FIELDS] if depth <= DEEPEST else ()):
         numbered = f"{base}[{i}].{last}" if in_struct else f"{name}[{i}]"
-        yield from _held(numbered, item.file[reference], True, depth + 1)
+        yield from _fields_under(numbered, item.file[reference], True, depth + 1)
 
 
 def _matlab_class(item: Any) -> str:

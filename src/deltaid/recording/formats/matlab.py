@@ -1,9 +1,8 @@
-"""MATLAB files of versions 5 to 7; those of 7.3 are HDF5.
+"""Reads MATLAB files of versions 5 to 7; those of 7.3 are HDF5.
 
-A file is a row of tagged elements, in the byte order of the writer. Nothing of what a header claims
-is believed before it fits into the file. What a variable holds is found from its headers. Numbers
-are read where they lie in the file, or from the whole variable in memory if it is compressed, as
-MATLAB does unless told otherwise.
+A file is a sequence of tagged elements in the byte order of the writer. Claims of headers are
+checked against the file's size. Headers determine the content of a variable. Numbers are read from
+the mapped file, or from the unpacked variable if it is compressed, as MATLAB does by default.
 """
 
 import math
@@ -24,8 +23,9 @@ from deltaid.recording.formats.arrays import DEFLATE_RATIO, Arrays, ArrayTable
 from deltaid.recording.mapping import ColumnMapping
 from deltaid.recording.source import BATCH_ROWS, LogTable, opened
 
-# Bytes before the first element, as the format has it; types of elements that are variables.
-_HEADER = 128
+# Mark of the byte order, with which the header ends [bytes].
+_ORDER = slice(126, 128)
+# Types of elements that are variables.
 _MATRIX, _COMPRESSED = 14, 15
 # Types of elements that hold numbers.
 _TYPES = {
@@ -45,7 +45,7 @@ _CELL, _STRUCT, _OBJECT, _TEXT, _SPARSE, _FUNCTION, _OPAQUE = 1, 2, 3, 4, 5, 16,
 _HOLDS = {_TEXT: "text", _SPARSE: "a sparse matrix", _FUNCTION: "a function"}
 # Flags of a matrix that has an imaginary part, and of one of truth values.
 _COMPLEX, _LOGICAL = 0x800, 0x200
-# Levels of structs, and fields of a variable, that are looked at; bytes that hold every header.
+# Levels of structs and fields of a variable that are read; bytes that contain its headers.
 DEEPEST, MOST_FIELDS, _HEAD = 16, 2000, 1 << 14
 _CURES = {
     "timetable": "s.t = seconds(x.Time - x.Time(1)); s.q = x.Variables",
@@ -55,12 +55,12 @@ _CURES = {
 
 
 class DamagedMatError(Exception):
-    """A file does not hold what its headers say."""
+    """The content of a file contradicts its headers."""
 
 
 @dataclass(frozen=True)
 class MatVariable:
-    """Where a variable is in the file [bytes], and whether compressed."""
+    """A variable's place in the file [bytes], compression and byte order."""
 
     start: int
     size: int
@@ -68,10 +68,10 @@ class MatVariable:
     order: str
 
     def unpacked(self, data: memoryview, most: int | None = None) -> memoryview:
-        """Its element with the tag, or as much of it from its beginning.
+        """Its element with the tag, or at most `most` bytes of it.
 
         Raises:
-            DamagedMatError: what is compressed is broken.
+            DamagedMatError: the compressed data is damaged.
         """
         held, where = data[self.start :][: self.size], f"the variable at byte {self.start}"
         if not self.is_compressed:
@@ -92,7 +92,7 @@ class MatVariable:
 
 @dataclass(frozen=True)
 class Numbers:
-    """Where in an unpacked variable an array is."""
+    """An array's place in an unpacked variable."""
 
     offset: int
     dtype: str
@@ -112,17 +112,17 @@ class Numbers:
         return np.frombuffer(data, self.dtype, count, self.offset).reshape(self.shape, order="F")
 
 
-# What stands under an address: an array, or something that is none.
+# Content of an address: an array, or a field of another kind.
 _Held = tuple[str, Numbers | RecordedField]
 
 
 def is_matlab(start: bytes, path: Path) -> bool:
     """Whether the header is one of MATLAB."""
-    return start.startswith(b"MATLAB") or start[126:128] in (b"IM", b"MI")
+    return start.startswith(b"MATLAB") or start[_ORDER] in (b"IM", b"MI")
 
 
 def open_matlab(path: Path, mapping: ColumnMapping) -> LogTable:
-    """A MATLAB file before 7.3: its variables, and what structs and cells hold."""
+    """A MATLAB file before 7.3: its variables, and members of structs and cells."""
     fields: list[RecordedField] = []
     places: dict[str, tuple[MatVariable, Numbers]] = {}
     with _mapped(path) as data:
@@ -140,7 +140,7 @@ def open_matlab(path: Path, mapping: ColumnMapping) -> LogTable:
 def _arrays(
     path: Path, places: Mapping[str, tuple[MatVariable, Numbers]], picks: Sequence[Pick]
 ) -> Generator[Arrays, None, None]:
-    """Variables of some columns: compressed ones are in memory, others in the file."""
+    """Variables of some columns; compressed ones are in memory, others are mapped."""
     used = {pick.field.name: places[pick.field.name] for pick in picks}
     with _mapped(path) as data:
         unpacked = {variable: variable.unpacked(data) for variable, _ in used.values()}
@@ -152,13 +152,13 @@ def _arrays(
 
 @contextmanager
 def _mapped(path: Path) -> Generator[memoryview, None, None]:
-    """The bytes of a file, which are read when they are used.
+    """A file mapped into memory.
 
     Raises:
         RecordingError: it is damaged, with the place.
     """
     with opened(path) as file:
-        # Arrays cut out of the map keep it, so it is closed when they are gone.
+        # Arrays keep the map alive, so it is closed with the last of them.
         data = memoryview(mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ))
         try:
             yield data
@@ -171,7 +171,7 @@ def _mapped(path: Path) -> Generator[memoryview, None, None]:
 
 
 def matlab_object(name: str, kind: str) -> RecordedField:
-    """An object of a class, of which only MATLAB knows how it is stored."""
+    """An object of a class, whose storage only MATLAB knows."""
     line = _CURES.get(kind, _CURES["timeseries"])
     return RecordedField(
         name,
@@ -183,10 +183,10 @@ def matlab_object(name: str, kind: str) -> RecordedField:
 
 
 def _variables(data: memoryview) -> Iterator[MatVariable]:
-    order = {b"IM": "<", b"MI": ">"}.get(bytes(data[126:128]))
+    order = {b"IM": "<", b"MI": ">"}.get(bytes(data[_ORDER]))
     if order is None:
         raise DamagedMatError("its header of 128 bytes does not say the byte order")
-    at = _HEADER
+    at = _ORDER.stop
     while at + 8 <= len(data):
         kind, size = (int(n) for n in np.frombuffer(data, f"{order}u4", 2, at))
         if kind not in (_MATRIX, _COMPRESSED):
@@ -206,20 +206,20 @@ def _contents(data: memoryview, variable: MatVariable) -> Iterator[_Held]:
 
 
 class _Reader:
-    """Goes through the elements of a variable, whose headers may contradict one another."""
+    """Reads the elements of a variable, whose headers may be inconsistent."""
 
     def __init__(self, data: memoryview, variable: MatVariable) -> None:
         self._data, self._order, self._at = data, variable.order, 0
         self._where = f"the variable at byte {variable.start}"
 
     def next_class(self) -> int:
-        """Of the matrix that comes next; it is not read."""
+        """Class of the next matrix, which is not consumed."""
         _, self._at, _ = self._element()
         flags, self._at = self._integers("u4", 1)[0], 0
         return flags & 0xFF
 
     def matrix(self, name: str, depth: int) -> Iterator[_Held]:
-        """What the matrix that comes next holds; its own name if none is given."""
+        """Content of the next matrix, under a given name or its own."""
         kind, start, size = self._element()
         end = _padded(start + size)
         if kind != _MATRIX:
@@ -231,12 +231,12 @@ class _Reader:
         flags = self._integers("u4", 1)[0]
         kind = flags & 0xFF
         if kind == _OPAQUE:
-            own, _, of_class = (self._text() for _ in range(3))
-            yield name or own, matlab_object(name or own, of_class)
+            title, _, of_class = (self._text() for _ in range(3))
+            yield name or title, matlab_object(name or title, of_class)
             self._at = end
             return
-        shape, own = self._integers("i4", 64), self._text()
-        name = name or own
+        shape, title = self._integers("i4", 64), self._text()
+        name = name or title
         if min(shape, default=0) < 0 or len(shape) < 2:
             raise DamagedMatError(f"{self._where} has the size {shape}")
         if kind in _HOLDS or flags & _COMPLEX:
@@ -245,7 +245,7 @@ class _Reader:
             if kind == _OBJECT:
                 self._element()
             yield from self._entries(name, kind, math.prod(shape), start + size, depth)
-        elif name:  # what has none is MATLAB's own
+        elif name:  # variables without a name are internal
             numbers = self._numbers(tuple(shape))
             is_truth = flags & _LOGICAL and np.dtype(numbers.dtype).itemsize == 1
             yield name, replace(numbers, dtype="?") if is_truth else numbers
@@ -280,12 +280,12 @@ class _Reader:
         return Numbers(start, self._order + kind, shape)
 
     def _element(self) -> tuple[int, int, int]:
-        """Type, start and size of the element that comes next, which is skipped [bytes]."""
+        """Type, start and size [bytes] of the next element, which is consumed."""
         at = self._at
         if at + 8 > len(self._data):
             raise DamagedMatError(f"{self._where} ends within a header")
         kind, size = (int(n) for n in np.frombuffer(self._data, f"{self._order}u4", 2, at))
-        if kind >> 16:  # up to four bytes stand in the tag itself
+        if kind >> 16:  # up to four bytes are in the tag
             self._at += 8
             return kind & 0xFFFF, at + 4, min(kind >> 16, 4)
         self._at = _padded(at + 8 + size)

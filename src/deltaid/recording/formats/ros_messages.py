@@ -1,9 +1,9 @@
-"""JointState and DynamicJointState as bytes: where in a message its stamp and its numbers stand.
+"""Decodes JointState and DynamicJointState messages from bytes.
 
-Messages of one topic repeat themselves: same joints, same lengths of text. So one of each kind is
-parsed field by field, and all others with the same names are decoded together: half a microsecond a
-message, where making an object of it takes 7 to 25. Both types have been the same in all releases,
-so no message definition is needed, which SQLite bags of older releases do not hold.
+Messages of a topic have the same joints and lengths of text. So one message of each kind is parsed
+field by field, and all others with the same names are decoded together, in half a microsecond a
+message, where creating an object takes 7 to 25. Both types are the same in all releases, so no
+message definition is needed, which SQLite bags of older releases lack.
 """
 
 from collections.abc import Callable, Sequence
@@ -14,12 +14,12 @@ from jaxtyping import Float, Int, UInt8
 
 # A quantity and a joint: ("position", "joint_1").
 Number = tuple[str, str]
-# Kinds of messages of one length that are kept.
+# Most kinds of messages of one length that are kept.
 _KINDS = 64
 
 
 class MessageError(ValueError):
-    """A message is not what its type says."""
+    """A message does not fit its type."""
 
     def __init__(self, what: str, index: int = 0) -> None:
         self.what, self.index = what, index
@@ -28,14 +28,14 @@ class MessageError(ValueError):
 
 @dataclass(frozen=True, eq=False)
 class MessageLayout:
-    """Where things stand in messages of one kind.
+    """Layout of messages of one kind.
 
     Attributes:
         order: of the bytes, `<` or `>`.
         stamp: offset of seconds and nanoseconds, four bytes each.
         numbers: offset of the number of each quantity and joint [bytes].
-        fixed: offsets of counts and names, which are the same in all messages of this kind, and
-        pattern: what they are. Padding between fields may hold anything.
+        fixed: offsets of counts and names, which all messages of this kind have in common.
+        pattern: the bytes at these offsets. Padding between fields is arbitrary.
     """
 
     order: str
@@ -47,7 +47,7 @@ class MessageLayout:
     def decode(
         self, rows: UInt8[np.ndarray, "messages size"], wanted: Sequence[Number]
     ) -> tuple[Int[np.ndarray, " messages"], Float[np.ndarray, "messages wanted"]]:
-        """Stamps [ns] of messages of this kind, and numbers, NaN for one that they do not have."""
+        """Stamps [ns] and numbers of messages of this kind; NaN for numbers that they lack."""
         words = np.ascontiguousarray(rows[:, self.stamp : self.stamp + 8]).view(f"{self.order}i4")
         values = np.full((len(rows), len(wanted)), np.nan)
         known = [k for k, number in enumerate(wanted) if number in self.numbers]
@@ -71,10 +71,10 @@ class Decoder:
     _kinds: dict[int, list[MessageLayout]] = field(default_factory=dict[int, list[MessageLayout]])
 
     def layout(self, raw: bytes) -> MessageLayout:
-        """Where things stand in this message.
+        """Layout of a message.
 
         Raises:
-            MessageError: it is damaged, or in an encoding that is not known.
+            MessageError: it is damaged, or in an unknown encoding.
         """
         cursor = _Cursor(raw, self.cdr)
         if not self.cdr:
@@ -92,7 +92,7 @@ class Decoder:
     def decode(
         self, raws: Sequence[bytes], wanted: Sequence[Number]
     ) -> tuple[Int[np.ndarray, " messages"], Float[np.ndarray, "messages wanted"]]:
-        """Header stamps [ns], and some of the numbers, NaN where a message has none.
+        """Header stamps [ns] and wanted numbers; NaN for numbers that a message lacks.
 
         Raises:
             MessageError: as `layout`, with the index of the message.
@@ -100,26 +100,26 @@ class Decoder:
         stamps, values = np.empty(len(raws), dtype=np.int64), np.empty((len(raws), len(wanted)))
         sizes = np.array([len(raw) for raw in raws])
         for size in np.unique(sizes).tolist():
-            left = np.flatnonzero(sizes == size)
-            joined = b"".join([raws[i] for i in left.tolist()])
-            rows = np.frombuffer(joined, np.uint8).reshape(len(left), size)
+            pending = np.flatnonzero(sizes == size)
+            joined = b"".join([raws[i] for i in pending.tolist()])
+            rows = np.frombuffer(joined, np.uint8).reshape(len(pending), size)
             kinds, known = self._kinds.setdefault(size, []), 0
-            while len(left):
+            while len(pending):
                 try:
-                    layout = kinds[known] if known < len(kinds) else self.layout(raws[left[0]])
+                    layout = kinds[known] if known < len(kinds) else self.layout(raws[pending[0]])
                 except MessageError as error:
-                    error.index = int(left[0])
+                    error.index = int(pending[0])
                     raise
                 kinds += [layout] * (len(kinds) == known < _KINDS)
                 known += 1
                 fits = (rows[:, layout.fixed] == layout.pattern).all(axis=1)
-                stamps[left[fits]], values[left[fits]] = layout.decode(rows[fits], wanted)
-                left, rows = left[~fits], rows[~fits]
+                stamps[pending[fits]], values[pending[fits]] = layout.decode(rows[fits], wanted)
+                pending, rows = pending[~fits], rows[~fits]
         return stamps, values
 
 
 class _Cursor:
-    """Goes through the fields of a message and notes which bytes its kind has in common."""
+    """Reads the fields of a message, and records which bytes its kind has in common."""
 
     def __init__(self, raw: bytes, cdr: bool) -> None:
         self._raw, self._aligned = raw, cdr
@@ -132,7 +132,7 @@ class _Cursor:
         self.fixed: list[range] = [range(self._start)]
 
     def skip(self, size: int) -> int:
-        """Go on by a number of bytes; where they start."""
+        """Skip a number of bytes; returns their start."""
         start, self.at = self.at, self.at + size
         if self.at > len(self._raw):
             raise MessageError("ends in the middle of a field")
@@ -154,14 +154,14 @@ class _Cursor:
         return [self.text() for _ in range(self.items(4))]
 
     def numbers(self) -> list[int]:
-        """Where the numbers of a list of binary64 stand."""
+        """Offsets of the numbers of a list of binary64."""
         if count := self.count():
             self._align(8)
         start = self.skip(8 * count)
         return list(range(start, self.at, 8))
 
     def items(self, smallest: int) -> int:
-        """The length of a list of items of at least this many bytes."""
+        """Length of a list of items of at least this many bytes."""
         count = self.count()
         if count * smallest > len(self._raw) - self.at:
             raise MessageError(f"says that it has a list of {count} entries, but is too short")
@@ -173,7 +173,7 @@ class _Cursor:
 
 
 def _joint_state(cursor: _Cursor) -> dict[Number, int]:
-    joints, numbers = _once(cursor.texts(), "joint"), dict[Number, int]()
+    joints, numbers = _unique(cursor.texts(), "joint"), dict[Number, int]()
     for quantity in ("position", "velocity", "effort"):
         at = cursor.numbers()
         if at and len(at) != len(joints):
@@ -183,18 +183,18 @@ def _joint_state(cursor: _Cursor) -> dict[Number, int]:
 
 
 def _dynamic_joint_state(cursor: _Cursor) -> dict[Number, int]:
-    joints, numbers = _once(cursor.texts(), "joint"), dict[Number, int]()
+    joints, numbers = _unique(cursor.texts(), "joint"), dict[Number, int]()
     if (count := cursor.items(8)) != len(joints):
         raise MessageError(f"has {len(joints)} joints but values of {count}")
     for joint in joints:
-        interfaces, at = _once(cursor.texts(), f"interface of {joint}"), cursor.numbers()
+        interfaces, at = _unique(cursor.texts(), f"interface of {joint}"), cursor.numbers()
         if len(at) != len(interfaces):
             raise MessageError(f"has {len(interfaces)} interfaces but {len(at)} values of {joint}")
         numbers |= {(name, joint): start for name, start in zip(interfaces, at, strict=True)}
     return numbers
 
 
-def _once(names: list[str], what: str) -> list[str]:
+def _unique(names: list[str], what: str) -> list[str]:
     for name in names:
         if names.count(name) > 1:
             raise MessageError(f"names the {what} '{name[:40]}' {names.count(name)} times")

@@ -1,4 +1,4 @@
-"""ROS 1 bags, ROS 2 bags in SQLite or MCAP, and MCAP files: states of joints, by name."""
+"""Reads joint states of ROS 1 bags, ROS 2 bags in SQLite or MCAP, and MCAP files."""
 
 import hashlib
 import json
@@ -25,15 +25,15 @@ from deltaid.recording.mapping import ColumnMapping
 from deltaid.recording.source import LogTable, Rows, opened
 from deltaid.recording.time.signals import Signal, merged
 
-# Names of the times: of the headers, and of the receipt.
+# Names of the times of headers and of receipt.
 _STAMPED, _RECEIVED = "t", "received"
 _NUMBERED = re.compile(r"(?P<before>.*?)(?P<number>\d{1,4})(?P<after>\D*)")
-# Some messages of a topic: when they were sent or received [s], and the numbers wanted.
+# Consecutive messages of a topic: times [s] and wanted numbers.
 _Piece = tuple[str, Signal]
 
 
 def open_bag(path: Path, mapping: ColumnMapping) -> LogTable:
-    """A bag: the topics of joint states, as their first messages show them.
+    """A bag: its topics of joint states, by their first messages.
 
     Raises:
         RecordingError: it is damaged, or holds no joint states.
@@ -42,7 +42,7 @@ def open_bag(path: Path, mapping: ColumnMapping) -> LogTable:
         topics = topics_of(bag)
     names = default_columns(topics)
     taken = [joint for _, (quantity, joint) in names.values() if quantity == "position"]
-    said = Doubt(
+    by_number = Doubt(
         f"joints {', '.join(taken)} are taken for drives 1 to {len(taken)}",
         cause="their names end in numbers, and no mapping says more",
         cure="if the order is another, name the joints in a mapping",
@@ -63,7 +63,7 @@ def open_bag(path: Path, mapping: ColumnMapping) -> LogTable:
         (RecordedField(_STAMPED), *map(RecordedField, names), *arrays, RecordedField(_RECEIVED)),
         {topic.name: topic for topic in topics},
         names,
-        warnings=(said,) if taken else (),
+        warnings=(by_number,) if taken else (),
         cure_of_missing=cure,
         cure_without_torque=f"{'; '.join(hollow)}: no torques are recorded; let the driver publish "
         "them, or map what holds them with --columns MAPPING.yaml"
@@ -76,12 +76,12 @@ def open_bag(path: Path, mapping: ColumnMapping) -> LogTable:
 class BagTable(LogTable):
     """An open bag.
 
-    Of one topic some thousand messages are in memory at a time. Topics that are used together have
-    clocks of their own, so the columns in use are in memory as a whole then.
+    Of a single topic some thousand messages are in memory at a time. Several topics have different
+    clocks, so their used columns are in memory as a whole.
 
     Attributes:
         topics: of joint states, by name.
-        names: default names of columns, where names of joints leave no doubt.
+        names: default names of columns, if names of joints are unambiguous.
     """
 
     topics: dict[str, Topic]
@@ -101,13 +101,13 @@ class BagTable(LogTable):
         return f"{self.path}, sample {row}"
 
     def rows(self, columns: Sequence[str]) -> Iterator[Rows]:
-        """As in `LogTable.rows`; messages that lack a column are excluded, and counted."""
+        """As in `LogTable.rows`; messages that lack a column are excluded and counted."""
         places = [self._place(pick) for pick in self.picks(columns)]
         wanted: dict[str, list[Number]] = {}
         for place in places:
             if isinstance(place, tuple):
                 wanted.setdefault(place[0], []).append(place[1])
-        if not wanted:  # times of receipt alone are those of one topic
+        if not wanted:  # times of receipt alone are of one topic
             wanted = {next(iter(self.topics)): []}
         self.doubts.clear()
         received = _RECEIVED in places or not all(self.topics[name].stamped for name in wanted)
@@ -194,59 +194,59 @@ class BagTable(LogTable):
 
 
 def default_columns(topics: Sequence[Topic]) -> dict[str, tuple[str, Number]]:
-    """Default names of columns, where names of joints leave no doubt which drive is which.
+    """Default names of columns, if names of joints determine the drives.
 
-    That is where one topic tells positions of joints whose names differ by a number only, counted
-    from 1 or 0 without a gap.
+    That is if one topic has positions of joints whose names differ in a number only, from 1 or 0
+    without a gap.
     """
-    topic = _main(topics)
+    topic = _main_topic(topics)
     joints = in_order(topic.joints["position"]) if topic else None
     if not joints:
         return {}
     return {
-        f"{short}{i + 1}": (teller.name, (quantity, joint))
+        f"{short}{i + 1}": (source.name, (quantity, joint))
         for quantity, (_, _, short) in QUANTITIES.items()
-        if (teller := _teller(topics, quantity, joints))
+        if (source := _source(topics, quantity, joints))
         for i, joint in enumerate(joints)
     }
 
 
 def in_order(joints: Sequence[str]) -> list[str] | None:
-    """Joints by their number; None if they are not numbered through."""
+    """Joints in order of their numbers; None if these are not consecutive."""
     ordered = _by_number(joints)
     matches = [match for joint in ordered if (match := _NUMBERED.fullmatch(joint))]
     numbers = [int(match["number"]) for match in matches]
-    alike = len({(match["before"], match["after"]) for match in matches}) == 1
+    same_name = len({(match["before"], match["after"]) for match in matches}) == 1
     through = numbers in (list(range(k, k + len(ordered))) for k in (0, 1))
-    return ordered if alike and through else None
+    return ordered if same_name and through else None
 
 
 def mapping_lines(topics: Sequence[Topic]) -> str:
-    """A mapping with all joints of the topic of positions, to be put into the order of q."""
-    topic = _main(topics) or next(
+    """A mapping with all joints of the topic of positions, for the user to reorder."""
+    topic = _main_topic(topics) or next(
         (topic for topic in topics if "position" in topic.joints), topics[0]
     )
     joints = _by_number(topic.joints.get("position") or next(iter(topic.joints.values()), ()))
     lines: list[str] = []
     for quantity, (key, unit, _) in QUANTITIES.items():
-        if teller := _teller(topics, quantity, joints):
-            columns = [json.dumps(f"{teller.name}.{quantity}[{joint}]") for joint in joints]
+        if source := _source(topics, quantity, joints):
+            columns = [json.dumps(f"{source.name}.{quantity}[{joint}]") for joint in joints]
             lines.append(f"{key}: {{columns: [{', '.join(columns)}], unit: {unit}}}")
     return "\n    ".join(lines)
 
 
-def _teller(topics: Sequence[Topic], quantity: str, joints: Sequence[str]) -> Topic | None:
-    """The topic that tells a quantity of these joints: that of their positions, or the only one."""
+def _source(topics: Sequence[Topic], quantity: str, joints: Sequence[str]) -> Topic | None:
+    """The topic with a quantity of these joints: that of their positions, or the only one."""
     able = [topic for topic in topics if set(joints) <= set(topic.joints.get(quantity, ()))]
     plain = [topic for topic in able if topic.type == JOINT_STATE]
-    main = [topic for topic in able if topic is _main(topics)]
-    return next((tellers[0] for tellers in (main, plain, able) if len(tellers) == 1), None)
+    main = [topic for topic in able if topic is _main_topic(topics)]
+    return next((sources[0] for sources in (main, plain, able) if len(sources) == 1), None)
 
 
-def _main(topics: Sequence[Topic]) -> Topic | None:
+def _main_topic(topics: Sequence[Topic]) -> Topic | None:
     of_joints = [topic for topic in topics if "position" in topic.joints]
-    tellers = [topic for topic in of_joints if topic.type == JOINT_STATE] or of_joints
-    return tellers[0] if len(tellers) == 1 else None
+    sources = [topic for topic in of_joints if topic.type == JOINT_STATE] or of_joints
+    return sources[0] if len(sources) == 1 else None
 
 
 def _by_number(joints: Sequence[str]) -> list[str]:

@@ -1,14 +1,14 @@
-"""How TwinCAT Scope writes its text export: rows about channels, then columns of times and values.
+"""Opens text exports of TwinCAT Scope: rows about channels, then columns of times and values.
 
     Name    q1              Name    tau1    tau2            (tabs between them)
     Unit    rad (Angle)     Unit    Nm (Torque)     …
     0       0,5             0       1,5     2,5
     1       0,6             0,25    1,6     2,6
 
-The word of each row stands at the head of every group of channels, above its column of times: a
-group is one channel (Timelines: All) or neighbours of one period (For each sampletime). Slower
-channels simply end sooner: a line is not one instant. Which rows there are, the separator and the
-decimal mark are options of the export.
+The word of each row heads every group of channels, above its column of times. A group is one
+channel (Timelines: All) or channels of one period (For each sampletime). Slower channels end
+sooner, so a line is not one instant. The rows, the separator and the decimal mark are options of
+the export.
 """
 
 import re
@@ -23,12 +23,12 @@ from deltaid.recording.formats.twincat_table import NEUTRAL, TIME, ScopeChannel,
 from deltaid.recording.mapping import ColumnMapping
 from deltaid.recording.source import LogTable, content
 
-# Lines in which the first data is looked for, and of data that show how many columns there are.
+# Lines in which the first data is searched for, and lines of data that determine the columns.
 _SEARCHED_LINES, _SHOWING_LINES = 500, 50
 _NAMES = ("Name", "SymbolName")
 _WORDS = {*_NAMES, *NEUTRAL, "Unit"}
 _FIRST = re.compile(rb'\A(?:\xef\xbb\xbf)?"?Name"?(?P<separator>[^\w"\r\n])')
-# Words that stand at the head of a line of such a file and hardly of another.
+# Words that head lines of such files, and hardly of others.
 _MARKS = re.compile(
     rb'\n"?(?:File|Starttime of export|StartRecord|SymbolName|SymbolComment|Data-Type|NetI[dD]|'
     rb'SampleTime\[ms\]|IndexGroup)"?[^\w"\r\n]'
@@ -38,7 +38,7 @@ _FILE_TIME = (datetime(1970, 1, 1) - datetime(1601, 1, 1)) // timedelta(microsec
 
 
 def is_scope(start: bytes, path: Path) -> bool:
-    """Whether a file is an export, by the words at the head of its first lines."""
+    """Whether a file is an export, by the words that head its first lines."""
     first = _FIRST.match(start)
     if not first:
         return False
@@ -47,7 +47,7 @@ def is_scope(start: bytes, path: Path) -> bool:
 
 
 def open_scope(path: Path, mapping: ColumnMapping) -> LogTable:
-    """Find out how an export is laid out.
+    """Open an export of any layout.
 
     Raises:
         RecordingError: its rows of names, its times or its data are missing.
@@ -65,9 +65,9 @@ def open_scope(path: Path, mapping: ColumnMapping) -> LogTable:
     heads = [k for k, name in enumerate(names) if name == names[0]]
     blanks = separator == " " and len(names) != widest
     if not names or len(names) - len(heads) >= widest or blanks:
-        found = max(len(rows.get(word, ())) for word in _NAMES)
+        count = max(len(rows.get(word, ())) for word in _NAMES)
         raise RecordingError(
-            f"has {widest} columns of data, but {found} names, times included",
+            f"has {widest} columns of data, but {count} names, times included",
             where=f"{path}, row {first_row}",
             cure="export with a header and with times (Timelines: All, or For each "
             "sampletime), separated by tabs or semicolons: names may hold blanks, and numbers "
@@ -103,10 +103,10 @@ def open_scope(path: Path, mapping: ColumnMapping) -> LogTable:
 
 
 def _rows(lines: HeadLines, separator: str, path: Path) -> tuple[dict[str, list[str]], int]:
-    """The rows about channels by their words, and the first row of data.
+    """Rows about channels by their words, and the first row of data.
 
-    The last row of a word counts, since the project has a name as well. A comment of a symbol may
-    go on over several lines.
+    The last row of a word counts, since the project has a name too. Comments of symbols may have
+    several lines.
     """
     rows: dict[str, list[str]] = {}
     for row in range(1, _SEARCHED_LINES + 1):

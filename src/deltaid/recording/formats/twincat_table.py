@@ -1,4 +1,4 @@
-"""An open text export of TwinCAT Scope (`twincat.py`), read in blocks of lines."""
+"""Reads text exports of TwinCAT Scope (`twincat.py`) in blocks of lines."""
 
 import io
 from collections.abc import Iterator, Sequence
@@ -18,20 +18,20 @@ from deltaid.recording.formats.csv_lines import (
 from deltaid.recording.source import LogTable, Rows
 from deltaid.recording.time.signals import Signal, merged
 
-# The name of the time, which the export has under none of its own.
+# Name of the time, which has none in the export.
 TIME = "t"
-# What scales nothing.
+# Neutral scales.
 NEUTRAL = {"ScaleFactor": 1.0, "Offset": 0.0, "Unit ScaleFactor": 1.0, "Unit Offset": 0.0}
 
 
 @dataclass(frozen=True)
 class ScopeChannel:
-    """A channel: its names, where its columns are, and what the export says about it.
+    """A channel: its names, columns, unit and scales.
 
     Attributes:
-        time, values: numbers of its columns.
+        time, values: indices of its columns.
         unit: empty if none is stated.
-        scales: factor and offset of the channel and of its unit, as far as stated.
+        scales: stated factors and offsets of the channel and of its unit.
     """
 
     name: str
@@ -46,20 +46,20 @@ class ScopeChannel:
 class ScopeTable(LogTable):
     """An open export.
 
-    Where all channels in use share their times, a block of lines is in memory at a time; otherwise
-    these channels are, as a whole.
+    If all used channels share their times, a block of lines is in memory at a time, otherwise these
+    channels as a whole.
 
     Attributes:
         separator: between fields.
-        columns: how many there are, times included.
+        columns: their number, times included.
         ends_on_separator: whether lines have a separator after their last field.
-        data_start, data_size: where the data starts, and how much there is [bytes].
+        data_start, data_size: start and size of the data [bytes].
         ends_open: whether the file ends without a line break.
-        origin: the first time of all, where times are in 100 ns since 1601; None where they are in
-            ms since the first sample.
+        origin: the first time if times are in 100 ns since 1601; None if they are in ms since the
+            first sample.
         channels: in order.
-        traces: channels by name, and by symbol where that is another one.
-        shared: whether channels of some columns of times share them, as far as looked at.
+        traces: channels by name, and by symbol if that differs.
+        shared: whether columns of times are equal, by columns that have been compared.
     """
 
     separator: str
@@ -81,7 +81,7 @@ class ScopeTable(LogTable):
     )
 
     def row_place(self, row: int) -> str:
-        """One row, for messages: a line, or where lines are no instants a sample."""
+        """Place of a row, for messages: a line, or a sample if lines are no instants."""
         if all(self.shared.values()):
             return f"{self.path}, row {row}"
         return f"{self.path}, sample {row - self.first_row + 1}"
@@ -91,7 +91,7 @@ class ScopeTable(LogTable):
         names = [pick.field.name for pick in self.picks(columns)]
         used = [self.traces[name] for name in names if name != TIME]
         times = tuple(sorted({trace.time for trace in used or self.channels[:1]}))
-        scaled = [said for trace in used for said in _scaled(trace)]
+        scaled = [doubt for trace in used for doubt in _scaled(trace)]
         self.doubts[:] = scaled + [NO_LINE_BREAK] * self.ends_open
         if times not in self.shared:
             self.shared[times] = self._share(times)
@@ -112,7 +112,7 @@ class ScopeTable(LogTable):
             yield Rows(numbers, texts)
 
     def _share(self, times: Sequence[int]) -> bool:
-        """Whether some columns of times are the same, line by line, until one of them ends."""
+        """Whether columns of times are equal, line by line, until one of them ends."""
         if len(times) == 1:
             return True
         lines: list[np.ndarray] = []
@@ -130,7 +130,7 @@ class ScopeTable(LogTable):
         decimals = Decimals(self.separator)
         parts: dict[int, list[Signal]] = {time: [] for time in groups}
         for row, frame in self._blocks(columns):
-            # Whichever column has a decimal mark first, it holds for all.
+            # The first decimal mark in any column holds for all.
             decimals.numbers([frame[str(k)] for k in columns])
             for time, values in groups.items():
                 there = np.flatnonzero(_filled(frame, [time, *values]))
@@ -161,8 +161,8 @@ class ScopeTable(LogTable):
             )
         )
         order = [k for group in groups.values() for k in group]
-        found = dict(zip(order, signal.values.T, strict=True))
-        numbers = [signal.time if k in groups else found[k] for k in at]
+        values_of = dict(zip(order, signal.values.T, strict=True))
+        numbers = [signal.time if k in groups else values_of[k] for k in at]
         return Rows(numbers, numbers)
 
     def _seconds(self, text: pl.Series, numbers: pl.Series) -> np.ndarray:
@@ -172,10 +172,10 @@ class ScopeTable(LogTable):
         return numbers.to_numpy() / 1e3
 
     def _blocks(self, columns: Sequence[int]) -> Iterator[tuple[int, pl.DataFrame]]:
-        """Some columns as text, empty where there is none, with the row of the first line."""
+        """Columns as text, empty without text, with the row of the first line."""
         row = self.first_row
         names = [str(k) for k in dict.fromkeys(columns)]
-        # polars takes the number of columns from the first line.
+        # The first line determines the number of columns for polars.
         above = (self.separator * (self.columns - 1)).encode() + b"\n"
         for block in whole_lines(self.path, self.data_start, self.data_size):
             lines = self._require_fields(block, row)
@@ -200,7 +200,7 @@ class ScopeTable(LogTable):
             row += lines
 
     def _require_fields(self, block: bytes, row: int) -> int:
-        """The number of lines of a block, none with more fields than there are columns."""
+        """Number of lines of a block, none with more fields than columns."""
         ends = line_ends(block)
         marks = np.flatnonzero(np.frombuffer(block, np.uint8) == ord(self.separator))
         fields = per_line(marks, ends) + 1
@@ -216,8 +216,8 @@ class ScopeTable(LogTable):
         return len(ends)
 
     def _named(self, column: int) -> str:
-        found = [trace.name for trace in self.channels if trace.values == column]
-        return found[0] if found else TIME
+        names = [trace.name for trace in self.channels if trace.values == column]
+        return names[0] if names else TIME
 
 
 def _filled(frame: pl.DataFrame, columns: Sequence[int]) -> np.ndarray:
@@ -226,18 +226,19 @@ def _filled(frame: pl.DataFrame, columns: Sequence[int]) -> np.ndarray:
 
 def _scaled(trace: ScopeChannel) -> list[Doubt]:
     scales = {word: _number(trace.scales.get(word), usual) for word, usual in NEUTRAL.items()}
-    said = [f"{word} {scales[word]:g}" for word, usual in NEUTRAL.items() if scales[word] != usual]
-    if not said:
+    changed = {word: scales[word] for word, usual in NEUTRAL.items() if scales[word] != usual}
+    stated = [f"{word} {value:g}" for word, value in changed.items()]
+    if not stated:
         return []
     factor, offset = scales["ScaleFactor"], scales["Offset"]
     how = "change unit and zero of its column accordingly"
-    if factor and not any(word.startswith("Unit") for word in said):
+    if factor and not any(word.startswith("Unit") for word in stated):
         sign = ", sign: -1" * (factor < 0)
         unit = f"{abs(factor):g} {trace.unit or 'UNIT'}"
         how = f"declare {{unit: {unit}, zero: {0 - offset / factor:g}{sign}}}"
     return [
         Doubt(
-            f"channel {trace.name} is scaled in Scope ({', '.join(said)}); the file does not say "
+            f"channel {trace.name} is scaled in Scope ({', '.join(stated)}); the file does not say "
             "whether its numbers are, and they are taken as they stand",
             cause="an export scales them only with the option Scale values before export",
             cure=f"if they are those of the PLC, {how}",

@@ -1,1 +1,1 @@
-"""What of a recording is no motion under power of the drives, and is left out."""
+"""Rows of a recording that are excluded, because drives do not power the motion there."""

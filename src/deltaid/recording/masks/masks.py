@@ -1,6 +1,7 @@
-"""What of a recording is left out, because it is no motion under power of the drives.
+"""Masks: rows of a recording that are excluded, because drives do not power the motion there.
 
-Runs are consecutive rows that have something in common, as first and last row."""
+A run is a pair of first and last row of consecutive rows with a common property.
+"""
 
 import math
 from collections.abc import Iterable, Sequence
@@ -15,7 +16,7 @@ from deltaid.errors import RecordingError
 Runs = Int[np.ndarray, "_ 2"]
 
 NONE: Runs = np.zeros((0, 2), dtype=np.int64)
-# A recording is refused where less than this share of the rows is left for a drive.
+# A recording is refused if less than this share of the rows remains for a drive.
 _LEAST = 0.02
 Reason = Literal[
     "standing still",
@@ -27,7 +28,7 @@ Reason = Literal[
     "load changes",
 ]
 LOAD_CHANGES: Reason = "load changes"
-# Why such rows say nothing, or something wrong, about the drives' torques.
+# Explanations of the reasons.
 WHY: dict[Reason, str] = {
     "standing still": "at rest friction is whatever balances the torque",
     "on brakes": "at rest with the torque off or constant; the brakes hold the robot",
@@ -41,13 +42,13 @@ WHY: dict[Reason, str] = {
 
 @dataclass(frozen=True)
 class Mask:
-    """Consecutive rows that are left out for some drives.
+    """Consecutive rows that are excluded for some drives.
 
     Attributes:
-        reason: why.
-        drives: of these drives, counted from 0.
+        reason: of the exclusion.
+        drives: indices of the drives.
         first, last: rows of the log, counted from 0.
-        start, end: when [s].
+        start, end: times of these rows [s].
     """
 
     reason: Reason
@@ -64,13 +65,13 @@ def as_runs(pairs: Iterable[Sequence[int]]) -> Runs:
 
 
 def runs_of(flags: Bool[np.ndarray, " rows"], row: int = 0) -> Runs:
-    """Runs of true flags, the first of which belongs to `row`."""
+    """Runs of true flags; the first flag belongs to `row`."""
     edges = np.flatnonzero(np.diff(flags.astype(np.int8), prepend=0, append=0))
     return edges.reshape(-1, 2) + np.array([row, row - 1])
 
 
 def joined(runs: Shaped[np.ndarray, "_ 2"], gap: int = 0) -> Shaped[np.ndarray, "_ 2"]:
-    """Ascending runs without what is between two with no more than `gap` rows between them."""
+    """Ascending runs, joined where no more than `gap` rows lie between them."""
     if not len(runs):
         return runs
     runs = np.column_stack([runs[:, 0], np.maximum.accumulate(runs[:, 1])])
@@ -79,12 +80,12 @@ def joined(runs: Shaped[np.ndarray, "_ 2"], gap: int = 0) -> Shaped[np.ndarray, 
 
 
 def joined_times(spans: Float[np.ndarray, "_ 2"]) -> Float[np.ndarray, "_ 2"]:
-    """Spans of time in any order as ascending ones that are apart from each other."""
+    """Spans of time in any order as disjoint ascending ones."""
     return joined(spans[np.argsort(spans[:, 0])], gap=-1)
 
 
 def without(runs: Runs, others: Runs) -> Runs:
-    """Ascending runs less the rows of others, which ascend as well."""
+    """Ascending runs minus the rows of other ascending runs."""
     kept = list[tuple[int, int]]()
     for first, last in runs.tolist():
         cuts = others[(others[:, 1] >= first) & (others[:, 0] <= last)]
@@ -96,7 +97,7 @@ def without(runs: Runs, others: Runs) -> Runs:
 def within(
     spans: Shaped[np.ndarray, "_ 2"], x: Shaped[np.ndarray, " rows"]
 ) -> Bool[np.ndarray, " rows"]:
-    """Which of ascending numbers lie in ascending spans that are apart, few of them near."""
+    """Whether ascending numbers lie in disjoint ascending spans."""
     inside = np.zeros(len(x), dtype=bool)
     near = spans[(spans[:, 1] >= x[0]) & (spans[:, 0] <= x[-1])] if len(x) else NONE
     for start, stop in near:
@@ -107,7 +108,7 @@ def within(
 def rolling(
     x: Float[np.ndarray, "rows channels"], length: int
 ) -> tuple[Float[np.ndarray, "windows channels"], Float[np.ndarray, "windows channels"]]:
-    """Least and largest value in every window of `length` rows."""
+    """Least and largest values in all windows of `length` rows."""
     return _extremes(np.minimum, x, length), _extremes(np.maximum, x, length)
 
 
@@ -121,53 +122,53 @@ def least_about(
 def _extremes(
     extreme: np.ufunc, x: Float[np.ndarray, "rows channels"], length: int
 ) -> Float[np.ndarray, "windows channels"]:
-    """Those of windows of `length` rows, from those of half as many: faster than SciPy's."""
-    found, size = x, 1
+    """Extremes of windows by doubling their length, which is faster than SciPy's."""
+    extremes, size = x, 1
     while size < length:
         step = min(size, length - size)
-        found, size = extreme(found[:-step], found[step:]), size + step
-    return found
+        extremes, size = extreme(extremes[:-step], extremes[step:]), size + step
+    return extremes
 
 
 def left_out(masks: Iterable[Mask], drive: int | None = None) -> Runs:
-    """Ascending runs of rows without weight for a drive, or for any."""
-    own = [mask for mask in masks if drive is None or drive in mask.drives]
-    return joined(as_runs(sorted((mask.first, mask.last) for mask in own)))
+    """Ascending runs of rows that are excluded for a drive, or for any."""
+    runs = ((m.first, m.last) for m in masks if drive is None or drive in m.drives)
+    return joined(as_runs(sorted(runs)))
 
 
 def before_stops(masks: Iterable[Mask], cutoff: float, rate: float) -> tuple[Mask, ...]:
-    """Masks with those rows in which a low-pass feels that brakes will set in.
+    """Masks with the rows ahead of emergency stops that the low-pass affects.
 
-    Acceleration jumps there, and the filtered one begins to change a period 1 / cutoff ahead: no
-    torque goes with that.
+    Brakes make acceleration jump. Filtered acceleration changes from a period 1 / cutoff ahead,
+    without a torque.
 
     Args:
         cutoff: of the low-pass [Hz].
         rate: of the rows [Hz].
     """
-    found = [mask for mask in masks if mask.reason != "before a stop"]
-    for mask in [mask for mask in found if mask.reason == "emergency stop" and mask.first]:
+    kept_masks = [mask for mask in masks if mask.reason != "before a stop"]
+    for mask in [mask for mask in kept_masks if mask.reason == "emergency stop" and mask.first]:
         first, last = max(0, mask.first - math.ceil(rate / cutoff)), mask.first - 1
         times = (mask.start - (mask.first - row) / rate for row in (first, last))
-        found.append(Mask("before a stop", mask.drives, first, last, *times))
-    return tuple(sorted(found, key=lambda mask: (mask.first, mask.drives)))
+        kept_masks.append(Mask("before a stop", mask.drives, first, last, *times))
+    return tuple(sorted(kept_masks, key=lambda mask: (mask.first, mask.drives)))
 
 
 def kept(masks: Sequence[Mask], drives: int, samples: int) -> Float[np.ndarray, " drives"]:
-    """Share of the rows that is left of each drive."""
+    """Share of the rows that remains for each drive."""
     lost = [np.sum(left_out(masks, i) @ [-1, 1] + 1) for i in range(drives)]
     return 1.0 - np.array(lost) / samples
 
 
 def require_rest(masks: Sequence[Mask], samples: int, drives: Sequence[str], where: str) -> None:
-    """Refuse a log of which next to nothing is left.
+    """Refuse a log with hardly any rows left.
 
     Raises:
-        RecordingError: with the drive, and what went for which reason.
+        RecordingError: with the drive, and the share of each reason.
     """
-    left = kept(masks, len(drives), samples)
-    i = int(np.argmin(left))
-    if left[i] >= _LEAST:
+    remaining = kept(masks, len(drives), samples)
+    i = int(np.argmin(remaining))
+    if remaining[i] >= _LEAST:
         return
     shares = {
         reason: 1.0 - kept([m for m in masks if m.reason == reason], len(drives), samples)[i]

@@ -1,12 +1,10 @@
-"""Finding what of a recording is no motion under power of its drives, while it is surveyed.
+"""Searches of a survey: rows in which drives do not power the motion, and changes of loads.
 
-That is also when the loads of a recording are taken up and put down.
-
-At rest all drives stay within the steps and the noise of their encoders for longer than a reversal
-takes. Slow motion stays there as well if steps are coarse, so in hindsight rest must also be slow
-against the recording's largest speeds, as far as its length can tell; of what is not, parts may be.
-A torque that does not change at all is off only if its channel has noise elsewhere: without, what
-holds a robot at rest does not change either.
+At rest all drives stay within steps and noise of their encoders for longer than a reversal takes.
+With coarse steps slow motion does so too, so rest must also be slow against the recording's largest
+speeds, as far as its duration shows; otherwise parts of it may be rest. A constant torque means
+that the drive is off only if its channel has noise elsewhere: without noise, the torque that holds
+a robot at rest is constant too.
 """
 
 from collections.abc import Iterable, Iterator, Sequence
@@ -33,34 +31,34 @@ from deltaid.recording.masks.stuck import Extreme, StaleSearch
 from deltaid.recording.source import LogTable
 from deltaid.recording.time.clock import Clock
 
-# Rest, and rest on brakes, lasts so long at least [s]; rest so many rows.
+# Least duration of rest, also on brakes [s], and fewest rows of rest.
 _LASTS, _ROWS = 0.04, 5
-# In that time positions stay within so many encoder steps and so many times the narrowest band that
-# the drive ever stayed in; over a whole rest within so many times that, or that a second.
+# In that time positions stay within so many encoder steps plus so many times the drive's narrowest
+# band; over a whole rest within so many times that, or within that per second.
 _STEPS, _BANDS, _WANDER = 1.5, 2.0, 3.0
 # A robot at rest is slower than this share of its drives' largest speeds.
 _SLOW = 0.005
-# Torque is off where for so long [s] and so many rows its mean and its range stay below these
-# shares of the largest torque, or where no torque changes at all.
+# Torque is off where for so long [s] and so many rows its mean and range stay below these shares of
+# the largest torque, or where it is constant.
 _OFF_LASTS, _OFF_ROWS, _OFF, _OFF_RANGE = 0.01, 5, 0.04, 0.2
-# A channel has noise if so large a share of its changes go back on the one before; of white noise
-# two thirds do, of a smooth torque next to none.
+# A channel has noise if so large a share of its changes reverses the one before; of white noise two
+# thirds do, of a smooth torque hardly any.
 _NOISY = 0.2
 Rows = Float[np.ndarray, "rows dof"]
-# A channel at its end is taken to stay there for so long [s] between two samples on it: noise took
-# it off for a moment, and what it leaves there is noise of one sign.
+# Longest time [s] between two samples at the end of a channel in which it counts as being there:
+# noise took it off, and the remaining noise has one sign.
 _BETWEEN = 0.003
-# An emergency stop ends so long after the drives are without torque at most [s].
+# Longest emergency stop without torque of the drives [s].
 _STOPS = 1.5
-# A gripper's signal and its grip are so far apart at most [s].
+# Longest time between a gripper's signal and its grip [s].
 _ABOUT = 0.012
-# What is left out: why, for which drives, and which rows counted from 0.
-Found = tuple[Reason, tuple[int, ...], Runs]
+# Excluded rows: reason, drives, runs.
+Exclusion = tuple[Reason, tuple[int, ...], Runs]
 
 
 @dataclass
 class _Rest:
-    """Rows at rest, the lowest and highest positions there, and parts that stay in a band each."""
+    """Rows at rest, their range of positions, and parts that stay in a band each."""
 
     first: int
     last: int
@@ -74,13 +72,12 @@ def _rest(q: Rows, row: int) -> _Rest:
 
 
 class RestSearch:
-    """Looks for rest in blocks of rows that overlap by `overlap`.
-
-    `add` them, then read `at_rest` and `off`.
+    """Running search for rest; `add` blocks of rows, then read `at_rest` and `off`.
 
     Attributes:
         period: time between two rows [s].
-        length: rows of a rest at least; two blocks have `overlap`, one less, in common.
+        length: fewest rows of a rest.
+        overlap: rows that two blocks share, `length` − 1.
     """
 
     def __init__(self, dof: int, period: float) -> None:
@@ -93,20 +90,20 @@ class RestSearch:
 
     @property
     def steps(self) -> Float[np.ndarray, " dof"]:
-        """Smallest change of each position so far, the step of its encoder; 0 without any."""
+        """Smallest change of each position, the step of its encoder; 0 without changes."""
         return np.where(np.isfinite(self._step), self._step, 0.0)
 
     def add(self, q: Rows, torque: Rows, row: int) -> None:
-        """Take in a block, the first row of which is number `row`."""
+        """Add a block; `row` is the number of its first row."""
         if len(q) < self.length:
             return
-        self._look_at_torque(torque, row)
+        self._add_torque(torque, row)
         low, high = rolling(q, self.length)
         width, change = high - low, np.abs(np.diff(q, axis=0))
         self._step = np.minimum(self._step, np.where(change > 0, change, np.inf).min(axis=0))
         self._band = np.minimum(self._band, width.min(axis=0))
-        ways = np.abs(q[self.overlap :] - q[: len(q) - self.overlap])
-        self._speed = np.maximum(self._speed, ways.max(axis=0) / (self.overlap * self.period))
+        travel = np.abs(q[self.overlap :] - q[: len(q) - self.overlap])
+        self._speed = np.maximum(self._speed, travel.max(axis=0) / (self.overlap * self.period))
         self._low = np.minimum(self._low, q.min(axis=0))
         self._high = np.maximum(self._high, q.max(axis=0))
         for first, last in runs_of(np.all(width <= self._widest, axis=1), row).tolist():
@@ -143,7 +140,7 @@ class RestSearch:
         return _STEPS * self.steps + _BANDS * self._band
 
     def _parts(self, q: Rows, row: int) -> Iterator[_Rest]:
-        """Consecutive parts of rows, each as long as it stays in the band of rest."""
+        """Consecutive parts of rows that stay in the band of rest."""
         start = 0
         while start < len(q):
             size, stays = self.length, np.ones(1, dtype=bool)
@@ -163,7 +160,7 @@ class RestSearch:
         steady = width <= self._widest * max(_WANDER, time)
         return bool(np.all((slow & steady) | ~moves) and moves.any())
 
-    def _look_at_torque(self, torque: Rows, row: int) -> None:
+    def _add_torque(self, torque: Rows, row: int) -> None:
         length = max(_OFF_ROWS, round(_OFF_LASTS / self.period))
         if len(torque) < length:
             return
@@ -180,7 +177,7 @@ class RestSearch:
 
 
 class MaskSearch:
-    """Running search; `add` consecutive rows, then ask for `runs`.
+    """Running search for excluded rows; `add` consecutive rows, then read `runs`.
 
     Args:
         dof: number of drives.
@@ -194,14 +191,14 @@ class MaskSearch:
         self._before = np.zeros((0, 0))
 
     def add(self, values: Float[np.ndarray, "rows channels"], period: float) -> None:
-        """Take in rows: time, positions, what else is recorded, torques.
+        """Add rows: time, positions, other channels, torques.
 
         Args:
             period: usual time between two rows [s].
         """
         n, first = self._dof, self._row
         self._row += len(values)
-        if not period:  # stamps that several rows share
+        if not period:  # rows share stamps
             period = float(np.ptp(values[:, 0])) / max(1, len(values) - 1)
         if not period and self._rest is None:
             return
@@ -214,8 +211,8 @@ class MaskSearch:
             top.add(torque, new, first)
             bottom.add(-torque, new, first)
 
-    def runs(self) -> list[Found]:
-        """All that is left out."""
+    def runs(self) -> list[Exclusion]:
+        """All excluded rows."""
         rest, everyone = self._rest, tuple(range(self._dof))
         if rest is None:
             return []
@@ -223,7 +220,7 @@ class MaskSearch:
         resting = without(rest.at_rest, stale)
         resting = resting[resting[:, 1] - resting[:, 0] >= rest.overlap]
         on_brakes = _on_brakes(resting, off, round(_LASTS / rest.period))
-        found: list[Found] = [
+        excluded: list[Exclusion] = [
             ("standing still", everyone, without(resting, on_brakes)),
             ("on brakes", everyone, on_brakes),
             ("emergency stop", everyone, _stops(off, on_brakes, round(_STOPS / rest.period))),
@@ -234,12 +231,13 @@ class MaskSearch:
             largest = max(abs(end.level) for end in ends)
             saturated = np.concatenate([joined(e.runs(largest), between) for e in ends])
             ordered = saturated[np.argsort(saturated[:, 0])]
-            found.append(("saturated torque", (i,), without(ordered, on_brakes)))
-        return [part for part in found if len(part[2])]
+            excluded.append(("saturated torque", (i,), without(ordered, on_brakes)))
+        return [part for part in excluded if len(part[2])]
 
 
 class LoadSearch:
-    """Running search; `add` consecutive rows, then ask for `runs` and `doubts`."""
+    """Running search for changes of loads; `add` consecutive rows, then read `runs` and
+    `doubts`."""
 
     def __init__(self, table: LogTable, columns: Columns) -> None:
         self._table, self._columns, self._rows = table, columns, 0
@@ -247,10 +245,10 @@ class LoadSearch:
         self._last, self._ever = np.zeros((count, 0), dtype=bool), np.zeros(count, dtype=bool)
 
     def add(self, values: Float[np.ndarray, "rows channels"], row: int) -> None:
-        """Take in rows, columns as in `Columns.all`; `row` numbers the first for messages.
+        """Add rows, columns as in `Columns.all`; `row` is the number of the first one.
 
         Raises:
-            RecordingError: a column is neither 0 nor 1, and the mapping names no other numbers.
+            RecordingError: a column is neither 0 nor 1, and the mapping lists no numbers.
         """
         extra = values[:, self._columns.extra_places]
         for load in self._columns.loads:
@@ -271,8 +269,8 @@ class LoadSearch:
         self._last, self._ever = held[:, -1:], self._ever | held.any(axis=1)
         self._rows += len(values)
 
-    def runs(self, rate: float) -> list[Found]:
-        """Rows about the changes, which count for no drive, at a sampling rate [Hz]."""
+    def runs(self, rate: float) -> list[Exclusion]:
+        """Rows about changes, excluded for all drives, at a sampling rate [Hz]."""
         about = max(1, round(_ABOUT * rate))
         changes = np.concatenate(self._changes)
         runs: Runs = joined(np.column_stack([changes - about, changes + about - 1]))
@@ -280,7 +278,7 @@ class LoadSearch:
         return [(LOAD_CHANGES, drives, np.clip(runs, 0, self._rows - 1))] if drives else []
 
     def doubts(self) -> list[Doubt]:
-        """Spans in which nothing was recorded."""
+        """Doubts about spans in which nothing was recorded."""
         return [
             Doubt(
                 f"load {load.name} is declared for spans in which nothing was recorded",
@@ -292,18 +290,19 @@ class LoadSearch:
         ]
 
 
-def timed(found: Iterable[Found], clock: Clock) -> tuple[Mask, ...]:
-    """Rows as masks, in their order; the clock tells when they were."""
+def timed(excluded: Iterable[Exclusion], clock: Clock) -> tuple[Mask, ...]:
+    """Excluded rows as masks with their times, in order."""
     masks = [
         Mask(reason, drives, first, last, *clock.stamps(np.array([first, last])).tolist())
-        for reason, drives, runs in found
+        for reason, drives, runs in excluded
         for first, last in runs.tolist()
     ]
     return tuple(sorted(masks, key=lambda mask: (mask.first, mask.drives)))
 
 
 def _on_brakes(resting: Runs, off: Runs, short: int) -> Runs:
-    """Rest on brakes; other rest is under control. The shorter parts belong to what they lie in."""
+    """Rest on brakes; other rest is under control. Parts shorter than `short` join their
+    neighbours."""
     brakes = [NONE]
     for first, last in resting.tolist():
         here = off[(off[:, 1] >= first) & (off[:, 0] <= last)]

@@ -1,4 +1,4 @@
-"""The time of a recording: what is known of it in the end, and in words, one sentence each."""
+"""The clock of a recording: times of its rows, and doubts about them."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
@@ -11,7 +11,7 @@ from deltaid.recording.masks.masks import Runs
 from deltaid.recording.source import LogTable
 from deltaid.recording.units import MOST_WRONG
 
-# No drive is sampled faster [Hz]; a higher rate is a wrong unit of time.
+# Highest rate of drives [Hz]; a higher one is a wrong unit of time.
 HIGHEST_RATE = 1e6
 # Jitter that needs no explanation [periods, rms].
 JITTER = 0.01
@@ -19,24 +19,21 @@ JITTER = 0.01
 
 @dataclass(frozen=True, eq=False)
 class Clock:
-    """How the rows of a recording lie in time.
-
-    Rows are counted from 0 here.
+    """Times of the rows of a recording, which are counted from 0.
 
     Attributes:
-        period: from one sample to the next [s].
+        period: between samples [s].
         rows: of the recording.
-        steady: whether all rows are there and stamped evenly, so that they are taken as they are.
-        even: whether samples were taken evenly, however they are stamped; None where the motion is
-            too slow to show it (they are then taken as even).
+        steady: whether no row is missing and stamps are even, so that rows are used as they are.
+        even: whether samples were taken evenly, whatever their stamps; None if the motion is too
+            slow to show it (samples then count as even).
         jitter: of the stamps against the even grid [s, rms]; 0 if steady.
-        wild, first_wild: how many rows are left out since their stamps are far off those before and
-            after, and the first such row; −1 without any.
-        extra: rows that are left out, since they are there twice or have no place of their own.
-        doubled, late: how many of these only repeat the row before them, or have no place of their
-            own.
-        holes: rows before which some are missing, or before which time starts again.
-        lost: how many are missing there; −1 where time starts again.
+        wild, first_wild: number of rows excluded for stamps far off their neighbours, and the first
+            such row; −1 without any.
+        extra: rows excluded because they occur twice or have no place on the grid.
+        doubled, late: number of these that repeat the row before them, and that have no place.
+        holes: rows before which rows are missing or time restarts.
+        lost: number of missing rows there; −1 if time restarts.
         since, until: stamps of the rows before and after each hole [s].
         first, last: stamps of the first and last row [s].
     """
@@ -60,11 +57,11 @@ class Clock:
 
     @property
     def rate(self) -> float:
-        """Samples a second [Hz]; infinite if time does not run."""
+        """Sampling rate [Hz]; infinite if time does not run."""
         return 1 / self.period if self.period else np.inf
 
     def stamps(self, rows: Int[np.ndarray, " _"]) -> Float[np.ndarray, " _"]:
-        """About when rows were written [s]."""
+        """Approximate times of rows [s]."""
         known = np.column_stack([self.holes - 1, self.holes]).ravel()
         times = np.column_stack([self.since, self.until]).ravel()
         return np.interp(
@@ -74,11 +71,11 @@ class Clock:
         )
 
     def without(self, runs: Runs) -> "Clock":
-        """The same with each of some runs of rows lost: the hole stands before the row after it."""
+        """The clock with runs of rows as holes before the rows that follow."""
         if not len(runs):
             return self
-        gone = np.concatenate([np.arange(first, last + 1) for first, last in runs])
-        extra = np.union1d(self.extra, gone)
+        removed = np.concatenate([np.arange(first, last + 1) for first, last in runs])
+        extra = np.union1d(self.extra, removed)
         holes = np.stack([self.holes, self.lost, self.since, self.until], axis=1)
         for first, last in runs:
             after = last + 1
@@ -97,15 +94,15 @@ class Clock:
         )  # fmt: skip
 
     def cuts(self, longest: int) -> Bool[np.ndarray, " holes"]:
-        """Which holes end a segment: more rows missing than may be bridged, or time that restarts.
+        """Which holes end a segment: those too long to bridge, and restarts of time.
 
         Args:
-            longest: rows that may be bridged.
+            longest: most missing rows that are bridged.
         """
         return (self.lost > longest) | (self.lost < 0)
 
     def segments(self, longest: int) -> Int[np.ndarray, " segments"]:
-        """Samples of each segment, bridged ones with them."""
+        """Number of samples of each segment, including bridged ones."""
         cuts = self.cuts(longest)
         before = np.concatenate([[0], self.holes[cuts], [self.rows]])
         rows = np.diff(before - np.searchsorted(self.extra, before))
@@ -113,11 +110,11 @@ class Clock:
         return rows + bridged.astype(int)
 
     def report(self, longest: int, shortest: int) -> "ClockReport":
-        """What was seen and done, in numbers.
+        """The clock for programs.
 
         Args:
-            longest: rows missing that are bridged.
-            shortest: samples that a segment must have to be of use.
+            longest: most missing rows that are bridged.
+            shortest: fewest samples of a usable segment.
         """
         cuts, restarts = self.cuts(longest), self.lost < 0
         gaps, sizes = cuts & ~restarts, self.segments(longest)
@@ -139,21 +136,21 @@ class Clock:
 
 @dataclass(frozen=True)
 class ClockReport:
-    """The time of a recording, for programs.
+    """The clock of a recording, for programs.
 
     Attributes:
-        rate_hz: samples a second.
-        steady: whether all rows are there and stamped evenly, so that nothing had to be done.
-        even: whether samples were taken evenly, however they are stamped; None if the motion is
-            too slow to show it. If not, they are interpolated.
+        rate_hz: sampling rate.
+        steady: whether no row is missing and stamps are even.
+        even: whether samples were taken evenly, whatever their stamps; None if the motion is too
+            slow to show it. Uneven samples are interpolated.
         jitter_s: of the stamps against the even grid, rms.
-        wild, doubled, out_of_place: rows left out, because their stamps are far off those before
-            and after, they repeat the row before, or are late.
-        bridged: rows that are missing in short holes, made up for by the motion about them.
-        gaps: from and to, in seconds, of those that no filter reaches across.
-        restarts: how often time starts again.
-        segments: that are long enough for the filter.
-        too_short: share of the samples in those that are not.
+        wild, doubled, out_of_place: number of rows excluded because their stamps are far off their
+            neighbours, because they repeat the row before, or because they are late.
+        bridged: number of missing rows in short holes, which are interpolated.
+        gaps: start and end [s] of holes that end a segment.
+        restarts: number of times that time restarts.
+        segments: number of those that are long enough for the filter.
+        too_short: share of the samples in other segments.
     """
 
     rate_hz: float
@@ -171,10 +168,10 @@ class ClockReport:
 
 
 def doubts_about_stamps(clock: Clock, table: LogTable, column: str) -> Iterator[Doubt]:
-    """Stamps that are none, jitter, uneven sampling, rows that are left out.
+    """Doubts about wild stamps, jitter, uneven sampling and excluded rows.
 
     Raises:
-        RecordingError: too many stamps are none.
+        RecordingError: too many stamps are wild.
     """
     if clock.wild > MOST_WRONG * clock.rows:
         raise RecordingError(
@@ -233,14 +230,14 @@ def doubts_about_stamps(clock: Clock, table: LogTable, column: str) -> Iterator[
 def doubts_about_holes(
     clock: Clock, table: LogTable, longest: int, shortest: int
 ) -> Iterator[Doubt]:
-    """Holes that are bridged, gaps that cut, and what is too short between them.
+    """Doubts about bridged holes, gaps, and segments that are too short.
 
     Args:
-        longest: rows missing that are bridged.
-        shortest: samples that a segment must have.
+        longest: most missing rows that are bridged.
+        shortest: fewest samples of a usable segment.
 
     Raises:
-        RecordingError: no segment has so many.
+        RecordingError: no segment is usable.
     """
     cuts = clock.cuts(longest)
     bridged = clock.lost[~cuts]
@@ -303,7 +300,7 @@ def doubts_about_holes(
 
 
 def _row(table: LogTable, rows: Int[np.ndarray, " rows"]) -> str:
-    """The first of some rows, counted from 0, as a user counts it."""
+    """The first of some rows, as a user counts it."""
     return table.row_name(table.first_row + int(rows[0]))
 
 

@@ -1,11 +1,10 @@
-"""Times as loggers write them, and counters and angles that start again.
+"""Converts times of loggers to seconds, and unwraps counters and angles.
 
-Dates and times of day as text, whole ticks of any size, cycles become seconds. Whole numbers are
-subtracted as whole numbers: seconds since 1970 in nanoseconds have more digits than a float64.
+Dates and times of day as text, ticks of any size, and cycles become seconds. Integers are
+subtracted as integers: nanoseconds since 1970 have more digits than a float64.
 
-A step of nearly one whole period between two samples whose neighbours move by a small part of it
-is the start of a new round: an encoder of 16 bits after 65 536 counts, an angle after one turn, a
-cycle counter of 8, 16, 24 or 32 bits.
+A step of nearly one period between samples whose neighbours move little is a wrap: of an encoder of
+16 bits after 65 536 counts, of an angle after one turn, of a cycle counter of 8, 16, 24 or 32 bits.
 """
 
 from collections.abc import Iterable, Iterator
@@ -19,8 +18,8 @@ from deltaid.errors import Doubt
 from deltaid.recording.columns import Columns
 from deltaid.recording.source import Column, LogTable, Rows
 
-# 2025-11-20T16:00:00.123456789+01:00, with blank or T, any number of digits, with zone or without;
-# a time of day alone.
+# 2025-11-20T16:00:00.123456789+01:00, with blank or T, any number of digits, with or without a
+# zone; or a time of day.
 _ISO = (
     r"^(?:(?P<date>\d{4}-\d{2}-\d{2})[T ])?(?P<hour>\d{1,2}):(?P<minute>\d{2}):(?P<second>\d{2})"
     r"(?:[.,](?P<fraction>\d{1,9})\d*)?"
@@ -30,10 +29,10 @@ _ISO = (
 _PER_SECOND = {"ns": 1e9, "us": 1e6, "ms": 1e3}
 # Whole numbers beyond this are no longer exact as float64.
 _EXACT = 2 / np.finfo(float).eps
-# A step counts as a new round if it misses the period by less than this share, and so do its
-# neighbours from rest.
+# A step is a wrap if it differs from the period, and its neighbours from 0, by less than this share
+# of the period.
 _NEAR = 0.25
-# Counts after which counters start again.
+# Periods of counters.
 _OVERFLOWS = tuple(2.0**bits for bits in (16, 24, 32))
 _CYCLES = (2.0**8, *_OVERFLOWS)
 
@@ -44,7 +43,7 @@ def is_clock(text: str | None) -> bool:
 
 
 def in_seconds(pieces: Iterable[Rows]) -> Iterator[Rows]:
-    """All rows of a log, with numbers for time, the first of their columns."""
+    """All rows of a log with the time, their first column, in seconds."""
     origin: int | None = None
     for rows in pieces:
         if (ticks := _ticks(rows.numbers[0], rows.written[0])) is not None:
@@ -57,7 +56,7 @@ def in_seconds(pieces: Iterable[Rows]) -> Iterator[Rows]:
 
 
 def _ticks(numbers: Column, written: Column) -> tuple[pl.Series, float] | None:
-    """Whole ticks, and how many a second has; None for numbers that are exact as they are."""
+    """Integer ticks and ticks per second; None for numbers that float64 holds exactly."""
     if isinstance(numbers, np.ndarray) and numbers.dtype.kind in "iuM":
         numbers = pl.Series(numbers.astype("M8[ns]") if numbers.dtype.kind == "M" else numbers)
     if isinstance(numbers, pl.Series) and numbers.dtype.base_type() in (pl.Datetime, pl.Time):
@@ -66,7 +65,7 @@ def _ticks(numbers: Column, written: Column) -> tuple[pl.Series, float] | None:
     if isinstance(written, pl.Series) and written.dtype == pl.String and len(written):
         if is_clock(written[0]):
             return _nanoseconds(written), _PER_SECOND["ns"]
-        # Text with so many digits is exact as a whole number only.
+        # Text with so many digits is exact as an integer only.
         exact = written.str.contains(r"^\d{16,19}$").all()
         return (written.cast(pl.Int64, strict=False), 1.0) if exact else None
     if isinstance(numbers, pl.Series) and numbers.dtype.is_integer():
@@ -76,7 +75,7 @@ def _ticks(numbers: Column, written: Column) -> tuple[pl.Series, float] | None:
 
 
 def _nanoseconds(texts: pl.Series) -> pl.Series:
-    """Dates and times of day as whole nanoseconds since 1970, null where a text is neither."""
+    """Dates and times of day as nanoseconds since 1970; null for other text."""
     parts = texts.str.extract_groups(_ISO).struct.unnest()
 
     def whole(name: str) -> pl.Series:
@@ -93,16 +92,16 @@ def _nanoseconds(texts: pl.Series) -> pl.Series:
 
 @dataclass
 class Unwrapper:
-    """One column on its way: how far it has gone on.
+    """Running unwrapping of one column.
 
     Attributes:
         name: of the column.
-        periods: in its numbers, that it may have.
-        overflows: that it may have if all its numbers are whole.
+        periods: possible periods.
+        overflows: further possible periods if all numbers are whole.
         rising: whether it only counts up.
-        period: the one found; 0 as long as there is none.
-        offset: what has been added up.
-        count, first: how many new rounds there are, and the row of the first.
+        period: that of the first wrap; 0 before it.
+        offset: sum of the wraps so far.
+        count, first: number of wraps, and row of the first one.
     """
 
     name: str
@@ -116,7 +115,7 @@ class Unwrapper:
     _last: np.ndarray = field(default_factory=lambda: np.zeros(0))
 
     def add(self, numbers: Float[np.ndarray, " rows"], row: int) -> Float[np.ndarray, " rows"]:
-        """Consecutive numbers, which go on; `row` numbers the first."""
+        """Unwrapped consecutive numbers; `row` is the number of the first one."""
         known, start = np.concatenate([self._last, numbers]), len(self._last)
         self._last, rounds = known[-2:], self._rounds(known)
         rounds = rounds[np.abs(rounds) >= max(start, 1)] if start else rounds
@@ -132,7 +131,7 @@ class Unwrapper:
         return numbers + total
 
     def _rounds(self, x: Float[np.ndarray, " rows"]) -> Int[np.ndarray, " rounds"]:
-        """Rows where a new round starts, negative where it goes down."""
+        """Rows of wraps, negative for wraps downwards."""
         steps = np.diff(x)
         smallest = self.period or min((*self.periods, *self.overflows))
         far = np.flatnonzero(np.abs(steps) > (1 - _NEAR) * smallest)
@@ -144,10 +143,10 @@ class Unwrapper:
         possible = (*self.periods, *(self.overflows if whole else ()))
         periods = (self.period,) if self.period else possible
         for period in sorted(periods, key=lambda p: np.abs(np.abs(steps[far]) - p).min()):
-            found = far[_is_round(x, steps, far, period)]
-            if found.size:
+            wraps = far[_is_round(x, steps, far, period)]
+            if wraps.size:
                 self.period = period
-                return np.where(steps[found] < 0, 1, -1) * (found + 1)
+                return np.where(steps[wraps] < 0, 1, -1) * (wraps + 1)
         return far[:0]
 
 
@@ -158,9 +157,9 @@ def _is_round(
     period: float,
 ) -> np.ndarray:
     near = np.abs(np.abs(steps[at]) - period) < _NEAR * period
-    for beside in (at - 1, at + 1):
-        inside = (beside >= 0) & (beside < len(steps))
-        small = np.abs(steps[np.clip(beside, 0, len(steps) - 1)]) < _NEAR * period
+    for neighbour in (at - 1, at + 1):
+        inside = (neighbour >= 0) & (neighbour < len(steps))
+        small = np.abs(steps[np.clip(neighbour, 0, len(steps) - 1)]) < _NEAR * period
         near &= small | ~inside
     room = 0.01 * period
     for end in (x[at], x[at + 1]):
@@ -169,13 +168,13 @@ def _is_round(
 
 
 def unwrappers(columns: Columns) -> list[Unwrapper]:
-    """Those of time and positions, in the order of `Columns.all`; others never start again."""
+    """Unwrappers of time and positions, in the order of `Columns.all`; others do not wrap."""
     turning = (Unwrapper(c.column, (c.turn,) * bool(c.turn), _OVERFLOWS) for c in columns.position)
     return [Unwrapper(columns.time.column, (), _CYCLES, rising=True), *turning]
 
 
 def doubts_about_rounds(columns: Iterable[Unwrapper], table: LogTable) -> list[Doubt]:
-    """Columns that were made to go on."""
+    """Doubts about columns that were unwrapped."""
     return [
         Doubt(
             f"column {column.name} starts again after {_numbers(column.period)} in "

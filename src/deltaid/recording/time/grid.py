@@ -1,10 +1,10 @@
-"""Which place on an even grid each row of a recording has, from time stamps that are not even.
+"""Places rows with uneven time stamps on an even grid.
 
-A row n with stamp t_n stands at r_n = t_n/T − n = φ(n) + c_n + jitter: c_n counts the rows lost
-before it, a staircase, and φ drifts slowly with the clock. T and φ follow from the angles of
-exp(2πi r), which whole numbers of lost rows leave alone; the staircase is the closest one that
-does not fall (isotonic regression), rounded. Jitter that is large, or stamps that several rows
-share, are averaged over some rows before their angle is taken.
+A row n with stamp t_n has the level r_n = t_n/T − n = φ(n) + c_n + jitter: the staircase c_n counts
+rows lost before it, and φ drifts slowly with the clock. T and φ follow from the angles of
+exp(2πi r), which whole numbers of lost rows do not change; the staircase is the closest one that
+does not fall (isotonic regression), rounded. With large jitter or shared stamps, angles are
+averaged over rows.
 """
 
 from dataclasses import dataclass
@@ -17,21 +17,21 @@ from deltaid.recording.time.clock import HIGHEST_RATE
 
 Times = Float[np.ndarray, " rows"]
 
-# Jitter [periods, rms] from which single stamps no longer tell a row's place by themselves.
+# Jitter [periods, rms] above which single stamps do not determine a row's place.
 SHARP = 0.1
-# Jitter from which angles need averaging, and what it is averaged to.
+# Jitter above which angles are averaged, and jitter after averaging.
 _BLURRED, _AVERAGED = 0.17, 0.1
-# Rows that share a stamp, on average, from which stamps count as rounded.
+# Mean number of rows per stamp above which stamps count as rounded.
 ROUNDED = 1.05
 # Shortest usual step [s]: keeps places finite; so high a rate is refused.
 FASTEST = 0.5 / HIGHEST_RATE
-# A step of this many periods and of as many shared stamps is a gap, within which the phase of the
-# grid need not go on. Rows on either side of one that must agree on where it is.
+# A step of this many periods, times rows per stamp, is a gap across which the grid may change its
+# phase. Rows on either side that must agree on its place.
 FAR, _AGREE = 20.0, 64
 # Rows about a place whose median is its level, up to so much jitter; rounds of the search for extra
 # rows.
 ABOUT, _CLEAR, _TRIES = 33, 0.6, 4
-# Fewest rows from which a phase is taken, and rows of a stretch of constant phase at least.
+# Fewest rows that determine a phase, and fewest rows of a stretch of constant phase.
 FEWEST, _STRETCH = 16, 256
 
 
@@ -41,9 +41,9 @@ class Grid:
 
     Attributes:
         period: T [s].
-        kept: rows with a place of their own; the others are extra rows or late ones.
-        lost: rows lost before each row that is kept; −1 where time starts again.
-        off: stamps minus the grid [periods] of the rows kept.
+        kept: rows with a place of their own; others are extra or late.
+        lost: rows lost before each kept row; −1 if time restarts.
+        off: stamps minus the grid, of kept rows [periods].
     """
 
     period: float
@@ -51,17 +51,17 @@ class Grid:
     lost: Int[np.ndarray, " kept"]
     off: Float[np.ndarray, " kept"]
 
-    def without(self, gone: Bool[np.ndarray, " kept"]) -> "Grid":
-        """The same with some of the rows lost."""
-        index = np.cumsum(1 + np.maximum(self.lost, 0))[~gone]
-        piece = np.cumsum(self.lost < 0)[~gone]
+    def without(self, removed: Bool[np.ndarray, " kept"]) -> "Grid":
+        """The grid with some of the rows lost."""
+        index = np.cumsum(1 + np.maximum(self.lost, 0))[~removed]
+        piece = np.cumsum(self.lost < 0)[~removed]
         lost = np.diff(index, prepend=index[:1] - 1) - 1
         lost[np.flatnonzero(np.diff(piece)) + 1] = -1
-        return Grid(self.period, self.kept[~gone], lost, self.off[~gone])
+        return Grid(self.period, self.kept[~removed], lost, self.off[~removed])
 
 
 def place(time: Times) -> Grid:
-    """Places of consecutive rows by their stamps, none of which is wild; at least two differ."""
+    """Places of consecutive rows by their stamps, without wild ones; at least two differ."""
     period, sharing = usual_step(time)
     pieces = np.split(np.arange(len(time)), far_steps(time, period, sharing))
     placed = [_placed(time[rows], period, sharing) for rows in pieces]
@@ -82,16 +82,15 @@ def place(time: Times) -> Grid:
 
 
 def repaired(time: Times, period: float, sharing: float) -> tuple[Times, Bool[np.ndarray, " rows"]]:
-    """Stamps with wild ones put where the rows about them say, and which these are.
+    """Stamps with wild ones replaced by interpolation, and which these are.
 
-    Wild ones are far from those before and after them, which go on as if nothing were. Damaged
-    files have them, and loggers whose clock is read while it is set. Their rows stand between their
-    neighbours all the same.
+    Wild stamps are far off their neighbours on both sides. Damaged files have them, and loggers
+    whose clock is read while it is set.
 
     Args:
         time: stamps of consecutive rows [s].
         period: the usual time between two rows [s].
-        sharing: rows that share a stamp.
+        sharing: mean number of rows per stamp.
     """
     far = FAR * sharing
     if len(time) < 3 or np.abs(np.diff(time)).max() <= far * period:
@@ -104,7 +103,7 @@ def repaired(time: Times, period: float, sharing: float) -> tuple[Times, Bool[np
 
 
 def usual_step(time: Times) -> tuple[float, float]:
-    """A first period [s], and how many rows share a stamp."""
+    """Estimate of the period [s], and mean number of rows per stamp."""
     steps = np.diff(time)
     sharing = max(1.0, len(steps) / max(1, np.count_nonzero(steps)))
     apart = min(int(np.ceil((16 if sharing > ROUNDED else 4) * sharing)), len(time) - 1)
@@ -114,14 +113,14 @@ def usual_step(time: Times) -> tuple[float, float]:
 
 
 def spread(off: Times) -> float:
-    """Standard deviation of stamps that a few far off do not add to: at most what the quartiles
-    say, for which normal and even distributions of jitter come out as they are."""
+    """Robust standard deviation of stamps: at most that of a normal distribution by the quartiles,
+    or of an even one."""
     low, high = np.quantile(off, [0.25, 0.75])
     return float(min(np.std(off), 0.75 * (high - low)))
 
 
 def far_steps(time: Times, period: float, sharing: float) -> Int[np.ndarray, " breaks"]:
-    """Rows before which time leaves off, and goes on elsewhere."""
+    """Rows before which time jumps."""
     return np.flatnonzero(np.abs(np.diff(time)) > FAR * sharing * period) + 1
 
 
@@ -156,8 +155,8 @@ def _counted(time: Times, kept: Int[np.ndarray, " kept"], period: float) -> Grid
 
 
 def _level(time: Times, period: float, noise: float, sharing: float) -> tuple[float, Times, int]:
-    """Period, what the rows stand above an even grid with whole steps only, and the rows over
-    which angles were averaged for it."""
+    """Period, levels of the rows above an even grid without drift, and rows over which angles were
+    averaged."""
     width = _width(noise, sharing, len(time))
     level = time / period - np.arange(len(time))
     period *= 1 + _slope(level, width)
@@ -166,17 +165,17 @@ def _level(time: Times, period: float, noise: float, sharing: float) -> tuple[fl
 
 
 def _falls(level: Times, noise: float, sharing: float) -> Int[np.ndarray, " falls"]:
-    """Rows at which the level falls for good by one, as it does where a row is one too many."""
+    """Extra rows, at which the level falls by one for good."""
     if sharing > ROUNDED or noise > _CLEAR or len(level) < 2 * ABOUT:
         return np.zeros(0, dtype=int)
     stairs = np.round(medians(level, ABOUT))
-    # Below all before it: what was late only comes back.
+    # Below all before it, because a level that falls after a late row only comes back.
     return np.flatnonzero(stairs[1:] < _lowest(stairs, _AGREE)[:-1]) + 1
 
 
 def _noise(place_: Times, sharing: float) -> float:
-    """Jitter of single stamps [periods, rms]: what a straight line leaves of stretches without
-    lost rows, which are the smoothest ones."""
+    """Jitter of single stamps [periods, rms]: residual of straight lines over the smoothest
+    stretches, which have no lost rows."""
     size = min(int(16 * sharing), len(place_))
     count = len(place_) // size
     x = np.arange(size) - 0.5 * (size - 1)
@@ -187,13 +186,13 @@ def _noise(place_: Times, sharing: float) -> float:
 
 
 def _extra(place_: Times, noise: float, sharing: float) -> Bool[np.ndarray, " rows"]:
-    """Rows that have no place of their own: written between others, or late."""
+    """Rows without a place of their own: written between others, or late."""
     level = place_ - np.arange(len(place_))
     usual = medians(level, 9)
     back = np.diff(place_, prepend=-np.inf)
     late = (back < 0) & (level < usual - (0.5 if noise < SHARP else 3 + 6 * noise))
     if noise < SHARP:
-        # Whole runs that belong further up, and single rows that belong further down.
+        # Runs that belong before earlier rows, and single rows that belong after later ones.
         highest = _lowest(-medians(place_, 5), _AGREE)
         late[1:] |= place_[1:] < -highest[:-1] - 0.5
         late[:-1] |= (back[1:] < 0) & (level[:-1] > usual[:-1] + 1.5)
@@ -201,7 +200,7 @@ def _extra(place_: Times, noise: float, sharing: float) -> Bool[np.ndarray, " ro
     if sharing > ROUNDED:
         return late
     low = medians(level, 5)
-    # Lowest before and lowest after, so that late stamps which are made up for are no extra rows.
+    # Lowest before and after, so that late stamps that are caught up are no extra rows.
     before, after = _lowest(low, _AGREE)[:-1], _lowest(low[::-1], _AGREE)[::-1][1:]
     falls = np.append(False, after - before < -0.5)
     return late | (falls & (np.abs(back) < (0.4 if noise < SHARP else 1e-9)))
@@ -209,7 +208,6 @@ def _extra(place_: Times, noise: float, sharing: float) -> Bool[np.ndarray, " ro
 
 def _lowest(x: Times, count: int) -> Times:
     """Least of each value and those before it."""
-
     return minimum_filter1d(x, count, mode="nearest", origin=(count - 1) // 2)
 
 
@@ -221,7 +219,7 @@ def _width(noise: float, sharing: float, rows: int) -> int:
 
 
 def _slope(level: Times, width: int) -> float:
-    """How much the level rises each row beyond whole steps, from short distances to long ones."""
+    """Rise of the level per row without whole steps, from short distances to long ones."""
     slope, apart, rows = 0.0, 1, np.arange(len(level))
     while apart < max(2, len(level) // 8):
         flat = _mean(level - slope * rows, width)
@@ -242,8 +240,8 @@ def _phase(level: Times, width: int) -> Times:
 
 
 def _stairs(level: Times, noise: float, sharing: float, width: int) -> Int[np.ndarray, " rows"]:
-    """The whole numbers that do not fall and are closest to the level."""
-    # One stamp that is far off, or late with those after it catching up, is no lost row.
+    """The closest non-decreasing integers to the level."""
+    # A stamp that is far off, or late and then caught up, is no lost row.
     smooth = medians(level, 2 * int(4 * sharing) + 1)
     low = np.minimum.accumulate(smooth[::-1])[::-1]
     high = np.minimum(low, np.maximum.accumulate(smooth))
@@ -253,22 +251,20 @@ def _stairs(level: Times, noise: float, sharing: float, width: int) -> Int[np.nd
         return np.maximum.accumulate(np.round(level).astype(int))
     from scipy.optimize import isotonic_regression
 
-    # Both ends go on as they are on average, or a single stamp there would make a step.
-    beside, near = 2 * width, max(9, width)
-    ends = [np.full(beside, np.round(np.mean(x))) for x in (level[:near], level[-near:])]
+    # Both ends are extended by their mean, or a single stamp there would make a step.
+    beyond, near = 2 * width, max(9, width)
+    ends = [np.full(beyond, np.round(np.mean(x))) for x in (level[:near], level[-near:])]
     stairs = isotonic_regression(np.concatenate([ends[0], level, ends[1]])).x
-    return np.round(stairs[beside:-beside]).astype(int)
+    return np.round(stairs[beyond:-beyond]).astype(int)
 
 
 def _mean(x: Times, width: int) -> Times:
     if width == 1:
         return x
-
     return uniform_filter1d(x, width, mode="nearest")
 
 
 def medians(x: Times, width: int) -> Times:
     """Medians over neighbouring values."""
-
-    # One wider than x is slow, and no wiser.
+    # A width beyond x is slow, with the same result.
     return median_filter(x, min(width, len(x) - 1 + len(x) % 2), mode="nearest")

@@ -1,14 +1,12 @@
-"""Channels with times of their own as one, and a recording as segments of samples on an even grid.
+"""Merges channels with different clocks, and cuts recordings into segments on an even grid.
 
-What is sampled a few times faster than it moves is a polynomial over a handful of samples. Through
-the eight nearest of them, whether evenly spaced or not, Lagrange's polynomial errs by less than
-3e-5 of a motion's amplitude up to a tenth of the sampling rate, which is as far as positions are
-differentiated anyway; and it needs no filter length at the ends.
+A signal that is sampled fast against its motion is interpolated by Lagrange's polynomial through
+the eight nearest samples, evenly spaced or not. It errs by less than 3e-5 of a motion's amplitude
+up to a tenth of the sampling rate, the limit of differentiation, and loses no samples at the ends.
 
-A short hole of a recording is bridged: positions and velocities go on as the motion about it does,
-no torque counts there, and sensors show NaN. A long one ends a segment. Where samples were taken
-unevenly, all of them are interpolated. What is recorded beside the drives and sensors, such as the
-state of a gripper, stays as it was until it is recorded again.
+A short hole of a recording is bridged: positions and velocities are interpolated, torques do not
+count, and sensors are NaN. A long hole ends a segment. Uneven samples are all interpolated. States,
+such as that of a gripper, hold their value until the next one is recorded.
 """
 
 from collections.abc import Iterable, Iterator, Sequence
@@ -21,12 +19,11 @@ from jaxtyping import Float, Int
 from deltaid.errors import RecordingError
 from deltaid.recording.source import BATCH_ROWS
 from deltaid.recording.time.clock import Clock
+from deltaid.recording.units import SIDE
 
-# Samples on either side of an instant under the polynomial.
-SIDE = 4
 # Instants that are interpolated together: under them lie as many samples as a batch has.
 _CHUNK = BATCH_ROWS // (2 * SIDE)
-# Samples so many periods apart have a gap between them, in which nothing is known.
+# Least distance of two samples with a gap between them, in which nothing is known [periods].
 GAP = 3.0
 Times = Float[np.ndarray, " samples"]
 Instants = Float[np.ndarray, " instants"]
@@ -42,8 +39,8 @@ def interpolate(
 
     Args:
         time: of the samples, strictly increasing [s]; need not be even.
-        values: one row a sample.
-        at: instants, in any order; outside of `time` the polynomial at the end goes on.
+        values: one row per sample.
+        at: instants, in any order; outside of `time` the last polynomial extrapolates.
     """
     points = min(2 * SIDE, len(time))
     out = np.empty((len(at), values.shape[1]))
@@ -75,7 +72,7 @@ class Signal:
 
     Attributes:
         time: of the samples [s], on an axis that all signals of a recording share.
-        values: one row a sample, one column a channel.
+        values: one row per sample, one column per channel.
     """
 
     time: Times
@@ -85,18 +82,18 @@ class Signal:
 def merged(
     names: Iterable[str], parts: Iterable[Sequence[Signal]], where: str
 ) -> tuple[Signal, list[bool]]:
-    """Signals, each in consecutive parts, as one at the instants of the fastest.
+    """Signals, each in consecutive parts, merged at the instants of the fastest.
 
-    Its own values, and those of signals with the same stamps, stay as they are; the others are
-    interpolated. Instants of which one of the others tells nothing, before its start, after its
-    end, in a hole, are left out, so that a hole in any signal is one of the whole recording. So are
-    samples of the others that do not come after the one before them (doubled, or late).
+    Values of the fastest signal, and of signals with the same stamps, stay; others are
+    interpolated. Instants before the start, after the end or in a hole of another signal are
+    dropped, so that a hole of any signal is one of the recording. Doubled and late samples are
+    dropped too.
 
     Args:
-        names: of the signals, for messages as `where`.
+        names, where: for messages.
 
     Returns:
-        All channels in the order given, and which of the signals have just these instants.
+        All channels in the given order, and which signals have just these instants.
 
     Raises:
         RecordingError: a signal has fewer than two samples.
@@ -114,7 +111,7 @@ def merged(
         if not is_same:
             later = np.append(True, signal.time[1:] > np.maximum.accumulate(signal.time)[:-1])
             signals[k] = Signal(signal.time[later], signal.values[later])
-            # There are samples close before and close after an instant.
+            # Samples must lie close before and after an instant.
             time = signals[k].time
             after = np.clip(np.searchsorted(time, at), 1, len(time) - 1)
             close = time[after] - time[after - 1] < GAP * _period(time)
@@ -133,11 +130,11 @@ def _period(time: Times) -> float:
 
 
 def longest_hole(rate: float, cutoff: float) -> int:
-    """Rows that may be missing in a row and be bridged.
+    """Most consecutive missing rows that are bridged.
 
-    Samples beside the hole are then no more than a quarter of a period of the cut-off apart, an
-    eighth of that of the fastest motion; a polynomial of degree 7 through eight samples so far
-    apart errs by less than 2e-4 of that motion.
+    Samples around the hole are then at most a quarter of a period of the cut-off apart, an eighth
+    of that of the fastest motion; a polynomial of degree 7 through eight samples so far apart errs
+    by less than 2e-4 of that motion.
     """
     return max(1, int(rate / (4 * cutoff)) - 1)
 
@@ -150,15 +147,15 @@ def segments(
     held: int = 0,
     sensors: int = 0,
 ) -> Iterator[Iterator[Rows]]:
-    """The samples of each segment, in blocks. Use each segment up before the next.
+    """Samples of each segment, in blocks. Consume a segment before the next one.
 
     Args:
-        batches: all rows of the recording: time, other channels, at last one weight a drive.
-        clock: what is known of their places.
-        longest: rows missing that may be bridged.
+        batches: all rows of the recording: time, other channels, then one weight per drive.
+        clock: times of the rows.
+        longest: most missing rows that are bridged.
         drives: number of weights in a row.
-        held: number of channels before the weights that hold their value between rows.
-        sensors: number of channels before these that are NaN where nothing was recorded.
+        held: number of states, before the weights.
+        sensors: number of channels of sensors, before the states.
     """
     if clock.steady:
         yield iter(batches)
@@ -199,7 +196,7 @@ def _parts(batches: Iterable[Rows], clock: Clock, run: "_Run") -> Iterator[tuple
 
 @dataclass
 class _Run:
-    """One segment on its way: rows whose neighbours are still to come wait here."""
+    """State of a segment: rows that wait for later neighbours."""
 
     clock: Clock
     longest: int
@@ -218,7 +215,7 @@ class _Run:
         return slice(stop - self.sensors, stop)
 
     def add(self, rows: Rows, lost: Int[np.ndarray, " rows"]) -> Iterator[Rows]:
-        """Take in consecutive rows; gives the samples that are ready."""
+        """Add consecutive rows; yields the samples that are complete."""
         if not len(rows):
             return
         if np.isnan(self.begin):
@@ -230,11 +227,11 @@ class _Run:
             self.next_place = float(places[-1]) + 1
         self.waiting = np.concatenate([self.waiting, rows]) if self.waiting.size else rows
         self.places = np.concatenate([self.places, places])
-        beside = SIDE * (self.longest + 1)  # rows on either side of one that is interpolated
-        ready = len(self.places) - beside
-        if ready > 2 * beside:
+        reach = SIDE * (self.longest + 1)  # rows on either side of an interpolated one
+        ready = len(self.places) - reach
+        if ready > 2 * reach:
             yield self._samples(int(self.places[ready]))
-            kept = slice(ready - beside, None)
+            kept = slice(ready - reach, None)
             self.waiting, self.places = self.waiting[kept], self.places[kept]
 
     def end(self) -> Iterator[Rows]:
@@ -242,7 +239,7 @@ class _Run:
             yield self._samples(int(self.places[-1]) + 1)
 
     def _samples(self, stop: int) -> Rows:
-        """Samples from the first one not given yet up to a place."""
+        """Samples from the first pending one up to a place."""
         wanted = np.arange(self.given, stop, dtype=float)
         self.given = stop
         first = self.waiting.shape[1] - self.drives
@@ -261,11 +258,11 @@ class _Run:
         return out
 
     def _bridged(self, wanted: Places, first: int) -> Rows:
-        """Rows where there are any, polynomials across the holes between them."""
+        """Existing rows, and polynomials across holes."""
         at = np.searchsorted(self.places, wanted)
         out = self.waiting[at]
         holes = np.flatnonzero(self.places[at] != wanted)
-        if holes.size and len(self.places) < 2 * SIDE:  # too short to be of use
+        if holes.size and len(self.places) < 2 * SIDE:  # too short to be used
             for k in range(out.shape[1]):
                 out[holes, k] = np.interp(wanted[holes], self.places, self.waiting[:, k])
         elif holes.size:
@@ -278,8 +275,8 @@ class _Run:
 
 
 def _about(places: Places, after: Int[np.ndarray, " holes"]) -> Int[np.ndarray, "holes points"]:
-    """Rows about each sample that is missing: as far apart as those beside the hole, so that the
-    polynomial does not swing in it. `after` is the row after the hole."""
+    """Rows around each missing sample, as far apart as the hole is wide, so that the polynomial
+    does not oscillate. `after` is the row after the hole."""
     points = 2 * SIDE
     room = np.minimum(after - 1, len(places) - 1 - after) // (SIDE - 1)
     apart = np.clip((places[after] - places[after - 1]).astype(int), 1, np.maximum(1, room))

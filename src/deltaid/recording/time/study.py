@@ -1,9 +1,9 @@
-"""What is wrong with the time of a recording whose rows are not steady: a pass of its own.
+"""Determines the clock of a recording with unsteady rows, in a pass of its own.
 
-Where in a run of rows a few are missing, and whether they are, positions know better than stamps
-that jitter by more than a tenth of a step, or that several rows share. About each hole that stamps
-suggest, a polynomial is laid through the positions with the hole before each of the rows near by,
-and without it; log-likelihoods −½ n log s², s² the residual of n rows, say which is right.
+Positions determine missing rows better than stamps that jitter by more than a tenth of a step, or
+that rows share. At each hole that stamps suggest, polynomials are fitted to the positions without
+the hole and with the hole before each nearby row; the largest log-likelihood −½ n log s², s² the
+residual of n rows, decides.
 """
 
 from collections.abc import Iterable
@@ -29,28 +29,28 @@ from deltaid.recording.time.grid import (
     usual_step,
 )
 from deltaid.recording.time.signals import GAP, weights_at
+from deltaid.recording.units import SIDE
 
-# Rows that are placed at once, and as many at either end of them whose places are not trusted.
+# Rows that are placed at once, and rows at either end whose places are ignored.
 _SIZE, _EDGE = 1 << 16, 1024
-# Of two times the one over which positions are rougher by less than this share explains them.
+# Times explain positions if these are less rough over them, by this factor.
 _CLEAR = 0.7
 # Positions are without noise if they are rough by less than this [rad or m].
 _SMOOTH = np.sqrt(np.finfo(float).eps)
 Rows = Float[np.ndarray, "_ _"]
 Places = Int[np.ndarray, " _"]
-# How far from where stamps suggest it a hole may be: at least so many rows, and so many times the
-# jitter, and no more than so many. Rows beside these.
-_NEAR, _REACH, _FARTHEST, _BESIDE = 8, 4.0, 128, 4
-# Longest hole that is looked at; longer ones show in the stamps.
+# Distance within which a hole is searched: least rows, multiple of the jitter, most rows.
+_NEAR, _REACH, _FARTHEST = 8, 4.0, 128
+# Longest hole that is searched for; stamps determine longer ones.
 _LONGEST = 3
 
 
 def study(batches: Iterable[Rows], dof: int) -> Clock:
-    """The clock of a recording, from its rows: time, positions of the drives, other channels.
+    """The clock of a recording from its rows: time, positions of the drives, other channels.
 
-    They are studied in blocks that share 2 · _EDGE rows.
+    Blocks share 2 · _EDGE rows.
     """
-    notes, start = _Notes(dof), 0
+    notes, start = _ClockStudy(dof), 0
     before: Rows | None = None
     for rows in chain(recut(batches, _SIZE), [None]):
         if before is not None:
@@ -63,12 +63,12 @@ def study(batches: Iterable[Rows], dof: int) -> Clock:
 
 @dataclass
 class _Reading:
-    """What rows say if their places are found in one way.
+    """Running result of one way to place rows.
 
     Attributes:
-        holes, lost, since, until: as of `Clock`, block by block.
-        extra: rows left out.
-        sums: number and sum of periods [s], and of squares that give the jitter.
+        holes: holes, lost, since and until of `Clock`, block by block.
+        extra: excluded rows.
+        sums: number and sum of periods [s], and sum of squared deviations.
     """
 
     holes: list[np.ndarray] = field(default_factory=list[np.ndarray])
@@ -76,17 +76,17 @@ class _Reading:
     sums: np.ndarray = field(default_factory=lambda: np.zeros(3))
 
     def add(self, time: np.ndarray, kept: Places, lost: Places, own: range, start: int) -> None:
-        """Take in a block that begins with row `start`, as far as it speaks for its rows."""
+        """Add the `own` rows of a block that begins with row `start`."""
         at = np.flatnonzero((kept >= own.start) & (kept < own.stop) & (lost != 0))
         stamps = time[kept[at - 1]], time[kept[at]]
         self.holes.append(np.array([kept[at] + start, lost[at], *stamps]))
-        left_out = np.ones(len(time), dtype=bool)
-        left_out[kept] = False
-        self.extra.append(np.flatnonzero(left_out[own.start : own.stop]) + own.start + start)
+        excluded = np.ones(len(time), dtype=bool)
+        excluded[kept] = False
+        self.extra.append(np.flatnonzero(excluded[own.start : own.stop]) + own.start + start)
 
 
-class _Notes:
-    """Running state over blocks that overlap: both readings, and which one positions follow."""
+class _ClockStudy:
+    """Running state over overlapping blocks: both readings, and which one positions follow."""
 
     def __init__(self, dof: int) -> None:
         self.dof = dof
@@ -98,7 +98,7 @@ class _Notes:
         self.by_grid, self.by_stamps = np.zeros((2, dof))
 
     def add(self, block: Rows, start: int, *, last: bool) -> None:
-        """Take in a block; at its ends the blocks beside it speak for the rows."""
+        """Add a block without the rows at its ends, which neighbouring blocks own."""
         own = range(_EDGE if start else 0, len(block) if last else len(block) - _EDGE)
         time, wild = repaired(block[:, 0], *usual_step(block[:, 0]))
         self.first = self.first if self.rows else float(time[0])
@@ -120,7 +120,7 @@ class _Notes:
         self, block: Rows, single: Places, wild: Bool[np.ndarray, " rows"], own: range, start: int
     ) -> None:
         time = block[:, 0]
-        if not np.ptp(time[single]) > 0:  # nothing to tell places by
+        if not np.ptp(time[single]) > 0:  # stamps do not differ
             self.even.add(time, single, np.zeros_like(single), own, start)
             return
         grid = place(time[single])
@@ -143,7 +143,7 @@ class _Notes:
     def _read_uneven(self, time: np.ndarray, single: Places, own: range, start: int) -> None:
         again = far_steps(time[single], usual_step(time[single])[0], 1.0)
         again = again[time[single[again]] < time[single[again - 1]]]
-        later = [_later(time, rows) for rows in np.split(single, again)]
+        later = [_increasing(time, rows) for rows in np.split(single, again)]
         kept = np.concatenate(later)
         steps = np.diff(time[kept], prepend=time[kept[:1]])
         usual = float(np.median(steps[1:])) if len(steps) > 1 else 1.0
@@ -164,7 +164,7 @@ class _Notes:
         q: Float[np.ndarray, "kept dof"],
         own: Bool[np.ndarray, " kept"],
     ) -> None:
-        """Add up how rough positions are over the grid, and over the stamps [periods]."""
+        """Add the roughness of positions over the grid and over the stamps [periods]."""
         steps = np.diff(time)
         self.rounded |= bool(len(steps) > ROUNDED * np.count_nonzero(steps))
         if len(index) < 5:
@@ -172,13 +172,13 @@ class _Notes:
         close = [np.abs(index[4:] - index[:-4]) < 7, np.abs(time[4:] - time[:-4]) < 10]
         nearest = np.minimum.reduce([steps[k : len(steps) - 3 + k] for k in range(4)])
         inside = own[2:-2] & close[0] & close[1] & (nearest > 0.05)
-        grid, stamps = (np.abs(_rough(x, q)[inside]).sum(axis=0) for x in (index, time))
+        grid, stamps = (np.abs(_roughness(x, q)[inside]).sum(axis=0) for x in (index, time))
         self.by_grid += grid
         self.by_stamps += stamps
 
     @property
     def is_even(self) -> bool | None:
-        """Whether positions follow the grid; None if they do not tell."""
+        """Whether positions follow the grid; None if they do not determine it."""
         steps, total, squares = self.even.sums
         if self.rounded or squares * steps < (JITTER * total) ** 2:
             return True
@@ -213,15 +213,15 @@ class _Notes:
         )
 
 
-def _later(time: np.ndarray, rows: Places) -> Places:
+def _increasing(time: np.ndarray, rows: Places) -> Places:
     stamps = time[rows]
     return rows[np.append(True, stamps[1:] > np.maximum.accumulate(stamps)[:-1])]
 
 
 def _doubled(block: Rows) -> Bool[np.ndarray, " rows"]:
-    """Rows that only repeat the one before them, hardly later.
+    """Rows that repeat the one before them at almost the same time.
 
-    Where several rows share a stamp, equal rows of a robot that stands are no repetition.
+    If rows share stamps, equal rows of a resting robot are no repetition.
     """
     here, before = block[1:, 1:], block[:-1, 1:]
     same = (here == before) | (np.isnan(here) & np.isnan(before))
@@ -233,7 +233,7 @@ def _doubled(block: Rows) -> Bool[np.ndarray, " rows"]:
     alone = equal & ~(np.append(equal[1:], False) | np.append(False, equal[:-1]))
     if sharing > ROUNDED:
         return doubled & alone
-    # Stamped anew: as many rows more in the same time.
+    # With new stamps: more rows in the same time.
     level = medians(block[:, 0] / usual - np.arange(len(block)), ABOUT)
     rows = np.flatnonzero(alone & ~doubled)
     side = ABOUT // 2 + 1
@@ -242,29 +242,29 @@ def _doubled(block: Rows) -> Bool[np.ndarray, " rows"]:
     return doubled
 
 
-def _rough(
+def _roughness(
     x: Float[np.ndarray, " rows"], q: Float[np.ndarray, "rows dof"]
 ) -> Float[np.ndarray, "inner dof"]:
-    """What the cubic through two rows before and two after each row misses it by."""
+    """Residual of each row from the cubic through two rows before and two after it."""
     count = len(x) - 4
-    beside = (0, 1, 3, 4)
-    nodes = np.column_stack([x[k : k + count] for k in beside])
+    neighbours = (0, 1, 3, 4)
+    nodes = np.column_stack([x[k : k + count] for k in neighbours])
     missed = q[2:-2].copy()
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
-        for k, weight in zip(beside, weights_at(nodes, x[2:-2]).T, strict=True):
+        for k, weight in zip(neighbours, weights_at(nodes, x[2:-2]).T, strict=True):
             missed -= weight[:, None] * q[k : k + count]
     return missed
 
 
 def _revised(grid: Grid, q: Float[np.ndarray, "kept dof"]) -> Grid:
-    """A grid with its short holes where positions have them, and without those that are none.
+    """A grid with its short holes where positions have them, and without false ones.
 
     Args:
-        q: positions at the rows that are kept.
+        q: positions at the kept rows.
     """
     lost, rows = grid.lost.copy(), len(grid.lost)
     near = int(np.clip(_REACH * spread(grid.off), _NEAR, _FARTHEST))
-    side = near + _BESIDE
+    side = near + SIDE
     faults = np.flatnonzero(lost)
     alone = np.diff(faults, prepend=-2 * side, append=rows + 2 * side) > side + near
     inside = (faults >= side) & (faults <= rows - side)
@@ -273,7 +273,7 @@ def _revised(grid: Grid, q: Float[np.ndarray, "kept dof"]) -> Grid:
         if not at.size:
             continue
         around = q[at[:, None] + np.arange(-side, side)]
-        likely = _likelihood(around, missing, near)  # of no hole, then of each place
+        likely = _likelihood(around, missing, near)  # without a hole, then for each place
         best = likely.argmax(axis=1)
         gain = likely[np.arange(len(at)), best] - likely[:, 1 + near]
         # At a likelihood ratio above the number of rows, chance overrules less than one hole.
@@ -287,13 +287,13 @@ def _revised(grid: Grid, q: Float[np.ndarray, "kept dof"]) -> Grid:
 def _likelihood(
     around: Float[np.ndarray, "holes rows dof"], missing: int, near: int
 ) -> Float[np.ndarray, "holes places"]:
-    """Logarithms, for no hole, and for holes before the rows from −near to near."""
-    side = near + _BESIDE
+    """Log-likelihoods without a hole, and with one before each row from −near to near."""
+    side = near + SIDE
     x = np.arange(-side, side)
     places = [side, *range(-near, near + 1)]
     free = len(x) - DEGREE - 1
     y = around - around.mean(axis=1, keepdims=True)
-    found: list[np.ndarray] = []
+    likely: list[np.ndarray] = []
     for row in places:
         basis = np.polynomial.legendre.legvander(
             (x + missing * (x >= row)) / (side + missing), DEGREE
@@ -301,5 +301,5 @@ def _likelihood(
         q = np.linalg.qr(basis)[0]
         rest = y - q @ (q.T @ y)
         squares = np.einsum("hrd,hrd->hd", rest, rest)
-        found.append(-0.5 * free * np.log(squares + 1e-20).sum(axis=1))
-    return np.stack(found, axis=1)
+        likely.append(-0.5 * free * np.log(squares + 1e-20).sum(axis=1))
+    return np.stack(likely, axis=1)
