@@ -234,7 +234,7 @@ def test_motors_that_saturate_are_the_only_cause(row: str) -> None:
 def test_the_drive_of_a_telescope_keeps_its_torque_where_limbs_are_compared() -> None:
     made = case("clean", "delta4")
     (log,) = made.logs
-    made = replace(made, logs=(log.with_columns(1.04 * pl.col("tau2")),))
+    made = replace(made, logs=(log.with_columns(pl.col("tau2") * 1.04),))
     result = identified(made)
     assert result.model.gains == pytest.approx([1.0, 1 / 1.04, 1.0, 1.0], rel=1e-3)
     assert judge(made, result).M < 0.003

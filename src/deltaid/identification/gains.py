@@ -174,7 +174,8 @@ def gains(setup: Setup, progress: Progress) -> Setup:
         c = c * np.exp(step)
     reference = _agreeing(problem, np.log(c), alike)
     if reference:
-        c[list(alike)] /= gmean(c[list(reference)])
+        scale = gmean(c[list(reference)])
+        c = np.array([c_i / scale if i in alike else c_i for i, c_i in enumerate(c)])
     return corrected(reference)
 
 
