@@ -1,15 +1,15 @@
 """A six-axis sensor under the base: rows of the force and moment that it exerts on the robot.
 
-Forces inside the robot cancel, so the sensor carries what all moving bodies take from the motion,
+Internal forces cancel, so the sensor carries the inertial and gravity forces of all moving bodies,
 
     f = Σ (m a + …),    n = Σ (moment about the link frame + (r − o) × force),
 
-by `dynamics.speed_forces.wrench` about its origin o. Of springs, friction and whatever closes loops
-nothing is left. A rotor of inertia I, as its drive feels it, turns n times as fast as the drive, so
-that its own is I/n², its spin I/n q̇ about the drive's axis, and the base gives it I/n q̈. For a
-rail n is 2π times the spindle's turns per metre, about the rail's direction.
+from `dynamics.speed_forces.wrench` about its origin o. Springs, friction and loop closures cancel.
+A rotor with the reflected inertia I turns n times as fast as its drive: its inertia is I/n², its
+spin I/n q̇ about the drive's axis, and the base exerts I/n q̈ on it. For a rail n is 2π times the
+spindle's turns per metre, about the rail's direction.
 
-Where its origin is off by δ and its axes are turned by θ, both along its own axes, it shows
+With an origin that is off by δ and axes turned by θ, both in the sensor's axes, it measures
 
     f + f × θ,    m + m × θ + f × δ.
 """
@@ -36,7 +36,7 @@ _AXES = "xyz"
 _FORCES, _MOMENTS = (0, 1, 2), (3, 4, 5)
 
 
-# Of a rotor whose n is not known: drive, symbol, and moment on the base in the world for I/n q̈ = 1.
+# A rotor whose n is unknown: drive, symbol, and moment on the base in the world for I/n q̈ = 1.
 _Spin = tuple[str, str, Float[np.ndarray, " 3"]]
 
 
@@ -45,8 +45,8 @@ class BaseWrenchRows(SensorRows):
     """One base wrench sensor.
 
     Raises:
-        DescriptionError: a motor that does not turn, or turns of motors of a mechanism of the
-            user's own, whose axes are not known.
+        DescriptionError: a motor with no turns, or turns given for motors of a user's own
+            mechanism, whose axes are unknown.
     """
 
     sensor: BaseWrench
@@ -81,13 +81,13 @@ class BaseWrenchRows(SensorRows):
         columns[3:, :] += self._rotors()
         accelerations = mechanism.speeds.q.ud
         spins = [fixed(axis) * accelerations[self._index(drive)] for drive, _, axis in self._spins]
-        beside = ca.vertcat(ca.SX(3, len(spins)), ca.horzcat(ca.SX(3, 0), *spins))
+        extra = ca.vertcat(ca.SX(3, len(spins)), ca.horzcat(ca.SX(3, 0), *spins))
         R = fixed(rotation(self.sensor.rotation_deg).T)
-        return mechanism.speeds.by_drives()(ca.diagcat(R, R) @ ca.horzcat(columns, beside))
+        return mechanism.speeds.by_drives()(ca.diagcat(R, R) @ ca.horzcat(columns, extra))
 
     @property
     def moving(self) -> tuple[PriorParameter, ...]:
-        """I/n of rotors whose n is not known: up to I, as for a motor that turns with its drive."""
+        """I/n of rotors whose n is unknown: up to I, that of a direct drive."""
         robot = self.dynamics.robot
 
         def spin(drive: str, symbol: str) -> PriorParameter:
@@ -108,11 +108,10 @@ class BaseWrenchRows(SensorRows):
         yield from self.gain(s.gain_tolerance)
 
     def _off(self, symbol: str, unit: str, std: float, what: tuple[int, ...]) -> Iterator[Unknown]:
-        """Errors of the pose along each axis j, none for a std of zero: v × e_j of what was shown,
-        behind it for a position.
+        """Pose errors along each axis j, none for a std of zero, with columns v × e_j.
 
         Args:
-            what: the forces, whose lever changes moments, or all channels that are turned.
+            what: channels v: forces for a position, whose lever changes moments; all for a turn.
         """
         starts, moved = range(0, len(what), 3), 3 if len(what) == 3 else 0
         for j, axis in enumerate(_AXES if std else ""):
@@ -125,7 +124,7 @@ class BaseWrenchRows(SensorRows):
             yield Unknown(self.unknown(f"{symbol}_{axis}", unit, std), channels, column)
 
     def _rotors(self) -> ca.SX:
-        """Moments on the base, in the world, by rotors whose turns are known; over p."""
+        """Columns over p of the moments on the base, in the world, by rotors whose n is known."""
         robot, layout = self.dynamics.robot, self.dynamics.layout
         accelerations = self.dynamics.kinematics.mechanism.speeds.q.ud
         columns = ca.SX(3, len(layout.parameters))
@@ -147,7 +146,7 @@ class BaseWrenchRows(SensorRows):
         return tuple((drive, f"spin_{drive}", self._axis(drive)) for drive in free)
 
     def _axis(self, drive: str) -> Float[np.ndarray, " 3"]:
-        """Axis of a drive of a described robot in the world, of a rail its direction."""
+        """Axis of a described robot's drive in the world; for a rail, its direction."""
         limbs, i = self.dynamics.robot.limb_geometry, self._index(drive)
         if i >= len(limbs):
             return np.array([0.0, 0.0, 1.0])
@@ -158,6 +157,6 @@ class BaseWrenchRows(SensorRows):
         return self.dynamics.robot.drives.index(drive)
 
     def _turns(self, drive: str) -> float | None:
-        """n of a drive, None where it is not known."""
+        """n of a drive, None where unknown."""
         turns = self.sensor.motor_turns
         return turns.get(drive) if isinstance(turns, dict) else turns

@@ -1,17 +1,16 @@
 """Sensors of forces inside a robot: along a strut, and behind a gear.
 
-A gauge along a strut, or along both of a limb, shows the force along it, a pull positive. At the
-platform's joint and at the elbow's it is that of `dynamics.force_equations`, which also has the
-moment that the elbow exerts about the axis perpendicular to both of its axes. A cut somewhere
-between them leaves the part of the strut beyond it, with a mass and a first moment of its own, to
-the platform's end:
+A gauge on a strut, or on both struts of a limb, measures the axial force, tension positive. At the
+platform's joint and at the elbow's, `dynamics.force_equations` gives it, together with the moment
+that the elbow exerts about the axis perpendicular to both of its axes. At a cut between them, the
+part of the strut beyond the cut has a mass m_o and a first moment mc_o of its own:
 
     N = N_platform − x · (m_o (a − g) + ω × (ω × mc_o) + ω̇ × mc_o),    mc_o along x.
 
-A torque sensor between gear and arm has the drive's row of Y without its motor: friction and rotor
-of the drive stand on the motor's side, friction that depends on load as well. Springs across the
-joint and all that other joints take stay on the link's side. For a rail it is a force sensor
-between spindle and carriage.
+A torque sensor between gear and arm has the drive's row of Y without its motor: friction, load
+friction and rotor of the drive are on the motor's side. Springs across the joint and the torques of
+all other joints are on the link's side. For a rail it is a force sensor between spindle and
+carriage.
 """
 
 from collections.abc import Iterator
@@ -74,13 +73,13 @@ class StrutForceRows(SensorRows):
     def _beyond(self) -> ca.SX:
         """Columns of mass and first moment of the part beyond the cut."""
         mechanism, body = self.dynamics.kinematics.mechanism, self._body
-        turned, own = body.rotation, ca.SX.sym("own", 2)
+        turned, part = body.rotation, ca.SX.sym("part", 2)
         a = body.origin.acceleration - SpeedForces(self.dynamics.robot, mechanism).gravity(body)
-        taken = wrench(turned.R, ca.vertcat(own, ca.SX(8, 1)), a, turned.alpha, turned.w)
+        taken = wrench(turned.R, ca.vertcat(part, ca.SX(8, 1)), a, turned.alpha, turned.w)
         along = (turned.R.T @ taken.push + taken.swing)[0]
         single = self.sensor.strut[-1] in "ab"
         count = 1 if single else self.dynamics.robot.limb_geometry[self._limb].struts
-        return mechanism.speeds.by_drives()(-count * ca.jacobian(along, own))
+        return mechanism.speeds.by_drives()(-count * ca.jacobian(along, part))
 
     @property
     def _limb(self) -> int:
@@ -92,7 +91,7 @@ class StrutForceRows(SensorRows):
 
     @cached_property
     def _struts(self) -> tuple[str, ...]:
-        """Names of what the gauge shows, or shows the sum of, among those that are determined."""
+        """Names of the determined strut forces whose sum the gauge measures."""
         wanted, where = self.sensor.strut, f"sensors.{self.name}.strut"
         if self.dynamics.robot.mechanism is not None:
             raise DescriptionError(

@@ -1,8 +1,8 @@
-"""All sensors of a robot: their rows, one class a kind, what they would show along a motion, and
-how that changes with the robot's lengths, its drives' zeros and the direction of gravity.
+"""Rows of all sensors of a robot, their values along a motion, and the derivatives of these with
+respect to lengths, drives' zeros and the direction of gravity.
 
-As `dynamics.geometry` has it for torques: q is measured, so that z goes with lengths and zeros. A
-plate under the base leans with it.
+As for torques in `dynamics.geometry`, q is measured, so z depends on lengths and zeros. A plate
+under the base tilts with it.
 """
 
 import zlib
@@ -36,19 +36,19 @@ def sensor_rows(
         dynamics: of the robot.
         name: of the sensor.
         sensor: as described; the robot's own description need not have it.
-        prior_spread: of the fit, which all scales of parameters are relative to.
+        prior_spread: of the fit; all scales of parameters are relative to it.
 
     Raises:
         DescriptionError: the robot has nothing that such a sensor could measure.
     """
-    return _made(dynamics, name, type(sensor), sensor.model_dump_json(), prior_spread)
+    return _cached_rows(dynamics, name, type(sensor), sensor.model_dump_json(), prior_spread)
 
 
 @lru_cache(maxsize=64)
-def _made(
+def _cached_rows(
     dynamics: Dynamics, name: str, kind: type[Sensor], described: str, prior_spread: float
 ) -> SensorRows:
-    """Kept with their compiled kernels for the next call; a fit is made of many."""
+    """Rows with their compiled kernels: a fit asks for them many times."""
     return _KINDS[kind](dynamics, name, prior_spread, kind.model_validate_json(described))
 
 
@@ -64,42 +64,25 @@ def all_sensor_rows(
     return tuple(sensor_rows(dynamics, name, sensor, prior_spread) for name, sensor in sensors)
 
 
-# What a sensor shows stands in its own columns where gain or pose is off: put in so often.
-_ROUNDS = 30
-# A part of a robot is so far from its prior, as a share of what its prior allows.
+# Unknowns of the robot's parts are off their prior by at most this share of its deviation.
 _AWAY = 0.3
 
 Unknowns = Float[np.ndarray, " unknowns"]
 
 
 def drawn_unknowns(rows: SensorRows) -> Unknowns:
-    """Unknowns of one sensor, the same for one name, so in all recordings of a robot.
+    """Random unknowns of one sensor, the same for one name, so in all recordings of a robot.
 
-    Biases, gains and poses are drawn as the description says; what belongs to the robot's parts,
-    such as a rotor's spin, is as near to its prior as its bodies are to theirs.
+    Biases, gains and poses are drawn from the described distributions. Properties of the robot's
+    parts, such as a rotor's spin, are as near to their priors as its bodies are to theirs.
     """
     rng = np.random.default_rng([0, zlib.crc32(rows.name.encode())])
 
     def drawn(parameter: PriorParameter) -> float:
-        own = parameter.symbol.startswith(("spin", "outer"))
-        return _AWAY * rng.uniform(-1, 1) if own else rng.standard_normal()
+        of_robot = parameter.symbol.startswith(("spin", "outer"))
+        return _AWAY * rng.uniform(-1, 1) if of_robot else rng.standard_normal()
 
     return np.array([entry.prior + entry.std * drawn(entry) for entry in rows.parameters])
-
-
-def shown_by(
-    rows: SensorRows, p: Parameters, u: Unknowns, z: Motion, qd: Motion, qdd: Motion
-) -> Shown:
-    """y = C p + D(y) u, what one sensor shows without noise, in the order of its channels."""
-    channels, columns = rows.pattern
-    shown = np.zeros((len(rows.channels), len(z)))
-    values = np.append(p, u)[columns][:, None]
-    for _ in range(_ROUNDS):
-        before, shown = shown, np.zeros_like(shown)
-        np.add.at(shown, channels, values * rows.entries(z, qd, qdd, before))
-        if np.allclose(shown, before, rtol=1e-14, atol=0.0):
-            break
-    return shown
 
 
 def simulated_sensors(
@@ -116,14 +99,15 @@ def simulated_sensors(
         dynamics: of the robot.
         p: its true parameters.
         z, qd, qdd: the motion.
-        rng: of the sensors' noise; without one there is none, and nothing else that is unknown.
+        rng: of the sensors' noise; without one, noise is zero and unknowns are at their priors.
     """
     columns: dict[str, np.ndarray] = {}
     for rows in all_sensor_rows(dynamics):
         u = drawn_unknowns(rows)
         if rng is None:
             u = np.array([parameter.prior for parameter in rows.parameters])
-        for channel, values in zip(rows.channels, shown_by(rows, p, u, z, qd, qdd), strict=True):
+        shown = rows.shown(np.append(p, u), z, qd, qdd)
+        for channel, values in zip(rows.channels, shown, strict=True):
             noise = 0.0 if rng is None else channel.noise * rng.standard_normal(len(values))
             columns[channel.name] = values + noise
     return columns
@@ -136,17 +120,17 @@ def sensor_errors(
     qdd: Motion,
     values: Float[np.ndarray, " columns"],
 ) -> tuple[Error, ...]:
-    """What each tolerance of the robot's description does to what one of its sensors shows.
+    """Change of one sensor's values by each tolerance of the robot's description.
 
     Args:
         z, qd, qdd: samples of a motion, as described.
-        values: p, and the sensor's unknowns behind it; of these only those count whose columns
-            follow from the motion.
+        values: p, then the sensor's unknowns; only those whose columns follow from the motion are
+            used.
     """
-    robot, own = rows.dynamics.robot, len(rows.dynamics.layout.names) + len(rows.moving)
+    robot, width = rows.dynamics.robot, len(rows.dynamics.layout.names) + len(rows.moving)
     rates, gravity = np.hstack([qd, qdd]), np.array(robot.gravity)
     return errors_by(
-        robot, _SensorSlopes(grown_torques(robot), z, rates, gravity, rows, values[:own])
+        robot, _SensorSlopes(grown_torques(robot), z, rates, gravity, rows, values[:width])
     )
 
 
@@ -169,7 +153,7 @@ class _SensorSlopes(GeometrySlopes):
 
 @lru_cache(maxsize=32)
 def _graph(description: str, rows: SensorRows) -> ca.Function:
-    """What a sensor of a robot shows, of z, [q̇, q̈], columns' values and growth."""
+    """A sensor's values as a function of z, [q̇, q̈], columns' values and growth."""
     dynamics = GrownDynamics(RobotDescription.model_validate_json(description))
     graph, mechanism = replace(rows, dynamics=dynamics).graph, dynamics.kinematics.mechanism
     values, rates = ca.SX.sym("values", graph.shape[1]), mechanism.speeds.q

@@ -1,23 +1,22 @@
-"""Rows of one sensor in addition to the drives' torques: linear in p and its own unknowns.
+"""Rows of one sensor in addition to the drives' torques: linear in p and the sensor's unknowns u.
 
-    y = C(z, q̇, q̈) p + D(z, q̇, q̈, y) u + e,    u: bias, pose, gain, whatever the sensor has
+    y = C(z, q̇, q̈) p + D(z, q̇, q̈, y) u + e,    u: bias, pose, gain, depending on the sensor
 
-One kind of sensor is one class in one file. All kinds share columns from a graph, and unknowns that
-enter by what was shown. Columns of u that follow from the motion, such as a rotor's spin, stand in
-the graph behind C. A bias is a column of ones, a gain one of what was shown, because
+Each kind of sensor is a class in a file of its own. All kinds take columns from a graph; some
+columns also depend on the measured values y. Columns of u that follow from the motion, such as a
+rotor's spin, stand in the graph after C. The column of a bias is ones, that of a gain is y, because
 y = (C p + b)/(1 − g) is
 
     y = C p + b + g y.
 
-Column and y of a gain must not share their noise: taken as measured, ‖(1 − g) y − C p‖² falls with
-every g towards one, and at a noise of a few per cent of the signal the gain comes out many standard
-deviations off. So they are taken as what some values say (`SensorRows.about`),
+The column of a gain and y must not share their noise: with measured values, ‖(1 − g) y − C p‖²
+falls as g approaches one, and noise of a few per cent of the signal moves the gain by many standard
+deviations. So columns take y from a linearization point (`SensorRows.about`),
 
     h = C p₀ + b₀,    h' = h + (0, f × δ₀),    v = h' + ½ (h' + v) × θ₀,    ŷ = v / (1 − g₀),
 
-and the fit repeated about what it gives, until it settles. Columns of the place are of h, those of
-the axes of what is half turned, ½ (h' + v): so v is h' turned by 2 arctan(|θ₀|/2), and not a longer
-vector, as h' + h' × θ₀ is.
+and the fit is repeated about its result until it settles. Columns of the position use h, those of
+the axes ½ (h' + v): so v is h' turned by 2 arctan(|θ₀|/2), of the same length.
 """
 
 from abc import ABC, abstractmethod
@@ -28,15 +27,13 @@ from functools import cached_property
 import casadi as ca
 import numpy as np
 from jaxtyping import Bool, Float, Int
+from scipy import constants
 
 from deltaid.dynamics.dynamics import Dynamics
 from deltaid.dynamics.equations import beyond_rounding
 from deltaid.kernel.batch import BatchKernel
 from deltaid.robot.parameter import PriorParameter
 from deltaid.robot.sensors import Sensor, SensorChannel, channels_of
-
-# Rounds of turning, each of which makes what is left of a turn by 0.2 rad ten times smaller.
-_ROUNDS = 5
 
 Motion = Float[np.ndarray, "samples dof"]
 Shown = Float[np.ndarray, "channels samples"]
@@ -45,12 +42,12 @@ Pattern = tuple[Int[np.ndarray, " entries"], Int[np.ndarray, " entries"]]
 
 @dataclass(frozen=True)
 class Unknown:
-    """One unknown of a sensor that no motion says anything about by itself.
+    """One unknown of a sensor whose column does not follow from the motion alone.
 
     Attributes:
-        parameter: what it is.
-        channels: numbers of the channels that it is seen in.
-        column: its entries there, (channels, samples), from what was shown.
+        parameter: its name, unit and prior.
+        channels: indices of the channels that it changes.
+        column: its entries there, (channels, samples), as a function of the measured values.
     """
 
     parameter: PriorParameter
@@ -65,10 +62,10 @@ class SensorRows(ABC):
     Attributes:
         dynamics: of the robot.
         name: its key in the description.
-        prior_spread: of the fit, which all scales of parameters are relative to.
+        prior_spread: of the fit; all scales of parameters are relative to it.
         sensor: as described.
-        values: p₀ and the values of its unknowns, in the order of the columns, that gain and pose
-            are about; they are about what it showed where there are none.
+        values: linearization point, p₀ and the unknowns in the order of the columns; None to use
+            measured values in the columns of gain and pose.
     """
 
     dynamics: Dynamics
@@ -79,7 +76,7 @@ class SensorRows(ABC):
 
     @property
     def channels(self) -> tuple[SensorChannel, ...]:
-        """What it shows, in the order of its columns."""
+        """Measured channels, in the order of the log's columns."""
         return channels_of(self.dynamics.robot, self.name, self.sensor)
 
     @property
@@ -118,7 +115,7 @@ class SensorRows(ABC):
         return np.append(rows, more[:, 0]), np.append(columns, more[:, 1])
 
     def about(self, values: Float[np.ndarray, " columns"]) -> "SensorRows":
-        """The same rows about p₀ and values of its unknowns; what it showed is not looked at."""
+        """The same rows linearized about p₀ and values of the unknowns, without measured values."""
         rows = replace(self, values=values)
         vars(rows)["_compiled"] = self._compiled  # where cached properties are kept
         return rows
@@ -129,50 +126,63 @@ class SensorRows(ABC):
         """The entries at some samples, in the order of the pattern.
 
         Args:
-            shown: what it showed there, in SI and its own axes; for pose and gain.
+            shown: measured values there, in SI and the sensor's axes; for pose and gain.
         """
         columns = self._compiled[0](np.hstack([z, qd, qdd]).T)
         if self.values is None:
             return self._entries(columns, shown)
         straight, half, expected = self._expected(columns)
         entries = self._entries(columns, expected)
-        for selected, seen in (
+        for selected, about in (
             (self._entries_of("position"), straight),
             (self._entries_of("rotation"), half),
         ):
             if selected.any():
-                entries[selected] = self._entries(columns, seen)[selected]
+                entries[selected] = self._entries(columns, about)[selected]
         return entries
 
     def expected(self, z: Motion, qd: Motion, qdd: Motion) -> Shown:
-        """What the sensor should show by its `values`, ŷ, at some samples."""
+        """Expected values ŷ at the linearization point `values`, at some samples."""
         return self._expected(self._compiled[0](np.hstack([z, qd, qdd]).T))[2]
 
     def _entries(self, columns: np.ndarray, shown: Shown) -> Float[np.ndarray, "entries samples"]:
         return np.vstack([columns, *(unknown.column(shown) for unknown in self._still)])
 
     def _expected(self, columns: np.ndarray) -> tuple[Shown, Shown, Shown]:
-        """h, what is half turned, and ŷ."""
+        """h, ½ (h' + v) and ŷ."""
         assert self.values is not None
-        values = self.values[self.pattern[1]][:, None]
-
-        def added(seen: Shown, chosen: Bool[np.ndarray, " entries"]) -> Shown:
-            """What some columns add, of what is seen."""
-            total = np.zeros_like(seen)
-            if chosen.any():
-                entries = self._entries(columns, seen)[chosen] * values[chosen]
-                np.add.at(total, self.pattern[0][chosen], entries)
-            return total
-
-        position, rotation = self._entries_of("position"), self._entries_of("rotation")
-        straight = added(np.zeros((len(self.channels), columns.shape[1])), ~(position | rotation))
-        moved = straight + added(straight, position)
-        turned = half = moved
-        for _ in range(_ROUNDS if rotation.any() else 0):
-            turned = moved + added(half, rotation)
-            half = 0.5 * (moved + turned)
+        straight = self._sum(columns, self.values, np.zeros((len(self.channels), columns.shape[1])))
+        moved = straight + self._feedback(self.values, "position") @ straight
+        half_turn, unit = 0.5 * self._feedback(self.values, "rotation"), np.eye(len(straight))
+        turned = np.linalg.solve(unit - half_turn, moved + half_turn @ moved)
         gain = sum(self.values[self._places("gain")])  # g₀; zero where the gain is known
-        return straight, half, turned / (1.0 - gain)
+        return straight, 0.5 * (moved + turned), turned / (1.0 - gain)
+
+    def shown(self, values: np.ndarray, z: Motion, qd: Motion, qdd: Motion) -> Shown:
+        """Noise-free y = C p + D(y) u along a motion.
+
+        Args:
+            values: p and u, in the order of the columns.
+        """
+        columns = self._compiled[0](np.hstack([z, qd, qdd]).T)
+        free = self._sum(columns, values, np.zeros((len(self.channels), len(z))))
+        return np.linalg.solve(np.eye(len(free)) - self._feedback(values), free)
+
+    def _sum(self, columns: np.ndarray, values: np.ndarray, shown: Shown) -> Shown:
+        """[C, D(shown)] values."""
+        total = np.zeros_like(shown)
+        entries = self._entries(columns, shown) * values[self.pattern[1]][:, None]
+        np.add.at(total, self.pattern[0], entries)
+        return total
+
+    def _feedback(self, values: np.ndarray, symbol: str = "") -> Float[np.ndarray, "n n"]:
+        """K with D(y) u = D(0) u + K y; of unknowns whose symbol begins with `symbol` alone."""
+        values = np.where(self._entries_of(symbol), values[self.pattern[1]], 0.0)
+        still, unit = values[len(self._compiled[1][0]) :], np.eye(len(self.channels))
+        columns = [entry.column(unit) - entry.column(0 * unit) for entry in self._still]
+        K, channels = np.zeros_like(unit), [c for entry in self._still for c in entry.channels]
+        np.add.at(K, channels, np.vstack([np.zeros((0, len(unit))), *columns]) * still[:, None])
+        return K
 
     def _places(self, symbol: str) -> list[int]:
         own = enumerate(self.parameters, len(self.dynamics.layout.parameters))
@@ -183,9 +193,9 @@ class SensorRows(ABC):
 
     @cached_property
     def _compiled(self) -> tuple[BatchKernel, Pattern]:
-        """What of the graph is not zero, and where that stands.
+        """Kernel of the graph's nonzero entries, and their places.
 
-        Sums over limbs cancel in numbers alone, as the arms' mcy of a symmetric robot do.
+        Sums over limbs cancel only numerically, such as the arms' mcy of a symmetric robot.
         """
         speeds = self.dynamics.kinematics.mechanism.speeds
         inputs = ca.vertcat(self.dynamics.kinematics.mechanism.z, speeds.q.u, speeds.q.ud)
@@ -208,28 +218,26 @@ class SensorRows(ABC):
             yield Unknown(parameter, (channel,), lambda shown: np.ones((1, shown.shape[1])))
 
     def gain(self, tolerance: float) -> Iterator[Unknown]:
-        """What all channels are off by alike, as a share; none where that is zero."""
+        """The relative error that all channels share; none where its tolerance is zero."""
         if tolerance:
             every = tuple(range(len(self.channels)))
             yield Unknown(self.unknown("gain", "", tolerance), every, lambda shown: shown)
 
 
 def is_of_pose(parameter: PriorParameter) -> bool:
-    """Whether a sensor's unknown is an error of its place or its axes."""
+    """Whether a sensor's unknown is an error of its position or its axes."""
     return parameter.symbol.startswith(("position", "rotation"))
 
 
-# An offset that nobody knows is a priori so many times what the sensor shows at rest.
+# Prior deviation of an undescribed offset, as a multiple of what the sensor measures at rest.
 _WIDE = 10.0
-# Gravity [m/s²].
-_G = 9.81
 
 
 def wide_force(dynamics: Dynamics) -> float:
     """Standard deviation of an unknown offset of a force [N]: ten times the robot's weight."""
     bodies, described = dynamics.kinematics.mechanism.bodies, dynamics.robot.bodies
     masses = (body.count * described[body.name].prior_parameters()[0] for body in bodies)
-    return float(_WIDE * _G * sum(masses))
+    return float(_WIDE * constants.g * sum(masses))
 
 
 def wide_moment(dynamics: Dynamics, about: Float[np.ndarray, " 3"]) -> float:

@@ -8,7 +8,7 @@ the axes of the measurement,
     centre:          eᵀ(R mc + m d) − v m = 0, which is off by σ times the mass
     inertia:         eᵀΘ′e of the turned and moved body, about a point of the line
 
-each summed over all bodies that were measured together. All are linear in p.
+each summed over the bodies measured together. All are linear in p.
 """
 
 import math
@@ -43,11 +43,11 @@ class Weighing:
     """One measured value as a row.
 
     Attributes:
-        name: what was measured: 'mass of S', 'centre of mass of U along x'.
+        name: quantity and body: 'mass of S', 'centre of mass of U along x'.
         where: its key in the description.
         unit: of the value.
         coefficients: c, over the robot's parameters.
-        value, std: v and σ of cᵀp. Of a centre these are 0 and σ times the mass.
+        value, std: v and σ of cᵀp; for a centre 0 and σ times the mass.
     """
 
     name: str
@@ -58,12 +58,12 @@ class Weighing:
     std: float
 
     def over(self, columns: Int[np.ndarray, " columns"]) -> Float[np.ndarray, " columns"]:
-        """c at some columns of a fit; what is fitted beside the robot follows its parameters."""
-        own = columns < len(self.coefficients)
-        return np.where(own, self.coefficients[np.where(own, columns, 0)], 0.0)
+        """c at some columns of a fit, zero at those after the robot's parameters."""
+        of_robot = columns < len(self.coefficients)
+        return np.where(of_robot, self.coefficients[np.where(of_robot, columns, 0)], 0.0)
 
     def shown(self, value: float) -> str:
-        """A value of it to a tenth of its standard deviation."""
+        """A value rounded to a tenth of the standard deviation."""
         digits = max(0, 1 - math.floor(math.log10(self.std)))
         return f"{value:.{digits}f}"
 
@@ -94,31 +94,31 @@ def weighing(
     """One measured value as a row.
 
     Args:
-        placed: what was measured.
+        placed: the bodies measured together.
         layout: of p.
-        prior: p before; by how much a centre's row is off goes by the masses there.
+        prior: p before; its masses scale the deviation of a centre's row.
         where: its key in the description.
     """
     c, masses = np.zeros(len(prior)), np.zeros(len(prior))
     for part in placed:
-        at = layout.body(part.body)
+        place = layout.body(part.body)
         R, d = rotation(part.turned_deg), np.array(part.at)
         units = [RigidBody(unit).moved(R, d) for unit in np.eye(10)]
-        c[at] += part.count * np.array([_quantity(measured, unit) for unit in units])
-        masses[at.start] += part.count
+        c[place] += part.count * np.array([_quantity(measured, unit) for unit in units])
+        masses[place.start] += part.count
     value, std, axis = measured.value, measured.std, measured.axis
     if measured.quantity == "centre":
         value, std = 0.0, std * float(masses @ prior)
-    what = " and ".join(f"{p.count} {p.body}" if p.count > 1 else p.body for p in placed)
+    bodies = " and ".join(f"{p.count} {p.body}" if p.count > 1 else p.body for p in placed)
     if axis is not None:
         direction = axis if isinstance(axis, str) else f"({', '.join(f'{x:g}' for x in axis)})"
-        what += f" along {direction}"
+        bodies += f" along {direction}"
     unit = {"mass": "kg", "inertia": "kg m²"}.get(measured.quantity, "kg m")
-    return Weighing(f"{_WORDS[measured.quantity]} of {what}", where, unit, c, value, std)
+    return Weighing(f"{_WORDS[measured.quantity]} of {bodies}", where, unit, c, value, std)
 
 
 def _quantity(measured: Measured, body: RigidBody) -> float:
-    """The measured quantity of a body that is described in axes of the measurement."""
+    """The measured quantity of a body described in the axes of the measurement."""
     p = body.p
     if measured.axis is None:
         return float(p[0])

@@ -1,15 +1,15 @@
-"""Changes of p that may stay unseen, with words for them: what bodies could give to one another.
+"""Exchanges: changes of p that rows may not determine, such as mass that passes between bodies.
 
 A mass μ at a point r of a body adds μ [1, r, r² E − r rᵀ] to its ten parameters. Where every
-instance of a body A shares a point with some instance of B, mass may leave A there and turn up in
-B; along a shared axis first and second moments may as well. Bodies that share parameters, such as
-the struts, all change alike, so what B gets is shared among its instances, and whether the exchange
-stays unseen is for the rows to say (`sensors.planning.null_space`).
+instance of a body A shares a point with some instance of B, mass may pass from A to B there; along
+a shared axis first and second moments may pass too. Bodies that share parameters, such as the
+struts, change together, so B's share is divided among its instances. Whether rows determine the
+exchange is decided in `sensors.planning.null_space`.
 
-Points that two bodies share are found from their poses along a motion alone. A point r_A of A stays
-at r_B of B if R_A r_A + o_A = R_B r_B + o_B at all samples: linear in both, so the solutions are a
-point (a ball joint), a line (an axis) or all of space (one part). The base is a body that never
-moves. Nothing of this knows which kind of robot it is.
+Shared points follow from poses along a motion alone. A point r_A of A coincides with r_B of B if
+R_A r_A + o_A = R_B r_B + o_B at all samples. This is linear in both, so the solutions are a point
+(a ball joint), a line (an axis) or all of space (one part). The base is a body that never moves.
+This works for any kind of robot.
 """
 
 from collections.abc import Callable, Iterator, Sequence
@@ -36,11 +36,11 @@ Turns = Float[np.ndarray, "samples 3 3"]
 
 @dataclass(frozen=True, eq=False)
 class Instance:
-    """One moving body: whose parameters it has, how many move alike, where it is.
+    """One moving body along a motion.
 
     Attributes:
         name: of the body, '' for the base.
-        count: of bodies.
+        count: number of bodies that move identically.
         R, o: pose of the link frame in the world.
     """
 
@@ -55,8 +55,8 @@ class Shared:
     """Points that two bodies share: r_a + directions · λ of one, r_b + … of the other.
 
     Attributes:
-        a, b: the point in both link frames; on a line that next to the origin of a.
-        along: directions in a, one a row; none for a single point.
+        a, b: the point in both link frames; on a line the one nearest to the origin of a.
+        along, along_b: directions in a and b, one a row; none for a single point.
     """
 
     a: Float[np.ndarray, " 3"]
@@ -74,12 +74,12 @@ def instances(mechanism: Mechanism, z: Float[np.ndarray, "samples dof"]) -> tupl
     ]
     values = ca.Function("poses", [mechanism.z], [ca.horzcat(*poses)])
     rows = np.stack([np.array(values(pose)) for pose in z])
-    found = [
+    moving = [
         Instance(body.name, body.count, rows[:, :, 4 * i : 4 * i + 3], rows[:, :, 4 * i + 3])
         for i, body in enumerate(mechanism.bodies)
     ]
     still = np.broadcast_to(np.eye(3), (len(z), 3, 3)), np.zeros((len(z), 3))
-    return (*found, Instance("", 1, *still))
+    return (*moving, Instance("", 1, *still))
 
 
 def shared(a: Instance, b: Instance) -> Shared | None:
@@ -100,9 +100,9 @@ def shared(a: Instance, b: Instance) -> Shared | None:
 
 
 def move_alike(a: Instance, b: Instance) -> Shared | None:
-    """Points of two bodies that move alike, always as far apart; None if there are none.
+    """Points of two bodies with a constant difference; None if there are none.
 
-    Of a body that only translates all points do, and its origin is taken.
+    For a body that only translates this is its origin.
     """
     turning = [bool(np.abs(body.R - body.R[0]).max() > _APART) for body in (a, b)]
     still = np.broadcast_to(np.eye(3), (len(a.o), 3, 3))
@@ -117,7 +117,7 @@ def move_alike(a: Instance, b: Instance) -> Shared | None:
 
 
 def turn_alike(a: Instance, b: Instance) -> Float[np.ndarray, "3 3"] | None:
-    """R_BA where two bodies turn alike, and turn at all; else None."""
+    """The constant R_BA of two bodies that rotate together; None if there is none."""
     R = b.R.swapaxes(1, 2) @ a.R
     constant = np.abs(R - R[0]).max() < _APART
     return R[0] if constant and np.abs(a.R - a.R[0]).max() > _APART else None
@@ -129,10 +129,10 @@ def _upright(free: Float[np.ndarray, "free 6"]) -> Float[np.ndarray, "free 6"]:
     for column in range(3):
         if done == len(rows):
             break
-        at = done + int(np.argmax(np.abs(rows[done:, column])))
-        if abs(rows[at, column]) < _ZERO:
+        pivot = done + int(np.argmax(np.abs(rows[done:, column])))
+        if abs(rows[pivot, column]) < _ZERO:
             continue
-        rows[[done, at]] = rows[[at, done]]
+        rows[[done, pivot]] = rows[[pivot, done]]
         eliminate(rows, done, column)
         done += 1
     return rows
@@ -166,8 +166,8 @@ _PLACES = (
 @dataclass(frozen=True, eq=False)
 class Exchange:
     """Attributes:
-    words: what passes from where to where.
-    direction: how p changes.
+    words: what may pass between which bodies.
+    direction: change of p.
     """
 
     words: str
@@ -175,26 +175,26 @@ class Exchange:
 
 
 def exchanges(
-    robot: RobotDescription, layout: ParameterLayout, found: Sequence[Instance]
+    robot: RobotDescription, layout: ParameterLayout, instances: Sequence[Instance]
 ) -> tuple[Exchange, ...]:
-    """All that could pass between bodies, that next to the base first.
+    """All candidate exchanges, those next to the base first.
 
     Args:
-        found: the bodies along a generic motion, the base last.
+        instances: bodies along a generic motion, the base last.
     """
-    by_name = {name: [body for body in found if body.name == name] for name in robot.body_names}
+    by_name = {name: [body for body in instances if body.name == name] for name in robot.body_names}
     pairs = [(by_name[a], by_name[b]) for a, b in combinations(robot.body_names, 2)]
     proposed = [exchange for a, b in pairs for exchange in _between(layout, a, b)]
     proposed += [exchange for a, b in pairs for exchange in _alike(layout, a, b)]
-    resting = {name: _resting(layout, bodies, found[-1]) for name, bodies in by_name.items()}
+    resting = {name: _resting(layout, bodies, instances[-1]) for name, bodies in by_name.items()}
     for a, b in combinations([name for name, moments in resting.items() if moments], 2):
         # Mass at rest may pass from one body to another wherever the base carries both.
         words = f"mass at rest in the base {_passes(a, b)}"
         proposed.append(Exchange(words, resting[a][0][1] - resting[b][0][1]))
     for name, moments in resting.items():
-        what = f"{body_in_words(name)}'s" if moments else ""
         for kind, direction in moments:
-            proposed.append(Exchange(f"the {what} {kind} at rest in the base", direction))
+            words = f"the {body_in_words(name)}'s {kind} at rest in the base"
+            proposed.append(Exchange(words, direction))
     moving = [exchange for a, b in pairs for exchange in _between(layout, a, b, move_alike)]
     return (*proposed, *moving, *_rotors(robot, layout), *_geared(robot, layout))
 
@@ -235,8 +235,8 @@ def _partner(body: Instance, others: Sequence[Instance], partner: Partner) -> Sh
 def _moments(
     points: Sequence[np.ndarray], directions: Sequence[np.ndarray]
 ) -> list[tuple[str, Float[np.ndarray, "instances 10"]]]:
-    """What may leave all instances at their points and along their directions, in words: moments
-    are derivatives of a point mass along a direction."""
+    """Mass and moments at a point of each instance, with words: moments are derivatives of a point
+    mass along a direction."""
 
     def masses(k: int, step: float) -> np.ndarray:
         moved = (r + step * e[k] if step else r for r, e in zip(points, directions, strict=True))
@@ -254,7 +254,7 @@ def _moments(
 def _alike(
     layout: ParameterLayout, bodies: Sequence[Instance], others: Sequence[Instance]
 ) -> Iterator[Exchange]:
-    """Second moments of bodies that turn alike."""
+    """Second moments of bodies that rotate together."""
     a, b = bodies[0], others[0]
     R = turn_alike(a, b) if len(bodies) == len(others) == 1 else None
     if R is None:
@@ -274,7 +274,7 @@ def _alike(
 def _resting(
     layout: ParameterLayout, bodies: Sequence[Instance], base: Instance
 ) -> list[tuple[str, np.ndarray]]:
-    """What of a body is at rest: mass and moments at points that never move, per kg of them."""
+    """Mass and moments of a body at points that never move, per kg of its instances."""
     met = [point for body in bodies if (point := shared(body, base)) is not None]
     if len(met) < len(bodies) or np.ptp([point.a for point in met], axis=0).max() > _ZERO:
         return []
@@ -291,7 +291,7 @@ def _of_entries(layout: ParameterLayout, changes: dict[str, float]) -> np.ndarra
 
 
 def _rotors(robot: RobotDescription, layout: ParameterLayout) -> Iterator[Exchange]:
-    """A rotor against the inertia that it turns: of all limbs that share an arm, or of the tool."""
+    """Rotors against the inertia that they turn: that of an arm, or of the tool."""
     by_arm: dict[str, dict[str, float]] = {}
     for i, limb in enumerate(robot.limb_geometry):
         drive, arm = f"drive{i + 1}", robot.limb_bodies(i)[0]
@@ -306,10 +306,10 @@ def _rotors(robot: RobotDescription, layout: ParameterLayout) -> Iterator[Exchan
 
 
 def _geared(robot: RobotDescription, layout: ParameterLayout) -> Iterator[Exchange]:
-    """The tool against the parts of the platform that its angle ψ is geared to.
+    """The tool against platform parts that are geared to its angle ψ.
 
     Parts that turn by θ = ψ/k: ½ Σ Izz θ̇² = ½ Izz k² θ̇². Parts that slide by ±½ s = ±½ ψ/k have
-    their middle where the tool is: 2 · ½ m (|ṙ|² + ¼ ṡ²) = ½ (2 m) |ṙ|² + ½ (m / 2k²) ψ̇².
+    the tool at their centre: 2 · ½ m (|ṙ|² + ¼ ṡ²) = ½ (2 m) |ṙ|² + ½ (m / 2k²) ψ̇².
     """
     platform = robot.platform
     if robot.mechanism is not None or isinstance(platform, RigidPlatform):

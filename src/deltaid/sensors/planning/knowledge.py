@@ -1,17 +1,16 @@
-"""The unknowns u of a plan, and what is known of them after rows of independent noise.
+"""The unknowns u of a plan and their posterior after rows of independent noise.
 
-Known of u ~ N(0, 1) is a square root of information,
+With u ~ N(0, 1) a priori, a square root R of the information is kept,
 
     R_c u = r_c + e,  e ~ N(0, 1)      ⇒      RᵀR = I + Σ R_cᵀR_c,    Cov u = (RᵀR)⁻¹
 
-Factors are stacked and triangularised; no normal equations are formed, so a scale of 0.01 % beside
-a prior of 50 % costs no digits.
+Factors are stacked and triangularised; no normal equations are formed, so a scale of 0.01 % next to
+a prior of 50 % loses no digits.
 
-Unknown are all ten entries of every body that is not known, and the joints' own. What a fit may
-change is a choice made for torques; which entries are truly unknown is another question, so `free`
-of a description counts only where it says that a body is known (`[]`). An entry of M̄ has the
-standard deviation spread · |prior|, and spread · √(M̄_ii M̄_jj) where its prior is zero (nearly), so
-that thin directions of a body are as certain as consistency makes them.
+All ten entries of every body and the coefficients of the joints are unknown. A description's `free`
+is a choice for fits to torques, so here it only counts where it makes a body known (`[]`). An entry
+of M̄ has the standard deviation spread · |prior|, or spread · √(M̄_ii M̄_jj) where its prior is
+(nearly) zero: thin directions of a body are as certain as consistency makes them.
 
     w = [p; log of the drives' gains] = w_0 + W u,    u ~ N(0, 1) before any measurement
 """
@@ -39,7 +38,7 @@ class Knowledge:
     root: Float[np.ndarray, "n n"]
 
     def and_rows(self, rows: Float[np.ndarray, "rows n"]) -> "Knowledge":
-        """With further rows, in units of their noise."""
+        """The posterior with more rows, in units of their noise."""
         return Knowledge(triangle(np.vstack([self.root, rows])))
 
     @cached_property
@@ -49,7 +48,7 @@ class Knowledge:
 
     @property
     def std(self) -> Float[np.ndarray, " n"]:
-        """Standard deviations of u: 1 where nothing has been learnt."""
+        """Standard deviations of u; 1 a priori."""
         return np.linalg.norm(self.inverse, axis=1)
 
     def std_of(self, G: Float[np.ndarray, "goals n"]) -> Float[np.ndarray, " goals"]:
@@ -57,7 +56,7 @@ class Knowledge:
         return np.linalg.norm(G @ self.inverse, axis=1)
 
     def log_det(self, G: Float[np.ndarray, "goals n"]) -> float:
-        """½ log det(I + G Cov Gᵀ): how far G u is from being known to 1, in nats."""
+        """½ log det(I + G Cov Gᵀ) [nats]; 0 where G u is known exactly."""
         half = G @ self.inverse
         gram = half @ half.T if len(half) < half.shape[1] else half.T @ half
         return 0.5 * float(np.linalg.slogdet(np.eye(len(gram)) + gram)[1])
@@ -73,14 +72,13 @@ class PlanUnknowns:
 
     Attributes:
         names: of the variables: 'S.mcx', 'S.Sxx', 'viscous.drive1', 'gain.drive1'.
-        owners: the body of each entry; '' for what is of no body.
+        owners: the body of each entry; '' for entries of no body.
         units: of each.
-        sizes: |prior|, or what stands for it where that is zero; deviations are told as shares
-            of it.
-        prior: value before.
-        spread: standard deviation before, as a share of `sizes`.
+        sizes: |prior|, or √(M̄_ii M̄_jj) where that is zero; deviations are reported as shares of it.
+        prior: prior values.
+        spread: prior standard deviations, as shares of `sizes`.
         W: w = w_0 + W u.
-        known: bodies that count as known.
+        known: bodies taken as known.
     """
 
     names: tuple[str, ...]
@@ -94,11 +92,11 @@ class PlanUnknowns:
 
     @property
     def bodies(self) -> tuple[str, ...]:
-        """Those that are not known."""
+        """Bodies with unknown entries."""
         return tuple(dict.fromkeys(owner for owner in self.owners if owner))
 
     def of_bodies(self, *bodies: str) -> Int[np.ndarray, " entries"]:
-        """Positions of the entries of some bodies, of all without any."""
+        """Indices of the entries of some bodies; of all if none is named."""
         wanted = bodies or self.bodies
         return np.array([k for k, owner in enumerate(self.owners) if owner in wanted], dtype=int)
 
@@ -109,8 +107,8 @@ def unknowns(
     """The variables of a robot.
 
     Args:
-        prior_spread: relative standard deviation of the prior where the robot's file has no other.
-        gain_spread: of the drives' torque constants; zero for drives that are right.
+        prior_spread: relative standard deviation of the prior where the robot's file states none.
+        gain_spread: of the drives' torque constants; zero for exact ones.
     """
     reduction = build_reduction(opened(robot), np.arange(len(parameter_layout(robot).names)))
     variables, dof = reduction.variables, len(robot.drives)
@@ -138,9 +136,9 @@ def unknowns(
 def _spreads(
     robot: RobotDescription, reduction: Reduction, usual: float
 ) -> Float[np.ndarray, " n"]:
-    """Of each variable: the widest of the parameters that it is part of, as the file states them.
+    """Relative spread of each variable: the widest stated one of the parameters it is part of.
 
-    What is no body's has the spread of its own kind.
+    Variables of no body have the spread of their kind.
     """
     stated = stated_spreads(robot)
 

@@ -1,10 +1,10 @@
-"""What no row sees: every direction of p along which nothing that is shown changes, by name.
+"""Null space of rows: every direction of p that no row determines, with a name.
 
-Directions that mean something are proposed: mass that passes from one body to another at a point
-that both share (with what follows along a shared axis), second moments that pass between bodies
-that turn alike, a rotor against what it turns. Those of them in the null space of the rows are
-named; what is left of it is named by its entries. `openings` asks this of torques, of what is
-described, of each use, and of all that is bought.
+Candidate directions have a physical meaning: mass that passes from one body to another at a shared
+point (and moments along a shared axis), second moments that pass between bodies with the same
+rotation, a rotor against the inertia that it turns. Candidates in the null space of the rows are
+named; the remaining directions are named by their entries. `openings` does so for torques, for the
+described measurements, for each use, and for all purchases.
 """
 
 from collections.abc import Iterator, Sequence
@@ -22,27 +22,21 @@ from deltaid.sensors.planning.exchange import Exchange, eliminate, exchanges, in
 from deltaid.sensors.planning.rows import Extended, PlannedMotion
 from deltaid.sensors.planning.uses import Use
 
-# A direction that rows see by less than this share of what they see of its entries is not seen.
-_UNSEEN = 1e-8
-# A direction is another one than those before if so much of it is not along them.
-_NEW = 1e-6
-# Entries below this share of the largest one of a direction are not named.
-_SMALL = 1e-6
-
-# A direction that is off a null space by less than this share of itself is of it.
-_STAYS = 1e-4
+# Share of a unit direction that is zero. Shared points are known to 1e-8, the weakest parameters of
+# the shipped robots show by 1e-3 of the largest.
+_NEGLIGIBLE = 1e-6
 
 Direction = Float[np.ndarray, " parameters"]
 
 
 @dataclass(frozen=True, eq=False)
 class Open:
-    """One direction that rows do not see.
+    """One direction of p that rows do not determine.
 
     Attributes:
-        words: what may change: 'mass at the elbow's joints may pass between upper arm and strut'.
-        entries: which parameters it changes, by name.
-        direction: of p; of entries that rows see at all.
+        words: its meaning: 'mass at the elbow's joints may pass between upper arm and strut'.
+        entries: names of the parameters that it changes.
+        direction: of p, zero at entries that no row depends on.
     """
 
     words: str
@@ -50,25 +44,25 @@ class Open:
     direction: Direction = field(repr=False)
 
     def stays(self, null: "NullSpace", other: "NullSpace") -> bool:
-        """Whether it is open to other rows as well, whatever else may change with it.
+        """Whether other rows do not determine it either, whatever else changes with it.
 
         Args:
-            null: that it is of; of entries that its rows do not see all may change.
+            null: its null space; entries that its rows do not depend on may change.
         """
         basis, d = other.basis[null.seen], (self.direction / null.scale)[null.seen]
-        rest = d - basis @ np.linalg.lstsq(basis, d, rcond=_UNSEEN)[0]
-        return bool(np.linalg.norm(rest) < _STAYS * np.linalg.norm(d))
+        rest = d - basis @ np.linalg.lstsq(basis, d, rcond=_NEGLIGIBLE)[0]
+        return bool(np.linalg.norm(rest) < _NEGLIGIBLE * np.linalg.norm(d))
 
 
 @dataclass(frozen=True, eq=False)
 class NullSpace:
     """Attributes:
-    rank: how many combinations of the parameters that rows see they tell.
-    directions: a basis of what they do not, visible less rank of them.
-    invisible: parameters that they do not see at all.
-    seen: which parameters they see.
+    rank: number of determined combinations of parameters.
+    directions: a basis of the undetermined ones among visible parameters, visible − rank of them.
+    invisible: parameters that no row depends on.
+    seen: which parameters are visible.
     scale: sizes of all parameters.
-    basis: of all that they do not see, whether by sums or at all, in units of the scales.
+    basis: of the whole null space, invisible parameters included, in units of the scales.
     """
 
     rank: int
@@ -80,7 +74,7 @@ class NullSpace:
 
     @property
     def visible(self) -> int:
-        """How many parameters the rows see, alone or in sums."""
+        """Number of parameters that rows depend on."""
         return int(self.seen.sum())
 
 
@@ -89,7 +83,7 @@ def null_space(
     layout: ParameterLayout,
     exchanges: Sequence[Exchange],
 ) -> NullSpace:
-    """All that rows over p do not tell of the parameters that they see."""
+    """Null space of rows over p, with names for its directions."""
     scale = np.array([parameter.scale for parameter in layout.parameters])
     norms = np.linalg.norm(rows * scale, axis=0)
     seen = norms > DEPENDENT * norms.max(initial=0.0)
@@ -101,16 +95,16 @@ def null_space(
     for exchange in (*exchanges, *_together(unit, to_p, seen, exchanges)):
         d = exchange.direction[seen] / to_p
         length = np.linalg.norm(d)
-        if length == 0 or np.linalg.norm(unit @ d) > _UNSEEN * length:
+        if length == 0 or np.linalg.norm(unit @ d) > _NEGLIGIBLE * length:
             continue
         rest = d / length
-        for _ in range(2):  # orthogonal to rounding
+        for _ in range(2):  # the second pass makes it orthogonal to rounding
             rest = rest - basis @ (basis.T @ rest)
-        if np.linalg.norm(rest) > _NEW:
+        if np.linalg.norm(rest) > _NEGLIGIBLE:
             basis = np.column_stack([basis, rest / np.linalg.norm(rest)])
             chosen.append(_open(exchange.words, exchange.direction, seen, layout))
     named = [free.direction[seen] / to_p for free in chosen]
-    for d in _left(Vt[rank:], np.array(named).reshape(-1, len(to_p))):
+    for d in _remaining(Vt[rank:], np.array(named).reshape(-1, len(to_p))):
         direction = np.zeros(len(scale))
         direction[seen] = d * to_p
         chosen.append(_open("", direction, seen, layout))
@@ -127,16 +121,16 @@ def _together(
     seen: Bool[np.ndarray, " parameters"],
     exchanges: Sequence[Exchange],
 ) -> Iterator[Exchange]:
-    """Two exchanges that rows see one by one, in the proportion in which they do not see them."""
+    """Pairs of determined exchanges in the ratio that makes their sum undetermined."""
     open_ = list[tuple[Exchange, np.ndarray, float]]()
     for exchange in exchanges:
         d = exchange.direction[seen] / to_p
         length = float(np.linalg.norm(d))
-        if length > 0 and np.linalg.norm(unit @ d) > _UNSEEN * length:
+        if length > 0 and np.linalg.norm(unit @ d) > _NEGLIGIBLE * length:
             open_.append((exchange, unit @ d / length, length))
     for (exchange, a, long), (other, b, wide) in combinations(open_, 2):
         share = float(a @ b) / float(b @ b)
-        if np.linalg.norm(a - share * b) > _UNSEEN * np.linalg.norm(a):
+        if np.linalg.norm(a - share * b) > _NEGLIGIBLE * np.linalg.norm(a):
             continue
         direction = exchange.direction / long - share * other.direction / wide
         yield Exchange(f"{exchange.words} together with: {other.words}", direction)
@@ -147,16 +141,16 @@ def _open(
 ) -> Open:
     d = np.where(seen, direction, 0.0)
     share = np.abs(d) / np.array([parameter.scale for parameter in layout.parameters])
-    names = tuple(layout.names[k] for k in np.flatnonzero(share > _SMALL * share.max()))
+    names = tuple(layout.names[k] for k in np.flatnonzero(share > _NEGLIGIBLE * share.max()))
     return Open(words or f"a combination of {', '.join(names)}", names, d)
 
 
-def _left(
+def _remaining(
     null: Float[np.ndarray, "dimension seen"], named: Float[np.ndarray, "named seen"]
 ) -> Iterator[np.ndarray]:
-    """A basis with few entries of what a null space has beside named directions of it.
+    """A sparse basis of a null space without its named directions.
 
-    Reduced echelon form of both, so that what is left has none of the pivots of the named ones.
+    Reduced echelon form of both, so that the remaining rows have none of the named ones' pivots.
     """
     count = len(null) - len(named)
     if count <= 0:
@@ -173,21 +167,18 @@ def _left(
     yield from np.where(np.abs(rows[-count:]) > DEPENDENT, rows[-count:], 0.0)
 
 
-# Poses that tell which points bodies share.
-_POSES = 40
-
 TORQUES, DESCRIBED, PLAN = "torques", "described", "plan"
 
 
 @dataclass(frozen=True, eq=False)
 class Opening:
-    """What some rows leave open.
+    """Null space of some rows.
 
     Attributes:
         name: 'torques', 'described', of a use, 'plan'.
         title: in words.
-        null: what they do not tell.
-        parted: for each of its directions the uses after which it is told, each by itself.
+        null: the null space.
+        parted: for each of its directions the uses that determine it, each by itself.
     """
 
     name: str
@@ -204,10 +195,9 @@ def openings(
     uses: Sequence[Use],
     bought: Sequence[Use],
 ) -> tuple[Opening, ...]:
-    """For torques alone, with what is described, with each use besides, and with all bought."""
+    """Null spaces of torques, then with the description's rows, each use, and all purchases."""
     layout, mechanism = dynamics.layout, with_turned_half(dynamics.kinematics.mechanism)
-    step = max(1, len(motion.z) // _POSES)
-    proposed = exchanges(dynamics.robot, layout, instances(mechanism, motion.z[::step]))
+    proposed = exchanges(dynamics.robot, layout, instances(mechanism, motion.z[motion.few]))
     known, titles = np.vstack([torque, described]), {use.name: use.title for use in uses}
 
     def null(*rows: Extended) -> NullSpace:

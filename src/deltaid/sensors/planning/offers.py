@@ -1,7 +1,7 @@
-"""What could be bought or done: a list in YAML, shipped or a user's own.
+"""Offers: measurements and sensors that could be bought, as a YAML list, shipped or a user's own.
 
-Prices and hours of the shipped list are assumptions; what they are worth is decided by what they
-would tell of one's own robot (`sensors.planning.plan`).
+Prices and hours of the shipped list are assumptions; a plan (`sensors.planning.plan`) decides what
+each offer is worth for a robot.
 """
 
 from functools import cache
@@ -17,10 +17,10 @@ from deltaid.robot.part import NotNegative, Part, Point, Positive, Vector
 from deltaid.robot.sensors import Sensor, Share
 from deltaid.shown import Shown
 
-# Words for bodies, axes and places that are found in whatever robot the list is used with.
+# Words for bodies, axes and places of any robot.
 EACH, LIMB, ALONG, ACROSS, CENTRE = "each", "limb", "along", "across", "centre"
 
-# Keys of an offer that say what it is used for.
+# Keys of an offer that name its use.
 USED_FOR = ("weigh", "measured", "sensors", "reads")
 PoseKind = Literal["points", "probe", "distances"]
 
@@ -28,7 +28,7 @@ _SHIPPED = "catalogue.yaml"
 
 
 class Weigh(Part):
-    """One value that could be measured of a body, as in `measured:` of a robot but not known yet.
+    """One value of a body that could be measured, as in `measured:` of a robot, but still unknown.
 
     Its standard deviation is √(std² + (share · value)²) with the value at the prior.
     """
@@ -105,7 +105,7 @@ class Offer(Part):
 
     @property
     def weighs(self) -> tuple[Weigh, ...]:
-        """What can be measured with it."""
+        """Values that can be measured with it."""
         return (self.weigh,) if isinstance(self.weigh, Weigh) else self.weigh
 
     @model_validator(mode="after")
@@ -149,10 +149,10 @@ def load_offers(path: str | Path) -> Offers:
 
 @cache
 def shipped_offers() -> Offers:
-    """The list that comes with the package."""
+    """The list shipped with the package."""
     return parse(shipped_text(), Offers, where=_SHIPPED)
 
 
 def shipped_text() -> str:
-    """Its file, to start a list of one's own from."""
+    """Text of its file, a start for a list of your own."""
     return (resources.files("deltaid.sensors.planning") / _SHIPPED).read_text(encoding="utf-8")

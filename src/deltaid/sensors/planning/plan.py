@@ -1,4 +1,4 @@
-"""What torques leave open of a robot, what each measurement would make of it, and what to buy next.
+"""Plan measurements: what torques determine, what each measurement adds, and what to buy next.
 
 Linear and Gaussian: rows of torques along a motion, of sensors and of measured values add up to
 information about the entries of all bodies, on top of their prior (`sensors.planning.knowledge`).
@@ -46,19 +46,18 @@ from deltaid.shown import Plotted, Reported, Shown, Tabled
 
 @dataclass(frozen=True)
 class PlanSettings:
-    """What a plan assumes.
+    """Assumptions of a plan.
 
     Attributes:
         torque_noise: standard deviation of the torques' noise, as a share of each drive's largest
             torque along the motion.
         rate: independent samples a second, of torques and of sensors.
         duration: of the generic motion [s].
-        prior_spread: relative standard deviation of the prior, where the description has no other.
+        prior_spread: relative standard deviation of the prior, where the description states none.
         gain_spread: of the drives' torque constants; None for 0.1 if these are the goal, and for
-            drives that are right else.
-        enough: share of an entry, or of the largest force, that is good enough: to know it better
-            is no gain.
-        steps: how many things are bought at most.
+            exact ones otherwise.
+        enough: uncertainty that is good enough, as a share of an entry or of the largest force.
+        steps: largest number of purchases.
         seed: of the generic motion.
     """
 
@@ -74,11 +73,11 @@ class PlanSettings:
 
 @dataclass(frozen=True, eq=False)
 class Outlook:
-    """What is known after something.
+    """Uncertainty after some measurements.
 
     Attributes:
-        name, title: of it.
-        cost: of all of it.
+        name, title: of the measurements.
+        cost: of all of them.
         shares: standard deviation of each entry as a share of its size.
         goal: geometric mean of the goal's standard deviations, as a share.
         gain: by how much ½ log det of the goal's covariance falls [nats].
@@ -97,20 +96,20 @@ class SensorPlan(Shown, Plotted, Tabled, Reported):
     """A plan for one robot and one motion.
 
     Attributes:
-        model: the robot with the parameters that are taken for true.
+        model: the robot with its parameters, taken for true.
         motion: in words.
-        settings, offers: what it was made with.
-        goal: what is wanted, in words; and by its name.
+        settings, offers: inputs of the plan.
+        goal, goal_name: in words, and its name.
         unknowns: the entries, in the order of all shares.
-        torques: what torques alone tell.
-        described: what they do with the sensors and measured values of the robot's description;
-            the same where it has none.
-        uses: what each thing would make of the latter, by itself.
-        combinations: the same of several together.
-        steps: what to buy, one after the other; without a budget, what is enough.
-        openings: what no row sees, by what there is.
-        notes: what it takes for granted, in words.
-        beyond: what would come next without being worth its price; None with a budget.
+        torques: uncertainty after torques alone.
+        described: after these with the description's sensors and measured values; the same object
+            where it has none.
+        uses: after `described` and each use by itself.
+        combinations: the same for several uses together.
+        steps: purchases in order; without a budget, those that are enough.
+        openings: directions that no row determines.
+        notes: assumptions, in words.
+        beyond: the next purchase, not worth its price; None with a budget.
     """
 
     model: Model
@@ -136,7 +135,7 @@ class SensorPlan(Shown, Plotted, Tabled, Reported):
 
     @property
     def last(self) -> Outlook:
-        """What is known when all has been bought that is worth it."""
+        """Uncertainty after all purchases."""
         return self.steps[-1][1] if self.steps else self.described
 
     def entry(self, name: str) -> int:
@@ -165,13 +164,13 @@ def sensor_plan(
     """What sensors and scales would tell of a robot, and which are worth buying.
 
     Args:
-        robot: a robot or a model, by value, name or file; its parameters are taken for true.
+        robot: a robot or a model, by value, name or file; its parameters are taken as true.
         motion: a planned motion or a recording, as a file, a table or arrays; a generic random one
             without.
         offers: a list of what could be bought, by value or file; the shipped one without.
         goal: 'bodies', a body, 'forces' or 'gains'.
-        budget: most that all may cost; without one, what is enough is bought.
-        combinations: names of uses that are tried together, besides those of the list.
+        budget: largest total cost; without one, the plan ends where it is enough.
+        combinations: names of uses that are tried together, in addition to the list's.
         settings: noise, prior and the like.
         columns: of a recording, by value or file.
         progress: is told what is being done; or whether to show it, None for where someone is
@@ -219,7 +218,7 @@ def sensor_plan(
             return Outlook(name, title, cost, known.std * entries.spread, aim.std(known), gain)
 
         def after(together: Sequence[Use]) -> Outlook:
-            """What is known after uses together."""
+            """Uncertainty after several uses together."""
             known = start.and_rows(np.vstack([use.likely for use in together]) @ entries.W)
             name, title = (
                 " + ".join(getattr(use, key) for use in together) for key in ("name", "title")
@@ -277,7 +276,7 @@ def _find(names: Sequence[str], possible: Sequence[Use], offers: Offers) -> list
 
 
 def _notes(entries: PlanUnknowns, aim: str, gain_spread: float) -> tuple[str, ...]:
-    """What a plan takes for granted."""
+    """Assumptions of a plan, in words."""
     notes = [
         "a plan asks for the true bodies, so all ten entries of each are unknown, whatever the key "
         "free says for a fit to torques"

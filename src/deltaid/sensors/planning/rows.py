@@ -1,15 +1,15 @@
-"""The motion that a plan is made for, and its rows over w = [p; gains] in units of their noise.
+"""The motion of a sensor plan, and its rows over w = [p; gains] in units of their noise.
 
-Rows are of torques, sensors and measured values. Samples that are predicted stand for the
-independent ones of a recording, so rows count by √(rate · duration / samples). What a sensor has of
-its own (bias, pose, gain) is eliminated with what is known of it before.
+Rows are those of torques, sensors and measured values. Predicted samples stand for the independent
+samples of a recording, so rows are scaled by √(rate · duration / samples). A sensor's unknowns
+(bias, pose, gain) are eliminated with their prior.
 """
 
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 
 from deltaid.dynamics.dynamics import Dynamics, Parameters
 from deltaid.estimation.information import triangle
@@ -23,12 +23,13 @@ from deltaid.recording.opening import open_log
 from deltaid.recording.windows import SampleBlock
 from deltaid.robot.parameter import PriorParameter
 from deltaid.robot.sensors import BaseWrench
-from deltaid.sensors.robot_sensors import shown_by
 from deltaid.sensors.rows import SensorRows, is_of_pose
 from deltaid.sensors.weighings import Weighing
 
-# Samples of a plan; a motion within limits has far less to show than these can tell apart.
+# Samples of a plan, far more than a motion within limits has independent directions.
 _SAMPLES = 2000
+# Poses of it that show which points bodies share, and where forces are evaluated.
+_FEW = 12
 
 Samples = Float[np.ndarray, "samples dof"]
 
@@ -36,7 +37,7 @@ Samples = Float[np.ndarray, "samples dof"]
 @dataclass(frozen=True, eq=False)
 class PlannedMotion:
     """Attributes:
-    words: which motion, for tables and pages.
+    words: description of the motion, for tables and pages.
     duration: of the recording [s].
     z, qd, qdd: samples spread evenly over it.
     """
@@ -46,6 +47,11 @@ class PlannedMotion:
     z: Samples
     qd: Samples
     qdd: Samples
+
+    @property
+    def few(self) -> Int[np.ndarray, " few"]:
+        """Samples that show geometry and forces, spread evenly."""
+        return np.linspace(0, len(self.z) - 1, _FEW).astype(int)
 
 
 def generic_motion(dynamics: Dynamics, duration: float, seed: int) -> PlannedMotion:
@@ -62,7 +68,7 @@ def generic_motion(dynamics: Dynamics, duration: float, seed: int) -> PlannedMot
 def planned_along(
     dynamics: Dynamics, motion: FourierMotion, samples: int, words: str, duration: float
 ) -> PlannedMotion:
-    """So many samples of a period, which stand for a recording of some duration [s]."""
+    """Samples of one period that stand for a recording of some duration [s]."""
     z, zd, zdd = motion.evaluate(np.arange(samples) * motion.period / samples)
     _, qd, qdd = dynamics.kinematics.drive_motion(z, zd, zdd)
     return PlannedMotion(words, duration, z, qd, qdd)
@@ -71,7 +77,7 @@ def planned_along(
 def motion_of_file(
     model: Model, dynamics: Dynamics, given: RecordingLike, columns: ColumnMapping | None = None
 ) -> PlannedMotion:
-    """A motion that `deltaid excite` has planned, or that was recorded.
+    """The motion of a file that `deltaid excite` planned, or of a recording.
 
     Raises:
         RecordingError: it cannot be used.
@@ -95,13 +101,13 @@ Extended = Float[np.ndarray, "_ extended"]
 
 @dataclass(frozen=True, eq=False)
 class Scene:
-    """What a sensor is planned for.
+    """Robot, motion and torque noise of a sensor plan.
 
     Attributes:
         dynamics: of the robot.
         p: its parameters at the prior.
-        motion: that is run.
-        count: independent samples that each planned one stands for.
+        motion: planned or recorded.
+        count: independent samples per planned sample.
         torque_noise: standard deviation of each drive's torque [N m or N].
     """
 
@@ -125,7 +131,7 @@ def torques(dynamics: Dynamics, p: Parameters, motion: PlannedMotion) -> np.ndar
 
 
 def torque_rows(scene: Scene, Y: Float[np.ndarray, "samples dof parameters"]) -> Extended:
-    """Torques as drives record them, τ_i / c_i: their gains' logarithms have the columns −τ_i."""
+    """Rows of recorded torques τ_i / c_i: the gains' logarithms have the columns −τ_i."""
     rows = np.zeros((*Y.shape[:2], scene.width))
     rows[:, :, : len(scene.p)] = Y
     drives = np.arange(Y.shape[1])
@@ -135,31 +141,30 @@ def torque_rows(scene: Scene, Y: Float[np.ndarray, "samples dof parameters"]) ->
 
 
 def sensor_rows(scene: Scene, sensor: SensorRows) -> tuple[Extended, Extended]:
-    """What a sensor says of w, whatever its own unknowns are: with their prior, and without what is
-    no more than a likely size, for what can be told at all."""
-    motion, n, own = scene.motion, len(scene.p), sensor.parameters
+    """A sensor's rows over w with its unknowns eliminated: with all of their priors, and with
+    stated tolerances alone, which shows what is identifiable at all."""
+    motion, n, unknowns = scene.motion, len(scene.p), sensor.parameters
     along = motion.z, motion.qd, motion.qdd
-    values = sensor.entries(*along, shown_by(sensor, scene.p, np.zeros(len(own)), *along))
-    dense = np.zeros((len(motion.z), len(sensor.channels), n + len(own)))
+    values = sensor.entries(
+        *along, sensor.shown(np.append(scene.p, np.zeros(len(unknowns))), *along)
+    )
+    dense = np.zeros((len(motion.z), len(sensor.channels), n + len(unknowns)))
     dense[:, *sensor.pattern] = values.T
     noise = np.array([channel.noise for channel in sensor.channels])
     flat = (dense * (np.sqrt(scene.count) / noise)[None, :, None]).reshape(-1, dense.shape[2])
-    stds = np.array([parameter.std for parameter in own]).reshape(-1)
+    stds = np.array([parameter.std for parameter in unknowns]).reshape(-1)
     flat = triangle(np.hstack([flat[:, n:] * stds, flat[:, :n]]))
 
     def rest(known: Sequence[bool]) -> Extended:
-        prior = np.eye(len(own), flat.shape[1]) * np.reshape(known, (-1, 1))
-        rows = triangle(np.vstack([prior, flat]))[len(own) :, len(own) :]
+        prior = np.eye(len(unknowns), flat.shape[1]) * np.reshape(known, (-1, 1))
+        rows = triangle(np.vstack([prior, flat]))[len(unknowns) :, len(unknowns) :]
         return np.hstack([rows, np.zeros((len(rows), scene.dynamics.dof))])
 
-    return rest([True] * len(own)), rest([not _is_open(entry, sensor) for entry in own])
+    return rest([True] * len(unknowns)), rest([not _is_open(entry, sensor) for entry in unknowns])
 
 
 def _is_open(parameter: PriorParameter, sensor: SensorRows) -> bool:
-    """Whether nothing is known of an unknown of a sensor but its likely size.
-
-    Known are tolerances, and offsets whose standard deviation is stated.
-    """
+    """Whether the description states neither tolerance nor deviation of a sensor's unknown."""
     if parameter.symbol.rpartition("_")[2] != "bias":
         return not is_of_pose(parameter) and parameter.symbol != "gain"
     if isinstance(described := sensor.sensor, BaseWrench):

@@ -1,16 +1,14 @@
-"""Goals, and greedy buying towards one.
+"""Goals of a sensor plan, and the greedy choice of measurements.
 
 A goal is rows G over u: bodies, one body, constraint forces, drives' gains, in shares of an entry's
-prior or of the largest force of a kind. ½ log det(I + G Cov Gᵀ/ε²) with ε, the share that is good
-enough, falls as one learns, and no more below that.
+prior or of the largest force. Its remaining uncertainty is ½ log det(I + G Cov Gᵀ/ε²), where ε is
+the share that is good enough: knowing it better hardly reduces this.
 
-Greedy buying: one use after the other, always that which gains most for what it costs.
+The greedy choice takes one use after the other, always the one with the largest reduction per cost.
+An offer's price is paid with its first use; every use costs its work.
 
-The gain is by how much ½ log det(I + G Cov Gᵀ/ε²) of the goal falls. What an offer costs is paid
-with its first use; every use costs its work.
-
-Without a budget buying ends where it is enough (`enough`): at the wanted uncertainty ε, without
-what that does not need, or at the knee, from which on money buys far less.
+Without a budget it ends (`enough`) at the uncertainty ε, without uses that this does not need, or
+at the knee, beyond which money buys far less.
 """
 
 from collections.abc import Sequence
@@ -26,16 +24,14 @@ from deltaid.sensors.planning.rows import Scene
 from deltaid.sensors.planning.uses import Use
 
 BODIES, FORCES, GAINS = "bodies", "forces", "gains"
-# Samples of the motion at which forces are looked at.
-_INSTANTS = 12
 
 
 @dataclass(frozen=True, eq=False)
 class Goal:
     """Attributes:
-    words: what it is.
-    rows: G; of forces at several instants each, which count as one.
-    weight: by how much each row counts.
+    words: description, for tables and pages.
+    rows: G; forces have rows at several instants, which together count as one.
+    weight: of each row.
     enough: ε.
     """
 
@@ -62,7 +58,8 @@ def goal(name: str, unknowns: PlanUnknowns, scene: Scene, enough: float) -> Goal
         DescriptionError: forces of a mechanism of the user's own.
     """
     if name == FORCES:
-        return Goal("constraint forces", _forces(unknowns, scene), 1.0 / _INSTANTS, enough)
+        weight = 1.0 / len(scene.motion.few)
+        return Goal("constraint forces", _forces(unknowns, scene), weight, enough)
     gains = [k for k, entry in enumerate(unknowns.names) if entry.startswith("gain.")]
     chosen = {body: (f"body {body}", unknowns.of_bodies(body)) for body in unknowns.bodies}
     chosen |= {BODIES: ("all bodies", unknowns.of_bodies()), GAINS: ("gains of the drives", gains)}
@@ -79,30 +76,27 @@ def goal(name: str, unknowns: PlanUnknowns, scene: Scene, enough: float) -> Goal
 
 def _forces(unknowns: PlanUnknowns, scene: Scene) -> Float[np.ndarray, "rows n"]:
     """All forces in struts, joints and bearings at some instants, as shares of the largest one."""
-    forces, motion = ConstraintForces(scene.dynamics.robot), scene.motion
-    at = np.linspace(0, len(motion.z) - 1, _INSTANTS).astype(int)
-    C = forces.coefficients(motion.z[at], motion.qd[at], motion.qdd[at])
+    forces, motion, few = ConstraintForces(scene.dynamics.robot), scene.motion, scene.motion.few
+    C = forces.coefficients(motion.z[few], motion.qd[few], motion.qdd[few])
     C = C[:, [k for k, unit in enumerate(forces.units) if unit == "N"]]
     return (C / np.abs(C @ scene.p).max()).reshape(-1, len(scene.p)) @ unknowns.W[: len(scene.p)]
 
 
-# A gain that is not worth anybody's way: all of a goal's standard deviations smaller by 2 %.
+# Least worthwhile reduction of all of a goal's standard deviations: 2 %.
 _LEAST = 0.02
-# Beyond the knee a step gains less than this share of what all before it gained for their price.
+# Beyond the knee a step gains less per cost than this share of what all before it gained.
 KNEE = 0.1
-# What costs nothing is taken for this much, so that more for nothing comes before less.
-_NOTHING = 1e-6
 
 
 @dataclass(frozen=True, eq=False)
 class PurchaseStep:
-    """One thing that is bought or done.
+    """One step of a plan.
 
     Attributes:
-        use: what.
-        cost: of it, without what has been bought before.
-        spent: with all before.
-        gain: in nats.
+        use: the measurement.
+        cost: of the step, without offers bought before.
+        spent: cumulative cost.
+        gain: reduction of the goal's uncertainty [nats].
     """
 
     use: Use
@@ -119,26 +113,28 @@ def shopping(
     budget: float | None,
     most: int,
 ) -> tuple[PurchaseStep, ...]:
-    """What to buy, in order; of equal ones the first in the list.
+    """Measurements to buy, in order; of equal ones the first in the list.
 
     Args:
-        budget: most that all may cost; None for no bound.
-        most: number of steps.
+        budget: largest total cost; None for no bound.
+        most: largest number of steps.
     """
     rows = [use.likely @ W for use in uses]
     steps, spent, done = list[PurchaseStep](), 0.0, set[int]()
     owned = dict[str, str]()  # by group
     least = _LEAST * len(goal.rows) * goal.weight
     while len(steps) < most:
-        before, best, ratio = goal.left(known), None, 0.0
+        before, best, worth = goal.left(known), None, (0.0, 0.0)
         for k, use in enumerate(uses):
             has = owned.get(use.group, use.offer)
             cost = use.work + (0.0 if use.group in owned else use.price)
             if k in done or has != use.offer or (budget is not None and spent + cost > budget):
                 continue
             gain = before - goal.left(known.and_rows(rows[k]))
-            if gain >= least and gain / max(cost, _NOTHING) > ratio:
-                best, ratio = (k, cost, gain), gain / max(cost, _NOTHING)
+            # Free uses come first, the one with the largest gain before others.
+            value = (gain / cost if cost else np.inf, gain)
+            if gain >= least and value > worth:
+                best, worth = (k, cost, gain), value
         if best is None:
             break
         k, cost, gain = best
@@ -152,9 +148,9 @@ def shopping(
 def enough(
     known: Knowledge, goal: Goal, steps: Sequence[PurchaseStep], W: Float[np.ndarray, "extended n"]
 ) -> tuple[PurchaseStep, ...]:
-    """What of greedy buying is enough, in order; nothing where `known` is already.
+    """The steps that are enough, in order; none where `known` already is.
 
-    Where ε is reached, what came before and is not needed for it is left out, the dearest first.
+    Where ε is reached, steps that are not needed for it are dropped, the most expensive first.
     """
 
     def is_reached(uses: Sequence[Use]) -> bool:
@@ -180,6 +176,6 @@ def enough(
 
 
 def cost_of(uses: Sequence[Use]) -> float:
-    """Of several uses together, each offer paid once."""
+    """Cost of several uses together, each offer paid once."""
     prices = {use.offer: use.price for use in uses}
     return sum(prices.values()) + sum(use.work for use in uses)

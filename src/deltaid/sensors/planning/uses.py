@@ -1,4 +1,4 @@
-"""What each offer of a list can be used for on one robot, as rows over w."""
+"""Uses of a list's offers on one robot, as rows over w."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
@@ -21,17 +21,17 @@ from deltaid.sensors.weighings import Weighing, weighing
 
 @dataclass(frozen=True, eq=False)
 class Use:
-    """One use of something bought.
+    """One use of an offer.
 
     Attributes:
         name: 'kitchen-scale:S', 'plate-tared'.
         title: in words.
-        offer: its key in the list; what it costs is paid once.
-        group: of offers of which one is bought; the offer's own key where there is none.
+        offer: its key in the list; its price is paid once.
+        group: of offers of which one is bought; the offer's key where there is none.
         price: of the offer.
-        work: what this use costs besides.
-        likely, sure: rows over w, with the prior of what a sensor has of its own, and without what
-            is no more than a likely size.
+        work: additional cost of this use.
+        likely, sure: rows over w, with all priors of a sensor's unknowns, and with stated
+            tolerances alone.
     """
 
     name: str
@@ -45,7 +45,7 @@ class Use:
 
 
 def uses(scene: Scene, offers: Offers) -> tuple[tuple[Use, ...], tuple[str, ...]]:
-    """All that a list can be used for, and what of it the robot has no place for, in words.
+    """All uses of a list, and the offers that the robot has no place for, in words.
 
     Raises:
         DescriptionError: an entry names a body or a drive that the robot does not have.
@@ -66,7 +66,7 @@ def uses(scene: Scene, offers: Offers) -> tuple[tuple[Use, ...], tuple[str, ...]
 
 
 def described_rows(scene: Scene, weighed: Sequence[Weighing]) -> tuple[Extended, Extended]:
-    """Rows of what the robot's own description has measured and of its sensors, likely and sure."""
+    """Rows of the description's measured values and sensors, likely and sure."""
     rows = [np.zeros((0, scene.width)), *(weighing_row(scene, row) for row in weighed)]
     shown = [sensor_rows(scene, sensor) for sensor in all_sensor_rows(scene.dynamics)]
     likely, sure = zip(*shown, strict=True) if shown else ((), ())
@@ -89,10 +89,10 @@ def _of_weighings(scene: Scene, offers: Offers, key: str, offer: Offer) -> Itera
             value = planned(scene, weigh, placed)
             if value is not None:
                 row = weighing_row(scene, value)
-                what = "+".join(f"{p.count}{p.body}" if p.count > 1 else p.body for p in placed)
-                names.append(what)
-                again = f":{names.count(what)}" if names.count(what) > 1 else ""
-                yield Use(f"{key}:{what}{again}", f"{offer.title}: {value.name}", *paid, row, row)
+                bodies = "+".join(f"{p.count}{p.body}" if p.count > 1 else p.body for p in placed)
+                names.append(bodies)
+                again = f":{names.count(bodies)}" if names.count(bodies) > 1 else ""
+                yield Use(f"{key}:{bodies}{again}", f"{offer.title}: {value.name}", *paid, row, row)
             elif weigh.of != EACH:
                 bodies = " + ".join(part.body for part in placed)
                 raise DescriptionError(
@@ -104,7 +104,7 @@ def _of_weighings(scene: Scene, offers: Offers, key: str, offer: Offer) -> Itera
 
 
 def planned(scene: Scene, weigh: Weigh, placed: Sequence[Placed]) -> Weighing | None:
-    """A value that will be measured, as it would be at the prior.
+    """A value that could be measured, at the prior.
 
     None where its standard deviation is a share of a value that is zero.
     """
@@ -117,8 +117,8 @@ def planned(scene: Scene, weigh: Weigh, placed: Sequence[Placed]) -> Weighing | 
         given["about"] = tuple(about.tolist())
 
     def row(quantity: str, value: float, std: float) -> Weighing:
-        own = given if quantity != "mass" else {}
-        measured = Measured.model_validate({quantity: value, "std": std, **own})
+        axes = given if quantity != "mass" else {}
+        measured = Measured.model_validate({quantity: value, "std": std, **axes})
         return weighing(measured, placed, layout, p)
 
     if weigh.quantity == "centre":
@@ -130,7 +130,7 @@ def planned(scene: Scene, weigh: Weigh, placed: Sequence[Placed]) -> Weighing | 
 
 
 def _axis(axis: Axis | str | Vector | None, p: np.ndarray) -> Axis | Vector | None:
-    """An axis of the link frame; of a body as thick as long the first is its longest."""
+    """An axis of the link frame; among equally long ones the first."""
     if axis not in (ALONG, ACROSS):
         return axis  # pyright: ignore[reportReturnType]
     spread = np.diag(RigidBody(p).second_moments)
@@ -140,7 +140,7 @@ def _axis(axis: Axis | str | Vector | None, p: np.ndarray) -> Axis | Vector | No
 
 
 def _placed(robot: RobotDescription, weigh: Weigh) -> Iterator[tuple[Placed, ...]]:
-    """What is measured together, one time after the other; bodies that are known are left alone."""
+    """Groups of bodies measured together; known bodies are excluded from `each`."""
     if weigh.of == EACH:
         for name in robot.body_names:
             if robot.bodies[name].free:
@@ -182,7 +182,7 @@ def _of_sensors(scene: Scene, offers: Offers, key: str, offer: Offer) -> Use:
 
 
 def _each(robot: RobotDescription, name: str, sensor: Sensor) -> Iterator[tuple[str, Sensor]]:
-    """A sensor, or one on every strut or drive; of a pair of struts the sum of both."""
+    """A sensor, or one on every limb's struts or every drive."""
     match sensor:
         case StrutForce(strut="each"):
             for i in range(len(robot.limb_geometry)):
