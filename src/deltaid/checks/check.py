@@ -1,4 +1,4 @@
-"""All checks in order, by themselves (`check`)."""
+"""The command `check`: all checks in order, without an identification."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
@@ -43,23 +43,21 @@ def check(
     progress: Watch = None,
     **options: Any,
 ) -> Verdicts:
-    """What is wrong with a robot's description and with recordings of it, before they are used.
+    """Check a robot's description and recordings of it before they are used.
 
     Args:
         robot: a description, or what has one: a catalogue name, a file of a robot or of a model.
-        logs: none, one recording or a sequence of them, the same as `identify` takes. Each is
-            judged on its own, but their columns, and what they tell of the parameters, by all of
-            them together.
+        logs: none, one recording or a sequence of them, as for `identify`. Each is judged by
+            itself; their columns, and the parameters that they determine, together.
         columns: names and units of their columns, if not the default ones, and loads that are
             held: one mapping for all recordings, or one each.
-        settings: of the fit that verdicts on the fit rest on, by value or as a dictionary.
+        settings: of the fit that is judged, by value or as a dictionary.
         progress: called with a sentence before each stage; or whether to show them, None for where
             someone is watching.
         options: single settings by name, such as `cutoff=30`.
 
     Returns:
-        Verdicts, a tuple of them in the order of what they look at; of several recordings each
-        names its own.
+        Verdicts, a tuple in the order of the checks; with several recordings each names its own.
 
     Raises:
         DescriptionError: there is no such robot, or its file does not describe one.
@@ -88,9 +86,9 @@ def check(
         informations, strokes, of_logs = list[Information](), list[np.ndarray](), list[Verdict]()
         for record, wiring in zip(records, on_columns, strict=True):
             say(f"checking {record.source}")
-            _ = record.rows  # what cannot be read at all is an error and no verdict
+            _ = record.rows  # an unreadable recording is an error and no verdict
             judged, common = unharmed(record, judged), unharmed(record, common)
-            if worst(common) is Grade.WRONG:  # what rests on it would only repeat it
+            if worst(common) is Grade.WRONG:  # later checks would only repeat it
                 on_log = (*wiring, *checked_signals(record))
             else:
                 on_log = of_recording(record, wiring, several)
@@ -107,7 +105,7 @@ def check(
 
 
 def _in_metres(robot: RobotLike) -> Verdict | None:
-    """The verdict on a file that no robot can be read from, if its lengths are in millimetres."""
+    """The verdict on a file with lengths in millimetres that describe no robot; else None."""
     try:
         data = as_written(robot)
         verdict = checked_lengths(data)
@@ -120,9 +118,8 @@ def _in_metres(robot: RobotLike) -> Verdict | None:
 def of_robot(
     robot: RobotDescription, *, quick: bool = False, recorded: bool = False
 ) -> tuple[Verdict, ...]:
-    """Verdicts on a description; on the workspace, unless it is to be quick or something is wrong
-    already, which that would only repeat. Limits that are missing matter before a recording, when a
-    motion is planned, and not after it."""
+    """Verdicts on a description. The workspace is skipped if `quick`, or if something is wrong
+    already; missing limits matter when a motion is planned, not once it is recorded."""
     judged = [checked_lengths(as_written(robot)), checked_friction(robot), checked_limits(robot)]
     if recorded and judged[-1].grade is not Grade.GOOD:
         del judged[-1]
@@ -133,16 +130,16 @@ def of_robot(
 
 
 def of_recording(record: Evidence, wiring: Sequence[Verdict], several: bool) -> tuple[Verdict, ...]:
-    """All verdicts on a recording, those on its columns first; but on its information only if it is
-    not one of several, which complement each other.
+    """All verdicts on a recording, those on its columns first. Information is judged here only for
+    a single recording; several complement each other.
 
-    An error of survey or fit is reported as it is where no check explains it.
+    An error of survey or fit becomes a verdict where no check explains it.
     """
     judged = [*wiring, *checked_signals(record)]
     if worst(judged) is not Grade.WRONG and record.surveyed is not None:
         judged += checked_sensors(record)
         judged += () if several else checked_information(record)
-    if worst(judged) is Grade.WRONG:  # what rests on it would only repeat it
+    if worst(judged) is Grade.WRONG:  # later checks would only repeat it
         return tuple(judged)
     if isinstance(error := record.fitted, DeltaidError):
         return (*judged, Verdict("refused", Grade.WRONG, error.what, error.where, "", error.cure))
@@ -152,7 +149,7 @@ def of_recording(record: Evidence, wiring: Sequence[Verdict], several: bool) -> 
 def named_verdicts(
     record: Evidence, judged: Iterable[Verdict], *, several: bool
 ) -> tuple[Verdict, ...]:
-    """Verdicts on one of several recordings say which."""
+    """Verdicts that name their recording if it is one of several."""
     if not several:
         return tuple(judged)
     name = record.table.path.name

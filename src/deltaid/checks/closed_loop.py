@@ -1,11 +1,11 @@
-"""Noise of encoders that a controller turns into torques: whether it shakes the drives.
+"""Encoder noise that the controller feeds back as torque, and whether it shakes the drives.
 
-A controller answers an error n of a measured position with the torque −(K + D s) n, which is
-recorded as well. Above the motion's frequencies torque and position then go together, but not as
-torque and motion do: τ = M q̈ has the gain M ω², and the controller's is far below that, as its
-bandwidth is. The torque that goes with such a position is real; it shakes the drive with the speed
-τ / (M ω). Where that is as fast as the motion, friction reverses in samples in which the filtered
-positions do not show it, so friction comes out too small near reversals and inertia takes its part.
+A controller responds to a position error n with the torque −(K + D s) n, which is recorded as well.
+Above the motion's frequencies torque and position then correlate, but unlike torque and motion:
+τ = M q̈ has the gain M ω², the controller's is far below because its bandwidth is. This torque is
+real; it shakes the drive with the speed τ / (M ω). Where that is as fast as the motion, friction
+reverses in samples whose filtered positions do not show it: friction near reversals comes out too
+small, and inertia absorbs the difference.
 """
 
 from collections.abc import Iterator
@@ -18,12 +18,13 @@ from scipy.special import ndtr
 from threadpoolctl import threadpool_limits
 
 from deltaid.checks.evidence import Evidence, RawRows
+from deltaid.checks.proposals import CHANCE
 from deltaid.estimation.spectra import segments
 from deltaid.identification.fit import FittedProblem
 from deltaid.model.verdict import Fault, Verdict, graded, percent
 from deltaid.recording.recording import PreparedRecording
 
-# RawRows of a segment of the spectra, and segments at least.
+# Rows of a segment of the spectra, and least number of segments.
 _LENGTH, _SEGMENTS = 512, 8
 # Windows of the recording whose speeds are evaluated.
 _WINDOWS = 8
@@ -31,9 +32,6 @@ _WINDOWS = 8
 _ABOVE, _BELOW = 2.0, 0.4
 # A controller's gain is below this share of M ω².
 _GAIN = 0.5
-# Coherence that many segments do not reach by chance: γ² of independent noise is exponential with
-# mean 1/K, so 7/K lies beyond 0.999.
-_CHANCE = 7.0
 # Share of samples with an undetected friction reversal that biases parameters: 0.8 % biased
 # friction by 0.4 %, 2.4 % by 5 %.
 _DOUBTFUL, _WRONG = 0.007, 0.02
@@ -49,9 +47,9 @@ _FEEDBACK = Fault(
 
 @dataclass(frozen=True, eq=False)
 class Shake:
-    """What feedback of noise does to the drives: standard deviations of the speeds that it makes
-    [rad/s or m/s], 0 where there is none, and of the torques that go with noise of the positions
-    [N m or N]; and the share of the samples in which it turns a drive's speed round."""
+    """Effect of fed-back noise on the drives: standard deviations of speeds [rad/s or m/s] and of
+    torques that correlate with position noise [N m or N], 0 where there is none; and the share of
+    samples in which it reverses a drive's speed."""
 
     speed: Float[np.ndarray, " dof"]
     torque: Float[np.ndarray, " dof"]
@@ -70,12 +68,12 @@ def checked_feedback(evidence: Evidence) -> Iterator[Verdict]:
     worst = int(np.argmax(shake.reversed))
     drive, share = evidence.robot.drives[worst], float(shake.reversed[worst])
     unit, number = evidence.robot.drive_units[drive], 100 * share
-    seen = (
+    text = (
         f"noise of the encoder comes back as torque, {shake.torque[worst]:.2g} {unit.force} and "
         f"{shake.speed[worst]:.2g} {unit.speed} of {drive}; it turns round the joint in "
         f"{percent(share)} of the samples"
     )
-    yield _FEEDBACK.judged(graded(share, _DOUBTFUL, _WRONG), seen, drive, number)
+    yield _FEEDBACK.judged(graded(share, _DOUBTFUL, _WRONG), text, drive, number)
 
 
 def shaken(rows: RawRows, recording: PreparedRecording, fitted: FittedProblem) -> Shake | None:
@@ -99,7 +97,8 @@ def shaken(rows: RawRows, recording: PreparedRecording, fitted: FittedProblem) -
     tiny = np.finfo(float).tiny
     coherence = np.abs(qt) ** 2 / np.maximum(qq * tt, tiny)
     weak = np.abs(qt) / np.maximum(qq, tiny) < _GAIN * omega**2 / np.diag(answer)[:, None]
-    torque = np.where(weak & (coherence > _CHANCE / len(q)), coherence * tt, 0.0)
+    # γ² of independent noise is exponential with the mean 1/K for K segments.
+    torque = np.where(weak & (coherence > -np.log(CHANCE) / len(q)), coherence * tt, 0.0)
     speed = np.sqrt(frequency[1] * answer**2 @ np.sum(torque / omega**2, axis=1))
     windows = [w.own for w in islice(recording.windows(dynamics.kinematics), _WINDOWS)]
     speeds = np.concatenate([w.qd for w in windows])

@@ -1,8 +1,7 @@
-"""Lengths that are no metres; missing friction and limits; reach and holding torque at rest.
+"""Checks of a description: units of lengths, missing friction and limits, reach, holding torque.
 
-Lengths, millimetres taken for metres and the reverse, are judged by the plain data of a
-description: most robots in millimetres are larger than any description may be, and so are refused
-when their file is loaded.
+Units of lengths are judged from the plain data of the file: most robots in millimetres are larger
+than any description may be, so loading their file fails.
 """
 
 import re
@@ -20,11 +19,11 @@ from deltaid.errors import KinematicsError
 from deltaid.model.verdict import Fault, Grade, Proposal, Verdict, listed, percent
 from deltaid.robot.description import RobotDescription
 
-# A start for friction that nobody has measured: Coulomb friction as a share of the torque that
-# gravity asks for, and the speed [rad/s or m/s] at which viscous friction is as large.
+# Start values of unmeasured friction: Coulomb friction as a share of the gravity torque, and the
+# speed [rad/s or m/s] at which viscous friction equals it.
 _SHARE, _SPEED = 0.1, {False: 3.0, True: 0.5}
 _DEFAULTS = {"platform_speed": "m/s", "platform_acceleration": "m/s²"}
-# Poses evaluated, and the share of them that may break a limit at the workspace's edge.
+# Poses evaluated, and the share of them that may violate a limit at the workspace's edge.
 _POINTS, _EDGE = 4096, 0.01
 _FRICTION = Fault(
     "friction",
@@ -48,11 +47,11 @@ _CUT = Fault(
 _HOLDS = Fault("torque-limit", "of the limit")
 # m. The largest Deltas have arms and struts of some 4 m together, the smallest of 20 mm.
 _GIANT, _DWARF = 10.0, 0.005
-# No part of a robot is so many times as long as a limb, none that counts so many times shorter.
+# Largest ratio of a part's length to a limb's, and of a limb's to that of a part that matters.
 _OUT_OF_SCALE, _SMALL = 4.0, 250.0
 _METRES = Fault("length-unit", "m")
 
-# Keys of lengths, by the part of the description that holds them.
+# Keys of lengths, by part of the description.
 _LIMBS = (
     "base_radius", "platform_radius", "base_points", "platform_points", "upper_arm", "strut",
     "strut_spacing",
@@ -70,13 +69,13 @@ Length = tuple[str, float]  # path and number
 def checked_lengths(data: dict[str, Any]) -> Verdict:
     """The verdict on all lengths of a description.
 
-    Limbs too long for any robot are in millimetres, too short ones are off the other way. Their
-    corrected size judges all lengths: limbs one by one, each other part as one unit.
+    Limbs too long for any robot are in millimetres, too short ones were divided by 1000 twice.
+    Their corrected size is the scale for all lengths: limbs one by one, other parts as a whole.
     """
     limbs, groups = _lengths(data.get("limbs"), _LIMBS, "limbs"), list(_groups(data))
     arms = [length for length in limbs if length[0].startswith("limbs.upper_arm")]
     struts = [length for length in limbs if length[0].partition("[")[0] == "limbs.strut"]
-    # A mechanism of the user's own names no limbs.
+    # A user's own mechanism has no limbs.
     space = _lengths(data.get("workspace"), _OTHERS["workspace"], "workspace")
     size = _longest(arms) + _longest(struts) or _longest(space)
     small, large = size < _DWARF, size > _GIANT
@@ -106,7 +105,7 @@ def _longest(group: Iterable[Length]) -> float:
 
 
 def _groups(data: dict[str, Any]) -> Iterator[list[Length]]:
-    """Lengths beside the limbs', those of one part together."""
+    """Lengths of all parts except limbs, a list for each part."""
     for part, keys in _OTHERS.items():
         yield _lengths(data.get(part), keys, part)
     for name, body in _mapping(data.get("bodies")).items():
@@ -122,7 +121,7 @@ def _lengths(part: Any, keys: tuple[str, ...], path: str) -> list[Length]:
 
 
 def _mapping(part: Any) -> dict[str, Any]:
-    """A part of a description that nobody has checked yet, if it has keys."""
+    """A part of an unchecked description as a mapping; empty if it is none."""
     return part if isinstance(part, dict) else {}
 
 
@@ -153,7 +152,7 @@ def checked_friction(robot: RobotDescription) -> Verdict:
 
 
 def _law(robot: RobotDescription, drive: str) -> dict[str, float]:
-    """Friction of a drive of the same kind; else from the gravity torque."""
+    """Friction of a drive of the same kind; otherwise from the gravity torque."""
     slides = robot.is_linear(drive)
     for other in robot.drives:
         same_kind = robot.is_linear(other) == slides and (other == "drive4") == (drive == "drive4")
@@ -168,7 +167,7 @@ def _law(robot: RobotDescription, drive: str) -> dict[str, float]:
 
 
 def checked_limits(robot: RobotDescription) -> Verdict:
-    """Whether limits are given, and what acts where they are not."""
+    """Whether limits are given, and which defaults apply."""
     defaults, limits = [k for k in _DEFAULTS if k not in robot.model_fields_set], robot.drive_limits
     seen = [f"{k} is not given: {getattr(robot, k):g} {_DEFAULTS[k]} acts" for k in defaults]
     free = [drive for drive in robot.drives if drive not in limits or not limits[drive].effort]

@@ -1,5 +1,5 @@
-"""Input of checks: a robot, and a recording as far as it can be read, with its mapping and entries
-that would correct it."""
+"""Input of checks: a robot, a recording as far as it is readable, its mapping, and corrected
+entries of the mapping."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
@@ -30,7 +30,7 @@ from deltaid.recording.source import LogTable
 from deltaid.recording.table import read_batches
 from deltaid.robot.description import RobotDescription
 
-# What a unit becomes by a factor of its numbers.
+# Unit whose numbers are those of another unit times a factor.
 _UNITS = {
     ("rad", np.pi / 180): "deg",
     ("rad", 2 * np.pi): "rev",
@@ -47,10 +47,14 @@ _UNITS = {
     ("N*m", 1e-3): "mN*m",
     ("N", 1e-3): "mN",
 }
-# RawRows that hypotheses are tried on: enough for any motion, few enough to try a hundred.
+# Rows that hypotheses are tried on: enough for any motion, few enough to try a hundred.
 _MOST = 1 << 18
-# Numbers whose squares and slopes may be too large for a float; a recording is refused for them.
-_OVERFLOWS = 1e100
+# Squares of larger numbers' slopes may overflow; a recording is refused for them.
+_OVERFLOWS = np.finfo(float).max ** 0.25
+# A drive rests that moves less than this share of its usual range, or of the others'.
+RESTS = 0.01
+# Correlation with the expected signal below which a column holds another one.
+UNRELATED = 0.2
 
 
 # New values of keys of entries, by drive.
@@ -59,8 +63,8 @@ Values = dict[int, dict[str, object]]
 
 @dataclass(frozen=True, eq=False)
 class RawRows:
-    """Consecutive rows as the mapping makes them, before any check, in SI units; q̇ and τ have no
-    columns where they are not recorded."""
+    """Consecutive mapped rows before any check, in SI units; q̇ and τ have no columns where they are
+    not recorded."""
 
     time: Float[np.ndarray, " rows"]
     q: Float[np.ndarray, "rows drives"]
@@ -69,7 +73,7 @@ class RawRows:
 
     @property
     def step(self) -> float:
-        """The usual time between two rows, a median [s]."""
+        """Median time between two rows [s]."""
         return float(np.median(np.diff(self.time)))
 
 
@@ -78,8 +82,8 @@ class Evidence:
     """A robot as described and one recording of it, with its mapping as given.
 
     Attributes:
-        settings: of the fit that verdicts on the fit rest on.
-        problem: that fit, where there already is one.
+        settings: of the fit that is judged.
+        problem: that fit, where it exists already.
     """
 
     dynamics: Dynamics
@@ -96,18 +100,18 @@ class Evidence:
 
     @cached_property
     def rows(self) -> RawRows:
-        """The recording's beginning, unchecked; of a log of usual length all of it.
+        """The recording's beginning, unchecked; all of a log of usual length.
 
-        Of drives, what no float can be computed with is not a number here.
+        Numbers of drives that are too large to compute with are NaN.
 
         Raises:
             RecordingError: it cannot be read at all.
         """
-        columns, parts, left = self.columns, [np.zeros((0, len(self.columns.all)))], _MOST
+        columns, parts, missing = self.columns, [np.zeros((0, len(self.columns.all)))], _MOST
         for batch in read_batches(self.table, columns):
-            parts.append(batch[:left])
-            left -= len(parts[-1])
-            if not left:
+            parts.append(batch[:missing])
+            missing -= len(parts[-1])
+            if not missing:
                 break
         values = np.concatenate(parts)
         time, values = values[:, 0], np.where(np.abs(values) < _OVERFLOWS, values, np.nan)
@@ -117,12 +121,12 @@ class Evidence:
 
     @cached_property
     def moved(self) -> Float[np.ndarray, " drives"]:
-        """How far each drive goes in these rows [rad or m]."""
+        """Range of each drive in these rows [rad or m]."""
         return np.ptp(self.rows.q, axis=0)
 
     @property
     def written_mapping(self) -> dict[str, Any]:
-        """The mapping's plain data, with the columns that are read under their default names."""
+        """Plain data of the mapping, with columns that are read under their default names."""
         written = self.mapping.model_dump(mode="json", exclude_unset=True)
         for quantity in QUANTITIES:
             if getattr(self.mapping, quantity) is None and getattr(self.columns, quantity):
@@ -132,7 +136,7 @@ class Evidence:
         return written
 
     def entries(self, quantity: Quantity) -> tuple[DriveColumn, ...]:
-        """The mapping's entry of each drive; those of default names where it has none."""
+        """The mapping's entry of each drive, or that of its default name."""
         columns, drives = getattr(self.mapping, quantity), self.robot.drives
         if isinstance(columns, AllDrives):
             return columns.entries(len(drives), quantity)
@@ -147,7 +151,7 @@ class Evidence:
         return {"sign": -self.entries(quantity)[drive].sign}
 
     def in_unit(self, quantity: Quantity, drive: int, factor: float) -> dict[str, object]:
-        """With a unit whose numbers are `factor` times those of the unit now; empty if unnamed."""
+        """The unit whose numbers are `factor` times those of the present one; empty if unnamed."""
         now = self.entries(quantity)[drive].unit
         for (unit, by), name in _UNITS.items():
             if unit == now and abs(by / factor - 1) < 1e-6:
@@ -155,19 +159,19 @@ class Evidence:
         return {}
 
     def of_motor(self, quantity: Quantity, drive: int, factor: float) -> dict[str, object]:
-        """Of a motor whose numbers must be multiplied by `factor`."""
+        """Gear or lead of a motor whose numbers must be multiplied by `factor`."""
         slower, robot = 1 / factor if quantity == "torque" else factor, self.robot
         if robot.is_linear(robot.drives[drive]):
             return {"unit": si_unit(quantity, linear=False), "lead": _rounded(2 * np.pi * slower)}
         return {"gear": _rounded(self.entries(quantity)[drive].gear / slower)}
 
     def taken_from(self, source: int, quantity: Quantity, drive: int) -> dict[str, object]:
-        """All that another drive's entry says."""
-        own, other = (self.entries(quantity)[i].model_dump() for i in (drive, source))
-        return {key: value for key, value in other.items() if value != own[key]}
+        """Keys in which another drive's entry differs."""
+        entry, other = (self.entries(quantity)[i].model_dump() for i in (drive, source))
+        return {key: value for key, value in other.items() if value != entry[key]}
 
     def shifted(self, drive: int, shift: float) -> dict[str, object]:
-        """With a zero at which the joint value is larger by `shift` [rad or m]."""
+        """The zero at which the joint value is larger by `shift` [rad or m]."""
         now, scale = self.entries("position")[drive].zero, self.columns.position[drive].scale
         return {"zero": float(f"{now - shift / scale:.6g}")}
 
@@ -192,7 +196,7 @@ class Evidence:
 
     @cached_property
     def setup(self) -> Setup | RecordingError:
-        """The recording, without the torques of what it is declared to hold."""
+        """The recording without the torques of declared loads."""
         settings, kinematics = self.settings, self.dynamics.kinematics
         given = self.source, kinematics, self.mapping, settings.cutoff
         try:
@@ -203,7 +207,7 @@ class Evidence:
 
     @cached_property
     def surveyed(self) -> PreparedRecording | None:
-        """The recording as identification uses it; None where an error prevents it."""
+        """The surveyed recording that identification uses; None where an error prevents it."""
         return None if isinstance(self.setup, RecordingError) else self.setup.recordings[0]
 
     @cached_property
@@ -216,7 +220,7 @@ class Evidence:
 
     @cached_property
     def fitted(self) -> FittedProblem | RecordingError | IdentificationError:
-        """The fit to this recording, or why there is none."""
+        """The fit to this recording, or the error that prevents it."""
         setup = self.setup if self.problem is None else self.problem
         if not isinstance(setup, Setup):
             return setup
@@ -232,7 +236,7 @@ def evidence(
     mapping: ColumnMapping | None = None,
     settings: Settings | None = None,
 ) -> Evidence:
-    """Open a recording for checks, however wrong its numbers are.
+    """Open a recording for checks, even with wrong numbers.
 
     Raises:
         RecordingError: it cannot be opened, or a column is missing.
@@ -243,7 +247,7 @@ def evidence(
 
 
 def forget(evidence: Evidence) -> None:
-    """Drop what can be read again: all recordings might not fit into memory."""
+    """Drop cached rows and surveys: all recordings might not fit into memory."""
     _ = evidence.moved
     for key in ("rows", "setup", "surveyed"):
         vars(evidence).pop(key, None)
@@ -262,7 +266,7 @@ def with_fit(
 
 
 def _rounded(value: float) -> float:
-    """Three digits, or a whole number that is within 2 %."""
+    """Three digits, or a whole number within 2 %."""
     whole = round(value)
     if whole >= 2 and abs(value / whole - 1) < min(0.02, 0.25 / whole):
         return float(whole)

@@ -40,17 +40,15 @@ from deltaid.robot.description import RobotDescription
 from deltaid.robot.load import RobotLike, described
 from deltaid.robot.tolerances import Tolerances
 
-# Verdicts on excluded rows, which the table of masks reports with their spans.
+# Verdicts on excluded rows, whose spans the table of masks reports.
 _MASKED = {"standing", "saturation"}
 
-# Tolerances that columns are made with after a fit [rad or m; rad].
-_SIZE = 1e-3
-# Zeros and tilts beyond this [rad or m] are no likelier than another law of friction; smaller ones
-# are believed unless the law explains more than chance: twice a logarithm of likelihoods, which
-# noise that is not white raises several times.
+# Zeros and tilts beyond this [rad or m] are no likelier than another friction law; smaller ones are
+# accepted unless the law explains more than chance: twice a log likelihood ratio, which coloured
+# noise raises several times.
 _FAR, _CERTAIN = 0.05, 25.0
 
-# Verdicts that say why a fit contradicts the recording or the prior.
+# Verdicts that explain why a fit contradicts the recording or the prior.
 _EXPLAIN_A_FIT = {
     *KEYS["units and wiring"], *KEYS["the fit"], "torque-lag", "prior-scale", "length-unit",
 }  # fmt: skip
@@ -58,8 +56,8 @@ _EXPLAIN_A_FIT = {
 
 @dataclass(frozen=True, repr=False)
 class Judged(Identification):
-    """An identification with the verdicts that it began and ended with: those of `deltaid check`
-    but for the workspace, good ones included."""
+    """An identification with the verdicts before and after it: those of `deltaid check` without the
+    workspace, good ones included."""
 
     verdicts: Verdicts = field(default_factory=Verdicts)
 
@@ -200,7 +198,7 @@ def _kept(
     result: Identification,
     described: RobotDescription,
 ) -> Verdict | None:
-    """A verdict on a recording's columns after the fit; None where that has made it needless."""
+    """A verdict on a recording's columns after the fit; None where the fit resolved it."""
     fixes = result.model.corrections
     if verdict.key == "sensor-gain" and any(fix.kind == "gain" for fix in fixes):
         return None  # the drives were off, not the sensor, and have been corrected
@@ -245,14 +243,15 @@ def _shifts_after(
     zeros and tilts have columns of zeros."""
     dynamics, regressor = problem.dynamics, extended(problem.dynamics, problem.additions)
     weights = np.sqrt(problem.information.weights)
-    tolerances = Tolerances(lengths=0.0, homing=_SIZE, mounting=_SIZE)
-    at = regressor, dynamics, recording, problem.values, weights, tolerances
-    rows = next(geometric_rows(*at))
+    step = Tolerances().mounting  # of all columns, divided out below
+    tolerances = Tolerances(lengths=0.0, homing=step, mounting=step)
+    fitted = regressor, dynamics, recording, problem.values, weights, tolerances
+    rows = next(geometric_rows(*fitted))
     tilts = [name for name in rows.names if name.startswith("tilt")]
     zeros = [f"zero of {drive}" for drive in dynamics.robot.drives]
     names = [problem.layout.parameters[k].name for k in active_columns(regressor)]
     span = Span.of_columns(rows.Y[:, [name not in without for name in names]])
-    D = rows.over((*zeros, *tilts)) / _SIZE
+    D = rows.over((*zeros, *tilts)) / step
     return Shifts.from_rows(span, D, rows.tau, len(zeros), len(tilts))
 
 

@@ -17,7 +17,7 @@ from functools import lru_cache
 import numpy as np
 from jaxtyping import Bool, Float
 
-from deltaid.checks.evidence import Evidence
+from deltaid.checks.evidence import RESTS, Evidence
 from deltaid.dynamics.dynamics import Dynamics
 from deltaid.dynamics.parameters import prior_parameters
 from deltaid.errors import IdentificationError, KinematicsError
@@ -27,21 +27,18 @@ from deltaid.identification.fit import FittedProblem
 from deltaid.identification.gathering import gather_all
 from deltaid.model.verdict import Fault, Grade, Verdict, listed
 from deltaid.motion.random_motion import random_motion
+from deltaid.motion.surrogate import SensorNoise
 
 # A base parameter is identifiable below the first share of the prior's standard deviation, and not
-# identifiable above the second.
+# above the second.
 _WELL, _NOT = 0.3, 0.9
-# An excitation is poor when a quarter of the parameters are so many times less certain than after
-# a motion within the robot's limits of the same length.
+# An excitation is poor if a quarter of the parameters are so many times less certain than after a
+# motion of the same length within the robot's limits.
 _POOR = 6.0
 # Parameters that a message names before it counts the others.
 _SHOWN = 4
-# A drive rests that moves less than this share of its usual range.
-_RESTING = 0.01
-# Noise of torques as a share of their largest.
-_USUAL_NOISE = 0.02
-# Samples and period [s] of motions that a recording is compared with, how much slower the slow one
-# is, and random motions that together are what is usual.
+# Samples and period [s] of motions that a recording is compared with, factor of the slow one, and
+# number of random motions that make the usual one.
 _SAMPLES, _PERIOD, _SLOWER, _USUAL = 400, 10.0, 20.0, 3
 _HIDDEN = Fault(
     "base-parameters",
@@ -63,18 +60,18 @@ _STILL = Fault(
 class _Certainty:
     """Standard deviations of the base parameters of a generic motion, as shares of the prior's."""
 
-    names: tuple[str, ...]  # of the parameters that stand for the groups
+    names: tuple[str, ...]  # of each group's representative parameter
     recorded: Float[np.ndarray, " base"]  # after the recording alone
     usual: Float[np.ndarray, " base"]  # after a usual motion of as many samples and the same noise
-    best: np.ndarray  # words of the motion that narrows each most beside the recording
+    best: np.ndarray  # words of the motion that narrows each most in addition to the recording
 
     def named(self, chosen: Bool[np.ndarray, " base"]) -> str:
-        names = [name for name, is_so in zip(self.names, chosen, strict=True) if is_so]
+        names = [name for name, named in zip(self.names, chosen, strict=True) if named]
         more = f" and {len(names) - _SHOWN} more" if len(names) > _SHOWN else ""
         return ", ".join(names[:_SHOWN]) + more
 
     def cure(self, chosen: Bool[np.ndarray, " base"]) -> str:
-        """What to record, most asked for first."""
+        """Motions to record, the most useful first."""
         return "also record " + "; and ".join(
             f"{words} (shows {self.named(chosen & (self.best == words))})"
             for words, _ in Counter(self.best[chosen].tolist()).most_common(2)
@@ -107,7 +104,7 @@ def judged_information(
     """Verdicts on the information in recordings together.
 
     Args:
-        moved: how far each drive goes in each of them [rad or m].
+        moved: range of each drive in each of them [rad or m].
     """
     try:
         motions, ranges = _motions(dynamics)
@@ -116,7 +113,7 @@ def judged_information(
         cause = "the workspace or the limits of the description leave no room"
         return (_HIDDEN.poor(seen, grade=Grade.CANNOT_TELL, cause=cause, cure=error.cure),)
     certainty = _assess(dynamics, information.of_drives, motions)
-    still = np.array(dynamics.robot.drives)[np.max(moved, axis=0) < _RESTING * ranges].tolist()
+    still = np.array(dynamics.robot.drives)[np.max(moved, axis=0) < RESTS * ranges].tolist()
     return _parameters(certainty), _excitation(certainty, still)
 
 
@@ -128,8 +125,8 @@ def _assess(
     base = base_parameters(merge(motions.values()), dynamics.layout)
     prior = np.array([parameter.std for parameter in base.layout.parameters])
     scale = np.linalg.norm(base.combination() * prior, axis=1)
-    # What no parameters explain of each drive's torque; a usual share of it for one that rests.
-    noise = _USUAL_NOISE * np.maximum(usual.torque_max, np.finfo(float).tiny)
+    # The residual of each drive's torque; a usual share of the torque for one that rests.
+    noise = SensorNoise().torque * np.maximum(usual.torque_max, np.finfo(float).tiny)
     for i, (samples, largest) in enumerate(zip(recorded.samples, recorded.torque_max, strict=True)):
         if samples and largest:
             rms = np.linalg.norm(recorded.problem_of(i).residual) / np.sqrt(samples)
@@ -141,14 +138,14 @@ def _assess(
         columns = np.searchsorted(gathered.columns, base.representatives)
         return gathered.weighted(share / noise**2)[:, columns] * scale
 
-    own, others = factor(recorded), [factor(motion) for motion in motions.values()]
-    best = np.argmin([_stds(np.vstack([own, added])) for added in others], axis=0)
+    alone, others = factor(recorded), [factor(motion) for motion in motions.values()]
+    best = np.argmin([_stds(np.vstack([alone, added])) for added in others], axis=0)
     names = tuple(base.layout.names[k] for k in base.representatives)
-    return _Certainty(names, _stds(own), _stds(others[0]), np.array([*motions])[best])
+    return _Certainty(names, _stds(alone), _stds(others[0]), np.array([*motions])[best])
 
 
 def _stds(F: Float[np.ndarray, "rows base"]) -> Float[np.ndarray, " base"]:
-    """√ of the diagonal of (FᵀF + I)⁻¹: what data and a prior of unit size leave open."""
+    """√ of the diagonal of (FᵀF + I)⁻¹: standard deviations after data and a unit prior."""
     s, Vt = np.linalg.svd(np.vstack([F, np.eye(F.shape[1])]), full_matrices=False)[1:]
     return np.linalg.norm(Vt.T / s, axis=1)
 
@@ -190,8 +187,8 @@ def _excitation(certainty: _Certainty, still: Sequence[str]) -> Verdict:
 
 @lru_cache(maxsize=8)
 def _motions(dynamics: Dynamics) -> tuple[dict[str, Information], Float[np.ndarray, " dof"]]:
-    """The usual motion of all coordinates, as fast as limits allow; then special ones; by the words
-    of a cure that asks for them. And how far the usual one moves each drive [rad or m].
+    """The usual motion of all coordinates, as fast as limits allow, then special ones, by the words
+    of a cure that asks for them; and the range of each drive in the usual one [rad or m].
 
     Raises:
         KinematicsError: the description's limits leave no room for a motion.

@@ -1,5 +1,4 @@
-"""Numbers of bodies that do not go with the robot: priors in grams or kg mm², measured values of
-another magnitude than the prior, such as of a scale that shows grams."""
+"""Priors and measured values of bodies in the wrong unit, such as masses in grams."""
 
 import re
 
@@ -15,17 +14,15 @@ from deltaid.sensors.weighings import Weighing, weighings
 
 # kg/m³. Osmium has 22,600; foam some 30.
 _DENSEST, _LIGHTEST = 23_000.0, 10.0
-# kg/m³ of arm and strut together, cubed: a solid block of steel with a side of a sixth of them is
-# hardly part of a robot, and one of four times its mass is not.
+# Largest mass over the cube of arm and strut together [kg/m³]: a solid steel block with a side of a
+# sixth of their length is doubtful, one of four times its mass is wrong.
 _HEAVY, _FAR = 7850.0 / 6**3, 4.0
 # Shares of a body's extent: no centre of mass or radius of gyration lies farther out, and that of
 # an arm or a strut never so near to its first joint.
 _OUTSIDE, _INSIDE = 1.5, 0.02
-# A measured value so many times the prior's, or as small a share of it, and so many of the prior's
-# standard deviations away, is one in another unit.
+# A measured value so many times larger or smaller than the prior's, and so many of the prior's
+# standard deviations away, is in another unit.
 _FACTOR, _SPREADS = 100.0, 30.0
-# A centre of mass so many times as far away as a limb is long is one in millimetres.
-_FARTHEST = 3.0
 _UNITS = {"kg": "grams", "kg m²": "kg mm², kg cm² or g m²"}
 _MASS = Fault("prior-scale", "kg", "a mass in grams")
 _DENSITY = Fault("prior-scale", "kg/m³")
@@ -45,7 +42,7 @@ _CENTRE = Fault(
 
 
 def checked_priors(robot: RobotDescription) -> tuple[Verdict, ...]:
-    """A verdict on each body whose prior cannot be, or one that all can."""
+    """A verdict on each body with an impossible prior, or one that all are possible."""
     poor = list[Verdict | None]()
     for name in robot.body_names:
         prior = robot.bodies[name].prior
@@ -61,13 +58,13 @@ def checked_priors(robot: RobotDescription) -> tuple[Verdict, ...]:
 def _shape(
     robot: RobotDescription, name: str, k: int, shape: HollowCylinder | PointMass
 ) -> Verdict | None:
-    """The first thing out of scale of a shape: the rest would repeat it."""
+    """The first implausible number of a shape: further ones would repeat it."""
     mass, by_density, density = float(shape.parameters()[0]), shape.mass is None, np.nan
     path = f"bodies.{name}.prior[{k}]"
     if isinstance(shape, HollowCylinder):
         density = mass / (np.pi * (shape.outer_radius**2 - shape.inner_radius**2) * shape.length)
     if _LIGHTEST <= density <= _DENSEST or np.isnan(density):
-        return _massive(f"{path}.mass", name, mass, _size_of(robot), alone=not by_density)
+        return _massive(f"{path}.mass", name, mass, size_of(robot), alone=not by_density)
     if density > _DENSEST:
         seen, cause = f"no material has more than {_DENSEST:.3g}", "a mass in grams"
         change, cure = (f"{path}.mass", mass / 1000), "give kilograms and metres"
@@ -96,8 +93,8 @@ def _shape(
 
 
 def _explicit(robot: RobotDescription, name: str, prior: ExplicitInertia) -> Verdict | None:
-    """The first thing out of scale of a body's numbers."""
-    p, size, lengths = prior.parameters(), _size_of(robot), dict[str, float]()
+    """The first implausible number of a body."""
+    p, size, lengths = prior.parameters(), size_of(robot), dict[str, float]()
     for i, limb in enumerate(robot.limb_geometry):  # a carriage may have its mass at its frame
         driven, strut = robot.limb_bodies(i)
         lengths = {driven: limb.upper_arm, strut: limb.strut} | lengths
@@ -140,14 +137,14 @@ def _proposed(*changes: tuple[str, float]) -> tuple[Proposal, ...]:
     return (Proposal("robot", tuple((path, float(f"{value:.12g}")) for path, value in changes)),)
 
 
-def _size_of(robot: RobotDescription) -> float:
-    """Length of the longest arm and strut together [m]; a mechanism of the user's own may be of any
-    size: a sled of a hundred kilograms moves by a few centimetres."""
+def size_of(robot: RobotDescription) -> float:
+    """Length of the longest arm and strut together [m]; infinite for a user's own mechanism: a sled
+    of a hundred kilograms may move by a few centimetres."""
     return max((limb.upper_arm + limb.strut for limb in robot.limb_geometry), default=np.inf)
 
 
 def checked_measured(robot: RobotDescription) -> tuple[Verdict, ...]:
-    """A verdict on each measured value that cannot be, or one that all go with the prior."""
+    """A verdict on each impossible measured value, or one that all agree with the prior."""
     rows, stated = weighings(robot), stated_spreads(robot)
     parameters = parameter_layout(robot).parameters
     prior = np.array([entry.prior for entry in parameters])
@@ -160,7 +157,7 @@ def checked_measured(robot: RobotDescription) -> tuple[Verdict, ...]:
         if row.unit == "kg m":
             bodies = np.unique(np.flatnonzero(row.coefficients) // 10)
             lever = error / float(prior[10 * bodies].sum())
-            if lever > _FARTHEST * _size_of(robot):
+            if lever > _OUTSIDE * size_of(robot):
                 seen = f"{row.name} would lie {lever:.3g} m from where the prior has it"
                 poor.append(_CENTRE.poor(seen, row.where, lever, grade=Grade.WRONG))
         elif ratio < 1 / _FACTOR or (ratio > _FACTOR and not likely):

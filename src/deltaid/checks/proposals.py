@@ -1,16 +1,14 @@
-"""Proposals refitted: lines of files are proposed only where they explain rows that were held back.
+"""Validation of proposed corrections: a proposal is kept only if it lowers held-out torque errors.
 
-All that verdicts on a recording propose is tried together, then without each: what changes nothing
-for the better is dropped. A verdict stays without its lines, and says that no change of the files
-explains it.
+All proposals of the verdicts on a recording are tried together, then without each one; those that
+improve nothing are dropped. Their verdicts stay, and say that no change of the files explains them.
 
-What tells is the torque error of stretches of time that no fit has seen. Rows of 40 stretches are
-fitted by the odd ones and judged by the even ones, and the other way round, so every stretch is
-held out once. Beside the robot's parameters a fit may have columns of what an identification
-corrects unasked, to first order: a lag of every drive, friction as a free curve over its speed, by
-direction, by load and while it warms up, torque constants, gears that wind up. It has those causes
-that make the error smaller beyond chance. What they explain as well, if no more of them are needed,
-is no reason to change a file.
+The criterion is the torque error in held-out stretches of time: of 40 stretches the odd ones are
+fitted and the even ones predicted, and vice versa. In addition to the robot's parameters, a fit may
+have first-order columns of what an identification corrects by itself: lags of all drives, friction
+as a free curve over speed, by direction, by load and while it warms up, torque constants, gears
+that wind up. It gets those causes that lower the error beyond chance. If these explain as much with
+no more causes, the files are not changed.
 """
 
 from collections.abc import Callable, Sequence
@@ -45,12 +43,12 @@ from deltaid.estimation.traces import Trace
 from deltaid.identification.study import studied_trace
 from deltaid.model.verdict import Grade, Verdict
 
-# Chance makes an error fall or rise by so much once in so many comparisons.
-_CHANCE = 1e-3
-# Errors that differ by less than this share are the same: only the prior judges what made them.
+# Probability that a comparison finds a difference where there is only noise.
+CHANCE = 1e-3
+# Errors whose ratio is nearer to one than this are equal: only the prior changed.
 _SAME = 1e-3
-# What one column explains, as a share of the torques: of the robot, whose columns cancel each
-# other, and of what is corrected, such as a torque constant that is off.
+# Prior deviation of what a column explains, as a share of the torques: for the robot, whose columns
+# cancel each other, and for corrections, such as a torque constant.
 _OF_ROBOT, _CORRECTED = 10.0, 0.1
 _NO_CHANGE = (
     "no change of the files explains this: with the lines that would correct it, errors of torques "
@@ -59,17 +57,17 @@ _NO_CHANGE = (
 
 # Mean square of each drive's error in each stretch, as a share of the mean square of its torques.
 Squares = Float[np.ndarray, "dof stretches"]
-# Whether the first of two errors speaks for what it was made with.
+# Whether the first of two errors supports its proposals.
 _Judge = Callable[["HeldOut", "HeldOut"], bool]
 
 
 @dataclass(frozen=True, eq=False)
 class HeldOut:
-    """Errors of a recording's torques where they were held out.
+    """Errors of a recording's held-out torques.
 
     Attributes:
-        of_causes: the errors beside some of what is corrected unasked.
-        causes: those of it that make errors smaller beyond chance.
+        of_causes: errors with some corrections fitted as well.
+        causes: corrections that lower the errors beyond chance.
     """
 
     of_causes: Callable[[tuple[int, ...]], Squares]
@@ -77,7 +75,7 @@ class HeldOut:
 
     @cached_property
     def squares(self) -> Squares:
-        """Errors beside these causes."""
+        """Errors with these causes fitted."""
         return self.of_causes(self.causes)
 
     def same(self, other: "HeldOut") -> bool:
@@ -86,34 +84,34 @@ class HeldOut:
         return bool(np.all(np.abs(plain / of_other - 1.0) < _SAME))
 
     def as_good(self, other: "HeldOut") -> bool:
-        """Whether its errors are no larger than those of another one, but for chance."""
+        """Whether its errors are not larger than another's beyond chance."""
         return not _smaller(other.squares, self.squares)
 
     def better(self, other: "HeldOut") -> bool:
         """Whether it explains more than another one, or as much with fewer causes.
 
-        More than chance, and more than columns of first order leave of what is corrected unasked.
+        More than chance, and more than the residual of first-order columns of corrections.
         """
         if len(self.causes) < len(other.causes) and self.as_good(other):
             return _smaller(self.squares, other.of_causes(self.causes))
         errors = self.squares, other.squares, other.of_causes(())
-        own, others, plain = (squares.mean(axis=1) for squares in errors)
-        smaller = np.minimum(own, others)
-        explained, together = np.sum((others - own) / smaller), np.sum((plain - own) / smaller)
+        mean, others, plain = (squares.mean(axis=1) for squares in errors)
+        smaller = np.minimum(mean, others)
+        explained, together = np.sum((others - mean) / smaller), np.sum((plain - mean) / smaller)
         return bool(explained > SHARE * together) and _smaller(self.squares, other.squares)
 
 
 def _smaller(squares: Squares, others: Squares) -> bool:
-    """Whether errors are smaller than others beyond chance: Student's t of the differences between
+    """Whether errors are smaller than others beyond chance: Student's t of the differences over
     stretches, drives weighted by the smaller of their errors."""
     gains = (1.0 / np.minimum(squares.mean(axis=1), others.mean(axis=1))) @ (others - squares)
-    clear = float(stdtrit(len(gains) - 1, 1.0 - _CHANCE))
+    clear = float(stdtrit(len(gains) - 1, 1.0 - CHANCE))
     return bool(gains.mean() > clear * gains.std(ddof=1) / np.sqrt(len(gains)))
 
 
 @threadpool_limits.wrap(limits=1, user_api="blas")  # for narrow matrices, threads only wait
 def held_out(record: Evidence) -> HeldOut | None:
-    """The error of a recording as its files describe it; None where it cannot be computed."""
+    """Held-out errors of a recording with its files as they are; None for too few rows."""
     if isinstance(setup := record.setup, RecordingError):
         return None
     trace = studied_trace(record.dynamics, setup.recordings[0], prior_parameters(record.robot))
@@ -133,35 +131,35 @@ def held_out(record: Evidence) -> HeldOut | None:
 
 @dataclass(frozen=True, eq=False)
 class _Halves:
-    """Rows of a recording in two halves of its stretches, each fitted and judged by the other."""
+    """Rows of a recording in two halves of its stretches, each predicted from the other."""
 
     rows: DriveRows
-    columns: Columns  # of unit length: of the robot, then of each cause that is corrected unasked
+    columns: Columns  # of unit length: the robot's, then those of each correction
     b: Rows  # torques over their noise
-    ends: tuple[int, ...]  # of the robot's columns, and of each cause's but the last
+    ends: tuple[int, ...]  # of the robot's columns, and of each correction's but the last
 
     def squares(self, causes: tuple[int, ...]) -> Squares:
-        """Errors of fits of the robot and some causes, in the half that each has not seen.
+        """Errors of fits of the robot and some causes, each in the half that was held out.
 
-        Coefficients are kept to what is possible by a prior that a change of units leaves as it is.
+        A prior that does not depend on units keeps coefficients to possible sizes.
         """
         robot, *others = np.split(np.arange(self.columns.shape[1]), self.ends)
         used = np.concatenate([robot, *(others[cause] for cause in causes)])
         # Rows have a noise of one, and a column's coefficient is the length of what it explains.
         prior = np.where(used < len(robot), _OF_ROBOT, _CORRECTED) * np.linalg.norm(self.b)
-        A, left, odd = self.columns[:, used], np.empty_like(self.b), self.rows.groups % 2 == 1
-        for seen in (odd, ~odd):
-            H = A[seen].T @ A[seen] + np.diag(prior**-2.0)
-            x = solve(H, A[seen].T @ self.b[seen], assume_a="pos")
-            left[~seen] = self.b[~seen] - A[~seen] @ x
+        A, residual, odd = self.columns[:, used], np.empty_like(self.b), self.rows.groups % 2 == 1
+        for half in (odd, ~odd):
+            H = A[half].T @ A[half] + np.diag(prior**-2.0)
+            x = solve(H, A[half].T @ self.b[half], assume_a="pos")
+            residual[~half] = self.b[~half] - A[~half] @ x
         starts = stretch_starts(self.rows.samples)
-        errors, torques = (self.rows.of_drives(rows) ** 2 for rows in (left, self.b))
+        errors, torques = (self.rows.of_drives(rows) ** 2 for rows in (residual, self.b))
         sums = np.add.reduceat(errors, starts, axis=1) / torques.mean(axis=1, keepdims=True)
         return sums / np.diff(starts, append=self.rows.samples)
 
 
 def _halves(trace: Trace, declared: Sequence[Addition]) -> _Halves | None:
-    """Rows of a recording with what it is declared to hold; None where they are too few."""
+    """Rows of a recording with declared loads; None where they are too few."""
     log, dynamics, low_pass = trace.recording.log, trace.dynamics, trace.low_pass
     rows = DriveRows(log.torque_max, trace.torques().shape[1])
     span = Span.of_columns(rows.stack(trace.regressor()[:, :, : len(active_columns(dynamics))]))
@@ -186,8 +184,8 @@ def _halves(trace: Trace, declared: Sequence[Addition]) -> _Halves | None:
 
 
 def proved(record: Evidence, verdicts: Sequence[Verdict]) -> tuple[Verdict, ...]:
-    """Verdicts on a recording, with those proposals that explain it better than the files do, or
-    that its rows cannot judge."""
+    """Verdicts on a recording, with those proposals that explain it better than the files, or that
+    its rows cannot decide."""
     return _with_useful(record, verdicts, lambda new, old: new.same(old) or new.better(old))
 
 
@@ -202,7 +200,7 @@ def _with_useful(
     kept = _useful(record, [verdict for verdict in verdicts if verdict.proposals], judge)
 
     def with_lines(verdict: Verdict) -> Verdict:
-        if verdict.proposals and verdict not in kept:  # what it says explains nothing
+        if verdict.proposals and verdict not in kept:
             grade = min(verdict.grade, Grade.DOUBTFUL, key=list(Grade).index)
             return replace(verdict, grade=grade, cause="", cure=_NO_CHANGE, proposals=())
         written = tuple(proposal for proposal in verdict.proposals if proposal.is_written)
@@ -212,19 +210,19 @@ def _with_useful(
 
 
 def _useful(record: Evidence, proposing: Sequence[Verdict], judge: _Judge) -> list[Verdict]:
-    """Those whose proposals help beside those of all others that do."""
+    """Verdicts whose proposals help together with those of the others kept."""
     if not proposing:
         return []
 
     def helps(proposed: HeldOut | None, files: HeldOut | None) -> bool:
-        """Whether to keep a proposal; where there is an error of one side only, it decides."""
+        """Whether to keep a proposal; if only one side can be fitted, it wins."""
         if proposed is None or files is None:
             return proposed is not None or files is None
         return judge(proposed, files)
 
     kept, files, best = list(proposing), _error(record, ()), _error(record, proposing)
     while len(kept) > 1:
-        # Of two proposals that exclude each other, the first stays.
+        # Of two proposals that exclude each other, the first is kept.
         fewer = ((_error(record, [v for v in kept if v is not last]), last) for last in kept[::-1])
         spare = next((trial for trial in fewer if not helps(best, trial[0])), None)
         if spare is None:
@@ -235,7 +233,7 @@ def _useful(record: Evidence, proposing: Sequence[Verdict], judge: _Judge) -> li
 
 
 def _error(record: Evidence, verdicts: Sequence[Verdict]) -> HeldOut | None:
-    """Of a recording with all that verdicts propose; None where it cannot be read so."""
+    """Held-out errors with all that verdicts propose; None where that cannot be read."""
     try:
         if not verdicts:
             return held_out(record)

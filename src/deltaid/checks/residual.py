@@ -1,8 +1,8 @@
-"""Residual torques of the fit: a lag, or the effect that causes them.
+"""Residual torques of the fit and their causes: a lag, an effect, a resonance.
 
-The torques of a recording are compared with what any parameters could make of its motion, without
-prior and consistency. A residual beyond chance is assigned to the cause whose columns explain it
-best; the next cause gets the remainder. Nothing is concluded about the cause of what is left then.
+The fit here has free parameters, without prior and consistency. A residual beyond chance is
+assigned to the cause whose columns explain it best; the next cause gets the remainder. The final
+remainder is reported without a cause.
 """
 
 from collections.abc import Iterator, Sequence
@@ -10,6 +10,7 @@ from dataclasses import replace
 
 import numpy as np
 from jaxtyping import Float
+from scipy.special import chdtrc, chdtri
 from threadpoolctl import threadpool_limits
 
 from deltaid.checks.evidence import Evidence
@@ -22,33 +23,33 @@ from deltaid.identification.study import Study, longest, rests, spoilt, unexplai
 from deltaid.model.verdict import Fault, Grade, Verdict, graded, listed, percent
 from deltaid.recording.recording import PreparedRecording
 
-# A lag is wrong, and not only doubtful, where it spoils an inertia by this share.
+# A lag is wrong instead of doubtful where it biases an inertia by this share.
 _SPOILT = 0.05
 # A lag that biases no inertia by this share is not reported.
 _HARMS = 0.003
-# A lag is unknown with an interval beyond the first [s]; beyond the second it must be so many times
-# as large: a slow motion determines a lag by its reversals alone, where encoder steps and friction
+# A lag is unknown with an interval beyond the first [s]; beyond the second the lag must be so many
+# times as large: a slow motion determines it at reversals alone, where encoder steps and friction
 # near rest interfere.
 _UNKNOWN, _WIDE, _CLEAR = 1e-3, 3e-4, 4.0
 _LAG = Fault("torque-lag", "ms")
-# A cause is wrong, and not only doubtful, where it makes this share of a drive's torque.
+# A cause is wrong instead of doubtful where it makes this share of a drive's torque.
 _MUCH = 0.1
-# Lines are searched above so many times the motion's bandwidth and above so many Hz: below, model
-# errors have lines of their own.
+# Lines are searched above so many times the motion's bandwidth and so many Hz: below, model errors
+# have lines too.
 _ABOVE, _LOWEST = 3.0, 6.0
-# A line stands so many times above its neighbours within a quarter of its frequency, is narrower
-# than a tenth of it, and makes this share of the largest torque.
+# A line exceeds its neighbours within a quarter of its frequency so many times, is narrower than a
+# tenth of it, and makes this share of the largest torque.
 _STANDS, _NEAR, _NARROW, _LEAST = 12.0, 0.25, 0.1, 0.004
 # Seconds of a spectrum's segment; segments at least.
 _SECONDS, _SEGMENTS = 2.0, 6
 _DECLARE = (
     "declare it in the mapping (load: {spans: …}, or the gripper's column), which says exactly when"
 )
-# What no cause explains is said and not doubtful below this share of a drive's torque, which the
-# ripple of a good drive makes.
+# An unexplained residual is doubtful above this share of a drive's torque, a good drive's ripple.
 _LITTLE = 0.01
-# A residual comes in bursts when a tenth of the time has this share of it.
-_BURSTS = 0.7
+# A residual comes in bursts if the share of its largest tenth is nearer to 1 than to that of normal
+# noise, whose squares have one degree of freedom, and three when weighted by themselves.
+_BURSTS = 0.5 * (1.0 + chdtrc(3.0, chdtri(1.0, 0.1)))
 _LOOK = "look at the residual over time in the report"
 _RINGS = Fault(
     "resonance",
@@ -82,8 +83,7 @@ def checked_residual(evidence: Evidence) -> Iterator[Verdict]:
 
 
 def detected_load(study: Study) -> Verdict:
-    """A load that no mapping declares and that has been identified with the robot, by the study of
-    the recording before that."""
+    """Verdict on an undeclared load identified with the robot, from the study before that."""
     cause = load_change(study)
     assert cause is not None
     verdict = _verdict(cause, study.fit.trace.recording)
@@ -107,7 +107,7 @@ def _verdict(cause: Cause, recording: PreparedRecording) -> Verdict | None:
 
 
 def _why_left(evidence: Evidence, study: Study, recording: PreparedRecording) -> str:
-    """Why an identification has not corrected a lag that is detected; empty before there is one."""
+    """Why an identification did not correct a detected lag; empty before an identification."""
     chosen = evidence.settings.lag
     reasons = {
         "": evidence.problem is None,
@@ -167,8 +167,8 @@ def _line(
 
 
 def _rest(study: Study, *, rings: bool) -> Verdict:
-    """What neither parameters nor effects explain, or a resonance does (`rings`), by the drive that
-    has most of it."""
+    """Residual that neither parameters nor effects explain, for the drive with most of it; a
+    resonance (`rings`) explains it."""
     every = sorted(rests(study), key=lambda rest: rest.systematic, reverse=True)
     rest = next((rest for rest in every if rest.is_unexplained), None)
     if rings or rest is None:
@@ -191,11 +191,11 @@ def _rest(study: Study, *, rings: bool) -> Verdict:
 
 
 def checked_lag(study: Study, why: str, *, unknown: bool) -> Verdict:
-    """Whether torques and positions are simultaneous.
+    """Verdict on the lag between torques and positions.
 
     Args:
-        why: an identification has not corrected a lag; empty before one.
-        unknown: whether the fit had to leave it open.
+        why: reason why an identification did not correct a lag; empty before one.
+        unknown: whether the fit could not determine it.
     """
     lag, half = 1e3 * float(study.common.values[0]), 1e3 * float(study.common.interval[0])
     harm, shown = spoilt(study), study.common if study.alike else study.each
@@ -250,7 +250,7 @@ def checked_lag(study: Study, why: str, *, unknown: bool) -> Verdict:
 
 
 def _cost(study: Study, harm: Float[np.ndarray, " dof"], why: str) -> str:
-    """What a lag does to the inertia of the drive that it harms most, and why it is left."""
+    """Bias of the inertia that a lag harms most, and why the lag is not corrected."""
     worst = int(np.argmax(np.abs(harm)))
     size = f"{percent(abs(harm[worst]))} too {'large' if harm[worst] > 0 else 'small'}"
     cost = f"uncorrected, it makes the inertia of {study.fit.drives[worst]} {size}"

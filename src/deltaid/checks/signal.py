@@ -1,11 +1,11 @@
-"""Whether the signals of a recording are worth a fit: rate, clock, encoders, torque channels."""
+"""Checks of a recording's signals: rate, clock, encoders, torque channels."""
 
 from collections.abc import Iterator
 
 import numpy as np
 from jaxtyping import Bool
 
-from deltaid.checks.evidence import Evidence
+from deltaid.checks.evidence import RESTS, Evidence
 from deltaid.estimation.spectra import bandwidth, jitter, step_of, white_noise
 from deltaid.model.verdict import Fault, Grade, Verdict, graded, listed, percent
 from deltaid.recording.filter import LowPass, design_low_pass
@@ -13,20 +13,18 @@ from deltaid.recording.log import Log
 from deltaid.recording.masks.masks import Reason, kept
 from deltaid.recording.time.clock import HIGHEST_RATE
 
-# Samples per period of the motion's bandwidth: fewer are doubtful, or wrong. Differentiated signals
-# need more, because the filter keeps six hundredths of the rate.
+# Samples per period of the motion's bandwidth below which a recording is doubtful, and wrong.
+# Differentiated signals need more: the filter passes six hundredths of the rate.
 _DIFFERENTIATED, _TAKEN = (16.0, 10.0), (5.0, 2.5)
-# What the encoder's steps add to the accelerations, as a share of these.
+# Share of the accelerations that the encoder's steps make.
 _ROUGH, _USELESS = 0.1, 1.0
-# Steps of the encoder over a stroke that are too few whatever the filter makes of them.
+# Steps of the encoder over a stroke below which it is too coarse, whatever the filter does.
 _FEW = 250.0
-# A drive rests that moves less than this share of the others' range.
-_AT_LEAST = 0.01
-# Jitter of the stamps that is reported, as a share of the period.
+# Least reported jitter of the stamps, as a share of the period.
 _JITTER = 0.005
-# Share of the rows on a torque's largest or smallest number, and at rest.
+# Share of the rows at a torque's largest or smallest number, and at rest, that is reported.
 _CLIPPED, _RESTING = 0.002, 0.2
-# Noise as a share of the largest torque: drives have 0.3 to 3 %. And the share of a channel's power
+# Noise as a share of the largest torque (drives have 0.3 to 3 %), and share of a channel's power
 # above which it is noise only.
 _NOISY, _NOTHING_ELSE = 0.06, 0.9
 # Step of a torque as a share of its root mean square.
@@ -84,12 +82,12 @@ _STEP = Fault(
 
 
 def checked_signals(evidence: Evidence) -> Iterator[Verdict]:
-    """All verdicts on the signals as they are recorded."""
+    """All verdicts on the recorded signals."""
     if len(evidence.rows.time) < 2 or evidence.rows.step < 1 / HIGHEST_RATE:  # a survey refuses it
         return
     rate, recording = _rate(evidence), evidence.surveyed
     yield rate
-    if rate.grade is Grade.WRONG:  # motions that are sampled like this look like noise
+    if rate.grade is Grade.WRONG:  # a motion sampled too slowly looks like noise
         return
     if not evidence.columns.velocity:  # positions are differentiated
         yield from _encoder(evidence)
@@ -149,7 +147,7 @@ def _encoder(evidence: Evidence) -> Iterator[Verdict]:
 
 
 def _low_pass(evidence: Evidence) -> LowPass | None:
-    """The filter of the recording, or one for its motion where it has none."""
+    """The filter of the recording, or one that suits its motion."""
     if evidence.surveyed is not None:
         return evidence.surveyed.low_pass
     rate = 1.0 / evidence.rows.step
@@ -160,11 +158,11 @@ def _low_pass(evidence: Evidence) -> LowPass | None:
 
 
 def _moving(evidence: Evidence) -> Bool[np.ndarray, " drives"]:
-    """Drives that do not rest while others of their kind move."""
+    """Drives that move, compared with others of their kind."""
     robot, span = evidence.robot, evidence.moved
     slides = np.array([robot.is_linear(drive) for drive in robot.drives])
     largest = np.where(slides, span[slides].max(initial=0.0), span[~slides].max(initial=0.0))
-    return span > _AT_LEAST * largest
+    return span > RESTS * largest
 
 
 def _clock(evidence: Evidence, log: Log) -> Verdict:
@@ -179,7 +177,7 @@ def _clock(evidence: Evidence, log: Log) -> Verdict:
         f"{stale} rows repeat the one before them while the robot moves": stale,
         f"stamps jitter by {percent(scatter)} of the {period}": scatter > _JITTER,
     }
-    seen = "; ".join(words for words, is_so in faults.items() if is_so)
+    seen = "; ".join(words for words, present in faults.items() if present)
     if not seen and clock.steady:
         uneven = jitter(evidence.rows.q, clock.period) / clock.period
         if uneven > _JITTER:

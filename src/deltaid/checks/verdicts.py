@@ -1,5 +1,5 @@
-"""Verdicts as a tuple that knows its robot and recordings, and what they propose for files:
-applied to a description or a mapping, or written as lines to paste."""
+"""Verdicts with their robot and recordings, and their proposals: applied to a description or a
+mapping, or written as lines to paste."""
 
 import os
 from collections.abc import Iterable, Sequence
@@ -34,8 +34,7 @@ File = Literal["robot", "mapping"]
 Changes = dict[str, object]
 Data = dict[str, Any]
 
-# Every key that a verdict may have, in the order of docs/check.md, by what it is about; those of
-# effects are theirs.
+# All keys of verdicts by subject, in the order of docs/check.md; effects have their own.
 KEYS = {
     "the description": (
         "length-unit", "friction", "limits", "prior-scale", "measured-scale",
@@ -63,7 +62,7 @@ KEYS = {
 
 
 class Verdicts(Shown, Tabled, Reported, tuple[Verdict, ...]):
-    """Verdicts on a robot and its recordings, in the order of what they look at.
+    """Verdicts on a robot and its recordings, in the order of the checks.
 
     Attributes:
         robot: the description; None where the file does not describe a robot.
@@ -82,7 +81,7 @@ class Verdicts(Shown, Tabled, Reported, tuple[Verdict, ...]):
         sources: Sequence[Path | Recording] = (),
         mappings: Sequence[ColumnMapping | None] = (),
     ) -> "Verdicts":
-        """Verdicts and what they are on."""
+        """Verdicts with their robot, recordings and mappings."""
         new = super().__new__(cls, verdicts)
         new.robot, new.sources, new.mappings = robot, tuple(sources), tuple(mappings)
         return new
@@ -99,17 +98,16 @@ class Verdicts(Shown, Tabled, Reported, tuple[Verdict, ...]):
         return tuple(verdict for grade in grades for verdict in self if verdict.grade is grade)
 
     def noted(self, model: IdentifiedModel) -> IdentifiedModel:
-        """A model that keeps what is wrong with its recordings, what cannot be decided, and how
-        much no cause explains."""
+        """The model with the keys of wrong verdicts, undecided ones, and the unexplained share."""
         wrong = dict.fromkeys(verdict.key for verdict in self if verdict.grade is Grade.WRONG)
-        untold = (verdict.sentence for verdict in self if verdict.grade is Grade.CANNOT_TELL)
-        left = [verdict.number or 0.0 for verdict in self.poor if verdict.key == "residual"]
-        share = max((0.01 * number for number in left), default=0.0)
-        return model.changed(wrong=tuple(wrong), undecided=tuple(untold), unexplained=share)
+        undecided = (verdict.sentence for verdict in self if verdict.grade is Grade.CANNOT_TELL)
+        residuals = [verdict.number or 0.0 for verdict in self.poor if verdict.key == "residual"]
+        share = max((0.01 * number for number in residuals), default=0.0)
+        return model.changed(wrong=tuple(wrong), undecided=tuple(undecided), unexplained=share)
 
     @property
     def cures(self) -> str:
-        """Lines that are proposed for the mapping and for the robot file, to read or to paste."""
+        """Proposed lines for the mapping and the robot file, to read or to paste."""
         read = {
             "robot": ("the robot file", lambda: as_written(self._described)),
             "mapping": ("the mapping of columns", lambda: self._recorded.written_mapping),
@@ -118,21 +116,21 @@ class Verdicts(Shown, Tabled, Reported, tuple[Verdict, ...]):
         return "\n".join(f"# into {title}\n{pasted(data(), new)}" for title, data, new in files)
 
     def cured_columns(self) -> ColumnMapping:
-        """The mapping of columns with all that is proposed, to be given as `columns=`.
+        """The mapping of columns with all proposals applied, to pass as `columns=`.
 
-        Nothing is cured unasked: look at `cures` first.
+        Read `cures` first.
 
         Raises:
-            DeltaidError: there is not one recording, whose mapping could be meant.
+            DeltaidError: there is not exactly one recording.
         """
         text = yaml_text(mended(self._recorded.written_mapping, changes(self, "mapping")))
         return parse(text, ColumnMapping, where="cured mapping").known_as("cured mapping")
 
     def cured_robot(self) -> RobotDescription:
-        """The description with all that is proposed.
+        """The description with all proposals applied.
 
         Raises:
-            DeltaidError: the file does not describe a robot, or what is proposed does not fit.
+            DeltaidError: the file does not describe a robot, or the proposals do not fit.
         """
         if not (proposed := changes(self, "robot")):
             return self._described
@@ -167,7 +165,7 @@ def files_of(verdicts: Iterable[Verdict]) -> tuple[File, ...]:
 
 
 def changes(verdicts: Iterable[Verdict], file: File) -> Changes:
-    """What all verdicts propose for one file; of two values for one key the first."""
+    """All proposals for one file; of two values for a key the first."""
     proposals = [p for verdict in verdicts for p in verdict.proposals if p.file == file]
     first: Changes = {}
     for proposal in proposals:
@@ -190,7 +188,7 @@ def as_written(robot: RobotLike) -> Data:
 
 
 def robot_text(robot: RobotLike, proposed: Changes) -> str:
-    """The file of a description with what is proposed; all other lines of it stay.
+    """A description's file with proposals applied; all other lines stay.
 
     Raises:
         DescriptionError: there is no such robot, or its file is no mapping of keys.
@@ -205,7 +203,7 @@ def robot_text(robot: RobotLike, proposed: Changes) -> str:
 
 
 def mapping_text(record: Evidence, proposed: Changes, path: Path | None) -> str:
-    """The mapping of a recording with what is proposed; all other lines of its file stay.
+    """A recording's mapping with proposals applied; all other lines of its file stay.
 
     Args:
         record: the recording with its mapping.
@@ -222,12 +220,12 @@ def mapping_text(record: Evidence, proposed: Changes, path: Path | None) -> str:
 
 
 def pasted(data: Data, proposed: Changes) -> str:
-    """What is proposed for plain data, as lines of YAML to paste into its file."""
+    """Proposals for plain data, as YAML lines to paste into its file."""
     return yaml_text(to_paste(mended(data, proposed), proposed)).rstrip()
 
 
 def to_paste(data: Data, proposed: Changes) -> Data:
-    """The changed keys of mended data and nothing else; of a list all, as it is pasted whole."""
+    """Only the changed keys of corrected data; lists are pasted whole."""
     lines: Data = {}
     for path in proposed:
         value: Any = data

@@ -1,4 +1,4 @@
-"""Possible errors of a sensor's columns: maps that would correct them, best first, in words."""
+"""Possible errors of a sensor's columns: maps that would correct them, and their verdicts."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
@@ -8,24 +8,24 @@ from typing import Literal
 import numpy as np
 from jaxtyping import Float
 
+from deltaid.checks.priors import size_of
 from deltaid.checks.sensing.misfit import Map, Misfit
+from deltaid.checks.wiring.residual import UNIT
 from deltaid.model.verdict import Grade, Proposal, Verdict, listed, percent
 from deltaid.robot.sensors import BaseWrench
 from deltaid.sensors.weighings import roll_pitch_yaw, rotation
 
 Kind = Literal["unit", "sign", "order", "exchanged", "turned", "rotated", "origin"]
 
-# Scales that are tried, as powers of ten, and how near to one a scale has none.
+# Scales tried, as powers of ten, and how near to one a scale counts as one.
 _POWERS, _NEAR_ONE = np.linspace(-4.5, 4.5, 46), 0.2
-# Rounds of turning and fitting by turns, and of narrowing a scale down.
+# Rounds of alternate rotation and fit, and of narrowing a scale down.
 _TURNS, _NARROWER = 6, 24
-# A guess that has more freedom must leave so much less.
+# Factor by which a guess with more freedom must leave less.
 _FREEDOM: dict[Kind, float] = {
     "sign": 1.0, "unit": 1.1, "turned": 1.1, "order": 1.2, "exchanged": 1.2, "rotated": 1.6,
     "origin": 1.6,
 }  # fmt: skip
-# An origin is off by so much, a priori [m].
-_FAR = 1.0
 _FORCE, _MOMENT = slice(3), slice(3, 6)
 # Units of forces and moments that a factor may be read as.
 _UNITS = {
@@ -39,23 +39,21 @@ _UNITS = {
         "daN*m": 10.0,
     },
 }  # fmt: skip
-# A factor names a unit where it is nearer than torque constants and sensors err together.
+# A factor names a unit where it is nearer than the combined errors of torque constants and sensors.
 _ALIKE = 0.15
-# Factors nearer to one than this may as well be those of the drives' torques.
-_GAIN = 3.0
-# Axes turned by less [rad], and an origin that is nearer [m], are doubtful and not wrong.
+# Axes turned by less [rad], and an origin that is nearer [m], are doubtful instead of wrong.
 _SLIGHTLY, _NEARBY = 0.09, 0.02
 _AXES = "xyz"
 
 
 @dataclass(frozen=True, eq=False)
 class Guess:
-    """One map T of what is shown: T y is what it should show, with the misfit Q."""
+    """One map T of the measured values y: T y agrees with the robot, with the misfit Q."""
 
     kind: Kind
     T: Map
     Q: float
-    # of its origin along its axes [m]
+    # of the origin along the sensor's axes [m]
     offset: Float[np.ndarray, " 3"] = field(default_factory=lambda: np.zeros(3))
     other: str = ""  # the sensor whose column it is
 
@@ -65,12 +63,12 @@ class Guess:
 
     @property
     def turn(self) -> Float[np.ndarray, "3 3"]:
-        """Axes that the sensor has, in those that it is described with."""
+        """The sensor's axes in those described."""
         return self.T[_FORCE, _FORCE]
 
     @property
     def angle(self) -> float:
-        """By which axes are turned [rad]."""
+        """Rotation angle of the axes [rad]."""
         return float(np.arccos(np.clip(0.5 * (np.trace(self.turn) - 1), -1.0, 1.0)))
 
 
@@ -80,16 +78,17 @@ def best_guess(misfit: Misfit, others: Sequence[Misfit]) -> Guess:
     for other in others:
         Q = replace(misfit, y=other.y, samples=other.samples, raw=other.raw).judge(np.eye(1)).Q
         guesses.append(Guess("exchanged", np.eye(1), Q, other=other.name))
-    if len(misfit.noise) == 6:  # moments about another point: M = M' − r × F with r to be found
+    if len(misfit.noise) == 6:  # moments about another point: M = M' − r × F with an unknown r
         by_place = np.stack([np.cross(misfit.y[_FORCE].T, e).T for e in np.eye(3)], axis=1)
         columns = np.concatenate([np.zeros_like(by_place), by_place])
-        shifted = misfit.beside(columns, _FAR).judge(np.eye(6))
+        size = size_of(misfit.rows.dynamics.robot)  # prior deviation of r
+        shifted = misfit.with_columns(columns, size).judge(np.eye(6))
         guesses.append(Guess("origin", np.eye(6), shifted.Q, shifted.theta[-3:]))
     return min(guesses, key=lambda guess: guess.Q * _FREEDOM[guess.kind])
 
 
 def _maps(misfit: Misfit) -> Iterator[tuple[Kind, Map]]:
-    """A factor of all forces and one of all moments; of a wrench signs, orders and turns."""
+    """A factor of all forces and one of all moments; for a wrench signs, orders and rotations."""
     gains = np.ones(len(misfit.noise))
     for group in misfit.groups:
         gains[group] = _gain(misfit, group)
@@ -97,7 +96,7 @@ def _maps(misfit: Misfit) -> Iterator[tuple[Kind, Map]]:
     if len(gains) != 6:
         return
     for signs in product((1.0, -1.0), repeat=6):
-        if signs[_FORCE] != signs[_MOMENT] or np.prod(signs[_FORCE]) < 0:  # else it is turned
+        if signs[_FORCE] != signs[_MOMENT] or np.prod(signs[_FORCE]) < 0:  # else a rotation
             yield "sign", np.diag(signs)
     for order in _orders():
         yield "order", np.eye(6)[list(order)]
@@ -109,7 +108,7 @@ def _maps(misfit: Misfit) -> Iterator[tuple[Kind, Map]]:
 
 
 def _gain(misfit: Misfit, group: list[int]) -> float:
-    """The factor of some channels; exactly ±1 where it is near."""
+    """The factor of some channels, rounded to ±1 if it is near."""
 
     def misfit_of(power: float, sign: float) -> float:
         return misfit.judge(sign * 10.0**power * np.eye(len(misfit.noise)), group).Q
@@ -124,7 +123,7 @@ def _gain(misfit: Misfit, group: list[int]) -> float:
 
 
 def _orders() -> list[tuple[int, ...]]:
-    """Moments first, by turns, axes in another order, two columns exchanged."""
+    """Moments first, forces and moments in turn, axes in another order, two columns exchanged."""
     as_listed = (0, 1, 2, 3, 4, 5)
     orders = {(3, 4, 5, 0, 1, 2), (0, 2, 4, 1, 3, 5), (5, 4, 3, 2, 1, 0)}
     orders |= {(*axes, *(3 + k for k in axes)) for axes in permutations(range(3))} - {as_listed}
@@ -133,7 +132,7 @@ def _orders() -> list[tuple[int, ...]]:
 
 
 def _rotation(misfit: Misfit) -> Float[np.ndarray, "3 3"]:
-    """Any turn of the axes: the rotation nearest to what torques expect, and fitted again."""
+    """Any rotation of the axes: alternately the best rotation and the best parameters."""
     theta, R, y = misfit.by_torques, np.eye(3), misfit.moving
     for _ in range(_TURNS):
         expected = misfit.expected(theta)
@@ -161,7 +160,7 @@ def verdict_of(guess: Guess, misfit: Misfit, share: float) -> Verdict:
 
 
 def _of_gains(guess: Guess, misfit: Misfit, off: str) -> Verdict:
-    """Units or signs; a factor that is no unit's may be the torques'."""
+    """Units or signs; a factor near one may be an error of the drives' torques."""
     gains, channels, measured = guess.gains, misfit.columns.channels, misfit.rows.channels
     scaled, turned = ~np.isclose(np.abs(gains), 1.0), gains < 0
     largest = float(gains[int(np.argmax(np.abs(np.log(np.abs(gains)))))])
@@ -180,7 +179,7 @@ def _of_gains(guess: Guess, misfit: Misfit, off: str) -> Verdict:
         columns_in = dict.fromkeys(np.array(units)[scaled].tolist())
         key, cause = "sensor-unit", f"columns in {listed(list(columns_in))}"
         changes.append(("unit", units[0] if len(set(units)) == 1 else units))
-        if 1 / _GAIN < abs(largest) < _GAIN and not turned.any():
+        if 1 / UNIT < abs(largest) < UNIT and not turned.any():
             key, grade = "sensor-gain", Grade.DOUBTFUL
             cause = (
                 "torque constants or gears of the drives that are off, or the sensor's own factor"
@@ -259,10 +258,10 @@ def mapped(
     changes: Sequence[tuple[str, object]],
     columns: Sequence[str] | None = None,
 ) -> tuple[Proposal, ...]:
-    """Changes of an entry of the mapping, which has its columns whether it has been there or not.
+    """Changes of a sensor's entry of the mapping, complete even where the mapping has none.
 
     Args:
-        columns: in the place of those that are read.
+        columns: in place of the present ones.
     """
     columns = columns or [channel.column for channel in misfit.columns.channels]
     entry: list[tuple[str, object]] = [("column", None), ("columns", [*columns])]

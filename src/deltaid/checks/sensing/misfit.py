@@ -1,11 +1,11 @@
 """Misfit between a mapped sensor signal and the robot as torques and prior determine it.
 
-With T y in the place of y, and σ the residual that sensor noise and model errors allow,
+With T y in place of y, and σ the residual that sensor noise and model errors allow,
 
     Q = min over θ of  n Σ_k mean((T y)_k − X_k θ)² / σ_k² + ‖D (θ − θ̂)‖²,
 
-in samples n that count as independent, over n and the number of channels. σ_k follows the size of
-T y, so that nothing is gained by making it small. Rows of torques and sensors are filtered alike.
+divided by the number n of independent samples and the number of channels. σ_k scales with T y, so a
+small T gains nothing. Rows of torques and sensors pass the same filter.
 """
 
 from collections.abc import Iterator
@@ -28,22 +28,20 @@ from deltaid.robot.parameter import PRIOR_SPREAD
 from deltaid.sensors.robot_sensors import all_sensor_rows
 from deltaid.sensors.rows import SensorRows
 
-# Least residual of torques, as a share of each, and samples of them that count as independent.
+# Least residual of torques, as a share of each, and number of independent samples.
 _LEFT, _OF_TORQUES = 0.02, 1000.0
 # Fixed parameters are known to this share of their size.
 _KNOWN = 1e-4
-# Parameters zero by symmetry where not free, and how far real bodies are from that.
+# Parameters that symmetry makes zero unless they are free, and deviations of real bodies from that.
 _BY_SYMMETRY, _STRAIGHT = ("mcx", "mcy", "mcz", "Ixy", "Iyz", "Ixz"), 0.02
-# Windows of a recording that are evaluated, and samples of them all after the filter.
+# Evaluated windows of a recording, and their samples together after the filter.
 _WINDOWS, _MOST = 6, 4000
-# Samples of a sensor that count as independent.
+# Independent samples of a sensor.
 _COUNTED = 200.0
-# What a good model errs by: as shares of a channel's motion, of that of all like it, of its level.
+# Errors of a good model: as shares of a channel's motion, of that of its group, of its mean.
 _OF_CHANNEL, _OF_GROUP, _OF_MEAN = 0.08, 0.02, 0.005
-# Rounds of estimating and shifting a delay, which is so large a priori [s].
+# Gauss–Newton steps for a delay, and its prior deviation [s].
 _ROUNDS, _DELAY = 4, 0.05
-# Stretches shorter than this, in samples, say nothing about time.
-_SHORT = 12
 
 Map = Float[np.ndarray, "channels channels"]
 Values = Float[np.ndarray, "channels samples"]
@@ -61,17 +59,17 @@ class MapFit:
 
 @dataclass(frozen=True, eq=False)
 class Misfit:
-    """What one sensor shows, y = X θ, θ the robot's parameters and then the sensor's unknowns; and
-    what torques and prior say of θ."""
+    """Measured values y = X θ of one sensor, with θ the robot's parameters and then the sensor's
+    unknowns, and the distribution of θ from torques and prior."""
 
-    rows: SensorRows  # what it measures of the robot
+    rows: SensorRows
     columns: SensorChannels  # in the log
     by_torques: Theta  # θ̂
     D: Float[np.ndarray, "theta theta"]
-    X: Float[np.ndarray, "channels theta samples"]  # like y filtered, zero where nothing counts
+    X: Float[np.ndarray, "channels theta samples"]  # filtered like y, zero in excluded rows
     y: Values
-    samples: Float[np.ndarray, " samples"]  # how far each counts
-    raw: Float[np.ndarray, "channels rows"]  # y in all rows, unfiltered; NaN where nothing
+    samples: Float[np.ndarray, " samples"]  # weight of each
+    raw: Float[np.ndarray, "channels rows"]  # y in all rows, unfiltered; NaN where missing
     starts: Int[np.ndarray, " stretches"]  # first samples of stretches without a gap
     period: float  # between two samples [s]
     row: float  # between two rows of the log [s]
@@ -90,29 +88,31 @@ class Misfit:
 
     @cached_property
     def moving(self) -> Values:
-        """y without its mean where it counts."""
+        """y without its weighted mean."""
         return self.y - np.outer(self.y.sum(axis=1) / max(self.counts, 1e-300), self.samples)
 
     @cached_property
     def white(self) -> Float[np.ndarray, " channels"]:
-        """Noise from row to row, as second differences show it [N, N m]."""
+        """White noise by second differences [N, N m]."""
         second = np.diff(self.raw, 2, axis=1)
         counts = np.isfinite(second).sum(axis=1)
         return np.sqrt(np.nansum(second**2, axis=1) / np.maximum(counts, 1) / 6)
 
     @cached_property
     def noise(self) -> Float[np.ndarray, " channels"]:
-        """As stated [N, N m]."""
+        """Stated noise [N, N m]."""
         return np.array([channel.noise for channel in self.rows.channels])
 
     @cached_property
     def groups(self) -> list[list[int]]:
-        """Channels that measure the same: forces, and moments."""
+        """Channels of the same unit: forces, and moments."""
         units = self.units
         return [[k for k, unit in enumerate(units) if unit == kind] for kind in sorted(set(units))]
 
-    def beside(self, columns: Float[np.ndarray, "channels added _"], spread: float) -> "Misfit":
-        """With additional columns, whose coefficients have a standard deviation a priori."""
+    def with_columns(
+        self, columns: Float[np.ndarray, "channels added _"], spread: float
+    ) -> "Misfit":
+        """The misfit with additional columns and the prior deviation of their coefficients."""
         n = columns.shape[1]
         return replace(
             self,
@@ -123,8 +123,7 @@ class Misfit:
 
     @cached_property
     def _triangles(self) -> Float[np.ndarray, "channels _ augmented"]:
-        """R of each channel k with RᵀR the mean second moments of [X_k; y], so that a map costs no
-        sample."""
+        """R of each channel k with RᵀR the mean second moments of [X_k; y], to judge maps fast."""
         y = np.broadcast_to(self.y, (len(self.X), *self.y.shape))
         rows = np.concatenate([self.X, y], axis=1) / np.sqrt(max(self.counts, 1.0))
         return np.asarray(np.linalg.qr(rows.swapaxes(1, 2), mode="r"))
@@ -136,14 +135,14 @@ class Misfit:
         for group in self.groups:
             of_group[group] = np.sqrt(np.mean(motion[group] ** 2))
         p = self.by_torques[: len(self.rows.dynamics.layout.names)]
-        # What it should show in the mean, but for its own offsets.
+        # Expected mean without the sensor's offsets.
         level = self.X[:, : len(p)].sum(axis=2) @ p / max(self.counts, 1.0)
         of_model = _OF_CHANNEL * motion, _OF_GROUP * of_group, _OF_MEAN * level
         white = np.minimum(np.abs(T), 1.0) @ self.white
         return np.sqrt(np.sum(np.square((*of_model, self.noise, white)), axis=0))
 
     def judge(self, T: Map, only: list[int] | None = None) -> MapFit:
-        """Judge one map, by some channels; default all."""
+        """The fit of one map by some channels; by default all."""
         kept, n = list(range(len(T))) if only is None else only, len(self.by_torques)
         R = self._triangles[kept] * (np.sqrt(_COUNTED) / self._sigma(T)[kept])[:, None, None]
         b = np.einsum("kri,ki->kr", R[:, :, n:], T[kept]).ravel()
@@ -157,7 +156,7 @@ class Misfit:
         return np.einsum("kin,i->kn", self.X, theta)
 
     def left(self, fit: MapFit) -> Float[np.ndarray, " channels"]:
-        """RMS residual of each unmapped channel, in its own unit."""
+        """RMS residual of each unmapped channel, in its unit."""
         residual = self.y - self.expected(fit.theta)
         return np.sqrt(np.sum(residual**2, axis=1) / max(self.counts, 1.0))
 
@@ -177,14 +176,12 @@ class Misfit:
         return float(abs(np.sum(expected * y)) / max(size, 1e-300))
 
     def stretches(self) -> Iterator[slice]:
-        """Stretches without a gap that are long enough to determine a delay."""
+        """Stretches without a gap."""
         ends = [*self.starts[1:].tolist(), self.y.shape[1]]
-        for first, last in zip(self.starts.tolist(), ends, strict=True):
-            if last - first >= _SHORT:
-                yield slice(first, last)
+        yield from map(slice, self.starts.tolist(), ends)
 
     def earlier(self, delay: float) -> "Misfit":
-        """The same with the signal shifted earlier [s]."""
+        """The misfit with the signal shifted earlier by a delay [s]."""
         y = self.y.copy()
         for part in self.stretches() if delay else ():
             time = np.arange(part.stop - part.start) * self.period
@@ -195,7 +192,7 @@ class Misfit:
 
 @dataclass(frozen=True)
 class SensorLag:
-    """A sensor's delay against the motion, its standard deviation [s], and the misfit without."""
+    """A sensor's delay against the motion, its deviation [s], and the misfit without it."""
 
     delay: float
     std: float
@@ -203,8 +200,9 @@ class SensorLag:
 
 
 def lag_of(misfit: Misfit, unshifted: MapFit) -> SensorLag | None:
-    """The delay of a sensor, y(t) = ŷ(t − δ), by Gauss–Newton steps jointly with θ."""
-    if np.ptp(misfit.samples) > 1e-6:  # with holes there is no shifting
+    """The delay δ of a sensor, y(t) = ŷ(t − δ), by Gauss–Newton steps jointly with θ; None with
+    holes, across which a signal cannot be shifted."""
+    if np.ptp(misfit.samples) > 1e-6:
         return None
     T, theta, delay, std = np.eye(len(misfit.noise)), unshifted.theta, 0.0, np.inf
     for _ in range(_ROUNDS):
@@ -212,7 +210,7 @@ def lag_of(misfit: Misfit, unshifted: MapFit) -> SensorLag | None:
         slope = np.zeros_like(expected)
         for part in misfit.stretches():
             slope[:, part] = -np.gradient(expected[:, part], misfit.period, axis=1)
-        fit = misfit.earlier(delay).beside(slope[:, None, :], _DELAY).judge(T)
+        fit = misfit.earlier(delay).with_columns(slope[:, None, :], _DELAY).judge(T)
         theta, step, std = fit.theta[:-1], float(fit.theta[-1]), fit.last_std
         delay += step
         if abs(step) < 0.1 * std:
@@ -221,7 +219,7 @@ def lag_of(misfit: Misfit, unshifted: MapFit) -> SensorLag | None:
 
 
 def misfits(dynamics: Dynamics, recording: PreparedRecording) -> list[Misfit]:
-    """Of each sensor of a recording, filtered like its torques; none where it has too little."""
+    """Misfits of a recording's sensors, filtered like torques; none with too few samples."""
     columns, drives = recording.log.columns, np.arange(dynamics.dof)
     sensor_columns = {sensor.name: sensor for sensor in columns.sensors}
     if not sensor_columns or not columns.torque:
@@ -282,7 +280,7 @@ def misfits(dynamics: Dynamics, recording: PreparedRecording) -> list[Misfit]:
 
 
 def _by_torques(dynamics: Dynamics, torques: Information) -> LinearProblem:
-    """Least squares of the robot's parameters by torques and prior."""
+    """Least squares of the robot's parameters from torques and prior."""
     robot, layout = dynamics.robot, dynamics.layout
     stated = stated_spreads(robot)
     prior = np.array([entry.prior for entry in layout.parameters])

@@ -1,7 +1,7 @@
-"""Sensors other than the drives': units, signs, axes, order, delay and noise of their signals.
+"""Checks of sensors in addition to the drives: unit, sign, axes, order, delay and noise.
 
-Each signal is compared with the robot as torques and prior determine it (`sensing.misfit`). Where
-they contradict each other, maps that would correct its columns are tried (`sensing.guesses`).
+Each signal is compared with the robot as torques and prior determine it (`sensing.misfit`). If they
+contradict each other, maps that would correct its columns are tried (`sensing.guesses`).
 """
 
 from collections.abc import Iterator, Sequence
@@ -9,30 +9,26 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from deltaid.checks.evidence import Evidence
+from deltaid.checks.evidence import UNRELATED, Evidence
 from deltaid.checks.sensing.guesses import Guess, best_guess, mapped, verdict_of
 from deltaid.checks.sensing.misfit import MapFit, Misfit, SensorLag, lag_of, misfits
 from deltaid.model.verdict import Grade, Proposal, Verdict, percent
 from deltaid.robot.sensors import BaseWrench, Sensor
 
-# Misfit from which guesses are tried, and from which a sensor contradicts the torques even if none
-# explains it; the share of a misfit that a guess may leave, and of a large one.
+# Misfit from which guesses are tried, and from which a sensor contradicts the torques even if no
+# guess explains it; share of a misfit that a guess may leave, and of a large one.
 _DOUBTED, _CONTRADICTS, _EXPLAINS, _LEAVES = 0.15, 1.0, 0.2, 0.04
-# So many times a tolerance is what it allows.
+# Standard deviations that a stated tolerance or noise allows.
 _ALLOWED = 3.0
-# A sensor is dead where it goes with what is expected no better than this.
-_DEAD = 0.2
-# Clipped: so many rows, and this share of all, on the largest or the smallest number.
+# Clipped: so many rows, and this share of all, at the largest or the smallest number.
 _CLIPPED, _OFTEN = 20, 0.005
-# Late: by so many rows, so many standard deviations, and the misfit is so much less without it.
+# Late: by so many rows and standard deviations, with the misfit reduced to this share.
 _ROWS, _SURE, _BETTER = 1.5, 6.0, 0.9
-# Noise or residual so many times as large as stated.
-_NOISY = 3.0
 
 
 @threadpool_limits.wrap(limits=1, user_api="blas")  # for small matrices, threads only wait
 def checked_sensors(evidence: Evidence) -> tuple[Verdict, ...]:
-    """Verdicts on each sensor of a recording, good ones too; none of one without."""
+    """Verdicts on each sensor of a recording, good ones included."""
     if (recording := evidence.surveyed) is None:
         return ()
     sensors = misfits(evidence.dynamics, recording)
@@ -67,7 +63,7 @@ def _of_sensor(misfit: Misfit, sensors: Sequence[Misfit]) -> list[Verdict]:
 
 
 def _contradiction(misfit: Misfit, sensors: Sequence[Misfit], as_mapped: MapFit) -> Verdict | None:
-    """The best explanation of a sensor that contradicts the torques; None if it hardly does."""
+    """The best explanation of a sensor that contradicts the torques; None if it does not."""
     others = [other for other in sensors if other is not misfit and other.units == misfit.units]
     guess = best_guess(misfit, others if len(misfit.units) == 1 else ())
     described, name = misfit.rows.sensor, misfit.name
@@ -78,7 +74,7 @@ def _contradiction(misfit: Misfit, sensors: Sequence[Misfit], as_mapped: MapFit)
     if as_mapped.Q < _CONTRADICTS:
         return None
     along, line = misfit.along, f"by the line `sensors: {{{name}: null}}` of a mapping"
-    if along < _DEAD:
+    if along < UNRELATED:
         return Verdict(
             "sensor-dead",
             Grade.WRONG,
@@ -106,7 +102,7 @@ def _contradiction(misfit: Misfit, sensors: Sequence[Misfit], as_mapped: MapFit)
 
 
 def _is_allowed(guess: Guess, sensor: Sensor) -> bool:
-    """Whether the description has a tolerance for it, so that a fit takes it in."""
+    """Whether a tolerance of the description covers it, so that a fit can correct it."""
     if guess.kind == "unit":
         return bool(np.all(np.abs(guess.gains - 1) < _ALLOWED * sensor.gain_tolerance))
     if not isinstance(sensor, BaseWrench) or guess.kind not in ("rotated", "origin"):
@@ -160,7 +156,7 @@ def _noisy(misfit: Misfit, rms: np.ndarray) -> Iterator[Verdict]:
     for group in misfit.groups:
         k = max(group, key=lambda i: times[i])
         channel, key = misfit.rows.channels[k], "noise"
-        if times[k] <= _NOISY:
+        if times[k] <= _ALLOWED:
             continue
         if isinstance(misfit.rows.sensor, BaseWrench):
             key = "force_noise" if channel.unit == "N" else "moment_noise"

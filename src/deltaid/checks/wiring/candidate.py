@@ -1,10 +1,9 @@
-"""One assignment of columns to drives, and how well a robot that may exist explains a recording
-under it,
+"""One assignment of columns to drives, and the likelihood of a consistent robot under it,
 
     −2 log L = N log σ² + ‖W(E u − Y p)‖²/σ² + d²(p, p₀),   p in its cones,
 
-with the entropic distance d² to the prior: a wrong sign explains a poor motion by masses that no
-body has. Rows W are shares of each drive's recorded torque, so that units do not decide.
+with the entropic distance d² to the prior: with a wrong sign, only impossible masses explain a poor
+motion. W scales rows by each drive's recorded torque, so units do not matter.
 """
 
 from collections.abc import Iterable, Iterator
@@ -36,30 +35,30 @@ from deltaid.estimation.problem import Span
 from deltaid.estimation.reduction import Reduction, build_reduction
 from deltaid.robot.description import RobotDescription
 
-# Share of the samples whose loops must close, and of the few tried first.
+# Share of the samples whose loops must close, and of those tried first.
 CLOSED, MOSTLY_CLOSED = 0.98, 0.9
-# A robot within so much of its prior, of which so little is left, and whose torques correlate so
-# with the prior's, is worth no search for units.
-_NEAR, LITTLE, _ALONG, _ALONG_LOOSE = 10.0, 0.05, 0.85, 0.6
+# Units need no search within this distance of the prior, with this residual share, and with such
+# correlations with the prior's torques, for drives that are tied to others and loose ones.
+_NEAR, LITTLE, _ALONG, ALONG_LOOSE = 10.0, 0.05, 0.85, 0.6
 # Least correlation with the prior's torques and largest residual of a hypothesis to consider, and
 # of one with factors of positions.
-_SENSIBLE, _SENSIBLE_SCALED = (0.5, 0.5), (0.75, 0.25)
-# Hypotheses whose likelihoods are within this factor a row are as good: no noise is white, and no
-# model exact; nor are those within this logarithm of likelihoods.
+SENSIBLE, _SENSIBLE_SCALED = (0.5, 0.5), (0.75, 0.25)
+# Hypotheses whose likelihoods are within this factor per row, or this log likelihood, are equally
+# good: noise is not white, and no model exact.
 _AS_GOOD, _CERTAIN = 1.1, 10.0
-# With a larger residual than this a hypothesis must halve that of the mapping.
+# With a larger residual than this, a hypothesis must halve that of the mapping.
 _DOUBTED = 0.03
-# Correlation of residuals of drives that hang together.
+# Least correlation between residuals of drives that share a platform.
 _TIED = 0.25
 # γ of the prior; rounds of fit and noise level, and change of the latter that ends them.
 _GAMMA, _ROUNDS, _SETTLED = 1.0, 4, 0.05
 _SOLVER = Conic(tolerance=1e-7, largest_gap=1e-2)
-# A gain so far from the others' is no calibration error; least margin that it needs.
-_GAIN, _SHOWN_FAR = 2.5, 3.0
-# Samples whose loops are tried first, and patterns of one map that are judged.
+# A gain so far from the others' is no calibration error; least ratio of residuals that shows it.
+_GAIN, _SHOWN_FAR = UNIT, 3.0
+# Samples whose loops are tried first, and torque patterns per map that are judged.
 _FEW, _JUDGED = 40, 4
 
-# Units that numbers may really be in, by the factor to the joint's own.
+# Possible units of position columns, by their factor to the joint's unit.
 TURNING = {np.pi / 180: "degrees", 2 * np.pi: "revolutions", 180 / np.pi: "radians"}
 SLIDING = {1e-3: "millimetres", 1e3: "metres"}
 
@@ -69,11 +68,11 @@ Assignment = tuple[Map, tuple[int, ...], tuple[float, ...]]
 
 @dataclass(frozen=True)
 class Consistent:
-    """The fit of a robot that may exist."""
+    """The fit of a consistent robot."""
 
-    score: float  # log likelihood and log prior of it
-    left: float  # share of the torques that it leaves, of each drive alike
-    distance: float  # d² to the prior; below some 10 where bodies are as described
+    score: float  # log likelihood plus log prior
+    left: float  # residual share of the torques, the same for each drive
+    distance: float  # d² to the prior; below about 10 where bodies are as described
 
 
 IMPOSSIBLE = Consistent(-np.inf, 1.0, np.inf)
@@ -81,13 +80,13 @@ IMPOSSIBLE = Consistent(-np.inf, 1.0, np.inf)
 
 @dataclass(frozen=True, eq=False)
 class WiringHypothesis:
-    """One assignment of columns, and how well a consistent robot explains it."""
+    """One assignment of columns, and the fit of a consistent robot under it."""
 
     residual: MapResidual
     order: tuple[int, ...]  # the torque column of each drive
-    # with sign: drive torque = gain · number; ±1, or a gain far from 1
+    # drive torque = gain · number, with sign; ±1, or a gain far from 1
     gains: Float[np.ndarray, " drives"]
-    evidence: float = 0.0  # before consistency (a logarithm), to choose which to fit
+    evidence: float = 0.0  # log evidence without consistency, to choose which to fit
 
     @property
     def map(self) -> Map:
@@ -95,7 +94,7 @@ class WiringHypothesis:
 
     @property
     def key(self) -> Assignment:
-        """What it assigns; gains that are not ±1 by their size."""
+        """The assignment, with rounded gains."""
         return self.map, self.order, tuple(np.round(self.gains, 3).tolist())
 
     @cached_property
@@ -109,13 +108,13 @@ class WiringHypothesis:
 
     @cached_property
     def left_by_any(self) -> Float[np.ndarray, "drives drives"]:
-        """S: the gains u leave uᵀS u of the torques if parameters may be any."""
+        """S: with free parameters, the gains u leave the residual uᵀS u."""
         rest = self.residual.span.without(self.columns)
         return rest.T @ rest
 
     @cached_property
     def _rows(self) -> Float[np.ndarray, "drives samples augmented"]:
-        """[A b], A x = b over what is free of a robot, each drive as a share of its torques."""
+        """[A b] of A x = b over a robot's free parameters, each drive as a share of its torques."""
         residual, tau = self.residual, (self.residual.tau[:, list(self.order)] * self.gains).T
         Y = residual.Y.reshape(*tau.shape, -1) * residual.rows.scale[:, None, None]
         weights = np.where(residual.still, AT_REST, 1.0)[:, None]
@@ -128,7 +127,7 @@ class WiringHypothesis:
 
     @cached_property
     def highest(self) -> float:
-        """No robot has a higher score: that of the least squares of any masses and constants."""
+        """Upper bound of the score: least squares with any masses and constant torques."""
         left = self._level(Quadratic.from_rows(self._without_constant(1.0)).c)
         return -self._rows[:, :, 0].size * float(np.log(left))
 
@@ -137,7 +136,7 @@ class WiringHypothesis:
         residual, (_, samples, _), noise, best = self.residual, self._rows.shape, 0.02, IMPOSSIBLE
         reduction, regularizer = _prior(residual.dynamics, tuple(residual.columns.tolist()))
         for _ in range(_ROUNDS):
-            # A constant torque costs what its prior says: one of usual size is as likely as noise.
+            # A constant torque has a prior of the usual size of offsets.
             constant = 1 - 1 / np.sqrt(1 + samples * (OFFSET / noise) ** 2)
             data = Quadratic.from_rows(self._without_constant(constant) / noise)
             try:
@@ -157,17 +156,17 @@ class WiringHypothesis:
         return rows.reshape(-1, rows.shape[2])
 
     def _level(self, squares: float) -> float:
-        """Share of the torques that squares of so much leave."""
+        """Residual share of the torques for a sum of squares."""
         return float(np.sqrt(squares / self._rows[:, :, 0].size + LEAST**2))
 
     @property
     def left(self) -> float:
-        """Share of the torques that no parameters explain, raised by samples that do not close."""
+        """Residual share of the torques, raised by samples whose loops do not close."""
         return (1 + 3 * (1 - self.residual.share)) * self.fit.left
 
     @cached_property
     def loose(self) -> Bool[np.ndarray, " drives"]:
-        """Drives with undetermined gain: their residual correlates with no other's. Limbs that
+        """Drives with an undetermined gain: their residual correlates with no other's. Limbs that
         share a platform correlate by 0.5 at least, a telescope's drive by 0.1 at most."""
         S = self.left_by_any
         size = np.sqrt(np.maximum(np.diag(S), np.finfo(float).tiny))
@@ -185,18 +184,18 @@ class WiringHypothesis:
     @property
     def clear(self) -> bool:
         """Whether units need no search."""
-        near = self._goes_along(_ALONG, _ALONG_LOOSE) and self.fit.distance < _NEAR
+        near = self._goes_along(_ALONG, ALONG_LOOSE) and self.fit.distance < _NEAR
         return near and self.closes and self.left < LITTLE
 
     @property
     def sensible(self) -> bool:
-        """Whether torques correlate with the motion at all; a drive that no other is tied to has
-        its sign from the prior."""
-        along, left = _SENSIBLE_SCALED if self.map.scaled else _SENSIBLE
-        return self._goes_along(along, 0.0) and self.left < left
+        """Whether torques correlate with the motion at all; for a loose drive the prior determines
+        the sign."""
+        along, largest = _SENSIBLE_SCALED if self.map.scaled else SENSIBLE
+        return self._goes_along(along, 0.0) and self.left < largest
 
     def _goes_along(self, tied: float, loose: float) -> bool:
-        """Whether each moving drive's torque correlates so much with that of the prior."""
+        """Whether each moving drive's torque correlates enough with that of the prior."""
         return bool(np.all((self.along > np.where(self.loose, loose, tied))[~self.residual.still]))
 
     @property
@@ -208,8 +207,8 @@ class WiringHypothesis:
 
     @property
     def complexity(self) -> tuple[int, bool, bool]:
-        """What the simplest of several is chosen by: columns that differ from the mapping, whether
-        positions are in no unit that has a name, and whether they are mapped at all."""
+        """Sort key, the simplest first: columns that differ from the mapping, whether positions are
+        in an unnamed unit, whether the map is not the identity."""
         unnamed = any(abs(f) not in (1, *TURNING, *SLIDING) for f in self.map.scale)
         return self.changes, unnamed, self.map != Map.identity(len(self.order))
 
@@ -219,17 +218,17 @@ class WiringHypothesis:
         return self is as_mapped or not (doubted or as_mapped.as_likely_as(self))
 
     def as_likely_as(self, best: "WiringHypothesis") -> bool:
-        """Whether noise, or what no model has, explains the difference to the best."""
+        """Whether noise or model errors explain the difference to the best."""
         return best.fit.score - self.fit.score < as_good(len(best.residual.Y))
 
 
 def as_good(rows: int) -> float:
-    """Difference of log likelihoods of so many rows that decides nothing."""
+    """Insignificant difference of log likelihoods of so many rows."""
     return max(_CERTAIN, rows * float(np.log(_AS_GOOD)))
 
 
 def _distinct(factors: Float[np.ndarray, " drives"]) -> int:
-    """Drives with a factor, or 1 where all have the same."""
+    """Number of drives with a factor; 1 if all have the same."""
     odd = int(np.sum(factors != 1))
     return 1 if odd == len(factors) and np.ptp(factors) == 0 else odd
 
@@ -241,7 +240,7 @@ def named_units(robot: RobotDescription, drive: int) -> dict[float, str]:
 
 @lru_cache(maxsize=8)
 def _prior(dynamics: Dynamics, columns: tuple[int, ...]) -> tuple[Reduction, Regularizer]:
-    """What every hypothesis about columns is fitted with."""
+    """Reduction and regularizer of all hypotheses about columns."""
     reduction = build_reduction(dynamics.robot, np.array(columns))
     return reduction, regularizer(reduction, LOG_DET)
 
@@ -266,13 +265,13 @@ def residuals(
 def tried(
     dynamics: Dynamics, motion: FilteredMotion, maps: Iterable[Map], *, as_is: bool = False
 ) -> Iterator[WiringHypothesis]:
-    """The likeliest orders, signs and gains of the torque columns, under maps whose loops close;
-    `as_is`, torque columns keep their order."""
+    """The likeliest orders, signs and gains of the torque columns under maps whose loops close;
+    with `as_is` torque columns keep their order."""
     for solved in residuals(dynamics, motion, maps):
         dof = len(solved.still)
         (orders, signs), values = patterns(dof), solved.evidences.copy()
         moved = orders != np.arange(dof)
-        # At rest friction balances any torque: neither sign nor order shows.
+        # At rest friction balances any torque, so sign and order are undetermined.
         values[np.any((moved | (signs < 0))[:, solved.still], axis=1)] = -np.inf
         if as_is:
             values[np.any(moved, axis=1)] = -np.inf
@@ -284,7 +283,7 @@ def tried(
 
 
 def _far_gains(residual: MapResidual) -> WiringHypothesis | None:
-    """Torque columns in their order, some of them in another unit than those of the others."""
+    """Torque columns in their order, some of them in another unit than the others."""
     dof, gains = len(residual.still), np.ones(len(residual.still))
     as_is = WiringHypothesis(residual, tuple(range(dof)), gains.copy())
     tied = np.flatnonzero(~as_is.loose & ~residual.still)
@@ -298,7 +297,7 @@ def _far_gains(residual: MapResidual) -> WiringHypothesis | None:
     u = u / np.median(np.abs(u))
     far = (np.abs(u) > _GAIN) | (np.abs(u) < 1 / _GAIN)
     gains[tied] = np.where(far, u, np.sign(u))
-    # A large gain must add no weight; else an unexplained drive is only weighted less.
+    # Rows are divided by gains; otherwise a large gain would only weight a drive less.
     by = np.repeat(np.abs(gains), residual.rows.samples)
     better = _share(residual.span, as_is.columns @ np.sign(gains))
     better /= _share(Span.of_columns(residual.Y / by[:, None]), as_is.columns @ gains / by)

@@ -1,4 +1,4 @@
-"""Verdicts on columns of positions and torques: units, gears, signs, order, scale."""
+"""Verdicts on position and torque columns: units, gears, signs, order, scale."""
 
 from collections.abc import Iterator
 
@@ -20,23 +20,23 @@ from deltaid.recording.mapped_columns import Quantity
 
 # With a larger residual share of the torques, a factor of positions is doubtful.
 _SURE = 0.08
-# Said where hypotheses explain a recording equally well.
+# For hypotheses that explain a recording equally well.
 _UNDECIDED = "the recording does not show which"
-# Thousandths of the unit of torques, of a turning and of a linear drive.
+# Thousandths of the torque unit, for rotary and linear drives.
 _MILLI = "mN m", "mN"
 # Negative inertia of a lone drive, as a share of the prior's, that determines its sign.
 _MIRRORED = 0.3
 
 
 def _follow(case: RemappedRecording, drives: list[int]) -> tuple[Quantity, ...]:
-    """Positions, and velocities that are their derivatives as mapped."""
+    """Quantities to correct: positions, and velocities if these are their derivatives as mapped."""
     as_mapped = rates(case.motion, Map.identity(len(case.names)))
     unscaled = all(0.8 < rate.scale < 1.25 for rate in as_mapped if rate.drive in drives)
     return ("position", "velocity") if as_mapped and unscaled else ("position",)
 
 
 def column_verdicts(case: RemappedRecording) -> tuple[Verdict, ...]:
-    """Those on positions and torques, in the order of what rests on what."""
+    """Verdicts on positions and torques; later ones depend on earlier ones."""
     return (*_positions(case), *_signs(case), *_order(case), *_torques(case))
 
 
@@ -92,18 +92,18 @@ def _signs(case: RemappedRecording) -> Iterator[Verdict]:
         yield _torque_sign(case, torques.tolist())
         return
     for i in np.union1d(angles, torques).tolist():
-        ways = dict.fromkeys((c.map.scale[i] < 0, bool(c.gains[i] < 0)) for c in case.rivals)
-        for angle, torque in ways:
+        signs = dict.fromkeys((c.map.scale[i] < 0, bool(c.gains[i] < 0)) for c in case.rivals)
+        for angle, torque in signs:
             if angle:
-                yield _angle_sign(case, i, both=torque, sure=len(ways) == 1)
+                yield _angle_sign(case, i, both=torque, sure=len(signs) == 1)
             elif torque:
-                yield _torque_sign(case, [i], sure=len(ways) == 1)
+                yield _torque_sign(case, [i], sure=len(signs) == 1)
 
 
 def _angle_sign(
     case: RemappedRecording, i: int, *, both: bool = False, sure: bool = True
 ) -> Verdict:
-    """`both`: the torque's sign is wrong as well; `sure`: nothing else explains it as well."""
+    """`both`: the torque's sign is wrong too; `sure`: no other hypothesis explains it as well."""
     name, turned = case.names[i], case.evidence.turned
     columns = _follow(case, [i])
     changes: dict[Quantity, Values] = {q: {i: turned(q, case.best.map.order[i])} for q in columns}
@@ -162,8 +162,8 @@ def _order(case: RemappedRecording) -> Iterator[Verdict]:
     elif torque == position:
         quantities = "positions and torques together"
     columns = listed([f"{case.names[i]} from the columns of {case.names[given[i]]}" for i in moved])
-    # Limbs that are alike have no names: what the recording shows is which torque belongs to which
-    # position, and positions and torques that moved together are named as they are.
+    # Identical limbs are interchangeable: the recording determines which torque belongs to which
+    # position, and columns that moved together keep their names.
     others = {(other.map.order, other.order) for other in case.rivals}
     sure = all(positions == torques for positions, torques in others) or len(others) == 1
     doubt = "" if sure else f", or the {instead} are; {_UNDECIDED}"

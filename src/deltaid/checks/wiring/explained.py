@@ -1,6 +1,6 @@
-"""A recording under the columns that explain it best: the input of all verdicts on wiring.
+"""A recording under the columns that explain it best, the input of all verdicts on wiring.
 
-A scale common to all drives is judged by the ratio of torques to the prior's alone.
+A scale common to all drives follows only from the ratio of torques to the prior's.
 """
 
 from collections.abc import Iterable
@@ -11,26 +11,24 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from deltaid.checks.evidence import Evidence
-from deltaid.checks.wiring.candidate import WiringHypothesis, named_units
-from deltaid.checks.wiring.residual import FilteredMotion, Map
+from deltaid.checks.wiring.candidate import ALONG_LOOSE, WiringHypothesis, named_units
+from deltaid.checks.wiring.residual import UNIT, FilteredMotion, Map
 from deltaid.dynamics.dynamics import Dynamics
 from deltaid.identification.fit import row_at_home
 from deltaid.model.verdict import listed, percent
 
 # Torques so many times larger or smaller than the prior's are in another unit, or may be.
-WRONG_SCALE, DOUBTFUL_SCALE = 4.0, 2.5
-# Correlation with the prior's torque of a drive whose own scale is worth asking for.
-_GOES = 0.6
-# Below the first share of a drive's largest torque a component is too small to be compared, as
-# expected or as estimated: next to bodies described far too heavy, friction looks small. For an
-# untied drive, and for expected torques at least, the second.
+WRONG_SCALE, DOUBTFUL_SCALE = 4.0, UNIT
+# A component below the first share of a drive's largest torque, expected or estimated, is too small
+# to compare: next to bodies described far too heavy, friction looks small. For an untied drive, and
+# for expected torques at least, the second share.
 _SMALL, _SMALLEST = 0.1, 0.003
 # Cost of an additional explanation, in natural logarithms of ratios.
 _MORE = 0.3
-# Where friction asks for so little of the usual factor's logarithm, or the rest, that is no unit.
+# A unit changes friction and the other components by at least this share of the median logarithm.
 _AGREED = 0.5
 # A speed at which only Coulomb friction acts, as a share of the usual one.
-_CREEP = 1e-6
+_CREEP = np.finfo(float).eps ** 0.5
 # Components: inertia, gravity, viscous and Coulomb friction.
 INERTIA, VISCOUS = 0, 2
 
@@ -40,8 +38,8 @@ class RemappedRecording:
     """A recording under the columns that explain it best."""
 
     evidence: Evidence
-    motion: FilteredMotion  # the stretch that was evaluated
-    # hypotheses that explain it equally well, simplest first; none if no loops close
+    motion: FilteredMotion  # the evaluated stretch
+    # equally good hypotheses, simplest first; none if no loops close
     good: tuple[WiringHypothesis, ...]
 
     @property
@@ -50,7 +48,7 @@ class RemappedRecording:
 
     @property
     def rivals(self) -> tuple[WiringHypothesis, ...]:
-        """The best one and others that are as simple, of which the recording shows no better."""
+        """The best hypothesis and equally good ones that are as simple."""
         return tuple(other for other in self.good if other.changes == self.best.changes)
 
     @property
@@ -64,8 +62,8 @@ class RemappedRecording:
 
     @cached_property
     def ratios(self) -> Float[np.ndarray, "drives components"]:
-        """Torques of inertia, gravity, viscous and Coulomb friction, estimated over those of the
-        prior; NaN for components that are small."""
+        """Estimated torques of inertia, gravity, viscous and Coulomb friction over those of the
+        prior; NaN for small components."""
         best, dynamics, motion = self.best, self.evidence.dynamics, self.motion
         residual, out = best.residual, np.full((dynamics.dof, 4), np.nan)
         p = residual.span.coefficients(best.torques)
@@ -81,10 +79,10 @@ class RemappedRecording:
 
     @property
     def untied(self) -> list[int]:
-        """Drives that no limb ties to others; a telescope's if its torque goes with its motion."""
+        """Drives that no limb ties to others; a telescope's if its torque follows the prior's."""
         last, robot = len(self.names) - 1, self.evidence.robot
         turns = robot.telescope is not None and self.best.loose[last]
-        return [last] if last == 0 or (turns and self.best.along[last] > _GOES) else []
+        return [last] if last == 0 or (turns and self.best.along[last] > ALONG_LOOSE) else []
 
     @cached_property
     def units(self) -> dict[int, float]:
@@ -115,11 +113,11 @@ class RemappedRecording:
         return named_units(self.evidence.robot, drive)
 
     def whose(self, drives: list[int]) -> str:
-        """A subject: empty for all drives."""
+        """Subject of a verdict: empty for all drives."""
         return "" if len(drives) == len(self.names) else ", ".join(self.names[i] for i in drives)
 
     def all_or(self, drives: list[int]) -> str:
-        """The drives in a sentence."""
+        """Names of drives in a sentence."""
         every = len(drives) == len(self.names) > 1
         return "all drives" if every else listed([self.names[i] for i in drives])
 
@@ -140,7 +138,7 @@ def _large(torques: Float[np.ndarray, " components"], share: float) -> Bool[np.n
 def _components(
     dynamics: Dynamics, i: int, speed: float, acceleration: float
 ) -> Float[np.ndarray, "4 parameters"]:
-    """Rows c with c p = torque of drive i at home."""
+    """Rows c with c p the torque components of drive i at home."""
     zero, e = np.zeros(dynamics.dof), np.eye(dynamics.dof)[i]
     speeds = [sign * size * e for size in (speed, _CREEP * speed) for sign in (1.0, -1.0)]
     forth, back, creep, creep_back = (row_at_home(dynamics, i, qd, zero) for qd in speeds)
@@ -151,10 +149,10 @@ def _components(
 
 
 def overall(ratios: Float[np.ndarray, "..."]) -> float:
-    """The median ratio: a prior is hardly wrong by one factor in most of its components.
+    """The median ratio: a prior is rarely wrong by one factor in most of its components.
 
-    Friction and the other components must agree: the ratio nearer to 1 is taken, and 1 where they
-    lie on different sides.
+    Friction and the other components must agree: the result is the ratio nearer to 1, and 1 where
+    they lie on different sides of it.
     """
     parts = ratios[..., :VISCOUS], ratios[..., VISCOUS:]
     logs = [float(np.median(_logs(part))) for part in parts if np.any(part > 0)]
@@ -168,11 +166,11 @@ def overall(ratios: Float[np.ndarray, "..."]) -> float:
 
 
 def _unit_of(ratio: Float[np.ndarray, " components"], pace: float, units: Iterable[float]) -> float:
-    """The unit of a position, a factor, that makes a drive's components agree best with the prior.
+    """The factor of a position unit that makes a drive's components agree best with the prior.
 
     1 where the torque's scale, or nothing, explains them as well. Angles too large by a factor make
-    inertia and viscous friction too small by it, and Coulomb friction stays. `pace` is the drive's
-    largest speed over the largest one that is described; 0 where none is.
+    inertia and viscous friction too small by it; Coulomb friction does not change. `pace` is the
+    drive's largest speed over the largest described one; 0 where none is described.
     """
 
     def odd(logs: np.ndarray, pace: float) -> float:
@@ -185,7 +183,7 @@ def _unit_of(ratio: Float[np.ndarray, " components"], pace: float, units: Iterab
 
 
 def in_unit(ratios: Float[np.ndarray, "*_ components"], unit: float) -> np.ndarray:
-    """The ratios where a position is in another unit."""
+    """Ratios with the position in another unit."""
     out = ratios.copy()
     out[..., [INERTIA, VISCOUS]] /= unit
     return out

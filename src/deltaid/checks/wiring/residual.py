@@ -1,14 +1,14 @@
-"""A stretch of a recording under one map of its positions: least squares of torques, and how likely
-each order and sign of the torque columns is.
+"""A stretch of a recording under one map of its positions: least squares of torques, and the
+evidence of each order and sign of the torque columns.
 
-A stretch is filtered once, and many hypotheses about its columns are tried on it. All of them are
-affine maps and permutations of columns, and the filters are linear, so positions are differentiated
-once and mapped afterwards. Poses and regressors are evaluated at a rate far above the cut-off; the
-same low-pass then goes over regressor and torques, and both are thinned.
+A stretch is filtered once for many hypotheses about its columns. All of them are affine maps and
+permutations of columns, and filters are linear, so positions are differentiated once and mapped
+afterwards. Poses and regressors are evaluated at a rate far above the cut-off; regressor and
+torques then pass the same low-pass and are thinned.
 
 Torques of a robot near its prior are normal: with p ~ N(p₀, α² S²), offsets o of the drives and
-white noise, E u = Y p + X o + e, so that every assignment u of torque columns to drives has a
-closed evidence. E_ij is the torque column j in the rows of drive i.
+white noise, E u = Y p + X o + e, so every assignment u of torque columns to drives has an evidence
+in closed form. E_ij is the torque column j in the rows of drive i.
 """
 
 from collections.abc import Iterable
@@ -34,26 +34,26 @@ from deltaid.recording.time.clock import HIGHEST_RATE
 
 # The highest cut-off [Hz]: enough to distinguish columns.
 _HIGHEST_CUTOFF = 30.0
-# The share of the speeds' power that counts, and how far above it the cut-off is.
+# Share of the speeds' power below a frequency, and the cut-off as a multiple of that.
 _MOST_POWER, _ABOVE = 0.999, 3.0
 # Steps of friction need a grid that is fine whatever the cut-off [Hz].
 _SLOWEST = 20.0
-# A drive that is slower than this share of its largest speed for so long [s] stands still; samples
-# without that must be so many, or all are taken.
+# A drive slower than this share of its largest speed for so long [s] stands still; all samples are
+# used unless so many remain without that.
 _STILL, _REST, _AWAKE = 0.01, 0.1, 100
-# RawRows missing in a row that are bridged by straight lines; more end a stretch.
+# Consecutive missing rows that are bridged by straight lines; more end a stretch.
 _BRIDGED = 10
-# Weight of a drive at rest, whose torque friction balances as it likes.
+# Weight of a drive at rest, whose torque static friction makes arbitrary.
 AT_REST = 1e-3
-# Least share of the samples that have poses, and number of them.
+# Least share of samples with poses, and least number.
 _POSED, _FEWEST = 0.2, 30
-# No model leaves less of a machine's torques than this share, and a drive's torque sensor is off by
-# about this share of its torques.
+# Least residual share of a machine's torques under any model, and usual offset of a drive's torque
+# as a share of its torques.
 LEAST, OFFSET = 0.003, 0.1
-# Torques are scaled to those of the prior where they are so far from them: in another unit.
+# Numbers larger or smaller by this factor are in another unit.
 UNIT = 2.5
-# Parameters are off their prior by about so much of themselves, as a median and the spread of its
-# logarithm, bodies by about a factor e; steps of α²/σ² that are tried.
+# Usual relative deviation of parameters from their prior, a median and the spread of its logarithm;
+# grid of α²/σ².
 _SPREAD, _FACTOR, _RATIOS = 0.7, 1.0, np.geomspace(1e-2, 1e8, 41)
 
 Values = Float[np.ndarray, "_ _"]
@@ -66,20 +66,20 @@ class FilteredMotion:
     q: Float[np.ndarray, "samples drives"]  # as mapped, evenly spaced
     qd: Float[np.ndarray, "samples drives"]
     qdd: Float[np.ndarray, "samples drives"]
-    load: Values  # τ at these samples, which stands for what gears carry
-    tau: Values  # that passed the low-pass, thinned
-    # Where no drive rests that moves at other times: at rest friction balances any torque. All, if
-    # too few would remain.
+    load: Values  # τ at these samples, in place of the gears' loads
+    tau: Values  # low-passed and thinned
+    # Where no drive rests that moves at other times, because static friction makes torques
+    # arbitrary; all samples if too few would remain.
     awake: Bool[np.ndarray, " kept"]
     low_pass: LowPass  # from samples to kept ones
-    recorded: Values  # q̇ of columns for it, if there are any
+    recorded: Values  # recorded q̇ at the samples, if any
 
     def filtered(self, signals: Float[np.ndarray, "channels samples"]) -> Values:
         """Low-passed and thinned signals: (channels, kept)."""
         return apply(self.low_pass.smooth, signals, self.low_pass.decimation)[:, : len(self.tau)]
 
     def few(self, most: int) -> "FilteredMotion":
-        """With so many samples at most that count, spread over the motion."""
+        """The motion with at most so many used samples, spread over it."""
         places = np.flatnonzero(self.awake)
         chosen = places[np.linspace(0, len(places) - 1, min(most, len(places))).astype(int)]
         return replace(self, awake=np.isin(np.arange(len(self.awake)), chosen))
@@ -96,9 +96,9 @@ def motion(
     """The liveliest stretch of a recording; None if it is too short, or without torque.
 
     Args:
-        longest: that it lasts [s].
-        oversampled: samples that a regressor is evaluated at, as a multiple of the cut-off:
-            friction's steps fall on their grid.
+        longest: largest duration [s].
+        oversampled: sampling rate of regressors as a multiple of the cut-off, so that friction's
+            steps fall on a fine grid.
     """
     if (even := _even(rows, longest)) is None:
         return None
@@ -116,7 +116,7 @@ def motion(
     smoothed = apply(full.smooth, recorded.T[:, edge : len(time) - edge], stride).T
     samples, load, speeds = np.split(smoothed, parts, axis=1)
     qd = apply(full.first, q.T, stride).T
-    # The torques pass once, by a filter that is centred on the samples that the second one keeps.
+    # Torques pass once, by a filter centred on the samples that the second one keeps.
     wide = tau.T[:, edge + thinning.half * stride : len(tau) - edge]
     count = -(-(len(samples) - len(thinning.smooth) + 1) // thinning.decimation)
     return FilteredMotion(
@@ -143,14 +143,14 @@ def _awake(qd: Values, rate: float, low_pass: LowPass, count: int) -> Bool[np.nd
 
 
 def _cutoff(q: Values, rate: float) -> float:
-    """The usual one, or less: three times the frequency that 99.9 % of the speeds' power is below.
-    Noise of coarse encoders, not white, lets the usual rule go too high for accelerations."""
+    """The usual cut-off, or less: three times the frequency below which 99.9 % of the speeds' power
+    lies. Noise of coarse encoders is not white and makes the usual one too high."""
     general = spectrum_of(q).cutoff(rate) or _HIGHEST_CUTOFF
     level = detrend(q, axis=0) * np.hanning(len(q))[:, None]
     frequency = np.fft.rfftfreq(len(q), 1 / rate)
     power = np.cumsum(np.abs(np.fft.rfft(level, axis=0) * frequency[:, None]) ** 2, axis=0)
     fastest = frequency[np.argmax(power >= _MOST_POWER * power[-1], axis=0)]
-    # A drive at rest has noise alone, whose speeds are all at high frequencies.
+    # A resting drive has only noise, with its speeds at high frequencies.
     moving = max(fastest[fastest < _HIGHEST_CUTOFF], default=_HIGHEST_CUTOFF)
     highest = min(HIGHEST * rate, _HIGHEST_CUTOFF, _ABOVE * moving)
     return float(min(max(LOWEST_CUTOFF, min(general, highest)), HIGHEST * rate))
@@ -165,7 +165,7 @@ def _even(rows: RawRows, longest: float) -> tuple[Float[np.ndarray, " samples"],
     if len(keep) < SpectrumEstimate.SHORTEST or not rows.q.shape[1]:
         return None
     step = float(np.median(np.diff(time)))
-    if step < 1 / HIGHEST_RATE:  # it will be refused, whatever its columns are
+    if step < 1 / HIGHEST_RATE:  # the survey refuses it, whatever its columns are
         return None
     ends = np.flatnonzero(np.diff(time) > _BRIDGED * step)
     starts, stops = np.append(0, ends + 1), np.append(ends + 1, len(time))
@@ -192,7 +192,7 @@ def _liveliest(q: Values, starts: np.ndarray, stops: np.ndarray, longest: int) -
 
 @dataclass(frozen=True)
 class Map:
-    """How joint values follow from position columns: q_i = scale_i · column order_i + shift_i."""
+    """Map from position columns to joint values: q_i = scale_i · column order_i + shift_i."""
 
     scale: tuple[float, ...]
     order: tuple[int, ...]
@@ -210,13 +210,13 @@ class Map:
         return qd[:, list(self.order)] * self.scale
 
     def times(self, factor: float, drives: Iterable[int]) -> "Map":
-        """The same with the scale of some drives times a factor."""
+        """The map with the scale of some drives multiplied by a factor."""
         scale = (f * factor if i in drives else f for i, f in enumerate(self.scale))
         return replace(self, scale=tuple(scale))
 
     @property
     def scaled(self) -> list[int]:
-        """Drives whose positions are in another unit or of another shaft."""
+        """Drives whose positions are in another unit or those of the motor."""
         return [i for i, factor in enumerate(self.scale) if abs(factor) != 1]
 
 
@@ -236,14 +236,14 @@ class MapResidual:
     dynamics: Dynamics
     map: Map
     z: Float[np.ndarray, "samples dof"]  # poses
-    share: float  # of samples where the loops close, regular and on the branch of most
-    rows: DriveRows  # how samples of drives stand under each other in Y
-    tau: Float[np.ndarray, "used dof"]  # as recorded, a column as in the mapping
+    share: float  # of samples where loops close, regular and on the most frequent branch
+    rows: DriveRows  # order of drives' samples in the rows of Y
+    tau: Float[np.ndarray, "used dof"]  # recorded torques, in the order of the mapping
     Y: Float[np.ndarray, "rows columns"]
-    columns: Int[np.ndarray, " columns"]  # parameters that columns of Y stand for
+    columns: Int[np.ndarray, " columns"]  # indices of the parameters
     prior: Float[np.ndarray, " columns"]
-    still: Bool[np.ndarray, " dof"]  # at rest torques are friction's and determine no sign
-    keep: Bool[np.ndarray, " kept"]  # which of the kept samples are used
+    still: Bool[np.ndarray, " dof"]  # drives at rest, whose torques determine no sign
+    keep: Bool[np.ndarray, " kept"]  # the kept samples that are used
 
     @cached_property
     def span(self) -> Span:
@@ -284,7 +284,7 @@ class MapResidual:
         level = np.log(share * size**2 / rows)
         values = -0.5 * rows * level - 0.5 * np.log(spread).sum(axis=1)[:, None]
         values = np.max(values - 0.5 * (wide / _FACTOR) ** 2, axis=0)
-        # Of torques as shares of themselves, whatever the weights of rows under this map.
+        # Likelihood of torques relative to their size, independent of row weights under this map.
         sizes = rms_torques(self.tau.T)
         return values + self.rows.samples * float(np.log(sizes / self.rows.scale).sum())
 
@@ -298,7 +298,7 @@ def rms_torques(tau: Float[np.ndarray, "drives samples"]) -> Float[np.ndarray, "
 def poses(
     dynamics: Dynamics, q: Float[np.ndarray, "samples dof"]
 ) -> tuple[Float[np.ndarray, "samples dof"], Bool[np.ndarray, " samples"]]:
-    """Poses z, and where the loops close, regular and on the branch of most."""
+    """Poses z, and where loops close, regular and on the most frequent branch."""
     z, closed = dynamics.kinematics.forward_unchecked(q)
     z = np.where(closed[:, None], z, dynamics.kinematics.home)
     regular = dynamics.kinematics.regularity(z)

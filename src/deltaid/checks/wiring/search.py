@@ -1,7 +1,7 @@
-"""Hypotheses about columns of positions and torques, and which of them explain a recording.
+"""Search for the hypotheses about position and torque columns that explain a recording.
 
-A hypothesis is a map of the position columns: another sign, order or unit, or positions of motors
-behind gears that are not declared, by the factor that explains the torques best.
+A hypothesis maps position columns: another sign, order or unit, or positions of motors behind
+undeclared gears, with the factor that explains the torques best.
 """
 
 from collections.abc import Collection, Iterable, Iterator, Sequence
@@ -28,16 +28,14 @@ from deltaid.checks.wiring.candidate import (
 from deltaid.checks.wiring.residual import FilteredMotion, Map, residual
 from deltaid.dynamics.dynamics import Dynamics
 
-# Least share of samples with closed loops for the mapping itself to be evaluated.
-_EVALUATED = 0.3
-# Samples that hypotheses are tried on, those that are fitted, and those that are fitted again on
-# all samples.
+# Samples that hypotheses are tried on, number of fitted ones, and of those fitted again on all
+# samples.
 _SAMPLES, _FITTED, _DECIDED = 120, 16, 6
-# Range of factors of motor positions, factors whose loops are tried, and points of the grid.
+# Range of motor position factors, number of them whose loops are tried, and points of the grid.
 _SMALLEST, _LARGEST, _CLOSING, _GRID = 1 / 3000, 1 / 1.5, 48, 16
 # The longest lead of a linear drive [m per rad]: half a metre per revolution.
 _LONGEST = 0.5 / (2 * np.pi)
-# How far units with a name are from the best factor, and the step that this is refined by.
+# Range of named units about the best factor, and the step of its refinement.
 _NAMED, _FINE = (0.7, 1.4), 1.04
 
 
@@ -46,16 +44,16 @@ def explained(
 ) -> tuple[WiringHypothesis, ...]:
     """The hypotheses that explain a recording as well as the best one, simplest first.
 
-    The first is the mapping itself where none is clearly better; none if no loops close.
+    The first is the mapping itself unless another is clearly better; none if no loops close.
 
     Args:
-        fine: to decide.
-        coarse: a part of it, to search.
+        fine: motion for the decision.
+        coarse: a part of it for the search.
     """
     identity = Map.identity(dynamics.dof)
     mapped = [
         WiringHypothesis(solved, identity.order, np.ones(dynamics.dof))
-        for solved in residuals(dynamics, fine, [identity], least=_EVALUATED)
+        for solved in residuals(dynamics, fine, [identity], least=0.0)
     ]
     likely = _searched(dynamics, fine, coarse.few(_SAMPLES), settled=any(c.clear for c in mapped))
     if likely is None:
@@ -80,14 +78,14 @@ def explained(
 def _searched(
     dynamics: Dynamics, fine: FilteredMotion, coarse: FilteredMotion, *, settled: bool
 ) -> list[WiringHypothesis] | None:
-    """The likeliest hypotheses by a part of a recording, simplest first; where units need no search
-    (`settled`), None if none is likelier than the mapping itself."""
+    """The likeliest hypotheses from a part of a recording, simplest first; if units need no search
+    (`settled`), None if none is likelier than the mapping."""
     wirings = _wirings(dynamics) if settled else chain(_wirings(dynamics), _in_units(dynamics))
     maps = (map for map in wirings if _decidable(map, fine.moves))
     trials = _likely(tried(dynamics, coarse, maps))
     if settled:
-        own = next((trial.evidence for trial in trials if trial.changes == 0), -np.inf)
-        if not trials or trials[0].evidence - own < as_good(len(trials[0].residual.Y)):
+        as_is = next((trial.evidence for trial in trials if trial.changes == 0), -np.inf)
+        if not trials or trials[0].evidence - as_is < as_good(len(trials[0].residual.Y)):
             return None
     trials = _ranked(dynamics, trials)
     if not trials or trials[0].left > LITTLE or trials[0].map.scaled:
@@ -104,11 +102,11 @@ def together(
     motions: Sequence[FilteredMotion],
     each: Sequence[tuple[WiringHypothesis, ...]],
 ) -> tuple[tuple[WiringHypothesis, ...], ...]:
-    """The hypotheses that explain several recordings of one wiring as well as the best one, for
-    each recording: log likelihoods add.
+    """The hypotheses that explain several recordings with one wiring as well as the best one, for
+    each recording; log likelihoods add up.
 
     Args:
-        each: the hypotheses that explain each recording by itself.
+        each: the hypotheses for each recording by itself.
     """
     if all(good[0].changes == 0 for good in each):
         return tuple(each)
@@ -132,16 +130,16 @@ def together(
 
 
 def _decidable(map: Map, moves: Bool[np.ndarray, " drives"]) -> bool:
-    """Whether it changes columns that move: at rest sign, unit and drive are undetermined."""
+    """Whether it changes only moving columns: at rest sign, unit and drive are undetermined."""
     moved = [a != i or f != 1 for i, (a, f) in enumerate(zip(map.order, map.scale, strict=True))]
     return bool(moves[moved].all()) or (all(moved) and len(set(map.scale)) == 1)
 
 
 def _likely(candidates: Iterable[WiringHypothesis]) -> list[WiringHypothesis]:
-    """Those that are worth a fit of a consistent robot, likeliest first.
+    """Hypotheses worth fitting with a consistent robot, likeliest first.
 
-    Limbs that are alike make several assignments equal: of those that are as good as the best, the
-    simplest are fitted.
+    Identical limbs make several assignments equal: of those as good as the best, the simplest are
+    fitted.
     """
     ranked = sorted(candidates, key=lambda candidate: -candidate.evidence)
     margin = as_good(len(ranked[0].residual.Y)) if ranked else 0.0
@@ -152,8 +150,8 @@ def _likely(candidates: Iterable[WiringHypothesis]) -> list[WiringHypothesis]:
 
 
 def _ranked(dynamics: Dynamics, candidates: Collection[WiringHypothesis]) -> list[WiringHypothesis]:
-    """By likelihood, without those that cannot be as likely as the best whatever masses are: these
-    need no fit of a consistent robot."""
+    """Hypotheses by likelihood, without those whose upper bound is below the best: these need no
+    fit."""
     margin, best = as_good(dynamics.dof * _SAMPLES), -np.inf
     for trial in sorted(candidates, key=lambda candidate: -candidate.highest):
         if trial.highest < best - margin:
@@ -179,8 +177,8 @@ def _in_units(dynamics: Dynamics) -> Iterator[Map]:
 
 
 def _groups(dynamics: Dynamics) -> Iterator[list[int]]:
-    """Drives that may share a fault: all of a kind, or each alone except a telescope's, whose loops
-    determine no unit."""
+    """Drives that may share a fault: all of a kind, or each alone, except a telescope's, whose unit
+    loops do not determine."""
     linear = [dynamics.robot.is_linear(drive) for drive in dynamics.robot.drives]
     for kind in sorted(set(linear)):
         same = [i for i, slides in enumerate(linear) if slides == kind]
@@ -202,7 +200,8 @@ def _of_motors(dynamics: Dynamics, motion: FilteredMotion) -> Iterator[WiringHyp
 def _best_factor(
     dynamics: Dynamics, motion: FilteredMotion, drives: list[int]
 ) -> WiringHypothesis | None:
-    """The factor of these drives' positions; None where no loops close, or beyond any lead."""
+    """Hypothesis with the best factor of these drives' positions; None if no loops close, or beyond
+    any lead."""
     identity = Map.identity(dynamics.dof)
     longest = _LONGEST if named_units(dynamics.robot, drives[0]) is SLIDING else np.inf
     grid = np.geomspace(_SMALLEST, min(longest, _LARGEST), _CLOSING).tolist()
@@ -220,7 +219,7 @@ def _best_factor(
 def _refined(
     dynamics: Dynamics, motion: FilteredMotion, rough: WiringHypothesis
 ) -> Iterator[WiringHypothesis]:
-    """The same drives in a unit that has a name, and by the best factor near the rough one."""
+    """The same drives with the best factor near the rough one, and in named units near it."""
     drives, best = rough.map.scaled, _narrowed(dynamics, motion, rough, _FINE)
     yield best
     factor = abs(best.map.scale[drives[0]])

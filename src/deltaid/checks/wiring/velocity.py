@@ -1,7 +1,7 @@
-"""Whether recorded velocities are the derivatives of recorded positions: scale, drive, lag.
+"""Check that recorded velocities are derivatives of recorded positions: scale, drive, lag.
 
-Both pass the same low-pass, d = q̇ of the positions and v the column, and v = k (d − δ ḋ) is fitted
-by least squares: k is its scale, δ its lag. The scatter between blocks of time says how certain.
+Both pass the same low-pass: d = q̇ of the positions, v the column. Least squares of v = k (d − δ ḋ)
+give the scale k and the lag δ; the scatter between blocks of time gives their uncertainty.
 """
 
 from collections.abc import Iterator
@@ -12,17 +12,14 @@ import numpy as np
 from deltaid.checks.evidence import Values
 from deltaid.checks.wiring.explained import RemappedRecording
 from deltaid.checks.wiring.residual import FilteredMotion, Map
+from deltaid.checks.wiring.zeros import BLOCKS
 from deltaid.model.verdict import Fault, Grade, Verdict
 
-# Blocks of time whose scatter says how certain a lag is.
-_BLOCKS = 16
-# A drive that moves less than this share of the liveliest one is not judged.
-_RESTS = 1e-6
-# Correlation above which a column is some drive's velocity, and by which another's goes better.
+# Correlation above which a column is a drive's velocity, and by which another drive's is better.
 _TOGETHER, _BETTER = 0.9, 0.05
-# A scale so far from 1 is another unit, wrong, doubtful; it has a unit's name if it is so near.
+# A scale so far from 1 is another unit, wrong, doubtful; it is a named unit if it is so near.
 _UNIT, _WRONG, _DOUBTFUL, _NAMED = 2.2, 1.2, 1.02, 0.05
-# A lag [s] is doubtful beyond this, this share of a sample and so many standard deviations.
+# A lag [s] is doubtful beyond this, this share of a sample, and so many standard deviations.
 _LAG, _OF_SAMPLE, _CERTAIN = 0.3e-3, 0.05, 6.0
 _TURNING = {180 / np.pi: "degrees per second", 30 / np.pi: "rpm",
             np.pi / 180: "rad/s, and not in degrees", np.pi / 30: "rad/s, and not rpm"}  # fmt: skip
@@ -46,22 +43,22 @@ _LATE = Fault(
 class Rate:
     """One velocity column compared with the derivatives of all positions."""
 
-    drive: int  # whose column it should be
-    nearest: int  # drive whose derivative it correlates with best
-    correlation: float  # with that one's
-    own: float  # correlation with its own's
-    scale: float  # k, of the nearest
+    drive: int  # of the column by the mapping
+    nearest: int  # drive with the best correlation
+    correlation: float  # with the nearest
+    own: float  # correlation with the mapped drive
+    scale: float  # k against the nearest
     lag: float  # δ behind it [s]
     lag_std: float
 
 
 def rates(motion: FilteredMotion, map: Map) -> list[Rate]:
-    """Every recorded velocity column of a drive that moves."""
+    """Comparison of every velocity column of a moving drive."""
     d, dd, v = map.rates(motion.qd), map.rates(motion.qdd), motion.recorded
     size, out = np.linalg.norm(d, axis=0), list[Rate]()
     norm = np.outer(size, np.linalg.norm(v, axis=0))
     together = np.abs(d.T @ v) / np.where(norm > 0, norm, np.inf)
-    moving = size > _RESTS * size.max()
+    moving = motion.moves[list(map.order)] & (size > 0)
     together[~moving] = 0.0
     for i in range(v.shape[1]):
         if not moving[i] or np.ptp(v[:, i]) == 0:
@@ -70,26 +67,26 @@ def rates(motion: FilteredMotion, map: Map) -> list[Rate]:
         A = np.column_stack([d[:, nearest], dd[:, nearest]])
         inverse = np.linalg.pinv(A)
         k, b = (float(value) for value in inverse @ v[:, i])
-        # Influence of each residual on b; those of a block of time may be correlated.
+        # Influence of each residual on b; within a block of time they may be correlated.
         influence = inverse[1] * (v[:, i] - A @ (k, b))
-        blocks = np.array([part.sum() for part in np.array_split(influence, _BLOCKS)])
-        std = float(np.sqrt(blocks @ blocks * _BLOCKS / (_BLOCKS - 2)))
+        blocks = np.array([part.sum() for part in np.array_split(influence, BLOCKS)])
+        std = float(np.sqrt(blocks @ blocks * BLOCKS / (BLOCKS - 2)))
         correlation, own = float(together[nearest, i]), float(together[i, i])
         out.append(Rate(i, nearest, correlation, own, k, -b / k, std / abs(k)))
     return out
 
 
 def velocity_verdicts(case: RemappedRecording) -> Iterator[Verdict]:
-    """One verdict a cause; a good one if there is none."""
+    """One verdict per cause; a good one if there is none."""
     names, identity = case.names, Map.identity(len(case.names))
     recorded = rates(case.motion, case.map)
-    if recorded and case.map != identity:  # what matches positions as mapped is corrected with them
-        right = [
+    if recorded and case.map != identity:  # columns that match mapped positions change with them
+        matching = [
             rate.drive
             for rate in rates(case.motion, identity)
             if rate.own > _TOGETHER and 1 / _WRONG < rate.scale < _WRONG
         ]
-        recorded = [rate for rate in recorded if rate.drive not in right]
+        recorded = [rate for rate in recorded if rate.drive not in matching]
     if not recorded:
         return
     swapped = [
@@ -155,7 +152,7 @@ def _order(case: RemappedRecording, swapped: list[Rate]) -> Verdict:
 
 
 def _scale(case: RemappedRecording, scaled: list[Rate], name: str, *, reversed_: bool) -> Verdict:
-    """Of drives whose velocities are in one unit, or in none that has a name."""
+    """Verdict on drives whose velocities have one wrong scale, in a named unit or none."""
     scale = float(np.median([rate.scale for rate in scaled]))
     size = float(np.median([abs(rate.scale) for rate in scaled]))
     ratio, record = max(size, 1 / size), case.evidence

@@ -1,10 +1,9 @@
-"""Units, gears, signs, order and zeros of columns: which of them explain a recording.
+"""Checks of wiring: units, gears, signs, order and zeros of columns.
 
-All hypotheses are tried on the same filtered stretch (`motion`): do the loops close, and how large
-is the least-squares residual (`residual`, `search`)? The best one is the `case` of all verdicts
-(`columns`); a scale common to all torques is judged by the prior.
-Zeros and gravity are judged by their own columns (`homing`, `zeros`), velocities by the derivatives
-of positions (`velocity`).
+All hypotheses are tried on the same filtered stretch (`motion`) by two criteria: loops close, and
+the least-squares residual is small (`residual`, `search`). All verdicts refer to the best one
+(`columns`); a scale common to all torques follows from the prior. Zeros and gravity have columns of
+their own (`zeros`), velocities are compared with derivatives of positions (`velocity`).
 """
 
 from collections.abc import Sequence
@@ -14,7 +13,8 @@ from itertools import combinations
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from deltaid.checks.evidence import Evidence, forget
+from deltaid.checks.evidence import UNRELATED, Evidence, forget
+from deltaid.checks.wiring.candidate import SENSIBLE
 from deltaid.checks.wiring.columns import column_verdicts
 from deltaid.checks.wiring.explained import RemappedRecording, overall
 from deltaid.checks.wiring.residual import motion
@@ -25,15 +25,11 @@ from deltaid.errors import RecordingError
 from deltaid.estimation.problem import lengths
 from deltaid.model.verdict import Grade, Verdict, worst
 
-# Largest residual share of the torques for correct columns.
-_EXPLAINED = 0.5
-# Correlation with the prior's torque below which the column is another signal.
-_SENSELESS = 0.2
-# Part of the stretch to search on, if it has so many samples.
+# Part of the stretch to search on, if it has so many samples; least samples to judge.
 _FEW, _FEWEST = 150, 40
 _PART = {"longest": 6.0, "oversampled": 10.0}
-# Columns of numbers with so little of their own are one signal; positions that differ by so much
-# are of drives that move unlike each other, whose torques must differ.
+# Two columns are one signal if 1 − ρ² is below the first; drives move differently, and must have
+# different torques, if that of their positions exceeds the second.
 _COPIED, _UNLIKE = 1e-9, 1e-5
 
 
@@ -55,8 +51,8 @@ def checked_wirings(
 ) -> tuple[tuple[Verdict, ...], list[tuple[Verdict, ...]]]:
     """Verdicts on columns that several recordings share, and those on each recording.
 
-    Recordings whose columns have one mapping are judged together: one verdict for all of them.
-    Errors as of `checked_wiring`.
+    Recordings with one mapping are judged together, with one verdict for all of them. Raises what
+    `checked_wiring` raises.
     """
     cases = dict[int, RemappedRecording]()
     for k, record in enumerate(records):
@@ -99,7 +95,7 @@ def _refuse_copies(evidence: Evidence) -> None:
 
 
 def _correlations(numbers: np.ndarray) -> np.ndarray:
-    """Of columns; 0 with those that do not change."""
+    """Correlations of columns; 0 for constant ones."""
     centred = numbers - numbers.mean(axis=0) if len(numbers) else numbers
     unit = centred / lengths(centred)
     return unit.T @ unit
@@ -111,7 +107,7 @@ def _of_recording(
     if not case.good:
         return (_out_of_reach(case.evidence),)
     verdicts = list(column_verdicts(case) if common is None else common)
-    senseless = case.best.left > _EXPLAINED or case.along < _SENSELESS
+    senseless = case.best.left > SENSIBLE[1] or case.along < UNRELATED
     if case.best.closes and not verdicts and senseless:
         verdicts.append(_senseless(case))
     verdicts += zero_verdicts(case) if worst(verdicts) is not Grade.WRONG else ()

@@ -1,13 +1,13 @@
-"""Verdicts on zeros of drives and the direction of gravity: which of them explains a residual.
+"""Verdicts on drives' zeros and the direction of gravity.
 
 Both have columns, ∂(Y p)/∂q_0 and ∂(Y p)/∂g, in addition to those of Y. Their values are a
 Gauss–Newton step; its covariance follows from the scatter of scores between blocks of time, for
 noise of any colour.
 
-They are compared with the least-squares residual of a recording. Before a fit, rows are as recorded
-and friction as described: clipped torques, a lag or another friction law can mimic a wrong zero,
-and a wrong zero mimics one-way friction or a torque constant, which a fit then finds. So after it
-they are compared with the residual of masked torques, with the fit's corrections and without.
+They must explain the least-squares residual of a recording. Before a fit, rows are as recorded and
+friction as described: clipped torques, a lag or another friction law can mimic a wrong zero, and a
+wrong zero mimics one-way friction or a torque constant, which a fit then corrects. So after the fit
+they are tested again on masked torques, with the fit's corrections and without.
 """
 
 from collections.abc import Iterator, Sequence
@@ -25,28 +25,25 @@ from deltaid.checks.wiring.residual import FilteredMotion, residual
 from deltaid.dynamics.dynamics import Dynamics
 from deltaid.dynamics.geometry import across, torque_slopes
 from deltaid.dynamics.parameters import prior_parameters
-from deltaid.estimation.problem import LinearProblem, Span
+from deltaid.estimation.problem import DEPENDENT, LinearProblem, Span
 from deltaid.model.verdict import Grade, Proposal, Verdict, listed
 
-# Blocks of time, and spread of the prior.
+# Blocks of time, and relative spread of the prior.
 BLOCKS, _SPREAD = 24, 0.5
-# Share of the larger one's square below which an angle of gravity does not show.
-_SHOWN = 1e-6
-# Standard deviations from zero to be reported, and below which a cause is not needed.
+# Standard deviations from zero of a reported cause, and below which a cause is not needed.
 _SEEN, _NEEDED = 4.2, 3.5
-# Least share of the residual that they must explain.
+# Least share of the residual that zeros or gravity must explain.
 _LITTLE = 0.005
-# Share of what one drive's zero explains that another's has to.
+# Another drive's zero is a rival if it explains this share of what the first one explains.
 _RIVAL = 0.7
-# Difference of shares that noise makes, times the number of rows, and a factor between those of
-# causes that are alike.
+# Difference of explained shares by noise, times the number of rows, and least ratio between causes.
 _CHANCE, _MORE = 6.0, 1.05
 # Largest errors of zeros [rad or m] that slopes determine, and largest standard deviations.
 _FARTHEST, _VAGUE = 0.5, 0.05
-# Gauss–Newton steps for a zero, and the largest [rad or m].
+# Gauss–Newton steps for a zero, and the largest step [rad or m].
 _STEPS, _LARGEST = 3, 0.2
-# A base is built more level than this [rad]: a larger tilt is a mounting that is described wrongly,
-# or a force that pulls at the platform, and no line to be written unseen.
+# A base is level within this [rad]: a larger tilt is a wrongly described mounting, or a force that
+# pulls at the platform, and is not written without inspection.
 _LEVELLED = 0.05
 
 
@@ -54,14 +51,14 @@ _LEVELLED = 0.05
 class Shifts:
     """Errors of zeros [rad or m] and of the direction of gravity [rad], from rows.
 
-    Columns are of the drives' zeros, of two angles of gravity or none without gravity, then of each
-    drive's torque offset and gain.
+    Columns: the drives' zeros, two angles of gravity (none without gravity), then each drive's
+    torque offset and gain.
     """
 
     H: Float[np.ndarray, "columns columns"]  # products of columns, parameters projected out
     scores: Float[np.ndarray, "blocks columns"]
     left: float  # sum of squares without the columns, parameters projected out
-    rows: int  # that it is of
+    rows: int  # of that sum
     drives: int
     angles: int  # of gravity, 2 or 0
 
@@ -74,7 +71,7 @@ class Shifts:
         drives: int,
         angles: int,
     ) -> "Shifts":
-        """From columns and torques as rows of drives under each other, and what explains them."""
+        """Shifts from stacked columns and torques of drives and the span of the parameters."""
         D, e = span.without(D), span.without(tau)
         count = len(e) // drives
         edges = np.linspace(0, count, BLOCKS + 1).astype(int)
@@ -84,10 +81,10 @@ class Shifts:
 
     @cached_property
     def tilt(self) -> list[int]:
-        """Columns of the direction of gravity that show."""
+        """Observable columns of the direction of gravity; a planar robot has one."""
         angles = range(self.drives, self.drives + self.angles)
         largest = max((self.H[i, i] for i in angles), default=0.0)
-        return [i for i in angles if self.H[i, i] > _SHOWN * largest]  # a plane shows one angle
+        return [i for i in angles if self.H[i, i] > DEPENDENT * largest]
 
     @property
     def offsets(self) -> list[int]:
@@ -96,24 +93,24 @@ class Shifts:
 
     @property
     def gains(self) -> list[int]:
-        """Columns of gains; together they are the torques, so one must be excluded then."""
+        """Columns of gains; all together sum to the torques, so one must be excluded then."""
         return list(range(2 * self.drives + self.angles, len(self.H))) if self.drives > 1 else []
 
     @cached_property
     def zeros(self) -> list[int]:
-        """Drives whose zero error is small enough for slopes and well determined: a weak column, as
-        of a telescope's drive, would take any value to explain the residual."""
+        """Drives whose zero error is small enough for slopes and well determined: the value of a
+        weak column, such as a telescope's, is arbitrary."""
 
-        def is_shown(drive: int) -> bool:
+        def is_determined(drive: int) -> bool:
             (value,), ((variance,),) = self.estimate([drive])
             small = abs(value) < _FARTHEST and variance < _VAGUE**2
             return bool(small and self.certainty([drive]) > 0)
 
-        return list(filter(is_shown, range(self.drives)))
+        return list(filter(is_determined, range(self.drives)))
 
     @cached_property
     def causes(self) -> list[list[int]]:
-        """The zero that explains most, and a tilt, as far as they are observable."""
+        """The zero that explains most, and a tilt, if observable."""
         likeliest = sorted(self.zeros, key=lambda i: -self.gain([i]))[:1]
         return [cause for cause in (likeliest, self.tilt) if cause]
 
@@ -136,11 +133,12 @@ class Shifts:
     def estimate(
         self, chosen: list[int], beside: Sequence[int] = ()
     ) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, "n n"]]:
-        """Values of some columns and their covariance, with others free beside them."""
+        """Values of some columns and their covariance, with others fitted as well."""
         columns = [*chosen, *beside]
         H, n = self.H[np.ix_(columns, columns)], len(chosen)
         scale = 1 / np.sqrt(np.maximum(np.diag(H), np.finfo(float).tiny))
-        inverse = np.linalg.pinv(H * np.outer(scale, scale), rcond=1e-9) * np.outer(scale, scale)
+        scales = np.outer(scale, scale)
+        inverse = np.linalg.pinv(H * scales, rcond=DEPENDENT) * scales
         s = self.scores[:, columns]
         centred, blocks = s - s.mean(axis=0), len(s)
         spread = centred.T @ centred * blocks / max(blocks - len(columns), 1)
@@ -152,25 +150,25 @@ class Shifts:
             return 0.0
         value, covariance = self.estimate(chosen, beside)
         values, vectors = np.linalg.eigh(covariance)
-        determined = values > 1e-9 * values[-1]
+        determined = values > DEPENDENT * values[-1]
         projected = vectors[:, determined].T @ value
         return float(np.sqrt(np.sum(projected**2 / values[determined]) / max(len(chosen), 1)))
 
     def gain(self, chosen: list[int]) -> float:
         """Share of the residual that these columns explain."""
         H, s = self.H[np.ix_(chosen, chosen)], self.scores[:, chosen].sum(axis=0)
-        return float(s @ np.linalg.pinv(H, rcond=1e-9, hermitian=True) @ s / self.left)
+        return float(s @ np.linalg.pinv(H, rcond=DEPENDENT, hermitian=True) @ s / self.left)
 
 
 def shifts(dynamics: Dynamics, motion: FilteredMotion, best: WiringHypothesis) -> Shifts:
-    """Errors of zeros and gravity in a recording, for the columns of a candidate."""
+    """Errors of zeros and gravity in a recording under one hypothesis."""
     residual, dof, tau, g = best.residual, dynamics.dof, best.torques, dynamics.robot.gravity
-    # All parameters: the prior, moved as far as the torques require.
+    # All parameters: the prior, corrected by the torques.
     p = prior_parameters(dynamics.robot)
     noise = np.linalg.norm(residual.span.without(tau)) / np.sqrt(len(tau))
-    Y, left = residual.Y / noise, (tau - residual.Y @ residual.prior) / noise
+    Y, rest = residual.Y / noise, (tau - residual.Y @ residual.prior) / noise
     known = np.diag(1.0 / (_SPREAD * residual.scale)), np.zeros(Y.shape[1])
-    p[residual.columns] += LinearProblem(Y, left, residual.rows.groups).with_known(*known).x
+    p[residual.columns] += LinearProblem(Y, rest, residual.rows.groups).with_known(*known).x
     # Slopes at the kept samples are smooth enough to need no filter.
     kept, low_pass = np.flatnonzero(residual.keep), motion.low_pass
     places = low_pass.half + low_pass.decimation * kept
@@ -195,22 +193,22 @@ def zero_verdicts(case: RemappedRecording) -> Iterator[Verdict]:
     drive = max(shift.zeros, key=lambda i: shift.gain([i]))
     beside = shift.certainty([drive], shift.tilt)
     instead = shift.certainty(shift.tilt, [drive]) if shift.tilt else 0.0
-    # Zeros of several drives mimic any tilt, so the simpler one is reported where both remain.
+    # Zeros of several drives mimic any tilt, so the simpler cause is reported if both are needed.
     either, zero = (instead < _NEEDED) == (beside < _NEEDED), beside >= _NEEDED
     if either and shift.tilt:
         zero = shift.gain([drive]) > shift.gain(shift.tilt)
     least = _RIVAL * shift.gain([drive])
     rivals = [i for i in shift.zeros if i != drive and shift.gain([i]) > least]
     rivals = [drive, *(i for i in rivals if shift.certainty([drive], [i]) < _NEEDED)]
-    way = _zero(case.evidence, motion, best, shift, drive)
+    error = _zero(case.evidence, motion, best, shift, drive)
     grade = Grade.DOUBTFUL if best.closes else Grade.WRONG
-    yield _verdict(case.evidence, shift, rivals, way, grade=grade, zero=zero, either=either)
+    yield _verdict(case.evidence, shift, rivals, error, grade=grade, zero=zero, either=either)
 
 
 def _better_explained(shift: Shifts, loose: list[int]) -> bool:
     """Whether torque gains or offsets explain the residual instead of zeros and gravity: those of
-    all drives by explaining what these cannot, that of one drive, which is as simple, by explaining
-    more. A loose drive's gain and offset absorb errors of its prior."""
+    all drives if they explain what these cannot, that of one drive, which is as simple, if it
+    explains more. A loose drive's gain and offset absorb errors of its prior."""
     for instead in filter(None, (shift.offsets, shift.gains[1:])):
         if all(
             shift.certainty(cause, instead) < _NEEDED <= shift.certainty(instead, cause)
@@ -229,7 +227,7 @@ def _better_explained(shift: Shifts, loose: list[int]) -> bool:
 def _zero(
     evidence: Evidence, motion: FilteredMotion, best: WiringHypothesis, shift: Shifts, drive: int
 ) -> tuple[float, float]:
-    """The zero's error of one drive and half its interval, by Gauss–Newton steps."""
+    """Error of one drive's zero and half its interval, by Gauss–Newton steps."""
     map, share = best.map, best.residual.share
     for _ in range(_STEPS):
         (step,), ((variance,),) = shift.estimate([drive])
@@ -249,7 +247,7 @@ def _verdict(
     evidence: Evidence,
     shift: Shifts,
     rivals: list[int],
-    way: tuple[float, float],
+    error: tuple[float, float],
     *,
     grade: Grade,
     zero: bool,
@@ -257,15 +255,16 @@ def _verdict(
 ) -> Verdict:
     name, *others = (evidence.robot.drives[i] for i in rivals)
     unit = "mm" if evidence.robot.is_linear(name) else "mrad"
-    of_zero = f"a zero of {name} that is {abs(1e3 * way[0]):.3g} ± {1e3 * way[1]:.1g} {unit} off"
+    off, half = (1e3 * value for value in error)
+    of_zero = f"a zero of {name} that is {abs(off):.3g} ± {half:.1g} {unit} off"
     if others:
         of_zero += f" (or one of {listed(others)}: the motion does not separate these)"
     angle, by = shift.tilted
     of_tilt = f"a base out of level by {1e3 * angle:.3g} ± {1e3 * by:.1g} mrad"
     if zero:
-        share, number, text, rival = shift.gain([rivals[0]]), way[0], of_zero, of_tilt
+        share, number, text, rival = shift.gain([rivals[0]]), error[0], of_zero, of_tilt
         cause, cure = f"homing: {of_zero}", "home the drive anew, or declare its zero"
-        shifted = {rivals[0]: evidence.shifted(rivals[0], way[0])}
+        shifted = {rivals[0]: evidence.shifted(rivals[0], error[0])}
         proposals = evidence.proposal({"position": shifted})
     else:
         share, number, text, rival, unit = shift.gain(shift.tilt), angle, of_tilt, of_zero, "mrad"
