@@ -14,7 +14,7 @@ from deltaid.online.changes import Change, Onset, estimate_after
 from deltaid.online.cycle import contact_of, step_graph
 from deltaid.online.estimates import friction_bounds
 from deltaid.online.graph import StepGraph
-from deltaid.online.instant import NOT_TOLD
+from deltaid.online.instant import UNKNOWN
 from deltaid.online.kalman import Estimate
 from deltaid.online.online import CommandTorques
 from deltaid.online.settings import OnlineKnowledge, OnlineSettings, knowledge
@@ -155,7 +155,7 @@ def test_noise_of_speeds_that_nobody_told_is_learnt() -> None:
     graph = step_graph(model, settings, more=(contact_of,))
     run = running(model, CYCLES, slice(0, 0), noise=0.1)
     u = np.column_stack(
-        [np.round(run.q / 2e-5) * 2e-5, run.tau, np.zeros(CYCLES), np.full(CYCLES, NOT_TOLD)]
+        [np.round(run.q / 2e-5) * 2e-5, run.tau, np.zeros(CYCLES), np.full(CYCLES, UNKNOWN)]
     )
     y = graph.outputs.split(
         np.array(graph.function.mapaccum(CYCLES)(graph.state.initial, u.T)[1]).T
@@ -176,7 +176,7 @@ def left(torque: str, rate: float) -> float:
     tau = 0.5 * (run.tau[1:] + run.tau[:-1]) if torque == "held" else run.tau[:n]
     settings = replace(QUIET, rate=rate, speed="differenced", torque=torque)
     graph = step_graph(model, settings)
-    u = np.column_stack([run.q[:n], tau, np.zeros(n), np.full(n, NOT_TOLD)])
+    u = np.column_stack([run.q[:n], tau, np.zeros(n), np.full(n, UNKNOWN)])
     y = np.array(graph.function.mapaccum(n)(graph.state.initial, u.T)[1]).T
     return float(np.abs(graph.outputs.split(y)["residual"][20:]).max())
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from deltaid.online.grips import UNKNOWN
+from deltaid.online.instant import UNKNOWN
 from deltaid.online.online import Online
 from deltaid.online.settings import OnlineSettings
 from online_runs import LOAD, outputs, robot, running

@@ -1,18 +1,18 @@
-"""When a load was taken or left: told by the gripper, or found by itself.
+"""Detect when a load is taken or released, from the gripper's signal or from residuals.
 
 A load that changes by Δ at a time θ moves the filter's innovations by G Δ and its estimates by F Δ,
 
     G = ψ − h F,   F ← F + gain · G,   F = 0 at θ,
 
-for a measurement with the row h that shows the change by ψ: by the load's filtered column, less
-what the filters remember of it from before θ, when nothing was there. Innovations ν are white with
-variances s as long as nothing changed, so
+for a measurement with the row h and the change's column ψ: the load's filtered column without the
+filters' memory from before θ, when nothing was held. Innovations ν are white with variances s as
+long as nothing changes, so
 
     D = Σ G ν / s,   C = Σ G² / s,   score D / √C,   Δ = D / C  with variance 1 / C
 
-is the likelihood ratio of a change at θ, whatever the filter has made of it since (Willsky and
-Jones). A few times θ are kept in turn, so memory and work are bounded. When one is believed, what
-the change did to the other estimates is taken back, and the load begins with Δ.
+is the likelihood ratio of a change at θ (Willsky and Jones), which accounts for the filter's
+response since then. A fixed number of times θ is kept in turn, so memory and work are bounded. When
+a change is accepted, its effect on the other estimates is removed, and the load begins with Δ.
 """
 
 from dataclasses import dataclass, replace
@@ -26,16 +26,16 @@ from deltaid.online.kalman import Estimate, Update
 from deltaid.online.momentum import Lowpass
 from deltaid.online.settings import OnlineSettings
 
-# Times of onset are kept every so many seconds, over so long: a gripper's signal may be as late and
-# the load of an early one shows within the rest (`grips`).
+# Spacing of candidate onsets and their lifetime [s], which covers the largest delay of a gripper's
+# signal and the time in which the load shows after an early one (`grips`).
 _EVERY, _LIFE = 0.01, 0.35
-# Where no gripper tells, one of so many counts, for so long [s].
-_UNTOLD_EVERY, _UNTOLD_LIFE = 5, 0.15
+# Without a gripper's signal, one in so many onsets is used, for so long [s].
+_SPARSE, _SHORT_LIFE = 5, 0.15
 
 
 class Onset(NamedTuple):
-    """What would have happened since one time θ, or since several, each in a column: F, D, C, and
-    what the filter of the load's column remembers from before θ, and the filter behind it."""
+    """F, D and C since a candidate onset θ, or since several in columns, with the memory of both
+    filters of the load's column from before θ."""
 
     moved: ca.SX
     evidence: ca.SX
@@ -44,10 +44,10 @@ class Onset(NamedTuple):
     twice: ca.SX
 
     def later(self, lowpass: Lowpass, stays: ca.SX) -> "Onset":
-        """The same times, seen from a cycle later.
+        """The same onsets a cycle later.
 
         Args:
-            stays: share of each estimate that is not forgotten in a cycle.
+            stays: share of each estimate that is kept over a cycle.
         """
         once, moved = lowpass.a * self.once, self.moved * ca.repmat(stays, 1, self.moved.shape[1])
         twice = lowpass.output(lowpass.keep(self.twice, self.once), once)
@@ -56,13 +56,13 @@ class Onset(NamedTuple):
     def measured(
         self, i: int, column: ca.SX, update: Update, lasts: ca.SX | float = 1.0
     ) -> "Onset":
-        """With one measurement more.
+        """The onsets after one more measurement.
 
         Args:
-            i: which drive's.
+            i: index of the drive.
             column: of the load, twice filtered.
-            lasts: of each time, 1 while the change lasts, 0 once estimates know it, −1 where they
-                have what is not there.
+            lasts: for each onset, 1 while the change lasts, 0 once estimates contain it, −1 where
+                they contain a load that is absent.
         """
         G = (column[i] * lasts - self.twice[i, :] - update.row @ self.moved) * update.counts
         share = G / update.variance
@@ -83,22 +83,22 @@ class Onset(NamedTuple):
         return self.evidence / (self.information + 1.0)
 
     def candidate(self, j: int) -> "Onset":
-        """One of several times."""
+        """One of several onsets."""
         return Onset(*(part[:, j] for part in self))
 
 
 @dataclass(frozen=True, eq=False)
 class Onsets:
-    """All times that are kept.
+    """All candidate onsets.
 
     Attributes:
-        each: what happened since each, and last what did not since the gripper's signal.
+        each: sums since each onset; the last column is for no change since the gripper's signal.
         symbols: of the state.
-        open_: 1 while that is open (`grips`).
-        ages: how long ago each was [s].
-        step: from one to the next [s].
-        ends: whether one is over after this cycle, and begins anew.
-        clock: cycles since the first began, behind this one.
+        open_: 1 while the onset is undecided (`grips`).
+        ages: time since each onset [s].
+        step: between onsets [s].
+        ends: whether an onset is replaced after this cycle.
+        clock: cycles since the first one began, after this one.
     """
 
     each: Onset
@@ -113,10 +113,10 @@ class Onsets:
     def before(
         cls, fields: CycleFields, stays: ca.SX, dof: int, lowpass: Lowpass, period: float
     ) -> "Onsets":
-        """As the cycle before left them.
+        """The onsets from the state of the previous cycle.
 
         Args:
-            stays: share of each estimate that is not forgotten in a cycle.
+            stays: share of each estimate that is kept over a cycle.
         """
         count, doc = round(_LIFE / _EVERY), "times at which the load may have changed"
         sizes = zip(Onset._fields, (stays.numel(), 1, 1, dof, dof), strict=True)
@@ -133,21 +133,21 @@ class Onsets:
         return cls(each, symbols, ca.SX(0), ages, turn * period, ends, later)
 
     def measured(self, i: int, column: ca.SX, update: Update) -> "Onsets":
-        """With one measurement more."""
+        """All onsets after one more measurement."""
         lasts = ca.horzcat(ca.repmat(1 - self.open_, 1, self.ages.numel()), -self.open_)
         return replace(self, each=self.each.measured(i, column, update, lasts))
 
     @property
-    def untold(self) -> list[tuple[Onset, ca.SX]]:
-        """Times of a change that no gripper tells of: each, and 1 if it is recent."""
-        places = range(0, self.ages.numel(), _UNTOLD_EVERY)
-        return [(self.each.candidate(j), self.ages[j] < _UNTOLD_LIFE) for j in places]
+    def unsignalled(self) -> list[tuple[Onset, ca.SX]]:
+        """Onsets of a change without a gripper's signal, each with 1 if it is recent."""
+        places = range(0, self.ages.numel(), _SPARSE)
+        return [(self.each.candidate(j), self.ages[j] < _SHORT_LIFE) for j in places]
 
     @property
     def likeliest(self) -> Onset:
-        """The one with the largest score."""
+        """The onset with the largest score."""
         best, most = self.each.candidate(0), ca.SX(-1)
-        for onset, recent in self.untold:
+        for onset, recent in self.unsignalled:
             score = ca.if_else(recent, ca.fabs(onset.score), -1.0)
             pairs = zip(onset, best, strict=True)
             best = Onset(*(ca.if_else(score > most, *pair) for pair in pairs))
@@ -157,20 +157,20 @@ class Onsets:
     def follow(
         self, fields: CycleFields, change: "Change", closes: ca.SX, once: ca.SX, twice: ca.SX
     ) -> None:
-        """What the fields of the state become.
+        """Set the following state.
 
-        A time that is over begins anew. While it is open when a load was taken or left, a time
-        begins with what did not happen before. The gripper's signal ends all of them.
+        An expired onset begins anew. While the onset is undecided, it begins with the column for no
+        change. The gripper's signal ends all onsets.
 
         Args:
             change: of the load.
-            closes: 1 where it was open until now when it was taken or left.
+            closes: 1 in the cycle in which the onset is decided.
             once, twice: the load's column, filtered.
         """
         count, waits = self.ages.numel(), self.each.candidate(self.ages.numel())
-        told = ca.logic_and(change.told, ca.logic_not(self.open_))
+        signalled = ca.logic_and(change.told, ca.logic_not(self.open_))
         stays = (1 - closes) * (1 - change.changed)
-        filtered, kept = {"once": once, "twice": twice}, ca.fmax(stays, told * (1 - closes))
+        filtered, kept = {"once": once, "twice": twice}, ca.fmax(stays, signalled * (1 - closes))
         for name, now in zip(Onset._fields, self.each, strict=True):
             begun, of_signal, anew = getattr(waits, name) * self.open_, kept, ca.SX(0)
             if name in filtered:
@@ -183,23 +183,19 @@ class Onsets:
         fields.following["onset_clock"] = self.clock
 
 
-# Of the load held, what may be left after a release.
+# Largest share of a load that remains held after a partial release.
 _LEFT = 0.6
-# A change must be likely for so long, in time constants of the filter: it does not show all of it
-# at first.
-_CONFIRMED = 1.0
-# A load that may be none, and is surely less than this share of the largest, is none.
+# A load that is not significant, and surely less than this share of the largest, is none.
 _SMALL = 0.05
-# The variance of what a change begins with is larger than 1/C by this factor, and by the square of
-# this share of it: its onset is a guess, and of a load that is taken while the robot moves filters
-# show little at first. So it is nearly free as well, by this share of the mass's prior variance.
+# The initial variance of a change is 1/C times this factor, plus the square of this share of it and
+# this share of the mass's prior variance: its onset is a guess, and filters show little at first.
 _WIDER, _ROUGH, _FREE = 4.0, 0.5, 0.05
 
 
 @dataclass(frozen=True, eq=False)
 class Change:
-    """What is held behind a cycle: 1 where it is another load, or none, from now on, where one is
-    held, where the gripper told the change, and where it was found in residuals."""
+    """State of the load after a cycle: 1 where it changed, where one is held, where the gripper
+    signalled the change, and where residuals showed it."""
 
     changed: ca.SX
     held: ca.SX
@@ -208,7 +204,7 @@ class Change:
 
 
 def gripper_differs(held: ca.SX, gripper: ca.SX) -> ca.SX:
-    """1 where the gripper has told something else than what is held."""
+    """1 where the gripper's signal differs from the state."""
     return ca.logic_and(gripper > -0.5, (gripper > 0.5) != held)
 
 
@@ -216,12 +212,12 @@ def judge_change(
     fields: CycleFields, seen: Onset, gripper: ca.SX, mass: ca.SX, spread: ca.SX,
     least: float, settings: OnlineSettings,
 ) -> Change:  # fmt: skip
-    """Whether the load changes.
+    """Decide whether the load changes.
 
     Args:
-        gripper: 1 holds, 0 empty, -1 not told.
+        gripper: 1 holds, 0 empty, -1 unknown.
         mass, spread: of the load held, in units of the largest mass.
-        least: mass that is looked for, in the same units.
+        least: least mass that is detected, in the same units.
     """
     held, waited, alert = (fields.before[name] for name in ("held", "waited", "alert"))
     silent, wanted, differs = gripper <= -0.5, gripper > 0.5, gripper_differs(held, gripper)
@@ -231,12 +227,12 @@ def judge_change(
     more = every(silent, score > settings.alarm, size > least)
     less = every(silent, score < -settings.alarm, size < -least, held)
     alerted = ca.if_else(ca.logic_or(more, less), alert + settings.period, 0)
-    sure = alerted > _CONFIRMED / settings.corner
+    sure = alerted > 1 / settings.corner  # one time constant: the filter does not show all at first
     more, less = ca.logic_and(more, sure), ca.logic_and(less, sure)
     small = ca.logic_and(mass < 2 * spread, mass + 2 * spread < ca.fmax(least, _SMALL))
     nothing = every(held, silent, small)
-    left = ca.logic_and(less, mass + size > ca.fmax(_LEFT * mass, least))
-    now = ca.if_else(ca.logic_or(nothing, less), left, ca.logic_or(held, more))
+    partly = ca.logic_and(less, mass + size > ca.fmax(_LEFT * mass, least))
+    now = ca.if_else(ca.logic_or(nothing, less), partly, ca.logic_or(held, more))
     now = ca.if_else(by_gripper, wanted, ca.if_else(silent, now, held))
     changed = ca.logic_or(by_gripper, ca.logic_or(more, ca.logic_or(less, nothing)))
     fields.following |= {
@@ -248,10 +244,10 @@ def judge_change(
 
 
 def estimate_after(estimate: Estimate, seen: Onset, change: Change, n_load: int) -> Estimate:
-    """Estimates behind a cycle in which the load may have changed.
+    """Estimates after a cycle in which the load may have changed.
 
-    Told by the gripper, nothing is known of a new load. Found by itself, it begins with the mass
-    that was found, and what the change had done to the other estimates is taken back:
+    After a gripper's signal nothing is known of a new load. A change detected in residuals begins
+    with the estimated mass, and its effect on the other estimates is removed:
 
         x ← x − F Δ,   P ← P + F Fᵀ / C.
     """

@@ -1,13 +1,11 @@
-"""Whether a recording's columns are what they are taken for, its velocities worth taking, and its
-torques as late as is known.
+"""Checks of a recording's columns for online estimation: wiring, velocities, and lag of torques.
 
-A drive's velocity often comes filtered, and so late against its position, or with more noise than
-differences of the positions have. Both make loads look lighter: what is late, and what is noise,
-stands in the columns of the load and not in the torques.
+A drive's velocity is often filtered, and so late against its position, or noisier than differences
+of positions. Both make loads look lighter: lag and noise are in the columns of the load, not in the
+torques.
 
-Where the model's torques go along with those recorded, drive by drive, columns are what they are
-taken for. Else signs, order and units are judged as an identification judges them, and what is
-wrong is refused as there.
+If the model's torques correlate with the recorded ones, drive by drive, the wiring is correct.
+Otherwise signs, order and units are judged as for an identification, with the same refusals.
 """
 
 from contextlib import suppress
@@ -31,20 +29,20 @@ from deltaid.recording.mapping import ColumnMapping
 from deltaid.recording.memory import RecordingLike
 from deltaid.recording.recording import with_filter
 
-# A lag [s] that does no harm, and noise [rad/s or m/s] that does none.
+# Harmless lag [s] and noise of a velocity [rad/s or m/s].
 _HARMLESS, _QUIET = 1e-4, 3e-3
-# Rows that are looked at, seconds that are averaged over, parts whose scatter says how sure a lag
-# is, and so many deviations.
+# Inspected rows, averaging time [s], parts whose scatter gives the deviation of a lag, and
+# deviations of a significant one.
 _ROWS, _MEAN, _PARTS, _CLEAR = 1 << 16, 0.02, 20, 4.0
 
 
 def speeds_of(log: Log, model: Model) -> tuple[bool, tuple[float, ...], tuple[Doubt, ...]]:
-    """Whether a recording's velocities are taken: there are any, and better than differences of
-    positions; standard deviation of one cycle's speed, as it is taken, drive by drive; why recorded
-    ones are not taken."""
+    """Whether recorded velocities are used, that is exist and are better than differences of
+    positions; standard deviation of one cycle's speed, drive by drive; why velocities are not
+    used."""
     dof, known = model.dynamics.dof, model.identified.corrections if model.identified else ()
     made, velocity = log.position_noise[:dof] * log.rate * np.sqrt(2.0), log.columns.velocity
-    if not velocity or any(correction.kind == "velocity" for correction in known):  # or late
+    if not velocity or any(correction.kind == "velocity" for correction in known):
         return False, tuple(made.tolist()), ()
     rows = _first(log)
     lag, noise = _lag(rows, log.rate, dof), white_noise(rows[:, 1 + dof : 1 + 2 * dof])
@@ -71,21 +69,22 @@ def speeds_of(log: Log, model: Model) -> tuple[bool, tuple[float, ...], tuple[Do
 
 
 def _first(log: Log) -> Float[np.ndarray, "rows channels"]:
-    found, read = np.zeros((0, len(log.columns.all))), 0
+    """The longest block among the first rows."""
+    longest, read = np.zeros((0, len(log.columns.all))), 0
     for rows in chain.from_iterable(log.segments(None)):
-        found, read = max(found, rows[:_ROWS], key=len), read + len(rows)
+        longest, read = max(longest, rows[:_ROWS], key=len), read + len(rows)
         if read > _ROWS:
             break
-    return found
+    return longest
 
 
 def _lag(
     rows: Float[np.ndarray, "rows channels"], rate: float, dof: int
 ) -> Float[np.ndarray, " drives"]:
-    """By how much recorded velocities are late, v(t) = q̇(t − δ) = q̇ − δ q̈ [s]; zero unless sure.
+    """Lag δ of recorded velocities, v(t) = q̇(t − δ) = q̇ − δ q̈ [s]; zero if not significant.
 
-    Means over some hundredths of a second, of velocities and of what positions did meanwhile, have
-    hardly any noise.
+    Averages of velocities over some hundredths of a second, and differences of positions over the
+    same time, have hardly any noise.
     """
     n, q, v = max(1, round(_MEAN * rate)), rows[:, 1 : 1 + dof], rows[:, 1 + dof : 1 + 2 * dof]
     if len(q) < 4 * n + _PARTS:
@@ -101,24 +100,24 @@ def _lag(
     return np.where(np.abs(lag) > _CLEAR * deviation, lag, 0.0)
 
 
-# What is judged elsewhere: the size of torques by the run, as the model knows it better than the
-# prior does, and velocities with what comes of it (`speeds_of`).
+# Judged elsewhere: the size of torques by the run, whose model knows it better than the prior, and
+# velocities (`speeds_of`).
 _ELSEWHERE = {"torque-unit", "velocity"}
-# Torques that correlate so much with the model's are those of the same drives. Loads that nobody
-# told take from that, so it is no more.
+# Least correlation of torques with the model's for a correct wiring, which undeclared loads reduce,
+# and evaluated windows.
 _ALONG, _WINDOWS = 0.85, 4
 
 
 def judged_wiring(
     model: Model, opened: Log, log: RecordingLike, mapping: ColumnMapping
 ) -> tuple[Doubt, ...]:
-    """What looks wrong of units, signs and order of columns.
+    """Doubts about units, signs and order of columns.
 
     Args:
-        opened: the log, surveyed.
+        opened: the surveyed log.
 
     Raises:
-        RecordingError: what surely is.
+        RecordingError: they are surely wrong.
     """
     if np.all(_along(model, opened) > _ALONG):
         return ()
@@ -137,9 +136,9 @@ def judged_wiring(
 
 
 def _along(model: Model, opened: Log) -> Float[np.ndarray, " drives"]:
-    """Correlation of recorded torques with the model's, drive by drive; 0 where there is none."""
+    """Correlation of recorded torques with the model's, drive by drive; 0 if undetermined."""
     dynamics, pairs = model.dynamics, [np.zeros((2, model.dynamics.dof, 0))]
-    with suppress(RecordingError):  # whose cause is told by what follows
+    with suppress(RecordingError):  # later checks report the cause
         for window in with_filter(opened).spread(dynamics.kinematics, _WINDOWS):
             wide = window.wide
             torque = dynamics.torque(wide.z, wide.qd, wide.qdd, model.p)
@@ -150,22 +149,22 @@ def _along(model: Model, opened: Log) -> Float[np.ndarray, " drives"]:
     return np.sum(np.prod(both, axis=0), axis=1) / np.maximum(scale, np.finfo(float).tiny)
 
 
-# A lag that the model has not is told beyond this [s], and beyond so many half widths of its
-# interval, or so many where other causes explain more.
+# A lag is reported beyond this [s], and beyond so many half widths of its interval, or so many
+# where other causes explain more.
 _LAG, _CLEAR_LAG, _HIDDEN_LAG = 3e-4, 2.0, 4.0
 
 Delay = Float[np.ndarray, " drives"]
 
 
 def judged_lag(model: Model, log: Log, delay: Delay) -> tuple[Doubt, ...]:
-    """Lags of the torques that are not those that are put right.
+    """Doubts about lags of the torques that differ from the corrected ones.
 
-    A lag is searched as an identification does, parameters free, so that a model which is a little
-    off makes no lag. None where the recording is too short, or hardly moves, so that none shows.
+    Lags are fitted as in an identification, with free parameters, so that model errors make no lag.
+    Empty if the recording is too short or hardly moves.
 
     Args:
-        log: with the loads that are held, as the gripper told of them or as they were found.
-        delay: by how much torques are taken to come late [s].
+        log: with held loads, signalled or detected.
+        delay: corrected lag [s].
     """
     study = None
     with suppress(RecordingError):  # too short to be filtered
@@ -179,15 +178,15 @@ def judged_lag(model: Model, log: Log, delay: Delay) -> tuple[Doubt, ...]:
     clear = np.abs(lag.values - delay) > np.maximum(_LAG, surely)
     if not clear.any():
         return ()
-    found, off = np.where(clear, lag.values, delay), np.flatnonzero(clear).tolist()
-    each = [f"{drives[i]}'s torque is {_in_words(found[i], lag.interval[i])}" for i in off]
-    said, given = listed(each), found
-    if np.ptp(found) == 0 and np.ptp(delay) == 0:
-        said, given, off = f"torques are {_in_words(found[0], lag.interval[0])}", found[:1], off[:1]
-    put_right = listed([_in_words(delay[i]) for i in off]) if delay.any() else "no lag"
+    lags, off = np.where(clear, lag.values, delay), np.flatnonzero(clear).tolist()
+    each = [f"{drives[i]}'s torque is {_in_words(lags[i], lag.interval[i])}" for i in off]
+    text, given = listed(each), lags
+    if np.ptp(lags) == 0 and np.ptp(delay) == 0:
+        text, given, off = f"torques are {_in_words(lags[0], lag.interval[0])}", lags[:1], off[:1]
+    corrected = listed([_in_words(delay[i]) for i in off]) if delay.any() else "no lag"
     return (
         Doubt(
-            f"{said} against positions, and {put_right} is corrected: masses are wrong by a per "
+            f"{text} against positions, and {corrected} is corrected: masses are wrong by a per "
             "cent or two for each ms between",
             cause="this recording was made another way than the model's, through another filter or "
             "bus",

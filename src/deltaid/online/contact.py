@@ -1,28 +1,26 @@
-"""Whether somebody or something pushes the robot: how surely, where, and how hard.
+"""Detect contacts of the robot: significance, place and force.
 
-The residual ρ is what the measured torques have beyond the model's, through a filter of corner K
-(`online.momentum`); outside forces put −ρ on the drives. Without any,
+The residual ρ is the difference of measured and model torques through a filter of corner K
+(`online.momentum`); external forces put −ρ on the drives. Without contact,
 
     ρ ~ N(0, S) + d,   |d_i| ≤ b_i,
 
-where b is friction that no speed tells, at rest and where joints turn round, and S is the sum of
-what validation left, noise of speeds, the model's uncertainty and that of the load. b is taken out
+where b is friction that the speed does not determine, at rest and at reversals, and S is the sum of
+the validation residual, noise of speeds, and the uncertainty of model and load. b is subtracted
 first, ρ_i → sign(ρ_i) max(|ρ_i| − b_i, 0), and
 
     χ² = ρᵀ S⁻¹ ρ,   contact where χ > u.
 
-Behind the filter χ is the length of an Ornstein–Uhlenbeck process: it exceeds a high u about
-K u f(u) times a second, f the density of χ with as many degrees of freedom as there are drives.
-So u follows from how many false alarms an hour are accepted, and neighbouring samples, which say
-the same thing, do not count twice.
+After the filter χ is the length of an Ornstein–Uhlenbeck process: it exceeds a high u about
+K u f(u) times a second, with f the density of χ with one degree of freedom per drive. So u follows
+from the accepted rate of false alarms, and correlated samples do not count twice.
 
-Where nobody tells what is held, the likeliest load within the payload is taken out before, and the
-place is looked for with that load as noise.
+Without a gripper's signal, the likeliest load within the payload is subtracted first, and the place
+is determined with that load as noise.
 
-A contact is at drive i's limb if that drive's torque alone explains ρ, at the platform if not.
-The smallest force on the platform along a unit vector n that is told, in 95 of 100 cases, is
-(u + 1.645) / √(nᵀ A n) with A = T S⁻¹ Tᵀ and T = ∂(platform point)/∂q, where it is told what is
-held.
+A contact is at drive i's limb if that drive's torque alone explains ρ, otherwise at the platform.
+The smallest force on the platform along a unit vector n that is detected in 95 % of cases is
+(u + 1.645) / √(nᵀ A n) with A = T S⁻¹ Tᵀ and T = ∂(platform point)/∂q, if the load is known.
 """
 
 from dataclasses import dataclass
@@ -37,23 +35,23 @@ from deltaid.dynamics.task_dynamics import cholesky_solve
 from deltaid.errors import within
 from deltaid.mechanism.rotation import reciprocal
 
-# Friction at rest may exceed Coulomb friction, by so much at most.
+# Largest ratio of static to Coulomb friction.
 _BREAKAWAY = 1.3
-# A contact goes on while χ is above this share of the threshold.
+# A contact continues while χ is above this share of the threshold.
 _HOLDS = 0.5
-# How sure a force is found that counts as one that can be told.
+# Probability of detection of the smallest force.
 _SURE = 0.95
 # A limb explains a residual if what it leaves is below this quantile of noise, or this share of χ².
 _EXPLAINED, _SHARE = 0.7, 0.002
-# False alarms an hour that may be asked for.
+# Allowed rates of false alarms [1/h].
 FALSE_ALARMS = (1e-6, 1e3)
 
 
 def threshold(false_alarms: float, corner: float, dof: int) -> float:
-    """u: how large χ must be for a contact.
+    """Threshold u of χ for a contact.
 
     Args:
-        false_alarms: accepted in an hour.
+        false_alarms: accepted rate [1/h].
         corner: K [1/s].
         dof: number of drives.
 
@@ -72,10 +70,10 @@ def threshold(false_alarms: float, corner: float, dof: int) -> float:
 def least_force(
     information: Float[np.ndarray, "samples moves moves"], u: float
 ) -> tuple[Float[np.ndarray, " samples"], Float[np.ndarray, " samples"]]:
-    """Smallest force [N] told in 95 % of cases: along the best and along the worst direction.
+    """Smallest force [N] detected in 95 % of cases, along the best and the worst direction.
 
     Args:
-        information: A, one a sample.
+        information: A of each sample.
         u: threshold.
     """
     eigenvalues = np.linalg.eigvalsh(information)
@@ -86,15 +84,15 @@ def least_force(
 
 @dataclass(frozen=True)
 class ContactResidual:
-    """What is known of a residual at one instant, as expressions.
+    """A residual with its distribution at one instant, as expressions.
 
     Attributes:
-        value: ρ, a column with one entry a drive.
+        value: ρ, one entry per drive.
         covariance: S.
         bound: b.
         levers: T, directions of the platform point × drives.
-        lifted: filtered torque of a kilogram more, and
-        light, heavy: the least and the most that an untold load may add to the mass.
+        lifted: filtered torque of an additional unit of mass.
+        light, heavy: bounds of the mass that a load without a signal may add.
     """
 
     value: ca.SX
@@ -108,14 +106,14 @@ class ContactResidual:
 
 @dataclass(frozen=True)
 class Contact:
-    """What a residual says, as expressions.
+    """Contact estimate from a residual, as expressions.
 
     Attributes:
         size: χ / u; a contact where it is above 1.
         found: 1 while there is a contact, else 0.
         limb: drive whose limb is pushed, from 1 on; 0 for the platform, −1 without a contact.
-        force: on the platform, if it is that that is pushed [N].
-        effort: on each drive, from outside [N m or N].
+        force: on the platform, if that is pushed [N].
+        effort: external torque on each drive [N m or N].
         information: A.
     """
 
@@ -130,17 +128,17 @@ class Contact:
 def contact(
     residual: ContactResidual, before: ca.SX, u: float, live: ca.SX | float = 1.0
 ) -> Contact:
-    """Judge a residual.
+    """Contact estimate of a residual.
 
     Args:
-        before: whether there was a contact a cycle ago.
+        before: whether there was a contact in the previous cycle.
         u: threshold.
-        live: 0 where the filter has no past, so that nothing can be told.
+        live: 0 where the filter has no history, so that nothing is detected.
     """
     r, T, bound = residual, residual.levers, _BREAKAWAY * residual.bound
     dof = bound.numel()
-    # χ of ρ beyond the likeliest load that nobody told and friction that no speed tells, the latter
-    # as noise of size b: where all joints rest the load is hardly known, and b hides what is left.
+    # χ of ρ without the likeliest unsignalled load. Undetermined friction counts as noise of size
+    # b: where all joints rest the load is hardly known.
     weighted = cholesky_solve(r.covariance + ca.diag(bound * bound), r.lifted)
     share = ca.dot(weighted, r.lifted)
     mass = ca.dot(weighted, r.value) * share / (share * share + 1e-30)
@@ -149,8 +147,8 @@ def contact(
     length, information = ca.dot(beyond, solved[:, 0]), T @ solved[:, 1:]
     size = ca.if_else(live, ca.sqrt(ca.fmax(length, 0.0)) / u, 0.0)
     found = ca.if_else(size > ca.if_else(before > 0.5, _HOLDS, 1.0), 1.0, 0.0)
-    # The place, with a load that nobody told as noise: taking out the likeliest one would take out
-    # a part of a push as well.
+    # The place, with an unsignalled load as noise: subtracting the likeliest load would subtract a
+    # part of a push as well.
     whole = r.lifted * (r.heavy - r.light)
     rho = _outside(r.value, bound)
     solved = cholesky_solve(r.covariance + whole @ whole.T, ca.horzcat(rho, T.T, ca.SX.eye(dof)))
@@ -179,5 +177,5 @@ def _limb(weighted: ca.SX, inverse: ca.SX, squared: ca.SX) -> ca.SX:
         explained = weighted[i] * weighted[i] * reciprocal(inverse[i, i])
         limb = ca.if_else(explained > best, i + 1.0, limb)
         best = ca.fmax(explained, best)
-    left = float(chi2.ppf(_EXPLAINED, max(dof - 1, 1)))
-    return ca.if_else(squared - best < left + _SHARE * squared, limb, 0.0)
+    usual = float(chi2.ppf(_EXPLAINED, max(dof - 1, 1)))
+    return ca.if_else(squared - best < usual + _SHARE * squared, limb, 0.0)

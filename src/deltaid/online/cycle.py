@@ -1,14 +1,14 @@
-"""The whole cycle of one robot as one graph, and contact as a part of it: covariance of the
-residual, and what a cycle gives of it.
+"""The whole cycle of one robot as one graph, with contact detection and the covariance of the
+residual.
 
-How noisy speeds are, speeds alone show. A motion is smooth, noise is not: noise makes nearly all of
-the n-th difference Dₙ of a drive's speeds. Where measured numbers have white noise, and speeds are
+The noise of speeds is estimated from the speeds: a motion is smooth, so noise makes nearly all of
+the n-th difference Dₙ of a drive's speeds. With white noise of the measured numbers, and speeds as
 sums of these with weights c,
 
     σ² = Σ c² / Σ (c ∗ d)² · E Dₙ²,   d the weights of the n-th difference.
 
-A motion makes σ larger than it is; a push does not, as bodies move smoothly then too. The mean is
-over cycles in which the drive moves: at rest, steps of an encoder are still.
+A motion increases σ slightly; a push does not, because bodies still move smoothly. The mean is over
+cycles in which the drive moves: at rest an encoder's steps do not change.
 """
 
 from collections.abc import Callable, Sequence
@@ -24,14 +24,15 @@ from deltaid.online.estimates import CycleEstimates, estimates, friction_bounds,
 from deltaid.online.graph import CycleFields, Field, StepGraph, every
 from deltaid.online.grips import chosen_estimate
 from deltaid.online.instant import waits
+from deltaid.online.kalman import LARGEST_STEP
 from deltaid.online.settings import OnlineKnowledge, OnlineSettings, knowledge
 from deltaid.online.signals import Signals, signals
 
 
 @dataclass(frozen=True, eq=False)
 class Cycle:
-    """What further parts can be made of: what the cycle is of, what is read, filtered, what is
-    known of load, model and friction, and what the cycle keeps and gives."""
+    """Input of additional parts: model and settings of the cycle, its signals and estimates, and
+    its fields."""
 
     model: Model
     settings: OnlineSettings
@@ -41,7 +42,7 @@ class Cycle:
     fields: CycleFields
 
 
-# Adds a further part, such as one that looks for contact.
+# Adds a part to the cycle, such as contact detection.
 MorePart = Callable[[Cycle], None]
 
 
@@ -54,8 +55,8 @@ def step_graph(
     """One cycle: state and inputs to next state and outputs.
 
     Args:
-        more: further parts, behind these in the state and in the outputs.
-        known: numbers in place of those that the model gives.
+        more: additional parts, last in the state and in the outputs.
+        known: in place of the model's own.
 
     Raises:
         DeltaidError: settings and robot do not fit each other.
@@ -65,42 +66,39 @@ def step_graph(
     anew, touched, fields = ca.SX.sym("anew"), ca.SX.sym("touched"), CycleFields()
     read = signals(fields, model, known, settings, anew)
     bounds = friction_bounds(model, known, settings.friction_range)
-    found = estimates(fields, read, known, settings, touched, bounds)
-    give_friction(fields, model, known, found.behind.x[read.at_friction], bounds)
+    estimated = estimates(fields, read, known, settings, touched, bounds)
+    give_friction(fields, model, known, estimated.behind.x[read.at_friction], bounds)
     for add in more:
-        add(Cycle(model, settings, known, read, found, fields))
+        add(Cycle(model, settings, known, read, estimated, fields))
     graph = fields.graph(read.inputs, read.u, read.good, settings.period)
     rests = ca.if_else(fields.following.get("contact_rests", ca.SX(0)) > 0, 1.0, 0.0)
-    x, y = ca.substitute([graph.following, graph.y], [anew], [found.change.changed])
+    x, y = ca.substitute([graph.following, graph.y], [anew], [estimated.change.changed])
     x, y = ca.substitute([x, y], [touched], [rests])
     return replace(graph, following=x, y=y)
 
 
-# A load that is let go may hang on for a moment: the share of it that may still be there falls with
-# this time constant [s].
+# Time constant with which a released load may still be present [s].
 _HANGS_ON = 0.02
-# Moments of a load that nobody told, as shares of the largest.
+# Moments of an unsignalled load, as shares of the largest.
 _ASIDE = 0.2
-# A contact's time is counted up to here [s].
-_FOREVER = 1e6
-# While something pushes the robot, and filters remember it [s], nothing is learnt, for so long
-# at most [s]: what stays is no push but something the model lacks, and estimates take it up.
+# While the robot is pushed, and filters remember it [s], nothing is learnt, up to this time [s]: a
+# lasting residual is no push but a model error, which estimates absorb.
 _REMEMBERED, _LONGEST = 0.03, 1.0
-# How much larger a residual is than expected, χ² of each drive, is learnt over [s] where it is
-# larger and where it is smaller, from so much at most; and what chance makes.
+# Time constants of learning a larger and a smaller scale of residuals [s], largest χ² per drive,
+# and scale that chance explains.
 _GROWS, _FALLS, _MOST, _TOLERATED = 2.0, 10.0, 25.0, 2.0
 
 
 def standard_parts(model: Model) -> tuple[MorePart, ...]:
-    """What a cycle looks for beside loads and friction: contacts, where the model is identified.
+    """Parts of every cycle in addition to loads and friction: contacts, if the model is identified.
 
-    Without the intervals of an identification nothing says what is a contact.
+    Without the intervals of an identification, contacts cannot be told from model errors.
     """
     return () if model.identified is None else (contact_of,)
 
 
 def contact_of(cycle: Cycle) -> None:
-    """The part of a cycle that looks for contact."""
+    """The part of a cycle that detects contacts."""
     s, settings, robot, fields = cycle.signals, cycle.settings, cycle.model.robot, cycle.fields
     since, rests, excess, _ = fields.keep(
         Field("contact_time", 1, "since a contact began, 0 without", "s"),
@@ -116,10 +114,10 @@ def contact_of(cycle: Cycle) -> None:
         every(s.settled, ca.logic_or(s.calm, since > 0)),
     )
     seen = contact(residual, touched, u, judged)
-    lasts = ca.if_else(seen.found > 0.5, ca.fmin(since + settings.period, _FOREVER), 0.0)
+    lasts = ca.if_else(seen.found > 0.5, ca.fmin(since + settings.period, _LONGEST), 0.0)
     pushed = ca.logic_and(seen.found > 0.5, lasts < _LONGEST)
     pauses = ca.if_else(pushed, _REMEMBERED, ca.fmax(rests - settings.period, 0.0))
-    # Filters begin anew with what the gripper tells, and a contact before may have been the load.
+    # Filters restart with the gripper's signal, and a contact before may have been the load.
     pauses = ca.if_else(cycle.estimates.change.told, 0.0, pauses)
     found = ca.fmin((seen.size * u) ** 2 * larger / dof, _MOST)
     memory = ca.if_else(found > excess, _GROWS, _FALLS)
@@ -141,15 +139,14 @@ def contact_of(cycle: Cycle) -> None:
 
 
 def _residual(cycle: Cycle, larger: ca.SX) -> ContactResidual:
-    """The residual with its covariance, so many times as large: of what is estimated, of torques
-    that the model has not, of torque noise behind the filter, and of noise of speeds in the
-    momentum, K M v.
+    """The residual and its covariance, scaled by `larger`: that of the estimates, of unmodelled
+    torques, of filtered torque noise, and of noise of speeds in the momentum, K M v.
 
-    A load that is not known yet is in M too: it gives its column as measured, so what noise does to
-    that is no part of the column's span.
+    A load that is still unknown is in M too: its column is computed from noisy speeds, and the
+    effect of that noise is not in the column's span.
 
-    Torques that the model has not are no longer than their own time taken for what they are: so
-    they are left in the residual, and their whole size is in its covariance.
+    Unmodelled torques are estimated only over their short memory, so they stay in the residual, and
+    their whole size is in its covariance.
     """
     s, e, settings = cycle.signals, cycle.estimates, cycle.settings
     model, n = cycle.model, s.columns.shape[1]
@@ -159,8 +156,8 @@ def _residual(cycle: Cycle, larger: ca.SX) -> ContactResidual:
     P[0, 0] += ca.fmax(e.grip.variance - P[0, 0], 0)
     partly = _partly(cycle, ca.fmax(x[0], 0))
     behind = e.lacking**2 + cycle.known.noise**2 * (0.5 * settings.corner * settings.period)
-    lifted, untold = s.columns[:, s.at_load], 1 - ca.if_else(s.gripper > -0.5, 1.0, 0.0)
-    aside = ca.horzcat(lifted[:, 1:] * (_ASIDE * untold), lifted[:, 0] * partly)
+    lifted, silent = s.columns[:, s.at_load], 1 - ca.if_else(s.gripper > -0.5, 1.0, 0.0)
+    aside = ca.horzcat(lifted[:, 1:] * (_ASIDE * silent), lifted[:, 0] * partly)
     S = s.columns @ P @ s.columns.T + ca.diag(behind) + aside @ aside.T
     known = settings.speed_noise
     noise = learn_speed_noise(cycle) if known is None else ca.SX(np.array(known) ** 2)
@@ -175,13 +172,13 @@ def _residual(cycle: Cycle, larger: ca.SX) -> ContactResidual:
         bound=s.dry,
         levers=ca.Function("levers", [mechanism.z], [T])(s.z),
         lifted=lifted[:, 0],
-        light=-x[0] * untold,
-        heavy=(1 - x[0]) * untold,
+        light=-x[0] * silent,
+        heavy=(1 - x[0]) * silent,
     )
 
 
 def _partly(cycle: Cycle, mass: ca.SX) -> ca.SX:
-    """How much of a load may be there that the gripper says is not, or not yet known.
+    """Mass that may be present although the gripper signals none, or that is not yet known.
 
     Args:
         mass: of the load held, in units of the largest one.
@@ -189,13 +186,13 @@ def _partly(cycle: Cycle, mass: ca.SX) -> ca.SX:
     e, hung = cycle.estimates, cycle.fields.before["hangs_on"]
     expected = ca.if_else(cycle.signals.gripper > 0.5, 1.0, mass)
     let_go = ca.logic_and(e.change.changed, ca.logic_not(e.change.held))
-    left = ca.if_else(let_go, mass, hung * np.exp(-cycle.settings.period / _HANGS_ON))
-    cycle.fields.following["hangs_on"] = left
+    hangs = ca.if_else(let_go, mass, hung * np.exp(-cycle.settings.period / _HANGS_ON))
+    cycle.fields.following["hangs_on"] = hangs
     return ca.if_else(e.differs, expected, hung)
 
 
 def of_speeds(cycle: Cycle, x: ca.SX, spread: ca.SX, noise: ca.SX) -> ca.SX:
-    """Covariance of the robot's momentum M v by noise of speeds, with the load that is held.
+    """Covariance of the momentum M v by noise of speeds, with the held load.
 
     Args:
         x, spread: entries of the load in units of its largest ones, and their variances.
@@ -212,17 +209,14 @@ def of_speeds(cycle: Cycle, x: ca.SX, spread: ca.SX, noise: ca.SX) -> ca.SX:
     return sum((share * part @ ca.diag(noise) @ part.T for part, share in shares), ca.SX(*M.shape))
 
 
-# Differences of speeds, and how long what they show is remembered, of motion [s].
+# Order of the difference of speeds, and memory of its variance in seconds of motion.
 _ORDER, _MEMORY = 5, 10.0
-# The most that one cycle counts, in units of the variance so far: rows that were skipped leave
-# more for some cycles.
-_STEP = 10.0
 
 
 def learn_speed_noise(cycle: Cycle) -> ca.SX:
-    """Variance of each drive's speed, as known before this cycle.
+    """Variance of each drive's speed before this cycle.
 
-    It begins with `rest_speed`, below which the sign of a speed is not known, as one cycle's.
+    It begins with `rest_speed`, below which the sign of a speed is unknown, as one cycle's value.
     """
     fields, s, settings = cycle.fields, cycle.signals, cycle.settings
     dof, wait = s.qd.numel(), waits(cycle.model, settings)
@@ -240,7 +234,8 @@ def learn_speed_noise(cycle: Cycle) -> ca.SX:
     d = reduce(np.convolve, [[1.0, -1.0]] * _ORDER, c)
     shown = float(np.sum(c**2) / np.sum(d**2)) * differences[-1] ** 2
     moves = every(s.slow < 0.5, s.settled, s.calm)
-    step = ca.fmin(shown, _STEP * variance) - variance
+    # Rows that were skipped leave larger differences for some cycles.
+    step = ca.fmin(shown, LARGEST_STEP * variance) - variance
     count = ca.fmin(cycles + moves, _MEMORY / settings.period)
     fields.following |= {"speed_variance": variance + moves * step / count, "speed_cycles": count}
     fields.following |= {f"speed_{k}": x for k, x in enumerate(differences[:-1])}

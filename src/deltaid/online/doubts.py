@@ -1,7 +1,8 @@
-"""What speaks against the loads and contacts that were found, in words: one cause each."""
+"""Doubts about the detected loads and contacts, one cause each."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
+from statistics import median_low
 
 import numpy as np
 
@@ -17,29 +18,27 @@ from deltaid.online.suspicion import RunEvidence
 from deltaid.recording.carried import Load
 from deltaid.recording.log import Log
 
-# Contacts below this many thresholds are slight, and so many of them, and half of all, are strange.
+# Contacts below this many thresholds are slight; so many of them, and half of all, are suspicious.
 _SLIGHT, _STRANGE = 2.0, 5
-# Share of the time in contact, and seconds of it, that are more than pushes.
+# Share of the time in contact, and seconds of it, that are not pushes.
 _ALWAYS, _LONG = 0.2, 1.0
-# One drive's torques that are so far from the model's, those of all drives that are, and by so many
-# deviations, are of another scale.
+# Relative deviation of one drive's torques from the model's, that of all drives, and number of
+# standard deviations, beyond which torques are scaled differently.
 _GAIN, _COMMON, _CLEAR = 0.06, 0.03, 3.0
-# Drives are alike within so many deviations; where nobody tells what is held, torques may be larger
-# by so much.
-_APART, _UNTOLD = 2.5, 0.2
-# What a load that the gripper does not tell of never makes of torques.
+# Drives agree within so many deviations; without a gripper's signal, torques may be larger by this
+# share.
+_APART, _UNSIGNALLED = 2.5, 0.2
+# Ratio of torques to the model's that no unsignalled load reaches.
 _FAR = 2.0
-# Of a drive that does hardly more than rub, nothing is said: its gain is known worse than this.
-_KNOWN = 0.06
-# A torque that stays the same for so long [s] while its drive moves is none.
+# A torque that is constant for so long [s] while its drive moves is not measured.
 _STUCK = 0.05
 # Noise of a speed [rad/s or m/s] beyond which loads look lighter than they are.
 _NOISY = 0.015
-# Verdicts on rows that leave nothing to be said of gripper and model.
+# Doubts about rows after which gripper and model cannot be judged.
 _BLIND = {"stuck", "encoder", "standing"}
-# Rows a second that are few.
+# Rows per second that are few.
 _SLOW = 200.0
-# Shares of rows that are told.
+# Shares of rows that are reported.
 _STALE, _ENDS, _RESTING = 0.005, 0.001, 0.9
 
 
@@ -51,21 +50,21 @@ def doubts(
     loads: Sequence[WeighedLoad],
     touches: Sequence[Touch],
 ) -> tuple[Doubt, ...]:
-    """All of them, the recording's own first."""
-    of_rows, found = tuple(_of_rows(replay, settings, seen)), list[Doubt]()
-    # Rows that tell nothing, torques that are too small, and a gripper that tells something else:
-    # all look like loads that weigh nothing, or like a wrong model.
+    """All doubts, those about the recording first."""
+    of_rows, of_run = tuple(_of_rows(replay, settings, seen)), list[Doubt]()
+    # Useless rows, torques that are too small, and a wrong gripper's signal all look like
+    # weightless loads, or like a wrong model.
     if not any(doubt.key in _BLIND for doubt in of_rows):
         scale = list(_of_scale(replay, seen))
         if replay.is_told and (not scale or 1 < seen.common[0] < _FAR):
             by_column = any(load.column for load in replay.log.columns.loads)
-            found += gripper_doubts(seen, loads, settings.grip_time, is_column=by_column)
-        if not found:
+            of_run += gripper_doubts(seen, loads, settings.grip_time, is_column=by_column)
+        if not of_run:
             delay = np.array(replay.delay if settings.delay is None else settings.delay)
             delay = np.broadcast_to(delay, (len(replay.delay),))
-            found += judged_lag(model, _carrying(replay, loads), delay)
-            found += scale or _of_contacts(seen, () if found else touches)
-    return (*replay.doubts, *of_rows, *(found or _too_heavy(settings, loads)))
+            of_run += judged_lag(model, _carrying(replay, loads), delay)
+            of_run += scale or _of_contacts(seen, () if of_run else touches)
+    return (*replay.doubts, *of_rows, *(of_run or _too_heavy(settings, loads)))
 
 
 def _carrying(replay: Replay, loads: Sequence[WeighedLoad]) -> Log:
@@ -164,12 +163,12 @@ def _of_contacts(seen: RunEvidence, touches: Sequence[Touch]) -> Iterator[Doubt]
 
 def _of_scale(replay: Replay, seen: RunEvidence) -> Iterator[Doubt]:
     (common, deviation), drives = seen.common, replay.log.columns.torque
-    most = _UNTOLD if not replay.is_told else 0.0  # what nobody noticed looks like larger torques
+    most = 0.0 if replay.is_told else _UNSIGNALLED  # an undetected load makes torques larger
     apart = np.abs(seen.gain - common) > np.maximum(_COMMON, _APART * seen.deviation)
     gains, sure = np.append(seen.gain, common), np.append(seen.deviation, deviation)
     least = np.append([_GAIN] * len(drives), _COMMON)
     *each, alike = np.maximum(1.0 - gains, gains - 1.0 - most) > np.maximum(least, _CLEAR * sure)
-    bad = np.flatnonzero(each & (seen.deviation < _KNOWN)).tolist()
+    bad = np.flatnonzero(each & (seen.deviation < _GAIN)).tolist()
     which = listed([f"{drives[i].column} is {seen.gain[i]:.3g} times" for i in bad])
     if alike and not apart.any():
         which = f"torques of all drives are {common:.3g} times"
@@ -196,22 +195,18 @@ def _too_heavy(settings: OnlineSettings, loads: Sequence[WeighedLoad]) -> Iterat
         )
 
 
-# Share of the time that the gripper calls empty with a contact, beyond which something is held.
-_TOUCHED = 0.2
-# The share of all loads at which it shows that they weigh nothing.
-_WEIGHTLESS = 0.5
-# Signals that are off by so much [s] are told, and those of both kinds are alike within the other.
+# Least reported error of signals [s], and largest difference between both kinds that are equal.
 _OFF, _ALIKE = 0.008, 0.011
 
 
 def gripper_doubts(
     seen: RunEvidence, loads: Sequence[WeighedLoad], grip_time: float, *, is_column: bool = True
 ) -> Iterator[Doubt]:
-    """All that speaks against the gripper's signal.
+    """Doubts about the gripper's signal.
 
     Args:
-        grip_time: from the signal to the load, as it is known [s].
-        is_column: whether a column tells, which should change.
+        grip_time: known time from the signal to the load [s].
+        is_column: whether the signal is a column, which should change.
     """
     if is_column and (seen.told <= {EMPTY} or seen.told <= {HOLDS}):
         what = "empty" if EMPTY in seen.told else "something held"
@@ -223,8 +218,8 @@ def gripper_doubts(
         )
         return
     nothing = sum(load.mass.low <= 0 for load in loads)
-    weightless = nothing >= max(1, _WEIGHTLESS * len(loads))
-    if weightless and seen.touched_empty > _TOUCHED * seen.empty:
+    weightless = bool(loads) and median_low(load.mass.low for load in loads) <= 0
+    if weightless and seen.touched_empty > _ALWAYS * seen.empty:
         yield Doubt(
             f"{nothing} of {len(loads)} loads weigh nothing, and torques are beyond the model for "
             f"{seen.touched_empty:.3g} s while the gripper signals nothing held",
@@ -244,7 +239,7 @@ def gripper_doubts(
 def _apart(seen: RunEvidence, grip_time: float) -> Iterator[Doubt]:
     kinds = {"are taken": seen.taken, "are left": seen.left}
     shown = {word: offset for word, offset in kinds.items() if offset.low or offset.high}
-    # By how much they are off at least.
+    # Least error of each.
     least = {w: np.clip(grip_time, o.low, o.high) - grip_time for w, o in shown.items()}
     off = {w: o for w, o in shown.items() if abs(least[w]) > _OFF}
     if not off:

@@ -1,18 +1,17 @@
-"""Which of a load's ten parameters torques show, and the load nearest to an estimate that exists.
+"""Identifiable parameters of a load, and the consistent load nearest to an estimate.
 
-A load adds to the body that carries it. Where that body only translates, torques show its mass;
-where it also turns about one axis, the first moments across that axis and the moment of inertia
-about it; else all ten.
+A load adds to the body that carries it. If that body only translates, torques determine its mass;
+if it also turns about one axis, the first moments across that axis and the moment of inertia about
+it; otherwise all ten.
 
-Inside the cone of consistency a load has a positive mass m, and about its centre the second moments
-Σ − mc mcᵀ/m are positive definite, which is consistency and triangle inequality in one. Where only
-one moment of inertia Θ shows, there is a consistent load if and only if Θ > |mc|²/m. Pivots of
-[m mcᵀ; mc Σ] are made positive one after the other, each by the minimiser of
+A consistent load has a positive mass m and, about its centre, positive definite second moments
+Σ − mc mcᵀ/m, which includes the triangle inequality. If only one moment of inertia Θ is
+identifiable, a consistent load exists if and only if Θ > |mc|²/m. Pivots of [m mcᵀ; mc Σ] are made
+positive one after the other, each by the minimiser of
 
     (x⁺ − x)² / (2 s²) − μ log x⁺,   x⁺ = (x + √(x² + 4 μ s²)) / 2,
 
-which hardly moves what is known to be positive. So it takes no iteration and is finite whatever the
-estimate is.
+which hardly changes clearly positive values. It needs no iteration and is finite for any estimate.
 """
 
 from dataclasses import dataclass
@@ -26,20 +25,19 @@ from deltaid.robot.inertia import INERTIA_NAMES
 
 # Weight μ of the barrier.
 _BARRIER = 1e-4
-# About each axis: the moment of inertia and the first moments across it.
+# For each axis: the moment of inertia and the first moments across it.
 _AXES = ((4, (2, 3)), (5, (1, 3)), (6, (1, 2)))
-# Least moment about the centre: that of a radius of gyration of this share of the extent.
+# Least moment about the centre, as a share of mass times squared extent, and least pivot as a share
+# of that.
 _LEAST = 1e-3
-# Pivots below this share of it could be lost in rounding.
-_ROUNDING = 1e-3
 
 
 @dataclass(frozen=True)
 class LoadEntries:
-    """What torques show of a load that a body carries.
+    """Identifiable entries of a load that a body carries.
 
     Attributes:
-        shown: places of the entries among the ten of a body, the mass first.
+        shown: indices of the entries among a body's ten, the mass first.
         axis: first moments across the axis about which the body turns; None where it does not turn
             or turns about several.
     """
@@ -50,11 +48,11 @@ class LoadEntries:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Such as m, mcx, mcy, Izz."""
+        """Names of the entries, such as m, mcx, mcy, Izz."""
         return tuple(INERTIA_NAMES[k] for k in self.shown)
 
     def places(self, layout: ParameterLayout) -> list[int]:
-        """Places of the entries among all parameters."""
+        """Indices of the entries among all parameters."""
         return [layout.body(self.body).start + k for k in self.shown]
 
     def scales(self, mass: float, extent: float) -> tuple[float, ...]:
@@ -62,10 +60,10 @@ class LoadEntries:
         return tuple(mass * extent ** ((k > 0) + (k > 3)) for k in self.shown)
 
     def consistent(self, x: ca.SX, P: ca.SX, scales: tuple[float, ...], extent: float) -> ca.SX:
-        """Entries of a load that exists, from an estimate and its covariance.
+        """Entries of the consistent load for an estimate and its covariance.
 
-        A mass that had to be moved takes the others with it as far as they hang together. All of
-        it lies within the extent.
+        A corrected mass moves the other entries by their correlation. The load lies within the
+        extent.
 
         Args:
             x, P: estimate and covariance, in units of the scales.
@@ -103,7 +101,7 @@ def _positive(x: ca.SX, spread: ca.SX) -> ca.SX:
 def _second_moments(ten: dict[int, ca.SX], mc: ca.SX, least: ca.SX) -> dict[int, ca.SX]:
     """The six moments with Σ − mc mcᵀ/m positive definite, by its factorisation L D Lᵀ.
 
-    Slopes L are kept within what a product of inertia can be, or tiny pivots would make them large.
+    L is limited to possible products of inertia; tiny pivots would make it large.
     """
     place = {(0, 0): 4, (1, 1): 5, (2, 2): 6, (1, 0): 7, (2, 1): 8, (2, 0): 9}
     half, S = 0.5 * (ten[4] + ten[5] + ten[6]), ca.SX.zeros(3, 3)
@@ -112,7 +110,7 @@ def _second_moments(ten: dict[int, ca.SX], mc: ca.SX, least: ca.SX) -> dict[int,
     L, D = ca.SX.eye(3), ca.SX.zeros(3)
     for j in range(3):
         pivot = S[j, j] - ca.dot(L[j, :j].T ** 2, D[:j])
-        D[j] = ca.fmax(_positive(pivot, least), _ROUNDING * least)
+        D[j] = ca.fmax(_positive(pivot, least), _LEAST * least)
         for i in range(j + 1, 3):
             most = ca.sqrt(_positive(S[i, i], least) / D[j])
             slope = (S[i, j] - ca.dot(L[i, :j].T * L[j, :j].T, D[:j])) / D[j]
@@ -122,13 +120,13 @@ def _second_moments(ten: dict[int, ca.SX], mc: ca.SX, least: ca.SX) -> dict[int,
 
 
 def load_entries(dynamics: Dynamics, body: str | None = None) -> LoadEntries:
-    """What the torques of a robot show of a load.
+    """Identifiable entries of a robot's load.
 
     Args:
-        body: what carries it; EE, or P where there is no EE, if None.
+        body: that carries it; None for EE, or P where there is no EE.
 
     Raises:
-        DescriptionError: the robot has no such body, or it is not said which.
+        DescriptionError: the robot has no such body, or it must be named.
     """
     bodies = dynamics.layout.bodies
     chosen = body or next((name for name in ("EE", "P") if name in bodies), "")

@@ -1,23 +1,22 @@
-"""The load that is held, the model's own errors and friction, estimated together cycle by cycle.
+"""Estimate the held load, the model's errors and friction together, cycle by cycle.
 
     ρ = Ψ p_load + Φ c + d + noise
 
 Ψ and Φ are filtered columns (`signals`). c are errors of the model: constants with the covariance
-that the identification left, and the drives' friction, which may change slowly. d is torque that
-the model has not and that stays for some hundredths of a second, one number a drive; how large it
-is on this robot is learnt from how large it is found to be, E(d² + P_dd) = 1 in units of its size.
-Because all are estimated together, what the robot showed of c while it was empty, or carried a load
-before, stays, and what it did not show remains in the load's interval however long it is held.
+of the identification, and the drives' friction, which may change slowly. d are unmodelled torques
+that last some hundredths of a second, one number per drive; their size is learnt from
+E(d² + P_dd) = 1 in units of it. Because all are estimated together, information about c from times
+without a load, or with an earlier one, is kept, and uncertainty of c that remains is part of the
+load's interval, however long it is held.
 
-Only the load begins anew when it is taken.
+A new load resets only the load's states.
 
-Friction adapts slowly, with what physics asks of it kept. Its coefficients move only as far as
-residuals tell, forget towards the covariance of their prior and not towards zero, so without motion
-nothing happens. They stay within a share of what was identified and never fall below zero. Friction
-h(v) with such coefficients takes energy from the robot at any speed, and mass matrix and Coriolis
-matrix with a consistent load keep M positive definite and Ṁ − 2C skew. That is what is claimed: the
-model that runs is passive at any instant. While coefficients change, energy may flow, slowly; no
-passivity of a whole loop is claimed.
+Friction adapts slowly and stays physical. Its coefficients follow residuals; their covariance, but
+not their mean, returns to the prior, so nothing changes without motion. They stay within a share of
+the identified values and never fall below zero. Friction h(v) with such coefficients dissipates
+energy at any speed, and a consistent load keeps M positive definite and Ṁ − 2C skew. So the model
+is passive at any instant. While coefficients change, energy may flow slowly; passivity of a whole
+loop is not claimed.
 """
 
 from dataclasses import dataclass, replace
@@ -25,10 +24,12 @@ from dataclasses import dataclass, replace
 import casadi as ca
 import numpy as np
 
+from deltaid.estimation.scatter import NORMAL
 from deltaid.model.model import Model
 from deltaid.online.changes import Change, Onsets, estimate_after, gripper_differs, judge_change
 from deltaid.online.graph import CycleFields, Field, chosen
-from deltaid.online.grips import UNKNOWN, Grip, chosen_estimate, follow_grip, grip_before
+from deltaid.online.grips import Grip, chosen_estimate, follow_grip, grip_before
+from deltaid.online.instant import UNKNOWN
 from deltaid.online.kalman import DRIVES, Estimate, States, learn_levels
 from deltaid.online.momentum import Lowpass
 from deltaid.online.settings import OnlineKnowledge, OnlineSettings
@@ -36,24 +37,22 @@ from deltaid.online.signals import Signals
 
 Bounds = tuple[tuple[float, ...], tuple[float, ...]]
 
-# Below this share of the largest mass a load's own shape says nothing of how its release looks.
-_LEAST_SHARE = 0.01
-# Friction at rest is one unknown torque for as long as a drive rests [s]: so much of it counts as
-# one measurement, or stands of production would show a load, and friction, that nothing shows.
+# Static friction is one unknown torque while a drive rests, so this much rest [s] counts as one
+# measurement; otherwise production stops would determine load and friction.
 _AT_REST = 1.0
 
 
 @dataclass(frozen=True, eq=False)
 class CycleEstimates:
-    """What one cycle knows.
+    """Estimates of one cycle.
 
     Attributes:
-        before: mean and covariance of the states before this cycle's residual told anything.
-        behind: and after it.
-        change: whether another load is held from now on, and
-        differs: where the gripper tells something else than what was held before.
-        grip: what is known of when a load was taken or left.
-        lacking: size of torques that the model has not, δ.
+        before: mean and covariance of the states before this cycle's measurements.
+        behind: the same after them.
+        change: whether another load is held from now on.
+        differs: 1 where the gripper's signal differs from the previous state.
+        grip: estimate of when a load was taken or released.
+        lacking: size of unmodelled torques, δ.
     """
 
     before: Estimate
@@ -75,7 +74,7 @@ def estimates(
     """The second part of a cycle.
 
     Args:
-        touched: 1 where something pushes the robot, so that a residual says nothing of the rest.
+        touched: 1 while the robot is pushed, so that residuals are not used.
         bounds: of the followed friction, in deviations.
     """
     period, n_load, dof = settings.period, len(known.entries.shown), s.qd.numel()
@@ -107,11 +106,12 @@ def estimates(
     innovations = s.smooth_residual - rows @ before.x
     variances = ca.SX(known.noise**2) + (_AT_REST / period) * s.at_rest**2
     weight = s.live * s.calm * (1 - touched) * (1 - differs)
-    # Entries of a change in units of its mass: those of the load held, or left just now, else a
+    # Entries of a change in units of its mass: those of the held or just released load, otherwise a
     # mass alone.
+    least = known.least_mass / known.load_scales[0]
     load = ca.if_else(grip.open_, fields.before["left"] * (1 - held), before.x[:n_load] * held)
     unit = ca.vertcat(ca.SX(1), ca.SX.zeros(n_load - 1))
-    shape = chosen(load[0] > _LEAST_SHARE, load / ca.fmax(load[0], _LEAST_SHARE), unit)
+    shape = chosen(load[0] > least, load / ca.fmax(load[0], least), unit)
     once, twice = s.columns[:, :n_load] @ shape, rows[:, :n_load] @ shape
     behind = before
     for i in range(dof):
@@ -119,7 +119,6 @@ def estimates(
         onsets = onsets.measured(i, twice, update)
     seen = onsets.likeliest
     spread = ca.sqrt(ca.fmax(behind.P[0, 0], 0))
-    least = known.least_mass / known.load_scales[0]
     change = judge_change(fields, seen, s.gripper, behind.x[0], spread, least, settings)
     judged = ca.logic_and(silent, ca.fabs(seen.score) > settings.alarm)
     calm = weight * (1 - judged) * (1 - grip.open_)
@@ -130,14 +129,14 @@ def estimates(
     fields.following |= {"x": behind.x, "P": ca.tril(ca.densify(behind.P)).nz[:]}
     likely = ca.logic_and(grip.open_, ca.logic_not(change.changed))
     P = ca.SX(grip.likely.P)
-    P[0, 0] = ca.fmax(P[0, 0], grip.variance)  # if the load may be still to come
+    P[0, 0] = ca.fmax(P[0, 0], grip.variance)  # the load may still come
     given = Estimate(grip.likely.x, P)
     loaded = chosen_estimate(likely, given, behind).part(slice(0, n_load))
     load = known.entries.consistent(loaded.x, loaded.P, known.load_scales, settings.extent)
     load = chosen(change.held, load, ca.SX.zeros(n_load))
     std = ca.sqrt(ca.fmax(ca.diag(loaded.P), 0)) * ca.SX(known.load_scales)
     open_, information = ca.logic_and(silent, ca.logic_not(change.held)), ca.SX(0)
-    for onset, recent in onsets.untold:
+    for onset, recent in onsets.unsignalled:
         information = ca.fmax(information, onset.information * recent)
     most = ca.fmin(1.0, settings.alarm / ca.sqrt(information + 1e-12)) * known.load_scales[0]
     unnoticed = ca.if_else(open_, most, 0.0)
@@ -159,14 +158,13 @@ def estimates(
 
 
 def _bounded(estimate: Estimate, at: slice, bounds: Bounds, calm: ca.SX) -> Estimate:
-    """With friction within its bounds.
+    """The estimate with friction within its bounds.
 
-    What hangs together with a coefficient moves with it, x + P_k (bound − x_k) / P_kk: that is the
-    likeliest estimate at the bound. If the coefficient moved alone, the others would no longer fit
-    what was measured, and the next cycle would throw them about.
+    Correlated states move with a coefficient, x + P_k (bound − x_k) / P_kk: the likeliest estimate
+    at the bound. If the coefficient moved alone, the others would no longer fit the measurements.
 
     Args:
-        calm: 1 unless the load may have changed: what that did is taken back as it was.
+        calm: 1 unless the load may have changed; its effect is removed from unbounded estimates.
     """
     x, P = ca.SX(estimate.x), estimate.P
     for k, low, high in zip(range(at.start, at.stop), *bounds, strict=True):
@@ -175,16 +173,13 @@ def _bounded(estimate: Estimate, at: slice, bounds: Bounds, calm: ca.SX) -> Esti
     return Estimate(x, P)
 
 
-# An offset is near zero, so it may move by so many deviations.
-_DEVIATIONS = 3.0
-
-
 def friction_bounds(model: Model, known: OnlineKnowledge, share: float) -> Bounds:
     """Lowest and highest deviation of each followed coefficient, in units of `friction_std`."""
     low, high = [], []
     for k, std in zip(known.followed, known.friction_std, strict=True):
         parameter, value = model.layout.parameters[k], float(model.p[k])
-        reach = _DEVIATIONS * std if parameter.signed else share * abs(value)
+        # An offset may be zero, and has the interval of its deviation instead of a share.
+        reach = NORMAL * std if parameter.signed else share * abs(value)
         low.append((max(parameter.low, value - reach) - value) / std)
         high.append((min(parameter.high, value + reach) - value) / std)
     return tuple(low), tuple(high)
@@ -193,10 +188,10 @@ def friction_bounds(model: Model, known: OnlineKnowledge, share: float) -> Bound
 def give_friction(
     fields: CycleFields, model: Model, known: OnlineKnowledge, x: ca.SX, bounds: Bounds
 ) -> None:
-    """The followed coefficients as an output.
+    """Add the followed coefficients as an output.
 
     Args:
-        x: their deviations behind a cycle.
+        x: their deviations after a cycle.
     """
     x = ca.fmin(ca.fmax(x, ca.SX(bounds[0])), ca.SX(bounds[1]))
     names = ", ".join(model.layout.names[k] for k in known.followed)

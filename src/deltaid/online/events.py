@@ -1,4 +1,4 @@
-"""Loads and contacts as events, from what every cycle says of them."""
+"""Loads and contacts as events, from the outputs of all cycles."""
 
 from dataclasses import dataclass
 
@@ -10,15 +10,14 @@ from deltaid.online.online import Online, OnlineEstimate
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.inertia import INERTIA_NAMES, INERTIA_UNITS
 
-# When a mass is looked at for the first time [s].
+# Time of the first reported mass after a load is taken [s].
 SOON = 0.2
-# An entry is shown if half of its interval is below this share of what such a load may have.
+# An entry is identifiable if half of its interval is below this share of what such a load may have.
 _SHOWN = 0.25
-# A release that nobody told is found so late [s]; what was known before that is the load.
-_UNSEEN = 0.05
-# What is held for less is a step on the way to another load [s].
-_STEP = 0.06
-# Contacts that are no farther apart are one [s].
+# Delay of the detection of a change without a gripper's signal [s]: the load is the estimate before
+# it, and a load held for less is a step towards another one.
+_DELAY = 0.05
+# Contacts with smaller gaps are one [s].
 _APART = 0.02
 
 Times = Float[np.ndarray, " rows"]
@@ -30,7 +29,7 @@ class LoadEntry:
 
     Attributes:
         name: m, mcx, …
-        shown: whether the motion showed it: its interval is below half of what was assumed.
+        shown: whether the motion determined it: its interval is below half of the assumed one.
     """
 
     name: str
@@ -43,11 +42,11 @@ class LoadEntry:
 
 @dataclass(frozen=True)
 class WeighedLoad:
-    """A load, as it was known when it was left.
+    """A load, as estimated when it was released.
 
     Attributes:
-        start, end: [s]; None where it is held still.
-        soon: mass 0.2 s after it was taken, with its interval; None where it was left before.
+        start, end: [s]; None while it is still held.
+        soon: mass 0.2 s after it was taken, with its interval; None if it was released before.
         entries: the mass first.
     """
 
@@ -63,21 +62,21 @@ class WeighedLoad:
 
     @property
     def centre(self) -> tuple[tuple[str, float], ...]:
-        """Coordinates of its centre of mass that the motion showed [m]."""
+        """Coordinates of its centre of mass that the motion determined [m]."""
         first = [entry for entry in self.entries if entry.name.startswith("mc") and entry.shown]
         return tuple((entry.name[2:], entry.value / self.mass.value) for entry in first)
 
 
 @dataclass(frozen=True)
 class Touch:
-    """A contact of the robot with something.
+    """A contact.
 
     Attributes:
         start, end: [s].
         place: 'platform', or the drive whose limb was touched.
         force: largest force on the platform [N], as a vector; None at a limb.
         effort: largest torque on the limb's drive [N m or N]; None at the platform.
-        size: of the residual at most, in thresholds.
+        size: largest residual, in thresholds.
     """
 
     start: float
@@ -94,10 +93,11 @@ class Touch:
 
 
 class Loads:
-    """Loads that were held, one after the other.
+    """Held loads, one after the other.
 
     Args:
-        told: whether a gripper told when; else what is hardly a load, or a moment long, is none.
+        told: whether there is a gripper's signal; without it, loads that are too small or too brief
+            are dropped.
     """
 
     def __init__(self, online: Online, told: bool) -> None:
@@ -109,19 +109,19 @@ class Loads:
         self._begin(None)
 
     def _begin(self, start: float | None) -> None:
-        """A load is held from a time on, or none; rows of time, entries and deviations follow."""
+        """Start a load at a time, or none; rows hold time, entries and deviations."""
         self._start, self._last = start, np.zeros((0, 1 + 2 * len(self._names)))
         self._soon: tuple[float, float, float] | None = None
         self._known = self._last
 
     def add(self, time: Times, found: OnlineEstimate) -> None:
-        """Take some more cycles."""
+        """Add consecutive cycles."""
         begin = 0
         for k in np.flatnonzero(found.changed).tolist():
             self._hold(time, found, slice(begin, k))
             begin, start = k, float(time[k])
-            if self._start is not None and found.held[k] and start - self._start < _STEP:
-                start = self._start  # the same load, better seen
+            if self._start is not None and found.held[k] and start - self._start < _DELAY:
+                start = self._start  # the same load, better determined
                 self._begin(None)
             self.close(float(time[k]))
             self._begin(start if found.held[k] else None)
@@ -133,20 +133,20 @@ class Loads:
             return
         now = np.column_stack([time, found.load[rows], found.load_std[rows]])
         last, since = np.concatenate([self._last, now]), time - self._start
-        self._last = last[last[:, 0] >= time[-1] - _UNSEEN]
-        self._known = self._last[-1 if self._told or since[-1] < 2 * _UNSEEN else 0]
+        self._last = last[last[:, 0] >= time[-1] - _DELAY]
+        self._known = self._last[-1 if self._told or since[-1] < 2 * _DELAY else 0]
         if self._soon is None and since[-1] >= SOON:
             k = rows.start + int(np.argmax(since >= SOON - 1e-9))
             self._soon = (float(found.mass[k]), *found.mass_interval[k].tolist())
 
     def close(self, end: float | None = None) -> None:
-        """The load is left at a time [s]; None where that is not known, as at a hole."""
+        """End the load at a time [s]; None if unknown, as at a gap."""
         start, soon, known = self._start, self._soon, self._known
         self._begin(None)
         if start is None or not known.size:
             return
         values, half = np.split(known[1:], 2) * np.array([[1.0], [NORMAL]])
-        brief = end is not None and end - start < _STEP
+        brief = end is not None and end - start < _DELAY
         if not self._told and (brief or values[0] < self._least):
             return
         low, shown = values - half, half < _SHOWN * self._scales * values[0] / self._scales[0]
@@ -156,7 +156,7 @@ class Loads:
         self._found.append(WeighedLoad(start, end, soon, entries))
 
     def finished(self) -> tuple[WeighedLoad, ...]:
-        """All of them, the last one closed."""
+        """All events; ends the last one."""
         self.close()
         return tuple(self._found)
 
@@ -166,12 +166,12 @@ class Touches:
 
     def __init__(self, robot: RobotDescription) -> None:
         self._drives, self._found = robot.drives, list[Touch]()
-        self._votes: np.ndarray | None = None  # for places, none while nothing touches
+        self._votes: np.ndarray | None = None  # for places; None without a contact
         self._start = self._end = 0.0
         self._most: tuple[float, np.ndarray, np.ndarray] | None = None
 
     def add(self, time: Times, found: OnlineEstimate) -> None:
-        """Take some more cycles."""
+        """Add consecutive cycles."""
         out = found.outputs
         for k in np.flatnonzero(out["contact"][:, 0] > 0.5):
             instant, size = float(time[k]), float(out["contact_size"][k, 0])
@@ -184,7 +184,7 @@ class Touches:
                 self._most = size, out["contact_force"][k], out["contact_effort"][k]
 
     def close(self) -> None:
-        """The contact ends, as at a hole."""
+        """End the contact, as at a gap."""
         if self._votes is not None and self._most is not None:
             limb, (size, force, effort) = int(self._votes.argmax()), self._most
             place = self._drives[limb - 1] if limb else "platform"
@@ -194,6 +194,6 @@ class Touches:
         self._votes = self._most = None
 
     def finished(self) -> tuple[Touch, ...]:
-        """All of them, the last one closed."""
+        """All events; ends the last one."""
         self.close()
         return tuple(self._found)

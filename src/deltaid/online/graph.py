@@ -1,11 +1,11 @@
-"""One cycle as a graph: state and inputs to the next state and outputs, all with named fields.
+"""One cycle as a graph from state and inputs to the next state and outputs, with named fields.
 
-Named fields stand side by side in one vector: what a cycle reads, keeps and gives. One layout is
-one struct in C and in structured text, one array in Python.
+Named fields of inputs, state and outputs are stored side by side in one vector each. A layout is a
+struct in C and in structured text, and an array in Python.
 
-Parts, such as the estimate of a load, declare which fields they keep and give; here they become one
-function. Of a cycle whose inputs are not finite, or whose loops do not close, nothing is used:
-signals are zero there (`signals`), so estimates stay, and filters begin anew behind it.
+Parts, such as the estimate of a load, declare their state and output fields; here they become one
+function. A cycle with inputs that are not finite, or with loops that do not close, is not used:
+signals are zero (`signals`), so estimates stay, and filters begin anew after it.
 """
 
 from collections.abc import Mapping
@@ -20,13 +20,14 @@ from jaxtyping import Float
 
 @dataclass(frozen=True)
 class Field:
-    """Some numbers that belong together.
+    """Numbers that belong together.
 
     Attributes:
         name: an identifier of C and of structured text.
-        size: how many numbers, which are `doc`, for a comment.
-        unit: of all of them; empty where they differ or have none.
-        initial: what a state begins with, one number for all, or one each.
+        size: of the field.
+        doc: meaning, for a comment.
+        unit: of all numbers; empty where they differ or have none.
+        initial: value of a state, one for all numbers, or one each.
     """
 
     name: str
@@ -37,13 +38,13 @@ class Field:
 
 
 class Layout:
-    """Fields of one vector, in its order; what is of size 0 stands for nothing and is left out.
+    """Fields of one vector, in order; fields of size 0 are dropped.
 
     Attributes:
-        fields: their names differ.
-        places: where each stands.
-        size: how many numbers the vector has.
-        initial: what a state begins with.
+        fields: with unique names.
+        places: slice of each in the vector.
+        size: of the vector.
+        initial: values of a state.
 
     Raises:
         ValueError: two have the same name.
@@ -62,14 +63,14 @@ class Layout:
             raise ValueError(f"two fields of one name in {[field.name for field in self.fields]}")
 
     def symbols(self, name: str) -> dict[str, ca.SX]:
-        """New symbols for each field, named name_field."""
+        """New symbols of each field, called name_field."""
         return {f.name: ca.SX.sym(f"{name}_{f.name}", f.size) for f in self.fields}
 
     def vector(self, values: Mapping[str, ca.SX]) -> ca.SX:
-        """Expressions of all fields in one column.
+        """Expressions of all fields as one column.
 
         Raises:
-            ValueError: an expression has another size than its field.
+            ValueError: an expression differs in size from its field.
         """
         parts = [ca.SX(0, 1), *(ca.vec(ca.densify(values[field.name])) for field in self.fields)]
         for field, part in zip(self.fields, parts[1:], strict=True):
@@ -80,22 +81,22 @@ class Layout:
     def split(
         self, vector: Float[np.ndarray, "*samples size"]
     ) -> dict[str, Float[np.ndarray, "..."]]:
-        """A vector, or many, by fields."""
+        """One vector or many, split by field."""
         return {name: vector[..., place] for name, place in self.places.items()}
 
 
-# Beyond this a number counts as infinite: its square is still finite in single precision.
-_LARGEST = 1e15
+# Larger numbers count as infinite: their squares overflow in single precision.
+_LARGEST = float(np.finfo(np.float32).max) ** 0.5
 
 
 @dataclass(frozen=True, eq=False)
 class StepGraph:
-    """One cycle of what runs while the robot runs.
+    """One cycle as a graph.
 
     Attributes:
-        state, inputs, outputs: names and places of the fields of the vectors
-        x, u: the state and the inputs, symbols, and
-        following, y: the next state and the outputs, expressions of these.
+        state, inputs, outputs: layouts of the vectors.
+        x, u: state and inputs, symbols.
+        following, y: next state and outputs, expressions of these.
         period: of a cycle [s].
     """
 
@@ -116,12 +117,12 @@ class StepGraph:
 
 
 class CycleFields:
-    """What a cycle keeps and gives: its parts declare fields, and say what each becomes.
+    """State and output fields of a cycle, declared and set by its parts.
 
     Attributes:
-        before: what the cycle before kept, symbols by name.
-        following: what that becomes, and
-        spoilt: what it becomes in a bad cycle, where that is something else.
+        before: state of the previous cycle, symbols by name.
+        following: next state.
+        spoilt: next state after a bad cycle, where it differs.
     """
 
     def __init__(self) -> None:
@@ -129,7 +130,7 @@ class CycleFields:
         self._kept, self._given = list[Field](), list[tuple[Field, ca.SX]]()
 
     def keep(self, *fields: Field) -> tuple[ca.SX, ...]:
-        """Declare fields of the state, behind those before; returns their symbols."""
+        """Add fields to the state; returns their symbols."""
         symbols = tuple(ca.SX.sym(field.name, field.size) for field in fields)
         self._kept += fields
         self.before |= {field.name: x for field, x in zip(fields, symbols, strict=True)}
@@ -143,8 +144,8 @@ class CycleFields:
         """One graph of all fields.
 
         Args:
-            inputs: what is read.
-            u: its symbols.
+            inputs: their layout.
+            u: their symbols.
             good: 1 where the inputs can be used.
         """
         self.give("status", 1 - good, "0 for a good cycle, 1 for one that could not be used")
@@ -158,7 +159,7 @@ class CycleFields:
 
 
 def all_finite(x: ca.SX) -> ca.SX:
-    """1 where no number is NaN, infinite or beyond all bounds."""
+    """1 where no number is NaN, infinite or too large."""
     return ca.sum1(ca.fabs(ca.densify(x))) < _LARGEST
 
 
@@ -168,11 +169,11 @@ def every(*conditions: ca.SX) -> ca.SX:
 
 
 def only_if(condition: ca.SX, x: ca.SX) -> ca.SX:
-    """x, its pattern kept, or zero."""
+    """x, or zero with its sparsity."""
     return ca.SX(x.sparsity(), ca.if_else(condition, x.nz[:], 0))
 
 
 def chosen(condition: ca.SX, yes: ca.SX, no: ca.SX) -> ca.SX:
-    """Entry by entry; NaN of what is not chosen stays out."""
+    """One of two columns, without NaN of the other one."""
     pairs = zip(ca.vertsplit(ca.densify(yes)), ca.vertsplit(ca.densify(no)), strict=True)
     return ca.vertcat(*(ca.if_else(condition, a, b) for a, b in pairs))

@@ -1,59 +1,58 @@
-"""By how much a gripper's signal and the torques disagree, and what that makes of a load.
+"""Estimate the offset between the gripper's signal and the torques, and correct the load for it.
 
-Estimates take the signal at its word: a load begins, or is gone, with it (`changes`). Beside that a
-few times θ_j are kept at which it may have been taken or left in truth, and that it was not yet.
-Between θ_j and the signal estimates lack a load of the mass m, or have one too many; that has moved
-innovations and estimates by G m and F m since, which gives D and C as in `changes`. With the mass's
-estimate x ± √P of a load that is taken at the signal, the mass and its likelihood, if it was θ_j,
-are
+Estimates follow the signal: a load begins or ends with it (`changes`). In addition, candidate
+times θ_j are kept at which it may really have been taken or released, and the case of none yet.
+Between θ_j and the signal, estimates lack a load of the mass m, or have one too many; this has
+moved innovations and estimates by G m and F m since, which gives D and C as in `changes`. With the
+estimate x ± √P of a load that is taken at the signal, the mass and its likelihood for θ_j are
 
     A = C + (1 + F)²/P,   B = D + (1 + F) x/P,   m = B/A ± 1/√A,
     w_j ∝ π(θ_j) exp(½ B²/A) / √(A P),
 
-with F of the mass itself, π Laplace's density about the signal, and more at the signal; the mass of
-a load that is left is known. Torques before the signal may also be a push, of a size of its own.
-What is given meanwhile is the mixture. Once the times' spread is within a step, or the load can
-hardly come any more, the mixture's mean goes into the estimates.
+with F of the mass itself, and π Laplace's density about the signal plus a weight at the signal.
+The mass of a released load is known. Torques before the signal may also be a push of any size.
+Until the time is decided, outputs are those of the mixture. Once the spread of times is within a
+step, or the load can hardly come any more, the mean of the mixture becomes the estimate.
 """
 
 from dataclasses import dataclass
 
 import casadi as ca
+import numpy as np
 
 from deltaid.online.changes import Change, Onsets
 from deltaid.online.graph import CycleFields
+from deltaid.online.instant import UNKNOWN
 from deltaid.online.kalman import Estimate
 
-# What a signal is off by where it is off, typically, and at most where its load is to come [s]; the
-# rest of what is kept shows that. How often it is in time, beside one step of the other times.
+# Typical error of a signal, and longest wait for its load [s]; prior weight of a signal in time,
+# relative to one step of the other times.
 _TYPICAL, _LATEST, _IN_TIME = 0.05, 0.2, 3.0
-# Times are determined within this [s], for so long [s], and with this probability that it came.
+# A time is decided with this spread [s], after this time [s], and with this probability that the
+# load came.
 _TIMED, _AFTER, _SURE = 0.01, 0.04, 0.99
-# Where it came surely, and torques do not show when, what is likely is taken after so long [s].
+# If the load surely came, but torques do not determine when, the mixture is used after so long [s].
 _SETTLED = 0.1
-# Of a load that was left before the signal, estimates have so much at least; and its mass is known
-# by this share.
+# Least share of a load released before the signal that estimates contain, and relative deviation of
+# its mass.
 _MOVED, _ROUGH = 0.3, 0.1
-# A push before the signal is less likely than a load that was taken before it, by this in units of
-# χ²: one of a hundred.
-_PUSHED = 9.2
-# What stands for an offset that is not determined [s].
-UNKNOWN = -1.0
+# Prior odds of a push before the signal against an early load, in units of χ²: one in a hundred.
+_PUSHED = -2 * np.log(1 - _SURE)
 
 
 @dataclass(frozen=True, eq=False)
 class Grip:
-    """What is known before a cycle's torques of a load that was taken, or left.
+    """Estimate of when a load was taken or released, before a cycle's torques.
 
     Attributes:
-        open_: 1 while it is open when, in this cycle.
-        closes: 1 where it was until now.
-        likely: estimates as that makes them.
-        present: mass that was left and may be there still, in units of the largest.
-        variance: of the mass that is there, at least.
-        remembered: torque of the load that filters remember from before it was taken or left, and
-            that estimates do not know.
-        offset: of the signal, as known now [s].
+        open_: 1 while the time is undecided, in this cycle.
+        closes: 1 in the cycle in which it is decided.
+        likely: estimates corrected for it.
+        present: released mass that may still be there, in units of the largest.
+        variance: least variance of the mass.
+        remembered: torque of the load that filters remember from before it was taken or released,
+            and that estimates do not contain.
+        offset: of the signal [s].
     """
 
     open_: ca.SX
@@ -68,19 +67,19 @@ class Grip:
 def follow_grip(
     fields: CycleFields, grip: Grip, load: ca.SX, change: Change, period: float
 ) -> None:
-    """What that becomes.
+    """Set the following state.
 
     Args:
         load: in the estimates before it changes.
     """
-    since, told = fields.before["since_grip"], change.told
-    let_go = ca.logic_and(told, ca.logic_not(change.held))
+    since, signalled = fields.before["since_grip"], change.told
+    let_go = ca.logic_and(signalled, ca.logic_not(change.held))
     fields.following |= {
-        "gripping": ca.fmax(grip.open_, told),
+        "gripping": ca.fmax(grip.open_, signalled),
         # The signal came half a cycle before it was read.
-        "since_grip": ca.if_else(told, 0.5 * period, ca.fmin(since + period, 1.0)),
+        "since_grip": ca.if_else(signalled, 0.5 * period, ca.fmin(since + period, 1.0)),
         "left": ca.if_else(let_go, load, fields.before["left"]),
-        "offset": ca.if_else(told, UNKNOWN, grip.offset),
+        "offset": ca.if_else(signalled, UNKNOWN, grip.offset),
     }
 
 
@@ -91,12 +90,12 @@ def grip_before(
     gripper: ca.SX,
     differs: ca.SX,
 ) -> Grip:
-    """What is known of when a load was taken or left, from the cycles before.
+    """Estimate of when a load was taken or released, from previous cycles.
 
     Args:
-        estimate: behind the cycle before.
-        gripper: what it tells, and
-        differs: 1 where that is something else.
+        estimate: after the previous cycle.
+        gripper: its signal.
+        differs: 1 where the signal differs from the state.
     """
     names, P0 = (
         ("held", "gripping", "since_grip", "left", "offset"),
@@ -124,7 +123,7 @@ def grip_before(
     likely = chosen_estimate(held, known, _left(estimate, moved, left.numel()))
     likely = chosen_estimate(was_open, likely, estimate)
     to_come, open_ = 1 - came, ca.if_else(closes, 0.0, was_open)
-    # What was pushed until the signal is no load: torques behind it decide.
+    # A push until the signal is no load: torques after it decide.
     fresh = ca.if_else(since < _AFTER, 1.0, 0.0)
     return Grip(
         open_=open_,
@@ -141,9 +140,9 @@ def grip_before(
 def _times(
     onsets: Onsets, since: ca.SX, left: ca.SX, held: ca.SX, x: ca.SX, P: ca.SX
 ) -> tuple[ca.SX, ...]:
-    """Of each time, and last the signal's own: its probability, by how much the signal is off, the
-    mass with its variance, the change that torques had before estimates knew of it, and the mean of
-    their product. The last time kept is none yet, so its probability is what others lack."""
+    """For each candidate time, and last that of the signal: probability, offset of the signal, mass
+    and its variance, the change in torques before estimates contained it, and the mean of their
+    product. The last onset stands for no change yet and takes the remaining probability."""
     D, C, F = onsets.symbols.evidence, onsets.symbols.information, onsets.symbols.moved[0, :]
     off, zero = ca.horzcat(onsets.ages - since, 0.0), ca.SX.zeros(1)
     D, C, F = (ca.horzcat(part, zero) for part in (D, C, F))
@@ -155,7 +154,7 @@ def _times(
     )
     A = C + (1 + F) ** 2 / P
     B = ca.fmax(D + (1 + F) * x / P, 0)
-    # A push has nothing to do with the load, and was over when the signal came.
+    # A push does not depend on the load, and ended before the signal.
     push = D / (C + 1)
     late = ca.horzcat(ca.if_else(off[:signal] > 0, 1.0, 0.0), 0.0, 0.0)
     other = x - F * push
@@ -182,12 +181,12 @@ def _times(
 def _taken(
     estimate: Estimate, moved: ca.SX, share: ca.SX, mass: ca.SX, variance: ca.SX, P: ca.SX
 ) -> Estimate:
-    """With the mass known, and what went wrong before it was taken back.
+    """The estimate with a known mass, and without the error made before the load was known.
 
     Args:
-        moved: by which estimates went wrong, and
-        share: how much of it goes with the mass, as E(moved m) / E(m²): where torques show nothing
-            yet the mean mass is near zero, and says nothing of that.
+        moved: error of the estimates.
+        share: its regression on the mass, E(moved m) / E(m²); the mean mass alone does not give it
+            while it is near zero.
     """
     along = estimate.P[:, 0] / P
     x = estimate.x - moved + along * (mass + moved[0] - estimate.x[0])
@@ -196,12 +195,11 @@ def _taken(
 
 
 def _left(estimate: Estimate, moved: ca.SX, n_load: int) -> Estimate:
-    """With what the load did to the others taken back, of which a share is uncertain."""
+    """The estimate without the load's effect on the other states, of which a share is uncertain."""
     others = ca.vertcat(ca.SX.zeros(n_load), moved[n_load:])
     spread = others @ others.T * _ROUGH**2
     return Estimate(estimate.x - others, ca.tril2symm(ca.tril(estimate.P + spread)))
 
 
 def chosen_estimate(condition: ca.SX, a: Estimate, b: Estimate) -> Estimate:
-    """The one, or the other."""
     return Estimate(ca.if_else(condition, a.x, b.x), ca.if_else(condition, a.P, b.P))

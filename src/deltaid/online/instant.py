@@ -1,29 +1,27 @@
-"""What a cycle reads, on an even grid and all of one instant, and the pose there.
+"""Inputs of a cycle, on an even grid and all of one instant, and the pose there.
 
-Rows come as buses deliver them: late by parts of a cycle, not new, or such as cannot be.
-Filters take rows on an even grid. With stamps, `elapsed` since the last new row, a row that was
-taken δ after its cycle is put there by the parabola through it and the two rows before, its speed
-by the straight line. δ is what stamps run ahead of cycles; the difference of both clocks, which is
-slow, is forgotten. Stamps that leave the grid by half a cycle are a hole: all begins anew.
+Rows arrive as buses deliver them: late by parts of a cycle, repeated, or impossible. Filters need
+an even grid. With stamps, `elapsed` since the last new row, a row that was taken δ after its cycle
+is moved to the grid by the parabola through it and the two rows before, its speed by a straight
+line. δ is the lead of stamps over cycles; the slow drift between both clocks is forgotten. Stamps
+that leave the grid by half a cycle are a gap: all filters begin anew.
 
-A row that is not new, or cannot be, is skipped: in its place the motion goes on with the same
-acceleration, 3 q₁ − 3 q₂ + q₃, and the torques of the row before. By how much the next row is off
-that, over a cycle, counts as noise of speeds for as long as filters remember it; so does what the
-parabola makes of noise. Where nobody says whether a row is new, one that repeats the row before bit
-for bit is not, if few rows do.
-A row cannot be whose torque is ten times the largest that a drive takes or is limited to, or whose
-position needs such a torque in all drives at once. What goes on for 20 ms ends the motion: filters
-begin anew with what is read then.
+A repeated or impossible row is skipped: the motion continues with the same acceleration,
+3 q₁ − 3 q₂ + q₃, and with the previous torques. The deviation of the next row from that, over a
+cycle, counts as noise of speeds for as long as filters remember it; so does noise that the parabola
+amplifies. Without stamps, a row that repeats the previous one bit for bit is not new, if few do.
+A row is impossible if its torque is ten times the largest that a drive takes or is limited to, or
+its position needs such a torque in all drives at once. If this lasts for 20 ms, filters begin anew
+with the present rows.
 
-Where torques come later or earlier than their motion, signals wait for one another. A torque that
-is reported δ_i late, τ_reported,i(t) = τ_i(t − δ_i), belongs to the motion of δ_i ago. So a cycle
-takes the motion of w = max(0, δ_1, …) ago, and of each drive the torque that was reported w − δ_i
-ago: all of one instant. What lies between two cycles is interpolated along a straight line. The
-numbers that wait stand one behind the other and move on by one a cycle, so their count and the work
-are fixed.
+If torques are late or early against their motion, signals are delayed. A torque that is reported
+δ_i late, τ_reported,i(t) = τ_i(t − δ_i), belongs to the motion δ_i ago. So a cycle uses the motion
+of w = max(0, δ_1, …) ago, and of each drive the torque that was reported w − δ_i ago: all of one
+instant. Values between two cycles are interpolated linearly. Delayed numbers are stored in a shift
+register, so memory and work are fixed.
 
-The pose z of measured drive coordinates is a closed form, or found by Newton steps cycle by cycle.
-"""
+The pose z of measured drive coordinates is a closed form, or follows by Newton steps cycle by
+cycle."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -41,16 +39,14 @@ from deltaid.model.model import Model
 from deltaid.online.graph import CycleFields, Field, Layout, chosen, every, only_if
 from deltaid.online.settings import OnlineKnowledge, OnlineSettings
 
-# What a gripper says.
-NOT_TOLD, EMPTY, HOLDS = -1.0, 0.0, 1.0
-# How long a signal may wait: seconds and cycles.
+# Values of a gripper's signal.
+UNKNOWN, EMPTY, HOLDS = -1.0, 0.0, 1.0
+# Longest delay of a signal: seconds and cycles.
 _LONGEST, _MOST = 0.05, 500
-# A part of a cycle that is none.
-_NONE = 1e-6
 
 
 def inputs_of(model: Model, settings: OnlineSettings) -> Layout:
-    """What a cycle reads."""
+    """Inputs of a cycle."""
     dof, units = model.dynamics.dof, model.robot
     angle = "m" if all(units.is_linear(drive) for drive in units.drives) else "rad"
     elapsed = "since the last new row by its stamp, 0 if this row is not new, -1 unknown"
@@ -58,14 +54,14 @@ def inputs_of(model: Model, settings: OnlineSettings) -> Layout:
         Field("q", dof, "drive coordinates", angle),
         Field("qd", dof if settings.speed == "measured" else 0, "drive velocities", f"{angle}/s"),
         Field("tau", dof, "torques or forces as the drives report them"),
-        Field("gripper", 1, "1 holds, 0 empty, -1 unknown", initial=NOT_TOLD),
-        Field("elapsed", 1, elapsed, "s", initial=NOT_TOLD),
+        Field("gripper", 1, "1 holds, 0 empty, -1 unknown", initial=UNKNOWN),
+        Field("elapsed", 1, elapsed, "s", initial=UNKNOWN),
     )
 
 
 @dataclass(frozen=True)
 class Waits:
-    """How long signals wait in a cycle, all in cycles.
+    """Delays of signals, in cycles.
 
     Attributes:
         motion: positions and speeds.
@@ -77,25 +73,25 @@ class Waits:
 
     @property
     def whole(self) -> int:
-        """Cycles by which what is known is late, the nearest whole number."""
+        """Delay of the outputs, the nearest whole number of cycles."""
         return round(self.motion)
 
     @property
     def cycles(self) -> int:
-        """How many good ones must be before one, so that nothing is of earlier times."""
+        """Number of good cycles before one that uses none from before a gap."""
         return int(np.ceil(max(self.motion, *self.torque)))
 
     def of_inputs(self, inputs: Layout) -> list[float]:
-        """Of each number that a cycle reads: the gripper goes with the motion, in whole cycles."""
+        """Delay of each input; the gripper's is that of the motion, in whole cycles."""
         each = {"tau": [*self.torque], "gripper": [float(self.whole)], "elapsed": [0.0]}
         return [x for f in inputs.fields for x in each.get(f.name, [self.motion] * f.size)]
 
 
 def waits(model: Model, settings: OnlineSettings) -> Waits:
-    """What the drives' lags make signals wait: those of the settings, else those of the model.
+    """Delays for the drives' lags: those of the settings, otherwise those of the model.
 
     Raises:
-        DeltaidError: their number is not that of the drives, or they are too long.
+        DeltaidError: there is not one lag per drive, or they are too long.
     """
     dof = len(model.robot.drives)
     given = delays_of(model) if settings.delay is None else np.atleast_1d(settings.delay)
@@ -117,7 +113,7 @@ def waits(model: Model, settings: OnlineSettings) -> Waits:
             "corrected before it is given",
         )
     cycles = settings.rate * np.array([motion, *(motion - delay)])
-    cycles = np.where(np.abs(cycles - np.round(cycles)) < _NONE, np.round(cycles), cycles)
+    cycles = np.where(np.isclose(cycles, np.round(cycles)), np.round(cycles), cycles)
     return Waits(float(cycles[0]), tuple(cycles[1:].tolist()))
 
 
@@ -129,15 +125,15 @@ def line(
     goes_on: ca.SX,
     finite: ca.SX,
 ) -> dict[str, ca.SX]:
-    """Let signals wait: what is read, all of one instant, by field.
+    """Delay signals: inputs, all of one instant, by field.
 
     Args:
-        inputs, u: what is read, with its symbols.
-        waits: of each number, in cycles.
-        goes_on: 1 where the cycle before was good; if not, it counts as if the robot had been
-            where it is now.
-        finite: 1 where all that is read is finite; if not, zeros are kept, and `goes_on` has to be
-            0 in the next cycle.
+        inputs, u: layout and symbols.
+        waits: delay of each number, in cycles.
+        goes_on: 1 where the previous cycle was good; if not, the robot is taken to have been where
+            it is now.
+        finite: 1 where all inputs are finite; if not, zeros are kept, and `goes_on` has to be 0 in
+            the next cycle.
     """
     counts = [int(np.ceil(wait)) for wait in waits]
     if not any(counts):
@@ -160,13 +156,13 @@ def line(
 def instant(
     fields: CycleFields, u: dict[str, ca.SX], goes_on: ca.SX, gains: ca.SX, settings: OnlineSettings
 ) -> tuple[ca.SX, ca.SX, ca.SX]:
-    """q, q̇ and τ of this cycle, or of the middle between the last one and this one.
+    """q, q̇ and τ of this cycle, or of the middle between the previous one and this one.
 
-    A torque that holds between two positions is that of the middle.
+    A torque that is held between two positions is that of the middle.
 
     Args:
-        u: what is read, of one instant.
-        goes_on: 1 where the cycle before was good.
+        u: inputs of one instant.
+        goes_on: 1 where the previous cycle was good.
     """
     q, tau = u["q"], gains * u["tau"]
     if settings.speed == "measured":
@@ -182,9 +178,9 @@ def instant(
     return 0.5 * (q + last), (q - last) / settings.period, middle
 
 
-# Newton's steps a cycle; each squares the distance, and a robot moves a few millimetres a cycle.
+# Newton steps per cycle: each squares the distance, and a robot moves a few millimetres per cycle.
 _STEPS = 2
-# Loops that are open by less [m, rad] count as closed; rounding to floats leaves some 1e-6.
+# Largest gap of closed loops [m, rad]; rounding to single precision leaves about 1e-6.
 _CLOSED = 1e-5
 
 
@@ -192,12 +188,12 @@ def pose(mechanism: Mechanism, near: ca.SX, q: ca.SX) -> tuple[ca.SX, ca.SX]:
     """z of q, and whether the loops close there.
 
     Args:
-        near: the cycle before's.
+        near: z of the previous cycle.
     """
     m, form, z = mechanism, mechanism.forward, near
     if form is not None:
-        found = ca.Function("z", [m.q_symbols], [form.z, form.margin, form.modes])
-        z, margin, modes = found(q)
+        closed_form = ca.Function("z", [m.q_symbols], [form.z, form.margin, form.modes])
+        z, margin, modes = closed_form(q)
         return z, ca.logic_and(margin > 0, ca.mmin(modes) > 0)
     step = m.z - inverse(ca.jacobian(m.closure, m.z)) @ m.closure
     move = ca.Function("move", [m.z, m.q_symbols], [step])
@@ -207,16 +203,16 @@ def pose(mechanism: Mechanism, near: ca.SX, q: ca.SX) -> tuple[ca.SX, ca.SX]:
     return z, ca.logic_and(ca.sum1(ca.fabs(gap)) < _CLOSED, ca.mmin(modes) > 0)
 
 
-# Torques that no drive has, in units of its largest, and for how long rows are skipped at most [s].
+# Impossible torques, in units of a drive's largest, and longest time of skipped rows [s].
 _BEYOND, _LONGEST_SKIP = 10.0, 0.02
-# Rows repeat where nothing changes, and are new, if more than this share of so many did.
+# Repeated rows are new, because nothing changes, if more than this share of so many repeat.
 _REPEATS, _ROWS = 0.2, 20
-# A jump is larger than what steps of a coarse encoder may look like [rad or m].
+# Least jump of an impossible position, above the steps of coarse encoders [rad or m].
 _COARSE = 1e-3
-# Over which the clocks of stamps and of cycles are taken for one [s].
+# Time constant in which the drift between the clocks of stamps and cycles is forgotten [s].
 _CLOCKS = 1.0
-# Rows of the past that a motion goes on from; positions behind a skipped one that still have a
-# share of it, as differences and means do.
+# Rows of the past that a motion is extrapolated from, and rows after a skipped one whose
+# differences and means still contain it.
 _PAST, _BEHIND = 3, 3
 
 
@@ -229,18 +225,17 @@ def even_rows(
     settings: OnlineSettings,
     waiting: int,
 ) -> tuple[dict[str, ca.SX], ca.SX, ca.SX, ca.SX, ca.SX]:
-    """Put rows on an even grid, and skip those that are not new or cannot be.
+    """Move rows to an even grid, and skip repeated and impossible ones.
 
     Args:
-        u: what is read.
-        finite: 1 where all of it is.
-        waiting: cycles for which signals wait.
+        u: inputs.
+        finite: 1 where all of them are.
+        waiting: delay of signals, in cycles.
 
     Returns:
-        What is read, by field; 1 where the row is not used, as it is not new or cannot be; 1 where
-        rows were skipped for too long, or behind a hole: all begins anew; 1 where no row that was
-        skipped is in what the cycle uses; further noise of speeds by rows that were skipped or late
-        [rad/s or m/s].
+        Inputs by field; 1 where the row is skipped; 1 where filters begin anew, after rows were
+        skipped for too long or after a gap; 1 where the cycle uses no skipped row; additional noise
+        of speeds by skipped or late rows [rad/s or m/s].
     """
     noise = ca.DM(np.array(settings.speed_noise or np.zeros(u["q"].numel())))
     h, dof, measured = settings.period, u["q"].numel(), "qd" in u
@@ -255,7 +250,7 @@ def even_rows(
     past = fields.keep(*(Field(f"{name}_row", dof, "of rows before") for name in names))
     q1, q2, q3, tau1, read, off, *speeds = past
     has_past, elapsed, ahead = rows > _PAST - 0.5, u["elapsed"], 3 * q1 - 3 * q2 + q3
-    stamped = elapsed > 0.5 * NOT_TOLD
+    stamped = elapsed > 0.5 * UNKNOWN
     new = ca.logic_and(elapsed > 0, has_past)
     drift = late + elapsed - (missed + 1) * h
     hole = ca.logic_and(new, ca.fabs(drift) >= 0.5 * h)
@@ -277,11 +272,11 @@ def even_rows(
     skipped = ca.logic_and(bad, ca.logic_not(anew))
     even = u | {"q": chosen(skipped, ahead, q), "tau": chosen(skipped, tau1, u["tau"])}
     behind = ca.logic_and(missed > 0, ca.logic_not(bad))
-    # the parabola has a q + b q₁ + …, a and b of at: noise of a speed beyond that of differences
+    # The parabola is a q + b q₁ + …: noise of a speed in addition to that of differences.
     a, b = 2 * h**2 / ((2 * h + at) * (h + at)), 2 * at / (h + at)
     stretched = ca.sqrt(ca.fmax(0.5 * (a**2 + (1 - b) ** 2) - 1, 0))
-    found = chosen(behind, ca.fabs(q - ahead) / h, stretched * noise)
-    off = ca.fmax(off * np.exp(-settings.corner * h), found)
+    added = chosen(behind, ca.fabs(q - ahead) / h, stretched * noise)
+    off = ca.fmax(off * np.exp(-settings.corner * h), added)
     following = {
         "q1": even["q"],
         "q2": q1,
@@ -296,7 +291,7 @@ def even_rows(
         even["qd"] = chosen(skipped, 2 * qd1 - qd2, qd)
         following |= {"qd1": even["qd"], "qd2": qd1}
     bridged = ca.if_else(skipped, float(waiting + _BEHIND), ca.fmax(rests - 1, 0))
-    numbers = {  # a row that is not new is no past
+    numbers = {  # a repeated row is not extrapolated from
         "rows": ca.if_else(anew, ca.if_else(old, 0, 1), ca.fmin(rows + 1, _PAST)),
         "missed": ca.if_else(skipped, missed + 1, 0),
         "late": drift,
@@ -312,8 +307,8 @@ def even_rows(
 def _bounds(
     model: Model, known: OnlineKnowledge, settings: OnlineSettings
 ) -> tuple[Float[np.ndarray, " drives"], Float[np.ndarray, " drives"]]:
-    """Torque of each drive as it reports it, and by how much its position may be off what the rows
-    before let expect, beyond which a row cannot be."""
+    """Bounds of possible rows: reported torque of each drive, and deviation of its position from
+    the extrapolated one."""
     efforts = [model.robot.limits_of(drive).effort or 0.0 for drive in model.robot.drives]
     bound = _BEYOND * np.maximum(known.largest, efforts)
     q = model.dynamics.kinematics.inverse(np.array(model.home))

@@ -1,20 +1,19 @@
-"""Kalman's filter in covariance form, written out: constants, and what wanders about zero.
+"""Kalman filter in covariance form, written out, for constants and slowly varying states.
 
 States are in units of their prior, whose covariance is the identity. From cycle to cycle state i
 forgets: its covariance goes back to the prior's,
 
     P ← D P D + (1 − D²),   D = diag(φ),
 
-so it stays between zero and the prior however long nothing is told (no wind-up), and positive
-semidefinite. What is measured is taken one number after the other, without a matrix to invert.
+so it stays between zero and the prior without measurements (no wind-up), and positive semidefinite.
+Measurements are processed one number after the other, without a matrix to invert.
 
-How large the torques are that a model has not is learnt. They are d, one number a drive, of the
-size
+The size of unmodelled torques d, one number per drive, is learnt. It is
 
     a + b / (1 + (q̇/v)²),
 
 a while the drive moves and b more where it is slow. In units of that size E(d²) = 1, so d² + P_dd
-beyond 1 says that a and b are larger than thought, below 1 that they are smaller; each learns by
+above 1 shows that a and b are larger than assumed, below 1 that they are smaller; each learns by
 its share.
 """
 
@@ -25,14 +24,14 @@ import numpy as np
 
 from deltaid.online.graph import CycleFields, Field
 
-# Memory [s] of a load, of the model's own errors, and of torques that the model has not.
-_LOAD, _MODEL, _UNMODELLED = 1e6, 300.0, 0.05
+# Memory [s] of a load, of the model's errors, and of unmodelled torques.
+_LOAD, _MODEL, UNMODELLED = 1e6, 300.0, 0.05
 
 
 @dataclass(frozen=True, eq=False)
 class Update:
-    """What one measured number does: its row h of the states, what it is beyond what was expected
-    with its variance, the gain by which states move, and 0 where it counts for nothing."""
+    """Update by one measured number: its row h of the states, the innovation and its variance, the
+    gain, and the weight, 0 where it is not used."""
 
     row: ca.SX
     innovation: ca.SX
@@ -49,16 +48,16 @@ class Estimate:
     P: ca.SX
 
     def part(self, which: slice) -> "Estimate":
-        """Of some of the states."""
+        """Mean and covariance of some states."""
         return Estimate(self.x[which], self.P[which, which])
 
     def forgotten(self, kept: ca.SX, prior: ca.SX, wanders: ca.SX) -> "Estimate":
-        """A cycle later.
+        """The estimate a cycle later.
 
         Args:
             kept: φ of each state.
-            prior: variance that each goes back to.
-            wanders: 1 where the mean goes back to zero too, 0 where it stays.
+            prior: variance that each returns to.
+            wanders: 1 where the mean returns to zero too, 0 where it stays.
         """
         P = self.P * (kept @ kept.T) + ca.diag(prior * (1 - kept * kept))
         return Estimate(self.x * (1 - wanders * (1 - kept)), P)
@@ -66,10 +65,10 @@ class Estimate:
     def measured(
         self, row: ca.SX, value: ca.SX, variance: ca.SX, weight: ca.SX
     ) -> tuple["Estimate", Update]:
-        """With one number known, value = row·x and noise of this variance.
+        """The estimate after one measured number, value = row·x plus noise of this variance.
 
         Args:
-            weight: share of its information that is taken, 0 for none.
+            weight: share of its information that is used, 0 for none.
         """
         moves, innovation = self.P @ row.T, value - row @ self.x
         total = (row @ moves) * weight + variance
@@ -80,10 +79,10 @@ class Estimate:
 
 
 class States:
-    """What is estimated, and how long it is remembered.
+    """The states and their memories.
 
     Attributes:
-        stays: share of each that is not forgotten in a cycle.
+        stays: share of each that is kept over a cycle.
         wander: 1 for those whose mean is forgotten too.
 
     Args:
@@ -93,11 +92,11 @@ class States:
 
     def __init__(self, kinds: np.ndarray, period: float, friction_time: float) -> None:
         self._loads, self.wander = kinds == 0, ca.SX((kinds == 3).astype(float))
-        memory = np.array([_LOAD, _MODEL, friction_time, _UNMODELLED])[kinds]
+        memory = np.array([_LOAD, _MODEL, friction_time, UNMODELLED])[kinds]
         self.stays = ca.SX(np.exp(-period / memory))
 
     def before(self, fields: CycleFields) -> Estimate:
-        """As the cycle before left them."""
+        """The estimate from the state of the previous cycle."""
         n, initial = len(self._loads), np.diag(np.where(self._loads, 0.0, 1.0))
         first = tuple(initial[np.triu_indices(n)].tolist())
         x, P = fields.keep(
@@ -107,7 +106,7 @@ class States:
         return Estimate(x, ca.tril2symm(ca.SX(ca.Sparsity.lower(n), P)))
 
     def later(self, estimate: Estimate, held: ca.SX) -> Estimate:
-        """A cycle later, before anything is measured.
+        """The estimate a cycle later, before measurements.
 
         Args:
             held: 1 while a load was held.
@@ -116,23 +115,24 @@ class States:
         return estimate.forgotten(self.stays, prior, self.wander)
 
 
-# How fast [s] sizes are learnt, within which bounds, and the most by which one cycle counts.
-_LEARNT, _LEVELS, _LARGEST_STEP = 2.0, (0.15, 20.0), 10.0
-# Drives whose sizes are learnt apart, in units of what was thought.
+# Time constant of learnt sizes [s], their bounds, and the largest squared deviation that one cycle
+# may contribute, in units of the variance.
+_LEARNT, _LEVELS, LARGEST_STEP = 2.0, (0.15, 20.0), 10.0
+# States of a drive with sizes of their own, in units of the initial ones.
 DRIVES = ("moving", "slow")
 
 
 def learn_levels(
     fields: CycleFields, parts: tuple[ca.SX, ca.SX], d: Estimate, calm: ca.SX, period: float
 ) -> None:
-    """What the sizes become.
+    """Set the following sizes of unmodelled torques.
 
     Args:
-        parts: a and what b adds.
+        parts: a, and the contribution of b.
         d: in units of its size.
-        calm: 1 where it may be learnt from.
+        calm: 1 where the cycle may be learnt from.
     """
-    beyond = ca.fmin(d.x**2 + ca.diag(d.P) - 1, _LARGEST_STEP)
+    beyond = ca.fmin(d.x**2 + ca.diag(d.P) - 1, LARGEST_STEP)
     for kind, part in zip(DRIVES, parts, strict=True):
         share = (part / (parts[0] + parts[1])) ** 2
         grown = fields.before[f"{kind}_level"] * (1 + period / _LEARNT * calm * beyond * share)

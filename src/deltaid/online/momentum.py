@@ -1,21 +1,19 @@
-"""Torques that a motion takes, filtered, without any acceleration: by generalised momentum.
+"""Filtered model torques without accelerations, by generalised momentum.
 
 With M, C, g and f of (1), and Ṁ = C + Cᵀ because C comes from Christoffel symbols,
 
     τ = d/dt (M q̇) − Cᵀq̇ + g + f,
 
-of which F, a first-order low-pass of corner K, makes
+and with F, a first-order low-pass of corner K,
 
     F τ = K (M q̇ − F M q̇) + F (−Cᵀq̇ + g + f).
 
-Everything here is linear in the parameters p: the momentum M q̇ = H p, the rest W p. So any set of
-directions D in p, such as the entries of a load, has columns of the same filtered torque,
-K (H D − F H D) + F W D, and
+All terms are linear in the parameters p: the momentum M q̇ = H p, the rest W p. So directions D in
+p, such as the entries of a load, have the filtered columns K (H D − F H D) + F W D, and
 
     residual ρ = F τ_measured − (filtered torque of the model) = Ψ p_load
 
-for a robot that carries a load the model does not know; the torque that the surroundings put on
-the drives is −ρ.
+for a robot with a load that the model does not contain; external torques on the drives are −ρ.
 
 F of signals that are straight lines, or constant, between two samples,
 
@@ -26,7 +24,7 @@ is solved exactly over a sample of length h: with a = e^(−Kh) and g = (1 − a
     y_{k+1} = a y_k + (1 − g) x_{k+1} + (g − a) x_k     for straight lines,
     y_{k+1} = a y_k + (1 − a) x_k                       for x held from k to k + 1.
 
-One number is kept for each signal, s_k = a y_k + (what x_k adds), so that
+The state of each signal is one number, s_k = a y_k + (contribution of x_k), so that
 y_{k+1} = s_k + … x_{k+1}.
 """
 
@@ -47,8 +45,8 @@ class Lowpass:
     """A first-order filter at one rate.
 
     Attributes:
-        a: what is left of its output after a sample.
-        now, before: weights of a signal's samples at either end.
+        a: decay of its output over a sample.
+        now, before: weights of a signal's samples at both ends of it.
     """
 
     a: float
@@ -57,7 +55,7 @@ class Lowpass:
 
     @classmethod
     def lines(cls, corner: float, period: float) -> "Lowpass":
-        """For signals that are straight between samples.
+        """The filter for signals that are linear between samples.
 
         Args:
             corner: K [1/s].
@@ -68,32 +66,32 @@ class Lowpass:
 
     @classmethod
     def held(cls, corner: float, period: float) -> "Lowpass":
-        """For signals that stay from one sample to the next."""
+        """The filter for signals that are held from one sample to the next."""
         a = float(np.exp(-corner * period))
         return cls(a, 0.0, 1 - a)
 
     def output(self, kept: ca.SX, x: ca.SX) -> ca.SX:
-        """y of this sample, from what the last one kept."""
+        """y of this sample from the state."""
         return kept + self.now * x
 
     def keep(self, output: ca.SX, x: ca.SX) -> ca.SX:
-        """What is kept for the next sample."""
+        """The state for the next sample."""
         return self.a * output + self.before * x
 
 
 @dataclass(frozen=True)
 class Momentum:
-    """Momentum and the torque that goes without acceleration, in parts.
+    """Momentum and torques without accelerations.
 
     Attributes:
         z, qd: inputs, δ each.
-        load: what gears carry; only friction that depends on load needs it.
+        load: of the gears, only for load friction.
         p: symbols of the parameters.
         H: ∂(M q̇)/∂p, δ × len(p).
-        W: ∂(−Cᵀq̇ + g + f)/∂p; with smooth signs of speeds.
+        W: ∂(−Cᵀq̇ + g + f)/∂p, with smooth signs of speeds.
         M: mass matrix, a function of p.
-        dry: how much of the friction on each drive no speed tells at this instant, by the
-            parameters: friction that jumps at rest, as far as its smooth sign is from ±1.
+        dry: friction of each drive that the speed does not determine: terms that jump at rest, in
+            proportion to the distance of the smooth sign from ±1.
     """
 
     z: ca.SX
@@ -109,11 +107,11 @@ class Momentum:
 def build_momentum(
     robot: RobotDescription, mechanism: Mechanism, rest_speeds: Mapping[str, float]
 ) -> Momentum:
-    """Derive them.
+    """Derive momentum and torques.
 
     Args:
-        rest_speeds: for each friction joint the speed ε [rad/s or m/s] below which its sign is not
-            known: the sign of v is v / √(v² + ε²).
+        rest_speeds: speed ε of each friction joint [rad/s or m/s] below which its sign is unknown:
+            sign(v) = v / √(v² + ε²).
     """
     forces, speeds, dof = SpeedForces(robot, mechanism), mechanism.speeds, mechanism.dof
     N, motion = speeds.drives_to_all, speeds.by_drives()

@@ -1,5 +1,5 @@
-"""A robot that runs: its payload and friction, cycle by cycle or from a recording, and torques of a
-motion with the load that is held and with friction as it is now."""
+"""Online estimation of payload, friction and contact, and feedforward torques with the
+estimates."""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -15,8 +15,7 @@ from deltaid.mechanism.one_or_many import real_numbers
 from deltaid.model.model import Model, ModelLike, load
 from deltaid.online.cycle import MorePart, standard_parts, step_graph
 from deltaid.online.graph import StepGraph
-from deltaid.online.grips import UNKNOWN
-from deltaid.online.instant import NOT_TOLD
+from deltaid.online.instant import UNKNOWN
 from deltaid.online.settings import OnlineKnowledge, OnlineSettings, knowledge
 from deltaid.shown import Named
 
@@ -25,21 +24,21 @@ Rows = Float[np.ndarray, "samples dof"]
 
 @dataclass(frozen=True, repr=False)
 class OnlineEstimate(Named):
-    """What is known behind one cycle, or behind each of many, one a row.
+    """Estimates after one cycle, or after each of many, one row per cycle.
 
     Attributes:
         names: of the load's entries, such as m, mcx, mcy, Izz.
         held: whether a load is held.
-        changed: whether that began or ended, or is another load, in this cycle.
-        load, load_std: entries of the load, consistent, and their standard deviations; zero while
+        changed: whether the load changed in this cycle.
+        load, load_std: consistent entries of the load, and their standard deviations; zero while
             nothing is held.
-        friction: coefficients that are followed.
-        unnoticed: mass that may be held although none was noticed [kg].
-        residual: torque that the model without a load lacks, filtered [N m or N].
-        unexplained: what load and model leave of it.
-        good: whether the cycle could be used: all numbers finite, loops closed, the row new and
+        friction: followed coefficients.
+        unnoticed: mass that may be held without being detected [kg].
+        residual: filtered torque beyond the model without a load [N m or N].
+        unexplained: its remainder after load and model errors [N m or N].
+        good: whether the cycle was used: all numbers finite, loops closed, the row new and
             possible.
-        outputs: all fields by name, those of further parts among them.
+        outputs: all fields by name, including those of additional parts.
     """
 
     names: tuple[str, ...]
@@ -61,15 +60,15 @@ class OnlineEstimate(Named):
 
     @property
     def grip_offset(self) -> Float[np.ndarray, "*samples"]:
-        """How late the gripper's last signal came by the torques [s], negative if early, or NaN."""
+        """Delay of the gripper's last signal against the torques [s], negative if early, or NaN."""
         return np.where((off := self.outputs["grip_offset"][..., 0]) == UNKNOWN, np.nan, off)
 
     @property
     def contact(self) -> np.ndarray:
-        """Whether something pushes the robot.
+        """Whether the robot is pushed.
 
         Raises:
-            DeltaidError: nothing looked for contacts.
+            DeltaidError: contacts were not searched.
         """
         return np.asarray(self._of_contact("contact")[..., 0] > 0.5)
 
@@ -78,16 +77,16 @@ class OnlineEstimate(Named):
         """Drive whose limb is pushed, from 1 on; 0 for the platform, −1 without a contact.
 
         Raises:
-            DeltaidError: nothing looked for contacts.
+            DeltaidError: contacts were not searched.
         """
         return np.asarray(self._of_contact("contact_limb")[..., 0].astype(int))
 
     @property
     def contact_force(self) -> Float[np.ndarray, "*samples moves"]:
-        """On the platform point, if it is that that is pushed [N].
+        """Force on the platform point, if that is pushed [N].
 
         Raises:
-            DeltaidError: nothing looked for contacts.
+            DeltaidError: contacts were not searched.
         """
         return np.asarray(self._of_contact("contact_force"))
 
@@ -103,19 +102,19 @@ class OnlineEstimate(Named):
 
     @property
     def mass_interval(self) -> Float[np.ndarray, "*samples 2"]:
-        """Between which masses it lies with 95 % [kg]; while none is noticed, from none to what may
-        be held unnoticed."""
+        """95 % interval of the mass [kg]; while no load is detected, from zero to the mass that may
+        be held undetected."""
         half, mass = NORMAL * self.load_std[..., 0], self.mass
         return np.maximum(np.stack([mass - half, mass + half + self.unnoticed], axis=-1), 0.0)
 
 
 class CommandTorques:
-    """τ(z, q̇, q̈, load, friction) of one model, as the drives are commanded.
+    """Feedforward torques τ(z, q̇, q̈, load, friction) of one model, as commands of the drives.
 
     Attributes:
-        z, qd, qdd, load, friction: symbols: the motion, and what a cycle gives of both.
-        tau: the expression; its friction changes direction at a stroke where the motion does, not
-            where a noisy measurement does.
+        z, qd, qdd, load, friction: symbols of the motion and of a cycle's estimates.
+        tau: the expression; its friction reverses with the planned motion, not with a noisy
+            measurement.
     """
 
     def __init__(self, model: Model, known: OnlineKnowledge) -> None:
@@ -151,15 +150,15 @@ class CommandTorques:
 
 
 class Online(Named):
-    """What runs beside a controller.
+    """Estimator of load, friction and contact that runs with a controller.
 
     Args:
-        model: anything that stands for a robot with its parameters; best an identified model, whose
-            intervals then are in those of the load.
-        settings: what else is known of the robot; or `rate` alone.
-        rate: cycles a second [Hz], in place of that of the settings (`OnlineSettings.at_rate`).
-        more: further parts of the cycle. Contact is one of them by itself where the model is
-            identified: without its intervals nothing says what is a contact.
+        model: a robot with its parameters; best an identified model, whose intervals then enter
+            those of the load.
+        settings: of the estimator; or `rate` alone.
+        rate: cycles per second [Hz], in place of the settings' (`OnlineSettings.at_rate`).
+        more: additional parts of the cycle. Contact is added if the model is identified; without
+            its intervals contacts cannot be told from model errors.
 
     Raises:
         DeltaidError: settings and robot do not fit each other.
@@ -182,12 +181,12 @@ class Online(Named):
         self.reset()
 
     def reset(self) -> None:
-        """Forget all of the past."""
+        """Reset the state."""
         self.state: Float[np.ndarray, " state"] = self.graph.state.initial
 
     @cached_property
     def feedforward(self) -> CommandTorques:
-        """Torques of a motion with the load that is held."""
+        """Torques of a motion with the estimated load and friction."""
         return CommandTorques(self.model, self.known)
 
     def step(
@@ -204,13 +203,13 @@ class Online(Named):
             q: measured drive coordinates.
             qd: velocities; None where these are differenced.
             tau: torques as the drives report them.
-            gripper: whether it holds; None where it does not tell.
-            elapsed: since the last new row by its stamp, 0 if this row is not new [s]; None where
-                rows have no stamps.
+            gripper: whether it holds; None if unknown.
+            elapsed: since the last new row by its stamp, 0 if this row is not new [s]; None without
+                stamps.
         """
         q, tau = real_numbers(q, "q"), real_numbers(tau, "tau")
-        told = [NOT_TOLD if value is None else float(value) for value in (gripper, elapsed)]
-        parts = [q, *self._velocity(qd), tau, told]
+        signals = [UNKNOWN if value is None else float(value) for value in (gripper, elapsed)]
+        parts = [q, *self._velocity(qd), tau, signals]
         return self._estimate(self._advance(np.concatenate(parts)[None])[0])
 
     def run(
@@ -221,18 +220,16 @@ class Online(Named):
         gripper: Float[np.ndarray, " samples"] | None = None,
         elapsed: Float[np.ndarray, " samples"] | None = None,
     ) -> OnlineEstimate:
-        """Many cycles, one a row, from where the last one ended.
+        """Advance by many cycles, one per row.
 
         Args:
-            q: as of `step`, as the next two.
-            qd: velocities.
-            tau: torques.
-            gripper: 1 holds, 0 empty, -1 not told.
-            elapsed: as of `step`, -1 unknown.
+            q, qd, tau: as in `step`.
+            gripper: 1 holds, 0 empty, -1 unknown.
+            elapsed: as in `step`, -1 unknown.
         """
-        q, tau, none = real_numbers(q, "q"), real_numbers(tau, "tau"), np.full(len(q), NOT_TOLD)
-        told = [none if x is None else np.asarray(x, dtype=float) for x in (gripper, elapsed)]
-        columns = [q, *self._velocity(qd), tau, *told]
+        q, tau, none = real_numbers(q, "q"), real_numbers(tau, "tau"), np.full(len(q), UNKNOWN)
+        signals = [none if x is None else np.asarray(x, dtype=float) for x in (gripper, elapsed)]
+        columns = [q, *self._velocity(qd), tau, *signals]
         if len({len(column) for column in columns}) > 1:
             raise DeltaidError(
                 f"q, velocities, torques, gripper and stamps have {[len(x) for x in columns]} rows",

@@ -1,7 +1,7 @@
-"""The rows of a recording as a controller would have had them, cycle by cycle.
+"""Replay of a recording, cycle by cycle, as a controller would have received it.
 
-Where velocities are recorded they are taken; where not, the cycle differences positions itself.
-Torques are as recorded: lags that the model's drives are known to have, the cycle puts right.
+Recorded velocities are used; without them the cycle differences positions. Torques are as recorded;
+the cycle corrects the known lags of the model's drives.
 """
 
 from collections.abc import Iterator
@@ -17,7 +17,7 @@ from deltaid.mechanism.kinematics import Samples
 from deltaid.model.model import Model
 from deltaid.model.verdict import percent
 from deltaid.online.columns import judged_wiring, speeds_of
-from deltaid.online.instant import EMPTY, HOLDS, NOT_TOLD
+from deltaid.online.instant import EMPTY, HOLDS, UNKNOWN
 from deltaid.online.settings import OnlineSettings
 from deltaid.recording.carried import Load
 from deltaid.recording.log import Log
@@ -25,28 +25,27 @@ from deltaid.recording.mapping import ColumnMapping
 from deltaid.recording.masks.masks import Mask, Reason, joined_times, kept
 from deltaid.recording.memory import RecordingLike
 from deltaid.recording.opening import open_log
+from deltaid.recording.source import BATCH_ROWS
 
-# Cycles a second that an observer can be run at.
+# Least rate of an observer [Hz].
 _LEAST_RATE = 100.0
-# Brakes hold for so long [s] at least: a robot that rests for a moment may need hardly any torque.
+# Least time that brakes hold [s]: a robot that rests for a moment may need hardly any torque.
 _BRAKED, _BRAKES = 0.5, ("on brakes", "emergency stop")
-# A recording must be so long [s], and no more of its rows may repeat the one before.
+# Least duration of a recording [s], and largest share of rows that repeat the previous one.
 _LEAST_TIME, _MOST_STALE = 0.5, 0.2
-# Rows of a block, so that all that cycles give of it has room.
-_BLOCK = 20_000
 
 
 @dataclass(frozen=True, eq=False)
 class Cycles:
-    """Consecutive cycles, one a row.
+    """Consecutive cycles, one per row.
 
     Attributes:
-        begins: whether the first one follows a hole, or nothing.
+        begins: whether the first one follows a gap, or is the first of all.
         time: of each [s].
-        q: of the joints.
-        qd: the same; None where it is not recorded.
-        tau: as the drives report it.
-        gripper: what it says: −1 nothing, 0 empty, 1 holds.
+        q: drive coordinates.
+        qd: velocities; None where not recorded.
+        tau: torques as the drives report them.
+        gripper: its signal: −1 unknown, 0 empty, 1 holds.
     """
 
     begins: bool
@@ -59,16 +58,16 @@ class Cycles:
 
 @dataclass(frozen=True, eq=False)
 class Replay:
-    """A recording that can be run through.
+    """A recording that can be replayed.
 
     Attributes:
         log: as surveyed; without velocities where positions are differenced.
-        delay: by how much torques of each drive come late [s].
-        has_velocity: whether recorded velocities are taken.
-        speed_noise: standard deviation of one cycle's speed, as it is taken, drive by drive.
-        masks: what is no motion under power of the drives, or is not what happened.
-        ends: the number at which each drive's torque channel ends; infinite if it does not.
-        doubts: what is doubtful about it, the log's own warnings first.
+        delay: lag of each drive's torque [s].
+        has_velocity: whether recorded velocities are used.
+        speed_noise: standard deviation of one cycle's speed, drive by drive.
+        masks: rows that are no powered motion, or not what happened.
+        ends: number at which each drive's torque channel saturates; infinite if it does not.
+        doubts: about the recording, the log's warnings first.
     """
 
     log: Log
@@ -81,11 +80,11 @@ class Replay:
 
     @property
     def is_told(self) -> bool:
-        """Whether a gripper's signal says when something is held."""
+        """Whether there is a gripper's signal."""
         return bool(self.log.columns.loads)
 
     def settings(self, given: OnlineSettings) -> OnlineSettings:
-        """Settings with what the recording decides: rate, speeds, and lags where these are open."""
+        """Settings with the recording's rate and speeds, and its lags unless they are given."""
         return replace(
             given.at_rate(self.log.rate),
             speed="measured" if self.has_velocity else "differenced",
@@ -95,18 +94,18 @@ class Replay:
         )
 
     def rows(self) -> Iterator[Cycles]:
-        """All cycles, in blocks; after a hole the first block begins anew."""
+        """All cycles, in blocks; the first block after a gap begins anew."""
         for segment in self.log.segments(None):
             begins = True
             for block in segment:
-                for start in range(0, len(block), _BLOCK):
-                    yield self._cycles(block[start : start + _BLOCK], begins)
+                for start in range(0, len(block), BATCH_ROWS):
+                    yield self._cycles(block[start : start + BATCH_ROWS], begins)
                     begins = False
 
     @cached_property
     def powerless(self) -> tuple[Mask, ...]:
-        """Rows whose torques are not those that moved the robot: stale ones, and those on brakes
-        with the stop before."""
+        """Rows whose torques did not move the robot: stale ones, and those on brakes with the stop
+        before them."""
         braked = [m for m in self.masks if m.reason == "on brakes" and m.end - m.start > _BRAKED]
         stops = [m for m in self.masks if m.reason == "emergency stop"]
         ahead = {mask.first - 1 for mask in braked}
@@ -114,7 +113,7 @@ class Replay:
         return tuple(sorted((*braked, *stops, *_stale(self.masks)), key=lambda mask: mask.first))
 
     def share(self, *reasons: Reason) -> float:
-        """Of the rows that are masked for some reasons."""
+        """Share of rows that are masked for some reasons."""
         masks = [mask for mask in self.masks if mask.reason in reasons]
         masks = [mask for mask in masks if mask.reason not in _BRAKES or mask in self.powerless]
         return float(np.max(1.0 - kept(masks, len(self.ends), self.log.samples)))
@@ -122,7 +121,7 @@ class Replay:
     def _cycles(self, values: Float[np.ndarray, "_ _"], begins: bool) -> Cycles:
         c, dof, around = self.log.columns, len(self.log.columns.torque), 0.5 / self.log.rate
         time, told, tau = values[:, 0], values[:, c.extra_places], values[:, c.torque_places].copy()
-        gripper = np.full(len(values), NOT_TOLD)
+        gripper = np.full(len(values), UNKNOWN)
         if c.loads:
             gripper = np.where(c.held(time, told).any(axis=0), HOLDS, EMPTY)
         spans = [(mask.start - around, mask.end + around) for mask in self.powerless]
@@ -139,17 +138,17 @@ def open_replay(
     gripper: str | None = None,
     delay: tuple[float, ...] | None = None,
 ) -> Replay:
-    """A recording as a model's drives would run it.
+    """Open a recording for a replay with a model.
 
     Args:
         log: a file, or a recording in memory.
         mapping: of its columns.
-        gripper: a column that is 1 while something is held, beside what the mapping says.
-        delay: by how much torques come late, drive by drive [s]; the model's if left out.
+        gripper: a column that is 1 while something is held, in addition to the mapping.
+        delay: lag of each drive's torque [s]; None for the model's.
 
     Raises:
-        RecordingError: the recording cannot be used, is too slow or too short, its columns are not
-            what they are taken for, or gripper and mapping both say when something is held.
+        RecordingError: the recording cannot be used, is too slow or too short, its columns hold
+            other signals, or gripper and mapping both declare loads.
     """
     mapping = mapping or ColumnMapping()
     if gripper is not None:
@@ -196,7 +195,7 @@ def _stale(masks: tuple[Mask, ...]) -> tuple[Mask, ...]:
 
 
 def _ends(log: Log) -> tuple[float, ...]:
-    """The least number on which each torque channel stays."""
+    """Least number at which each torque channel saturates."""
     found, row = np.full(len(log.columns.torque), np.inf), 0
     masks = [mask for mask in log.masks if mask.reason == "saturated torque"]
     for values in log.batches() if masks else ():

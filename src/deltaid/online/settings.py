@@ -1,12 +1,10 @@
-"""What a user may say about a robot that runs, and what holds where nothing is said; and what a
-model knows of itself, in the few directions that matter while the robot runs.
+"""Settings of online estimation, and a model's uncertainty in the few directions that matter.
 
-What may be off, and by how much: coefficients of the drives' friction, each by itself, because they
-change; and of all else the few directions of p that make most of the torque's uncertainty along the
-robot's motions. With p's covariance R Rᵀ and torques Y p along a typical motion, weighed by the
-noise, these are the leading singular vectors of Y R; and the mass of what carries the load, a tare.
-So a model's error is a constant that is estimated beside the load, and does not average out as
-noise would.
+Uncertain are the coefficients of the drives' friction, each by itself, because they change; and of
+all other parameters the few directions of p that make most of the torque's uncertainty. With p's
+covariance R Rᵀ and torques Y p along a typical motion, weighted by the noise, these are the leading
+singular vectors of Y R, and the mass of the body that carries the load, a tare. So a model's error
+is a constant that is estimated together with the load, and does not average out like noise.
 """
 
 from dataclasses import dataclass, replace
@@ -22,46 +20,46 @@ from deltaid.model.model import Model
 from deltaid.motion.random_motion import random_motion
 from deltaid.online.entries import LoadEntries, load_entries
 
-# From the gripper's signal to the load [s], at most.
+# Longest time from the gripper's signal to the load [s].
 LONGEST_GRIP = 10.0
-# Cycles in the time constant of the filter, at least, where it is chosen by the rate.
+# Least number of cycles in the filter's time constant if it follows from the rate.
 _CYCLES = 5.0
 
 
 @dataclass(frozen=True)
 class OnlineSettings:
-    """How a robot is watched while it runs.
+    """Settings of online estimation.
 
     Attributes:
-        rate: cycles a second [Hz].
-        corner: K of the filter of torques [1/s].
-        speed: 'measured' where each cycle has a velocity of the same instant; 'differenced' where
-            it comes from two positions: everything is then taken half a cycle earlier, between
-            them, where the difference has no lag.
-        torque: 'sampled' where it is measured together with the position, 'held' where it is the
-            command that holds from this cycle to the next.
+        rate: cycles per second [Hz].
+        corner: K of the torque filter [1/s].
+        speed: 'measured' if each cycle has a velocity of the same instant; 'differenced' if it
+            comes from two positions: estimates then refer to the middle between them, where the
+            difference has no lag.
+        torque: 'sampled' if it is measured together with the position, 'held' if it is the command
+            that holds from this cycle to the next.
         largest_mass: of a load [kg]; None for three times the body that carries it.
-        extent: how far a load reaches from the frame of the body that carries it [m].
-        least_mass: attach and release of less are not looked for [kg]; None for 1 % of the largest.
-        body: what carries loads; EE, or P where there is no EE, if None.
-        grip_time: how long after the gripper's signal a load is not yet held, or still [s].
+        extent: reach of a load from the frame of the body that carries it [m].
+        least_mass: least detected mass [kg]; None for 1 % of the largest.
+        body: that carries loads; None for EE, or P where there is no EE.
+        grip_time: from the gripper's signal until a load is held, or released [s].
         noise: standard deviation of one cycle's torque, drive by drive, on the joint's side
-            [N m or N]; None for what the identification left, 2 % of a drive's torque without one.
-        unmodelled: standard deviation of torques that the model does not have and that stay for
-            some hundredths of a second, drive by drive, while it moves: what it begins with, and
-            how large they are is learnt; None for what the identification left.
-        rest_speed: speed [rad/s or m/s] below which the direction of friction is not known.
-        friction_range: share by which friction may be off or may change.
-        friction_time: over which friction may change by that much [s].
-        false_alarms: of contact that are accepted in an hour.
-        speed_noise: standard deviation of one cycle's speed, drive by drive [rad/s or m/s]; None
-            where it is not known: it is learnt then while the drives move (`online.cycle`).
-        alarm: how many standard deviations make a change of load.
-        delay: by how much torques are reported later than their motion, drive by drive or one for
-            all [s], negative where they are early; None for what the identification found, 0 for
-            none. All that is known is as late as the largest.
-        torque_ends: size of the torque, drive by drive and as the drives report it, at which the
-            channel ends, so that it may be more; None for no such end [N m or N].
+            [N m or N]; None for the identification's residual, or 2 % of a drive's torque without.
+        unmodelled: initial standard deviation of unmodelled torques that last some hundredths of a
+            second, drive by drive, in motion [N m or N]; learnt from there. None for the
+            identification's residual.
+        rest_speed: speed [rad/s or m/s] below which the direction of friction is unknown.
+        friction_range: relative uncertainty of friction.
+        friction_time: in which friction may change by that much [s].
+        false_alarms: accepted false alarms of contact per hour.
+        speed_noise: standard deviation of one cycle's speed, drive by drive [rad/s or m/s]; None to
+            learn it while the drives move (`online.cycle`).
+        alarm: standard deviations of a change of load.
+        delay: lag of reported torques behind their motion, drive by drive or one for all [s],
+            negative if early; None for the identification's, 0 for none. All estimates are as late
+            as the largest.
+        torque_ends: reported torque, drive by drive, at which the channel saturates; None if it
+            does not [N m or N].
     """
 
     rate: float = 1000.0
@@ -109,48 +107,49 @@ class OnlineSettings:
                 raise DeltaidError(f"must be '{first}' or '{second}', not {value!r}", where=name)
 
     def at_rate(self, rate: float) -> "OnlineSettings":
-        """The same at another rate, with a filter that is no faster than a fifth of it."""
+        """The settings at another rate, with a corner of at most a fifth of it."""
         return replace(self, rate=rate, corner=min(self.corner, rate / _CYCLES))
 
     @property
     def period(self) -> float:
-        """Seconds that a cycle takes."""
+        """Duration of a cycle [s]."""
         return 1 / self.rate
 
 
-# Directions beside friction, at most, and how large their torque must be, as a share of the noise.
+# Largest number of directions in addition to friction, and least torque of one in units of the
+# noise.
 _DIRECTIONS, _SMALLEST = 3, 0.1
-# Torque noise and unmodelled torque where nothing is known of them, as shares of a drive's largest.
+# Default torque noise and unmodelled torque, as shares of a drive's largest torque.
 _NOISE, _UNMODELLED = 0.02, 0.01
-# Torques that a model has not, as a share of what the fit left; and of slow drives also as a share
-# of their dry friction, slow as a share of their largest speed.
+# Unmodelled torque as a share of the fit's residual; that of slow drives in addition as a share of
+# their dry friction; slow as a share of the largest speed.
 _OF_FIT, _OF_FRICTION, _SLOW = 1.0, 0.25, 0.05
-# Friction that is followed.
+# Followed friction.
 _FOLLOWED = ("viscous", "coulomb", "viscous_back", "coulomb_back", "offset")
 # Typical motion: seconds and samples.
 _PERIOD, _SAMPLES = 8.0, 800
-# Largest load where nothing is said of it, in masses of what carries it.
+# Default largest load, in masses of the body that carries it.
 _LOAD_SHARE = 3.0
-# What carries a load may be heavier or lighter than identified, beside what the intervals say, by
-# this share of the largest load: nothing that a model lacks is wholly without a mean.
+# Deviation of the carrying body's mass in addition to its interval, as a share of the largest load:
+# unmodelled torques rarely have a mean of exactly zero.
 _TARE = 0.01
 
 
 @dataclass(frozen=True, eq=False)
 class OnlineKnowledge:
-    """Numbers that a cycle is made with.
+    """Numbers of a cycle.
 
     Attributes:
-        entries: what torques show of a load, with
-        load_scales: the sizes of its entries for the largest mass, and
-        least_mass: the least that is looked for [kg].
-        directions: of p beside friction, by which the model may be off; columns, one deviation.
-        followed: places in p of the friction that is followed.
-        friction_std: of each.
+        entries: identifiable entries of a load.
+        load_scales: sizes of the entries for the largest mass.
+        least_mass: least detected mass [kg].
+        directions: uncertain directions of p without friction, one deviation per column.
+        followed: indices in p of the followed friction.
+        friction_std: standard deviation of each.
         noise: of one cycle's torque, drive by drive.
-        unmodelled: torques that the model has not, drive by drive, and
-        unmodelled_slow: further ones of drives that are slow, that is near or below
-        slow_speed: of each drive [rad/s or m/s].
+        unmodelled: unmodelled torques, drive by drive.
+        unmodelled_slow: additional ones of slow drives.
+        slow_speed: below which a drive is slow [rad/s or m/s].
         largest: torque along a typical motion, drive by drive.
     """
 
@@ -168,13 +167,13 @@ class OnlineKnowledge:
 
 
 def knowledge(model: Model, settings: OnlineSettings) -> OnlineKnowledge:
-    """What is known of a model.
+    """Uncertainty of a model.
 
     Raises:
         DescriptionError: no such body to carry a load.
         DeltaidError: noise is not given for each drive.
     """
-    dynamics, layout, found = model.dynamics, model.layout, model.identified
+    dynamics, layout, identified = model.dynamics, model.layout, model.identified
     entries, root = load_entries(dynamics, settings.body), _root(model)
     motion = random_motion(dynamics.kinematics, np.random.default_rng(0), period=_PERIOD)
     pose = motion.evaluate(np.linspace(0, _PERIOD, _SAMPLES, endpoint=False))
@@ -182,9 +181,9 @@ def knowledge(model: Model, settings: OnlineSettings) -> OnlineKnowledge:
     Y = dynamics.regressor(q, qd, qdd, np.zeros_like(q))
     largest = np.abs(Y @ model.p).max(axis=0)
     noise, unmodelled = largest * _NOISE, largest * _UNMODELLED
-    if found is not None:
-        noise = np.array(found.fit.rms_unfiltered) * model.gains
-        unmodelled = _OF_FIT * np.array(found.fit.rms) * model.gains
+    if identified is not None:
+        noise = np.array(identified.fit.rms_unfiltered) * model.gains
+        unmodelled = _OF_FIT * np.array(identified.fit.rms) * model.gains
     noise = _each(settings.noise, "noise", model, noise)
     unmodelled = _each(settings.unmodelled, "unmodelled", model, unmodelled)
     followed = tuple(
@@ -201,7 +200,7 @@ def knowledge(model: Model, settings: OnlineSettings) -> OnlineKnowledge:
     seen = (Y @ rest) / noise[:, None] / np.sqrt(_SAMPLES)
     _, sizes, V = np.linalg.svd(seen.reshape(-1, rest.shape[1]), full_matrices=False)
     count = min(_DIRECTIONS, int(np.sum(sizes > _SMALLEST)))
-    left_out = np.sqrt(np.mean(np.sum((Y @ (rest @ V[count:].T)) ** 2, axis=2), axis=0))
+    dropped = np.sqrt(np.mean(np.sum((Y @ (rest @ V[count:].T)) ** 2, axis=2), axis=0))
     mass = settings.largest_mass or _LOAD_SHARE * float(model.body(entries.body)[0])
     tare = np.zeros((len(model.p), 1))
     tare[layout.body(entries.body).start] = _TARE * mass
@@ -213,7 +212,7 @@ def knowledge(model: Model, settings: OnlineSettings) -> OnlineKnowledge:
         followed=followed,
         friction_std=tuple(std.tolist()),
         noise=noise,
-        unmodelled=unmodelled if settings.unmodelled else np.hypot(unmodelled, left_out),
+        unmodelled=unmodelled if settings.unmodelled else np.hypot(unmodelled, dropped),
         unmodelled_slow=np.maximum(_OF_FRICTION * _dry(model), 1e-9),
         slow_speed=_SLOW * np.abs(qd).max(axis=0),
         largest=largest,
@@ -221,20 +220,20 @@ def knowledge(model: Model, settings: OnlineSettings) -> OnlineKnowledge:
 
 
 def _dry(model: Model) -> Float[np.ndarray, " drives"]:
-    found = dict.fromkeys(model.robot.drives, 0.0)
+    friction = dict.fromkeys(model.robot.drives, 0.0)
     for k, term in enumerate(model.robot.friction_terms, start=model.layout.friction.start):
-        if term.joint in found and not term.continuous and not term.of_load:
-            found[term.joint] += abs(float(model.p[k]))
-    return np.array([*found.values()])
+        if term.joint in friction and not term.continuous and not term.of_load:
+            friction[term.joint] += abs(float(model.p[k]))
+    return np.array([*friction.values()])
 
 
 def _each(
     given: tuple[float, ...] | None, name: str, model: Model, else_: Float[np.ndarray, " drives"]
 ) -> Float[np.ndarray, " drives"]:
-    """What was given for each drive, or what holds else.
+    """Given numbers of all drives, or default ones.
 
     Raises:
-        DeltaidError: it has another number than there are drives.
+        DeltaidError: there is not one for each drive.
     """
     if given is None:
         return np.maximum(else_, 1e-9)
@@ -248,12 +247,12 @@ def _each(
 
 
 def _root(model: Model) -> Float[np.ndarray, "parameters n"]:
-    """R with p's covariance R Rᵀ: of the posterior, else of the priors, each by itself."""
-    found, spreads = model.identified, stated_spreads(model.robot)
-    if found is not None and found.posterior is not None:
-        posterior = density(found, model.source)
+    """R with p's covariance R Rᵀ, of the posterior or else of independent intervals or priors."""
+    identified, spreads = model.identified, stated_spreads(model.robot)
+    if identified is not None and identified.posterior is not None:
+        posterior = density(identified, model.source)
         return posterior.reduction.A @ posterior.root
-    if found is not None:
-        return np.diag([parameter.std for parameter in found.parameters])
+    if identified is not None:
+        return np.diag([parameter.std for parameter in identified.parameters])
     parameters = model.layout.parameters
     return np.diag([spreads.get(x.name, model.prior_spread) * x.scale for x in parameters])

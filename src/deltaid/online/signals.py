@@ -1,4 +1,4 @@
-"""What a cycle reads of a robot: residual torque and the columns that may explain it, filtered."""
+"""Filtered signals of a cycle: the residual torque and the columns that may explain it."""
 
 from dataclasses import dataclass
 
@@ -12,38 +12,37 @@ from deltaid.online.instant import even_rows, inputs_of, instant, line, pose, wa
 from deltaid.online.momentum import Lowpass, Momentum, build_momentum
 from deltaid.online.settings import OnlineKnowledge, OnlineSettings
 
-# How long filters remember what they began with, in their time constants.
+# Time constants after which filters have forgotten their initial state.
 _SETTLED = 3.0
-# Friction by what gears carry that a model may lack, as a share of that.
+# Unmodelled load friction, as a share of the gears' load.
 _CARRIED = 0.03
 
 
 @dataclass(frozen=True, eq=False)
 class Signals:
-    """One cycle, before anything is estimated.
+    """Signals of one cycle, before the estimates.
 
     Attributes:
-        inputs, u: what is read, and its symbols.
-        good: 1 where it can be used and the loops close.
-        live: 1 where this cycle is good and those before were, so that filters have a past, and
-        settled: for so long that they have forgotten what they began with.
-        calm: 1 where no row that was skipped is in what this cycle uses.
-        bridged: noise of speeds by rows that were skipped.
+        inputs, u: layout and symbols of the inputs.
+        good: 1 where they can be used and the loops close.
+        live: 1 where this cycle and those before are good, so that filters have a history.
+        settled: 1 where filters have forgotten their initial state.
+        calm: 1 where this cycle uses no skipped row.
+        bridged: noise of speeds by skipped rows.
         z, qd: pose and speeds.
-        gripper: what it told at that time.
-        torque: filtered torque, as measured.
-        residual: ρ, filtered torque that the model without any load does not explain.
-        columns: filtered torques of a load's entries, of the model's own directions and of the
-            followed friction, for one unit of each (`OnlineKnowledge`); δ × n.
-        smooth_residual, smooth_columns: both through the same filter once more. Noise of speeds, of
-            which ρ and columns have the same and which would make loads look lighter, falls there
-            with the frequency.
-        at_load, at_directions, at_friction, at_lacked: where they stand among the columns.
-        dry: filtered size of the torque that no speed determines, friction near rest and torques
-            at their limits; δ.
-        at_rest: size of it while a drive rests, as long as `smooth_residual` remembers it.
+        gripper: its signal at that time.
+        torque: filtered measured torque.
+        residual: ρ, filtered torque beyond the model without a load.
+        columns: filtered torques of a load's entries, of uncertain directions and of the followed
+            friction, for one unit of each (`OnlineKnowledge`); δ × n.
+        smooth_residual, smooth_columns: both through the same filter again. ρ and columns share the
+            noise of speeds, which would make loads look lighter; the second filter attenuates it.
+        at_load, at_directions, at_friction, at_lacked: slices of the columns.
+        dry: filtered size of torques that speeds do not determine, of friction near rest and of
+            saturated torques; δ.
+        at_rest: its size while a drive rests, as long as `smooth_residual` remembers it.
         slow: filtered 1 / (1 + (q̇/v)²), drive by drive: near 1 where a drive is slow.
-        momentum: the equations behind it.
+        momentum: the underlying equations.
     """
 
     inputs: Layout
@@ -81,12 +80,12 @@ def signals(
     """The first part of a cycle.
 
     Args:
-        anew: 1 where filters begin anew behind this cycle; a symbol to be replaced.
+        anew: 1 where filters begin anew after this cycle; a symbol to be replaced.
     """
     dof, mechanism = model.dynamics.dof, model.dynamics.kinematics.mechanism
     inputs, wait, home = inputs_of(model, settings), waits(model, settings), model.home
     u = inputs.symbols("in")
-    # good cycles in a row from which a cycle is of one instant, and filters forget their start
+    # Good cycles in a row until inputs are of one instant, and until filters forget their start.
     needed = wait.cycles + (1 if settings.speed == "measured" else 2)
     finite, most = (
         all_finite(inputs.vector(u)),
@@ -101,7 +100,7 @@ def signals(
     waited = line(fields, inputs, row, wait.of_inputs(inputs), count > 0, finite)
     q, qd, tau = instant(fields, waited, count > 0, ca.SX(model.gains), settings)
     z, closed = pose(mechanism, near, q)
-    # Where loops do not close yet the pose goes on from where it came, or from home.
+    # Until loops close, Newton's method continues from its last pose, or from home.
     begun = chosen(all_finite(z), z, ca.SX(home))
     fields.following["z"], fields.spoilt["z"] = z, chosen(finite, begun, near)
     momentum, D = _columns(model, known, settings)
@@ -112,8 +111,8 @@ def signals(
         [momentum.H @ D, momentum.W @ D, ca.substitute(momentum.dry, momentum.p, ca.SX(model.p))],
     )
     parts = along(z, qd, load)
-    # Friction that many gears have and few models: more of it at low speed, and with what gears
-    # carry; each the same share of all drives.
+    # Friction of many gears that few models have: more at low speed, and with the gears' load; each
+    # the same share of all drives.
     slow = (qd / ca.SX(known.slow_speed)) ** 2
     sign = qd / ca.sqrt(qd * qd + settings.rest_speed**2)
     falling = known.unmodelled_slow * sign * ca.exp(-slow)
@@ -130,7 +129,7 @@ def signals(
     of_torque = Lowpass.held(settings.corner, settings.period) if holds else lines
 
     def filtered(name: str, x: ca.SX, resting: ca.SX, lowpass: Lowpass = lines) -> ca.SX:
-        """x through a filter; `resting` is kept where that begins anew."""
+        """x through a filter; `resting` is its state where it begins anew."""
         shape = x.sparsity()
         (before,) = fields.keep(Field(name, shape.nnz(), f"filter of {name}"))
         y = lowpass.output(ca.SX(shape, before), x)
@@ -147,7 +146,7 @@ def signals(
     columns = of_momentum - filtered("columns", x, lines.keep(of_momentum, x))
     both = only_if(live, ca.horzcat(torque - columns[:, 0], columns[:, 1:]))
     smooth, beyond = filtered("smooth", both, ca.SX(*both.shape)), _beyond(model, tau, settings)
-    # (1 - sign²)² of friction: a drive that moves slowly has a direction.
+    # (1 − sign²)² of friction: a slowly moving drive has a direction.
     at_stand = only_if(good, along(z, ca.SX.zeros(dof), load)[2])
     rest, dry = dry * dry / (at_stand + 1e-12) + beyond, dry + beyond
     dry, rest = steady("dry", dry), steady("rest", rest)
@@ -186,7 +185,7 @@ def signals(
 def _columns(
     model: Model, known: OnlineKnowledge, settings: OnlineSettings
 ) -> tuple[Momentum, ca.DM]:
-    """The equations, and directions of p: the model's own, a load, its errors, friction."""
+    """The equations, and directions of p: the model, a load, its errors, friction."""
     rest, unit = (
         dict.fromkeys(model.robot.friction_joints, settings.rest_speed),
         np.eye(model.p.size),
@@ -199,7 +198,7 @@ def _columns(
 
 
 def _carried(model: Model, qd: ca.SX, tau: ca.SX) -> ca.SX:
-    """What gears carry, x, from torques: τ = x + f + μ sign(q̇) |x|, without the rotors' share."""
+    """Load x of the gears from torques, τ = x + f + μ sign(q̇) |x|, without the rotors' share."""
     robot, none, x, share = model.robot, ca.SX(0), ca.SX(tau), ca.SX.zeros(tau.numel())
     for k, column in enumerate(joint_columns(robot), start=model.layout.coefficients.start):
         if column.joint in robot.drives and column.parameter.kind == "friction":
@@ -213,12 +212,12 @@ def _carried(model: Model, qd: ca.SX, tau: ca.SX) -> ca.SX:
 
 
 def _beyond(model: Model, tau: ca.SX, settings: OnlineSettings) -> ca.SX:
-    """Size of torques at their limits, or at the end of their channel, where a report may not be
-    what acts."""
+    """Size of torques at their limits or at the end of their channel, which may not be the real
+    ones."""
     limits = [model.robot.limits_of(drive).effort or np.inf for drive in model.robot.drives]
     ends = np.abs(model.gains) * np.array(settings.torque_ends or [np.inf] * len(limits))
-    found = ca.SX.zeros(tau.numel())
+    size = ca.SX.zeros(tau.numel())
     for i, end in enumerate(np.minimum(ends, limits).tolist()):
         if np.isfinite(end):
-            found[i] = end * (ca.fabs(tau[i]) >= 0.999 * end)
-    return found
+            size[i] = end * (ca.fabs(tau[i]) >= 0.999 * end)
+    return size

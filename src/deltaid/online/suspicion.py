@@ -1,19 +1,18 @@
-"""What of a run speaks against model, recording or gripper's signal: sums over cycles.
+"""Evidence of a run against model, recording or gripper's signal, as sums over cycles.
 
-While nothing is held, the model's filtered torque and the measured one τ are the same but for what
-the model has not. With m what bodies take of it and f the drives' friction, which may change,
-τ = g m + h f has g = 1, drive by drive. Stretches of a second are summed up, and how they scatter
-says how sure g is.
+While nothing is held, filtered model torques and measured torques τ agree up to unmodelled torques.
+With m the part of the bodies and f the drives' friction, which may change, τ = g m + h f has g = 1
+for each drive. The scatter between stretches of a second gives the uncertainty of g.
 
-By how much a gripper's signal comes before or after the load that it tells of: about a signal at θ
-the residual ρ of the empty model is m ψ as long as the load is held, ψ what a kilogram takes of the
-filtered torques. For a load that is taken at θ + d, m free, this explains
+Offset d of a gripper's signal against the load: near a signal at θ the residual ρ of the empty
+model is m ψ while the load is held, with ψ the filtered torque of a kilogram. For a load that is
+taken at θ + d, with a free mass, this explains
 
-    G(d) = (Σ ρᵀWψ)² / Σ ψᵀWψ,    sums over all cycles after θ + d about the signal,
+    G(d) = (Σ ρᵀWψ)² / Σ ψᵀWψ,    sums over all cycles after θ + d near the signal,
 
-of ρ's squares; for one that is left, over those before. W weighs by what the model may lack, a
-tenth of a second as one measurement, so that G is twice the logarithm of a likelihood. Signals of
-one kind are summed up: the largest G says d, and how far it stands above G(0), how surely.
+of ρ's squares; for a released load, over those before. W weights by the unmodelled torque, a tenth
+of a second as one measurement, so G is twice a log likelihood. Signals of one kind are summed: the
+largest G gives d, and its difference to G(0) the evidence.
 """
 
 from dataclasses import dataclass
@@ -24,32 +23,31 @@ from jaxtyping import Float
 
 from deltaid.online.cycle import Cycle
 from deltaid.online.instant import EMPTY, HOLDS
+from deltaid.online.kalman import UNMODELLED
 from deltaid.online.online import OnlineEstimate
 from deltaid.online.replay import Cycles
 
-# Around a signal, and the grid of what it may be off by [s].
+# Time about a signal, and grid of its offset [s].
 _AROUND, _STEP = 0.25, 0.005
-# Over which torques that the model has not are one measurement [s].
-_ONE = 0.1
-# The most that one signal counts, what counts as something, how many must, which share of all, and
-# what all must say.
+# Largest contribution of one signal, least one that counts, number and share of signals that must
+# count, and least sum of all.
 _MOST, _SOME, _FEWEST, _SHARE, _SURE = 12.0, 2.0, 2, 0.2, 20.0
-# What is less likely than the likeliest by no more than this may be as well.
+# Offsets within this of the largest G are possible too.
 _NEARLY = 2.0
-# Filters show a load so much later [s].
+# Delay of the filters [s].
 _FILTERED = 0.005
 _GRID = _STEP * np.arange(-round(0.2 / _STEP), round(0.2 / _STEP) + 1)
 
 
 @dataclass(frozen=True)
 class Offset:
-    """How early signals of one kind come.
+    """Lead of signals of one kind.
 
     Attributes:
-        low, high: how much later than the signal the load is held, or left [s]: while a robot
-            rests, friction hides when. Both 0 if nothing shows.
-        signals: how many there are.
-        saying: how many of them say so.
+        low, high: time from the signal until the load is held, or released [s], as a range: while a
+            robot rests, friction hides it. Both 0 if undetermined.
+        signals: number of signals.
+        saying: number of signals that support it.
     """
 
     low: float
@@ -59,7 +57,7 @@ class Offset:
 
 
 class GripTiming:
-    """Running sums; `add` consecutive cycles, `broken` at holes, then read `offset`.
+    """Running sums: `add` consecutive cycles, call `broken` at gaps, then read `offset`.
 
     Args:
         period: of a cycle [s].
@@ -70,8 +68,8 @@ class GripTiming:
         self._better: dict[bool, list[np.ndarray]] = {True: [], False: []}
 
     def broken(self) -> None:
-        """A hole: what is before it says nothing of what follows."""
-        self._look(last=True)
+        """End a stretch at a gap."""
+        self._evaluate(last=True)
         self._rows, self._next = np.zeros((0, 3)), 0
 
     def add(
@@ -81,28 +79,30 @@ class GripTiming:
         lifted: Float[np.ndarray, "rows drives"],
         lacking: Float[np.ndarray, "rows drives"],
     ) -> None:
-        """Take some more cycles.
+        """Add consecutive cycles.
 
         Args:
-            told: what the gripper says.
+            told: the gripper's signal.
             residual: ρ.
             lifted: ψ.
-            lacking: what the model may lack, friction that no speed tells included.
+            lacking: size of unmodelled torques, undetermined friction included.
         """
-        W = self._period / _ONE / lacking**2
+        # Torques with the memory T are independent after 2 T.
+        W = self._period / (2 * UNMODELLED) / lacking**2
         rows = np.column_stack([told, (residual * W * lifted).sum(1), (W * lifted**2).sum(1)])
         self._rows = np.concatenate([self._rows, rows])
-        self._look(last=False)
+        self._evaluate(last=False)
 
-    def _look(self, *, last: bool) -> None:
+    def _evaluate(self, *, last: bool) -> None:
         around, rows = round(_AROUND / self._period), self._rows
         changes = (1 + np.flatnonzero(np.diff(rows[:, 0]))).tolist()
-        for start, at, end in zip([0, *changes], changes, [*changes[1:], len(rows)], strict=False):
-            if at < self._next or (not last and at + 2 * around > len(rows)):
+        ends = [*changes[1:], len(rows)]
+        for start, change, end in zip([0, *changes], changes, ends, strict=False):
+            if change < self._next or (not last and change + 2 * around > len(rows)):
                 continue
-            before, after = (min(around, span // 2) for span in (at - start, end - at))
-            taken = bool(rows[at, 0] > rows[at - 1, 0])
-            near = rows[at - before : at + after, 1:]
+            before, after = (min(around, span // 2) for span in (change - start, end - change))
+            taken = bool(rows[change, 0] > rows[change - 1, 0])
+            near = rows[change - before : change + after, 1:]
             both, power = np.cumsum(near[::-1] if taken else near, axis=0).T
             G = np.concatenate([[0.0], both**2 / (power + 1e-12)])
             offsets = before + np.round(_GRID / self._period).astype(int)
@@ -110,12 +110,12 @@ class GripTiming:
             explained = G[len(near) - places if taken else places]
             better = explained[:-1] - explained[-1]  # G(d) − G(0)
             self._better[taken].append(better * min(1.0, _MOST / max(float(better.max()), 1e-12)))
-            self._next = at + 1
+            self._next = change + 1
         cut = max(0, len(rows) - 4 * around)
         self._rows, self._next = rows[cut:], max(self._next - cut, 0)
 
     def offset(self, *, taken: bool) -> Offset:
-        """Of signals that something is held from now on, or no longer."""
+        """Offset of signals of a load that is taken, or released."""
         better = np.array(self._better[taken] or np.zeros((0, len(_GRID))))
         total = better.sum(axis=0)
         likely = np.flatnonzero(total > total.max() - _NEARLY)
@@ -126,12 +126,12 @@ class GripTiming:
         return Offset(float(low), float(high), len(better), saying)
 
 
-# No gain is known better than by so much, and filters remember a torque for so long [s].
+# Least deviation of a gain, and memory of the filters [s].
 _KNOWN, _REMEMBERED = 0.004, 0.05
 
 
 def measured_of(cycle: Cycle) -> None:
-    """The part of a cycle that gives filtered torques: measured, of friction, and of a load."""
+    """The part of a cycle that outputs filtered torques: measured, of friction, and of a load."""
     s, known = cycle.signals, cycle.known
     share = cycle.model.p[list(known.followed)] / np.array(known.friction_std)
     rubs = s.columns[:, s.at_friction] @ ca.DM(share)
@@ -147,16 +147,16 @@ def measured_of(cycle: Cycle) -> None:
 
 @dataclass(frozen=True, eq=False)
 class RunEvidence:
-    """What speaks against a whole run.
+    """Evidence of a whole run.
 
     Attributes:
-        gain: measured torque of each drive in units of the model's, with its
-        deviation: standard deviations; NaN where nothing was empty.
+        gain: measured torque of each drive over the model's; NaN if the robot was never empty.
+        deviation: standard deviation of it.
         touched, untouched: seconds with and without a contact.
-        touched_empty, empty: seconds with a contact, and all, while the gripper told of nothing.
-        told: what the gripper ever told.
-        taken, left: by how much signals of the gripper come before the load.
-        stuck: for how long each drive's torque stayed the same at most while it moved [s], and
+        touched_empty, empty: seconds with a contact, and all, while the gripper signalled empty.
+        told: all values of the gripper's signal.
+        taken, left: lead of the gripper's signals when loads are taken and released.
+        stuck: longest time of a constant torque of each moving drive [s].
         stuck_at: when that began [s].
     """
 
@@ -174,18 +174,18 @@ class RunEvidence:
 
     @property
     def common(self) -> tuple[float, float]:
-        """What all drives' torques are of the model's, and its deviation; NaN where unknown."""
+        """Common gain of all drives, and its deviation; NaN where unknown."""
         weight = 1 / np.maximum(self.deviation, _KNOWN) ** 2
         return float(self.gain @ weight / weight.sum()), float(1 / np.sqrt(weight.sum()))
 
 
 class Suspicion:
-    """Running sums; `add` consecutive cycles, then read `seen`.
+    """Running sums: `add` consecutive cycles, then read `seen`.
 
     Args:
         period: of a cycle [s].
-        ends: of each drive's torque channel [N m or N], as it reports.
-        lacking: what the model may lack of each drive's torque [N m or N].
+        ends: of each drive's torque channel, as reported [N m or N].
+        lacking: size of each drive's unmodelled torque [N m or N].
     """
 
     def __init__(
@@ -197,7 +197,7 @@ class Suspicion:
         self._stuck, self._stuck_at = np.zeros((2, len(ends)))
 
     def add(self, rows: Cycles, found: OnlineEstimate) -> None:
-        """Take some more cycles."""
+        """Add consecutive cycles."""
         out = found.outputs
         if rows.begins:
             self._timing.broken()
@@ -219,11 +219,11 @@ class Suspicion:
         products = np.einsum("tdi,tdj->tdij", columns, columns)
         starts = np.arange(0, len(products), max(1, round(1 / self._period)))
         self._sums.append(np.add.reduceat(products, starts, axis=0))
-        self._look_for_stuck(rows)
+        self._find_stuck(rows)
 
-    def _look_for_stuck(self, rows: Cycles) -> None:
-        """The longest time for which a torque is the same, no end of its channel, while its drive
-        moves in every cycle."""
+    def _find_stuck(self, rows: Cycles) -> None:
+        """The longest time of a constant, unsaturated torque while its drive moves in every
+        cycle."""
         within = np.abs(rows.tau[1:]) < 0.999 * self._ends
         same = (np.diff(rows.tau, axis=0) == 0) & (np.diff(rows.q, axis=0) != 0) & within
         for i, drive in enumerate(same.T):
@@ -235,7 +235,7 @@ class Suspicion:
 
     @property
     def seen(self) -> RunEvidence:
-        """All that was summed up."""
+        """Evidence of all cycles."""
         self._timing.broken()
         taken, left = (self._timing.offset(taken=kind) for kind in (True, False))
         gain, deviation = _gain(np.concatenate(self._sums))
@@ -249,7 +249,7 @@ class Suspicion:
 def _gain(
     parts: Float[np.ndarray, "parts drives 4 4"],
 ) -> tuple[Float[np.ndarray, " drives"], Float[np.ndarray, " drives"]]:
-    """g of each drive, and how sure it is by what each part says; NaN where nothing shows it."""
+    """g of each drive and its deviation from the scatter of parts; NaN where undetermined."""
     A, b, total = parts[..., :3, :3], parts[..., :3, 3], parts[..., :3, :3].sum(axis=0)
     size = np.sqrt(np.einsum("dii->di", total))
     if not (size > 0).all():

@@ -1,4 +1,4 @@
-"""A recording run through cycle by cycle, and what came of it."""
+"""Run a recording through online estimation, cycle by cycle."""
 
 import time
 from collections.abc import Callable
@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 import polars as pl
 from jaxtyping import Float
+from scipy import constants
 
 from deltaid.errors import DescriptionError, Doubt
 from deltaid.model.model import Model
@@ -20,19 +21,17 @@ from deltaid.online.settings import OnlineSettings
 from deltaid.online.suspicion import Suspicion, measured_of
 from deltaid.robot.description import RobotDescription
 
-# What a mass weighs [m/s²].
-_GRAVITY = 9.81
-# Rows of a series at most.
+# Largest number of rows of a series.
 _SERIES = 200_000
 
 
 @dataclass(frozen=True)
 class FollowedFriction:
-    """A coefficient of friction that was followed.
+    """A followed coefficient of friction.
 
     Attributes:
         name: of the parameter.
-        before: in the model.
+        before: value in the model.
         value, std: at the end of the recording.
     """
 
@@ -45,26 +44,26 @@ class FollowedFriction:
 
 @dataclass(frozen=True, eq=False)
 class Watched:
-    """A recording that was run through, cycle by cycle.
+    """Results of a recording that was run through online estimation.
 
     Attributes:
         robot: its description.
         log: name of the recording.
-        cycles: how many, of them
-        bad: that could not be used.
-        rate: [Hz].
-        told: whether a gripper's signal said when something is held.
-        false_alarms: accepted in an hour.
-        loads, touches, friction: what was found.
-        best, worst: smallest force on the platform that is told in 95 % of cases [N], the median
-            over all cycles, along the best and along the worst direction; None without any cycle.
-        seconds: processor time of a cycle, as run here [s].
-        series: one row a cycle, or every so many cycles of a long recording: t [s]; held, whether
-            something is; mass, mass_low, mass_high of it [kg], 0 where nothing is; contact_size of
-            the residual, in thresholds, the largest since the row before; contact_limb as the cycle
-            gives it; force_… on the platform, while it is pushed [N]; effort… from outside, on each
-            drive [N m or N]; least_force_best and least_force_worst that is told [N].
-        doubts: what speaks against it, one cause each.
+        cycles: number of cycles.
+        bad: number of cycles that were not used.
+        rate: of cycles [Hz].
+        told: whether there is a gripper's signal.
+        false_alarms: accepted rate [1/h].
+        loads, touches, friction: detected loads and contacts, followed friction.
+        best, worst: smallest force on the platform that is detected in 95 % of cases [N], the
+            median over all cycles, along the best and the worst direction; None without any cycle.
+        seconds: processor time per cycle [s].
+        series: one row per cycle, or per several cycles of a long recording: t [s]; held; mass,
+            mass_low, mass_high [kg], 0 where nothing is held; contact_size of the residual, in
+            thresholds, the largest since the previous row; contact_limb; force_… on the platform
+            while it is pushed [N]; effort…, external torque on each drive [N m or N];
+            least_force_best and least_force_worst that are detected [N].
+        doubts: about the results, one cause each.
     """
 
     robot: RobotDescription
@@ -90,14 +89,14 @@ def watch(
     settings: OnlineSettings,
     progress: Callable[[str], None] = lambda _: None,
 ) -> Watched:
-    """Run a recording through.
+    """Run a recording through online estimation.
 
     Args:
-        settings: those of rate and noise of speeds follow from the recording, and lags where they
-            are left open.
+        settings: rate and noise of speeds follow from the recording, and lags unless they are
+            given.
 
     Raises:
-        DescriptionError: the model has no intervals, so nothing says what is a contact.
+        DescriptionError: the model has no intervals, which contact detection needs.
         DeltaidError: settings and robot do not fit each other.
     """
     if model.identified is None:
@@ -127,12 +126,12 @@ def watch(
         seconds += time.process_time() - begin
         cycles += len(rows.time)
         bad += int(np.sum(~found.good))
-        at = rows.time - late
-        events = np.maximum(at, rows.time[0]) if rows.begins else at  # what was held before
+        time_ = rows.time - late
+        events = np.maximum(time_, rows.time[0]) if rows.begins else time_  # loads held before
         for part in (loads, touches):
             part.add(events, found)
         suspicion.add(rows, found)
-        parts.append(_thinned(online, at, found, every, told))
+        parts.append(_thinned(online, time_, found, every, told))
     progress("judging what speaks against it")
     series, held, pushes = pl.concat(parts), loads.finished(), touches.finished()
     best, worst = series.select("least_force_best", "least_force_worst").to_numpy().T
@@ -157,21 +156,21 @@ def watch(
 
 
 def _thinned(
-    online: Online, at: Float[np.ndarray, " rows"], found: OnlineEstimate, every: int, told: bool
+    online: Online, time: Float[np.ndarray, " rows"], found: OnlineEstimate, every: int, told: bool
 ) -> pl.DataFrame:
-    """Every so-manieth cycle; of the residual the one of largest size since."""
-    out, size = found.outputs, found.outputs["contact_size"][:, 0]
-    ends = np.minimum(np.arange(every - 1, max(len(at), every), every), len(at) - 1)
+    """Every n-th cycle; contacts are those of the largest residual since the previous row."""
+    out, size, count = found.outputs, found.outputs["contact_size"][:, 0], len(time)
+    ends = np.minimum(np.arange(every - 1, max(count, every), every), count - 1)
     spans = zip([0, *(ends[:-1] + 1)], ends, strict=True)
     peak = np.array([a + size[a : b + 1].argmax() for a, b in spans])
     force, interval = out["contact_force"][peak], found.mass_interval[ends]
     A = out["contact_information"][ends].reshape(len(ends), *2 * force.shape[1:])
     settings, dof = online.settings, found.residual.shape[1]
     best, worst = least_force(A, threshold(settings.false_alarms, settings.corner, dof))
-    if not told:  # straight up or down, a load may hide its weight of a push
-        worst = worst + _GRAVITY * online.known.load_scales[0]
+    if not told:  # an unsignalled load may hide a vertical push of its weight
+        worst = worst + constants.g * online.known.load_scales[0]
     columns = {
-        "t": at[ends],
+        "t": time[ends],
         "held": found.held[ends].astype(float),
         "mass": found.mass[ends],
         "mass_low": interval[:, 0],
@@ -188,11 +187,11 @@ def _thinned(
 def _friction(online: Online) -> tuple[FollowedFriction, ...]:
     known, layout, state = online.known, online.model.layout, online.graph.state.split(online.state)
     n, first = state["x"].size, len(known.entries.shown) + known.directions.shape[1]
-    rows, columns = np.triu_indices(n)  # of the upper triangle are columns of the lower one
+    rows, columns = np.triu_indices(n)  # rows of the upper triangle are columns of the lower one
     deviations = np.sqrt(np.maximum(state["P"][rows == columns], 0.0))
-    found = []
+    followed = []
     for i, (k, std) in enumerate(zip(known.followed, known.friction_std, strict=True), first):
         before, name, unit = float(online.model.p[k]), layout.names[k], layout.units[k]
         value = before + std * float(state["x"][i])
-        found.append(FollowedFriction(name, unit, before, value, std * float(deviations[i])))
-    return tuple(found)
+        followed.append(FollowedFriction(name, unit, before, value, std * float(deviations[i])))
+    return tuple(followed)
