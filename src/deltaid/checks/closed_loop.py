@@ -10,24 +10,21 @@ small, and inertia absorbs the difference.
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from itertools import islice
 
 import numpy as np
 from jaxtyping import Float
 from scipy.special import ndtr
 from threadpoolctl import threadpool_limits
 
-from deltaid.checks.evidence import Evidence, RawRows
-from deltaid.checks.proposals import CHANCE
+from deltaid.checks.evidence import CHANCE, Evidence, RawRows
 from deltaid.estimation.spectra import segments
 from deltaid.identification.fit import FittedProblem
+from deltaid.identification.study import Study
 from deltaid.model.verdict import Fault, Verdict, graded, percent
 from deltaid.recording.recording import PreparedRecording
 
 # Rows of a segment of the spectra, and least number of segments.
 _LENGTH, _SEGMENTS = 512, 8
-# Windows of the recording whose speeds are evaluated.
-_WINDOWS = 8
 # Band inspected: multiple of the positions' cut-off, and share of the rate.
 _ABOVE, _BELOW = 2.0, 0.4
 # A controller's gain is below this share of M ω².
@@ -59,10 +56,10 @@ class Shake:
 @threadpool_limits.wrap(limits=1, user_api="blas")  # for small matrices, threads only wait
 def checked_feedback(evidence: Evidence) -> Iterator[Verdict]:
     """Verdict on encoder noise that a controller feeds back to the drives; none if undetectable."""
-    recording, fitted = evidence.surveyed, evidence.fitted
-    if recording is None or not isinstance(fitted, FittedProblem):
+    recording, fitted, study = evidence.surveyed, evidence.fitted, evidence.study
+    if recording is None or study is None or not isinstance(fitted, FittedProblem):
         return
-    shake = shaken(evidence.rows, recording, fitted)
+    shake = shaken(evidence.rows, recording, fitted, study)
     if shake is None or not shake.speed.any():
         return
     worst = int(np.argmax(shake.reversed))
@@ -76,7 +73,9 @@ def checked_feedback(evidence: Evidence) -> Iterator[Verdict]:
     yield _FEEDBACK.judged(graded(share, _DOUBTFUL, _WRONG), text, drive, number)
 
 
-def shaken(rows: RawRows, recording: PreparedRecording, fitted: FittedProblem) -> Shake | None:
+def shaken(
+    rows: RawRows, recording: PreparedRecording, fitted: FittedProblem, study: Study
+) -> Shake | None:
     """Speeds and torques by fed-back noise; None with too few rows or too low a rate."""
     rate, dynamics = 1.0 / rows.step, fitted.dynamics
     if len(rows.q) - 2 < _SEGMENTS * _LENGTH:
@@ -100,9 +99,9 @@ def shaken(rows: RawRows, recording: PreparedRecording, fitted: FittedProblem) -
     # γ² of independent noise is exponential with the mean 1/K for K segments.
     torque = np.where(weak & (coherence > -np.log(CHANCE) / len(q)), coherence * tt, 0.0)
     speed = np.sqrt(frequency[1] * answer**2 @ np.sum(torque / omega**2, axis=1))
-    windows = [w.own for w in islice(recording.windows(dynamics.kinematics), _WINDOWS)]
-    speeds = np.concatenate([w.qd for w in windows])
-    counted = np.concatenate([w.weights for w in windows]) > 0
+    stretches = study.fit.trace.stretches
+    speeds = np.concatenate([stretch.qd for stretch in stretches])
+    counted = np.concatenate([stretch.weights for stretch in stretches]) > 0
     turned = ndtr(-np.abs(speeds) / np.where(speed > 0, speed, np.inf)) * (speed > 0) * counted
     reversed_ = turned.sum(axis=0) / np.maximum(counted.sum(axis=0), 1)
     return Shake(speed, np.sqrt(frequency[1] * torque.sum(axis=1)), reversed_)

@@ -51,6 +51,8 @@ _UNITS = {
 _MOST = 1 << 18
 # Squares of larger numbers' slopes may overflow; a recording is refused for them.
 _OVERFLOWS = np.finfo(float).max ** 0.25
+# Significance level of a test: how often it finds a difference where there is only noise.
+CHANCE = 1e-3
 # A drive rests that moves less than this share of its usual range, or of the others'.
 RESTS = 0.01
 # Correlation with the expected signal below which a column holds another one.

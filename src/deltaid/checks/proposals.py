@@ -21,7 +21,7 @@ from scipy.linalg import solve
 from scipy.special import stdtrit
 from threadpoolctl import threadpool_limits
 
-from deltaid.checks.evidence import Evidence, evidence
+from deltaid.checks.evidence import CHANCE, Evidence, evidence
 from deltaid.checks.verdicts import Verdicts, files_of
 from deltaid.dynamics.parameters import prior_parameters
 from deltaid.effects.compliance import LITTLE
@@ -43,8 +43,6 @@ from deltaid.estimation.traces import Trace
 from deltaid.identification.study import studied_trace
 from deltaid.model.verdict import Grade, Verdict
 
-# Probability that a comparison finds a difference where there is only noise.
-CHANCE = 1e-3
 # Errors whose ratio is nearer to one than this are equal: only the prior changed.
 _SAME = 1e-3
 # Prior deviation of what a column explains, as a share of the torques: for the robot, whose columns

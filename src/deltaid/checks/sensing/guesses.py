@@ -17,8 +17,8 @@ from deltaid.sensors.weighings import roll_pitch_yaw, rotation
 
 Kind = Literal["unit", "sign", "order", "exchanged", "turned", "rotated", "origin"]
 
-# Scales tried, as powers of ten, and how near to one a scale counts as one.
-_POWERS, _NEAR_ONE = np.linspace(-4.5, 4.5, 46), 0.2
+# Scales tried, as powers of ten, and how near to a unit, or to one, a scale counts as that.
+_POWERS, _NEAR = np.linspace(-4.5, 4.5, 46), 0.2
 # Rounds of alternate rotation and fit, and of narrowing a scale down.
 _TURNS, _NARROWER = 6, 24
 # Factor by which a guess with more freedom must leave less.
@@ -39,8 +39,6 @@ _UNITS = {
         "daN*m": 10.0,
     },
 }  # fmt: skip
-# A factor names a unit where it is nearer than the combined errors of torque constants and sensors.
-_ALIKE = 0.15
 # Axes turned by less [rad], and an origin that is nearer [m], are doubtful instead of wrong.
 _SLIGHTLY, _NEARBY = 0.09, 0.02
 _AXES = "xyz"
@@ -119,7 +117,7 @@ def _gain(misfit: Misfit, group: list[int]) -> float:
         a, b = high - 0.618 * (high - low), low + 0.618 * (high - low)
         low, high = (low, b) if misfit_of(a, sign) < misfit_of(b, sign) else (a, high)
     gain = sign * 10.0 ** (0.5 * (low + high))
-    return sign if abs(abs(gain) - 1) < _NEAR_ONE else float(gain)
+    return sign if abs(abs(gain) - 1) < _NEAR else float(gain)
 
 
 def _orders() -> list[tuple[int, ...]]:
@@ -202,7 +200,7 @@ def _of_gains(guess: Guess, misfit: Misfit, off: str) -> Verdict:
 def _unit(factor: float, target: str) -> str:
     target = "N" if target == "N" else "N*m"
     name = min(_UNITS[target], key=lambda unit: abs(np.log(_UNITS[target][unit] / factor)))
-    return name if abs(_UNITS[target][name] / factor - 1) < _ALIKE else f"{factor:.3g} {target}"
+    return name if abs(_UNITS[target][name] / factor - 1) < _NEAR else f"{factor:.3g} {target}"
 
 
 def _of_order(guess: Guess, misfit: Misfit, off: str) -> Verdict:
