@@ -18,13 +18,9 @@ from deltaid.dynamics.dynamics import Dynamics
 from deltaid.dynamics.parameters import ParameterLayout
 from deltaid.estimation.problem import DEPENDENT
 from deltaid.mechanism.platform import with_turned_half
-from deltaid.sensors.planning.exchange import Exchange, eliminate, exchanges, instances
+from deltaid.sensors.planning.exchange import ZERO, Exchange, eliminate, exchanges, instances
 from deltaid.sensors.planning.rows import Extended, PlannedMotion
 from deltaid.sensors.planning.uses import Use
-
-# Share of a unit direction that is zero. Shared points are known to 1e-8, the weakest parameters of
-# the shipped robots show by 1e-3 of the largest.
-_NEGLIGIBLE = 1e-6
 
 Direction = Float[np.ndarray, " parameters"]
 
@@ -50,8 +46,8 @@ class Open:
             null: its null space; entries that its rows do not depend on may change.
         """
         basis, d = other.basis[null.seen], (self.direction / null.scale)[null.seen]
-        rest = d - basis @ np.linalg.lstsq(basis, d, rcond=_NEGLIGIBLE)[0]
-        return bool(np.linalg.norm(rest) < _NEGLIGIBLE * np.linalg.norm(d))
+        rest = d - basis @ np.linalg.lstsq(basis, d, rcond=ZERO)[0]
+        return bool(np.linalg.norm(rest) < ZERO * np.linalg.norm(d))
 
 
 @dataclass(frozen=True, eq=False)
@@ -95,12 +91,12 @@ def null_space(
     for exchange in (*exchanges, *_together(unit, to_p, seen, exchanges)):
         d = exchange.direction[seen] / to_p
         length = np.linalg.norm(d)
-        if length == 0 or np.linalg.norm(unit @ d) > _NEGLIGIBLE * length:
+        if length == 0 or np.linalg.norm(unit @ d) > ZERO * length:
             continue
         rest = d / length
         for _ in range(2):  # the second pass makes it orthogonal to rounding
             rest = rest - basis @ (basis.T @ rest)
-        if np.linalg.norm(rest) > _NEGLIGIBLE:
+        if np.linalg.norm(rest) > ZERO:
             basis = np.column_stack([basis, rest / np.linalg.norm(rest)])
             chosen.append(_open(exchange.words, exchange.direction, seen, layout))
     named = [free.direction[seen] / to_p for free in chosen]
@@ -126,11 +122,11 @@ def _together(
     for exchange in exchanges:
         d = exchange.direction[seen] / to_p
         length = float(np.linalg.norm(d))
-        if length > 0 and np.linalg.norm(unit @ d) > _NEGLIGIBLE * length:
+        if length > 0 and np.linalg.norm(unit @ d) > ZERO * length:
             open_.append((exchange, unit @ d / length, length))
     for (exchange, a, long), (other, b, wide) in combinations(open_, 2):
         share = float(a @ b) / float(b @ b)
-        if np.linalg.norm(a - share * b) > _NEGLIGIBLE * np.linalg.norm(a):
+        if np.linalg.norm(a - share * b) > ZERO * np.linalg.norm(a):
             continue
         direction = exchange.direction / long - share * other.direction / wide
         yield Exchange(f"{exchange.words} together with: {other.words}", direction)
@@ -141,7 +137,7 @@ def _open(
 ) -> Open:
     d = np.where(seen, direction, 0.0)
     share = np.abs(d) / np.array([parameter.scale for parameter in layout.parameters])
-    names = tuple(layout.names[k] for k in np.flatnonzero(share > _NEGLIGIBLE * share.max()))
+    names = tuple(layout.names[k] for k in np.flatnonzero(share > ZERO * share.max()))
     return Open(words or f"a combination of {', '.join(names)}", names, d)
 
 
