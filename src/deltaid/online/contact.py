@@ -33,14 +33,15 @@ from scipy.stats import chi, chi2, norm
 
 from deltaid.dynamics.task_dynamics import cholesky_solve
 from deltaid.errors import within
+from deltaid.estimation.scatter import NORMAL
 from deltaid.mechanism.rotation import reciprocal
 
 # Largest ratio of static to Coulomb friction.
 _BREAKAWAY = 1.3
 # A contact continues while χ is above this share of the threshold.
 _HOLDS = 0.5
-# Probability of detection of the smallest force.
-_SURE = 0.95
+# Probability of detection of the smallest force: the level of intervals, 95 %.
+_SURE = 2 * norm.cdf(NORMAL) - 1
 # A limb explains a residual if what it leaves is below this quantile of noise, or this share of χ².
 _EXPLAINED, _SHARE = 0.7, 0.002
 # Allowed rates of false alarms [1/h].

@@ -29,11 +29,9 @@ from deltaid.online.replay import Cycles
 
 # Time about a signal, and grid of its offset [s].
 _AROUND, _STEP = 0.25, 0.005
-# Largest contribution of one signal, least one that counts, number and share of signals that must
-# count, and least sum of all.
+# Largest contribution of one signal to G, least difference of G that matters, number and share of
+# signals that must exceed it, and least sum of all.
 _MOST, _SOME, _FEWEST, _SHARE, _SURE = 12.0, 2.0, 2, 0.2, 20.0
-# Offsets within this of the largest G are possible too.
-_NEARLY = 2.0
 # Delay of the filters [s].
 _FILTERED = 0.005
 _GRID = _STEP * np.arange(-round(0.2 / _STEP), round(0.2 / _STEP) + 1)
@@ -118,7 +116,7 @@ class GripTiming:
         """Offset of signals of a load that is taken, or released."""
         better = np.array(self._better[taken] or np.zeros((0, len(_GRID))))
         total = better.sum(axis=0)
-        likely = np.flatnonzero(total > total.max() - _NEARLY)
+        likely = np.flatnonzero(total > total.max() - _SOME)
         saying = int(np.sum(better[:, int(total.argmax())] > _SOME))
         if total.max() < _SURE or saying < max(_FEWEST, _SHARE * len(better)):
             return Offset(0.0, 0.0, len(better), saying)
