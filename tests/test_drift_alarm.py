@@ -140,7 +140,7 @@ def test_a_tool_change_errs_as_it_says() -> None:
     z = []
     for _ in range(60):
         mass = rng.standard_normal(40) + 9.0 * (days >= 15)
-        (one,) = tool_changes(days, mass, np.full(40, 0.1))
+        (one,) = tool_changes(days, mass, np.full(40, 0.1), 40.0)
         z.append((one.mass - 9.0) / one.std)
     assert np.std(z) == pytest.approx(1.0, abs=0.18)  # 60 draws tell it to 9 %
 

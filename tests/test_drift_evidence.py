@@ -274,11 +274,11 @@ def test_a_tool_change_has_its_day_and_mass() -> None:
     rng = np.random.default_rng(2)
     days = np.arange(100.0)
     mass = 0.02 * rng.standard_normal(100) + 0.3 * (days >= 37) - 0.1 * (days >= 70)
-    found = tool_changes(days, mass, np.full(100, 0.02))
+    found = tool_changes(days, mass, np.full(100, 0.02), 40.0)
     assert [tool.day for tool in found] == [37.0, 70.0]
     assert found[0].mass == pytest.approx(0.3, abs=0.03)
     assert found[1].mass == pytest.approx(-0.1, abs=0.03)
-    assert tool_changes(days, 0.02 * rng.standard_normal(100), np.full(100, 0.02)) == ()
+    assert tool_changes(days, 0.02 * rng.standard_normal(100), np.full(100, 0.02), 40.0) == ()
 
 
 @pytest.mark.parametrize(

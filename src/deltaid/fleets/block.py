@@ -1,9 +1,8 @@
-"""Blocks: recordings of one robot that have been merged, for fits and for drift.
+"""Blocks: merged recordings of one robot, for fits and for drift.
 
-All that adds up is added up over independent columns of the fit: triangles of all samples, of
-places, and of what tolerances do. Each recording has its brief and what it says of friction. Groups
-whose scatter gives intervals are recordings, or of more than `MOST_GROUPS` several that follow each
-other.
+Triangles over independent columns of the fit add up: of all samples, of places, and of the effects
+of tolerances. Each recording keeps its brief and its sums of friction. Groups whose scatter gives
+intervals are recordings, or several consecutive ones beyond `MOST_GROUPS`.
 """
 
 import json
@@ -25,8 +24,8 @@ from deltaid.fleets.factor_record import FactorGroups, RecordingBrief
 from deltaid.fleets.merged import Independent, MergedPart, Merging
 from deltaid.identification.geometric_rows import GeometricRows
 
-# With so many groups Student's t is within 2 % of a normal distribution. Halves that hold more than
-# others make some more groups, twice as many at most where recordings follow each other evenly.
+# With so many groups Student's t is within 2 % of a normal distribution. Uneven halves make more
+# groups, up to twice as many for evenly spaced recordings.
 MOST_GROUPS = 128
 _WHOLE = "whole"
 
@@ -35,13 +34,13 @@ Rows = Float[np.ndarray, "_ _"]
 
 @dataclass(frozen=True, eq=False)
 class RecordingBlock:
-    """Recordings of a robot, merged.
+    """Merged recordings of a robot.
 
     Attributes:
-        fingerprint: of the `Merging` that made it.
-        keys: of its recordings, ascending; they decide what is merged with what.
+        fingerprint: of its `Merging`.
+        keys: of its recordings, ascending; they determine the order of merging.
         briefs, friction: of each recording.
-        counts: how many recordings are in each group.
+        counts: number of recordings in each group.
         whole, groups, places: triangles of [Y, τ] over each drive's independent columns; those of
             groups and places, which only determine uncertainty, keep seven digits.
         geometry: triangles of [Y, D, τ], one group; none without tolerances.
@@ -63,7 +62,7 @@ class RecordingBlock:
     def of_file(
         cls, merging: Merging, file: FactorFile, part: MergedPart, key: int
     ) -> "RecordingBlock":
-        """The block of a single recording, by its part of the fit."""
+        """The block of a single recording, from its part of the fit."""
         information, columns = part.information, [[*drive.at, -1] for drive in merging.drives]
         whole = FactorGroups.of_rows(
             [_WHOLE],
@@ -94,7 +93,7 @@ class RecordingBlock:
         )  # fmt: skip
 
     def joined(self, other: "RecordingBlock") -> "RecordingBlock":
-        """Both together; all keys of the other are greater."""
+        """Both blocks merged; all keys of the other are greater."""
         keys = self.keys + other.keys
         counts, groups = self.counts + other.counts, self.groups.joined(other.groups)
         coarse = _cuts(keys, _in_group(len(keys)))
@@ -124,7 +123,7 @@ class RecordingBlock:
         )
 
     def over(self, quantities: Sequence[str]) -> FactorGroups:
-        """Triangles of tolerances for more quantities; those that are not its own do nothing."""
+        """Triangles of tolerances for more quantities; additional ones have no effect."""
         geometry = self.geometry
         assert geometry is not None
         if tuple(quantities) == self.quantities:
@@ -132,16 +131,16 @@ class RecordingBlock:
         place = [quantities.index(name) for name in self.quantities]
         wide = list[np.ndarray]()
         for R in geometry.factors:
-            own = R.shape[2] - 1 - len(place)
-            A = np.zeros((*R.shape[:2], own + len(quantities) + 1))
-            A[..., [*range(own), *(own + k for k in place), -1]] = R
+            columns = R.shape[2] - 1 - len(place)
+            A = np.zeros((*R.shape[:2], columns + len(quantities) + 1))
+            A[..., [*range(columns), *(columns + k for k in place), -1]] = R
             wide.append(A)
         return _rounded(
             FactorGroups.of_rows(geometry.names, wide, geometry.samples, geometry.torque_max)
         )
 
     def information(self, merging: Merging, groups: FactorGroups) -> list[Information]:
-        """Some of its groups over all active columns."""
+        """Information of some groups over all active columns."""
         wide = _expanded(groups, merging.drives)
         each = zip(wide, groups.samples, groups.torque_max, strict=True)
         return [Information(merging.active, *group) for group in each]
@@ -154,7 +153,7 @@ class RecordingBlock:
     def geometric_rows(
         self, merging: Merging, weights: Float[np.ndarray, " drives"]
     ) -> GeometricRows | None:
-        """What tolerances do to rows, weighted as in the fit; None without any."""
+        """Rows with the effects of tolerances, weighted as in the fit; None without tolerances."""
         if self.geometry is None:
             return None
         rows, count = list[Rows](), len(self.quantities)
@@ -167,8 +166,8 @@ class RecordingBlock:
 
 
 def halved(keys: Sequence[int]) -> int:
-    """How many of some ascending keys are in the first half: those whose first bit that is not
-    common to all is 0. So each key goes where it goes, whichever others there are."""
+    """Number of ascending keys in the first half: those whose first differing bit is 0, so that a
+    key's half hardly depends on the other keys."""
     bit = (keys[0] ^ keys[-1]).bit_length() - 1
     return bisect_left(keys, keys[-1] >> bit << bit) if bit >= 0 else len(keys) // 2
 
@@ -181,7 +180,7 @@ def _in_group(count: int) -> int:
 
 
 def _cuts(keys: Sequence[int], most: int) -> list[int]:
-    """Numbers of recordings in the largest halves of halves that have at most so many."""
+    """Sizes of the largest recursive halves with at most so many recordings."""
     if len(keys) <= most:
         return [len(keys)]
     middle = halved(keys)
@@ -194,7 +193,7 @@ def _rounded(groups: FactorGroups) -> FactorGroups:
 
 
 def _summed(groups: FactorGroups, members: Mapping[int | str, Sequence[int]]) -> FactorGroups:
-    """Groups put together, by their new names; one that stays alone keeps every bit."""
+    """Merged groups by their new names; a group that stays alone keeps every bit."""
     each = [list(places) for places in members.values()]
     factors = (
         [R[k[0]] if len(k) == 1 else triangle(R[k].reshape(-1, R.shape[2])) for k in each]
@@ -209,7 +208,7 @@ def _summed(groups: FactorGroups, members: Mapping[int | str, Sequence[int]]) ->
 def _expanded(
     groups: FactorGroups, drives: Sequence[Independent]
 ) -> Float[np.ndarray, "groups drives augmented augmented"]:
-    """Triangles over all columns, with zero rows behind them."""
+    """Triangles over all columns, padded with zero rows."""
     wide = drives[0].combinations.shape[1] + 1
     every = np.zeros((len(groups), len(drives), wide, wide))
     for i, (R, drive) in enumerate(zip(groups.factors, drives, strict=True)):
@@ -220,7 +219,7 @@ def _expanded(
 
 
 ENDING = ".block.npz"
-# Version of the file. It counts up with anything that changes what is in it.
+# Version of the file; increases with any change of its contents.
 FORMAT = 2
 _BRIEFS = TypeAdapter(tuple[RecordingBrief, ...])
 _GROUPS = ("whole", "groups", "places", "geometry")
@@ -248,7 +247,7 @@ def block_bytes(block: RecordingBlock) -> bytes:
 
 
 def block_of(data: bytes | None) -> RecordingBlock | None:
-    """The block of a file; None where there is none that is whole."""
+    """The block of a file; None if it is missing or damaged."""
     if not data or not is_intact(data):
         return None
     with np.load(BytesIO(data), allow_pickle=False) as file:

@@ -1,4 +1,4 @@
-"""The free variables of a type, scaled by their sizes, and their prior."""
+"""Free variables of a type, scaled by their sizes, and their prior."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -19,7 +19,7 @@ from deltaid.robot.parameter import PriorParameter
 
 U = Float[np.ndarray, " u"]
 Square = Float[np.ndarray, "u u"]
-# Kinds of entries that have one spread, and its likely size beforehand as a share of an entry's.
+# Kinds of entries with a common spread, and its prior median as a share of an entry's size.
 KINDS = {
     "mass": 0.03,
     "first moments": 0.03,
@@ -30,26 +30,26 @@ KINDS = {
     "coulomb": 0.2,
     "friction": 0.2,
 }
-# Standard deviation of the logarithm of any spread beforehand: a factor of 4.5 either way.
+# Prior standard deviation of the logarithm of a spread: a factor of 4.5 either way.
 VAGUE = 1.5
-# A size is at most so many times that of the description, or that part of it.
+# Largest ratio of a size to the described one, and of that to a size.
 _OTHER = 10.0
-# Friction's prior is so many times wider than described.
+# Factor by which friction's prior is wider than described.
 _VAGUE_FRICTION = 20.0
 FRICTION = ("viscous", "coulomb", "friction")
-# Variance of what may be anything: a hundred times its own size.
+# Variance of a free entry: a hundred times its size.
 ANYTHING = 1e4
 
 
 @dataclass(frozen=True, eq=False)
 class Coordinates:
-    """u: the free variables x of a type over their sizes; behind them shared geometric errors.
+    """u: the free variables x of a type over their sizes, then shared geometric errors.
 
     Attributes:
-        robot: the type, as described.
-        reduction: which variables are free, p = A x + p_0.
+        robot: the described type.
+        reduction: of p to the free variables, p = A x + p_0.
         kinds: of each variable, a key of `KINDS`.
-        quantities: of the geometry.
+        quantities: geometric errors.
         sizes: of x.
         spread: of the description's prior.
     """
@@ -75,7 +75,7 @@ class Coordinates:
         return cls(robot, reduction, kinds, quantities, reduction.scale, settings.prior_spread)
 
     def resized(self, p: Float[np.ndarray, " parameters"]) -> "Coordinates":
-        """The same in sizes of a type with parameters p: spreads are shares of what robots are."""
+        """The coordinates with the sizes of parameters p: spreads are shares of real sizes."""
         layout, sizes = self.reduction.layout, self.reduction.scale.copy()
         for k, variable in enumerate(self.reduction.variables):
             if variable.kind == "inertia":
@@ -90,7 +90,7 @@ class Coordinates:
 
     @cached_property
     def precision(self) -> Square:
-        """Of u about `prior` before any recording."""
+        """Prior precision of u about `prior`."""
         n, changed = self.size, np.any(self.reduction.A != 0, axis=1)
         D = self.reduction.A[changed] * self.sizes / prior_scale(self.reduction)[changed][:, None]
         # Recordings determine friction; its prior is wide.
@@ -109,23 +109,23 @@ class Coordinates:
 
     @cached_property
     def to_p(self) -> Float[np.ndarray, "parameters u"]:
-        """How p follows from u."""
+        """∂p/∂u."""
         return np.pad(self.reduction.A * self.sizes, ((0, 0), (0, len(self.quantities))))
 
     @cached_property
     def is_friction(self) -> np.ndarray:
-        own = [kind in FRICTION for kind in self.kinds]
-        return np.array([*own, *[False] * len(self.quantities)], dtype=bool)
+        friction = [kind in FRICTION for kind in self.kinds]
+        return np.array([*friction, *[False] * len(self.quantities)], dtype=bool)
 
     @property
     def worn(self) -> U:
-        """Variances of friction that may be anything."""
+        """Variances with free friction, zero otherwise."""
         return np.where(self.is_friction, ANYTHING, 0.0)
 
     def kind_of(self) -> Int[np.ndarray, " u"]:
-        """Place of each variable's kind among those that there are; −1 of the geometry."""
-        own = [self.present.index(kind) for kind in self.kinds]
-        return np.array([*own, *[-1] * len(self.quantities)], dtype=int)
+        """Index of each variable's kind among those present; −1 for geometry."""
+        indices = [self.present.index(kind) for kind in self.kinds]
+        return np.array([*indices, *[-1] * len(self.quantities)], dtype=int)
 
     @property
     def present(self) -> tuple[str, ...]:
@@ -141,12 +141,12 @@ class Coordinates:
     def rows(
         self, member: TypeMember, facts: Sequence[MeasuredFact]
     ) -> Float[np.ndarray, "rows augmented"]:
-        """A member's rows and some of its facts: over u, over p_0, and the right side."""
+        """Rows of a member and some of its facts: over u, over p_0, and the right side."""
         names, count = self.reduction.layout.names, len(self.quantities)
         place = {name: i for i, name in enumerate(member.names)}
         both = [i for i, name in enumerate(names) if name in place]
         columns = [place[names[i]] for i in both]
-        # Terms of friction that the type has not.
+        # Terms of friction that are not the type's.
         strange = [place[name] for name in member.names if name not in names]
         H, shared = np.zeros((len(member.rows), len(names))), np.zeros((len(member.rows), count))
         H[:, both] = member.rows[:, columns]
@@ -174,7 +174,7 @@ def _widened(members: Sequence[TypeMember]) -> dict[str, float]:
 
 
 def _times(p: np.ndarray, prior: np.ndarray, entry: int) -> float:
-    """√(M̄_ii / prior), of the second moments all together: thin ones are hardly known."""
+    """√(M̄_ii / prior); for second moments their trace, because thin ones are hardly known."""
     M, before = pseudo_inertia(p), pseudo_inertia(prior)
     rows = [3] if entry == 3 else [0, 1, 2]
     return float(np.sqrt(np.trace(M[np.ix_(rows, rows)]) / np.trace(before[np.ix_(rows, rows)])))

@@ -1,30 +1,30 @@
-"""How much better a change explains a series than none: Bayes factors, and an alarm from them.
+"""Bayes factors of a change in a series against none, and an alarm from them.
 
-A series in percent, y = X b + u, u of a kind of scatter, has beside that a change d h_k(t): a ramp
-or a step from onset k. b and d: normal with standard deviations in
-units of σ; σ² inverse gamma with few degrees of freedom. All of them are integrated in closed form,
-kinds of scatter and onsets are summed over.
+A series in percent, y = X b + u with scatter u, may have a change d h_k(t): a ramp or a step from
+the onset k. b and d are normal with standard deviations in units of σ; σ² is inverse gamma with few
+degrees of freedom. All of them are integrated in closed form, and kinds of scatter and onsets
+summed.
 
-**Alarm.** For an onset k the Bayes factor B_k(n), after the recordings up to n, is 1 before k and a
-martingale as long as nothing changes. So with onsets spread over time,
+**Alarm.** For an onset k the Bayes factor B_k(n) after recording n is 1 before k and a martingale
+as long as nothing changes. So with onsets spread over time,
 
     R(n) = Σ_k (time between onsets, in years) Σ_kinds of change π B_k(n),
 
-minus the years that have passed is a martingale, and by Doob's inequality
+minus the elapsed years is a martingale, and by Doob's inequality
 
     P(R ever reaches A within Y years) ≤ Y / A,
 
-however often one looks. The alarm is R ≥ A with A the years a drive may run for one false alarm.
+for any number of evaluations. The alarm is R ≥ A, with A the years per false alarm of a drive.
 
-**Few recordings.** The prior of σ says more than they do. With dσ/σ in its place B_k depends on
-ratios of the recordings alone, as Student's t does, and is a martingale whatever σ is. So where
-there are few, the smaller of both R counts: 1 + 1 recordings cannot raise it, 4 + 4 can. Each of
-them counts as a month at least, the first eleven as a year at most, so that a robot has no more
-false alarms in these than in a year.
+**Few recordings.** The prior of σ then dominates. With dσ/σ instead, B_k depends only on ratios of
+the recordings, as Student's t does, and is a martingale for any σ. So for few recordings the alarm
+uses the smaller of both R: 1 + 1 recordings cannot raise it, 4 + 4 can. Each of them counts as a
+month at least, the first eleven as a year at most, so a robot has no more false alarms in these
+than in a year.
 
-**Drives of a robot** are alike and work in the same hall: temperature dependence of friction and
-its scatter from day to day are nearly the same, so those of the others are the prior of a drive.
-Coefficients of a drifting drive count as far as they are known with a change and without.
+**Drives of a robot** are similar and share their surroundings: temperature dependence and daily
+scatter of friction are nearly the same, so those of the others are the prior of a drive.
+Coefficients of a drifting drive are averaged over models with and without a change.
 
 **Scatter** from day to day is AR(1) noise plus white noise: the residual of y_t after all
 regressors,
@@ -43,19 +43,17 @@ from jaxtyping import Float
 from scipy.linalg import inv
 from scipy.special import logsumexp, stdtr
 
-# Candidate memories [days] and shares of AR(1) noise, in addition to none, with prior weights: long
-# memories and large shares are rare.
+# Candidate memories [days] and shares of AR(1) noise with prior weights: long memories and large
+# shares are rare. A share of zero has the weight of a small one.
 MEMORIES = {2.0: 1.0, 5.0: 1.0, 12.0: 0.15, 30.0: 0.03}
 SHARES = {0.15: 1.0, 0.35: 0.6, 0.6: 0.3, 0.85: 0.1}
-# Prior weight of no memory at all beside these.
-_NONE = 2.0
-# Rows whose products are taken at once.
+# Rows multiplied at once.
 _AT_ONCE = 16
 
 
 @dataclass(frozen=True, eq=False)
 class DailyScatter:
-    """Kinds of scatter: memory T [days], share ρ, and how usual each is, together 1."""
+    """Kinds of scatter: memory T [days], share ρ, and prior probability."""
 
     memory: Float[np.ndarray, " kinds"]
     share: Float[np.ndarray, " kinds"]
@@ -63,9 +61,9 @@ class DailyScatter:
 
     @classmethod
     def grid(cls) -> "DailyScatter":
-        """None without memory, and all of the grid."""
+        """White noise, and all of the grid."""
         kinds = [(T, share, a * b) for T, a in MEMORIES.items() for share, b in SHARES.items()]
-        memory, share, usual = np.array([(1.0, 0.0, _NONE), *kinds]).T
+        memory, share, usual = np.array([(1.0, 0.0, sum(MEMORIES.values())), *kinds]).T
         return cls(memory, share, usual / usual.sum())
 
 
@@ -74,7 +72,7 @@ class Sums:
     """Products of white columns, for every kind of scatter and every series.
 
     Attributes:
-        base: of the columns that always explain, the series itself last.
+        base: of regressors, the series last.
         cross: of these with alternatives.
         own: of each alternative with itself.
         log_det: logarithm of the determinant of the scatter's covariance for σ = 1.
@@ -98,10 +96,10 @@ def whitened_sums(
     """Sums over time of products of white columns.
 
     Args:
-        days: when, ascending [days].
+        days: of recordings, ascending [days].
         variance: v_t; infinite where a series has no recording.
-        base: columns that always explain, the series itself last; finite everywhere.
-        alternatives: columns of which one explains a change.
+        base: regressors, the series last; finite everywhere.
+        alternatives: columns of possible changes.
     """
     kinds, (series, n, width) = len(scatter.share), base.shape
     share, memory = scatter.share[:, None], scatter.memory[:, None]
@@ -132,23 +130,23 @@ def whitened_sums(
     return Sums(products[..., :width], products[..., width:], squares, log_det, recordings)
 
 
-# Of σ before any recording [%]: degrees of freedom and size.
+# Prior of σ: degrees of freedom, and size [%].
 FREEDOM, SIZE = 4.0, 1.0
-# Kinds of change with how usual they are: a ramp upwards, a ramp downwards, a step each way.
+# Kinds of change with prior probabilities: a ramp upwards, a ramp downwards, a step each way.
 KINDS = (("rising", 0.6), ("falling", 0.1), ("stepped", 0.2), ("stepped", 0.1))
 # Standard deviations of the slope of a ramp [% a month] and of a step [%], in units of σ.
 RAMP, STEP = 2.5, 6.0
-# The same of a ramp that few recordings can show.
+# The same of a ramp that few recordings can determine.
 _STEEP = 25.0
 # Mean lengths of a month and a year [days].
 MONTH, YEAR = 30.4375, 365.25
-# With fewer recordings σ is that of the recordings alone, and a change may begin with any of them.
+# With fewer recordings σ has no prior, and a change may begin with any of them.
 FEWEST = 12
-# Onsets lie a week apart, or so many in all.
+# Spacing of onsets [days], and their largest number.
 _APART, _MOST = 7.0, 60
-# Changes that a drive is expected to have in a year.
+# Expected changes of a drive per year.
 _A_YEAR = 0.2
-# Power of the other drives' evidence on scatter, as disturbances are common.
+# Exponent of the other drives' evidence on scatter, whose disturbances are correlated.
 _TOGETHER = 0.7
 
 
@@ -157,8 +155,8 @@ class Changes:
     """Candidate changes: ramps, then steps.
 
     Attributes:
-        onsets: when each begins [days].
-        columns: what each does to the series, for 1 % a month or 1 %.
+        onsets: first day of each [days].
+        columns: effect of each on the series, for 1 % a month or 1 %.
         scale: standard deviation of its size in units of σ.
         years: time between onsets.
     """
@@ -170,7 +168,7 @@ class Changes:
 
     @classmethod
     def over(cls, days: Float[np.ndarray, " n"]) -> "Changes":
-        """Those that recordings at these days can determine."""
+        """Changes that recordings on these days can determine."""
         span = float(days[-1] - days[0])
         spacing = max(_APART, span / _MOST)
         onsets, ramp = days[0] + np.arange(0.0, max(span, spacing), spacing), RAMP
@@ -183,7 +181,7 @@ class Changes:
 
     @classmethod
     def steps(cls, days: Float[np.ndarray, " n"]) -> "Changes":
-        """Steps at each recording, where they are large enough for a day to matter."""
+        """Steps at each recording, for steps large enough to determine the day."""
         onsets = days[1:]
         columns = (days[:, None] >= onsets).astype(float)
         years = float(days[-1] - days[0]) / len(onsets) / YEAR
@@ -196,8 +194,8 @@ class Changes:
 
 @dataclass(frozen=True, eq=False)
 class Prior:
-    """Prior of a series: mean of b, inverse of its covariance in units of σ², and logarithms of the
-    shares of kinds of scatter."""
+    """Prior of a series: mean of b, inverse of its covariance in units of σ², and log probabilities
+    of kinds of scatter."""
 
     mean: Float[np.ndarray, "series regressors"]
     precision: Float[np.ndarray, "series regressors regressors"]
@@ -209,16 +207,16 @@ class ChangeEvidence:
     """Evidence of recordings for changes.
 
     Attributes:
-        log_none: evidence for no change with each kind of scatter, with the share of that kind.
-        log_factor: of each change against none, up and down, prior shares included.
-        size: expected size of each change before its sign is taken for known.
+        log_none: log evidence of no change with each kind of scatter, prior included.
+        log_factor: log Bayes factor of each change, up and down, prior included.
+        size: expected size of each change, for either sign.
         deviation: of it.
-        freedom: degrees of freedom of its distribution by Student.
-        plain: coefficients b where nothing changes.
-        per_size: by how much they are less for a change by 1.
+        freedom: degrees of freedom of its Student distribution.
+        plain: coefficients b without a change.
+        per_size: their decrease for a change of size 1.
         covariance: of b for a known change.
-        sigma: σ where nothing changes.
-        R: what the alarm goes by [years].
+        sigma: σ without a change.
+        R: statistic of the alarm [years].
     """
 
     log_none: Float[np.ndarray, "kinds series"]
@@ -234,12 +232,12 @@ class ChangeEvidence:
 
     @property
     def of_kinds(self) -> Float[np.ndarray, "kinds series"]:
-        """Share of each kind of scatter where nothing changes."""
+        """Probability of each kind of scatter without a change."""
         return np.exp(self.log_none - logsumexp(self.log_none, axis=0))
 
     @property
     def of_changes(self) -> Float[np.ndarray, "2 kinds series alternatives"]:
-        """Share of each change, if there is one: together 1 a series."""
+        """Probability of each change, given that there is one."""
         log = self.log_factor + self.log_none[None, :, :, None]
         return np.exp(log - logsumexp(log, axis=(0, 1, 3), keepdims=True))
 
@@ -247,11 +245,11 @@ class ChangeEvidence:
 def evidence(
     sums: Sums, changes: Changes, prior: Prior, freedom: float = FREEDOM
 ) -> ChangeEvidence:
-    """Evidence of all changes, with so many degrees of freedom of σ before any recording."""
+    """Evidence of all changes, with the prior degrees of freedom of σ."""
     p, nu = prior.mean.shape[1], np.maximum(freedom + sums.count - 1.0, 1.0)
     X = sums.base[..., :p, :p]
     A = X + prior.precision
-    # Series less their prior.
+    # Series minus their prior mean.
     b, C = sums.base[..., :p, p], sums.cross[..., :p, :]
     centred = b - np.einsum("kspq,sq->ksp", X, prior.mean)
     yy = sums.base[..., p, p] - np.einsum("ksp,sp->ks", b + centred, prior.mean)
@@ -284,7 +282,7 @@ def evidence(
 def first_prior(
     scale: Float[np.ndarray, " regressors"], scatter: DailyScatter, series: int
 ) -> Prior:
-    """Prior of any drive, by standard deviations of coefficients in units of σ."""
+    """Prior of any drive, from standard deviations of coefficients in units of σ."""
     p = len(scale)
     precision = np.broadcast_to(np.diag(scale**-2.0), (series, p, p))
     log = np.repeat(np.log(scatter.usual)[:, None], series, axis=1)
@@ -298,12 +296,12 @@ def with_others(
     unlike: Float[np.ndarray, " regressors"],
     drives: int,
 ) -> Prior:
-    """Prior of each drive by the other drives of its robot.
+    """Prior of each drive from the other drives of its robot.
 
     Args:
-        alone: evidence of each by itself, with `prior`.
-        unlike: standard deviation between drives of one robot; infinite where nothing is common.
-        drives: series of one robot, which follow each other.
+        alone: evidence of each drive by itself, with `prior`.
+        unlike: standard deviation between drives of one robot; infinite for independent ones.
+        drives: number of consecutive series of one robot.
     """
     changed = _A_YEAR * alone.R / (1.0 + _A_YEAR * alone.R)
     kinds = alone.log_none - prior.log_kinds

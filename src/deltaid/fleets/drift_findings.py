@@ -1,7 +1,8 @@
-"""Settings of drift, and the finding on one drive: steady, rising, falling or stepped; since when,
-how fast, until when.
+"""Settings of drift, and the finding on one drive: steady, rising, falling or stepped, with onset,
+rate and horizon.
 
-Distributions are sums over kinds of scatter and onsets of Student's, drawn from as quantiles.
+Distributions are mixtures of Student's over kinds of scatter and onsets; intervals are quantiles of
+draws.
 """
 
 from dataclasses import dataclass
@@ -17,14 +18,14 @@ from deltaid.fleets.drift_evidence import FEWEST, KINDS, MONTH, YEAR
 from deltaid.fleets.drift_series import Explained
 
 State = Literal["steady", "rising", "falling", "stepped", "unknown"]
-# With fewer than `FEWEST` recordings, or over less time [days], none is called steady. Within the
-# shorter time gears that warm up look as if they changed.
+# Least time for the finding steady, with `FEWEST` recordings, and for an alarm [days]: over less
+# time gears that warm up look like a change.
 _STEADY, _WARMING = 21.0, 3.0
-# A rate that is known no better than this [% a month] is unknown.
+# A rate with a wider interval [% a month] is unknown.
 _VAGUE = 5.0
-# How many draws, and how much of a distribution an interval has.
+# Number of draws, and tail probability of an interval.
 _DRAWS, _TAIL = 4000, 0.025
-# Beyond so many years no horizon is reported.
+# Longest reported horizon [years].
 _FAR = 20.0
 
 
@@ -33,11 +34,11 @@ class DriftSettings:
     """Settings of the search for drift.
 
     Attributes:
-        limit: friction that is too much, as a share of what it was before the change (1.5) or as a
-            mean torque [N m or N]; None if not given.
+        limit: of friction, as a ratio to that before the change (1.5) or as a mean torque
+            [N m or N]; None for no limit.
         limit_is: which of both.
-        false_alarms: a robot may have so many a year, over all of its drives.
-        since: earlier recordings are excluded, such as those before a repair.
+        false_alarms: accepted rate per robot-year, over all of its drives.
+        since: start; earlier recordings, such as those before a repair, are excluded.
     """
 
     limit: float | None = None
@@ -46,10 +47,10 @@ class DriftSettings:
     since: datetime | None = None
 
     def __post_init__(self) -> None:
-        """Refuse numbers that cannot be.
+        """Refuse impossible numbers.
 
         Raises:
-            DeltaidError: a limit that is passed already, or no false alarm at all.
+            DeltaidError: a limit that is exceeded already, or no false alarms at all.
         """
         lowest = 1.0 if self.limit_is == "share" else 0.0
         if self.limit is not None and not self.limit > lowest:
@@ -68,7 +69,7 @@ class DriftSettings:
 
 @dataclass(frozen=True)
 class Between:
-    """A number with its 95 % interval; None where an end is not known."""
+    """A number with its 95 % interval; None for unknown values."""
 
     value: float | None = None
     low: float | None = None
@@ -80,18 +81,18 @@ class DriftFinding:
     """The finding on one drive.
 
     Attributes:
-        state: what it does.
-        change: day of the change; nothing where there is none.
-        rate: of friction, as a share a month.
+        state: of friction.
+        change: day of the change, if there is one.
+        rate: of friction, as a share per month.
         step: of friction, as a share.
-        horizon: day on which the limit is passed; nothing where it is not known, or not near.
-        temperature: change of friction with temperature, as a share a degree.
-        level: mean friction before the change, at the mean temperature [N m or N]; NaN where no
-            recording tells any.
-        limit: mean friction that is too much [N m or N]; None if nobody said.
-        recordings: how many determine its friction.
+        horizon: day on which the limit is reached, if known and near.
+        temperature: change of friction with temperature, as a share per degree.
+        level: mean friction before the change, at the mean temperature [N m or N]; NaN if
+            undetermined.
+        limit: of mean friction [N m or N]; None for no limit.
+        recordings: number of recordings that determine its friction.
         scatter: from day to day, as a share.
-        R: what the alarm goes by; `threshold` is where it begins [years].
+        R: statistic of the alarm, which starts at `threshold` [years].
         reason: in words.
     """
 
@@ -141,7 +142,7 @@ def finding(series: Explained, drive: int, settings: DriftSettings, drives: int)
     rate = Between() if too_few or state == "stepped" else shares
     if too_few or (not alarm and 50.0 * (high - low) > _VAGUE):
         state = "unknown"
-    # Changes began anywhere between the candidate onsets.
+    # Onsets are uniform between the candidates.
     u = np.random.default_rng(2).uniform(-0.5, 0.5, len(draws.at)) * series.changes.years * YEAR
     onsets = np.clip(series.changes.onsets[draws.at] + u, series.days[0], series.days[-1])
     horizon, note = _horizon(series, draws, state, level, limit, b)
@@ -166,7 +167,7 @@ def finding(series: Explained, drive: int, settings: DriftSettings, drives: int)
 
 
 def _drawn(series: Explained, drive: int, *, alarm: bool) -> _Draws:
-    """Changes by their probability; without an alarm a trend over all the time, either way."""
+    """Draws of changes; without an alarm, of a trend over the whole time, with either sign."""
     rng, evidence = np.random.default_rng(0), series.evidence
     nu = evidence.freedom[drive]
     shares = evidence.of_changes[:, :, drive] if alarm else evidence.of_kinds[None, :, [drive]]

@@ -1,12 +1,12 @@
-"""Friction of each recording, with the rigid bodies of the robot's model held.
+"""Friction of each recording, with fixed rigid bodies of the robot's model.
 
-Bodies do not change from day to day, so a day's recording determines friction alone:
+Bodies do not change from day to day, so a recording only has to determine friction:
 
-    τ_i − Y_i,rigid p ≈ H_i c_i + (what is held),
+    τ_i − Y_i,rigid p ≈ H_i c_i + (loads),
 
-with H_i the columns of the drive's friction law. Undeclared loads, a new tool or another gripper,
-act like a mass at the platform, so that mass is unknown in every recording and its change is not
-taken for friction. Noise is not white, so standard deviations come from the scatter between the
+with H_i the columns of the drive's friction law. Undeclared loads, such as a new tool or gripper,
+act like a mass at the platform, so this mass is unknown in every recording and its change is not
+mistaken for friction. Noise is not white, so standard deviations come from the scatter between the
 recording's stretches of time.
 """
 
@@ -27,11 +27,11 @@ from deltaid.fleets.merged import MergedPart, Merging, merging_of
 from deltaid.model.record import IdentifiedModel
 from deltaid.robot.parameter import PriorParameter
 
-# Undeclared load, as a standard deviation: share of the carrier's mass, distance off its axis [m].
+# Standard deviation of an undeclared load: share of the carrier's mass, distance off its axis [m].
 _HELD, _ARM = 0.3, 0.03
 _HELD_SYMBOLS = {"m": 1.0, "mcx": _ARM, "mcy": _ARM, "Izz": _ARM**2}
-# Prior spread of declared loads as a share; by how much scales of their parameters are wider.
-_TOLD, _WIDE = 0.3, 20.0
+# Relative prior spread of declared loads, and factor of the scales of their parameters.
+_DECLARED, _WIDE = 0.3, 20.0
 
 # Mean and precision.
 Prior = tuple[float, float]
@@ -42,10 +42,10 @@ class FrictionUnknowns:
     """Unknowns of one recording.
 
     Attributes:
-        names: friction coefficients of drives, then what is held.
-        drives: of which drive's friction each is, as a number; −1 of what is held.
-        units: of friction coefficients; empty of what is held.
-        at: places of the coefficients among columns of the fit, in the order of `names`.
+        names: friction coefficients of drives, then entries of loads.
+        drives: index of each coefficient's drive; −1 for loads.
+        units: of friction coefficients; empty for loads.
+        at: indices of the unknowns among columns of the fit, in the order of `names`.
     """
 
     names: tuple[str, ...]
@@ -55,23 +55,23 @@ class FrictionUnknowns:
 
     @cached_property
     def is_carrier(self) -> Bool[np.ndarray, " unknowns"]:
-        """Which are changes of the body at the platform, whose own parameters stay held."""
+        """Unknowns that change the body at the platform, whose own parameters are fixed."""
         return np.array([name.startswith("held.") for name in self.names])
 
 
 @dataclass(frozen=True, eq=False)
 class FrictionSums:
-    """What recordings say of friction for any rigid bodies, by rows of unit noise.
+    """Sums of recordings that give friction for any rigid bodies, as rows of unit noise.
 
     With bodies c over independent columns, a recording's unknowns x have the rows
-    R x = b − F (c − c₀), with c₀ and its residual those of the recording by itself.
+    R x = b − F (c − c₀), with c₀ the recording's own fit.
 
     Attributes:
         root, cross, offset, reference: R, F, b, c₀.
         scores: sums over stretches of g gᵀ, g = Aᵀe by columns A of the unknowns and residual e.
-        level: variance of white noise that would leave the residual; NaN of a single stretch, which
-            does not determine its noise.
-        scale: of each drive, variance of its noise over its number of samples.
+        level: variance of white noise from the residual; NaN for a single stretch, which does not
+            determine its noise.
+        scale: variance of each drive's noise over its number of samples.
     """
 
     root: Float[np.ndarray, "n unknowns unknowns"]
@@ -83,8 +83,8 @@ class FrictionSums:
     scale: Float[np.ndarray, "n drives"]
 
     def joined(self, other: "FrictionSums") -> "FrictionSums":
-        own = ((getattr(sums, entry.name) for sums in (self, other)) for entry in fields(self))
-        return FrictionSums(*(np.concatenate([*arrays]) for arrays in own))
+        pairs = ((getattr(sums, entry.name) for sums in (self, other)) for entry in fields(self))
+        return FrictionSums(*(np.concatenate([*arrays]) for arrays in pairs))
 
     def only(self, places: Int[np.ndarray, " some"]) -> "FrictionSums":
         return FrictionSums(*(getattr(self, entry.name)[places] for entry in fields(self)))
@@ -108,14 +108,14 @@ class FrictionSeries:
 
     @cached_property
     def weights(self) -> Float[np.ndarray, "drives unknowns"]:
-        """How much each coefficient adds to a drive's mean friction, the mean of sign(v) φ(v) over
-        all samples."""
-        own = self.unknowns.drives == np.arange(len(self.drives))[:, None]
+        """Weight of each coefficient in a drive's mean friction, the mean of sign(v) φ(v) over all
+        samples."""
+        of_drive = self.unknowns.drives == np.arange(len(self.drives))[:, None]
         names = self.unknowns.names
-        sign = own & [name.startswith(("coulomb.", "coulomb_back.")) for name in names]
+        sign = of_drive & [name.startswith(("coulomb.", "coulomb_back.")) for name in names]
         products = sign @ self.products.sum(axis=0)
         size = np.sum(products * sign, axis=1, keepdims=True)
-        return np.where(own & (size > 0), products, 0.0) / np.where(size > 0, size, 1.0)
+        return np.where(of_drive & (size > 0), products, 0.0) / np.where(size > 0, size, 1.0)
 
     @property
     def mean(self) -> Float[np.ndarray, "drives n"]:
@@ -142,10 +142,10 @@ def friction_series(files: Sequence[FactorFile], model: IdentifiedModel) -> Fric
 
     Args:
         files: of one robot, each recording once.
-        model: of the robot by all of them, or by those that it is compared with.
+        model: of the robot from all of them, or from those that it is compared with.
 
     Raises:
-        RecordingError: files do not go together, or not with the model.
+        RecordingError: files do not match each other or the model.
         DeltaidError: the robot has no friction in its drives.
     """
     require_alike(files, model.robot)
@@ -155,7 +155,7 @@ def friction_series(files: Sequence[FactorFile], model: IdentifiedModel) -> Fric
 
 
 def series_of(sums: FrictionSums, merging: Merging, model: IdentifiedModel) -> FrictionSeries:
-    """Friction of each recording with the bodies of a model, whose laws are those of the merging.
+    """Friction of each recording with the bodies of a model with the merging's friction laws.
 
     Raises:
         DeltaidError: the robot has no friction in its drives.
@@ -197,7 +197,7 @@ def series_of(sums: FrictionSums, merging: Merging, model: IdentifiedModel) -> F
 
 
 def unknowns_of(merging: Merging) -> FrictionUnknowns:
-    """What a recording is asked for: friction of drives, the carrier's change, and loads."""
+    """Unknowns of a recording: friction of drives, the carrier's change, and loads."""
     robot, layout = merging.dynamics.robot, merging.dynamics.layout
     place = {k: column for column, k in enumerate(merging.active.tolist())}
     rows = list[tuple[str, int, str, int]]()
@@ -221,7 +221,7 @@ def _carrier(merging: Merging) -> str | None:
 
 
 def _of_loads(merging: Merging) -> Iterator[tuple[LoadColumns, int, int, PriorParameter]]:
-    """Parameters of loads, with their places in the load and in the layout."""
+    """Parameters of loads, with their indices in the load and in the layout."""
     first = len(merging.dynamics.layout.names)
     for added in merging.additions:
         if isinstance(added, LoadColumns):
@@ -232,23 +232,23 @@ def _of_loads(merging: Merging) -> Iterator[tuple[LoadColumns, int, int, PriorPa
 def _prior(
     merging: Merging, unknowns: FrictionUnknowns, model: IdentifiedModel
 ) -> tuple[Float[np.ndarray, " unknowns"], Float[np.ndarray, " unknowns"]]:
-    """Mean and precision of what is held; none of friction."""
+    """Prior mean and precision of loads; zero precision for friction."""
     known, priors = {load.name: load.parameters for load in model.loads}, dict[str, Prior]()
     if (carrier := _carrier(merging)) is not None:
         mass = _HELD * abs(model.value(f"{carrier}.m")) + 1e-3
         for symbol, arm in _HELD_SYMBOLS.items():
             priors[f"held.{symbol}"] = (0.0, (mass * arm) ** -2)
     for load, k, _, entry in _of_loads(merging):
-        own = known.get(load.load.name)
-        mean = own[k].value - float(load.taken[k]) if own else entry.prior
-        priors[entry.name] = (mean, (_TOLD * entry.scale / _WIDE) ** -2)
+        identified = known.get(load.load.name)
+        mean = identified[k].value - float(load.taken[k]) if identified else entry.prior
+        priors[entry.name] = (mean, (_DECLARED * entry.scale / _WIDE) ** -2)
     mean, precision = zip(*(priors.get(name, (0.0, 0.0)) for name in unknowns.names), strict=True)
     return np.array(mean), np.array(precision)
 
 
 def friction_sums(merging: Merging, part: MergedPart, brief: RecordingBrief) -> FrictionSums:
-    """Those of one recording, by its part of a fit."""
-    unknowns, at = unknowns_of(merging), merging.independent.at
+    """Sums of one recording, from its part of a fit."""
+    unknowns, independent = unknowns_of(merging), merging.independent.at
     noise = np.maximum(np.array(brief.noise), 1e-12)
     is_friction = unknowns.drives == np.arange(len(noise))[:, None]
     visible = (is_friction | (unknowns.drives < 0))[:, None, :]
@@ -259,18 +259,18 @@ def friction_sums(merging: Merging, part: MergedPart, brief: RecordingBrief) -> 
         F = rows / noise[:, None, None]
         A = (F[..., unknowns.at] * visible).reshape(*F.shape[:-3], -1, count)
         shape = (*F.shape[:-3], A.shape[-2])
-        return A, F[..., at].reshape(*shape, -1), F[..., -1].reshape(shape)
+        return A, F[..., independent].reshape(*shape, -1), F[..., -1].reshape(shape)
 
     A, F, b = columns(part.information.factors)
     fitted = Span.of_columns(F)
-    own = fitted.coefficients(b)
-    is_held = np.isin(at, unknowns.at[~unknowns.is_carrier], invert=True)
-    reference = np.where(is_held, own, 0.0)
+    c = fitted.coefficients(b)
+    is_fixed = np.isin(independent, unknowns.at[~unknowns.is_carrier], invert=True)
+    reference = np.where(is_fixed, c, 0.0)
     R = triangle(np.pad(np.column_stack([A, F, b]), ((0, count), (0, 0))))[:count]
     root, cross = R[:, :count], R[:, count:-1]
     groups = part.groups.named("time")
     A_g, F_g, b_g = columns(part.rows(groups))
-    e = b_g - F_g @ own
+    e = b_g - F_g @ c
     g, several = np.einsum("gru,gr->gu", A_g, e), len(groups) > 1
     freedom = max(float(groups.samples.sum()) - fitted.rank, 1.0)
     arrays = (

@@ -1,6 +1,6 @@
-"""Series of logarithms of friction, with regressors that explain them without a change.
+"""Series of log friction with regressors that explain them without a change.
 
-Outliers among their neighbours count less.
+Outliers among their neighbours have less weight.
 """
 
 from collections.abc import Sequence
@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Bool, Float
 from numpy.lib.stride_tricks import sliding_window_view
+from scipy.special import ndtri
 
 from deltaid.fleets.drift_evidence import (
     FEWEST,
@@ -24,23 +25,22 @@ from deltaid.fleets.drift_evidence import (
     with_others,
 )
 
-# Standard deviations of coefficients before any recording, in units of σ (about 1 %), and between
-# drives of one robot: of temperature [1/K], of its square [1/K²], of the heaviest load, of a year's
-# seasons where no temperature is known, of a step as a tool changes.
+# Prior standard deviations of coefficients in units of σ (about 1 %), and between drives of one
+# robot: of temperature [1/K], of its square [1/K²], of the heaviest load, of seasons without a
+# known temperature, of a step at a tool change.
 _TEMPERATURE, _CURVE, _LOAD, _SEASON, _TOOL = 1.5, 0.02, 10.0, 6.0, 0.4
 _UNLIKE_TEMPERATURE, _UNLIKE_CURVE = 0.2, 0.003
-# A sensor that errs from day to day makes the slope of all days too small; that of a temperature
-# over weeks [days] may be another, by so much and between drives.
+# Daily errors of a sensor make the slope too small; that of the temperature over weeks [days] may
+# differ by so much, and between drives.
 _WEEKS, _SLOW, _UNLIKE_SLOW = 7.0, 0.4, 0.02
-# A level may be anywhere.
+# Prior standard deviation of an unknown level.
 FLAT = 1e4
-# Outliers: neighbours on each side, how many robust deviations are still usual, the least of these
-# [%], and what makes a median of magnitudes the standard deviation of a normal distribution.
-_SIDE, _USUAL, _LEAST, ROBUST = 7, 3.0, 0.2, 1.4826
-# Friction that is known no better than to this share is not used.
+# Outliers: neighbours on each side, robust deviations that are still usual, least deviation [%].
+_SIDE, USUAL, _LEAST = 7, 3.0, 0.2
+# Standard deviation of a normal distribution over its median magnitude.
+ROBUST = 1.0 / ndtri(0.75)
+# Friction with a larger relative deviation is not used.
 _VAGUE = 0.3
-# Uncertainty by an unknown temperature, if the others are known [%/K].
-_USUAL_SLOPE = 1.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,9 +48,9 @@ class Regressors:
     """Regressors of friction without a change, the level first.
 
     Attributes:
-        scale: standard deviations of coefficients before any recording, in units of σ.
-        unlike: the same between drives of one robot; infinite where nothing is common.
-        unknown: what is not known of a column that should be, as a standard deviation [%].
+        scale: prior standard deviations of coefficients, in units of σ.
+        unlike: the same between drives of one robot; infinite for independent coefficients.
+        unknown: standard deviation by missing values of a column [%].
     """
 
     names: tuple[str, ...]
@@ -67,10 +67,10 @@ class Regressors:
         load: Float[np.ndarray, " n"],
         tools: Sequence[float] = (),
     ) -> "Regressors":
-        """Those of recordings.
+        """Regressors of recordings.
 
         Args:
-            temperature: [°C], NaN where it is not known.
+            temperature: [°C], NaN if unknown.
             load: [kg].
             tools: days on which a tool was changed.
         """
@@ -78,7 +78,7 @@ class Regressors:
         known, unknown = np.isfinite(temperature), np.zeros(len(days))
         if known.any():
             T = np.where(known, temperature - temperature[known].mean(), 0.0)
-            unknown[~known] = _USUAL_SLOPE * temperature[known].std()
+            unknown[~known] = _TEMPERATURE * SIZE * temperature[known].std()
             rows.append(("temperature", T, _TEMPERATURE, _UNLIKE_TEMPERATURE))
             rows.append(("temperature²", T**2, _CURVE, _UNLIKE_CURVE))
             rows.append(("slow temperature", _slow(days, T, known), _SLOW, _UNLIKE_SLOW))
@@ -98,7 +98,7 @@ class Explained:
     """Series and the evidence for changes in them.
 
     Attributes:
-        y: logarithms of friction [%], less `start`, their median; NaN where undetermined.
+        y: log friction [%] minus its median `start`; NaN if undetermined.
     """
 
     days: Float[np.ndarray, " n"]
@@ -120,7 +120,7 @@ def _slow(
 def in_percent(
     mean: Float[np.ndarray, "drives n"], std: Float[np.ndarray, "drives n"]
 ) -> tuple[Float[np.ndarray, "drives n"], Float[np.ndarray, "drives n"]]:
-    """Logarithms of friction and their deviations [%]; NaN where it is not known."""
+    """Log friction and its deviation [%]; NaN if unknown."""
     good = (mean > 0) & (std < _VAGUE * np.abs(mean)) & np.isfinite(std)
     safe = np.where(good, mean, 1.0)
     return np.where(good, 100.0 * np.log(safe), np.nan), np.where(good, 100.0 * std / safe, np.inf)
@@ -136,8 +136,8 @@ def explained(
     days.
 
     Args:
-        y, std: as of `in_percent`; of a robot after the other.
-        regressors: of each robot, as many columns of each.
+        y, std: as in `in_percent`, one robot after the other.
+        regressors: of each robot, with the same number of columns.
     """
     drives, first = len(y) // len(regressors), regressors[0]
     X = np.repeat(np.stack([robot.columns for robot in regressors]), drives, axis=0)
@@ -162,50 +162,50 @@ def evidence_of(
     unlike: Float[np.ndarray, " regressors"],
     drives: int,
 ) -> ChangeEvidence:
-    """Evidence of changes beside regressors, whose first is the level.
+    """Evidence of changes with regressors, of which the first is the level.
 
     Args:
-        z: series, NaN where there is no recording.
-        variance: of each recording, in units of σ² of new scatter; outliers get more.
-        scale, unlike: as of `Regressors`.
-        drives: series of one robot, which follow each other.
+        z: series, NaN without a recording.
+        variance: of each recording, in units of σ² of white scatter; increased for outliers.
+        scale, unlike: as in `Regressors`.
+        drives: number of consecutive series of one robot.
     """
     variance = np.where(np.isfinite(z), variance * inflation(z, X[..., 1:]), np.inf)
     base = np.concatenate([X, np.nan_to_num(z)[..., None]], axis=2)
     scatter = DailyScatter.grid()
     sums = whitened_sums(days, variance, base, changes.columns, scatter)
     prior = first_prior(scale, scatter, len(z))
-    found = evidence(sums, changes, prior)
+    result = evidence(sums, changes, prior)
     if drives > 1:
-        prior = with_others(found, changes, prior, unlike, drives)
-        found = evidence(sums, changes, prior)
+        prior = with_others(result, changes, prior, unlike, drives)
+        result = evidence(sums, changes, prior)
     few = sums.count < FEWEST
     if not few.any():
-        return found
-    # In units of a σ that takes up the change, coefficients would be that much too wide.
+        return result
+    # Coefficients are in units of σ, which absorbs the change and would make them too wide.
     prior = replace(prior, precision=STEP**2 * prior.precision)
     exact = evidence(sums, changes, prior, freedom=0.0)
-    return replace(found, R=np.where(few, np.minimum(found.R, exact.R), found.R))
+    return replace(result, R=np.where(few, np.minimum(result.R, exact.R), result.R))
 
 
 def inflation(
     y: Float[np.ndarray, "series n"], regressors: Float[np.ndarray, "series n regressors"]
 ) -> Float[np.ndarray, "series n"]:
-    """By how much the variance of each recording grows: 1 where it is as its neighbours are.
+    """Factor of the variance of each recording: 1 if it agrees with its neighbours.
 
     Args:
-        y: series in percent, NaN where there is no recording.
-        regressors: what explains it beside its level.
+        y: series in percent, NaN without a recording.
+        regressors: without the level.
     """
     z = y - _explained(y, regressors)
     wide = np.pad(z, ((0, 0), (_SIDE, _SIDE)), constant_values=np.nan)
     residual = np.abs(z - _median(sliding_window_view(wide, 2 * _SIDE + 1, axis=1)))
     scale = np.maximum(ROBUST * _median(residual)[:, None], _LEAST)
-    return np.nan_to_num(np.maximum(residual / (_USUAL * scale), 1.0) ** 2, nan=1.0)
+    return np.nan_to_num(np.maximum(residual / (USUAL * scale), 1.0) ** 2, nan=1.0)
 
 
 def _median(values: Float[np.ndarray, "*rows n"]) -> Float[np.ndarray, "*rows"]:
-    """Along the last axis without NaN; NaN where nothing is left."""
+    """Medians along the last axis without NaN; NaN where all are."""
     medians, some = np.full(values.shape[:-1], np.nan), np.isfinite(values).any(axis=-1)
     medians[some] = np.nanmedian(values[some], axis=-1)
     return medians
@@ -214,7 +214,7 @@ def _median(values: Float[np.ndarray, "*rows n"]) -> Float[np.ndarray, "*rows"]:
 def _explained(
     y: Float[np.ndarray, "series n"], regressors: Float[np.ndarray, "series n regressors"]
 ) -> Float[np.ndarray, "series n"]:
-    """Roughly: by changes from one recording to the next, great ones clipped."""
+    """A rough fit, from clipped changes between consecutive recordings."""
     fitted, count = np.zeros_like(y), regressors.shape[2]
     for k, (series, X) in enumerate(zip(y, regressors, strict=True) if count else ()):
         recorded = np.isfinite(series)

@@ -1,4 +1,4 @@
-"""Drift as tidy tables, one row a fact, for whatever dashboard there is, and as a few lines."""
+"""Drift as tidy tables, for any dashboard, and as a few lines of text."""
 
 from collections.abc import Iterable, Iterator
 from dataclasses import astuple
@@ -29,7 +29,7 @@ FRICTION = {
     "temperature": pl.Float64,
     "load": pl.Float64,
 }
-# Each a number with the ends of its interval.
+# Suffixes of a number and the ends of its interval.
 _ENDS = ("", "_low", "_high")
 DRIFT = {
     "robot": pl.String,
@@ -151,17 +151,17 @@ def drift_shown(drift: RobotDrift) -> Table:
 
 
 def sentences(drift: RobotDrift) -> list[str]:
-    """What each finding rests on, tools that were changed, what bounds false alarms."""
+    """Reasons of findings, tool changes, and the bound of false alarms."""
     lines = [
         f"{drive}: {text}"
         for drive, finding in zip(drift.drives, drift.findings, strict=True)
         if finding.state != "steady" and (text := _details(drift, finding))
     ]
     for tool in drift.tools:
-        way = "heavier" if tool.mass > 0 else "lighter"
+        word = "heavier" if tool.mass > 0 else "lighter"
         lines.append(
-            f"what the robot holds became {way} by {abs(tool.mass):.3g} ± {2 * tool.std:.1g} kg on "
-            f"{_date(drift.date(tool.day))}, undeclared; it is not counted as friction"
+            f"what the robot holds became {word} by {abs(tool.mass):.3g} ± {2 * tool.std:.1g} kg "
+            f"on {_date(drift.date(tool.day))}, undeclared; it is not counted as friction"
         )
     if drift.common is not None:
         lines.append(drift.common)

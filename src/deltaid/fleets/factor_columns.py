@@ -1,4 +1,4 @@
-"""The columns that a recording is gathered with, for any later fit of its robot.
+"""Columns of a recording that allow any later fit of its robot.
 
 - Rigid bodies, rotors, springs: the representatives of the base parameters of a generic motion.
   All their other columns are combinations of these by the mechanism alone.
@@ -8,7 +8,7 @@
   and its constants are combinations of sign(v) s_k(|v|); viscous and Coulomb friction are exact. A
   drive has the columns 1 and |v| as well, for one-way friction, and sign(q̇) |x|, x the load of
   its gear.
-- What loads take while they are held.
+- Loads while they are held.
 - Nuisance columns of this recording: residual lag of each drive, friction that changes along it.
 
 A column of a fit is a combination of gathered ones, Y = G T: of a rigid body by the mechanism alone
@@ -42,8 +42,8 @@ _TURNING, _SLIDING = 20.0, 5.0
 # on splines go on as lines.
 KNOTS = (0.0, 0.0025, 0.006, 0.012, 0.024, 0.045, 0.08, 0.14, 0.24, 0.4, 0.65, 1.0)
 _CARDINAL = CubicSpline(KNOTS, np.eye(len(KNOTS)), bc_type="natural")
-# Friction at rest is that of hardly moving, on the side of the step that the direction says.
-_CREEP = 1e-12
+# Speed [rad/s, m/s] at which friction at rest is evaluated, on one side of the step.
+_CREEP = np.finfo(float).eps
 
 
 def splines(v: Float[np.ndarray, " samples"], top: float) -> Float[np.ndarray, "knots samples"]:
@@ -54,7 +54,7 @@ def splines(v: Float[np.ndarray, " samples"], top: float) -> Float[np.ndarray, "
 
 @dataclass(frozen=True, eq=False)
 class SpeedColumns(Addition):
-    """The columns of one joint's friction over speed; `top` is its reference speed [rad/s, m/s]."""
+    """Columns of one joint's friction over speed; `top` is its reference speed [rad/s, m/s]."""
 
     name: str
     top: float
@@ -66,7 +66,7 @@ class SpeedColumns(Addition):
 
     @property
     def parameters(self) -> tuple[PriorParameter, ...]:
-        """One a spline; of a drive those of both directions alike behind them."""
+        """One for each spline; for a drive, also those of one-way friction."""
         symbols = [f"speed{k}" for k in range(len(KNOTS))]
         symbols += [] if self.joint.drive is None else ["one_way", "one_way_speed"]
         return _constants(self.name, symbols, self.dynamics.robot.units(self.name).force)
@@ -77,7 +77,7 @@ class SpeedColumns(Addition):
         return np.tile(rows, count), np.repeat(np.arange(count), len(rows))
 
     def entries(self, w: SampleBlock, own: Own, recording: PreparedRecording) -> Values:
-        """sign(v) s_k(|v|) ∂v/∂q̇; behind them 1 and |v|."""
+        """sign(v) s_k(|v|) ∂v/∂q̇, then 1 and |v|."""
         del w, recording
         C, v = own[self.joint.coulomb], self.joint.speed(own)
         columns = [C * s for s in splines(v, self.top)]
@@ -86,7 +86,7 @@ class SpeedColumns(Addition):
         return np.vstack(columns)
 
     def following(self, h: Callable[[np.ndarray], np.ndarray]) -> Float[np.ndarray, " columns"]:
-        """The combination of columns that is a law's h(v), v with its sign."""
+        """The combination of columns for a law h(v), v with its sign."""
         knots = self.top * np.array(KNOTS)
         v = np.maximum(knots, _CREEP)
         odd, even = 0.5 * (h(v) - h(-v)), 0.5 * (h(v) + h(-v))
@@ -97,7 +97,7 @@ class SpeedColumns(Addition):
 
 @dataclass(frozen=True, eq=False)
 class CarriedColumns(Addition):
-    """One column a drive, sign(q̇) |x|; x by parameters p, of the robot and of what it holds."""
+    """One column per drive, sign(q̇) |x|, with x from parameters p of the robot and its load."""
 
     p: Float[np.ndarray, " parameters"]
 
@@ -125,7 +125,7 @@ def _constants(joint: str, symbols: list[str], unit: str) -> tuple[PriorParamete
 
 
 def plain(robot: RobotDescription) -> RobotDescription:
-    """The robot with viscous and Coulomb friction only, in the joints that have friction."""
+    """The robot with viscous and Coulomb friction only."""
     laws = {joint: law.plain for joint, law in robot.friction.items()}
     return robot.changed(friction=laws, measured=(), sensors={})
 
@@ -134,7 +134,7 @@ _generic_base = lru_cache(maxsize=8)(random_motion_base)
 
 
 def _reference_speed(robot: RobotDescription, joint: str) -> float:
-    """The speed up to which a joint's friction is followed closely [rad/s or m/s]."""
+    """Speed up to which a joint's friction has knots [rad/s or m/s]."""
     limits = robot.limits_of(joint)
     if robot.units(joint).coordinate == "m":
         return float(limits.speed or _SLIDING)
@@ -156,7 +156,7 @@ class GatheredColumns:
         p: Float[np.ndarray, " parameters"],
         others: Sequence[Addition] = (),
     ) -> "GatheredColumns":
-        """Columns of a robot; p is that of the plain robot, for the load that gears carry."""
+        """Columns of a robot; p is that of the plain robot, for the gears' load."""
         dynamics = compiled(plain(robot))
         speeds = (
             SpeedColumns(dynamics, joint, _reference_speed(dynamics.robot, joint))
@@ -172,12 +172,12 @@ class GatheredColumns:
 
     @property
     def base(self) -> BaseParameters:
-        """What any generic motion shows of the plain robot."""
+        """Base parameters of the plain robot for a generic motion."""
         return _generic_base(self.dynamics)
 
     @cached_property
     def kept(self) -> Int[np.ndarray, " kept"]:
-        """Places of the columns that go into a file among those of the regressor."""
+        """Indices of the regressor's columns that go into a file."""
         count = len(self.dynamics.layout.names)
         friction = range(count)[self.dynamics.layout.friction]
         rigid = {group.representative for group in self.base.groups} - {*friction}
@@ -192,15 +192,15 @@ class GatheredColumns:
 
     @cached_property
     def place(self) -> dict[str, int]:
-        """Place of each name among those that go into a file, in their order."""
+        """Index of each name among the columns of a file."""
         return {self.names[column]: k for k, column in enumerate(self.kept)}
 
 
 def map_to(
     columns: GatheredColumns, dynamics: Dynamics, additions: Sequence[Addition] = ()
 ) -> Float[np.ndarray, "kept columns"]:
-    """T for a robot of the same mechanism with any friction law, and for additions behind its
-    columns: loads that were gathered, and constants of the robot's laws."""
+    """T for a robot of the same mechanism with any friction law, and for additions: gathered loads,
+    and constants of the robot's laws."""
     plain_names, place = columns.dynamics.layout.names, columns.place
     shares: dict[str, dict[str, float]] = {}
     for group in columns.base.groups:

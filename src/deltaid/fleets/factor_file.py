@@ -1,11 +1,11 @@
-"""Factor files: one small Parquet file a recording.
+"""Factor files: one small Parquet file per recording.
 
 A row of the table is one drive's triangle for one group of samples. That of all samples keeps every
 bit; those of stretches, places and tolerances, which only determine uncertainty, keep seven digits.
-All else is JSON under the key `deltaid` of the file's metadata.
+Everything else is JSON under the key `deltaid` of the file's metadata.
 
-The key of a file is a checksum of its inputs. Files may be merged that are of the same mechanism
-and the same filter, each recording once.
+The key of a file is a checksum of its inputs. Files of the same mechanism and the same filter may
+be merged, each recording once.
 """
 
 import hashlib
@@ -50,14 +50,14 @@ _SCHEMA = {
     "exact": pl.List(pl.Float64),
     "rounded": pl.List(pl.Float32),
 }
-# Settings of the fit; all others are fixed when a recording is gathered.
+# Settings of the fit; all others apply when a recording is gathered.
 FIT_SETTINGS = {"method", "regularizer", "gamma", "prior_spread", "intervals", "friction"}
-# Keys of a description that gathered columns do not depend on: priors, measured values and limits.
+# Keys of a description that do not change gathered columns: priors, measured values and limits.
 _FREE = {
     *("name", "title", "bodies", "friction", "measured", "sensors", "sources", "strut_swing_deg"),
     *("platform_speed", "platform_acceleration", "largest_condition"),
 }
-# Cut-offs that differ by less than this share are the same.
+# Relative difference of equal cut-offs.
 _SAME = 0.02
 
 
@@ -65,8 +65,8 @@ _SAME = 0.02
 class FactorFile:
     record: FactorRecord
     condensed: RecordingFactors
-    path: str = ""  # of the file; empty for what has been gathered just now
-    key: str = ""  # a checksum of what it follows from
+    path: str = ""  # of the file; empty if it is not written yet
+    key: str = ""  # checksum of its inputs
 
     @property
     def where(self) -> str:
@@ -75,7 +75,7 @@ class FactorFile:
 
     @cached_property
     def brief(self) -> RecordingBrief:
-        """What a fit of many recordings needs of it beside its factors."""
+        """Data for a fit of many recordings in addition to the factors."""
         record, model = self.record, self.record.model
         return RecordingBrief.model_construct(
             source=model.sources[0],
@@ -98,8 +98,8 @@ class FactorFile:
 
 
 def write(file: FactorFile, path: Path, key: str = "") -> None:
-    """Write a factor file, whole or not at all; `key` is a checksum of what it follows from. A
-    DeltaidError says why it cannot be written."""
+    """Write a factor file, whole or not at all; `key` is a checksum of its inputs. Raises a
+    DeltaidError if it cannot be written."""
     condensed, rows = file.condensed, []
     for groups in filter(None, (condensed.whole, condensed.geometry, condensed.groups)):
         for k, i in np.ndindex(len(groups), len(groups.factors)):
@@ -114,7 +114,7 @@ def write(file: FactorFile, path: Path, key: str = "") -> None:
 
 
 def read_key(path: Path) -> str | None:
-    """The checksum of what a file follows from; None where there is no such file that is whole."""
+    """Checksum of a file's inputs; None if it is missing or damaged."""
     try:
         return read(path).key if os.path.isfile(path) else None
     except RecordingError:
@@ -125,7 +125,7 @@ def read(path: Path) -> FactorFile:
     """Read a factor file.
 
     Raises:
-        RecordingError: it is none, is damaged, or is of a later version.
+        RecordingError: it is no factor file, is damaged, or is of a later version.
     """
     where = str(path)
     require_threads()
@@ -185,7 +185,7 @@ def _groups(table: pl.DataFrame, sizes: tuple[int, ...], column: str) -> FactorG
 
 
 def digest(content: Any) -> str:
-    """A checksum of what JSON can hold."""
+    """Checksum of JSON data."""
     text = json.dumps(content, sort_keys=True, separators=(",", ":"))
     return hashlib.sha256(text.encode()).hexdigest()
 
@@ -196,8 +196,8 @@ def safe(name: str) -> str:
 
 
 def ways(robot: RobotDescription, mapping: ColumnMapping | None, settings: Settings) -> str:
-    """A checksum of what decides how a recording is gathered: the mechanism, the mapping of
-    columns, settings of filter, masks and corrections, and the version of the file."""
+    """Checksum of how a recording is gathered: mechanism, mapping of columns, settings of filter,
+    masks and corrections, version of the file."""
     fixed = settings.model_dump(mode="json", exclude=FIT_SETTINGS)
     columns = (mapping or ColumnMapping()).model_dump(mode="json")
     return digest([FORMAT, _mechanism(robot), columns, fixed])
@@ -207,8 +207,8 @@ def require_alike(files: Sequence[FactorFile], robot: RobotDescription) -> None:
     """Refuse files that cannot be merged.
 
     Raises:
-        RecordingError: there are none; one is of another mechanism than the robot, of another
-            filter than the first, or the same recording as one before; with what differs.
+        RecordingError: there are none; or one differs in mechanism from the robot, in filter from
+            the first, or repeats a recording.
     """
     if not files:
         raise RecordingError("no factor file was given", where="logs", cure="give at least one")
@@ -221,7 +221,7 @@ def require_mechanism(file: FactorFile, robot: RobotDescription) -> None:
     """Refuse a file of another mechanism.
 
     Raises:
-        RecordingError: with what differs.
+        RecordingError: with the difference.
     """
     for key, gathered, described in _differences(_mechanism(file.record.robot), _mechanism(robot)):
         raise RecordingError(
@@ -235,7 +235,7 @@ def require_together(briefs: Sequence[RecordingBrief]) -> None:
     """Refuse recordings of one mechanism that cannot be merged.
 
     Raises:
-        RecordingError: one is of another filter than the first, or the same as one before.
+        RecordingError: one differs in filter from the first, or repeats a recording.
     """
     paths = dict[str, str]()
     for brief in briefs:
@@ -260,7 +260,7 @@ def require_together(briefs: Sequence[RecordingBrief]) -> None:
 
 
 def _mechanism(robot: RobotDescription) -> dict[str, Any]:
-    """What gathered columns depend on: lengths, joints, bodies' names, gravity."""
+    """Data that gathered columns depend on: lengths, joints, bodies' names, gravity."""
     data = robot.model_dump(mode="json", exclude=_FREE)
     for limits in data["drive_limits"].values():
         for name in [name for name in limits if not name.startswith("speed")]:
@@ -275,8 +275,8 @@ def _differences(
     here: Mapping[str, Any], there: Mapping[str, Any], above: str = ""
 ) -> Iterator[tuple[str, Any, Any]]:
     for key in sorted({*here, *there}):
-        own, other, path = here.get(key), there.get(key), f"{above}{key}"
-        if isinstance(own, dict) and isinstance(other, dict):
-            yield from _differences(own, other, f"{path}.")
-        elif own != other:
-            yield path, own, other
+        value, other, path = here.get(key), there.get(key), f"{above}{key}"
+        if isinstance(value, dict) and isinstance(other, dict):
+            yield from _differences(value, other, f"{path}.")
+        elif value != other:
+            yield path, value, other

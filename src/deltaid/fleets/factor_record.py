@@ -1,5 +1,5 @@
-"""One recording condensed to triangular factors of its rows, whole and in groups; the record of a
-factor file on it, and what of that a fit of many recordings needs."""
+"""Triangular factors of a recording's rows, whole and in groups; the record of a factor file, and
+its brief for fits of many recordings."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -18,7 +18,7 @@ from deltaid.robot.description import RobotDescription
 from deltaid.robot.friction import Friction
 from deltaid.robot.part import Part
 
-# Version of the file. It counts up with anything that older programs would misread.
+# Version of the file; increases with any change that older programs would misread.
 FORMAT = 1
 
 Box = tuple[tuple[float, float, float], tuple[float, float, float]]
@@ -26,12 +26,12 @@ Box = tuple[tuple[float, float, float], tuple[float, float, float]]
 
 @dataclass(frozen=True, eq=False)
 class FactorGroups:
-    """Groups of samples: for each drive R with RᵀR = [G_i, τ_i]ᵀ[G_i, τ_i] over the columns it
-    feels, upper triangular."""
+    """Groups of samples: for each drive an upper triangular R with RᵀR = [G_i, τ_i]ᵀ[G_i, τ_i] over
+    its columns."""
 
-    names: tuple[str, ...]  # which samples: 'whole', 'geometry', 'time 3', 'place 2 0 1'
+    names: tuple[str, ...]  # 'whole', 'geometry', 'time 3', 'place 2 0 1'
     factors: tuple[Float[np.ndarray, "groups _ _"], ...]  # of each drive; τ is the last column
-    samples: Float[np.ndarray, "groups drives"]  # number of samples behind each
+    samples: Float[np.ndarray, "groups drives"]  # number of samples of each
     torque_max: Float[np.ndarray, "groups drives"]  # largest |τ| of each
 
     @classmethod
@@ -42,7 +42,7 @@ class FactorGroups:
         samples: Float[np.ndarray, "groups drives"],
         torque_max: Float[np.ndarray, "groups drives"],
     ) -> "FactorGroups":
-        """Triangles of each drive's rows, as many as columns."""
+        """Groups from each drive's rows."""
         missing = (max(A.shape[2] - A.shape[1], 0) for A in rows)
         padded = (
             np.pad(A, ((0, 0), (0, count), (0, 0))) for A, count in zip(rows, missing, strict=True)
@@ -58,11 +58,11 @@ class FactorGroups:
         return FactorGroups(names, factors, *(array[kept] for array in arrays))
 
     def named(self, first: str) -> "FactorGroups":
-        """Those whose names begin so."""
+        """Groups whose names begin with a word."""
         return self.only([k for k, name in enumerate(self.names) if name.startswith(first)])
 
     def joined(self, other: "FactorGroups") -> "FactorGroups":
-        """Those of the other behind its own."""
+        """Its groups, then the other's."""
         return FactorGroups(
             self.names + other.names,
             tuple(map(np.concatenate, zip(self.factors, other.factors, strict=True))),
@@ -73,17 +73,17 @@ class FactorGroups:
 
 @dataclass(frozen=True, eq=False)
 class RecordingFactors:
-    names: tuple[str, ...]  # of the columns that were gathered
-    felt: tuple[Int[np.ndarray, " _"], ...]  # places of those that each drive feels among them
-    whole: FactorGroups  # one: all samples
+    names: tuple[str, ...]  # of the gathered columns
+    felt: tuple[Int[np.ndarray, " _"], ...]  # indices of each drive's columns
+    whole: FactorGroups  # one group: all samples
     groups: FactorGroups  # the same in stretches of time, then by place
-    # one: some samples, with what tolerances of the description do to them before τ, if any
+    # one group: some samples, with the effects of the description's tolerances before τ, if any
     geometry: FactorGroups | None = None
 
 
 class KnownLag(Part):
-    """A drive's lag [s]: corrected already, and known beside that from rows that no fit has, with
-    its standard deviation."""
+    """A drive's lag [s]: the corrected delay, and the estimate of the remaining lag from other
+    rows, with its standard deviation."""
 
     drive: str
     delay: float
@@ -92,7 +92,7 @@ class KnownLag(Part):
 
 
 class GatheredLoad(Part):
-    """A load that is held, and its parameters that have been taken out of the torques."""
+    """A held load, and its parameters that were subtracted from the torques."""
 
     load: Load
     taken: tuple[float, ...]
@@ -110,14 +110,14 @@ class FactorRecord(Part):
     """Inputs of a recording's factors, and its own identification.
 
     Attributes:
-        robot, model: as described when the recording was gathered, and what this says by itself.
+        robot, model: the description when the recording was gathered, and its own identification.
         names: of the gathered columns.
-        felt: places of those that each drive feels.
-        quantities: that may be off, with what they do to the rows.
-        noise: level of each drive's filtered torque that its own fit leaves [N m or N].
+        felt: indices of each drive's columns.
+        quantities: with tolerances, whose effects are in the rows.
+        noise: residual of each drive's filtered torque in its own fit [N m or N].
         fastest: largest speed of each drive [rad/s or m/s].
         first, last: stamps of the first and last row [s].
-        warnings: of its survey, beside verdicts.
+        warnings: of its survey, in addition to verdicts.
     """
 
     format: Annotated[int, Field(ge=1, le=FORMAT)] = FORMAT
@@ -148,16 +148,16 @@ class FactorRecord(Part):
 
 
 class RecordingBrief(Part):
-    """What is said of a recording beside its factors.
+    """Data of a recording in addition to its factors.
 
     Attributes:
-        path: of its factor file; empty for what has been gathered just now.
-        friction: laws that it asks for by itself, by joint.
+        path: of its factor file; empty if it is not written yet.
+        friction: laws of its own identification, by joint.
         rms, rms_unfiltered: residual torques of its own fit [N m or N].
-        samples: filtered samples, in the mean over the drives.
-        sensors: of which factors hold nothing.
-        masses: of its loads as it identifies them by itself [kg].
-        noise, fastest, first, loads, verdicts, warnings: as of `FactorRecord`.
+        samples: filtered samples, mean over the drives.
+        sensors: recorded sensors, which factors do not contain.
+        masses: of its loads by its own identification [kg].
+        noise, fastest, first, loads, verdicts, warnings: as in `FactorRecord`.
         degrees: mean recorded temperature [°C].
     """
 
@@ -193,6 +193,6 @@ class RecordingBrief(Part):
 
     @property
     def held(self) -> float:
-        """Largest mass held [kg]; the identified one of a load without a declared mass."""
+        """Largest held mass [kg]; for a load without a declared mass, the identified one."""
         masses = [self.masses.get(load.load.name, load.load.mass or 0.0) for load in self.loads]
         return max(masses, default=0.0)

@@ -1,8 +1,7 @@
-"""What a fleet is made of: which robots there are, of which type, and all of their recordings,
-found where its manifest says that they lie.
+"""A fleet from its manifest: robots, their types, and all of their recordings.
 
-YAML with a list of robots, or a table (CSV, Parquet) with one row a recording or a pattern.
-Recordings are local paths or addresses of any store that fsspec knows, such as
+A manifest is YAML with a list of robots, or a table (CSV, Parquet) with one row per recording or
+pattern. Recordings are local paths or addresses of any store that fsspec supports, such as
 s3://plant/line1/*.parquet.
 """
 
@@ -28,11 +27,11 @@ from deltaid.robot.part import Part
 _ISO = re.compile(r"\d{4}-\d{2}-\d{2}")
 _TIMES = "must be written as 2026-01-31 or 2026-01-31T08:30"
 _TABLES = (".csv", ".parquet")
-# Columns of a table, of which the first two must be there, and the first four are words.
+# Columns of a table: the first two are required, the first four are text.
 _COLUMNS = ("robot", "recording", "type", "columns", "time", "load", "temperature")
 
 
-# No system has longer paths, Linux as long ones.
+# The longest path of any system is Linux's.
 _Path = Annotated[str, Field(min_length=1, max_length=4096)]
 
 
@@ -54,10 +53,10 @@ class RecordedFile(Part):
     @field_validator("time", mode="before")
     @classmethod
     def _is_written_out(cls, time: object) -> object:
-        # 01/02/2026 is two dates, and 20260131 would be seconds.
+        # 01/02/2026 is ambiguous, and 20260131 would be seconds.
         if isinstance(time, str | int | float) and not _ISO.match(str(time)):
             raise ValueError(_TIMES)
-        try:  # strict validation takes no text for a time once a function has had it
+        try:  # strict validation accepts no text after a validator
             if isinstance(time, str):
                 time = datetime.fromisoformat(time)
                 if time.tzinfo is not None:
@@ -89,8 +88,7 @@ class Manifest(Part):
     robots: Annotated[tuple[FleetRobot, ...], Field(min_length=1)]
 
     def entries(self, where: str) -> Iterator[tuple[str, str, RecordedFile, str | None]]:
-        """All that robots say of recordings, with what holds for all filled in: robot, type,
-        recordings, mapping file.
+        """Entries of all robots with defaults filled in: robot, type, recordings, mapping file.
 
         Raises:
             DescriptionError: a robot has no type, or two.
@@ -141,7 +139,7 @@ def read_manifest(name: str) -> Manifest:
 
 
 def beside(name: str, manifest: str) -> str:
-    """What a name in a manifest stands for: an address, or a path from its folder."""
+    """Address, or path relative to a manifest's folder, of a name in it."""
     if is_address(name):
         return name
     if is_address(manifest):
@@ -202,7 +200,7 @@ def _require_columns(table: pl.DataFrame, where: str) -> None:
             )
 
 
-# A date within a name: 2026-01-31, 20260131, perhaps with a time behind it.
+# A date within a name: 2026-01-31, 20260131, optionally with a time.
 DATE = re.compile(
     r"(?<!\d)(20\d\d)[-_.]?(0[1-9]|1[0-2])[-_.]?(0[1-9]|[12]\d|3[01])"
     r"(?:[T_ -]?([01]\d|2[0-3])[:h-]?([0-5]\d)(?:[:m-]?([0-5]\d))?)?(?!\d)"
@@ -220,14 +218,14 @@ class Recorded:
     """One recording of a fleet.
 
     Attributes:
-        robot: whose.
-        time: when it was made.
-        path: where it lies, a path or an address.
-        type: the robot's, as the manifest has it.
+        robot: its name.
+        time: of the recording.
+        path: local path or address.
+        type: of the robot, as in the manifest.
         columns: mapping file; empty for default names.
-        load: mass that was held all the time [kg]; None if nothing is said.
-        temperature: [°C]; None if not known.
-        stamp: changes when the file does; empty where it is no longer there.
+        load: mass held throughout [kg]; None if not declared.
+        temperature: [°C]; None if unknown.
+        stamp: changes when the file does; empty if it is missing.
     """
 
     robot: str
@@ -242,14 +240,14 @@ class Recorded:
 
 @dataclass(frozen=True)
 class Quarantined:
-    """What cannot be used: a line of the quarantine.
+    """A line of the quarantine.
 
     Attributes:
         what: 'recording', 'fit', 'drift', 'type'.
-        robot: whose.
+        robot: its name.
         which: path, pattern, period or type.
         reason: in words.
-        key: of what it follows from; empty where it is tried again at the next call.
+        key: checksum of the inputs; empty if the next call tries again.
     """
 
     what: str
@@ -261,15 +259,15 @@ class Quarantined:
 
 @dataclass(frozen=True)
 class Fleet:
-    """All recordings of a fleet, in the order of robots and time.
+    """All recordings of a fleet, sorted by robot and time.
 
     Attributes:
         recordings: each once.
-        types: where the description of each type is.
-        period: of which recordings are fitted together.
-        absent: what is named and not there, or has no date.
-        entries: robot, and path or pattern, of all that the manifest names.
-        mappings: files of columns that it names, whether there are recordings for them or not.
+        types: file of each type's description.
+        period: of recordings that are fitted together.
+        absent: named recordings that are missing, or have no date.
+        entries: robot, and path or pattern, of all entries of the manifest.
+        mappings: all files of columns in the manifest.
     """
 
     recordings: tuple[Recorded, ...]
@@ -281,10 +279,10 @@ class Fleet:
 
 
 def find_fleet(manifest: str, period: Period | None = None) -> Fleet:
-    """The fleet of a manifest; paths are seen from its folder.
+    """The fleet of a manifest; paths are relative to its folder.
 
     Args:
-        period: in the place of the manifest's.
+        period: in place of the manifest's.
 
     Raises:
         DescriptionError: the manifest is wrong, or gives a recording to two robots.
@@ -333,7 +331,7 @@ def find_fleet(manifest: str, period: Period | None = None) -> Fleet:
 
 
 def period_of(time: datetime, period: Period) -> str:
-    """The name of the period that a time falls into: 2026-W05, 2026-01, 2026-01-31, all."""
+    """Name of the period of a time: 2026-W05, 2026-01, 2026-01-31, all."""
     if period == "week":
         year, week, _ = time.isocalendar()
         return f"{year}-W{week:02d}"
@@ -351,7 +349,7 @@ def datetime_of(match: re.Match[str]) -> datetime:
 
 
 def _time(file: RecordedFile, path: str) -> datetime | None:
-    """When a recording was made, by what is said, by its name, or by its folders."""
+    """Time of a recording as given, or from its name or folders."""
     if (given := file.time) is not None:
         is_time = isinstance(given, datetime)
         time = given if is_time else datetime(given.year, given.month, given.day)

@@ -1,4 +1,4 @@
-"""One recording condensed: identified alone, corrected, gathered with columns for any law."""
+"""Gather one recording: identified alone, corrected, and condensed with columns for any law."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
@@ -42,17 +42,17 @@ from deltaid.recording.recording import PreparedRecording
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.load import RobotLike, described
 
-# Of a recording: consecutive stretches of time, and places of the platform, the last of which holds
-# the seldom visited ones. Together no more than 40 groups.
+# Groups of a recording: stretches of time, and places of the platform, the last of which collects
+# rarely visited ones. Together at most 40.
 _STRETCHES, _PLACES, _FEWEST_PLACES = 26, 14, 6
-# Bytes of a file at most, and those of its record; numbers of the whole take twice those of a
-# group, and the rows with tolerances about one and a half.
+# Largest size of a file and of its record, and size of a number in a group [bytes]; size of all
+# other triangles, those of the whole and of tolerances, in groups.
 _BYTES, _BESIDE, _GROUP, _WHOLES = 950_000, 90_000, 4, 3.5
-# Deviation of a lag without a column in the fit: exactly as corrected [s].
+# Deviation of a lag that is exactly as corrected [s].
 _EXACT = 1e-7
-# So many windows of a recording show its temperature.
+# Windows of a recording that determine its temperature.
 _WINDOWS = 12
-# A recording's range along an axis is cut into three to seven places.
+# Least number of places along the range of an axis.
 _PARTS = 3
 
 
@@ -66,8 +66,7 @@ def gathered(
     progress: Progress = lambda _: None,
 ) -> FactorFile:
     """A recording identified alone, corrected and condensed; arguments and errors are those of
-    `deltaid.identify`. Rows are kept as recorded, so that effects of the contest of causes stay in
-    them."""
+    `deltaid.identify`. Effects found by the contest of causes are not corrected in the rows."""
     type_ = described(robot)
     settings = (settings or Settings()).changed(effects="none")
     result = identify(
@@ -83,9 +82,9 @@ def gathered(
 @dataclass(frozen=True)
 class Gathering:
     log: Path
-    path: Path  # its factor file, whether or not it could be made
-    state: Literal["new", "there", "refused"]  # 'there' where it had been made before
-    error: DeltaidError | None = None  # why it was refused
+    path: Path  # its factor file, even if refused
+    state: Literal["new", "there", "refused"]  # 'there' if it existed before
+    error: DeltaidError | None = None  # reason of a refusal
 
     @property
     def reason(self) -> str:
@@ -102,12 +101,13 @@ def gather_into(
     force: bool = False,
     progress: Progress = lambda _: None,
 ) -> Iterator[Gathering]:
-    """Gather recordings into a folder, one after the other; those that are there are not read.
+    """Gather recordings into a folder, one after the other; existing files are not made again.
 
-    A recording that cannot be used is refused with its reason and does not stop the others. A file
-    follows from the recording's bytes, the mechanism, the mapping, settings of filter, masks and
-    corrections, and the versions of deltaid and of the file: their checksum is in its name. The
-    folder is made if there is none; other arguments are those of `deltaid.identify`.
+    A recording that cannot be used is refused with its reason and does not stop the others. The
+    name of a file contains a checksum of its inputs: the recording's bytes, the mechanism, the
+        mapping,
+    settings of filter, masks and corrections, and the versions of deltaid and of the file. The
+    folder is made if missing; other arguments are those of `deltaid.identify`.
     """
     settings = settings or Settings()
     for log, mapping in zip(logs, mapping_each(columns, len(logs)), strict=True):
@@ -129,13 +129,11 @@ def gather_into(
 
 
 def gathered_columns(problem: FittedProblem, recording: PreparedRecording) -> GatheredColumns:
-    """The columns of a recording that has been fitted alone.
-
-    Lags see the slope of the fitted model's torques.
-    """
+    """The columns of a recording that was fitted alone; those of lags are slopes of the fitted
+    torques."""
     extra = tuple(added for added in problem.additions if isinstance(added, LoadColumns | Warmth))
     columns = GatheredColumns.for_robot(problem.dynamics.robot, _plain_values(problem), extra)
-    p = np.zeros(len(columns.names))  # what is held is in what the recording's gears carry
+    p = np.zeros(len(columns.names))  # loads are in the recording's gear loads
     p[columns.kept] = map_to(columns, problem.dynamics) @ problem.p
     groups = alone(problem.dynamics.dof)
     lags = LagColumns(columns.dynamics, columns.additions, p, recording, groups)
@@ -154,7 +152,7 @@ def condensed(columns: GatheredColumns, recording: PreparedRecording) -> Recordi
     column = np.append(np.searchsorted(rows.active, columns.kept), len(rows.active))
     with_tau = [column[np.append(places, -1)] for places in felt]
     sizes = [len(places) for places in with_tau]
-    # As many stretches of time and places as a file has room for, by the sizes of its factors.
+    # As many stretches and places as fit into a file.
     room = int((_BYTES - _BESIDE) / (_GROUP * sum(n * (n + 1) // 2 for n in sizes)) - _WHOLES)
     most_places = min(max(room - _STRETCHES, _FEWEST_PLACES), _PLACES)
     stretches = max(min(_STRETCHES, room - most_places), 2)
@@ -184,7 +182,8 @@ def with_geometry(
     problem: FittedProblem,
     recording: PreparedRecording,
 ) -> tuple[RecordingFactors, tuple[str, ...]]:
-    """The same with the effect of the description's tolerances on some rows, and their names."""
+    """The factors with the effects of the description's tolerances on some rows, and their
+    names."""
     if columns.dynamics.robot.tolerances.exact:
         return condensed, ()
     p, none = _plain_values(problem), np.zeros(columns.dynamics.dof)
@@ -205,11 +204,11 @@ def with_geometry(
 def _cells(
     robot: RobotDescription, reach: Float[np.ndarray, "2 3"]
 ) -> tuple[Float[np.ndarray, "2 3"], tuple[int, int, int], list[str]]:
-    """Cells of the workspace that a recording reaches: their box [m], how many there are along each
-    axis, and names.
+    """Cells of the workspace that a recording reaches: their box [m], number along each axis,
+    names.
 
-    They are the workspace's thirds, halved until they are a third of the recording's range or less,
-    so that recordings of the same robot share cells and their names.
+    They are thirds of the workspace, halved until they are at most a third of the recording's
+    range, so recordings of the same robot share cells and names.
     """
     low, high = robot.workspace.bounding_box
     whole = np.maximum(high - low, 1e-9)
@@ -228,7 +227,7 @@ def _cells(
 def _by_place(
     sums: Float[np.ndarray, "places drives augmented augmented"], names: list[str], count: int
 ) -> Iterator[tuple[str, np.ndarray]]:
-    """The places that are visited most, and one for all others; so many at most."""
+    """Sums of the most visited places, and one for all others."""
     weight = np.einsum("pijj->p", sums)
     visited = np.argsort(-weight, kind="stable")[: np.count_nonzero(weight)]
     for k in sorted(visited[: count - 1].tolist()):
@@ -257,8 +256,8 @@ def record_of(
     condensed: RecordingFactors,
     quantities: tuple[str, ...],
 ) -> FactorRecord:
-    """The record of a recording that has been gathered: the robot as described, its result by
-    itself, its factors, and names of tolerances among these."""
+    """The record of a gathered recording: description, own identification, factors, and names of
+    tolerances."""
     recording, model = result.recordings[0], result.model
     log, (low, high) = recording.log, recording.log.reach.tolist()
     fastest = {curve.joint: max(curve.speed) for curve in model.friction_curves}

@@ -1,4 +1,4 @@
-"""All recordings of a fleet: what earlier calls have gathered or refused is not gathered again."""
+"""Gather all recordings of a fleet; results and refusals of earlier calls are reused."""
 
 import re
 from collections import Counter
@@ -20,7 +20,7 @@ from deltaid.fleets.store import StoreError, has_pattern, local_file
 from deltaid.fleets.workers import ALONE
 from deltaid.parallel import threads
 
-# Fields of the recording and of its outcome that are columns of the table.
+# Columns of the table: fields of the recording and of its outcome.
 _RECORDED = {
     **{"robot": pl.String, "type": pl.String, "time": pl.Datetime("us"), "path": pl.String},
     **{"columns": pl.String, "load": pl.Float64, "temperature": pl.Float64},
@@ -30,7 +30,7 @@ _OUTCOME = {
     **{"sha256": pl.String, "bytes": pl.Int64, "key": pl.String, "how": pl.String},
 }
 RECORDINGS_SCHEMA = {**_RECORDED, **_OUTCOME, "there": pl.Boolean}
-# Why what was gathered of a recording cannot be used.
+# Reasons why gathered factors cannot be used.
 _WRONG = "whose description or mapping cannot be read"
 _OTHERWISE = "that are gathered otherwise than asked, or by another version"
 _AWAY = "that are not there, and were gathered otherwise than asked, or by another version"
@@ -41,10 +41,10 @@ _POOR = ("wrong", "doubtful")
 
 
 def gather_all(call: Call) -> list[GatherResult]:
-    """What became of all recordings, in their order.
+    """Outcomes of all recordings, in their order.
 
     Raises:
-        DeltaidError: what earlier calls have gathered would be lost, and nobody said so.
+        DeltaidError: gathered factors of earlier calls would be lost without permission.
     """
     listing = call.place.listing(FACTORS)
     before = call.tables[RECORDINGS].filter(pl.col("file") != "")
@@ -94,10 +94,10 @@ def _outcome(recorded: Recorded, row: Mapping[str, Any]) -> GatherResult:
 
 
 def _require_kept(call: Call, lost: Counter[str]) -> None:
-    """Refuse to go on without what was gathered.
+    """Refuse to lose gathered factors.
 
     Raises:
-        DeltaidError: with how many recordings are concerned.
+        DeltaidError: with the number of recordings concerned.
     """
     allowed = {_OTHERWISE: call.regather}
     kept = {why: n for why, n in (+lost).items() if not allowed.get(why, call.drop_absent)}
@@ -117,10 +117,10 @@ def _require_kept(call: Call, lost: Counter[str]) -> None:
 def gather_again(
     call: Call, outcomes: Sequence[GatherResult], files: set[str]
 ) -> list[GatherResult]:
-    """The same with some recordings gathered anew, whose factor files are damaged.
+    """The outcomes with recordings gathered anew whose factor files are damaged.
 
     Raises:
-        DeltaidError: some of these are away, and nobody said that they may be forgotten.
+        DeltaidError: some of these recordings are missing, and may not be dropped.
     """
     known = dict[Recorded, GatherResult]()
     for outcome in outcomes:
@@ -142,7 +142,7 @@ def _failed(job: GatherJob, why: str) -> GatherResult:
 
 
 def _why_lost(call: Call, outcome: GatherResult, listing: Mapping[str, int]) -> str:
-    """Why what a recording that is away has said cannot be used; empty where it can."""
+    """Why factors of a missing recording cannot be used; empty if they can."""
     try:
         if call.plan.how(outcome.recorded).digest != outcome.how:
             return _AWAY
@@ -152,7 +152,7 @@ def _why_lost(call: Call, outcome: GatherResult, listing: Mapping[str, int]) -> 
 
 
 def _naming(fleet: Fleet) -> Callable[[Recorded], bool]:
-    """Whether a manifest names a recording, which may be away."""
+    """A function that tests whether a manifest names a recording, even a missing one."""
     from fsspec.utils import glob_translate
 
     single, patterns = set(fleet.entries), dict[str, list[re.Pattern[str]]]()
@@ -166,9 +166,9 @@ def _naming(fleet: Fleet) -> Callable[[Recorded], bool]:
 
 
 def _once(outcomes: Iterable[GatherResult]) -> list[GatherResult]:
-    """The same with every recording once: copies would narrow all intervals, telling nothing new.
+    """The outcomes with each recording once: copies would narrow intervals without new information.
 
-    What is still there comes before what is not, and the first in order before others.
+    Existing recordings have priority over missing ones, then the first in order.
     """
     kept, first = list[GatherResult](), dict[str, Recorded]()
     for outcome in sorted(
@@ -188,7 +188,7 @@ def _once(outcomes: Iterable[GatherResult]) -> list[GatherResult]:
 def gather_recorded(job: GatherJob, place: Place) -> GatherResult:
     """Gather a recording into a fleet's folder, unless it is there.
 
-    A recording that cannot be used is an outcome with its reason, and no error.
+    A recording that cannot be used gives an outcome with its reason instead of an error.
     """
     with ALONE:
         try:
@@ -214,7 +214,7 @@ def gather_recorded(job: GatherJob, place: Place) -> GatherResult:
 
 
 def poor(recordings: Iterable[RecordingBrief]) -> str:
-    """Names of verdicts that are not good, joined."""
+    """Names of doubtful and wrong verdicts, joined."""
     verdicts = (verdict for recording in recordings for verdict in recording.verdicts)
     return ", ".join(sorted({verdict.key for verdict in verdicts if verdict.grade in _POOR}))
 
@@ -227,7 +227,7 @@ def _gathered_now(job: GatherJob) -> FactorFile:
                 return gathered(
                     how.robot, path, columns=how.mapping, settings=how.settings, force=how.force
                 )
-            except RecordingError as error:  # of a copy, which the user has not seen
+            except RecordingError as error:  # names the local copy instead of the user's file
                 where = error.where.replace(str(path), recorded.path)
                 raise RecordingError(error.what, where=where, cure=error.cure) from None
     except FileNotFoundError:

@@ -1,4 +1,4 @@
-"""How recordings of a fleet are gathered: descriptions, mappings, and one filter for each type."""
+"""Plan of gathering a fleet: descriptions, mappings, and one filter for each type."""
 
 import json
 from collections.abc import Callable, Iterator, Mapping
@@ -27,7 +27,7 @@ from deltaid.robot.load import catalogue, described
 
 FACTORS = "factors"
 DECIDED = "decided.json"
-# Recordings of a type that are asked for a cut-off, one after the other, until one can be used.
+# Largest number of a type's recordings that are tried, one after the other, for a cut-off.
 _ASKED = 20
 
 _Read = TypeVar("_Read")
@@ -35,13 +35,13 @@ _Read = TypeVar("_Read")
 
 @dataclass(frozen=True)
 class How:
-    """What a recording is gathered with.
+    """Inputs of gathering a recording.
 
     Attributes:
-        robot: whose it is.
+        robot: its description.
         mapping: of its columns.
         settings: of filter, masks and corrections.
-        force: go on with what the checks call wrong.
+        force: whether to continue after wrong verdicts.
     """
 
     robot: RobotDescription
@@ -51,45 +51,45 @@ class How:
 
     @cached_property
     def digest(self) -> str:
-        """A checksum of all this, and of the version that gathers."""
-        own = ways(self.robot, self.mapping, self.settings)
-        return digest([own, self.force, version("deltaid")])
+        """Checksum of all inputs, and of the version of deltaid."""
+        inputs = ways(self.robot, self.mapping, self.settings)
+        return digest([inputs, self.force, version("deltaid")])
 
 
 @dataclass(frozen=True)
 class GatherJob:
-    """A recording that is to be gathered, and how."""
+    """A recording to gather, and its inputs."""
 
     recorded: Recorded
     how: How
 
     @cached_property
     def key(self) -> str:
-        """Checksum of all that follows from, by the recording's stamp: nothing is read for it."""
+        """Checksum of all inputs, with the stamp instead of the contents of the recording."""
         return digest([self.recorded.path, self.recorded.stamp, self.how.digest])
 
     @property
     def file(self) -> str:
-        """Name of the factor file, seen from the fleet's folder."""
+        """Name of the factor file, relative to the fleet's folder."""
         robot, log = safe(self.recorded.robot), safe(Path(self.recorded.path).stem)
         return f"{FACTORS}/{robot}/{log}-{self.key[:12]}{ENDING}"
 
 
 @dataclass(frozen=True)
 class GatherResult:
-    """What became of one recording.
+    """Outcome of one recording.
 
     Attributes:
-        recorded: which.
-        key: checksum of what its factors follow from; empty where another call may end otherwise.
-        file: its factor file, seen from the fleet's folder; empty if it was refused.
-        reason: why it is in quarantine; empty if it is not.
-        is_new: whether it was looked at now.
+        recorded: the recording.
+        key: checksum of its factors' inputs; empty if another call may end differently.
+        file: its factor file, relative to the fleet's folder; empty if it was refused.
+        reason: of its quarantine; empty if it is usable.
+        is_new: whether this call processed it.
         bytes: size of the factor file.
         sha256: of the recording.
         samples: of the recording.
-        verdicts: of its checks that are not good, by name.
-        how: checksum of how it is gathered; empty where it cannot be.
+        verdicts: names of doubtful and wrong ones.
+        how: checksum of how it is gathered; empty if it cannot be.
     """
 
     recorded: Recorded
@@ -106,16 +106,16 @@ class GatherResult:
 
 @dataclass(frozen=True)
 class GatherPlan:
-    """What recordings are gathered with, or why they cannot be.
+    """Inputs of gathering all recordings, or errors.
 
     Attributes:
         settings: of all.
-        force: go on with what the checks call wrong.
+        force: whether to continue after wrong verdicts.
         robots: descriptions, by type.
-        mappings: by the manifest's name.
+        mappings: by their names in the manifest.
         cutoffs: of each type [Hz].
-        wrong: what is wrong, by type or mapping.
-        hows: what has been asked for, by type, mapping and load: a fleet has few.
+        wrong: errors, by type or mapping.
+        hows: cache of inputs, by type, mapping and load.
     """
 
     settings: Settings
@@ -128,7 +128,7 @@ class GatherPlan:
 
     @classmethod
     def from_manifest(cls, fleet: Fleet, settings: Settings, *, force: bool) -> "GatherPlan":
-        """What a fleet's manifest says; what cannot be read does not stop the rest."""
+        """The plan of a fleet's manifest; unreadable files do not stop the rest."""
         wrong = dict[str, DeltaidError]()
 
         def read(names: Mapping[str, str], load: Callable[[Path], _Read]) -> dict[str, _Read]:
@@ -152,11 +152,11 @@ class GatherPlan:
         return cls(settings, force, robots, mappings, {}, wrong)
 
     def how(self, recorded: Recorded) -> How:
-        """How a recording is gathered.
+        """Inputs of gathering a recording.
 
         Raises:
             DeltaidError: its description or mapping is wrong, or both its mapping and the manifest
-                say what it holds.
+                declare a load.
         """
         for name in (recorded.type, recorded.columns):
             if name in self.wrong:
@@ -173,7 +173,7 @@ class GatherPlan:
                     cure="say it in one of them",
                 )
             if mass:
-                # Loads of one name are the same thing, so those of another mass have another name.
+                # Loads of one name are the same object, so other masses need other names.
                 load = Load(always=True, mass=mass, name=f"load-{round(1e6 * mass)}mg")
                 mapping = (mapping or ColumnMapping()).changed(load=load)
             self.hows[kind] = How(self.robots[recorded.type], mapping, settings, self.force)
@@ -183,10 +183,10 @@ class GatherPlan:
 def with_cutoffs(
     plan: GatherPlan, fleet: Fleet, place: Place, workers: Callable[[], Workers]
 ) -> GatherPlan:
-    """The same with a cut-off for each type.
+    """The plan with a cut-off for each type.
 
-    Recordings go together only with one filter. Where none is given, the first usable recording
-    decides for its type, once: the file `decided.json` keeps it.
+    Recordings can only be merged with one filter. Unless given, the first usable recording decides
+    for its type, once; the file `decided.json` keeps the result.
     """
     if plan.settings.cutoff is not None:
         return plan
@@ -212,7 +212,7 @@ def with_cutoffs(
 
 
 def suggested_cutoff(job: GatherJob) -> float | None:
-    """The cut-off that a recording asks for [Hz], of two digits; None where it cannot be used."""
+    """The cut-off that suits a recording [Hz], with two digits; None if it cannot be used."""
     with ALONE, threads(1):
         try:
             with local_file(job.recorded.path) as path:

@@ -1,4 +1,4 @@
-"""`identify` and `validate` from factor files, without their recordings; verdicts, remarks and
+"""`identify` and `validate` from factor files, without the recordings; verdicts, remarks and
 corrections come from the recordings' own identifications."""
 
 from collections.abc import Sequence
@@ -29,21 +29,21 @@ from deltaid.robot.description import RobotDescription
 from deltaid.robot.friction_terms import law_in_words
 from deltaid.robot.load import RobotLike, described
 
-# Corrections that the common fit or `_torque_constants` report.
+# Corrections that the joint fit or `_torque_constants` report.
 _OF_FIT = ("friction", "prior", "load", "gain")
 
 
 def identify_gathered(
     robot: RobotLike, files: Sequence[FactorFile], settings: Settings | None = None
 ) -> Judged:
-    """Identify a robot, with priors, reductions and measured values of its own, from the factors of
-    its recordings, by settings of method, regulariser, γ, prior's spread and friction.
+    """Identify a robot, with its priors, reductions and measured values, from the factors of its
+    recordings, by settings of method, regulariser, γ, prior's spread and friction.
 
-    What was corrected in each recording stays so. Friction laws are those of the description, or
-    what most of the recordings asked for.
+    Corrections of each recording are kept. Friction laws are those of the description, or those
+    that most of the recordings chose.
 
     Raises:
-        RecordingError: files do not go together, or not with the robot.
+        RecordingError: files do not match each other or the robot.
         IdentificationError: the fit cannot be posed or did not converge.
     """
     settings, description = settings or Settings(), described(robot)
@@ -53,7 +53,7 @@ def identify_gathered(
 def identify_merged(
     recordings: RobotRecordings, description: RobotDescription, settings: Settings
 ) -> Judged:
-    """As `identify_gathered`, from recordings that have been merged for this description."""
+    """The same as `identify_gathered`, from recordings merged for this description."""
     briefs = ordered(recordings.briefs)
     chosen = recordings.merging.dynamics.robot
     gains = _torque_constants(briefs)
@@ -74,9 +74,9 @@ def identify_merged(
 
 
 def validate_gathered(model: ModelLike, file: FactorFile) -> TorqueError:
-    """Torque errors of a model on a recording by its factors, as of `deltaid.validate`.
+    """Torque errors of a model on a recording from its factors, as in `deltaid.validate`.
 
-    The recording's lags are corrected as they were found in it by itself.
+    The recording's lags are corrected as in its own identification.
 
     Raises:
         RecordingError: the file is of another mechanism than the model, or holds a load that the
@@ -98,7 +98,7 @@ def validate_gathered(model: ModelLike, file: FactorFile) -> TorqueError:
 def _torque_errors(
     information: Information, values: Parameters, briefs: Sequence[RecordingBrief]
 ) -> TorqueError:
-    """Residual torques of all recordings; unfiltered noise is that of the recordings' own fits."""
+    """Residual torques of all recordings, with the unfiltered noise of their own fits."""
     rms, torque = information.rms(values), information.torque_rms()
     beyond = [np.square(brief.rms_unfiltered) - np.square(brief.rms) for brief in briefs]
     noise = np.average(beyond, axis=0, weights=[brief.samples for brief in briefs])
@@ -114,8 +114,8 @@ def _torque_errors(
 
 
 def _verdicts(briefs: Sequence[RecordingBrief]) -> list[Verdict]:
-    """Verdicts on recordings, each with its subject; of several without those on information,
-    which recordings determine together."""
+    """Verdicts on recordings, each with its subject; for several recordings without those on
+    information, which they determine together."""
     if len(briefs) == 1:
         return list(briefs[0].verdicts)
     return [
@@ -167,8 +167,9 @@ def _corrections(
 
 
 def _torque_constants(briefs: Sequence[RecordingBrief]) -> list[Correction]:
-    """Torque constants that were corrected consistently in all recordings, of each the surest; a
-    RecordingError where one was in some only, or by factors that exclude each other."""
+    """Torque constants that were corrected consistently in all recordings, each from the most
+    certain one. Raises a RecordingError if one was corrected in some only, or by incompatible
+    factors."""
     gains: dict[str, list[tuple[RecordingBrief, Correction]]] = {}
     for brief in briefs:
         for correction in brief.corrections:

@@ -1,9 +1,9 @@
 """One robot's contribution to its type: rows of unit noise that condense its recordings.
 
 Least squares gives base parameters y of a robot, y = K p + e. The covariance of e comes from the
-scatter between groups of samples, as intervals do, and from tolerances of the geometry that each
-machine has for itself. With its Cholesky factor L the rows L⁻¹K p = L⁻¹y have noise of covariance
-1. What belongs to the recordings alone, such as loads, is eliminated from them.
+scatter between groups of samples, as for intervals, and from tolerances of each machine's geometry.
+With its Cholesky factor L, the rows L⁻¹K p = L⁻¹y have unit noise. Unknowns of the recordings, such
+as loads, are eliminated.
 """
 
 import json
@@ -20,6 +20,7 @@ from scipy.linalg import solve_triangular
 from deltaid.checksum import require_intact, sealed_archive
 from deltaid.errors import RecordingError
 from deltaid.estimation.information import triangle
+from deltaid.estimation.problem import DEPENDENT
 from deltaid.estimation.scatter import inverse
 from deltaid.fleets.robot_recordings import RobotRecordings, fitted
 from deltaid.identification.fit import FittedProblem
@@ -29,10 +30,8 @@ from deltaid.sensors.weighings import weighings
 
 # Arrays of a member's file; all else of it is JSON.
 _ARRAYS = ("rows", "values", "shared")
-# Below this share of a row's size a direction is rounding.
-_ROUNDING = 1e-9
-# Quantities of the geometry that each machine has for itself; lengths that are not of one limb
-# alone all machines of a type share, if their drawing is off.
+# Geometric quantities of each machine; other lengths, which belong to more than one limb, are wrong
+# in the drawing and shared by all machines of a type.
 _OWN = ("zero of", "tilt about", "torque constant", " of limb ")
 
 
@@ -41,7 +40,7 @@ class MeasuredFact:
     """A measured value of the robot: cᵀp = v ± σ.
 
     Attributes:
-        key: what makes it the same measurement in two descriptions.
+        key: equal for the same measurement in two descriptions.
         coefficients: c, over the member's parameters.
     """
 
@@ -58,14 +57,14 @@ class TypeMember:
     Attributes:
         name: of the robot.
         names: of its parameters p.
-        rows, values: rows · p = values, with independent noise of one.
+        rows, values: rows · p = values, with independent unit noise.
         shared: effect on the rows of geometric quantities common to all machines, for one standard
             deviation of each.
         quantities: names of these.
-        freedom: degrees of freedom of the noise's level.
+        freedom: degrees of freedom of the noise level.
         facts: measured values in its description.
         widened: entries whose prior its recordings contradict, with the factor of the spread.
-        recordings: how many.
+        recordings: number of recordings.
     """
 
     name: str
@@ -81,14 +80,14 @@ class TypeMember:
 
     @property
     def shown(self) -> set[str]:
-        """Parameters that its rows or facts show."""
+        """Parameters that its rows or facts depend on."""
         every = np.vstack([self.rows, *(fact.coefficients for fact in self.facts)])
         return {self.names[k] for k in np.flatnonzero(np.any(every != 0, axis=0))}
 
 
 def member(name: str, recordings: RobotRecordings, settings: Settings) -> TypeMember:
-    """The member that recordings of one robot determine; measured values in its description are
-    those of this robot, unless other robots have the same.
+    """The member from recordings of one robot; measured values in its description are those of this
+    robot, unless other robots have the same.
 
     Raises:
         IdentificationError: the fit cannot be posed or did not converge.
@@ -108,10 +107,10 @@ def member(name: str, recordings: RobotRecordings, settings: Settings) -> TypeMe
 
 
 def _of_problem(name: str, problem: FittedProblem) -> TypeMember:
-    """The member that a fit without measured values determines.
+    """The member from a fit without measured values.
 
-    Least squares errs by R⁻¹ s, s with deviations as intervals have them. For white noise s has no
-    correlations, and groups are too few to tell others of them.
+    The error of least squares is R⁻¹ s, with the deviations of s from intervals. For white noise s
+    is uncorrelated, and groups are too few to estimate correlations.
     """
     estimate, count, shifts = problem.estimate, len(problem.p), problem.geometry.shifts
     noise = estimate.noise
@@ -120,7 +119,7 @@ def _of_problem(name: str, problem: FittedProblem) -> TypeMember:
     common = np.array([not any(word in name for word in _OWN) for name in names], dtype=bool)
     covariance = half @ half.T + shifts[:, ~common] @ shifts[:, ~common].T
     size = np.sqrt(np.diag(covariance))
-    L = np.linalg.cholesky(covariance / np.outer(size, size) + _ROUNDING * np.eye(len(size)))
+    L = np.linalg.cholesky(covariance / np.outer(size, size) + DEPENDENT * np.eye(len(size)))
     K = problem.base.combination()
     wide = np.column_stack([K[:, count:], K[:, :count], shifts[:, common], estimate.values])
     rows = solve_triangular(L, wide / size[:, None], lower=True)
@@ -144,7 +143,7 @@ def eliminated(
     if not count or not len(rows):
         return rows[:, count:]
     U, singular, _ = np.linalg.svd(rows[:, :count])
-    rank = int(np.sum(singular > _ROUNDING * max(singular[0], 1.0)))
+    rank = int(np.sum(singular > DEPENDENT * max(singular[0], 1.0)))
     return triangle(U[:, rank:].T @ rows[:, count:])
 
 

@@ -1,4 +1,4 @@
-"""How factors of a recording become rows of a robot's fit."""
+"""Rows of a robot's fit from the factors of recordings."""
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
@@ -17,6 +17,7 @@ from deltaid.effects.load_columns import LoadColumns
 from deltaid.estimation.additions import Addition
 from deltaid.estimation.information import Information, triangle
 from deltaid.estimation.problem import DEPENDENT, Span, lengths
+from deltaid.estimation.scatter import ROUNDING
 from deltaid.fleets.factor_columns import GatheredColumns, map_to, plain
 from deltaid.fleets.factor_file import FactorFile, digest
 from deltaid.fleets.factor_record import FactorGroups, RecordingBrief
@@ -26,16 +27,16 @@ from deltaid.model.record import Settings
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.friction import Friction
 
-# Terms with constants of their own beside the coefficient.
+# Constants of terms in addition to the coefficient.
 _CURVED = {"power": ("exponent",), "stribeck": ("speed", "exponent"), "hess_soom": ("speed",)}
 
 
 def with_laws(
     robot: RobotDescription, briefs: Sequence[RecordingBrief], settings: Settings
 ) -> RobotDescription:
-    """The robot with the friction laws to fit: those of the description, or joint by joint what
-    most of its recordings asked for, of as many the simpler law. Constants of its terms, such as
-    Stribeck's speed, are the medians over the recordings that asked for it."""
+    """The robot with the friction laws to fit: those of the description, or for each joint the law
+    that most of its recordings chose, in a tie the simpler one. Constants of its terms, such as
+    Stribeck's speed, are medians over the recordings that chose it."""
     if settings.friction != "choose":
         return robot
     laws = {
@@ -52,8 +53,8 @@ def _usual(laws: Sequence[Friction]) -> Friction:
     same = [law for law in laws if terms_of(law) == terms]
     law = min(same, key=lambda law: law.model_dump_json())
     for term in set(_CURVED).intersection(terms):
-        own = [getattr(law, term) for law in same]
-        values = {name: median(getattr(part, name) for part in own) for name in _CURVED[term]}
+        parts = [getattr(law, term) for law in same]
+        values = {name: median(getattr(part, name) for part in parts) for name in _CURVED[term]}
         law = law.changed(**{term: getattr(law, term).changed(**values)})
     return law
 
@@ -62,17 +63,14 @@ def terms_of(law: Friction) -> tuple[str, ...]:
     return tuple(name for name, value in law if value is not None)
 
 
-# A share of a column that is rounding.
-_ROUNDING = 1e-12
-
 Rows = Float[np.ndarray, "_ _"]
 
 
 @dataclass(frozen=True, eq=False)
 class MergedPart:
-    """A recording's part of a fit; stretches and places are made where they are asked for."""
+    """A recording's part of a fit; stretches and places are computed on request."""
 
-    information: Information  # all of it, with what is known of its lags
+    information: Information  # all samples, with the prior of its lags
     groups: FactorGroups
     views: tuple[Rows, ...]  # V of each drive, [Y, τ] = R V
 
@@ -89,10 +87,10 @@ class MergedPart:
 
 @dataclass(frozen=True, eq=False)
 class Independent:
-    """Independent columns of some rows Y, and all of them as their combinations: Y = Y[:, at] C.
+    """Independent columns of rows Y, and all columns as their combinations: Y = Y[:, at] C.
 
     Attributes:
-        at: places of the independent columns.
+        at: indices of the independent columns.
         combinations: C.
     """
 
@@ -101,34 +99,33 @@ class Independent:
 
     @classmethod
     def of_columns(cls, Y: Rows) -> "Independent":
-        """Those of a matrix, by QR with pivoting of columns of unit length."""
+        """Independent columns of a matrix, by QR with pivoting of columns of unit length."""
         R, order = qr(Y / lengths(Y), mode="r", pivoting=True)
         size = np.abs(np.diag(R))
         rank = int(np.count_nonzero(size > DEPENDENT * size.max(initial=0.0)))
         at = np.sort(order[:rank])
         C = np.linalg.lstsq(Y[:, at], Y, rcond=None)[0]
-        C[np.abs(C) < _ROUNDING * np.abs(C).max(initial=0.0)] = 0.0
+        C[np.abs(C) < ROUNDING * np.abs(C).max(initial=0.0)] = 0.0
         C[:, at] = np.eye(rank)
         return cls(at, C)
 
 
 @dataclass(frozen=True, eq=False)
 class Merging:
-    """How factors of a recording become rows of a fit.
+    """Map from the factors of a recording to rows of a fit.
 
     Columns L of one recording alone, its lags and changes of its friction, are eliminated: rows are
-    [Y, τ] − L B, and B is what least squares over the whole recording, with what is known of lags
-    beside its rows, explains by them. What a load was taken to be and taken out of the torques is
-    put back, and what the fit takes it to be is taken out.
+    [Y, τ] − L B, with B from least squares over the whole recording and the prior of its lags. The
+    torques of loads are restored, and those of the fit's loads subtracted.
     """
 
-    columns: GatheredColumns  # that were gathered, but for those of one recording alone
+    columns: GatheredColumns  # of all recordings, without those of one recording alone
     dynamics: Dynamics  # of the robot that is fitted
     additions: tuple[Addition, ...] = ()  # of all recordings
 
     @cached_property
     def active(self) -> Int[np.ndarray, " columns"]:
-        """Which columns of the fit are not always zero."""
+        """Columns of the fit that are not always zero."""
         return np.flatnonzero(np.any(self._map != 0.0, axis=0))
 
     @cached_property
@@ -141,12 +138,12 @@ class Merging:
 
     @cached_property
     def independent(self) -> Independent:
-        """Of the active columns, over all drives."""
+        """Independent active columns, over all drives."""
         return Independent.of_columns(self._active_map)
 
     @cached_property
     def drives(self) -> tuple[Independent, ...]:
-        """Of the active columns, in the rows of each drive."""
+        """Independent active columns in the rows of each drive."""
         drives, entries = self.columns.regressor.regressor_pattern
         return tuple(
             Independent.of_columns(
@@ -157,7 +154,7 @@ class Merging:
 
     @cached_property
     def fingerprint(self) -> str:
-        """Checksum of all that rows of a recording depend on beside its factors."""
+        """Checksum of all inputs of a recording's rows except its factors."""
         taken = {
             added.load.name: added.taken.tolist()
             for added in self.additions
@@ -188,8 +185,9 @@ class Merging:
         return MergedPart(information, file.condensed.groups, tuple(views))
 
     def geometry(self, file: FactorFile) -> list[Rows]:
-        """What tolerances of the description do to rows of each drive: of [Y, D, τ], D torques of
-        one standard deviation of each of the record's quantities; nothing without tolerances."""
+        """Effect of the description's tolerances on rows of each drive: [Y, D, τ], with D the
+        torques of one standard deviation of each of the record's quantities; empty without
+        tolerances."""
         group, rows = file.condensed.geometry, list[Rows]()
         for i, (R,) in enumerate(() if group is None else group.factors):
             view = self._view(file, i)[0][:-1, :-1]
@@ -197,7 +195,7 @@ class Merging:
         return rows
 
     def _view(self, file: FactorFile, drive: int) -> tuple[Rows, dict[str, int]]:
-        """V with [Y, τ] = R V of a drive's factors R, and places of its columns of this recording
+        """V with [Y, τ] = R V for a drive's factors R, and indices of the columns of this recording
         alone."""
         names = [file.condensed.names[k] for k in file.condensed.felt[drive]]
         place = np.array([self.columns.place.get(name, -1) for name in names])
@@ -211,7 +209,7 @@ class Merging:
         return view, local
 
     def of_loads(self, known: Mapping[str, Float[np.ndarray, " 10"]]) -> Float[np.ndarray, " _"]:
-        """Values of the additions: of known loads less what has been taken out already; zero of all
+        """Values of the additions: known loads minus what has been subtracted already; zero for all
         others."""
         values = [
             known[added.load.name] - added.taken
@@ -225,7 +223,7 @@ class Merging:
 def _stacked(
     rows: Sequence[Float[np.ndarray, "*many _ augmented"]],
 ) -> Float[np.ndarray, "*many drives _ augmented"]:
-    """Rows of all drives, with as many zero rows behind them as make all triangles of one size."""
+    """Rows of all drives, padded with zero rows to triangles of one size."""
     size = rows[0].shape[-1]
     most = max(size, *(A.shape[-2] for A in rows))
     wide = np.zeros((*rows[0].shape[:-2], len(rows), most, size))
@@ -237,8 +235,8 @@ def _stacked(
 def merging_of(
     briefs: Sequence[RecordingBrief], robot: RobotDescription, settings: Settings
 ) -> Merging:
-    """How recordings become rows of a robot's fit, with loads of all of them, one of each name, and
-    changes of the laws' constants."""
+    """The map from recordings to rows of a robot's fit, with all of their loads, one for each name,
+    and changes of the laws' constants."""
     dynamics, briefs = compiled(robot), ordered(briefs)
     taken = {held.load.name: held.taken for brief in reversed(briefs) for held in brief.loads}
     loads = tuple(
@@ -255,5 +253,5 @@ def holding(briefs: Sequence[RecordingBrief]) -> Held:
 
 
 def ordered(briefs: Sequence[RecordingBrief]) -> list[RecordingBrief]:
-    """By the recordings' checksums, so results do not depend on their order."""
+    """Recordings sorted by checksum, so results do not depend on their order."""
     return sorted(briefs, key=lambda brief: brief.sha256)

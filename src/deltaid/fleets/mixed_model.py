@@ -1,17 +1,17 @@
-"""Robots about their type: u_r = μ + δ_r, δ_r ~ N(0, S), rows H_r u_r = b_r with noise of one.
+"""Mixed model of a type: u_r = μ + δ_r, δ_r ~ N(0, S), rows H_r u_r = b_r with unit noise.
 
-With V_r = 1 + H_r S H_rᵀ and L_r its Cholesky factor, A_r = L_r⁻¹H_r and c_r = L_r⁻¹b_r have noise
-of one about the mean alone, so that
+With V_r = 1 + H_r S H_rᵀ and its Cholesky factor L_r, A_r = L_r⁻¹H_r and c_r = L_r⁻¹b_r have unit
+noise about the mean, so that
 
     Λ = P + Σ A_rᵀA_r,    Λ m = P u_prior + Σ A_rᵀ c_r
 
-are precision and mean of μ, P what the description knows of it. Given all robots, δ_r is normal
-about S A_rᵀ(c_r − A_r m) with covariance S − S A_rᵀA_r S + T Λ⁻¹ Tᵀ, T = S A_rᵀA_r. The marginal
-likelihood of S, with μ integrated out (REML), has by Fisher's identity the slope
+are precision and mean of μ, with P the precision of the description. Given all robots, δ_r is
+normal about S A_rᵀ(c_r − A_r m) with covariance S − S A_rᵀA_r S + T Λ⁻¹ Tᵀ, T = S A_rᵀA_r. The
+marginal likelihood of S, with μ integrated out (REML), has by Fisher's identity the slope
 
     ∂ log L / ∂ log s_k = Σ_r Σ_j∈k (E δ_rj² / s_k² − 1).
 
-Robots are taken some at a time, so that memory does not grow with their number.
+Robots are processed in parts, so memory does not grow with their number.
 """
 
 from collections.abc import Iterator, Sequence
@@ -23,25 +23,22 @@ from scipy.linalg import inv
 from scipy.optimize import minimize
 
 from deltaid.estimation.information import triangle
-from deltaid.estimation.scatter import inverse
+from deltaid.estimation.scatter import NORMAL, inverse
 from deltaid.fleets.coordinates import KINDS, VAGUE, Coordinates, Square, U
+from deltaid.robot.parameter import PRIOR_SPREAD
 
-# Robots that are in memory at once.
+# Robots processed at once.
 _AT_ONCE = 512
 # Bounds of the search for spreads, as shares.
 _LEAST, _MOST = 1e-4, 2.0
-# Step of log s for the curvature.
-_STEP = 0.05
-# Log likelihood that a spread of nearly zero must lose for the spread to be there (95 %).
-_THERE = 1.92
-# Sizes are not further off than by such a share.
-_LIKELY_OFF = 0.5
-# From so many robots on their spreads can be known.
+# Step of log s for the curvature by central differences.
+_STEP = np.finfo(float).eps ** (1 / 3)
+# Loss of log likelihood without a spread that makes it significant (95 %).
+_THERE = 0.5 * NORMAL**2
+# Least number of robots that determine spreads.
 ENOUGH = 3
 # Draws of the spreads, in pairs.
 _DRAWS = 16
-# Half the width of a normal 95 % interval in standard deviations.
-NORMAL = 1.959964
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,8 +48,8 @@ class RobotRows:
     Attributes:
         H, b: of each robot.
         constant: part of fixed parameters in its rows.
-        extra: additional variance of its δ, where a robot is known to deviate.
-        counts: whether a robot is of the type.
+        extra: additional variance of δ for a robot with a known deviation.
+        counts: whether a robot belongs to the type.
     """
 
     H: Float[np.ndarray, "robots rows u"]
@@ -63,7 +60,7 @@ class RobotRows:
 
     @classmethod
     def stacked(cls, blocks: Sequence[Float[np.ndarray, "_ augmented"]]) -> "RobotRows":
-        """Those of robots that all count: rows over u, over p_0, and their values."""
+        """Rows of robots that all belong: over u, over p_0, and values."""
         wide = np.zeros((len(blocks), max(len(block) for block in blocks), blocks[0].shape[1]))
         for k, block in enumerate(blocks):
             wide[k, : len(block)] = block
@@ -80,7 +77,7 @@ class RobotRows:
             yield robots, self.only(robots)
 
     def whitened(self, variance: U) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """A, c and log |V|, for variances of the type."""
+        """A, c and log |V| for variances S."""
         V = (self.H * (variance + self.extra)[:, None, :]) @ np.swapaxes(self.H, 1, 2)
         diagonal = np.arange(V.shape[1])
         V[:, diagonal, diagonal] += 1.0
@@ -97,7 +94,7 @@ class Mean:
     Attributes:
         variance: S.
         information, right: Λ and Λ m.
-        evidence: log L but for a constant.
+        evidence: log L up to a constant.
     """
 
     variance: U
@@ -145,9 +142,9 @@ def slope(rows: RobotRows, mean: Mean, kinds: Int[np.ndarray, " u"]) -> Float[np
 
 
 def within(rows: RobotRows, mean: Mean) -> Iterator[tuple[slice, np.ndarray, np.ndarray]]:
-    """u of robots given all of them, and its covariance, some robots at a time.
+    """u of robots given all of them, and its covariance, for some robots at a time.
 
-    Given the mean u is normal about m + S Aᵀ(c − A m).
+    Given the mean, u is normal about m + S Aᵀ(c − A m).
     """
     m, covariance, identity = mean.m, mean.covariance, np.eye(len(mean.right))
     for robots, part in rows.parts():
@@ -161,7 +158,7 @@ def within(rows: RobotRows, mean: Mean) -> Iterator[tuple[slice, np.ndarray, np.
 
 
 def alone(rows: RobotRows, precision: Square, prior: U) -> Iterator[tuple[U, Square]]:
-    """u of each robot and its covariance by its own rows and the description."""
+    """u of each robot and its covariance from its own rows and the description."""
     n, root = len(prior), np.linalg.cholesky(precision).T
     described = np.column_stack([root, root @ prior])[None]
     for _, part in rows.parts():
@@ -177,12 +174,12 @@ class Spreads:
     """Standard deviations between robots, as shares of the sizes of entries.
 
     Attributes:
-        kinds: what has one.
-        at: place of the kind of each of u; −1 of what has none.
-        log: logarithms of the most likely.
+        kinds: of entries with a spread.
+        at: index of the kind of each of u; −1 without a spread.
+        log: logarithms of the most likely spreads.
         covariance: of these logarithms.
-        known: whether there are robots enough to know them.
-        there: of which kinds the robots show that they differ at all.
+        known: whether there are enough robots to determine them.
+        there: kinds whose spread is significant.
     """
 
     kinds: tuple[str, ...]
@@ -201,25 +198,29 @@ class Spreads:
         return np.where(self.at >= 0, np.exp(2 * (self.log if log is None else log))[self.at], 0.0)
 
     def draws(self) -> list[Float[np.ndarray, " kinds"]]:
-        """Logarithms of spreads as likely as not, in pairs about the most likely."""
+        """Random logarithms of spreads, in pairs about the most likely."""
         z = np.random.default_rng(0).standard_normal((_DRAWS // 2, len(self.log)))
         steps = z @ np.linalg.cholesky(self.covariance).T
         return [self.log + sign * step for step in steps for sign in (1.0, -1.0)]
 
     def of_unknown_sizes(self, covariance: Square) -> "Spreads":
-        """With the uncertainty of the sizes that spreads are shares of, whose covariance is given.
+        """Spreads with the uncertainty of the sizes that they are relative to.
 
-        An error of one size enters a kind's spread divided by its number of entries.
+        An error of one size enters a kind's spread divided by its number of entries. No size is
+        less certain than its prior.
+
+        Args:
+            covariance: of the sizes.
         """
-        off = np.minimum(np.diag(covariance), _LIKELY_OFF**2)
+        off = np.minimum(np.diag(covariance), PRIOR_SPREAD**2)
         parts = (off[self.at == k] for k in range(len(self.kinds)))
         added = np.diag([part.mean() / len(part) for part in parts])
         return replace(self, covariance=self.covariance + added)
 
     def of_parameters(self, T: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Spread of each of T u between robots, with its interval; NaN where it cannot be known.
+        """Spread of each of T u between robots, with its interval; NaN if undetermined.
 
-        The lower end is zero where robots do not show that they differ.
+        The lower end is zero where the spread is not significant.
         """
         nothing = np.full(len(T), np.nan)
         if not self.known:
@@ -243,7 +244,7 @@ def prior_spreads(coordinates: Coordinates) -> Spreads:
 def fitted_spreads(
     rows: RobotRows, coordinates: Coordinates, start: Spreads | None = None
 ) -> Spreads:
-    """The most likely spreads of the robots that count."""
+    """The most likely spreads of the robots that belong."""
     before = prior_spreads(coordinates)
     if rows.counts.sum() < ENOUGH:
         return before
@@ -252,7 +253,7 @@ def fitted_spreads(
         return mean(rows, before.variance(log), coordinates.precision, coordinates.prior)
 
     def falling(log: np.ndarray) -> tuple[float, np.ndarray]:
-        """Minus the logarithm of the posterior, and its slope."""
+        """Negative log posterior, and its gradient."""
         fitted, away = type_mean(log), (log - before.log) / VAGUE
         gained = slope(rows, fitted, before.at) - away / VAGUE
         return 0.5 * float(away @ away) - fitted.evidence, -gained

@@ -22,9 +22,9 @@ _MADE_AGAIN = "remove it; it is made again"
 
 @dataclass(frozen=True)
 class Place:
-    """A folder by `root`, its absolute path or its address; names of files are seen from it.
+    """A folder by `root`, its absolute path or its address; names of files are relative to it.
 
-    `kept` is what jobs in turn leave for each other, so that nothing is read twice.
+    `kept` caches data between consecutive jobs, so that nothing is read twice.
     """
 
     root: str
@@ -34,10 +34,10 @@ class Place:
 
     @classmethod
     def named(cls, folder: str | Path) -> "Place":
-        """The folder of a name.
+        """The folder of a path or address.
 
         Raises:
-            DeltaidError: it is neither text nor a path, or leads nowhere.
+            DeltaidError: it is neither text nor a path, or does not resolve.
         """
         if not isinstance(folder, str | Path):  # pyright: ignore[reportUnnecessaryIsInstance]
             raise DeltaidError(
@@ -69,7 +69,7 @@ class Place:
 
         Args:
             name: of its file.
-            cure: where it is damaged.
+            cure: of a damaged table.
 
         Raises:
             DeltaidError: it is no table.
@@ -89,7 +89,7 @@ class Place:
             ) from None
 
     def finished(self, name: str) -> pl.DataFrame | None:
-        """A table that a task has left; None if there is none that is whole."""
+        """A finished table of a task; None if it is missing or damaged."""
         try:
             return self.table(name)
         except DeltaidError:
@@ -102,10 +102,10 @@ class Place:
         self.write(name, sealed(buffer.getvalue()))
 
     def factors(self, name: str, key: str | None = None) -> FactorFile | None:
-        """A factor file in it; None if there is none that is whole, or it follows from others.
+        """A factor file in it; None if it is missing, damaged, or of other inputs.
 
         Args:
-            key: of what it has to follow from, if that is known.
+            key: required checksum of its inputs, if known.
 
         Raises:
             StoreError: the store cannot be reached.
@@ -122,19 +122,19 @@ class Place:
         return int(store.stamp_of(self.path_to(name)).partition(" ")[0] or 0)
 
     def listing(self, folder: str) -> dict[str, int]:
-        """Sizes of all files in one of its folders, by their names seen from itself."""
+        """Sizes of all files in one of its folders, by their names relative to `root`."""
         sizes = store.listing(self.path_to(folder))
         return {f"{folder}/{name}": size for name, size in sizes.items()}
 
     def save_file(self, name: str, write: Callable[[Path], None]) -> None:
-        """Write a file as `write` writes it on this machine."""
+        """Write a file by a function that writes to a local path."""
         with TemporaryDirectory(prefix="deltaid-") as folder:
             path = Path(folder) / name.rpartition("/")[2]
             write(path)
             self.write(name, path.read_bytes())
 
     def save_model(self, name: str, model: IdentifiedModel) -> None:
-        """Write a model, and keep it; its numbers keep every bit."""
+        """Write a model and cache it with full precision."""
         self.save_file(name, model.save)
         self.kept[name] = model
 

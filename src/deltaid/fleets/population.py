@@ -1,11 +1,11 @@
-"""A type and its robots, as a fit leaves them; tidy tables; a description of the next robot.
+"""Result of a type's fit: tables, and a description of the next robot.
 
-The description has bodies' priors and how far robots are from them. Variables are known with a
-precision Q and correlated: a sum may be known far better than its terms. Priors of single entries
-r_jᵀx, of standard deviations 1/√w_j, are a precision Σ_j w_j r_j r_jᵀ. If each of them were as
-narrow as Q's own entry, a sum that robots determine would count again with every robot. So the
-narrowest are taken whose precision is no more than Q in any direction: the w of the largest
-Σ log w_j with Q − Σ_j w_j r_j r_jᵀ ⪰ 0, by a barrier and Newton's steps.
+The description has priors of bodies and their spreads. Variables have the precision Q and are
+correlated: a sum may be known far better than its terms. Independent priors of entries r_jᵀx with
+standard deviations 1/√w_j have the precision Σ_j w_j r_j r_jᵀ. With the marginal precisions of Q, a
+sum that robots determine would count again with every robot. So the result is the narrowest set of
+priors whose precision does not exceed Q in any direction: the w with the largest Σ log w_j and
+Q − Σ_j w_j r_j r_jᵀ ⪰ 0, by a barrier method with Newton steps.
 """
 
 from dataclasses import dataclass
@@ -18,6 +18,7 @@ from jaxtyping import Bool, Float
 from scipy.linalg import inv
 
 from deltaid.dynamics.parameters import ParameterLayout, inertia_scale, with_prior
+from deltaid.estimation.scatter import ROUNDING
 from deltaid.fleets.belonging import LEAST
 from deltaid.fleets.coordinates import Coordinates
 from deltaid.fleets.member import unmeasured
@@ -26,7 +27,7 @@ from deltaid.robot.body import ExplicitInertia
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.load import save_yaml
 
-# So many names are shown at most.
+# Largest number of listed names.
 _SHOWN = 5
 _NUMBER, _TEXT = pl.Float64, pl.String
 TYPES = {
@@ -39,12 +40,10 @@ MEMBERS = {
     **dict.fromkeys(("value", "std", "low", "high", "alone_std", "deviation"), _NUMBER),
     **{"unit": _TEXT, "belongs": pl.Boolean, "reason": _TEXT, "chance": _NUMBER},
 }
-# Digits of a spread: three.
+# Digits of a spread.
 _DIGITS = 3
-# Weights of the barrier, one after the other; steps at each, and when they have settled.
+# Weights of the barrier, Newton steps with each, and change that ends them.
 _BARRIER, _STEPS, _SETTLED = np.geomspace(1.0, 1e-4, 9), 60, 1e-9
-# Least eigenvalue of a precision whose diagonal is one: what is below is rounding.
-_ROUNDING = 1e-12
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,7 +56,7 @@ class Estimates:
     half: Float[np.ndarray, " parameters"]
 
     def entry(self, k: int, lowest: float) -> tuple[float, float, float, float]:
-        """Value, deviation and interval of one parameter that is `lowest` or more."""
+        """Value, deviation and interval of one parameter with a lower bound."""
         value, half = self.value[k], self.half[k]
         return value, self.std[k], max(value - half, lowest), value + half
 
@@ -67,10 +66,10 @@ class MemberEstimate:
     """One robot within its type.
 
     Attributes:
-        within: its parameters, given all robots; of one that does not belong, by itself.
-        alone_std: standard deviations by its own recordings and the description.
-        reason: what is different in it; empty if nothing is.
-        chance: how often a robot that belongs is as far from the others.
+        within: its parameters given all robots; of an outlier, by itself.
+        alone_std: standard deviations from its own recordings and the description.
+        reason: its difference; empty if there is none.
+        chance: p-value of its distance from the others.
     """
 
     name: str
@@ -86,16 +85,16 @@ class Population:
     """A type and its robots.
 
     Attributes:
-        coordinates: the type as described, and the variables that are free.
-        mean: of the type, inside the cone of what can be.
+        coordinates: the described type and its free variables.
+        mean: of the type, consistent.
         covariance: of the free variables' mean.
         variance: of robots about it.
         spread: of each parameter between robots; `spread_low` and `spread_high` its 95 % interval.
-        members: all robots, in the order of their names.
+        members: all robots, sorted by name.
         spreads: by kind.
-        moved: 'mean' and names of robots whose most likely values no bodies have: the nearest ones
-            that some have are given, and are more than a standard deviation away.
-        naming: share of robots that belong that are named nevertheless.
+        moved: 'mean' and names of robots whose most likely values are inconsistent by more than a
+            standard deviation; the nearest consistent values are given.
+        naming: false-alarm probability of a robot.
     """
 
     coordinates: Coordinates
@@ -120,7 +119,7 @@ class Population:
 
     @property
     def free(self) -> Bool[np.ndarray, " parameters"]:
-        """Which parameters the fit may change."""
+        """Parameters that the fit may change."""
         return np.any(self.coordinates.to_p != 0, axis=1)
 
     @property
@@ -129,7 +128,7 @@ class Population:
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """What to know of it, in words."""
+        """Remarks, in words."""
         notes, moved = [], ", ".join(self.moved[:_SHOWN])
         if not self.spreads.known:
             notes.append(
@@ -152,41 +151,43 @@ class Population:
 
 
 def types_table(name: str, population: Population) -> pl.DataFrame:
-    """A row a parameter that the fit may change: the type's mean, and the spread between robots,
-    null where it cannot be known."""
+    """A row for each free parameter: the type's mean, and the spread between robots, null if
+    undetermined."""
     rows, notes = [], "; ".join(population.notes)
     for k in np.flatnonzero(population.free).tolist():
-        own = population.layout.parameters[k]
+        parameter = population.layout.parameters[k]
         spread = (population.spread[k], population.spread_low[k], population.spread_high[k])
         ends = (float(value) if np.isfinite(value) else None for value in spread)
-        mean = population.mean.entry(k, own.low)
-        rows.append((name, own.name, *mean, *ends, own.unit, own.prior, population.count, notes))
+        mean = population.mean.entry(k, parameter.low)
+        known = parameter.unit, parameter.prior, population.count
+        rows.append((name, parameter.name, *mean, *ends, *known, notes))
     return pl.DataFrame(rows, schema=TYPES, orient="row")
 
 
 def members_table(name: str, population: Population) -> pl.DataFrame:
-    """A row a robot and parameter; of robots that do not belong by themselves alone."""
+    """A row for each robot and parameter; values of outliers are from their recordings alone."""
     rows, free = [], np.flatnonzero(population.free).tolist()
     for robot in population.members:
         for k in free:
-            own = population.layout.parameters[k]
+            parameter = population.layout.parameters[k]
             deviation = robot.within.value[k] - population.mean.value[k]
             rows.append(
-                (robot.name, name, own.name, *robot.within.entry(k, own.low), robot.alone_std[k],
-                 deviation, own.unit, robot.belongs, robot.reason, robot.chance)
+                (robot.name, name, parameter.name, *robot.within.entry(k, parameter.low),
+                 robot.alone_std[k], deviation, parameter.unit, robot.belongs, robot.reason,
+                 robot.chance)
             )  # fmt: skip
     return pl.DataFrame(rows, schema=MEMBERS, orient="row")
 
 
 def next_robot(population: Population, fleet: str) -> RobotDescription:
-    """The type as a description whose priors are its mean, and whose bodies' spreads combine the
-    uncertainty of the mean and the spread between robots.
+    """The type as a description: priors are its mean, and bodies' spreads combine the uncertainty
+    of the mean and the spread between robots.
 
     Spreads of entries are independent in a description, and as wide as that requires (`widest`).
-    Measured values are in the mean alone. Friction has the type's mean and the fit's spread.
+    Measured values are part of the mean only. Friction has the type's mean and the fit's spread.
 
     Args:
-        fleet: where the robots come from, for `sources`.
+        fleet: its name, for `sources`.
     """
     data = with_prior(unmeasured(population.robot), population.mean.value).model_dump()
     for name, spread in _spreads(population).items():
@@ -203,7 +204,7 @@ def next_robot(population: Population, fleet: str) -> RobotDescription:
 
 
 def save_next(population: Population, fleet: str, path: Path) -> None:
-    """Write that description, whole or not at all.
+    """Write the next robot's description, whole or not at all.
 
     Raises:
         DeltaidError: it cannot be written.
@@ -213,9 +214,10 @@ def save_next(population: Population, fleet: str, path: Path) -> None:
 
 def _spreads(fleet: Population) -> dict[str, dict[str, float]]:
     reduction, p = fleet.coordinates.reduction, fleet.mean.value
-    at = [k for k, variable in enumerate(reduction.variables) if variable.kind == "inertia"]
-    Q = inv((fleet.covariance + np.diag(fleet.variance))[np.ix_(at, at)], assume_a="pos")
-    T = fleet.coordinates.to_p[:, at]
+    inertial = [k for k, variable in enumerate(reduction.variables) if variable.kind == "inertia"]
+    covariance = fleet.covariance + np.diag(fleet.variance)
+    Q = inv(covariance[np.ix_(inertial, inertial)], assume_a="pos")
+    T = fleet.coordinates.to_p[:, inertial]
     changed = np.any(T != 0, axis=1)
     sizes, std = np.linalg.norm(T[changed], axis=1), np.zeros(len(T))
     std[changed] = sizes / np.sqrt(widest(Q, T[changed] / sizes[:, None]))
@@ -223,7 +225,7 @@ def _spreads(fleet: Population) -> dict[str, dict[str, float]]:
     for k in np.flatnonzero(changed).tolist():
         body, _, symbol = fleet.layout.names[k].partition(".")
         part = fleet.layout.body(body)
-        # A body's prior as the fit will have it.
+        # The body's prior in the fit.
         prior = fleet.robot.bodies[body].changed(prior=ExplicitInertia.from_parameters(p[part]))
         share = std[k] / inertia_scale(prior.reduced_prior())[k - part.start]
         result.setdefault(body, {})[symbol] = _short(share)
@@ -231,7 +233,7 @@ def _spreads(fleet: Population) -> dict[str, dict[str, float]]:
 
 
 def _short(value: float) -> float:
-    """Rounded up, never narrower than known."""
+    """The value rounded up, never narrower."""
     unit = 10.0 ** (np.floor(np.log10(value)) - _DIGITS + 1)
     return float(f"{np.ceil(value / unit) * unit:.{_DIGITS + 1}g}")
 
@@ -239,10 +241,10 @@ def _short(value: float) -> float:
 def widest(
     Q: Float[np.ndarray, "n n"], rows: Float[np.ndarray, "entries n"]
 ) -> Float[np.ndarray, " entries"]:
-    """w of every entry."""
+    """w of every entry (see above)."""
     size = np.sqrt(np.diag(Q))
     Q, rows = Q / np.outer(size, size), rows / size
-    Q = Q + max(_ROUNDING - float(np.linalg.eigvalsh(Q)[0]), 0.0) * np.eye(len(Q))
+    Q = Q + max(ROUNDING - float(np.linalg.eigvalsh(Q)[0]), 0.0) * np.eye(len(Q))
     of_rows = np.linalg.solve(np.linalg.cholesky(Q), rows.T)  # in which Q is 1
     log = np.log(0.5 / np.linalg.eigvalsh(of_rows @ of_rows.T)[-1]) * np.ones(len(rows))
     for t in _BARRIER.tolist():
@@ -259,7 +261,7 @@ def widest(
 
 
 def _newton(of_rows: np.ndarray, log: np.ndarray, t: float) -> Float[np.ndarray, " entries"]:
-    """A step of log w upwards: Σ log w + t log det(1 − Σ w r rᵀ)."""
+    """Newton step of log w for the maximum of Σ log w + t log det(1 − Σ w r rᵀ)."""
     w = np.exp(log)
     G = of_rows.T @ np.linalg.solve(_left(of_rows, log), of_rows)
     slope = 1.0 - t * w * np.diag(G)

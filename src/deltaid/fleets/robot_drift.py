@@ -1,7 +1,7 @@
-"""Drift of one robot: friction of its drives over time, and a finding on each.
+"""Drift of one robot: friction of its drives over time, with a finding for each.
 
-The undeclared mass of each recording is a series like friction's. Where it steps, a tool was
-changed, and friction may step with it without being reported as drift.
+The undeclared mass of each recording is a series like friction. Where it steps, a tool was changed,
+and friction may step with it without being reported as drift.
 """
 
 from collections.abc import Sequence
@@ -18,6 +18,7 @@ from deltaid.fleets.drift_friction import FrictionSeries, friction_series
 from deltaid.fleets.drift_series import (
     FLAT,
     ROBUST,
+    USUAL,
     Regressors,
     evidence_of,
     explained,
@@ -28,19 +29,18 @@ from deltaid.fleets.factor_record import RecordingBrief
 from deltaid.fleets.fleet import DATE, datetime_of
 from deltaid.model.record import IdentifiedModel
 
-# Stamps beyond this are seconds since 1970, and not since a recording began.
+# Larger stamps are seconds since 1970, not since the start of a recording.
 _SINCE_1970 = 1e9
 
 
 @dataclass(frozen=True, eq=False)
 class DriftRecording:
-    """One recording's factors, or its brief where they have been merged, and when it was made; for
-    the rest None is what the file says.
+    """One recording's factors, or its brief after merging, and its time.
 
     Attributes:
-        temperature: of gears or oil [°C].
-        load: mass that was held [kg].
-        name: of the recording; empty for that in the factor file.
+        temperature: of gears or oil [°C]; None for the file's.
+        load: held mass [kg]; None for the file's.
+        name: of the recording; empty for the file's.
     """
 
     file: FactorFile | RecordingBrief
@@ -51,12 +51,12 @@ class DriftRecording:
 
     @property
     def brief(self) -> RecordingBrief:
-        """What is said of it beside its factors."""
+        """Its brief."""
         return self.file.brief if isinstance(self.file, FactorFile) else self.file
 
     @property
     def degrees(self) -> float:
-        """Temperature; NaN where it is not known."""
+        """Temperature [°C]; NaN if unknown."""
         if self.temperature is not None:
             return float(self.temperature)
         degrees = self.brief.degrees
@@ -64,7 +64,7 @@ class DriftRecording:
 
     @property
     def held(self) -> float:
-        """Largest mass held [kg]; the identified one of a load without a declared mass."""
+        """Largest held mass [kg]; for a load without a declared mass, the identified one."""
         return self.brief.held if self.load is None else self.load
 
     @property
@@ -75,10 +75,10 @@ class DriftRecording:
 def recorded(
     files: Sequence[FactorFile], times: Sequence[datetime] | None = None
 ) -> list[DriftRecording]:
-    """Factor files in the order of time, by what is given, their stamps, or dates in their names.
+    """Factor files sorted by time: as given, from their stamps, or from dates in their names.
 
     Raises:
-        RecordingError: nothing says when one was made.
+        RecordingError: the time of one is unknown.
     """
     stamps = [_time(file) for file in files] if times is None else times
     recordings = [DriftRecording(file, time) for file, time in zip(files, stamps, strict=True)]
@@ -106,19 +106,13 @@ def _time(file: FactorFile) -> datetime:
     )
 
 
-# Length of a day [s].
-_DAY = 86400.0
-# Years that a robot may run for one tool change that is none.
-_YEARS = 40.0
-# Steps are searched one after the other, so many at most; in so many recordings at least.
+# Largest number of tool changes, and least number of recordings for the search.
 _MOST, _FEWEST = 8, 12
-# A change of what is held by less than so many deviations of a day is none.
-_SMALL = 3.0
 
 
 @dataclass(frozen=True)
 class ToolChange:
-    """First day with what is held changed; how much heavier that became, with deviation [kg]."""
+    """Day of a tool change, and the change of the held mass with its deviation [kg]."""
 
     day: float
     mass: float
@@ -131,7 +125,7 @@ class RobotDrift:
 
     Attributes:
         units: of each drive's friction.
-        recordings: in the order of time.
+        recordings: sorted by time.
         findings: of each drive.
         tools: undeclared changes of the load.
     """
@@ -146,16 +140,16 @@ class RobotDrift:
     settings: DriftSettings
 
     def date(self, day: float | None) -> datetime | None:
-        # Days are counted from the first recording.
+        """Date of a day since the first recording."""
         return None if day is None else self.recordings[0].time + timedelta(days=day)
 
     def dates(self, days: Between) -> tuple[datetime | None, datetime | None, datetime | None]:
-        """A day with its interval."""
+        """Dates of a day and its interval."""
         return self.date(days.value), self.date(days.low), self.date(days.high)
 
     @property
     def common(self) -> str | None:
-        """A remark where friction of all drives changes in one way: few things do that."""
+        """A remark if friction of all drives changes in the same way, which has few causes."""
         states = {finding.state for finding in self.findings}
         if len(self.drives) < 2 or len(states) != 1 or not states & {"rising", "falling"}:
             return None
@@ -185,8 +179,8 @@ def robot_drift(
 
     Args:
         recordings: of one robot, each once, in any order.
-        model: of this robot, by all of them or by some; its rigid bodies are held.
-        settings: limit, false alarms, from when on.
+        model: of this robot, from all or some of them; its rigid bodies are fixed.
+        settings: limit, false alarms, first time.
         name: of the robot.
 
     Raises:
@@ -201,7 +195,7 @@ def robot_drift(
 def kept_since(
     recordings: Sequence[DriftRecording], settings: DriftSettings
 ) -> list[DriftRecording]:
-    """Recordings from when on drift is searched, in the order of time.
+    """Recordings in which drift is searched, sorted by time.
 
     Raises:
         RecordingError: there are none.
@@ -228,16 +222,15 @@ def drift_of(
     """Drift from friction of recordings.
 
     Args:
-        recordings: in the order of time.
+        recordings: sorted by time.
         friction: of them.
     """
-    since = [recording.time - recordings[0].time for recording in recordings]
-    days = np.array([time.total_seconds() / _DAY for time in since])
-    tools = tool_changes(days, *friction.held)
+    first, drives = recordings[0].time, model.robot.drives
+    days = np.array([(recording.time - first) / timedelta(days=1) for recording in recordings])
+    tools = tool_changes(days, *friction.held, len(drives) / settings.false_alarms)
     degrees, load = np.array([(recording.degrees, recording.held) for recording in recordings]).T
-    beside = Regressors.for_recordings(days, degrees, load, [tool.day for tool in tools])
-    series = explained(days, *in_percent(friction.mean, friction.std), [beside])
-    drives = model.robot.drives
+    regressors = Regressors.for_recordings(days, degrees, load, [tool.day for tool in tools])
+    series = explained(days, *in_percent(friction.mean, friction.std), [regressors])
     return RobotDrift(
         robot=name or model.robot.name,
         drives=drives,
@@ -251,9 +244,16 @@ def drift_of(
 
 
 def tool_changes(
-    days: Float[np.ndarray, " n"], mass: Float[np.ndarray, " n"], std: Float[np.ndarray, " n"]
+    days: Float[np.ndarray, " n"],
+    mass: Float[np.ndarray, " n"],
+    std: Float[np.ndarray, " n"],
+    years: float,
 ) -> tuple[ToolChange, ...]:
-    """Steps of the mass that is held, in the order of time."""
+    """Steps of the held mass, sorted by time.
+
+    Args:
+        years: mean time between false alarms.
+    """
     known = np.isfinite(mass) & np.isfinite(std) & (std > 0)
     days, mass, std = days[known], mass[known], std[known]
     if len(days) < _FEWEST:
@@ -261,14 +261,17 @@ def tool_changes(
     daily = ROBUST * float(np.median(np.abs(np.diff(mass)))) / np.sqrt(2.0)
     unit = max(daily, float(np.median(std)))
     steps = list[float]()
-    while len(steps) < _MOST and (day := _step(days, mass / unit, std / unit, steps)) is not None:
+    while len(steps) < _MOST:
+        day = _step(days, mass / unit, std / unit, steps, years)
+        if day is None:
+            break
         steps.append(day)
     changes, ends = list[ToolChange](), [-np.inf, *sorted(set(steps)), np.inf]
     for first, day, last in zip(ends, ends[1:], ends[2:], strict=False):
         before, after = (days >= first) & (days < day), (days >= day) & (days < last)
         size = float(np.median(mass[after]) - np.median(mass[before]))
         spread = 1.25 * unit * float(np.sqrt(1.0 / before.sum() + 1.0 / after.sum()))
-        if abs(size) > max(_SMALL * spread, 0.5 * unit):
+        if abs(size) > max(USUAL * spread, 0.5 * unit):
             changes.append(ToolChange(day, size, spread))
     return tuple(changes)
 
@@ -278,11 +281,12 @@ def _step(
     y: Float[np.ndarray, " n"],
     std: Float[np.ndarray, " n"],
     steps: list[float],
+    years: float,
 ) -> float | None:
     X = np.stack([np.ones(len(days)), *((days >= day).astype(float) for day in steps)], axis=1)
     z, variance, changes = (y - np.median(y))[None], 0.5 + 0.5 * std[None] ** 2, Changes.steps(days)
     scale = np.full(1 + len(steps), FLAT)
     evidence = evidence_of(days, z, variance, X[None], changes, scale, scale, 1)
-    if evidence.R[0] < _YEARS:
+    if evidence.R[0] < years:
         return None
     return float(changes.onsets[np.argmax(evidence.of_changes.sum(axis=(0, 1))[0])])

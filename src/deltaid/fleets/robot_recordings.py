@@ -1,4 +1,4 @@
-"""The recordings of a robot together, and the fit to them."""
+"""Recordings of a robot, merged in kept blocks, and the fit to them."""
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -29,11 +29,10 @@ from deltaid.model.record import Settings
 from deltaid.robot.description import RobotDescription
 from deltaid.sensors.weighings import weighings
 
-# Of so many recordings at most the groups are their stretches of time; of more, recordings.
+# Up to so many recordings, groups are their stretches of time; otherwise groups are recordings, and
+# smaller blocks are kept only as long as each night needs them.
 FEW = 10
-# Smaller blocks are kept only as long as each night needs them.
-_LASTING = 8
-# Of a key: those of the recording's checksum.
+# Bits of the recording's checksum in a key.
 _BITS = 64
 
 
@@ -42,9 +41,9 @@ class RobotRecordings:
     """Recordings of a robot, merged for its fit.
 
     Attributes:
-        merging: by which they were; with the friction laws that are to be fitted.
-        block: all of them.
-        stretches: of each, where there are few.
+        merging: of the recordings, with the friction laws to fit.
+        block: of all recordings.
+        stretches: of each recording, if there are few.
     """
 
     merging: Merging
@@ -57,7 +56,7 @@ class RobotRecordings:
 
     @property
     def gathered(self) -> Gathered:
-        """What they say of the fit's columns."""
+        """Information of the fit's columns."""
         merging, block = self.merging, self.block
         groups = block.information(merging, block.groups)
         (whole,) = block.information(merging, block.whole)
@@ -68,7 +67,7 @@ class RobotRecordings:
 def merged_files(
     files: Sequence[FactorFile], robot: RobotDescription, settings: Settings
 ) -> RobotRecordings:
-    """Factor files of a robot together, with its friction laws or those that they ask for.
+    """Factor files of a robot, merged with its friction laws or those that they choose.
 
     Raises:
         RecordingError: they do not go together, or not with the robot.
@@ -83,14 +82,14 @@ def merged_files(
 def merged_as(
     merging: Merging, files: Sequence[FactorFile], keys: Sequence[int]
 ) -> RobotRecordings:
-    """Factor files together; keys, ascending, decide in which order."""
+    """Merged factor files, in the order of their ascending keys."""
     parts = [merging.part(file) for file in files]
     block = _merged(keys, lambda k: RecordingBlock.of_file(merging, files[k], parts[k], keys[k]))
     few = len(files) <= FEW
     return RobotRecordings(merging, block, tuple(part.stretches for part in parts) if few else ())
 
 
-# The first and the last of some recordings that follow each other, by their numbers, the last + 1.
+# Consecutive recordings: index of the first, and index after the last.
 _Span = tuple[int, int]
 
 
@@ -101,13 +100,13 @@ def _merged(
     keep: Callable[[_Span, RecordingBlock], None] = lambda *_: None,
     first: int = 0,
 ) -> RecordingBlock:
-    """The block of all keys, of halves of halves.
+    """The block of all keys, merged by recursive halves.
 
     Args:
-        leaf: that of the number of a key.
-        known: blocks that need not be made.
-        keep: what is done with those that are made.
-        first: number of the first key.
+        leaf: block of the index of a key.
+        known: existing blocks.
+        keep: called with new blocks.
+        first: index of the first key.
     """
     span, middle = (first, first + len(keys)), halved(keys)
     if known and span in known:
@@ -124,11 +123,13 @@ def _merged(
 def fitted(
     recordings: RobotRecordings, robot: RobotDescription, settings: Settings
 ) -> FittedProblem:
-    """The fit of a robot, that of the merging or one with other priors or measured values, to its
-    recordings, by the settings of method, regulariser, γ and prior's spread.
+    """The fit of a robot, that of the merging or one with other priors or measured values.
+
+    Args:
+        settings: method, regulariser, γ and prior's spread.
 
     Raises:
-        IdentificationError: the fit cannot be posed, or its solver did not reach its end.
+        IdentificationError: the fit cannot be posed, or its solver did not converge.
     """
     merging = recordings.merging
     dynamics, additions = merging.dynamics, merging.additions
@@ -145,13 +146,12 @@ def fitted(
 
 
 def merged_recordings(job: FleetJob, place: Place) -> RobotRecordings:
-    """The recordings of a job, in halves of halves whose blocks are kept: a call reads a block for
-    each half without news, and the factor files of what is new.
+    """The recordings of a job, merged by recursive halves whose blocks are kept: a call reads
+    blocks of unchanged halves, and the factor files of new recordings.
 
-    A block is named by a checksum of its recordings and of all that its numbers follow from. So
-    one that is missing, damaged or of other recordings is made again, calls at the same time write
-    the same bytes, and a recording that is excluded changes the halves that it was in. Numbers do
-    not depend on which blocks there are.
+    A block is named by a checksum of its recordings and of all other inputs. So a missing, damaged
+    or outdated block is made again, simultaneous calls write the same bytes, and an excluded
+    recording changes the halves that contained it. Results do not depend on existing blocks.
 
     Raises:
         DamagedFactorsError: factor files cannot be read.
@@ -170,8 +170,8 @@ def _of_blocks(job: FleetJob, place: Place) -> RobotRecordings:
         return merged_as(_merging(job, [file.brief for file in files]), files, keys)
     names, kept = dict[_Span, str](), set[str]()
     for span, is_kept in _spans(keys, len(keys)):
-        own = [(leaf.sha256, leaf.file) for leaf in leaves[slice(*span)]]
-        names[span] = f"{job.blocks}/{digest([FORMAT, job.common, own])[:32]}{ENDING}"
+        members = [(leaf.sha256, leaf.file) for leaf in leaves[slice(*span)]]
+        names[span] = f"{job.blocks}/{digest([FORMAT, job.common, members])[:32]}{ENDING}"
         kept |= {names[span]} if is_kept else set()
     there, blocks = place.listing(job.blocks), dict[_Span, RecordingBlock]()
     reached, missing = 0, list[int]()
@@ -205,7 +205,7 @@ def _of_blocks(job: FleetJob, place: Place) -> RobotRecordings:
 
 
 def _key(leaf: GatherResult) -> int:
-    """By time, to the microsecond, then by checksum."""
+    """Sort key: time in microseconds, then checksum."""
     time = leaf.recorded.time
     since = time.replace(tzinfo=time.tzinfo or UTC).timestamp()
     return (round(since * 1e6) << _BITS) | int(leaf.sha256[: _BITS // 4], 16)
@@ -214,9 +214,9 @@ def _key(leaf: GatherResult) -> int:
 def _spans(
     keys: Sequence[int], count: int, first: int = 0, *, of_newest: bool = True
 ) -> Iterator[tuple[_Span, bool]]:
-    """All halves of halves, each before its own, and whether its block is kept."""
+    """All recursive halves, each before its parts, and whether its block is kept."""
     size, is_newest = len(keys), first + len(keys) == count
-    yield (first, first + size), size == 1 if is_newest else size >= _LASTING or of_newest
+    yield (first, first + size), size == 1 if is_newest else size >= FEW or of_newest
     if size > 1:
         middle = halved(keys)
         yield from _spans(keys[:middle], count, first, of_newest=is_newest)

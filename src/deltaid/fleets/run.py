@@ -1,4 +1,4 @@
-"""A fleet from its manifest to its tables: gathered and fitted; what is done is not done again."""
+"""Run a fleet from its manifest to its tables and pages; finished work is not repeated."""
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
@@ -53,14 +53,14 @@ from deltaid.progress import Watch, watched
 
 @dataclass(frozen=True)
 class FleetRun:
-    """What a call came to.
+    """Results of a call.
 
     Attributes:
-        outcomes: of all recordings, in the order of robots and time.
+        outcomes: of all recordings, sorted by robot and time.
         fits: of all periods.
         studies: of all robots.
         types: of all types.
-        quarantine: what could not be used, and why.
+        quarantine: unusable recordings and failed steps, with reasons.
     """
 
     outcomes: tuple[GatherResult, ...]
@@ -71,7 +71,7 @@ class FleetRun:
 
     @property
     def computed(self) -> tuple[int, int, int]:
-        """How many recordings were looked at, fits made, and robots studied in this call."""
+        """Number of recordings processed, fits made, and robots studied in this call."""
         gathered, fitted, studied = (
             sum(result.is_new for result in results)
             for results in (self.outcomes, self.fits, self.studies)
@@ -80,7 +80,7 @@ class FleetRun:
 
     @property
     def site(self) -> str:
-        """The first of its pages, seen from the folder; empty where there is nothing to show."""
+        """The first page of the site, relative to the folder; empty if there is none."""
         return f"{SITE}/index.html" if any(outcome.file for outcome in self.outcomes) else ""
 
 
@@ -100,32 +100,32 @@ def fleet(
     progress: Watch = None,
     **options: Any,
 ) -> FleetRun:
-    """Gather the recordings of many robots, fit each robot in each period, and look for drift.
+    """Gather the recordings of many robots, fit each robot in each period, and search for drift.
 
-    It may be ended at any time: the same call does what is left. Results do not depend on the
-    number of workers, on their order, nor on the number of calls. What cannot be used is put into
-    quarantine with its reason and stops nothing else.
+    A call may be interrupted at any time; the same call continues. Results do not depend on the
+    number or order of workers, nor on the number of calls. Unusable recordings are quarantined with
+    their reasons and stop nothing else.
 
     Args:
         manifest: a file that lists robots, types and recordings.
         output: folder of factor files and tables, or an address such as "s3://bucket/fleet".
-        period: recordings of which are fitted together; the manifest's, or week, if None.
+        period: of recordings that are fitted together; None for the manifest's, or week.
         settings: of fits, by value.
-        drift: what is asked of drift.
-        scheduler: address of a Dask cluster; processes on this machine if None.
-        workers: how many of these; one a core if None.
-        force: go on with what the checks call wrong.
-        retry: try again what was put into quarantine before.
-        drop_absent: forget recordings that are not there and cannot be used as asked.
-        regather: gather recordings anew that were gathered with other settings, mappings or
-            descriptions, or by another version.
-        progress: as of `identify`.
+        drift: settings of drift.
+        scheduler: address of a Dask cluster; None for processes on this machine.
+        workers: number of processes; None for one per core.
+        force: whether to continue after wrong verdicts.
+        retry: whether to retry quarantined recordings.
+        drop_absent: whether to forget missing recordings that cannot be used.
+        regather: whether to gather recordings anew that were gathered with other settings, mappings
+            or descriptions, or by another version.
+        progress: as in `identify`.
         options: single settings of fits by name, such as `lag="none"`.
 
     Raises:
-        DeltaidError: what earlier calls have gathered would be lost, nobody answers at the
-            address, workers do not see the folder, or the manifest or the folder cannot be used;
-            or this process has lost its threads, as of `require_threads`.
+        DeltaidError: gathered factors would be lost, no scheduler answers at the address, workers
+            do not see the folder, or the manifest or the folder cannot be used; or this process has
+            lost its threads, as in `require_threads`.
     """
     require_threads()
     if workers is not None:
@@ -142,7 +142,7 @@ def fleet(
 
         @cache
         def started() -> Workers:
-            """Workers, which are not started for a call that has nothing to do."""
+            """Workers, started only if there is work."""
             say("starting workers")
             shared = Path(place.root) if place.is_local else None
             return stack.enter_context(open_workers(scheduler, workers, shared))

@@ -1,7 +1,7 @@
-"""Steps of a call of `deltaid fleet`: jobs, each with a checksum of all that it follows from.
+"""Steps of a call of `deltaid fleet`: jobs, each with a checksum of its inputs.
 
-What the tables hold of a job is not done again, nor is what was refused. A worker keeps what it has
-made as a journal until the tables are written, so a call may be ended at any time.
+Jobs with results in the tables, or with refusals, are not repeated. Workers write results to a
+journal until the tables are written, so a call may be interrupted at any time.
 """
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -23,9 +23,9 @@ from deltaid.model.record import Settings
 from deltaid.parallel import threads
 from deltaid.robot.description import RobotDescription
 
-# The table of recordings, and the file of what was refused.
+# The table of recordings, and the file of the quarantine.
 RECORDINGS, QUARANTINE = "recordings", "quarantine.csv"
-# Folders of what jobs have made and no table holds yet, and of tables as before a call.
+# Folders of results that are not in tables yet, and of the tables before a call.
 JOURNAL, BEFORE = "unfinished", "before"
 _PUT_BACK = (
     f"put {BEFORE}/{RECORDINGS}.parquet in its place; if you remove it, recordings that are away "
@@ -39,8 +39,7 @@ _Result = TypeVar("_Result")
 
 
 def tables_of(place: Place, schemas: Mapping[str, Mapping[str, Any]]) -> Tables:
-    """What earlier calls have left in a folder; what another version has written is made again, but
-    for recordings.
+    """Tables of earlier calls; those of another version are made again, except that of recordings.
 
     Args:
         schemas: columns of tables, by name.
@@ -66,7 +65,7 @@ def tables_of(place: Place, schemas: Mapping[str, Mapping[str, Any]]) -> Tables:
 
 
 def refused(place: Place) -> dict[str, str]:
-    """Reasons of what earlier calls have refused and would be refused again, by key.
+    """Reasons of lasting refusals by earlier calls, by key.
 
     Raises:
         DeltaidError: the quarantine cannot be read.
@@ -87,18 +86,18 @@ def refused(place: Place) -> dict[str, str]:
 
 @dataclass(frozen=True)
 class Call:
-    """What all steps of a call have in common.
+    """Common data of all steps of a call.
 
     Attributes:
-        fleet: what there is.
+        fleet: its recordings.
         place: the fleet's folder.
-        plan: how recordings are gathered.
+        plan: of gathering.
         tables: of earlier calls, by name.
-        refused: reasons of what these have refused, by key.
-        workers: who do it, and start when they are asked for.
-        say: told of every step.
-        drop_absent: forget recordings that are not there and cannot be used as asked.
-        regather: gather those anew that were gathered otherwise.
+        refused: reasons of earlier refusals, by key.
+        workers: started by the first request.
+        say: called with the text of every step.
+        drop_absent: whether to forget missing recordings that cannot be used.
+        regather: whether to gather recordings anew that were gathered differently.
     """
 
     fleet: Fleet
@@ -118,12 +117,12 @@ class Call:
         jobs: Sequence[_Item],
         failed: Callable[[_Item, str], _Result],
     ) -> Iterator[_Result]:
-        """Jobs that are left, done by workers, in whatever order.
+        """Results of jobs by workers, in any order.
 
         Args:
-            words: what is said, such as 'gathered' 'recordings'.
-            work: a job, and the fleet's folder as `place`, to a result.
-            failed: the result of a job that nobody could do.
+            words: of the progress, such as 'gathered' 'recordings'.
+            work: function of a job, and of the fleet's folder as `place`, that returns a result.
+            failed: the result of a job whose workers failed.
         """
         if not jobs:
             return
@@ -136,16 +135,16 @@ class Call:
 
 @dataclass(frozen=True, eq=False)
 class FleetStep:
-    """What is done with every robot or type once recordings have been gathered.
+    """A step for every robot or type after gathering.
 
     Attributes:
-        name: of its own.
-        what: as the quarantine calls it.
-        read: what a job needs, from the fleet's folder.
-        make: tables from a job, what it needs, and the fleet's folder, into which it writes the
-            file.
+        name: of the step.
+        what: its name in the quarantine.
+        read: function that reads a job's input from the fleet's folder.
+        make: function of a job, its input and the fleet's folder that writes the file and returns
+            tables.
         tables: their columns, by name.
-        leads: whether no later step of a robot is done where this one fails.
+        leads: whether later steps of a robot are skipped if this one fails.
     """
 
     name: str
@@ -161,18 +160,18 @@ class FleetJob:
     """A step of a robot in some periods, of a robot in all of them, or of a type.
 
     Attributes:
-        step: what is done.
-        robot: whose; empty for a type.
-        type: as the manifest has it.
-        names: what the job is of: periods that have the same recordings, or the type.
-        files: that it reads, seen from the fleet's folder; of recordings in the order of time.
-        key: checksum of the step and of all that the result follows from.
-        file: that it leaves behind, seen from the fleet's folder; empty if there is none.
+        step: of the job.
+        robot: its name; empty for a type.
+        type: its name in the manifest.
+        names: periods with the same recordings, or the type.
+        files: inputs, relative to the fleet's folder; of recordings sorted by time.
+        key: checksum of the step and its inputs.
+        file: output, relative to the fleet's folder; empty if there is none.
         description: of the robot or type.
         settings: of the fit.
-        recordings: of a robot, in the order of time.
-        common: of a robot, checksum of all that its fits follow from beside its recordings.
-        blocks: of a robot, folder of blocks of merged recordings, seen from the fleet's folder.
+        recordings: of a robot, sorted by time.
+        common: of a robot, checksum of its fits' inputs without recordings.
+        blocks: of a robot, folder of blocks of merged recordings, relative to the fleet's folder.
         drift: settings of the search for drift.
     """
 
@@ -191,24 +190,24 @@ class FleetJob:
     drift: DriftSettings = field(default_factory=DriftSettings)
 
     def journal(self, table: str) -> str:
-        """Where a table of it is until those of the fleet are written."""
+        """Journal of one of its tables until those of the fleet are written."""
         return f"{JOURNAL}/{self.key}-{table}.parquet"
 
 
-# Jobs of a robot, in the order in which they follow from each other.
+# Jobs of a robot, each dependent on those before.
 Chain = tuple[FleetJob, ...]
 
 
 @dataclass(frozen=True)
 class JobResult:
-    """What became of a job.
+    """Result of a job.
 
     Attributes:
-        job: which.
-        tables: by name, such as 'parameters', if they were made in this call.
-        reason: why there is nothing; empty if there is.
+        job: the job.
+        tables: by name, such as 'parameters', if made in this call.
+        reason: of a failure; empty on success.
         lasting: whether another call would end the same.
-        damaged: factor files that cannot be read, and have to be gathered again.
+        damaged: unreadable factor files that have to be gathered again.
         is_new: whether it was done in this call.
     """
 
@@ -221,7 +220,7 @@ class JobResult:
 
 
 class DamagedFactorsError(StoreError):
-    """Factor files cannot be read; `files` are their names, seen from the fleet's folder."""
+    """Factor files cannot be read; `files` are their names, relative to the fleet's folder."""
 
     def __init__(self, files: Sequence[str]) -> None:
         super().__init__(f"{files[0]} is damaged", cure="call again: it is gathered anew")
@@ -229,12 +228,12 @@ class DamagedFactorsError(StoreError):
 
 
 def run_chains(call: Call, chains: Sequence[Chain], words: tuple[str, str]) -> list[JobResult]:
-    """What became of all jobs, in their order.
+    """Results of all jobs, in their order.
 
-    What is left of a chain is done by one worker, which reads each factor file once.
+    The unfinished part of a chain is done by one worker, which reads each factor file once.
 
     Args:
-        words: what is said, such as 'fitted' 'periods'.
+        words: of the progress, such as 'fitted' 'periods'.
     """
     results = _known(call, [job for chain in chains for job in chain])
 
@@ -245,20 +244,22 @@ def run_chains(call: Call, chains: Sequence[Chain], words: tuple[str, str]) -> l
                 return chain[:k]
         return chain
 
-    left = [tuple(job for job in reached(chain) if job.key not in results) for chain in chains]
+    unfinished = [
+        tuple(job for job in reached(chain) if job.key not in results) for chain in chains
+    ]
 
     def failed(chain: Chain, why: str) -> list[JobResult]:
-        """What was done before a worker died of the rest."""
+        """Results from before the workers died, and failures of the rest."""
         died = partial(JobResult, reason=why, lasting=False)
         return _in_turn(chain, lambda job: _finished(job, call.place) or died(job))
 
-    for done in call.done(words, work_chain, [chain for chain in left if chain], failed):
+    for done in call.done(words, work_chain, [chain for chain in unfinished if chain], failed):
         results |= {result.job.key: result for result in done}
     return [results[job.key] for chain in chains for job in reached(chain)]
 
 
 def _known(call: Call, jobs: Sequence[FleetJob]) -> dict[str, JobResult]:
-    """What earlier calls have come to, by key; jobs that are left have none."""
+    """Results of earlier calls, by key."""
     results = dict[str, JobResult]()
     keys = {name: frozenset(table["key"]) for name, table in call.tables.items()}
     absent = {job.file for job in jobs} - {""}
@@ -273,11 +274,11 @@ def _known(call: Call, jobs: Sequence[FleetJob]) -> dict[str, JobResult]:
 
 
 def _finished(job: FleetJob, place: Place) -> JobResult | None:
-    """What a call that was ended before its end has left of a job; None if it is not done."""
-    left = {name: place.finished(job.journal(name)) for name in job.step.tables}
-    whole = {name: table for name, table in left.items() if table is not None}
+    """Result of a job from the journal of an interrupted call; None if it is not finished."""
+    journals = {name: place.finished(job.journal(name)) for name in job.step.tables}
+    whole = {name: table for name, table in journals.items() if table is not None}
     is_there = not job.file or place.size(job.file) > 0
-    return JobResult(job, whole) if len(whole) == len(left) and is_there else None
+    return JobResult(job, whole) if len(whole) == len(journals) and is_there else None
 
 
 def work_chain(chain: Chain, place: Place) -> list[JobResult]:
@@ -296,10 +297,7 @@ def _in_turn(chain: Chain, do: Callable[[FleetJob], JobResult]) -> list[JobResul
 
 
 def work(job: FleetJob, place: Place) -> JobResult:
-    """Do a job, unless a call that was ended before its end has done it.
-
-    What cannot be done has its reason, and is no error.
-    """
+    """Do a job, unless an interrupted call has done it; a failure is a result with its reason."""
     if (finished := _finished(job, place)) is not None:
         return finished
     try:

@@ -1,7 +1,7 @@
-"""What a fleet does once recordings are gathered: fits by period, drift, types.
+"""Steps of a fleet after gathering: fits by period, drift, types.
 
-A job is a robot in a period, a robot with all of its recordings, or a type; what it comes to is
-kept, so that robots without news cost nothing.
+A job is a robot in a period, a robot with all of its recordings, or a type. Results are kept, so
+robots without new recordings cost nothing.
 """
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -11,6 +11,7 @@ from importlib.metadata import version
 import numpy as np
 import polars as pl
 
+from deltaid.estimation.scatter import NORMAL
 from deltaid.fleets.drift_findings import DriftSettings
 from deltaid.fleets.drift_friction import series_of
 from deltaid.fleets.drift_tables import DRIFT, FRICTION, drift_table, friction_table
@@ -20,7 +21,6 @@ from deltaid.fleets.gather_all import RECORDINGS_SCHEMA, poor
 from deltaid.fleets.gather_plan import GatherResult
 from deltaid.fleets.identify_gathered import identify_merged
 from deltaid.fleets.member import TypeMember, member, read_member, write_member
-from deltaid.fleets.mixed_model import NORMAL
 from deltaid.fleets.place import Place
 from deltaid.fleets.population import MEMBERS, TYPES, members_table, save_next, types_table
 from deltaid.fleets.robot_drift import DriftRecording, drift_of, kept_since
@@ -33,9 +33,9 @@ from deltaid.robot.description import RobotDescription
 
 # The period of all recordings of a robot.
 ALL = "all"
-# Folder of what robots tell of their types.
+# Folder of robots' contributions to their types.
 MEMBERS_FOLDER = "members"
-# Folder of blocks of merged recordings: of each robot those of all, and those of a long period.
+# Folder of blocks of merged recordings: for each robot those of all, and those of a long period.
 BLOCKS = "merged"
 PARAMETERS = {
     **dict.fromkeys(("robot", "type", "period"), pl.String),
@@ -48,7 +48,7 @@ _KEY = {"key": pl.String}
 
 
 def _fit(job: FleetJob, recordings: RobotRecordings, place: Place) -> Tables:
-    """The rows of the table of parameters, and the model where it is of all recordings."""
+    """Rows of the table of parameters; saves the model if it is of all recordings."""
     model = identify_merged(recordings, job.description, job.settings).model
     if job.file:
         place.save_model(job.file, model)
@@ -68,7 +68,7 @@ def _fit(job: FleetJob, recordings: RobotRecordings, place: Place) -> Tables:
 
 
 def gain_rows(model: IdentifiedModel) -> Iterator[tuple[object, ...]]:
-    """Torque constants that recordings determine, as parameters: by how many times each is off."""
+    """Determined torque constants as parameters: the factor of each."""
     for gain in model.corrections:
         if gain.kind == "gain" and gain.low is not None and gain.high is not None:
             std = (gain.high - gain.low) / (2.0 * NORMAL)
@@ -80,7 +80,7 @@ def _with_model(job: FleetJob, place: Place) -> tuple[RobotRecordings, Identifie
 
 
 def _model_file(robot: str) -> str:
-    """Where the model of a robot is, by all of its recordings."""
+    """File of a robot's model from all of its recordings."""
     return f"models/{robot}.yaml"
 
 
@@ -112,7 +112,7 @@ def _members(job: FleetJob, place: Place) -> list[TypeMember]:
 
 
 def _type(job: FleetJob, members: list[TypeMember], place: Place) -> Tables:
-    """The type's mean and spreads, and its robots within it; the next robot's description."""
+    """The type's mean and spreads, its robots, and the next robot's description."""
     population = fitted(members, job.description, job.settings)
     place.save_file(job.file, lambda path: save_next(population, place.name, path))
     return {
@@ -151,7 +151,7 @@ def fit_jobs(
     descriptions: Mapping[str, RobotDescription],
     settings: Settings,
 ) -> list[FleetJob]:
-    """All fits that recordings ask for: by robot, its periods in order and then all of them."""
+    """All fits, by robot: its periods in order, then all of them."""
     robots: dict[tuple[str, str], dict[str, list[GatherResult]]] = {}
     for outcome in sorted(outcomes, key=lambda outcome: outcome.recorded):
         if outcome.file:
@@ -190,7 +190,7 @@ def fit_jobs(
 def _with_all(
     periods: dict[str, list[GatherResult]],
 ) -> list[tuple[tuple[str, ...], list[GatherResult]]]:
-    """Periods, and all of them together; the only one is all."""
+    """Periods, then all of them together; a single period is both."""
     every = [outcome for used in periods.values() for outcome in used]
     if len(periods) == 1:
         return [(tuple(dict.fromkeys((*periods, ALL))), every)]
@@ -198,8 +198,8 @@ def _with_all(
 
 
 def robot_chains(fits: Iterable[FleetJob], drift: DriftSettings) -> list[Chain]:
-    """Fits, and what follows from those of all recordings of a robot: drift, and what the robot
-    tells of its type."""
+    """Fits; after those of all recordings of a robot, its drift and its contribution to its
+    type."""
     asked = {key: str(value) for key, value in asdict(drift).items()}
     chains = list[Chain]()
     for fit in fits:
@@ -209,15 +209,15 @@ def robot_chains(fits: Iterable[FleetJob], drift: DriftSettings) -> list[Chain]:
             known = [(str(x.time), x.load, x.temperature, x.path) for x in logs]
             key = digest([version("deltaid"), fit.key, known, asked])
             study = replace(fit, step=DRIFTS, names=(fit.type,), key=key, file="", drift=drift)
-            own = digest([key, ROBOTS.name])
-            file = f"{MEMBERS_FOLDER}/{fit.robot}-{own[:12]}.npz"
-            chain = (fit, study, replace(study, step=ROBOTS, key=own, file=file))
+            of_robot = digest([key, ROBOTS.name])
+            file = f"{MEMBERS_FOLDER}/{fit.robot}-{of_robot[:12]}.npz"
+            chain = (fit, study, replace(study, step=ROBOTS, key=of_robot, file=file))
         chains.append(chain)
     return chains
 
 
 def type_chains(robots: Iterable[JobResult]) -> list[Chain]:
-    """One for each type that has robots; it leaves the description of the type's next robot."""
+    """One chain for each type with robots; it writes the description of the type's next robot."""
     types: dict[str, list[FleetJob]] = {}
     for robot in robots:
         if not robot.reason:

@@ -1,7 +1,7 @@
-"""Files of any place that fsspec knows: on this machine, on S3, and others.
+"""Files of any store that fsspec supports: on this machine, on S3, and others.
 
-Credentials and options of a store come from the environment, as fsspec's libraries find them there.
-"""
+Credentials and options of a store come from the environment, where fsspec's libraries look for
+them."""
 
 import glob
 import os
@@ -20,20 +20,18 @@ from deltaid.errors import DeltaidError
 from deltaid.files import write_bytes
 
 _MAGIC = "*?["
-# So many files of one folder are listed at once and not asked for one by one.
-_MANY = 8
-# How often what a store refuses is asked for, and the wait before the second time [s].
+# Number of attempts of a request, and wait before the second one [s].
 _TRIES, _WAIT = 4, 0.3
 
 _Result = TypeVar("_Result")
 
 
 class StoreError(DeltaidError):
-    """A store cannot be reached, or has changed meanwhile: another call may find it well."""
+    """A store cannot be reached, or has changed meanwhile; another call may succeed."""
 
 
 def is_address(path: str) -> bool:
-    """Whether a name is an address such as s3://bucket/key and no path."""
+    """Whether a name is an address such as s3://bucket/key instead of a path."""
     return "://" in path
 
 
@@ -42,7 +40,7 @@ def has_pattern(path: str) -> bool:
 
 
 def matching(pattern: str) -> dict[str, str]:
-    """Files that a pattern stands for, each with its stamp.
+    """Files that match a pattern, each with its stamp.
 
     A stamp changes when a file does, and is known without reading it: size and time of change, or
     entity tag.
@@ -58,7 +56,7 @@ def matching(pattern: str) -> dict[str, str]:
 
 
 def stamps_of(paths: Iterable[str]) -> dict[str, str]:
-    """Stamps of those of these files that are there; many of one folder are asked for at once.
+    """Stamps of existing files; several of one folder take a single listing.
 
     Raises:
         DeltaidError: the store cannot be reached.
@@ -67,7 +65,7 @@ def stamps_of(paths: Iterable[str]) -> dict[str, str]:
     for path in dict.fromkeys(paths):
         folders.setdefault(path.rpartition("/")[0] if is_address(path) else "", []).append(path)
     for folder, files in folders.items():
-        if folder and len(files) >= _MANY:
+        if folder and len(files) > 1:
             with suppress(FileNotFoundError):
                 infos = _asked(partial(_system(folder).ls, folder, detail=True), folder)
                 listed = _stamps({info["name"]: info for info in infos}, folder)
@@ -78,7 +76,7 @@ def stamps_of(paths: Iterable[str]) -> dict[str, str]:
 
 
 def stamp_of(path: str) -> str:
-    """A file's stamp; empty if there is no such file, or none within reach.
+    """A file's stamp; empty if there is no such file.
 
     Raises:
         StoreError: the store cannot be reached.
@@ -98,10 +96,10 @@ def stamp_of(path: str) -> str:
 
 @contextmanager
 def local_file(path: str, stamp: str = "") -> Generator[Path]:
-    """A file on this machine with the contents of a path or address, for as long as needed.
+    """A local file with the contents of a path or address, as a context.
 
     Args:
-        stamp: that it has to have, if one is given.
+        stamp: required stamp, if given.
 
     Raises:
         StoreError: the store cannot be reached, has no such file, or the file changes.
@@ -236,7 +234,7 @@ def _stamp(info: Mapping[str, Any]) -> str:
 
 
 def _failures() -> tuple[type[BaseException], ...]:
-    """What libraries of stores raise when they cannot get through; most of it is an OSError."""
+    """Errors of libraries of stores; most are OSErrors."""
     named = (("aiohttp", "ClientError"), ("botocore.exceptions", "BotoCoreError"),
              ("botocore.exceptions", "ClientError"))  # fmt: skip
     loaded = (getattr(sys.modules[name], error) for name, error in named if name in sys.modules)
@@ -244,11 +242,11 @@ def _failures() -> tuple[type[BaseException], ...]:
 
 
 def _asked(ask: Callable[[], _Result], path: str) -> _Result:
-    """What a store answers, asked again where it fails.
+    """Result of a request, repeated on failure.
 
     Raises:
         FileNotFoundError: there is no such file.
-        StoreError: it fails each time, with its own words.
+        StoreError: all attempts fail; with the store's message.
     """
     for k in range(_TRIES):
         try:

@@ -1,4 +1,4 @@
-"""A type from its robots: mean, spreads, every robot within it, and those that do not belong."""
+"""Fit a type to its robots: mean, spreads, every robot given the type, and outliers."""
 
 from collections import Counter
 from collections.abc import Iterator, Sequence
@@ -7,42 +7,39 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Float
 
+from deltaid.checks.evidence import CHANCE
 from deltaid.errors import IdentificationError
 from deltaid.estimation.conic import Conic
 from deltaid.estimation.information import triangle
 from deltaid.estimation.objective import Objective, Quadratic, Regularizer
-from deltaid.estimation.scatter import half_width
+from deltaid.estimation.scatter import NORMAL, ROUNDING, half_width
 from deltaid.fleets.belonging import LEAST, AgainstOthers, Along, Sorted, sorted_out, torques
 from deltaid.fleets.coordinates import ANYTHING, Coordinates, Square, U
 from deltaid.fleets.member import TypeMember
-from deltaid.fleets.mixed_model import NORMAL, RobotRows, alone, mean, within
+from deltaid.fleets.mixed_model import RobotRows, alone, mean, within
 from deltaid.fleets.population import Estimates, MemberEstimate, Population
 from deltaid.model.record import Settings
 from deltaid.robot.load import RobotLike, described
 
-# Explanations that gain so much less than the best are as good; one more coefficient costs so much.
+# Difference of gains between equally good explanations, and cost of each additional coefficient.
 _CLOSE, _COST = 2.0, 4.0
-# Share of robots that belong that are named nevertheless.
-_NAMING = 1e-3
-# What holds tools and loads.
+# Bodies that hold tools and loads.
 _CARRIERS = ("P", "EE")
-# Eigenvalues of a covariance below this share of the largest are rounding.
-_ROUNDING = 1e-13
 
 
 def fitted(
     members: Sequence[TypeMember],
     robot: RobotLike,
     settings: Settings | None = None,
-    naming: float = _NAMING,
+    naming: float = CHANCE,
 ) -> Population:
-    """A type from its robots.
+    """Fit a type to its robots.
 
     Args:
         members: of `member`, in any order.
-        robot: the type's description; parameters of robots are about its priors.
+        robot: the type's description, with its priors.
         settings: of the members' fit.
-        naming: share of robots that belong that are named nevertheless.
+        naming: false-alarm probability of a robot.
 
     Raises:
         IdentificationError: there is no robot, or one twice.
@@ -65,8 +62,8 @@ def fitted(
 
 
 def _sorted(coordinates: Coordinates, members: Sequence[TypeMember], naming: float) -> Sorted:
-    """Those that belong. Measurements in several robots' descriptions count once, as another
-    robot's."""
+    """Robots that belong. A measurement in several robots' descriptions counts once, as a row of
+    its own."""
     times = Counter(fact.key for member in members for fact in member.facts)
     common = {fact.key: fact for member in members for fact in member.facts if times[fact.key] > 1}
     rows = [
@@ -83,7 +80,7 @@ def _sorted(coordinates: Coordinates, members: Sequence[TypeMember], naming: flo
 
 
 def _reasons(sorting: Sorted, naming: float) -> tuple[Sorted, list[str]]:
-    """Reasons of robots that do not belong, and of deviating friction of those that do."""
+    """Reasons why robots do not belong, and deviating friction of those that do."""
     coordinates, rows, m = sorting.coordinates, sorting.rows, sorting.mean.m
     extra, reasons = rows.extra.copy(), list[str]()
     now, count = replace(sorting, rows=replace(rows, extra=extra)), len(sorting.freedom)
@@ -152,7 +149,7 @@ def _std(T: np.ndarray, C: np.ndarray) -> Float[np.ndarray, " parameters"]:
 
 
 def _parameters(coordinates: Coordinates, u: U, C: Square) -> tuple[np.ndarray, np.ndarray, bool]:
-    """p of u with its standard deviation, and whether some entry had to be moved by more than
+    """p of u with its standard deviation, and whether consistency moved an entry by more than
     that."""
     p, std = _consistent(coordinates, u, C), _std(coordinates.to_p, C)
     off = np.abs(p - coordinates.to_p @ u - coordinates.reduction.p_0)
@@ -160,9 +157,9 @@ def _parameters(coordinates: Coordinates, u: U, C: Square) -> tuple[np.ndarray, 
 
 
 def _consistent(coordinates: Coordinates, u: U, C: Square) -> Float[np.ndarray, " parameters"]:
-    """p of u, or of the most likely u whose bodies can exist.
+    """p of u, or of the most likely consistent u.
 
-    This is the conic program  min ‖W (x − x_u)‖²  over the cone, WᵀW the inverse covariance.
+    Solves the conic program  min ‖W (x − x_u)‖²  over the cone, WᵀW the inverse covariance.
 
     Raises:
         IdentificationError: the solver did not reach its end.
@@ -173,7 +170,7 @@ def _consistent(coordinates: Coordinates, u: U, C: Square) -> Float[np.ndarray, 
         return reduction.parameters(x)
     except IdentificationError:
         values, vectors = np.linalg.eigh(C[:n, :n])
-        values = np.maximum(values, _ROUNDING * values[-1])
+        values = np.maximum(values, ROUNDING * values[-1])
         R = triangle(vectors.T / np.sqrt(values)[:, None] / coordinates.sizes)
         none = Regularizer(Quadratic(np.zeros((1, n)), np.zeros(1)), None)
         objective = Objective(reduction, Quadratic(R, R @ x), none, 1.0)
@@ -182,7 +179,7 @@ def _consistent(coordinates: Coordinates, u: U, C: Square) -> Float[np.ndarray, 
 
 @dataclass(frozen=True, eq=False)
 class _Cause:
-    """Something that may be different: the variables `at` of a body or joint, or all torques."""
+    """A possible difference: the variables `at` of a body or joint, or a factor of all torques."""
 
     at: tuple[int, ...]
     owner: str
@@ -190,15 +187,15 @@ class _Cause:
 
     @property
     def gain(self) -> float:
-        """By how much the distance falls, less the cost of its coefficients."""
+        """Reduction of the squared distance minus the cost of the coefficients."""
         return self.part.gain - _COST * self.part.rank
 
 
 def _reason(robot: AgainstOthers, coordinates: Coordinates, m: U, naming: float) -> str:
-    """What is different in a robot that does not belong.
+    """Difference of a robot that does not belong.
 
     Args:
-        robot: against the others.
+        robot: compared with the others.
         m: mean of the type.
     """
     causes = list(_causes(robot, coordinates, m))
@@ -219,7 +216,7 @@ def _reason(robot: AgainstOthers, coordinates: Coordinates, m: U, naming: float)
 
 
 def _causes(robot: AgainstOthers, coordinates: Coordinates, m: U) -> Iterator[_Cause]:
-    """Torques as a whole, single entries, and whole bodies; platform and tool last."""
+    """Causes: a factor of torques, single entries, and whole bodies; platform and tool last."""
     variables, rigid = coordinates.reduction.variables, ~coordinates.is_friction
     yield _Cause((), "", robot.along(torques(robot, coordinates, m)[:, None]))
     single = [(k,) for k in range(coordinates.size) if rigid[k]]
@@ -247,7 +244,7 @@ def _described(cause: _Cause, coordinates: Coordinates) -> str:
 def _friction_reason(
     robot: AgainstOthers, coordinates: Coordinates, m: U, naming: float
 ) -> tuple[list[int], str]:
-    """Variables and text of the joint whose friction deviates most; none if none does."""
+    """Variables and text of the joint whose friction deviates most; none if not significant."""
     joints: dict[str, list[int]] = {}
     for k in np.flatnonzero(coordinates.is_friction):
         joints.setdefault(coordinates.reduction.variables[k].owner, []).append(int(k))

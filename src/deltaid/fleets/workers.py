@@ -1,7 +1,7 @@
-"""Where a fleet's work is done: on the cores of this machine, or by Dask on a cluster.
+"""Workers of a fleet: processes on this machine, or a Dask cluster.
 
-On this machine processes talk through pipes. No port is open and no socket: nobody else on the
-machine can give them work.
+Processes on this machine communicate through pipes. No port or socket is open, so no other user can
+give them work.
 """
 
 import logging
@@ -33,25 +33,25 @@ if TYPE_CHECKING:
 
 _Item = TypeVar("_Item")
 _Result = TypeVar("_Result")
-# Of one process: what runs within a task shares its work among threads, or is not safe among them.
+# One task at a time in a process: tasks use threads, or are not thread-safe.
 ALONE = Lock()
-# Tasks that the scheduler knows at once: all of a year of a fleet would slow it down.
+# Largest number of tasks submitted to a scheduler: all of a fleet's year would slow it down.
 _AT_ONCE = 2000
-# How long a scheduler may take to answer [s].
+# Time limit of a scheduler's answer [s].
 _PATIENCE = 15
 _DEADLY = "workers die of it, of too little memory perhaps"
-# Errors of futures whose workers have died, of a process and in Dask.
+# Errors of futures whose workers died: processes, and Dask.
 _DEATHS = ("BrokenProcessPool", "KilledWorker")
 
 
 class Workers:
-    """Who does a fleet's work, started when there is some.
+    """Workers of a fleet, started when there is work.
 
     Args:
-        start: an executor for as long as its block lasts; another one where one has broken.
-        most: tasks that it is given at once.
-        stack: what ends it.
-        gone: errors of an executor that nobody can start again from here.
+        start: context of an executor; called again if one breaks.
+        most: largest number of submitted tasks.
+        stack: that closes the executor.
+        gone: errors of an executor that cannot be started again from here.
     """
 
     def __init__(
@@ -70,16 +70,16 @@ class Workers:
         items: Sequence[_Item],
         failed: Callable[[_Item, str], _Result],
     ) -> Iterator[_Result]:
-        """`work` on all items, in whatever order they are done.
+        """Results of `work` on all items, in any order.
 
-        What was going on in workers that died is done again; what died with several workers waits
-        until all else is done and is then tried alone, so that it takes nothing else with it.
+        Items whose workers died are retried after all others, one at a time, so that they do not
+        take others with them.
 
         Args:
-            failed: the result of an item whose workers died again and again, or of a defect.
+            failed: the result of an item whose workers died again, or of a defect.
 
         Raises:
-            DeltaidError: nobody is left to do it.
+            DeltaidError: the executor is gone.
         """
         waiting, suspects = deque(items), list[_Item]()
         try:
@@ -101,7 +101,8 @@ class Workers:
         waiting: deque[_Item],
         failed: Callable[[_Item, str], _Result],
     ) -> Generator[_Result, None, list[_Item]]:
-        """Results; what was going on when a worker died. A process takes all others with it."""
+        """Yields results; returns items that were running when a worker died. The death of a
+        process ends all others."""
         suspects, running, is_broken = list[_Item](), dict[Future[_Result], _Item](), False
         finished = SimpleQueue[Future[_Result]]()
         self._executor = self._executor or self._stack.enter_context(self._start())
@@ -131,16 +132,16 @@ class Workers:
 
 
 def defect(error: object) -> str:
-    """A defect of the program in one line."""
+    """Text of a defect of the program, one line."""
     first = str(error).strip().split("\n", 1)[0][:300]
     return f"a defect of deltaid, please report it: {type(error).__name__}: {first}"
 
 
 @contextmanager
 def _processes(count: int) -> Generator[ProcessPoolExecutor, None, None]:
-    """Processes that end at once when the block is left by an error, or this process is killed.
+    """Processes that end at once if the block raises, or if this process is killed.
 
-    They are spawned: a fork would lack the threads of this one, and a server of forks listens.
+    They are spawned: a fork lacks this process's threads, and a fork server opens a socket.
     """
     context = get_context("spawn")
     lives, ours = context.Pipe(duplex=False)
@@ -158,7 +159,7 @@ def _processes(count: int) -> Generator[ProcessPoolExecutor, None, None]:
 
 
 def _begin(lives: Connection, mechanism: Path | None) -> None:
-    """In each process: Ctrl-C is for the one that started it, whose end is its own."""
+    """Start of each process: ignore Ctrl-C, and end with the parent."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     Thread(target=_end_with, args=(lives,), daemon=True).start()
     if mechanism is not None:
@@ -180,24 +181,24 @@ def open_workers(
 
     Args:
         scheduler: the address.
-        count: of processes; one a core if None.
-        folder: that all workers have to see, if there is one.
+        count: of processes; None for one per core.
+        folder: that all workers have to see, if any.
 
     Raises:
-        DeltaidError: Dask is not installed, nobody answers at the address, workers have another
-            version of deltaid, or one does not see the folder.
+        DeltaidError: Dask is not installed, no scheduler answers at the address, workers have
+            another version of deltaid, or one does not see the folder.
     """
     if scheduler is None:
         with ExitStack() as stack:
             yield Workers(partial(_processes, count or cores()), count or cores(), stack)
         return
-    # What reaches files in any store, too.
+    # Includes the libraries of stores.
     cure = "pip install '.[fleet]' in a clone of deltaid, or pip install 'dask[distributed]' s3fs"
     for module, name in (("distributed", "Dask"), ("fsspec", "fsspec")):
         require(module, by="deltaid fleet --scheduler", name=name, install=cure)
     from distributed import Client, WorkerPlugin
 
-    # What Dask has to say of lost connections is said in fewer words.
+    # Errors below replace Dask's messages about lost connections.
     logging.getLogger("distributed.client").setLevel(logging.CRITICAL)
     try:
         connected = Client(scheduler, timeout=_PATIENCE, set_as_default=False)
@@ -213,8 +214,8 @@ def open_workers(
             code = path.read_bytes()
 
             class OwnCode(WorkerPlugin):
-                """The file that the user has named, as it was when the command was called; on each
-                worker, also on those that start later."""
+                """The user's file as it was when the command was called, on each worker, also on
+                those that start later."""
 
                 def setup(self, worker: Any) -> None:
                     del worker
@@ -232,7 +233,7 @@ def open_workers(
 
 
 def require_shared(client: "Client", folder: Path) -> None:
-    """Find out whether all workers see a folder of this machine.
+    """Check that all workers see a folder of this machine.
 
     Raises:
         DeltaidError: one does not.
@@ -272,5 +273,5 @@ def _require_same_version(client: "Client", scheduler: str) -> None:
 
 
 def _of_each(client: "Client", ask: Callable[..., object], *words: object) -> dict[str, object]:
-    """What each worker answers, or the error; one that dies just now answers with an error."""
+    """Answer or error of each worker; one that dies meanwhile gives an error."""
     return cast(dict[str, object], client.run(ask, *words, on_error="return"))

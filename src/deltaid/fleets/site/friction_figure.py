@@ -1,27 +1,28 @@
-"""Friction of drives over time: what was seen, when it changed, how fast, and until when."""
+"""Figures of drives' friction over time: recordings, changes, trends, limits."""
 
 from datetime import datetime, timedelta
 from typing import Any
 
 import polars as pl
 
+from deltaid.fleets.drift_evidence import MONTH
 from deltaid.fleets.site.parts import Data, Panel, dates, numbers
 from deltaid.fleets.site.state import Row
 from deltaid.view import style
 from deltaid.view.numbers import WIDTH, number
 
-# The quantity that drift is told of.
+# The quantity with findings of drift.
 MAIN = "friction"
 _NAME = "friction, with 95 % intervals"
-_MONTH = timedelta(days=30.4375)
+_MONTH = timedelta(days=MONTH)
 
 
 def friction_panel(title: str, seen: pl.DataFrame, drift: Row | None) -> Panel:
     """One drive over time.
 
     Args:
-        seen: its rows of the table of friction, of one quantity, in the order of time.
-        drift: its row of the table of drift, if the quantity is the one that is told of.
+        seen: its rows of the table of friction, of one quantity, sorted by time.
+        drift: its row of the table of drift, if the quantity has findings.
     """
     unit = f"[{seen['unit'][0]}]"
     slope = None if drift is None else drift["temperature_slope"]
@@ -31,7 +32,7 @@ def friction_panel(title: str, seen: pl.DataFrame, drift: Row | None) -> Panel:
         cooled = (pl.col("value") * (-slope * warm).exp()).fill_null(pl.col("value"))
         seen = seen.with_columns(cooled=cooled)
         degrees = seen["temperature"].to_list()
-        faint = {  # values as they were, at whatever temperature
+        faint = {  # recorded values, at any temperature
             "marker": {"color": style.PRIOR, "size": 4, "opacity": 0.5},
             "text": ["" if t is None else f" at {number(t, 3)} °C" for t in degrees],
             "hovertemplate": "%{x|%Y-%m-%d}: %{y:.4g}%{text}<extra></extra>",
@@ -51,7 +52,7 @@ def friction_panel(title: str, seen: pl.DataFrame, drift: Row | None) -> Panel:
 
 
 def time_axis(seen: pl.DataFrame) -> Data:
-    """Of all panels alike; a single time has some days around it."""
+    """Time axis of all panels; a single time gets some days around it."""
     axis: Data = {"type": "date", "matches": "x"}
     first, last = seen["time"].min(), seen["time"].max()
     if isinstance(first, datetime) and first == last:
@@ -74,14 +75,14 @@ def _dots(seen: pl.DataFrame, value: str, name: str) -> Data:
 def _trend(row: Row, seen: pl.DataFrame) -> list[Data]:
     """The line of the rate with its interval, from the change on, and the limit.
 
-    A rate is a share a month of what friction is then, so it grows by itself; over what is drawn a
-    straight line is as good.
+    A rate is a share per month, so friction grows exponentially; over the drawn range a straight
+    line is as good.
     """
     first, last = seen["time"][0], seen["time"][-1]
     begin, level = row["change"] or first, row["level"]
     if row["rate"] is None or level is None:
         return []
-    # To the limit, but not much beyond what was seen.
+    # To the limit, but not far beyond the recordings.
     end = min(max(row["horizon"] or last, last), last + max(last - begin, _MONTH))
     low, middle, high = (
         None if row[key] is None else level * (1 + row[key]) ** ((end - begin) / _MONTH)

@@ -1,5 +1,5 @@
-"""Pieces that several pages of a site have: small cells, figures of panels as plain data, tables of
-drives, deviations."""
+"""Parts of several pages of a site: cells, figures of panels as plain data, tables of drives,
+deviations."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
@@ -17,10 +17,11 @@ NOTHING = "—"
 # Whether a robot is like its type.
 LIKE = {True: "yes", False: "no", None: NOTHING}
 WORDS = {Urgency.ACT: "act", Urgency.LOOK: "look", Urgency.NONE: "good"}
-# Parameters that a figure shows at most.
+# Largest number of parameters in a figure, or of panels.
 MOST = 24
 Data = dict[str, Any]
-# Room for the legend and titles above the first row, and for ticks below the last one [px].
+# Space for the legend and titles above the first row, for ticks below the last one, and between
+# [px].
 _TOP, _BOTTOM, _GAP = 70, 40, 56
 
 
@@ -32,7 +33,7 @@ class Panel:
         title: above it.
         traces: Plotly's, without axes.
         shapes: the same, over the panel's own axes.
-        unit: beside its vertical axis.
+        unit: of its vertical axis.
     """
 
     title: str
@@ -96,18 +97,18 @@ def grid(
 
 
 def numbers(values: pl.Series) -> list[float | None]:
-    """Five significant digits, which no screen shows more of."""
+    """Values with five significant digits, the resolution of a screen."""
     return values.round_sig_figs(5).to_list()
 
 
 def dates(values: pl.Series) -> list[str]:
-    """Days as Plotly takes them, with hours where a day has several."""
+    """Days in Plotly's format, with hours if a day has several."""
     several = values.dt.date().is_duplicated().any()
     return values.dt.strftime("%Y-%m-%d %H:%M" if several else "%Y-%m-%d").to_list()
 
 
 def dots(rows: pl.DataFrame, value: str, text: str) -> Data:
-    """A box with a dot for each row, which says a text."""
+    """A box with a dot for each row, labelled by a text."""
     return {
         "type": "box",
         "text": [style.label(name) for name in rows[text].to_list()],
@@ -122,7 +123,7 @@ def dots(rows: pl.DataFrame, value: str, text: str) -> Data:
 
 
 def cell(form: Callable[..., str], *values: Any) -> str:
-    """Values as text, or a dash where one is not known."""
+    """Values as text, or a dash if one is unknown."""
     return NOTHING if None in values else form(*values)
 
 
@@ -134,19 +135,19 @@ def known(value: float | None, std: float | None) -> tuple[str, str]:
 
 
 def days(low: datetime | None, high: datetime | None) -> str:
-    """An interval of dates; 'later' where it has no end."""
+    """An interval of dates; 'later' if it has no end."""
     if low is None and high is None:
         return NOTHING
     return f"{day(low)} … {day(high) if high is not None else 'later'}"
 
 
 def bounds(drives: Sequence[Row]) -> list[str]:
-    """Bounds of false alarms of drift, in words, each once."""
+    """Bounds of false alarms, in words, each once."""
     return list(dict.fromkeys(drive["bound"] for drive in drives))
 
 
 def drive_tables(drives: Sequence[Row], caption: str = "") -> tuple[Table, Table]:
-    """What is known of each drive's friction over time, and why."""
+    """Findings on each drive's friction, and their reasons."""
     rows = tuple(
         (
             drive["drive"],
@@ -184,11 +185,13 @@ def drive_tables(drives: Sequence[Row], caption: str = "") -> tuple[Table, Table
 
 
 def deviation_figure(members: pl.DataFrame, parameters: Sequence[str]) -> Data:
-    """Deviations from the type's mean, a box a parameter; robots that do not belong stand out."""
-    own = members.filter(
+    """Deviations from the type's mean, a box per parameter; outliers are marked."""
+    chosen = members.filter(
         pl.col("parameter").is_in(list(parameters)) & pl.col("spreads").is_not_null()
     ).rename({"spreads": "x"})
-    alike, foreign = (own.filter(pl.col("belongs").fill_null(True) == is_) for is_ in (True, False))
+    alike, foreign = (
+        chosen.filter(pl.col("belongs").fill_null(True) == value) for value in (True, False)
+    )
     hover = {"hovertemplate": "%{text}: %{x:.3g}<extra>%{y}</extra>"}
     traces = [
         dots(alike, "x", "robot")
@@ -218,7 +221,7 @@ def deviation_figure(members: pl.DataFrame, parameters: Sequence[str]) -> Data:
 
 
 def most_spread(members: pl.DataFrame) -> list[str]:
-    """Parameters of which robots differ most, in the order of the table."""
+    """Parameters with the largest differences between robots, in the order of the table."""
     sizes = (
         members.drop_nulls("spreads")
         .group_by("parameter", maintain_order=True)

@@ -21,14 +21,14 @@ from deltaid.view.numbers import number, percent, span
 from deltaid.view.page import Block, Chart, Fact, Page, Section, Summary, Table, Text, Trust
 
 _GRADES = {Urgency.ACT: Trust.POOR, Urgency.LOOK: Trust.FAIR, Urgency.NONE: Trust.GOOD}
-# Rows of recordings that a page has at most; those in quarantine come first.
+# Largest number of recordings on a page, quarantined ones first.
 _RECORDINGS = 500
-# What says that a value is seen and not taken from elsewhere.
+# Sources of identified values.
 SEEN = ("data", "sum", "measured", "sensors")
 
 
 def robot_page(robot: Robot, label: str) -> Page:
-    """The page of a robot; `label` is what its type is called."""
+    """The page of a robot; `label` is the name of its type."""
     tables = robot.tables
     charts = [*_friction(robot), *_temperature(tables["friction"])]
     said = " ".join(f"False alarms: {text}." for text in bounds(robot.drives))
@@ -78,7 +78,7 @@ def _verdict(robot: Robot) -> Summary:
 
 
 def _friction(robot: Robot) -> list[Chart]:
-    """Friction of every drive over time, then whatever else was seen of it."""
+    """Friction of every drive over time, then its other quantities."""
     friction, charts = robot.tables["friction"].sort("time"), list[Chart]()
     drift = {row["drive"]: row for row in robot.drives}
     drives = list(dict.fromkeys([*drift, *robot.tables["friction"]["drive"].to_list()]))
@@ -188,7 +188,7 @@ def _values(fit: pl.DataFrame, ordered: pl.DataFrame, said: str) -> Table:
 
 
 def _over_periods(ordered: pl.DataFrame) -> tuple[Chart, ...]:
-    """Those that data shows, over the periods; open where the prior decided."""
+    """Identified parameters over the periods; open symbols where the prior decided."""
     seen = ordered.filter(pl.col("decided_by").is_in(SEEN))
     names = list(dict.fromkeys(seen["parameter"].to_list()))
     if not names or ordered["period"].n_unique() < 2:

@@ -1,5 +1,5 @@
-"""A fleet's site: pages beside each other that share style, scripts and Plotly, and ask nobody. The
-first says which robots need attention and why, then lists all of them."""
+"""A fleet's static site: pages that share style, scripts and Plotly, without a server. The first
+page lists robots that need attention with reasons, then all robots."""
 
 import hashlib
 import re
@@ -104,14 +104,14 @@ def file_names(names: Iterable[str]) -> dict[str, str]:
 
 
 def type_labels(types: Iterable[str]) -> Mapping[str, str]:
-    """Types as people call them: a description's file without its folder where that is enough."""
+    """Short names of types: a description's file without its folder if that is unique."""
     given = list(dict.fromkeys(types))
     short = {name: PurePosixPath(name.replace("\\", "/")).name or name for name in given}
     count = Counter(short.values())
     return {name: short[name] if count[short[name]] == 1 else name for name in given}
 
 
-# Robots that the verdict names, those in the table below it, panels of friction.
+# Robots named in the verdict, robots in the table below it, panels of friction.
 _NAMED, _LISTED, _PANELS = 3, 20, 12
 
 
@@ -129,17 +129,17 @@ def overview(
         title: of the page.
         links: addresses of the robots' pages.
         types: addresses of the types' pages.
-        labels: what types are called.
+        labels: names of types.
     """
     urgent = [robot for robot in robots if robot.urgency < Urgency.NONE]
     rising = sum(row["state"] == "rising" for robot in robots for row in robot.drives)
     bad = tables["quarantine"]
-    # What the quarantine holds, such as '2 of recording, 1 of fit'.
+    # Contents of the quarantine, such as 'recording: 2, fit: 1'.
     refused = bad.group_by("what", maintain_order=True).len().iter_rows()
     firsts = [robot.first for robot in robots if robot.first is not None]
     lasts = [robot.last for robot in robots if robot.last is not None]
     span = f", {day(min(firsts))} to {day(max(lasts))}" if firsts else ""
-    # Types of which nothing could be said.
+    # Types whose fits failed.
     lost = bad.filter((pl.col("what") == "type") & (pl.col("robot") == ""))
     return Page(
         title=title,
@@ -172,14 +172,14 @@ def overview(
 
 
 def _verdict(robots: Sequence[Robot], urgent: Sequence[Robot]) -> Summary:
-    """In one sentence how many robots need attention, then which and why."""
+    """Number of robots that need attention, then their names and reasons."""
     act, more = sum(robot.urgency is Urgency.ACT for robot in urgent), len(urgent) - _NAMED
     lines = [
         f"{robot.name}: {'; '.join(concern.text for concern in robot.concerns)}."
         for robot in urgent[:_NAMED]
     ]
     lines += [f"And {more} more, listed below."] if more > 0 else []
-    lines += _untold(robots)
+    lines += _undecided(robots)
     many = f"{len(urgent)} of {len(robots)} robots {'needs' if len(urgent) == 1 else 'need'}"
     if act:
         now = " now" if act == len(urgent) else f", {act} of them now"
@@ -195,8 +195,8 @@ def _verdict(robots: Sequence[Robot], urgent: Sequence[Robot]) -> Summary:
     return Summary(Trust.GOOD, f"None of {len(robots)} robots needs attention.", tuple(lines))
 
 
-def _untold(robots: Sequence[Robot]) -> list[str]:
-    """What nobody can tell yet, and what was not used."""
+def _undecided(robots: Sequence[Robot]) -> list[str]:
+    """Undetermined drives, and unused recordings."""
     drives, lines = [row for robot in robots for row in robot.drives], list[str]()
     if unknown := sum(row["state"] == "unknown" for row in drives):
         lines.append(
@@ -279,7 +279,7 @@ def _robots(robots: Sequence[Robot], links: Mapping[str, str], labels: Mapping[s
 
 
 def _changed(robot: Robot) -> str:
-    """Drives whose friction changes, or what is said of all."""
+    """Drives whose friction changes, or the state of all."""
     kinds = dict[str, list[str]]()
     for row in robot.changed:
         kinds.setdefault(row["state"], []).append(row["drive"])
@@ -291,7 +291,7 @@ def _changed(robot: Robot) -> str:
 
 
 def _quarantine(bad: pl.DataFrame) -> tuple[Section, ...]:
-    """Reasons of what could not be used, the most frequent first."""
+    """Reasons of the quarantine, the most frequent first."""
     reasons = dict[str, list[str]]()
     for row in bad.iter_rows(named=True):
         reasons.setdefault(_without_name(row["reason"], row["which"]), []).append(row["robot"])
@@ -309,7 +309,7 @@ def _few(names: Sequence[str]) -> list[str]:
 
 
 def _without_name(reason: str, which: str) -> str:
-    """A reason without the recording's name, so that those of one cause are alike."""
+    """A reason without the recording's name, so that equal causes have equal texts."""
     for name in (which, which.replace("\\", "/").rpartition("/")[2]):
         reason = reason.replace(name, "…") if name else reason
     return reason.removeprefix("…: ")

@@ -1,4 +1,4 @@
-"""What the tables say of each robot, and what speaks for looking at it."""
+"""State of each robot from the tables, and reasons to inspect it."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -11,29 +11,27 @@ from typing import Any
 import polars as pl
 
 from deltaid.fleets.belonging import LEAST
-from deltaid.view.numbers import percent
+from deltaid.view.numbers import WIDTH, percent
 
 Row = Mapping[str, Any]
 Tables = Mapping[str, pl.DataFrame]
-# A limit that may be reached within these is acted upon.
+# A limit within this time needs action.
 _SOON = timedelta(days=28)
 # A robot is silent after so long and so many times its usual pause between recordings.
 _SILENT, _PAUSES = timedelta(days=14), 4
-# What cannot be done with a robot, by what the quarantine calls it.
+# Text of failed steps, by name in the quarantine.
 _CANNOT = {"drift": "drift cannot be searched", "type": "cannot be compared with its type"}
 # The period of all recordings of a robot together.
 ALL = "all"
 _CHANGED = {"rising": "rises", "falling": "falls", "stepped": "has stepped"}
-# What nobody can tell yet.
+# Text of an undetermined state.
 UNKNOWN = "not enough data"
 # Start of parameters that are torque constants by identification.
 _GAIN = "gain."
-# Standard deviations beyond which a product of torque constants is not 1.
-_SURE = 3.0
 
 
 class Urgency(IntEnum):
-    """How soon somebody should look."""
+    """Urgency of an inspection."""
 
     ACT = 0
     LOOK = 1
@@ -47,8 +45,8 @@ class Concern:
 
 
 def with_spreads(tables: Tables) -> Tables:
-    """Tables of a fleet whose `members` have `spreads` too, deviations in spreads between robots,
-    null where none is known. Whether a robot belongs is null where too few others could tell."""
+    """Tables of a fleet, `members` with the additional column `spreads`, deviations in spreads
+    between robots, null if unknown. `belongs` is null if a type has too few robots."""
     spread, enough = pl.col("spread"), pl.col("robot").n_unique().over("type") >= LEAST
     types = tables["types"].select("type", "parameter", "spread")
     members = tables["members"].join(
@@ -68,14 +66,14 @@ class Robot:
     """One robot.
 
     Attributes:
-        name, type: its own.
-        tables: its rows of them, and those of all types.
-        recordings: how many there are, with those in quarantine or away.
-        quarantined: how many of them are in quarantine.
-        first, last: times of the first and last recording that could be used.
-        drives: its rows of the table of drift, those that changed first.
+        name, type: of the robot.
+        tables: its rows, and those of all types.
+        recordings: number of recordings, quarantined and absent ones included.
+        quarantined: number of quarantined ones.
+        first, last: times of the first and last usable recording.
+        drives: its rows of the table of drift, changed drives first.
         noise, worst_error: of its last fit.
-        belongs: whether it is as its type is; None where nobody knows.
+        belongs: whether it belongs to its type; None if unknown.
         concerns: the most urgent first.
     """
 
@@ -102,7 +100,7 @@ class Robot:
 
     @property
     def is_known(self) -> bool:
-        """Whether there is enough data to say of all drives whether friction changes."""
+        """Whether the state of all drives is determined."""
         return bool(self.drives) and all(drive["state"] != "unknown" for drive in self.drives)
 
     @property
@@ -171,7 +169,7 @@ def _robot(name: str, kind: str, tables: Tables, now: Any) -> Robot:
 
 
 def last_period(parameters: pl.DataFrame) -> pl.DataFrame:
-    """A robot's parameters of its last period; of all recordings where there is no other."""
+    """A robot's parameters of its last period, or of all recordings together."""
     periods = parameters.filter(pl.col("period") != ALL)
     rows = parameters if periods.is_empty() else periods
     return rows.filter(pl.col("period") == rows["period"].max())
@@ -181,32 +179,32 @@ def _friction(row: Row, now: datetime | None) -> Concern | None:
     if row["state"] not in _CHANGED:
         return None
     stepped = row["state"] == "stepped"
-    said = f"friction of {row['drive']} {_CHANGED[row['state']]}"
+    text = f"friction of {row['drive']} {_CHANGED[row['state']]}"
     size = row["step"] if stepped else row["rate"]
     if size is not None:
         sign = "+" * (stepped and size > 0) + "−" * (stepped and size < 0)
-        said += f" by {sign}{percent(abs(size))}{'' if stepped else ' a month'}"
+        text += f" by {sign}{percent(abs(size))}{'' if stepped else ' a month'}"
     if row["change"] is not None:
-        said += f"{' about' if stepped else ' since'} {day(row['change'])}"
+        text += f"{' about' if stepped else ' since'} {day(row['change'])}"
     if row["state"] == "falling" or row["horizon"] is None:
-        return Concern(Urgency.LOOK, said)
+        return Concern(Urgency.LOOK, text)
     soonest = row["horizon_low"] or row["horizon"]
     if now is not None and row["horizon"] <= now:
-        return Concern(Urgency.ACT, f"{said} and is beyond its limit")
-    said += f" and reaches its limit about {day(row['horizon'])}"
+        return Concern(Urgency.ACT, f"{text} and is beyond its limit")
+    text += f" and reaches its limit about {day(row['horizon'])}"
     if row["horizon_low"] is not None:
-        said += f", hardly before {day(row['horizon_low'])}"
+        text += f", hardly before {day(row['horizon_low'])}"
     urgent = now is not None and soonest <= now + _SOON
-    return Concern(Urgency.ACT if urgent else Urgency.LOOK, said)
+    return Concern(Urgency.ACT if urgent else Urgency.LOOK, text)
 
 
 def _gains(parameters: pl.DataFrame) -> list[Concern]:
-    """Torque constants that are wrong: in N m, or where only ratios of several are known (their
-    product is 1) against those of most drives."""
-    own = parameters.filter(pl.col("parameter").str.starts_with(_GAIN))
-    logs, stds = own["value"].log(), own["std"] / own["value"]
-    is_ratio = len(own) > 1 and abs(float(logs.sum())) <= _SURE * float(stds.sum())
-    usual = median(own["value"].to_list() or [1.0]) if is_ratio else 1.0
+    """Wrong torque constants: in N m, or, if only their ratios are known (their product is 1),
+    against those of most drives."""
+    gains = parameters.filter(pl.col("parameter").str.starts_with(_GAIN))
+    logs, stds = gains["value"].log(), gains["std"] / gains["value"]
+    is_ratio = len(gains) > 1 and abs(float(logs.sum())) <= WIDTH * float(stds.sum())
+    usual = median(gains["value"].to_list() or [1.0]) if is_ratio else 1.0
     against = ", against other drives" if is_ratio else ""
     return [
         Concern(
@@ -215,7 +213,7 @@ def _gains(parameters: pl.DataFrame) -> list[Concern]:
             f"{row['std'] / usual:.1g} times the torque that it records{against}: torque constant, "
             "gear ratio or unit of torques?",
         )
-        for row in own.iter_rows(named=True)
+        for row in gains.iter_rows(named=True)
         if not row["low"] <= usual <= row["high"]
     ]
 
@@ -247,7 +245,7 @@ def _foreign(rows: Sequence[Row]) -> list[Concern]:
 
 
 def _refused(quarantine: pl.DataFrame, last: str, *, recorded: bool) -> list[Concern]:
-    """What the quarantine holds beside recordings that are there; no period before the last fit."""
+    """Quarantined steps and absent recordings; no period before the last fit."""
     what, concerns = pl.col("what"), list[Concern]()
     others = quarantine.filter((what != "recording") & ((what != "fit") | (pl.col("which") > last)))
     for row in others.tail(1).iter_rows(named=True):
@@ -267,5 +265,5 @@ def _short(reason: str, most: int = 160) -> str:
 
 
 def day(time: datetime | None) -> str:
-    """A date as ISO has it; a dash where there is none."""
+    """An ISO date, or a dash."""
     return "—" if time is None else f"{time:%Y-%m-%d}"

@@ -1,5 +1,4 @@
-"""Types: sections on the fleet's page, and the page of each: what its robots have in common, how
-they differ, which do not belong."""
+"""Sections of types on the fleet's page, and the page of each type: mean, differences, outliers."""
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
@@ -8,6 +7,7 @@ import polars as pl
 
 from deltaid.fleets.site.parts import (
     LIKE,
+    MOST,
     NOTHING,
     Panel,
     cell,
@@ -21,8 +21,6 @@ from deltaid.fleets.site.state import Robot, Tables, Urgency, day
 from deltaid.view.numbers import number, span
 from deltaid.view.page import Block, Chart, Fact, Page, Section, Summary, Table, Text, Trust
 
-# Types that have figures on the fleet's page; all have pages.
-_TYPES = 6
 _EVERY = "Friction of every drive of every robot; a dot is a robot."
 _LEVELS = "level of every drive"
 
@@ -31,7 +29,7 @@ def levels(
     tables: Tables, robots: Sequence[Robot], labels: Mapping[str, str]
 ) -> tuple[Section, ...]:
     panels = [_levels(tables, robots, kind, label) for kind, label in labels.items()]
-    panels = [panel for panel in panels if panel.traces[0]["x"]][:_TYPES]
+    panels = [panel for panel in panels if panel.traces[0]["x"]][:MOST]
     if not panels:
         return ()
     figure = grid(panels, columns=min(len(panels), 3), row=300)
@@ -64,7 +62,7 @@ def deviations(tables: Tables, labels: Mapping[str, str]) -> tuple[Section, ...]
         if (names := most_spread(own := tables["members"].filter(type=kind)))
     ]
     said = "how robots of one type differ"
-    return (Section("Parameters by type", tuple(charts[:_TYPES]), said),) if charts else ()
+    return (Section("Parameters by type", tuple(charts[:MOST]), said),) if charts else ()
 
 
 def type_section(
