@@ -1,1 +1,1 @@
-"""Rows beside the drives' torques: what other sensors show, and which ones are worth buying."""
+"""Rows of additional sensors and measured values, and plans of which ones to buy."""

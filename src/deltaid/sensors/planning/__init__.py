@@ -1,1 +1,2 @@
-"""Which measurement is worth its price: what torques leave open, and what would close it."""
+"""Plans of measurements: what torques do not determine, and which measurement is worth its
+price."""

@@ -173,7 +173,7 @@ def sensor_plan(
         combinations: names of uses that are tried together, in addition to the list's.
         settings: noise, prior and the like.
         columns: of a recording, by value or file.
-        progress: is told what is being done; or whether to show it, None for where someone is
+        progress: called with each stage; or whether to show stages, None for where someone is
             watching.
 
     Raises:
