@@ -8,7 +8,7 @@ import polars as pl
 
 import deltaid
 from deltaid.checks.evidence import Evidence, evidence
-from deltaid.checks.proposals import HeldOut, held_out, proved, unharmed
+from deltaid.checks.proposals import HeldOut, confirmed, held_out, not_refuted
 from deltaid.model.verdict import Grade, Proposal, Verdict
 from drives import case
 from identified import identified, simulated
@@ -64,7 +64,7 @@ def test_a_base_far_out_of_level_is_looked_at_and_not_written() -> None:
 def test_what_does_not_help_is_dropped_and_no_longer_wrong() -> None:
     right = proposing("mapping", "position[0].zero", 0.02)
     wrong = proposing("mapping", "torque[1].sign", -1)
-    kept, dropped = proved(shifted(), (right, wrong))
+    kept, dropped = confirmed(shifted(), (right, wrong))
     assert kept is right
     assert not dropped.proposals
     assert dropped.grade is Grade.DOUBTFUL
@@ -74,13 +74,13 @@ def test_what_does_not_help_is_dropped_and_no_longer_wrong() -> None:
 def test_a_scale_of_all_torques_is_the_priors_to_judge() -> None:
     times = [(f"torque[{i}].unit", "mN*m") for i in range(3)]
     unit = Verdict("torque-unit", Grade.WRONG, "", proposals=(Proposal("mapping", tuple(times)),))
-    assert proved(shifted(), (unit,)) == (unit,)
+    assert confirmed(shifted(), (unit,)) == (unit,)
 
 
 def test_a_description_is_changed_unless_it_explains_less() -> None:
     heavier = proposing("robot", "bodies.S.prior[0].mass", 0.2)
     tilted = proposing("robot", "gravity", [0.0, 3.0, -9.34])
-    kept, dropped = unharmed(shifted(), (heavier, tilted))
+    kept, dropped = not_refuted(shifted(), (heavier, tilted))
     assert kept is heavier
     assert not dropped.proposals
 
@@ -121,6 +121,6 @@ def test_drives_are_not_exchanged_by_friction_that_differs_by_direction() -> Non
     ]
     proposal = Proposal("mapping", tuple(changes))
     exchanged = Verdict("drive-order", Grade.WRONG, "seen", proposals=(proposal,))
-    (verdict,) = proved(evidence(made.robot, made.logs[0]), (exchanged,))
+    (verdict,) = confirmed(evidence(made.robot, made.logs[0]), (exchanged,))
     assert verdict.grade is Grade.DOUBTFUL
     assert not verdict.proposals

@@ -8,7 +8,7 @@ import pytest
 from scipy import signal
 from scipy.signal import butter, sosfiltfilt
 
-from deltaid.checks.closed_loop import checked_feedback, shaken
+from deltaid.checks.closed_loop import checked_feedback, encoder_feedback
 from deltaid.checks.evidence import Evidence, evidence
 from deltaid.checks.identify import identify
 from deltaid.checks.signal import checked_signals
@@ -221,7 +221,7 @@ def test_drives_that_noise_shakes_are_told() -> None:
 
 def test_the_shake_is_as_large_as_it_is_told() -> None:
     seen, q = controlled(13, 30.0)
-    shake = shaken(seen.rows, seen.surveyed, seen.fitted, seen.study)
+    shake = encoder_feedback(seen.rows, seen.surveyed, seen.fitted, seen.study)
     assert shake is not None
     high = butter(4, 2 * seen.surveyed.cutoff, "high", fs=RATE, output="sos")
     speed = sosfiltfilt(high, np.gradient(q, 1 / RATE, axis=0), axis=0)

@@ -16,7 +16,7 @@ from deltaid.checks.description import (
 from deltaid.checks.evidence import Evidence, evidence
 from deltaid.checks.information import checked_information, information_of, judged_information
 from deltaid.checks.priors import checked_measured, checked_priors
-from deltaid.checks.proposals import proved, unharmed
+from deltaid.checks.proposals import confirmed, not_refuted
 from deltaid.checks.residual import checked_residual
 from deltaid.checks.sensing.sensors import checked_sensors
 from deltaid.checks.signal import checked_signals
@@ -87,12 +87,12 @@ def check(
         for record, wiring in zip(records, on_columns, strict=True):
             say(f"checking {record.source}")
             _ = record.rows  # an unreadable recording is an error and no verdict
-            judged, common = unharmed(record, judged), unharmed(record, common)
+            judged, common = not_refuted(record, judged), not_refuted(record, common)
             if worst(common) is Grade.WRONG:  # later checks would only repeat it
                 on_log = (*wiring, *checked_signals(record))
             else:
                 on_log = of_recording(record, wiring, several)
-            on_log = proved(record, on_log)
+            on_log = confirmed(record, on_log)
             of_logs += named_verdicts(record, on_log, several=several)
             wrong = Grade.WRONG in (worst(common), worst(on_log))
             if several and not wrong and (known := information_of(record)):

@@ -59,7 +59,7 @@ def checked_feedback(evidence: Evidence) -> Iterator[Verdict]:
     recording, fitted, study = evidence.surveyed, evidence.fitted, evidence.study
     if recording is None or study is None or not isinstance(fitted, FittedProblem):
         return
-    shake = shaken(evidence.rows, recording, fitted, study)
+    shake = encoder_feedback(evidence.rows, recording, fitted, study)
     if shake is None or not shake.speed.any():
         return
     worst = int(np.argmax(shake.reversed))
@@ -73,7 +73,7 @@ def checked_feedback(evidence: Evidence) -> Iterator[Verdict]:
     yield _FEEDBACK.judged(graded(share, _DOUBTFUL, _WRONG), text, drive, number)
 
 
-def shaken(
+def encoder_feedback(
     rows: RawRows, recording: PreparedRecording, fitted: FittedProblem, study: Study
 ) -> Shake | None:
     """Speeds and torques by fed-back noise; None with too few rows or too low a rate."""

@@ -69,9 +69,9 @@ Length = tuple[str, float]  # path and number
 def checked_lengths(data: dict[str, Any]) -> Verdict:
     """The verdict on all lengths of a description.
 
-    Limbs too long for any robot are in millimetres, too short ones were divided by 1000 twice.
-    Their corrected size is the scale for all lengths: limbs one by one, other parts as a whole.
-    """
+    Limbs too long for any robot are in millimetres, too short ones were divided by 1000 once too
+    often. Their corrected size is the scale for all lengths: limbs one by one, other parts as a
+    whole. """
     limbs, groups = _lengths(data.get("limbs"), _LIMBS, "limbs"), list(_groups(data))
     arms = [length for length in limbs if length[0].startswith("limbs.upper_arm")]
     struts = [length for length in limbs if length[0].partition("[")[0] == "limbs.strut"]

@@ -12,7 +12,7 @@ from deltaid.checks.check import named_verdicts, of_robot
 from deltaid.checks.closed_loop import checked_feedback
 from deltaid.checks.evidence import Evidence, evidence, forget, with_fit
 from deltaid.checks.information import checked_information, judged_information
-from deltaid.checks.proposals import proved, unharmed
+from deltaid.checks.proposals import confirmed, not_refuted
 from deltaid.checks.residual import checked_residual, detected_load
 from deltaid.checks.sensing.sensors import checked_sensors
 from deltaid.checks.signal import checked_signals
@@ -108,7 +108,7 @@ def identify(
         say(f"judging {', '.join(str(source) for source in sources)}")
         common, on_columns = checked_wirings(opened)
         for record in opened:
-            common = unharmed(record, common)
+            common = not_refuted(record, common)
         if common:
             _refuse(common, opened[0], force)
         for record, wiring in zip(opened, on_columns, strict=True):
@@ -136,7 +136,7 @@ def identify(
 def _first(record: Evidence, judged: tuple[Verdict, ...], force: bool) -> tuple[Verdict, ...]:
     """Verdicts that may refuse a recording, which those do whose proposals explain it better."""
     if worst(judged) is Grade.WRONG:
-        judged = proved(record, judged)
+        judged = confirmed(record, judged)
         _refuse(judged, record, force)
     return judged
 
@@ -174,7 +174,7 @@ def _after_fit(
     problem, several = result.problem, len(opened) > 1
     for record, verdicts, recording in zip(opened, before, result.recordings, strict=True):
         kept = [v for verdict in verdicts if (v := _kept(verdict, recording, result, described))]
-        yield from named_verdicts(record, proved(record, kept), several=several)
+        yield from named_verdicts(record, confirmed(record, kept), several=several)
     if several:  # together they may determine what none does alone
         strokes = [record.moved for record in opened]
         yield from judged_information(problem.dynamics, problem.information, strokes)
@@ -189,7 +189,7 @@ def _after_fit(
             *checked_feedback(fitted),
             *(detected_load(before) for before in detected if before is not None),
         )
-        yield from named_verdicts(record, proved(record, judged), several=several)
+        yield from named_verdicts(record, confirmed(record, judged), several=several)
 
 
 def _kept(

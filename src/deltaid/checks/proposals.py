@@ -181,13 +181,13 @@ def _halves(trace: Trace, declared: Sequence[Addition]) -> _Halves | None:
     return _Halves(rows, columns / lengths(columns), rows.stack(tau), tuple(ends.tolist()))
 
 
-def proved(record: Evidence, verdicts: Sequence[Verdict]) -> tuple[Verdict, ...]:
+def confirmed(record: Evidence, verdicts: Sequence[Verdict]) -> tuple[Verdict, ...]:
     """Verdicts on a recording, with those proposals that explain it better than the files, or that
     its rows cannot decide."""
     return _with_useful(record, verdicts, lambda new, old: new.same(old) or new.better(old))
 
 
-def unharmed(record: Evidence, verdicts: Sequence[Verdict]) -> tuple[Verdict, ...]:
+def not_refuted(record: Evidence, verdicts: Sequence[Verdict]) -> tuple[Verdict, ...]:
     """Verdicts on a description, with those proposals that do not explain a recording worse."""
     return _with_useful(record, verdicts, HeldOut.as_good)
 

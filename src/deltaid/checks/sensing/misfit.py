@@ -155,14 +155,14 @@ class Misfit:
     def expected(self, theta: Theta) -> Values:
         return np.einsum("kin,i->kn", self.X, theta)
 
-    def left(self, fit: MapFit) -> Float[np.ndarray, " channels"]:
+    def residual_rms(self, fit: MapFit) -> Float[np.ndarray, " channels"]:
         """RMS residual of each unmapped channel, in its unit."""
         residual = self.y - self.expected(fit.theta)
         return np.sqrt(np.sum(residual**2, axis=1) / max(self.counts, 1.0))
 
     def unexplained(self, fit: MapFit) -> float:
         """Unexplained share of y's motion, at most 1."""
-        residual, motion = self.left(fit) ** 2, np.mean(self.moving**2, axis=1)
+        residual, motion = self.residual_rms(fit) ** 2, np.mean(self.moving**2, axis=1)
         shares = [residual[group].sum() / max(motion[group].sum(), 1e-300) for group in self.groups]
         return min(1.0, float(np.sqrt(max(shares))))
 

@@ -49,7 +49,7 @@ def _of_sensor(misfit: Misfit, sensors: Sequence[Misfit]) -> list[Verdict]:
     least = np.inf if late is None else max(_ROWS * misfit.row, _SURE * late.std)
     if late is not None and late.Q < _BETTER * as_mapped.Q and abs(late.delay) > least:
         verdicts.append(_late(misfit, late, as_mapped.Q))
-    rms = misfit.left(as_mapped)
+    rms = misfit.residual_rms(as_mapped)
     verdicts += _noisy(misfit, rms)
     k = int(np.argmax(rms / misfit.noise))
     channel, number = misfit.rows.channels[k], float(rms[k])

@@ -1,1 +1,1 @@
-"""Verdicts on units and wiring: what the columns of a log are, and of which drive."""
+"""Verdicts on units and wiring: quantity, unit and drive of a log's columns."""
