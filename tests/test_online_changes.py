@@ -42,7 +42,7 @@ def test_other_estimates_are_those_of_a_filter_that_knew(free: float) -> None:
         knew, _ = knew.measured(row, ca.SX(y - load), noise, ONE)
         if k >= 30:
             onset = onset.measured(0, ca.SX(psi), told)
-    other = Change(changed=ONE, held=ONE, told=NONE, seen=ONE)
+    other = Change(changed=ONE, held=ONE, signalled=NONE, detected=ONE)
     found = estimate_after(blamed, onset, other, 1)
     wrong, right, mended = (float(ca.evalf(estimate.x)[1]) for estimate in (blamed, knew, found))
     assert abs(wrong - right) > 0.1

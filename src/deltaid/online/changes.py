@@ -168,7 +168,7 @@ class Onsets:
             once, twice: the load's column, filtered.
         """
         count, waits = self.ages.numel(), self.each.candidate(self.ages.numel())
-        signalled = ca.logic_and(change.told, ca.logic_not(self.open_))
+        signalled = ca.logic_and(change.signalled, ca.logic_not(self.open_))
         stays = (1 - closes) * (1 - change.changed)
         filtered, kept = {"once": once, "twice": twice}, ca.fmax(stays, signalled * (1 - closes))
         for name, now in zip(Onset._fields, self.each, strict=True):
@@ -199,8 +199,8 @@ class Change:
 
     changed: ca.SX
     held: ca.SX
-    told: ca.SX
-    seen: ca.SX
+    signalled: ca.SX
+    detected: ca.SX
 
 
 def gripper_differs(held: ca.SX, gripper: ca.SX) -> ca.SX:
@@ -251,7 +251,8 @@ def estimate_after(estimate: Estimate, seen: Onset, change: Change, n_load: int)
 
         x ← x − F Δ,   P ← P + F Fᵀ / C.
     """
-    n, by_itself, none = estimate.x.numel(), change.seen, ca.SX.zeros(estimate.x.numel() - n_load)
+    n, by_itself = estimate.x.numel(), change.detected
+    none = ca.SX.zeros(n - n_load)
     mass = ca.fmax(estimate.x[0] + (1 - seen.moved[0]) * seen.size, 0) * by_itself * change.held
     variance = _WIDER / (seen.information + 1.0) + (_ROUGH * seen.size) ** 2
     others = ca.vertcat(ca.SX(n_load, 1), seen.moved[n_load:]) * by_itself
@@ -259,7 +260,7 @@ def estimate_after(estimate: Estimate, seen: Onset, change: Change, n_load: int)
     along = ca.densify(first - others) * ca.sqrt(variance)
     kept = 1 - ca.vertcat(ca.SX.ones(n_load), none) * change.changed
     x = estimate.x * kept - others * seen.size + first * mass
-    fresh = ca.vertcat(change.told + _FREE * change.seen, ca.SX.ones(n_load - 1), none)
+    fresh = ca.vertcat(change.signalled + _FREE * change.detected, ca.SX.ones(n_load - 1), none)
     fresh *= change.changed * change.held
     P = estimate.P * (kept @ kept.T) + ca.diag(fresh) + along @ along.T
     return Estimate(x, ca.tril2symm(ca.tril(P)))

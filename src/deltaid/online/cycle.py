@@ -92,7 +92,7 @@ _GROWS, _FALLS, _MOST, _TOLERATED = 2.0, 10.0, 25.0, 2.0
 def standard_parts(model: Model) -> tuple[MorePart, ...]:
     """Parts of every cycle in addition to loads and friction: contacts, if the model is identified.
 
-    Without the intervals of an identification, contacts cannot be told from model errors.
+    Without the intervals of an identification, contacts and model errors look alike.
     """
     return () if model.identified is None else (contact_of,)
 
@@ -118,7 +118,7 @@ def contact_of(cycle: Cycle) -> None:
     pushed = ca.logic_and(seen.found > 0.5, lasts < _LONGEST)
     pauses = ca.if_else(pushed, _REMEMBERED, ca.fmax(rests - settings.period, 0.0))
     # Filters restart with the gripper's signal, and a contact before may have been the load.
-    pauses = ca.if_else(cycle.estimates.change.told, 0.0, pauses)
+    pauses = ca.if_else(cycle.estimates.change.signalled, 0.0, pauses)
     found = ca.fmin((seen.size * u) ** 2 * larger / dof, _MOST)
     memory = ca.if_else(found > excess, _GROWS, _FALLS)
     learns = every(s.settled, s.calm, seen.found < 0.5)

@@ -56,7 +56,7 @@ def doubts(
     # weightless loads, or like a wrong model.
     if not any(doubt.key in _BLIND for doubt in of_rows):
         scale = list(_of_scale(replay, seen))
-        if replay.is_told and (not scale or 1 < seen.common[0] < _FAR):
+        if replay.has_gripper and (not scale or 1 < seen.common[0] < _FAR):
             by_column = any(load.column for load in replay.log.columns.loads)
             of_run += gripper_doubts(seen, loads, settings.grip_time, is_column=by_column)
         if not of_run:
@@ -69,7 +69,7 @@ def doubts(
 
 def _carrying(replay: Replay, loads: Sequence[WeighedLoad]) -> Log:
     log = replace(replay.log, masks=replay.masks)
-    if not loads or replay.is_told:
+    if not loads or replay.has_gripper:
         return log
     spans = tuple((load.start, load.end or log.clock.last + 1.0) for load in loads)
     return replace(log, columns=replace(log.columns, loads=(Load(spans=spans),)))
@@ -163,7 +163,7 @@ def _of_contacts(seen: RunEvidence, touches: Sequence[Touch]) -> Iterator[Doubt]
 
 def _of_scale(replay: Replay, seen: RunEvidence) -> Iterator[Doubt]:
     (common, deviation), drives = seen.common, replay.log.columns.torque
-    most = 0.0 if replay.is_told else _UNSIGNALLED  # an undetected load makes torques larger
+    most = 0.0 if replay.has_gripper else _UNSIGNALLED  # an undetected load makes torques larger
     apart = np.abs(seen.gain - common) > np.maximum(_COMMON, _APART * seen.deviation)
     gains, sure = np.append(seen.gain, common), np.append(seen.deviation, deviation)
     least = np.append([_GAIN] * len(drives), _COMMON)

@@ -72,7 +72,7 @@ def follow_grip(
     Args:
         load: in the estimates before it changes.
     """
-    since, signalled = fields.before["since_grip"], change.told
+    since, signalled = fields.before["since_grip"], change.signalled
     let_go = ca.logic_and(signalled, ca.logic_not(change.held))
     fields.following |= {
         "gripping": ca.fmax(grip.open_, signalled),
@@ -119,8 +119,8 @@ def grip_before(
     moved = per_time @ moves[:, :-1].T
     squares = ca.sum2(weight * (variances + masses**2))
     share = per_time @ (weight * moment / squares)[:, :-1].T
-    known = _taken(estimate, moved, share, mass, variance, P0)
-    likely = chosen_estimate(held, known, _left(estimate, moved, left.numel()))
+    known = _with_load(estimate, moved, share, mass, variance, P0)
+    likely = chosen_estimate(held, known, _without_load(estimate, moved, left.numel()))
     likely = chosen_estimate(was_open, likely, estimate)
     to_come, open_ = 1 - came, ca.if_else(closes, 0.0, was_open)
     # A push until the signal is no load: torques after it decide.
@@ -178,7 +178,7 @@ def _times(
     return tuple(ca.horzcat(part[:signal], part[signal + 1]) for part in parts)
 
 
-def _taken(
+def _with_load(
     estimate: Estimate, moved: ca.SX, share: ca.SX, mass: ca.SX, variance: ca.SX, P: ca.SX
 ) -> Estimate:
     """The estimate with a known mass, and without the error made before the load was known.
@@ -194,7 +194,7 @@ def _taken(
     return Estimate(x, ca.tril2symm(ca.tril(estimate.P - along @ along.T * P + g @ g.T * variance)))
 
 
-def _left(estimate: Estimate, moved: ca.SX, n_load: int) -> Estimate:
+def _without_load(estimate: Estimate, moved: ca.SX, n_load: int) -> Estimate:
     """The estimate without the load's effect on the other states, of which a share is uncertain."""
     others = ca.vertcat(ca.SX.zeros(n_load), moved[n_load:])
     spread = others @ others.T * _ROUGH**2

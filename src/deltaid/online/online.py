@@ -158,7 +158,7 @@ class Online(Named):
         settings: of the estimator; or `rate` alone.
         rate: cycles per second [Hz], in place of the settings' (`OnlineSettings.at_rate`).
         more: additional parts of the cycle. Contact is added if the model is identified; without
-            its intervals contacts cannot be told from model errors.
+            its intervals contacts and model errors look alike.
 
     Raises:
         DeltaidError: settings and robot do not fit each other.

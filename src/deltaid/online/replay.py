@@ -79,7 +79,7 @@ class Replay:
     doubts: tuple[Doubt, ...]
 
     @property
-    def is_told(self) -> bool:
+    def has_gripper(self) -> bool:
         """Whether there is a gripper's signal."""
         return bool(self.log.columns.loads)
 
@@ -120,10 +120,10 @@ class Replay:
 
     def _cycles(self, values: Float[np.ndarray, "_ _"], begins: bool) -> Cycles:
         c, dof, around = self.log.columns, len(self.log.columns.torque), 0.5 / self.log.rate
-        time, told, tau = values[:, 0], values[:, c.extra_places], values[:, c.torque_places].copy()
-        gripper = np.full(len(values), UNKNOWN)
+        time, extra = values[:, 0], values[:, c.extra_places]
+        tau, gripper = values[:, c.torque_places].copy(), np.full(len(values), UNKNOWN)
         if c.loads:
-            gripper = np.where(c.held(time, told).any(axis=0), HOLDS, EMPTY)
+            gripper = np.where(c.held(time, extra).any(axis=0), HOLDS, EMPTY)
         spans = [(mask.start - around, mask.end + around) for mask in self.powerless]
         if spans:
             tau[np.searchsorted(joined_times(np.array(spans)).ravel(), time) % 2 == 1] = np.nan

@@ -206,8 +206,8 @@ class Suspicion:
         memory = np.ones(max(1, round(_REMEMBERED / self._period)))
         cut = np.convolve(cut, memory)[: len(rows.time)] > 0.5
         empty = live & ~found.held & (rows.gripper < HOLDS) & ~cut
-        touched, told = live & (out["contact"][:, 0] > 0.5), live & (rows.gripper == EMPTY)
-        parts = np.stack([touched, live & ~touched, touched & told, told])
+        touched, free = live & (out["contact"][:, 0] > 0.5), live & (rows.gripper == EMPTY)
+        parts = np.stack([touched, live & ~touched, touched & free, free])
         self._seconds += self._period * parts.sum(axis=1)
         self._told.update(np.unique(rows.gripper).tolist())
         m = out["torque"] - found.residual - out["rubs"]

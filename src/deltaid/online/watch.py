@@ -106,7 +106,7 @@ def watch(
             where=model.source,
             cure="identify a model from a recording first, `deltaid identify`",
         )
-    settings, told = replay.settings(settings), replay.is_told
+    settings, told = replay.settings(settings), replay.has_gripper
     online = Online(model, settings, more=(measured_of,))
     late = waits(model, settings).whole * settings.period
     loads, touches = Loads(online, told), Touches(model.robot)
