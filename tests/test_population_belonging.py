@@ -8,7 +8,7 @@ from scipy import stats
 
 from deltaid.dynamics.parameters import parameter_layout
 from deltaid.estimation.reduction import build_reduction
-from deltaid.fleets.belonging import AgainstOthers, _belonging, chance, left_out
+from deltaid.fleets.belonging import AgainstOthers, _belonging, chance, leave_one_out
 from deltaid.fleets.coordinates import KINDS, VAGUE, Coordinates, _kind
 from deltaid.fleets.mixed_model import Mean, RobotRows, fitted_spreads, mean, slope
 from deltaid.robot.load import load_robot
@@ -25,7 +25,7 @@ def test_a_robot_is_compared_with_what_the_others_say() -> None:
     rows, variance, precision, prior = drawn()
     all_of_them = mean(rows, variance, precision, prior)
     for k in range(len(rows.H)):
-        found = left_out(rows, k, all_of_them, (50.0, 20.0), np.zeros(3))
+        found = leave_one_out(rows, k, all_of_them, (50.0, 20.0), np.zeros(3))
         others = np.arange(len(rows.H)) != k
         P, right = precision.copy(), precision @ prior
         for H, b in zip(rows.H[others], rows.b[others], strict=True):
@@ -44,10 +44,10 @@ def test_one_that_does_not_count_is_compared_with_all_others() -> None:
     rows, variance, precision, prior = drawn()
     counts = np.arange(len(rows.H)) != 2
     without = replace(rows, counts=counts)
-    found = left_out(
+    found = leave_one_out(
         without, 2, mean(without, variance, precision, prior), (50.0, 20.0), np.ones(3)
     )
-    same = left_out(rows, 2, mean(rows, variance, precision, prior), (50.0, 20.0), np.ones(3))
+    same = leave_one_out(rows, 2, mean(rows, variance, precision, prior), (50.0, 20.0), np.ones(3))
     np.testing.assert_allclose(found.e, same.e, rtol=1e-8)
     np.testing.assert_allclose(found.V, same.V, rtol=1e-8)
 
@@ -56,11 +56,11 @@ def test_freedom_is_that_of_the_noise_where_robots_are_alike() -> None:
     rows, _, precision, prior = drawn()
     alike = np.full(3, 1e-12)
     sure = mean(rows, alike, 1e9 * precision, prior)
-    found = left_out(rows, 0, sure, (50.0, 20.0), np.zeros(3))
+    found = leave_one_out(rows, 0, sure, (50.0, 20.0), np.zeros(3))
     np.testing.assert_allclose(found.freedom, 50.0, rtol=1e-6)
-    wide = left_out(rows, 0, sure, (50.0, 20.0), np.full(3, 1e9))
+    wide = leave_one_out(rows, 0, sure, (50.0, 20.0), np.full(3, 1e9))
     assert wide.rows == found.rows - 3  # what may be anything takes as many rows
-    few = left_out(rows, 2, sure, (50.0, 20.0), np.full(3, 1e9))
+    few = leave_one_out(rows, 2, sure, (50.0, 20.0), np.full(3, 1e9))
     assert few.rows == 0
     np.testing.assert_allclose(few.freedom, 50.0)
 
@@ -211,7 +211,7 @@ def test_freedom_is_that_of_noise_and_spreads_by_their_shares() -> None:
     found = Mean(s**2, 1e12 * np.eye(3), np.zeros(3), 0.0)
     noise = 1 / (1 + (h * s) ** 2)
     for anything, kept in ((np.zeros(3), [0, 1, 2]), (np.array([0.0, 0.0, 1e9]), [0, 1])):
-        one = left_out(rows, 0, found, (40.0, 5.0), anything)
+        one = leave_one_out(rows, 0, found, (40.0, 5.0), anything)
         inverse = np.mean(noise[kept] ** 2) / 40.0 + np.mean((1 - noise[kept]) ** 2) / 5.0
         assert one.freedom == pytest.approx(1 / inverse)
         assert one.rows == len(kept)

@@ -93,7 +93,7 @@ class AgainstOthers:
         return Along(float(g @ g), int(used.sum()), half @ g, np.linalg.norm(half, axis=1))
 
 
-def left_out(
+def leave_one_out(
     rows: RobotRows, k: int, mean: Mean, freedom: tuple[float, float], anything: U
 ) -> AgainstOthers:
     """Robot k compared with the others.
@@ -173,12 +173,12 @@ class Sorted:
         return replace(fitted, chances=self.chances)
 
     def against_others(self, k: int, anything: U) -> AgainstOthers:
-        """Robot k compared with the others, as in `left_out`."""
+        """Robot k compared with the others, as in `leave_one_out`."""
         freedom = (float(self.freedom[k]), self.spreads.freedom)
-        return left_out(self.rows, k, self.mean, freedom, anything)
+        return leave_one_out(self.rows, k, self.mean, freedom, anything)
 
 
-def sorted_out(
+def fit_members(
     rows: RobotRows, coordinates: Coordinates, freedom: Float[np.ndarray, " robots"], naming: float
 ) -> Sorted:
     """Fit a type to the robots that belong to it.

@@ -103,13 +103,13 @@ def write(file: FactorFile, path: Path, key: str = "") -> None:
     condensed, rows = file.condensed, []
     for groups in filter(None, (condensed.whole, condensed.geometry, condensed.groups)):
         for k, i in np.ndindex(len(groups), len(groups.factors)):
-            R, beside = groups.factors[i][k], (groups.samples[k, i], groups.torque_max[k, i])
+            R, sizes = groups.factors[i][k], (groups.samples[k, i], groups.torque_max[k, i])
             numbers = R[np.triu_indices(len(R))]
             exact = (numbers, None) if groups is condensed.whole else (None, numbers.astype("f4"))
-            rows.append((groups.names[k], i, *beside, *exact))
+            rows.append((groups.names[k], i, *sizes, *exact))
     table, buffer = pl.DataFrame(rows, schema=_SCHEMA, orient="row"), BytesIO()
-    beside = {_KEY: file.record.model_dump_json(), _FROM: key, "checksum": EMPTY}
-    table.write_parquet(buffer, compression="zstd", metadata=beside)
+    metadata = {_KEY: file.record.model_dump_json(), _FROM: key, "checksum": EMPTY}
+    table.write_parquet(buffer, compression="zstd", metadata=metadata)
     write_bytes(path, sealed(buffer.getvalue()))
 
 
@@ -133,13 +133,13 @@ def read(path: Path) -> FactorFile:
         data = path.read_bytes()
     try:
         require_intact(data, where, RecordingError, _CURE)
-        beside = pl.read_parquet_metadata(BytesIO(data))
+        metadata = pl.read_parquet_metadata(BytesIO(data))
         table = pl.read_parquet(BytesIO(data))
     except (pl.exceptions.PolarsError, pl.exceptions.PanicException) as error:
         raise _refusal(f"cannot be read as a factor file: {error}", where) from None
     if table.schema != pl.Schema(_SCHEMA):
         raise _refusal("is no factor file: its columns are others", where)
-    text = beside.get(_KEY)
+    text = metadata.get(_KEY)
     if text is None:
         raise _refusal("is no factor file", where)
     try:
@@ -152,7 +152,7 @@ def read(path: Path) -> FactorFile:
         ) from None
     except DeltaidError as error:
         raise _refusal(f"holds what cannot be: {error.what}", where) from None
-    return FactorFile(record, _condensed(table, record), where, beside.get(_FROM, ""))
+    return FactorFile(record, _condensed(table, record), where, metadata.get(_FROM, ""))
 
 
 def _refusal(reason: str, where: str) -> RecordingError:
@@ -180,8 +180,8 @@ def _groups(table: pl.DataFrame, sizes: tuple[int, ...], column: str) -> FactorG
     factors = tuple(np.zeros((len(names), n, n)) for n in sizes)
     for R, part in zip(factors, np.split(numbers, ends, axis=1), strict=True):
         R[:, *np.triu_indices(R.shape[1])] = part
-    beside = (table[key].to_numpy().reshape(len(names), -1) for key in ("samples", "torque_max"))
-    return FactorGroups(names, factors, *beside)
+    counts = (table[key].to_numpy().reshape(len(names), -1) for key in ("samples", "torque_max"))
+    return FactorGroups(names, factors, *counts)
 
 
 def digest(content: Any) -> str:
@@ -195,7 +195,9 @@ def safe(name: str) -> str:
     return re.sub(r"[^\w.+-]+", "-", name)
 
 
-def ways(robot: RobotDescription, mapping: ColumnMapping | None, settings: Settings) -> str:
+def gathering_digest(
+    robot: RobotDescription, mapping: ColumnMapping | None, settings: Settings
+) -> str:
     """Checksum of how a recording is gathered: mechanism, mapping of columns, settings of filter,
     masks and corrections, version of the file."""
     fixed = settings.model_dump(mode="json", exclude=FIT_SETTINGS)

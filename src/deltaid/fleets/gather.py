@@ -18,7 +18,15 @@ from deltaid.errors import DeltaidError
 from deltaid.estimation.information import Information, merge, triangle
 from deltaid.estimation.scatter import PlaceSums
 from deltaid.fleets.factor_columns import GatheredColumns, map_to, plain
-from deltaid.fleets.factor_file import ENDING, FactorFile, digest, read_key, safe, ways, write
+from deltaid.fleets.factor_file import (
+    ENDING,
+    FactorFile,
+    digest,
+    gathering_digest,
+    read_key,
+    safe,
+    write,
+)
 from deltaid.fleets.factor_record import (
     FactorGroups,
     FactorRecord,
@@ -114,7 +122,7 @@ def gather_into(
         path = folder / f"{safe(log.name)}{ENDING}"
         try:
             sha256 = open_table(log, mapping or ColumnMapping()).checksum([])
-            key = digest([sha256, version("deltaid"), ways(robot, mapping, settings)])
+            key = digest([sha256, version("deltaid"), gathering_digest(robot, mapping, settings)])
             path = folder / f"{safe(log.stem)}-{key[:10]}{ENDING}"
             is_there = read_key(path) == key
             if not is_there:
@@ -160,9 +168,9 @@ def condensed(columns: GatheredColumns, recording: PreparedRecording) -> Recordi
 
     def groups(names: Sequence[str], parts: Sequence[Information]) -> FactorGroups:
         factors = np.stack([part.factors for part in parts], axis=1)
-        beside = zip(*((part.samples, part.torque_max) for part in parts), strict=True)
+        counts = zip(*((part.samples, part.torque_max) for part in parts), strict=True)
         each = [R[:, :, places] for R, places in zip(factors, with_tau, strict=True)]
-        return FactorGroups.of_rows(names, each, *map(np.stack, beside))
+        return FactorGroups.of_rows(names, each, *map(np.stack, counts))
 
     times = groups([f"time {k}" for k in range(len(blocks))], blocks)
     visited = dict(_by_place(places.sums, names, most_places))

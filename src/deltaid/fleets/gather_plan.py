@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import TypeVar
 
 from deltaid.errors import DeltaidError, RecordingError
-from deltaid.fleets.factor_file import ENDING, digest, safe, ways
+from deltaid.fleets.factor_file import ENDING, digest, gathering_digest, safe
 from deltaid.fleets.fleet import Fleet, Recorded
 from deltaid.fleets.place import Place
 from deltaid.fleets.store import local_file
@@ -52,7 +52,7 @@ class How:
     @cached_property
     def digest(self) -> str:
         """Checksum of all inputs, and of the version of deltaid."""
-        inputs = ways(self.robot, self.mapping, self.settings)
+        inputs = gathering_digest(self.robot, self.mapping, self.settings)
         return digest([inputs, self.force, version("deltaid")])
 
 

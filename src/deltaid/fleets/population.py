@@ -263,16 +263,16 @@ def widest(
 def _newton(of_rows: np.ndarray, log: np.ndarray, t: float) -> Float[np.ndarray, " entries"]:
     """Newton step of log w for the maximum of Σ log w + t log det(1 − Σ w r rᵀ)."""
     w = np.exp(log)
-    G = of_rows.T @ np.linalg.solve(_left(of_rows, log), of_rows)
+    G = of_rows.T @ np.linalg.solve(_slack(of_rows, log), of_rows)
     slope = 1.0 - t * w * np.diag(G)
     curved = t * (np.diag(w * np.diag(G)) + np.outer(w, w) * G**2)
     return np.linalg.solve(curved + 1e-9 * np.eye(len(w)), slope)
 
 
 def _value(of_rows: np.ndarray, log: np.ndarray, t: float) -> float:
-    values = np.linalg.eigvalsh(_left(of_rows, log))
+    values = np.linalg.eigvalsh(_slack(of_rows, log))
     return float(log.sum() + t * np.log(values).sum()) if values[0] > 0 else -np.inf
 
 
-def _left(of_rows: np.ndarray, log: np.ndarray) -> np.ndarray:
+def _slack(of_rows: np.ndarray, log: np.ndarray) -> np.ndarray:
     return np.eye(len(of_rows)) - (of_rows * np.exp(log)) @ of_rows.T

@@ -13,7 +13,7 @@ from deltaid.estimation.conic import Conic
 from deltaid.estimation.information import triangle
 from deltaid.estimation.objective import Objective, Quadratic, Regularizer
 from deltaid.estimation.scatter import NORMAL, ROUNDING, half_width
-from deltaid.fleets.belonging import LEAST, AgainstOthers, Along, Sorted, sorted_out, torques
+from deltaid.fleets.belonging import LEAST, AgainstOthers, Along, Sorted, fit_members, torques
 from deltaid.fleets.coordinates import ANYTHING, Coordinates, Square, U
 from deltaid.fleets.member import TypeMember
 from deltaid.fleets.mixed_model import RobotRows, alone, mean, within
@@ -76,7 +76,7 @@ def _sorted(coordinates: Coordinates, members: Sequence[TypeMember], naming: flo
                           shared=first.shared[:0])  # fmt: skip
         rows.append(coordinates.rows(nothing, list(common.values())))
     freedom = np.array([member.freedom for member in members])
-    return sorted_out(RobotRows.stacked(rows), coordinates, freedom, naming)
+    return fit_members(RobotRows.stacked(rows), coordinates, freedom, naming)
 
 
 def _reasons(sorting: Sorted, naming: float) -> tuple[Sorted, list[str]]:

@@ -1,1 +1,1 @@
-"""The static site of a fleet, from its tables: an overview, a page a robot, a page a type."""
+"""The static site of a fleet, from its tables: an overview, and a page for each robot and type."""

@@ -146,7 +146,7 @@ def _recordings(recordings: pl.DataFrame) -> Section:
 
 
 def _parameters(parameters: pl.DataFrame) -> Section:
-    fitted = parameters.filter(pl.col("decided_by") != "structure")  # nothing to be told of
+    fitted = parameters.filter(pl.col("decided_by") != "structure")
     if fitted.is_empty():
         return Section("Parameters", ())
     whole, single = (fitted.filter((pl.col("period") == ALL) == is_) for is_ in (True, False))
