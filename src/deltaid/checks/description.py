@@ -71,7 +71,8 @@ def checked_lengths(data: dict[str, Any]) -> Verdict:
 
     Limbs too long for any robot are in millimetres, too short ones were divided by 1000 once too
     often. Their corrected size is the scale for all lengths: limbs one by one, other parts as a
-    whole. """
+    whole.
+    """
     limbs, groups = _lengths(data.get("limbs"), _LIMBS, "limbs"), list(_groups(data))
     arms = [length for length in limbs if length[0].startswith("limbs.upper_arm")]
     struts = [length for length in limbs if length[0].partition("[")[0] == "limbs.strut"]

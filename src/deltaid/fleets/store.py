@@ -1,7 +1,8 @@
 """Files of any store that fsspec supports: on this machine, on S3, and others.
 
 Credentials and options of a store come from the environment, where fsspec's libraries look for
-them."""
+them.
+"""
 
 import glob
 import os

@@ -21,7 +21,8 @@ instant. Values between two cycles are interpolated linearly. Delayed numbers ar
 register, so memory and work are fixed.
 
 The pose z of measured drive coordinates is a closed form, or follows by Newton steps cycle by
-cycle."""
+cycle.
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
