@@ -112,13 +112,12 @@ def test_rows_near_brakes_do_not_count() -> None:
     rows[4000:4200, log.columns.torque_places] = 0.0
     rows[4000:4200, -3:] = 0.0
     rows[6000:6200, -1:] = 0.0  # of one drive alone, such as at its reversal
-    found = gears(p, dynamics)
-    back = np.concatenate(list(found.turned_back(iter([rows]), log.columns, RATE)))
-    at, reach = np.searchsorted(rows[:, 0], back[:, 0]), found.low_pass(RATE).margin
+    back = np.concatenate(list(gears(p, dynamics).turned_back(iter([rows]), log.columns, RATE)))
+    at = np.searchsorted(rows[:, 0], back[:, 0])
     q = table.select("link1", "link2", "link3").to_numpy()
     qdd = np.gradient(np.gradient(back[:, 1:4] - q[at], axis=0), axis=0) * RATE**2
     left_out = at[back[:, -3:].max(axis=1) == 0.0]
-    assert (left_out[0], left_out[-1]) == (4000 - reach, 4199 + reach)
+    assert (left_out[0], left_out[-1]) == (4000 - 50, 4199 + 50)  # two periods of 40 Hz
     assert np.array_equal(at[back[:, -1] == 0.0], [*left_out, *range(6000, 6200)])
     counted, near = back[:, -3] > 0.0, np.abs(at - 4100) < 400
     assert np.abs(qdd[near & ~counted]).max() > 20 * np.abs(qdd[near & counted]).max()

@@ -33,6 +33,8 @@ from deltaid.robot.description import RobotDescription
 
 Values = Float[np.ndarray, "samples drives"]
 Samples = Float[np.ndarray, "samples dof"]
+# Periods of the cut-off after which 3 % remains of the second derivative of a step.
+_PERIODS = 2
 # Reasons to exclude stretches, with explanations.
 CONTACT, SPIKE, STOP, JOLT = "contact", "torque spike", "stop", "jolt"
 BACKLASH = "backlash"
@@ -109,7 +111,8 @@ class Gears:
         out[:, columns.torque_places] -= self.less(*motion, *wound[1:])
         # While brakes or friction hold the robot, gears need not transmit the drives' torques.
         idle = wide[:, -dof:].max(axis=1) == 0.0
-        unknown = maximum_filter1d(idle, 2 * low_pass.margin + 1)
+        reach = round(_PERIODS * low_pass.rate / self.cutoff)
+        unknown = maximum_filter1d(idle, 2 * reach + 1)
         out[unknown[2 * lost : len(wide) - 2 * lost], -dof:] = 0.0
         return out
 
