@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Float
 from scipy.stats import chi2
 
-from deltaid.calibration.fit import GeometryFit, UsedReadings, fit
+from deltaid.calibration.fit import CHANCE, GROWN, OUTLIER, GeometryFit, UsedReadings, fit
 from deltaid.calibration.loops import Loops
 from deltaid.calibration.mistakes import require_own, require_sense
 from deltaid.calibration.outlook import Direction, Knows, Places, open_directions, places
@@ -25,9 +25,6 @@ from deltaid.shown import Plotted, Reported, Shown, Tabled
 
 # Parts are off by less [m, rad], or they are of another robot.
 _FARTHEST, _STEEPEST = 0.1, 0.3
-# Noise that is so many times as large as stated is doubted, and that is so much smaller but for
-# chance, of this probability.
-_GROWN, _CHANCE = 2.0, 0.01
 
 
 @dataclass(frozen=True)
@@ -101,7 +98,7 @@ class Calibration(Shown, Plotted, Tabled, Reported):
         after, before, worst = (
             f"{1e3 * x:.2g}" for x in (self.after.position, self.before.position, self.after.worst)
         )
-        grade = "doubtful" if self.open or any(x.grown > _GROWN for x in self.sessions) else "good"
+        grade = "doubtful" if self.open or any(x.grown > GROWN for x in self.sessions) else "good"
         return (
             f"{grade}: positions to {after} mm ({before} before, {worst} at worst); "
             f"sizes to {percent(self.after.size)}"
@@ -116,12 +113,12 @@ class Calibration(Shown, Plotted, Tabled, Reported):
             (f"{self.names[k]} is {far[k]:.2g} standard deviations from its description",
              "a tolerance that is too small for the part",
              "measure it, or state its tolerance in the robot file")
-            for k in np.argsort(-far)[:3] if far[k] > 5
+            for k in np.argsort(-far)[:3] if far[k] > OUTLIER
         ] + [
             (f"{x.source}: residuals are {x.grown:.2g}× the stated noise",
              "rows beside other poses, or numbers held or shared that differ",
              "compare the rows with their poses, or state the noise with --columns")
-            for x in self.sessions if x.grown > _GROWN
+            for x in self.sessions if x.grown > GROWN
         ] + [
             (f"{x.source}: residuals are {x.residual / x.noise:.2g}× the stated noise, so "
              "intervals are too wide",
@@ -131,7 +128,7 @@ class Calibration(Shown, Plotted, Tabled, Reported):
         ]  # fmt: skip
         torques = self.known.torques
         doubts = [Doubt(what, cause=cause, cure=cure) for what, cause, cure in rows]
-        if torques and torques.grown > _GROWN:
+        if torques and torques.grown > GROWN:
             what = f"torques contradict the poses, {torques.grown:.2g}× their noise"
             cause, cure = "a fault of this recording", "run deltaid check on it"
             doubts.append(Doubt(f"{torques.source}: {what}", cause=cause, cure=cure))
@@ -249,7 +246,7 @@ def _sessions(found: GeometryFit) -> tuple[MeasuringSession, ...]:
     made = []
     for part in found.readings:
         square, freedom = part.chance(found.knowledge)
-        quiet = freedom >= 1 and square * _GROWN**2 < chi2.ppf(_CHANCE, freedom)
+        quiet = freedom >= 1 and square * GROWN**2 < chi2.ppf(CHANCE, freedom)
         excluded = tuple(_excluded(part, int(k)) for k in np.flatnonzero(~part.used))
         residual = float(np.sqrt(np.mean(part.errors[part.used] ** 2))) * part.noise
         kind, source, count = part.instrument.kind, part.instrument.source, len(part.used)

@@ -18,7 +18,7 @@ from itertools import pairwise
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
-from scipy.stats import chi2
+from scipy.stats import chi2, norm
 
 from deltaid.calibration.loops import Loops
 from deltaid.calibration.readings import Instrument
@@ -31,21 +31,19 @@ from deltaid.sensors.planning.knowledge import Knowledge
 _STEPS, _STILL = 40, 1e-7
 # What unknowns of an instrument may change by in a step [m or rad]; also keeps them determined.
 FAR = 10.0
-# A residual beyond this many standard deviations is none of noise: chance makes one of two million.
-_OUTLIER = 5.0
+# What is beyond this many standard deviations is no noise: chance makes one of two million.
+OUTLIER = 5.0
 # More excluded rows are no outliers.
 _MOST = 0.2
 # Noise that is so many times as large as stated, and residuals that are so many times what the
 # description's uncertainty makes of readings, are no noise: something else was measured.
-_GROWN, _BEYOND = 2.0, 3.0
+GROWN, _BEYOND = 2.0, 3.0
 _CURE = (
     "check that the description is of this robot, units, columns, and the drives' zeros; "
     "or state how far its numbers may be off with --lengths and --angles"
 )
-# Probability that residuals of stated noise are called larger than it.
-_CHANCE = 0.01
-# A robust standard deviation is the median of |residuals| over this.
-_MEDIAN = 0.6745
+# Probability that residuals of stated noise are called larger or smaller than it.
+CHANCE = 0.01
 
 U = Float[np.ndarray, " free"]
 Used = Bool[np.ndarray, " readings"]
@@ -74,7 +72,7 @@ class WeightedRows:
     def level(self, knowledge: Knowledge) -> float:
         """How many times larger noise is than assumed; 1 where chance explains the squares."""
         square, freedom = self.chance(knowledge)
-        explained = freedom < 1 or square <= chi2.ppf(1 - _CHANCE, freedom)
+        explained = freedom < 1 or square <= chi2.ppf(1 - CHANCE, freedom)
         return 1.0 if explained else float(np.sqrt(square / freedom))
 
 
@@ -266,7 +264,7 @@ def _with_predicted(found: GeometryFit) -> GeometryFit:
         grown = [rows.level(found.knowledge) for rows in found.rows]
         readings = []
         for part, far, more in zip(found.readings, found.residuals, grown, strict=False):
-            explained = np.abs(far).max(axis=1) < _OUTLIER * more
+            explained = np.abs(far).max(axis=1) < OUTLIER * more
             used = part.used | (part.instrument.is_first & explained)
             readings.append(replace(part, used=used, noise=part.noise * more))
         pairs = zip(readings, found.readings, strict=True)
@@ -277,7 +275,7 @@ def _with_predicted(found: GeometryFit) -> GeometryFit:
     for part in found.readings:
         before = float(np.median(np.linalg.norm(part.used_slopes[:, : len(found.u)], axis=1)))
         left = float(np.sqrt(np.mean(part.errors[part.used] ** 2)))
-        if part.grown > _GROWN and left > _BEYOND * before:
+        if part.grown > GROWN and left > _BEYOND * before:
             raise part.misfit(
                 f"{part.instrument.readings} misfit every geometry near the described one by "
                 f"{1e3 * left * part.noise:.3g} mm"
@@ -289,7 +287,7 @@ def _outliers(residuals: Residuals, used: Used, *, robust: bool, every: bool = F
     """Readings that noise does not explain, or robustly the spread of the used ones, of those at
     least half as far off as the worst; not more than may be excluded, unless `every`."""
     size = np.where(used, np.abs(residuals).max(axis=1), 0.0)
-    spread = float(np.median(np.abs(residuals[used]))) / _MEDIAN if robust else 0.0
+    spread = float(np.median(np.abs(residuals[used])) / norm.ppf(0.75)) if robust else 0.0
     spared = len(used) if every else int(used.sum() - np.ceil((1 - _MOST) * len(used)))
     among = np.argsort(np.argsort(-size)) < spared
-    return among & (size > max(_OUTLIER * max(1.0, spread), 0.5 * size.max(initial=0.0)))
+    return among & (size > max(OUTLIER * max(1.0, spread), 0.5 * size.max(initial=0.0)))

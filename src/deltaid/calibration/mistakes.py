@@ -12,7 +12,7 @@ import numpy as np
 from jaxtyping import Float
 from scipy.optimize import linear_sum_assignment
 
-from deltaid.calibration.fit import tools_of
+from deltaid.calibration.fit import OUTLIER, tools_of
 from deltaid.calibration.loops import Loops
 from deltaid.calibration.readings import (
     NAMED_UNITS,
@@ -24,17 +24,10 @@ from deltaid.calibration.readings import (
     aligned,
     lengths,
 )
-from deltaid.calibration.unknowns import Unknowns
+from deltaid.calibration.unknowns import LENGTH, Unknowns
 from deltaid.errors import RecordingError
 from deltaid.model.verdict import listed
 
-# Lengths that differ by more than this factor are in another unit: an inch is a fortieth of a
-# metre, and no robot is five times as large as described.
-_UNITS = 5.0
-# Places nearer to each other than this are one [m].
-_SAME = 1e-3
-# A misfit within so many times of what description and noise allow is none.
-_ALLOWED = 5.0
 # A hypothesis explains readings that leaves this share of the misfit.
 _EXPLAINS = 0.3
 # Rows of a file that chance makes the same as in another are a smaller share, however coarse the
@@ -60,7 +53,7 @@ def require_sense(loops: Loops, known: Unknowns, instrument: Instrument) -> None
         _require_unit(instrument, x)
     _, slopes = tools_of(loops, known, instrument, np.zeros(known.G.shape[1]))
     explained = float(np.median(np.linalg.norm(slopes[:, :3], axis=(1, 2))))
-    here, allowed = _misfit(instrument, x), _ALLOWED * (explained + instrument.noise)
+    here, allowed = _misfit(instrument, x), OUTLIER * (explained + instrument.noise)
     if here <= allowed:
         return
     hypotheses = *_of_readings(instrument, x, allowed), *_of_drives(loops, instrument)
@@ -100,7 +93,7 @@ def _described(loops: Loops, q: Float[np.ndarray, "rows ends drives"]) -> Tools:
 
 def _require_spread(instrument: Instrument, x: Tools) -> None:
     if isinstance(instrument, DistanceReadings):
-        none = (lengths(x) < _SAME) | (instrument.values[:, 0] <= 0)
+        none = (lengths(x) < LENGTH) | (instrument.values[:, 0] <= 0)
         if none.any():
             what, row = "is a distance between equal poses, or not positive", none.argmax()
             where = f"{instrument.source}, row {instrument.rows[row]}"
@@ -110,7 +103,7 @@ def _require_spread(instrument: Instrument, x: Tools) -> None:
     probed = isinstance(instrument, ProbeReadings)
     parts = (x[:, 0, :2],) if probed else (x[:, 0], instrument.values)
     wide = [np.linalg.svd(part - part.mean(axis=0), compute_uv=False)[1] for part in parts]
-    if min(wide) < _SAME * np.sqrt(len(x)):
+    if min(wide) < LENGTH * np.sqrt(len(x)):
         what = f"{instrument.readings} lie on a line, or in one place"
         cure = "measure poses that spread over the workspace"
         raise RecordingError(what, where=instrument.source, cure=cure)
@@ -127,7 +120,8 @@ def _require_unit(instrument: Instrument, x: Tools) -> None:
         A = np.column_stack([np.ones(len(x)), x[:, 0, :2], instrument.values])
         slope = np.linalg.lstsq(A, x[:, 0, 2], rcond=None)[0][3]
         ratio = 1 / slope if slope > 0 else 1.0
-    if 1 / _UNITS < ratio < _UNITS:
+    metre = np.sqrt(min(NAMED_UNITS))  # Within this factor the metre is the nearest unit.
+    if 1 / metre < ratio < metre:
         return
     unit = min(NAMED_UNITS, key=lambda factor: abs(np.log(ratio / factor)))
     likely = f"; likely they are in {NAMED_UNITS[unit]}" if 0.5 < ratio / unit < 2 else ""

@@ -23,7 +23,7 @@ from jaxtyping import Float
 
 from deltaid.calibration.fit import FAR, GeometryFit, UsedReadings, own_columns, tools_of
 from deltaid.calibration.loops import Loops
-from deltaid.calibration.readings import KINDS
+from deltaid.calibration.readings import KINDS, ProbeReadings
 from deltaid.calibration.unknowns import WORDS, Unknowns
 from deltaid.errors import DescriptionError
 from deltaid.mechanism.kinematics import Kinematics
@@ -167,8 +167,6 @@ def _named(known: Unknowns, theta: Float[np.ndarray, " numbers"]) -> str:
 
 # Places that are tried for each reading, and the seed that draws them.
 _TRIED, _TRIED_SEED = 60, 2
-# Positions that are known to this are known well enough: what a good probe reads to [m].
-_ENOUGH = 1e-5
 # Noise of what was used already is that of an offer within this factor, blocks within this [m].
 _ALIKE, _SAME_BLOCK = 2.0, 1e-2
 
@@ -256,7 +254,7 @@ def _plan(found: "Calibration", name: str, offer: Offer, hourly: float, count: i
     A = offered.weighted(fit.loops, found.known, fit.u, own, len(knowledge.root)).slopes
     F = np.linalg.qr(np.pad(F, ((0, 0), (0, len(knowledge.root) - n)))).R
     F /= np.sqrt(len(found.places.x))
-    goal = Goal("positions", F, 1.0, _ENOUGH)
+    goal = Goal("positions", F, 1.0, ProbeReadings.usual)
     before, chosen = goal.left(knowledge), list[int]()
     for _ in range(count):
         half = A @ knowledge.inverse

@@ -24,6 +24,7 @@ from pydantic import Field
 from scipy.spatial.transform import Rotation
 
 from deltaid.calibration.loops import Loops
+from deltaid.calibration.unknowns import LENGTH
 from deltaid.errors import KinematicsError, RecordingError
 from deltaid.recording.mapping import ColumnMapping
 from deltaid.recording.memory import Recording, RecordingLike, as_source
@@ -37,8 +38,6 @@ from deltaid.sensors.planning.offers import PoseKind
 NAMED_UNITS = {1e3: "mm", 39.37: "inch", 100.0: "cm"}
 # A rotary drive turns less than this within its workspace [rad]; more are degrees.
 _WIDE = 2 * np.pi
-# What comes back of a point by the described robot's drives is this near to it [m].
-_CLOSED = 1e-6
 # Readings of a file: a tracker's ten minutes at 30 Hz; a fit of many more takes minutes.
 _MOST = 20_000
 
@@ -236,7 +235,7 @@ def _drives(
     if not columns.has(names[0], table) and columns.has(f"{end}x", table):
         x = np.column_stack([_column(table, columns, f"{end}{axis}", length) for axis in "xyz"])
         q = _inverse(x, loops, str(table.path))
-        bad = ~(np.linalg.norm(loops.start(q)[:, :3] - x, axis=1) < _CLOSED)
+        bad = ~(np.linalg.norm(loops.start(q)[:, :3] - x, axis=1) < LENGTH)
         what = "the described robot does not stand at this point"
         cure = "z points up, so most robots work below zero; check signs and axes of x, y, z"
     else:

@@ -39,8 +39,6 @@ from deltaid.robot.limbs import LimbGeometry
 
 # Noise of a drive above this share of its largest torque is none: the model is of another robot.
 _MISFIT = 0.2
-# What is off by less counts as known [m or rad].
-_EXACT = 1e-9
 
 
 class GeometryNumbers(UnknownEffect):
@@ -61,7 +59,8 @@ class GeometryNumbers(UnknownEffect):
 
     def deviations(self, point: TracePoint, columns: ColumnsOfDrives) -> Deviations:
         spreads = [number.spread for number in self.known.numbers]
-        return np.maximum([*spreads, *[self.mounting] * (columns.shape[2] - len(spreads))], _EXACT)
+        mounting = [self.mounting] * (columns.shape[2] - len(spreads))
+        return np.maximum([*spreads, *mounting], np.finfo(float).eps)
 
 
 def _slope(number: Number, slopes: TorqueSlopes, point: TracePoint) -> np.ndarray:
