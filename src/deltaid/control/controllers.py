@@ -29,14 +29,11 @@ from deltaid.control.options import ControllerName
 from deltaid.control.plant import loaded, point_mass
 from deltaid.dynamics.dynamics import Parameters, compiled
 from deltaid.dynamics.joint_columns import with_load_friction
+from deltaid.dynamics.task_dynamics import ROUNDS
 from deltaid.kernel.batch import BatchKernel
 from deltaid.mechanism.kinematics import Samples
 from deltaid.mechanism.one_or_many import real_numbers
 from deltaid.robot.description import RobotDescription
-
-# Newton steps from the desired to the measured pose. Each squares the distance: a centimetre of
-# tracking error is below rounding after three.
-_STEPS = 3
 
 
 class ControlModel:
@@ -108,7 +105,7 @@ def _law(description: str) -> BatchKernel:
     # z with q(z) = q by Newton's method on inverse kinematics
     step = mechanism.z - mechanism.speeds.inverse_jacobian @ (mechanism.q - q)
     pose, move = near, ca.Function("move", [mechanism.z, q], [step])
-    for _ in range(_STEPS):
+    for _ in range(ROUNDS):
         pose = move(pose, q)
     x = ca.vertcat(near, q, e.qd, along, acceleration, rubbing)
     return BatchKernel(x, law(pose, e.qd, along, acceleration, rubbing, e.p), uniform=e.p)

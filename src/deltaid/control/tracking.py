@@ -25,6 +25,7 @@ from deltaid.control.options import ControllerName
 from deltaid.control.plant import Plant, Running, as_plant
 from deltaid.dynamics.limits import effort_limits
 from deltaid.errors import RecordingError
+from deltaid.kernel.batch import BLOCK
 from deltaid.mechanism.kinematics import Kinematics, Samples
 from deltaid.mechanism.one_or_many import real_numbers
 from deltaid.model.model import Model
@@ -38,8 +39,6 @@ from deltaid.robot.limits import Task
 
 # Through samples, so that q̈ has no corners.
 _DEGREE = 5
-# Poses of a trajectory at which M is looked at.
-_POSES = 400
 
 
 @dataclass(frozen=True)
@@ -307,8 +306,8 @@ def gains(
 
 
 def poses(trajectory: Trajectory) -> Samples:
-    """Drive coordinates along a trajectory, at which M is looked at."""
-    return trajectory.desired(np.linspace(0.0, trajectory.duration, _POSES)).q
+    """Drive coordinates along a trajectory for checks of M, one block of a kernel."""
+    return trajectory.desired(np.linspace(0.0, trajectory.duration, BLOCK)).q
 
 
 def _rms(values: Float[np.ndarray, "samples *columns"]) -> Float[np.ndarray, "*columns"]:

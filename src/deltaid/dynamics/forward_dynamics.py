@@ -22,6 +22,7 @@ from deltaid.dynamics.dynamics import WithParameters, compiled_as
 from deltaid.dynamics.joint_columns import carried, columns_of_drives, losses, rotor_inertia
 from deltaid.dynamics.parameters import Parameters, parameter_layout
 from deltaid.dynamics.task_dynamics import (
+    ROUNDS,
     FrictionLaws,
     TaskDynamics,
     build_task_dynamics,
@@ -33,9 +34,6 @@ from deltaid.mechanism.kinematics import Samples
 from deltaid.mechanism.one_or_many import one_or_many
 from deltaid.robot.description import RobotDescription
 from deltaid.shown import Plotted
-
-# How often impulses of friction and what gears carry are found in turn, from the motors' torques.
-_LOAD_TURNS = 4
 
 
 class ForwardDynamics(WithParameters, Plotted):
@@ -199,7 +197,7 @@ class ForwardDynamics(WithParameters, Plotted):
         others move. The friction's size is that at q̇; at its end the step starts from q̇_0.
 
         Where friction depends on load, impulses depend on what gears carry and that on impulses:
-        a few turns, of which each leaves a share μ of the error of the one before.
+        `ROUNDS` of both, each of which leaves a share μ of the error before.
         """
         e, robot = self.equations, self.robot
         qd, qd_0, h = ca.SX.sym("qd", self.dof), ca.SX.sym("qd0", self.dof), ca.SX.sym("h")
@@ -209,7 +207,7 @@ class ForwardDynamics(WithParameters, Plotted):
         if robot.friction_joints:
             to_joints, loads = e.R @ e.T, e.tau
             drives = sum(joint in robot.drives for joint in robot.friction_joints)
-            for _ in range(_LOAD_TURNS if robot.load_drives else 1):
+            for _ in range(ROUNDS if robot.load_drives else 1):
                 low, high = ca.substitute([-e.forwards, e.backwards], [e.load], [loads])
                 impulses = friction_impulses(
                     A=e.R @ responses[:, 1:],

@@ -24,9 +24,9 @@ from deltaid.mechanism.kinematics import Samples
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.tolerances import Tolerances
 
-# Step of lengths [m] and zeros [rad or m], and the share of gravity that it turns by: large against
-# rounding, and so small that no other joint turns round within it.
-_STEP = 1e-6
+# Step of lengths [m] and zeros [rad or m], and the share of gravity that it turns by, where
+# rounding and curvature err alike; so small that no other joint turns round within it.
+_STEP = np.sqrt(np.finfo(float).eps)
 # Names of what is common to torque constants, and of one drive's.
 CONSTANTS, CONSTANT_OF = "torque constants", "torque constant of"
 

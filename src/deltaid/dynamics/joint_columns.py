@@ -154,11 +154,6 @@ def _positive(kind: ParameterKind, joint: str, unit: str, value: float) -> Prior
     return PriorParameter(kind, joint, kind, unit, 0.0, np.inf, value, value)
 
 
-# Newton steps on the signs of the loads: exact once these are right. They are those without losses
-# but where next to nothing is carried.
-_ROUNDS = 4
-
-
 def with_load_friction(
     robot: RobotDescription, torque: ca.SX, speed: ca.SX, acceleration: ca.SX, p: ca.SX
 ) -> ca.SX:
@@ -215,7 +210,8 @@ def losses(robot: RobotDescription, x: ca.SX, response: ca.SX, speed: ca.SX, p: 
     at, share = [i for i, _ in pairs], ca.vertcat(*(share for _, share in pairs))
     felt = ca.SX.eye(len(at)) - ca.diag(inertia[at]) @ response[at, :]
     start = found = x[at]
-    for _ in range(_ROUNDS):
+    # Newton steps on the signs of the loads, exact once these are right: one a sign, and the last.
+    for _ in range(1 + len(at)):
         # No ca.sign: an export may put a smooth stand-in where the sign of a speed is meant.
         side = 1 - 2 * (found < 0)
         found = ca.inv_minor(ca.SX.eye(len(at)) + felt @ ca.diag(share * side)) @ start

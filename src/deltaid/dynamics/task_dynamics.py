@@ -173,13 +173,12 @@ def cholesky_solve(A: ca.SX, B: ca.SX) -> ca.SX:
     return X
 
 
-# Rounds of a sweep and Newton steps: nothing changes once it is known which joints slip.
-_ROUNDS = 5
-# Share of its diagonal that keeps A invertible where joints that rest depend on each other; the
-# speeds err by this share of what friction does in a step.
-_EASE = 1e-12
-# Nearer to a bound than this share of the box, an impulse is at the bound.
-_AT_BOUND = 1e-12
+# Rounds of an iteration that a graph unrolls. Newton's method and active sets are exact after
+# fewer, and what gears carry errs by the fifth power of a loss.
+ROUNDS = 5
+# Share of the box within which an impulse is at its bound, and of its diagonal that keeps A
+# invertible where joints at rest depend on each other: far above rounding.
+_ROUNDING = 1e-12
 
 
 def friction_impulses(A: ca.SX, v: ca.SX, low: ca.SX, high: ca.SX, drives: int) -> ca.SX:
@@ -196,7 +195,7 @@ def friction_impulses(A: ca.SX, v: ca.SX, low: ca.SX, high: ca.SX, drives: int) 
     if drives:
         impulse[:drives] = cholesky_solve(A[:drives, :drives], -v[:drives])
     impulse = _into(impulse, low, high)
-    for _ in range(_ROUNDS):
+    for _ in range(ROUNDS):
         impulse = _sweep(A, v, low, high, impulse)
         for _ in range(1 + n - drives):
             impulse = _newton(A, v, low, high, impulse)
@@ -214,11 +213,11 @@ def _sweep(A: ca.SX, v: ca.SX, low: ca.SX, high: ca.SX, impulse: ca.SX) -> ca.SX
 
 def _newton(A: ca.SX, v: ca.SX, low: ca.SX, high: ca.SX, impulse: ca.SX) -> ca.SX:
     """All joints inside their bounds brought to rest together, as far as the first bound."""
-    n, edge = v.numel(), _AT_BOUND * (high - low)
+    n, edge = v.numel(), _ROUNDING * (high - low)
     inside = (impulse > low + edge) * (impulse < high - edge)
     free = A * (inside @ inside.T)
     for j in range(n):
-        free[j, j] = inside[j] * A[j, j] * (1 + _EASE) + (1 - inside[j])
+        free[j, j] = inside[j] * A[j, j] * (1 + _ROUNDING) + (1 - inside[j])
     step = inside * cholesky_solve(free, -inside * (v + A @ impulse))
     share = ca.SX(1)
     for j in range(n):

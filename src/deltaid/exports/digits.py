@@ -31,7 +31,6 @@ PAIRED = _EXACT | {
     ca.OP_ADD, ca.OP_SUB, ca.OP_MUL, ca.OP_SQ, ca.OP_DIV, ca.OP_INV, ca.OP_SQRT, ca.OP_SIN,
     ca.OP_COS, ca.OP_CONST,
 }  # fmt: skip
-_ROWS = 16  # of outputs at a time
 
 
 @dataclass(frozen=True)
@@ -186,20 +185,17 @@ def _shares(
         [_ROUNDING * np.abs(_finite(slope * steps[i].value)) for i, slope in step.reads]
         for step in steps
     ]
-    for batch in (rows[i : i + _ROWS] for i in range(0, len(rows), _ROWS)):
-        bars = dict[int, np.ndarray]()
-        for place, (k, scale) in enumerate(batch):
-            bars.setdefault(k, np.zeros((len(batch), scale.size)))[place] += 1 / scale
-        for k in reversed(range(len(steps))):
-            if (bar := bars.pop(k, None)) is None:
-                continue
-            most = np.abs(bar).max(axis=0)
-            own[k] = max(own[k], float((most * steps[k].rounding).max()))
-            read[k] = [
-                max(r, float((most * m).max())) for r, m in zip(read[k], moved[k], strict=True)
-            ]
-            for i, slope in steps[k].reads:
-                bars[i] = bars[i] + bar * slope if i in bars else bar * slope
+    bars = dict[int, np.ndarray]()
+    for row, (k, scale) in enumerate(rows):
+        bars.setdefault(k, np.zeros((len(rows), scale.size)))[row] += 1 / scale
+    for k in reversed(range(len(steps))):
+        if (bar := bars.pop(k, None)) is None:
+            continue
+        most = np.abs(bar).max(axis=0)
+        own[k] = float((most * steps[k].rounding).max())
+        read[k] = [float((most * m).max()) for m in moved[k]]
+        for i, slope in steps[k].reads:
+            bars[i] = bars[i] + bar * slope if i in bars else bar * slope
     return own, read
 
 

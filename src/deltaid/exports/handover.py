@@ -11,13 +11,12 @@ from jaxtyping import Float
 from deltaid.exports.options import TargetName
 from deltaid.exports.structured_text import quantities, st_test
 from deltaid.exports.text import SINGLE, Precision, plain_letters, rendered
+from deltaid.kernel.batch import BLOCK
 from deltaid.model.model import Model
 
 # How many vectors there are, how far from the middle of the workspace, and the condition of the
 # Jacobian that they do not exceed.
 _COUNT, _SHARE, _CONDITION = 100, 0.7, 30.0
-# Poses of which these are chosen.
-_DRAWN = 4000
 # Largest speeds and accelerations [rad/s, rad/s² or m/s, m/s²].
 _SPEED, _ACCELERATION = 2.0, 10.0
 
@@ -53,8 +52,8 @@ def reference_states(subject: Model, precision: Precision) -> ReferenceStates:
         subject.robot.turn,
     )
     centre, half = subject.robot.workspace.inner_box
-    r = centre + _SHARE * half * rng.uniform(-1, 1, (_DRAWN, 3))
-    psi = _SHARE * rng.uniform(turn.low, turn.high, (_DRAWN, kinematics.dof - 3))
+    r = centre + _SHARE * half * rng.uniform(-1, 1, (BLOCK, 3))
+    psi = _SHARE * rng.uniform(turn.low, turn.high, (BLOCK, kinematics.dof - 3))
     z = _rounded(np.hstack([r, psi]), precision)
     again, reached = kinematics.forward_unchecked(kinematics.inverse(z))
     same = reached & (np.abs(again - z) < 1e-6).all(axis=1)  # of the branch of home

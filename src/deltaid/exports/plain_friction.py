@@ -17,12 +17,11 @@ from scipy.optimize import nnls
 from deltaid.dynamics.dynamics import compiled
 from deltaid.dynamics.parameters import parameter_layout
 from deltaid.errors import DeltaidError
+from deltaid.kernel.batch import BLOCK
 from deltaid.model.model import Model
 from deltaid.motion.random_motion import random_motion
 from deltaid.robot.friction_terms import FrictionTerm
 
-# Instants of the motion's period.
-_INSTANTS = 2000
 _PLAIN = ("viscous", "coulomb")
 
 
@@ -97,7 +96,7 @@ def plain_friction(model: Model) -> tuple[Model, tuple[str, ...]]:
     names = [f"{kind}.{joint}" for kind in _PLAIN for joint in joints]
     p = np.array([0.0 if name in names else model.value(name) for name in layout.names])
     motion = random_motion(dynamics.kinematics, np.random.default_rng(0))
-    z, zd, zdd = motion.evaluate(np.linspace(0.0, motion.period, _INSTANTS, endpoint=False))
+    z, zd, zdd = motion.evaluate(np.linspace(0.0, motion.period, BLOCK, endpoint=False))
     _, qd, qdd = dynamics.kinematics.drive_motion(z, zd, zdd)
     tau = dynamics.torque(z, qd, qdd, model.p)
     friction = tau - compiled(robot).torque(z, qd, qdd, p)

@@ -21,14 +21,12 @@ from dataclasses import dataclass
 from xml.sax.saxutils import escape
 
 import casadi as ca
+import numpy as np
 
 from deltaid.errors import DeltaidError
 from deltaid.exports.straight_line import Dialect
 from deltaid.exports.text import DOUBLE, Precision, plain_letters, rendered
 from deltaid.kernel.llvm_ir import operation_name
-
-# Letters of a line at most.
-_WIDTH = 100
 
 
 @dataclass(frozen=True)
@@ -142,14 +140,13 @@ class PlcProgram:
 def in_lines(names: Sequence[str], real: str) -> str:
     """A declaration of many numbers, in lines that are not long."""
     text = f"{', '.join(names)}\0:\0{real};"
-    return textwrap.fill(text, _WIDTH, initial_indent="    ", subsequent_indent="        ").replace(
-        "\0", " "
-    )
+    lines = textwrap.fill(text, initial_indent="    ", subsequent_indent="        ")
+    return lines.replace("\0", " ")
 
 
 def comments(notes: Sequence[str]) -> list[str]:
     """Comments, one a line; a long one goes on in the next line."""
-    return [comment(line) for note in notes for line in textwrap.wrap(note, _WIDTH - 10)]
+    return [comment(line) for note in notes for line in textwrap.wrap(note)]
 
 
 def comment(text: str) -> str:
@@ -233,7 +230,7 @@ _EXACT = {
 }
 _POWERS = (ca.OP_POW, ca.OP_CONSTPOW)
 # MATIEC refuses literals of LREAL that a REAL cannot hold; nothing of a robot is so small.
-_SMALLEST = 1e-37
+_SMALLEST = float(np.finfo(np.float32).tiny)
 
 
 @dataclass(frozen=True)

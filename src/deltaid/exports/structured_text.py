@@ -41,7 +41,7 @@ _LARGEST_INPUT, _LARGEST_RESULT = 1e6, 1e30
 # Where products leave no rest that a REAL could hold, or splitting them would overflow.
 _SMALL, _LARGE = 1e-20, 1e25
 # Adding and taking it off rounds to whole numbers.
-_WHOLE = 1.5 * 2.0**23
+_WHOLE = 1.5 / float(np.finfo(np.float32).eps)
 _STATUSES = {
     **STATUSES,
     "BAD_INPUT": (5, f"an input is NaN, infinite or above {_LARGEST_INPUT:g}"),

@@ -21,6 +21,7 @@ from jaxtyping import Float
 
 from deltaid.errors import DeltaidError
 from deltaid.mechanism.mechanism import LimbBodies
+from deltaid.mechanism.skeleton import drawn_spacing
 from deltaid.mechanism.tree_joints import tree_coordinates
 from deltaid.model.model import Model
 from deltaid.robot.inertia import RigidBody
@@ -30,8 +31,6 @@ from deltaid.robot.platform import H4Platform, I4Platform, Par4Platform, RigidPl
 Vector = Float[np.ndarray, " 3"]
 I, ZERO = np.eye(3), np.zeros(3)
 X, Y, Z = I
-# What two struts are drawn apart whose distance is not described, as a share of their length.
-_DRAWN_SPACING = 0.08
 
 
 @dataclass(frozen=True)
@@ -198,7 +197,7 @@ def _limb(subject: Model, i: int, geometry: LimbGeometry, limb: LimbBodies) -> I
     yield TreeBody(rod, driven, I, elbow, joints, p)
     end = TreePoint(f"limb{n}_strut", rod, geometry.strut * X)
     yield LoopCut(f"limb{n}", end, TreePoint(f"limb{n}_seat", held, seat))
-    spacing = _DRAWN_SPACING * geometry.strut if geometry.spacing is None else geometry.spacing
+    spacing = drawn_spacing(subject.robot) if geometry.spacing is None else geometry.spacing
     sides = {"": 0.0} if geometry.struts == 1 else {"a": 0.5 * spacing, "b": -0.5 * spacing}
     for letter, side in sides.items():  # from the middle along y
         name = f"strut{n}{letter}"

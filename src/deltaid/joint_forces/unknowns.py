@@ -123,8 +123,8 @@ def _entries(
     return M, [entry for (entry, _), is_hidden in entries if is_hidden or entry in free]
 
 
-# The solver's tolerance, of values in standard deviations.
-_TOLERANCE = 1e-9
+# The solver's tolerance, of values in standard deviations: half the digits.
+_TOLERANCE = float(np.sqrt(np.finfo(float).eps))
 
 
 class ConsistentBall:

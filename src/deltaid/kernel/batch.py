@@ -248,10 +248,6 @@ def _machine() -> llvm.TargetMachine:
     )
 
 
-# Samples a block, so that rows stay near each other; no power of two (see kernel.batch).
-_BLOCK = 250
-
-
 class Recurrence:
     """x_{k+1}, y_k = f(x_k, u_k) for one sample after the other.
 
@@ -275,12 +271,12 @@ class Recurrence:
         """The state behind the last sample, and all outputs."""
         outputs = np.empty((len(inputs), self.n_out))
         rows, behind = self.n_in + self.n_state + self.n_out, self.n_in + self.n_state
-        block = np.zeros((rows, min(_BLOCK, len(inputs)) + 1))
+        block = np.zeros((rows, min(BLOCK, len(inputs)) + 1))
         columns = block.shape[1]
         state = np.array(state, dtype=float)
         first_out = block.ctypes.data + 8 * (self.n_in * columns + 1)
-        for start in range(0, len(inputs), _BLOCK):
-            part = inputs[start : start + _BLOCK]
+        for start in range(0, len(inputs), BLOCK):
+            part = inputs[start : start + BLOCK]
             n = len(part)
             block[: self.n_in, :n] = part.T
             block[self.n_in : behind, 0] = state

@@ -39,8 +39,9 @@ _STRIDE = 32
 _COARSE, _FINE, _ON_THE_WAY, _AT_THE_END = 6, 60, 2, 8
 # How often solved samples are handed on to lost ones.
 _HANDED_ON = 4
-# Residual [m, rad] below which the loops are closed: far above rounding, far below any length.
-_CLOSED = 1e-12
+# Residual [m, rad] below which the loops are closed, and distance to the edge of its reach within
+# which a limb is stretched: far above rounding, far below any length.
+CLOSED = 1e-12
 # Distance [m] by which a limb must be in its other working mode to be called so; nearer to the
 # stretched limb the pose is singular, whichever side rounding puts it on.
 _OTHER_MODE = 1e-9
@@ -163,7 +164,7 @@ class NewtonForward:
 
     def _judge(self, z: Samples, q: Samples) -> Forward:
         residual, determinant, modes = self._evaluate(z, q)
-        closed, in_mode = residual <= _CLOSED, np.all(modes > -_OTHER_MODE, axis=0)
+        closed, in_mode = residual <= CLOSED, np.all(modes > -_OTHER_MODE, axis=0)
         return Forward(
             z=np.where(closed[:, None], z, np.nan),
             closed=closed,

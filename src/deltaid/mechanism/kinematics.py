@@ -10,7 +10,7 @@ from jaxtyping import Bool, Float, Int
 from deltaid.errors import KinematicsError
 from deltaid.kernel.batch import BatchKernel
 from deltaid.mechanism.composition import build_mechanism
-from deltaid.mechanism.forward import ForwardKinematics, forward_kinematics
+from deltaid.mechanism.forward import CLOSED, ForwardKinematics, forward_kinematics
 from deltaid.mechanism.mechanism import Mechanism
 from deltaid.mechanism.one_or_many import one_or_many
 from deltaid.mechanism.regularity import SINGULAR_CONDITION, Regularity, passages, written
@@ -20,10 +20,6 @@ from deltaid.robot.load import RobotLike, described
 from deltaid.shown import Plotted, Shown
 
 Samples = Float[np.ndarray, "samples dof"]
-
-# Distance to the edge of a limb's reach, in m, within which the limb counts as stretched: rounding
-# alone moves a pose across the edge by 1e-15 m, and q(z) would be NaN.
-_EDGE = 1e-12
 
 _CHECK_DRIVES = (
     "check the drives' unit, sign and zero (rotary: 0 = arm horizontal, positive = down), and the "
@@ -228,10 +224,10 @@ class Kinematics(Shown, Plotted):
         self.regularity(z).require(z, linear=self.robot.is_linear("drive1"))
 
     def _require_reach(self, z: Samples, reach: Float[np.ndarray, "samples limbs"]) -> None:
-        bad = np.argwhere(~(reach > _EDGE))
+        bad = np.argwhere(~(reach > CLOSED))
         if bad.size:
             i, limb = bad[0]
-            if abs(reach[i, limb]) <= _EDGE:
+            if abs(reach[i, limb]) <= CLOSED:
                 stretched = f"arm and struts of limb {limb + 1} lie in line"
                 if self.robot.is_linear("drive1"):
                     stretched = f"the struts of limb {limb + 1} stand square to its rail"

@@ -57,7 +57,7 @@ def _segments(robot: RobotDescription, mechanism: Mechanism) -> list[Segment]:
     segments, base = [], []
     held: dict[bool, list[ca.SX]] = {}
     for i, limb in enumerate(mechanism.limbs):
-        parts, sides = _limb(robot, i, limb, 0.5 * _APART * size)
+        parts, sides = _limb(robot, i, limb, 0.5 * drawn_spacing(robot))
         segments += parts
         anchor = ca.SX(ca.DM(robot.limb_geometry[i].base))
         base += [anchor + side for side in sides]
@@ -80,6 +80,11 @@ def _drawn_by_user(robot: RobotDescription, mechanism: Mechanism) -> list[Segmen
         centre = body.world_origin + body.world_rotation @ ca.DM(p[1:4] / p[0])
         segments.append(Segment(body.name, body.world_origin, centre))
     return segments
+
+
+def drawn_spacing(robot: RobotDescription) -> float:
+    """Distance between the two struts of a limb, where it is drawn but not described [m]."""
+    return _APART * _size(robot)
 
 
 def _size(robot: RobotDescription) -> float:
