@@ -1,1 +1,1 @@
-"""The geometry of a robot from what people measure, and which of its numbers that can know."""
+"""Geometric calibration from measured poses, and which dimensions the measurements determine."""

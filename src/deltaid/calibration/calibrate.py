@@ -1,4 +1,4 @@
-"""`deltaid.calibrate`: the geometry of a Delta from measured poses, and what they cannot know."""
+"""`deltaid.calibrate`: geometry of a Delta from measured poses, and what stays undetermined."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
@@ -10,7 +10,7 @@ from scipy.stats import chi2
 
 from deltaid.calibration.fit import CHANCE, GROWN, OUTLIER, GeometryFit, UsedReadings, fit
 from deltaid.calibration.loops import Loops
-from deltaid.calibration.mistakes import require_own, require_sense
+from deltaid.calibration.mistakes import require_new_readings, require_plausible
 from deltaid.calibration.outlook import Direction, Knows, Places, open_directions, places
 from deltaid.calibration.readings import Measurements, ProbeReadings, ReadingsLike, read
 from deltaid.calibration.unknowns import LENGTH, Unknowns, calibrated_robot, unknowns
@@ -23,15 +23,15 @@ from deltaid.robot.load import RobotLike, described, load_yaml, save_yaml
 from deltaid.sensors.planning.offers import PoseKind
 from deltaid.shown import Plotted, Reported, Shown, Tabled
 
-# Parts are off by less [m, rad], or they are of another robot.
+# Larger deviations [m, rad] mean another robot.
 _FARTHEST, _STEEPEST = 0.1, 0.3
 
 
 @dataclass(frozen=True)
 class MeasuringSession:
-    """Readings of one file: how many, those that were excluded, in words, the residual of the rest,
-    root mean square, and the noise that the fit took [m]; `grown` is how many times that is what
-    was stated, `quiet` whether residuals are far below it, as of noise stated too large."""
+    """Readings of one file: their number, the excluded ones in words, the residual of the rest,
+    root mean square [m], and the noise that the fit used [m]. `grown` is that noise over the stated
+    one; `quiet` is true where residuals are far below the stated noise."""
 
     kind: PoseKind
     source: str
@@ -83,13 +83,13 @@ class Calibration(Shown, Plotted, Tabled, Reported):
 
     @property
     def sources(self) -> tuple[str, ...]:
-        """Of `shares`: the description, then the instruments by kind."""
+        """Row names of `shares`: the description, then the instruments by kind."""
         torques = () if self.known.torques is None else ("torques",)
         return ("description", *(session.kind for session in self.sessions), *torques)
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Of the numbers, such as 'limb1.strut'."""
+        """Names of the numbers, such as 'limb1.strut'."""
         return self.known.names
 
     @property
@@ -199,53 +199,56 @@ def calibrate(
         "points": points, "probe": probe, "distances": distances
     }  # fmt: skip
     for kind, given in by_kind.items():
-        for source in _several(given):
+        for source in _as_sequence(given):
             instruments.append(read(kind, source, getattr(mapping, kind), loops))
-            require_own(instruments[-1], instruments[:-1])
-            require_sense(loops, known, instruments[-1])
+            require_new_readings(instruments[-1], instruments[:-1])
+            require_plausible(loops, known, instruments[-1])
     if not instruments:
         raise RecordingError(
             "no poses were measured" if torques is not None else "nothing was measured",
             where="calibrate",
             cure="give --points, --probe or --distances with a file; torques add to these",
         )
-    if logs := _several(torques):
-        from deltaid.calibration.torques import torque_rows  # loads all of identification
+    if logs := _as_sequence(torques):
+        from deltaid.calibration.torques import torque_rows  # loads identification
 
         rows = torque_rows(description, logs, mapping.torques, known, progress)
         known = replace(known, torques=rows)
     return _result(description, fit(loops, known, instruments))
 
 
-def _several(given: ReadingsLike | None) -> Sequence[RecordingLike]:
+def _as_sequence(given: ReadingsLike | None) -> Sequence[RecordingLike]:
     if given is None:
         return ()
     return list(given) if isinstance(given, Sequence) and not isinstance(given, str) else [given]
 
 
-def _result(description: RobotDescription, found: GeometryFit) -> Calibration:
-    known, theta = found.known, found.known.G @ found.u
-    over, std = places(found.loops, known, theta), np.linalg.norm(known.G @ found.root, axis=1)
+def _result(description: RobotDescription, solution: GeometryFit) -> Calibration:
+    known, theta = solution.known, solution.known.G @ solution.u
+    over, std = (
+        places(solution.loops, known, theta),
+        np.linalg.norm(known.G @ solution.root, axis=1),
+    )
     robot, zeros, scales, kept = calibrated_robot(description, known, theta, std)
-    shares = found.shares()
-    kinds = ["description", *(part.instrument.kind for part in found.readings), "torques"]
-    A = triangle(np.vstack([part.used_slopes for part in found.rows]))
-    A[:, len(found.u) :] *= LENGTH
+    shares = solution.shares()
+    kinds = ["description", *(part.instrument.kind for part in solution.readings), "torques"]
+    A = triangle(np.vstack([part.used_slopes for part in solution.rows]))
+    A[:, len(solution.u) :] *= LENGTH
     missing = over.moved @ np.where(kept, 0.0, theta)
     return Calibration(
-        described=description, robot=robot, zeros=zeros, scales=scales, known=known, fit=found,
+        described=description, robot=robot, zeros=zeros, scales=scales, known=known, fit=solution,
         left=float(np.linalg.norm(missing) / np.sqrt(len(over.x))), values=theta, std=std,
         decided=tuple(kinds[k] for k in np.argmax(shares, axis=0)), shares=shares,
-        sessions=_sessions(found), rank=int(np.sum(np.linalg.svd(A, compute_uv=False) > 1)),
-        before=over.knows(known.G), after=over.knows(known.G @ found.root), places=over,
-        open=open_directions(found, over),
+        sessions=_sessions(solution), rank=int(np.sum(np.linalg.svd(A, compute_uv=False) > 1)),
+        before=over.knows(known.G), after=over.knows(known.G @ solution.root), places=over,
+        open=open_directions(solution, over),
     )  # fmt: skip
 
 
-def _sessions(found: GeometryFit) -> tuple[MeasuringSession, ...]:
+def _sessions(solution: GeometryFit) -> tuple[MeasuringSession, ...]:
     made = []
-    for part in found.readings:
-        square, freedom = part.chance(found.knowledge)
+    for part in solution.readings:
+        square, freedom = part.chance(solution.knowledge)
         quiet = freedom >= 1 and square * GROWN**2 < chi2.ppf(CHANCE, freedom)
         excluded = tuple(_excluded(part, int(k)) for k in np.flatnonzero(~part.used))
         residual = float(np.sqrt(np.mean(part.errors[part.used] ** 2))) * part.noise
@@ -256,13 +259,13 @@ def _sessions(found: GeometryFit) -> tuple[MeasuringSession, ...]:
 
 
 def _excluded(part: UsedReadings, k: int) -> str:
-    """Why a reading is excluded: it stands there twice, or beside another's pose, or is off."""
+    """Why a reading is excluded: a repeat, another reading's pose, or an outlier."""
     instrument, errors = part.instrument, part.noise * part.errors
     row = f"row {instrument.rows[k]}"
     if (first := instrument.repeats[k]) != k:
         return f"{row}: the same as row {instrument.rows[first]}"
     why = f"{row}: off by {1e3 * np.abs(errors[k]).max():.3g} mm"
-    # another excluded row whose prediction this reading fits, to a hundredth of its error
+    # another excluded row whose prediction fits this reading, to a hundredth of its error
     far = np.linalg.norm(instrument.values[k] - (instrument.values - errors), axis=1)
     others = np.flatnonzero(~part.used & (far < 0.01 * far[k]))
     if others.size and not isinstance(instrument, ProbeReadings):

@@ -1,4 +1,4 @@
-"""The fit of a geometry to the readings of all instruments, with outliers excluded.
+"""Fit of the geometry to the readings of all instruments, without outliers.
 
 Gauss and Newton's method for a geometry and the unknowns of its instruments, with a prior:
 
@@ -27,22 +27,22 @@ from deltaid.errors import IdentificationError, KinematicsError
 from deltaid.estimation.problem import LinearProblem
 from deltaid.sensors.planning.knowledge import Knowledge
 
-# Steps, and the change of a number in units of its spread before that is none.
+# Most steps, and the change of a number, in units of its prior, that ends them.
 _STEPS, _STILL = 40, 1e-7
-# What unknowns of an instrument may change by in a step [m or rad]; also keeps them determined.
+# Prior of an instrument's unknowns [m or rad]: they move less in a step.
 FAR = 10.0
 # What is beyond this many standard deviations is no noise: chance makes one of two million.
 OUTLIER = 5.0
-# More excluded rows are no outliers.
+# A larger share of excluded rows is no case of outliers.
 _MOST = 0.2
-# Noise that is so many times as large as stated, and residuals that are so many times what the
-# description's uncertainty makes of readings, are no noise: something else was measured.
+# Noise above this multiple of the stated one, together with residuals above this multiple of what
+# the description's uncertainty explains, means another robot or instrument.
 GROWN, _BEYOND = 2.0, 3.0
 _CURE = (
     "check that the description is of this robot, units, columns, and the drives' zeros; "
     "or state how far its numbers may be off with --lengths and --angles"
 )
-# Probability that residuals of stated noise are called larger or smaller than it.
+# Probability of calling the noise larger or smaller than stated by chance.
 CHANCE = 0.01
 
 U = Float[np.ndarray, " free"]
@@ -52,8 +52,8 @@ Residuals = Float[np.ndarray, "readings values"]
 
 @dataclass(frozen=True, eq=False)
 class WeightedRows:
-    """Rows of an instrument, or of torques, at some geometry, in units of their noise: slopes by u
-    and all v, measured less predicted, and which readings the fit uses."""
+    """Linearised rows of an instrument, or of torques, in units of their noise: slopes by u and all
+    v, measured minus predicted, and which readings the fit uses."""
 
     slopes: Float[np.ndarray, "readings values variables"]
     errors: Residuals
@@ -65,12 +65,12 @@ class WeightedRows:
         return self.slopes[self.used].reshape(-1, self.slopes.shape[2])
 
     def chance(self, knowledge: Knowledge) -> tuple[float, float]:
-        """Sum of squared errors, and what it should be in the mean."""
+        """Sum of squared errors, and its expectation."""
         square, taken = self.errors[self.used] ** 2, (self.used_slopes @ knowledge.inverse) ** 2
         return float(square.sum()), square.size - float(taken.sum())
 
     def level(self, knowledge: Knowledge) -> float:
-        """How many times larger noise is than assumed; 1 where chance explains the squares."""
+        """Factor by which noise exceeds the assumed one; 1 where chance explains the squares."""
         square, freedom = self.chance(knowledge)
         explained = freedom < 1 or square <= chi2.ppf(1 - CHANCE, freedom)
         return 1.0 if explained else float(np.sqrt(square / freedom))
@@ -78,8 +78,8 @@ class WeightedRows:
 
 @dataclass(frozen=True, eq=False)
 class UsedReadings(WeightedRows):
-    """An instrument's readings in a fit, with the state of the instrument's unknowns, and the noise
-    that residuals show, at least the instrument's [m]."""
+    """An instrument's readings in a fit, with the state of the instrument's unknowns and the noise
+    that residuals show, at least the instrument's own [m]."""
 
     instrument: Instrument
     state: np.ndarray
@@ -93,28 +93,29 @@ class UsedReadings(WeightedRows):
 
     @property
     def grown(self) -> float:
-        """By how much the noise is larger than stated."""
+        """Noise as a multiple of the stated one."""
         return self.noise / self.instrument.noise
 
     def weighted(
         self, loops: Loops, known: Unknowns, u: U, own: Int[np.ndarray, " own"], width: int
     ) -> "UsedReadings":
-        """With their rows, of which the instrument's unknowns have the columns `own`."""
-        x, by_u = tools_of(loops, known, self.instrument, u)
+        """The same with linearised rows, whose columns `own` are those of the instrument's
+        unknowns."""
+        x, by_u = tool_slopes(loops, known, self.instrument, u)
         error, by_tools, by_own = self.instrument.slopes(x, self.state)
         A = np.zeros((*error.shape, width))
         A[..., : len(u)], A[..., own] = by_tools @ by_u, by_own
         return replace(self, slopes=A / self.noise, errors=error / self.noise)
 
     def misfit(self, what: str) -> IdentificationError:
-        """An error whose place these readings are."""
+        """An error located at these readings."""
         return IdentificationError(what, where=self.instrument.source, cure=_CURE)
 
 
 @dataclass(frozen=True, eq=False)
 class GeometryFit:
-    """Readings of each instrument, these and behind them torques as rows, free numbers in units of
-    their spread before, and what is known of them and of the instruments' unknowns."""
+    """A fitted geometry: readings of each instrument, their rows and those of torques, free numbers
+    in units of their prior, and the information on these and the instruments' unknowns."""
 
     loops: Loops = field(repr=False)
     known: Unknowns = field(repr=False)
@@ -125,8 +126,8 @@ class GeometryFit:
 
     @cached_property
     def residuals(self) -> tuple[Residuals, ...]:
-        """Of each instrument's readings in units of their σ: less what the fit took of it, or more
-        where it does not use them."""
+        """Residuals of each instrument in units of their σ: smaller for readings that the fit uses,
+        larger for others."""
         residuals = []
         for part in self.readings:
             taken = np.sum((part.slopes @ self.knowledge.inverse) ** 2, axis=2)
@@ -140,7 +141,7 @@ class GeometryFit:
         return self.knowledge.inverse[: len(self.u)]
 
     def shares(self) -> Float[np.ndarray, "sources numbers"]:
-        """Which share of each number the description and each instrument decided; they add up to 1.
+        """Share of each number that the description and each instrument decided; they sum to 1.
 
         With C = (AᵀA + 1)⁻¹ the estimate is C (Σ AᵢᵀAᵢ u + u₀), whose diagonal weights these are.
         """
@@ -150,7 +151,7 @@ class GeometryFit:
         return np.array([np.einsum("kf,fg,gk->k", G, W[:n, :n], to_free) for W in parts])
 
     def again(self, readings: Sequence[UsedReadings], noise: float = 1.0) -> "GeometryFit":
-        """The fit to other readings, from here; torques with so many times the noise."""
+        """The fit to other readings, started here, with the noise of torques times `noise`."""
         known, rows = self.known, self.known.torques
         if rows is not None:
             grown = {"A": rows.A / noise, "b": rows.b / noise, "grown": rows.grown * noise}
@@ -158,13 +159,13 @@ class GeometryFit:
         return _solved(self.loops, known, readings, self.u)
 
 
-def own_columns(n: int, instruments: Sequence[Instrument]) -> list[Int[np.ndarray, " own"]]:
+def instrument_columns(n: int, instruments: Sequence[Instrument]) -> list[Int[np.ndarray, " own"]]:
     """Columns of each instrument's unknowns, behind n free numbers."""
     ends = n + np.cumsum([0, *(len(instrument.unknowns) for instrument in instruments)])
     return [np.arange(*pair) for pair in pairwise(ends)]
 
 
-def tools_of(
+def tool_slopes(
     loops: Loops, known: Unknowns, instrument: Instrument, u: U
 ) -> tuple[Float[np.ndarray, "readings ends 3"], Float[np.ndarray, "readings coordinates free"]]:
     """Tool points of an instrument's readings, and their slopes by u."""
@@ -174,7 +175,7 @@ def tools_of(
 
 
 def _solved(loops: Loops, known: Unknowns, readings: Sequence[UsedReadings], u: U) -> GeometryFit:
-    n, columns = len(u), own_columns(len(u), [part.instrument for part in readings])
+    n, columns = len(u), instrument_columns(len(u), [part.instrument for part in readings])
     width = n + sum(map(len, columns))
     D = np.diag(np.where(np.arange(width) < n, 1.0, 1 / FAR))
     for _ in range(_STEPS):
@@ -183,7 +184,7 @@ def _solved(loops: Loops, known: Unknowns, readings: Sequence[UsedReadings], u: 
             for part, places in zip(readings, columns, strict=True)
         ]
         rows = list[WeightedRows](readings)
-        if known.torques is not None:  # which say nothing of the instruments' unknowns
+        if known.torques is not None:  # torques do not depend on the instruments' unknowns
             by_u, every = known.torques.A @ known.G, np.ones(len(known.torques.b), dtype=bool)
             slopes = np.pad(by_u, ((0, 0), (0, width - n)))[:, None]
             rows.append(WeightedRows(slopes, (known.torques.b - by_u @ u)[:, None], every))
@@ -209,12 +210,12 @@ def _solved(loops: Loops, known: Unknowns, readings: Sequence[UsedReadings], u: 
 
 
 def fit(loops: Loops, known: Unknowns, instruments: Sequence[Instrument]) -> GeometryFit:
-    """The geometry that explains the readings, with outliers excluded; an IdentificationError where
-    none is found, or more than a fifth of an instrument's readings fit none."""
-    readings = [_near(loops, known, instrument) for instrument in instruments]
+    """The geometry that explains the readings, without outliers. Raises an IdentificationError
+    where there is none, or more than a fifth of an instrument's readings are outliers."""
+    readings = [_readings_near_description(loops, known, instrument) for instrument in instruments]
     try:
-        found = _solved(loops, known, readings, np.zeros(known.G.shape[1]))
-        return _with_predicted(_without_outliers(found))
+        solution = _solved(loops, known, readings, np.zeros(known.G.shape[1]))
+        return _with_predicted(_without_outliers(solution))
     except KinematicsError as error:
         raise IdentificationError(
             f"no geometry near the described one explains the readings: {error.what}",
@@ -223,11 +224,13 @@ def fit(loops: Loops, known: Unknowns, instruments: Sequence[Instrument]) -> Geo
         ) from None
 
 
-def _near(loops: Loops, known: Unknowns, instrument: Instrument) -> UsedReadings:
-    """Readings that some geometry near the described one may explain."""
+def _readings_near_description(
+    loops: Loops, known: Unknowns, instrument: Instrument
+) -> UsedReadings:
+    """Readings that some geometry near the described one explains."""
     u, used = np.zeros(known.G.shape[1]), instrument.is_first
     own = len(u) + np.arange(len(instrument.unknowns))
-    x, _ = tools_of(loops, known, instrument, u)
+    x, _ = tool_slopes(loops, known, instrument, u)
     while True:
         near = UsedReadings.begun(instrument, used, instrument.start(x, used))
         rows = near.weighted(loops, known, u, own, len(u) + len(own))
@@ -238,16 +241,16 @@ def _near(loops: Loops, known: Unknowns, instrument: Instrument) -> UsedReadings
         used = used & ~worst
 
 
-def _without_outliers(found: GeometryFit) -> GeometryFit:
-    """The fit without readings that noise as stated does not explain, a fifth at most."""
+def _without_outliers(solution: GeometryFit) -> GeometryFit:
+    """The fit without readings that the stated noise does not explain, a fifth at most."""
     while True:
-        pairs = list(zip(found.readings, found.residuals, strict=True))
+        pairs = list(zip(solution.readings, solution.residuals, strict=True))
         worst = [_outliers(far, part.used, robust=False) for part, far in pairs]
         if not any(map(np.any, worst)):
             break
-        found = found.again([
+        solution = solution.again([
             replace(part, used=part.used & ~outliers)
-            for part, outliers in zip(found.readings, worst, strict=True)
+            for part, outliers in zip(solution.readings, worst, strict=True)
         ])  # fmt: skip
     for part, far in pairs:
         if _outliers(far, part.used, robust=True, every=True).any():
@@ -255,37 +258,37 @@ def _without_outliers(found: GeometryFit) -> GeometryFit:
             raise part.misfit(
                 f"more than {_MOST:.0%} of the {readings} fit no geometry near the described one"
             )
-    return found
+    return solution
 
 
-def _with_predicted(found: GeometryFit) -> GeometryFit:
-    """With the noise that residuals show, and all readings that the others predict within it."""
+def _with_predicted(solution: GeometryFit) -> GeometryFit:
+    """The fit with the noise that residuals show, and with all readings that the others predict."""
     while True:
-        grown = [rows.level(found.knowledge) for rows in found.rows]
+        grown = [rows.level(solution.knowledge) for rows in solution.rows]
         readings = []
-        for part, far, more in zip(found.readings, found.residuals, grown, strict=False):
+        for part, far, more in zip(solution.readings, solution.residuals, grown, strict=False):
             explained = np.abs(far).max(axis=1) < OUTLIER * more
             used = part.used | (part.instrument.is_first & explained)
             readings.append(replace(part, used=used, noise=part.noise * more))
-        pairs = zip(readings, found.readings, strict=True)
+        pairs = zip(readings, solution.readings, strict=True)
         same = all(np.array_equal(now.used, before.used) for now, before in pairs)
         if same and max(grown, default=1.0) <= 1.0:
             break
-        found = found.again(readings, grown[-1])
-    for part in found.readings:
-        before = float(np.median(np.linalg.norm(part.used_slopes[:, : len(found.u)], axis=1)))
+        solution = solution.again(readings, grown[-1])
+    for part in solution.readings:
+        before = float(np.median(np.linalg.norm(part.used_slopes[:, : len(solution.u)], axis=1)))
         left = float(np.sqrt(np.mean(part.errors[part.used] ** 2)))
         if part.grown > GROWN and left > _BEYOND * before:
             raise part.misfit(
                 f"{part.instrument.readings} misfit every geometry near the described one by "
                 f"{1e3 * left * part.noise:.3g} mm"
             )
-    return found
+    return solution
 
 
 def _outliers(residuals: Residuals, used: Used, *, robust: bool, every: bool = False) -> Used:
-    """Readings that noise does not explain, or robustly the spread of the used ones, of those at
-    least half as far off as the worst; not more than may be excluded, unless `every`."""
+    """Readings that noise (or robustly the spread of the used ones) does not explain and that are
+    at least half as far off as the worst; no more than may be excluded, unless `every`."""
     size = np.where(used, np.abs(residuals).max(axis=1), 0.0)
     spread = float(np.median(np.abs(residuals[used])) / norm.ppf(0.75)) if robust else 0.0
     spared = len(used) if every else int(used.sum() - np.ceil((1 - _MOST) * len(used)))

@@ -1,4 +1,4 @@
-"""Closed loops with the geometry as unknowns: poses of the tool and their slopes.
+"""Loop closure with the geometry as unknowns: poses of the tool and their slopes.
 
 For the pose y = [r; ψ; φ] (platform point, tool angle and tilt, the latter two where there are
 any), drive coordinates q and numbers θ, every strut closes one loop
@@ -25,8 +25,8 @@ from deltaid.mechanism.rotation import Path, Turn, fixed, rotation, skew
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.limbs import LimbGeometry
 
-# Newton's method doubles its digits a step: from a centimetre to rounding in five; more are for
-# poses near singularities. Loops count as closed below a picometre.
+# Newton's method doubles its digits a step: five from a centimetre to rounding, more near
+# singularities. Loops count as closed below a picometre.
 _STEPS, _CLOSED = 20, 1e-12
 
 Drives = Float[np.ndarray, "samples drives"]
@@ -35,15 +35,15 @@ Numbers = Float[np.ndarray, " numbers"]
 
 
 class ToolPoints(NamedTuple):
-    """Where the tool is in the world [m], and dx/dθ."""
+    """Tool points in the world [m], and dx/dθ."""
 
     x: Float[np.ndarray, "samples 3"]
     slopes: Float[np.ndarray, "samples 3 numbers"]
 
 
 class Loops:
-    """The closed loops of a robot of limbs with its numbers; the tool from the platform point [m]
-    is of effect only where the platform tilts."""
+    """Loop closure of a robot with limbs. The tool offset from the platform point [m] matters only
+    where the platform tilts."""
 
     def __init__(
         self, robot: RobotDescription, known: Unknowns, tool: Sequence[float] = (0.0, 0.0, 0.0)
@@ -57,7 +57,7 @@ class Loops:
         z = ca.vertcat(y[:3], y[3:] if not known.apart else ca.SX(0, 1))
         points = build_platform(robot, Path.still(z), platform.get("half")).points
         turn, x = ca.SX.eye(3), y[:3]
-        if known.apart:  # by a small vector, to third order: exact for what struts allow
+        if known.apart:  # small rotation to third order, exact within what struts allow
             S = skew(y[3:6])
             turn += S + S @ S / 2 + S @ S @ S / 6
         c = ca.vertcat(*(
@@ -81,15 +81,15 @@ class Loops:
         return np.pad(z, ((0, 0), (0, self._size - z.shape[1])))
 
     def inverse(self, x: Float[np.ndarray, "samples 3"]) -> Drives:
-        """Drive coordinates of the described robot at platform points, the tool at its home angle;
-        a KinematicsError where one is out of reach."""
+        """Drive coordinates of the described robot at platform points, the tool at its home angle.
+        Raises a KinematicsError where a point is out of reach."""
         z = np.tile(self.kinematics.home, (len(x), 1))
         z[:, :3] = x
         return self.kinematics.inverse(z)[:, : self.limbs]
 
     def points(self, q: Drives, theta: Numbers) -> ToolPoints:
-        """Tool points and their slopes, by Newton's method from the described robot's poses; a
-        KinematicsError with the sample where loops do not close."""
+        """Tool points and their slopes, by Newton's method from the described robot's poses. Raises
+        a KinematicsError with the sample where loops do not close."""
         y, size = self.start(q), self._size
         c = np.full(y.shape, np.inf)
         for _ in range(_STEPS):
@@ -126,7 +126,7 @@ def _turn(axis: str, angle: ca.SX) -> ca.SX:
 def _gap(
     limb: LimbGeometry, own: dict[str, ca.SX], q: ca.SX, platform: tuple[ca.SX, ...], side: float
 ) -> ca.SX:
-    """|a − E| − l of a limb with its own numbers, or of one strut of it.
+    """|a − E| − l of a limb with its own numbers, or of one of its struts.
 
     Args:
         platform: the platform point, the platform's turn, and the limb's seat from that point.

@@ -1,4 +1,4 @@
-"""Mistakes of those who measure, found before any fit: units, mirrored frames, order, drives.
+"""Measuring mistakes, detected before the fit: units, mirrored frames, order, exchanged drives.
 
 Each is a hypothesis under which the described robot fits the readings; one that explains them much
 better than what the file says is named with its cure, and nothing is computed from the file.
@@ -12,7 +12,7 @@ import numpy as np
 from jaxtyping import Float
 from scipy.optimize import linear_sum_assignment
 
-from deltaid.calibration.fit import OUTLIER, tools_of
+from deltaid.calibration.fit import OUTLIER, tool_slopes
 from deltaid.calibration.loops import Loops
 from deltaid.calibration.readings import (
     NAMED_UNITS,
@@ -28,42 +28,41 @@ from deltaid.calibration.unknowns import LENGTH, Unknowns
 from deltaid.errors import RecordingError
 from deltaid.model.verdict import listed
 
-# A hypothesis explains readings that leaves this share of the misfit.
+# A hypothesis that leaves less than this share of the misfit explains the readings.
 _EXPLAINS = 0.3
-# Rows of a file that chance makes the same as in another are a smaller share, however coarse the
-# readings are.
+# A larger share of identical rows is a copy; chance makes fewer, however coarse the readings are.
 _COPIED = 0.8
-# Points whose order is searched; the search grows with the cube.
+# Most points whose order is searched: the search is cubic.
 _ORDERED = 300
 
-# Misfit, what would be the case, and what to do about it.
+# Misfit, the hypothesis in words, and the fix.
 Hypotheses = Iterator[tuple[float, str, str]]
 
 
-def require_sense(loops: Loops, known: Unknowns, instrument: Instrument) -> None:
-    """Refuse with a RecordingError readings that only a mistake explains: lengths in another unit,
-    a mirrored frame, points in another order, drives that are exchanged."""
+def require_plausible(loops: Loops, known: Unknowns, instrument: Instrument) -> None:
+    """Raise a RecordingError for readings that only a mistake explains: lengths in another unit, a
+    mirrored frame, points in another order, exchanged drives."""
     count, own = len(instrument.values), len(instrument.unknowns)
     if count < own / instrument.values.shape[1] + 1:
         what = f"has {count} rows; too few to fix the {own} unknowns of the instrument itself"
         raise RecordingError(what, where=instrument.source, cure="measure more poses")
     x = _described(loops, instrument.q)
-    with np.errstate(over="ignore"):  # of absurd numbers, which are in no unit
+    with np.errstate(over="ignore"):  # absurd numbers overflow
         _require_spread(instrument, x)
         _require_unit(instrument, x)
-    _, slopes = tools_of(loops, known, instrument, np.zeros(known.G.shape[1]))
+    _, slopes = tool_slopes(loops, known, instrument, np.zeros(known.G.shape[1]))
     explained = float(np.median(np.linalg.norm(slopes[:, :3], axis=(1, 2))))
     here, allowed = _misfit(instrument, x), OUTLIER * (explained + instrument.noise)
     if here <= allowed:
         return
-    hypotheses = *_of_readings(instrument, x, allowed), *_of_drives(loops, instrument)
+    hypotheses = *_reading_hypotheses(instrument, x, allowed), *_drive_hypotheses(loops, instrument)
     better = [entry for entry in hypotheses if entry[0] < _EXPLAINS * here]
     if better:
         least = min(left for left, _, _ in better)
         like = [entry for entry in better if entry[0] <= 1.5 * least]
         causes = [what for _, what, _ in like]
         exchanged = [what for what in causes if what.startswith("drives ")]
-        if len(exchanged) > 1:  # limbs are alike
+        if len(exchanged) > 1:  # limbs are equal, so no exchange stands out
             rest = [what for what in causes if what not in exchanged]
             causes = [*rest, "two drives are exchanged"]
         raise RecordingError(
@@ -74,9 +73,9 @@ def require_sense(loops: Loops, known: Unknowns, instrument: Instrument) -> None
         )
 
 
-def require_own(instrument: Instrument, earlier: Sequence[Instrument]) -> None:
-    """Refuse with a RecordingError a file most of whose rows stand in an earlier one too, digit by
-    digit, as readings would count twice."""
+def require_new_readings(instrument: Instrument, earlier: Sequence[Instrument]) -> None:
+    """Raise a RecordingError for a file that repeats most rows of an earlier one, because readings
+    would count twice."""
     for other in earlier:
         shorter, longer = sorted((instrument.numbers, other.numbers), key=len)
         rows = {row.tobytes() for row in longer}
@@ -134,20 +133,20 @@ def _require_unit(instrument: Instrument, x: Tools) -> None:
 
 
 def _misfit(instrument: Instrument, x: Tools, mirrored: bool = False) -> float:
-    """Typical error of readings at tool points, whatever a few of them say [m]."""
+    """Median error of readings at tool points [m]."""
     state = aligned(x[:, 0], instrument.values, mirrored=True) if mirrored else instrument.start(x)
     error, _, _ = instrument.slopes(x, state)
     return float(np.median(np.linalg.norm(error, axis=1)))
 
 
-def _of_readings(instrument: Instrument, x: Tools, allowed: float) -> Hypotheses:
-    """What readings may be, each in its way. A few numbers that are sorted resemble any others, so
-    blocks and distances in another order have to fit."""
+def _reading_hypotheses(instrument: Instrument, x: Tools, allowed: float) -> Hypotheses:
+    """Hypotheses on readings. A few sorted numbers resemble any others, so blocks and distances in
+    another order have to fit."""
     values = instrument.values
     if isinstance(instrument, PointReadings):
         handed, turned = "the frame is left-handed", "change the sign of one axis of the points"
         yield _misfit(instrument, x, mirrored=True), handed, turned
-        order = _order(x[:, 0], values)
+        order = _matched_order(x[:, 0], values)
         wrong = np.flatnonzero(order != np.arange(len(order)))
         if wrong.size:
             rows = ", ".join(str(instrument.rows[k]) for k in wrong[:6])
@@ -168,7 +167,7 @@ def _of_readings(instrument: Instrument, x: Tools, allowed: float) -> Hypotheses
         yield left, f"{what} stand in another order", "write each beside its own pose"
 
 
-def _of_drives(loops: Loops, instrument: Instrument) -> Hypotheses:
+def _drive_hypotheses(loops: Loops, instrument: Instrument) -> Hypotheses:
     n = instrument.q.shape[2]
     as_read, straight = tuple(range(n)), (1,) * n
     exchanged = [(order, straight) for order in permutations(as_read)][1:]
@@ -188,9 +187,9 @@ def _of_drives(loops: Loops, instrument: Instrument) -> Hypotheses:
         yield _misfit(instrument, x), what, cure
 
 
-def _order(x: Float[np.ndarray, "rows 3"], m: Float[np.ndarray, "rows 3"]) -> np.ndarray:
-    """Which pose each point is of, by its distances to all others, which no frame changes; as they
-    stand where there are too many to search."""
+def _matched_order(x: Float[np.ndarray, "rows 3"], m: Float[np.ndarray, "rows 3"]) -> np.ndarray:
+    """The pose of each point, by its distances to all others, which no frame changes; as given
+    where there are too many to search."""
     if len(m) > _ORDERED:
         return np.arange(len(m))
     own, others = (

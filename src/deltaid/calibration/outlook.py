@@ -1,5 +1,5 @@
-"""What is known of positions and sizes over the workspace, which numbers are not known, and what to
-measure next, and with what.
+"""Remaining uncertainty of positions and sizes over the workspace, the combinations of dimensions
+that stay undetermined, and the best next measurements.
 
 Slopes J of tool points by the numbers, less rigid motions (where a robot stands is no error of
 its geometry), make of the covariance of u that of positions: E = P J G L with Cov u = L Lᵀ. Its
@@ -21,7 +21,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from jaxtyping import Float
 
-from deltaid.calibration.fit import FAR, GeometryFit, UsedReadings, own_columns, tools_of
+from deltaid.calibration.fit import FAR, GeometryFit, UsedReadings, instrument_columns, tool_slopes
 from deltaid.calibration.loops import Loops
 from deltaid.calibration.readings import KINDS, ProbeReadings
 from deltaid.calibration.unknowns import WORDS, Unknowns
@@ -34,23 +34,25 @@ from deltaid.sensors.planning.shopping import Goal
 if TYPE_CHECKING:
     from deltaid.calibration.calibrate import Calibration
 
-# Places over the workspace that stand for all of it, and the seed that draws them.
+# Sampled poses of the workspace, and the seed that draws them.
 PLACES, _SEED = 200, 1
-# A combination counts where it makes this share of the whole remaining error, or more ...
+# A combination matters where it makes this share of the whole remaining error, or more ...
 _MATTERS = 0.2
-# ... and is not known from readings where these decide less than half of it, or where it makes
-# more of positions than this many times their noise.
+# ... and is undetermined where readings decide less than half of it, or where it moves positions by
+# more than this many times the noise.
 _HALF, _WEAK = 0.5, 5.0
-# Numbers are named that move at least this share of their spread before, against the largest.
+# Numbers are listed that change by at least this share of the largest change, both in units of the
+# prior's standard deviation.
 _NAMED = 0.3
-# Most kinds of numbers that a sentence names, and what they are shown in.
+# Most kinds of numbers that a sentence lists, and the units they are shown in.
 _LISTED, _SHOWN = 3, {"m": (1e3, "mm"), "rad": (1e3, "mrad"), "": (100, "%")}
 
 
 @dataclass(frozen=True)
 class Direction:
-    """A combination of numbers that measurements do not know: what it does, in words and of
-    positions, root mean square [m], and sizes across, as a share; one standard deviation of it."""
+    """An undetermined combination of numbers, one standard deviation of it: a description in words,
+    the position error that it causes, root mean square [m], and the error of size in the plane, as
+    a share."""
 
     words: str
     error: float
@@ -60,8 +62,8 @@ class Direction:
 
 @dataclass(frozen=True)
 class Knows:
-    """Standard deviations of positions over the workspace, root mean square and where it is largest
-    [m], and of sizes across, as a share."""
+    """Standard deviations of positions over the workspace, root mean square and largest [m], and of
+    sizes in the plane, as a share."""
 
     position: float
     worst: float
@@ -70,14 +72,13 @@ class Knows:
 
 @dataclass(frozen=True, eq=False)
 class Places:
-    """Tool points over a workspace [m], and what a unit of each number moves them by, less rigid
-    motions."""
+    """Tool points over a workspace [m], and their slopes by each number, without rigid motions."""
 
     x: Float[np.ndarray, "places 3"]
     moved: Float[np.ndarray, "entries numbers"]
 
     def knows(self, root: Float[np.ndarray, "numbers _"]) -> Knows:
-        """What is known of positions and sizes."""
+        """Uncertainty of positions and sizes, for L with Cov θ = L Lᵀ."""
         errors = self.errors(root)
         return Knows(float(np.sqrt(np.mean(errors**2))), float(errors.max()), self.size(root))
 
@@ -86,19 +87,19 @@ class Places:
         return np.linalg.norm((self.moved @ root).reshape(len(self.x), -1), axis=1)
 
     def size(self, root: Float[np.ndarray, "numbers _"]) -> float:
-        """Standard deviation of sizes across, as a share."""
+        """Standard deviation of sizes in the plane, as a share."""
         return float(np.linalg.norm(_across(self.x) @ self.moved @ root))
 
 
 def _across(x: Float[np.ndarray, "places 3"]) -> Float[np.ndarray, " entries"]:
-    """Takes displacements to the share by which they grow in x and y."""
+    """Row vector that maps displacements to the growth in x and y, as a share."""
     f = x - x.mean(axis=0)
     f[:, 2] = 0.0
     return f.ravel() / np.sum(f**2)
 
 
 def places(loops: Loops, known: Unknowns, theta: Float[np.ndarray, " numbers"]) -> Places:
-    """Places over the described workspace that the robot reaches."""
+    """Tool points over the described workspace within reach."""
     x, slopes = loops.points(drawn(loops.kinematics, loops.limbs), theta)
     J, arms = slopes.reshape(-1, len(known.numbers)), x - x.mean(axis=0)
     turns = [np.cross(axis, arms).ravel() for axis in np.eye(3)]
@@ -109,7 +110,7 @@ def places(loops: Loops, known: Unknowns, theta: Float[np.ndarray, " numbers"]) 
 def drawn(
     kinematics: Kinematics, limbs: int, count: int = PLACES, seed: int = _SEED
 ) -> Float[np.ndarray, "places drives"]:
-    """Drive coordinates at random places of the workspace, away from singularities."""
+    """Drive coordinates of random poses of the workspace, away from singularities."""
     rng, robot = np.random.default_rng(seed), kinematics.robot
     low, high = robot.workspace.bounding_box
     # a hemisphere fills a quarter of its box, and edges may be out of reach
@@ -123,12 +124,12 @@ def drawn(
     return kinematics.inverse(z[good][:count])[:, :limbs]
 
 
-def open_directions(found: GeometryFit, over: Places) -> tuple[Direction, ...]:
-    """Combinations that matter and that measurements do not know, the worst first."""
-    known, C = found.known, found.root @ found.root.T
+def open_directions(fit: GeometryFit, over: Places) -> tuple[Direction, ...]:
+    """Combinations that matter and that measurements do not determine, the worst first."""
+    known, C = fit.known, fit.root @ fit.root.T
     L = np.linalg.cholesky(C + 1e-14 * np.trace(C) * np.eye(len(C)))
     _, s, Vt = np.linalg.svd(over.moved @ known.G @ L, full_matrices=False)
-    noise = max(readings.noise for readings in found.readings)
+    noise = max(readings.noise for readings in fit.readings)
     reach = float(np.sqrt(np.mean(np.sum((over.x - over.x.mean(axis=0))[:, :2] ** 2, axis=1))))
     directions = []
     for size, u in zip(s, (L @ Vt.T).T, strict=True):
@@ -142,20 +143,20 @@ def open_directions(found: GeometryFit, over: Places) -> tuple[Direction, ...]:
         what = "shape stays uncertain"
         if grows * reach > np.sqrt(_HALF) * error:
             what = f"sizes stay uncertain by {100 * grows:.2g} %"
-        words = f"{what}, positions by {1e3 * error:.2g} mm: {_named(known, theta)}"
+        words = f"{what}, positions by {1e3 * error:.2g} mm: {_in_words(known, theta)}"
         numbers = dict(zip(known.names, theta.tolist(), strict=True))
         directions.append(Direction(words, error, grows, numbers))
     return tuple(directions)
 
 
-def _named(known: Unknowns, theta: Float[np.ndarray, " numbers"]) -> str:
+def _in_words(known: Unknowns, theta: Float[np.ndarray, " numbers"]) -> str:
     """Such as 'strut +2.7 mm, zero -0.3 mrad (limb 2 most)'."""
     named = []
     for kind in known.kinds:
         at = known.of_kind(kind)
         own, mean, number = theta[at], float(np.mean(theta[at])), known.numbers[at[0]]
         largest = int(np.argmax(np.abs(own)))
-        # alike in all limbs where their mean makes most of it
+        # common to all limbs where their mean makes most of it
         alike = abs(mean) * np.sqrt(len(at)) > np.sqrt(_HALF) * np.linalg.norm(own)
         peak, most = (mean, "") if alike else (float(own[largest]), f" (limb {largest + 1} most)")
         factor, unit = _SHOWN[number.unit]
@@ -165,9 +166,10 @@ def _named(known: Unknowns, theta: Float[np.ndarray, " numbers"]) -> str:
     return ", ".join([text for share, text in named if share > _NAMED * named[0][0]][:_LISTED])
 
 
-# Places that are tried for each reading, and the seed that draws them.
+# Candidate poses of each reading, and the seed that draws them.
 _TRIED, _TRIED_SEED = 60, 2
-# Noise of what was used already is that of an offer within this factor, blocks within this [m].
+# An instrument in use matches an offer whose noise is within this factor, and blocks within this
+# distance [m].
 _ALIKE, _SAME_BLOCK = 2.0, 1e-2
 
 
@@ -222,24 +224,26 @@ def next_readings(
     return tuple(sorted(plans, key=lambda plan: plan.cost / plan.gain))
 
 
-def _plan(found: "Calibration", name: str, offer: Offer, hourly: float, count: int) -> NextReadings:
+def _plan(
+    calibration: "Calibration", name: str, offer: Offer, hourly: float, count: int
+) -> NextReadings:
     assert offer.reads is not None
-    fit, reads, F = found.fit, offer.reads, found.places.moved @ found.known.G
+    fit, reads, F = calibration.fit, offer.reads, calibration.places.moved @ calibration.known.G
     kind, knowledge, n = reads.kind, fit.knowledge, len(fit.u)
     instruments = [part.instrument for part in fit.readings]
     alike = [k for k, past in enumerate(instruments) if past.kind == kind]
-    used = None  # the instrument that is offered
+    used = None  # the instrument in use that matches the offer
     for k in reversed(alike):
         stood = instruments[k].values if kind == "probe" else np.zeros((1, 1))
         on = [np.abs(stood - block).min() < _SAME_BLOCK for block in reads.blocks]
         if 1 / _ALIKE <= instruments[k].noise / reads.noise <= _ALIKE and all(on):
             used = k
     past = next(iter(alike), None) if used is None and kind == "probe" else used  # on the same bed
-    ends, blocks = _candidates(found, reads)
+    ends, blocks = _candidates(calibration, reads)
     q = fit.loops.inverse(ends.reshape(-1, 3)).reshape(*ends.shape[:2], -1)
     values = np.zeros((len(q), 3 if kind == "points" else 1))
     instrument = KINDS[kind]("", q, values, reads.noise, np.arange(len(q)))
-    x, _ = tools_of(fit.loops, found.known, instrument, fit.u)
+    x, _ = tool_slopes(fit.loops, calibration.known, instrument, fit.u)
     if past is None:  # a new instrument's unknowns
         if kind == "points":
             instrument = replace(instrument, values=x[:, 0])
@@ -249,11 +253,11 @@ def _plan(found: "Calibration", name: str, offer: Offer, hourly: float, count: i
         root[own, own] = 1 / FAR
         knowledge = Knowledge(root)
     else:
-        state, own = fit.readings[past].state, own_columns(n, instruments)[past]
+        state, own = fit.readings[past].state, instrument_columns(n, instruments)[past]
     offered = UsedReadings.begun(instrument, np.ones(len(q), dtype=bool), state)
-    A = offered.weighted(fit.loops, found.known, fit.u, own, len(knowledge.root)).slopes
+    A = offered.weighted(fit.loops, calibration.known, fit.u, own, len(knowledge.root)).slopes
     F = np.linalg.qr(np.pad(F, ((0, 0), (0, len(knowledge.root) - n)))).R
-    F /= np.sqrt(len(found.places.x))
+    F /= np.sqrt(len(calibration.places.x))
     goal = Goal("positions", F, 1.0, ProbeReadings.usual)
     before, chosen = goal.left(knowledge), list[int]()
     for _ in range(count):
@@ -266,24 +270,24 @@ def _plan(found: "Calibration", name: str, offer: Offer, hourly: float, count: i
     return NextReadings(
         name, offer.title, kind, ends[chosen], blocks[chosen],
         position=float(np.linalg.norm(knowledge.std_of(F))),
-        size=found.places.size(found.known.G @ knowledge.inverse[:n]),
+        size=calibration.places.size(calibration.known.G @ knowledge.inverse[:n]),
         gain=max(before - goal.left(knowledge), np.finfo(float).tiny),
         cost=offer.hours * hourly + (offer.price if used is None else 0.0),
     )  # fmt: skip
 
 
 def _candidates(
-    found: "Calibration", reads: PoseReadings
+    calibration: "Calibration", reads: PoseReadings
 ) -> tuple[Float[np.ndarray, "readings ends 3"], Float[np.ndarray, " readings"]]:
-    """Commanded points of readings that could be taken, and the blocks under them."""
-    loops, rng = found.fit.loops, np.random.default_rng(_TRIED_SEED)
+    """Commanded points of possible readings, and the blocks under them."""
+    loops, rng = calibration.fit.loops, np.random.default_rng(_TRIED_SEED)
     x = loops.start(drawn(loops.kinematics, loops.limbs, _TRIED, _TRIED_SEED))[:, :3]
     if reads.kind == "points":
         return x[:, None], np.zeros(len(x))
-    beds = [part.state[0] for part in found.fit.readings if part.instrument.kind == "probe"]
+    beds = [part.state[0] for part in calibration.fit.readings if part.instrument.kind == "probe"]
     blocks, on = np.repeat(reads.blocks, len(x)), np.tile(x, (len(reads.blocks), 1))
     on[:, 2] = (beds[0] if beds else x[:, 2].min()) + blocks
-    inside = found.described.workspace.contains(on)
+    inside = calibration.described.workspace.contains(on)
     on, blocks = on[inside], blocks[inside]
     if reads.kind == "probe":
         return on[:, None], blocks

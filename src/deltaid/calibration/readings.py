@@ -1,4 +1,4 @@
-"""Measured poses: rows of instruments with their slopes and unknowns, and files of them.
+"""Measured poses: readings of instruments, their slopes and unknowns, and their files.
 
 Points      m = R x + t of a tracker or camera, whose frame (R, t) is unknown
 Probe       z − (h + a x + b y + block) = 0 on a plane of unknown height and slopes, bare or on
@@ -34,27 +34,27 @@ from deltaid.recording.units import si_factor
 from deltaid.robot.part import Part, Positive
 from deltaid.sensors.planning.offers import PoseKind
 
-# Units that people forget to state: how many make a metre.
+# Units that users often forget to state: how many make a metre.
 NAMED_UNITS = {1e3: "mm", 39.37: "inch", 100.0: "cm"}
-# A rotary drive turns less than this within its workspace [rad]; more are degrees.
+# Larger drive angles [rad] are degrees.
 _WIDE = 2 * np.pi
-# Readings of a file: a tracker's ten minutes at 30 Hz; a fit of many more takes minutes.
+# Most readings of a file: a tracker's ten minutes at 30 Hz; more take minutes to fit.
 _MOST = 20_000
 
 # Files or tables of one kind of instrument, one or several.
 ReadingsLike = RecordingLike | Sequence[RecordingLike]
 Points = Float[np.ndarray, "rows 3"]
 Tools = Float[np.ndarray, "rows ends 3"]
-# Of rows: measured less predicted [m], slopes of the prediction by the tool points of all ends, and
-# by changes of the instrument's unknowns.
+# Measured minus predicted [m], slopes of the prediction by the tool points of all ends, and by the
+# instrument's unknowns.
 Slopes = tuple[Float[np.ndarray, "rows values"], Float[np.ndarray, "rows values coordinates"],
                Float[np.ndarray, "rows values own"]]  # fmt: skip
 
 
 @dataclass(frozen=True, eq=False)
 class Instrument(ABC):
-    """Readings of one session: drive coordinates of each end [rad or m], what was read of columns
-    `read`, its standard deviation, `usual` where nobody states one [m], and rows of the file."""
+    """Readings of one session: drive coordinates of each end [rad or m], values of the columns
+    `read`, their standard deviation [m] (`usual` by default), and rows of the file."""
 
     kind: ClassVar[PoseKind]
     readings: ClassVar[str]
@@ -69,12 +69,12 @@ class Instrument(ABC):
 
     @cached_property
     def numbers(self) -> Float[np.ndarray, "rows numbers"]:
-        """All numbers of each reading."""
+        """All numbers of each reading, one row a reading."""
         return np.hstack([self.q.reshape(len(self.q), -1), self.values])
 
     @cached_property
     def repeats(self) -> Int[np.ndarray, " rows"]:
-        """Of each reading, the first that has the same numbers, digit by digit."""
+        """For each reading, the first one with identical numbers."""
         _, first, which = np.unique(self.numbers, axis=0, return_index=True, return_inverse=True)
         return first[which.ravel()]
 
@@ -92,7 +92,7 @@ class Instrument(ABC):
         """Errors and slopes at tool points."""
 
     def moved(self, state: np.ndarray, by: Float[np.ndarray, " own"]) -> np.ndarray:
-        """The state after changes of the unknowns."""
+        """The state after a step of the unknowns."""
         return state + by
 
 
@@ -139,7 +139,7 @@ class ProbeReadings(Instrument):
 
 
 class DistanceReadings(Instrument):
-    """Distances between two tool points each, of a calliper in a steady hand."""
+    """Distances between two tool points each, by calliper or ballbar."""
 
     kind = readings = "distances"
     read, usual = ("distance",), 2e-5
@@ -188,7 +188,7 @@ class InstrumentColumns(Part):
     )
 
     def has(self, name: str, table: LogTable) -> bool:
-        """Whether a table has a column of ours."""
+        """Whether a table has this column."""
         return self.columns.get(name, name) in table.header
 
 
@@ -208,8 +208,8 @@ class Measurements(Part):
 def read(
     kind: PoseKind, given: RecordingLike, columns: InstrumentColumns, loops: Loops
 ) -> Instrument:
-    """The readings of one file or table, in SI units; a RecordingError where it is of another
-    instrument, a column or number is missing, there are no rows, or too many, drives look like
+    """Readings of one file or table, in SI units. Raises a RecordingError where it is of another
+    instrument, a column or number is missing, there are no rows or too many, drives look like
     degrees, or poses are out of reach."""
     source, instrument = as_source(given, kind), KINDS[kind]
     table = source.table if isinstance(source, Recording) else open_table(source)

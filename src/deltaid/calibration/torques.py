@@ -1,4 +1,4 @@
-"""Recordings of torques as rows of a calibration.
+"""Recorded torques as rows of a calibration.
 
 A robot whose numbers are off by θ has torques τ = Y p + D θ, D = dτ/dθ at measured drive positions.
 D stands as one more effect in the contest of causes, beside bodies, friction, lags and all other
@@ -37,12 +37,12 @@ from deltaid.recording.recording import open_recordings
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.limbs import LimbGeometry
 
-# Noise of a drive above this share of its largest torque is none: the model is of another robot.
+# Residual torque above this share of a drive's largest torque means another robot.
 _MISFIT = 0.2
 
 
 class GeometryNumbers(UnknownEffect):
-    """The numbers of a calibration, and behind them turns of gravity."""
+    """Numbers of a calibration, followed by turns of gravity."""
 
     name = "calibration"
     is_candidate = False
@@ -83,7 +83,7 @@ def _slope(number: Number, slopes: TorqueSlopes, point: TracePoint) -> np.ndarra
 
 
 def _mounting(kind: str, limb: LimbGeometry) -> tuple[np.ndarray, np.ndarray]:
-    """What a number moves the base point by, and turns the limb by, in the limb's frame."""
+    """Displacement of the base point and turn of the limb by a number, in the limb's frame."""
     none, x, y, z = np.zeros(3), *np.eye(3)
     axes = limb.R_WL.T @ mounting_axes(limb)
     return {
@@ -98,7 +98,7 @@ def torque_rows(
     robot: RobotDescription, logs: Sequence[RecordingLike], columns: ColumnMapping | None,
     known: Unknowns, progress: Progress,
 ) -> TorqueRows:  # fmt: skip
-    """What recordings of torques say of a robot's numbers; a RecordingError where a log cannot be
+    """Rows of recorded torques on a robot's numbers. Raises a RecordingError where a log cannot be
     used or its columns are wrong, an IdentificationError where torques are another robot's."""
     progress("checking the columns of torques")
     doubts = _doubts(robot, logs, columns)
@@ -115,7 +115,7 @@ def torque_rows(
     rails = (GearRatios.name,) if "scale" in known.kinds else ()
     instead = (Zeros.name, Lengths.name, Tilt.name, *rails)
     try:
-        with np.errstate(divide="ignore", invalid="ignore"):  # of drives that stand still
+        with np.errstate(divide="ignore", invalid="ignore"):  # drives at rest
             contest = swept_beside(before_contest(setup, progress), numbers, instead)
     except np.linalg.LinAlgError:
         raise refused("no model fits these torques, as where drives stand still") from None
@@ -123,7 +123,7 @@ def torque_rows(
         cure = "record longer, without loads that come and go"
         raise refused("no torques are left to calibrate with", cure=cure)
     for noise, drive in zip(contest.shrunk.sigma, contest.shrunk.blocks, strict=True):
-        if not noise <= _MISFIT * drive.largest:  # nor where it is not finite
+        if not noise <= _MISFIT * drive.largest:  # true for NaN too
             raise refused(f"{noise / drive.largest:.0%} of a drive's torque is unmodelled")
     A, b = contest.shrunk.rows_of(contest.group(numbers.name), len(known.numbers))
     return TorqueRows(source, A, b, doubts=doubts)
@@ -132,7 +132,7 @@ def torque_rows(
 def _doubts(
     robot: RobotDescription, logs: Sequence[RecordingLike], columns: ColumnMapping | None
 ) -> tuple[str, ...]:
-    """What checks of columns and signals doubt; what they call wrong is refused.
+    """Doubts of the checks of columns and signals; what they call wrong is refused.
 
     Zeros and tilts that leave the loops closed are no fault here: they are what is estimated.
     """

@@ -1,4 +1,4 @@
-"""Numbers of a robot's geometry that may differ from its description.
+"""Dimensions of a robot that calibration may change.
 
 A rotary limb has eight: where its base joint stands against its joint of the platform (3; both
 enter the closed loops by their difference only), the direction of its motor axis (2), upper arm,
@@ -21,12 +21,12 @@ from deltaid.robot.limbs import LimbGeometry, Limbs, rotation
 from deltaid.robot.platform import H4Platform, Par4Platform, RigidPlatform
 from deltaid.robot.tolerances import LENGTHS, Tolerances
 
-# What parts of a printer or a prototype are off where nobody states it, one standard deviation:
-# a millimetre, a milliradian, a thousandth of a belt's pitch.
+# Default tolerances of a printer or prototype, one standard deviation: a millimetre, a milliradian,
+# a thousandth of a belt's pitch.
 LENGTH, ANGLE, SCALE = 1e-3, 1e-3, 1e-3
 
 Unit = Literal["m", "rad", ""]
-# Of each kind its unit, and how it is called.
+# Unit and name of each kind.
 Kinds = dict[str, tuple[Unit, str]]
 ROTARY: Kinds = {
     "base_out": ("m", "base radius"), "base_across": ("m", "base sideways"),
@@ -39,8 +39,8 @@ LINEAR: Kinds = {
     "lean_out": ("rad", "rail lean out"), "lean_across": ("rad", "rail lean aside"),
     "zero": ("m", "zero"), "scale": ("", "drive scale"), "strut": ("m", "strut"),
 }  # fmt: skip
-# Of a limb with struts apart: the second strut less the first; what their distance at the elbow
-# exceeds that at the platform by, along x, y, z of the limb's frame; their distance.
+# Numbers of a limb with two modelled struts: difference of their lengths; distance at the elbow
+# minus distance at the platform along x, y, z of the limb's frame; their distance.
 APART: Kinds = {
     "strut_difference": ("m", "strut difference"), "pair_out": ("m", "strut pair, out"),
     "pair_across": ("m", "strut pair, across"), "pair_up": ("m", "strut pair, up"),
@@ -49,15 +49,15 @@ APART: Kinds = {
 TOOL: Kinds = {f"tool_{axis}": ("m", f"tool {axis}") for axis in "xyz"}
 _HALF: Kinds = {"half": ("m", "platform half")}
 WORDS = {kind: words for kind, (_, words) in (ROTARY | LINEAR | APART | TOOL | _HALF).items()}
-# The kind of length of the description whose tolerance each has, by its first word.
+# Kind of length of the description that gives the tolerance, by the first word.
 _TOLERANCE = {"base": "base_radius", "rail": "base_radius", "upper": "upper_arm",
               "half": "platform"}  # fmt: skip
 
 
 @dataclass(frozen=True)
 class Number:
-    """One number of the geometry, by how much it exceeds the described one: its kind, its limb from
-    0 (−1 for platform and tool), its unit, and its standard deviation before any measurement."""
+    """A dimension's deviation from the description: its kind, its limb from 0 (−1 for platform and
+    tool), its unit, and its prior standard deviation."""
 
     kind: str
     limb: int
@@ -74,8 +74,8 @@ class Number:
 
 @dataclass(frozen=True, eq=False)
 class TorqueRows:
-    """What recordings say of a robot's numbers, whatever all else is: A θ = b in units of a noise
-    `grown` times larger than they show; with their files, and what checks doubt of them."""
+    """Rows A θ = b of recordings on a robot's numbers, with all other causes profiled out, in units
+    of a noise `grown` times the observed one; their files, and doubts of the checks."""
 
     source: str
     A: Float[np.ndarray, "rows numbers"]
@@ -101,22 +101,22 @@ class Unknowns:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Of the numbers."""
+        """Names of the numbers."""
         return tuple(number.name for number in self.numbers)
 
     @property
     def kinds(self) -> tuple[str, ...]:
-        """Of the numbers, each once."""
+        """Kinds of the numbers, each once."""
         return tuple(dict.fromkeys(number.kind for number in self.numbers))
 
     def by_limb(self, values: Sequence[Any]) -> list[dict[str, Any]]:
-        """Values of all numbers, by kind, limb after limb, and at last of platform and tool."""
+        """Values of all numbers by kind, one dictionary a limb, then one for platform and tool."""
         limbs = (*range(1 + max(number.limb for number in self.numbers)), -1)
         pairs = list(zip(self.numbers, values, strict=True))
         return [{x.kind: value for x, value in pairs if x.limb == limb} for limb in limbs]
 
     def of_kind(self, kind: str) -> list[int]:
-        """Places of the numbers of a kind, limb by limb."""
+        """Indices of the numbers of a kind, limb by limb."""
         return [k for k, number in enumerate(self.numbers) if number.kind == kind]
 
 
@@ -129,9 +129,9 @@ def unknowns(
     shared: Sequence[str] = (),
     held: Sequence[str] = (),
 ) -> Unknowns:
-    """The numbers of a robot's geometry with what is known of them before, as of `calibrate`; a
-    DescriptionError where it has a mechanism of its own or no pairs of struts to tell apart, an
-    UnknownNameError for a name to share or to hold that is none of its numbers."""
+    """Numbers of a robot's geometry with their priors, as of `calibrate`. Raises a DescriptionError
+    where the robot has a mechanism of its own or no separate struts, an UnknownNameError for an
+    unknown name to share or to hold."""
     limbs = robot.limbs
     if limbs is None:
         raise DescriptionError(
@@ -172,7 +172,7 @@ def _spread(
     robot: RobotDescription, kind: str, limb: int, unit: Unit,
     length: float | None, angle: float | None,
 ) -> float:  # fmt: skip
-    """Standard deviation before: given, stated by the description's file, or usual."""
+    """Prior standard deviation: given, stated by the description, or the default."""
     known, given = robot.tolerances, length if unit == "m" else angle
     stated = known.model_fields_set if "tolerances" in robot.model_fields_set else set[str]()
     if kind != "scale" and given is not None:
@@ -180,11 +180,11 @@ def _spread(
     if kind == "zero" and "homing" in stated:
         return known.of_drive(robot.drives[limb])
     if unit == "m" and "lengths" in stated:
-        return known.of_length(_length_of(kind))
+        return known.of_length(_length_kind(kind))
     return {"m": LENGTH, "rad": ANGLE, "": SCALE}[unit]
 
 
-def _length_of(kind: str) -> str:
+def _length_kind(kind: str) -> str:
     first = kind.partition("_")[0]
     return _TOLERANCE.get(first, first)
 
@@ -199,7 +199,7 @@ def mounting_axes(limb: LimbGeometry) -> Float[np.ndarray, "3 3"]:
     return limb.R_WL @ rotation("y", -float(np.rad2deg(np.arctan2(limb.rail[0], -limb.rail[2]))))
 
 
-# A rail that leans more than this from the vertical has an azimuth that turns it sideways: half.
+# Beyond this sine to the vertical a rail's sideways lean is a change of azimuth.
 _LEANS = 0.5
 
 
@@ -210,13 +210,13 @@ def calibrated_robot(
     std: Float[np.ndarray, " numbers"],
 ) -> tuple[RobotDescription, dict[str, float], dict[str, float], Bool[np.ndarray, " numbers"]]:
     """The robot with estimated numbers and their standard deviations as tolerances; zeros of rotary
-    drives [rad] and scales of drives, which no key holds; which numbers all that holds.
+    drives [rad] and scales of drives, which no key holds; which numbers the robot holds.
 
     Base joints take what base and platform differ by; limbs' joints at the platform stay where
     they are described. Motor axes turn by azimuth and tilt; zeros of rails move their base points.
     """
     limbs, platform = robot.limbs, robot.platform
-    assert limbs is not None  # unknowns refuse others
+    assert limbs is not None  # `unknowns` refuses others
     *each, more = known.by_limb(theta.tolist())
     half, upright = more.get("half", 0.0), abs(limbs.geometry()[0].rail[0]) <= _LEANS
     unheld = (*APART, *TOOL, *(("lean_across",) if upright else ()))
@@ -273,7 +273,7 @@ def _tolerances(
     pairs, stated = list(zip(known.numbers, std.tolist(), strict=True)), robot.tolerances
     lengths = {
         name: max(
-            (s for x, s in pairs if _length_of(x.kind) == name), default=stated.of_length(name)
+            (s for x, s in pairs if _length_kind(x.kind) == name), default=stated.of_length(name)
         )
         for name in LENGTHS
     }

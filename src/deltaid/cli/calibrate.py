@@ -10,6 +10,7 @@ import typer
 import deltaid
 from deltaid.cli.options import AsJson, Report, Robot, bounded, names, output_file
 from deltaid.cli.output import (
+    SCREEN,
     console,
     print_json,
     print_written,
@@ -23,9 +24,6 @@ from deltaid.errors import DeltaidError
 
 if TYPE_CHECKING:
     from deltaid.calibration.outlook import NextReadings
-
-# Lines of a screen; directions that readings do not know get those that are left.
-_LINES = 25
 
 
 def calibrate(
@@ -125,34 +123,36 @@ def calibrate(
     shop = shipped_offers() if offers is None else deltaid.load_offers(offers)
     with progress(as_json) as say:
         say("fitting the geometry")
-        found = deltaid.calibrate(
+        result = deltaid.calibrate(
             robot, points=points, probe=probe, distances=distances, torques=torques,
             columns=columns, lengths=lengths, angles=angles, shared=names(shared),
             hold=names(hold), struts_apart=struts_apart, tool=(x, y, z), progress=say,
         )  # fmt: skip
-    plans = deltaid.next_readings(found, following, offers=shop, budget=budget) if following else ()
-    texts = {path: firmware_text(found, name[2:]) for name, path in configs.items() if path}
+    plans = (
+        deltaid.next_readings(result, following, offers=shop, budget=budget) if following else ()
+    )
+    texts = {path: firmware_text(result, name[2:]) for name, path in configs.items() if path}
     printers = ((path, text) for path, (text, _) in texts.items())
-    write_files(*printers, (output, found.save), (report, found.report))
+    write_files(*printers, (output, result.save), (report, result.report))
     if as_json:
-        print_json(_as_dictionary(found, plans, shop.currency))
+        print_json(_as_dictionary(result, plans, shop.currency))
         return
-    grade, _, words = found.verdict.partition(":")
+    grade, _, words = result.verdict.partition(":")
     console.print(styled(f"{grade}:"), words.strip())
-    shown = next_table(found, plans, shop.currency) if plans else number_table(found)
-    first = _wrapped(session_lines(found))
+    shown = next_table(result, plans, shop.currency) if plans else number_table(result)
+    first = _wrapped(session_lines(result))
     said = [next_line(plan, shop.currency) for plan in plans[:1]]
-    said += [f"doubtful: {doubt}" for doubt in found.doubts]
+    said += [f"doubtful: {doubt}" for doubt in result.doubts]
     for path, (_, left) in texts.items():
         said.append(f"wrote {path}; its model of the printer leaves {1e3 * left:.2g} mm")
-    if output and found.zeros:
-        listed = ", ".join(f"{drive} {-value:.6f}" for drive, value in found.zeros.items())
+    if output and result.zeros:
+        listed = ", ".join(f"{drive} {-value:.6f}" for drive, value in result.zeros.items())
         said.append(
             f"{output} holds no zeros; as zero of each drive in a log's mapping, rad: {listed}"
         )
-    last, files_written = _wrapped(said), sum(path is not None for path in (output, report))
-    room = _LINES - 2 - len(first) - len(shown.rows) - len(last) - files_written
-    for part in (*first, *_open_lines(found, room), table(shown), *last):
+    last = _wrapped(said)
+    room = SCREEN - 2 - len(first) - len(shown.rows) - len(last)
+    for part in (*first, *_open_lines(result, room), table(shown), *last):
         console.print(part)
     print_written(output, report)
 
@@ -169,33 +169,33 @@ def _wrapped(sentences: "Sequence[str]") -> list[str]:
     ]  # fmt: skip
 
 
-def _open_lines(found: "deltaid.Calibration", room: int) -> list[str]:
+def _open_lines(result: "deltaid.Calibration", room: int) -> list[str]:
     """What readings do not know, the worst first, as far as there is room; one at least."""
     lines: list[str] = []
-    for k, part in enumerate(found.open):
+    for k, part in enumerate(result.open):
         more = _wrapped([f"not known: {part.words}"])
         if k and len(lines) + len(more) + 1 > room:
-            return [*lines, f"and {len(found.open) - k} more, in --report and --json"]
+            return [*lines, f"and {len(result.open) - k} more, in --report and --json"]
         lines += more
     return lines
 
 
 def _as_dictionary(
-    found: "deltaid.Calibration", plans: "Sequence[NextReadings]" = (), currency: str = ""
+    result: "deltaid.Calibration", plans: "Sequence[NextReadings]" = (), currency: str = ""
 ) -> dict[str, Any]:
     return {
-        "robot": found.described.name,
-        "verdict": found.verdict,
-        "doubts": list(found.doubts),
-        "before": vars(found.before),
-        "after": vars(found.after),
-        "rank": found.rank,
-        "numbers": found.to_frame().rename({"number": "name"}).to_dicts(),
-        "not_known": [vars(direction) for direction in found.open],
-        "readings": [vars(session) for session in found.sessions],
-        "zeros": found.zeros,
-        "scales": found.scales,
-        "left": found.left,
+        "robot": result.described.name,
+        "verdict": result.verdict,
+        "doubts": list(result.doubts),
+        "before": vars(result.before),
+        "after": vars(result.after),
+        "rank": result.rank,
+        "numbers": result.to_frame().rename({"number": "name"}).to_dicts(),
+        "not_known": [vars(direction) for direction in result.open],
+        "readings": [vars(session) for session in result.sessions],
+        "zeros": result.zeros,
+        "scales": result.scales,
+        "left": result.left,
         "next": [
             vars(plan)
             | {"currency": currency, "poses": plan.poses.tolist(), "blocks": plan.blocks.tolist()}

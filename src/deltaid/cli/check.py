@@ -70,15 +70,15 @@ def columns(
     """
     require_outputs([log, robot], {"--output": output})
     given = dict(_unit(text) for text in unit or ())
-    found = deltaid.columns(log, robot, units=given, gear=gear, torque_constant=torque_constant)
+    proposal = deltaid.columns(log, robot, units=given, gear=gear, torque_constant=torque_constant)
     if output is not None:
-        found.save(output)
+        proposal.save(output)
     if as_json:
         print_json(
             {
-                "certain": found.certain,
-                "missing": list(found.missing),
-                "mapping": found.data,
+                "certain": proposal.certain,
+                "missing": list(proposal.missing),
+                "mapping": proposal.data,
                 "found": [
                     {
                         "quantity": part.quantity,
@@ -87,15 +87,15 @@ def columns(
                         "reasons": list(part.reasons),
                         "doubts": list(part.open_questions),
                     }
-                    for part in found.found
+                    for part in proposal.found
                 ],
             }
         )
     else:
-        _print(found, log)
+        _print(proposal, log)
         if output is not None:
             console.print(f"wrote {output}; give it with --columns {output}")
-    raise typer.Exit(EXIT["good" if found.certain else "doubtful"])
+    raise typer.Exit(EXIT["good" if proposal.certain else "doubtful"])
 
 
 def _unit(text: str) -> tuple[str, str]:
@@ -124,12 +124,12 @@ def _unit(text: str) -> tuple[str, str]:
     return quantity, unit
 
 
-def _print(found: "deltaid.MappingProposal", log: Path) -> None:
+def _print(proposal: "deltaid.MappingProposal", log: Path) -> None:
     """The verdict, each quantity with its doubts or else its reasons, and what to do next."""
-    parts = [f"{len(found.doubts)} in doubt"] * bool(found.doubts)
-    parts += [f"missing: {', '.join(found.missing)}"] * bool(found.missing)
+    parts = [f"{len(proposal.doubts)} in doubt"] * bool(proposal.doubts)
+    parts += [f"missing: {', '.join(proposal.missing)}"] * bool(proposal.missing)
     console.print(styled(f"{log.name}:"), "; ".join(parts) or "certain")
-    for part in found.found:
+    for part in proposal.found:
         names = part.columns if len(part.columns) < 3 else (part.columns[0], part.columns[-1])
         unit = part.unit or ", ".join(dict.fromkeys(part.units)) or "unit unknown"
         console.print()
@@ -141,16 +141,16 @@ def _print(found: "deltaid.MappingProposal", log: Path) -> None:
         for text in part.open_questions:
             _print_line("in doubt", text)
     console.print()
-    units = [text.removeprefix("unit of ") for text in found.missing if text.startswith("unit")]
+    units = [text.removeprefix("unit of ") for text in proposal.missing if text.startswith("unit")]
     if units:
         step = f"give the unit: --unit {units[0]}='0.0235 N*m' for a per mille of 23.5 N m"
-    elif "torque_constant" in found.missing:
+    elif "torque_constant" in proposal.missing:
         step = "give --torque-constant in N m per A at the motor, and --gear if there is one"
-    elif found.missing:
+    elif proposal.missing:
         step = "name what is missing in a mapping file (docs: The mapping file)"
     else:
         step = "write it (-o columns.yaml), check it, and give it with --columns columns.yaml"
-    if found.missing or found.doubts:
+    if proposal.missing or proposal.doubts:
         _print_line("→", step)
 
 

@@ -19,15 +19,10 @@ from deltaid.cli.options import (
     bounded,
     output_file,
 )
-from deltaid.cli.output import console, print_json, progress, remark
+from deltaid.cli.output import SCREEN, console, print_json, progress, remark
 from deltaid.errors import DeltaidError, quoted, shortened
 from deltaid.files import require_writable, write_bytes
 from deltaid.model.options import FrictionLaws, Period
-
-# Lines of the quarantine that are printed; the table has all.
-_SHOWN = 10
-# What a shell calls a command that Ctrl-C has ended.
-_INTERRUPTED = 130
 
 
 def fleet(
@@ -142,7 +137,7 @@ def fleet(
             cure="the same command does the rest",
         )
         remark("error", kept)
-        raise typer.Exit(_INTERRUPTED) from None
+        raise
     if prior_out is not None:
         folder, fits = place.Place.named(output), [fit for fit in run.types if not fit.reason]
         data = [folder.read(fit.job.file) for fit in fits]
@@ -181,7 +176,7 @@ def fleet(
             console.print(f"pages: {site}")
         if run.quarantine:
             remark("note", f"{len(run.quarantine)} in quarantine, see {output}/quarantine.csv")
-        for line in run.quarantine[:_SHOWN]:
+        for line in run.quarantine[:SCREEN]:
             which = quoted(line.which)
             reason = line.reason.replace(line.which, which)
             reason = reason if which in reason else f"{which}: {reason}"

@@ -5,14 +5,12 @@ from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING, Any
 
 import deltaid
-from deltaid.cli.output import print_found
+from deltaid.cli.output import SCREEN, print_found
 
 if TYPE_CHECKING:
     from deltaid.identification.prediction import Compared
     from deltaid.identification.torque_error import TorqueError
 
-# Events that the terminal lists.
-_EVENTS = 20
 # Columns that a screen has no room for.
 _WIDE = ("unfiltered", "why")
 
@@ -125,7 +123,7 @@ def print_result(
     if choice is not None and choice.steps:
         further.append(choice_table(choice, model.robot))
         details.append(choice_sentence(choice))
-    put_right = put_right_tables(model, _EVENTS)
+    put_right = put_right_tables(model, SCREEN)
     further += put_right if full or corrections is None else put_right[1:]
     title = model.robot.title or model.robot.name
     print_found(

@@ -37,7 +37,7 @@ _WRAPPED_COLUMNS = (
 # Columns of a bar of progress.
 _BAR = 16
 # Lines of a result on a screen of usual height, with those that name the files written below.
-_SCREEN = 22
+SCREEN = 22
 # A line of text that is longer is hard to read.
 WIDEST = 100
 # Of a verdict on a model, as words begin it.
@@ -160,7 +160,7 @@ def print_found(
         used += max(1, math.ceil(cell_len(str(line)) / console.width))
     hidden = [] if full else [_name(finished) for finished in further]
     for finished in (*tables, *further) if full else tables:
-        left = None if full else _SCREEN - used - 2 - bool(hidden)
+        left = None if full else SCREEN - used - 2 - bool(hidden)
         rows, height = _fitting(finished, left)
         if rows:
             console.print()

@@ -1,1 +1,1 @@
-"""What a controller makes of a model: control laws on a sampled drive, simulation, comparison."""
+"""Control laws on sampled drives, their simulation, and the comparison of models."""

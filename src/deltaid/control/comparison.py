@@ -1,4 +1,4 @@
-"""What identification buys: each controller with each model of one robot, on the same plant."""
+"""Comparison of models in control: each controller with each model of a robot, on one plant."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -22,8 +22,8 @@ from deltaid.recording.mapping import MappingLike
 from deltaid.recording.memory import RecordingLike
 from deltaid.shown import Reported, Shown
 
-# M counts as positive definite with eigenvalues above this share of its own diagonal: below it the
-# feedback of a computed torque is a hundred times weaker in one direction than it was tuned for.
+# Least eigenvalue, as a share of M's own diagonal, of a positive definite M: below it the feedback
+# of a computed torque is a hundred times weaker in one direction than tuned.
 _POSITIVE = 0.01
 
 
@@ -74,7 +74,7 @@ class Comparison(Shown, Reported):
 
     @property
     def remarks(self) -> tuple[str, ...]:
-        """What is held, and whether gears wind up, in words."""
+        """Held loads, and whether gears are elastic, in words."""
         payload = self.conditions.payload
         load = [f"the robot holds a load of {payload.mass:.4g} kg"] if payload else []
         return (*self.conditions.remarks, *load)
@@ -105,7 +105,7 @@ def compare_controllers(
 
 
 def candidates(model: ModelLike) -> tuple[ModelCandidate, ...]:
-    """The description's prior, the base parameters (if the file has them), the consistent model.
+    """Prior of the description, base parameters (if the file has them) and consistent model.
 
     A robot at its prior has only that.
     """
@@ -119,7 +119,7 @@ def candidates(model: ModelLike) -> tuple[ModelCandidate, ...]:
 
 
 def base_vector(model: IdentifiedModel) -> Parameters:
-    """A p with the torques of the base parameters: each on its representative, all else zero.
+    """A p with the torques of the base parameters: each at its representative, all else zero.
 
     Its torques, M and C are those of all p with the same base parameters, but its bodies are not
     those of a robot.
@@ -142,7 +142,7 @@ def compare(
     models: Sequence[ModelCandidate],
     progress: Callable[[str], None] = lambda _: None,
 ) -> tuple[ControllerRun, ...]:
-    """All controllers with all models, tuned alike: with the mass matrix of the last model.
+    """Run all controllers with all models, tuned alike by the mass matrix of the last model.
 
     A controller that needs a mass matrix does not run with a model whose M is not positive definite
     along the trajectory; base parameters by least squares promise torques only. With a load the

@@ -1,4 +1,4 @@
-"""Controllers of a drive: pure functions of what is measured, what is desired, and a model.
+"""Control laws of a drive as pure functions of measured state, desired motion and model.
 
 With the tracking error e = q − q_d, and f the friction of the model:
 
@@ -37,7 +37,7 @@ from deltaid.robot.description import RobotDescription
 
 
 class ControlModel:
-    """A robot's model as a controller evaluates it, sample by sample or in batches.
+    """A robot's model for a controller, evaluated sample by sample or in batches.
 
     Args:
         robot: its description.
@@ -49,7 +49,7 @@ class ControlModel:
         self._kernel = _law(robot.model_dump_json())
 
     def holding(self, mass: float) -> "ControlModel":
-        """The same that knows of a load, a mass [kg] at the tool."""
+        """The same model with a known point load, a mass [kg] at the tool."""
         return ControlModel(self.robot, loaded(self.robot, self.p, point_mass(mass)))
 
     def torque(
@@ -72,7 +72,7 @@ class ControlModel:
         return self._kernel(x, uniform=self.p).T
 
     def mass_diagonal(self, q: Samples) -> Float[np.ndarray, " dof"]:
-        """Mean of M's diagonal at some drive coordinates.
+        """Mean diagonal of M over drive coordinates.
 
         Raises:
             KinematicsError: q closes no loop or is singular.
@@ -81,7 +81,7 @@ class ControlModel:
         return np.diagonal(M, axis1=1, axis2=2).mean(axis=0)
 
     def least_eigenvalue(self, q: Samples) -> float:
-        """Smallest eigenvalue of M, scaled to a unit diagonal of its mean, at drive coordinates.
+        """Smallest eigenvalue of M over drive coordinates, scaled to a unit mean diagonal.
 
         Raises:
             KinematicsError: q closes no loop or is singular.
@@ -112,7 +112,7 @@ def _law(description: str) -> BatchKernel:
 
 
 CONTROLLERS: tuple[ControllerName, ...] = get_args(ControllerName)
-# Those that need a positive definite mass matrix and not only torques along the desired motion.
+# Controllers that need a positive definite mass matrix, not only torques along the desired motion.
 NEED_MASS_MATRIX = CONTROLLERS[2:]
 
 Gains = Float[np.ndarray, " dof"]
@@ -135,7 +135,7 @@ class Desired:
 
 @dataclass(frozen=True)
 class MeasuredState:
-    """Drive coordinates and velocities as a controller knows them, one sample a row."""
+    """Measured drive coordinates and velocities, one sample a row."""
 
     q: Samples
     qd: Samples
@@ -143,7 +143,7 @@ class MeasuredState:
 
 @dataclass(frozen=True)
 class Controller:
-    """A control law of a drive, by name, with the numbers that stand in its formula.
+    """A control law by name, with the numbers of its formula.
 
     Attributes:
         stiffness: K of PD, one number a drive [N m/rad or N/m].

@@ -1,4 +1,4 @@
-"""What is wrong with a simulated motion: what no robot could run, and what a controller lost.
+"""Faults of a simulated motion: broken limits, and failures of the controller.
 
 A simulation that ran is no proof that its motion can be run. Before any controller, the motion
 itself may ask for more torque or speed than a drive has, or leave the workspace; after it, a
@@ -21,20 +21,20 @@ Signal = Float[np.ndarray, " samples"]
 Kind = Literal[
     "torque", "speed", "acceleration", "range", "saturated", "lost", "branch", "diverged", "turn"
 ]
-# A limit counts as broken beyond this: splines and filters may overshoot by rounding.
+# Use from which a limit counts as broken: splines and filters overshoot by rounding.
 _BEYOND = 1.01
-# Share of samples at a limit from which a controller counts as saturated.
+# Share of samples at a limit from which a controller is saturated.
 _SATURATED = 1e-3
 # Distance from the desired motion, as a share of the workspace's smallest half extent, and error of
-# the tool's turn [rad], from which a motion is not followed any more.
+# the tool's turn [rad], from which a motion counts as lost.
 _FAR, _TURNED = 0.2, np.pi / 2
-# Instants at which the motion is looked at, a second.
+# Instants of the motion that are checked, per second.
 _RATE, _MOST = 500.0, 50_000
 
 
 @dataclass(frozen=True)
 class MotionProblem:
-    """One thing that makes a simulated motion worthless on a robot.
+    """A fault that makes a simulated motion worthless on a robot.
 
     Attributes:
         kind: what kind of thing.
@@ -56,7 +56,7 @@ class MotionProblem:
 
 
 def of_motion(plant: Model, trajectory: Trajectory) -> tuple[MotionProblem, ...]:
-    """What a motion asks of a plant beyond its limits, before any controller.
+    """Limits of a plant that a motion breaks, before any controller.
 
     Torques are those of the plant's inverse dynamics, which a perfect controller would apply.
 
@@ -103,7 +103,7 @@ def _problem(
     kind: Kind, what: str, text: str, short: str, over: Bool[np.ndarray, " samples"], time: Signal,
     size: Signal | None = None,
 ) -> list[MotionProblem]:  # fmt: skip
-    """A problem where there is one, at the largest size, or from where it began."""
+    """A fault with its largest size or its beginning, where there is one."""
     if not over.any():
         return []
     k, first = int((over if size is None else size).argmax()), float(time[over.argmax()])
@@ -114,7 +114,7 @@ def _problem(
 
 
 def _kinematic(name: str) -> tuple[Kind, str]:
-    """What it is to break a limit of this name."""
+    """Kind and words of a broken limit of this name."""
     if "speed" in name:
         return "speed", f"the motion is too fast for {name.removesuffix(' speed')}"
     if name.startswith("platform ") and "acceleration" in name:
@@ -128,7 +128,7 @@ def _kinematic(name: str) -> tuple[Kind, str]:
 
 
 def of_tracking(plant: Model, result: Tracking) -> tuple[MotionProblem, ...]:
-    """What became of a motion under a controller that no one would want on a robot."""
+    """Faults of a motion under a controller."""
     valid, robot = result.valid, plant.robot
     time, problems = result.time[valid], list[MotionProblem]()
     for drive, cut in zip(robot.drives, result.saturated[valid].T, strict=True):
@@ -146,7 +146,7 @@ def of_tracking(plant: Model, result: Tracking) -> tuple[MotionProblem, ...]:
             "lower the gains, or take a slower motion",
         )
         problems += [MotionProblem("lost", "robot", text, short, 1.0, result.ended, float(left))]
-    else:  # beyond a singular pose its drives turn a robot elsewhere
+    else:  # beyond a singular pose the same drive motion moves the platform elsewhere
         sides = np.sign(plant.dynamics.kinematics.regularity(result.z).determinant)
         text = (
             "passed through a singular pose at {first:.4g} s and went on in another assembly mode"

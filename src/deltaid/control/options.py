@@ -1,4 +1,4 @@
-"""What a user may ask of a simulation; imports nothing that is slow."""
+"""Options of a simulation; imports nothing slow."""
 
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Literal
@@ -13,7 +13,7 @@ ControllerName = Literal["pd", "pd-feedforward", "computed-torque", "augmented-p
 
 @dataclass(frozen=True)
 class ControlSettings:
-    """Drives, feedback, gears and load that controllers are tried with.
+    """Settings of drives, feedback, gears and load.
 
     Attributes:
         rate: samples a second of the drives.

@@ -1,5 +1,5 @@
-"""What a controller runs on: a robot, what it does that no model of rigid bodies says, and its
-state under torques that are held from one sample of its drives to the next."""
+"""The plant of a controller: a robot with effects beyond rigid bodies, and its state under sampled
+torques."""
 
 import re
 from collections.abc import Callable
@@ -19,13 +19,14 @@ from deltaid.robot.description import RobotDescription
 
 _NUMBER = r"[0-9]*\.?[0-9]+(?:[eE][-+]?[0-9]+)?"
 _PAYLOAD = re.compile(rf"({_NUMBER})(?:\s*(?:±|\+-|\+/-)\s*({_NUMBER}))?\s*(?:kg)?")
-# Kilograms, beyond which it is another unit.
+# Largest load [kg]; more is another unit.
 _HEAVY = 1000.0
 
 
 @dataclass(frozen=True, eq=False)
 class Held:
-    """A load that the robot holds for some time; it comes and goes with the platform's velocity.
+    """A load that the robot holds for some time; it appears and vanishes with the platform's
+    velocity.
 
     Attributes:
         p: its ten parameters about the link frame of what carries it.
@@ -40,13 +41,13 @@ class Held:
 
 
 def point_mass(mass: float) -> Float[np.ndarray, " 10"]:
-    """The ten parameters of a mass [kg] at the origin of what carries it."""
+    """The ten parameters of a mass [kg] at the origin of its carrier."""
     return np.append(mass, np.zeros(9))
 
 
 @dataclass(frozen=True)
 class Payload:
-    """A load of a mass that is known more or less.
+    """A load with an uncertain mass.
 
     Attributes:
         mass: [kg].
@@ -58,7 +59,7 @@ class Payload:
 
     @property
     def ends(self) -> tuple[float, ...]:
-        """Masses two standard deviations off, none below zero; nothing where it is exact."""
+        """Masses two standard deviations off, none below zero; empty where the mass is exact."""
         if self.std == 0:
             return ()
         return max(self.mass - 2 * self.std, 0.0), self.mass + 2 * self.std
@@ -74,8 +75,8 @@ def as_payload(given: Payload | float | str | None) -> Payload | None:
         return given
     text = str(given)
     what, cure = "mass", "give kilograms, with a standard deviation or without: 1.5 or 1.5±0.1"
-    if found := _PAYLOAD.fullmatch(text.strip()):
-        mass, std = float(found[1]), float(found[2] or 0.0)
+    if match := _PAYLOAD.fullmatch(text.strip()):
+        mass, std = float(match[1]), float(match[2] or 0.0)
         if 0 < mass < _HEAVY and std <= mass:
             return Payload(mass, std)
         what = "load of a robot"
@@ -84,7 +85,7 @@ def as_payload(given: Payload | float | str | None) -> Payload | None:
 
 
 def loaded(robot: RobotDescription, p: Parameters, load: Float[np.ndarray, " 10"]) -> Parameters:
-    """p of a robot that holds a load with its tool, whether its bodies can exist or not."""
+    """p of a robot with a load at its tool, whether its bodies are consistent or not."""
     layout, p = parameter_layout(robot), p.copy()
     p[layout.body("EE" if "EE" in layout.bodies else "P")] += load
     return p
@@ -126,32 +127,32 @@ class Plant:
             raise DescriptionError(what, where=self.model.source or robot.name, cure=cure)
 
     def held(self, time: float) -> tuple[Held, ...]:
-        """What it holds at a time [s]."""
+        """Loads at a time [s]."""
         return tuple(load for load in self.loads if load.start <= time < load.end)
 
     def model_at(self, time: float) -> Model:
-        """The robot with the loads of a time."""
+        """The model with the loads of a time."""
         model = self.model
         for load in self.held(time):
             model = model.with_load(load.p, load.body)
         return model
 
     def carrying(self, mass: float) -> "Plant":
-        """The same with one load, a mass [kg] at the tool that it holds all the time."""
+        """The same plant with a permanent mass [kg] at the tool."""
         return replace(self, loads=(Held(point_mass(mass)),))
 
 
 def as_plant(plant: Model | Plant) -> Plant:
-    """A plant; of a model, the robot that it says."""
+    """A plant from a plant or a model."""
     return plant if isinstance(plant, Plant) else Plant(plant)
 
 
-# Longest time step of a gear, as a share of 1/ω of the motor against the robot.
+# Longest time step of an elastic gear, as a share of 1/ω of the motor against the robot.
 _OF_A_GEAR = 0.2
 
 
 class Running:
-    """The state of a plant from sample to sample, as one row.
+    """State of a plant from sample to sample, as one row.
 
     Between elastic gears' motors and links, positions of the motors go half a step, speeds a whole
     one by the springs of then, positions the other half: so without damping a swing neither grows
@@ -185,11 +186,11 @@ class Running:
 
     @property
     def encoders(self) -> Samples:
-        """Coordinates of the motors, of joints where gears are stiff."""
+        """Measured coordinates: of the motors, or of the joints where gears are stiff."""
         return self._motors if self._plant.elastic else self._forward.drive_coordinates(self.z)
 
     def hold(self, tau: Samples, time: float) -> None:
-        """Go on by one sample under torques that the drives are asked for."""
+        """Advance by one sample under requested torques."""
         held, plant = self._plant.held(time), self._plant
         if held != self._held:
             self._held, self._p = held, plant.model_at(time).p
@@ -203,7 +204,7 @@ class Running:
             self.z, self.qd = self._forward.step(self.z, self.qd, given, p, self._h)
 
     def _carried(self, tau: Samples) -> Samples:
-        """Torque between motors and links in the middle of a step; motors turn by all of it."""
+        """Torque between motors and links in the middle of a step."""
         before, faster, h = self._speeds, self._speeds - self.qd, self._h
         wound = self._motors - self._forward.drive_coordinates(self.z) + 0.5 * h * faster
         carried, robot = self._k * wound + self._d * faster, self._plant.model.robot
@@ -212,7 +213,7 @@ class Running:
         return carried
 
     def _given(self, tau: Samples) -> Samples:
-        """Mean torque over a time step behind the current loop, a first-order lag."""
+        """Mean torque over a time step of the current loop, a first-order lag."""
         if not np.isfinite(self._lag):
             return tau
         last, share = tau if self._current is None else self._current, np.exp(-self._lag * self._h)

@@ -1,4 +1,4 @@
-"""A controller that knows a model, on a robot that may be another one, along a motion."""
+"""Simulation of a controller with one model on a plant with another, along a motion."""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -33,13 +33,13 @@ from deltaid.recording.memory import RecordingLike, as_source
 from deltaid.sensors.robot_sensors import simulated_sensors
 from deltaid.shown import Plotted, Reported, Shown, Tabled
 
-# Runs with other loads, by their mass [kg].
+# Runs with other loads, by mass [kg].
 Ends = tuple[tuple[float, Tracking], ...]
 
 
 @dataclass(frozen=True)
 class Conditions:
-    """What a controller is tried on: models, a motion, the drives' electronics.
+    """Conditions of a simulation: models, motion, drives.
 
     Attributes:
         model: what the controller knows.
@@ -66,12 +66,12 @@ class Conditions:
 
     @property
     def remarks(self) -> tuple[str, ...]:
-        """Whether gears wind up, in words."""
+        """Whether gears are elastic, in words."""
         return ("gears wind up, with the encoders on the motors",) * self.plant.elastic
 
     def tracked(self, law: Controller, known: ControlModel) -> tuple[Tracking, Ends]:
-        """A controller with a model on the plant with its load, and with loads two deviations off,
-        by their mass [kg]."""
+        """Tracking of a controller with a model on the plant with its load, and with loads two
+        standard deviations off, by mass [kg]."""
         masses = self.payload.ends if self.payload else ()
         plants = [(mass, self.plant.carrying(mass)) for mass in masses]
         ends = [(m, track(plant, law, known, self.motion, self.drives)) for m, plant in plants]
@@ -80,7 +80,7 @@ class Conditions:
 
 @dataclass(frozen=True, repr=False)
 class Simulation(Shown, Plotted, Tabled, Reported):
-    """How a controller followed a motion.
+    """A simulated motion under a controller.
 
     Attributes:
         controller: its name.
@@ -100,12 +100,12 @@ class Simulation(Shown, Plotted, Tabled, Reported):
 
     @property
     def error(self) -> TrackingError:
-        """How far the motion was from the desired one, and what it took."""
+        """Tracking errors and torques."""
         return self.tracking.error
 
     @property
     def remarks(self) -> tuple[str, ...]:
-        """What is held, and whether gears wind up, in words."""
+        """Held loads, and whether gears are elastic, in words."""
         payload, lines = self.conditions.payload, [*self.conditions.remarks]
         if payload is not None:
             known = f"{payload.mass:.4g} kg" if self.payload_known else "nothing"
@@ -121,7 +121,8 @@ class Simulation(Shown, Plotted, Tabled, Reported):
         return tuple(lines)
 
     def table(self) -> pl.DataFrame:
-        """Motion and torques with the default names of a log, what sensors show, what was desired.
+        """Motion and torques with the default names of a log, sensor readings, and the desired
+        motion.
 
         It ends where the robot was lost, so that it can be read as a log.
         """
@@ -134,7 +135,7 @@ class Simulation(Shown, Plotted, Tabled, Reported):
         columns |= dict(zip(task, result.z.T, strict=True))
         columns |= {f"{name}_desired": x for name, x in zip(task, result.z_desired.T, strict=True)}
         plant = self.conditions.loaded.model_at(0.0)
-        if plant.robot.sensors:  # accelerations as they are between the drives' samples
+        if plant.robot.sensors:  # accelerations between the drives' samples
             motion = result.z, result.qd, np.gradient(result.qd, result.time, axis=0)
             rng = np.random.default_rng(0)
             columns |= simulated_sensors(compiled(plant.robot), plant.p, *motion, rng)
@@ -201,7 +202,7 @@ def conditions(
     duration: float | None,
     progress: Progress,
 ) -> Conditions:
-    """What `simulate` and `compare_controllers` try controllers on; arguments as there."""
+    """Conditions of `simulate` and `compare_controllers`; arguments as there."""
     step = ENCODER_STEP if asked.encoder is None else asked.encoder
     drives = Drives(asked.rate, step, asked.delay, current_loop=asked.current_loop or np.inf)
     held, known = as_payload(asked.payload), load(model)

@@ -16,28 +16,27 @@ from scipy.integrate import solve_ivp
 from deltaid.dynamics.dynamics import Parameters
 from deltaid.dynamics.forward_dynamics import ForwardDynamics
 from deltaid.errors import DeltaidError, KinematicsError, within
+from deltaid.mechanism.forward import CLOSED
 from deltaid.mechanism.kinematics import Samples
 from deltaid.mechanism.one_or_many import real_numbers
 from deltaid.shown import Shown
 
-# Torques of a time and of the drives' q and q̇, one state a row.
+# Torques by time and the drives' q and q̇, one state a row.
 Torque = Callable[[float, Samples, Samples], Samples]
 History = Float[np.ndarray, "times states dof"]
 
-# Relative and absolute (m, rad, and per s) error of a step: keeps energy to 1e-10 over ten seconds.
-# Measured for 10 s of a Delta: DOP853 0.2 s, LSODA 0.2 to 0.6 s at less accuracy, CVODES (Adams)
-# 0.08 s, but that takes neither a batch nor torques from Python.
+# Relative and absolute (m, rad, and per s) error of a step: energy stays within 1e-10 over ten
+# seconds. Measured for 10 s of a Delta: DOP853 0.2 s, LSODA 0.2 to 0.6 s and less accurate, CVODES
+# (Adams) 0.08 s, but with neither batches nor torques from Python.
 _RELATIVE, _ABSOLUTE = 1e-10, 1e-12
-# A limb so near to the edge of its reach [m] counts as stretched.
-_EDGE = 1e-6
-# Longest time step [s]: half a millimetre at the speed of a fast robot, and far below what any
-# controller of a drive resolves.
+# Longest time step [s]: half a millimetre at the speed of a fast robot, below what any drive's
+# controller resolves.
 LONGEST_STEP = 2.5e-4
 
 
 @dataclass(frozen=True, repr=False)
 class StatePath(Shown):
-    """States over time, one slice a time, one row a state that was started with.
+    """States over time: one slice a time, one row an initial state.
 
     Attributes:
         time: [s].
@@ -50,7 +49,7 @@ class StatePath(Shown):
 
 
 def no_torque(time: float, q: Samples, qd: Samples) -> Samples:
-    """Drives that are switched off."""
+    """Torques of drives that are switched off."""
     return np.zeros_like(q)
 
 
@@ -62,7 +61,7 @@ def integrate(
     time: Float[np.ndarray, " times"],
     torque: Torque = no_torque,
 ) -> StatePath:
-    """Solve the equations of motion from one or many states at the first of some times.
+    """Integrate the equations of motion from one or many initial states.
 
     All states go through one call of an eighth-order Runge–Kutta method (DOP853) and share its
     steps.
@@ -88,7 +87,7 @@ def integrate(
         return np.concatenate([zd.ravel(), forward.acceleration(z, zd, tau, p).ravel()])
 
     def margin(t: float, x: np.ndarray) -> float:
-        return float(np.nan_to_num(forward.reach(x.reshape(shape)[0]), nan=-1.0).min()) - _EDGE
+        return float(np.nan_to_num(forward.reach(x.reshape(shape)[0]), nan=-1.0).min()) - CLOSED
 
     margin.terminal = True  # pyright: ignore[reportFunctionMemberAccess], SciPy's way to say it
     span, start = (float(time[0]), float(time[-1])), np.concatenate([z.ravel(), zd.ravel()])
@@ -116,7 +115,7 @@ def step_through(
     torque: Torque = no_torque,
     rate: float = 1000.0,
 ) -> StatePath:
-    """Motion from one or many states under torques that are held for 1/rate, as drives hold them.
+    """Motion from one or many states under torques that are held for 1/rate, as by drives.
 
     Within it there are as many steps of `ForwardDynamics.step` as keep each below `LONGEST_STEP`.
     A robot with a limb that gets stretched is NaN from there on; the others go on.

@@ -1,4 +1,4 @@
-"""Motions that a controller follows, a controller on a robot, and how well it follows.
+"""Motions for controllers, a sampled controller on a plant, and tracking errors.
 
 Motions are those of a file, of samples, or in memory. A controller runs sample by sample, as a
 drive runs it. At each sample k of period T the drive reads its encoders, and the torque that it
@@ -37,7 +37,7 @@ from deltaid.recording.opening import open_log
 from deltaid.recording.recording import with_filter
 from deltaid.robot.limits import Task
 
-# Through samples, so that q̈ has no corners.
+# Spline degree: q̈ is smooth.
 _DEGREE = 5
 
 
@@ -92,14 +92,14 @@ class SampledTrajectory:
         return Desired(self._kinematics.forward(q), q, qd, qdd)
 
 
-# A desired motion that can be asked for any time [s] between 0 and its duration.
+# A desired motion, evaluated at any time [s] between 0 and its duration.
 Trajectory = MotionTrajectory | SampledTrajectory
 
 
 def open_trajectory(
     path: RecordingLike, kinematics: Kinematics, mapping: ColumnMapping | None = None
 ) -> tuple[SampledTrajectory, Log]:
-    """The motion of a file: what `deltaid excite` writes, or a recording.
+    """The motion of a file: of `deltaid excite`, or of a recording.
 
     A file with velocities and accelerations is taken as it is. One with positions only is a
     recording: it is low-passed as an identification would, and is shorter at both ends by the
@@ -124,13 +124,13 @@ def open_trajectory(
 
 # Resolution of a common encoder, 20 bits a turn [rad].
 ENCODER_STEP = 2 * np.pi / 2**20
-# What a controller knows of the robot: always the same, or by time [s].
+# Model of a controller: constant, or by time [s].
 Knowledge = ControlModel | Callable[[float], ControlModel]
 
 
 @dataclass(frozen=True)
 class Drives:
-    """What the drives' electronics do.
+    """Electronics of the drives.
 
     Attributes:
         rate: samples a second.
@@ -150,7 +150,7 @@ class Drives:
 
 @dataclass(frozen=True)
 class TrackingError:
-    """How far a motion was from the desired one, and what it took; before it ended, if it did.
+    """Tracking errors and torques, up to the end of the motion or the loss of the robot.
 
     Attributes:
         drive_rms, drive_max: of q − q_d [rad or m].
@@ -173,7 +173,7 @@ class TrackingError:
 
 @dataclass(frozen=True)
 class Tracking:
-    """A motion as it was desired and as it became, one sample of the drives a row.
+    """A desired motion and the resulting one, one sample a row.
 
     Attributes:
         time: [s].
@@ -219,7 +219,7 @@ class Tracking:
 
     @property
     def error(self) -> TrackingError:
-        """Its size, up to where it ended."""
+        """Tracking errors and torques, up to where it ended."""
         valid, tau = self.valid, self.tau[self.valid]
         drives, platform = self.drive_error[valid], self.platform_error[valid]
         turn = None if self.turn_error is None else self.turn_error[valid]
@@ -278,7 +278,7 @@ def track(
         wanted[k] = controller.torque(known(float(time[k])), measured, now)[0]
         torques[k] = np.clip(wanted[k], -limits, limits)
         running.hold(torques[k : k + 1], float(time[k]))
-    # A law may lose the robot one sample before: it knows the robot by its own lengths.
+    # A controller may lose the robot one sample earlier, because its model has lengths of its own.
     lost = np.flatnonzero(~(np.isfinite(path).all(axis=(0, 2)) & np.isfinite(wanted).all(axis=1)))
     return Tracking(
         time=time,

@@ -1,1 +1,1 @@
-"""Dynamics from one symbolic source: regressor, M, C, g, f, and their evaluation in batches."""
+"""Dynamics from one symbolic source: regressor, M, C, g and f, evaluated in batches."""

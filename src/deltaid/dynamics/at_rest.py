@@ -1,4 +1,4 @@
-"""A robot standing still: drive coordinates, holding torques, condition, use of every limit."""
+"""Statics of a robot: drive coordinates, holding torques, condition and use of every limit."""
 
 from dataclasses import dataclass, replace
 
@@ -44,13 +44,13 @@ class Poses:
     stands: Bool[np.ndarray, " samples"]
 
     def only(self, chosen: Bool[np.ndarray, " samples"]) -> "Poses":
-        """Some of the poses."""
+        """A subset of the poses."""
         arrays = {name: getattr(self, name)[chosen] for name in self.__dataclass_fields__}
         return replace(self, **arrays)
 
 
 class AtRest:
-    """A robot with parameters p, evaluated where it stands still.
+    """A robot with parameters p, evaluated at rest.
 
     Attributes:
         limits: names of all limits that a pose alone can break: those of the workspace first, then
@@ -71,7 +71,7 @@ class AtRest:
         self.of_workspace = len(workspace_limits(self.robot, mechanism.z))
         self._kernel = self._build(mechanism, posed)
         self.home = dynamics.kinematics.home
-        dynamics.kinematics.inverse(self.home[None])  # says which limb does not reach
+        dynamics.kinematics.inverse(self.home[None])  # raises with the limb that does not reach
         dynamics.kinematics.require_regular(self.home[None])
         self._side = np.sign(dynamics.kinematics.regularity(self.home[None]).determinant[0])
 
@@ -107,7 +107,7 @@ class AtRest:
         )
 
     def why_not(self, z: Float[np.ndarray, " dof"]) -> str:
-        """Why the robot does not stand at a pose."""
+        """Why a pose does not exist."""
         kinematics = self.dynamics.kinematics
         try:
             kinematics.inverse(z[None])

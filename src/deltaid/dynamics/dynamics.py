@@ -37,7 +37,7 @@ class Terms(Shown):
 
 @dataclass(frozen=True)
 class SparseRegressor:
-    """The structurally nonzero entries of Y(z, q̇, q̈), samples in columns.
+    """Structurally nonzero entries of Y(z, q̇, q̈), samples in columns.
 
     Attributes:
         values: one row for each nonzero entry, one column for each sample.
@@ -51,7 +51,7 @@ class SparseRegressor:
 
 @runtime_checkable
 class Regressor(Protocol):
-    """Columns that torques are explained with: those of a robot, or more of them."""
+    """Columns that explain torques: a robot's, and possibly additional ones."""
 
     @property
     def kinematics(self) -> Kinematics:
@@ -71,11 +71,11 @@ class Regressor(Protocol):
     def sparse_regressor(
         self, z: Samples, qd: Samples, qdd: Samples, load: Samples | None = None
     ) -> SparseRegressor:
-        """The nonzero entries at some samples; friction that depends on load needs the load."""
+        """Nonzero entries of the columns; load-dependent friction needs the load."""
         ...
 
     def carried(self, z: Samples, qd: Samples, qdd: Samples, p: Parameters) -> Samples:
-        """What the robot's gears carry at some samples."""
+        """Torques that the robot's gears carry."""
         ...
 
 
@@ -83,7 +83,7 @@ _Self = TypeVar("_Self", bound="WithParameters")
 
 
 class WithParameters(Shown):
-    """What computes with parameters that are given, or with those it was made with.
+    """Base of computations with parameters p, given with the call or at construction.
 
     Attributes:
         robot: the description.
@@ -91,8 +91,8 @@ class WithParameters(Shown):
         layout: names and places of its parameters.
     """
 
-    # Beside what instances of one robot share (`with_parameters`): their `__dict__`, with all
-    # compiled kernels.
+    # Instance state besides what all instances of one robot share (`with_parameters`): their
+    # `__dict__`, with all compiled kernels.
     __slots__ = ("_p",)
     _p: Parameters | None
 
@@ -108,7 +108,7 @@ class WithParameters(Shown):
         return self.kinematics.dof
 
     def with_parameters(self: _Self, p: Parameters) -> _Self:
-        """The same with other parameters to begin with; compiled kernels are shared."""
+        """The same with other default parameters; compiled kernels are shared."""
         other = object.__new__(type(self))
         other.__dict__ = self.__dict__
         other._p = p
@@ -116,11 +116,11 @@ class WithParameters(Shown):
 
     @property
     def p(self) -> Parameters:
-        """The parameters that hold where none are given."""
+        """Default parameters."""
         return prior_parameters(self.robot) if self._p is None else self._p
 
     def _parameters(self, p: Parameters | None) -> Parameters:
-        """Those given, or its own.
+        """The given parameters, or the default ones.
 
         Raises:
             DescriptionError: they are not as many as the robot has.
@@ -144,7 +144,7 @@ def _compiled(kind: type[Any], description: str) -> Any:
 
 
 def compiled_as(kind: type[_Self], robot: RobotDescription) -> _Self:
-    """The `kind` of a robot, kept with its compiled kernels for the next call with an equal one.
+    """The `kind` of a robot, cached with its compiled kernels.
 
     Everything that it holds follows from the description, so sharing it changes no result.
     """
@@ -152,22 +152,16 @@ def compiled_as(kind: type[_Self], robot: RobotDescription) -> _Self:
 
 
 def compiled(robot: RobotDescription) -> "Dynamics":
-    """The dynamics of a robot, kept with its compiled kernels for the next call."""
+    """Dynamics of a robot, cached with its compiled kernels."""
     return compiled_as(Dynamics, robot)
 
 
 class Dynamics(WithParameters, Plotted):
-    """Dynamics of a described robot. Arrays have one sample a row; kernels compile when needed.
-
-    Drive coordinates q, q̇, q̈ come in rad (or m for a linear drive), torques in N m (or N).
-    A single sample may be given as a vector, and then what is returned has no axis of samples.
-    Where no parameters p are given, those hold that it was made with: of a model, by value or file,
-    its own; of a robot its prior.
-    """
+    """Dynamics of a described robot. Arrays have one sample a row; kernels compile on first use."""
 
     @cached_property
     def equations(self) -> Equations:
-        """The symbolic equations behind all of this."""
+        """The symbolic equations."""
         return build_equations(self.robot, self.kinematics.mechanism)
 
     @one_or_many("q", "qd", "qdd", "load")
@@ -196,7 +190,7 @@ class Dynamics(WithParameters, Plotted):
     def sparse_regressor(
         self, z: Samples, qd: Samples, qdd: Samples, load: Samples | None = None
     ) -> SparseRegressor:
-        """The nonzero entries of Y at task coordinates z; what all data goes through.
+        """Nonzero entries of Y at task coordinates z: the path of all recorded data.
 
         Raises:
             DescriptionError: friction depends on load, and there is none.
@@ -215,7 +209,7 @@ class Dynamics(WithParameters, Plotted):
 
     @property
     def regressor_pattern(self) -> tuple[np.ndarray, np.ndarray]:
-        """Drive and parameter of every entry of Y that is not always zero, drive by drive."""
+        """Drive and parameter of every entry of Y that can be nonzero, drive by drive."""
         return self._pattern
 
     @cached_property
@@ -225,7 +219,7 @@ class Dynamics(WithParameters, Plotted):
 
     @cached_property
     def _nonzero(self) -> Int[np.ndarray, " entries"]:
-        """Which of the structural entries of Y are not zero but for rounding.
+        """Structural entries of Y that are nonzero beyond rounding.
 
         What a described robot's torques do not show is zero by structure. Rotations of a mechanism
         of the user's own cancel only in numbers, so its entries are looked at in generic states.
@@ -255,7 +249,7 @@ class Dynamics(WithParameters, Plotted):
     def carried(
         self, z: Samples, qd: Samples, qdd: Samples, p: Parameters | None = None
     ) -> Samples:
-        """What the gears carry at task coordinates z: drive torques without the motors' own
+        """Torques that the gears carry at task coordinates z: drive torques without the motors' own
         friction and rotors."""
         return self._carried_kernel(np.hstack([z, qd, qdd]).T, uniform=self._parameters(p)).T
 
@@ -269,7 +263,7 @@ class Dynamics(WithParameters, Plotted):
             KinematicsError: q closes no loop or is singular.
         """
         out = self._mass_kernel(self.kinematics.forward(q).T, uniform=self._parameters(p)).T
-        return out.reshape(-1, self.dof, self.dof)  # symmetric, so the order does not matter
+        return out.reshape(-1, self.dof, self.dof)  # symmetric, so rows may be columns
 
     @one_or_many("q", "qd")
     def terms(self, q: Samples, qd: Samples, p: Parameters | None = None) -> Terms:

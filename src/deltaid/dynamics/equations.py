@@ -1,4 +1,4 @@
-"""The equations of motion (1)–(7) of a whole robot as CasADi graphs, in drive coordinates.
+"""Equations of motion (1)–(7) of a robot as CasADi graphs, in drive coordinates.
 
 Inputs are the task coordinates z and the drive velocities and accelerations q̇, q̈, so forward
 kinematics is never differentiated. Forces on the mechanism's generalised speeds u become drive
@@ -20,8 +20,8 @@ from deltaid.mechanism.rotation import skew
 from deltaid.mechanism.speeds import Along
 from deltaid.robot.description import RobotDescription
 
-# Generic states in which entries are looked at, and the share of the largest entry below which one
-# is zero: rounding leaves 1e-15 of it.
+# Number of generic states for the test of zero entries, and its threshold as a share of the largest
+# entry: rounding leaves 1e-15.
 _GENERIC, _ROUNDING = 64, 1e-12
 
 
@@ -108,7 +108,7 @@ def _coriolis(forces: SpeedForces, motion: Along, N: ca.SX) -> ca.SX:
 
 @dataclass(frozen=True)
 class TaskMotion:
-    """The regressor along a motion that is given in task coordinates.
+    """Regressor along a motion in task coordinates.
 
     Attributes:
         z, zd, zdd: inputs, δ each.
@@ -130,7 +130,7 @@ class TaskMotion:
 def build_task_motion(
     robot: RobotDescription, mechanism: Mechanism, sign: Sign = ca.sign
 ) -> TaskMotion:
-    """The regressor as a function of z, ż, z̈; `sign` may be a smooth stand-in for optimisation.
+    """The regressor as a function of z, ż, z̈; `sign` may be a smooth substitute for optimisation.
 
     Friction that depends on load sees what gears carry at the prior.
     """
@@ -150,7 +150,7 @@ def build_task_motion(
 def beyond_rounding(
     kinematics: Kinematics, inputs: ca.SX, entries: ca.SX
 ) -> Int[np.ndarray, " entries"]:
-    """Which of some entries are not zero but for rounding, in generic states.
+    """Entries that are nonzero beyond rounding, in generic states.
 
     Args:
         kinematics: of the robot.
@@ -162,5 +162,5 @@ def beyond_rounding(
     z = kinematics.home + 0.5 * half * rng.uniform(-1, 1, (_GENERIC, dof))
     others = rng.standard_normal((_GENERIC, inputs.numel() - dof))
     values = ca.Function("entries", [inputs], [entries])(np.hstack([z, others]).T)
-    largest = np.nanmax(np.abs(np.array(values)), axis=1, initial=0.0)  # NaN out of reach
+    largest = np.nanmax(np.abs(np.array(values)), axis=1, initial=0.0)  # poses out of reach are NaN
     return np.flatnonzero(~(largest <= _ROUNDING * largest.max(initial=0.0)))

@@ -63,13 +63,13 @@ class ForceEquations:
 
 
 def splits(robot: RobotDescription) -> bool:
-    """Whether the force of each strut of a pair is determined, and not only their sum."""
+    """Whether the force of each strut of a pair is determined, and not only the sum."""
     known = all(limb.spacing is not None for limb in robot.limb_geometry)
     return known and isinstance(robot.platform, RigidPlatform | H4Platform)
 
 
 def build_forces(robot: RobotDescription, mechanism: Mechanism) -> ForceEquations:
-    """Derive the forces of a robot of limbs and a platform."""
+    """Derive the forces of a robot with limbs and a platform."""
     mechanism = with_turned_half(mechanism)
     forces, speeds = SpeedForces(robot, mechanism), mechanism.speeds
     channels, struts = _Build(robot, mechanism, forces).channels()
@@ -86,7 +86,7 @@ def build_forces(robot: RobotDescription, mechanism: Mechanism) -> ForceEquation
 
 @dataclass(frozen=True)
 class _Turn:
-    """A virtual turn that the struts forbid: axis, a point of it, and what turns."""
+    """A virtual rotation that the struts prevent: its axis, a point of it, and what rotates."""
 
     axis: ca.SX
     centre: ca.SX
@@ -121,10 +121,10 @@ class _Build:
         return LoadedBody(body, self._forces.wrench(body))
 
     def channels(self) -> tuple[list[ForceChannel], tuple[str, ...]]:
-        """All results, and the names of the struts."""
+        """All channels, and the names of the struts."""
         sums = self._sums()
         differences = self._differences(sums) if splits(self._robot) else None
-        found, names = [], []
+        collected, names = [], []
         for i, strut in enumerate(self._struts):
             geometry, N = strut.geometry, sums[i]
             if differences is None:
@@ -141,15 +141,15 @@ class _Build:
                 inner = count * strut.across_S + ca.vertcat(along, 0, 0)
                 outer = inner - count * strut.part.force
                 at_elbow.append((aside, outer, count))
-                found += _strut_channels(name, strut, inner, outer, count)
+                collected += _strut_channels(name, strut, inner, outer, count)
                 if aside:
-                    found += _socket_channels(name, strut, inner, outer, np.sign(aside))
+                    collected += _socket_channels(name, strut, inner, outer, np.sign(aside))
             complete = differences is not None or geometry.struts == 1
-            found += _bearing_channels(i, strut, self._driven[i], at_elbow, complete)
-        return found + (self._bar.channels if self._bar else []), tuple(names)
+            collected += _bearing_channels(i, strut, self._driven[i], at_elbow, complete)
+        return collected + (self._bar.channels if self._bar else []), tuple(names)
 
     def _sums(self) -> ca.SX:
-        """N_i, step 3. A telescope's ψ is held by its own drive."""
+        """N_i of step 3. A telescope's ψ is held by its own drive."""
         n, z, forces = len(self._struts), self._z, self._forces
         on_speeds = ca.SX.zeros(self._mechanism.speeds.u.numel())
         for part in (*self._platform, *self._telescope):
@@ -185,7 +185,7 @@ class _Build:
         return -inverse(A) @ work
 
     def _turns(self) -> list[_Turn]:
-        """Turns of the whole platform, the telescope's end included, and H4's fourth."""
+        """Rotations of the whole platform, with the telescope's end, and the fourth of an H4."""
         platform = self._robot.platform
         parts = self._platform + self._telescope[2:]
         limbs = tuple(range(len(self._struts)))
@@ -205,7 +205,7 @@ def _half(geometry: LimbGeometry) -> float:
 def _strut_channels(
     name: str, strut: Strut, inner: ca.SX, outer: ca.SX, count: int
 ) -> list[ForceChannel]:
-    """What is transmitted through both ends, in the strut's frame; tension is positive."""
+    """Forces through both ends in the strut's frame; tension is positive."""
     return [
         *vector(f"{name}.platform", "N", inner),
         *vector(f"{name}.elbow", "N", outer),
@@ -216,7 +216,7 @@ def _strut_channels(
 def _socket_channels(
     name: str, strut: Strut, inner: ca.SX, outer: ca.SX, side: float
 ) -> list[ForceChannel]:
-    """How hard the ball presses the strut away from its twin: a socket opens below −spring."""
+    """Force of the ball away from its twin: a socket opens below minus the spring force."""
     y_S = strut.R_LS[1, :].T
     return [
         ForceChannel(f"{name}.platform.out", "N", side * ca.dot(y_S, inner)),
@@ -231,7 +231,8 @@ def _bearing_channels(
     at_elbow: list[tuple[float, ca.SX, int]],
     complete: bool,
 ) -> list[ForceChannel]:
-    """Loads of the bearing of arm or carriage; without moments where single struts are unknown."""
+    """Loads of the bearing of arm or carriage; without moments where single struts are
+    undetermined."""
     force, moment = bearing_load(strut, driven, at_elbow)
     name, rotary = f"motor{i + 1}", strut.geometry.drive == "rotary"
     forces = vector(f"{name}.force", "N", force, "xyz" if rotary else "xy")

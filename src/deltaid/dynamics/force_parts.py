@@ -36,7 +36,7 @@ def vector(name: str, unit: str, value: ca.SX, axes: str = "xyz") -> list[ForceC
 
 @dataclass(frozen=True)
 class LoadedBody:
-    """One body and what its motion takes from its joints, gravity taken off.
+    """A body and the wrench that its motion takes from its joints, without gravity.
 
     Attributes:
         body: the body; one of `body.count`.
@@ -74,7 +74,7 @@ class LoadedBody:
 
 @dataclass(frozen=True)
 class Strut:
-    """One strut of a limb without the force along it.
+    """A strut of a limb without the force along it.
 
     Attributes:
         geometry: its limb.
@@ -98,7 +98,7 @@ class Strut:
 
     @property
     def along(self) -> ca.SX:
-        """Along the strut to the platform, in the world."""
+        """Direction of the strut to the platform, in the world."""
         return self.part.body.world_rotation[:, 0]
 
     @property
@@ -129,7 +129,7 @@ def strut_forces(geometry: LimbGeometry, limb: LimbBodies, part: LoadedBody) -> 
 def bearing_load(
     strut: Strut, driven: LoadedBody, at_elbow: list[tuple[float, ca.SX, int]]
 ) -> tuple[ca.SX, ca.SX]:
-    """Force and moment that arm or carriage takes from base and drive.
+    """Force and moment on arm or carriage by base and drive.
 
     About the origin of the body's link frame. Rotary: in L, the moment about y is the drive's.
     Linear: in a frame with y as in L and z up the rail, the force along −z is the drive's.

@@ -1,5 +1,5 @@
-"""Forward dynamics in batches: accelerations, one step of time with friction, energy; and the
-motor's side of a gear that gives way.
+"""Forward dynamics in batches: acceleration, a time step with friction, energy, and motors behind
+elastic gears.
 
 Such a drive has its motor with friction on one side and all bodies on the other. With θ the
 motor's coordinate seen from the joint, I its inertia, k and d the gear's stiffness and damping,
@@ -37,8 +37,8 @@ from deltaid.shown import Plotted
 
 
 class ForwardDynamics(WithParameters, Plotted):
-    """Forward dynamics of a described robot. Arrays have one sample a row; kernels compile when
-    needed.
+    """Forward dynamics of a described robot. Arrays have one sample a row; kernels compile on first
+    use.
 
     States are task coordinates and velocities (z, ż): they close the loops exactly. Accelerations
     solve (1) by a Cholesky factorisation of the mass matrix that is written out in the graph, so
@@ -49,7 +49,7 @@ class ForwardDynamics(WithParameters, Plotted):
 
     @cached_property
     def equations(self) -> TaskDynamics:
-        """The symbolic equations behind all of this."""
+        """The symbolic equations."""
         return build_task_dynamics(self.robot, self.kinematics.mechanism)
 
     @one_or_many("z", "zd", "tau")
@@ -109,7 +109,7 @@ class ForwardDynamics(WithParameters, Plotted):
         return out[:, : self.dof], out[:, self.dof :]
 
     def reach(self, z: Samples) -> Float[np.ndarray, " samples"]:
-        """By how much each pose is within the reach of its nearest limb [m]; NaN out of it."""
+        """Distance of each pose from the nearest edge of a limb's reach [m]; NaN out of it."""
         return self._reach_kernel(z.T)[0]
 
     def is_smooth(self, p: Parameters) -> bool:
@@ -191,7 +191,7 @@ class ForwardDynamics(WithParameters, Plotted):
         return ca.mmin(reach + 0.5 * h * rate)
 
     def velocity_change(self) -> tuple[list[ca.SX], list[ca.SX]]:
-        """Change of q̇ over h by forces at one state (z, q̇), as inputs and output of a function.
+        """Change of q̇ over h by forces at one state (z, q̇): inputs and output of a function.
 
         q̇ and not ż is what goes from step to step, so that a drive at rest stays where it is while
         others move. The friction's size is that at q̇; at its end the step starts from q̇_0.
@@ -222,7 +222,7 @@ class ForwardDynamics(WithParameters, Plotted):
         return [e.z, qd, qd_0, e.tau, e.p, h], [change]
 
     def _loads(self, dry: ca.SX, acceleration: ca.SX) -> ca.SX:
-        """What gears carry, τ without the motors' friction and rotors.
+        """Torques that gears carry: τ without the motors' friction and rotors.
 
         Args:
             dry: of each joint's friction what is not smooth, as it acts on it.
@@ -237,7 +237,7 @@ class ForwardDynamics(WithParameters, Plotted):
 
 
 def compiled_forward(robot: RobotDescription) -> ForwardDynamics:
-    """The forward dynamics of a robot, kept with its compiled kernels for the next call."""
+    """Forward dynamics of a robot, cached with its compiled kernels."""
     return compiled_as(ForwardDynamics, robot)
 
 
@@ -253,8 +253,8 @@ def link_side(robot: RobotDescription, p: Parameters) -> Parameters:
 def motor_inertia(robot: RobotDescription, p: Parameters) -> np.ndarray:
     """I of every drive [kg m² or kg]."""
     symbols = ca.SX.sym("p", len(p))
-    found = ca.Function("I", [symbols], [rotor_inertia(robot, symbols)])(p)
-    return np.asarray(found).ravel()
+    inertia = ca.Function("I", [symbols], [rotor_inertia(robot, symbols)])(p)
+    return np.asarray(inertia).ravel()
 
 
 def motor_speeds(

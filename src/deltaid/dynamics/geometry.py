@@ -1,4 +1,4 @@
-"""How torques change with a robot's lengths, its drives' zeros and the direction of gravity.
+"""Slopes of torques by a robot's lengths, its drives' zeros and the direction of gravity.
 
 A recording has drive coordinates q, whatever the geometry is. With torques τ(z, q̇, q̈; g) and
 coordinates q(z; g) of lengths g, and J = ∂q/∂z,
@@ -24,10 +24,10 @@ from deltaid.mechanism.kinematics import Samples
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.tolerances import Tolerances
 
-# Step of lengths [m] and zeros [rad or m], and the share of gravity that it turns by, where
-# rounding and curvature err alike; so small that no other joint turns round within it.
+# Step of lengths [m] and zeros [rad or m], and turn of gravity [rad]: rounding and curvature err
+# alike, and no joint reverses within it.
 _STEP = np.sqrt(np.finfo(float).eps)
-# Names of what is common to torque constants, and of one drive's.
+# Names of the common and the single errors of torque constants.
 CONSTANTS, CONSTANT_OF = "torque constants", "torque constant of"
 
 # Torques of all drives, or channels of a sensor, at some samples.
@@ -36,7 +36,7 @@ Shown = Float[np.ndarray, "channels samples"]
 
 @dataclass(frozen=True, eq=False)
 class GrownTorques:
-    """A robot's torques and drive coordinates as functions of its lengths and of gravity.
+    """Torques and drive coordinates of a robot as functions of its lengths and of gravity.
 
     Attributes:
         numbers: of the symbols of each kind of length.
@@ -52,13 +52,13 @@ class GrownTorques:
 
 
 def grown_torques(robot: RobotDescription, mounted: bool = False) -> GrownTorques:
-    """Torques and drive coordinates of a robot that may grow, kept for the next call; with symbols
-    of how limbs are mounted, or without."""
+    """Torques and drive coordinates of a robot with symbolic lengths, cached; with symbols of the
+    limbs' mounting, or without."""
     return _grown(robot.model_dump_json(), mounted)
 
 
 class GrownDynamics(Dynamics):
-    """A robot whose lengths exceed those described by symbols."""
+    """A robot whose lengths exceed the described ones by symbols."""
 
     def __init__(self, robot: RobotDescription) -> None:
         super().__init__(robot)
@@ -89,7 +89,7 @@ def _grown(description: str, mounted: bool) -> GrownTorques:
 
 @dataclass(frozen=True, eq=False)
 class Error:
-    """What one standard deviation of one geometric quantity does to torques, or to a sensor.
+    """Effect of one standard deviation of a geometric quantity on torques, or on a sensor.
 
     Attributes:
         name: what is off, such as 'upper_arm' (of all limbs alike), 'strut of limb 2',
@@ -104,8 +104,7 @@ class Error:
 
 @dataclass(frozen=True, eq=False)
 class GeometrySlopes(ABC):
-    """Slopes of torques, or of what a sensor shows, along a motion whose q has been measured, by
-    differences.
+    """Slopes of torques, or of a sensor, along a motion with measured q, by differences.
 
     Attributes:
         grown: the robot with lengths that may grow.
@@ -127,33 +126,33 @@ class GeometrySlopes(ABC):
         growth: Float[np.ndarray, " growth"],
         gravity: Float[np.ndarray, " 3"],
     ) -> Shown:
-        """Torques, or what the sensor shows."""
+        """Torques, or readings of the sensor."""
 
     def of_length(self, number: int) -> Shown:
-        """By a symbol of the growth [1/m]."""
+        """Slope by a symbol of the growth [1/m]."""
         return self.of_growth(np.eye(self.grown.symbols)[number])
 
     def of_growth(self, direction: Float[np.ndarray, " growth"]) -> Shown:
-        """Along a direction of the symbols of the growth [1/m or 1/rad]."""
+        """Slope along a direction of the symbols of the growth [1/m or 1/rad]."""
         growth, (q, J) = _STEP * direction, self._drives
         later = np.array(self.grown.position(self.z.T, growth)[0]).T
         z = self.z - np.linalg.solve(J, (later - q)[:, :, None])[:, :, 0]
         return (self.shown(z, self.rates, growth, self.gravity) - self._described) / _STEP
 
     def of_zero(self, drive: int) -> Shown:
-        """By a drive's zero, at the same speeds and accelerations [1/rad or 1/m]."""
+        """Slope by a drive's zero, at the same speeds and accelerations [1/rad or 1/m]."""
         moved, still = np.zeros_like(self.z), np.zeros_like(self.z)
         moved[:, drive] = 1.0
         return self.of_motion(moved, still, still)
 
     def of_motion(self, q: Samples, qd: Samples, qdd: Samples) -> Shown:
-        """By a change of the drives' positions, speeds and accelerations, per unit of it."""
+        """Slope by a change of the drives' positions, speeds and accelerations, per unit of it."""
         z = self.z + _STEP * np.linalg.solve(self._drives[1], q[:, :, None])[:, :, 0]
         rates = self.rates + _STEP * np.hstack([qd, qdd])
         return (self.shown(z, rates, self._none, self.gravity) - self._described) / _STEP
 
     def of_gravity(self, axis: Float[np.ndarray, " 3"]) -> Shown:
-        """By a turn of gravity about an axis [1/rad]."""
+        """Slope by a turn of gravity about an axis [1/rad]."""
         turned = self.gravity + np.cross(axis, self.gravity)
         return self.shown(self.z, self.rates, self._none, turned) - self._described
 
@@ -174,7 +173,7 @@ class GeometrySlopes(ABC):
 
 @dataclass(frozen=True, eq=False)
 class TorqueSlopes(GeometrySlopes):
-    """Of torques with parameters p [N m/m, N m/rad, …].
+    """Slopes of torques with parameters p [N m/m, N m/rad, …].
 
     Attributes:
         p: without friction's steps.
@@ -212,7 +211,7 @@ def geometric_errors(
     p: Parameters,
     tolerances: Tolerances | None = None,
 ) -> tuple[Error, ...]:
-    """What each tolerance, by default of the description, does to the torques of a motion.
+    """Effect of each tolerance, by default the description's, on the torques of a motion.
 
     Friction keeps its direction; that which depends on load is left out.
     """
@@ -226,7 +225,8 @@ def geometric_errors(
 def errors_by(
     robot: RobotDescription, slopes: GeometrySlopes, tolerances: Tolerances | None = None
 ) -> tuple[Error, ...]:
-    """Each tolerance, by default of the description, with what it does if it does anything."""
+    """Tolerances, by default the description's, with their effects; those without effect are
+    dropped."""
     by = tolerances or robot.tolerances
     zeros = [
         Error(f"zero of {drive}", size * slopes.of_zero(i))
@@ -237,8 +237,8 @@ def errors_by(
         Error(f"tilt about {np.round(axis, 3).tolist()}", by.mounting * slopes.of_gravity(axis))
         for axis in (across(slopes.gravity) if by.mounting else ())
     ]
-    found = (*_of_lengths(robot, by, slopes), *zeros, *tilts)
-    return tuple(error for error in found if error.effect.any())
+    errors = (*_of_lengths(robot, by, slopes), *zeros, *tilts)
+    return tuple(error for error in errors if error.effect.any())
 
 
 def torque_slopes(
@@ -256,15 +256,15 @@ def torque_slopes(
 
 
 def _of_lengths(robot: RobotDescription, by: Tolerances, slopes: GeometrySlopes) -> Iterator[Error]:
-    """A number that all limbs share may be wrong, and each limb may differ from it."""
-    found: dict[int, Shown] = {}  # base and platform share theirs
+    """Errors of a length that all limbs share, and of each limb alone."""
+    by_symbol: dict[int, Shown] = {}  # base and platform share their tolerance
     for name, numbers in slopes.grown.numbers.items():
         size = by.of_length(name)
         if not size:
             continue
-        found |= {k: slopes.of_length(k) for k in numbers if k not in found}
-        # A drive further out does what a joint of the platform further in does.
-        each = [(-size if name == "base_radius" else size) * found[k] for k in numbers]
+        by_symbol |= {k: slopes.of_length(k) for k in numbers if k not in by_symbol}
+        # A drive moved outwards equals a joint of the platform moved inwards.
+        each = [(-size if name == "base_radius" else size) * by_symbol[k] for k in numbers]
         if len(each) == 1 or not isinstance(getattr(robot.limbs, name), tuple):
             yield Error(name, np.sum(each, axis=0))
         if len(each) > 1:
@@ -273,7 +273,7 @@ def _of_lengths(robot: RobotDescription, by: Tolerances, slopes: GeometrySlopes)
 
 
 def _of_constants(robot: RobotDescription, by: Tolerances, torque: Shown) -> Iterator[Error]:
-    """What drives record more, all alike and each."""
+    """Errors of torque constants, common and of each drive."""
     if not by.torque_constants:
         return
     yield Error(CONSTANTS, by.torque_constants * torque)
@@ -284,7 +284,7 @@ def _of_constants(robot: RobotDescription, by: Tolerances, torque: Shown) -> Ite
 
 
 def across(g: Float[np.ndarray, " 3"]) -> Float[np.ndarray, "axes 3"]:
-    """Two axes to turn gravity about."""
+    """Two axes perpendicular to gravity."""
     if not g.any():
         return np.zeros((0, 3))
     first = np.cross(g, np.eye(3)[np.argmin(np.abs(g))])

@@ -1,4 +1,4 @@
-"""What a joint feels beside rigid bodies: friction, springs, rotors, each one column of Y.
+"""Joint torques besides rigid bodies: friction, springs and rotors, each one column of Y.
 
 A column's generalised force is its coefficient times e(ϑ, ϑ̇, ϑ̈, load) ∂ϑ/∂q with the coordinate ϑ
 of its joint (eqs. (6) and (7) for viscous and Coulomb friction). A new kind of column is one class
@@ -37,7 +37,7 @@ Sign = Callable[[ca.SX], ca.SX]
 
 @dataclass(frozen=True)
 class JointMotion:
-    """One joint at one instant.
+    """Motion of one joint at one instant.
 
     Attributes:
         position, speed, acceleration: ϑ, ϑ̇, ϑ̈ [rad or m, and per s, per s²].
@@ -54,7 +54,7 @@ class JointMotion:
 
 @dataclass(frozen=True)
 class JointColumn(ABC):
-    """One coefficient that acts along one joint.
+    """A coefficient that acts along one joint.
 
     Attributes:
         joint: its name.
@@ -68,14 +68,14 @@ class JointColumn(ABC):
 
     @abstractmethod
     def effort(self, motion: JointMotion) -> ca.SX:
-        """e: torque or force that the motion takes for a coefficient of one."""
+        """e: torque or force that the motion takes for a unit coefficient."""
 
     @abstractmethod
     def describe(self, data: dict[str, Any], value: float) -> None:
-        """Put a value of the coefficient where a description has it, as keys and values."""
+        """Set the coefficient in a description, as keys and values."""
 
     def potential(self, position: ca.SX) -> ca.SX:
-        """Energy that a coefficient of one stores [J]."""
+        """Energy that a unit coefficient stores [J]."""
         return ca.SX(0)
 
 
@@ -122,7 +122,7 @@ class RotorColumn(JointColumn):
 
 
 def joint_columns(robot: RobotDescription) -> tuple[JointColumn, ...]:
-    """All of a robot's, in the order of p, where they follow the bodies."""
+    """All columns of a robot, in the order of p after the bodies."""
     return (
         *friction_columns(robot.friction_terms),
         *(
@@ -146,7 +146,7 @@ def joint_columns(robot: RobotDescription) -> tuple[JointColumn, ...]:
 
 
 def friction_columns(terms: Iterable[FrictionTerm]) -> tuple[FrictionColumn, ...]:
-    """One column a term."""
+    """Friction columns, one a term."""
     return tuple(FrictionColumn(term.joint, term.parameter, term) for term in terms)
 
 
@@ -157,7 +157,7 @@ def _positive(kind: ParameterKind, joint: str, unit: str, value: float) -> Prior
 def with_load_friction(
     robot: RobotDescription, torque: ca.SX, speed: ca.SX, acceleration: ca.SX, p: ca.SX
 ) -> ca.SX:
-    """τ of a motion, from the torque without the friction that depends on load.
+    """τ of a motion, from the torque without load-dependent friction.
 
     Args:
         torque: everything else.
@@ -174,7 +174,8 @@ def with_load_friction(
 def carried(
     robot: RobotDescription, torque: ca.SX, speed: ca.SX, acceleration: ca.SX, p: ca.SX
 ) -> ca.SX:
-    """x: torques without the drives' own friction and rotors; `torque` has no friction by load."""
+    """x: torques without the drives' own friction and rotors; `torque` excludes load-dependent
+    friction."""
     x, none = ca.SX(torque), ca.SX(0)
     for k, i, column in columns_of_drives(robot):
         if column.parameter.kind != "spring" and column.parameter.symbol != "load":
@@ -191,7 +192,7 @@ def rotor_inertia(robot: RobotDescription, p: ca.SX) -> ca.SX:
 
 
 def load_shares(robot: RobotDescription, speed: ca.SX, p: ca.SX) -> Iterator[tuple[int, ca.SX]]:
-    """Drives whose friction depends on load, with μ sign(q̇) of each."""
+    """Drives with load-dependent friction, and μ sign(q̇) of each."""
     for k, i, column in columns_of_drives(robot):
         if column.parameter.symbol == "load":
             yield i, p[k] * ca.sign(speed[i])
@@ -208,18 +209,18 @@ def losses(robot: RobotDescription, x: ca.SX, response: ca.SX, speed: ca.SX, p: 
     """
     pairs, inertia = list(load_shares(robot, speed, p)), rotor_inertia(robot, p)
     at, share = [i for i, _ in pairs], ca.vertcat(*(share for _, share in pairs))
-    felt = ca.SX.eye(len(at)) - ca.diag(inertia[at]) @ response[at, :]
-    start = found = x[at]
-    # Newton steps on the signs of the loads, exact once these are right: one a sign, and the last.
+    response_at = ca.SX.eye(len(at)) - ca.diag(inertia[at]) @ response[at, :]
+    start = load = x[at]
+    # Newton steps on the signs of the loads: one a sign, and a last one, which is exact.
     for _ in range(1 + len(at)):
-        # No ca.sign: an export may put a smooth stand-in where the sign of a speed is meant.
-        side = 1 - 2 * (found < 0)
-        found = ca.inv_minor(ca.SX.eye(len(at)) + felt @ ca.diag(share * side)) @ start
-    return share * ca.fabs(found)
+        # No ca.sign: exports may replace the sign of a speed by a smooth function.
+        side = 1 - 2 * (load < 0)
+        load = ca.inv_minor(ca.SX.eye(len(at)) + response_at @ ca.diag(share * side)) @ start
+    return share * ca.fabs(load)
 
 
 def columns_of_drives(robot: RobotDescription) -> Iterator[tuple[int, int, JointColumn]]:
-    """Coefficients along drives: place in p, number of the drive, column."""
+    """Coefficients along drives: index in p, index of the drive, column."""
     first = 10 * len(robot.body_names)
     for k, column in enumerate(joint_columns(robot), start=first):
         if column.joint in robot.drives:

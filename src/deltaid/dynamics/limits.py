@@ -1,4 +1,4 @@
-"""A robot's limits along a motion, as numbers that stay within [−1, 1]; and its use of them."""
+"""Limits of a robot along a motion, as numbers within [−1, 1], and their use."""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -30,8 +30,7 @@ class Limit:
 def kinematic_limits(
     robot: RobotDescription, mechanism: Mechanism, motion: TaskMotion | None = None
 ) -> tuple[Limit, ...]:
-    """All limits that the description states, but for torques; without a motion those that a robot
-    at rest can break."""
+    """All limits of the description except torques; without a motion, those of a pose alone."""
     limits = workspace_limits(robot, mechanism.z)
     limits += _platform_rates(robot, motion) if motion else []
     for i in range(len(robot.drives)):
@@ -39,7 +38,7 @@ def kinematic_limits(
     limits += _joints(robot, mechanism)
     condition = mechanism.condition / robot.largest_condition
     limits.append(Limit("distance from singularity", condition, False))
-    # how well an articulated platform's parts are kept parallel; of one part it follows from J
+    # parallelism of an articulated platform's parts; of a single part it follows from J
     if mechanism.hold is not None and robot.platform_turns:
         share = mechanism.hold_condition / robot.largest_condition
         limits.append(Limit("hold of the platform's parts", share, False))
@@ -47,7 +46,7 @@ def kinematic_limits(
 
 
 def workspace_limits(robot: RobotDescription, z: ca.SX) -> list[Limit]:
-    """Those of the workspace alone, which stand first among all."""
+    """Limits of the workspace, the first of all limits."""
     space = robot.workspace
     if isinstance(space, Box):
         names = {"x": "workspace x", "y": "workspace y", "z": "workspace height"}
@@ -74,7 +73,7 @@ def _platform_rates(robot: RobotDescription, motion: TaskMotion) -> list[Limit]:
         limits.append(Limit(f"platform speed {axis}", motion.zd[i] / robot.platform_speed, True))
         share = motion.zdd[i] / robot.platform_acceleration
         limits.append(Limit(f"platform acceleration {axis}", share, True))
-    if robot.platform_turns:  # of a telescope they are the drive's; ψ is the last of z
+    if robot.platform_turns:  # a telescope's turn is limited by its drive; ψ is the last of z
         turn = robot.turn
         limits.append(Limit("tool speed", motion.zd[-1] / turn.speed, True))
         limits.append(Limit("tool acceleration", motion.zdd[-1] / turn.acceleration, True))
@@ -82,7 +81,7 @@ def _platform_rates(robot: RobotDescription, motion: TaskMotion) -> list[Limit]:
 
 
 def torque_limits(robot: RobotDescription) -> dict[int, float]:
-    """Largest torque of each drive that has one, by its place in q [N m or N]."""
+    """Largest torque of each limited drive, by its index in q [N m or N]."""
     efforts = {i: robot.limits_of(drive).effort for i, drive in enumerate(robot.drives)}
     return {i: effort for i, effort in efforts.items() if effort is not None}
 
@@ -116,7 +115,7 @@ def _of_drive(
 
 
 def _joints(robot: RobotDescription, mechanism: Mechanism) -> list[Limit]:
-    """Sideways swing of the struts in their ball joints, and the telescope's stroke."""
+    """Limits of the struts' sideways swing in their ball joints, and of the telescope's stroke."""
     limits = []
     if robot.strut_swing_deg is not None:
         largest = np.sin(np.deg2rad(robot.strut_swing_deg))
@@ -155,12 +154,12 @@ class LimitsAlong:
         self.efforts: tuple[str, ...] = effort_names(robot)
 
     def kinematic(self, z: Samples, zd: Samples, zdd: Samples) -> Shares:
-        """Of speeds, accelerations, ranges, workspace, distance from singularities."""
+        """Use of speeds, accelerations, ranges, workspace and distance from singularities."""
         u = self._kernel(np.hstack([z, zd, zdd]).T).T
         return np.where([limit.two_sided for limit in self._limits], np.abs(u), u)
 
     def effort(self, z: Samples, zd: Samples, zdd: Samples, p: Parameters) -> Shares:
-        """Of the drives' torques, with parameters p."""
+        """Use of the drives' torques, with parameters p."""
         _, qd, qdd = self.dynamics.kinematics.drive_motion(z, zd, zdd)
         tau, largest = self.dynamics.torque(z, qd, qdd, p), torque_limits(self.dynamics.robot)
         return np.abs(tau[:, list(largest)]) / np.array(list(largest.values()))

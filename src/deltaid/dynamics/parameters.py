@@ -1,6 +1,5 @@
-"""The parameter vector p, the columns of the regressor: p = [bodies, friction, springs, rotors];
-and the parameters that come with what stands for a robot: those of a model, by value or file.
-"""
+"""The parameter vector p = [bodies, friction, springs, rotors], whose entries are the columns of
+the regressor, and the parameters of a robot or model."""
 
 import os
 from collections.abc import Mapping
@@ -23,7 +22,7 @@ from deltaid.robot.parameter import ADDED, ParameterKind, PriorParameter
 
 @dataclass(frozen=True)
 class ParameterLayout:
-    """What stands where in p (Sec. III B, V C).
+    """Names and places of the entries of p (Sec. III B, V C).
 
     Attributes:
         parameters: one for each entry of p: ten a body, then the coefficients of joints: friction
@@ -36,27 +35,28 @@ class ParameterLayout:
 
     @cached_property
     def names(self) -> tuple[str, ...]:
-        """'U.m', 'U.mcx', …, 'viscous.drive1', …, 'coulomb.slide', 'rotor.drive4'."""
+        """Names: 'U.m', 'U.mcx', …, 'viscous.drive1', …, 'coulomb.slide', 'rotor.drive4'."""
         return tuple(parameter.name for parameter in self.parameters)
 
     @cached_property
     def units(self) -> tuple[str, ...]:
-        """The unit of each."""
+        """Units of the entries."""
         return tuple(parameter.unit for parameter in self.parameters)
 
     def body(self, name: str) -> slice:
-        """Entries of one body."""
+        """Slice of the entries of one body."""
         start = 10 * self.bodies.index(name)
         return slice(start, start + 10)
 
     @cached_property
     def added(self) -> int:
-        """How many entries, the last ones, are fitted beside the robot and not of it."""
+        """Number of additional entries of a fit, the last ones, that are no parameters of the
+        robot."""
         return sum(parameter.kind in ADDED for parameter in self.parameters)
 
     @property
     def coefficients(self) -> slice:
-        """Entries of the joints: all of the robot's but its bodies'."""
+        """Slice of the coefficients of joints."""
         return slice(10 * len(self.bodies), len(self.parameters) - self.added)
 
     @property
@@ -127,9 +127,9 @@ def parameter_layout(robot: RobotDescription) -> ParameterLayout:
     return layout
 
 
-@lru_cache(maxsize=256)  # descriptions with other friction have the same bodies
+@lru_cache(maxsize=256)  # descriptions that differ in friction share their bodies
 def _of_body(name: str, given: Prior, free: tuple[Entry, ...]) -> tuple[PriorParameter, ...]:
-    """The ten of one body; an entry that is zero has the scale m ℓ or m ℓ² with ℓ² = tr Σ / m."""
+    """The ten parameters of a body; a zero entry has the scale m ℓ or m ℓ² with ℓ² = tr Σ / m."""
     prior = reduced_prior(given, free)
     scale = inertia_scale(prior)
     return tuple(
@@ -140,15 +140,15 @@ def _of_body(name: str, given: Prior, free: tuple[Entry, ...]) -> tuple[PriorPar
 
 
 def stated_spreads(robot: RobotDescription) -> dict[str, float]:
-    """Spreads of priors that the description gives, by the names of their entries of p."""
-    found = dict[str, float]()
+    """Prior standard deviations that the description states, by names of entries of p."""
+    spreads = dict[str, float]()
     for name in robot.body_names:
         own = robot.bodies[name].spread
         if isinstance(own, dict):
-            found |= {f"{name}.{symbol}": spread for symbol, spread in own.items()}
+            spreads |= {f"{name}.{symbol}": spread for symbol, spread in own.items()}
         elif own is not None:
-            found |= {f"{name}.{symbol}": own for symbol in INERTIA_NAMES}
-    return found
+            spreads |= {f"{name}.{symbol}": own for symbol in INERTIA_NAMES}
+    return spreads
 
 
 def inertia_scale(p: Float[np.ndarray, " 10"]) -> Float[np.ndarray, " 10"]:
@@ -185,7 +185,7 @@ def least_margin(layout: ParameterLayout, p: Float[np.ndarray, " parameters"]) -
 def with_prior(
     robot: RobotDescription, p: Float[np.ndarray, " parameters"], **changes: object
 ) -> RobotDescription:
-    """The same robot with parameters p as its prior, and other changes of its keys.
+    """The same robot with p as its prior, and other changed keys.
 
     Constant offsets of friction are left out: their prior is zero in any description.
 
@@ -206,19 +206,19 @@ Parameters = Float[np.ndarray, " parameters"]
 
 
 class _Value(BaseModel):
-    """A parameter of a model file, of which only the value is wanted."""
+    """A parameter of a model file, reduced to its value."""
 
     value: float
 
 
 class _Values(BaseModel):
-    """A model file, of which only the parameters are wanted."""
+    """A model file, reduced to its parameters."""
 
     parameters: tuple[_Value, ...]
 
 
 def known_parameters(robot: RobotLike) -> Float[np.ndarray, " parameters"] | None:
-    """The parameters of a model; None of a robot, whose are its prior.
+    """Parameters of a model; None for a robot, which has those of its prior.
 
     Raises:
         DescriptionError: a file that holds a model does not hold its parameters as numbers.
@@ -233,5 +233,5 @@ def known_parameters(robot: RobotLike) -> Float[np.ndarray, " parameters"] | Non
     text = read_text(Path(robot))
     if not holds_a_model(text):
         return None
-    found = parse(text, _Values, where=str(robot))
-    return np.array([parameter.value for parameter in found.parameters])
+    values = parse(text, _Values, where=str(robot))
+    return np.array([parameter.value for parameter in values.parameters])

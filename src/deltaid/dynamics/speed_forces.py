@@ -1,4 +1,4 @@
-"""Forces of bodies and joints on the generalised speeds u of a mechanism: physics once.
+"""Forces of bodies and joints on the generalised speeds u of a mechanism.
 
 A force Q on u does the work Qᵀu; on y it is Nᵀ Q with N = ∂u/∂ẏ (`mechanism.speeds`). A body whose
 velocity is (V u, W u) passes a wrench on as Vᵀ force + Wᵀ moment (Jourdain's principle), a joint
@@ -25,7 +25,7 @@ from deltaid.robot.description import RobotDescription
 
 @dataclass(frozen=True)
 class Wrench:
-    """What a motion takes from a body's joints; one column for each column of accelerations.
+    """Force and moment that a motion takes from a body's joints, one column an acceleration.
 
     Attributes:
         push: m a, in the body's inertial frame L [N].
@@ -72,7 +72,7 @@ def wrench(
 
 
 class SpeedForces:
-    """What acts on the speeds u of one robot, as functions of z, u, u̇ and p.
+    """Forces on the speeds u of a robot, as functions of z, u, u̇ and p.
 
     Args:
         gravity: in the world, where it is another than the description's.
@@ -90,19 +90,19 @@ class SpeedForces:
         self._u = mechanism.speeds.u
 
     def gravity(self, body: MovingBody) -> ca.SX:
-        """In the inertial frame of a body."""
+        """Gravity in the inertial frame of a body."""
         if self._gravity is None:
             return fixed(body.R_WL.T @ np.array(self.robot.gravity))
         return fixed(body.R_WL.T) @ self._gravity
 
     def wrench(self, body: MovingBody) -> Wrench:
-        """Of one of `body.count` bodies along the motion, gravity taken off."""
+        """Wrench of one of `body.count` bodies along the motion, without gravity."""
         turned = body.rotation
         a = body.origin.acceleration - self.gravity(body)
         return wrench(turned.R, self._inertia_of(body), a, turned.alpha, turned.w)
 
     def body_columns(self) -> ca.SX:
-        """Coefficients of all bodies' parameters, identical bodies summed: their part of Y on u."""
+        """Columns of Y on u of all bodies' parameters, identical bodies summed."""
         columns = {name: ca.SX(self._u.numel(), 10) for name in self.layout.bodies}
         for body in self.mechanism.bodies:
             forces = body.count * self.on_speeds(body, self.wrench(body))
@@ -114,7 +114,7 @@ class SpeedForces:
         return self._sum(self.wrench)
 
     def mass_matrix(self, N: ca.SX) -> ca.SX:
-        """M on y with u = N ẏ, rotors included; one half of it is computed."""
+        """M on y with u = N ẏ, including rotors; only one half is computed."""
         M = self._sum(self._mass)
         for k, column in self._coefficients():
             if column.inertia:
@@ -135,8 +135,8 @@ class SpeedForces:
         C = ca.SX(self._u.numel(), spins[0].shape[1])
         for body, (V, W), spin in zip(self.mechanism.bodies, rates, spins, strict=True):
             turned = body.rotation
-            found = wrench(turned.R, self._inertia_of(body), V, W, turned.w, spin)
-            C += body.count * self.on_speeds(body, found)
+            forces = wrench(turned.R, self._inertia_of(body), V, W, turned.w, spin)
+            C += body.count * self.on_speeds(body, forces)
         return C
 
     def at_rest(self) -> ca.SX:
@@ -162,20 +162,20 @@ class SpeedForces:
     def joint_columns(
         self, columns: Sequence[JointColumn], loads: ca.SX, sign: Sign = ca.sign
     ) -> ca.SX:
-        """One column for each of `columns`: its effort along its joint.
+        """Columns of joints, each its effort along its joint.
 
         Args:
             loads: what the drives' gears carry.
         """
-        found, drives = [ca.SX(self._u.numel(), 0)], self.robot.drives
+        efforts, drives = [ca.SX(self._u.numel(), 0)], self.robot.drives
         for column in columns:
             joint, drive = self.joint(column.joint), column.joint
             load = loads[drives.index(drive)] if drive in drives else ca.SX(0)
-            found.append(column.effort(joint.motion(load, sign)) * joint.partial.T)
-        return ca.horzcat(*found)
+            efforts.append(column.effort(joint.motion(load, sign)) * joint.partial.T)
+        return ca.horzcat(*efforts)
 
     def effort(self, name: str) -> ca.SX:
-        """Friction and spring of a joint that is no drive: what its motion takes."""
+        """Friction and spring of a passive joint: what its motion takes."""
         motion, total = self.joint(name).motion(ca.SX(0)), ca.SX(0)
         for k, column in self._coefficients():
             if column.joint == name:
@@ -210,11 +210,11 @@ class SpeedForces:
         """∂v/∂u in L and ∂ω/∂u in B."""
         return ca.jacobian(body.origin.rate, self._u), ca.jacobian(body.rotation.w, self._u)
 
-    def on_speeds(self, body: MovingBody, found: Wrench) -> ca.SX:
-        """A body's wrench as forces on u; for each of its columns one."""
+    def on_speeds(self, body: MovingBody, wrenches: Wrench) -> ca.SX:
+        """A body's wrench as forces on u, one a column."""
         V, W = self._partials(body)
         turned = body.rotation.R.T @ V
-        return V.T @ found.push + turned.T @ found.swing + W.T @ found.moment
+        return V.T @ wrenches.push + turned.T @ wrenches.swing + W.T @ wrenches.moment
 
     def _sum(self, of: Callable[[MovingBody], Wrench]) -> ca.SX:
         parts = [body.count * self.on_speeds(body, of(body)) for body in self.mechanism.bodies]
@@ -229,6 +229,6 @@ class Joint:
     partial: ca.SX
 
     def motion(self, load: ca.SX, sign: Sign = ca.sign) -> JointMotion:
-        """The joint's motion under what its drive's gear carries."""
+        """The joint's motion with the load of its drive's gear."""
         path = self.path
         return JointMotion(path.at, path.rate, path.acceleration, load, sign)

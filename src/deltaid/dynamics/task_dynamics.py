@@ -1,4 +1,4 @@
-"""The equations of motion in task coordinates, solved for acceleration, as CasADi graphs.
+"""Equations of motion in task coordinates, solved for acceleration, as CasADi graphs.
 
 With J = ∂q/∂z and the joints' partial velocities R = ∂ϑ/∂z,
 
@@ -124,7 +124,7 @@ def build_task_dynamics(robot: RobotDescription, mechanism: Mechanism) -> TaskDy
 
 @dataclass(frozen=True)
 class FrictionLaws:
-    """Friction of all joints at their speeds v, under the loads that drives' gears carry."""
+    """Friction of all joints at speeds v, with the loads of the drives' gears."""
 
     robot: RobotDescription
     v: ca.SX
@@ -133,15 +133,15 @@ class FrictionLaws:
 
     @property
     def smooth(self) -> ca.SX:
-        """What is continuous at rest."""
+        """The part that is continuous at rest."""
         return self.sum(ca.sign, lambda term: term.continuous)
 
     def step(self, side: int) -> ca.SX:
-        """The rest while joints move forwards, 1, or backwards, −1."""
+        """The discontinuous part while joints move forwards, 1, or backwards, −1."""
         return self.sum(lambda v: ca.SX(side), lambda term: not term.continuous)
 
     def sum(self, sign: Sign, wanted: Callable[[FrictionTerm], bool]) -> ca.SX:
-        """Σ coefficient · h(v) of the wanted terms, joint by joint."""
+        """Σ coefficient · h(v) of the selected terms, joint by joint."""
         robot, joints = self.robot, self.robot.friction_joints
         at, total = parameter_layout(robot).friction.start, ca.SX.zeros(len(joints))
         for k, column in enumerate(friction_columns(robot.friction_terms)):
@@ -203,7 +203,7 @@ def friction_impulses(A: ca.SX, v: ca.SX, low: ca.SX, high: ca.SX, drives: int) 
 
 
 def _sweep(A: ca.SX, v: ca.SX, low: ca.SX, high: ca.SX, impulse: ca.SX) -> ca.SX:
-    """Each joint in turn brought to rest, as far as its bounds allow."""
+    """Projected Gauss–Seidel: brings each joint in turn to rest, within its bounds."""
     impulse = ca.SX(impulse)
     for j in range(v.numel()):
         speed = v[j] + A[j, :] @ impulse
@@ -212,7 +212,7 @@ def _sweep(A: ca.SX, v: ca.SX, low: ca.SX, high: ca.SX, impulse: ca.SX) -> ca.SX
 
 
 def _newton(A: ca.SX, v: ca.SX, low: ca.SX, high: ca.SX, impulse: ca.SX) -> ca.SX:
-    """All joints inside their bounds brought to rest together, as far as the first bound."""
+    """Newton step that brings all joints inside their bounds to rest, up to the first bound."""
     n, edge = v.numel(), _ROUNDING * (high - low)
     inside = (impulse > low + edge) * (impulse < high - edge)
     free = A * (inside @ inside.T)

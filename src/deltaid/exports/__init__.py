@@ -1,1 +1,1 @@
-"""A model in forms that other programs run: C, structured text, MJCF, URDF, FMU, CasADi, numpy."""
+"""Export of a model to C, structured text, MJCF, URDF, FMU, CasADi and numpy."""

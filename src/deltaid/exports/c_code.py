@@ -37,17 +37,17 @@ from deltaid.online.settings import OnlineSettings
 def function_texts(
     f: ExportedFunction, prefix: str, dof: int, precision: Precision, care: Care | None
 ) -> dict[str, object]:
-    """What the templates ask of a function."""
+    """Variables of a function for the templates."""
     real, size = precision.c_type, sum(output.size for output in f.outputs)
     inputs = [(array.name, array.symbols.numel()) for array in f.arguments]
     outputs = [(output.name, output.size) for output in f.outputs]
-    if f.after:  # its own arguments, the pose that it finds, and what it hands on
+    if f.after:  # its own arguments, the pose that it computes, and what it passes on
         outputs = [("z", dof), ("tau", dof)]
     signature = [f"const {real} {name}[{n}]" for name, n in inputs]
     signature += [f"{real} {name}[{n}]" for name, n in outputs]
     handed = ["pose", *(name for name, _ in inputs if name != "q" or f.closing), "tau"]
     demands, first = list[tuple[int, int, str, str]](), size
-    for demand in f.demands:  # where each stands in all that is computed, and how many numbers
+    for demand in f.demands:  # index of each output in the common result, and its number of entries
         if n := demand.value.numel():
             demands.append((first, n, precision.c_number(demand.bound), demand.status))
         first += n
@@ -102,7 +102,7 @@ def _block(lines: list[str]) -> str:
 
 
 def cycle_texts(c: ExportedCycle, precision: Precision) -> dict[str, object]:
-    """The same of a cycle: three structs, where their fields stand, and its one function."""
+    """The same for a cycle: three structs, indices of their fields, and its function."""
     graph = c.graph
     inputs, both = [Array("x", graph.x), Array("u", graph.u)], ca.vertcat(graph.following, graph.y)
     structs = {
@@ -132,8 +132,8 @@ def _fields(layout: Layout) -> list[tuple[str, int, int, str]]:
 
 DEFAULT = OnlineSettings()
 
-# Headers of C, of what these take in, and of an FMU, which a compiler told to look into the folder
-# would not find.
+# Standard headers, and those of an FMU, which a compiler with the folder on its path would confuse
+# with ours.
 _OTHER_HEADERS = (
     "assert", "complex", "ctype", "errno", "fenv", "float", "inttypes", "iso646", "limits",
     "locale", "math", "setjmp", "signal", "stdarg", "stdbool", "stddef", "stdint", "stdio",

@@ -1,4 +1,4 @@
-"""A model for Python: numpy arrays in one .npz file, and one CasADi function in a file.
+"""Python files of a model: numpy arrays in one .npz file, and a CasADi function.
 
 `numpy.load` opens the arrays without pickle. Everything is in SI units: rad or m, N m or N. Rows of
 `bodies`, `mass`, `com` and the tensors belong together; they are those of one body where several
@@ -28,13 +28,13 @@ from deltaid.robot.inertia import RigidBody
 
 
 def model_arrays(subject: Model) -> dict[str, np.ndarray]:
-    """Arrays by name; the table in docs/export.md says what each one is.
+    """Arrays by name; docs/export.md describes each one.
 
     Limits that the description does not set are infinite.
     """
     robot, layout = subject.robot, subject.dynamics.layout
     bodies = [RigidBody(subject.body(name)) for name in layout.bodies]
-    # Bodies of the robot, of which some share one set of parameters.
+    # Bodies of the robot; some share one set of parameters.
     moved = subject.dynamics.kinematics.mechanism.bodies
     limits = [robot.limits_of(drive) for drive in robot.drives]
     terms = robot.friction_terms

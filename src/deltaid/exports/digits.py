@@ -1,4 +1,4 @@
-"""Where single precision has too few digits: which steps of a graph need twice as many.
+"""Steps of a graph that need twice the digits of single precision.
 
 Every step of a graph rounds its result. What that does to the outputs is known to first order: with
 w̄ the derivative of an output by the step's result w, rounding w to 24 bits moves the output by up
@@ -18,14 +18,14 @@ from jaxtyping import Float
 
 from deltaid.model.model import Model
 
-# Up to which condition of the Jacobian results are to hold, and what share of an output's largest
-# entry one rounding may move it by: roundings add up, most of them not all one way.
+# Largest condition of the Jacobian with accurate results, and largest effect of one rounding as a
+# share of an output's largest entry: roundings add up, though not all one way.
 CONDITION, SHARE = 100.0, 2e-7
-# How far states are drawn about the workspace's box, how many poses, how many are kept.
+# Spread of states about the workspace's box, number of drawn poses, number of those kept.
 _BEYOND, _DRAWN, _KEPT = 2.5, 40_000, 80
-# What one rounding to a float moves a number by at most, as a share of it.
+# Largest relative error of one rounding to float.
 _ROUNDING = float(np.finfo(np.float32).eps) / 2
-# Operations that round nothing, and those that have a form for pairs (`text`).
+# Operations without rounding, and those with a form for pairs (`text`).
 _EXACT = {ca.OP_ASSIGN, ca.OP_NEG, ca.OP_TWICE, ca.OP_FABS, ca.OP_IF_ELSE_ZERO}
 PAIRED = _EXACT | {
     ca.OP_ADD, ca.OP_SUB, ca.OP_MUL, ca.OP_SQ, ca.OP_DIV, ca.OP_INV, ca.OP_SQRT, ca.OP_SIN,
@@ -35,7 +35,7 @@ PAIRED = _EXACT | {
 
 @dataclass(frozen=True)
 class OutputPart:
-    """Neighbouring entries of a graph's output.
+    """Adjacent entries of a graph's output.
 
     Attributes:
         size: how many.
@@ -60,7 +60,7 @@ class Care:
     def pairs(
         self, f: ca.Function, names: Sequence[str], parts: Sequence[OutputPart]
     ) -> frozenset[int]:
-        """Numbers of the instructions whose results need twice the digits.
+        """Instructions whose results need twice the digits.
 
         What moves an output too far by its rounding, or by reading a pair as a float.
 
@@ -74,18 +74,18 @@ class Care:
         with np.errstate(all="ignore"):
             steps, out = _evaluated(f, [self.states[name] for name in names])
             own, read = _shares(steps, self._rows(steps, out, parts))
-        found = set[int]()
+        inexact = set[int]()
         for k, step in enumerate(steps):
             passed = zip(step.reads, read[k], strict=True)
-            much = own[k] > SHARE or any(i in found and share > SHARE for (i, _), share in passed)
+            much = own[k] > SHARE or any(i in inexact and share > SHARE for (i, _), share in passed)
             if much and step.op in PAIRED:
-                found.add(k)
-        return frozenset(found)
+                inexact.add(k)
+        return frozenset(inexact)
 
     def _rows(
         self, steps: Sequence["_RoundedStep"], out: Mapping[int, int], parts: Sequence[OutputPart]
     ) -> list[tuple[int, np.ndarray]]:
-        """Instructions that make outputs, with the largest entry that errors are counted by."""
+        """Instructions that make outputs, each with the largest entry to which errors relate."""
         rows, end = list[tuple[int, np.ndarray]](), 0
         for part in parts:
             first, end = end, end + part.size
@@ -123,11 +123,11 @@ def _poses(subject: Model, rng: np.random.Generator) -> Float[np.ndarray, "state
     r = centre + _BEYOND * half * rng.uniform(-1, 1, (_DRAWN, 3))
     psi = rng.uniform(turn.low, turn.high, (_DRAWN, kinematics.dof - 3))
     z = np.vstack([kinematics.home, np.hstack([r, psi])])
-    found = kinematics.regularity(z)
-    side = np.sign(found.determinant) == np.sign(found.determinant[0])
-    good = (found.condition < CONDITION) & side
-    good[0] = True  # home, so that there is one
-    z, condition = z[good], found.condition[good]
+    regularity = kinematics.regularity(z)
+    side = np.sign(regularity.determinant) == np.sign(regularity.determinant[0])
+    good = (regularity.condition < CONDITION) & side
+    good[0] = True  # home, so that there is at least one
+    z, condition = z[good], regularity.condition[good]
     z = np.vstack([z[:_KEPT], z[np.argsort(condition)[::-1][:_KEPT]]])
     again, same = kinematics.forward_unchecked(kinematics.inverse(z))
     return z[same & ~(np.abs(again - z) > 1e-6).any(axis=1)]
@@ -152,7 +152,7 @@ class _RoundedStep:
 def _evaluated(
     f: ca.Function, states: Sequence[Float[np.ndarray, "_ states"]]
 ) -> tuple[list[_RoundedStep], dict[int, int]]:
-    """All steps of a graph, and by entry of the output the step that makes it."""
+    """All steps of a graph, and the step behind each entry of the output."""
     steps, writer, out = list[_RoundedStep](), dict[int, int](), dict[int, int]()
     for k in range(f.n_instructions()):
         op, read, to = f.instruction_id(k), f.instruction_input(k), f.instruction_output(k)
@@ -178,8 +178,8 @@ def _evaluated(
 def _shares(
     steps: Sequence[_RoundedStep], rows: Sequence[tuple[int, np.ndarray]]
 ) -> tuple[list[float], list[list[float]]]:
-    """Of each instruction what rounding its result, and what it reads, moves outputs by, as a
-    share of the largest entry."""
+    """Effect on outputs of rounding each instruction's result, and what it reads, as a share of the
+    largest entry."""
     own, read = [0.0] * len(steps), [[0.0] * len(step.reads) for step in steps]
     moved = [
         [_ROUNDING * np.abs(_finite(slope * steps[i].value)) for i, slope in step.reads]
@@ -200,19 +200,19 @@ def _shares(
 
 
 def _finite(x: np.ndarray) -> np.ndarray:
-    """Zero where a state is outside of what an operation is defined for."""
+    """Zero where an operation is undefined."""
     return np.where(np.isfinite(x), x, 0.0)
 
 
 def _operation(op: int, args: list[np.ndarray]) -> list[np.ndarray]:
-    """Value of an operation and its slopes by what it reads, state by state."""
+    """Value of an operation and its slopes by its operands, state by state."""
     if op in _SIMPLE:
         return _SIMPLE[op](*args)
-    found = _with_slopes(op, len(args), args[0].size).call([ca.DM(x) for x in args])
-    return [np.asarray(x).ravel() for x in found]
+    results = _with_slopes(op, len(args), args[0].size).call([ca.DM(x) for x in args])
+    return [np.asarray(x).ravel() for x in results]
 
 
-# What a graph is mostly made of, without the way through CasADi.
+# The most frequent operations, without the detour through CasADi.
 _ONE = np.ones(1)
 _SIMPLE: Mapping[int, Callable[..., list[np.ndarray]]] = {
     ca.OP_ADD: lambda a, b: [a + b, _ONE, _ONE],
@@ -225,7 +225,7 @@ _SIMPLE: Mapping[int, Callable[..., list[np.ndarray]]] = {
 
 @cache
 def _with_slopes(op: int, count: int, size: int) -> ca.Function:
-    """An operation on columns, with its derivatives by what it reads."""
+    """An operation on columns, with its derivatives by its operands."""
     x = [ca.SX.sym("x", size) for _ in range(count)]
     value = ca.SX.unary(op, x[0]) if count == 1 else ca.SX.binary(op, *x)
     slopes = [ca.densify(ca.jtimes(value, variable, ca.SX.ones(size))) for variable in x]

@@ -1,4 +1,4 @@
-"""Exports as files: which target has which files, written whole or not at all."""
+"""Export targets and their files, written whole or not at all."""
 
 import os
 import re
@@ -30,13 +30,13 @@ from deltaid.model.model import Model, ModelLike, load
 from deltaid.online.settings import OnlineSettings
 from deltaid.progress import Progress, Watch, watched
 
-# Masses that a robot's tool may hold all the time [kg]; beyond them it is another unit.
+# Valid permanent masses at a tool [kg]; larger ones are in another unit.
 _LOADS = (1e-6, 1e3)
 
 
 @dataclass(frozen=True)
 class Written:
-    """Files of an export, and what the target takes differently."""
+    """Files of an export, and approximations that the target makes."""
 
     paths: tuple[Path, ...]
     warnings: tuple[str, ...]
@@ -44,7 +44,7 @@ class Written:
 
 @dataclass(frozen=True)
 class Choices:
-    """What a user chooses of a target that leaves a choice.
+    """Options of a target.
 
     Attributes:
         precision: of the numbers of code.
@@ -95,7 +95,7 @@ def _unit(subject: Model, stem: str, choices: Choices, *, forward: bool) -> Expo
 
 
 def _single(suffix: str, content: Callable[[Model], str | bytes]) -> ExportTarget:
-    """A target of one file that leaves no choice."""
+    """A target of one file without options."""
     return ExportTarget((suffix,), lambda subject, *_: Export({suffix: content(subject)}))
 
 
@@ -126,7 +126,8 @@ def _require(kind: Kind, name: TargetName, what: str, option: str) -> None:
 
 
 def output_path(target: TargetName, robot: str, output: str | Path) -> Path:
-    """The file to write, where a folder may be given: one that is there, or a name with a slash.
+    """The file to write, where a folder may be given: an existing one, or a name that ends in a
+    slash.
 
     Raises:
         DeltaidError: there is no name, or it has another end than the target's.
@@ -136,7 +137,7 @@ def output_path(target: TargetName, robot: str, output: str | Path) -> Path:
         raise DeltaidError("is an empty name", where="--output", cure=cure)
     form, folder, output = TARGETS[target], str(output).endswith(("/", os.sep)), Path(output)
     suffix = form.suffixes[0]
-    if folder or os.path.isdir(output):  # a name that code may begin with, a letter first
+    if folder or os.path.isdir(output):  # a valid identifier: a letter first
         name = re.sub(r"[^A-Za-z0-9]+", "_", robot).strip("_") or "robot"
         name = name if name[0].isalpha() else f"robot_{name}"
         return output / f"{name[: form.longest].rstrip('_')}{form.addition}{suffix}"
@@ -222,7 +223,7 @@ def export(
     with together():
         for part, content in zip(paths, (*made.parts.values(), *beside.values()), strict=True):
             write_bytes(part, content if isinstance(content, bytes) else content.encode())
-    notes = []  # what further functions cannot tell of this robot
+    notes = []  # what additional functions lack for this robot
     if "constraint-forces" in further:
         notes.append(ConstraintForces(subject.robot).note)
     if "online" in further and subject.identified is None:
@@ -231,7 +232,7 @@ def export(
 
 
 def _holding(model: Model, payload: str | float) -> Model:
-    """A model whose tool holds a load: one by its name, or kilograms.
+    """A model with a permanent load at its tool: one by its name, or kilograms.
 
     Raises:
         DeltaidError: it is neither, or no mass that a robot carries.

@@ -1,4 +1,4 @@
-"""A calibrated printer in the numbers of its firmware: Klipper, Marlin, RepRapFirmware.
+"""Geometry of a calibrated printer in the numbers of its firmware: Klipper, Marlin, RepRapFirmware.
 
 All three hold one radius, and a rod, an angle and an endstop a tower; towers stand upright on the
 bed. Of that model the best is taken, least squares of positions over the workspace, whatever the
@@ -22,16 +22,15 @@ from deltaid.calibration.outlook import drawn
 from deltaid.errors import DeltaidError
 from deltaid.exports.text import rendered
 
-# Rails within this of the vertical stand upright to a firmware [rad]: what it takes for upright is
-# corrected by the fit of its other numbers.
+# Largest angle of upright rails to the vertical [rad]; the fit of the other numbers corrects it.
 _UPRIGHT = 0.02
 _KINDS = ("rail_across", "zero", "strut")
 
 
 @dataclass(frozen=True)
 class Printer:
-    """The numbers of a firmware: R, from tower to the middle, less that of the platform, l_i, p_i
-    [m], azimuths [degrees], also less the described ones, and what it leaves of positions [m]."""
+    """Numbers of a firmware: R (radius of the towers minus that of the platform), l_i, p_i [m],
+    azimuths [degrees], their deviations from the description, and the residual of positions [m]."""
 
     radius: float
     rods: Float[np.ndarray, " 3"]
@@ -43,10 +42,14 @@ class Printer:
     reach: float
 
 
-def printer(found: Calibration) -> Printer:
+def printer(calibration: Calibration) -> Printer:
     """The best firmware model of a calibrated printer; errors as of `firmware_text`."""
-    robot, known, limbs = found.described, found.known, found.described.limb_geometry
-    assert robot.limbs is not None  # unknowns refuse others
+    robot, known, limbs = (
+        calibration.described,
+        calibration.known,
+        calibration.described.limb_geometry,
+    )
+    assert robot.limbs is not None  # `unknowns` refuses others
     turns = np.mod(np.diff([*robot.limbs.azimuth_deg, robot.limbs.azimuth_deg[0]]), 360)
     upright = all(x.drive == "linear" and np.hypot(*x.rail[:2]) <= _UPRIGHT for x in limbs)
     by_radii = None not in (robot.limbs.base_radius, robot.limbs.platform_radius)
@@ -56,15 +59,15 @@ def printer(found: Calibration) -> Printer:
             where=robot.name,
             cure="describe them by base_radius and platform_radius, or take the robot file",
         )
-    beds = [part.state for part in found.fit.readings if part.instrument.kind == "probe"]
+    beds = [part.state for part in calibration.fit.readings if part.instrument.kind == "probe"]
     if not beds:
         what = "no bed was probed, so heights above it are not known"
         raise DeltaidError(what, where=robot.name, cure="give --probe")
-    (h, a, b), loops, n = beds[0], found.fit.loops, len(found.values)
+    (h, a, b), loops, n = beds[0], calibration.fit.loops, len(calibration.values)
     q = drawn(loops.kinematics, loops.limbs)
     x, slopes = loops.points(q, np.zeros(n))
     J, arms = slopes.reshape(-1, n), x - x.mean(axis=0)
-    # a turn that makes the bed level; shifts and turns in its plane are free
+    # a turn that levels the bed; shifts and turns in its plane are free
     level = np.cross([-b, a, 0.0], x).ravel()
     plane = [np.tile(axis, len(arms)) for axis in np.eye(3)[:2]]
     free = np.column_stack([*plane, np.cross([0.0, 0.0, 1.0], arms).ravel()])
@@ -72,7 +75,7 @@ def printer(found: Calibration) -> Printer:
     G[known.of_kind("rail_out"), 0] = 1
     for k, kind in enumerate(_KINDS):
         G[known.of_kind(kind), 1 + 3 * k + np.arange(3)] = 1
-    A, target = np.column_stack([J @ G, free]), J @ found.values + level
+    A, target = np.column_stack([J @ G, free]), J @ calibration.values + level
     fitted = np.linalg.lstsq(A, target, rcond=None)[0]
     left = float(np.linalg.norm(target - A @ fitted) / np.sqrt(len(q)))
     across, zero, strut = ((G @ fitted[:10])[known.of_kind(kind)] for kind in _KINDS)
@@ -89,12 +92,12 @@ def printer(found: Calibration) -> Printer:
     )  # fmt: skip
 
 
-def firmware_text(found: Calibration, firmware: str) -> tuple[str, float]:
-    """Lines for klipper, marlin or reprap, and what their model of a printer cannot hold [m].
+def firmware_text(calibration: Calibration, firmware: str) -> tuple[str, float]:
+    """Lines for klipper, marlin or reprap, and the residual of their model of a printer [m].
 
     Raises:
         DeltaidError: it is no linear Delta that a firmware could run, or its bed was not probed.
     """
-    p = printer(found)
+    p = printer(calibration)
     text = rendered("firmware.jinja", p=p, firmware=firmware, version=version("deltaid"))
     return text, p.left

@@ -1,4 +1,5 @@
-"""A model as a functional mock-up unit (FMI 2 or 3) from C sources, for both kinds of simulation.
+"""A model as a functional mock-up unit (FMI 2 or 3) from C sources, for co-simulation and model
+exchange.
 
 Two units: the robot itself, torques in and motion out (`forward`), and its inverse dynamics, motion
 in and torques out (`inverse`). Both hold their sources; where a compiler is found, libraries as
@@ -32,11 +33,11 @@ from deltaid.model.model import Model
 from deltaid.progress import Progress
 from deltaid.robot.limits import UNITS
 
-# Speed [rad/s or m/s] below which Coulomb friction fades, where the user sets no other.
+# Default speed [rad/s or m/s] below which Coulomb friction vanishes.
 FRICTION_SPEED = 0.01
 
 _HEAD = '<?xml version="1.0" encoding="UTF-8"?>\n'
-# What task coordinates are, by name.
+# Task coordinates in words.
 _TASK = {
     "x": "x of the platform point in the world",
     "y": "y of the platform point in the world",
@@ -47,7 +48,7 @@ _TASK = {
 
 @dataclass(frozen=True)
 class FmuVariable:
-    """One real variable; its value reference is its place in the list.
+    """One real variable; its value reference is its index in the list.
 
     Attributes:
         causality: 'input', 'output', 'parameter', 'local', or 'independent' for the time.
@@ -84,23 +85,23 @@ class Variables:
 
     @property
     def all(self) -> tuple[FmuVariable, ...]:
-        """One behind the other."""
+        """All groups, concatenated."""
         return tuple(variable for group in self.groups.values() for variable in group)
 
     @property
     def places(self) -> dict[str, int]:
-        """Where groups begin."""
+        """First index of each group."""
         ends = np.cumsum([len(group) for group in self.groups.values()]).tolist()
         return {n: end - len(g) for (n, g), end in zip(self.groups.items(), ends, strict=True)}
 
     def with_time(self) -> "Variables":
-        """These and the time, which is a variable in FMI 3."""
+        """The variables with time, which FMI 3 lists."""
         time = FmuVariable("time", "independent", "s", "simulation time")
         return replace(self, groups={**self.groups, "TIME": (time,)})
 
 
 def carrier(subject: Model) -> str:
-    """The body that holds a payload; empty where a mechanism of one's own has neither EE nor P."""
+    """The body that holds a payload; empty where a user's mechanism has neither EE nor P."""
     return next((name for name in ("EE", "P") if name in subject.layout.bodies), "")
 
 
@@ -113,7 +114,7 @@ def _per_drive(
     starts: Sequence[float] = (),
     needs: tuple[str, ...] | None = None,
 ) -> tuple[FmuVariable, ...]:
-    """A variable a drive, its number in the words; its unit is made of the drive's units."""
+    """A variable a drive, with its number in the description, and units from the drive's."""
     units = [unit.format(x).replace(" ", ".") for x in subject.robot.drive_units.values()]
     return tuple(
         FmuVariable(f"{name}{i}", causality, x, words.format(i), start, needs=needs)
@@ -247,7 +248,7 @@ def fmu(
     compiler: Compiler | None = None,
     progress: Progress = lambda _: None,
 ) -> Export:
-    """A model as a unit, with a warning of what was not possible; its model identifier is `name`.
+    """A model as a unit, with a warning of what is missing; its model identifier is `name`.
 
     Args:
         compiler: what makes its libraries; default: what `found_compiler` finds.
@@ -276,7 +277,7 @@ def fmu(
     archive = io.BytesIO()
     with zipfile.ZipFile(archive, "w", zipfile.ZIP_DEFLATED) as unit:
         for path, content in ({path: text.encode() for path, text in texts.items()} | made).items():
-            # bytes that depend on the content only
+            # reproducible bytes
             unit.writestr(zipfile.ZipInfo(path), content, zipfile.ZIP_DEFLATED)
     return Export({".fmu": archive.getvalue()}, (warning,) if warning else ())
 
@@ -284,7 +285,7 @@ def fmu(
 def _sources(
     subject: Model, name: str, variables: Variables, *, forward: bool, version: FmiVersion
 ) -> tuple[dict[str, str], str]:
-    """C files by name, and the token that the unit tells them by."""
+    """C files by name, and the token that identifies the unit."""
     code = c_code(subject, name)
     table = parameter_table(subject, "table")
     values = {
@@ -313,9 +314,9 @@ def _sources(
 
 
 def _functions(subject: Model, table: ParameterTable) -> dict[str, str]:
-    """ż, accelerations, and the functions that `ForwardDynamics.step` is made of, as C text."""
+    """ż, accelerations, and the functions of `ForwardDynamics.step`, as C text."""
     e, forward, payload = subject.dynamics.equations, subject.forward, list[Array]()
-    if name := carrier(subject):  # a mass that EE or P holds at its origin
+    if name := carrier(subject):  # a mass at the origin of EE or P
         p, mass = ca.SX(table.p), ca.SX.sym("payload")
         p[subject.layout.body(name).start] += mass
         table, payload = replace(table, p=p), [Array("payload", mass)]

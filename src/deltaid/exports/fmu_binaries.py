@@ -1,4 +1,4 @@
-"""Libraries of a functional mock-up unit for the systems that it may run on.
+"""Shared libraries of a functional mock-up unit, for all supported systems.
 
 Zig's compiler, a wheel, has in it what it takes to link for other systems; so with it one export
 serves all of them, and on Linux even systems much older than this one. Any other compiler makes the
@@ -25,12 +25,13 @@ from deltaid.exports.options import FmiVersion
 from deltaid.parallel import ordered
 from deltaid.progress import Progress
 
-# No fused multiply-add, so that processors agree in all but what `math.h` has.
+# No fused multiply-add, so that processors agree except in `math.h`.
 _OPTIONS = ("-std=c99", "-O1", "-ffp-contract=off", "-fPIC", "-fvisibility=hidden")
-# Zig finds undefined behaviour by traps, and a stack of some kilobytes needs no probe on Windows.
+# No traps for undefined behaviour, which Zig sets, and no stack probe on Windows, which a stack of
+# some kilobytes does not need.
 _OF_ZIG = ("-fno-sanitize=undefined", "-mno-stack-arg-probe")
-# Compiling all of a system's start-up code would take Zig a minute, and a library needs none of it:
-# on Windows an entry point that does nothing stands in its place.
+# An empty entry point on Windows replaces the system's start-up code, which would take Zig a
+# minute.
 _START_ON_WINDOWS = """
 int __stdcall DllMainCRTStartup(void *library, unsigned long reason, void *reserved)
 {
@@ -45,7 +46,7 @@ _OF_WINDOWS = tuple(f"-lapi-ms-win-crt-{x}-l1-1-0" for x in ("math", "private", 
 
 @dataclass(frozen=True)
 class System:
-    """One kind of machine.
+    """A kind of machine.
 
     Attributes:
         name: in words.
@@ -76,7 +77,7 @@ SYSTEMS = (
 
 @dataclass(frozen=True)
 class Compiler:
-    """Something that makes libraries.
+    """A compiler of shared libraries.
 
     Attributes:
         command: how it begins.
@@ -89,7 +90,7 @@ class Compiler:
     is_zig: bool = False
 
     def library(self, system: System, name: str, sources: Mapping[str, str]) -> bytes:
-        """A shared library of C files.
+        """A shared library from C files.
 
         Raises:
             OSError: it did not compile; with the compiler's first line.
@@ -120,7 +121,8 @@ class Compiler:
         done = subprocess.run(
             [*self.command, *arguments],
             cwd=work,
-            env=os.environ | {"SOURCE_DATE_EPOCH": "315532800"},  # that of files in the unit
+            env=os.environ
+            | {"SOURCE_DATE_EPOCH": "315532800"},  # the modification time of files in the unit
             capture_output=True,
             check=False,
         )
@@ -130,14 +132,14 @@ class Compiler:
 
 
 def found_compiler() -> Compiler | None:
-    """Zig for all systems; else this machine's own compiler; None where there is neither."""
+    """Zig for all systems, else this machine's own compiler; None without either."""
     if find_spec("ziglang") is not None:
         return Compiler((sys.executable, "-m", "ziglang", "cc"), SYSTEMS, is_zig=True)
     return own_compiler()
 
 
 def own_compiler() -> Compiler | None:
-    """The compiler of this machine, for this machine."""
+    """This machine's own compiler."""
     command = next(filter(None, map(shutil.which, ("cc", "gcc", "clang"))), None)
     kind = {"AMD64": "x86_64", "arm64": "aarch64"}.get(platform.machine(), platform.machine())
     systems = tuple(s for s in SYSTEMS if s.folder == f"{kind}-{sys.platform}")
@@ -164,35 +166,35 @@ def binaries(
             return f"{Path(compiler.command[0]).name} failed ({error})"
 
     results, total = ordered(attempt, compiler.systems), len(compiler.systems)
-    found = dict[System, bytes | str]()
+    libraries = dict[System, bytes | str]()
     for k, system in enumerate(compiler.systems, start=1):
         progress(f"compiling {k} of {total}, {system.name}")
-        found[system] = next(results)
-    made = {system: library for system, library in found.items() if isinstance(library, bytes)}
-    failed = next((why for why in found.values() if isinstance(why, str)), "")
+        libraries[system] = next(results)
+    made = {system: library for system, library in libraries.items() if isinstance(library, bytes)}
+    failed = next((why for why in libraries.values() if isinstance(why, str)), "")
     return _placed(name, made, version), _missing(tuple(made), failed)
 
 
 def _placed(name: str, made: Mapping[System, bytes], version: FmiVersion) -> dict[str, bytes]:
-    """Libraries by path; what FMI 2 calls darwin64 holds the code for both kinds of Macs."""
-    found = {
+    """Libraries by path; FMI 2's darwin64 holds the code for both kinds of Macs."""
+    libraries = {
         f"binaries/{(system.folder_2 if version == '2' else '') or system.folder}/"
         f"{name}{system.suffix}": library
         for system, library in made.items()
     }
     macs = [library for system, library in made.items() if system.suffix == ".dylib"]
     if version == "2" and macs:
-        found[f"binaries/darwin64/{name}.dylib"] = universal(macs) if macs[1:] else macs[0]
-    return found
+        libraries[f"binaries/darwin64/{name}.dylib"] = universal(macs) if macs[1:] else macs[0]
+    return libraries
 
 
 def universal(libraries: Sequence[bytes]) -> bytes:
-    """One Mach-O file with the code for several processors.
+    """One Mach-O file with the code of several processors.
 
     A head of big-endian words: a magic number, how many; for each processor its kind and subkind,
     which each library begins with, offset, size, and the power of two that offsets are aligned to.
     """
-    power = 14  # pages of 16 KiB, as ARM has them
+    power = 14  # pages of 16 KiB, as on ARM
     offset, head, body = 1 << power, struct.pack(">II", 0xCAFEBABE, len(libraries)), b""
     for library in libraries:
         kind, subkind = struct.unpack_from("<II", library, 4)
@@ -202,7 +204,7 @@ def universal(libraries: Sequence[bytes]) -> bytes:
 
 
 def _missing(made: Sequence[System], why: str) -> str:
-    """A sentence on systems whose library is not there, empty if all are."""
+    """A sentence on systems without a library; empty if there are none."""
     if not (missing := [system.name for system in SYSTEMS if system not in made]):
         return ""
     seen = "the unit holds sources only"

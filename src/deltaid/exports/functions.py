@@ -1,4 +1,4 @@
-"""What an exported function is, whatever language it is written in.
+"""Exported functions, independent of the language.
 
 C and structured text are both made from a table of these (`model_functions.code_parts`): a
 function more is one entry more. Every function returns a status, and
@@ -18,7 +18,7 @@ from deltaid.exports.text import DOUBLE, Precision, c_comment
 from deltaid.model.model import Model
 from deltaid.online.graph import Field, StepGraph
 
-# What functions return, by name: number and meaning.
+# Status codes by name: number and meaning.
 STATUSES: Mapping[str, tuple[int, str]] = {
     "OK": (0, ""),
     "NOT_CLOSED": (1, "no pose closes the loops, or it is too far from the start"),
@@ -45,13 +45,13 @@ class Output:
 
     @property
     def size(self) -> int:
-        """How many entries it has."""
+        """Number of entries."""
         return self.value.numel()
 
 
 @dataclass(frozen=True)
 class Demand:
-    """Numbers that must all be above a bound for the outputs to mean something.
+    """Numbers that must exceed a bound for the outputs to be valid.
 
     Attributes:
         value: the numbers.
@@ -66,7 +66,7 @@ class Demand:
 
 @dataclass(frozen=True)
 class Newton:
-    """The output is found by x ← x − step(x, inputs), from what it holds before.
+    """Newton's method for the output: x ← x − step(x, inputs), from its previous value.
 
     Attributes:
         x: symbols of the output.
@@ -91,7 +91,7 @@ class Newton:
 
     @property
     def parts(self) -> list[OutputPart]:
-        """Of these: a step may be off by what the output may be off by."""
+        """Gaps and steps as output parts: a step may err as the output may."""
         return [OutputPart(self.gap.numel(), None), OutputPart(self.x.numel(), "x")]
 
 
@@ -129,7 +129,7 @@ class ExportedFunction:
 
     @property
     def places(self) -> list[tuple[str, int, int]]:
-        """Of each output its name, where in all of them it begins, and how many entries it has."""
+        """Name, first index and number of entries of each output."""
         ends = np.cumsum([output.size for output in self.outputs]).tolist()
         return [(x.name, end - x.size, x.size) for x, end in zip(self.outputs, ends, strict=True)]
 
@@ -139,7 +139,7 @@ class ExportedFunction:
         return [OutputPart(output.size) for output in self.outputs]
 
     def entry_notes(self, rows: str) -> list[str]:
-        """What each entry of the outputs is, where that is not plain; `rows` says of how many rows
+        """Meaning of each entry of the outputs, where it is not plain; `rows` says of how many rows
         {} the entries are."""
         notes = []
         for output in self.outputs:
@@ -151,14 +151,14 @@ class ExportedFunction:
 
     @property
     def everything(self) -> ca.SX:
-        """Outputs, each row by row, then what is demanded, in one column."""
+        """All outputs, each row by row, then the demands, in one column."""
         outputs = [ca.vec(ca.densify(output.value).T) for output in self.outputs]
         return ca.vertcat(*outputs, *[demand.value for demand in self.demands])
 
 
 @dataclass(frozen=True, eq=False)
 class ExportedCycle:
-    """A function that is called once a cycle and keeps a state of named fields.
+    """A function that is called once a cycle, with a state of named fields.
 
     Attributes:
         name: without the prefix.
@@ -177,7 +177,7 @@ class ExportedCycle:
 
 @dataclass(frozen=True)
 class ParameterTable:
-    """Parameters that are not zero: their names, units and values, and p with symbols for them."""
+    """Parameters that are not zero: names, units and values, and p with symbols for them."""
 
     rows: list[tuple[str, str, str]]
     array: Array
@@ -197,5 +197,5 @@ def parameter_table(subject: Model, name: str, precision: Precision = DOUBLE) ->
 
 
 def note_of(field: Field) -> str:
-    """What a field of a cycle is, with its unit."""
+    """Meaning of a field of a cycle, with its unit."""
     return f"{field.doc} [{field.unit}]" if field.unit else field.doc

@@ -1,5 +1,5 @@
-"""What goes with an export into a folder, for who gets it: what it is, numbers to check it with,
-and for code a program that checks them."""
+"""Files that accompany an export in a folder: a README, test vectors, and for code a program that
+runs them."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -14,8 +14,8 @@ from deltaid.exports.text import SINGLE, Precision, plain_letters, rendered
 from deltaid.kernel.batch import BLOCK
 from deltaid.model.model import Model
 
-# How many vectors there are, how far from the middle of the workspace, and the condition of the
-# Jacobian that they do not exceed.
+# Number of vectors, largest distance from the middle of the workspace as a share of it, and largest
+# condition of the Jacobian.
 _COUNT, _SHARE, _CONDITION = 100, 0.7, 30.0
 # Largest speeds and accelerations [rad/s, rad/s² or m/s, m/s²].
 _SPEED, _ACCELERATION = 2.0, 10.0
@@ -38,14 +38,14 @@ class ReferenceStates:
 
     @property
     def csv(self) -> str:
-        """As a table: z1, …, q1, …, qd1, …, qdd1, …, tau1, …."""
+        """The states as CSV: z1, …, q1, …, qd1, …, qdd1, …, tau1, …."""
         arrays = {name: getattr(self, name) for name in ("z", "q", "qd", "qdd", "tau")}
         columns = {f"{name}{i + 1}": x for name, a in arrays.items() for i, x in enumerate(a.T)}
         return pl.DataFrame(columns).write_csv()
 
 
 def reference_states(subject: Model, precision: Precision) -> ReferenceStates:
-    """States all over the workspace, the same for the same model; numbers of code's precision."""
+    """Reproducible states all over the workspace, in the precision of the code."""
     kinematics, rng, turn = (
         subject.dynamics.kinematics,
         np.random.default_rng(0),
@@ -56,7 +56,7 @@ def reference_states(subject: Model, precision: Precision) -> ReferenceStates:
     psi = _SHARE * rng.uniform(turn.low, turn.high, (BLOCK, kinematics.dof - 3))
     z = _rounded(np.hstack([r, psi]), precision)
     again, reached = kinematics.forward_unchecked(kinematics.inverse(z))
-    same = reached & (np.abs(again - z) < 1e-6).all(axis=1)  # of the branch of home
+    same = reached & (np.abs(again - z) < 1e-6).all(axis=1)  # on the home pose's branch
     z = z[same & (kinematics.condition(z) < _CONDITION)][:_COUNT]
     sizes = np.array([_SPEED, _ACCELERATION])[:, None, None]
     qd, qdd = _rounded(sizes * rng.uniform(-1, 1, (2, *z.shape)), precision)
@@ -71,7 +71,7 @@ def _rounded(x: np.ndarray, precision: Precision) -> np.ndarray:
 def handover(
     subject: Model, to: TargetName, stem: str, files: Sequence[str], precision: Precision
 ) -> dict[str, str]:
-    """Texts by the names of their files.
+    """Texts by file name.
 
     Args:
         stem: of the names of the export's own files, and of the functions of code.

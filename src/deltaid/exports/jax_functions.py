@@ -1,6 +1,6 @@
 # JAX is an extra, so a machine that checks types may lack it.
 # pyright: reportMissingImports=false
-"""A model as functions of JAX: the same graphs, to differentiate, map and compile with others."""
+"""A model as JAX functions: the same graphs, to differentiate, vectorise and compile."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -90,7 +90,7 @@ def jax_functions(model: ModelLike) -> JaxFunctions:
     speeding = as_jax([e.z, e.qd, tau, e.p], acceleration(subject, e, tau))
 
     def with_own_parameters(function: Function, *names: str) -> Function:
-        """Compiled; the model's parameters where they are left out behind the named arguments."""
+        """The compiled function, with the model's own p by default."""
         compiled: Any = jax.jit(function)
 
         def call(*args: Any, p: Any = subject.p) -> Any:

@@ -1,6 +1,6 @@
 # JAX is an extra, so a machine that checks types may lack it.
 # pyright: reportMissingImports=false
-"""A CasADi SX function as a JAX function: its instruction list, one operation of jax.numpy each.
+"""A CasADi SX function as a JAX function: its instruction list in operations of jax.numpy.
 
 JAX traces the list once for each shape and compiles what comes out; so nothing here is run at a
 call under `jax.jit`. All of JAX's transformations see plain operations.
@@ -24,17 +24,17 @@ from deltaid.mechanism.mechanism import ClosedForm, Mechanism
 from deltaid.mechanism.rotation import inverse
 
 Operation = Callable[..., jax.Array]
-# An instruction: its operation, the slots that it reads and writes, and its constant.
+# An instruction: operation, slots that it reads and writes, and its constant.
 Step = tuple[int, list[int], list[int], float]
 
 
 def _truth(condition: Operation) -> Operation:
-    """CasADi's logic has the numbers 1 and 0."""
+    """CasADi's truth values are the numbers 1 and 0."""
     return lambda *args: jnp.where(condition(*args), 1.0, 0.0)
 
 
-# Functions of C's library that jax.numpy has under another name, or not at all; C's remainder
-# rounds the quotient to the nearest, Python's down.
+# Functions of C's library with another name in jax.numpy, or none; C's remainder rounds the
+# quotient to the nearest, Python's down.
 _LIBM: dict[str, Operation] = {
     "asin": jnp.arcsin,
     "acos": jnp.arccos,
@@ -98,7 +98,7 @@ def as_jax(inputs: Sequence[ca.SX], output: ca.SX) -> Callable[..., jax.Array]:
         given = [jnp.asarray(arg) for arg in args]
         shapes = [(symbols.numel(),) for symbols in inputs]
         for k, (array, shape) in enumerate(zip(given, shapes, strict=True), start=1):
-            if array.shape != shape:  # beyond an array's end JAX reads its last entry
+            if array.shape != shape:  # JAX reads beyond an array's end as its last entry
                 raise KinematicsError(
                     f"has shape {array.shape}, but one sample is taken, here of shape {shape}",
                     where=f"argument {k}",
@@ -115,8 +115,7 @@ def as_jax(inputs: Sequence[ca.SX], output: ca.SX) -> Callable[..., jax.Array]:
                 out[written[1]] = value[read[0]]
             else:
                 value[written[0]] = _OPERATIONS[op](*(value[i] for i in read))
-        # Not by jnp.stack: XLA computes what several entries share anew for each of them, and all
-        # that these share, and so on.
+        # No jnp.stack: XLA would recompute shared expressions for each entry, recursively.
         stacked, place = jnp.zeros(len(out), jnp.result_type(float, *given)), jnp.arange(len(out))
         for i, x in enumerate(out):
             stacked = jnp.where(place == i, x, stacked)

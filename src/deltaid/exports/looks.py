@@ -1,4 +1,4 @@
-"""What a robot looks like in simulators: simple shapes on the bodies of its tree, without mass.
+"""Appearance of a robot in simulators: simple massless shapes on the bodies of its tree.
 
 Joints, ends of arms and struts, seats and the tool are where they are; what a description does not
 say (how thick, how wide, what the base is like) is in proportion to the length of the struts.
@@ -30,7 +30,7 @@ COLOURS: dict[str, tuple[float, float, float, float]] = {
 
 @dataclass(frozen=True)
 class NamedShape:
-    """On a body of the tree, in its link frame; on '' in the world."""
+    """A shape on a body of the tree, in its link frame; on '' in the world."""
 
     body: str
     name: str
@@ -57,7 +57,7 @@ class Ball(NamedShape):
 
 @dataclass(frozen=True)
 class BoxShape(NamedShape):
-    """A box with its half lengths along its own axes."""
+    """A box with half lengths along its own axes."""
 
     centre: Vector
     R: Float[np.ndarray, "3 3"]
@@ -68,27 +68,27 @@ Shape = Rod | Ball | BoxShape
 
 
 def thickness(subject: Model) -> float:
-    """What all thicknesses are in proportion to: the length of the longest strut [m]."""
+    """Length that all thicknesses scale with: that of the longest strut [m]."""
     return max(limb.strut for limb in subject.robot.limb_geometry)
 
 
 def strut_radius(subject: Model) -> float:
-    """Of struts as they are drawn [m]."""
+    """Drawn radius of struts [m]."""
     return 0.007 * thickness(subject)
 
 
 def shapes(subject: Model, tree: Tree) -> tuple[Shape, ...]:
     """All but the struts, each on a body of the tree, in its link frame; '' is the world."""
     s = thickness(subject)
-    found = [*_platform(subject, tree, s), *_ends_of_struts(tree, s), *_tool(tree, s)]
+    parts = [*_platform(subject, tree, s), *_ends_of_struts(tree, s), *_tool(tree, s)]
     for n, limb in enumerate(subject.robot.limb_geometry, 1):
-        found += _limb(subject, limb, n, s)
-    return (*found, *_base(subject, s), *_telescope(subject, s))
+        parts += _limb(subject, limb, n, s)
+    return (*parts, *_base(subject, s), *_telescope(subject, s))
 
 
 def _limb(subject: Model, limb: LimbGeometry, n: int, s: float) -> Iterator[Shape]:
-    """A motor in the world along the limb's y, and the upper arm along its own x; or a rail as long
-    as the drive's range, and what slides on it."""
+    """A motor in the world along the limb's y, and the upper arm along its x; or a rail as long as
+    the drive's range, and its carriage."""
     if limb.drive == "rotary":
         y, elbow = 0.07 * s * limb.R_WL[:, 1], limb.upper_arm * X
         yield Rod("", f"motor{n}", "motor", limb.base - y, limb.base + y, 0.045 * s, round=False)
@@ -100,12 +100,12 @@ def _limb(subject: Model, limb: LimbGeometry, n: int, s: float) -> Iterator[Shap
 
 
 def _along_rail(limb: LimbGeometry) -> Float[np.ndarray, "3 3"]:
-    """Axes in the limb's frame whose z runs along the rail."""
+    """Axes in the limb's frame with z along the rail."""
     return Rotation.align_vectors([limb.rail], [Z])[0].as_matrix()
 
 
 def _rail(subject: Model, limb: LimbGeometry, n: int, s: float) -> tuple[Vector, Vector]:
-    """Both ends of a rail, which stands behind the joints of its carriage."""
+    """Both ends of a rail, which lies behind the joints of its carriage."""
     q = subject.dynamics.kinematics.inverse(subject.home)[n - 1]
     ends = subject.robot.limits_of(f"drive{n}").range
     low, high = ends or (q - 0.5 * limb.strut, q + 0.5 * limb.strut)
@@ -115,7 +115,7 @@ def _rail(subject: Model, limb: LimbGeometry, n: int, s: float) -> tuple[Vector,
 
 
 def _base(subject: Model, s: float) -> Iterator[Shape]:
-    """A plate above the motors, or what holds both ends of the rails."""
+    """A plate above the motors, or one at both ends of the rails."""
     limbs = subject.robot.limb_geometry
     if limbs[0].drive == "rotary":
         bases = np.array([limb.base for limb in limbs])
@@ -142,8 +142,8 @@ def _ends_of_struts(tree: Tree, s: float) -> Iterator[Shape]:
 
 
 def _platform(subject: Model, tree: Tree, s: float) -> Iterator[Shape]:
-    """A spoke to the seats of each limb, and a plate in the middle, or the two parts of a platform
-    that turns the tool and what joins them."""
+    """A spoke to the seats of each limb, and a plate in the middle, or both parts of a turning
+    platform with their joint."""
     platform, colour = subject.robot.platform, "platform"
     for cut in tree.cuts:
         seat = cut.second
@@ -167,7 +167,7 @@ def _platform(subject: Model, tree: Tree, s: float) -> Iterator[Shape]:
 
 
 def _tool(tree: Tree, s: float) -> Iterator[Shape]:
-    """A flange that points down, with a mark that shows how it is turned."""
+    """A flange that points down, with a mark of its angle."""
     body = tree.tool_body
     yield Rod(body, "flange", "steel", ZERO, -0.045 * s * Z, 0.024 * s, round=False)
     yield Rod(body, "tip", "tool", -0.045 * s * Z, -0.075 * s * Z, 0.011 * s, round=False)
@@ -177,7 +177,7 @@ def _tool(tree: Tree, s: float) -> Iterator[Shape]:
 
 
 def _telescope(subject: Model, s: float) -> Iterator[Shape]:
-    """Both halves of the bar, as long as they can be without ever sticking out."""
+    """Both halves of the bar, as long as they fit."""
     if (bar := subject.robot.telescope) is not None:
         way = np.subtract(bar.base_joint, subject.home[:3] + bar.platform_joint)
         length = 0.97 * (bar.stroke[0] if bar.stroke else 0.6 * float(np.linalg.norm(way)))

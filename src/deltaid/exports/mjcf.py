@@ -1,4 +1,4 @@
-"""A model as MJCF: the spanning tree with its loops closed by equality constraints of MuJoCo.
+"""A model as MJCF: the spanning tree with MuJoCo's equality constraints as loops.
 
 The model's own pose (qpos0) is the home pose with closed loops, and joint coordinates count as in
 deltaid by `ref`, so an arm is level at zero. No shape has mass or touches anything: inertia is that
@@ -33,8 +33,8 @@ from deltaid.model.model import Model
 from deltaid.model.samples import Samples
 from deltaid.robot.inertia import RigidBody
 
-# Step [s]. MuJoCo's constraints are springs with dampers; the time constant is the smallest that it
-# allows at this step, and the impedance leaves a share of 1e-4 of what a rigid joint would feel.
+# Step [s]. MuJoCo's constraints are springs with dampers: the time constant is the smallest at this
+# step, and the impedance leaves 1e-4 of a rigid joint's force.
 _STEP = 0.001
 _SOLREF, _SOLIMP = (2 * _STEP, 1.0), (0.9999, 0.9999, 0.001)
 
@@ -77,7 +77,7 @@ def mjcf(subject: Model) -> str:
         camera=partial(_camera, centre, size),
     )
     moved = [joint.get("name", "") for joint in root.iterfind("worldbody//joint")]
-    for key in root.iter("key"):  # joints as MuJoCo counts them
+    for key in root.iter("key"):  # coordinates as MuJoCo counts them
         key.set("qpos", numbers(home[name] for name in moved))
     return xml_text(root, comment=subject.provenance)
 
@@ -113,8 +113,8 @@ def _at_home(
 
 
 def _extent(subject: Model, drawn: Iterable[Shape]) -> tuple[Vector, float, float]:
-    """Middle of base, elbows and workspace with some air around, the diagonal, and the height of
-    the floor below [m]."""
+    """Middle of base, elbows and workspace with a margin, the diagonal, and the height of the floor
+    below [m]."""
     s, rods = thickness(subject), [shape for shape in drawn if isinstance(shape, Rod)]
     limbs, box = subject.robot.limb_geometry, subject.robot.workspace.bounding_box
     points = [limb.base + (limb.upper_arm or 0.1 * s) * limb.R_WL[:, 0] for limb in limbs]
@@ -141,7 +141,7 @@ def _camera(
 
 
 def write_ensemble(samples: Samples, folder: str | Path) -> Path:
-    """Write a new folder with a file a model, and an index: file, then all parameters.
+    """Write a new folder with a file a model, and an index of files and parameters.
 
     The folder appears with all files in it, or not at all.
 

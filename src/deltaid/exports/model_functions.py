@@ -1,5 +1,5 @@
-"""The functions that every export of code has: kinematics, inverse and forward dynamics, (1); and
-those by choice: `--with constraint-forces,passive-joints,regressor,online`.
+"""Functions of exported code: kinematics, inverse and forward dynamics, (1); optionally those of
+`--with constraint-forces,passive-joints,regressor,online`.
 
 Everything is computed from task coordinates z, which forward kinematics finds once a cycle; so a
 controller that needs torque, mass matrix and gravity pays for the loops only once.
@@ -35,8 +35,8 @@ from deltaid.model.model import Model
 from deltaid.online.cycle import standard_parts, step_graph
 from deltaid.online.settings import OnlineSettings
 
-# Newton's method halves the error's logarithm; from a start that is some millimetres away four
-# steps do, and what has not arrived after this many is far away or has no solution.
+# Most Newton steps: four from some millimetres away; what has not converged after these is far away
+# or has no solution.
 _NEWTON_STEPS = 20
 
 
@@ -47,8 +47,8 @@ def code_parts(
     further: tuple[str, ...],
     online: OnlineSettings,
 ) -> tuple[ParameterTable, list[ExportedFunction], list[ExportedCycle], Care | None]:
-    """What code of any language is made of: the table of parameters; functions, of which what calls
-    another one stands behind it; functions that keep a state; and where digits are doubled.
+    """Parts of code in any language: the table of parameters; functions, callers after callees;
+    functions with a state; and where digits are doubled.
 
     Args:
         table: name of the table.
@@ -163,13 +163,13 @@ def _dynamics(
 
 
 def closed(mechanism: Mechanism) -> ca.SX:
-    """z with what is left of closing its loops for q taken off, to first order: Newton's step."""
+    """z after one Newton step of closing its loops for q."""
     slope = ca.jacobian(mechanism.closure, mechanism.z)
     return mechanism.z - ca.inv_minor(slope) @ mechanism.closure
 
 
 def bias(subject: Model, e: Equations) -> ca.SX:
-    """C q̇ + g + f as the torque without acceleration and without losses that depend on load."""
+    """C q̇ + g + f: the torque without acceleration and without load-dependent losses."""
     names, p = subject.dynamics.layout.names, ca.SX(e.p)
     for drive in subject.robot.load_drives:
         p[names.index(f"load.{drive}")] = 0

@@ -1,4 +1,4 @@
-"""Friction for programs that know viscous and Coulomb friction only: the nearest such law.
+"""Nearest viscous and Coulomb friction, for programs without other friction terms.
 
 Along a random motion within the robot's limits, torques at the drives of further terms, τ_f, are
 
@@ -26,7 +26,7 @@ _PLAIN = ("viscous", "coulomb")
 
 
 def further_terms(model: Model) -> Iterator[FrictionTerm]:
-    """Terms beyond viscous and Coulomb friction whose coefficient is not zero."""
+    """Terms beyond viscous and Coulomb friction with a coefficient other than zero."""
     for term in model.robot.friction_terms:
         if term.kind not in _PLAIN and model.value(term.name):
             yield term
@@ -34,7 +34,7 @@ def further_terms(model: Model) -> Iterator[FrictionTerm]:
 
 @dataclass(frozen=True)
 class JointForces:
-    """Coefficients of one joint, all at the joint and not at the motor.
+    """Coefficients of one joint, at the joint and not at the motor.
 
     Attributes:
         viscous: [N m s/rad or N s/m].

@@ -153,16 +153,16 @@ def in_order(slots: Iterable[str]) -> list[str]:
 
 def _needed(f: ca.Function) -> list[bool]:
     """Of each instruction whether its result matters whatever is chosen, from the last one on."""
-    found, slots = [False] * f.n_instructions(), dict[int, bool]()
+    needed, slots = [False] * f.n_instructions(), dict[int, bool]()
     for k in reversed(range(f.n_instructions())):
         op, read, written = f.instruction_id(k), f.instruction_input(k), f.instruction_output(k)
         if op in (ca.OP_CONST, ca.OP_INPUT):
             slots.pop(written[0], None)
             continue
-        found[k] = op == ca.OP_OUTPUT or slots.pop(written[0], False)
+        needed[k] = op == ca.OP_OUTPUT or slots.pop(written[0], False)
         for slot in read[:1] if op == ca.OP_IF_ELSE_ZERO else read:
-            slots[slot] = slots.get(slot, False) or found[k]
-    return found
+            slots[slot] = slots.get(slot, False) or needed[k]
+    return needed
 
 
 def straight_line(

@@ -154,7 +154,7 @@ def _formed(shape: Shape) -> tuple[Any, ...]:
 
 def _warnings(forces: dict[str, JointForces]) -> tuple[str, ...]:
     """What a program that reads the URDF alone will miss, beside the loops."""
-    found = {
+    missing = {
         "inertia of motors and gears": [j for j, f in forces.items() if f.armature],
         "springs": [j for j, f in forces.items() if f.stiffness],
     }
@@ -164,6 +164,6 @@ def _warnings(forces: dict[str, JointForces]) -> tuple[str, ...]:
             cause="URDF has no words for them",
             cure="let the program that reads the URDF read that file as well",
         )
-        for what, joints in found.items()
+        for what, joints in missing.items()
         if joints
     )

@@ -1,1 +1,1 @@
-"""What struts, joints and bearings carry along a motion, and how far recordings know it."""
+"""Forces in struts, joints and bearings along a motion, and their uncertainty."""

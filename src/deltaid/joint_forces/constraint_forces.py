@@ -1,4 +1,4 @@
-"""Forces in struts, joints and bearings of a robot along a motion, for many samples."""
+"""Forces in struts, joints and bearings of a robot, for batches of samples."""
 
 from collections.abc import Iterator
 from functools import cached_property
@@ -89,7 +89,7 @@ class ConstraintForces(WithParameters, Shown):
     def coefficients(
         self, z: Samples, qd: Samples, qdd: Samples
     ) -> Float[np.ndarray, "samples channels parameters"]:
-        """C with F = C p, for the few samples that matter."""
+        """C with F = C p, for a few samples."""
         C, rows = self._coefficients, zip(z, qd, qdd, strict=True)
         return np.stack([np.array(C(*row)) for row in rows])
 

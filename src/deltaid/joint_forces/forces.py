@@ -1,5 +1,5 @@
-"""The worst forces of an identified model along a motion, where they are, and how far they are
-known: one pass, constant memory."""
+"""Worst-case forces of a model along a motion, with time, place and uncertainty, in one pass and
+constant memory."""
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
@@ -60,7 +60,7 @@ class Worst:
 
 @dataclass(frozen=True)
 class Extremes:
-    """The least and the largest value of every channel, and when it has them."""
+    """Least and largest value of every channel, with their times."""
 
     names: tuple[str, ...]
     units: tuple[str, ...]
@@ -68,7 +68,7 @@ class Extremes:
     samples: Float[np.ndarray, "two channels columns"]
 
     def worst(self, part: str, kind: str, *channels: str) -> Worst:
-        """The worst of some channels, or of one by its size for the kind 'load'."""
+        """The worst of some channels, or for the kind 'load' the largest magnitude of one."""
         at = [self.names.index(name) for name in channels]
         sizes = np.abs(self.values[:, at[0]])
         side = int(sizes.argmax()) if kind == "load" else int(kind == "tension")
@@ -89,10 +89,10 @@ def extremes(forces: ConstraintForces, p: Parameters, motion: Iterable[SampleBlo
     for part in motion:
         F = forces.evaluate(part.z, part.qd, part.qdd, p)
         at = np.stack([F.argmin(axis=0), F.argmax(axis=0)])
-        found = np.take_along_axis(F, at, axis=0)
+        extreme = np.take_along_axis(F, at, axis=0)
         rows = np.column_stack([part.time, part.z, part.qd, part.qdd])[at]
-        better = np.stack([found[0] < values[0], found[1] > values[1]])
-        values = np.where(better, found, values)
+        better = np.stack([extreme[0] < values[0], extreme[1] > values[1]])
+        values = np.where(better, extreme, values)
         samples = np.where(better[..., None], rows, samples)
     if np.isinf(values).all():
         raise RecordingError(
@@ -104,19 +104,19 @@ def extremes(forces: ConstraintForces, p: Parameters, motion: Iterable[SampleBlo
     return Extremes(forces.names, forces.units, values, samples)
 
 
-def worst_cases(forces: ConstraintForces, found: Extremes) -> tuple[Worst, ...]:
-    """What a designer asks for: tension, compression and sockets of each strut, loads of joints."""
+def worst_cases(forces: ConstraintForces, extreme: Extremes) -> tuple[Worst, ...]:
+    """Worst cases for a designer: tension, compression, sockets of struts, loads of joints."""
     cases = []
     for strut in forces.struts:
         along = (f"{strut}.platform.x", f"{strut}.elbow.x")
-        cases += [found.worst(strut, kind, *along) for kind in ("tension", "compression")]
+        cases += [extreme.worst(strut, kind, *along) for kind in ("tension", "compression")]
     for strut in forces.struts if forces.socket_force is not None else ():
-        cases.append(found.worst(strut, "socket", f"{strut}.platform.out", f"{strut}.elbow.out"))
+        cases.append(extreme.worst(strut, "socket", f"{strut}.platform.out", f"{strut}.elbow.out"))
     loads = [name for name in forces.names if name.startswith(("motor", "telescope"))]
-    return (*cases, *(found.worst(x, "load", x) for x in loads if not x.endswith(".drive")))
+    return (*cases, *(extreme.worst(x, "load", x) for x in loads if not x.endswith(".drive")))
 
 
-# Distances of struts [m] and forces of springs [N] that can be.
+# Valid distances of struts [m] and forces of springs [N].
 _SPACINGS, _SPRINGS = (1e-6, 100.0), (1e-6, 1e7)
 
 _WITHOUT_LOADS = Doubt(
@@ -124,7 +124,7 @@ _WITHOUT_LOADS = Doubt(
     cause="what the robot holds is no part of its model",
     cure="describe the load as a part of the tool, and compute the forces again",
 )
-# What the fit knew and ranges of forces do not ask, so that they are wider than need be.
+# Sensors are knowledge of the fit that ranges do not use, so ranges are wider than necessary.
 _ASIDE = (
     "how far forces are known is determined by torques and measured values alone; what {} showed "
     "is in the model, and would make these ranges narrower"
@@ -229,7 +229,7 @@ def forces(
         log = open_log(source, kinematics, as_mapping(columns), need_torque=False)
         recording = model_filtered(known, log)
         say(f"computing forces along {recording.path}")
-        found = extremes(computed, known.p, motion_of(recording, kinematics))
+        extreme = extremes(computed, known.p, motion_of(recording, kinematics))
         ranges, certain = None, None
         if given:
             facts, certain = evidence(known, logs, columns=log_columns, progress=say)
@@ -237,7 +237,7 @@ def forces(
         certain = certain or Determinacy(known, random_motion_base(known.dynamics))
         say("finding ranges")
         findings = []
-        for worst in worst_cases(computed, found):
+        for worst in worst_cases(computed, extreme):
             at = worst.at
             C = computed.coefficients(at.z[None], at.qd[None], at.qdd[None])[0]
             c = C[computed.index(worst.channel)]
@@ -247,11 +247,13 @@ def forces(
     sensors = ", ".join(x.name for x in (known.identified.sensors if known.identified else ()))
     aside = _ASIDE.format(sensors) if given and sensors else ""
     warnings = [*(f"{source}: {text}" for text in seen), computed.note, aside]
-    return Forces(known, computed, recording, tuple(findings), found, tuple(filter(None, warnings)))
+    return Forces(
+        known, computed, recording, tuple(findings), extreme, tuple(filter(None, warnings))
+    )
 
 
 def with_struts(model: ModelLike, spacing: float | None, socket_force: float | None) -> Model:
-    """A model whose robot has this strut spacing [m] and socket force [N] in place of its own.
+    """A model whose robot has this strut spacing [m] and socket force [N].
 
     Raises:
         DescriptionError: limbs of one strut have neither.

@@ -1,4 +1,4 @@
-"""Which values of a force are compatible with what recordings of torques say.
+"""Range of a force that is compatible with recorded torques.
 
 A force is c·p. Recordings determine base parameters K p only, so c·p is known as well as c lies in
 the row space of K, and as well as the noise allows; the rest is up to the prior and to physical
@@ -38,16 +38,16 @@ from deltaid.recording.mapping import ColumnMappings
 from deltaid.recording.memory import RecordingLike
 from deltaid.recording.recording import open_recordings
 
-# A force of whose prior variance torques leave less than this share (squared) is determined.
-_DETERMINED = 1e-6
-# ForceUnknowns that make up more than this share of what is left are named, so many at most.
+# A force of whose prior spread torques leave less than this share is determined: half the digits.
+_DETERMINED = np.sqrt(np.finfo(float).eps)
+# Unknowns that make up more than this share of an open force are named, so many at most.
 _NAMED, _MOST = 0.05, 4
 Coefficients = Float[np.ndarray, " parameters"]
 
 
 @dataclass(frozen=True)
 class Openness:
-    """What torques, however exact, leave open of a force.
+    """What torques, however exact, leave undetermined of a force.
 
     Attributes:
         half_width: half the width of its 95 % interval by the prior alone, without consistency
@@ -69,7 +69,7 @@ class Range:
 
 @dataclass(frozen=True)
 class ForceEvidence:
-    """What recordings say: information, base parameters, their noise, and what geometry does."""
+    """Evidence of recordings: information, base parameters with their noise, and geometry."""
 
     information: Information
     estimate: BaseEstimate
@@ -77,7 +77,7 @@ class ForceEvidence:
 
 
 class Determinacy:
-    """Tells of forces c·p which part torques determine.
+    """The part of forces c·p that torques determine.
 
     Args:
         model: robot, prior spread.
@@ -92,7 +92,7 @@ class Determinacy:
         self._units = self.rows / np.where(size > 0, size, 1.0)
 
     def openness(self, c: Coefficients) -> Openness:
-        """What torques leave open of c·p: the part of c·u across the rows of K A."""
+        """The undetermined part of c·p: the component of c·u outside the row space of K A."""
         c_u = self.unknowns.A.T @ c
         rest = c_u - self._units.T @ np.linalg.lstsq(self._units.T, c_u, rcond=None)[0]
         whole, left = float(np.linalg.norm(c_u)), float(np.linalg.norm(rest))
@@ -103,7 +103,7 @@ class Determinacy:
         return Openness(NORMAL * left, tuple(self.unknowns.names[k] for k in order))
 
 
-@threadpool_limits.wrap(limits=1, user_api="blas")  # for small matrices, threads only wait
+@threadpool_limits.wrap(limits=1, user_api="blas")  # threads only slow small matrices down
 def evidence(
     model: ModelLike,
     logs: RecordingLike | Sequence[RecordingLike],
@@ -111,7 +111,7 @@ def evidence(
     columns: ColumnMappings = None,
     progress: Callable[[str], None] = lambda _: None,
 ) -> tuple[ForceEvidence, Determinacy]:
-    """What recordings say about a model's parameters, filtered as for its identification.
+    """Evidence of recordings on a model's parameters, filtered as for its identification.
 
     Raises:
         DescriptionError: the model comes from no recordings.
@@ -130,7 +130,7 @@ def evidence(
     recordings = open_recordings(
         logs, dynamics.kinematics, columns, kept.cutoff, progress, keep_all=kept.keep_all
     )
-    for recording in recordings:  # of another robot, a range would hold neither truth nor model
+    for recording in recordings:  # a range from another robot's recording would be meaningless
         if recording.log.sha256 not in own:
             raise RecordingError(
                 "is not a recording that the model was identified from",
@@ -149,7 +149,7 @@ def evidence(
 
 
 class Ranges:
-    """Ranges of forces c·p given recordings, around and with the identified value c·p.
+    """Ranges of forces c·p given recordings, including the identified value c·p.
 
     A fit may weigh its prior a little differently, so the range is widened to its result.
     """
@@ -174,7 +174,7 @@ class Ranges:
         return Range(min(low, value), max(high, value))
 
     def _level(self, c_u: Float[np.ndarray, " n"]) -> float:
-        """σ_c: white noise of this level would make the force as uncertain as the real one does.
+        """σ_c: white noise of this level makes the force as uncertain as the recorded noise does.
 
         With the Hessian H of data and prior, noise moves c·u by c H⁻¹ (K A)ᵀ R_Bᵀ s, where s are
         the scores of the base parameters' least squares (`scatter`) and R_B its root. Geometry

@@ -1,4 +1,4 @@
-"""What is not known about a robot's parameters before any recording, as p = A u + p_0.
+"""Parameters that are unknown before any recording, as p = A u + p_0.
 
 u has one variable for each number that nobody knows: u ~ N(0, 1) a priori, and the bodies must be
 consistent. These are
@@ -53,7 +53,7 @@ class ConsistencyBlock:
 
 @dataclass(frozen=True)
 class ForceUnknowns:
-    """The unknown numbers of a robot.
+    """Unknown numbers of a robot.
 
     Attributes:
         names: of the variables, such as 'S.mcx' or 'EE.Szz'.
@@ -109,7 +109,7 @@ def _entries(
     reduced: Float[np.ndarray, " 10"],
     visible: Bool[np.ndarray, " 10"],
 ) -> tuple[Float[np.ndarray, "4 4"], list[str]]:
-    """A body's M̄ without knowledge from recordings, and which of its entries are unknown."""
+    """A body's prior M̄, and which of its entries are unknown."""
     free, to_p = robot.bodies[body].free, entry_map()
     M = pseudo_inertia(reduced)
     if not free:
@@ -123,12 +123,12 @@ def _entries(
     return M, [entry for (entry, _), is_hidden in entries if is_hidden or entry in free]
 
 
-# The solver's tolerance, of values in standard deviations: half the digits.
+# Solver tolerance, of values in standard deviations: half the digits.
 _TOLERANCE = float(np.sqrt(np.finfo(float).eps))
 
 
 class ConsistentBall:
-    """Consistent unknowns with ‖R u − b‖² within the reach of the best."""
+    """Consistent unknowns u with ‖R u − b‖² within the 95 % bound of the optimum."""
 
     def __init__(self, data: Float[np.ndarray, "rows augmented"], unknown: ForceUnknowns) -> None:
         n, self._blocks = len(unknown.names), unknown.blocks
@@ -158,7 +158,7 @@ class ConsistentBall:
     def _solve(
         self, cost: Float[np.ndarray, " n"] | None, radius: float | None
     ) -> Float[np.ndarray, " n"]:
-        """v of least cost with ‖v‖ ≤ radius, or of least norm, among the consistent ones.
+        """The consistent v of least cost with ‖v‖ ≤ radius, or of least norm.
 
         The last variable t bounds the norm.
         """

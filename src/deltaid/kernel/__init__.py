@@ -1,1 +1,2 @@
-"""One symbolic graph, evaluated for millions of samples a second: CasADi to LLVM vector code."""
+"""Batch evaluation of symbolic graphs: CasADi compiled to LLVM vector code, millions of samples a
+second."""

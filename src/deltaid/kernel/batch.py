@@ -1,4 +1,4 @@
-"""The batch kernel: one SX graph evaluated for any number of samples, compiled in the process.
+"""Batch kernel: one SX graph, compiled in the process and evaluated for any number of samples.
 
 No C compiler is needed: LLVM comes with llvmlite. Arrays hold samples in columns, shape
 (entries, samples), which is also what a column-major factorisation wants to read.
@@ -31,17 +31,16 @@ from deltaid.kernel import llvm_ir, store
 from deltaid.kernel.llvm_ir import KERNEL_NAME, LIBM_NAMES, vector_ir
 from deltaid.parallel import cores
 
-# Samples a thread takes at a time: few enough that in- and outputs of a block stay in the cache,
-# and no power of two, because rows a power of two apart fight for the same lines of it.
+# Samples of a block: few enough for the cache, and no power of two, because rows a power of two
+# apart compete for the same cache lines.
 BLOCK = 2000
-# Blocks that are worth a thread of their own.
+# Blocks that justify another thread.
 _SHARE = 8
 
 _POINTER, _INT = ctypes.c_void_p, ctypes.c_int64
 
 VARIABLE = "DELTAID_KERNEL_CPU"
-# Levels of the x86-64 psABI: doubles in a vector, and the features that tell whether a processor
-# has the level.
+# Levels of the x86-64 psABI: doubles in a vector, and features that a processor of the level has.
 _LEVELS = {
     "x86-64-v2": (4, ("sse4.2", "popcnt")),
     "x86-64-v3": (4, ("avx2", "fma", "bmi2")),
@@ -112,7 +111,7 @@ class BatchKernel:
 
     @functools.cached_property
     def function(self) -> ca.Function:
-        """The same by CasADi's own evaluator: what is compiled, common subexpressions once."""
+        """CasADi's own evaluator of the same graph, common subexpressions merged."""
         return _once(self._graph)
 
     def __call__(
@@ -121,7 +120,7 @@ class BatchKernel:
         uniform: Float[np.ndarray, " n_uniform"] | None = None,
         threads: int | None = None,
     ) -> Float[np.ndarray, "n_out samples"]:
-        """Evaluate all samples, on all cores unless `threads` says otherwise or they are in use."""
+        """Evaluate all samples, on all free cores or on so many `threads`."""
         x, given = np.asarray(x, dtype=float), np.zeros(0) if uniform is None else uniform
         shared = np.ascontiguousarray(given, dtype=float)
         if (len(x), shared.shape) != (self.n_in, (self.n_uniform,)):
@@ -147,7 +146,8 @@ class BatchKernel:
         out: Float[np.ndarray, "n_out samples"],
         starts: range,
     ) -> None:
-        """Some blocks of samples, one after the other through buffers that stay in the cache.
+        """Evaluate some blocks of samples, one after the other, through buffers that stay in the
+        cache.
 
         The last block's end is padded with its last sample up to the vector width.
         """
@@ -190,21 +190,21 @@ class CompiledKernel:
         if code is None:
             code = _compile(vector_ir(_once(graph), width, apart=apart))
             store.save(name, code)
-        self._engine = _engine(code)  # owns what is called
+        self._engine = _engine(code)  # keeps the code alive
         self.call = ctypes.CFUNCTYPE(None, _POINTER, _INT, _POINTER, _INT, _POINTER, _INT)(
             self._engine.get_function_address(KERNEL_NAME)
         )
 
 
 def _once(graph: ca.Function) -> ca.Function:
-    """The same with common subexpressions once."""
+    """The function with common subexpressions merged."""
     inputs = graph.sx_in()
     return ca.Function("f", inputs, ca.cse(graph.call(inputs)))
 
 
 @functools.cache
 def _initialise() -> None:
-    """Start LLVM for this machine and make libm's functions known to it."""
+    """Initialise LLVM for this machine and register libm's functions."""
     llvm.initialize_native_target()
     llvm.initialize_native_asmprinter()
     libm = ctypes.CDLL(ctypes.util.find_library("m") or "ucrtbase")
@@ -216,7 +216,7 @@ def _initialise() -> None:
 
 @functools.cache
 def _circumstances(cpu: Target) -> tuple[str | bytes, ...]:
-    """All that machine code depends on besides its graph."""
+    """Everything that machine code depends on besides its graph."""
     versions = [version(package) for package in ("deltaid", "casadi", "llvmlite")]
     return (
         *versions,
@@ -268,7 +268,7 @@ class Recurrence:
     def __call__(
         self, state: Float[np.ndarray, " n_state"], inputs: Float[np.ndarray, "samples n_in"]
     ) -> tuple[Float[np.ndarray, " n_state"], Float[np.ndarray, "samples n_out"]]:
-        """The state behind the last sample, and all outputs."""
+        """The state after the last sample, and all outputs."""
         outputs = np.empty((len(inputs), self.n_out))
         rows, behind = self.n_in + self.n_state + self.n_out, self.n_in + self.n_state
         block = np.zeros((rows, min(BLOCK, len(inputs)) + 1))

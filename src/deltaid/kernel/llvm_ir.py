@@ -1,4 +1,4 @@
-"""A CasADi SX function written out as LLVM vector code, a few samples per instruction.
+"""LLVM vector code of a CasADi SX function, a few samples per instruction.
 
 The function's instruction list is straight-line code on scalars. Each scalar becomes a vector
 <W x double> that holds the same quantity of W neighbouring samples, and the whole list the body of
@@ -13,7 +13,7 @@ import casadi as ca
 
 KERNEL_NAME = "kernel"
 
-# Functions without a vector form are called once a sample; their addresses come from libm.
+# Functions without a vector form are called for each sample; their addresses come from libm.
 LIBM_UNARY = {
     ca.OP_SIN: "sin",
     ca.OP_COS: "cos",

@@ -1,4 +1,4 @@
-"""Compiled kernels, kept on disk from one run to the next.
+"""Disk cache of compiled kernels.
 
 An entry is the machine code of one graph for one CPU, under a name that is the checksum of
 everything it follows from. It begins with its own checksum: what was damaged, or written by
@@ -17,14 +17,14 @@ from deltaid.files import write_bytes
 VARIABLE = "DELTAID_KERNEL_CACHE"
 _OFF, _SUFFIX = "off", ".kernel"
 _DIGEST = hashlib.sha256().digest_size
-# All entries together [bytes]; those of a robot take about one megabyte.
+# Size of all entries together [bytes]; those of a robot take about one megabyte.
 _LARGEST = 128 << 20
-# Who saves looks at all entries once in so many times, because it takes as long as a compilation.
+# One save in so many removes old entries, because listing them takes as long as a compilation.
 _LOOKS = 16
 
 
 def key(*parts: str | bytes) -> str:
-    """The name of an entry that follows from some parts."""
+    """Name of an entry that follows from some parts."""
     whole = hashlib.sha256()
     for part in parts:
         data = part.encode() if isinstance(part, str) else part
@@ -33,12 +33,12 @@ def key(*parts: str | bytes) -> str:
 
 
 def switch_off() -> None:
-    """Neither read nor write entries in this process and those that it starts."""
+    """Disable the cache in this process and in those that it starts."""
     os.environ[VARIABLE] = _OFF
 
 
 def folder() -> Path | None:
-    """Where entries are kept; None if they are not.
+    """The cache folder; None where there is none.
 
     `DELTAID_KERNEL_CACHE` names a folder of one's own, or is `off`.
     """
@@ -50,7 +50,7 @@ def folder() -> Path | None:
 
 
 def load(name: str) -> bytes | None:
-    """An entry; None if there is none that is whole."""
+    """An entry; None where it is missing or damaged."""
     if (place := folder()) is None:
         return None
     data = b""
@@ -59,14 +59,14 @@ def load(name: str) -> bytes | None:
     checksum, content = data[:_DIGEST], data[_DIGEST:]
     if hashlib.sha256(content).digest() != checksum:
         return None
-    with suppress(OSError):  # of a folder that may only be read
+    with suppress(OSError):  # the folder may be read-only
         os.utime(place / name)
     return content
 
 
 def save(name: str, content: bytes) -> None:
-    """Keep an entry. Where the system's own folder cannot be written, or a disk is full, there is
-    none.
+    """Store an entry, or nothing where the system's own folder cannot be written or the disk is
+    full.
 
     Raises:
         DeltaidError: the folder that `DELTAID_KERNEL_CACHE` names cannot be written.
@@ -77,7 +77,7 @@ def save(name: str, content: bytes) -> None:
         place.mkdir(parents=True, exist_ok=True, mode=0o700)
         checksum = hashlib.sha256(content).digest()
         write_bytes(place / name, checksum + content)
-        if checksum[0] % _LOOKS == 0:  # as good as at random
+        if checksum[0] % _LOOKS == 0:  # a random sample
             _make_room(place)
     except (OSError, DeltaidError) as error:
         if os.environ.get(VARIABLE) and not os.access(place, os.W_OK):
@@ -90,15 +90,15 @@ def save(name: str, content: bytes) -> None:
 
 
 def _make_room(place: Path) -> None:
-    """Remove the entries used longest ago while all together are too large.
+    """Remove the entries used longest ago until the total size is within the limit.
 
     Another process may do so at the same time, so any of them may be gone already.
     """
     entries = []
     for path in place.glob(f"*{_SUFFIX}"):
         with suppress(OSError):
-            found = path.stat()
-            entries.append((found.st_mtime, found.st_size, path))
+            entry = path.stat()
+            entries.append((entry.st_mtime, entry.st_size, path))
     total = sum(size for _, size, _ in entries)
     for _, size, path in sorted(entries):
         if total <= _LARGEST:
@@ -109,7 +109,7 @@ def _make_room(place: Path) -> None:
 
 
 def _caches() -> Path | None:
-    """The system's folder for what can be made again; None for a user without a home."""
+    """The system's cache folder; None for a user without a home."""
     try:
         home = Path.home()
     except RuntimeError:

@@ -1,1 +1,1 @@
-"""How a robot moves: poses of all bodies, drives and joints as functions of z."""
+"""Kinematics: poses of all bodies, drives and joints as functions of z."""

@@ -1,4 +1,5 @@
-"""The mechanism of a described robot: drive × parallelogram limb × platform (× telescope)."""
+"""Composition of a described robot's mechanism: drive × parallelogram limb × platform (×
+telescope)."""
 
 import casadi as ca
 import numpy as np
@@ -15,8 +16,8 @@ from deltaid.robot.description import RobotDescription
 from deltaid.robot.limbs import LimbGeometry
 from deltaid.robot.platform import H4Platform, RigidPlatform
 
-# How far from home a drive is taken to work that has no described range, and what of half a turn
-# must be left between that and the jump of an angle at ±180° [rad].
+# Assumed range of a drive about home where none is described, and the least distance of its limb's
+# angles to the jump at ±180° [rad].
 _QUARTER, _CLEAR = np.deg2rad(90.0), np.deg2rad(170.0)
 
 
@@ -87,7 +88,7 @@ def build_mechanism(robot: RobotDescription, growth: LengthGrowth | None = None)
 
 
 def _middle(robot: RobotDescription, i: int, z: ca.SX, point: ca.SX) -> float | None:
-    """Angle of a rotary drive about which its coordinate is continuous [rad]; None for a rail.
+    """Centre of the continuous range of a rotary drive's angle [rad]; None for a rail.
 
     Zero where that keeps the jump at ±180° away from where the limb works: from its described
     range, else from a quarter of a turn to either side of its home pose.
@@ -103,7 +104,7 @@ def _middle(robot: RobotDescription, i: int, z: ca.SX, point: ca.SX) -> float | 
 def _loops(
     limbs: tuple[LimbMotion, ...], platform: PlatformParts, z: Path
 ) -> tuple[ca.SX, ca.SX, ca.SX]:
-    """A, B and c of the closed loops; a drive beside the limbs' is the last entry of z."""
+    """A, B and c of the closed loops; a drive of the tool alone is the last entry of z."""
     n, dof = len(limbs), z.at.numel()
     A, B, c = ca.SX(dof, dof), ca.SX.eye(dof), ca.SX(dof, 1)
     for i, (limb, point) in enumerate(zip(limbs, platform.points, strict=True)):
@@ -129,7 +130,7 @@ def _closure(
 
 
 def _hold(robot: RobotDescription, limbs: tuple[LimbMotion, ...]) -> ca.SX:
-    """Axes n = x_S × y_L (unit vectors, world): a parallelogram has no rotation about its normal.
+    """Axes n = x_S × y_L (unit vectors, world): a parallelogram prevents rotation about its normal.
 
     Parts that joints keep parallel share all three rotations. The side bars of an H4 hang on a
     middle bar that turns about z, so each has a rotation about z of its own.
@@ -146,7 +147,7 @@ def _hold(robot: RobotDescription, limbs: tuple[LimbMotion, ...]) -> ca.SX:
 
 
 def _closed_form(robot: RobotDescription, task: tuple[ca.SX, ca.SX], q: ca.SX) -> ClosedForm | None:
-    """Three spheres that meet, on the side of the elbows on which the home pose is."""
+    """Intersection of three spheres, on the side of the elbows of the home pose."""
     geometry = robot.limb_geometry
     if not isinstance(robot.platform, RigidPlatform) or len(geometry) != 3:
         return None

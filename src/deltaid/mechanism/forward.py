@@ -1,5 +1,5 @@
-"""Forward kinematics of any mechanism: closed form where there is one, as for three limbs that
-hold one platform, else Newton's method.
+"""Forward kinematics of any mechanism: in closed form where three limbs hold one platform, else by
+Newton's method.
 
 By Newton's method z(q) solves Φ(z, q) = 0 (`Mechanism.closure`); a step is z ← z − Φ_z⁻¹ Φ, all
 samples at once.
@@ -33,23 +33,23 @@ from deltaid.robot.limbs import LimbGeometry
 
 Samples = Float[np.ndarray, "samples dof"]
 
-# Of so many samples the first is reached from home; the others begin there.
+# Samples between anchors, which are reached from home; the others start at their anchor.
 _STRIDE = 32
-# Steps along the way from home, coarse and fine, and Newton iterations at each and at the end.
+# Coarse and fine steps from home, and Newton iterations at each step and at the end.
 _COARSE, _FINE, _ON_THE_WAY, _AT_THE_END = 6, 60, 2, 8
-# How often solved samples are handed on to lost ones.
+# Most rounds in which solved samples start their unsolved neighbours.
 _HANDED_ON = 4
 # Residual [m, rad] below which the loops are closed, and distance to the edge of its reach within
 # which a limb is stretched: far above rounding, far below any length.
 CLOSED = 1e-12
-# Distance [m] by which a limb must be in its other working mode to be called so; nearer to the
-# stretched limb the pose is singular, whichever side rounding puts it on.
+# Mode margin [m] of the other working mode: closer to the stretched limb the pose is singular, and
+# rounding decides.
 _OTHER_MODE = 1e-9
 
 
 @dataclass(frozen=True)
 class Forward:
-    """Task coordinates of drive coordinates, and what is known of each sample.
+    """Task coordinates of drive coordinates, with the state of each sample.
 
     Attributes:
         z: NaN where no pose was found.
@@ -80,7 +80,7 @@ class Forward:
 
 
 class NewtonForward:
-    """z(q) of one mechanism near a home pose.
+    """z(q) of a mechanism near a home pose.
 
     Args:
         home: a regular pose in the described working mode, z.
@@ -110,32 +110,32 @@ class NewtonForward:
         self._sign = np.sign(self._evaluate(home[None], self._q_home[None])[1][0])
 
     def solve(self, q: Samples) -> Forward:
-        """Solve for all samples; neighbours in the array are taken for neighbours in time."""
+        """Solve for all samples; adjacent rows are adjacent in time."""
         anchors = self._from_home(q[::_STRIDE], _COARSE)
         z = np.repeat(anchors, _STRIDE, axis=0)[: len(q)]
         z = self._iterate(z, q, _AT_THE_END)
-        found = self._judge(z, q)
+        solution = self._judge(z, q)
         for steps in (_COARSE, _FINE):
-            lost = np.flatnonzero(~found.on_branch)
+            lost = np.flatnonzero(~solution.on_branch)
             if not lost.size:
                 break
             z[lost] = self._from_home(q[lost], steps)
-            found = self._judge(z, q)
-        return self._from_neighbours(q, found)
+            solution = self._judge(z, q)
+        return self._from_neighbours(q, solution)
 
-    def _from_neighbours(self, q: Samples, found: Forward) -> Forward:
+    def _from_neighbours(self, q: Samples, solution: Forward) -> Forward:
         for _ in range(_HANDED_ON):
-            solved = found.on_branch
+            solved = solution.on_branch
             last = np.maximum.accumulate(np.where(solved, np.arange(len(q)), -1))
             lost = np.flatnonzero(~solved & (last >= 0))
             if not lost.size:
                 break
-            z = found.z.copy()
+            z = solution.z.copy()
             z[lost] = self._iterate(z[last[lost]], q[lost], _AT_THE_END)
-            found = self._judge(z, q)
-            if not found.on_branch[lost].any():
+            solution = self._judge(z, q)
+            if not solution.on_branch[lost].any():
                 break
-        return found
+        return solution
 
     def _from_home(self, q: Samples, steps: int) -> Samples:
         z = np.repeat(self._home[None], len(q), axis=0)
@@ -157,7 +157,7 @@ class NewtonForward:
         return z
 
     def _evaluate(self, z: Samples, q: Samples) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Largest residual, determinant and mode margins of each sample, a column each."""
+        """Largest residual, determinant and mode margins of each sample."""
         out = self._check(np.hstack([z, q]).T)
         n = self._dof
         return np.abs(out[:n]).max(axis=0), out[n], out[n + 1 :]
@@ -211,7 +211,7 @@ def _closed_form(mechanism: Mechanism, form: ClosedForm) -> ForwardKinematics:
 def meeting_point(
     q: ca.SX, limbs: tuple[LimbGeometry, ...], *, below: bool
 ) -> tuple[ca.SX, ca.SX, ca.SX]:
-    """Platform point from three drive coordinates: the lower or upper point where spheres meet.
+    """Platform point from three drive coordinates: the lower or upper intersection of spheres.
 
     The sphere of limb i has the strut's length as radius and its elbow, moved by the attachment, as
     centre c_i. With a = c_1 − c_0, b = c_2 − c_0, n = a × b, points at distances l_i satisfy

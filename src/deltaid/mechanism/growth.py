@@ -1,4 +1,4 @@
-"""By how much a robot's lengths exceed those described, as symbols of a graph.
+"""Deviations of a robot's lengths from the described ones, as symbols of a graph.
 
 Torques and drive coordinates as functions of these are what a tolerance of a length goes through.
 Only distances between joints count: a drive that stands further out does the same to all motion and
@@ -15,7 +15,7 @@ from deltaid.robot.platform import H4Platform, Par4Platform
 
 @dataclass(frozen=True)
 class LimbGrowth:
-    """Of one limb [m].
+    """Deviations of one limb [m].
 
     Attributes:
         seat: how much further out its joint of the platform stands, along x of the limb's frame.
@@ -34,7 +34,7 @@ class LimbGrowth:
 
 @dataclass(frozen=True)
 class LengthGrowth:
-    """Of all lengths [m].
+    """Deviations of all lengths [m].
 
     Attributes:
         symbols: seat, arm and strut of limb after limb, half of the platform, telescope; behind
@@ -47,11 +47,11 @@ class LengthGrowth:
 
     @classmethod
     def named(cls, limbs: int, mounted: bool = False) -> "LengthGrowth":
-        """New symbols for so many limbs; with those of how limbs are mounted, or without."""
+        """New symbols for so many limbs, with or without those of their mounting."""
         return cls(ca.SX.sym("grown", 3 * limbs + 2 + (5 * limbs if mounted else 0)), limbs)
 
     def limb(self, i: int) -> LimbGrowth:
-        """Of one limb."""
+        """Deviations of one limb."""
         seat, arm, strut = (self.symbols[3 * i + k] for k in range(3))
         if self.symbols.numel() == 3 * self.count + 2:
             return LimbGrowth(seat, arm, strut)
@@ -60,24 +60,24 @@ class LengthGrowth:
 
     @property
     def half(self) -> ca.SX:
-        """Of half the distance of the platform's parts, where that is given."""
+        """Deviation of half the distance of the platform's parts, where it is given."""
         return self.symbols[3 * self.count]
 
     @property
     def telescope(self) -> ca.SX:
-        """Of the height of the base joint of a telescope bar."""
+        """Deviation of the height of the base joint of a telescope bar."""
         return self.symbols[3 * self.count + 1]
 
 
 def mounting_symbols(limb: int, limbs: int) -> tuple[list[int], list[int]]:
-    """Numbers of the symbols of where a limb (from 0, of so many) is mounted: those that move its
-    joint of the platform along x, y, z of its frame, and those that turn this frame about them."""
+    """Indices of the symbols of a limb's mounting (limb from 0, of so many): those that move its
+    platform joint along x, y, z of its frame, and those that turn the frame about them."""
     first = 3 * limbs + 2 + 5 * limb
     return [3 * limb, first, first + 1], [first + 2, first + 3, first + 4]
 
 
 def grown_by(robot: RobotDescription) -> dict[str, tuple[int, ...]]:
-    """Numbers of the symbols of each kind of length of a robot, one a limb or one for all."""
+    """Indices of the symbols of each kind of length, one a limb or one for all."""
     limbs = robot.limbs
     if limbs is None:
         return {}

@@ -1,4 +1,4 @@
-"""Numeric kinematics of a robot: inverse, forward, Jacobians, poses, with errors that explain."""
+"""Numeric kinematics of a robot: inverse, forward, Jacobians and poses, with clear errors."""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -29,7 +29,7 @@ _CHECK_DRIVES = (
 
 @dataclass(frozen=True, repr=False)
 class BodyPoses(Shown):
-    """Poses of one moving body for many samples, or one: R_WB takes link frame B to the world."""
+    """Poses of a moving body, one or many samples: R_WB takes link frame B to the world."""
 
     name: str
     R_WB: Float[np.ndarray, "*samples 3 3"]
@@ -37,7 +37,7 @@ class BodyPoses(Shown):
 
 
 class Kinematics(Shown, Plotted):
-    """Kinematics of a described robot. Arrays have one sample a row; kernels compile when needed.
+    """Kinematics of a described robot. Arrays have one sample a row; kernels compile on first use.
 
     A single sample may be given as a vector, and then what is returned has no axis of samples.
 
@@ -79,44 +79,44 @@ class Kinematics(Shown, Plotted):
             KinematicsError: no platform position closes the loops, its Jacobian is singular, or a
                 limb is in its other working mode.
         """
-        found = self._forward(q)
-        bad = np.flatnonzero(~found.closed)
+        solution = self._forward(q)
+        bad = np.flatnonzero(~solution.closed)
         if bad.size:
             raise KinematicsError(
                 f"no platform position closes the loops at q = {written(q[bad[0]])}"
-                f"{found.missing(int(bad[0]))}",
+                f"{solution.missing(int(bad[0]))}",
                 where=f"sample {bad[0]}",
                 cure=_CHECK_DRIVES,
             )
-        self.require_regular(found.z)
-        wrong = np.flatnonzero(~found.in_mode)
+        self.require_regular(solution.z)
+        wrong = np.flatnonzero(~solution.in_mode)
         if wrong.size:
             raise KinematicsError(
-                f"{self._wrong_mode(int(found.limb[wrong[0]]))} at q = {written(q[wrong[0]])}",
+                f"{self._wrong_mode(int(solution.limb[wrong[0]]))} at q = {written(q[wrong[0]])}",
                 where=f"sample {wrong[0]}",
                 cure=f"{_CHECK_DRIVES}; limbs.working_mode says how the robot is assembled",
             )
-        return found.z
+        return solution.z
 
     @one_or_many("q")
     def forward_unchecked(self, q: Samples) -> tuple[Samples, Bool[np.ndarray, " samples"]]:
-        """z(q) and whether it is good.
+        """z(q), and whether each sample is valid.
 
         z is NaN where the loops do not close or a limb is in its other working mode.
         """
-        found = self._forward(q)
-        good = found.closed & found.in_mode
-        return np.where(good[:, None], found.z, np.nan), good
+        solution = self._forward(q)
+        good = solution.closed & solution.in_mode
+        return np.where(good[:, None], solution.z, np.nan), good
 
     def why_not(self, q: Samples) -> str:
-        """What is wrong with a drive position that `forward_unchecked` calls not good."""
-        found = self._forward(np.atleast_2d(q))
-        if not found.closed[0]:
-            return f"the loops do not close{found.missing(0)}"
-        return self._wrong_mode(int(found.limb[0]))
+        """Why `forward_unchecked` calls a drive position invalid."""
+        solution = self._forward(np.atleast_2d(q))
+        if not solution.closed[0]:
+            return f"the loops do not close{solution.missing(0)}"
+        return self._wrong_mode(int(solution.limb[0]))
 
     def _wrong_mode(self, limb: int) -> str:
-        """How a limb's posture differs from the description; −1 where none does."""
+        """How a limb's posture differs from the description, in words; −1 where none does."""
         if limb < 0:
             return "the loops close only beyond a singularity from the home pose"
         geometry = self.robot.limb_geometry[limb]
@@ -156,7 +156,7 @@ class Kinematics(Shown, Plotted):
         return Regularity(*self._regularity_kernel(z.T))
 
     def passages(self, z: Samples) -> Int[np.ndarray, " passages"]:
-        """Samples i of a motion z(t) between which and i + 1 it passes through a singularity.
+        """Samples i of a motion z(t) such that it passes through a singularity between i and i + 1.
 
         Beyond a singularity a robot is on another branch than its home pose, where the same drive
         coordinates often have a solution too; z(q) then turns back where the robot went on.
@@ -204,7 +204,7 @@ class Kinematics(Shown, Plotted):
 
     @one_or_many("z", "qd")
     def passive_joints(self, z: Samples, qd: Samples | None = None) -> JointStates:
-        """The same for the joints without a drive, from task coordinates z; NaN out of reach.
+        """The same for passive joints, from task coordinates z; NaN out of reach.
 
         Raises:
             DeltaidError: the mechanism is the user's own, so its joints are not known.
@@ -262,12 +262,12 @@ class Kinematics(Shown, Plotted):
 
     @property
     def home(self) -> Float[np.ndarray, " dof"]:
-        """A pose in the middle of the workspace, z; ψ of a platform in the middle of its range."""
+        """A pose z in the middle of the workspace, with ψ in the middle of its range."""
         return self.robot.home
 
     @cached_property
     def passive_friction(self) -> PassiveJoints:
-        """Joints without a drive that have friction."""
+        """Passive joints with friction."""
         names = [joint for joint in self.robot.friction_joints if joint not in self.robot.drives]
         return PassiveJoints(self.mechanism, names)
 

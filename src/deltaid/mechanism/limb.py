@@ -1,4 +1,4 @@
-"""One limb: a drive, then a parallelogram of struts to a joint of the platform.
+"""A limb: a drive, then a parallelogram of struts to a joint of the platform.
 
 Frames (docs/conventions.md): the limb's inertial frame L has x outwards, y along the motor axis and
 z up; its origin is the world's. Upper arm U at the motor axis, x along the arm, angle 0 horizontal
@@ -23,7 +23,7 @@ _Length = float | ca.SX
 
 @dataclass(frozen=True)
 class Limb:
-    """One limb as functions of the point it holds: drive coordinate, poses, reach [m].
+    """A limb as functions of its platform joint: drive coordinate, poses, reach [m].
 
     Attributes:
         q: drive coordinate [rad or m].
@@ -44,7 +44,7 @@ class Limb:
 
 @dataclass(frozen=True)
 class LimbMotion:
-    """One limb along a motion of the point a that it holds and of its drive.
+    """A limb along a motion of its platform joint a and its drive.
 
     The loop |a − E(q)|² = l² through the elbow E gives, with s = a − E(q) and E′ = dE/dq,
 
@@ -70,7 +70,7 @@ class LimbMotion:
 
 
 def build_limb(point: ca.SX, limb: LimbGeometry, middle: float = 0.0) -> Limb:
-    """Inverse kinematics and poses of a limb that holds `point` (world, m).
+    """Inverse kinematics and poses of a limb with its platform joint at `point` (world, m).
 
     A rotary drive's angle is continuous within 180° of `middle` [rad].
     """
@@ -107,7 +107,7 @@ def limb_motion(
         lengths = limb.upper_arm + grown.arm, limb.strut + grown.strut
         if grown.place is not None and grown.turn is not None:
             point = replace(point, at=point.at + fixed(limb.R_WL[:, 1:]) @ grown.place)
-            turned = turned + skew(grown.turn)  # to first order, as slopes need it
+            turned = turned + skew(grown.turn)  # first order is enough for slopes
             R_LW, origin = turned.T @ R_LW, turned.T @ origin
     d, qd, qdd = R_LW @ (point.at - fixed(limb.base)), drive.u, drive.ud
     rotary = limb.drive == "rotary"
@@ -146,7 +146,7 @@ def limb_motion(
 
 @dataclass(frozen=True)
 class _Drive:
-    """A limb's drive for some point: coordinate, the elbow from the base point in L, E′ and E″."""
+    """A limb's drive for some point: coordinate, elbow from the base point in L, E′ and E″."""
 
     q: ca.SX
     cos: ca.SX
@@ -201,7 +201,7 @@ def _linear(p: ca.SX, limb: LimbGeometry, l: _Length) -> _Drive:
 
 
 def _rotary_reach(rho_squared: ca.SX, lateral: ca.SX, L: _Length, l: _Length) -> ca.SX:
-    """Distance [m] from the held point to the nearest one that the limb cannot reach.
+    """Distance [m] from the platform joint to the nearest point out of reach.
 
     The limb reaches all points that are a strut l away from some point of the elbow's circle: those
     whose distances to the circle's nearest and farthest point have l between them. Out of reach it
@@ -213,7 +213,7 @@ def _rotary_reach(rho_squared: ca.SX, lateral: ca.SX, L: _Length, l: _Length) ->
 
 
 def elbow(q: ca.SX, limb: LimbGeometry) -> ca.SX:
-    """The upper end of the strut for a drive coordinate, in the world [m]."""
+    """Upper end of the strut for a drive coordinate, in the world [m]."""
     if limb.drive == "rotary":
         in_L = limb.upper_arm * ca.vertcat(ca.cos(q), 0, -ca.sin(q))
     else:
@@ -222,7 +222,7 @@ def elbow(q: ca.SX, limb: LimbGeometry) -> ca.SX:
 
 
 def mode_margin(q: ca.SX, point: ca.SX, limb: LimbGeometry) -> ca.SX:
-    """How far [m] the limb is on the right side of its stretched pose; negative in the other mode.
+    """Distance [m] of the limb from its stretched pose; negative in the other working mode.
 
     Rotary: how far the strut's end lies inwards of the line through the upper arm. Linear: how far
     along the rail the held point lies below the carriage.

@@ -1,4 +1,4 @@
-"""A mechanism as the rest of the package sees it: symbolic poses, drives, joints, reach.
+"""A mechanism for the rest of the package: symbolic poses, drives, joints and reach.
 
 Everything is a CasADi SX expression of the task coordinates z = [r; ψ] (r the platform point in
 the world; ψ the tool's angle, where a telescope or a platform turns it). Velocities and
@@ -17,7 +17,7 @@ from deltaid.mechanism.speeds import Speeds
 
 @dataclass(frozen=True)
 class MovingBody:
-    """One moving rigid body: whose inertia parameters it has, how many of it, and how it moves.
+    """A moving rigid body: its inertia parameters, its multiplicity and its motion.
 
     Attributes:
         name: the body of the description whose ten parameters it carries.
@@ -58,7 +58,7 @@ class MovingBody:
 
 @dataclass(frozen=True)
 class LimbBodies:
-    """One limb's bodies: the driven one (upper arm or carriage), the strut, and what it holds.
+    """Bodies of a limb: the driven one (upper arm or carriage), the strut, and the platform joint.
 
     Attributes:
         driven, strut: their motion.
@@ -74,7 +74,7 @@ class LimbBodies:
 
 @dataclass(frozen=True)
 class ClosedForm:
-    """Forward kinematics written out.
+    """Forward kinematics in closed form.
 
     Attributes:
         z: task coordinates as functions of the drive coordinates.
@@ -91,7 +91,7 @@ class ClosedForm:
 
 @dataclass(frozen=True)
 class Mechanism:
-    """The kinematics of one robot, symbolic.
+    """Symbolic kinematics of a robot.
 
     Attributes:
         z: task coordinates, δ symbols.

@@ -1,6 +1,5 @@
-"""What users give as arrays: taken as real numbers or refused, one sample or many. A function of
-rows takes a single vector too, and returns its rank.
-"""
+"""Validation of array arguments: real numbers, one sample or many. Methods of many samples accept a
+single one."""
 
 import functools
 from collections.abc import Callable
@@ -41,7 +40,7 @@ _R = TypeVar("_R")
 
 
 def one_or_many(*names: str) -> Callable[[Callable[_P, _R]], Callable[_P, _R]]:
-    """Let a method take single samples (dof,) where it takes rows (samples, dof).
+    """Let a method of rows (samples, dof) accept a single sample (dof,).
 
     Where all of the named arguments, its first ones, are vectors, they go in as one row, and of
     what comes out, an array, a tuple or a data class of arrays, the first row is returned.
@@ -72,7 +71,7 @@ def one_or_many(*names: str) -> Callable[[Callable[_P, _R]], Callable[_P, _R]]:
 
 
 def one_or_many_times(method: Callable[_P, _R]) -> Callable[_P, _R]:
-    """Let a method of times (samples,) take a single time, and return what it is then."""
+    """Let a method of times (samples,) accept a single time."""
 
     @functools.wraps(method)
     def call(self: Any, time: Any) -> Any:

@@ -1,4 +1,4 @@
-"""What a function of the user's own returns, checked: kinds, shapes, symbols, and that it moves."""
+"""Checks of a user-defined mechanism: kinds, shapes, symbols, and mobility."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -13,34 +13,34 @@ from deltaid.mechanism.mechanism import Mechanism
 from deltaid.mechanism.regularity import written
 from deltaid.robot.description import RobotDescription
 
-# Rounding leaves 1e-15 of RᵀR − 1, and of the smallest singular value of ∂q/∂z over the largest.
+# Thresholds of RᵀR − 1, and of the ratio of singular values of ∂q/∂z: rounding leaves 1e-15.
 _ORTHONORMAL, _SINGULAR = 1e-9, 1e-9
 
-# Poses beside the middle of the workspace where rotations are looked at.
+# Random poses, besides the middle of the workspace, at which rotations are checked.
 _POSES = 8
 
 
 class Checker:
-    """Checks the parts of a mechanism, all with the same place in their messages."""
+    """Checks of a mechanism's parts, with the file's place in their messages."""
 
     def __init__(self, where: str, z: ca.SX) -> None:
         self._where, self._z = where, z
 
     def wrong(self, what: str) -> DescriptionError:
-        """An error that names the file's place."""
+        """An error with the file's place."""
         return DescriptionError(what, where=self._where, cure="correct the Python file")
 
     def kind(self, value: object, wanted: type, name: str, words: str) -> None:
-        """Refuse what is of another type, and text as a list."""
+        """Raise for a value of another type, and for text as a list."""
         if not isinstance(value, wanted) or isinstance(value, str):
             raise self.wrong(f"returns {name} as {type(value).__name__}, not as {words}")
 
-    def names(self, kind: str, found: Sequence[object], wanted: Sequence[str]) -> None:
-        """Refuse names other than those of the description."""
+    def names(self, kind: str, given: Sequence[object], wanted: Sequence[str]) -> None:
+        """Raise for names other than those of the description."""
         for name in wanted:
-            if name not in found:
+            if name not in given:
                 raise self.wrong(f"returns no {kind} '{name}', which the description has")
-        for name in found:
+        for name in given:
             if name not in wanted:
                 raise self.wrong(f"returns a {kind} '{name}', which the description does not have")
 
@@ -75,8 +75,8 @@ class Checker:
         return expression
 
     def motion(self, mechanism: Mechanism, robot: RobotDescription) -> None:
-        """Refuse what is not finite in the middle of the workspace, no rigid motion, or does not
-        let the drives move z there."""
+        """Raise for a motion that is not finite in the middle of the workspace, not rigid, or not
+        controlled by the drives there."""
         home = robot.home
         for i in range(mechanism.dof):
             if ca.jacobian(mechanism.q[i], mechanism.z).nnz() == 0:

@@ -1,4 +1,4 @@
-"""Platforms: the points that limbs hold, the moving bodies, and the platform's own joint.
+"""Platforms: joints of the limbs, moving bodies, and the platform's own joint.
 
 The task coordinates are z = [r; ψ] for a platform that turns its tool, z = r for one that does not.
 Formulas and sources: `robot/platform.py`. A telescope bar (Cardan axle) from base to platform turns
@@ -63,8 +63,8 @@ def build_platform(robot: RobotDescription, z: Path, grown: ca.SX | None = None)
         parts[0 if platform.on_first(i) else 1].shifted(d) for i, d in enumerate(attachments)
     )
     carrier = {"middle": along(r, z), "first": parts[0], "second": parts[1]}[platform.tool_on]
-    # What joins both parts. Both rods of a par4 move alike but for where they are, which no torque
-    # shows.
+    # The part between both halves. Both rods of a par4 move alike but for their place, which no
+    # torque shows.
     joining = platform.bodies[1:-1]
     count = 2 if isinstance(platform, Par4Platform) else 1
     turn = turn_z(along(joint, z))
@@ -79,7 +79,7 @@ def build_platform(robot: RobotDescription, z: Path, grown: ca.SX | None = None)
 
 
 def turn_z(angle: Path) -> Turn:
-    """A turn about world z."""
+    """Rotation about world z."""
     return Turn("z", ca.cos(angle.at), ca.sin(angle.at), angle.rate, angle.acceleration)
 
 
@@ -88,7 +88,7 @@ def _body(name: str, origin: Path, *turns: Turn, count: int = 1) -> MovingBody:
 
 
 def with_turned_half(mechanism: Mechanism) -> Mechanism:
-    """The same mechanism with its second half platform turned; itself where there is none.
+    """The same mechanism with its second half platform turned; unchanged where there is none.
 
     Both half platforms are the same part, of which one is mounted turned by 180° about z. Parts
     only translate, so torques show their masses alone, and both may be described in world axes.
@@ -141,7 +141,7 @@ def build_telescope(
 
 
 def _seen(frame: Rotation, v: Path) -> Path:
-    """A vector and its derivatives as seen from a turning frame."""
+    """A vector and its derivatives in a turning frame."""
     W, R = skew(frame.w), frame.R
     at = R.T @ v.at
     rate = R.T @ v.rate - W @ at

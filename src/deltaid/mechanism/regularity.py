@@ -1,4 +1,4 @@
-"""How far poses are from singular ones, and motions that pass through one."""
+"""Distance of poses from singularities, and motions that pass through one."""
 
 from dataclasses import dataclass
 
@@ -8,14 +8,14 @@ from jaxtyping import Float, Int
 from deltaid.errors import KinematicsError
 from deltaid.shown import Shown
 
-# cond(J) beyond which a pose counts as singular. J mixes rad/m and rad/rad, so a good pose of a
-# metre-sized robot has cond(J) below 10; at 1e6 the last six digits of every torque are lost.
+# cond(J) of a singular pose. J mixes rad/m and rad/rad, so a good pose of a metre-sized robot has
+# cond(J) below 10; at 1e6 the last six digits of every torque are lost.
 SINGULAR_CONDITION = 1e6
 
 
 @dataclass(frozen=True, repr=False)
 class Regularity(Shown):
-    """How far poses are from singular ones; J = ∂q/∂z with ψ counted as a length.
+    """Distance of poses from singularities; J = ∂q/∂z with ψ as a length.
 
     Attributes:
         condition: ‖J‖_F ‖J⁻¹‖_F / δ.
@@ -60,13 +60,13 @@ class Regularity(Shown):
             )
 
     def part(self, which: slice) -> "Regularity":
-        """Of some of the poses."""
+        """A subset of the poses."""
         fields = (self.condition, self.determinant, self.gain, self.hold)
         return Regularity(*(x[which] for x in fields))
 
 
 def passages(regular: Regularity) -> Int[np.ndarray, " passages"]:
-    """Samples i between which and i + 1 consecutive poses pass through a singularity.
+    """Samples i such that the motion passes through a singularity between i and i + 1.
 
     The distance d = 1/cond J falls towards zero there and rises again without rounding off: from
     either side, the last two samples' line reaches zero before the next sample.
@@ -78,5 +78,5 @@ def passages(regular: Regularity) -> Int[np.ndarray, " passages"]:
 
 
 def written(x: Float[np.ndarray, " n"]) -> str:
-    """Coordinates in a message."""
+    """Coordinates for a message."""
     return "[" + ", ".join(f"{value:.4g}" for value in x) + "]"

@@ -1,4 +1,4 @@
-"""Vectors, and rotations as chains of turns about axes of the turned frame with angular velocity.
+"""Vectors and rotations along a motion, as chains of elementary turns with angular velocity.
 
 Each turn adds its own rate to the angular velocity and nothing else, so what is zero by geometry
 is zero by structure: columns of the regressor that no motion shows stay empty. Angles are given by
@@ -14,7 +14,7 @@ from jaxtyping import Float
 
 @dataclass(frozen=True)
 class Path:
-    """A point, a vector or a length with its first two derivatives by time."""
+    """A point, a vector or a length with its first two time derivatives."""
 
     at: ca.SX
     rate: ca.SX
@@ -24,12 +24,12 @@ class Path:
         return Path(self.at[k], self.rate[k], self.acceleration[k])
 
     def shifted(self, by: Float[np.ndarray, " 3"]) -> "Path":
-        """A point beside this one."""
+        """A point at a constant offset."""
         return replace(self, at=self.at + fixed(by))
 
     @classmethod
     def still(cls, at: ca.SX) -> "Path":
-        """What does not move."""
+        """A constant point."""
         none = ca.SX(*at.shape)
         return cls(at, none, none)
 
@@ -68,7 +68,7 @@ class Rotation:
 
 
 def rotation(*turns: Turn) -> Rotation:
-    """Turns one after another, each about an axis e of the frame that the one before has turned.
+    """Successive turns, each about an axis e of the frame after the previous ones.
 
     With E the matrix of a turn by ϑ, ω ← Eᵀω + e ϑ̇ and ω̇ ← Eᵀω̇ + e ϑ̈ + (Eᵀω) × e ϑ̇.
     """
@@ -114,7 +114,8 @@ def pointing(axes: str, v: Path, length: Path) -> tuple[Turn, Turn]:
 
 
 def fixed(A: Float[np.ndarray, "..."]) -> ca.SX:
-    """Numbers without entries for what is zero but for rounding, so that no graph computes them."""
+    """Constants with exact zeros where only rounding differs from zero, so that no graph computes
+    them."""
     A = np.asarray(A, dtype=float)
     return ca.SX(ca.sparsify(ca.DM(np.where(np.abs(A) < 1e-15, 0.0, A))))
 

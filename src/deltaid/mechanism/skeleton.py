@@ -1,4 +1,4 @@
-"""A robot as line segments, to draw it: arms or rails, struts, platform and tool, telescope.
+"""A robot as line segments for drawing: arms or rails, struts, platform and tool, telescope.
 
 Everything follows from the poses of the moving bodies, so what is drawn is what is computed with.
 Only the distance between the two struts of a parallelogram is no number of the description, because
@@ -16,14 +16,14 @@ from deltaid.mechanism.mechanism import LimbBodies, Mechanism
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.platform import RigidPlatform
 
-# How far apart what nobody described is drawn, as a share of the size of what it is part of.
+# Drawn distance of undescribed parts, as a share of the size of their body.
 _APART = 0.5
 _BASE = "base"
 
 
 @dataclass(frozen=True)
 class Segment:
-    """A straight part of a body: its two ends in the world [m], functions of z."""
+    """A straight part of a body: both ends in the world [m], functions of z."""
 
     body: str
     start: ca.SX
@@ -70,8 +70,8 @@ def _segments(robot: RobotDescription, mechanism: Mechanism) -> list[Segment]:
 
 
 def _drawn_by_user(robot: RobotDescription, mechanism: Mechanism) -> list[Segment]:
-    """The lines that the user's function gives, or each body from its frame to its prior's centre
-    of mass."""
+    """Segments of the user's function, or of each body from its frame to its prior's centre of
+    mass."""
     if mechanism.drawing:
         return [Segment(*line) for line in mechanism.drawing]
     segments = []
@@ -88,7 +88,7 @@ def drawn_spacing(robot: RobotDescription) -> float:
 
 
 def _size(robot: RobotDescription) -> float:
-    """A length that the platform's or the base's size has [m]."""
+    """Radius of the platform, or of the base [m]."""
     limbs = robot.limb_geometry
     for points in ([l.attachment for l in limbs], [l.base for l in limbs]):
         radius = float(np.mean([np.linalg.norm(point) for point in points]))
@@ -100,7 +100,7 @@ def _size(robot: RobotDescription) -> float:
 def _limb(
     robot: RobotDescription, i: int, limb: LimbBodies, half: float
 ) -> tuple[list[Segment], list[ca.SX]]:
-    """Segments of one limb, and where its struts lie to either side of their middle."""
+    """Segments of a limb, and offsets of its struts from their middle."""
     geometry = robot.limb_geometry[i]
     driven, strut, elbow = limb.driven.name, limb.strut.name, limb.strut.world_origin
     y_L = ca.SX(ca.DM(geometry.R_WL[:, 1]))

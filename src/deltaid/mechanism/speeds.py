@@ -19,7 +19,7 @@ from deltaid.mechanism.rotation import reciprocal
 
 @dataclass(frozen=True)
 class Speed:
-    """Some generalised speeds as symbols, and what they are.
+    """Generalised speeds as symbols, and their values.
 
     Attributes:
         u, ud: symbols of the speeds and of their derivatives by time.
@@ -33,22 +33,22 @@ class Speed:
 
     @classmethod
     def named(cls, name: str, count: int) -> "Speed":
-        """Speeds that are new symbols."""
+        """Speeds as new symbols."""
         symbols = ca.SX.sym(name, count), ca.SX.sym(f"{name}_dot", count)
         return cls(*symbols, ca.SX(0, 1), ca.SX(0, 1))
 
     @classmethod
     def joined(cls, speeds: Sequence["Speed"]) -> "Speed":
-        """All of them as one."""
+        """All of them as one vector."""
         fields = ("u", "ud", "value", "rate")
         return cls(*(ca.vertcat(*(getattr(s, field) for s in speeds)) for field in fields))
 
     def __getitem__(self, k: slice) -> "Speed":
-        """Some of the symbols."""
+        """A subset of the symbols."""
         return Speed(self.u[k], self.ud[k], self.value, self.rate)
 
     def being(self, value: ca.SX, rate: ca.SX) -> "Speed":
-        """The same symbols with what they are."""
+        """The same symbols with values."""
         return replace(self, value=value, rate=rate)
 
 
@@ -58,7 +58,7 @@ Along = Callable[[ca.SX], ca.SX]
 
 @dataclass(frozen=True)
 class Speeds:
-    """The generalised speeds of one mechanism and how they hang together.
+    """Generalised speeds of a mechanism and the relations between them.
 
     Attributes:
         q, z: speeds of drives and of the platform.
@@ -114,7 +114,7 @@ class Speeds:
 
     @property
     def _inverse(self) -> ca.SX:
-        """A⁻¹, with one division."""
+        """A⁻¹, with a single division."""
         return reciprocal(ca.det(self.A)) * ca.adj(self.A)
 
     @property

@@ -1,4 +1,4 @@
-"""Coordinates of all joints of the robot's tree, the one that MJCF and URDF are written as.
+"""Coordinates of all joints of the robot's spanning tree, as in MJCF and URDF.
 
 A robot for programs that only know trees is cut where struts hold the platform and where the
 telescope meets it (`exports.spanning_tree`, which has bodies, frames and axes). In the closed robot
@@ -34,7 +34,7 @@ Samples = Float[np.ndarray, "samples dof"]
 
 @dataclass(frozen=True, eq=False)
 class JointStates(Named):
-    """Joints of the robot's tree for many samples, or one, as `sensor_msgs/JointState` has them.
+    """Joints of the robot's tree, for one or many samples, as in `sensor_msgs/JointState`.
 
     Attributes:
         names: of the joints, those of the MJCF and URDF exports.
@@ -70,7 +70,7 @@ class TreeJoints:
         return ca.jacobian(self.position, self.z) @ (self.inverse_jacobian @ self.qd)
 
     def states(self, z: Samples, qd: Samples | None) -> JointStates:
-        """Numbers at some samples of a motion."""
+        """Joint states at samples of a motion."""
         n = len(self.names)
         if qd is None:
             return JointStates(self.names, self._positions(z.T).T, None)
@@ -89,7 +89,7 @@ class TreeJoints:
 def tree_joints(
     robot: RobotDescription, mechanism: Mechanism, *, passive: bool = False
 ) -> TreeJoints:
-    """All joints of the tree, drives first; or those without a drive.
+    """All joints of the tree, drives first; or the passive ones.
 
     Raises:
         DeltaidError: the mechanism is the user's own, so its joints are not known.
@@ -115,19 +115,19 @@ def tree_coordinates(robot: RobotDescription, mechanism: Mechanism) -> dict[str,
             cure="choose a target without bodies and joints: c, st, fmu, casadi or npz; poses are "
             "those of Kinematics.poses",
         )
-    found = _of_platform(robot.platform, mechanism.z)
+    coordinates = _of_platform(robot.platform, mechanism.z)
     for i, limb in enumerate(mechanism.limbs):
         rotary, x_S = robot.limb_geometry[i].drive == "rotary", limb.strut.rotation.R[:, 0]
         q = mechanism.joints[f"drive{i + 1}"]
         swing = ca.atan2(-x_S[2], x_S[0]) - (q if rotary else 0)
-        found |= {
+        coordinates |= {
             f"drive{i + 1}": q,
             f"limb{i + 1}_swing": swing,
             f"limb{i + 1}_tilt": ca.asin(x_S[1]),
         }
     if robot.telescope is not None:
-        found |= _of_telescope(robot.telescope, mechanism.z)
-    return found
+        coordinates |= _of_telescope(robot.telescope, mechanism.z)
+    return coordinates
 
 
 Platform = RigidPlatform | H4Platform | Par4Platform | I4Platform
@@ -168,7 +168,7 @@ def _positions(name: str, r: ca.SX) -> dict[str, ca.SX]:
 
 @dataclass(frozen=True, eq=False)
 class JointRates:
-    """Joints for many samples.
+    """Joint motion at many samples.
 
     Attributes:
         speed, acceleration: ϑ̇, ϑ̈ [rad/s or m/s, and per s].
@@ -207,7 +207,7 @@ class PassiveJoints:
         qd: Float[np.ndarray, "samples dof"],
         qdd: Float[np.ndarray, "samples dof"],
     ) -> JointRates:
-        """At some samples of a motion."""
+        """Joint motion at samples of a motion."""
         n = len(self.names)
         out = self._kernel(np.hstack([z, qd, qdd]).T).T
         slope = out[:, 2 * n :].reshape(len(out), -1, n).swapaxes(1, 2)  # CasADi stores columns

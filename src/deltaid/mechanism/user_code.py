@@ -1,5 +1,4 @@
-"""A mechanism from a function of the user's own, in a Python file that runs when the user names it
-and never otherwise.
+"""A mechanism from a user's function in a Python file, which runs only when the user names it.
 
     def mechanism(z):                      # z: CasADi SX (x, y, z) or (x, y, z, ψ)
         …
@@ -26,12 +25,12 @@ from deltaid.mechanism.speeds import Speed, Speeds
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.own import NamedFile, OwnMechanism, name_file, named_file
 
-# What depends on z is an SX; what does not may be a number.
+# Values that depend on z are SX; constants may be numbers.
 Expression = ca.SX | ca.DM | np.ndarray | float
 
-# Name of segments that belong to what does not move.
+# Body name of fixed segments.
 BASE = "base"
-# The function that a Python file has to define.
+# Name of the function in the user's file.
 FUNCTION = "mechanism"
 
 
@@ -46,30 +45,30 @@ def use_mechanism(path: str | pathlib.Path) -> str:
     path = pathlib.Path(path)
     try:
         digest = hashlib.sha256(path.read_bytes()).hexdigest()
-        found = runpy.run_path(str(path)).get(FUNCTION)
+        function = runpy.run_path(str(path)).get(FUNCTION)
     except OSError as error:
         reason = error.strerror or error
         raise DescriptionError(
             f"cannot be read: {reason}", where=str(path), cure="check its name and permissions"
         ) from None
-    except (Exception, SystemExit) as error:  # what the user's code raises is told as theirs
+    except (Exception, SystemExit) as error:  # errors of the user's code
         raise DescriptionError(
             f"fails: {failure(error, path)}",
             where=str(path),
             cure="run it alone, as `python FILE.py`, to see the whole traceback",
         ) from None
-    if not callable(found):
+    if not callable(function):
         raise DescriptionError(
             f"defines no function `{FUNCTION}`",
             where=str(path),
             cure=f"write `def {FUNCTION}(z):` that returns a deltaid.MechanismParts",
         )
-    name_file(NamedFile(str(path), digest, found))
+    name_file(NamedFile(str(path), digest, function))
     return digest
 
 
 def named_path() -> pathlib.Path | None:
-    """Where the Python file is that the user has named, if there is one."""
+    """Path of the Python file that the user has named, if any."""
     file = named_file()
     return pathlib.Path(file.path) if file else None
 
@@ -142,7 +141,7 @@ class MechanismParts:
 
 
 def build_own(robot: RobotDescription, own: OwnMechanism) -> Mechanism:
-    """The mechanism of a description with a function of its own.
+    """The mechanism of a description with a user's function.
 
     Raises:
         DescriptionError: the function fails, or what it returns does not fit the description, is
@@ -194,7 +193,7 @@ def _called(file: NamedFile, z: ca.SX, check: Checker) -> MechanismParts:
         parts = file.function(z)
     except DescriptionError:
         raise
-    except (Exception, SystemExit) as error:  # what the user's code raises is told as theirs
+    except (Exception, SystemExit) as error:  # errors of the user's code
         raise check.wrong(f"fails: {failure(error, file.path)}") from None
     if not isinstance(parts, MechanismParts):
         raise check.wrong(f"returns {type(parts).__name__}, not a deltaid.MechanismParts")
@@ -218,7 +217,7 @@ def _require(
 
 
 def _body(body: BodyPose, z: Path, check: Checker) -> MovingBody:
-    """Its motion by differentiating its pose: the skew matrix RᵀṘ holds ω."""
+    """Motion of a body by differentiating its pose: the skew matrix RᵀṘ holds ω."""
     what = f"body '{body.name}'"
     rotation = check.expression(body.rotation, f"the rotation of {what}")
     origin = check.expression(body.origin, f"the origin of {what}")
@@ -237,7 +236,7 @@ def _body(body: BodyPose, z: Path, check: Checker) -> MovingBody:
 
 
 def _turning(R: ca.SX, z: ca.SX) -> ca.SX:
-    """Angular velocity of R, in its own frame, for ż = 1."""
+    """Angular velocity of R in its own frame, for ż = 1."""
     W = R.T @ ca.reshape(ca.jacobian(ca.vec(R), z), 3, 3)
     return ca.sparsify(ca.vertcat(W[2, 1], W[0, 2], W[1, 0]))
 

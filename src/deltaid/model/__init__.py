@@ -1,1 +1,1 @@
-"""A robot with its parameters, and the record of the identification behind them."""
+"""A robot with parameters, and the record of their identification."""

@@ -1,7 +1,5 @@
-"""What an identification corrected in its recordings or added to its model, for the model file:
-corrections, effects and sensors beside the robot, and causes that recordings do not separate; and
-the logs that a model comes from: what of them was excluded, and what acted on the robot in them.
-"""
+"""Corrections of an identification for the model file: corrected faults, effects and sensors,
+inseparable causes, and source logs with their excluded rows and events."""
 
 from typing import Annotated, Literal
 
@@ -15,14 +13,14 @@ Share = Annotated[float, Field(ge=0, le=1)]
 
 
 class TimeSpan(Part):
-    """When rows were left out, by their first and their last time stamp [s]."""
+    """First and last time stamp of excluded rows [s]."""
 
     start: float
     end: float
 
 
 class LeftOut(Part):
-    """Rows that were left out of a recording for one reason, alike for some drives.
+    """Rows of a recording that were excluded for one reason, for the same drives.
 
     `share` is that of the recording's rows. Of many spans the first ones are listed, and `more`
     says how many there are beside them. Reversals have no spans, and a share in the mean over their
@@ -38,7 +36,7 @@ class LeftOut(Part):
 
 
 class Event(Part):
-    """A contact, a stop or a torque spike, which was left out of a recording.
+    """A contact, a stop or a torque spike, excluded from a recording.
 
     Times in s. `place` is that of the platform point in the world [m] and `force` what acted on it
     there [N], both at `time`, where it was largest; `moment` is that about the axis that the tool
@@ -56,7 +54,7 @@ class Event(Part):
 
 
 class Source(Part):
-    """A log that a model comes from, and how it was filtered."""
+    """A log of a model, and its filter."""
 
     log: str
     sha256: str
@@ -121,7 +119,7 @@ Kind = Literal[
 ]
 
 
-# What each kind is, in words.
+# Each kind in words.
 NAMES: dict[Kind, str] = {
     "velocity": "recorded velocities excluded",
     "lag": "lag between torques and positions",
@@ -159,7 +157,7 @@ def cause_in_words(name: str) -> str:
 
 
 class Correction(Part):
-    """One thing that was put right, on the evidence of the recordings.
+    """One correction, on the evidence of the recordings.
 
     Attributes:
         kind: what sort of thing it is.
@@ -181,7 +179,7 @@ class Correction(Part):
 
 
 class FittedEffect(Part):
-    """Something that takes torques of the drives all the time, such as a hose.
+    """A permanent torque on the drives, such as by a hose.
 
     Attributes:
         name: of the effect, such as 'platform-force'.
@@ -199,7 +197,7 @@ class FittedEffect(Part):
 
 
 class Inseparable(Part):
-    """Two causes of the same torques, of which the recordings may have either, or some of both.
+    """Two causes of the same torques that the recordings do not separate.
 
     Attributes:
         causes: the one that the model has, and the other.
@@ -224,7 +222,7 @@ NotNegative = Annotated[float, Field(ge=0)]
 
 
 class FittedChannel(Part):
-    """One number that a sensor shows.
+    """One channel of a sensor.
 
     `left` is the root mean square of what the fit leaves of it after the low-pass, `largest` the
     largest magnitude there; `stated` is the noise that the description gives, before the low-pass.
@@ -238,7 +236,7 @@ class FittedChannel(Part):
 
 
 class FittedSensor(Part):
-    """A sensor: its channels, and what was unknown of itself, with intervals."""
+    """A sensor: its channels, and its own unknowns with intervals."""
 
     name: str
     channels: tuple[FittedChannel, ...]

@@ -1,4 +1,4 @@
-"""A robot with its parameters, and where they come from: what commands and functions work with."""
+"""A robot with its parameters and their origin: the input of all commands and functions."""
 
 import os
 from collections.abc import Mapping
@@ -41,7 +41,7 @@ if TYPE_CHECKING:
     from deltaid.model.samples import Samples
 
 
-# Coefficients that joints may have, and joints that a robot may lack.
+# Coefficients of joints, which a robot may lack.
 _COEFFICIENTS = {*(term.kind for term in TERMS), "spring", "rotor"}
 _JOINTS = ("platform", "slide")
 
@@ -78,7 +78,7 @@ class Model(Shown, Plotted, Tabled, Reported):
         for name in self.layout.bodies:
             body = self.body(name)
             reason = "its parameters are not all finite"
-            if np.all(np.isfinite(body)):  # a plate or a line is taken as in a description
+            if np.all(np.isfinite(body)):  # plates and lines are allowed as in a description
                 reason = RigidBody(body).with_thickness().why_inconsistent
             if reason:
                 raise DescriptionError(
@@ -89,7 +89,7 @@ class Model(Shown, Plotted, Tabled, Reported):
 
     @property
     def origin(self) -> str:
-        """Where the parameters come from, in words."""
+        """Origin of the parameters, in words."""
         if self.identified is None:
             return "the prior of its description"
         return f"identified from {', '.join(source.log for source in self.identified.sources)}"
@@ -101,12 +101,12 @@ class Model(Shown, Plotted, Tabled, Reported):
 
     @cached_property
     def dynamics(self) -> Dynamics:
-        """The robot's dynamics with these parameters, compiled where it is needed."""
+        """The robot's dynamics with these parameters, compiled on first use."""
         return compiled(self.robot).with_parameters(self.p)
 
     @cached_property
     def forward(self) -> ForwardDynamics:
-        """The robot's forward dynamics with these parameters, compiled where it is needed."""
+        """The robot's forward dynamics with these parameters, compiled on first use."""
         return compiled_forward(self.robot).with_parameters(self.p)
 
     @property
@@ -133,8 +133,7 @@ class Model(Shown, Plotted, Tabled, Reported):
         return float(self.p[place(self.layout, name, self.source or self.robot.name)])
 
     def value(self, name: str) -> float:
-        """The same; zero for a coefficient of a joint that the robot has not, such as
-        'rotor.drive1'.
+        """The same; zero for a coefficient of a joint that the robot lacks, such as 'rotor.drive1'.
 
         Raises:
             UnknownNameError: no robot has such a parameter.
@@ -146,12 +145,12 @@ class Model(Shown, Plotted, Tabled, Reported):
 
     @property
     def gains(self) -> Float[np.ndarray, " drives"]:
-        """Torque at the joint for what each drive records and is commanded, as identified."""
+        """Torque at the joint for each recorded or commanded one, as identified."""
         known = self.identified
         return np.ones(len(self.robot.drives)) if known is None else known.gains
 
     def with_load(self, load: str | Float[np.ndarray, " 10"], body: str | None = None) -> "Model":
-        """The same robot with a load that it holds all the time.
+        """The same robot with a permanent load.
 
         Args:
             load: the name of one that the model was identified with, or the ten parameters of any.
@@ -191,7 +190,7 @@ class Model(Shown, Plotted, Tabled, Reported):
     def sample(
         self, n: int, seed: int = 0, limb_tolerance: float = 0.0, *, progress: Watch = None
     ) -> "Samples":
-        """Consistent models drawn from what data, prior and consistency say together.
+        """Consistent models drawn from the posterior of data, prior and consistency.
 
         Args:
             n: how many.
@@ -231,7 +230,7 @@ class Model(Shown, Plotted, Tabled, Reported):
         return line if self.identified is None else f"{line}. {self._worth(self.identified)}"
 
     def _worth(self, known: IdentifiedModel) -> str:
-        """Verdict and verification of the model behind it, and what tells it from others."""
+        """Verdict and verification of the model, and its changes since."""
         verdict = _printable(above("view.summary", "summary")(self).sentence)
         seen, made = known.verification, known.identified_on
         day = "" if made is None else f" of {made}"
@@ -241,16 +240,16 @@ class Model(Shown, Plotted, Tabled, Reported):
 
 @runtime_checkable
 class HasModel(Protocol):
-    """The result of an identification."""
+    """Result of an identification."""
 
     @property
     def model(self) -> IdentifiedModel:
-        """The model that was identified."""
+        """The identified model."""
         ...
 
 
-# What stands for a robot with parameters: a catalogue name, a file of a robot or a model, a value,
-# the dictionary of either file.
+# Inputs that become a model: a catalogue name, a file of a robot or a model, a value, or the
+# dictionary of either file.
 ModelLike = Model | IdentifiedModel | HasModel | RobotDescription | Mapping[str, Any] | str | Path
 
 
@@ -286,12 +285,12 @@ def load(source: ModelLike) -> Model:
 def _from_file(source: str | Path) -> Model:
     name, is_shipped = Path(source).name, str(source) in catalogue()
     if not is_shipped and os.path.exists(source) and holds_a_model(read_text(Path(source))):
-        found = IdentifiedModel.load(source)
-        return Model(found.robot, found.p, name, found)
+        identified = IdentifiedModel.load(source)
+        return Model(identified.robot, identified.p, name, identified)
     robot = load_robot(source)
     return Model(robot, prior_parameters(robot), name)
 
 
 def _printable(text: str) -> str:
-    """Text on one line without control characters, which no file format takes."""
+    """Text on one line without control characters."""
     return " ".join("".join(c if c.isprintable() else " " for c in text).split())

@@ -1,4 +1,4 @@
-"""What a user may ask of a fit by name, and within which limits; imports nothing that is slow."""
+"""Options of a fit by name, and their limits; imports nothing slow."""
 
 from typing import Literal
 
@@ -12,9 +12,9 @@ IntervalChoice = Literal["linear", "posterior"]
 Period = Literal["day", "week", "month", "all"]
 LeastSquaresMethod = Literal["ordinary", "weighted", "gauss-markov"]
 
-# Beyond these the fit only sees the data's rounding, or only the prior.
+# Beyond these limits rounding of the data, or the prior, decides alone.
 GAMMA_LIMITS, SPREAD_LIMITS = (1e-18, 1e3), (1e-4, 1e4)
-# The largest lag that can be given [s].
+# Largest lag that may be given [s].
 LARGEST_LAG = 0.1
-# How many models can be drawn at once, and by how much limbs may scatter.
+# Limits of the number of drawn models, and of the scatter between limbs.
 SAMPLES_LIMITS, TOLERANCE_LIMITS = (1.0, 1e5), (0.0, 0.3)

@@ -1,5 +1,5 @@
-"""Parameters of an identified model: values with intervals, and what these come from; parameters by
-their names, and the nearest name where there is none.
+"""Parameters of an identified model with intervals and their origin; look-up by name, with the
+nearest name where there is none.
 
 A model file also keeps how friction laws were chosen, and a posterior, so that consistent models
 can be drawn from data, prior and cones.
@@ -17,9 +17,8 @@ from deltaid.robot.part import Coordinate, Part, Positive
 
 
 class Share(Part):
-    """What an interval comes from: noise of torques, of sensors beside them and of measured values,
-    the prior, the robot's geometry with effects that rows do not decide, and what nothing shows,
-    which ends where bodies would no longer be possible.
+    """Origin of an interval: noise of torques, of sensors and of measured values, the prior, the
+    robot's geometry with undetermined effects, and, for what nothing shows, physical consistency.
 
     Shares of its squared width, together one.
     """
@@ -33,8 +32,8 @@ class Share(Part):
 
     @classmethod
     def from_parts(cls, shares: Float[np.ndarray, " 5"]) -> "Share":
-        """From those of torques, sensors, measured values, prior and geometry, where a prior ends
-        what is not shown."""
+        """The shares from those of torques, sensors, measured values, prior and geometry, where
+        consistency bounds what is not shown."""
         noise, sensors, measured, prior, geometry = (float(share) for share in shares)
         return cls(noise=noise, prior=prior, geometry=geometry, sensors=sensors, measured=measured)
 
@@ -82,13 +81,13 @@ class Parameter(Part):
     )
 
     def moved(self, by: float) -> "Parameter":
-        """The sum of what has been applied already and the rest that this is of."""
+        """The correction already applied plus this remainder."""
         low, high = (None if end is None else end + by for end in (self.low, self.high))
         return self.changed(value=self.value + by, low=low, high=high, prior=self.prior + by)
 
 
 class HeldLoad(Part):
-    """A load that recordings held, as it was declared and found.
+    """A load of recordings, as declared and as identified.
 
     `parameters` are the ten of a body, about the frame of the body that carries it.
     """
@@ -110,7 +109,7 @@ class HeldLoad(Part):
 
 
 class BaseParameter(Part):
-    """A combination that torques determine: least squares without prior and consistency.
+    """A combination that torques determine, by least squares without prior and consistency.
 
     Value, standard deviation and 95 % interval.
     """
@@ -129,27 +128,23 @@ class BaseParameter(Part):
     )
 
 
-# What people call the entries of a body.
+# Common names of the entries of a body.
 _ALSO = {"mass": "m", "weight": "m", "x": "mcx", "y": "mcy", "z": "mcz", "com": "mcx",
          "inertia": "Izz"}  # fmt: skip
 
 
 def place(layout: ParameterLayout, name: str, where: str) -> int:
-    """Where a parameter stands in p.
-
-    Raises:
-        UnknownNameError: there is none of that name.
-    """
+    """Index of a parameter in p."""
     if name in layout.names:
         return layout.names.index(name)
     raise unknown(name, layout.names, "parameter", where, also=_usual(layout, name))
 
 
 def _usual(layout: ParameterLayout, name: str) -> str:
-    """The parameter that is called otherwise elsewhere: P.mass is P.m."""
+    """The parameter's name here for a common one: P.mass is P.m."""
     body, _, entry = name.partition(".")
-    found = f"{body}.{_ALSO.get(entry.lower(), '')}"
-    return found if found in layout.names else ""
+    usual = f"{body}.{_ALSO.get(entry.lower(), '')}"
+    return usual if usual in layout.names else ""
 
 
 AdditionKind = Literal["offset", "both_ways", "power", "stribeck", "load"]
@@ -199,7 +194,7 @@ class FrictionChoice(Part):
 
 
 class FrictionCurve(Part):
-    """The friction of a joint over its speed, without what depends on load, with 95 % intervals.
+    """Friction of a joint over its speed, without the load-dependent part, with 95 % intervals.
 
     Attributes:
         joint: which.
@@ -220,7 +215,7 @@ class FrictionCurve(Part):
 
 
 class PosteriorRecord(Part):
-    """What data and prior say about a robot's parameters, all beside the robot averaged out.
+    """Data and prior on a robot's parameters, with all other unknowns marginalised.
 
     The data gives combinations of parameters, b = K p + e with e ~ N(0, L Lᵀ). Deviations are those
     that intervals of base parameters have: by the recording's scatter and by tolerances of
@@ -243,7 +238,7 @@ class PosteriorRecord(Part):
 
     @property
     def names(self) -> set[str]:
-        """All parameters that it speaks of."""
+        """Names of all its parameters."""
         return {*self.wider, *self.unseen, *(name for row in self.combinations for name in row)}
 
     @property

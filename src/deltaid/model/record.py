@@ -1,4 +1,4 @@
-"""The result: an identified model that knows where it comes from, saved as YAML and loaded back."""
+"""Identified model: parameters, intervals and their origin, saved as YAML and loaded back."""
 
 import hashlib
 import re
@@ -39,13 +39,13 @@ if TYPE_CHECKING:
     from deltaid.dynamics.dynamics import Dynamics
     from deltaid.model.samples import Samples
 
-# Version of the model file. Files of all earlier ones load: what is new may be missing.
-# 2: base parameters name their representative. 3: corrections; what a parameter rests on.
-# 4: the posterior; how intervals were made.
+# Version of the model file; files of all earlier ones load. 2: base parameters name their
+# representative. 3: corrections; what a parameter rests on. 4: the posterior; how intervals were
+# made.
 FORMAT = 4
 _OF_DRIVES = ("rms", "nrmse", "rms_unfiltered")
 CHANGED = "the file was changed after deltaid wrote it: its checksum is another"
-# Nodes of a file of ten years of days, 50 a recording.
+# YAML nodes of ten years of daily recordings, 50 nodes each.
 _MOST_NODES = 200_000
 _VERSION = re.compile(r"^format: *(\d{1,9}) *$", re.MULTILINE)
 
@@ -61,7 +61,7 @@ def above(module: str, name: str) -> Any:
 
 
 class Fit(Part):
-    """What the fit reached; torque errors are per drive.
+    """Result of the fit; torque errors are per drive.
 
     `lower_bound` is the certified bound below J of the same objective and `duality_gap` what lies
     between; None when the objective has no certificate.
@@ -174,7 +174,7 @@ class IdentifiedModel(Shown, Plotted, Tabled, Reported, Part):
 
     @property
     def digest(self) -> str:
-        """SHA-256 of all that it holds but its date, the first twelve digits."""
+        """First twelve digits of the SHA-256 of all content but the date."""
         data = self.model_dump_json(exclude={"identified_on"})
         return hashlib.sha256(data.encode()).hexdigest()[:12]
 
@@ -185,9 +185,9 @@ class IdentifiedModel(Shown, Plotted, Tabled, Reported, Part):
 
     @property
     def gains(self) -> Float[np.ndarray, " drives"]:
-        """How large each drive's torque is at the joint that its recordings call 1 N m (or 1 N)."""
-        found = {c.subject: c.value for c in self.corrections if c.kind == "gain"}
-        return np.array([found.get(drive) or 1.0 for drive in self.robot.drives])
+        """Torque of each drive at the joint for a recorded 1 N m (or 1 N)."""
+        corrected = {c.subject: c.value for c in self.corrections if c.kind == "gain"}
+        return np.array([corrected.get(drive) or 1.0 for drive in self.robot.drives])
 
     @property
     def dynamics(self) -> "Dynamics":
@@ -234,7 +234,7 @@ class IdentifiedModel(Shown, Plotted, Tabled, Reported, Part):
 
     @classmethod
     def load(cls, path: str | Path) -> "IdentifiedModel":
-        """Read a saved model; one that was changed by hand has a warning more.
+        """Read a saved model; a file changed by hand has an additional warning.
 
         Raises:
             DescriptionError: the file is not a model, is of a later version, or its bodies are not
@@ -242,7 +242,7 @@ class IdentifiedModel(Shown, Plotted, Tabled, Reported, Part):
         """
         text, where = read_text(Path(path)), str(path)
         version = _VERSION.search(text)
-        if version and int(version[1]) > FORMAT:  # before anything else in it is complained about
+        if version and int(version[1]) > FORMAT:  # reported before any other error
             raise DescriptionError(
                 f"is a model of format {version[1]}, and this deltaid reads up to {FORMAT}",
                 where=where,

@@ -45,7 +45,7 @@ class Samples(Shown, Plotted, Tabled):
         return len(self.p)
 
     def __getitem__(self, name: str) -> Float[np.ndarray, " n"]:
-        """The values of one parameter, a number a model.
+        """Values of one parameter, one a model.
 
         Raises:
             UnknownNameError: the robot has none of that name; the message has the nearest.
@@ -68,7 +68,7 @@ class Samples(Shown, Plotted, Tabled):
         return self.layout.units
 
     def models(self) -> Iterator[Model]:
-        """The models, one after the other; what takes a model takes each of them."""
+        """The drawn models."""
         for i, p in enumerate(self.p):
             source = f"{self.model.source}, sample {i + 1} of {len(self)}"
             yield Model(self.robot, p, source, self.model.identified)

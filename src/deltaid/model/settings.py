@@ -1,4 +1,4 @@
-"""How a model is fitted."""
+"""Settings of a fit."""
 
 from collections.abc import Mapping
 from typing import Annotated, Any
@@ -24,7 +24,7 @@ Lag = Annotated[float, Field(ge=-LARGEST_LAG, le=LARGEST_LAG)]
 
 
 class Settings(Part):
-    """How a model is fitted.
+    """Settings of a fit.
 
     Attributes:
         method: 'conic' (global optimum, certified) or 'log-cholesky' (the paper's).
@@ -59,7 +59,7 @@ class Settings(Part):
 
 
 def settings_of(given: object, options: Mapping[str, Any] | None = None) -> Settings:
-    """Settings by value or as a dictionary, the usual ones without; and single ones by name.
+    """Settings by value or as a dictionary without the default ones; single settings by name.
 
     Raises:
         DescriptionError: there is no such setting, or it cannot have that value.

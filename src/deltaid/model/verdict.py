@@ -1,4 +1,4 @@
-"""What is said of a description, a recording or a fit: one verdict a cause, with its words."""
+"""Verdicts on a description, a recording or a fit: one a cause, with its words."""
 
 import math
 from collections.abc import Iterable, Sequence
@@ -11,7 +11,7 @@ from deltaid.shown import Shown
 
 
 class Grade(StrEnum):
-    """How a thing looks; the order is that of severity."""
+    """Grade of a verdict; the order is that of severity."""
 
     GOOD = "good"
     CANNOT_TELL = "cannot tell"
@@ -21,7 +21,7 @@ class Grade(StrEnum):
 
 @dataclass(frozen=True)
 class Proposal:
-    """Lines of a user's file that would mend it. Proposed, never applied unasked.
+    """Lines of a user's file that correct it. Proposed, never applied unasked.
 
     Attributes:
         file: the robot file or the column mapping.
@@ -37,7 +37,7 @@ class Proposal:
 
 @dataclass(frozen=True, repr=False)
 class Verdict(Shown):
-    """One cause, in the words of the trade.
+    """Verdict on one cause.
 
     Attributes:
         key: of the check, as the docs list it, such as `torque-sign`.
@@ -62,19 +62,19 @@ class Verdict(Shown):
 
     @property
     def finding(self) -> str:
-        """What was seen and the likeliest cause, as one sentence."""
+        """The finding and its likeliest cause, as one sentence."""
         about = "" if self.subject in self.seen else f"{self.subject}: "
         return sentence(f"{about}{self.seen}", self.cause, "")
 
     @property
     def sentence(self) -> str:
-        """The same with the next step."""
+        """The finding, its cause and the next step."""
         return sentence(self.finding, "", self.cure)
 
 
 @dataclass(frozen=True)
 class Fault:
-    """What may be wrong: the words that all verdicts on it share, unless one has its own.
+    """A possible fault: words that all verdicts on it share, unless one has its own.
 
     Attributes:
         key, cause, cure: as of a `Verdict` that is not good.
@@ -87,7 +87,7 @@ class Fault:
     cure: str = ""
 
     def good(self, seen: str, number: float | None = None) -> Verdict:
-        """The verdict that nothing is wrong."""
+        """A verdict without a fault."""
         return Verdict(self.key, Grade.GOOD, seen, number=number, unit=self._unit(number))
 
     def poor(
@@ -101,7 +101,7 @@ class Fault:
         cure: str = "",
         proposals: tuple[Proposal, ...] = (),
     ) -> Verdict:
-        """A verdict that something is."""
+        """A verdict with a fault."""
         words = cause or self.cause, cure or self.cure
         unit = self._unit(number)
         return Verdict(self.key, grade, seen, subject, *words, proposals, number, unit)
@@ -116,7 +116,7 @@ class Fault:
         cause: str = "",
         cure: str = "",
     ) -> Verdict:
-        """The verdict of a grade; a good one is of no subject and has nothing to be cured."""
+        """A verdict of this grade; a good one has neither subject nor cure."""
         if grade is Grade.GOOD:
             return self.good(seen, number)
         return self.poor(seen, subject, number, grade=grade, cause=cause, cure=cure)
@@ -126,7 +126,7 @@ class Fault:
 
 
 def graded(number: float, doubtful: float, wrong: float = math.inf) -> Grade:
-    """Good up to a first limit, wrong beyond a second one, and doubtful between."""
+    """Good up to a first limit, wrong beyond a second one, doubtful between."""
     return Grade.WRONG if number > wrong else Grade.DOUBTFUL if number > doubtful else Grade.GOOD
 
 

@@ -147,9 +147,9 @@ class Claim:
     words: str
     place: str
 
-    def value_of(self, found: Accuracy) -> float:
+    def value_of(self, accuracy: Accuracy) -> float:
         """The same quantity of one of our results, the largest over all drives."""
-        return float(np.max(getattr(found, self.measure)))
+        return float(np.max(getattr(accuracy, self.measure)))
 
 
 CLAIMS = (

@@ -169,18 +169,18 @@ def _motions(
 def _candidates(
     priors: dict[str, RobotDescription], log: Path, progress: Progress
 ) -> dict[str, Candidate]:
-    found = {}
+    runs = {}
     for name, column in _PRIORS.items():
         progress(f"identifying from {column}")
         plain = Settings(friction="described", effects="none")
-        found[name] = identify(priors[column], [log], settings=plain)
+        runs[name] = identify(priors[column], [log], settings=plain)
     progress("choosing friction laws")
     chosen = identify(priors["RG geom"], [log], settings=Settings(effects="none"))
-    geom = found[GEOM]
+    geom = runs[GEOM]
     robot = geom.model.robot
     return {
         BASE: Candidate(robot, geom.problem.estimate.full),
-        **{name: _candidate(result.model) for name, result in found.items()},
+        **{name: _candidate(result.model) for name, result in runs.items()},
         RETUNED_4: Candidate(robot, _retuned(geom.model)),
         CHOSEN: _candidate(chosen.model),
     }
@@ -207,15 +207,15 @@ def _track(
 ) -> Track:
     """A verification motion. Of white noise the filter h leaves σ ‖h‖."""
     dynamics, thinned = compiled(truth.robot), recording.filter.thinned
-    found = {
+    tracked = {
         name: list(predict(compiled(candidate.robot), candidate.p, recording))
         for name, candidate in candidates.items()
     }
     predicted = {
         name: np.vstack([part.filtered_predicted for part in parts])
-        for name, parts in found.items()
+        for name, parts in tracked.items()
     }
-    parts = found[GEOM]  # what is measured is the same in all of them
+    parts = tracked[GEOM]  # what is measured is the same in all of them
     measured = np.vstack([part.filtered_measured for part in parts])
     z, zd, zdd = run.evaluate(np.arange(0, run.duration, 1 / settings.rate))
     _, qd, qdd = dynamics.kinematics.drive_motion(z, zd, zdd)

@@ -149,9 +149,9 @@ def _table_one(result: Irb360) -> Section:
     rows = []
     for name, printed in TABLE.items():
         cells = [name + (" *" if name in DETERMINED else ""), *(number(v, 3) for v in printed)]
-        found = [m.parameters[m.layout.names.index(name)] for m in models.values()]
-        origins = {parameter.determined_by for parameter in found}
-        cells += [number(parameter.value, 3) for parameter in found]
+        values = [m.parameters[m.layout.names.index(name)] for m in models.values()]
+        origins = {parameter.determined_by for parameter in values}
+        cells += [number(parameter.value, 3) for parameter in values]
         rows.append((*cells, ", ".join(sorted(origins))))
     columns = ("", *(f"paper: {c}" for c in COLUMNS), *(f"here: {n}" for n in models), "from")
     return Section(

@@ -269,11 +269,11 @@ def _fits(result: Reproduction, progress: Progress) -> tuple[SurrogateFit, ...]:
             progress(f"fitting {name} from {prior}, {method}")
             began = time.perf_counter()
             chosen = Settings(method=method, friction="described", effects="none")
-            found = identify(result.priors[prior], [log], settings=chosen)
-            seconds, p = time.perf_counter() - began, found.model.p
+            identification = identify(result.priors[prior], [log], settings=chosen)
+            seconds, p = time.perf_counter() - began, identification.model.p
             fast, other = (accuracy(dynamics, along, result.truth, p) for along in motions)
             terms = motion_terms(dynamics, result.period, p)
-            fit = SurrogateFit(prior, noisy, method, found, seconds, fast, other, terms)
+            fit = SurrogateFit(prior, noisy, method, identification, seconds, fast, other, terms)
             fits.append(_compared(result, fit, progress) if fit.certified else fit)
     return tuple(fits)
 

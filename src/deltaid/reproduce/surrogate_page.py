@@ -315,15 +315,15 @@ def _sweep_text(result: Reproduction) -> Text:
         ]
         for prior in result.priors
     }
-    found = ", ".join(f"{number(min(g), 1)} ({prior})" for prior, g in off.items() if g)
+    least = ", ".join(f"{number(min(g), 1)} ({prior})" for prior, g in off.items() if g)
     return Text(
         "The regularisation pulls towards p_reg with the weight γ_p/γ_τ. Maximum a posteriori "
         f"chooses {number(chosen[False], 2)} without noise and {number(chosen[True], 2)} with it."
         + (
             "\n\nWithout any noise, the global optimum itself is 1 % off on the diagonal of M, as "
-            f"the paper reports, at γ_p/γ_τ of about {found}: a regularisation that strong is "
+            f"the paper reports, at γ_p/γ_τ of about {least}: a regularisation that strong is "
             "another way to the paper's numbers, besides a minimiser that stops early."
-            if found
+            if least
             else ""
         )
     )

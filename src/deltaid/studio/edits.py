@@ -69,8 +69,8 @@ def entries(data: Data, quantity: Quantity, dof: int) -> list[Data]:
         tuples = {k: tuple(v) if isinstance(v, list) else v for k, v in given.items()}
         listed = AllDrives.model_validate(tuples).entries(dof, quantity)
         return [entry.model_dump(mode="json", exclude_unset=True) for entry in listed]
-    found = [dict(entry) for entry in given or ()]
-    return found + [{} for _ in range(dof - len(found))]
+    listed = [dict(entry) for entry in given or ()]
+    return listed + [{} for _ in range(dof - len(listed))]
 
 
 def named(data: Data, dof: int) -> set[str]:

@@ -24,8 +24,8 @@ _MARK = "progress: "
 _WITH_JSON = ("check", "fit", "validate", "excite", "simulate", "forces")
 # Pages say by which command they were made: the one that is shown.
 _ENTRY = "import sys; sys.argv[0] = 'deltaid'; from deltaid.cli import main; main()"
-# Seconds that a command has to leave by itself when it is told to end.
-_GRACE = 2.0
+# Seconds that a command or an open page has to end by itself.
+GRACE = 2
 _WINDOWS = sys.platform == "win32"
 
 
@@ -126,7 +126,7 @@ class Job:
             return
         self._tell(signal.SIGTERM)
         try:
-            await asyncio.wait_for(self._process.wait(), _GRACE)
+            await asyncio.wait_for(self._process.wait(), GRACE)
         except TimeoutError:
             self._tell(signal.SIGTERM if _WINDOWS else signal.SIGKILL)
 

@@ -27,11 +27,16 @@ from deltaid.recording.source import LogTable
 from deltaid.recording.table import open_table
 from deltaid.robot.load import described, parse, yaml_text
 from deltaid.studio.folder import stamp
-from deltaid.view.comparison import TorqueComparison, compare, extreme_rows, stretch_length
+from deltaid.view.comparison import (
+    POINTS,
+    TorqueComparison,
+    compare,
+    extreme_rows,
+    stretch_length,
+)
 
-# Points of a curve at most; a screen has hardly more columns.
-POINTS = 1600
-
+# Looks and comparisons that are remembered.
+REMEMBERED = 40
 # Rows of a block of which two are kept at first; a picture has fewer points than blocks.
 _BLOCK = 128
 
@@ -157,10 +162,6 @@ def mapping_cured(
     return mapping_text(record, dict(wanted), Path(mapping) if mapping else None)
 
 
-# Comparisons that are kept, such as of two models with a few recordings.
-_KEPT = 12
-
-
 @dataclass(frozen=True)
 class Beside:
     """What models predict of a recording.
@@ -192,27 +193,27 @@ def torques(
         DeltaidError: recording, mapping or a model cannot be used, or they are of other robots.
     """
     changed = tuple(stamp(Path(name)) for name in (path, mapping, *models) if name)
-    found = [_compared(path, mapping, model, changed) for model in models]
+    compared = [_compared(path, mapping, model, changed) for model in models]
     robot = load(models[0]).robot
     units = [robot.units(drive).force for drive in robot.drives]
 
     def thinned(quantity: str, model: int | None, values: np.ndarray) -> list[Curve]:
         thin = MinMax(len(units), POINTS, span)
-        thin.add(found[model or 0][0].time, values)
+        thin.add(compared[model or 0][0].time, values)
         return [
             Curve(drive, quantity, k, units[k], *thin.curve(k), model)
             for k, drive in enumerate(robot.drives)
         ]
 
-    curves = thinned("torques", None, found[0][0].measured)
-    for k, (seen, _) in enumerate(found):
+    curves = thinned("torques", None, compared[0][0].measured)
+    for k, (seen, _) in enumerate(compared):
         curves += thinned("torques", k, seen.predicted)
         curves += thinned("errors", k, seen.predicted - seen.measured)
-    nrmse = np.array([nrmse for _, nrmse in found])
+    nrmse = np.array([nrmse for _, nrmse in compared])
     return Beside(tuple(robot.drives), tuple(curves), nrmse)
 
 
-@lru_cache(_KEPT)
+@lru_cache(REMEMBERED)
 def _compared(
     path: str, mapping: str | None, name: str, _changed: tuple[object, ...]
 ) -> tuple[TorqueComparison, Float[np.ndarray, " drives"]]:

@@ -129,12 +129,12 @@ def write_record(folder: Folder, run: FinishedRun, out: str, messages: str) -> N
 def runs(folder: Folder) -> list[FinishedRun]:
     """All runs that came to their end, the last one first."""
     paths = sorted((folder.root / RUNS).glob(f"*/{RECORD}"), reverse=True)
-    found = [
+    finished = [
         _record(path, path.stat().st_mtime_ns)
         for path in paths
         if path.is_file() and _NAME.fullmatch(path.parent.name)
     ]
-    return [run for run in found if run is not None]
+    return [run for run in finished if run is not None]
 
 
 @lru_cache(512)
@@ -179,23 +179,23 @@ def describe_fit(folder: Folder, run: FinishedRun) -> list[tuple[str, str]]:
 
 def comparison(folder: Folder, pair: Sequence[FinishedRun]) -> list[tuple[str, ...]]:
     """Rows of a table of runs: errors, noise, rank, settings, parameters that differ most."""
-    found = [output(folder, run) for run in pair]
+    outputs = [output(folder, run) for run in pair]
     rows: list[tuple[str, ...]] = [
-        ("verdict", *(str(result.get("summary", {}).get("sentence", "–")) for result in found)),
-        ("robot", *(str(result.get("robot", "")) for result in found)),
+        ("verdict", *(str(result.get("summary", {}).get("sentence", "–")) for result in outputs)),
+        ("robot", *(str(result.get("robot", "")) for result in outputs)),
         (
             "recordings",
             *(", ".join(r.file for r in run.inputs if not r.file.endswith(_TEXT)) for run in pair),
         ),
-        ("error on them", *(_share(result.get("nrmse")) for result in found)),
+        ("error on them", *(_share(result.get("nrmse")) for result in outputs)),
         (
             "error on an unseen motion",
-            *(_share((result.get("verify") or {}).get("nrmse")) for result in found),
+            *(_share((result.get("verify") or {}).get("nrmse")) for result in outputs),
         ),
-        ("torque noise", *(percent(result["noise_level"]) for result in found)),
-        ("base parameters", *(str(result["base_parameters"]) for result in found)),
-        ("corrections", *(str(len(result["corrections"])) for result in found)),
-        ("γ", *(number(result["gamma"], 3) for result in found)),
+        ("torque noise", *(percent(result["noise_level"]) for result in outputs)),
+        ("base parameters", *(str(result["base_parameters"]) for result in outputs)),
+        ("corrections", *(str(len(result["corrections"])) for result in outputs)),
+        ("γ", *(number(result["gamma"], 3) for result in outputs)),
     ]
     return rows + _parameters(folder, pair)
 

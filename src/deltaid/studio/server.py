@@ -29,6 +29,7 @@ from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from deltaid.errors import DeltaidError
 from deltaid.studio.folder import Folder
+from deltaid.studio.jobs import GRACE
 from deltaid.studio.pages.frame import build
 from deltaid.studio.session import Session
 from deltaid.view.own_page import HOST, is_own
@@ -37,8 +38,6 @@ _REFUSED = (
     "Not the studio's own page: open the address that `deltaid studio` has printed last; each "
     "opens it once.\n"
 )
-# Of keys and cookies: nobody guesses 128 bits.
-_SECRET_BYTES = 16
 # Whatever a page of the studio holds, it talks to this server only.
 _POLICY = (
     "default-src 'self' 'unsafe-inline' 'unsafe-eval' data: blob:; frame-ancestors 'self'; "
@@ -67,7 +66,7 @@ class Guard:
     def __init__(self, app: ASGIApp, port: int, renewed: Callable[[], None] = lambda: None) -> None:
         self.app, self.port, self.renewed = app, port, renewed
         self.cookie = f"deltaid-studio-{port}"
-        self.key, self._secret = (secrets.token_urlsafe(_SECRET_BYTES) for _ in range(2))
+        self.key, self._secret = (secrets.token_urlsafe() for _ in range(2))
 
     @property
     def address(self) -> str:
@@ -124,7 +123,7 @@ class Guard:
 
         A redirection would not do: where a file has led to it, browsers keep a strict cookie back.
         """
-        self.key = secrets.token_urlsafe(_SECRET_BYTES)
+        self.key = secrets.token_urlsafe()
         self.renewed()
         cookie = f"{self.cookie}={self._secret}; Path=/; HttpOnly; SameSite=Strict"
         page = leading_to("/" + scope["path"].lstrip("/"))
@@ -152,8 +151,6 @@ _FAVICON = (
 PORTS = (*range(8090, 8110), 0)
 # Seconds a page may be away, as while it is reloaded, before its state in the server is dropped.
 _AWAY = 10.0
-# Seconds that open pages have when the server ends.
-_LEAVE = 1
 
 
 async def _tell(guard: Guard, say: Callable[[str], None], page: Path | None) -> None:
@@ -228,5 +225,5 @@ def serve(path: Path, port: int, *, show: bool, say: Callable[[str], None]) -> N
             port=port,
             log_level="error",
             proxy_headers=False,
-            timeout_graceful_shutdown=_LEAVE,
+            timeout_graceful_shutdown=GRACE,
         )

@@ -15,7 +15,7 @@ from deltaid.robot.load import catalogue, described
 from deltaid.studio.edits import incomplete, read
 from deltaid.studio.folder import Folder, stamp
 from deltaid.studio.jobs import Job
-from deltaid.studio.look import ready
+from deltaid.studio.look import REMEMBERED, ready
 from deltaid.studio.plan import Plan, Store, Used, digest
 from deltaid.studio.runs import FinishedRun, new_run, output, runs
 from deltaid.studio.steps import Kind, Step
@@ -23,8 +23,6 @@ from deltaid.studio.steps import Kind, Step
 _Found = TypeVar("_Found")
 
 STAGES: tuple[str, ...] = ("robot", "recording", "check", "fit", "result", "use")
-# Looks that are remembered.
-_REMEMBERED = 40
 
 
 @dataclass(frozen=True)
@@ -134,7 +132,7 @@ class Session:
         )
         if key not in self._seen:
             self._seen[key] = await self.glance(function, *given)
-            for oldest in list(self._seen)[:-_REMEMBERED]:
+            for oldest in list(self._seen)[:-REMEMBERED]:
                 del self._seen[oldest]
         return self._seen[key]
 

@@ -1,1 +1,2 @@
-"""Values as text, cards, figures, tables and pages, for the terminal, notebooks and studio."""
+"""Presentation of values as text, cards, figures, tables and pages, for terminal, notebooks and
+studio."""

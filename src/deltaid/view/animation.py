@@ -1,5 +1,5 @@
-"""A robot in three dimensions: moving along its recorded or planned motion, and its bodies as the
-ellipsoids of uniform density that have the same mass and moments."""
+"""A robot in three dimensions: animated along a recorded or planned motion, and its bodies as
+equivalent ellipsoids of uniform density."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -21,11 +21,11 @@ from deltaid.view.drawing import members, outline, outline_points
 from deltaid.view.numbers import number
 from deltaid.view.page import Figure, Section, Table, Text
 
-# Frames of the player, seconds that they show, points of the whole path: what a page holds easily.
+# Frames of the animation, seconds that it spans, and points of the whole path.
 _FRAMES, _SECONDS, _PATH = 100, 4.0, 2000
-# From slightly above, as far away as the axes' titles need.
+# Camera slightly above the robot, far enough for the titles of the axes.
 CAMERA = {"eye": {"x": 1.6, "y": 1.15, "z": 0.45}, "center": {"z": -0.12}}
-_SEEN = 60.0  # s of a recording that are looked at for a stretch worth seeing
+_SEEN = 60.0  # searched part of a recording [s]
 
 
 def recorded_motion(
@@ -75,7 +75,7 @@ def animation(
         for k, shape in zip(chosen, shapes, strict=True)
     ]
     figure = go.Figure([*still, *lines.values()], frames=frames)
-    # From which the page makes a player: times of the frames [s], and from one to the next [ms].
+    # The page builds its player from these: times of the frames [s], and the time between two [ms].
     pause = 1000 * float(shown[-1] - shown[0]) / max(count - 1, 1)
     figure.update_layout(meta={"times": shown.tolist(), "pause": pause})
     fix_scene(figure, shapes.reshape(-1, 3), path, outline_points(workspace))
@@ -156,12 +156,12 @@ def fix_scene(
     )
 
 
-_POINTS = 240  # of a sphere's surface
+_POINTS = 240  # points of a sphere's surface
 _GOLDEN = np.pi * (3 - np.sqrt(5))
 
 
 def body_section(model: IdentifiedModel, kinematics: Kinematics) -> Section:
-    """Where mass and moments of all bodies are, of prior and fit, and how consistent they are."""
+    """Mass and moments of all bodies, at the prior and fitted, and their consistency."""
     home = model.robot.within(0.0)[0][None]
     lines = with_gaps(Skeleton(model.robot, kinematics.mechanism).evaluate(home)[0])
     axes = {f"{name}axis": {"title": f"{name} [m]"} for name in "xyz"}
@@ -257,14 +257,14 @@ def placed(
     p: Float[np.ndarray, " parameters"],
     points: Float[np.ndarray, "points 3"],
 ) -> Float[np.ndarray, "points 3"]:
-    """Points of the unit sphere on a body's ellipsoid, in the world."""
+    """Points of a body's ellipsoid in the world, from points of the unit sphere."""
     centre, A = ellipsoid(p[model.layout.body(pose.name)])
     return pose.r_WB[0] + (centre + points @ A.T) @ pose.R_WB[0].T
 
 
 def outward_faces(corners: Float[np.ndarray, "points 3"]) -> Int[np.ndarray, "faces 3"]:
-    """Triangles between the corners of a convex body about the origin, all turned outwards, which
-    the light needs."""
+    """Triangles of a convex body's surface about the origin, all oriented outwards for the
+    lighting."""
     faces = ConvexHull(corners).simplices
     a, b, c = (corners[faces[:, k]] for k in range(3))
     inwards = np.einsum("ij,ij->i", np.cross(b - a, c - a), a) < 0

@@ -1,4 +1,4 @@
-"""A robot at a pose that is asked for, and its readings as a small table; no window in here."""
+"""A robot at a requested pose, with its readings as a small table, independent of any window."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
@@ -10,7 +10,7 @@ from deltaid.dynamics.at_rest import AtRest
 from deltaid.view import style
 from deltaid.view.html import environment
 
-# Share of a limit from which on it counts as near.
+# Share of a limit that counts as near it.
 _NEAR = 0.8
 _COLORS = {"good": style.RESIDUAL, "near": "#b59400", "over": style.LIMIT}
 
@@ -28,7 +28,7 @@ class DriveReading:
 
 @dataclass(frozen=True)
 class View:
-    """The robot as it is shown.
+    """A displayed robot.
 
     Attributes:
         z: where it stands [m; rad].
@@ -50,12 +50,12 @@ def home_view(robot: AtRest) -> View:
 
 
 def moved(robot: AtRest, view: View, wanted: Float[np.ndarray, " dof"]) -> View:
-    """The view after asking for another pose.
+    """The view after a request for another pose.
 
     Out of reach the robot stays where it stood and the message says why. Beyond a limit it goes
     there all the same, and the message names the limits.
     """
-    wanted = np.array(wanted, dtype=float)  # a copy: views do not change
+    wanted = np.array(wanted, dtype=float)  # a copy, because views are immutable
     finite = bool(np.all(np.isfinite(wanted)))
     if finite and robot(wanted[None]).stands[0]:
         return _standing(robot, wanted)

@@ -1,4 +1,4 @@
-"""What checks say: tables for terminal and pages, the page of `deltaid check`, cards."""
+"""Verdicts of checks: tables for terminal and pages, the page of `deltaid check`, cards."""
 
 from collections.abc import Mapping, Sequence
 
@@ -9,7 +9,7 @@ from deltaid.dynamics.dynamics import compiled
 from deltaid.errors import DeltaidError
 from deltaid.model.verdict import Grade, Verdict
 from deltaid.view.drawing import drawing
-from deltaid.view.numbers import in_words
+from deltaid.view.numbers import FEW, in_words
 from deltaid.view.page import Drawing, Fact, Lines, Page, Section, Summary, Table, Text, Trust
 from deltaid.view.show import Card
 
@@ -17,12 +17,10 @@ COLUMNS = ("verdict", "check", "about", "seen", "likeliest cause", "next step")
 
 # The most severe first.
 _ORDER = tuple(reversed(Grade))
-# Verdicts that text tells.
-_TOLD = 4
 
 
 def verdict_table(verdicts: Sequence[Verdict]) -> Table:
-    """Verdicts with what was seen, why and what to do; the most severe first."""
+    """Verdicts with finding, cause and cure; the most severe first."""
     rows = sorted(verdicts, key=lambda verdict: _ORDER.index(verdict.grade))
     good = frozenset(i for i, verdict in enumerate(rows) if verdict.grade is Grade.GOOD)
     return Table(
@@ -34,21 +32,21 @@ def verdict_table(verdicts: Sequence[Verdict]) -> Table:
 
 
 def page_table(verdicts: Sequence[Verdict]) -> Table:
-    """The same for a page, whose width the columns of a terminal's table would not fit."""
+    """The same for a page, which is narrower than a terminal's table."""
     table = verdict_table(verdicts)
-    rows = [  # what is good has neither cause nor cure
+    rows = [  # good verdicts have neither cause nor cure
         (grade, key, seen if about in seen else f"{about}: {seen}",
          f"{cause} → {cure}" if cause or cure else "")
         for grade, key, about, seen, cause, cure in table.rows
     ]  # fmt: skip
     columns = ("verdict", "check", "seen", "likeliest cause → next step")
-    if all(grade == Grade.GOOD for grade, *_ in rows):  # which have neither
+    if all(grade == Grade.GOOD for grade, *_ in rows):  # good verdicts have neither
         rows, columns = [row[:3] for row in rows], columns[:3]
     return Table(columns, tuple(rows), muted=table.muted, marked=table.marked)
 
 
 def short_table(verdicts: Sequence[Verdict]) -> Table:
-    """What is not good, and in one row all that is: for the head of a page."""
+    """Verdicts that are not good, and all good ones in one row, for the head of a page."""
     poor, keys = _parted(verdicts)[0], [verdict.key for verdict in _parted(verdicts)[1]]
     table, rows = page_table(poor), ()
     if keys:
@@ -64,7 +62,7 @@ def _parted(verdicts: Sequence[Verdict]) -> tuple[list[Verdict], list[Verdict]]:
 
 
 def tally(verdicts: Sequence[Verdict]) -> str:
-    """How many verdicts of each grade there are: '1 wrong, 12 good'."""
+    """Number of verdicts of each grade: '1 wrong, 12 good'."""
     grades = [verdict.grade for verdict in verdicts]
     return ", ".join(f"{grades.count(grade)} {grade}" for grade in _ORDER if grade in grades)
 
@@ -122,19 +120,19 @@ def _summary(grades: Sequence[Grade]) -> Summary:
 
 
 def verdicts_card(value: Verdicts | Verdict) -> Card:
-    """What is not good, in words, and how many are good."""
+    """Verdicts that are not good, and the number of good ones."""
     if isinstance(value, Verdict):
         return Card(f"{value.key}: {value.grade}", (value.sentence,), value.grade)
     poor, good = value.poor, _parted(value)[1]
-    told = [f"{verdict.grade}, {verdict.key}: {verdict.finding}" for verdict in poor[:_TOLD]]
-    told += [f"… and {len(poor) - _TOLD} more"] * (len(poor) > _TOLD)
+    lines = [f"{verdict.grade}, {verdict.key}: {verdict.finding}" for verdict in poor[:FEW]]
+    lines += [f"… and {len(poor) - FEW} more"] * (len(poor) > FEW)
     more = {"lines that are proposed": _proposed(value), "good": page_table(good) if good else ""}
     cure = {"mapping": ".cured_columns()", "robot": ".cured_robot()"}
     return Card(
         f"Checked: {', '.join([_title(value, 'the description'), *map(_name, value.sources)])}",
         (f"{value.grade}: {tally(value)}" if value else "nothing was checked",),
         value.grade if value else "",
-        told=tuple(told),
+        lines=tuple(lines),
         table=page_table(poor) if poor else None,
         more=tuple((title, part) for title, part in more.items() if part),
         methods=(*(cure[file] for file in files_of(value)), ".to_frame()", '.report("x.html")'),
@@ -169,7 +167,7 @@ def _name(source: object) -> str:
 
 
 def _proposed(value: Verdicts) -> str:
-    """Lines that are proposed; none where they cannot be written out, as of several mappings."""
+    """Proposed lines; none where they cannot be written out, as of several mappings."""
     try:
         return value.cures if files_of(value) else ""
     except DeltaidError:

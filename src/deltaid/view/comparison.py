@@ -1,4 +1,4 @@
-"""Measured and predicted torques of a recording, condensed for figures in constant memory.
+"""Measured and predicted torques of a recording, reduced for figures in constant memory.
 
 Filtered signals are thinned to the rate that the cut-off allows, which loses nothing. Where that is
 still more than a figure can show, each stretch of equal length is represented by its sample of
@@ -18,10 +18,12 @@ from deltaid.dynamics.dynamics import Dynamics, Parameters
 from deltaid.identification.torque_error import PredictedTorques, predict
 from deltaid.recording.recording import PreparedRecording
 
-# Points over time that a figure draws quickly and a file holds easily.
+# Points of a curve at most: a screen has fewer columns.
+POINTS = 4000
+# Points of a comparison over time, which allow to zoom in.
 _SHOWN = 20_000
 _SEGMENT = 1024  # samples of a spectrum's segment
-# A filtered torque is shown where so much of its noise's power has not been left out.
+# Least share of its noise's power with which a filtered torque is shown.
 _MOSTLY = 0.5
 
 
@@ -55,7 +57,7 @@ class TorqueComparison:
 
 
 def compare(dynamics: Dynamics, p: Parameters, recording: PreparedRecording) -> TorqueComparison:
-    """What figures need to know of a model's torques along a recording; reads it once."""
+    """Data of the figures of a model's torques along a recording, in one pass."""
     log, spectrum = recording.log, _Spectrum(recording.log.rate)
     stretch = stretch_length(log.samples, recording.filter.thinned * _SHOWN)
     scale = np.where(log.torque_max > 0, log.torque_max, 1.0)
@@ -82,7 +84,7 @@ def compare(dynamics: Dynamics, p: Parameters, recording: PreparedRecording) -> 
 def _thinned(
     dynamics: Dynamics, p: Parameters, recording: PreparedRecording, spectrum: "_Spectrum"
 ) -> Iterator[Float[np.ndarray, "samples 4 dof"]]:
-    """Time (in every drive's column), measured, predicted and speed, at the filter's own rate."""
+    """Time (in every drive's column), measured, predicted and speed, at the filter's rate."""
     step, apart = recording.filter.thinned, recording.filter.stride
     for part in predict(dynamics, p, recording):
         spectrum.add(part)
@@ -95,7 +97,7 @@ def _thinned(
 def _stretches(
     blocks: Iterator[Float[np.ndarray, "samples 4 dof"]], length: int
 ) -> Iterator[Float[np.ndarray, "stretches length 4 dof"]]:
-    """The same samples in stretches of equal length; what is left at the end makes short ones."""
+    """The same samples in stretches of equal length; the last ones are shorter."""
     rest = np.zeros(0)
     for block in blocks:
         rows = np.concatenate([rest, block]) if len(rest) else block
@@ -122,28 +124,28 @@ class _Spectrum:
         if samples >= self._length:
             both = part.weights * np.stack([part.measured, part.measured - part.predicted])
             _, power = signal.welch(both, self._rate, nperseg=self._length, axis=1)
-            before, segments = self._segments, 2 * samples // self._length - 1  # half overlaps
+            before, segments = self._segments, 2 * samples // self._length - 1  # overlap of half
             self._segments += segments
             self._power = (self._power * before + power * segments) / self._segments
 
     def densities(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Frequencies without zero, and the roots of both power densities."""
+        """Frequencies without zero, and the square roots of both power densities."""
         measured, residual = np.sqrt(self._power)[:, 1:]
         return np.fft.rfftfreq(self._length, 1 / self._rate)[1:], measured, residual
 
 
 def stretch_length(samples: int, most: int) -> int:
-    """Samples a stretch, so that there are at most `most` stretches."""
+    """Samples of a stretch, such that there are at most `most` stretches."""
     return max(1, -(-samples // most))
 
 
 def even_rows(samples: int, most: int) -> slice:
-    """At most `most` rows at equal distances: for clouds of points."""
+    """At most `most` equidistant rows, for clouds of points."""
     return slice(None, None, stretch_length(samples, most))
 
 
 def peak_rows(size: Float[np.ndarray, " samples"], most: int) -> Int[np.ndarray, " rows"]:
-    """Of each of at most `most` stretches the row of the largest size; NaN is the smallest."""
+    """Row of the largest size in each of at most `most` stretches; NaN is the smallest."""
     return _largest(size, stretch_length(len(size), most))
 
 

@@ -1,4 +1,4 @@
-"""What an identification put right, found and left out: a sentence, tables, a chapter."""
+"""Corrections, findings and exclusions of an identification: a sentence, tables, a chapter."""
 
 import re
 from collections.abc import Iterable, Sequence
@@ -14,11 +14,9 @@ from deltaid.view.model_tables import MEASURED, value_and_width
 from deltaid.view.numbers import FEW, in_words, number, percent, with_uncertainty
 from deltaid.view.page import Section, Table
 
-# Units that are shown by a thousandth, with what they then are called.
+# Units that are displayed by their thousandth.
 _SMALLER = {"s": (1e3, "ms")}
-# Longer rows of drives are told by their ends.
-_LONG = 2
-# What of a load is shown, where a torque shows it or it was declared.
+# Numbers of a load that are shown: those that torques show or that were declared.
 _SHOWN_OF_LOADS = ("data", "fixed")
 _EVENT_COLUMNS = (
     "event",
@@ -28,12 +26,12 @@ _EVENT_COLUMNS = (
     "force on it x, y, z [N]",
     "|F| [N]",
 )
-# Events that a page lists.
+# Most events of a page.
 _EVENTS = 200
 
 
 def corrected(corrections: Sequence[Correction]) -> str:
-    """How many sorts of things were put right, and of what: 'Two corrections were made: …'."""
+    """Number and kinds of corrections: 'Two corrections were made: …'."""
     subjects: dict[Kind, dict[str, None]] = {}
     for correction in corrections:
         subjects.setdefault(correction.kind, {})[correction.subject] = None
@@ -49,7 +47,7 @@ def corrected(corrections: Sequence[Correction]) -> str:
 
 
 def _short(subjects: Sequence[str]) -> list[str]:
-    """Bodies by what they are; three or more drives in a row by the first and the last."""
+    """Bodies in words; three or more consecutive drives by the first and the last."""
     runs, said = list[list[str]](), list[str]()
     for subject in subjects:
         last = re.fullmatch(r"(.*?)(\d+)", runs[-1][-1]) if runs else None
@@ -59,7 +57,7 @@ def _short(subjects: Sequence[str]) -> list[str]:
             runs.append([subject])
     for run in runs:
         words = [body_in_words(name) for name in run]
-        said += [f"{words[0]} to {words[-1]}"] if len(run) > _LONG and words == run else words
+        said += [f"{words[0]} to {words[-1]}"] if words[1:-1] and words == run else words
     return said
 
 
@@ -101,7 +99,7 @@ def _size(correction: Correction) -> str:
 
 
 def load_table(loads: Sequence[HeldLoad]) -> Table | None:
-    """Mass, first moment and inertia of each load, as far as they are known; None without loads."""
+    """Mass, first moment and inertia of each load, as far as known; None without loads."""
     table = Table(
         ("load", "value", "± (95 %)", "unit", "from", "held by", "in"),
         tuple(
@@ -125,7 +123,7 @@ def load_table(loads: Sequence[HeldLoad]) -> Table | None:
 
 
 def sensor_tables(sensors: Sequence[FittedSensor]) -> tuple[Table, ...]:
-    """What the fit leaves of each channel, and what it found of the sensors; none without any."""
+    """Residual of each channel, and identified numbers of the sensors; empty without sensors."""
     channels = Table(
         ("channel", "largest", "left by the fit", "noise stated", "unit"),
         tuple(
@@ -137,19 +135,19 @@ def sensor_tables(sensors: Sequence[FittedSensor]) -> tuple[Table, ...]:
         "the stated noise through. Each channel counts by its residual.",
         title="sensors",
     )
-    found = [parameter for sensor in sensors for parameter in sensor.parameters]
+    parameters = [parameter for sensor in sensors for parameter in sensor.parameters]
     unknowns = Table(
         ("of the sensor", "value", "± (95 %)", "unit", "from"),
-        tuple((x.name, *value_and_width(x), x.unit, x.determined_by) for x in found),
+        tuple((x.name, *value_and_width(x), x.unit, x.determined_by) for x in parameters),
         "What was unknown of sensors, fitted with the robot.",
-        frozenset(i for i, p in enumerate(found) if p.determined_by not in MEASURED),
+        frozenset(i for i, p in enumerate(parameters) if p.determined_by not in MEASURED),
         "unknowns of sensors",
     )
-    return (*((channels,) if sensors else ()), *((unknowns,) if found else ()))
+    return (*((channels,) if sensors else ()), *((unknowns,) if parameters else ()))
 
 
 def event_table(logs: Iterable[tuple[str, Sequence[Event]]], most: int) -> Table | None:
-    """Events with time, place and force; of many the largest, in the order of time.
+    """Events with time, place and force; the largest ones where there are many, in order of time.
 
     Args:
         logs: names of recordings, and their events.
@@ -186,7 +184,7 @@ def _event_cells(event: Event) -> tuple[str, ...]:
 
 
 def left_out_table(logs: Iterable[tuple[str, Sequence[LeftOut]]]) -> Table | None:
-    """Reason, share and times; None where nothing was left out but reversals.
+    """Reason, share and times of exclusions; None where only reversals were excluded.
 
     Args:
         logs: names of recordings, and what was left out of them.
@@ -216,15 +214,15 @@ def left_out_table(logs: Iterable[tuple[str, Sequence[LeftOut]]]) -> Table | Non
     return _of_logs(table, len({name for name, _ in parts}) > 1)
 
 
-def reversals(found: Sequence[LeftOut]) -> str:
-    """What was excluded at reversals, as the end of a sentence; empty if nothing was."""
+def reversals(exclusions: Sequence[LeftOut]) -> str:
+    """Exclusions at reversals, as the end of a sentence; empty if there are none."""
     return "".join(
-        f", {percent(part.share)} excluded at reversals" for part in found if not part.spans
+        f", {percent(part.share)} excluded at reversals" for part in exclusions if not part.spans
     )
 
 
 def put_right_tables(model: IdentifiedModel, most_events: int) -> tuple[Table, ...]:
-    """Corrections, loads, sensors, events and what was left out, as far as there are any."""
+    """Tables of corrections, loads, sensors, events and exclusions, where there are any."""
     sources = model.sources
     tables = (
         correction_table(model.corrections),
@@ -237,7 +235,7 @@ def put_right_tables(model: IdentifiedModel, most_events: int) -> tuple[Table, .
 
 
 def put_right_sections(model: IdentifiedModel | None) -> tuple[Section, ...]:
-    """The chapter of a page on it; none where nothing was put right."""
+    """The chapter of a page on corrections; empty where there are none."""
     tables = put_right_tables(model, _EVENTS) if model else ()
     chapter = Section("Corrections", tables, "what was detected, corrected and excluded")
     return (chapter,) if tables else ()

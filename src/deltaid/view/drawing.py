@@ -1,4 +1,4 @@
-"""How a robot is drawn: a still drawing with its bodies named, colours, edges of its workspace."""
+"""Drawing of a robot: a still picture with named bodies, colours, edges of the workspace."""
 
 import re
 from collections.abc import Sequence
@@ -17,10 +17,10 @@ from deltaid.view import style
 from deltaid.view.html import environment
 from deltaid.view.page import Drawing
 
-# The robot's largest width and height, the room for names at either side, their least distance,
-# and what is free above the robot [px].
+# Largest width and height of the robot, room for names at either side, their least distance, and
+# free space above the robot [px].
 _WIDE, _HIGH, _NAMES, _LINE, _TOP = 320.0, 330.0, 132.0, 30.0, 16.0
-# Towards the onlooker; slightly from above.
+# Direction of view, slightly from above.
 _EYE = np.array([1.6, 1.15, 0.75]) / np.linalg.norm([1.6, 1.15, 0.75])
 
 
@@ -59,7 +59,7 @@ def drawing(robot: RobotDescription, kinematics: Kinematics) -> Drawing:
 def _seen(
     points: Float[np.ndarray, "segments 2 3"],
 ) -> tuple[Float[np.ndarray, "segments 2 2"], Float[np.ndarray, " segments"]]:
-    """Ends of all segments in the picture [px], and how far away each is."""
+    """Ends of all segments in the picture [px], and their distance from the viewer."""
     right = np.cross([0.0, 0.0, 1.0], _EYE)
     right /= np.linalg.norm(right)
     flat = np.stack([points @ right, -points @ np.cross(_EYE, right)], axis=-1)
@@ -71,8 +71,8 @@ def _seen(
 def _labels(
     bodies: Sequence[str], flat: Float[np.ndarray, "segments 2 2"]
 ) -> tuple[list[_Label], list[_Label]]:
-    """One name a body, at its longest parts, outside of the robot, from the top; as many left as
-    right."""
+    """One name a body, beside its longest parts, outside of the robot, from the top, evenly left
+    and right."""
     sides = list[_Label](), list[_Label]()
     for body in dict.fromkeys(bodies):
         own = flat[np.array(bodies) == body]
@@ -87,7 +87,7 @@ def _labels(
 
 
 def _apart(wanted: list[float], height: float) -> list[float]:
-    """Heights as near to those that are wanted as keeps them apart and in the picture, in order."""
+    """Heights closest to the wanted ones that stay apart and within the picture, in order."""
     placed, low = list[float](), height - _LINE + _TOP
     for y in wanted:
         placed.append(max(y, placed[-1] + _LINE if placed else _TOP))
@@ -108,7 +108,7 @@ Line = Float[np.ndarray, "_ 3"]
 
 @dataclass(frozen=True)
 class DrawnBody:
-    """What a body is called in a legend, its colour, and its width in pixels."""
+    """Name of a body in a legend, its colour, and its line width in pixels."""
 
     label: str
     color: str
@@ -137,7 +137,7 @@ _KNOWN = {
 
 
 def members(bodies: tuple[str, ...]) -> dict[str, DrawnBody]:
-    """Each body's member: those of a limb of its own by its number, foreign ones by their name."""
+    """Each body's style: limbs' own bodies by their number, others by their name."""
     drawn = dict[str, DrawnBody]()
     for i, body in enumerate(bodies):
         own = DrawnBody(body, style.SERIES[i % len(style.SERIES)], 5)
@@ -151,7 +151,7 @@ def outline(workspace: Cylinder | Hemisphere | Box) -> Line:
     """Circles and edges of a workspace in the world [m]."""
     match workspace:
         case Hemisphere(radius=radius, top=top):
-            half = _ANGLES[36:]  # π to 2 π: below
+            half = _ANGLES[36:]  # from π to 2 π: below
             across, nothing, height = np.cos(half), 0 * half, top + radius * np.sin(half)
             arcs = [(radius * across, nothing, height), (nothing, radius * across, height)]
             lines = [_circle(radius, top), *map(np.column_stack, arcs)]
@@ -167,14 +167,14 @@ def outline(workspace: Cylinder | Hemisphere | Box) -> Line:
 
 
 def outline_segments(workspace: Cylinder | Hemisphere | Box) -> Float[np.ndarray, "segments 2 3"]:
-    """The same as pairs of ends."""
+    """The outline as pairs of ends."""
     edges = outline(workspace)
     pairs = np.stack([edges[:-1], edges[1:]], axis=1)
     return pairs[~np.isnan(pairs).any(axis=(1, 2))]
 
 
 def outline_points(workspace: Cylinder | Hemisphere | Box) -> Line:
-    """The same without gaps."""
+    """The outline without gaps."""
     edges = outline(workspace)
     return edges[~np.isnan(edges[:, 0])]
 
@@ -186,7 +186,7 @@ def _circle(radius: float, height: float) -> Line:
 
 @dataclass(frozen=True)
 class Placement:
-    """Where copies of a mesh are: centres, orientations (w, x, y, z), scales along own axes."""
+    """Placement of copies of a mesh: centres, orientations (w, x, y, z), scales along own axes."""
 
     positions: Float[np.ndarray, "n 3"]
     wxyz: Float[np.ndarray, "n 4"]
@@ -197,10 +197,10 @@ def along(segments: Float[np.ndarray, "n 2 3"], radius: float) -> Placement:
     """Cylinders between the two ends of each segment."""
     way = segments[:, 1] - segments[:, 0]
     length = np.linalg.norm(way, axis=1)
-    # A segment without length has no direction; any will do.
+    # A segment without length may have any direction.
     unit = np.where(length[:, None] > 0, way, [0.0, 0.0, 1.0])
     unit /= np.linalg.norm(unit, axis=1, keepdims=True)
-    # The shortest rotations that take z there; straight down any axis across z does.
+    # Shortest rotations of z to the direction; straight down, about any axis across z.
     wxyz = np.column_stack([1 + unit[:, 2], -unit[:, 1], unit[:, 0], np.zeros(len(unit))])
     wxyz[1 + unit[:, 2] < 1e-12] = 0.0, 1.0, 0.0, 0.0
     thick = np.full(len(segments), radius)

@@ -1,4 +1,4 @@
-"""The page of `deltaid excite`: the motion, its limits, and what it will tell."""
+"""The page of `deltaid excite`: the motion, its limits, and predicted deviations."""
 
 import numpy as np
 import plotly.graph_objects as go
@@ -17,12 +17,12 @@ from deltaid.view.page import Fact, Figure, Page, Section, Summary, Table, Text,
 from deltaid.view.robots import robot_figure
 from deltaid.view.show import Card
 
-# A limit that a search has reached counts as kept.
+# Tolerance of a limit that the search has reached.
 _ROUNDING = 1e-6
 
 
 def excitation_page(result: Excitation) -> Page:
-    """Everything about an optimised motion, at the robot's prior."""
+    """Page of an optimised motion, at the robot's prior."""
     exciter, run = result.exciter, result.run
     robot, settings = exciter.dynamics.robot, exciter.settings
     fullest, periods = _fullest(result), f"{run.repeats} period{'s' * (run.repeats > 1)}"
@@ -157,7 +157,7 @@ def _over_time(result: Excitation) -> Figure:
 
 
 def _of_another_size(values: Float[np.ndarray, "samples drives"]) -> Bool[np.ndarray, " drives"]:
-    """Which columns are so much larger or smaller than most that one of both would look flat."""
+    """Columns so much larger or smaller than most that a common axis would flatten one of both."""
     sizes = np.abs(values).max(axis=0)
     return (sizes > 5 * np.median(sizes)) | (sizes < 0.2 * np.median(sizes))
 
@@ -200,7 +200,7 @@ def excitation_frame(value: Excitation) -> pl.DataFrame:
 
 
 def exciter_card(value: Exciter) -> Card:
-    """What is to be optimised."""
+    """The optimisation problem."""
     robot, settings = value.dynamics.robot, value.settings
     return Card(
         f"Exciter of {robot.title or robot.name}",
@@ -236,7 +236,7 @@ def limit_table(result: Excitation) -> Table:
 
 
 def prediction_table(result: Excitation) -> Table:
-    """What the motion will tell about every base parameter."""
+    """Predicted standard deviation of every base parameter."""
     return Table(
         ("base parameter", "prior", "predicted ±", "unit", "share"),
         tuple(
@@ -256,7 +256,7 @@ def prediction_table(result: Excitation) -> Table:
 
 
 def start_table(result: Excitation) -> Table:
-    """What became of each start of the search."""
+    """Outcome of each start of the search."""
     accounts = result.optimum.accounts
     judged = any(account.judged is not None for account in accounts)
     bodies = (

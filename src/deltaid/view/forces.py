@@ -1,4 +1,4 @@
-"""The page of `deltaid forces`: forces along the struts, worst cases, what is known."""
+"""The page of `deltaid forces`: forces along the struts, worst cases, and their uncertainty."""
 
 from collections import Counter
 
@@ -8,7 +8,7 @@ import polars as pl
 
 from deltaid.joint_forces.forces import ForceFinding, Forces
 from deltaid.view import style
-from deltaid.view.comparison import extreme_rows, stretch_length
+from deltaid.view.comparison import POINTS, extreme_rows, stretch_length
 from deltaid.view.corrections import put_right_sections
 from deltaid.view.drawing import drawing
 from deltaid.view.numbers import measured, number, span, with_uncertainty
@@ -16,16 +16,14 @@ from deltaid.view.page import Fact, Figure, Page, Section, Summary, Table, Text,
 from deltaid.view.show import Card
 from deltaid.view.summary import provenance_section
 
-# Stretches that a figure shows, each by its least and its largest force.
-_STRETCHES = 1500
 _ALONG = ("tension", "compression")
 _WORDS = {"tension": "largest force", "compression": "least force", "socket": "least margin"}
-# Open entries that a sentence names.
+# Most undetermined entries that a sentence names.
 _NAMED = 8
 
 
 def forces_card(value: Forces) -> Card:
-    """The worst cases of the struts, and whether ball joints hold."""
+    """Worst cases of the struts, and whether ball joints hold."""
     said, robot = verdict(value), value.model.robot
     return Card(
         f"Forces of {robot.title or robot.name} along {value.recording.path.name}",
@@ -48,7 +46,7 @@ def forces_figure(value: Forces) -> go.Figure:
 
 
 def forces_page(value: Forces) -> Page:
-    """Everything about the forces of a model along a motion."""
+    """Page of the forces of a model along a motion."""
     model, forces = value.model, value.constraint_forces
     *along, loads = tables(value)
     return Page(
@@ -83,7 +81,7 @@ def forces_page(value: Forces) -> Page:
 
 
 def verdict(study: Forces) -> Summary:
-    """How far forces reach along the struts, and whether ball joints hold."""
+    """Range of the forces along the struts, and whether ball joints hold."""
     along = [f.worst.value for kind in _ALONG for f in _findings(study, kind)]
     least, most = (f"{measured(bound(along))} N" for bound in (min, max))
     said = f"forces along the struts reach from {least} to {most} (tension is positive)"
@@ -112,13 +110,13 @@ def _facts(study: Forces) -> tuple[Fact, ...]:
 
 
 def _envelope(study: Forces) -> tuple[np.ndarray, np.ndarray]:
-    """Least and largest force along every strut in stretches of equal length; constant memory.
+    """Least and largest force along every strut in stretches of equal length, in constant memory.
 
     Times and forces of the two, in order, a column a strut.
     """
     forces, times, pairs = study.constraint_forces, list[np.ndarray](), list[np.ndarray]()
     channels = [forces.index(f"{strut}.platform.x") for strut in forces.struts]
-    length = stretch_length(study.recording.log.samples, _STRETCHES)
+    length = stretch_length(2 * study.recording.log.samples, POINTS)
     for motion, values in study.over_time():
         rows = np.column_stack([extreme_rows(values[:, k], length) for k in channels])
         times.append(motion.time[rows])
@@ -136,7 +134,7 @@ def _over_time(study: Forces) -> Figure:
             x=time[:, k].astype(np.float32),
             y=along[:, k].astype(np.float32),
             name=strut,
-            showlegend=each > 1,  # where there is one, the axis names its limb
+            showlegend=each > 1,  # with one strut, the axis names its limb
             mode="lines",
             line={"color": style.SERIES[k % each], "width": 1.2},
             hovertemplate=f"{strut} %{{y:.4g}} N at %{{x:.4g}} s<extra></extra>",
@@ -187,8 +185,8 @@ def _titled(title: str, columns: tuple[str, ...], rows: list[tuple[str, ...]]) -
 
 
 def places(study: Forces) -> Table:
-    """Where the platform is when forces along struts and margins are worst."""
-    found = [finding.worst for kind in _WORDS for finding in _findings(study, kind)]
+    """Pose of the platform at the worst forces along struts and the least margins."""
+    worst = [finding.worst for kind in _WORDS for finding in _findings(study, kind)]
     rows = [
         (
             w.part,
@@ -197,15 +195,15 @@ def places(study: Forces) -> Table:
             *(f"{value:.4f}" for value in w.at.z[:3]),
             *(f"{value:.2f}" for value in np.degrees(w.at.z[3:])),
         )
-        for w in found
+        for w in worst
     ]
-    coordinates = ("x, m", "y, m", "z, m", "ψ, deg")[: len(found[0].at.z)]
+    coordinates = ("x, m", "y, m", "z, m", "ψ, deg")[: len(worst[0].at.z)]
     return _titled("where the platform is then", ("strut", "worst", "at, s", *coordinates), rows)
 
 
 def what_is_open(study: Forces) -> str:
-    """A sentence on what the second column of each value means, with the entries that torques leave
-    open and that the forces depend on, those of most forces first."""
+    """A sentence on the second column of each value, with the undetermined entries that most forces
+    depend on."""
     counts = Counter(name for f in study.findings for name in f.openness.unknowns)
     entries = [name for name, _ in counts.most_common()]
     more = f" and {len(entries) - _NAMED} more" if len(entries) > _NAMED else ""

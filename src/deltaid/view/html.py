@@ -1,4 +1,4 @@
-"""A page as one HTML file that makes no request.
+"""A page as one HTML file without any request.
 
 What it looks like is decided in `page.html.jinja`, `page.css` and `page.js`, and for figures in
 `style.py`. Its first screen says the verdict, shows the robot and says how the page was made; what
@@ -24,7 +24,7 @@ from deltaid.robot.body import body_in_words
 from deltaid.view import style
 from deltaid.view.page import Figure, Lines, Page, Table, Text
 
-# Cells longer than this may break into lines.
+# Cells longer than this [characters] may break into lines.
 _LONG = 40
 
 
@@ -53,18 +53,18 @@ def render(page: Page) -> str:
 
 
 def contents(page: Page) -> dict[str, Any]:
-    """What the template `page.html.jinja`, or one that extends it, shows of a page."""
+    """Variables of the template `page.html.jinja`, or of one that extends it, for a page."""
     light, dark = (_embedded(style.template(dark).to_plotly_json()) for dark in (False, True))
     return {"page": page, "light": light, "dark": dark}
 
 
 @cache
 def environment(room: str = "view") -> Environment:
-    """Templates of a room, and those of pages, with all that they need to show a page."""
+    """Environment of a room's templates and those of pages."""
     environment = Environment(
         loader=ChoiceLoader([PackageLoader("deltaid", name) for name in (room, "view")]),
         autoescape=True,
-        # No control characters, but in markup of the page's own.
+        # No control characters except in the page's own markup.
         finalize=lambda value: visible(value) if type(value) is str else value,
         trim_blocks=True,
         lstrip_blocks=True,
@@ -83,12 +83,12 @@ def environment(room: str = "view") -> Environment:
     return environment
 
 
-# Decimals of readings, by their unit.
+# Decimals of readings, by unit.
 _DECIMALS = {"deg": 1, "m": 4, "N": 1}
 
 
 def reading(value: float, unit: str = "") -> str:
-    """A number that does not jump: as many decimals whatever its size, and no zero with a sign."""
+    """A number with a constant number of decimals, and no signed zero."""
     digits = _DECIMALS.get(unit, 2)
     return f"{round(value, digits) + 0.0:.{digits}f} {unit}".rstrip()
 
@@ -114,18 +114,18 @@ def _embedded(value: dict[str, Any]) -> Markup:
 
 @cache
 def _plotly() -> Markup:
-    """Plotly's script, packed: unpacked by the browser, it makes a page half as large."""
+    """Plotly's script, compressed; the browser unpacks it, so a page is half as large."""
     return Markup(base64.b64encode(gzip.compress(get_plotlyjs().encode(), mtime=0)).decode())
 
 
 _UNIT = re.compile(r"\[.*?\]|\d %")
-_STARTS = re.compile(r"[<>≥≤±~−+-]?\s*\d(?!\d{3}-\d\d)")  # a date is no number
+_STARTS = re.compile(r"[<>≥≤±~−+-]?\s*\d(?!\d{3}-\d\d)")  # dates are no numbers
 _NUMBER = re.compile(r"(?<![\w.])(-?)(\d+(?:\.\d+)?)(?:e([+-])0*(\d+))?(?![\w.])")
-# Those of a sentence that need setting; names of files and options hold none.
+# Symbols of a sentence that need typesetting; names of files and options hold none.
 _IN_PROSE = re.compile(
     r"(?<![\w.:/-])(?:(-)(?=\d)|(?=\d+(?:\.\d+)?e[+-]))(\d+(?:\.\d+)?)(?:e([+-])0*(\d+))?(?![\w./-])"
 )
-# What a cell of numbers holds besides them.
+# Characters of a cell of numbers besides digits.
 _AROUND = re.compile(r"[\s…,×≥≤±%]*")
 _SUPERSCRIPTS = str.maketrans("0123456789-", "⁰¹²³⁴⁵⁶⁷⁸⁹⁻")
 _MIXED = ("xy", "xz", "yz")
@@ -139,7 +139,7 @@ _ENTRIES = {
     **{f"S{a}{b}": f"second moment of mass along {a} and {b}" for a, b in _MIXED},
 }
 _ENTRY = rf"(?:{'|'.join(_ENTRIES)})"
-# 'U.mcx', in formulas 'mcx_U', in descriptions 'bodies.U', of what a body is put on 'scale:U'.
+# 'U.mcx', in formulas 'mcx_U', in descriptions 'bodies.U', of a scale 'scale:U'.
 _NAME = re.compile(
     rf"(?<![\w.])(?:(?P<body>[^\W\d_]\w*)\.(?P<entry>{_ENTRY})|(?P<first>{_ENTRY})_(?P<of>\w+)"
     r"|bodies\.(?P<key>\w+)|(?P<tool>[a-z][a-z-]*):(?P<on>[A-Z]+\d*))(?!\w)"
@@ -147,7 +147,7 @@ _NAME = re.compile(
 
 
 def numeric(table: Table, column: int) -> bool:
-    """Whether a column holds numbers: each filled cell starts with one."""
+    """Whether a column holds numbers: each non-empty cell starts with one."""
     cells = [row[column] for row in table.rows if row[column] not in ("", "—")]
     return bool(cells) and all(_STARTS.match(cell) for cell in cells)
 
@@ -164,7 +164,7 @@ def heading(text: str) -> str:
 
 
 def cell(text: str) -> str | Markup:
-    """A cell that holds nothing but numbers typeset, any other with its short names explained."""
+    """A cell of numbers typeset, or of text with its short names explained."""
     return typeset(text) if _AROUND.fullmatch(_NUMBER.sub("", text)) else explained(text)
 
 
@@ -184,7 +184,7 @@ def _prose(text: str) -> str:
 
 
 def explained(text: str) -> Markup:
-    """A sentence whose short names of bodies and entries say what they stand for; numbers set."""
+    """A sentence with explanations of its short names of bodies and entries, numbers typeset."""
     parts = text.split(", ")
     if all(_is_short(part) for part in parts):
         return Markup(", ").join(_short(part, body_in_words(part)) for part in parts)
@@ -203,8 +203,8 @@ def _short(name: str, words: str) -> Markup:
 
 
 def legend(table: Table) -> tuple[tuple[str, str], ...]:
-    """Short names of bodies in a table, each once, and what they stand for: alone, in a list, in
-    names of entries; links have names of their own."""
+    """Short names of bodies in a table with their meaning, each once: alone, in a list, in names of
+    entries. Links have names of their own."""
     first, names = 1 if table.links else 0, list[str]()
     for cell in (*table.columns, *(cell for row in table.rows for cell in row[first:])):
         parts = cell.split(", ")

@@ -1,4 +1,4 @@
-"""The live view: a browser window in which one drags the platform (viser, an optional library)."""
+"""The live view: a browser window with a draggable platform (viser, an optional library)."""
 
 import contextlib
 import io
@@ -22,11 +22,11 @@ from deltaid.view.reach import limit_kinds, patches, reach
 
 # The usual port of a local server.
 DEFAULT_PORT = 8080
-# Where one looks from, in sizes of the robot.
+# Position of the camera, in sizes of the robot.
 _FROM = np.array([1.3, 1.0, 0.35])
-# Sides of a cylinder, enough to look round.
+# Sides of a cylinder that looks round.
 _SIDES = 16
-# Share of a colour's brightness that is left under the lamps.
+# Share of a colour's brightness under the lamps, which bleach it.
 _SHADE = 0.7
 
 
@@ -83,7 +83,7 @@ class LiveView:
         return f"http://{HOST}:{self.server.get_port()}"
 
     def move(self, wanted: Float[np.ndarray, " dof"], *, dragging: bool = False) -> View:
-        """Ask for a pose and show what comes of it; the handle is let alone while dragging."""
+        """Request a pose and show the result; the handle stays put while it is dragged."""
         with self._lock:
             self.view = moved(self.robot, self.view, wanted)
             self._draw(dragging)
@@ -131,7 +131,7 @@ class LiveView:
         }
 
     def _add_surroundings(self) -> None:
-        scene, found = self.server.scene, reach(self.robot)
+        scene, reached = self.server.scene, reach(self.robot)
         scene.add_line_segments(
             "/workspace",
             outline_segments(self.robot.robot.workspace).astype(np.float32),
@@ -141,7 +141,7 @@ class LiveView:
         )
         colors = limit_kinds(self.robot)
         region = scene.add_frame("/reach", show_axes=False, visible=False)
-        for name, (points, faces) in patches(self.robot, found).items():
+        for name, (points, faces) in patches(self.robot, reached).items():
             scene.add_mesh_simple(
                 f"/reach/{name}",
                 points.astype(np.float32),
@@ -162,7 +162,7 @@ class LiveView:
         self.server.initial_camera.position = middle + self._size * _FROM
 
     def _dragged(self, event: Any) -> None:
-        """The robot follows the handle, which returns to it when let go; the message stays."""
+        """The robot follows the handle, which snaps back to it when released; the message stays."""
         if event.phase == "end":
             with self._lock:
                 self._draw(dragging=False)
@@ -189,7 +189,7 @@ class LiveView:
         return inputs
 
     def _typed(self, event: Any) -> None:
-        if event.client is not None:  # else this program wrote the number itself
+        if event.client is not None:  # otherwise this program wrote the number itself
             turn = [np.deg2rad(self._inputs["turn"].value)] if "turn" in self._inputs else []
             self.move(np.array([*self._inputs["point"].value, *turn]))
 
@@ -202,12 +202,12 @@ def cylinder() -> Float[np.ndarray, "corners 3"]:
 
 
 def _silence() -> contextlib.redirect_stdout[io.StringIO]:
-    """viser greets and says goodbye on standard output."""
+    """Suppress viser's messages on standard output."""
     return contextlib.redirect_stdout(io.StringIO())
 
 
 def _paint(color: str) -> tuple[int, ...]:
-    """A colour for lit surfaces, darker than in figures because the lamps bleach it."""
+    """A colour for lit surfaces."""
     return tuple(round(_SHADE * part) for part in _rgb(color))
 
 

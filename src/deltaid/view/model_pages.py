@@ -1,4 +1,4 @@
-"""Pages of a model: as it was identified, compared with a recording, and by itself."""
+"""Pages of a model: its identification, its comparison with a recording, and the model alone."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -30,12 +30,12 @@ from deltaid.view.summary import (
 )
 from deltaid.view.torques import friction_section, over_time, residual_blocks
 
-# Height of one drive's two plots in a notebook, and of what is around all of them [px].
+# Height of one drive's two plots in a notebook, and of everything around the plots [px].
 _DRIVE, _AROUND = 170, 90
 
 
 def identification_page(result: Identification, verification: Validation | None = None) -> Page:
-    """The page of `deltaid identify`: everything about an identified model.
+    """The page of `deltaid identify`.
 
     Reads its recordings once more, in constant memory.
 
@@ -45,7 +45,7 @@ def identification_page(result: Identification, verification: Validation | None 
     model, verdicts = result.model, getattr(result, "verdicts", ())
     dynamics, recordings = compiled(model.robot), result.recordings
     comparisons = tuple(compare(dynamics, model.p, recording) for recording in recordings)
-    # What the checks say stands in their table, beneath the verdict.
+    # Verdicts of the checks stand in their table, beneath the verdict.
     sentences = {verdict.sentence for verdict in verdicts}
     warnings = [text for text in model.warnings if text not in sentences]
     log, error, seen, verified = None, None, comparisons[0], ""
@@ -93,7 +93,7 @@ def identification_page(result: Identification, verification: Validation | None 
 def _torque_section(
     robot: RobotDescription, comparison: TorqueComparison, title: str, *, front: bool
 ) -> Section:
-    """All figures of torques along one recording; without that which the page's front shows."""
+    """Figures of torques along one recording, without the one at the page's front."""
     first, about = (), "the residual over speed, in size and in frequency"
     if not front:
         first = (over_time(comparison, robot.drive_units),)
@@ -139,13 +139,13 @@ def _facts(
 
 
 def validation_page(value: Validation) -> Page:
-    """The page of `deltaid validate`: how well a model predicts a recording, and its origin."""
+    """The page of `deltaid validate`: a model's errors on a recording, and its origin."""
     model, (error, log) = value.model, value
     dynamics, known, recording = model.dynamics, model.identified, model_filtered(model, log)
     comparison, chapters = compare(dynamics, model.p, recording), list[Section]()
     if known:
         chapters.append(parameters.parameter_section(known))
-    if known and known.base_parameters:  # which models of earlier versions do not hold
+    if known and known.base_parameters:  # missing in models of earlier versions
         tables = (model_tables.base_table(known.base_parameters),)
         about = "combinations that the torques determine"
         chapters.append(Section("Base parameters", tables, about))
@@ -187,7 +187,7 @@ def validation_page(value: Validation) -> Page:
 
 
 def model_page(value: Model | IdentifiedModel) -> Page:
-    """What a model is by itself, without the recordings that it comes from."""
+    """The page of a model alone, without its recordings."""
     model = load(value)
     known = model.identified
     if known is None:
@@ -212,7 +212,7 @@ def model_page(value: Model | IdentifiedModel) -> Page:
 
 
 def model_figure(value: Model | IdentifiedModel) -> go.Figure:
-    """Parameters beside their prior, with intervals; of a robot at its prior the robot."""
+    """Parameters beside their prior, with intervals; at the prior, the robot."""
     model = load(value)
     if model.identified is None:
         return robots.robot_figure(model.robot)

@@ -1,4 +1,4 @@
-"""Tables of an identified model, for the terminal and for its page: built once, here."""
+"""Tables of an identified model, shared by terminal and page."""
 
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
@@ -10,18 +10,18 @@ from deltaid.robot.inertia import MOMENTS_OF_INERTIA
 from deltaid.view.numbers import WIDTH, measured, number, percent, span, with_uncertainty
 from deltaid.view.page import Table
 
-if TYPE_CHECKING:  # `deltaid base` prints a table without what reading recordings needs
+if TYPE_CHECKING:  # `deltaid base` prints a table without loading what reads recordings
     from deltaid.identification.least_squares import BaseEstimate
     from deltaid.identification.torque_error import TorqueError
     from deltaid.model.model import Model
     from deltaid.model.parameter_record import BaseParameter, Parameter
     from deltaid.model.record import IdentifiedModel
 
-# What has an interval that does not come from its own prior.
+# Origins of intervals other than the parameter's own prior.
 MEASURED = ("data", "measured", "sum", "limit")
-# Intervals whose longer side is so many times the shorter one are written as their two ends.
+# Ratio of both sides of an interval beyond which its ends are written.
 _LOPSIDED = 2.0
-# What ± stands for in tables.
+# Meaning of ± in tables.
 _HALF_WIDTH = "± (95 %)"
 _VERIFY = (
     " The columns from “verify rms” on are of the recording that the model was compared with, "
@@ -75,18 +75,19 @@ def parameter_table(model: "IdentifiedModel", truth: Sequence[float] | None = No
 
 
 def sums(model: "IdentifiedModel") -> list[str]:
-    """Sentences that say on whose priors parameters rest of which torques show only sums."""
+    """Sentences on parameters that torques determine only as sums, with those whose priors they
+    rest on."""
     resting = [p for p in model.parameters if p.determined_by == "sum" and p.rests_on]
     pairs = [f"{p.name} on {' and '.join(p.rests_on)}" for p in resting]
     return [f"Known as sums, with the priors of others: {', '.join(pairs)}."] if pairs else []
 
 
 def value_and_width(parameter: "Parameter") -> tuple[str, str]:
-    """Value, and half the width or the ends of its 95 % interval; of a prior its width."""
+    """Value, and half the width or the ends of its 95 % interval; for a prior its width."""
     if parameter.determined_by not in MEASURED:
         bound = "≥ " if parameter.determined_by == "consistency" else ""
         return bound + number(parameter.value), _prior_width(parameter)
-    if parameter.high is None or parameter.low is None:  # a model of an earlier version
+    if parameter.high is None or parameter.low is None:  # in a model of an earlier version
         return with_uncertainty(parameter.value, WIDTH * parameter.std)
     up, down = parameter.high - parameter.value, parameter.value - parameter.low
     known = parameter.determined_by in ("data", "measured")
@@ -96,7 +97,7 @@ def value_and_width(parameter: "Parameter") -> tuple[str, str]:
 
 
 def _prior_width(parameter: "Parameter") -> str:
-    """How far a prior may be off: a factor of moments of inertia, else a share."""
+    """Uncertainty of a prior: a factor for moments of inertia, else a share."""
     if parameter.determined_by != "prior" or parameter.high is None or not parameter.prior:
         return ""
     if parameter.low and parameter.name.endswith(MOMENTS_OF_INERTIA):
@@ -166,7 +167,7 @@ def error_table(model: "Model", verification: "TorqueError | None") -> Table:
 
 
 def choice_table(choice: FrictionChoice, robot: RobotDescription) -> Table:
-    """For each joint what every addition alone gains, and the law that was chosen."""
+    """Gain of every addition alone, joint by joint, and the chosen law."""
     gains = {(t.joint, t.addition): t for t in choice.trials}
     rows = tuple(
         (joint, *(_gain(gains.get((joint, key))) for key in ADDITIONS), law_in_words(law))

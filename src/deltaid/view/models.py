@@ -26,17 +26,17 @@ _NEXT = ('["P.m"]', ".dynamics", ".plot()", ".to_frame()", '.report("x.html")')
 
 
 def model_card(value: Model | IdentifiedModel) -> Card:
-    """The verdict, the torque errors; folded the parameters and the warnings."""
+    """Verdict and torque errors; folded, parameters and warnings."""
     model = load(value)
-    found, known = summary(model), model.identified
+    verdict, known = summary(model), model.identified
     title = f"Model of {model.robot.title or model.robot.name}, {model.origin}"
     if known is None:
         facts = (("parameters", str(len(model.p))), ("drives", str(len(model.robot.drives))))
-        return Card(title, (found.sentence, *found.lines), found.grade, facts, methods=_NEXT)
+        return Card(title, (verdict.sentence, *verdict.lines), verdict.grade, facts, methods=_NEXT)
     return Card(
         title,
-        (found.sentence, *found.lines[:2]),
-        found.grade,
+        (verdict.sentence, *verdict.lines[:2]),
+        verdict.grade,
         drive_errors(model.robot, known.fit.nrmse),
         error_table(model, None),
         (("parameters", parameter_table(known)), *warned(known.warnings)),
@@ -52,13 +52,13 @@ def drive_errors(robot: RobotDescription, nrmse: Sequence[float]) -> tuple[tuple
 
 
 def warned(warnings: tuple[str, ...]) -> tuple[tuple[str, str], ...]:
-    """Warnings as a part that unfolds."""
+    """Warnings as a foldable part."""
     title = "1 warning" if len(warnings) == 1 else f"{len(warnings)} warnings"
     return ((title, "\n".join(warnings)),) if warnings else ()
 
 
 def model_frame(value: ModelLike) -> pl.DataFrame:
-    """Parameters, a row each; of a robot at its prior without intervals."""
+    """Parameters, a row each; at the prior without intervals."""
     model = load(value)
     if model.identified is None:
         layout = model.layout
@@ -77,16 +77,16 @@ identification_frame = model_frame
 
 
 def identification_card(value: Identification) -> Card:
-    """That of its model, with the verdict on fit and checks."""
-    of_model, found = model_card(value.model), summary(value)
+    """Card of the model, with the verdict on fit and checks."""
+    of_model, verdict = model_card(value.model), summary(value)
     robot = value.model.robot
     logs = ", ".join(recording.path.name for recording in value.recordings)
     poor = [v for v in getattr(value, "verdicts", ()) if v.grade is not Grade.GOOD]
     return replace(
         of_model,
         title=f"Identification of {robot.title or robot.name} from {logs}",
-        lines=(found.sentence, *found.lines[:2]),
-        grade=found.grade,
+        lines=(verdict.sentence, *verdict.lines[:2]),
+        grade=verdict.grade,
         more=(*((("checks that are not good", page_table(poor)),) if poor else ()), *of_model.more),
         methods=(".model", ".verdicts", ".plot()", ".to_frame()", '.report("x.html")',
                  '.save("model.yaml")'),
@@ -94,12 +94,12 @@ def identification_card(value: Identification) -> Card:
 
 
 def validation_card(value: Validation) -> Card:
-    """The verdict and the torque errors."""
-    model, found = value.model, summary(value.model, value.error, value.log)
+    """Verdict and torque errors."""
+    model, verdict = value.model, summary(value.model, value.error, value.log)
     return Card(
         f"{model.robot.title or model.robot.name} compared with {value.log.path.name}",
-        (found.sentence,),
-        found.grade,
+        (verdict.sentence,),
+        verdict.grade,
         drive_errors(model.robot, value.error.nrmse.tolist()),
         error_table(model, value.error),
         warned(value.remarks),
@@ -122,7 +122,7 @@ def validation_frame(value: Validation) -> pl.DataFrame:
 
 
 def sample_table(drawn: Samples) -> Table:
-    """What was identified beside mean and spread of the models, of all parameters that vary."""
+    """Identified values beside mean and spread of the drawn models, for parameters that vary."""
     fitted = dict(zip(drawn.model.layout.names, drawn.model.p.tolist(), strict=True))
     low, high = np.quantile(drawn.p, [0.025, 0.975], axis=0)
     return Table(
@@ -154,7 +154,7 @@ def sample_sentence(drawn: Samples) -> str:
 
 
 def samples_card(value: Samples) -> Card:
-    """How many, what they are worth; folded their spread."""
+    """Number and effective number of models; folded, their spread."""
     table = sample_table(value)
     return Card(
         f"{len(value)} models of {value.robot.title or value.robot.name}",
@@ -172,7 +172,7 @@ def samples_frame(value: Samples) -> pl.DataFrame:
 
 
 def samples_figure(value: Samples) -> go.Figure:
-    """Median and the middle 50 and 95 % of every parameter that varies, beside what was fitted."""
+    """Median and the middle 50 and 95 % of every parameter that varies, beside the fitted value."""
     fitted = dict(zip(value.model.layout.names, value.model.p.tolist(), strict=True))
     ends = np.quantile(value.p, [0.025, 0.25, 0.5, 0.75, 0.975], axis=0)
     shown = [i for i, n in enumerate(value.names) if ends[-1, i] > ends[0, i] and fitted.get(n)]

@@ -1,16 +1,17 @@
-"""Numbers as people read them, in the terminal and in the report."""
+"""Numbers as text for people, in the terminal and in reports."""
 
 import math
+from statistics import NormalDist
 
 _WORDS = (
     "no", "one", "two", "three", "four", "five", "six", "seven", "eight", "nine", "ten", "eleven",
     "twelve",
 )  # fmt: skip
 # Half the 95 % interval of a normal distribution, in standard deviations.
-WIDTH = 1.96
-# So many of several a line names before it counts the others.
+WIDTH = NormalDist().inv_cdf(0.975)
+# Names that a line lists before it counts the rest.
 FEW = 3
-# Numbers within these are written without a power of ten.
+# Range of numbers without a power of ten.
 _SMALL, _LARGE = 1e-4, 1e6
 
 
@@ -21,14 +22,14 @@ def number(value: float, digits: int = 4) -> str:
 
 
 def measured(value: float, digits: int = 3) -> str:
-    """The same with zeros at its end, which say that they are known."""
+    """The same with trailing zeros, which are significant."""
     text = f"{value:#.{digits}g}".rstrip(".")
     plain = value == 0 or not math.isfinite(value) or "e" in text
     return number(value, digits) if plain else text
 
 
 def with_uncertainty(value: float, std: float) -> tuple[str, str]:
-    """Value and ± to the same decimal place: two digits of ± decide."""
+    """Value and ± to the same decimal place, given by two digits of ±."""
     if not std > 0 or not math.isfinite(std):
         return number(value), ""
     place = 1 - math.floor(math.log10(std))
@@ -36,7 +37,7 @@ def with_uncertainty(value: float, std: float) -> tuple[str, str]:
     if largest >= _LARGE or largest < _SMALL or place > 7:
         digits = max(2, 1 + math.floor(math.log10(largest / std)) + 1)
         return f"{value:.{min(digits, 9) - 1}e}", f"{std:.1e}"
-    if place < 0:  # tens and hundreds of it
+    if place < 0:  # rounded to tens or hundreds
         return f"{round(value, place):.0f}", f"{round(std, place):.0f}"
     return f"{value:.{place}f}", f"{std:.{place}f}"
 
@@ -56,7 +57,7 @@ def span(low: float, high: float) -> str:
     largest = max(abs(low), abs(high))
     if not _SMALL <= largest < _LARGE or place > 7 or place < 0:
         return f"{number(low, 3)} … {number(high, 3)}"
-    if place > 4 and half > 0.1 * largest:  # two digits say as much, without zeros
+    if place > 4 and half > 0.1 * largest:  # two digits are as accurate, without zeros
         return f"{low:.2g} … {high:.2g}"
     return f"{low:.{place}f} … {high:.{place}f}"
 

@@ -1,4 +1,4 @@
-"""The page of `deltaid online`: what a recording showed, cycle by cycle; and its tables."""
+"""The page of `deltaid online`: loads and contacts of a recording, cycle by cycle, and tables."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
@@ -11,12 +11,10 @@ import polars as pl
 from deltaid.online.events import WeighedLoad
 from deltaid.online.watch import Watched
 from deltaid.view import style
-from deltaid.view.comparison import peak_rows
+from deltaid.view.comparison import POINTS, peak_rows
 from deltaid.view.numbers import WIDTH, number
 from deltaid.view.page import Fact, Figure, Page, Section, Summary, Table, Text, Trust
 
-# Points that a line is drawn with, at most.
-_POINTS = 8000
 _UNTOLD = (
     "No gripper signal: torques do not separate a push straight up or down from a load taken or "
     "released."
@@ -24,12 +22,12 @@ _UNTOLD = (
 
 
 def online_page(watched: Watched, title: str) -> Page:
-    """Everything that was found in a recording.
+    """The page of a watched recording.
 
     Of a long one lines have of each stretch the cycle in which the residual is largest.
     """
     series = watched.series
-    watched = replace(watched, series=series[peak_rows(series["contact_size"].to_numpy(), _POINTS)])
+    watched = replace(watched, series=series[peak_rows(series["contact_size"].to_numpy(), POINTS)])
     loads = loads_table(watched) if watched.loads else Text("No load was found.")
     touches = touches_table(watched) if watched.touches else Text("No contact was found.")
     return Page(
@@ -65,7 +63,7 @@ def online_page(watched: Watched, title: str) -> Page:
 
 
 def verdict(watched: Watched) -> Summary:
-    """How many loads and contacts there were; doubtful where a warning stands."""
+    """Number of loads and contacts; doubtful where there is a warning."""
     loads, touches, doubts = len(watched.loads), len(watched.touches), len(watched.doubts)
     text = (
         f"Done: {loads} load{'s' * (loads != 1)} and {touches} contact{'s' * (touches != 1)} in "
@@ -156,7 +154,7 @@ def _over_time(
 
 
 def loads_table(watched: Watched) -> Table:
-    """Each load with its interval, when it was held, and its centre as far as that showed."""
+    """Loads with interval, time, and centre as far as it is determined."""
     last = watched.loads[-1:]
     by = "by the gripper's signal" if watched.told else "found from torques alone"
     return Table(
@@ -179,7 +177,7 @@ def _load(load: WeighedLoad, until: str) -> tuple[str, ...]:
 
 
 def touches_table(watched: Watched) -> Table:
-    """Each contact: when, how long, where, how hard."""
+    """Contacts with time, duration, place and force."""
     rows = tuple(
         (
             f"{touch.start:.3f}",
@@ -218,7 +216,7 @@ def _at_most(watched: Watched) -> str:
 
 
 def told_lines(watched: Watched) -> tuple[str, ...]:
-    """What could be told at all, and how long a cycle took."""
+    """Identifiable quantities, and the time of a cycle."""
     bad = f"{watched.bad} of {watched.cycles} cycles could not be used"
     return (
         f"Smallest detected force on the platform: {number(watched.best, 2)} N along the best "

@@ -1,4 +1,4 @@
-"""A server on this machine that answers its own page only, whatever else the browser shows.
+"""Protection of a local server: it answers its own page only, whatever else the browser shows.
 
 A browser lets any page of the web open a websocket to this machine, and a name that its owner
 points at 127.0.0.1 (DNS rebinding) even makes such a page look like the server's own. So the
@@ -18,7 +18,7 @@ HOST = "127.0.0.1"
 
 
 def free_port(candidates: Iterable[int]) -> int:
-    """The first of some ports that nothing listens at; for 0 any.
+    """The first free one of some ports; 0 stands for any.
 
     Raises:
         DeltaidError: none can be had.
@@ -36,7 +36,7 @@ def free_port(candidates: Iterable[int]) -> int:
 
 @contextmanager
 def answering_own_page_only() -> Generator[None, None, None]:
-    """Servers that viser starts inside refuse all others.
+    """Make servers that viser starts inside refuse all other pages.
 
     viser has no setting for it; its websocket library asks `process_request` about every request.
 

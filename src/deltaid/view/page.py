@@ -1,4 +1,4 @@
-"""A page as data: text, tables and figures, and the verdict, picture and origin at its head.
+"""A page as data: text, tables and figures, headed by verdict, picture and origin.
 
 Builders of this room describe pages with the classes here; `html.py` makes HTML of them, and the
 terminal and notebooks print the same tables. Nothing heavy is imported: short commands print
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     import plotly.graph_objects as go
     from markupsafe import Markup
 
-# Height of figures that do not say theirs [px].
+# Default height of figures [px].
 _HEIGHT = 450
 _COMMAND = "deltaid"
 
@@ -55,7 +55,7 @@ class Table:
     choices: tuple[int, ...] | None = None
 
     def without(self, *columns: str) -> "Table":
-        """The same without some columns, as far as there are any."""
+        """The same without some columns, where it has them."""
         kept = [k for k, name in enumerate(self.columns) if name not in columns]
         rows = tuple(tuple(row[k] for k in kept) for row in self.rows)
         return replace(self, columns=tuple(self.columns[k] for k in kept), rows=rows)
@@ -63,7 +63,7 @@ class Table:
 
 @dataclass(frozen=True)
 class Lines:
-    """Lines of a file, to be copied as they stand."""
+    """Lines of a file, to be copied verbatim."""
 
     text: str
     caption: str = ""
@@ -93,7 +93,7 @@ class Figure:
 
 @dataclass(frozen=True)
 class Chart(Figure):
-    """The same as plain data, for pages by the thousand: Plotly's classes take 0.1 s a page."""
+    """The same as plain data, for thousands of pages: Plotly's classes take 0.1 s a page."""
 
     figure: Mapping[str, Any]
 
@@ -135,7 +135,7 @@ class Fact:
 
 
 class Trust(StrEnum):
-    """How far a model may be trusted.
+    """Grade of a model.
 
     - good: predicts every drive of a motion that it has not seen within 5 %, at most 1 % of a
       drive's torque is unexplained, and nothing about its recordings or its fit is doubtful;
@@ -183,7 +183,7 @@ class Drawing:
 
 @dataclass(frozen=True)
 class Made:
-    """How a page was made.
+    """Origin of a page.
 
     Attributes:
         command: as it was typed; of a program that uses deltaid as a library, that says so.
@@ -206,7 +206,7 @@ def made() -> Made:
 
 @dataclass(frozen=True)
 class Page:
-    """Everything a page says.
+    """Content of a page.
 
     Attributes:
         facts: key figures.
@@ -229,11 +229,11 @@ class Page:
 
     @property
     def has_figures(self) -> bool:
-        """Whether there is anything that Plotly draws."""
+        """Whether Plotly draws anything."""
         blocks = [*self.front, *(block for section in self.sections for block in section.blocks)]
         return any(isinstance(block, Figure) for block in blocks)
 
     def is_open(self, section: Section) -> bool:
-        """Whether a chapter is open to begin with."""
+        """Whether a chapter is initially open."""
         bare = not self.front and not any(other.unfolded for other in self.sections)
         return section.unfolded or (bare and section is self.sections[0])

@@ -1,4 +1,4 @@
-"""Parameters of a model: prior, value, interval, and what decided each."""
+"""Parameters of a model: prior, value, interval, and the source of each."""
 
 from collections.abc import Sequence
 
@@ -16,7 +16,7 @@ from deltaid.view.model_tables import MEASURED, base_table, parameter_table
 from deltaid.view.numbers import WIDTH, number
 from deltaid.view.page import Figure, Section, Table, Text
 
-_FAR = 300.0  # % of the prior, beyond which a parameter would flatten all others
+_FAR = 300.0  # largest shown difference from the prior [%], as larger ones would flatten all others
 _SOURCES = {
     "noise": "torques",
     "sensors": "sensors",
@@ -25,14 +25,14 @@ _SOURCES = {
     "geometry": "geometry and effects",
     "unseen": "not shown",
 }
-# Left out where a model has nothing of it.
+# Sources that are shown only where a model has them.
 _BESIDE = ("sensors", "measured")
-# A source that makes so much of an interval decides it.
+# Share of an interval from which its source decides it.
 _DECIDES = 0.5
 
 
 def parameter_section(model: IdentifiedModel) -> Section:
-    """Every parameter that is not zero by structure, as a table and beside its prior."""
+    """Parameters that are not zero by structure, as a table and beside their prior."""
     shares = share_table(model)
     return Section(
         "Parameters",
@@ -116,19 +116,18 @@ def _change(parameter: Parameter) -> float:
 
 
 def _reach(parameter: Parameter) -> tuple[float, float]:
-    """How far the interval reaches down and up, in per cent of the prior; nothing where the data
-    did not decide."""
+    """Extent of the interval down and up [% of the prior]; zero where data did not decide."""
     if parameter.determined_by not in MEASURED:
         return 0.0, 0.0
     half, share = WIDTH * parameter.std, 100 / abs(parameter.prior)
-    # Models of earlier versions have only a standard deviation.
+    # Models of earlier versions have a standard deviation only.
     if parameter.low is None or parameter.high is None:
         return share * half, share * half
     return share * (parameter.value - parameter.low), share * (parameter.high - parameter.value)
 
 
 def share_table(model: IdentifiedModel) -> Table | None:
-    """Shares of the intervals of all parameters that the data decided, and of base parameters.
+    """Sources of the intervals of parameters that the data decided, and of base parameters.
 
     None for a model of an earlier version, which does not know them.
     """
@@ -179,7 +178,7 @@ def _keys(shares: Sequence[Share]) -> list[str]:
 
 
 def _percent(share: float) -> str:
-    """In whole per cent; what is less is said to be."""
+    """A share in whole per cent, or '< 1'."""
     return f"{100 * share:.0f} %" if share >= 0.005 or share == 0 else "< 1 %"
 
 

@@ -1,5 +1,5 @@
-"""How far a robot can go from its home pose, and which limit ends its way in each direction; the
-robot in its reachable region, and sections through that region, as figures."""
+"""Reach of a robot from its home pose and the limits that end it, the reachable region, and
+sections through it."""
 
 import itertools
 import re
@@ -20,21 +20,21 @@ from deltaid.view.animation import fix_scene, robot_lines, workspace_line
 from deltaid.view.drawing import outline_points
 from deltaid.view.page import Figure
 
-# Directions of the rays: one every so many degrees.
+# Angle between directions of the rays [deg].
 _EVERY = 4
-# Steps of a ray, as a share of the longest way that the lengths of the robot leave; gaps between
-# two limits that are narrower are jumped over. Halvings then find the end within micrometres.
+# Steps of a ray over the largest possible reach, which skip narrower gaps between two limits, and
+# halvings that locate its end within micrometres.
 _STEPS, _HALVINGS = 300, 20
-# Points inside the workspace that are looked at.
+# Points inside the workspace, a power of two for the Sobol sequence.
 _POINTS = 2**14
-# Points along each side of a section: a contour without visible corners, in a second.
+# Points along each side of a section: smooth contours in a second.
 _GRID = 161
 NOTHING = "nothing"
 
 
 @dataclass(frozen=True)
 class Reach:
-    """Ends of straight ways from the home pose, the tool's angle kept.
+    """Ends of straight rays from the home pose at constant tool angle.
 
     Rows are polar angles from world z down (0 … π), columns azimuths (0 … 2 π, both ends).
 
@@ -61,7 +61,7 @@ class Reach:
 
 @dataclass(frozen=True)
 class WorkspaceSurvey:
-    """What a robot needs within its workspace, at all angles of its tool.
+    """Poses of the workspace, at all angles of the tool, with the use of limits.
 
     Attributes:
         poses: those of the workspace where the robot can stand.
@@ -75,7 +75,7 @@ class WorkspaceSurvey:
 
 
 def require_space(robot: RobotDescription) -> None:
-    """Refuse a robot that does not move along x, y and z.
+    """Raise for a robot that does not move along x, y and z.
 
     Raises:
         KinematicsError: with what it moves along.
@@ -89,7 +89,7 @@ def require_space(robot: RobotDescription) -> None:
 
 
 def reach(robot: AtRest) -> Reach:
-    """Ends of the ways in all directions that keep the machine's own limits.
+    """Ends of rays in all directions, within the machine's own limits.
 
     Distances are found by steps and then by halving. The region is described wholly where straight
     ways from home lead everywhere, which is so for the usual Deltas.
@@ -117,10 +117,10 @@ def reach(robot: AtRest) -> Reach:
 
 
 def survey(robot: AtRest) -> WorkspaceSurvey:
-    """Poses spread evenly over the workspace, and along its edges, where extremes are."""
+    """Poses spread evenly over the workspace, and along its edges, where the extremes are."""
     edges, turn = outline_points(robot.robot.workspace), robot.robot.turn
     box = np.stack([edges.min(axis=0), edges.max(axis=0)])
-    if robot.dynamics.dof > 3:  # at home and at either end of the tool's range
+    if robot.dynamics.dof > 3:  # at home and at both ends of the tool's range
         box = np.column_stack([box, [turn.low, turn.high]])
         angles = (robot.home[3], turn.low, turn.high)
         edges = np.concatenate([np.insert(edges, 3, angle, axis=1) for angle in angles])
@@ -170,14 +170,14 @@ def _ends(
 
 
 def _longest(robot: AtRest) -> float:
-    """No way within reach is longer [m]."""
+    """Upper bound of the reach [m]."""
     spans, home = [], np.linalg.norm(robot.home[:3])
     for i, limb in enumerate(robot.robot.limb_geometry, 1):
         ends = robot.robot.limits_of(f"drive{i}").range
         rail = float(np.abs(ends).max()) if ends else 1.0
         drive = limb.upper_arm if limb.drive == "rotary" else rail
         spans.append(np.linalg.norm(limb.base) + drive + limb.strut)
-    # Of a mechanism without limbs nothing is known.
+    # A mechanism without limbs has no such bound.
     return float(min(spans, default=3.0 * home) + home)
 
 
@@ -191,33 +191,33 @@ def _turn(robot: AtRest) -> tuple[tuple[float, int], tuple[float, int]] | None:
 
 
 def limit_kinds(robot: AtRest) -> dict[str, str]:
-    """A colour for each kind of the machine's own limits, the same in all views."""
+    """Colours of the machine's own limits by kind, the same in all views."""
     kinds = dict.fromkeys(kind(name) for name in robot.limits[robot.of_workspace :])
     colors = itertools.cycle([style.SERIES[k] for k in (3, 4, 2, 1, 0)])
     return dict(zip(kinds, colors, strict=False)) | {NOTHING: style.PRIOR}
 
 
 def patches(
-    robot: AtRest, found: Reach
+    robot: AtRest, reached: Reach
 ) -> dict[str, tuple[Float[np.ndarray, "points 3"], np.ndarray]]:
-    """Corners and triangles of the region's surface by the kind of limit that ends it there."""
-    corner = np.arange(found.distance.size).reshape(found.distance.shape)
+    """Corners and triangles of the region's surface, by the kind of limit that ends it."""
+    corner = np.arange(reached.distance.size).reshape(reached.distance.shape)
     a, b, c, d = corner[:-1, :-1], corner[1:, :-1], corner[1:, 1:], corner[:-1, 1:]
     faces = np.stack([np.stack([a, b, c]), np.stack([a, c, d])]).reshape(2, 3, -1)
     faces = faces.transpose(0, 2, 1).reshape(-1, 3)
-    names = np.array([*(kind(name) for name in robot.limits), NOTHING])  # −1 is the last
-    ended_by = names[found.ended_by.ravel()[faces[:, 0]]]
-    points = found.points.reshape(-1, 3)
+    names = np.array([*(kind(name) for name in robot.limits), NOTHING])  # index −1 selects the last
+    ended_by = names[reached.ended_by.ravel()[faces[:, 0]]]
+    points = reached.points.reshape(-1, 3)
     return {name: (points, faces[ended_by == name]) for name in np.unique(ended_by)}
 
 
-def picture(robot: AtRest, found: Reach) -> Figure:
+def picture(robot: AtRest, reached: Reach) -> Figure:
     """The robot at home, the described workspace, and the region it reaches."""
     skeleton = Skeleton(robot.robot, robot.dynamics.kinematics.mechanism)
     shape, space = skeleton.evaluate(robot.home[None])[0], robot.robot.workspace
     edges = workspace_line(space, {"color": style.MEASURED, "width": 3})
     figure, colors = go.Figure([*robot_lines(skeleton, shape).values(), edges]), limit_kinds(robot)
-    for name, (points, faces) in patches(robot, found).items():
+    for name, (points, faces) in patches(robot, reached).items():
         figure.add_mesh3d(
             **dict(zip("xyz", points.astype(np.float32).T, strict=True)),
             **dict(zip("ijk", faces.astype(np.int32).T, strict=True)),
@@ -228,7 +228,7 @@ def picture(robot: AtRest, found: Reach) -> Figure:
             showlegend=True,
             hovertemplate=f"ends at: {name}<br>%{{x:.3f}}, %{{y:.3f}}, %{{z:.3f}} m<extra></extra>",
         )
-    drawn = shape.reshape(-1, 3), found.points.reshape(-1, 3), outline_points(space)
+    drawn = shape.reshape(-1, 3), reached.points.reshape(-1, 3), outline_points(space)
     fix_scene(figure, *drawn, height=680, below=0)
     return Figure(
         figure.update_layout(margin={"t": 90}),
@@ -239,9 +239,9 @@ def picture(robot: AtRest, found: Reach) -> Figure:
     )
 
 
-def sections(robot: AtRest, found: Reach, surveyed: WorkspaceSurvey) -> Figure:
+def sections(robot: AtRest, reached: Reach, surveyed: WorkspaceSurvey) -> Figure:
     """Condition in two vertical planes and a horizontal one through home."""
-    points = np.concatenate([found.points.reshape(-1, 3), outline_points(robot.robot.workspace)])
+    points = np.concatenate([reached.points.reshape(-1, 3), outline_points(robot.robot.workspace)])
     low, high = points.min(axis=0), points.max(axis=0)
     low, high = low - 0.06 * (high - low), high + 0.06 * (high - low)
     figure = make_subplots(
@@ -258,7 +258,7 @@ def sections(robot: AtRest, found: Reach, surveyed: WorkspaceSurvey) -> Figure:
         z[:, i], z[:, j] = np.tile(x, _GRID), np.repeat(y, _GRID)
         poses = robot(z)
         use = np.max(poses.shares[:, robot.of_workspace :], axis=1, initial=0.0)
-        # Out of reach counts as twice the limit; what a contour needs are numbers without gaps.
+        # Out of reach counts as twice the limit, because contours need numbers without gaps.
         use = np.where(poses.stands, np.minimum(use, 2.0), 2.0)
         condition = np.where(poses.stands, np.minimum(poses.condition, largest), np.nan)
         shown = [values.reshape(_GRID, _GRID).astype(np.float32) for values in (condition, use)]
@@ -319,12 +319,12 @@ def sections(robot: AtRest, found: Reach, surveyed: WorkspaceSurvey) -> Figure:
 
 
 def _section(robot: AtRest, i: int, j: int) -> Float[np.ndarray, "points 2"]:
-    """Edge of the workspace in the plane of two axes through home, found along rays there."""
+    """Edge of the workspace in the plane of two axes through home, found along rays."""
     angle = np.linspace(0, 2 * np.pi, 361)
     unit, low = np.zeros((len(angle), 3)), np.zeros(len(angle))
     unit[:, i], unit[:, j] = np.cos(angle), np.sin(angle)
     high = np.full(len(angle), np.ptp(outline_points(robot.robot.workspace), axis=0).sum())
-    for _ in range(40):  # every workspace is convex, and home lies inside
+    for _ in range(40):  # workspaces are convex and contain home
         middle = 0.5 * (low + high)
         inside = robot.robot.workspace.contains(robot.home[:3] + middle[:, None] * unit)
         low, high = np.where(inside, middle, low), np.where(inside, high, middle)

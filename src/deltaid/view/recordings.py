@@ -1,4 +1,4 @@
-"""Recordings, in memory and surveyed, and mappings of their columns: cards."""
+"""Cards of recordings, in memory and surveyed, and of mappings of their columns."""
 
 import re
 
@@ -19,7 +19,7 @@ from deltaid.view.numbers import number
 from deltaid.view.page import Table
 from deltaid.view.show import Card
 
-# Groups of columns that a figure shows, and points of one curve.
+# Most groups of columns of a figure, and points of a curve.
 _GROUPS, _POINTS = 5, 4000
 _INDEX = re.compile(r"^(.*?)(?:\[?(\d+)\]?)$")
 
@@ -42,7 +42,7 @@ def recording_card(value: Recording) -> Card:
 
 
 def recording_frame(value: Recording) -> pl.DataFrame:
-    """All that it holds, in the units that it is in."""
+    """All columns of a recording, in its own units."""
     if isinstance(value.table, FrameTable):
         return value.table.frame
     header = list(value.table.header)
@@ -52,7 +52,7 @@ def recording_frame(value: Recording) -> pl.DataFrame:
 
 
 def recording_figure(value: Recording) -> go.Figure:
-    """Columns of numbers over time; those of one name in one plot: q1, q2, …; tau1, …."""
+    """Numeric columns over time, those of one name in one plot: q1, q2, …; tau1, …."""
     table = recording_frame(value)
     clock, groups = _clock(table), dict[str, list[str]]()
     for name in table.columns:
@@ -105,7 +105,7 @@ def _ranges(table: pl.DataFrame) -> Table:
 
 
 def log_card(value: Log | recording.PreparedRecording) -> Card:
-    """Size, rate, filter, and what is left out of it."""
+    """Size, rate, filter and exclusions."""
     log, cutoff = (value, None) if isinstance(value, Log) else (value.log, value.cutoff)
     warnings = tuple(str(text) for text in log.warnings)
     return Card(
@@ -123,7 +123,7 @@ def log_card(value: Log | recording.PreparedRecording) -> Card:
 
 
 def mapping_card(value: ColumnMapping) -> Card:
-    """Which column is what, and in which unit; what is left to the default names is not told."""
+    """Columns with their units, without those of default names."""
     time = value.time
     unit = time.unit if time.rate is None else f"{time.rate:g} / s"
     facts = {"time": f"{time.rate:g} Hz" if time.is_absent else f"{time.column} [{unit}]"}
@@ -137,7 +137,7 @@ def mapping_card(value: ColumnMapping) -> Card:
 
 
 def _described_column(column: DriveColumn | AllDrives) -> str:
-    """'tau2 [N m; sign -1]': name, unit, and what else is done to its numbers."""
+    """'tau2 [N m; sign -1]': name, unit, and other conversions."""
     name = column.column or ", ".join(getattr(column, "columns", None) or ())
     more = [
         f"{key.replace('_', ' ')} {getattr(column, key)}"

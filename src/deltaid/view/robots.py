@@ -1,4 +1,4 @@
-"""Robots, and what computes with them: a card, a figure, and a page of what a robot can do."""
+"""Robots and their computations: a card, a figure, and the page of a robot at rest."""
 
 import numpy as np
 import plotly.graph_objects as go
@@ -14,7 +14,7 @@ from deltaid.model.model import load
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.load import yaml_text
 from deltaid.view import style
-from deltaid.view.animation import CAMERA, fix_scene, robot_lines, workspace_line
+from deltaid.view.animation import fix_scene, robot_lines, workspace_line
 from deltaid.view.drawing import outline_points
 from deltaid.view.numbers import number, percent
 from deltaid.view.page import Fact, Page, Section, Table, Text
@@ -31,7 +31,7 @@ from deltaid.view.reach import (
 from deltaid.view.show import Card
 
 _Robot = RobotDescription | Kinematics | Dynamics | ForwardDynamics | ConstraintForces
-# How the title of a card begins, and what it can do.
+# Beginning of a card's title, and methods of the value.
 _KINDS: dict[type, tuple[str, tuple[str, ...]]] = {
     Kinematics: ("Kinematics of ", (".inverse(z)", ".forward(q)", ".jacobian(z)", ".condition(z)",
                                     ".plot()")),
@@ -41,12 +41,10 @@ _KINDS: dict[type, tuple[str, tuple[str, ...]]] = {
     ConstraintForces: ("Constraint forces of ", (".names", ".evaluate(z, qd, qdd, p)")),
     RobotDescription: ("", (".plot()", '.report("x.html")', '.changed(name="…")')),
 }  # fmt: skip
-# How much nearer than in a report, whose picture is higher.
-_NEARER = 0.92
 
 
 def robot_card(value: _Robot) -> Card:
-    """Kind, drives, bodies, workspace, and what it can do."""
+    """Kind, drives, bodies, workspace, and methods."""
     robot = value if isinstance(value, RobotDescription) else value.robot
     title, methods = next(both for kind, both in _KINDS.items() if isinstance(value, kind))
     home = zip(robot.task.names, robot.home, strict=True)
@@ -84,15 +82,14 @@ def _drives(robot: RobotDescription) -> Table:
 
 
 def robot_figure(value: _Robot) -> go.Figure:
-    """Lines of the robot at its home pose, and the edges of its workspace."""
+    """The robot at its home pose, with the edges of its workspace."""
     robot = value if isinstance(value, RobotDescription) else value.robot
     skeleton = Skeleton(robot, compiled(robot).kinematics.mechanism)
     shape = skeleton.evaluate(robot.home[None])[0]
     edges = workspace_line(robot.workspace, {"color": style.PRIOR, "width": 3, "dash": "dot"})
     figure = go.Figure([*robot_lines(skeleton, shape).values(), edges])
     fix_scene(figure, shape.reshape(-1, 3), outline_points(robot.workspace), height=460, below=0)
-    near = {axis: _NEARER * eye for axis, eye in CAMERA["eye"].items()}
-    return figure.update_layout(scene_camera_eye=near, margin_t=30)
+    return figure.update_layout(margin_t=30)
 
 
 def robot_page(value: RobotDescription) -> Page:
@@ -109,22 +106,22 @@ def robot_page(value: RobotDescription) -> Page:
     )
 
 
-def rest_page(robot: AtRest, found: Reach, surveyed: WorkspaceSurvey, subtitle: str) -> Page:
-    """Everything about a robot at rest."""
+def rest_page(robot: AtRest, reached: Reach, surveyed: WorkspaceSurvey, subtitle: str) -> Page:
+    """Page of a robot at rest."""
     return Page(
         title=robot.robot.title or robot.robot.name,
         subtitle=subtitle,
-        facts=rest_facts(robot, found, surveyed),
+        facts=rest_facts(robot, reached, surveyed),
         warnings=rest_warnings(robot, surveyed),
         sections=(
-            Section("Robot", (picture(robot, found), rest_table(robot, surveyed))),
-            Section("Workspace", (sections(robot, found, surveyed), use_table(robot, surveyed))),
-            Section("Reach", (_reach_text(robot, found), end_table(robot, found))),
+            Section("Robot", (picture(robot, reached), rest_table(robot, surveyed))),
+            Section("Workspace", (sections(robot, reached, surveyed), use_table(robot, surveyed))),
+            Section("Reach", (_reach_text(robot, reached), end_table(robot, reached))),
         ),
     )
 
 
-def rest_facts(robot: AtRest, found: Reach, surveyed: WorkspaceSurvey) -> tuple[Fact, ...]:
+def rest_facts(robot: AtRest, reached: Reach, surveyed: WorkspaceSurvey) -> tuple[Fact, ...]:
     """Condition, holding torque, reach."""
     condition, home = surveyed.poses.condition, robot(robot.home[None])
     hardest = int(np.argmax(np.abs(home.torque[0])))
@@ -142,7 +139,9 @@ def rest_facts(robot: AtRest, found: Reach, surveyed: WorkspaceSurvey) -> tuple[
             f"{abs(home.torque[0, hardest]):.3g} {robot.robot.units(drive).force}",
             f"by {drive}, the most of all drives",
         ),
-        Fact("reach", f"{found.volume:.3g} m³", f"up to {found.distance.max():.3g} m from home"),
+        Fact(
+            "reach", f"{reached.volume:.3g} m³", f"up to {reached.distance.max():.3g} m from home"
+        ),
         Fact(
             "workspace within all limits",
             percent_of(surveyed.within),
@@ -152,7 +151,7 @@ def rest_facts(robot: AtRest, found: Reach, surveyed: WorkspaceSurvey) -> tuple[
 
 
 def rest_warnings(robot: AtRest, surveyed: WorkspaceSurvey) -> tuple[str, ...]:
-    """What of the described workspace the machine's limits forbid."""
+    """Parts of the described workspace that the machine's limits forbid."""
     if surveyed.within == 1.0:
         return ()
     uses = zip(robot.limits, surveyed.poses.shares.max(axis=0, initial=0.0), strict=True)
@@ -171,7 +170,7 @@ def rest_table(robot: AtRest, surveyed: WorkspaceSurvey) -> Table:
     """Drive coordinates and holding torques, at home and over the workspace."""
     home, poses, rows = robot(robot.home[None]), surveyed.poses, list[tuple[str, ...]]()
     torques = np.concatenate([home.torque, poses.torque])
-    # Zero but for rounding.
+    # Zero except for rounding.
     torques[np.abs(torques) < 1e-9 * np.abs(torques).max(initial=0.0)] = 0.0
     for i, (drive, units) in enumerate(robot.robot.drive_units.items()):
         limits, scale = robot.robot.limits_of(drive), units.per_shown
@@ -198,7 +197,7 @@ def rest_table(robot: AtRest, surveyed: WorkspaceSurvey) -> Table:
 
 
 def use_table(robot: AtRest, surveyed: WorkspaceSurvey) -> Table:
-    """Largest use of each limit within the workspace, and where."""
+    """Largest use of each limit within the workspace, with its place."""
     poses, rows = surveyed.poses, list[tuple[str, ...]]()
     for k in range(robot.of_workspace, len(robot.limits)):
         worst = int(np.argmax(poses.shares[:, k]))
@@ -213,11 +212,11 @@ def use_table(robot: AtRest, surveyed: WorkspaceSurvey) -> Table:
     )
 
 
-def end_table(robot: AtRest, found: Reach) -> Table:
-    """Which limit ends how many of the ways from home."""
+def end_table(robot: AtRest, reached: Reach) -> Table:
+    """Share of the rays from home that each limit ends."""
     rows = []
-    for k, share in sorted(found.shares.items(), key=lambda item: -item[1]):
-        distances = found.distance[found.ended_by == k]
+    for k, share in sorted(reached.shares.items(), key=lambda item: -item[1]):
+        distances = reached.distance[reached.ended_by == k]
         ends = number(distances.min(), 3), number(distances.max(), 3)
         rows.append((robot.limits[k] if k >= 0 else NOTHING, percent_of(share), *ends))
     return Table(
@@ -228,25 +227,25 @@ def end_table(robot: AtRest, found: Reach) -> Table:
 
 
 def percent_of(share: float) -> str:
-    """A share in per cent that says 100 only when it is all, and 0 only when it is none."""
+    """A share in per cent, with 100 and 0 only where they are exact."""
     if share in (0.0, 1.0):
         return f"{100 * share:.0f} %"
     return f"{min(100 * share, 99.9):.1f} %" if share > 0.1 else percent(share)
 
 
-def _reach_text(robot: AtRest, found: Reach) -> Text:
+def _reach_text(robot: AtRest, reached: Reach) -> Text:
     text = (
         "From the home pose the platform is moved straight in all directions, the tool's angle "
         "kept, until a limit of the machine ends the way: a drive's range or torque at rest, the "
         "swing of a strut, the telescope's stroke, or the largest condition. What lies behind a "
         "bend does not count."
     )
-    if found.turn is not None and all(k < 0 for _, k in found.turn):
+    if reached.turn is not None and all(k < 0 for _, k in reached.turn):
         text += "\n\nNothing ends the turning of the tool."
-    elif found.turn is not None:
+    elif reached.turn is not None:
         low, high = (
             f"{np.rad2deg(angle):.4g}° ({robot.limits[k] if k >= 0 else 'nothing ends it'})"
-            for angle, k in found.turn
+            for angle, k in reached.turn
         )
         text += f"\n\nAt home the tool turns from {low} to {high}."
     return Text(text)

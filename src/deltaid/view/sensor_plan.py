@@ -1,4 +1,4 @@
-"""Plans of what to measure: tables for terminal and page, a card."""
+"""Measurement plans: tables for terminal and page, a card."""
 
 from collections.abc import Sequence
 
@@ -12,13 +12,12 @@ from deltaid.view.numbers import number, percent
 from deltaid.view.page import Table
 from deltaid.view.show import Card
 
-# Entries that are shown of themselves, and what share of its prior an entry is left with that is
-# worth it; one of which nothing is learnt has all of it.
+# Number of entries that are shown unasked, and the share of its prior that an entry has to fall to.
 _COLUMNS, _LEFT, _LEARNT = 7, 0.05, 0.97
 
 
 def chosen_entries(plan: SensorPlan) -> tuple[str, ...]:
-    """Entries of the table of uses: those that torques see but leave open, a few of them."""
+    """Some entries for the table of uses: those that torques see but leave uncertain."""
     share = plan.described.shares / plan.unknowns.spread
     free = [
         f"{name}.{entry}"
@@ -34,7 +33,7 @@ def chosen_entries(plan: SensorPlan) -> tuple[str, ...]:
 
 
 def untold(plan: SensorPlan) -> tuple[str, ...]:
-    """Entries that neither torques nor anything in the list tells much of."""
+    """Entries that neither torques nor any offer determines."""
     every = (plan.torques, plan.described, *plan.uses)
     least = np.min([outlook.shares for outlook in every], axis=0) / plan.unknowns.spread
     names = zip(plan.unknowns.names, plan.unknowns.owners, least, strict=True)
@@ -42,22 +41,22 @@ def untold(plan: SensorPlan) -> tuple[str, ...]:
 
 
 def known_entries(plan: SensorPlan) -> list[int]:
-    """Numbers of the entries and gains that something tells of."""
+    """Indices of the entries and gains that some measurement determines."""
     hidden, u = untold(plan), plan.unknowns
     owned = (k for k, name in enumerate(u.names) if u.owners[k] or name.startswith("gain."))
     return [k for k in owned if u.names[k] not in hidden]
 
 
 def stages(plan: SensorPlan) -> dict[str, Outlook]:
-    """What is known by torques, with sensors that are described, and with all that is bought."""
+    """Standard deviations with torques, with described sensors, and with all purchases."""
     described = {"described": plan.described} if plan.has_described else {}
     bought = {"with all bought": plan.last} if plan.steps else {}
     return {"torques": plan.torques, **described, **bought}
 
 
 def bought(plan: SensorPlan) -> tuple[tuple[str, str, str], ...]:
-    """What all that is worth buying leaves of the goal and costs, and what to buy first; nothing
-    where nothing is."""
+    """Residual uncertainty and cost of all worthwhile purchases, and the first one; empty where
+    there is none."""
     if not plan.steps:
         return ()
     (first, _), (step, last), money = plan.steps[0], plan.steps[-1], plan.offers.currency
@@ -68,7 +67,7 @@ def bought(plan: SensorPlan) -> tuple[tuple[str, str, str], ...]:
 
 
 def entry_table(plan: SensorPlan) -> Table:
-    """Every entry of every body that something tells of: before and after."""
+    """Entries of all bodies that some measurement determines, before and after."""
     u, known = plan.unknowns, stages(plan)
     return Table(
         ("entry", "prior", "unit", "prior ±", *known),
@@ -89,7 +88,7 @@ def entry_table(plan: SensorPlan) -> Table:
 
 
 def use_table(plan: SensorPlan, entries: Sequence[str]) -> Table:
-    """What each thing by itself would make of some entries, and combinations."""
+    """Effect of each measurement alone on some entries and combinations."""
     shown = [plan.entry(name) for name in entries]
     start = [plan.torques, *([plan.described] if plan.has_described else [])]
     uses = [*plan.uses, *plan.combinations]
@@ -112,7 +111,7 @@ def use_table(plan: SensorPlan, entries: Sequence[str]) -> Table:
 
 
 def step_table(plan: SensorPlan) -> Table:
-    """What to buy, one after the other."""
+    """Purchases in their order."""
     money = plan.offers.currency
     return Table(
         ("next", money, f"{money} in all", "gain", "left"),
@@ -133,7 +132,7 @@ def step_table(plan: SensorPlan) -> Table:
 
 
 def stopped(plan: SensorPlan) -> str:
-    """Why buying ends where it does, in words."""
+    """Why the list of purchases ends, in words."""
     wanted, count, money = plan.settings.enough, len(plan.steps), plan.offers.currency
     if plan.last.goal <= wanted:
         return f"Enough: {percent(plan.last.goal)} is left, and --enough asks for {percent(wanted)}"
@@ -151,7 +150,7 @@ def stopped(plan: SensorPlan) -> str:
 
 
 def count_table(plan: SensorPlan) -> Table:
-    """How many combinations are told and how many are not, by sensors; scales have one row each."""
+    """Number of determined and undetermined combinations, by sensors; scales have a row each."""
     return Table(
         ("with", "seen", "told", "open"),
         tuple(
@@ -171,7 +170,7 @@ def count_table(plan: SensorPlan) -> Table:
 
 
 def open_table(opening: Opening) -> Table:
-    """What stays open, in words, and what would part it."""
+    """Undetermined entries, in words, and what would separate them."""
     rows = tuple(
         (open_.words, ", ".join(open_.entries), ", ".join(parted) or "nothing by itself")
         for open_, parted in zip(opening.null.directions, opening.parted, strict=True)
@@ -181,7 +180,7 @@ def open_table(opening: Opening) -> Table:
 
 
 def plan_card(value: SensorPlan) -> Card:
-    """What is known of the goal now and with all bought, and what to buy first."""
+    """Uncertainty of the goal now and with all purchases, and the first purchase."""
     robot, joined = value.model.robot, (" for ", ", ")
     goal = f"Goal: {value.goal}, as a typical standard deviation; planned for {value.motion}."
     more = zip(bought(value), joined, strict=False)

@@ -1,4 +1,4 @@
-"""The page of `deltaid sensors`: what is open, what each measurement would tell, what to buy."""
+"""The page of `deltaid sensors`: uncertain entries, the effect of each measurement, purchases."""
 
 from collections.abc import Sequence
 
@@ -25,12 +25,12 @@ from deltaid.view.sensor_plan import (
     use_table,
 )
 
-# Height of one bar and of what is around the bars [px].
+# Height of one bar, and of everything around the bars [px].
 _BAR, _AROUND = 22, 110
 
 
 def sensors_page(plan: SensorPlan, entries: Sequence[str]) -> Page:
-    """Everything that a plan says.
+    """Page of a plan.
 
     Args:
         entries: that the table of uses shows.
@@ -94,12 +94,12 @@ def sensors_page(plan: SensorPlan, entries: Sequence[str]) -> Page:
 
 
 def plan_page(plan: SensorPlan) -> Page:
-    """The page of `deltaid sensors`, with the entries that it chooses by itself."""
+    """The page of `deltaid sensors`, with its default entries."""
     return sensors_page(plan, chosen_entries(plan))
 
 
 def plan_figure(plan: SensorPlan) -> go.Figure:
-    """Standard deviation after each step; where nothing is worth buying, of all entries."""
+    """Standard deviation after each step; without purchases, of all entries."""
     return next(block.figure for block in (*_steps(plan), _bars(plan)) if isinstance(block, Figure))
 
 

@@ -1,4 +1,5 @@
-"""A card, what a value says of itself as text or HTML; and from a value to what shows it."""
+"""Cards that represent values as text or HTML, and the dispatch from a value to its card, figure
+and page."""
 
 import textwrap
 from collections.abc import Callable
@@ -16,14 +17,14 @@ from deltaid.view.page import Table
 if TYPE_CHECKING:
     import plotly.graph_objects as go
 
-# Most of a representation in text: lines, and characters of one of them.
+# Limits of a text representation: lines, and characters of a line.
 _LINES, _LINE = 10, 140
 _COLOURS = {
     "good": "#1a7f37", "fair": "#8a6100", "doubtful": "#8a6100", "poor": "#b42318",
     "wrong": "#b42318",
 }  # fmt: skip
 _OTHER = "#57606a"
-# Arrays of up to so many numbers are written out; longer text is cut.
+# Numbers of the largest array that is written out, and length of the longest text.
 _WRITTEN, _CHARACTERS = 16, 60
 
 
@@ -67,7 +68,7 @@ _KINDS = {
 
 @dataclass(frozen=True)
 class Card:
-    """What a value says of itself.
+    """Representation of a value.
 
     Attributes:
         title: what it is.
@@ -92,7 +93,7 @@ class Card:
     apart: bool = False
 
     def text(self) -> str:
-        """A few lines for a prompt."""
+        """Some lines for a prompt."""
         facts = [f"{name} {value}" for name, value in self.facts]
         sentences = (
             textwrap.shorten(line, 2 * _LINE, placeholder=" …")
@@ -111,7 +112,7 @@ class Card:
         lines, verdict = self.lines, ""
         if self.grade and lines:
             (verdict, *lines), (head, colon, rest) = lines, lines[0].partition(": ")
-            if colon and head.lower() == self.grade:  # the label says it
+            if colon and head.lower() == self.grade:  # the label has it
                 verdict = rest
         table = self.table or (Table(("", ""), self.facts) if self.facts else None)
         colour = _COLOURS.get(self.grade, _OTHER)
@@ -122,7 +123,7 @@ class Card:
 
 
 def fields_card(value: Any) -> Card:
-    """Every field of a data class, or of a part of a description."""
+    """Fields of a data class, or of a part of a description."""
     names = [f.name for f in fields(value)] if is_dataclass(value) else type(value).model_fields
     facts = ((name, _said(getattr(value, name))) for name in names if not name.startswith("_"))
     return Card(type(value).__name__, facts=tuple(facts), apart=True)
@@ -140,7 +141,7 @@ def _said(value: object) -> str:
 
 
 def text(value: object) -> str:
-    """A few lines for a prompt."""
+    """Some lines for a prompt."""
     return _function(value, "card")(value).text()
 
 
@@ -150,7 +151,7 @@ def html(value: object) -> str:
 
 
 def figure(value: object) -> "go.Figure":
-    """A Plotly figure that is read on light and dark pages."""
+    """A Plotly figure for light and dark pages."""
     return import_module("deltaid.view.style").themed(_function(value, "figure")(value))
 
 
@@ -166,10 +167,10 @@ def frame(value: object, library: str) -> Any:
     if library == "pandas" and find_spec("pandas") is None:
         cure = "pip install pandas, or take to_frame(), a table of polars"
         raise DeltaidError("pandas is not installed", where="to_frame", cure=cure)
-    found = _function(value, "frame")(value)
+    table = _function(value, "frame")(value)
     if library == "polars":
-        return found
-    columns = ((c.name, c.to_numpy() if c.dtype.is_numeric() else c.to_list()) for c in found)
+        return table
+    columns = ((c.name, c.to_numpy() if c.dtype.is_numeric() else c.to_list()) for c in table)
     return import_module("pandas").DataFrame(dict(columns))
 
 

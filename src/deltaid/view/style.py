@@ -1,4 +1,4 @@
-"""How figures look: colours with one meaning each, templates for light and dark, safe labels."""
+"""Style of figures: colours with one meaning each, light and dark templates, safe labels."""
 
 import html
 from collections.abc import Sequence
@@ -7,20 +7,20 @@ from typing import Any
 import plotly.graph_objects as go
 from plotly.subplots import make_subplots
 
-# One colour a meaning in all figures; those of Okabe and Ito, which colour-blind people can tell
-# apart, slightly lighter so that they stand on white and on black.
+# One colour a meaning in all figures: those of Okabe and Ito, distinct for colour-blind people,
+# slightly lighter for white and black grounds.
 MEASURED = "#2b83c6"
 PREDICTED = "#e0701f"
 RESIDUAL = "#17a07a"
 PRIOR = "#8b929b"
 IDENTIFIED = PREDICTED
 LIMIT = "#c2508f"
-# Measured and predicted differ by more than colour: a broad line, and a thin dashed one upon it.
+# Measured and predicted differ in more than colour: a broad line, and a thin dashed one on top.
 MEASURED_LINE = {"color": "#7fb5e0", "width": 4.0}
 PREDICTED_LINE = {"color": "#b3470a", "width": 1.5, "dash": "6px,2px"}
-# One after the other, where colours only tell drives or bodies apart.
+# Cycle of colours that only distinguish drives or bodies.
 SERIES = ("#2b83c6", "#e0701f", "#17a07a", "#c2508f", "#b59400", "#5aa9d6", "#8b929b")
-# Axis of names one below the other, from the top, without gaps.
+# Axis of names, one below the other from the top.
 DOWNWARDS = {"autorange": "reversed", "tickmode": "linear", "dtick": 1}
 
 _FONT = "system-ui, -apple-system, 'Segoe UI', Roboto, 'Helvetica Neue', sans-serif"
@@ -30,7 +30,7 @@ _TEXT, _LINE, _GRID = "#768390", "rgba(128,128,128,.5)", "rgba(128,128,128,.2)"
 
 
 def template(dark: bool) -> go.layout.Template:
-    """The template that the page gives its figures, for a light or a dark background."""
+    """The page's template of figures, for a light or a dark background."""
     text, line, grid = (
         ("#d7dce2", "#525b66", "#2c333b") if dark else ("#24292f", "#9aa3ad", "#e4e8ec")
     )
@@ -71,12 +71,12 @@ def template(dark: bool) -> go.layout.Template:
 
 
 def label(text: str) -> str:
-    """Text for a title, a legend or a hover box, where Plotly would take some tags for its own."""
+    """Text for a title, a legend or a hover box, with Plotly's tags escaped."""
     return html.escape(text, quote=False)
 
 
 def themed(figure: go.Figure) -> go.Figure:
-    """A copy for a notebook, read on light and on dark pages; no wider than its cell."""
+    """A copy for a notebook, for light and dark pages; no wider than its cell."""
     both = template(False)
     axis = {"gridcolor": _GRID, "linecolor": _LINE, "zerolinecolor": _LINE}
     both.layout.update(

@@ -1,4 +1,4 @@
-"""The verdict on a model in plain words: for the page, the terminal, a notebook, the studio."""
+"""The verdict on a model in words, for page, terminal, notebook and studio."""
 
 import re
 from collections import Counter
@@ -68,7 +68,7 @@ def summary(
 
 
 def without_doubts(said: Summary) -> Summary:
-    """The same without lines on what is doubtful, where all warnings stand beside it."""
+    """The same without doubts, where all warnings are shown beside it."""
     return replace(said, lines=tuple(line for line in said.lines if not line.startswith(_DOUBT)))
 
 
@@ -121,7 +121,7 @@ def _within(model: Model, nrmse: Sequence[float] | np.ndarray) -> str:
 
 
 def _numbers(model: IdentifiedModel) -> str:
-    """Where the model's numbers come from, and whether any is at its bound."""
+    """Origin of the model's numbers, and whether any is at its bound."""
     kinds = Counter(parameter.determined_by for parameter in model.parameters)
     shared, measured = kinds["sum"], kinds["measured"]
     known, bound = kinds["data"] + shared + measured, kinds["limit"] + kinds["consistency"]
@@ -138,7 +138,7 @@ def _numbers(model: IdentifiedModel) -> str:
 
 
 def _scale(model: IdentifiedModel) -> tuple[str, ...]:
-    """What the absolute scale rests on, where nothing beside the torques is known in kg or N m."""
+    """Origin of the absolute scale, where only torques are known in N m."""
     if model.absolute != ():
         return ()
     return (
@@ -157,12 +157,12 @@ def _count(count: int, thing: str = "") -> str:
     return f"{in_words(count)} {thing}{'s' if count != 1 and thing else ''}".strip()
 
 
-# Closer than this to its certified bound [share of J] a fit is the best one.
+# Largest gap to the certified bound, as a share of J, of an optimal fit.
 _ROUNDING = 1e-4
 
 
 def provenance_section(model: Model, title: str) -> Section:
-    """Sources, fit and settings of a model; of a robot at its prior, where its numbers are from."""
+    """Sources, fit and settings of a model; at the prior, sources of the description."""
     known, sources = model.identified, tuple(model.robot.sources.items())
     columns = ("number of the description", "source")
     own = (Table(columns, sources, "Sources of the description."),) if sources else ()
@@ -213,12 +213,12 @@ def provenance_section(model: Model, title: str) -> Section:
 
 
 def file_names(model: IdentifiedModel) -> str:
-    """The logs that a model comes from, as a list in words."""
+    """Logs of a model, as a list in words."""
     return ", ".join(source.log for source in model.sources)
 
 
 def certificate(fit: Fit) -> tuple[str, str]:
-    """Whether nothing fits better: in a word or two, and how far a certified bound is away."""
+    """Optimality of the fit: in a word or two, and its distance to the certified bound."""
     gap = (fit.duality_gap or 0.0) / fit.objective if fit.objective else 0.0
     if gap < _ROUNDING:
         return "certified", "no consistent model fits better by 0.01 %"

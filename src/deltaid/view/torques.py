@@ -1,5 +1,5 @@
-"""Figures of torques: measured and predicted over time, and four views of what is left; friction
-laws over speed, prior and identified, and how they were chosen."""
+"""Figures of torques: measured and predicted over time, four views of the residual; friction laws
+over speed, prior and identified, and their choice."""
 
 from collections.abc import Sequence
 
@@ -17,32 +17,31 @@ from deltaid.model.parameter_record import FrictionChoice, FrictionCurve, Fricti
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.parameter import JointUnits
 from deltaid.view import style
-from deltaid.view.comparison import TorqueComparison, even_rows
+from deltaid.view.comparison import POINTS, TorqueComparison, even_rows
 from deltaid.view.model_tables import ADDITIONS, choice_sentence, choice_table
 from deltaid.view.numbers import number, percent
 from deltaid.view.page import Figure, Section, Table, Text
 
 # Intervals of speed, and of the residual.
 _SPEED_BINS, _RESIDUAL_BINS = 30, 60
-_SCATTER = 2500  # points a drive
 
 Drives = dict[str, JointUnits]
 
 
 def residual_blocks(c: TorqueComparison, drives: Drives) -> tuple[Figure, ...]:
-    """What the model leaves of one recording, over speed, in size and in frequency."""
+    """Residual of one recording over speed, in size and in frequency."""
     return tuple(figure(c, drives) for figure in (_over_speed, _histogram, _spectrum))
 
 
 def over_time(c: TorqueComparison, drives: Drives) -> Figure:
-    """Measured and predicted torque, and below each drive's the residual, with one time axis."""
+    """Measured and predicted torque, and below each the residual, with one time axis."""
     n = len(drives)
     titles = [t for drive, u in drives.items() for t in (f"{drive} [{u.force}]", "residual")]
     figure = style.stacked(
         titles, height=280 * n + 90, spacing=0.22 / (2 * n), row_heights=[2.2, 1.0] * n
     )
     figure.update_layout(dragmode="zoom", hovermode="closest")
-    # Seconds since 1970 need double precision to tell samples apart.
+    # Seconds since 1970 need double precision.
     resolution = float(np.spacing(np.float32(np.abs(c.time).max(initial=0.0))))
     fine = resolution < 0.05 * np.min(np.diff(c.time), initial=np.inf)
     for i, (drive, units) in enumerate(drives.items()):
@@ -91,8 +90,8 @@ def over_time(c: TorqueComparison, drives: Drives) -> Figure:
 
 
 def _over_speed(c: TorqueComparison, drives: Drives) -> Figure:
-    """Residual over the drive's speed: what friction leaves shows here."""
-    figure, keep = grid(tuple(drives), 260), even_rows(len(c.speed), _SCATTER)
+    """Residual over the drive's speed, which shows unmodelled friction."""
+    figure, keep = grid(tuple(drives), 260), even_rows(len(c.speed), POINTS)
     for i, units in enumerate(drives.values()):
         known = np.isfinite(c.residual[:, i])
         speed, residual = units.per_shown * c.speed[known, i], c.residual[known, i]
@@ -123,7 +122,7 @@ def _over_speed(c: TorqueComparison, drives: Drives) -> Figure:
 
 
 def _histogram(c: TorqueComparison, drives: Drives) -> Figure:
-    """How residuals are distributed, against a normal distribution of equal spread."""
+    """Distribution of residuals, against a normal distribution of equal spread."""
     figure = grid(tuple(drives), 260).update_layout(bargap=0)
     for i in range(len(drives)):
         residual = c.residual[np.isfinite(c.residual[:, i]), i]
@@ -152,7 +151,7 @@ def _histogram(c: TorqueComparison, drives: Drives) -> Figure:
 
 
 def _spectrum(c: TorqueComparison, drives: Drives) -> Figure:
-    """Amplitude spectra of the torque as recorded and of the residual."""
+    """Amplitude spectra of the recorded torque and of the residual."""
     figure, dotted = grid(tuple(drives), 260), ""
     for i in range(len(drives)):
         for name, density, color, dash in (
@@ -198,7 +197,7 @@ def _efforts(drives: Drives) -> str:
 
 
 def grid(names: Sequence[str], height: int) -> go.Figure:
-    """A panel each, two in a row and so high [px], below the legend."""
+    """Panels, two in a row and so high [px], below the legend."""
     rows, apart = -(-len(names) // 2), {"horizontal_spacing": 0.12}
     figure = make_subplots(rows, 2, subplot_titles=names, vertical_spacing=0.3 / rows, **apart)
     figure.update_annotations(font_size=13)
@@ -215,8 +214,8 @@ def place(i: int) -> dict[str, int]:
 
 
 def _finished(figure: go.Figure, drives: Drives, x: str, y: str) -> go.Figure:
-    """Titles with each drive's units, at the outer axes only where all drives have the same, and
-    one legend."""
+    """Titles with each drive's units, at the outer axes only where all drives have the same; one
+    legend."""
     alike = len(set(drives.values())) == 1
     for i, units in enumerate(drives.values()):
         if i + 2 >= len(drives) or not alike:
@@ -226,12 +225,12 @@ def _finished(figure: go.Figure, drives: Drives, x: str, y: str) -> go.Figure:
     return style.one_legend(figure)
 
 
-# Points of a law at either sign of the speed, and dots of recordings that do not hide it.
+# Points of a law at either sign of the speed, and dots of recordings, few enough not to hide it.
 _POINTS, _DOTS = 200, 1500
 
 
 def friction_section(model: ModelLike, comparisons: tuple[TorqueComparison, ...]) -> Section:
-    """The law of every joint, with what the recordings say about those of the drives."""
+    """Friction laws of all joints, with recorded values of the drives."""
     model = load(model)
     if not model.robot.friction_joints:
         return Section("Friction", (Text("The description has no friction in any joint."),))
@@ -246,7 +245,7 @@ def law(
     speed: Float[np.ndarray, " samples"],
     p: Float[np.ndarray, " parameters"],
 ) -> Float[np.ndarray, " samples"]:
-    """Friction of one joint over its speed for parameters p, without what depends on load."""
+    """Friction of a joint over its speed for parameters p, without the load-dependent part."""
     v, total = ca.SX.sym("v"), ca.SX(0)
     coefficients = p[parameter_layout(robot).friction].tolist()
     for term, coefficient in zip(robot.friction_terms, coefficients, strict=True):

@@ -1,5 +1,5 @@
-"""The pages of `deltaid simulate` and `deltaid compare-controllers`, their tables and figures:
-errors of platform and drives, torques, controllers beside each other."""
+"""The pages of `deltaid simulate` and `deltaid compare-controllers`, with tables and figures:
+errors of platform and drives, torques, controllers side by side."""
 
 from collections.abc import Sequence
 
@@ -15,14 +15,12 @@ from deltaid.control.tracking import Drives, Tracking
 from deltaid.dynamics.limits import effort_limits
 from deltaid.robot.description import RobotDescription
 from deltaid.view import style
-from deltaid.view.comparison import peak_rows
+from deltaid.view.comparison import POINTS, peak_rows
 from deltaid.view.numbers import number, percent
 from deltaid.view.page import Fact, Figure, Page, Section, Summary, Table, Text, Trust
 from deltaid.view.show import Card
 
 NO_MODEL = "no model"
-# Points a line is drawn with.
-_POINTS = 4000
 COLOURS = {
     "": style.LIMIT,
     "prior": style.PRIOR,
@@ -53,7 +51,7 @@ def comparison_page(
             line = run.model or NO_MODEL, COLOURS[run.model], run.tracking
             lines.setdefault(run.controller, []).append(line)
     verdict, best = _verdict(runs, problems)
-    told = (
+    content = (
         error_bars(runs),
         comparison_table(robot, runs),
         _conditions(drives, bandwidth, conditions),
@@ -63,7 +61,7 @@ def comparison_page(
         subtitle=f"Simulated tracking: {title}",
         facts=(best, *(() if problems else _gains(runs))),
         sections=(
-            Section("What identification buys", told),
+            Section("What identification buys", content),
             *(Section(name, error_figures(group)) for name, group in lines.items()),
         ),
         verdict=verdict,
@@ -134,7 +132,7 @@ def drive_table(robot: RobotDescription, result: Tracking) -> Table:
 
 
 def comparison_table(robot: RobotDescription, runs: Sequence[ControllerRun]) -> Table:
-    """Distance of the platform from where it should be, by controller and model."""
+    """Distance of the platform from the desired motion, by controller and model."""
     rows = []
     for run in runs:
         cells = ["—"] * 5 + [run.why_not]
@@ -167,7 +165,7 @@ def comparison_table(robot: RobotDescription, runs: Sequence[ControllerRun]) -> 
 def infeasible_lines(
     problems: Sequence[MotionProblem], runs: Sequence[ControllerRun]
 ) -> tuple[str, ...]:
-    """Why a comparison tells nothing, or less: of the motion itself, then of the runs."""
+    """Why a comparison is invalid or limited: faults of the motion, then of the runs."""
     lines = [problem.text for problem in problems]
     if lines:
         lines.append(
@@ -184,22 +182,22 @@ def infeasible_lines(
 
 
 def simulation_card(value: Simulation | Comparison) -> Card:
-    """The errors, and what is not feasible."""
+    """Errors, and what is infeasible."""
     robot = value.conditions.model.robot
     if isinstance(value, Comparison):
-        table, told = (
+        table, problems = (
             comparison_table(robot, value.runs),
             infeasible_lines(value.problems, value.runs),
         )
         more = ()
     else:
-        table, told = drive_table(robot, value.tracking), tuple(p.text for p in value.problems)
+        table, problems = drive_table(robot, value.tracking), tuple(p.text for p in value.problems)
         more = (".error", ".plot()", ".to_frame()")
     return Card(
         f"Simulated tracking: {_title(value)}",
         value.remarks,
         table=table,
-        told=told,
+        problems=problems,
         methods=(*more, '.report("x.html")'),
     )
 
@@ -215,7 +213,7 @@ def simulation_figure(value: Simulation) -> go.Figure:
 
 
 def simulation_page(value: Simulation | Comparison) -> Page:
-    """The page of `deltaid simulate`: one controller on one plant; of a comparison that of it."""
+    """The page of `deltaid simulate`: one controller on one plant, or one run of a comparison."""
     on, problems, title = value.conditions, value.problems, _title(value)
     if isinstance(value, Comparison):
         rest = title, on.drives, on.bandwidth, problems, value.remarks
@@ -285,7 +283,7 @@ def error_bars(runs: Sequence[ControllerRun]) -> Figure:
 
 
 def error_figures(runs: Sequence[tuple[str, str, Tracking]]) -> tuple[Figure, ...]:
-    """Distance of the platform from where it should be, and error of the tool's turn, over time."""
+    """Distance of the platform from the desired motion, and error of the tool's turn, over time."""
     platform = [(name, color, run.time, 1e3 * run.platform_error) for name, color, run in runs]
     turns = [
         (name, color, run.time, np.rad2deg(run.turn_error))
@@ -318,7 +316,7 @@ def _over_time(
 
 
 def shown_length(robot: RobotDescription, drive: str) -> tuple[str, float]:
-    """The unit that errors of a drive are shown in, and how many of it are a rad or m."""
+    """Display unit of a drive's errors, and how many of it are a rad or m."""
     return ("mm", 1e3) if robot.is_linear(drive) else ("°", np.rad2deg(1.0))
 
 
@@ -333,7 +331,7 @@ def drive_figure(robot: RobotDescription, result: Tracking) -> Figure:
 
 
 def torque_figure(robot: RobotDescription, result: Tracking) -> Figure:
-    """Torques that were applied, with the drives' limits where they come near."""
+    """Applied torques, with the drives' limits where they come close."""
     units = [robot.units(drive).force for drive in robot.drives]
     figure, line = _stack(robot, units), {"color": style.LIMIT, "dash": "dot", "width": 1}
     for i, limit in enumerate(effort_limits(robot)):
@@ -363,6 +361,6 @@ def _line(figure: go.Figure, i: int, time: Signal, values: Signal, color: str, h
 
 
 def _peaks(time: Signal, values: Signal) -> dict[str, Float[np.ndarray, " shown"]]:
-    """At most `_POINTS` samples: of each stretch the one of largest size."""
-    rows = peak_rows(np.abs(values), _POINTS)
+    """At most `POINTS` samples: the largest of each stretch."""
+    rows = peak_rows(np.abs(values), POINTS)
     return {"x": time[rows].astype(np.float32), "y": values[rows].astype(np.float32)}

@@ -161,12 +161,12 @@ def quantity(text: str, unit: str, where: str = "the answer") -> float:
     import pint
 
     text, example = text.strip(), _EXAMPLES.get(unit, f"a number in {unit}")
-    found = _GRAMMAR.fullmatch(text) if len(text) <= _LONGEST else None
-    if found is None:
+    match = _GRAMMAR.fullmatch(text) if len(text) <= _LONGEST else None
+    if match is None:
         comma = ", with a point and no comma" if "," in text else ""
         what = f"{text[:_LONGEST]!r} is not a number{comma}"
         raise DeltaidError(what, where=where, cure=f"write {example}")
-    number, words = float(found[1]), found[2].strip()
+    number, words = float(match[1]), match[2].strip()
     if not words:
         return number
     for sign, name in (("°", "degree"), ("·", "*"), ("²", "**2"), ("³", "**3"), ("^", "**")):
@@ -177,7 +177,7 @@ def quantity(text: str, unit: str, where: str = "the answer") -> float:
         return float(_registry().Quantity(number, _registry().parse_units(words)).m_as(unit))
     except (pint.PintError, ValueError, TypeError, AttributeError):
         raise DeltaidError(
-            f"{found[2].strip()!r} is no unit for this",
+            f"{match[2].strip()!r} is no unit for this",
             where=where,
             cure=f"write {example}",
         ) from None
@@ -232,7 +232,7 @@ def answers(robot: RobotDescription) -> dict[str, float]:
     mass = {name: float(body.prior_parameters()[0]) for name, body in robot.bodies.items()}
     driven, strut = robot.limb_bodies(0)
     inertia, law = robot.rotor_inertia.get("drive1"), robot.friction.get("drive1")
-    found: dict[str, float | None] = {
+    values: dict[str, float | None] = {
         "arm": limb.upper_arm,
         "strut": limb.strut,
         "base_radius": float(np.linalg.norm(limb.base)),
@@ -252,27 +252,29 @@ def answers(robot: RobotDescription) -> dict[str, float]:
         "rotor_mass": inertia,
     }
     if kind in TELESCOPE:
-        found["telescope_mass"] = mass["TU"] + mass["TL"]
+        values["telescope_mass"] = mass["TU"] + mass["TL"]
     if isinstance(space, Cylinder):
-        found |= {"radius": space.radius, "low": space.z[0], "high": space.z[1]}
+        values |= {"radius": space.radius, "low": space.z[0], "high": space.z[1]}
     if law is not None:
-        found |= {"coulomb": law.coulomb, "rail_coulomb": law.coulomb}
-        found |= {"viscous": law.viscous, "rail_viscous": law.viscous}
+        values |= {"coulomb": law.coulomb, "rail_coulomb": law.coulomb}
+        values |= {"viscous": law.viscous, "rail_viscous": law.viscous}
     if (limits := robot.drive_limits.get("drive1")) is not None:
-        found |= zip(("rail_low", "rail_high"), limits.position or (), strict=False)
-        found |= zip(("angle_low", "angle_high"), limits.angle_deg or (), strict=False)
-        found |= {"rail_speed": limits.speed, "speed": limits.speed_deg_s}
-        found |= {"rail_force": limits.effort, "torque": limits.effort}
+        values |= zip(("rail_low", "rail_high"), limits.position or (), strict=False)
+        values |= zip(("angle_low", "angle_high"), limits.angle_deg or (), strict=False)
+        values |= {"rail_speed": limits.speed, "speed": limits.speed_deg_s}
+        values |= {"rail_force": limits.effort, "torque": limits.effort}
     if isinstance(platform, H4Platform | Par4Platform):
-        found["bar"] = platform.half_length if isinstance(platform, H4Platform) else platform.length
-        found["ratio"] = abs(platform.ratio)
+        values["bar"] = (
+            platform.half_length if isinstance(platform, H4Platform) else platform.length
+        )
+        values["ratio"] = abs(platform.ratio)
     if isinstance(platform, H4Platform | Par4Platform | I4Platform):
-        found["pinion"] = 0.5 / abs(platform.ratio)
-        found["tool_turn"] = max(abs(angle) for angle in platform.angle_deg)
-        found["tool_speed"] = platform.speed_deg_s
+        values["pinion"] = 0.5 / abs(platform.ratio)
+        values["tool_turn"] = max(abs(angle) for angle in platform.angle_deg)
+        values["tool_speed"] = platform.speed_deg_s
     turning = robot.drive_limits.get(_TOOL)
     if kind in TELESCOPE and turning is not None:
-        found |= {"tool_speed": turning.speed_deg_s, "tool_torque": turning.torque}
-        found["tool_rotor"] = robot.rotor_inertia.get(_TOOL)
-    numbers = {question.key: found.get(question.key) for question in asked(kind)}
+        values |= {"tool_speed": turning.speed_deg_s, "tool_torque": turning.torque}
+        values["tool_rotor"] = robot.rotor_inertia.get(_TOOL)
+    numbers = {question.key: values.get(question.key) for question in asked(kind)}
     return {key: float(f"{value:.12g}") for key, value in numbers.items() if value is not None}

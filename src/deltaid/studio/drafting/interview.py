@@ -99,8 +99,8 @@ def description(draft: Draft) -> RobotDescription:
 
 def unusual(draft: Draft) -> tuple[str, ...]:
     """What `deltaid check` doubts of a draft's masses, which the machine may have all the same."""
-    found = checked_priors(description(draft))
-    return tuple(f"{v.subject}: {v.seen}; {v.cure}" for v in found if v.grade is not Grade.GOOD)
+    verdicts = checked_priors(description(draft))
+    return tuple(f"{v.subject}: {v.seen}; {v.cure}" for v in verdicts if v.grade is not Grade.GOOD)
 
 
 def require_group(draft: Draft, group: Group) -> Draft:
@@ -204,9 +204,9 @@ def _require_ordered(a: Mapping[str, float]) -> None:
             )
 
 
-def _refuse(draft: Draft, found: Iterable[Verdict]) -> None:
+def _refuse(draft: Draft, verdicts: Iterable[Verdict]) -> None:
     """Raise the first verdict that is not good, but for unusual masses."""
-    for verdict in found:
+    for verdict in verdicts:
         unusual_mass = verdict.key == "prior-scale" and verdict.grade is Grade.DOUBTFUL
         if verdict.grade is not Grade.GOOD and not unusual_mass:
             more = _reach(draft) if verdict.key in ("workspace", "length-unit") else ""

@@ -115,7 +115,7 @@ class Question:
         return value
 
 
-# [m/s²].
+# Standard gravity [m/s²].
 GRAVITY = 9.81
 # Acceleration of the platform that assumed motors are strong enough for [m/s²], and how much
 # stronger they are than one limb alone would need.

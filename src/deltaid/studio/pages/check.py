@@ -48,9 +48,9 @@ async def body(session: Session) -> None:
 
 
 def _verdicts(session: Session, run: FinishedRun, seen: bool) -> None:
-    found = output(session.folder, run)
-    grade = str(found.get("grade", ""))
-    verdicts: list[dict[str, Any]] = found.get("verdicts", [])
+    result = output(session.folder, run)
+    grade = str(result.get("grade", ""))
+    verdicts: list[dict[str, Any]] = result.get("verdicts", [])
     kind = {"wrong": "bad", "good": "good"}.get(grade, "doubt")
     parts.note(_SENTENCES.get(grade, grade), kind)
     if not seen:

@@ -27,8 +27,6 @@ _MEASURED = "#8a949e"
 _GRID = "rgba(128,128,128,.25)"
 # Height of a row of curves [px], and letters of a title beside it.
 _HEIGHT, _LETTERS = 190, 26
-# Columns that are drawn before any is mapped.
-_MOST = 9
 _CONFIG = {"config": {"displaylogo": False}}
 
 
@@ -54,7 +52,7 @@ def curves(seen: Preview, time: str = "time [s]") -> Options:
     return plot.to_plotly_json() | _CONFIG
 
 
-def beside(found: Beside, names: Sequence[str], shown: str) -> Options:
+def beside(compared: Beside, names: Sequence[str], shown: str) -> Options:
     """Torques or errors, a row a drive; the time axes move together.
 
     Args:
@@ -62,7 +60,7 @@ def beside(found: Beside, names: Sequence[str], shown: str) -> Options:
         names: of the models.
         shown: 'torques' or 'errors'.
     """
-    curves = [curve for curve in found.curves if curve.quantity == shown]
+    curves = [curve for curve in compared.curves if curve.quantity == shown]
     plot = _panels(list({c.drive: f"{c.name} [{c.unit}]" for c in curves}.values()))
     for curve in curves:
         name, drawn = "measured", {"color": _MEASURED, "width": 2.5}
@@ -147,7 +145,7 @@ async def signals(
     chosen = [name for name in known if name in named(mapping, dof)]
     moving = [c.address for c in contents.columns if c.address in known and not c.is_constant]
     if len(chosen) < len(known) and any(quantity not in mapping for quantity in NEEDED):
-        chosen = [*dict.fromkeys((*chosen, *moving))][:_MOST]
+        chosen = [*dict.fromkeys((*chosen, *moving))][: len(NEEDED) * dof]
     picked = ui.select(known, value=chosen, label="Signals as recorded", multiple=True)
     picked.props("use-chips").classes("w-full")
     place = ui.column().classes("w-full")
@@ -192,34 +190,34 @@ async def live(session: Session, name: str) -> None:
     """The robot, sliders for its platform, and readings of drives and limits."""
     robot, changed = session.place(name), session.stamped(name)
     with parts.waiting():
-        found = await session.look(stage, robot, changed)
-    await _Live(session, (robot, changed), found).go()
+        scene = await session.look(stage, robot, changed)
+    await _Live(session, (robot, changed), scene).go()
 
 
 class _Live:
     """A scene, and the pose that it was asked for last."""
 
-    def __init__(self, session: Session, robot: tuple[str, str], found: Stage) -> None:
-        self.session, self.robot, self.found = session, robot, found
-        self.place = session.poses.get(robot, found.home)
+    def __init__(self, session: Session, robot: tuple[str, str], stage: Stage) -> None:
+        self.session, self.robot, self.stage = session, robot, stage
+        self.place = session.poses.get(robot, stage.home)
         self.wanted, self.going = self.place, False
         with ui.element("div").classes("live"):
             with ui.element("div").classes("seen"):
                 self._scene()
                 with ui.row().classes("dim legend"):
-                    for label, color in found.legend.items():
+                    for label, color in stage.legend.items():
                         with ui.row().classes("items-center no-wrap"):
                             ui.element("span").classes("swatch").style(f"background: {color}")
                             ui.label(label)
                     ui.label("Drag the ball, or turn and zoom with the mouse.")
             with ui.element("div").classes("asked"):
                 ui.label("Where the platform is to be").classes("text-weight-bold")
-                self.sliders = [self._slider(k, axis) for k, axis in enumerate(found.axes)]
-                ui.button("Home", on_click=lambda: self._put(found.home)).props("outline dense")
+                self.sliders = [self._slider(k, axis) for k, axis in enumerate(stage.axes)]
+                ui.button("Home", on_click=lambda: self._put(stage.home)).props("outline dense")
                 self.readings = ui.html(sanitize=False).props("role=status")
 
     def _scene(self) -> None:
-        size = self.found.size
+        size = self.stage.size
         ground, edges = _DARK if self.session.dark else _LIGHT
         self.scene = ui.scene(
             height=440, grid=False, background_color=ground, click_events=[],
@@ -227,19 +225,19 @@ class _Live:
         ).classes("w-full")  # fmt: skip
         self.scene.props('role=img aria-label="The robot, in three dimensions"')
         with self.scene:
-            for start, end in self.found.edges:
+            for start, end in self.stage.edges:
                 self.scene.line(start.tolist(), end.tolist()).material(edges)
             self.bars = [
-                self.scene.cylinder(1, 1, 1, 12).material(color) for color in self.found.colors
+                self.scene.cylinder(1, 1, 1, 12).material(color) for color in self.stage.colors
             ]
             self.ball = self.scene.sphere(0.022 * size).material("#e8a200").draggable()
-        middle = np.array(self.found.home[:3]) * [1, 1, 0.55]
+        middle = np.array(self.stage.home[:3]) * [1, 1, 0.55]
         eye = middle + size * np.array([1.0, 0.78, 0.25])
         self.scene.move_camera(*eye.tolist(), *middle.tolist(), duration=0)
 
     def _slider(self, k: int, axis: Axis) -> Any:
         def ask(event: events.ValueChangeEventArguments[float | None]) -> None:
-            asked = self.found.home[k] if event.value is None else event.value
+            asked = self.stage.home[k] if event.value is None else event.value
             value.set_text(_text(asked, axis))
             if abs(asked - self.wanted[k]) > 1e-9:
                 self._ask(tuple(asked if i == k else w for i, w in enumerate(self.wanted)))
@@ -277,16 +275,16 @@ class _Live:
         finally:
             self.going = False
 
-    def _draw(self, found: Stand) -> None:
-        units = np.array([1.0 if axis.unit == "m" else np.rad2deg(1.0) for axis in self.found.axes])
-        self.place = tuple((found.view.z * units).tolist())
+    def _draw(self, pose: Stand) -> None:
+        units = np.array([1.0 if axis.unit == "m" else np.rad2deg(1.0) for axis in self.stage.axes])
+        self.place = tuple((pose.view.z * units).tolist())
         self.session.poses = {self.robot: self.place}
-        for k, (bar, radius) in enumerate(zip(self.bars, self.found.radii, strict=True)):
-            bar.move(*found.middles[k].tolist())
-            bar.rotate_R((found.turns[k] @ _Y_TO_Z).tolist())
-            bar.scale(radius, float(found.lengths[k]), radius)
+        for k, (bar, radius) in enumerate(zip(self.bars, self.stage.radii, strict=True)):
+            bar.move(*pose.middles[k].tolist())
+            bar.rotate_R((pose.turns[k] @ _Y_TO_Z).tolist())
+            bar.scale(radius, float(pose.lengths[k]), radius)
         self.ball.move(*self.place[:3])
-        self.readings.set_content(panel(found.view))
+        self.readings.set_content(panel(pose.view))
 
 
 def _text(value: float, axis: Axis) -> str:

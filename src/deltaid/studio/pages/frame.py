@@ -46,8 +46,8 @@ def build(session: Session) -> None:
 
     @app.get("/")
     def _first() -> Response:
-        found = standing(session)
-        stage = next((s for s in STAGES if found[s] in ("open", "wrong")), STAGES[0])
+        states = standing(session)
+        stage = next((s for s in STAGES if states[s] in ("open", "wrong")), STAGES[0])
         return RedirectResponse(f"/{stage}", status_code=303)
 
     @app.get("/files/{name:path}")
@@ -147,10 +147,10 @@ def _header(session: Session) -> None:
 
 
 def _stepper(session: Session, here: str) -> None:
-    found = standing(session)
+    states = standing(session)
     with ui.element("nav").classes("steps").props('aria-label="Stages"'):
         for number, stage in enumerate(STAGES, 1):
-            state = found[stage]
+            state = states[stage]
             with ui.link(target=f"/{stage}").classes(f"step {state}") as link:
                 if stage == here:
                     link.classes("here").props('aria-current="step"')

@@ -163,7 +163,7 @@ async def _proposal(
 
 def _fitting(session: Session, contents: Contents, dof: int) -> dict[str, str]:
     """Mapping files whose columns are all in this recording too, and what shares each."""
-    there, found = {column.address for column in contents.columns}, dict[str, str]()
+    there, mapped = {column.address for column in contents.columns}, dict[str, str]()
     for name in session.folder.mappings():
         try:
             names = named(read(session.folder.text(name), name), dof)
@@ -171,8 +171,8 @@ def _fitting(session: Session, contents: Contents, dof: int) -> dict[str, str]:
             continue
         if names and names <= there:
             of = [r.file for r in session.plan.recordings if r.mapping == name]
-            found[name] = f", as {', '.join(of)} does" if of else ""
-    return found
+            mapped[name] = f", as {', '.join(of)} does" if of else ""
+    return mapped
 
 
 def _another(session: Session, used: Used) -> None:

@@ -138,14 +138,14 @@ async def _look(session: Session, runs: list[FinishedRun], used: Used, span: Any
 
 async def _along(session: Session, runs: list[FinishedRun], used: Used, shown: str) -> None:
     with parts.waiting():
-        found = await _look(session, runs, used)
+        compared = await _look(session, runs, used)
     names = [_name(session, run) for run in runs]
     rows = [
         (name, *map(percent, nrmse))
-        for name, nrmse in zip(names, found.nrmse.tolist(), strict=True)
+        for name, nrmse in zip(names, compared.nrmse.tolist(), strict=True)
     ]
-    parts.table(("error, as a share of the torque", *found.drives), rows)
-    plot = ui.plotly(beside(found, names, shown)).classes("w-full")
+    parts.table(("error, as a share of the torque", *compared.drives), rows)
+    plot = ui.plotly(beside(compared, names, shown)).classes("w-full")
     plot.props(f'role=img aria-label="{shown.capitalize()} of models along {used.file}"')
 
     async def again(span: tuple[float, float] | None) -> Any:
@@ -171,7 +171,7 @@ def _everywhere(session: Session, runs: list[FinishedRun], known: dict[str, Used
 
 async def _shares(session: Session, runs: list[FinishedRun], used: Used) -> list[str]:
     try:
-        found = await _look(session, runs, used)
+        shown = await _look(session, runs, used)
     except DeltaidError as error:
         return [error.what] * len(runs)
-    return [percent(float(shares.max())) for shares in found.nrmse]
+    return [percent(float(shares.max())) for shares in shown.nrmse]

@@ -83,8 +83,8 @@ def _pick(session: Session, robot: RobotDescription | DeltaidError | None) -> No
 @cache
 def _title(name: str) -> str:
     """Of a catalogue robot, without reading all of its description."""
-    found = re.search(r"^title: *(.+)$", catalogue_text(name), re.MULTILINE)
-    return found[1].strip("\"' ") if found else name
+    title = re.search(r"^title: *(.+)$", catalogue_text(name), re.MULTILINE)
+    return title[1].strip("\"' ") if title else name
 
 
 def _take(session: Session, name: str | None) -> None:
