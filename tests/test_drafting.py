@@ -14,7 +14,7 @@ from deltaid.robot.platform import H4Platform, I4Platform, Par4Platform
 from deltaid.studio.drafting.draft import GIVEN, Draft, answers, kind_of, quantity
 from deltaid.studio.drafting.interview import description, interview
 from deltaid.studio.drafting.questions import KINDS as KINDS_OF_ROBOT
-from deltaid.studio.drafting.questions import QUESTIONS, Question, asked, lifted
+from deltaid.studio.drafting.questions import QUESTIONS, Question, lifted, questions_of
 from deltaid.studio.drafting.text import written
 from support import KINDS
 from test_catalogue import number_paths
@@ -30,7 +30,7 @@ def draft(kind: str, **given: float) -> Draft:
     """A draft with these answers, besides lengths that go together where they are asked for."""
     base = {"base_radius": 0.3} if "linear" in kind else {}
     made = Draft(kind, "mine", "A machine of mine")
-    for question in asked(kind):
+    for question in questions_of(kind):
         if question.key in (values := {**SIZED, **base, **given}):
             made = made.answered(question.key, values[question.key], GIVEN)
     return made
@@ -68,7 +68,7 @@ def wide(kind: str, rng: np.random.Generator) -> Draft:
         "platform_radius": size * rng.uniform(0.03, 0.12),
     }
     made = Draft(kind, "wide", "Wide")
-    for question in asked(kind):
+    for question in questions_of(kind):
         low, high = question.low, question.high
         if question.key in lengths:
             value = min(max(lengths[question.key], low), high)
@@ -110,7 +110,9 @@ def answered_or_refused(made: Draft) -> Draft | DeltaidError:
 def test_every_number_comes_back(kind: str) -> None:
     """Odd digits in all answers at once, read back from the text."""
     rng, values = np.random.default_rng(5), typical(kind).values
-    given = {q.key: float(f"{values[q.key] * rng.uniform(0.97, 1.0):.7g}") for q in asked(kind)}
+    given = {
+        q.key: float(f"{values[q.key] * rng.uniform(0.97, 1.0):.7g}") for q in questions_of(kind)
+    }
     given["gear"] = 3.0
     space = ("radius", "low", "high")
     made = Draft(kind, "odd", "Odd", {k: given[k] for k in given if k not in space})
@@ -121,7 +123,7 @@ def test_every_number_comes_back(kind: str) -> None:
     if isinstance(platform := description(made).platform, H4Platform | Par4Platform | I4Platform):
         assert platform.angle_deg == (-made.values["tool_turn"], made.values["tool_turn"])
     behind = {"torque": 3.0, "speed": 1 / 3, "rotor": 9.0, "gear": 1 / 3}
-    for question in asked(kind):
+    for question in questions_of(kind):
         key = question.key
         if key in ("base_radius", "pinion") and kind.startswith(("h4", "i4")):
             assert back[key] == pytest.approx(made.values[key], rel=1e-5)
@@ -134,7 +136,7 @@ def test_every_number_comes_back(kind: str) -> None:
 def test_catalogue_robots_are_read_as_answers(name: str) -> None:
     robot = load_robot(name)
     found = answers(robot)
-    needed = [q.key for q in asked(kind_of(robot)) if q.assumed is None]
+    needed = [q.key for q in questions_of(kind_of(robot)) if q.assumed is None]
     assert set(needed) <= set(found)
     assert found["strut"] == robot.limb_geometry[0].strut
     assert found["radius"] == robot.workspace.inner_box[1][0] * np.sqrt(2)

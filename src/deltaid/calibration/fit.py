@@ -33,8 +33,8 @@ _STEPS, _STILL = 40, 1e-7
 FAR = 10.0
 # What is beyond this many standard deviations is no noise: chance makes one of two million.
 OUTLIER = 5.0
-# A larger share of excluded rows is no case of outliers.
-_MOST = 0.2
+# Smaller shares are little: of outliers, of unmodelled torque, of a misfit, of the remaining error.
+LITTLE = 0.2
 # Noise above this multiple of the stated one, together with residuals above this multiple of what
 # the description's uncertainty explains, means another robot or instrument.
 GROWN, _BEYOND = 2.0, 3.0
@@ -256,7 +256,7 @@ def _without_outliers(solution: GeometryFit) -> GeometryFit:
         if _outliers(far, part.used, robust=True, every=True).any():
             readings = part.instrument.readings
             raise part.misfit(
-                f"more than {_MOST:.0%} of the {readings} fit no geometry near the described one"
+                f"more than {LITTLE:.0%} of the {readings} fit no geometry near the described one"
             )
     return solution
 
@@ -291,6 +291,6 @@ def _outliers(residuals: Residuals, used: Used, *, robust: bool, every: bool = F
     at least half as far off as the worst; no more than may be excluded, unless `every`."""
     size = np.where(used, np.abs(residuals).max(axis=1), 0.0)
     spread = float(np.median(np.abs(residuals[used])) / norm.ppf(0.75)) if robust else 0.0
-    spared = len(used) if every else int(used.sum() - np.ceil((1 - _MOST) * len(used)))
+    spared = len(used) if every else int(used.sum() - np.ceil((1 - LITTLE) * len(used)))
     among = np.argsort(np.argsort(-size)) < spared
     return among & (size > max(OUTLIER * max(1.0, spread), 0.5 * size.max(initial=0.0)))

@@ -12,7 +12,7 @@ import numpy as np
 from jaxtyping import Float
 from scipy.optimize import linear_sum_assignment
 
-from deltaid.calibration.fit import OUTLIER, tool_slopes
+from deltaid.calibration.fit import LITTLE, OUTLIER, tool_slopes
 from deltaid.calibration.loops import Loops
 from deltaid.calibration.readings import (
     NAMED_UNITS,
@@ -28,8 +28,6 @@ from deltaid.calibration.unknowns import LENGTH, Unknowns
 from deltaid.errors import RecordingError
 from deltaid.model.verdict import listed
 
-# A hypothesis that leaves less than this share of the misfit explains the readings.
-_EXPLAINS = 0.3
 # A larger share of identical rows is a copy; chance makes fewer, however coarse the readings are.
 _COPIED = 0.8
 # Most points whose order is searched: the search is cubic.
@@ -56,13 +54,13 @@ def require_plausible(loops: Loops, known: Unknowns, instrument: Instrument) -> 
     if here <= allowed:
         return
     hypotheses = *_reading_hypotheses(instrument, x, allowed), *_drive_hypotheses(loops, instrument)
-    better = [entry for entry in hypotheses if entry[0] < _EXPLAINS * here]
+    better = [entry for entry in hypotheses if entry[0] < LITTLE * here]
     if better:
         least = min(left for left, _, _ in better)
         like = [entry for entry in better if entry[0] <= 1.5 * least]
         causes = [what for _, what, _ in like]
         exchanged = [what for what in causes if what.startswith("drives ")]
-        if len(exchanged) > 1:  # limbs are equal, so no exchange stands out
+        if len(exchanged) > 1:  # limbs are equal
             rest = [what for what in causes if what not in exchanged]
             causes = [*rest, "two drives are exchanged"]
         raise RecordingError(

@@ -21,7 +21,14 @@ from typing import TYPE_CHECKING
 import numpy as np
 from jaxtyping import Float
 
-from deltaid.calibration.fit import FAR, GeometryFit, UsedReadings, instrument_columns, tool_slopes
+from deltaid.calibration.fit import (
+    FAR,
+    LITTLE,
+    GeometryFit,
+    UsedReadings,
+    instrument_columns,
+    tool_slopes,
+)
 from deltaid.calibration.loops import Loops
 from deltaid.calibration.readings import KINDS, ProbeReadings
 from deltaid.calibration.unknowns import WORDS, Unknowns
@@ -36,14 +43,9 @@ if TYPE_CHECKING:
 
 # Sampled poses of the workspace, and the seed that draws them.
 PLACES, _SEED = 200, 1
-# A combination matters where it makes this share of the whole remaining error, or more ...
-_MATTERS = 0.2
-# ... and is undetermined where readings decide less than half of it, or where it moves positions by
-# more than this many times the noise.
+# A combination that matters is undetermined where readings decide less than half of it, or where it
+# moves positions by more than this many times the noise.
 _HALF, _WEAK = 0.5, 5.0
-# Numbers are listed that change by at least this share of the largest change, both in units of the
-# prior's standard deviation.
-_NAMED = 0.3
 # Most kinds of numbers that a sentence lists, and the units they are shown in.
 _LISTED, _SHOWN = 3, {"m": (1e3, "mm"), "rad": (1e3, "mrad"), "": (100, "%")}
 
@@ -135,7 +137,7 @@ def open_directions(fit: GeometryFit, over: Places) -> tuple[Direction, ...]:
     for size, u in zip(s, (L @ Vt.T).T, strict=True):
         # with the posterior's metric uᵀC⁻¹u = 1 = |u|² (the description's share) + data's
         error = float(size / np.sqrt(len(over.x)))
-        if size < _MATTERS * np.linalg.norm(s) or (u @ u < _HALF and error < _WEAK * noise):
+        if size < LITTLE * np.linalg.norm(s) or (u @ u < _HALF and error < _WEAK * noise):
             continue
         theta = known.G @ u
         grows = float(_across(over.x) @ over.moved @ theta)
@@ -163,7 +165,7 @@ def _in_words(known: Unknowns, theta: Float[np.ndarray, " numbers"]) -> str:
         text = f"{WORDS[kind]} {factor * peak:+.2g} {unit}{most}"
         named.append((abs(peak) / (number.spread or np.inf), text))
     named.sort(key=lambda entry: -entry[0])
-    return ", ".join([text for share, text in named if share > _NAMED * named[0][0]][:_LISTED])
+    return ", ".join([text for share, text in named if share > LITTLE * named[0][0]][:_LISTED])
 
 
 # Candidate poses of each reading, and the seed that draws them.

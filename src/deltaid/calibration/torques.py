@@ -16,6 +16,7 @@ from functools import partial
 
 import numpy as np
 
+from deltaid.calibration.fit import LITTLE
 from deltaid.calibration.unknowns import Number, TorqueRows, Unknowns, mounting_axes
 from deltaid.checks.evidence import evidence
 from deltaid.checks.signal import checked_signals
@@ -36,9 +37,6 @@ from deltaid.recording.memory import RecordingLike
 from deltaid.recording.recording import open_recordings
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.limbs import LimbGeometry
-
-# Residual torque above this share of a drive's largest torque means another robot.
-_MISFIT = 0.2
 
 
 class GeometryNumbers(UnknownEffect):
@@ -123,7 +121,7 @@ def torque_rows(
         cure = "record longer, without loads that come and go"
         raise refused("no torques are left to calibrate with", cure=cure)
     for noise, drive in zip(contest.shrunk.sigma, contest.shrunk.blocks, strict=True):
-        if not noise <= _MISFIT * drive.largest:  # true for NaN too
+        if not noise <= LITTLE * drive.largest:  # true for NaN too
             raise refused(f"{noise / drive.largest:.0%} of a drive's torque is unmodelled")
     A, b = contest.shrunk.rows_of(contest.group(numbers.name), len(known.numbers))
     return TorqueRows(source, A, b, doubts=doubts)

@@ -1,4 +1,4 @@
-"""The `deltaid` command: its subcommands, what happens to errors, and its process.
+"""The `deltaid` command: its subcommands, error handling, and the process.
 
 Streams may be closed, full, or have lost their reader. Under a low limit of address space, as
 `ulimit -v` sets it, libraries that get no memory abort the process, or try again for ever, and no
@@ -97,17 +97,18 @@ def _options(
 
 
 _FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO, errno.EBADF)
-# Address space of `identify` and `torque` on 1,500 rows, with 2 to 8 threads [B]: libraries,
-# stacks and heaps of threads. On one core it is 1.4e9.
+# Address space of `identify` and `torque` on 1,500 rows, with 2 to 8 threads [B], for libraries and
+# the stacks and heaps of threads; 1.4e9 on one core.
 _NEEDED = 1.9e9
-# What tries for ever to begin threads, or to get their memory, where there is none.
+# Libraries that retry for ever where they get no threads or memory.
 _WITH_THREADS = ("polars", "scipy")
-# What NumPy takes before it computes anything [B].
+# Address space that NumPy needs to load [B].
 _LEAST = 4e8
 
 
 def _open_streams() -> None:
-    """Let streams that are closed lead nowhere, or the next file to be opened takes their place.
+    """Replace closed streams by the null device, because the next opened file would take their
+    place.
 
     Write UTF-8 into files and pipes, and to terminals at least no error over a Greek letter:
     Windows would choose a code page without γ for them, and YAML and JSON are UTF-8 anyway.
@@ -126,11 +127,11 @@ def _open_streams() -> None:
 
 @contextmanager
 def _written_output() -> Generator[None, None, None]:
-    """Write all of standard output before the block ends.
+    """Flush standard output at the end of the block.
 
     Raises:
         DeltaidError: it cannot be written.
-        BrokenPipeError: nobody reads it any more.
+        BrokenPipeError: its reader has closed it.
     """
     try:
         try:
@@ -141,7 +142,7 @@ def _written_output() -> Generator[None, None, None]:
         is_unread = isinstance(error, BrokenPipeError)
         if not is_unread and (error.errno not in _FULL or error.filename is not None):
             raise
-        with suppress(OSError):  # Python would write what is left once more, at its end
+        with suppress(OSError):  # Python would write the rest again at its end
             os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         if is_unread:
             raise
@@ -154,12 +155,12 @@ def _written_output() -> Generator[None, None, None]:
 
 
 class EndedError(BaseException):
-    """A signal, whose number is the argument, asks the process to end."""
+    """A signal, given by its number, asks the process to end."""
 
 
 @contextmanager
 def _cleaning_up() -> Generator[None, None, None]:
-    """Leave by the way of errors when told to end, so that no half-written file stays."""
+    """Turn signals to end into an exception, so that no half-written file stays."""
 
     def on_end(number: int, frame: object) -> None:
         raise EndedError(number)
@@ -175,12 +176,12 @@ def _cleaning_up() -> Generator[None, None, None]:
 
 
 def _keep_to_address_space() -> None:
-    """Let nothing be loaded that a limit of the address space is too low for.
+    """Prevent imports that fail under a low limit of address space.
 
     Raises:
         DeltaidError: it is too low for any command; or later, as a library with threads is loaded.
     """
-    if sys.platform != "linux":  # no other system keeps such a limit
+    if sys.platform != "linux":  # other systems have no such limit
         return
     import resource
 
@@ -199,7 +200,7 @@ def _keep_to_address_space() -> None:
 
 
 class _Refusal:
-    """Refuses to import what would not end."""
+    """An import hook that refuses libraries which would not end."""
 
     def __init__(self, error: DeltaidError) -> None:
         self.error = error
@@ -215,20 +216,20 @@ class _Refusal:
 
 
 def main() -> None:
-    """Entry point. Exit code 0 when done, 2 when the user has something to mend."""
+    """Entry point. Exit code 0 when done, 2 when the user has something to fix."""
     _open_streams()
     try:
         _keep_to_address_space()
         with _cleaning_up(), _written_output():
             app(prog_name="deltaid")
     except DeltaidError as error:
-        with suppress(OSError):  # the code says it too
+        with suppress(OSError):  # the exit code is the same
             remark("error", error)
         sys.exit(2)
     except EndedError as ended:
-        with suppress(OSError):  # the terminal may be gone
+        with suppress(OSError):  # the terminal may be closed
             name = signal.Signals(ended.args[0]).name
             remark("note", f"ended by {name}; no file is half-written")
         sys.exit(128 + ended.args[0])
-    except BrokenPipeError:  # the reader of a pipe has seen enough
+    except BrokenPipeError:  # the reader of a pipe closed it
         sys.exit(0)

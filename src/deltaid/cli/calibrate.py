@@ -1,4 +1,4 @@
-"""`deltaid calibrate`: the geometry of a Delta from measured poses, and what they cannot know."""
+"""`deltaid calibrate`: geometry of a Delta from measured poses, and what stays undetermined."""
 
 import textwrap
 from collections.abc import Sequence
@@ -158,7 +158,7 @@ def calibrate(
 
 
 def _wrapped(sentences: "Sequence[str]") -> list[str]:
-    """Lines that fit, those of a sentence after its first indented."""
+    """Lines of terminal width, those of a sentence after its first indented."""
     return [
         piece
         for sentence in sentences
@@ -170,7 +170,7 @@ def _wrapped(sentences: "Sequence[str]") -> list[str]:
 
 
 def _open_lines(result: "deltaid.Calibration", room: int) -> list[str]:
-    """What readings do not know, the worst first, as far as there is room; one at least."""
+    """Undetermined combinations, the worst first, as far as there is room; one at least."""
     lines: list[str] = []
     for k, part in enumerate(result.open):
         more = _wrapped([f"not known: {part.words}"])

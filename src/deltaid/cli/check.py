@@ -1,4 +1,5 @@
-"""`deltaid columns` and `check`: which column of a recording is what, and what is wrong with it."""
+"""`deltaid columns` and `check`: the columns of a recording, and faults of description and
+recording."""
 
 import textwrap
 from collections.abc import Mapping, Sequence
@@ -36,7 +37,7 @@ from deltaid.errors import DeltaidError, DescriptionError, visible
 if TYPE_CHECKING:
     from deltaid.checks.verdicts import File
 
-# Exit codes by the most severe verdict; 1 and 2 mean what they mean everywhere.
+# Exit codes by the most severe verdict; 1 and 2 have their usual meaning.
 EXIT = {"good": 0, "cannot tell": 3, "doubtful": 3, "wrong": 4}
 _BELONGS: dict["File", str] = {"robot": "the robot file", "mapping": "the mapping (--columns)"}
 _COLOURS = {"wrong": "bold red", "doubtful": "yellow", "cannot tell": "cyan", "good": "green"}
@@ -125,7 +126,7 @@ def _unit(text: str) -> tuple[str, str]:
 
 
 def _print(proposal: "deltaid.MappingProposal", log: Path) -> None:
-    """The verdict, each quantity with its doubts or else its reasons, and what to do next."""
+    """The verdict, each quantity with its doubts or reasons, and the next step."""
     parts = [f"{len(proposal.doubts)} in doubt"] * bool(proposal.doubts)
     parts += [f"missing: {', '.join(proposal.missing)}"] * bool(proposal.missing)
     console.print(styled(f"{log.name}:"), "; ".join(parts) or "certain")
@@ -191,7 +192,7 @@ def check(
     from deltaid.view.check import tally, verdict_table
 
     logs, targets = logs or [], dict["File", Path]()
-    if write is not None:  # where each file goes if both have something proposed
+    if write is not None:  # destination of each file if both have proposals
         targets["robot"] = write.with_name(f"{write.stem}-robot{write.suffix}")
         targets["mapping"] = write.with_name(f"{write.stem}-columns{write.suffix}")
     for path in (write, *targets.values()):
@@ -199,7 +200,7 @@ def check(
     with progress(as_json) as say:
         settings = deltaid.Settings(cutoff=cutoff, keep_all=keep_all)
         verdicts = deltaid.check(robot, logs, columns=columns, settings=settings, progress=say)
-    for log, mapping in zip(logs, verdicts.mappings, strict=False):  # none of a broken description
+    for log, mapping in zip(logs, verdicts.mappings, strict=False):  # unless broken
         if mapping is not None and mapping.source == FOUND:
             remark("note", f"{log}: {as_words(mapping)}; `deltaid columns {log} {robot}` says why")
     with progress(as_json):
@@ -249,7 +250,7 @@ def check(
 
 
 def _verdicts_shown(finished: Finished) -> Table:
-    """A table of verdicts: cause and next step stand below what was seen, whatever the width."""
+    """A table of verdicts, with cause and next step below the finding, whatever the width."""
     result = Table(box=None, pad_edge=False, show_header=False)
     result.add_column(no_wrap=True)
     result.add_column(no_wrap=True)
@@ -264,7 +265,7 @@ def _verdicts_shown(finished: Finished) -> Table:
 def _cures(
     robot: str, columns: Sequence[Path], logs: Sequence[Path], verdicts: "deltaid.Verdicts"
 ) -> dict["File", tuple[str, str]]:
-    """What is proposed for each file: changed keys to paste, and the whole text.
+    """Proposals for each file: changed keys to paste, and the whole text.
 
     Of several mappings it is nothing, for they differ.
     """
@@ -295,7 +296,7 @@ def _write_report(
     cures: Mapping["File", tuple[str, str]],
     path: Path,
 ) -> None:
-    """Write the page, which names files; that of `Verdicts.report` needs a robot."""
+    """Write the page, which names files; `Verdicts.report` would need a robot."""
     from deltaid.checks.verdicts import as_written
     from deltaid.dynamics.dynamics import compiled
     from deltaid.robot.load import described
@@ -305,7 +306,7 @@ def _write_report(
     try:
         description = described(robot)
         picture = drawing.drawing(description, compiled(description).kinematics)
-    except DescriptionError:  # which the verdicts tell
+    except DescriptionError:  # which the verdicts report
         picture = None
     lines, data = {_BELONGS[file]: shown for file, (shown, _) in cures.items()}, as_written(robot)
     title = str(data.get("title") or data.get("name") or robot)

@@ -1,4 +1,4 @@
-"""`deltaid simulate` and `compare-controllers`: controllers that know a model, on a robot, along a
+"""`deltaid simulate` and `compare-controllers`: controllers with a model, on a plant, along a
 motion."""
 
 import math
@@ -215,7 +215,7 @@ def compare_controllers(
 
 
 def _on_what(result: "deltaid.Simulation | deltaid.Comparison", **held: object) -> dict[str, Any]:
-    """On what controllers were tried, for JSON; what is known of a load that is held."""
+    """Conditions of a simulation for JSON, including a known load."""
     on, drives = result.conditions, result.conditions.drives
     return {
         "bandwidth_hz": on.bandwidth,

@@ -1,4 +1,4 @@
-"""`deltaid excite`: a motion that makes the parameters visible and keeps the machine's limits."""
+"""`deltaid excite`: a motion that makes parameters identifiable within the machine's limits."""
 
 import signal
 from collections.abc import Generator
@@ -18,7 +18,7 @@ from deltaid.files import write_bytes
 from deltaid.motion.excitation.settings import VERIFICATION_OFFSET, CriterionName, PurposeName
 from deltaid.view.numbers import number
 
-# What is said of each start of the search, for JSON.
+# Values of each start of the search, for JSON.
 _ACCOUNT = (
     "seed", "before", "after", "feasible", "evaluations", "seconds", "message", "judged"
 )  # fmt: skip
@@ -117,7 +117,7 @@ def excite(
         result = exciter.optimise(
             stop, lambda done: say(f"start {done.seed}: {done.before:.3f} → {done.after:.3f}")
         )
-        second = result  # unless another one is asked for
+        second = result  # unless another one is requested
         if verify_out is not None:
             say("optimising the verification motion")
             second = exciter.optimise(stop, offset=VERIFICATION_OFFSET)

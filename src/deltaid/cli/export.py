@@ -1,4 +1,4 @@
-"""`deltaid export` and `online`: a model in forms that other programs run, and cycle by cycle."""
+"""`deltaid export` and `online`: a model for other programs, and its use cycle by cycle."""
 
 from dataclasses import asdict
 from pathlib import Path
@@ -121,7 +121,7 @@ def _online(
     payload_max: float | None,
     false_alarms: float | None,
 ) -> "deltaid.OnlineSettings | None":
-    """What the function online is made for, where something is said about it.
+    """Settings of the function `online`, where an option gives any.
 
     Raises:
         DeltaidError: a number is out of bounds, or is of a function that is not asked for.
@@ -147,7 +147,7 @@ def _online(
     )
 
 
-# Rate of false alarms, an hour, that is asked for where nothing is said.
+# Default rate of false alarms [1/h].
 _FALSE_ALARMS = 1.0
 
 
@@ -251,7 +251,7 @@ def online(
 
 
 def _delay(text: str, drives: int) -> tuple[float, ...]:
-    """Lags in s from what `--lag` says."""
+    """Lags in s from `--lag`."""
     lags = (0.0,) if text == "none" else lag_of(text)
     if isinstance(lags, str) or len(lags) not in (1, drives):
         raise DeltaidError(

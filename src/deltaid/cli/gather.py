@@ -1,4 +1,4 @@
-"""`deltaid gather` and `drift`: recordings as small files, and what such files say over months."""
+"""`deltaid gather` and `drift`: recordings as small files, and changes over months."""
 
 import os
 import re
@@ -109,7 +109,7 @@ def in_folders(logs: Sequence[Path]) -> list[Path]:
 
 
 def are_factor_files(logs: Sequence[Path]) -> bool:
-    """Whether what is given for recordings are factor files.
+    """Whether recordings are factor files.
 
     Raises:
         DeltaidError: some are and some are not.
@@ -127,7 +127,7 @@ def are_factor_files(logs: Sequence[Path]) -> bool:
 
 
 def require_open(given: Mapping[str, bool], report: Path | None) -> None:
-    """Refuse options that were decided as recordings were gathered, and a page with samples.
+    """Raise for options that gathering has decided, and for a page with samples.
 
     Args:
         given: options, and whether each is another one than by default.
@@ -153,7 +153,7 @@ def require_open(given: Mapping[str, bool], report: Path | None) -> None:
 def compared(
     model: "deltaid.Model", log: Path, columns: "MappingLike | None", keep_all: bool
 ) -> "deltaid.Validation | tuple[TorqueError, FactorRecord]":
-    """A model compared with a recording, or with what a factor file keeps of one."""
+    """A model compared with a recording, or with what a factor file keeps of it."""
     if not are_factor_files([log]):
         return deltaid.validate(model, log, columns=columns, keep_all=keep_all)
     from deltaid.fleets.factor_file import read

@@ -1,4 +1,4 @@
-"""What `deltaid identify` shows of its result: tables and sentences, JSON, a page."""
+"""Results of `deltaid identify`: tables and sentences, JSON, a page."""
 
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
@@ -11,13 +11,13 @@ if TYPE_CHECKING:
     from deltaid.identification.prediction import Compared
     from deltaid.identification.torque_error import TorqueError
 
-# Columns that a screen has no room for.
+# Columns too wide for a screen.
 _WIDE = ("unfiltered", "why")
 
 
 @dataclass(frozen=True)
 class Truth:
-    """Parameters of a simulated robot, and how close to them a result is, in a sentence."""
+    """Parameters of a simulated robot, and a sentence on a result's distance from them."""
 
     values: Sequence[float]
     text: str
@@ -96,7 +96,7 @@ def print_result(
     truth: "Truth | None" = None,
     full: bool,
 ) -> None:
-    """The verdict, and as much of the tables as fits a screen.
+    """The verdict, and as many tables as fit a screen.
 
     Args:
         verification, log: torque errors on a recording of another motion, and that.

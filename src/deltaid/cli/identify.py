@@ -129,8 +129,8 @@ def identify(
 
     Recordings hold joint positions and motor torques.
     """
-    # Modules make a great many objects that stay, and looking through them again and again for some
-    # that do not takes a fifth of the time.
+    # Modules create many permanent objects, which garbage collection would scan repeatedly, for a
+    # fifth of the time.
     gc.disable()
     from deltaid.checks.identify import identify as run
     from deltaid.identification.prediction import noted, remarks
@@ -158,7 +158,7 @@ def identify(
     require_outputs(inputs, {"--output": output, "--report": report})
     if verify is not None:
         with opened(verify):
-            pass  # to miss it now, not after the fit
+            pass  # raises before the fit
     model = deltaid.load(robot)
     if model.identified is not None:
         remark("note", f"{model.source} is a model: its robot is identified anew, from its prior")

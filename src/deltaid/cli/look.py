@@ -1,4 +1,4 @@
-"""`deltaid show`, `base` and `schema`: a robot, its base parameters and its files, to look at."""
+"""`deltaid show`, `base` and `schema`: a robot, its base parameters, and schemas of files."""
 
 import threading
 from dataclasses import replace
@@ -25,9 +25,6 @@ from deltaid.model.options import LeastSquaresMethod
 if TYPE_CHECKING:
     from deltaid.dynamics.at_rest import AtRest
     from deltaid.view.reach import Reach, WorkspaceSurvey
-
-# Seconds. A wait without end may not wake up for Ctrl-C while a server's thread runs.
-_LOOK = 0.5
 
 Kind = Literal["robot", "columns", "model", "sensors", "fleet", "measurements"]
 
@@ -94,12 +91,13 @@ def show(
         )
     if live:
         from deltaid.view.live import DEFAULT_PORT, LiveView
+        from deltaid.view.own_page import POLL
 
         shown = LiveView(at_rest, DEFAULT_PORT if port is None else port)
         try:
             console.print(f"{at_rest.robot.name} is shown at {shown.url} until Ctrl-C")
             closed = threading.Event()
-            while not closed.wait(_LOOK):
+            while not closed.wait(POLL):
                 pass
         except KeyboardInterrupt:
             console.print("closed")
@@ -108,7 +106,7 @@ def show(
 
 
 def write_robot(robot: "AtRest", path: Path, origin: str) -> None:
-    """Write the page of a robot at rest, whose parameters are of that origin."""
+    """Write the page of a robot at rest, with the origin of its parameters."""
     from deltaid.view import html, reach, robots
 
     page = robots.rest_page(robot, reach.reach(robot), reach.survey(robot), origin)
@@ -117,7 +115,7 @@ def write_robot(robot: "AtRest", path: Path, origin: str) -> None:
 
 
 def fact_lines(robot: "AtRest", reached: "Reach", surveyed: "WorkspaceSurvey") -> list[str]:
-    """A robot's title and its figures at rest, a line each."""
+    """A robot's title and its key figures at rest, a line each."""
     from deltaid.view.robots import rest_facts
 
     return [
@@ -158,7 +156,7 @@ def base(
     dynamics = compiled(description)
     with progress(as_json) as say:
         if logs:
-            # loads SciPy and polars, which formulas alone need not
+            # loads SciPy and polars, which formulas alone do not need
             from deltaid.identification.least_squares import identify_base
 
             say("reading logs")

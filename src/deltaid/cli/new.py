@@ -1,4 +1,4 @@
-"""`deltaid new`: a description of one's own robot, from a few numbers."""
+"""`deltaid new`: a description of a user's robot, from a few numbers."""
 
 import inspect
 import json
@@ -92,7 +92,7 @@ def new(
     _write(draft, file, report)
 
 
-# The command has an option for every question.
+# An option for every question.
 _parameters = inspect.signature(new).parameters.values()
 _options = [
     inspect.Parameter(
@@ -160,7 +160,7 @@ def _known(kind: str | None) -> str:
 
 @dataclass
 class _Terminal:
-    """Asks in a terminal; `title` is of the group that is being asked."""
+    """Asks in a terminal; `title` is that of the present group."""
 
     title: str = ""
 
@@ -195,7 +195,7 @@ class _Terminal:
 
 
 def _line(prompt: str) -> str:
-    """A line that is typed.
+    """A typed line.
 
     A library that takes Ctrl-C for itself lets reading go on after it; it must end.
     """
@@ -205,8 +205,8 @@ def _line(prompt: str) -> str:
 
 
 def _write(draft: "Draft", file: Path, report: Path | None) -> None:
-    """Write the description, the schema that its first line names, if there is none beside it, and
-    the page; say how much is known, and show the robot at rest."""
+    """Write the description, the schema of its first line, if there is none beside it, and the
+    page; print the state of knowledge and the robot at rest."""
     from deltaid.cli.look import fact_lines, write_robot
     from deltaid.dynamics.at_rest import AtRest
     from deltaid.studio.drafting.draft import ASSUMED

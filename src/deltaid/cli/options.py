@@ -1,4 +1,4 @@
-"""Options that many commands have, and kinds of options."""
+"""Options of several commands, and types of options."""
 
 import glob
 import math
@@ -24,12 +24,12 @@ def _file(text: str) -> Path:
 
 
 def _complete(incomplete: str) -> list[str]:
-    """Files and folders that begin with what has been typed."""
+    """Files and folders that begin with the typed text."""
     paths = sorted(glob.glob(f"{glob.escape(incomplete)}*"))
     return [path + "/" * os.path.isdir(path) for path in paths]
 
 
-# Where `--help` shows options that few need, below the usual ones.
+# Panel of `--help` for rarely needed options.
 CORRECTIONS = "Corrections and filters"
 
 
@@ -39,9 +39,9 @@ def bounded(
     limits: tuple[float, float] = (0.0, math.inf),
     panel: str | None = None,
 ) -> Any:
-    """An option with a number within limits; a positive one where the lower limit is its own."""
+    """An option with a number within limits, positive where the lower limit has that meaning."""
 
-    # Typer tells a callback's arguments by their places where they have no types of its own.
+    # Typer identifies a callback's arguments by position where they lack its types.
     def checked(_: Any, parameter: Any, value: float | None) -> float | None:
         if value is not None:
             is_positive = limits[0] > 0 or limits[1] == math.inf
@@ -52,7 +52,7 @@ def bounded(
 
 
 def lag_of(text: str) -> LagChoice | tuple[float, ...]:
-    """What `--lag` asks for: a word, or lags in s from milliseconds."""
+    """Value of `--lag`: a word, or lags in s from milliseconds."""
     words: dict[str, LagChoice] = {"estimate": "estimate", "none": "none"}
     if text in words:
         return words[text]
@@ -68,13 +68,13 @@ def lag_of(text: str) -> LagChoice | tuple[float, ...]:
     return tuple(1e-3 * lag for lag in lags)
 
 
-# Of every command that takes a robot, with parameters or without.
+# Arguments of all commands with a robot, with parameters or without.
 Robot = Annotated[str, typer.Argument(help="Catalogue name, or a robot or model file.")]
 ModelOrRobot = Annotated[
     str, typer.Argument(help="A saved model; or a robot, by name or file, for its prior.")
 ]
 
-# Of every command that reads torques.
+# Options of all commands that read torques.
 KeepAll = Annotated[
     bool,
     typer.Option(
@@ -84,7 +84,7 @@ KeepAll = Annotated[
     ),
 ]
 Columns = Annotated[Path | None, typer.Option(help="Which column is what, and its unit (YAML).")]
-# Of every command that takes several recordings.
+# Arguments of all commands with several recordings.
 ColumnFiles = Annotated[
     list[Path] | None,
     typer.Option(
@@ -92,7 +92,7 @@ ColumnFiles = Annotated[
     ),
 ]
 
-# Of every command that fits recordings, or gathers them for a fit.
+# Options of all commands that fit recordings, or gather them for a fit.
 Cutoff = Annotated[
     float | None,
     bounded(help="Low-pass cut-off in Hz. Default: by the data.", panel=CORRECTIONS),
@@ -125,7 +125,7 @@ Force = Annotated[bool, typer.Option("--force", help="Go on with what the checks
 
 UsePoor = Annotated[bool, typer.Option("--force", help="Use a model that is poor.")]
 
-# Of every command with a result.
+# Options of all commands with a result.
 Report = Annotated[
     Path | None, output_file(help="HTML page with figures and tables, works offline.")
 ]

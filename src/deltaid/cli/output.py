@@ -1,4 +1,4 @@
-"""What all commands print and write: results as they fit a screen, remarks, tables, JSON, files."""
+"""Output of all commands: results that fit a screen, remarks, tables, JSON, files."""
 
 import json
 import math
@@ -22,37 +22,36 @@ from rich.text import Text
 import deltaid
 from deltaid.errors import DeltaidError, visible
 from deltaid.files import require_writable, together, write_bytes
+from deltaid.view.page import WIDEST
 from deltaid.view.page import Table as Finished
 
-# Columns whose cells are words.
+# Columns of text.
 _TEXT_COLUMNS = (
     "unit", "from", "robot", "mechanism", "base parameter", "chosen law", "model", "remark", "of",
     "recording", "why", "may change unnoticed", "entries", "parted by any of",
 )  # fmt: skip
-# Columns that may take several lines where the terminal is narrow.
+# Columns that wrap in a narrow terminal.
 _WRAPPED_COLUMNS = (
     "robot", "mechanism", "base parameter", "chosen law", "why", "of", "may change unnoticed",
     "entries", "parted by any of",
 )  # fmt: skip
-# Columns of a bar of progress.
+# Width of a progress bar [characters].
 _BAR = 16
-# Lines of a result on a screen of usual height, with those that name the files written below.
+# Lines of a result on a usual screen, without those that name written files.
 SCREEN = 22
-# A line of text that is longer is hard to read.
-WIDEST = 100
-# Of a verdict on a model, as words begin it.
+# Grades that begin a verdict on a model.
 _GRADES = ("Good", "Fair", "Poor", "Untested", "Against the truth")
-# Of remarks by what they begin with; what is not feasible makes a result worthless.
+# Styles of remarks by their first word; an infeasible motion makes a result worthless.
 _STYLES = {
     "error": "bold red", "warning": "yellow", "not feasible": "bold red", "note": "dim",
 }  # fmt: skip
 
-# Of JSON, besides those that it escapes anyway.
+# Control characters that JSON does not escape anyway.
 _CONTROL = re.compile("[\x7f-\x9f\u2028\u2029\u202a-\u202e\u2066-\u2069]")
 
 
 class LiteralConsole(Console):
-    """A console that prints text as it stands, whatever names and titles of files hold.
+    """A console that prints text verbatim, whatever names and titles of files hold.
 
     Brackets are no markup, and no character commands the terminal. Styles are given as objects.
     """
@@ -68,7 +67,7 @@ error_console = LiteralConsole(stderr=True, highlight=False, soft_wrap=True)
 
 
 def remark(kind: str, *texts: object) -> None:
-    """Remarks of a kind on standard error, a line each, so that --json stays clean."""
+    """Print remarks of a kind on standard error, a line each, so that --json stays clean."""
     for text in texts:
         error_console.print(styled(f"{kind}:", _STYLES[kind]), str(text))
 
@@ -108,7 +107,7 @@ def used(model: "deltaid.Model", *, force: bool = False, as_prior: bool = True) 
 
 
 def styled(text: str, style: str = "bold") -> Text:
-    """Text in a style of its own, such as 'bold'."""
+    """Text in a style, such as 'bold'."""
     return Text(visible(text), style)
 
 
@@ -130,7 +129,7 @@ def print_outcome(
     full: bool = True,
     files: Sequence[Path | None] = (),
 ) -> None:
-    """A result as one JSON object, or as `print_found` has it, and the files that were written."""
+    """Print a result as one JSON object, or as `print_found` does, and the written files."""
     if as_json:
         print_json(value)
     else:
@@ -146,7 +145,7 @@ def print_found(
     *,
     full: bool,
 ) -> None:
-    """A result: sentences first, then tables as far as they fit a screen; or all of it.
+    """Print a result: sentences first, then as many tables as fit a screen, or all of them.
 
     Args:
         lines: the verdict, in plain words, at first.
@@ -180,18 +179,19 @@ def print_found(
 
 
 def print_next(text: str) -> None:
-    """What the user may do next."""
+    """Print the user's next step."""
     for line in _folded(f"→ {text}"):
         console.print(styled(str(line), "dim"))
 
 
 def _name(finished: Finished) -> str:
-    """What a table is called: its title, or what its rows are."""
+    """Name of a table: its title, or its first column."""
     return re.split("[:;,]", finished.title or finished.columns[0])[0]
 
 
 def _fitting(finished: Finished, lines: int | None) -> tuple[int, int]:
-    """How many rows of a table fit so many lines, fewer than two being none, and their height."""
+    """Number of rows of a table that fit so many lines (fewer than two count as none), and their
+    height."""
     rows = len(finished.rows)
     while True:
         cut = console.render_lines(table(replace(finished, rows=finished.rows[:rows])))
@@ -233,7 +233,7 @@ def table(finished: Finished) -> Table:
     widths = [max(map(cell_len, cells)) for cells in zip(columns, *rows, strict=True)]
     needed = sum(widths) + 2 * (len(widths) - 1)
     if needed > console.width and not set(columns) & set(_WRAPPED_COLUMNS):
-        result.width = needed  # a line that the terminal breaks rather than numbers cut off
+        result.width = needed  # the terminal breaks the line, which keeps numbers whole
     for i, column in enumerate(columns):
         wrapped = column in _WRAPPED_COLUMNS
         words = [word for row in rows for word in row[i].split()] if wrapped else []
@@ -276,7 +276,7 @@ def progress(silent: bool) -> Generator[Callable[[str], None], None, None]:
         def say(text: str, /) -> None:
             nonlocal task, stage
             word, share = text.partition(" ")[0], share_of(text)
-            if word != stage:  # time left is guessed from this stage alone
+            if word != stage:  # time left is estimated from this stage alone
                 bars.remove_task(task)
                 task, stage = bars.add_task(text, total=None if share is None else 1.0), word
             bars.update(task, description=visible(text), completed=share or 0.0)
@@ -286,7 +286,8 @@ def progress(silent: bool) -> Generator[Callable[[str], None], None, None]:
 
 
 def require_outputs(inputs: Iterable[str | Path | None], files: Mapping[str, Path | None]) -> None:
-    """Refuse before any work files that could not be written, would replace an input or each other.
+    """Raise, before any work, for files that cannot be written, or would replace an input or each
+    other.
 
     Args:
         inputs: names of files, of robots in the catalogue, or None for what is not given.
@@ -308,7 +309,7 @@ def require_outputs(inputs: Iterable[str | Path | None], files: Mapping[str, Pat
 
 
 def write_files(*files: tuple[Path | None, str | Callable[[Path], object]]) -> None:
-    """Write the files that were asked for, all or none: a text, or what a function writes."""
+    """Write requested files, all or none: a text, or what a function writes."""
     with together():
         for path, content in files:
             if path is None:
@@ -320,7 +321,7 @@ def write_files(*files: tuple[Path | None, str | Callable[[Path], object]]) -> N
 
 
 def print_written(*paths: Path | None) -> None:
-    """Names of files that have been written; None for one that was not asked for."""
+    """Print names of written files; None for one that was not requested."""
     for path in paths:
         if path is not None:
             console.print(f"wrote {path}")

@@ -12,7 +12,7 @@ from deltaid.files import together
 from deltaid.progress import Progress
 
 Example = Literal["surrogate", "irb360"]
-# An example's result as JSON, its table, and notes on it.
+# Result of an example as JSON, its table, and notes.
 Reproduced = tuple[dict[str, Any], Finished, tuple[str, ...]]
 
 
@@ -52,7 +52,7 @@ def reproduce(
 
 
 def _surrogate(folder: Path, say: Progress, quick: bool, given: dict[str, int]) -> Reproduced:
-    """Sec. VII, written into a folder."""
+    """Reproduce Sec. VII into a folder."""
     from deltaid.reproduce import files
     from deltaid.reproduce import surrogate_page as view
     from deltaid.reproduce.surrogate import QUICK, SurrogateSettings, reproduce_surrogate
@@ -79,7 +79,7 @@ def _surrogate(folder: Path, say: Progress, quick: bool, given: dict[str, int]) 
 
 
 def _irb360(folder: Path, say: Progress, quick: bool, given: dict[str, int]) -> Reproduced:
-    """Sec. VIII, written into a folder."""
+    """Reproduce Sec. VIII into a folder."""
     from deltaid.reproduce import files
     from deltaid.reproduce import irb360_page as view
     from deltaid.reproduce.irb360 import QUICK, reproduce_irb360

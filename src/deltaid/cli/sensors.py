@@ -1,4 +1,4 @@
-"""`deltaid sensors`: what scales, force plates and gauges would tell, and which are worth it."""
+"""`deltaid sensors`: effect and price of scales, force plates and gauges."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -122,7 +122,7 @@ def sensors(
         )
     shown = view.chosen_entries(plan) if entries is None else names(entries)
     for name in shown:
-        plan.entry(name)  # refuses one that there is not
+        plan.entry(name)  # raises for an unknown one
     write_files((report, lambda path: write_page(sensors_page(plan, shown), path)))
     if plan.model.identified is not None and not as_json:
         remark("note", f"{plan.model.source} is a model: planned with its masses and friction")
@@ -136,7 +136,7 @@ def sensors(
     if hidden:
         details.append(f"nothing of the list determines much of {', '.join(hidden)}")
     now = DESCRIBED if plan.has_described else TORQUES
-    still_open = [  # now, and when all has been bought
+    still_open = [  # now, and with all purchases
         view.open_table(opening)
         for opening in plan.openings
         if opening.name in (now, PLAN) and opening.null.directions
@@ -214,7 +214,7 @@ def as_dictionary(plan: "deltaid.SensorPlan") -> dict[str, Any]:
 
 
 def _outlook(plan: "deltaid.SensorPlan", outlook: "Outlook") -> dict[str, Any]:
-    """With the standard deviation of each entry as a share of its size."""
+    """Entries with standard deviations as shares of their size."""
     return {
         "name": outlook.name,
         "title": outlook.title,

@@ -1,4 +1,4 @@
-"""`deltaid demo`, `studio` and `robots`: first steps, before there is a recording."""
+"""`deltaid demo`, `studio` and `robots`: first steps without a recording."""
 
 import tempfile
 from pathlib import Path
@@ -121,7 +121,7 @@ def robots(
 
 
 def _mechanism(robot: "deltaid.RobotDescription") -> str:
-    """What a mechanism is composed of: limbs, platform, telescope."""
+    """Composition of a mechanism: limbs, platform, telescope."""
     limbs = [limb.drive for limb in robot.limb_geometry]
     parts = [f"{limbs.count(kind)} {kind}" for kind in dict.fromkeys(limbs)]
     parts += [robot.platform.kind] if robot.platform_turns else []

@@ -1,4 +1,4 @@
-"""`deltaid torque`, `forces` and `sample`: what follows from a model."""
+"""`deltaid torque`, `forces` and `sample`: applications of a model."""
 
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -138,7 +138,7 @@ def forces(
 
 
 def _findings(result: "deltaid.Forces") -> list[dict[str, Any]]:
-    """The worst of each part, for JSON; of sockets with what is left of the springs' force."""
+    """Worst case of each part, for JSON; sockets with the residual force of their springs."""
     held = result.constraint_forces.socket_force
     return [
         {

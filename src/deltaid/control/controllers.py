@@ -10,7 +10,7 @@ With the tracking error e = q − q_d, and f the friction of the model:
                       with q̇_r = q̇_d − Λ e, s = q̇ − q̇_r
 
 Friction is that of the desired (or reference) velocity: that of the measured one would switch with
-the noise at rest, and as friction grows with speed, what is left takes energy away. With the exact
+the noise at rest, and as friction grows with speed, the residual dissipates energy. With the exact
 model these functions of the state never grow beyond the work of disturbances:
 ½ eᵀKe + ½ ėᵀM ė for augmented PD and ½ sᵀM s for Slotine–Li, both by Ṁ = C + Cᵀ.
 

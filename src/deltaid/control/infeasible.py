@@ -2,7 +2,7 @@
 
 A simulation that ran is no proof that its motion can be run. Before any controller, the motion
 itself may ask for more torque or speed than a drive has, or leave the workspace; after it, a
-controller may have stood at a limit, or be far from the motion by the end. Each is told in its own
+controller may have stood at a limit, or be far from the motion by the end. Each has its own
 words, with its drive, its size, its time and its share of the time.
 """
 

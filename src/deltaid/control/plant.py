@@ -19,8 +19,8 @@ from deltaid.robot.description import RobotDescription
 
 _NUMBER = r"[0-9]*\.?[0-9]+(?:[eE][-+]?[0-9]+)?"
 _PAYLOAD = re.compile(rf"({_NUMBER})(?:\s*(?:±|\+-|\+/-)\s*({_NUMBER}))?\s*(?:kg)?")
-# Largest load [kg]; more is another unit.
-_HEAVY = 1000.0
+# Limits of a load [kg]; what is beyond is another unit.
+LOADS = (1e-6, 1e3)
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,7 +77,7 @@ def as_payload(given: Payload | float | str | None) -> Payload | None:
     what, cure = "mass", "give kilograms, with a standard deviation or without: 1.5 or 1.5±0.1"
     if match := _PAYLOAD.fullmatch(text.strip()):
         mass, std = float(match[1]), float(match[2] or 0.0)
-        if 0 < mass < _HEAVY and std <= mass:
+        if LOADS[0] <= mass <= LOADS[1] and std <= mass:
             return Payload(mass, std)
         what = "load of a robot"
         cure = "give kilograms; the standard deviation is no more than the mass"
@@ -196,12 +196,12 @@ class Running:
             self._held, self._p = held, plant.model_at(time).p
             self._link = link_side(plant.model.robot, self._p)
         for _ in range(self._substeps):
-            given, p = self._given(tau), self._p
+            applied, p = self._mean_torque(tau), self._p
             if plant.ripple is not None:
-                given = given - plant.ripple(self.encoders)
+                applied = applied - plant.ripple(self.encoders)
             if plant.elastic:
-                given, p = self._carried(given), self._link
-            self.z, self.qd = self._forward.step(self.z, self.qd, given, p, self._h)
+                applied, p = self._carried(applied), self._link
+            self.z, self.qd = self._forward.step(self.z, self.qd, applied, p, self._h)
 
     def _carried(self, tau: Samples) -> Samples:
         """Torque between motors and links in the middle of a step."""
@@ -212,7 +212,7 @@ class Running:
         self._motors = self._motors + 0.5 * h * (before + self._speeds)
         return carried
 
-    def _given(self, tau: Samples) -> Samples:
+    def _mean_torque(self, tau: Samples) -> Samples:
         """Mean torque over a time step of the current loop, a first-order lag."""
         if not np.isfinite(self._lag):
             return tau

@@ -163,7 +163,7 @@ def simulate(
     Args:
         motion: a file of `deltaid excite`, a recording, or a motion in memory.
         plant: the robot it runs on; that of the model if None.
-        payload_known: whether the controller is told of its mass.
+        payload_known: whether the controller knows its mass.
         columns: of a recording, if not the default ones.
         duration: of a motion in memory [s], if not its own.
         settings: of drives, feedback and load.

@@ -246,7 +246,7 @@ def track(
     """Run a controller that knows `model` on a robot `plant` along a trajectory, from its start.
 
     Args:
-        model: what the controller knows; a function of time where that changes, as when it is told
+        model: what the controller knows; a function of time where that changes, as when it learns
             of a load.
 
     Raises:

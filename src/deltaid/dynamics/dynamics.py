@@ -116,7 +116,7 @@ class WithParameters(Shown):
 
     @property
     def p(self) -> Parameters:
-        """Default parameters."""
+        """Parameters of calls without p."""
         return prior_parameters(self.robot) if self._p is None else self._p
 
     def _parameters(self, p: Parameters | None) -> Parameters:
@@ -222,7 +222,7 @@ class Dynamics(WithParameters, Plotted):
         """Structural entries of Y that are nonzero beyond rounding.
 
         What a described robot's torques do not show is zero by structure. Rotations of a mechanism
-        of the user's own cancel only in numbers, so its entries are looked at in generic states.
+        of the user's own cancel only numerically, so its entries are evaluated in generic states.
         """
         if self.robot.mechanism is None:
             return np.arange(self.equations.Y.nnz())

@@ -20,9 +20,9 @@ from deltaid.mechanism.rotation import skew
 from deltaid.mechanism.speeds import Along
 from deltaid.robot.description import RobotDescription
 
-# Number of generic states for the test of zero entries, and its threshold as a share of the largest
-# entry: rounding leaves 1e-15.
-_GENERIC, _ROUNDING = 64, 1e-12
+# Number of generic states for the test of zero entries, and the share of the largest value that
+# counts as rounding, which leaves 1e-15.
+_GENERIC, ROUNDING = 64, 1e-12
 
 
 @dataclass(frozen=True)
@@ -163,4 +163,4 @@ def beyond_rounding(
     others = rng.standard_normal((_GENERIC, inputs.numel() - dof))
     values = ca.Function("entries", [inputs], [entries])(np.hstack([z, others]).T)
     largest = np.nanmax(np.abs(np.array(values)), axis=1, initial=0.0)  # poses out of reach are NaN
-    return np.flatnonzero(~(largest <= _ROUNDING * largest.max(initial=0.0)))
+    return np.flatnonzero(~(largest <= ROUNDING * largest.max(initial=0.0)))

@@ -44,7 +44,7 @@ class ForwardDynamics(WithParameters, Plotted):
     solve (1) by a Cholesky factorisation of the mass matrix that is written out in the graph, so
     where M is not positive definite they are NaN.
 
-    Where parameters p may be left out, those hold that it was made with, as in `Dynamics`.
+    Parameters p are optional where they have a default, as in `Dynamics`.
     """
 
     @cached_property

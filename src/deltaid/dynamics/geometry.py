@@ -213,7 +213,7 @@ def geometric_errors(
 ) -> tuple[Error, ...]:
     """Effect of each tolerance, by default the description's, on the torques of a motion.
 
-    Friction keeps its direction; that which depends on load is left out.
+    Friction keeps its direction; load-dependent friction is excluded.
     """
     robot, torque = dynamics.robot, dynamics.torque(z, qd, qdd, p).T
     return (

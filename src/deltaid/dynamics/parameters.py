@@ -187,7 +187,7 @@ def with_prior(
 ) -> RobotDescription:
     """The same robot with p as its prior, and other changed keys.
 
-    Constant offsets of friction are left out: their prior is zero in any description.
+    Constant offsets of friction are dropped: their prior is zero in any description.
 
     Raises:
         DescriptionError: the parameters are not those of a robot that can be.

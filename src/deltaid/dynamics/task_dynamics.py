@@ -36,6 +36,7 @@ from dataclasses import dataclass
 
 import casadi as ca
 
+from deltaid.dynamics.equations import ROUNDING
 from deltaid.dynamics.joint_columns import JointMotion, Sign, friction_columns, joint_columns
 from deltaid.dynamics.parameters import parameter_layout
 from deltaid.dynamics.speed_forces import SpeedForces
@@ -58,7 +59,7 @@ class TaskDynamics:
         R: ∂ϑ/∂z of the friction joints, joints × δ.
         smooth: friction of each joint that is continuous at rest.
         friction: all friction of each joint but what depends on load, sign(0) = 0.
-        forwards, backwards: size of the friction left out of `smooth` while a joint moves with
+        forwards, backwards: size of the friction outside of `smooth` while a joint moves with
             positive and with negative speed; at rest, the most it can take.
         kinetic, potential: energy [J].
     """
@@ -176,9 +177,6 @@ def cholesky_solve(A: ca.SX, B: ca.SX) -> ca.SX:
 # Rounds of an iteration that a graph unrolls. Newton's method and active sets are exact after
 # fewer, and what gears carry errs by the fifth power of a loss.
 ROUNDS = 5
-# Share of the box within which an impulse is at its bound, and of its diagonal that keeps A
-# invertible where joints at rest depend on each other: far above rounding.
-_ROUNDING = 1e-12
 
 
 def friction_impulses(A: ca.SX, v: ca.SX, low: ca.SX, high: ca.SX, drives: int) -> ca.SX:
@@ -213,11 +211,11 @@ def _sweep(A: ca.SX, v: ca.SX, low: ca.SX, high: ca.SX, impulse: ca.SX) -> ca.SX
 
 def _newton(A: ca.SX, v: ca.SX, low: ca.SX, high: ca.SX, impulse: ca.SX) -> ca.SX:
     """Newton step that brings all joints inside their bounds to rest, up to the first bound."""
-    n, edge = v.numel(), _ROUNDING * (high - low)
+    n, edge = v.numel(), ROUNDING * (high - low)
     inside = (impulse > low + edge) * (impulse < high - edge)
     free = A * (inside @ inside.T)
     for j in range(n):
-        free[j, j] = inside[j] * A[j, j] * (1 + _ROUNDING) + (1 - inside[j])
+        free[j, j] = inside[j] * A[j, j] * (1 + ROUNDING) + (1 - inside[j])
     step = inside * cholesky_solve(free, -inside * (v + A @ impulse))
     share = ca.SX(1)
     for j in range(n):

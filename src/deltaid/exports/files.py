@@ -8,7 +8,7 @@ from functools import partial
 from pathlib import Path
 from typing import Literal, get_args
 
-from deltaid.control.plant import point_mass
+from deltaid.control.plant import LOADS, point_mass
 from deltaid.errors import DeltaidError, positive, unknown
 from deltaid.exports import (
     c_code,
@@ -29,9 +29,6 @@ from deltaid.joint_forces.constraint_forces import ConstraintForces
 from deltaid.model.model import Model, ModelLike, load
 from deltaid.online.settings import OnlineSettings
 from deltaid.progress import Progress, Watch, watched
-
-# Valid permanent masses at a tool [kg]; larger ones are in another unit.
-_LOADS = (1e-6, 1e3)
 
 
 @dataclass(frozen=True)
@@ -184,7 +181,7 @@ def export(
             `online`; a list, or words with commas between them.
         online: what the function of that name is made for; 1000 cycles a second if None.
         fmi: version of the standard, of a unit.
-        progress: a function that is told what is being done; True and False show it or not.
+        progress: a function that is called with each stage; True and False show it or not.
 
     Raises:
         DeltaidError: there is no such target or function, it cannot hold the model, or a file
@@ -246,5 +243,5 @@ def _holding(model: Model, payload: str | float) -> Model:
         what = f"'{str(payload)[:40]}' is no mass, and no load that the model was identified with"
         cure = f"give kilograms, as 1.5{', or one of ' if names else ''}{', '.join(names)}"
         raise DeltaidError(what, where="--payload", cure=cure) from None
-    positive("--payload", mass, _LOADS)
+    positive("--payload", mass, LOADS)
     return model.with_load(point_mass(mass))

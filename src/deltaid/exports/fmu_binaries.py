@@ -82,7 +82,7 @@ class Compiler:
     Attributes:
         command: how it begins.
         systems: what it compiles for.
-        is_zig: whether it compiles for any of them, and has to be told for which.
+        is_zig: whether it compiles for any of them, and needs the target as an option.
     """
 
     command: tuple[str, ...]

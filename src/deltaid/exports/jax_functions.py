@@ -29,11 +29,11 @@ class JaxFunctions(Named):
     """A model's functions for one sample each, compiled by `jax.jit`; `jax.vmap` makes them many.
 
     They are pure functions of arrays, so `jax.grad`, `jax.jacfwd`, `jax.vmap` and `jax.jit` take
-    them. Numbers are float32 unless JAX is told otherwise (`jax.config.update("jax_enable_x64",
+    them. Numbers are float32 unless doubles are enabled (`jax.config.update("jax_enable_x64",
     True)`). Arrays that are not of one sample's shape raise a KinematicsError when a function is
     traced; where a pose is out of reach, results are NaN.
 
-    The last argument `p` may be left out and is then the model's own; given, results can be
+    The last argument `p` is optional, by default the model's own; given, results can be
     differentiated by it. Its order is that of `model.layout.names`.
 
     Attributes:

@@ -2,7 +2,7 @@
 as one XML file of PLCopen (TC6), which development systems import.
 
 Controllers may stop on a division by zero or the root of a negative number, where C goes on with
-NaN. So what could do that is looked at before, and the function returns, with the status that it
+NaN. So operands are checked before, and the function returns, with the status that it
 holds by then. What matters only where a choice of the graph takes it becomes zero there instead:
 choices are in a graph to stay away from what cannot be computed, and both sides of one are always
 computed here. There is no expression with more than one operation, and no function that the
@@ -138,19 +138,19 @@ class PlcProgram:
 
 
 def in_lines(names: Sequence[str], real: str) -> str:
-    """A declaration of many numbers, in lines that are not long."""
+    """A declaration of many numbers, wrapped."""
     text = f"{', '.join(names)}\0:\0{real};"
     lines = textwrap.fill(text, initial_indent="    ", subsequent_indent="        ")
     return lines.replace("\0", " ")
 
 
 def comments(notes: Sequence[str]) -> list[str]:
-    """Comments, one a line; a long one goes on in the next line."""
+    """Comments, one a line; long ones are wrapped."""
     return [comment(line) for note in notes for line in textwrap.wrap(note)]
 
 
 def comment(text: str) -> str:
-    """A comment of plain letters that ends where it should."""
+    """A comment of plain letters that terminates properly."""
     apart = re.sub(r"([(*)])(?=[(*)])", r"\1 ", plain_letters(text))
     return f"(* {apart} *)"
 
@@ -195,7 +195,7 @@ _FORMS = {
 }
 
 
-# What must not be, then the result.
+# The condition that must not hold, then the result.
 _GUARDED = {
     ca.OP_SQRT: ("{a} < 0.0", "SQRT({a})"),
     ca.OP_ASIN: ("ABS({a}) > 1.0", "ASIN({a})"),
@@ -204,7 +204,7 @@ _GUARDED = {
     ca.OP_DIV: ("ABS({b}) < {least}", "{a} / {b}"),
     ca.OP_INV: ("ABS({a}) < {least}", "1.0 / {a}"),
 }
-# Calls of functions of the file's own (`structured_text`); to subtract is to add the negative.
+# Calls of the file's own functions (`structured_text`); subtraction adds the negative.
 _PAIRED = {
     ca.OP_ADD: ("pair_sum", "{a}", "{r}", "{b}", "{s}"),
     ca.OP_SUB: ("pair_sum", "{a}", "{r}", "-{b}", "-{s}"),
@@ -271,7 +271,7 @@ class StructuredText(Dialect):
         )
 
     def _bad(self, op: int, a: str, b: str) -> str:
-        """What must not be of its operands; nothing of a constant, which is not zero."""
+        """The condition that its operands must not meet; empty for a constant other than zero."""
         if op not in _GUARDED or b[0] in "(0123456789":
             return ""
         return _GUARDED[op][0].format(a=a, b=b, least=literal(self.precision, self.precision.least))
@@ -302,7 +302,7 @@ def _one_sign(text: str) -> str:
 
 
 def plain(precision: Precision, x: float) -> str:
-    """A number with digits on both sides of its point; none but 0 is too small for a REAL."""
+    """A number with digits on both sides of its point; no number but 0 is too small for a REAL."""
     if x and abs(x) < _SMALLEST:
         x = math.copysign(_SMALLEST, x)
     digits, _, exponent = precision.digits(x).partition("e")
@@ -316,7 +316,7 @@ def literal(precision: Precision, x: float) -> str:
 
 
 def _power(target: str, base: str, exponent: str) -> list[str]:
-    """A power; of a negative base where the exponent is a small whole number only."""
+    """A power; a negative base takes small whole exponents only."""
     whole = exponent.removesuffix(".0")
     if whole.isdigit() and 0 < int(whole) <= 8:
         return [f"{target} := {' * '.join([base] * int(whole))};"]

@@ -1,4 +1,4 @@
-"""A CasADi SX graph as straight-line statements: no loop, no call but those of math.h.
+"""A CasADi SX graph as straight-line statements, without loops, and with calls of math.h only.
 
 The graph's instruction list works on numbered slots, and so does the code: `w17 = w3*w4;`. Slots
 are few hundred local numbers, so a function needs a small, fixed stack and has no state. What needs
@@ -40,7 +40,7 @@ _C_FORMS = {
     **{op: f"{name}{{f}}({{a}})" for op, name in _ONE.items()},
     **{op: f"{name}{{f}}({{a}}, {{b}})" for op, name in _TWO.items()},
 }
-# What a result and its rest are where nothing is rounded.
+# Result and rest of operations without rounding.
 _C_EXACT = {
     ca.OP_ASSIGN: ("{a}", "{r}"),
     ca.OP_NEG: ("-{a}", "-{r}"),
@@ -50,7 +50,7 @@ _C_EXACT = {
 }
 
 
-# Functions of templates/pairs.c.jinja; what is subtracted is added with the other sign.
+# Functions of templates/pairs.c.jinja; subtraction adds with the other sign.
 _PAIRED = {
     ca.OP_ADD: "pair_sum({a}, {r}, {b}, {s}",
     ca.OP_SUB: "pair_sum({a}, {r}, -{b}, -{s}",
@@ -77,7 +77,7 @@ SIGN = "(double)(({a} > 0.0) - ({a} < 0.0))"
 
 
 class Dialect(ABC):
-    """How a language writes the steps of a graph; values are texts."""
+    """Syntax of a language for the steps of a graph; values are texts."""
 
     @abstractmethod
     def number(self, x: float) -> str:
@@ -85,11 +85,11 @@ class Dialect(ABC):
 
     @abstractmethod
     def set(self, target: str, text: str) -> list[str]:
-        """The statements by which a variable gets a value."""
+        """Statements that assign a value to a variable."""
 
     @abstractmethod
     def operation(self, target: str, op: int, args: list[str], needed: bool) -> list[str]:
-        """The statements by which a variable gets the result of an operation.
+        """Statements that assign the result of an operation to a variable.
 
         Args:
             needed: whether the result matters whatever the graph's choices are.
@@ -120,7 +120,7 @@ def body(
     f = ca.Function("f", [array.symbols for array in inputs], ca.cse([ca.densify(expression)]))
     names = [array.name for array in inputs]
     twice = frozenset[int]() if care is None else care.pairs(f, names, parts)
-    # What a slot holds: its own name, an input's entry or a number, and the rest of it.
+    # Content of a slot: its own name, an input's entry or a number, and its rest.
     value: dict[int, tuple[str, str]] = {}
     lines, used, slots, needed = list[str](), set[str](), set[str](), _needed(f)
     for k in range(f.n_instructions()):
@@ -147,12 +147,13 @@ def body(
 
 
 def in_order(slots: Iterable[str]) -> list[str]:
-    """Names of slots by their numbers, w1, w2, … and then the rests, r1, …."""
+    """Names of slots in order: w1, w2, …, then the rests r1, …."""
     return sorted(slots, key=lambda slot: (slot[0] == "r", int(slot[1:])))
 
 
 def _needed(f: ca.Function) -> list[bool]:
-    """Of each instruction whether its result matters whatever is chosen, from the last one on."""
+    """Whether the result of each instruction matters in every branch of the graph, from the last
+    one on."""
     needed, slots = [False] * f.n_instructions(), dict[int, bool]()
     for k in reversed(range(f.n_instructions())):
         op, read, written = f.instruction_id(k), f.instruction_input(k), f.instruction_output(k)

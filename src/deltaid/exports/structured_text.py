@@ -1,4 +1,4 @@
-"""IEC 61131-3 structured text of a model: the functions that C has, as one file of units.
+"""IEC 61131-3 structured text of a model: the functions of the C export, as one file.
 
 Functions return a status and have their results as outputs, which count only where it is OK. What
 keeps something from one cycle to the next, the pose z or the state of a cycle, is a function block.
@@ -35,12 +35,12 @@ from deltaid.model.model import Model
 from deltaid.online.graph import Field, Layout
 from deltaid.online.settings import OnlineSettings
 
-# What no coordinate, rate, acceleration or torque of a robot exceeds in SI units; squares of it and
-# their products are far from overflow in either precision. And what no result exceeds.
+# Largest coordinate, rate, acceleration or torque in SI units, whose squares and products are far
+# from overflow in either precision; and largest result.
 _LARGEST_INPUT, _LARGEST_RESULT = 1e6, 1e30
-# Where products leave no rest that a REAL could hold, or splitting them would overflow.
+# Sizes below which a product's rest underflows a REAL, and above which splitting overflows.
 _SMALL, _LARGE = 1e-20, 1e25
-# Adding and taking it off rounds to whole numbers.
+# Adding and subtracting it rounds to integers.
 _WHOLE = 1.5 / float(np.finfo(np.float32).eps)
 _STATUSES = {
     **STATUSES,
@@ -110,7 +110,7 @@ class Writer:
             yield Unit(name, self.precision.st_type, [note], a, b, c, text)
 
     def table(self, name: str, note: str, values: list[float], notes: Sequence[str] = ()) -> Unit:
-        """A function whose output are numbers, with a note each or none; those not named are 0."""
+        """A function that returns constants, with an optional note each; unnamed ones are 0."""
         name, zeros = f"{self.prefix}_{name}", len(values) > np.count_nonzero(values)
         writes = {"plain": partial(plain, self.precision), "comment": comment}
         text = self.body("table", name, values=values, notes=notes, zeros=zeros, **writes)
@@ -172,14 +172,14 @@ class Writer:
         parts: Sequence[OutputPart] = (),
         out: str = "found",
     ) -> list[str]:
-        """Statements for some values, whose parts may need more digits than a REAL has."""
+        """Statements for some values, parts of which may need more digits than a REAL has."""
         dialect = StructuredText(self.precision, self.prefix)
         lines, slots, _ = body(inputs, out, values, dialect, self.care, parts)
         scratch.update(slots)
         return lines
 
     def _block(self, f: ExportedFunction) -> Unit:
-        """A function of q: the pose first, which is kept, then a function of z."""
+        """A function block of q: the pose first, which is kept, then a function of z."""
         name, n = f"{self.prefix}_{f.name}", self.subject.dynamics.dof
         names = [argument.name for argument in f.arguments]
         text = self.body(
@@ -225,7 +225,7 @@ class Writer:
             self.body("step", f"{name}_step", sizes=sizes, lines=step),
             in_order(scratch),
         )
-        # What a bad cycle makes of the state, and gives.
+        # State and outputs of a bad cycle.
         values, scratch = ca.vertsplit(ca.densify(c.spoilt)), set[str]()
         changed = [i for i, value in enumerate(values) if not ca.is_equal(value, graph.x[i], 1)]
         column = ca.vertcat(c.spoilt_y, *(values[i] for i in changed))
@@ -323,7 +323,7 @@ def plc_program(
 
 
 def quantities(subject: Model) -> list[str]:
-    """What coordinates of drives and of the task are, with their units."""
+    """Coordinates of drives and task in words, with their units."""
     units = subject.robot.drive_units
     turn = ", turn psi of the tool [rad]" if subject.dynamics.dof > 3 else ""
     return [
@@ -370,5 +370,5 @@ def st_test(
     )
     head = [f"Checks {prefix}.st, which it needs; call {prefix}_test once."]
     units = [writer.table("test_vectors", note, numbers.ravel().tolist()), block]
-    # Types of the arrays that PREFIX.st has are there.
+    # array types that PREFIX.st declares
     return PlcProgram(prefix, head, units, precision.st_type, declared=(dof,)).text

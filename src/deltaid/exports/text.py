@@ -1,5 +1,5 @@
-"""Text of other languages: numbers in double and single precision and as the sum of two floats,
-comments, and the text files that are filled in, which lie beside this module."""
+"""Text generation: numbers in double and single precision and as pairs of floats, comments, and
+templates."""
 
 import re
 from collections.abc import Iterable, Mapping, Sequence
@@ -20,13 +20,12 @@ _PLAIN = {
 
 
 def numbers(values: Iterable[float]) -> str:
-    """Numbers in a row that read back with every bit; no negative zero."""
+    """Numbers in a row with every bit, without negative zeros."""
     return " ".join(repr(float(value) + 0.0) for value in values)
 
 
 def attributes(**values: str | float | Sequence[float] | np.ndarray | None) -> str:
-    """Attributes of an element of XML; numbers read back with every bit, and values of None are
-    left out."""
+    """XML attributes; numbers keep every bit, and None is omitted."""
     written = {
         name: value if isinstance(value, str) else numbers(np.atleast_1d(value))
         for name, value in values.items()
@@ -50,7 +49,7 @@ def xml_text(root: ET.Element, head: str = "", comment: str = "") -> str:
 
 @dataclass(frozen=True)
 class Export:
-    """A model in some target's form.
+    """An exported model.
 
     Attributes:
         parts: content by the end of the file's name; the first one is what is asked for.
@@ -67,12 +66,12 @@ class Export:
 
 
 def c_comment(text: str) -> str:
-    """Text that neither ends a comment of C nor seems to begin another one."""
+    """Text without sequences that open or close a comment of C."""
     return re.sub(r"([*/])(?=[*/])", r"\1 ", text)
 
 
 def plain_letters(text: str) -> str:
-    """Text in the letters that compilers of all kinds take, units and formulas readable."""
+    """Text in ASCII for all compilers, with readable units and formulas."""
     for letter, plain in _PLAIN.items():
         text = text.replace(letter, plain)
     return text.encode("ascii", "replace").decode()
@@ -80,7 +79,7 @@ def plain_letters(text: str) -> str:
 
 @dataclass(frozen=True)
 class Precision:
-    """A kind of floating-point numbers.
+    """A floating-point precision.
 
     Attributes:
         c_type, st_type: its names in C and in structured text.
@@ -101,7 +100,7 @@ class Precision:
     least: float
 
     def digits(self, x: float) -> str:
-        """The shortest decimal that reads back with every bit; what is not zero stays so."""
+        """The shortest decimal with every bit; nonzero numbers stay nonzero."""
         if self is DOUBLE:
             return repr(float(x))
         short = np.float32(x)
@@ -125,7 +124,7 @@ _FILES = Environment(
     trim_blocks=True,
     lstrip_blocks=True,
     keep_trailing_newline=True,
-    autoescape=False,  # of XML, attributes are
+    autoescape=False,  # XML attributes are escaped elsewhere
 )
 _GLOBALS: dict[str, Any] = {"attr": attributes, "numbers": numbers}
 _FILES.globals.update(_GLOBALS)
@@ -169,7 +168,7 @@ def _series(first: int, count: int) -> TaylorSeries:
 
 
 def split(x: float) -> tuple[float, float]:
-    """The nearest float, and what is left of a number as another one."""
+    """The nearest float of a number, and the residual as another float."""
     return float(np.float32(x)), x - float(np.float32(x))
 
 

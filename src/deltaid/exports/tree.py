@@ -1,4 +1,4 @@
-"""A robot as a spanning tree of bodies with its loops cut, for programs that only know trees.
+"""A robot as a spanning tree of bodies with cut loops, for programs that only know trees.
 
 Every limb is cut where its struts hold the platform, the telescope where it meets the platform.
 Struts of a limb move alike, so they are one body with the inertia of all of them, and the
@@ -50,7 +50,7 @@ class TreeJoint:
 
 @dataclass(frozen=True)
 class TreeBody:
-    """A body and what joins it to its parent.
+    """A body and its joints to its parent.
 
     Attributes:
         name: unique in the tree.
@@ -88,7 +88,7 @@ class LoopCut:
 
 @dataclass(frozen=True)
 class TreeStrut:
-    """One strut as it is drawn, between two points of other bodies.
+    """A drawn strut, between two points of other bodies.
 
     The struts of a limb are one body of the tree, in their middle. They keep their distance along
     the driven body's y, about which they do not tilt, so no body of the tree carries both as lines.
@@ -154,7 +154,7 @@ def spanning_tree(subject: Model) -> Tree:
         DeltaidError: the mechanism is the user's own, so its joints are not known.
     """
     robot, mechanism = subject.robot, subject.dynamics.kinematics.mechanism
-    coordinates, parts = tree_coordinates(robot, mechanism), list[Part]()  # refuses first
+    coordinates, parts = tree_coordinates(robot, mechanism), list[Part]()  # raises first
     parts += _platform(subject)
     for i, both in enumerate(zip(robot.limb_geometry, mechanism.limbs, strict=True)):
         parts += _limb(subject, i, *both)
@@ -171,7 +171,7 @@ def spanning_tree(subject: Model) -> Tree:
 
 
 def require_physical(model: Model, cure: str) -> None:
-    """Refuse bodies that the target's own reader would refuse.
+    """Raise for bodies that the target's own reader would refuse.
 
     Raises:
         DeltaidError: there is one; with what to do about it.
@@ -199,7 +199,7 @@ def _limb(subject: Model, i: int, geometry: LimbGeometry, limb: LimbBodies) -> I
     yield LoopCut(f"limb{n}", end, TreePoint(f"limb{n}_seat", held, seat))
     spacing = drawn_spacing(subject.robot) if geometry.spacing is None else geometry.spacing
     sides = {"": 0.0} if geometry.struts == 1 else {"a": 0.5 * spacing, "b": -0.5 * spacing}
-    for letter, side in sides.items():  # from the middle along y
+    for letter, side in sides.items():  # offset from the middle along y
         name = f"strut{n}{letter}"
         yield TreeStrut(
             name,

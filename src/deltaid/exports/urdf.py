@@ -1,4 +1,4 @@
-"""A model as URDF, which only knows trees, with a JSON file beside it for what closes the loops.
+"""A model as URDF, which only knows trees, with a JSON file beside it for the closed loops.
 
 Links are the tree's bodies in their link frames, on a base that stands in `world`. A body on
 several joints has links between them, and every point where a loop was cut is a fixed frame. The
@@ -35,19 +35,19 @@ from deltaid.sensors.weighings import roll_pitch_yaw
 
 # Mass [kg] and moments about the centre of mass [kg m²] of links that have none in the model.
 PLACEHOLDER = (2e-6, 1e-10)
-# URDF demands limits of sliding joints, which passive ones do not have: far beyond any robot.
+# URDF requires limits of sliding joints; those of passive ones are far beyond any robot.
 _FAR, _STRONG, _FAST = 1e2, 1e6, 1e3
 
 
 def urdf(subject: Model) -> Export:
-    """A model as URDF, XML, with its loops beside it, JSON; warnings say what stands only there.
+    """A model as URDF, XML, with its loops as JSON; warnings name what only the JSON has.
 
     Raises:
         DeltaidError: the mechanism is the user's own, or its friction has terms that URDF lacks.
     """
     tree, forces, robot = spanning_tree(subject), joint_forces(subject, "URDF"), subject.robot
     home, drawn, pairs = tree.joint_coordinates(subject.home), [*shapes(subject, tree)], []
-    for strut in tree.struts:  # one of a pair has a link of its own, to look at
+    for strut in tree.struts:  # one strut of a pair has a link of its own, for its shape
         limb = robot.limb_geometry[int(strut.body[1:]) - 1]
         link = strut.body if limb.struts == 1 else strut.name
         line, radius = limb.strut * X, strut_radius(subject)
@@ -74,7 +74,7 @@ def urdf(subject: Model) -> Export:
         limit=partial(_limit, robot),
         formed=_formed,
     )
-    # Drake reads the inertia of motors and gears from its own names, which others pass over.
+    # Drake reads the inertia of motors and gears under names of its own, which others ignore.
     root.set("xmlns:drake", "http://drake.mit.edu")
     for rotor in root.iter("rotor_inertia"):
         rotor.tag = "drake:rotor_inertia"
@@ -126,7 +126,7 @@ def _kind(robot: RobotDescription, joint: TreeJoint) -> str:
 
 
 def _limit(robot: RobotDescription, joint: TreeJoint) -> dict[str, float]:
-    """What the description says of drives and of a bar's stroke; URDF demands it of slides."""
+    """Limits of drives and of a bar's stroke in the description; URDF requires them of slides."""
     if joint.name not in robot.drives and not joint.slides:
         return {}
     limits = robot.limits_of(joint.name)
@@ -153,7 +153,7 @@ def _formed(shape: Shape) -> tuple[Any, ...]:
 
 
 def _warnings(forces: dict[str, JointForces]) -> tuple[str, ...]:
-    """What a program that reads the URDF alone will miss, beside the loops."""
+    """What a program that reads the URDF alone misses besides the loops."""
     missing = {
         "inertia of motors and gears": [j for j, f in forces.items() if f.armature],
         "springs": [j for j, f in forces.items() if f.stiffness],

@@ -43,7 +43,7 @@ class Worst:
         part: strut, joint or bearing, such as 'strut1a' or 'motor2.moment.x'.
         kind: 'tension' is the largest force along a strut and 'compression' the least one,
             negative when it presses; 'socket' the least force that presses a strut onto its balls,
-            springs left out; 'load' the component of a joint's force of largest size.
+            without springs; 'load' the component of a joint's force of largest size.
         channel: its name among the channels, which says at which end of a strut.
         unit: N or N m.
         value: the force.

@@ -1,6 +1,6 @@
 """Parameters that are unknown before any recording, as p = A u + p_0.
 
-u has one variable for each number that nobody knows: u ~ N(0, 1) a priori, and the bodies must be
+u has one variable for each unknown number: u ~ N(0, 1) a priori, and the bodies must be
 consistent. These are
 
 - the entries of pseudo-inertia matrices that the description leaves free, around its prior, and

@@ -55,7 +55,7 @@ class LimbMotion:
         bodies: driven body and strut.
         s: the strut's vector in the world [m].
         gain: s · E′.
-        bias: what is left of s · ä at q̈ = 0, s · E″ q̇² − |ṡ|².
+        bias: s · ä at q̈ = 0, s · E″ q̇² − |ṡ|².
         swing: what the strut's turns about y of L and then about its own z do.
         reach: as of a `Limb`.
     """

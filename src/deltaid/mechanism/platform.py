@@ -128,8 +128,8 @@ def build_telescope(
     span = base - lower.at
     length = ca.sqrt(ca.sumsqr(span))
     fork = rotation(turn_z(z[3]))
-    seen = _seen(fork, Path(span, -lower.rate, -lower.acceleration))
-    turned = rotation(turn_z(z[3]), *pointing("xy", seen, along(length, z)))
+    in_frame = _in_frame(fork, Path(span, -lower.rate, -lower.acceleration))
+    turned = rotation(turn_z(z[3]), *pointing("xy", in_frame, along(length, z)))
     R_WT = Rotation(turned.R, spin.u, spin.ud)
     top, eye = Path.still(base), np.eye(3)
     bodies = (
@@ -140,7 +140,7 @@ def build_telescope(
     return bodies, length, spin.being(turned.w, turned.alpha)
 
 
-def _seen(frame: Rotation, v: Path) -> Path:
+def _in_frame(frame: Rotation, v: Path) -> Path:
     """A vector and its derivatives in a turning frame."""
     W, R = skew(frame.w), frame.R
     at = R.T @ v.at

@@ -48,7 +48,7 @@ class Parameter(Part):
     `determined_by` is
 
     - 'data' where the recording knows it to less than half of the prior's spread by itself;
-    - 'measured' where it is known as well, and most of what is left open of it comes from values
+    - 'measured' where it is known as well, and most of its uncertainty comes from values
       that were measured of bodies, by a scale or the like;
     - 'sum' where it does so only with the priors of others, which `rests_on` names: torques show a
       sum of it and these. `std` takes these priors at their word, the interval does not;

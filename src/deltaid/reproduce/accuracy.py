@@ -1,6 +1,5 @@
-"""How far identified parameters are from the truth, in what the controller uses (Sec. VII), what
-the paper reports of its surrogate, and how accuracy depends on γ_p/γ_τ, the weight of the
-regularisation against the data."""
+"""Accuracy of identified parameters against the truth in the controller's terms (Sec. VII), the
+paper's claims, and the dependence on the regularisation's weight γ_p/γ_τ."""
 
 from collections.abc import Callable, Iterable
 from contextlib import suppress
@@ -124,7 +123,7 @@ def _share(
 
 
 def _factored(M: Float[np.ndarray, "samples dof dof"]) -> int:
-    """How many of the matrices have a Cholesky factor: those whose leading minors are positive."""
+    """Number of positive definite matrices, those with positive leading minors."""
     minors = [np.linalg.det(M[:, :k, :k]) > 0 for k in range(1, M.shape[1] + 1)]
     return int(np.all(minors, axis=0).sum())
 
@@ -148,7 +147,7 @@ class Claim:
     place: str
 
     def value_of(self, accuracy: Accuracy) -> float:
-        """The same quantity of one of our results, the largest over all drives."""
+        """The same quantity of a result here, the largest over all drives."""
         return float(np.max(getattr(accuracy, self.measure)))
 
 
@@ -173,7 +172,7 @@ class SweepPoint:
 def sweep(
     objective: Objective, judge: Callable[[Vector], Accuracy], gammas: Iterable[float]
 ) -> tuple[SweepPoint, ...]:
-    """The same data and prior fitted with other γ. A γ without a certified optimum is left out.
+    """Fits of the same data and prior with other γ; those without a certified optimum are dropped.
 
     Args:
         judge: how far free variables x are from the truth.

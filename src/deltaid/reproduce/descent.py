@@ -1,4 +1,4 @@
-"""Why the paper's minimisation stops where it does: four ways down J(π), watched step by step.
+"""Minimisers of J(π): where the paper's one and three others stop, step by step.
 
 J(π) of (15) has no bad local minimum, but where an exponential e^d has run towards zero its
 gradient dies with it, and the iteration creeps along a tail. The paper starts at π(p_reg) with the
@@ -25,14 +25,14 @@ from deltaid.reproduce.accuracy import Accuracy
 
 Way = Literal["newton", "levenberg-marquardt", "bfgs", "relaxed"]
 WAYS: tuple[Way, ...] = ("newton", "levenberg-marquardt", "bfgs", "relaxed")
-# A common default of optimisation libraries: done when no entry of ∇J is larger.
+# Default gradient tolerance of common optimisation libraries, for the largest entry of ∇J.
 USUAL_TOLERANCE = 1e-6
 _Visit = Callable[[Vector], None]
 
 
 @dataclass(frozen=True)
 class Descent:
-    """One way down, one entry a step.
+    """A run of one minimiser, one entry a step.
 
     Attributes:
         way: which method.
@@ -60,7 +60,7 @@ class Descent:
 
 @dataclass(frozen=True)
 class Descents:
-    """All ways down one objective, beside the global optimum and its certificate."""
+    """Runs of all minimisers on one objective, with the global optimum and its certificate."""
 
     gamma: float
     conic: Solution
@@ -73,7 +73,7 @@ def descend(
     judge: Callable[[Vector], Accuracy],
     iterations: int = 1000,
 ) -> Descents:
-    """Run all ways on one objective with the paper's regulariser.
+    """Run all minimisers on one objective with the paper's regulariser.
 
     Args:
         judge: how far free variables x are from the truth.
@@ -88,7 +88,7 @@ def descend(
     chart = LogCholeskyMap(objective.reduction)
     chart.x(
         chart.pi(objective.reduction.prior)
-    )  # builds the map, which no method shall be charged for
+    )  # builds the map in advance, which is no cost of a method
     ways = tuple(_watched(way, objective, chart, best, judge, iterations) for way in WAYS)
     return Descents(objective.gamma, best, seconds, ways)
 
@@ -108,7 +108,7 @@ def _watched(
         stamps.append(time.perf_counter() - began)
         path.append(np.array(pi))
 
-    with np.errstate(over="ignore", invalid="ignore"):  # steps tried and rejected
+    with np.errstate(over="ignore", invalid="ignore"):  # rejected steps
         _run(way, objective, chart, iterations, visit)
     problem = Unconstrained(objective, chart)
     gamma, reduction = objective.gamma, chart.reduction
@@ -155,14 +155,14 @@ def _run(
 def _levenberg_marquardt(
     objective: Objective, chart: LogCholeskyMap, iterations: int, visit: _Visit
 ) -> None:
-    """J/γ as a sum of squares, ‖L x(π) − l‖² and a constant."""
+    """Minimise J/γ as a sum of squares, ‖L x(π) − l‖² plus a constant."""
     data, prior, weight = objective.data, objective.regularizer.quadratic, objective.gamma**-0.5
     L = np.vstack([weight * data.R, prior.R])
     l = np.append(weight * data.b, prior.b)
     still = np.zeros(chart.reduction.size)
 
     def slopes(pi: Vector) -> np.ndarray:
-        visit(pi)  # once a step: rejected steps ask for residuals only
+        visit(pi)  # once a step: rejected steps need residuals only
         return L @ chart.derivatives(pi, still)[1]
 
     optimize.least_squares(

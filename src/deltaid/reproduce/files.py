@@ -28,7 +28,7 @@ from deltaid.reproduce.table_one import (
 from deltaid.robot.load import save_yaml
 
 RESULTS, REPORT = "results.json", "report.html"
-# Everything in the folder of either example; of the surrogate's with what it holds.
+# Files of both examples, and those of the surrogate with their content.
 SURROGATE_FILES = {
     REPORT: "tables and figures",
     RESULTS: "all numbers",
@@ -51,7 +51,7 @@ IRB360_FILES = (
 
 
 def require_folder(folder: Path, files: Iterable[str]) -> None:
-    """Find out whether the files of a folder can be written, before a long computation.
+    """Raise before a long computation if the files of a folder cannot be written.
 
     Raises:
         DeltaidError: one cannot.
@@ -87,7 +87,7 @@ def write_files(result: Reproduction | Irb360, folder: Path) -> None:
 
 
 def model_name(fit: SurrogateFit) -> str:
-    """Name of the file of an identified model: ID1 comes from RG1, ID2 from RG2."""
+    """File name of an identified model: ID1 from RG1, ID2 from RG2."""
     return f"{fit.name}{'-noisy' if fit.noisy else ''}"
 
 

@@ -1,4 +1,4 @@
-"""Sec. VIII as far as it goes without the authors' recording: a stand-in, fitted and verified.
+"""Sec. VIII without the authors' recording: a stand-in robot, identified and verified.
 
 The stages: motions, fast to identify and slow to verify as in Sec. VIII C, and a second fast one;
 recordings of the stand-in, whose drive 4 has friction that no model here has; fits from both
@@ -31,7 +31,7 @@ from deltaid.reproduce.table_one import RETUNED, ROBOT, prior_robot, slow, stand
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.load import load_robot
 
-# Names of what is compared; the law is chosen with 'RG geom' as prior.
+# Names of the candidates; the law is chosen with 'RG geom' as prior.
 BASE, SIMPLE, GEOM, RETUNED_4, CHOSEN = (
     "base parameters", "ID simple", "ID geom", "ID geom, drive 4 retuned", "ID geom, law chosen"
 )  # fmt: skip
@@ -111,7 +111,7 @@ class Irb360:
 def reproduce_irb360(
     settings: RecordingSettings | None = None, progress: Progress = lambda _: None
 ) -> Irb360:
-    """Do Sec. VIII with a stand-in.
+    """Reproduce Sec. VIII with a stand-in.
 
     Raises:
         DeltaidError: no motion was found, or a fit did not converge.
@@ -154,7 +154,7 @@ def reproduce_irb360(
 def _motions(
     robot: RobotDescription, settings: RecordingSettings, progress: Progress
 ) -> dict[str, Run]:
-    """Optimised motions: fast ones from two sets of start values, and one with drive 4 slow."""
+    """Optimised motions: fast ones from two sets of start values, and one with a slow drive 4."""
     progress("preparing the excitation")
     exciter = Exciter(compiled(robot), settings.excitation)
     progress("optimising the fast motions")
@@ -205,7 +205,7 @@ def _track(
     candidates: dict[str, Candidate],
     recording: PreparedRecording,
 ) -> Track:
-    """A verification motion. Of white noise the filter h leaves σ ‖h‖."""
+    """A verification motion. Filter h leaves σ ‖h‖ of white noise."""
     dynamics, thinned = compiled(truth.robot), recording.filter.thinned
     tracked = {
         name: list(predict(compiled(candidate.robot), candidate.p, recording))
@@ -215,7 +215,7 @@ def _track(
         name: np.vstack([part.filtered_predicted for part in parts])
         for name, parts in tracked.items()
     }
-    parts = tracked[GEOM]  # what is measured is the same in all of them
+    parts = tracked[GEOM]  # the measurement is the same for all candidates
     measured = np.vstack([part.filtered_measured for part in parts])
     z, zd, zdd = run.evaluate(np.arange(0, run.duration, 1 / settings.rate))
     _, qd, qdd = dynamics.kinematics.drive_motion(z, zd, zdd)

@@ -39,7 +39,7 @@ _COLORS = {
 
 
 def irb360_page(result: Irb360) -> Page:
-    """All tables and figures."""
+    """The page, with all tables and figures."""
     return Page(
         title="The paper's industrial robot, reproduced with a stand-in",
         subtitle="Sec. VIII: ABB IRB 360-6/1600 class, priors of Table I, fast motion to identify, "
@@ -67,7 +67,7 @@ def irb360_page(result: Irb360) -> Page:
 
 
 def rms_columns(result: Irb360) -> tuple[str, ...]:
-    """Heads of `rms_rows`."""
+    """Columns of `rms_rows`."""
     return ("torque error, rms [N m]", "motion", *result.dynamics.robot.drives)
 
 
@@ -172,7 +172,7 @@ def _table_one(result: Irb360) -> Section:
 
 
 def _doubts(models: dict[str, IdentifiedModel]) -> tuple[Text, ...]:
-    """What the fits say against themselves; the stand-in's strut gives them a reason."""
+    """Doubts of the fits, which the stand-in's strut justifies."""
     warnings = [f"{name}: {text}." for name, m in models.items() for text in m.warnings]
     text = "\n\n".join(["The fits give these warnings.", *warnings, _STRUT_TEXT])
     return (Text(text),) if warnings else ()

@@ -1,4 +1,4 @@
-"""Sec. VII from excitation to numbers: a robot whose truth is known, identified from two priors.
+"""Sec. VII from excitation to numbers: a robot with known parameters, identified from two priors.
 
 The stages: two optimised motions, one to identify and one to verify; recordings of both, without
 noise and as a drive would log them; fits from a regularisation below the truth (RG1) and one above
@@ -70,7 +70,7 @@ class RecordingSettings:
 
     @property
     def excitation(self) -> ExcitationSettings:
-        """What is asked of the motions."""
+        """Settings of the excitation."""
         names = ("harmonics", "duration", "repeats", "starts", "seed")
         return ExcitationSettings(**{name: getattr(self, name) for name in names})
 
@@ -92,7 +92,7 @@ class SurrogateSettings(RecordingSettings):
     iterations: int = 1000
 
 
-# For a first look: with 10 s of motion the noise shows more.
+# Quick settings: in 10 s of motion the noise has more effect.
 QUICK = SurrogateSettings(
     starts=1,
     harmonics=5,
@@ -132,12 +132,12 @@ class SurrogateFit:
 
     @property
     def certified(self) -> bool:
-        """Whether its solver certifies the optimum by itself."""
+        """Whether its solver certifies the optimum."""
         return SOLVERS[self.method].certifies
 
     @property
     def name(self) -> str:
-        """The paper's name for what is identified from a regularisation: ID1 from RG1."""
+        """The paper's name of a fit: ID1 from RG1."""
         return self.prior.replace("RG", "ID")
 
 
@@ -172,7 +172,7 @@ class Reproduction:
 
     @property
     def free(self) -> Int[np.ndarray, " free"]:
-        """Parameters that fits choose and whose truth is not zero."""
+        """Free parameters with a truth other than zero."""
         reduction = self.fits[0].identification.problem.reduction
         return np.flatnonzero(np.any(reduction.A != 0, axis=1) & (self.truth != 0))
 
@@ -183,7 +183,7 @@ class Reproduction:
 
     @property
     def descents(self) -> dict[str, Descents]:
-        """Where other minimisers stop on the recording without noise, by prior."""
+        """Runs of other minimisers on the recording without noise, by prior."""
         return {fit.prior: fit.descents for fit in self.fits if fit.descents is not None}
 
     def fit(self, prior: str, *, noisy: bool) -> SurrogateFit:
@@ -194,7 +194,7 @@ class Reproduction:
 def reproduce_surrogate(
     settings: SurrogateSettings | None = None, progress: Progress = lambda _: None
 ) -> Reproduction:
-    """Do all of Sec. VII.
+    """Reproduce Sec. VII.
 
     Raises:
         DeltaidError: no motion was found, or a fit did not converge.
@@ -228,7 +228,7 @@ def reproduce_surrogate(
         priors=priors,
         run=run,
         verification=verification,
-        period=replace(along, time=along.time - run.ramp),  # the first whole one
+        period=replace(along, time=along.time - run.ramp),  # the first complete period
         terms=motion_terms(dynamics, along, truth),
         recordings=recordings,
     )
@@ -244,7 +244,7 @@ def recording_name(kind: str, *, noisy: bool) -> str:
 def _motions(
     planned_with: RobotDescription, settings: SurrogateSettings, progress: Progress
 ) -> tuple[Run, Run]:
-    """Two motions within the limits of a robot whose masses and friction lie above the truth, so
+    """Two motions within the limits of a robot with larger masses and friction than the truth, so
     that the true torques keep their limits too."""
     progress("preparing the excitation")
     exciter = Exciter(compiled(planned_with), settings.excitation)
@@ -279,7 +279,7 @@ def _fits(result: Reproduction, progress: Progress) -> tuple[SurrogateFit, ...]:
 
 
 def _compared(result: Reproduction, fit: SurrogateFit, progress: Progress) -> SurrogateFit:
-    """A certified fit beside those of other γ and, without noise, of other minimisers."""
+    """A certified fit with those of other γ and, without noise, with other minimisers."""
     objective, settings, descents = fit.identification.problem.objective, result.settings, None
 
     def judge(x: np.ndarray) -> Accuracy:

@@ -1,4 +1,4 @@
-"""Figures 3 to 6 of the paper for our surrogate, the ways down J, and the sweep over γ."""
+"""Figures 3 to 6 of the paper for our surrogate, the minimisers' runs, and the sweep over γ."""
 
 from collections.abc import Callable
 
@@ -15,7 +15,7 @@ from deltaid.view.page import Figure
 
 _NOMINAL, _PAPER = style.MEASURED, style.LIMIT
 _COLOR = {"RG1": style.IDENTIFIED, "RG2": style.SERIES[2]}
-# Name and colour of each way down.
+# Name and colour of each minimiser.
 WAY_LABELS: dict[Way, tuple[str, str]] = {
     "newton": ("Newton from π(p_reg)", style.SERIES[0]),
     "levenberg-marquardt": ("Levenberg–Marquardt from π(p_reg)", style.SERIES[1]),

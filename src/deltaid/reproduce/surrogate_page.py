@@ -1,9 +1,10 @@
-"""The page of `reproduce surrogate`: the paper's numbers and figures of Sec. VII beside ours."""
+"""The page of `reproduce surrogate`: the paper's numbers and figures of Sec. VII beside the results
+here."""
 
 import numpy as np
 
 from deltaid.reproduce.accuracy import CLAIMS, Accuracy
-from deltaid.reproduce.descent import Descents
+from deltaid.reproduce.descent import USUAL_TOLERANCE, Descents
 from deltaid.reproduce.files import REPORT, SURROGATE_FILES
 from deltaid.reproduce.surrogate import Reproduction, SurrogateFit
 from deltaid.reproduce.surrogate_figures import (
@@ -19,12 +20,9 @@ from deltaid.view.page import Fact, Page, Section, Table, Text
 
 Rows = tuple[tuple[str, ...], ...]
 
-# An exponential that has shrunk to less than this share of its start has no gradient to speak of.
-_DEAD = 1e-3
-
 
 def surrogate_page(result: Reproduction) -> Page:
-    """All tables and figures."""
+    """The page, with all tables and figures."""
     return Page(
         title="The paper's surrogate, reproduced",
         subtitle="Sec. VII: a 4-DOF Delta with known parameters, identified from regularisations "
@@ -53,7 +51,7 @@ def surrogate_page(result: Reproduction) -> Page:
 
 
 def comparison_columns(result: Reproduction) -> tuple[str, ...]:
-    """Heads of `comparison_rows`."""
+    """Columns of `comparison_rows`."""
     return ("largest error", "the paper", *(_name(fit) for fit in result.certified))
 
 
@@ -237,7 +235,7 @@ def _minimisers(result: Reproduction) -> Section:
         f"({way.smallest_name} at {number(way.smallest, 1)} of its start)"
         for prior, descents in result.descents.items()
         for way in descents.ways
-        if way.smallest < _DEAD
+        if way.smallest < USUAL_TOLERANCE
     )
     return Section(
         "Why the paper's minimisation stops where it does",
@@ -307,7 +305,7 @@ def _sweep_text(result: Reproduction) -> Text:
         noisy: result.fit("RG2", noisy=noisy).identification.model.fit.gamma
         for noisy in (False, True)
     }
-    off = {  # γ at which M is off on the diagonal by as much as the paper's
+    off = {  # γ with the paper's error on the diagonal of M
         prior: [
             point.gamma
             for point in result.fit(prior, noisy=False).sweep

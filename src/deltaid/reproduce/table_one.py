@@ -69,13 +69,13 @@ RETUNED = (5.0, 0.75)
 # Root mean square torque errors on the verification motion, captions of Figs. 7 and 8 [N m].
 RMS_BASE = (2.0, 1.8, 2.2, 0.25)
 RMS_IDENTIFIED = (2.0, 1.7, 2.2, 0.20)
-# The same of drive 4, retuned by hand [N m].
+# The same of drive 4 after manual retuning [N m].
 RMS_RETUNED = 0.15
 
 # Speeds and accelerations of drive 4, Sec. VIII C [°/s, °/s²].
 FAST, SLOW = (2760.0, 13.8e3), (175.0, 500.0)
 
-# What Table I does not say. The upper arm's mass shows in no torque; the platform only translates.
+# The upper arm's mass, which Table I lacks: it shows in no torque, as the platform only translates.
 _ARM_MASS = 1.0
 
 
@@ -94,7 +94,7 @@ def drive_4_friction(v: Float[np.ndarray, " samples"]) -> Float[np.ndarray, " sa
 
 
 def unmodelled(qd: Samples) -> Samples:
-    """What drive 4 has and no model, of all drives [N m]."""
+    """Torques of all drives that no model covers, of drive 4 only [N m]."""
     tau = np.zeros_like(qd)
     tau[:, 3] = drive_4_friction(qd[:, 3])
     return tau
@@ -134,14 +134,14 @@ def slow(robot: RobotDescription) -> RobotDescription:
 
 
 def _body(robot: RobotDescription, name: str, column: str) -> Body:
-    """A body with the entries of a column, those that Table I lacks as in the catalogue."""
+    """A body with the entries of a column; missing ones as in the catalogue."""
     p, at = robot.bodies[name].reduced_prior(), COLUMNS.index(column)
     for k, entry in enumerate(INERTIA_NAMES):
         if f"{name}.{entry}" in TABLE:
             p[k] = TABLE[f"{name}.{entry}"][at]
     if name == "U":
         p[0] = _ARM_MASS
-        p[4], p[6] = 2e-3, p[5]  # about x and z, which no torque shows
+        p[4], p[6] = 2e-3, p[5]  # moments about x and z show in no torque
     if name == "P":
         p[4:7] *= p[0] / robot.bodies[name].reduced_prior()[0]
     return robot.bodies[name].changed(prior=ExplicitInertia.from_parameters(p))

@@ -1,4 +1,4 @@
-"""Changes of files: a mapping as a form edits it, and what verdicts propose.
+"""Edits of files: a mapping by its form, and changes that verdicts propose.
 
 Plain data in, plain data out; what is not edited stays. Proposals go into files only when they are
 asked for, and are shown before.
@@ -18,9 +18,9 @@ from deltaid.studio.folder import Folder
 
 Data = dict[str, Any]
 
-# What an entry has if it is left out.
+# Default values of an entry.
 DEFAULTS: Data = {"sign": 1, "zero": 0.0, "gear": 1.0, "lead": None, "torque_constant": None}
-# Keys that drives of one make share.
+# Keys that equal drives share.
 ALIKE = ("unit", "gear", "lead", "torque_constant")
 UNITS: dict[Quantity, tuple[str, ...]] = {
     "position": ("rad", "deg", "rev", "360/65536 deg", "m", "mm"),
@@ -28,13 +28,13 @@ UNITS: dict[Quantity, tuple[str, ...]] = {
     "acceleration": ("rad/s^2", "deg/s^2", "m/s^2", "mm/s^2"),
     "torque": ("N m", "mN*m", "A", "mA", "N", "lbf*in", "0.01 N*m"),
 }
-# Of the usual units, so that pint need not be loaded for them.
+# Factors of the usual units, for which pint need not be loaded.
 _KINDS = {
     unit: "current" if unit in ("A", "mA") else quantity
     for quantity, units in UNITS.items()
     for unit in units
 }
-# Quantities without which nothing can be identified.
+# Quantities that an identification needs.
 NEEDED = ("position", "torque")
 TIME_UNITS = ("s", "ms", "us", "ns", "100 ns")
 
@@ -63,7 +63,7 @@ def written(data: Data, name: str) -> str:
 
 
 def entries(data: Data, quantity: Quantity, dof: int) -> list[Data]:
-    """One entry a drive; empty ones if the quantity is not mapped."""
+    """Entries of all drives; empty ones where the quantity is not mapped."""
     given = data.get(quantity)
     if isinstance(given, dict):
         tuples = {k: tuple(v) if isinstance(v, list) else v for k, v in given.items()}
@@ -82,7 +82,7 @@ def named(data: Data, dof: int) -> set[str]:
 def with_value(
     data: Data, quantity: Quantity, drive: int, key: str, value: object, dof: int, *, alike: bool
 ) -> Data:
-    """The data with one value of one drive's entry, or of all drives if they are to be alike.
+    """The data with a changed value in one drive's entry, or in all entries where drives are equal.
 
     A default value takes the key out; no column takes the whole entry out.
     """
@@ -99,7 +99,7 @@ def with_column(
     data: Data, quantity: Quantity, drive: int, column: str | None, names: Sequence[str], dof: int,
     *, alike: bool,
 ) -> Data:  # fmt: skip
-    """The data with the column of one drive; no column takes the whole entry out.
+    """The data with the column of one drive; without a column the entry is removed.
 
     The entry gets the unit that the name states. If drives are to be alike, it gets unit and gear
     of the others instead; the first column chosen brings along those of the other drives, whose
@@ -135,15 +135,19 @@ def _with_entries(data: Data, quantity: Quantity, listed: list[Data]) -> Data:
 
 
 def with_time(data: Data, column: str | None, unit: str | None, rate: float | None) -> Data:
-    """The data with a time column, or with a rate in its place."""
-    wanted = {"column": column, "rate": rate, "unit": unit if column and rate is None else None}
-    given = {key: value for key, value in wanted.items() if value not in (None, "")}
+    """The data with a time column, or with a rate instead."""
+    proposed_changes = {
+        "column": column,
+        "rate": rate,
+        "unit": unit if column and rate is None else None,
+    }
+    given = {key: value for key, value in proposed_changes.items() if value not in (None, "")}
     others = {key: value for key, value in copy.deepcopy(data).items() if key != "time"}
     return {"time": given} | others if given else others
 
 
 def incomplete(data: Data, drives: Sequence[str], names: Sequence[str] | None = None) -> str:
-    """What is missing before a check can begin, in words of the form; empty if nothing is.
+    """What is missing before a check can begin, in the form's words; empty if nothing is.
 
     Args:
         drives: their names.
@@ -178,21 +182,21 @@ def _unit_fault(quantity: Quantity, entry: Data) -> str:
 
 
 def difference(name: str, before: str, after: str) -> str:
-    """What changes in a file, as a unified diff."""
+    """Changes of a file as a unified diff."""
     lines = difflib.unified_diff(
         before.splitlines(), after.splitlines(), f"{name} (now)", f"{name} (then)", lineterm="", n=1
     )
     return "\n".join(lines)
 
 
-def wanted(verdict: Mapping[str, Any], file: str) -> list[tuple[str, object]]:
-    """What a verdict, as JSON has it, proposes for one file."""
+def proposed_changes(verdict: Mapping[str, Any], file: str) -> list[tuple[str, object]]:
+    """Changes of one file that a verdict, as JSON has it, proposes."""
     proposals = [proposal for proposal in verdict["proposals"] if proposal["file"] == file]
     return [(key, value) for proposal in proposals for key, value in proposal["changes"].items()]
 
 
 def robot_cured(text: str, changes: Sequence[tuple[str, object]], where: str) -> str:
-    """A robot file with values replaced; comments and all else stay as they are.
+    """A robot file with changed values; comments and everything else stay.
 
     Raises:
         DescriptionError: the text is no description, or what comes out is none.
@@ -204,7 +208,7 @@ def robot_cured(text: str, changes: Sequence[tuple[str, object]], where: str) ->
 
 
 def own_copy(folder: Folder, robot: str) -> str:
-    """The file of a robot that may be edited: a catalogue robot's is written into the folder.
+    """The editable file of a robot; a catalogue robot's is written into the folder.
 
     Raises:
         DeltaidError: it cannot be written.

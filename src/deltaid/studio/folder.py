@@ -1,4 +1,4 @@
-"""The folder that a studio works in: what lies there, and names that cannot lead out of it."""
+"""The studio's folder: its files, and names that stay inside it."""
 
 import itertools
 import math
@@ -18,23 +18,23 @@ from deltaid.robot.load import LARGEST_FILE, holds_a_model, read_text
 RUNS = "runs"
 _TEXT = (".yaml", ".yml")
 _PACKED = (".gz", ".zst", ".zstd")
-# Keys at the left edge of a file of each kind.
+# Top-level keys that identify a file's kind.
 _ROBOT = re.compile(r"^(limbs|mechanism)\s*:", re.MULTILINE)
 _MAPPING = re.compile(r"^(time|position|velocity|torque|load)\s*:", re.MULTILINE)
-# Letters of a name, and as many of its endings.
-_LONGEST = 60
+# Most characters of a name, of its endings, and of an answer.
+LONGEST = 60
 _SAFE = re.compile(r"[^\w.()+-]+")
-# Names that mean devices on one system or another.
+# Names of devices on some systems.
 _DEVICES = re.compile(r"(?i)(con|prn|aux|nul|com\d|lpt\d)(\..*)?")
 
 
 class ConflictError(DeltaidError):
-    """A file is no longer what it was when its change began."""
+    """A file has changed since its edit began."""
 
 
 @dataclass(frozen=True)
 class Folder:
-    """A folder and what may be asked of it.
+    """A folder and its files.
 
     Attributes:
         root: absolute, without links.
@@ -73,7 +73,7 @@ class Folder:
         )
         if plain and "\0" not in name:
             path = self.root / name
-            # No link out, no other root.
+            # Neither links out of the folder nor another root.
             if Path(os.path.realpath(path)).is_relative_to(self.root):
                 return path
         raise DeltaidError("is no file of this folder", where=name, cure="give a name inside it")
@@ -86,11 +86,7 @@ class Folder:
             return False
 
     def text(self, name: str) -> str:
-        """What a small file holds; empty if there is none.
-
-        Raises:
-            DeltaidError: it cannot be read.
-        """
+        """Content of a small file; empty if it does not exist."""
         path = self.path(name)
         return read_text(path) if os.path.exists(path) else ""
 
@@ -122,22 +118,22 @@ class Folder:
             file.write(text)
 
     def free_name(self, wanted: str) -> str:
-        """A name like the one wanted that is safe and not taken."""
+        """A safe and unused name like the wanted one."""
         name = _SAFE.sub("-", Path(wanted.replace("\\", "/")).name).strip(".-") or "file"
         if _DEVICES.fullmatch(name):
             name = f"file-{name}"
         stem, dot, suffix = name.partition(".")
-        stem, ending = stem[:_LONGEST], dot + suffix[-_LONGEST:]
+        stem, ending = stem[:LONGEST], dot + suffix[-LONGEST:]
         names = (f"{stem}{f'-{k}' if k > 1 else ''}{ending}" for k in itertools.count(1))
         return next(name for name in names if not (self.root / name).exists())
 
     def files(self) -> list[Path]:
-        """Files at the top of the folder, without hidden ones; none if it has been removed."""
+        """Visible files at the top of the folder; none if it has been removed."""
         return sorted(p for p in self.root.glob("*") if p.is_file() and not p.name.startswith("."))
 
     @contextmanager
     def called_by_name(self) -> Generator[None, None, None]:
-        """Files of the folder are called by their names there in errors that come from inside."""
+        """Shorten paths in errors from inside to names in the folder."""
         try:
             yield
         except DeltaidError as error:
@@ -146,7 +142,7 @@ class Folder:
 
     @property
     def is_there(self) -> bool:
-        """Whether it has not been removed or renamed."""
+        """Whether the folder still exists."""
         return self.root.is_dir()
 
     def robots(self) -> list[str]:
@@ -155,7 +151,7 @@ class Folder:
         return [n for n, text in texts if _ROBOT.search(text) and not holds_a_model(text)]
 
     def mappings(self) -> list[str]:
-        """Files that say which column is what."""
+        """Files that map columns."""
         return [n for n, text in self._texts() if _MAPPING.search(text) and not _ROBOT.search(text)]
 
     def recordings(self) -> list[str]:
@@ -184,7 +180,7 @@ def stamp(path: Path) -> tuple[int, int] | None:
 
 @contextmanager
 def refusing(where: str) -> Generator[None, None, None]:
-    """What the system refuses, as an error of the program.
+    """Raise refusals of the system as errors of the program.
 
     Raises:
         DeltaidError: a file or folder could not be made, read or copied.

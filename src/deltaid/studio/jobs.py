@@ -1,4 +1,4 @@
-"""Long work in a process of its own: the command line itself, which can be watched and ended."""
+"""Background jobs: the command line in a process of its own, observable and cancellable."""
 
 import asyncio
 import contextlib
@@ -17,14 +17,14 @@ from deltaid.studio.steps import Step
 
 State = Literal["running", "done", "failed", "cancelled"]
 
-# Set for a command whose progress is read by a program: one line a stage on standard error.
+# Environment of a command that reports progress to a program, one line a stage on standard error.
 PROGRESS = "DELTAID_PROGRESS"
 _MARK = "progress: "
-# Prints JSON when asked to, for the studio to read.
+# Commands that print JSON for the studio.
 _WITH_JSON = ("check", "fit", "validate", "excite", "simulate", "forces")
-# Pages say by which command they were made: the one that is shown.
+# Runs under the name of the shown command, which pages print.
 _ENTRY = "import sys; sys.argv[0] = 'deltaid'; from deltaid.cli import main; main()"
-# Seconds that a command or an open page has to end by itself.
+# Grace period of a command or an open page to end [s].
 GRACE = 2
 _WINDOWS = sys.platform == "win32"
 
@@ -58,13 +58,13 @@ class Job:
 
     @property
     def error(self) -> str:
-        """Its message if it failed: what, where and how to mend it."""
+        """Its message if it failed: what, where and the fix."""
         if self.state == "failed":
             return error_in(self.said)
         return "cancelled" if self.state == "cancelled" else ""
 
     def fail(self, error: DeltaidError) -> None:
-        """End with an error of the studio's own."""
+        """End with an error of the studio itself."""
         if self.state != "cancelled":
             self.state = "failed"
         self.said += f"error: {error}\n"
@@ -118,11 +118,11 @@ class Job:
         self.run = run
 
     async def cancel(self) -> None:
-        """End it and all that it has started; files that it was writing do not appear."""
+        """End the command and its children; files in progress do not appear."""
         if self.state != "running":
             return
         self.state = "cancelled"
-        if self._process is None:  # it is told to end when it has begun
+        if self._process is None:  # cancelled once it has begun
             return
         self._tell(signal.SIGTERM)
         try:
@@ -140,13 +140,13 @@ class Job:
 
 
 def _paths() -> dict[str, str]:
-    """Where Python looks for modules, from any folder."""
+    """Module search path, valid from any folder."""
     places = filter(None, os.environ.get("PYTHONPATH", "").split(os.pathsep))
     return {"PYTHONPATH": os.pathsep.join(map(os.path.abspath, places))}
 
 
 def error_in(said: str) -> str:
-    """The error among what a command has said; a defect of the program as one sentence."""
+    """The error among a command's messages; a defect of the program as one sentence."""
     start = said.rfind("error: ")
     if start >= 0 and (start == 0 or said[start - 1] == "\n"):
         return said[start + len("error: ") :].strip()

@@ -1,4 +1,4 @@
-"""Looks at a recording, made in a process of their own: a preview of its rows, models beside it.
+"""Previews of recordings, in a process of their own: raw rows, and models beside measurements.
 
 What goes in and out is plain data.
 """
@@ -35,9 +35,9 @@ from deltaid.view.comparison import (
     stretch_length,
 )
 
-# Looks and comparisons that are remembered.
+# Most cached previews and comparisons.
 REMEMBERED = 40
-# Rows of a block of which two are kept at first; a picture has fewer points than blocks.
+# Rows of a block that is first reduced to two; figures have fewer points than blocks.
 _BLOCK = 128
 
 
@@ -63,7 +63,7 @@ class Curve:
 
 @dataclass(frozen=True)
 class Preview:
-    """What a mapping makes of a recording."""
+    """A recording as a mapping reads it."""
 
     curves: tuple[Curve, ...]
     rows: int
@@ -71,7 +71,7 @@ class Preview:
 
 
 def ready() -> bool:
-    """Whether the modules of looks are loaded, so that the first one is quick too."""
+    """Load the modules of previews, so that the first one is quick too."""
     return True
 
 
@@ -139,7 +139,7 @@ def _thinned(
     table: LogTable, time: str | None, names: Sequence[str], points: int, span: Any,
     channel: Channel | None = None,
 ) -> "MinMax":  # fmt: skip
-    """Thinned curves of columns over a column of time, which a channel converts, or over rows."""
+    """Thinned curves of columns over a time column, which a channel converts, or over rows."""
     seen = MinMax(len(names), points, span)
     for rows in table.rows(names if time is None else [time, *names]):
         numbers = [np.asarray(column, dtype=float) for column in rows.numbers]
@@ -164,7 +164,7 @@ def mapping_cured(
 
 @dataclass(frozen=True)
 class Beside:
-    """What models predict of a recording.
+    """Predictions of models for a recording.
 
     Attributes:
         drives: their names.
@@ -183,7 +183,7 @@ def torques(
     models: Sequence[str],
     span: tuple[float, float] | None = None,
 ) -> Beside:
-    """Measured torques of a recording and those that models predict.
+    """Measured torques of a recording, and predictions of models.
 
     Args:
         path, mapping, models: files.
@@ -229,7 +229,7 @@ def _si(channel: Channel, values: np.ndarray) -> np.ndarray:
 
 
 class MinMax:
-    """Curves of any length, of which two points a stretch are kept: its smallest and its largest.
+    """Curves of any length, reduced to the minimum and maximum of each stretch.
 
     Rows come in pieces; memory is a sixty-fourth of what has come, or all of short curves.
 
@@ -247,11 +247,11 @@ class MinMax:
 
     @property
     def seconds(self) -> float:
-        """From the first to the last time."""
+        """Duration from the first to the last time."""
         return float(max(self._ends[-1] - self._ends[0], 0.0)) if self._ends else 0.0
 
     def add(self, time: Float[np.ndarray, " rows"], values: Float[np.ndarray, "rows _"]) -> None:
-        """Take a piece of rows."""
+        """Add consecutive rows."""
         self.rows += len(time)
         self._ends += time[[0, -1]].tolist() if len(time) else []
         if self._span is not None:

@@ -1,4 +1,4 @@
-"""What a studio remembers of its folder: `studio.yaml`, small and readable."""
+"""The studio's notes on its folder: `studio.yaml`, small and readable."""
 
 import hashlib
 import json
@@ -17,7 +17,7 @@ FILE = "studio.yaml"
 
 
 class Used(Part):
-    """A recording and what it is for."""
+    """A recording and its purpose."""
 
     file: str
     mapping: str | None = Field(default=None, description="file that says which column is what")
@@ -25,7 +25,7 @@ class Used(Part):
 
 
 class Plan(Part):
-    """Everything that a studio remembers beside the files themselves."""
+    """The studio's notes beside the files themselves."""
 
     robot: str | None = Field(default=None, description="catalogue name, or a file of the folder")
     recordings: tuple[Used, ...] = ()
@@ -39,21 +39,21 @@ class Plan(Part):
 
     @property
     def fitted(self) -> tuple[Used, ...]:
-        """Recordings that a model is fitted to."""
+        """Recordings of the fit."""
         return tuple(recording for recording in self.recordings if recording.use == "fit")
 
     @property
     def verified(self) -> Used | None:
-        """The recording that it is tested on."""
+        """The recording of the verification."""
         return next((recording for recording in self.recordings if recording.use == "verify"), None)
 
     @property
     def used(self) -> tuple[Used, ...]:
-        """Those that it is fitted to, then the one that it is tested on."""
+        """Recordings of the fit, then the one of the verification."""
         return (*self.fitted, *((self.verified,) if self.verified else ()))
 
     def with_recording(self, used: Used) -> "Plan":
-        """The same with a recording, new or in place of itself; at most one verifies."""
+        """The same with a recording added or replaced; at most one verifies."""
         others = {
             recording.file: recording.changed(use="fit")
             if used.use == recording.use == "verify"
@@ -68,7 +68,7 @@ class Plan(Part):
 
 
 class Store:
-    """The plan of a folder on disk: read before each change, so that none is lost.
+    """The plan of a folder on disk, read before each change so that no change is lost.
 
     All tabs of a server share one. Changes by other programs are seen by `look`.
 
@@ -88,7 +88,7 @@ class Store:
         self.plan = self._read()
 
     def change(self, edit: Callable[[Plan], Plan]) -> None:
-        """Change the plan as it is on disk, write it, and tell everyone.
+        """Change the plan on disk, and notify all pages.
 
         Raises:
             DeltaidError: the change is not valid, or cannot be written.
@@ -103,7 +103,7 @@ class Store:
         self.tell()
 
     def tell(self, teller: str = "") -> None:
-        """Have everything drawn anew, but for the page that shows the change already."""
+        """Redraw all pages, except the one that shows the change already."""
         self.teller = teller
         self._seen = self._stamp()
         self.revision += 1
@@ -111,12 +111,12 @@ class Store:
             listener()
 
     def look(self) -> bool:
-        """See whether another program has changed a file; tell everyone if one has."""
+        """Notify all pages if another program has changed a file."""
         if self._stamp() == self._seen:
             return False
         try:
             self.plan = self._read()
-        except DeltaidError:  # half edited by hand: what was read last holds until it is whole
+        except DeltaidError:  # half edited by hand: the last valid plan holds
             self._seen = self._stamp()
             return False
         self.tell()
@@ -139,7 +139,7 @@ def _parsed(text: str) -> Plan:
 
 
 def digest(folder: Folder, plan: Plan) -> str:
-    """Digest of all that `deltaid check` is given."""
+    """Digest of all inputs of `deltaid check`."""
     used = [(recording.file, recording.mapping) for recording in plan.used]
     seen: list[Any] = [plan.robot, plan.settings.cutoff, plan.settings.keep_all, used]
     robot = [plan.robot] if plan.robot and plan.robot not in catalogue() else []

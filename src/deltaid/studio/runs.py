@@ -1,5 +1,4 @@
-"""Runs of a studio: one folder each below `runs/`, with what it made and where it comes from; and
-runs side by side."""
+"""Runs of a studio, one folder each below `runs/` with results and origin, and their comparison."""
 
 import contextlib
 import hashlib
@@ -24,19 +23,17 @@ from deltaid.view.numbers import number, percent
 
 RECORD, OUTPUT, MESSAGES = "run.yaml", "output.json", "messages.txt"
 _NAME = re.compile(r"(\d{4,})-(\w+)")
-# Inputs of this many bytes at most are kept beside what was made of them.
-_KEPT = 1 << 18
 
 
 class Input(Part):
-    """A file that went into a run."""
+    """An input file of a run."""
 
     file: str
     sha256: str
 
 
 class FinishedRun(Part):
-    """A finished run and where it comes from: `run.yaml` in its folder.
+    """A finished run and its origin: `run.yaml` in its folder.
 
     Attributes:
         folder: its name below the studio's folder, such as `runs/0003-fit`; not in the file.
@@ -61,7 +58,7 @@ class FinishedRun(Part):
 
     @property
     def succeeded(self) -> bool:
-        """Whether it did what it was asked for; checks end with what they found."""
+        """Whether it succeeded; checks succeed whatever they found."""
         return self.exit == 0 or (self.kind == "check" and self.exit in (3, 4))
 
     def file(self, name: str) -> str:
@@ -70,7 +67,7 @@ class FinishedRun(Part):
 
 
 def new_run(folder: Folder, kind: str) -> str:
-    """Make the folder of a run that begins, numbered on; its name inside the studio's folder.
+    """Make the numbered folder of a new run; returns its name inside the studio's folder.
 
     Raises:
         DeltaidError: it cannot be made.
@@ -79,21 +76,21 @@ def new_run(folder: Folder, kind: str) -> str:
         (folder.root / RUNS).mkdir(exist_ok=True)
         while True:
             name = next_run(folder, kind)
-            # Another server may work in the same folder.
+            # Another server may use the same folder.
             with contextlib.suppress(FileExistsError):
                 (folder.root / name).mkdir()
                 return name
 
 
 def next_run(folder: Folder, kind: str) -> str:
-    """What the next run's folder will be called; nothing is made."""
+    """Name of the next run's folder; nothing is made."""
     names = (_NAME.fullmatch(path.name) for path in (folder.root / RUNS).glob("*"))
     last = max((int(name[1]) for name in names if name), default=0)
     return f"{RUNS}/{last + 1:04d}-{kind}"
 
 
 def keep_inputs(folder: Folder, run: str, step: Step) -> tuple[Input, ...]:
-    """Checksums of a step's files as they are now; and copies of small ones, which change later.
+    """Checksums of a step's files at present, and copies of small ones, which may change later.
 
     Raises:
         DeltaidError: one cannot be read, or copied.
@@ -104,11 +101,7 @@ def keep_inputs(folder: Folder, run: str, step: Step) -> tuple[Input, ...]:
             continue
         path, kept = folder.path(name), folder.root / run / "inputs" / name
         with refusing(name):
-            if (
-                name.endswith((".yaml", ".yml"))
-                and "/" not in name
-                and path.stat().st_size <= _KEPT
-            ):
+            if name.endswith(_TEXT) and "/" not in name:
                 kept.parent.mkdir(exist_ok=True)
                 shutil.copyfile(path, kept)
             with path.open("rb") as file:
@@ -118,7 +111,8 @@ def keep_inputs(folder: Folder, run: str, step: Step) -> tuple[Input, ...]:
 
 
 def write_record(folder: Folder, run: FinishedRun, out: str, messages: str) -> None:
-    """Write down how a run ended: its record last, so that what has one is complete."""
+    """Write the record of a finished run, last of its files, so that every recorded run is
+    complete."""
     text = yaml_text(run.model_dump(mode="json"))
     for name, content in ((OUTPUT, out), (MESSAGES, messages), (RECORD, text)):
         if content:
@@ -127,7 +121,7 @@ def write_record(folder: Folder, run: FinishedRun, out: str, messages: str) -> N
 
 
 def runs(folder: Folder) -> list[FinishedRun]:
-    """All runs that came to their end, the last one first."""
+    """All finished runs, the last one first."""
     paths = sorted((folder.root / RUNS).glob(f"*/{RECORD}"), reverse=True)
     finished = [
         _record(path, path.stat().st_mtime_ns)
@@ -139,7 +133,7 @@ def runs(folder: Folder) -> list[FinishedRun]:
 
 @lru_cache(512)
 def _record(path: Path, changed: int) -> FinishedRun | None:
-    """A run, read once as long as it is not changed; None if it is of another version."""
+    """A run, cached until its file changes; None for another version."""
     try:
         run = parse(path.read_text(encoding="utf-8"), FinishedRun, where=str(path))
         return run.changed(folder=f"{RUNS}/{path.parent.name}")
@@ -148,7 +142,7 @@ def _record(path: Path, changed: int) -> FinishedRun | None:
 
 
 def output(folder: Folder, run: FinishedRun) -> dict[str, Any]:
-    """What a run printed as JSON; empty if nothing."""
+    """JSON output of a run; empty if there is none."""
     return json.loads(_text_of(folder, run, OUTPUT) or "{}")
 
 
@@ -161,9 +155,9 @@ def _text_of(folder: Folder, run: FinishedRun, name: str) -> str:
     return path.read_text(encoding="utf-8") if path.is_file() else ""
 
 
-# Parameters of a comparison: those that changed most, in standard deviations of both.
+# Most parameters of a comparison: those that changed most, in standard deviations of both.
 _SHOWN = 12
-# Endings of inputs that are no recordings.
+# Endings of inputs other than recordings.
 _TEXT = (".yaml", ".yml")
 _KINDS = {"good": "good", "poor": "bad"}
 

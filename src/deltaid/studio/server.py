@@ -1,4 +1,4 @@
-"""The studio's server: NiceGUI on this machine only, behind a guard.
+"""The studio's server: NiceGUI on this machine only, protected by a guard.
 
 Any page of the web can send requests to this machine, and open websockets to it; with a name that
 its owner points at 127.0.0.1 (DNS rebinding) it even looks like the studio's own. So each request
@@ -38,7 +38,7 @@ _REFUSED = (
     "Not the studio's own page: open the address that `deltaid studio` has printed last; each "
     "opens it once.\n"
 )
-# Whatever a page of the studio holds, it talks to this server only.
+# Content policy: pages talk to this server only.
 _POLICY = (
     "default-src 'self' 'unsafe-inline' 'unsafe-eval' data: blob:; frame-ancestors 'self'; "
     "form-action 'self'; base-uri 'self'"
@@ -52,7 +52,7 @@ _HEADERS = {
 
 
 class Guard:
-    """ASGI middleware that refuses all but the studio's own page.
+    """ASGI middleware that refuses everything but the studio's own page.
 
     Args:
         app: what it stands before.
@@ -70,17 +70,17 @@ class Guard:
 
     @property
     def address(self) -> str:
-        """What opens the studio, once."""
+        """The address that opens the studio, once."""
         return f"http://{HOST}:{self.port}/?key={self.key}"
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """Pass on what is the studio's own; the first request gets the cookie for its key."""
+        """Pass on requests of the studio's own page; the first one gets the cookie for its key."""
         if scope["type"] not in ("http", "websocket"):
             await self.app(scope, receive, send)
             return
         asked, websocket = HTTPConnection(scope), scope["type"] == "websocket"
         hosts, origins = asked.headers.getlist("host"), asked.headers.getlist("origin")
-        # A cookie is of one name of this machine, so a page is too.
+        # A cookie belongs to one name of this machine, and so does a page.
         if is_own(hosts, origins, self.port, websocket=websocket) and (
             not origins or origins[0].lower() == f"http://{hosts[0].lower()}"
         ):
@@ -96,7 +96,7 @@ class Guard:
             await PlainTextResponse(_REFUSED, 403)(scope, receive, send)
 
     async def _pass(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """Hand on; that a page which has been left gets no answer any more is no error."""
+        """Pass on a request; a page that was left gets no answer, which is no error."""
         left = False
 
         async def receiving() -> Message:
@@ -114,12 +114,12 @@ class Guard:
 
         try:
             await self.app(scope, receiving, sending)
-        except RuntimeError:  # "No response returned.", as Starlette has it
+        except RuntimeError:  # Starlette's "No response returned."
             if not left:
                 raise
 
     async def _welcome(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """Exchange the key for a cookie, by a page that goes on to the studio without it.
+        """Exchange the key for a cookie, by a page that continues to the studio without it.
 
         A redirection would not do: where a file has led to it, browsers keep a strict cookie back.
         """
@@ -132,7 +132,7 @@ class Guard:
 
 
 def leading_to(address: str) -> str:
-    """A page that goes on to an address at once."""
+    """A page that forwards to an address at once."""
     target = html.escape(address)
     refresh = f'<meta http-equiv="refresh" content="0; url={target}">'
     return f"<!doctype html>{refresh}<title>deltaid</title>"
@@ -147,14 +147,14 @@ _FAVICON = (
     'rx="7" fill="#1f5fa8"/><path d="M6 8h20L16 25z" fill="none" stroke="#fff" stroke-width="3" '
     'stroke-linejoin="round"/></svg>'
 )
-# Ports that are tried if none is asked for.
+# Ports to try by default.
 PORTS = (*range(8090, 8110), 0)
-# Seconds a page may be away, as while it is reloaded, before its state in the server is dropped.
+# Time before the state of a disconnected page is dropped [s], longer than a reload.
 _AWAY = 10.0
 
 
 async def _tell(guard: Guard, say: Callable[[str], None], page: Path | None) -> None:
-    """Say the address, and open the page that leads there, once something answers."""
+    """Report the address and open the page once the server answers."""
     while True:
         try:
             _, writer = await asyncio.open_connection(HOST, guard.port)
@@ -170,8 +170,8 @@ async def _tell(guard: Guard, say: Callable[[str], None], page: Path | None) -> 
 
 @contextmanager
 def _opening(guard: Guard, folder: Path) -> Generator[Path, None, None]:
-    """A page for this account alone that leads to the studio: in the command line of a browser,
-    which all accounts can read, stands its name and no key."""
+    """A page readable by this account only that leads to the studio: a browser's command line,
+    which all accounts can read, then contains no key."""
     handle, name = tempfile.mkstemp(dir=folder, prefix="open-studio-", suffix=".html")
     os.close(handle)
     page = Path(name)
@@ -198,7 +198,7 @@ def serve(path: Path, port: int, *, show: bool, say: Callable[[str], None]) -> N
     whole = FastAPI(openapi_url=None)
     guard = Guard(whole, port)  # before everything else, whatever the library adds
     build(session)
-    # What a page says, such as that a file cannot be read, is no defect.
+    # Errors that a page shows are no defects.
     logging.getLogger("nicegui").addFilter(lambda line: not isinstance(line.msg, DeltaidError))
     with _opening(guard, session.folder.root) if show else nullcontext() as page:
 

@@ -1,4 +1,4 @@
-"""What all tabs of a studio share: the folder, its plan, the work that runs, what was looked at."""
+"""State that all tabs of a studio share: the folder, its plan, the running job, cached previews."""
 
 import asyncio
 import multiprocessing
@@ -27,7 +27,7 @@ STAGES: tuple[str, ...] = ("robot", "recording", "check", "fit", "result", "use"
 
 @dataclass(frozen=True)
 class FileEdit:
-    """A file as it is being edited: what it held when that began, and what it shall hold."""
+    """A file in an editor: its content when the edit began, and the edited text."""
 
     before: str
     after: Any
@@ -59,7 +59,7 @@ class Session:
 
     @property
     def plan(self) -> Plan:
-        """What the folder's studio.yaml says."""
+        """Content of the folder's studio.yaml."""
         return self.store.plan
 
     @property
@@ -68,7 +68,7 @@ class Session:
         return self.job is not None and self.job.state == "running"
 
     def robot(self) -> RobotDescription | DeltaidError | None:
-        """The robot that is picked; what is wrong with it; None as long as none is."""
+        """The chosen robot, or its error; None without one."""
         name = self.plan.robot
         if name is None:
             return None
@@ -87,7 +87,7 @@ class Session:
         return robot if robot in catalogue() else str(self.folder.path(robot))
 
     def begin(self, kind: Kind, make: Callable[[str], Step]) -> Job:
-        """Begin a step in a folder of its own.
+        """Start a step in a folder of its own.
 
         Raises:
             DeltaidError: another one runs.
@@ -108,19 +108,19 @@ class Session:
         return self.job
 
     def last(self, kind: Kind) -> FinishedRun | None:
-        """The last run of a kind that did what it was asked for."""
+        """The last successful run of a kind."""
         done = (run for run in runs(self.folder) if run.kind == kind and run.succeeded)
         return next(done, None)
 
     def grade(self) -> str:
-        """Grade of the last check, if it saw exactly what the plan says now; else empty."""
+        """Grade of the last check, if it is of the present plan; else empty."""
         last = self.last("check")
         if last is None or last.of != digest(self.folder, self.plan):
             return ""
         return str(output(self.folder, last).get("grade", ""))
 
     async def look(self, function: Callable[..., _Found], *given: Any) -> _Found:
-        """A look at files in a process of its own, remembered until they change.
+        """Call a function on files in a process of its own; cached until they change.
 
         Raises:
             DeltaidError: as the function, or its process was ended.
@@ -137,36 +137,36 @@ class Session:
         return self._seen[key]
 
     async def glance(self, function: Callable[..., _Found], *given: Any) -> _Found:
-        """The same, not remembered."""
+        """The same without the cache."""
         pool, loop = self.warm(), asyncio.get_running_loop()
         try:
             with self.folder.called_by_name():
                 return await loop.run_in_executor(pool, partial(function, *given))
-        except BrokenProcessPool:  # killed from outside, such as for want of memory
+        except BrokenProcessPool:  # killed from outside, as for lack of memory
             if self._pool is pool:
                 self._pool = None
             what = "the process that reads files was ended, perhaps for want of memory"
             raise DeltaidError(what, where="studio", cure="load the page again") from None
 
     def warm(self) -> ProcessPoolExecutor:
-        """The process that looks at files, begun now if there is none."""
+        """Start the process that reads files, if it does not run."""
         if self._pool is None:
             self._pool = ProcessPoolExecutor(1, mp_context=multiprocessing.get_context("spawn"))
             self._pool.submit(ready)
         return self._pool
 
     async def close(self) -> None:
-        """End all that still runs."""
+        """End everything that runs."""
         if self.job is not None and self._task is not None:
             await self.job.cancel()
             await asyncio.wait([self._task], timeout=5)
         if self._pool is not None:
-            for child in multiprocessing.active_children():  # none but the pool's
+            for child in multiprocessing.active_children():  # only the pool's
                 child.terminate()
             self._pool.shutdown(cancel_futures=True)
 
     async def _run(self, job: Job) -> None:
-        """Run a job to an end, whatever comes between; use the model of a fit."""
+        """Run a job to its end in any case, and use the model of a fit."""
         try:
             await job.go()
         except DeltaidError as error:
@@ -181,14 +181,14 @@ class Session:
         self.store.tell()
 
     def stamped(self, name: str) -> str:
-        """What a file is now; empty for what is no file of the folder."""
+        """Stamp of a file of the folder; empty for anything else."""
         if name in catalogue() or not self.folder.has(name):
             return ""
         return f"{name} {stamp(self.folder.path(name))}"
 
 
 def standing(session: Session) -> dict[str, str]:
-    """How far each stage is: 'done', 'open', 'wrong' or 'later', by name."""
+    """State of each stage by name: 'done', 'open', 'wrong' or 'later'."""
     plan, robot = session.plan, session.robot()
     stages: dict[str, str] = dict.fromkeys(STAGES, "later")
     if not isinstance(robot, RobotDescription):
@@ -206,7 +206,7 @@ def standing(session: Session) -> dict[str, str]:
 
 
 def unmapped(session: Session) -> list[str]:
-    """Recordings in use that are not there, or whose mapping is none yet, or not complete."""
+    """Recordings in use that are missing, or have no complete mapping."""
     return [
         recording.file
         for recording in session.plan.recordings
@@ -222,22 +222,22 @@ def _is_mapped(session: Session, used: Used) -> bool:
         return False
     try:
         return not incomplete(read(folder.text(name), name), tuple(robot.drives))
-    except DeltaidError:  # the page of recordings says why
+    except DeltaidError:  # the page of recordings explains
         return False
 
 
 def draft_key(used: Used) -> str:
-    """The key of what is being edited of a recording's mapping."""
+    """Key of the edited mapping of a recording."""
     return used.mapping or f"{used.file}: new mapping"
 
 
 def mapping_name(session: Session, file: str) -> str:
-    """What a new mapping file for a recording is called."""
+    """Name of a new mapping file of a recording."""
     if not session.folder.has("mapping.yaml"):
         return "mapping.yaml"
     return session.folder.free_name(f"mapping-{file.partition('.')[0]}.yaml")
 
 
 def mapping_of(session: Session, used: Used) -> str | None:
-    """The path of a recording's mapping file."""
+    """Path of a recording's mapping file."""
     return str(session.folder.path(used.mapping)) if used.mapping else None

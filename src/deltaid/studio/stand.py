@@ -1,4 +1,4 @@
-"""A robot standing at a pose that is asked for, in a process of its own: what a picture needs."""
+"""A robot at a requested pose, computed in a process of its own: the data of a picture."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -15,13 +15,13 @@ from deltaid.view.at_pose import View, home_view, moved
 from deltaid.view.drawing import along, members, outline_points, outline_segments
 from deltaid.view.reach import require_space
 
-# How far beyond its workspace a robot may be asked to go, as a share of that.
+# Range of requested poses beyond the workspace, as a share of it.
 _BEYOND = 0.3
 
 
 @dataclass(frozen=True)
 class Axis:
-    """A coordinate of the platform: its name, unit, and how far it may be asked to go."""
+    """A coordinate of the platform: its name, unit and range of requests."""
 
     name: str
     unit: str
@@ -31,7 +31,7 @@ class Axis:
 
 @dataclass(frozen=True)
 class Stage:
-    """What does not move in a picture of a robot.
+    """The static part of a robot's picture.
 
     Attributes:
         axes: of the platform, in the order of z; angles in degrees.
@@ -53,7 +53,7 @@ class Stage:
 
 @dataclass(frozen=True)
 class Stand:
-    """A robot at a pose: readings, and where each segment is.
+    """A robot at a pose: readings, and poses of all segments.
 
     Attributes:
         middles: of the segments [m].
@@ -68,7 +68,7 @@ class Stand:
 
 
 def stage(robot: str, changed: str) -> Stage:
-    """A robot's picture without the robot.
+    """The static part of a robot's picture.
 
     Args:
         robot: name or file.
@@ -93,7 +93,7 @@ def stage(robot: str, changed: str) -> Stage:
 
 
 def stand(robot: str, changed: str, wanted: Sequence[float], before: Sequence[float]) -> Stand:
-    """A robot at a pose; out of reach it stays where it was, and says why.
+    """A robot at a pose; out of reach it keeps the pose before, with a message.
 
     Args:
         robot: name or file.
@@ -122,7 +122,7 @@ def _built(robot: str, _changed: str) -> tuple[AtRest, Skeleton]:
 
 
 def _units(rest: AtRest) -> Float[np.ndarray, " dof"]:
-    """What coordinates are multiplied with to be shown: m stay, rad become degrees."""
+    """Display factors of coordinates: metres stay, radians become degrees."""
     return np.array([1.0, 1.0, 1.0, *(np.rad2deg(1.0) for _ in range(rest.dynamics.dof - 3))])
 
 

@@ -1,4 +1,4 @@
-"""Each step of the studio as what it literally is: a command line, and the Python for it."""
+"""Steps of the studio as command lines and equivalent Python."""
 
 import shlex
 import subprocess
@@ -9,6 +9,7 @@ from typing import Any, Literal
 
 from deltaid.model.record import Settings
 from deltaid.studio.plan import Plan, Used
+from deltaid.view.page import WIDEST
 
 Kind = Literal[
     "new", "show", "check", "fit", "validate", "excite", "torque", "simulate", "forces", "export"
@@ -35,7 +36,7 @@ class Step:
 
     @property
     def command(self) -> str:
-        """The command line, to be copied."""
+        """The command line, for copying."""
         words = ["deltaid", *self.arguments]
         return subprocess.list2cmdline(words) if sys.platform == "win32" else shlex.join(words)
 
@@ -47,25 +48,25 @@ def show_step(robot: str, report: str) -> Step:
 
 
 def check_step(plan: Plan, folder: str) -> Step:
-    """All checks of the robot and of the recordings that are fitted and tested on."""
+    """All checks of the robot and of the recordings of fit and verification."""
     robot, files = plan.robot or "", [recording.file for recording in plan.used]
     seen = Settings(cutoff=plan.settings.cutoff, keep_all=plan.settings.keep_all)
-    asked = {"columns": _mappings(plan.used)} | _given(seen)
+    asked = {"columns": _mappings(plan.used)} | _changed_settings(seen)
     logs = (repr(files),) if files else ()
     python = f"""\
 verdicts = {_call("deltaid.check", repr(robot), *logs, **asked)}
 for verdict in verdicts:
     print(verdict.grade, verdict.key, verdict.sentence)
 """
-    made = {"report": f"{folder}/check.html"}
-    return _step("check", (robot, *files), asked, made, python, _reads(plan))
+    output_files = {"report": f"{folder}/check.html"}
+    return _step("check", (robot, *files), asked, output_files, python, _reads(plan))
 
 
 def fit_step(plan: Plan, folder: str) -> Step:
-    """A model from the recordings, tested on the one that verifies."""
+    """Fit a model to recordings, and test it on the one that verifies."""
     robot, used, verify = plan.robot or "", plan.fitted, plan.verified
     model, files = f"{folder}/model.yaml", [recording.file for recording in used]
-    settings = _given(plan.settings)
+    settings = _changed_settings(plan.settings)
     shared = {"columns": _mappings(plan.used), "verify": verify.file if verify else None}
     asked = shared | settings | {"force": plan.force}
     named = settings | {"columns": _mappings(used), "force": plan.force or None}
@@ -75,31 +76,31 @@ result.model.save({model!r})
 """
     if verify is not None:
         python += "\n" + _test("result.model", verify)
-    return _step("fit", (robot, *files), asked, _made(folder, model), python, _reads(plan))
+    return _step("fit", (robot, *files), asked, _output_files(folder, model), python, _reads(plan))
 
 
 def validate_step(model: str, used: Used, folder: str, *, keep_all: bool = False) -> Step:
-    """A model beside a recording."""
+    """Compare a model with a recording."""
     asked = {"columns": used.mapping, "keep_all": keep_all}
-    made = {"report": f"{folder}/report.html"}
+    output_files = {"report": f"{folder}/report.html"}
     python = _test(repr(model), used, keep_all=keep_all or None)
-    return _step("validate", (model, used.file), asked, made, python)
+    return _step("validate", (model, used.file), asked, output_files, python)
 
 
 def excite_step(
     robot: str, motion: str, folder: str, *, duration: float = 10.0, starts: int = 4, seed: int = 0
 ) -> Step:
-    """A motion to record next."""
+    """Plan a motion to record next."""
     asked = {"duration": duration, "starts": starts, "seed": seed}
     python = f"""\
 result = {_call("deltaid.excite", repr(robot), **asked)}
 result.save({motion!r})
 """
-    return _step("excite", (robot,), asked, _made(folder, motion), python)
+    return _step("excite", (robot,), asked, _output_files(folder, motion), python)
 
 
 AlongKind = Literal["torque", "simulate", "forces"]
-# Along a motion: the file that is made, the option, and Python for what comes out.
+# Steps along a motion: the file they make, its option, and Python for the result.
 _ALONG: dict[AlongKind, tuple[str, str, str]] = {
     "torque": (
         "feed-forward.csv",
@@ -137,8 +138,8 @@ def along_step(
     folder: str,
     option: str | float | bool | None = None,
 ) -> Step:
-    """A model along a motion: the torques that it predicts, a controller that knows it, or what
-    struts, joints and bearings carry.
+    """Apply a model along a motion: predicted torques, a controller that uses it, or forces in
+    struts, joints and bearings.
 
     Args:
         option: whether the motion is periodic; the controller; the distance of a limb's struts [m].
@@ -147,8 +148,8 @@ def along_step(
     output, asked = f"{folder}/{file}", {"columns": mapping, name: option or None}
     call = _call(f"deltaid.{kind}", repr(model), repr(motion), **asked)
     python = f"result = {call}\n{shown.format(output=output)}"
-    made = {"output": output} if kind == "torque" else _made(folder, output)
-    return _step(kind, (model, motion), asked, made, python)
+    output_files = {"output": output} if kind == "torque" else _output_files(folder, output)
+    return _step(kind, (model, motion), asked, output_files, python)
 
 
 def export_step(
@@ -162,7 +163,7 @@ def export_step(
     single: bool = False,
     fmi: str = "2",
 ) -> Step:
-    """A model in a form that another program runs; `output` is a file or a folder with a slash."""
+    """Export a model; `output` is a file or a folder with a slash."""
     asked = {
         "plain_friction": plain_friction or None,
         "without_friction": without_friction or None,
@@ -179,11 +180,11 @@ print(written.paths, *written.warnings)
 
 
 def insisting(step: Step) -> Step:
-    """The same with a model that is poor, too; Python does not refuse it."""
+    """The same step that accepts a poor model; Python does not refuse it."""
     return replace(step, arguments=(*step.arguments, "--force"))
 
 
-def _made(folder: str, output: str) -> dict[str, str]:
+def _output_files(folder: str, output: str) -> dict[str, str]:
     return {"output": output, "report": f"{folder}/report.html"}
 
 
@@ -191,24 +192,28 @@ def _step(
     kind: Kind,
     given: tuple[str, ...],
     asked: dict[str, Any],
-    made: dict[str, str],
+    output_files: dict[str, str],
     python: str,
     reads: tuple[str, ...] = (),
 ) -> Step:
-    """A step by the parts of its command.
+    """A step from the parts of its command.
 
     Args:
         kind: what it is.
         given: what stands behind the command, files and robots.
         asked: values of options by their names in Python.
-        made: files that it makes, by the options that name them.
+        output_files: files that it makes, by the options that name them.
         python: what does the same, without the import.
         reads: files that go into it, if they are more than those given and one mapping.
     """
     command = "identify" if kind == "fit" else kind
-    arguments = (command, *given, *(word for o in (asked | made).items() for word in _option(*o)))
+    arguments = (
+        command,
+        *given,
+        *(word for o in (asked | output_files).items() for word in _option(*o)),
+    )
     files = reads or tuple(name for name in (*given, asked.get("columns")) if name)
-    return Step(kind, arguments, f"import deltaid\n\n{python}", files, tuple(made.values()))
+    return Step(kind, arguments, f"import deltaid\n\n{python}", files, tuple(output_files.values()))
 
 
 def _test(model: str, used: Used, **asked: object) -> str:
@@ -220,12 +225,8 @@ print("normalised torque error of each drive:", error.nrmse)
 """
 
 
-# Letters of a line of Python, as formatters have it.
-_LINE = 80
-
-
 def _call(function: str, *given: str, **named: object) -> str:
-    """A call as Python, with what is not None; over several lines where one is too long.
+    """A call as Python, without arguments that are None; over several lines where one is too long.
 
     Args:
         given: arguments by place, as Python.
@@ -233,7 +234,7 @@ def _call(function: str, *given: str, **named: object) -> str:
     """
     words = [*given, *(f"{name}={value!r}" for name, value in named.items() if value is not None)]
     line = f"{function}({', '.join(words)})"
-    return line if len(line) <= _LINE else f"{function}(\n    {', '.join(words)},\n)"
+    return line if len(line) <= WIDEST else f"{function}(\n    {', '.join(words)},\n)"
 
 
 def _mappings(used: Sequence[Used]) -> str | list[str | None] | None:
@@ -246,8 +247,8 @@ def _reads(plan: Plan) -> tuple[str, ...]:
     return tuple(dict.fromkeys(name for name in (plan.robot, *names) if name))
 
 
-def _given(settings: Settings) -> dict[str, Any]:
-    """Settings that are not the default ones, as a user writes them."""
+def _changed_settings(settings: Settings) -> dict[str, Any]:
+    """Settings other than the default ones, as a user writes them."""
     default = Settings().model_dump()
     return {k: value for k, value in settings.model_dump().items() if value != default[k]}
 

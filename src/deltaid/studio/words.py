@@ -1,10 +1,10 @@
-"""Messages of the command line in the words of the pages: no options, no keys of files."""
+"""Messages of the command line in the words of the pages: without options and keys of files."""
 
 import re
 
-# The switch that stands for --force.
+# The switch in place of --force.
 INSIST = "Go on all the same"
-# Where a page has what a command does.
+# Pages in place of commands.
 _PAGES = {
     "check": "the page Check",
     "identify": "the page Fit",
@@ -13,7 +13,7 @@ _PAGES = {
     "robots": "the page Robot",
     "show": "the page Robot",
 }
-# What an option is called on a page, where it is not called as itself.
+# Names of options on pages, where they differ.
 _OPTIONS = {
     "cutoff": "cut-off",
     "lag": "setting Lag",
@@ -46,7 +46,7 @@ _DRIVE = re.compile(r"\b(position|velocity|acceleration|torque)\[(\d+)\]")
 
 
 def page_words(text: str) -> str:
-    """A message with what a page has in place of options, commands and keys."""
+    """A message with words of the pages in place of options, commands and keys."""
     for pattern, words in _FIXED:
         text = re.sub(pattern, words, text)
     text = _COMMAND.sub(lambda match: _PAGES.get(match[1], match[0]), text)

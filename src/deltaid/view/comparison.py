@@ -33,14 +33,14 @@ class TorqueComparison:
 
     Attributes:
         time [s], measured, predicted [N m]: samples to draw over time, through the filter; NaN
-            where most of what the filter sees is left out.
+            where most of the filter's samples are excluded.
         stretch: how many (thinned) samples each of them stands for.
         speed [rad/s], residual [N m]: evenly thinned samples, to draw over speed and count; NaN
             likewise.
         frequency [Hz], measured_density, residual_density [N m/√Hz]: amplitude spectra of the
             torque as recorded and of what the model leaves of it.
         cutoff: of the filter [Hz], None without one.
-        events: first and last time [s] of stretches that are left out because of what happened.
+        events: first and last time [s] of stretches that are excluded because of events.
     """
 
     time: Float[np.ndarray, " shown"]

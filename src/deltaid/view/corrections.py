@@ -187,7 +187,7 @@ def left_out_table(logs: Iterable[tuple[str, Sequence[LeftOut]]]) -> Table | Non
     """Reason, share and times of exclusions; None where only reversals were excluded.
 
     Args:
-        logs: names of recordings, and what was left out of them.
+        logs: names of recordings, and their exclusions.
     """
     parts = [(name, part) for name, parts in logs for part in parts]
     if not any(part.spans for _, part in parts):

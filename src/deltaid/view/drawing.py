@@ -15,7 +15,7 @@ from deltaid.robot.description import RobotDescription
 from deltaid.robot.limits import Box, Cylinder, Hemisphere
 from deltaid.view import style
 from deltaid.view.html import environment
-from deltaid.view.page import Drawing
+from deltaid.view.page import HEIGHT, Drawing
 
 # Largest width and height of the robot, room for names at either side, their least distance, and
 # free space above the robot [px].
@@ -35,10 +35,10 @@ def drawing(robot: RobotDescription, kinematics: Kinematics) -> Drawing:
     """A robot in the middle of its workspace, seen from the side and slightly from above."""
     skeleton = Skeleton(robot, kinematics.mechanism)
     bodies, drawn = [segment.body for segment in skeleton.segments], members(skeleton.bodies)
-    flat, depth = _seen(skeleton.evaluate(robot.within(0.0)[0][None])[0])
+    flat, depth = _projected(skeleton.evaluate(robot.within(0.0)[0][None])[0])
     sides = _labels(bodies, flat)
     height = max(float(flat[..., 1].max()) + _TOP, _TOP + max(*map(len, sides), 1) * _LINE)
-    heights = [y for side in sides for y in _apart([label.at[1] for label in side], height)]
+    heights = [y for side in sides for y in _spread([label.at[1] for label in side], height)]
     shown = [body for body in skeleton.bodies if body != "base"]
     svg = (
         environment()
@@ -56,7 +56,7 @@ def drawing(robot: RobotDescription, kinematics: Kinematics) -> Drawing:
     return Drawing(Markup(svg), tuple((name, body_in_words(name)) for name in names))
 
 
-def _seen(
+def _projected(
     points: Float[np.ndarray, "segments 2 3"],
 ) -> tuple[Float[np.ndarray, "segments 2 2"], Float[np.ndarray, " segments"]]:
     """Ends of all segments in the picture [px], and their distance from the viewer."""
@@ -86,7 +86,7 @@ def _labels(
     return sides
 
 
-def _apart(wanted: list[float], height: float) -> list[float]:
+def _spread(wanted: list[float], height: float) -> list[float]:
     """Heights closest to the wanted ones that stay apart and within the picture, in order."""
     placed, low = list[float](), height - _LINE + _TOP
     for y in wanted:
@@ -101,8 +101,6 @@ _NUMBERED = re.compile(r"([USC])(\d+)")
 _ONE = {"U": "upper arm", "C": "carriage", "S": "strut"}
 _ANGLES = np.linspace(0.0, 2 * np.pi, 73)
 _LIFTED = np.full((1, 3), np.nan)
-# Radius of a part for each pixel of its width in figures, as a share of the robot's size.
-_THICK = 0.0013
 Line = Float[np.ndarray, "_ 3"]
 
 
@@ -115,8 +113,8 @@ class DrawnBody:
     width: int
 
     def radius(self, size: float) -> float:
-        """Radius of its parts for a robot of this size [m]."""
-        return _THICK * size * self.width
+        """Radius of its parts [m], as in a figure whose height shows a robot of this size."""
+        return 0.5 * self.width * size / HEIGHT
 
 
 _KNOWN = {

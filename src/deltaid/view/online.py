@@ -53,7 +53,9 @@ def online_page(watched: Watched, title: str) -> Page:
             Section(
                 "Contacts", (touches, *_forces(watched)), "when, where, how hard", unfolded=True
             ),
-            Section("What can be detected", (_least(watched), *map(Text, told_lines(watched)))),
+            Section(
+                "What can be detected", (_least_forces(watched), *map(Text, told_lines(watched)))
+            ),
             *[Section("Friction", (friction_table(watched),), "what was followed of it")]
             * bool(watched.friction),
         ),
@@ -123,7 +125,7 @@ def _forces(watched: Watched) -> tuple[Figure, ...]:
     return (figure,) if any(values.any() for values in force.values()) else ()
 
 
-def _least(watched: Watched) -> Figure:
+def _least_forces(watched: Watched) -> Figure:
     s = watched.series
     lines = [
         _line(name, np.where(np.isfinite(values), values, np.nan), "%{y:.3g} N", color)

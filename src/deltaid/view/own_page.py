@@ -13,6 +13,8 @@ from typing import Any
 
 from deltaid.errors import DeltaidError
 
+# Period of checks for what no event reports, such as Ctrl-C on some systems, or changed files [s].
+POLL = 0.5
 # Only this machine can open the page.
 HOST = "127.0.0.1"
 

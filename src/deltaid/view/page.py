@@ -20,7 +20,9 @@ if TYPE_CHECKING:
     from markupsafe import Markup
 
 # Default height of figures [px].
-_HEIGHT = 450
+HEIGHT = 450
+# Longest readable line [characters].
+WIDEST = 100
 _COMMAND = "deltaid"
 
 
@@ -84,7 +86,7 @@ class Figure:
     @property
     def height(self) -> int | float:
         """Height on screen [px]."""
-        return self.figure.layout.height or _HEIGHT
+        return self.figure.layout.height or HEIGHT
 
     def data(self) -> dict[str, Any]:
         """Traces, layout and frames; numpy arrays as base64."""
@@ -100,7 +102,7 @@ class Chart(Figure):
     @property
     def height(self) -> int | float:
         """Height on screen [px]."""
-        return self.figure["layout"].get("height", _HEIGHT)
+        return self.figure["layout"].get("height", HEIGHT)
 
     def data(self) -> dict[str, Any]:
         """Traces and layout for Plotly."""
@@ -160,7 +162,7 @@ class Summary:
     Attributes:
         grade: how far the model may be trusted.
         sentence: the verdict, such as "Good: predicts torques of an unseen motion within 1.2 %.".
-        lines: further sentences: what its numbers come from, what was put right, what is doubtful.
+        lines: further sentences: origin of its numbers, corrections, doubts.
     """
 
     grade: Trust

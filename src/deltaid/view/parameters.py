@@ -1,6 +1,7 @@
 """Parameters of a model: prior, value, interval, and the source of each."""
 
 from collections.abc import Sequence
+from functools import partial
 
 import numpy as np
 import plotly.graph_objects as go
@@ -27,8 +28,6 @@ _SOURCES = {
 }
 # Sources that are shown only where a model has them.
 _BESIDE = ("sensors", "measured")
-# Share of an interval from which its source decides it.
-_DECIDES = 0.5
 
 
 def parameter_section(model: IdentifiedModel) -> Section:
@@ -160,7 +159,8 @@ def shares_sentence(model: IdentifiedModel) -> str:
         f"{100 * np.mean([getattr(share, key) for _, share in parts]):.0f} % {_SOURCES[key]}"
         for key in _keys([share for _, share in parts])
     )
-    most = ", ".join(name for name, share in parts if share.geometry > _DECIDES)
+    main = {name: max(_SOURCES, key=partial(getattr, share)) for name, share in parts}
+    most = ", ".join(name for name, source in main.items() if source == "geometry")
     rest = f"; mostly geometry and effects: {most}" if most else ""
     return f"intervals come in the mean from: {means}{rest}"
 

@@ -125,11 +125,13 @@ class Card:
 def fields_card(value: Any) -> Card:
     """Fields of a data class, or of a part of a description."""
     names = [f.name for f in fields(value)] if is_dataclass(value) else type(value).model_fields
-    facts = ((name, _said(getattr(value, name))) for name in names if not name.startswith("_"))
+    facts = (
+        (name, _short_text(getattr(value, name))) for name in names if not name.startswith("_")
+    )
     return Card(type(value).__name__, facts=tuple(facts), apart=True)
 
 
-def _said(value: object) -> str:
+def _short_text(value: object) -> str:
     text = f"{value:.6g}" if isinstance(value, float) else str(value)
     if isinstance(value, np.ndarray):
         written = " ".join(np.array2string(value, precision=4, separator=", ").split())

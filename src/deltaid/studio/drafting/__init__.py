@@ -1,1 +1,1 @@
-"""A description written from a few numbers: what is asked, what is assumed, how to find it out."""
+"""Descriptions from a few numbers: questions, assumptions, and how to find out the numbers."""

@@ -1,4 +1,4 @@
-"""Bodies of a draft: simple solids of the right mass, with the entries that torques can tell."""
+"""Bodies of a draft: simple solids of the right mass, with the entries that torques determine."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -7,7 +7,7 @@ import numpy as np
 
 from deltaid.studio.drafting.questions import LINEAR, TELESCOPE, TURNING, platform_of, rounded
 
-# kg/m³: aluminium with holes; struts of carbon fibre with joints of metal.
+# Densities [kg/m³]: aluminium with holes; carbon-fibre struts with metal joints.
 _METAL, _CARBON = 2700.0, 1800.0
 _ARM, _STRUT = "[mcx, mcz, Sxx, Szz]", "[m, mcx, Sxx, Syy, Szz]"
 _TUBE, _TOOL = "[m, mcz, Sxx, Syy, Szz]", "[m, mcx, mcy, Sxx, Syy]"
@@ -15,7 +15,7 @@ _TUBE, _TOOL = "[m, mcz, Sxx, Syy, Szz]", "[m, mcx, mcy, Sxx, Syy]"
 
 @dataclass(frozen=True)
 class Drawn:
-    """A body as it is written.
+    """A body of the description.
 
     Attributes:
         name: of the body.
@@ -59,7 +59,7 @@ def bodies(kind: str, a: Mapping[str, float]) -> list[Drawn]:
 
 
 def _platform(kind: str, a: Mapping[str, float]) -> list[tuple[str, str, str, str]]:
-    """Name, comment, shape and free entries of its parts.
+    """Name, comment, shape and free entries of a platform's parts.
 
     A platform's mass is shared among them as in machines of its kind.
     """
@@ -85,18 +85,18 @@ def _platform(kind: str, a: Mapping[str, float]) -> list[tuple[str, str, str, st
 
 
 def stroke(a: Mapping[str, float]) -> tuple[float, float]:
-    """Shortest and longest telescope that the workspace takes, with a little to spare [m]."""
+    """Shortest and longest telescope in the workspace, with a margin [m]."""
     near, far = abs(a["high"]), float(np.hypot(a["low"], a["radius"]))
     return float(np.floor(950 * near)) / 1e3, float(np.ceil(1050 * far)) / 1e3
 
 
 def tube(a: Mapping[str, float]) -> float:
-    """Length of either tube: they overlap at the longest stroke [m]."""
+    """Length of either tube: both overlap at the longest stroke [m]."""
     return rounded(0.55 * stroke(a)[1], 3)
 
 
 def _size(mass: float) -> float:
-    """Length of a cylinder as wide as it is long [m]."""
+    """Length of a cylinder that is as wide as long [m]."""
     return rounded((4 * mass / (np.pi * _METAL)) ** (1 / 3), 3)
 
 
@@ -105,7 +105,7 @@ def _lump(axis: str, mass: float) -> str:
 
 
 def _rod(axis: str, length: float, mass: float, density: float, middle: float = 0.0) -> str:
-    """A solid cylinder along an axis, its middle on it too, as thick as its mass makes it."""
+    """A solid cylinder centred on an axis, whose mass gives its thickness."""
     radius = rounded(float(np.sqrt(mass / (np.pi * density * length))), 3)
     centre = ", ".join(repr(middle) if name == axis and middle else "0" for name in "xyz")
     return (

@@ -1,4 +1,4 @@
-"""A robot by a few numbers as people write them, each with where it comes from."""
+"""Drafts: a robot by a few numbers in a user's notation, each with its origin."""
 
 import re
 from collections.abc import Callable, Mapping
@@ -16,18 +16,19 @@ from deltaid.studio.drafting.questions import (
     QUESTIONS,
     TELESCOPE,
     Question,
-    asked,
     platform_of,
+    questions_of,
 )
+from deltaid.studio.folder import LONGEST
 
 GIVEN, ASSUMED = "given", "assumed"
-# The drive of a telescope, behind those of three limbs.
+# A telescope's drive comes after those of three limbs.
 _TOOL = "drive4"
 
 
 @dataclass(frozen=True)
 class Draft:
-    """What a description is written from.
+    """Input of a description.
 
     Attributes:
         kind: of robot, a key of `KINDS`.
@@ -58,7 +59,7 @@ class Draft:
     def answered_in_words(
         self, texts: Mapping[str, str | None], named: Callable[[Question], str]
     ) -> "Draft":
-        """With answers as people write them.
+        """With answers in a user's notation.
 
         Args:
             texts: such as '235 mm' by the keys of the questions; None is no answer.
@@ -83,7 +84,7 @@ class Draft:
         return draft
 
     def offer(self, question: Question) -> tuple[float, str] | None:
-        """What stands where nothing is given, and where it comes from; None if nobody can guess."""
+        """Offered or assumed value with its origin; None if there is none."""
         if question.key in self.offered:
             return self.offered[question.key], f"from {self.source}"
         if question.assumed is None:
@@ -92,27 +93,27 @@ class Draft:
         return min(max(guess, question.low), question.high), ASSUMED
 
     def completed(self) -> "Draft":
-        """With what is offered or assumed of all that is not known yet.
+        """With offered or assumed values of everything that is not known.
 
         Raises:
-            DeltaidError: there are numbers that nobody can guess.
+            DeltaidError: a number without a default is missing.
         """
         self.require_known()
         draft = self
-        for question in asked(self.kind):
+        for question in questions_of(self.kind):
             if question.key not in draft.values and (offer := draft.offer(question)) is not None:
                 draft = draft.answered(question.key, *offer)
         return draft
 
     def require_known(self) -> None:
-        """Refuse a draft that lacks what nobody can guess.
+        """Raise for a draft that lacks a number without a default.
 
         Raises:
             DeltaidError: with the options that give it.
         """
         missing = [
             question.option
-            for question in asked(self.kind)
+            for question in questions_of(self.kind)
             if question.assumed is None and question.key not in {**self.values, **self.offered}
         ]
         if missing:
@@ -125,10 +126,10 @@ class Draft:
             )
 
 
-# A number, then units made of names, small powers, products and quotients, so that a text is never
-# computed beyond that.
+# A number, then units of names, small powers, products and quotients; the text is never evaluated
+# beyond that.
 _GRAMMAR = re.compile(r"([+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d{1,2})?)\s*([A-Za-zµμ°²³^*/·\d\s]*)")
-# Two ways to write numbers of some units.
+# Examples of numbers with some units.
 _EXAMPLES = {
     "m": "200 mm or 0.2 (m)",
     "kg": "800 g or 0.8 (kg)",
@@ -139,12 +140,10 @@ _EXAMPLES = {
     "N*m": "80 N m or 80",
     "N": "600 N or 600",
 }
-# Letters of an answer; what is longer is no number with a unit.
-_LONGEST = 40
 
 
 def read_answer(question: Question, text: str, where: str) -> float:
-    """The number of an answer as people write it; `where` names it in messages.
+    """The number of an answer; `where` is its name in messages.
 
     Raises:
         DeltaidError: it is no number with a unit of the kind, or no machine can have it.
@@ -153,7 +152,7 @@ def read_answer(question: Question, text: str, where: str) -> float:
 
 
 def quantity(text: str, unit: str, where: str = "the answer") -> float:
-    """A number in `unit`; one without a unit is in it already. `where` names it in messages.
+    """A number in `unit`, which is also the default unit. `where` is its name in messages.
 
     Raises:
         DeltaidError: it is no number, or its unit is of another kind.
@@ -161,10 +160,10 @@ def quantity(text: str, unit: str, where: str = "the answer") -> float:
     import pint
 
     text, example = text.strip(), _EXAMPLES.get(unit, f"a number in {unit}")
-    match = _GRAMMAR.fullmatch(text) if len(text) <= _LONGEST else None
+    match = _GRAMMAR.fullmatch(text) if len(text) <= LONGEST else None
     if match is None:
         comma = ", with a point and no comma" if "," in text else ""
-        what = f"{text[:_LONGEST]!r} is not a number{comma}"
+        what = f"{text[:LONGEST]!r} is not a number{comma}"
         raise DeltaidError(what, where=where, cure=f"write {example}")
     number, words = float(match[1]), match[2].strip()
     if not words:
@@ -191,7 +190,7 @@ def _registry() -> Any:
 
 
 def kind_of(robot: RobotDescription) -> str:
-    """Its kind, a key of `KINDS`.
+    """Kind of a robot, a key of `KINDS`.
 
     Raises:
         DescriptionError: it is none of them.
@@ -210,14 +209,14 @@ def kind_of(robot: RobotDescription) -> str:
     return "linear-delta" if linear else "delta"
 
 
-# Bodies of a platform, and how many it has of each.
+# Bodies of a platform with their counts.
 _PARTS = {
     "rigid": {"P": 1}, "h4": {"SB": 2, "MB": 1}, "i4": {"HP": 2}, "par4": {"MP": 2, "R": 2},
 }  # fmt: skip
 
 
 def answers(robot: RobotDescription) -> dict[str, float]:
-    """What it has of the numbers that a robot of its kind is asked for.
+    """Answers that a robot gives to the questions of its kind.
 
     Motors are those of the first drive, behind their gear; arms and carriages are asked for
     different numbers of them.
@@ -276,5 +275,5 @@ def answers(robot: RobotDescription) -> dict[str, float]:
     if kind in TELESCOPE and turning is not None:
         values |= {"tool_speed": turning.speed_deg_s, "tool_torque": turning.torque}
         values["tool_rotor"] = robot.rotor_inertia.get(_TOOL)
-    numbers = {question.key: values.get(question.key) for question in asked(kind)}
+    numbers = {question.key: values.get(question.key) for question in questions_of(kind)}
     return {key: float(f"{value:.12g}") for key, value in numbers.items() if value is not None}

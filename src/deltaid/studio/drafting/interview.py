@@ -1,4 +1,4 @@
-"""Asking for a robot: each answer is checked at once, and groups of them against one another."""
+"""Interview about a robot: answers are checked at once, and groups of them for consistency."""
 
 import re
 from collections.abc import Iterable, Mapping
@@ -13,7 +13,7 @@ from deltaid.model.verdict import Grade, Verdict
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.load import described_in
 from deltaid.studio.drafting.draft import GIVEN, Draft, read_answer
-from deltaid.studio.drafting.questions import GROUPS, KINDS, Group, Question, answered, asked
+from deltaid.studio.drafting.questions import GROUPS, KINDS, Group, Question, answered, questions_of
 from deltaid.studio.drafting.text import written
 from deltaid.studio.drafting.workspace import find_space, height
 from deltaid.studio.steps import Step
@@ -21,22 +21,22 @@ from deltaid.studio.steps import Step
 
 @runtime_checkable
 class Asker(Protocol):
-    """Whoever answers the questions."""
+    """The source of answers."""
 
     def ask(self, question: Question, offer: tuple[float, str] | None) -> str:
-        """An answer as it is written; empty to take what is offered."""
+        """An answer in a user's notation; empty to accept the offer."""
         ...
 
     def tell(self, error: DeltaidError) -> None:
-        """What is wrong with the last answers."""
+        """Report what is wrong with the last answers."""
         ...
 
 
 def interview(draft: Draft, asker: Asker | None = None) -> Draft:
-    """A complete draft: what is not given is asked for, or assumed where nobody answers.
+    """A complete draft: missing numbers are asked for, or assumed where nobody answers.
 
     Raises:
-        DeltaidError: nobody answers, and numbers are missing, or do not go together.
+        DeltaidError: numbers are missing without anybody to ask, or are inconsistent.
     """
     if asker is None:
         draft.require_known()
@@ -47,8 +47,8 @@ def interview(draft: Draft, asker: Asker | None = None) -> Draft:
 
 
 def _settled(draft: Draft, group: Group, asker: Asker) -> Draft:
-    """A group's answers, asked for again, those that have one too, until they go together."""
-    questions = [question for question in asked(draft.kind) if question.group == group]
+    """A group's answers, asked again, including given ones, until they are consistent."""
+    questions = [question for question in questions_of(draft.kind) if question.group == group]
     again = False
     while True:
         for question in questions:
@@ -80,7 +80,7 @@ def _answered(draft: Draft, question: Question, asker: Asker) -> Draft:
 
 _SPACE = ("radius", "low", "high")
 _RANGES = (("angle_low", "angle_high"), ("rail_low", "rail_high"), ("low", "high"))
-# Where the workspace is looked for stands a small one first: its size as a share of the struts'.
+# Size of a first small workspace, as a share of the struts', before the search for the real one.
 _FIRST = 0.02
 
 
@@ -92,24 +92,24 @@ def description(draft: Draft) -> RobotDescription:
     """
     try:
         return described_in(written(draft), draft.name)
-    except DescriptionError as error:  # it has lines of a file that nobody has seen
+    except DescriptionError as error:  # it refers to lines of an unwritten file
         what = re.sub(r"^line \d+, ", "", error.what)
         raise DeltaidError(what, where="the answers", cure=_reach(draft)) from None
 
 
 def unusual(draft: Draft) -> tuple[str, ...]:
-    """What `deltaid check` doubts of a draft's masses, which the machine may have all the same."""
+    """Doubts of `deltaid check` on a draft's masses, which may be right all the same."""
     verdicts = checked_priors(description(draft))
     return tuple(f"{v.subject}: {v.seen}; {v.cure}" for v in verdicts if v.grade is not Grade.GOOD)
 
 
 def require_group(draft: Draft, group: Group) -> Draft:
-    """A draft whose answers so far go together, with what they make known.
+    """A draft with consistent answers so far, and what follows from them.
 
     Masses that are unusual for a robot of its size are left in doubt; the machine may have them.
 
     Raises:
-        DeltaidError: they do not, with what was seen and how to mend it.
+        DeltaidError: they are inconsistent, with the finding and the fix.
     """
     _require_ordered(draft.values)
     if group in ("lengths", "tool"):
@@ -128,7 +128,7 @@ def require_group(draft: Draft, group: Group) -> Draft:
 
 
 def _with_space(draft: Draft) -> Draft:
-    """A draft that knows what its robot reaches, as what is assumed of its workspace.
+    """A draft with the reach of its robot as the assumed workspace.
 
     Raises:
         DeltaidError: the lengths do not go together, or nothing is within reach.
@@ -150,13 +150,13 @@ def _with_space(draft: Draft) -> Draft:
         return draft
     robot = description(trial)
     if robot.telescope is not None:
-        # The stroke that is assumed follows from the workspace, and not the reverse.
+        # The assumed stroke follows from the workspace, not the reverse.
         robot = robot.changed(telescope=robot.telescope.changed(stroke=None))
     space = find_space(robot, middle, a["strut"])
     return replace(_with_found_space(draft, space.radius, space.low, space.high), found_for=poses)
 
 
-# What does not decide where a robot can stand.
+# Numbers without effect on the reach.
 _OF_FORCES = frozenset(
     ("arm_mass", "carriage_mass", "strut_mass", "platform_mass", "tool_mass", "telescope_mass",
      "gear", "torque", "rail_force", "speed", "rail_speed", "rotor", "rotor_mass", "tool_speed",
@@ -166,8 +166,8 @@ _OF_FORCES = frozenset(
 
 
 def _own_space(draft: Draft) -> Draft:
-    """Without the workspace of the robot it starts from, if other lengths were given."""
-    keys = [question.key for question in asked(draft.kind) if question.group == "lengths"]
+    """The draft without the workspace of its source robot where other lengths were given."""
+    keys = [question.key for question in questions_of(draft.kind) if question.group == "lengths"]
     if all(draft.values.get(k, draft.offered.get(k)) == draft.offered.get(k) for k in keys):
         return draft
     return replace(draft, offered={k: v for k, v in draft.offered.items() if k not in _SPACE})
@@ -205,7 +205,7 @@ def _require_ordered(a: Mapping[str, float]) -> None:
 
 
 def _refuse(draft: Draft, verdicts: Iterable[Verdict]) -> None:
-    """Raise the first verdict that is not good, but for unusual masses."""
+    """Raise the first verdict that is not good, except on unusual masses."""
     for verdict in verdicts:
         unusual_mass = verdict.key == "prior-scale" and verdict.grade is Grade.DOUBTFUL
         if verdict.grade is not Grade.GOOD and not unusual_mass:
@@ -215,7 +215,7 @@ def _refuse(draft: Draft, verdicts: Iterable[Verdict]) -> None:
 
 
 def drafted(kind: str, name: str, answers: Mapping[str, str]) -> str:
-    """The description of a robot as YAML; what is not answered is assumed, and said so in it.
+    """The description of a robot as YAML; missing answers are assumed, and marked so.
 
     Args:
         kind: a key of `KINDS`.
@@ -226,7 +226,7 @@ def drafted(kind: str, name: str, answers: Mapping[str, str]) -> str:
         DeltaidError: an answer is none, something is missing, or they do not go together.
     """
     texts = answered(kind, answers)
-    missing = [q.text for q in asked(kind) if q.assumed is None and q.key not in texts]
+    missing = [q.text for q in questions_of(kind) if q.assumed is None and q.key not in texts]
     if missing:
         raise DeltaidError(
             "still missing",
@@ -240,7 +240,7 @@ def drafted(kind: str, name: str, answers: Mapping[str, str]) -> str:
 def new_step(kind: str, file: str, answers: Mapping[str, str]) -> Step:
     """A description of a robot of one's own, from a few numbers."""
     given = answered(kind, answers)
-    options = [w for q in asked(kind) if q.key in given for w in (q.option, given[q.key])]
+    options = [w for q in questions_of(kind) if q.key in given for w in (q.option, given[q.key])]
     known = {key: answers[key] for key in given}
     python = f"""\
 from pathlib import Path

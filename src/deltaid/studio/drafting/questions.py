@@ -1,4 +1,4 @@
-"""What a new robot is asked for, in order, each with what is assumed when nobody knows it.
+"""Questions about a new robot, in order, with their default answers.
 
 Imports nothing that is slow: the help of `deltaid new` is made of it.
 """
@@ -12,7 +12,7 @@ from deltaid.errors import DeltaidError
 
 Answers = Mapping[str, float]
 Group = Literal["lengths", "masses", "motors", "tool", "friction", "workspace"]
-# Units as pint reads them, and as people do.
+# Units in pint's notation, and as people write them.
 _WORDS = {
     "": "", "m": "m", "kg": "kg", "degree": "°", "degree/s": "°/s", "m/s": "m/s", "m/s**2": "m/s²",
     "kg*m**2": "kg m²", "N*m": "N m", "N": "N", "N*m*s/rad": "N m s/rad", "N*s/m": "N s/m",
@@ -44,23 +44,23 @@ def limbs_of(kind: str) -> int:
 
 
 ALL = frozenset(KINDS)
-# Driven by carriages on rails, and by arms on motors.
+# Kinds with carriages on rails, and with arms on motors.
 LINEAR = frozenset(kind for kind in KINDS if "linear" in kind)
 ROTARY = ALL - LINEAR
-# Whose platform, or telescope bar, turns the tool.
+# Kinds with a turning tool, by platform or telescope bar.
 ARTICULATED = frozenset(kind for kind in KINDS if platform_of(kind) != "rigid")
 TELESCOPE = frozenset({"delta-4"})
 TURNING = ARTICULATED | TELESCOPE
-# With a bar that turns within the platform, or two half platforms that slide.
+# Kinds with a bar that turns within the platform, or with two sliding half platforms.
 _BAR = frozenset(kind for kind in KINDS if platform_of(kind) in ("h4", "par4"))
 _SLIDE = ARTICULATED - _BAR
-# Whose limbs end on a circle.
+# Kinds whose limbs end on a circle.
 _ROUND = frozenset(kind for kind in KINDS if platform_of(kind) != "h4")
 
 
 @dataclass(frozen=True)
 class Question:
-    """One number.
+    """A number that is asked for.
 
     Attributes:
         key: its name among the answers, and of its option with dashes.
@@ -69,7 +69,7 @@ class Question:
         low, high: what a machine may have.
         how: how to find it out.
         of: kinds of robots that have it.
-        assumed: from kind and what was answered before; None where nobody can guess it.
+        assumed: default from kind and earlier answers; None where there is none.
         group: what it is asked with.
     """
 
@@ -95,11 +95,12 @@ class Question:
 
     @property
     def label(self) -> str:
-        """What it is, with its unit."""
+        """Its text with the unit."""
         return f"{self.text} [{self.shown_unit}]" if self.unit else self.text
 
     def require(self, value: float, where: str = "") -> float:
-        """The value, if a machine can have it; `where` names it in messages, else its option.
+        """The value, if a machine can have it; `where` is its name in messages, by default the
+        option.
 
         Raises:
             DeltaidError: it cannot be.
@@ -117,18 +118,18 @@ class Question:
 
 # Standard gravity [m/s²].
 GRAVITY = 9.81
-# Acceleration of the platform that assumed motors are strong enough for [m/s²], and how much
-# stronger they are than one limb alone would need.
+# Platform acceleration of assumed motors [m/s²], and their strength as a multiple of one limb's
+# need.
 _ACCELERATION, _MORE = 40.0, 2.0
 _UPWARDS = _MORE * (GRAVITY + _ACCELERATION)
-# Mass of a part over the cube of arm and strut [kg/m³], at most: a tenth of a solid block's.
+# Largest mass of a part over the cube of arm and strut [kg/m³]: a tenth of a solid block's.
 _HEAVIEST = 15.0
-# Largest speed and acceleration that are assumed of a platform [m/s, m/s²].
+# Largest assumed speed and acceleration of a platform [m/s, m/s²].
 _FASTEST, _HARDEST = 5.0, 60.0
 
 
 def rounded(value: float, digits: int = 2) -> float:
-    """A number that does not pretend to be known."""
+    """A number with two digits, as it is an assumption."""
     return float(f"{value:.{digits}g}")
 
 
@@ -151,7 +152,7 @@ def _top_speed(kind: str, a: Answers) -> float:
 
 
 def _top_acceleration(kind: str, a: Answers) -> float:
-    """What the motors have above gravity, halved as they work together [m/s²]."""
+    """Half of the motors' acceleration above gravity, because they work together [m/s²]."""
     if kind in LINEAR:
         most = a["rail_force"] / (lifted(kind, a) + a["carriage_mass"] + a["rotor_mass"])
     else:
@@ -230,7 +231,7 @@ QUESTIONS: tuple[Question, ...] = (
              _constant(3.0), "motors"),
     Question("rotor", "inertia of a motor's rotor and what turns with it, before the gear",
              "kg*m**2", 1e-12, 1e4, _SHEET, ROTARY,
-             # A third of what the load is, seen from the arm.
+             # A third of the load's inertia at the arm.
              lambda kind, a: rounded(0.3 * lifted(kind, a) * (a["arm"] / a["gear"]) ** 2),
              "motors"),
     Question("rotor_mass", "inertia of motor, spindle or belt, as a mass at the carriage", "kg",
@@ -240,7 +241,7 @@ QUESTIONS: tuple[Question, ...] = (
              "count the teeth", _BAR, _constant(4.0), "tool"),
     Question("pinion", "radius of the pinion between the two racks", "m", 1e-3, 1, _CALIPER,
              _SLIDE,
-             # Its platform stays smaller than its limbs' circle.
+             # The platform stays smaller than the circle of its limbs.
              lambda kind, a: rounded(0.018 * a["strut"]), "tool"),
     Question("tool_turn", "how far the tool turns, either way", "degree", 1, 7200, _SHEET,
              ARTICULATED, lambda kind, a: 45.0 * a["ratio"] if "ratio" in a else 180.0, "tool"),
@@ -275,12 +276,12 @@ QUESTIONS: tuple[Question, ...] = (
 GROUPS: tuple[Group, ...] = ("lengths", "masses", "motors", "tool", "friction", "workspace")
 
 
-def asked(kind: str) -> list[Question]:
-    """What a kind of robot is asked for, in order."""
+def questions_of(kind: str) -> list[Question]:
+    """Questions about a kind of robot, in order."""
     return [question for question in QUESTIONS if kind in question.of]
 
 
 def answered(kind: str, answers: Mapping[str, str]) -> dict[str, str]:
-    """What was written in answer to the questions of a kind, by their keys; no empty answers."""
-    texts = {question.key: answers.get(question.key, "").strip() for question in asked(kind)}
+    """Texts of the answers to the questions of a kind, by their keys, without empty ones."""
+    texts = {question.key: answers.get(question.key, "").strip() for question in questions_of(kind)}
     return {key: text for key, text in texts.items() if text}

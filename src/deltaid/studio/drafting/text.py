@@ -1,4 +1,4 @@
-"""A draft written as a description: YAML with a comment beside every number, and its sources."""
+"""Text of a draft: a description in YAML with a comment on every number, and its sources."""
 
 import json
 import re
@@ -23,9 +23,9 @@ _HEAD = f"""\
 # Written by `deltaid new`. Lengths in m, masses in kg, angles in degrees where a key ends in _deg.
 # Nobody has measured what is "assumed": replace it where you can, and say in `sources` where from.
 """
-# How near to a singularity motions of a new robot may come.
+# Largest condition of motions of a new robot.
 _CONDITION = 5
-# Letters first, and no word that YAML reads as something else.
+# Starts with a letter and is no keyword of YAML.
 _PLAIN = re.compile(
     r"(?!(?:true|false|null|yes|no|on|off|y|n)$)[A-Za-z][\w ,;.'()/+-]*", re.IGNORECASE
 )
@@ -88,7 +88,7 @@ def written(draft: Draft) -> str:
 
 
 def _together(draft: Draft, questions: Iterable[str]) -> str:
-    """One word if all answers come from one place, or each by its name."""
+    """One origin if all answers share it, or each by its name."""
     origins = {key: draft.origins[key] for key in questions}
     if len(set(origins.values())) == 1:
         return next(iter(origins.values()))
@@ -103,17 +103,17 @@ def _other_drives(draft: Draft, first: _Row) -> list[_Row]:
 
 
 def number(value: float) -> str:
-    """A number with every bit."""
+    """A number in full precision."""
     return str(int(value)) if value == int(value) and abs(value) < 1e6 else repr(float(value))
 
 
 def _product(a: float, b: float) -> float:
-    """Without the last bits, which only rounding made: 0.4 times 3 is 1.2."""
+    """A product without the last bits, which are rounding: 0.4 times 3 is 1.2."""
     return float(f"{a * b:.12g}")
 
 
 def _scalar(text: str) -> str:
-    """Text of one line: plain words as they are, all else between quotes."""
+    """Text of one line: plain words verbatim, everything else quoted."""
     return text if _PLAIN.fullmatch(text) else json.dumps(text, ensure_ascii=not text.isprintable())
 
 
@@ -157,7 +157,7 @@ def _limbs(draft: Draft) -> list[_Row]:
 
 
 def _h4_points(a: Mapping[str, float]) -> tuple[list[list[float]], list[list[float]]]:
-    """Base and platform points of an H4 near the prototype's arrangement [m]."""
+    """Base and platform points of an H4, close to the prototype's [m]."""
     R, h = a["base_radius"], a["bar"]
     base = [[R, 0.0], [-R, 0.0], [0.35 * R, -R], [-0.35 * R, -R]]
     own = [[h / 6, -h / 3], [-h / 6, -h / 3], [-2 * h / 3, h / 3], [2 * h / 3, h / 3]]

@@ -1,4 +1,4 @@
-"""Where a robot of given lengths can work: a cylinder that it reaches all of."""
+"""Largest workspace of a robot with given lengths: a cylinder within its reach."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
@@ -14,15 +14,15 @@ from deltaid.errors import DeltaidError, KinematicsError
 from deltaid.robot.description import RobotDescription
 from deltaid.studio.drafting.questions import LINEAR
 
-# Height of the cylinder over its radius; radii that are tried, as shares of the struts' length;
-# directions and heights at which its rim is looked at; shares of limits that may be used.
+# Ratio of the cylinder's height to its radius; radii to try, as shares of the struts' length;
+# directions and heights of checked rim points; allowed use of limits.
 _TALL, _LARGEST, _SMALLEST, _STEP, _AROUND, _LEVELS, _SHARE = 0.7, 0.8, 0.03, 0.94, 24, 5, 0.97
-# Steps by which its height grows, as a share of the struts' length, and how many at most.
+# Growth steps of its height, as a share of the struts' length, and their number.
 _GROWN, _GROWTHS = 0.05, 60
-# How far from the first guess its middle may lie, as shares of the struts' length.
+# Range of its middle about the first guess, as shares of the struts' length.
 _SHIFTS = (0.0, 0.05, -0.05, 0.1, -0.1, 0.15, -0.15, 0.2, -0.2, 0.25, 0.3)
-# Angles of the arms that are tried, degrees down; what struts must be longer than their joints are
-# apart sideways, as a factor.
+# Angles of the arms to try, degrees down; factor by which struts exceed the sideways distance of
+# their joints.
 _ANGLES, _SPARE = (30.0, 45.0, 60.0, 75.0), 1.02
 _LENGTHS = ("--arm", "--strut", "--base-radius", "--platform-radius")
 
@@ -37,7 +37,7 @@ class Space:
 
 
 def height(kind: str, a: Mapping[str, float]) -> float:
-    """How far below the base the platform stands with arms 30° down, or carriages halfway [m].
+    """Distance of the platform below the base with arms 30° down, or carriages halfway [m].
 
     Raises:
         DeltaidError: the struts do not reach from there to the platform.
@@ -111,7 +111,7 @@ def _cylinder(middle: float, radius: float) -> Space:
 
 
 def _taller(at_rest: AtRest, space: Space, step: float) -> Space:
-    """The same radius, as far down and up as it goes: rails reach farther than arms."""
+    """The same radius with the largest height: rails reach farther than arms."""
     for down, up in ((step, 0.0), (0.0, step)):
         for _ in range(_GROWTHS):
             grown = replace(space, low=space.low - down, high=space.high + up)
@@ -132,7 +132,7 @@ def _cure(robot: RobotDescription) -> str:
 
 
 def _rounded(space: Space) -> Space:
-    """To whole millimetres inwards, or to thousandths of what is smaller than that."""
+    """Rounded inwards to millimetres, or to thousandths of smaller values."""
     unit = 10.0 ** min(-3, np.floor(np.log10(space.radius)) - 2)
     digits = round(-np.log10(unit))
     return Space(
@@ -143,13 +143,13 @@ def _rounded(space: Space) -> Space:
 
 
 def _pose_limits(at_rest: AtRest) -> list[int]:
-    """The machine's limits of pose: not the workspace's, those of torque, or the tool's range."""
+    """Limits of the machine's pose, without those of workspace, torque and the tool's range."""
     last = len(at_rest.limits) - len(torque_limits(at_rest.robot))
     return [i for i in range(at_rest.of_workspace, last) if at_rest.limits[i] != "tool angle"]
 
 
 def _holds(at_rest: AtRest, space: Space) -> bool:
-    """Whether the robot stands everywhere in the cylinder, within its limits of pose."""
+    """Whether the robot reaches the whole cylinder within its limits of pose."""
     poses = at_rest(_points(at_rest, space))
     return bool(poses.stands.all() and (poses.shares[:, _pose_limits(at_rest)] <= _SHARE).all())
 
@@ -164,7 +164,7 @@ def _worst(at_rest: AtRest, space: Space) -> str:
 
 
 def _points(at_rest: AtRest, space: Space) -> Float[np.ndarray, "samples dof"]:
-    """The cylinder's axis, rim and halfway between, with the tool's turn at its ends and middle."""
+    """Points of the cylinder's axis, rim and halfway, with the tool's extreme and middle angles."""
     angles = np.arange(_AROUND) * 2 * np.pi / _AROUND
     circle = np.stack([np.cos(angles), np.sin(angles)], axis=1)
     flat = np.concatenate([np.zeros((1, 2)), 0.5 * circle, circle]) * space.radius

@@ -1,1 +1,1 @@
-"""What the studio shows: a frame, and one module a stage."""
+"""Pages of the studio: a frame, and one module a stage."""

@@ -1,4 +1,4 @@
-"""Stage 3: the check. Verdicts, and cures that go into a file by a click, after their diff."""
+"""Stage 3, the check: verdicts, and proposed changes that are written after their diff."""
 
 from functools import partial
 from typing import Any
@@ -8,7 +8,7 @@ from nicegui import ui
 from deltaid.errors import DeltaidError
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.load import catalogue, catalogue_text
-from deltaid.studio.edits import difference, robot_cured, wanted
+from deltaid.studio.edits import difference, proposed_changes, robot_cured
 from deltaid.studio.look import mapping_cured
 from deltaid.studio.pages import parts
 from deltaid.studio.plan import Plan, Used
@@ -83,7 +83,7 @@ def _card(session: Session, verdict: dict[str, Any]) -> None:
         if verdict["key"] == "torque-lag":
             ui.label("The fit corrects this lag too (setting: Lag).").classes("dim")
         for file, name in (("robot", "the robot file"), ("mapping", "the mapping")):
-            if changes := wanted(verdict, file):
+            if changes := proposed_changes(verdict, file):
                 label = f"Show the change to {name}"
                 offer = partial(_offer, session, verdict, file, changes)
                 ui.button(label, on_click=offer).props(
@@ -94,7 +94,7 @@ def _card(session: Session, verdict: dict[str, Any]) -> None:
 async def _offer(
     session: Session, verdict: dict[str, Any], file: str, changes: list[tuple[str, object]]
 ) -> None:
-    """Show what a file would become, and write it when asked to."""
+    """Show the changed file, and write it on request."""
     folder, plan, robot = session.folder, session.plan, session.plan.robot or ""
     used = None if file == "robot" else _used(plan, verdict)
     if used is not None:
@@ -126,7 +126,7 @@ async def _offer(
 
 
 def _used(plan: Plan, verdict: dict[str, Any]) -> Used:
-    """The recording that a verdict is on: of several it names its own."""
+    """The recording of a verdict, which verdicts on several name."""
     for recording in plan.used:
         if len(plan.used) == 1 or str(verdict["subject"]).startswith(recording.file):
             return recording

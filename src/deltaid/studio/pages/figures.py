@@ -1,5 +1,5 @@
-"""Figures of the studio, legible on light and dark ground: curves over one time axis, and the robot
-in three dimensions, which goes where sliders or the dragged ball ask it to go."""
+"""Figures of the studio on light and dark ground: curves over one time axis, and a robot in three
+dimensions that follows sliders or the dragged ball."""
 
 from collections.abc import Awaitable, Callable, Mapping, Sequence
 from typing import Any, Literal
@@ -25,7 +25,7 @@ Span = tuple[float, float]
 _COLOURS = ("#1f77b4", "#d9730d", "#2c9a55", "#a64ca6")
 _MEASURED = "#8a949e"
 _GRID = "rgba(128,128,128,.25)"
-# Height of a row of curves [px], and letters of a title beside it.
+# Height of a row of curves [px], and length of the title beside it.
 _HEIGHT, _LETTERS = 190, 26
 _CONFIG = {"config": {"displaylogo": False}}
 
@@ -52,11 +52,11 @@ def curves(seen: Preview, time: str = "time [s]") -> Options:
     return plot.to_plotly_json() | _CONFIG
 
 
-def beside(compared: Beside, names: Sequence[str], shown: str) -> Options:
+def compared_curves(compared: Beside, names: Sequence[str], shown: str) -> Options:
     """Torques or errors, a row a drive; the time axes move together.
 
     Args:
-        found: measured and predicted torques.
+        compared: measured and predicted torques.
         names: of the models.
         shown: 'torques' or 'errors'.
     """
@@ -92,28 +92,28 @@ def _panels(titles: Sequence[str], time: str = "time [s]") -> go.Figure:
         font={"color": "#7a8691"},
         hovermode="x unified",
         hoversubplots="axis",
-        uirevision="same",  # what one looks at stays when curves come in more detail
+        uirevision="same",  # the view stays when more detailed curves arrive
     )
 
 
 def linked(plot: ui.plotly, again: Callable[[Span | None], Awaitable[Options]]) -> None:
-    """Draw a figure in more detail when one looks at a part of its time.
+    """Redraw a figure in more detail when its view of time changes.
 
     Args:
         plot: with one time axis for all rows.
         again: gives the figure of a span [s], or of all time for None.
     """
 
-    async def looked(event: events.GenericEventArguments) -> None:
+    async def zoomed(event: events.GenericEventArguments) -> None:
         asked = _span(event.args)
         if asked is not False:
             plot.update_figure(await again(asked))
 
-    plot.on("plotly_relayout", looked)
+    plot.on("plotly_relayout", zoomed)
 
 
 def _span(said: Mapping[str, Any]) -> Span | Literal[False] | None:
-    """The time that is looked at after a change of view; False if it has not changed."""
+    """The visible time span after a change of view; False if it has not changed."""
     for key, value in said.items():
         if key.startswith("xaxis") and key.endswith(".autorange"):
             return None
@@ -137,7 +137,7 @@ async def preview(session: Session, used: Used, mapping: Data) -> None:
 async def signals(
     session: Session, used: Used, contents: Contents, mapping: Data, dof: int
 ) -> None:
-    """Columns as they are recorded, before they are mapped: those proposed, or any other."""
+    """Recorded columns before they are mapped: proposed ones, or any other."""
     known = [c.address for c in contents.columns if c.low is not None]
     time = mapping.get("time", {}).get("column")
     time = time if time in known else None
@@ -166,7 +166,7 @@ async def _drawn(
     session: Session, used: Used, see: Callable[..., Preview], given: tuple[Any, ...],
     time: str = "time [s]",
 ) -> Preview:  # fmt: skip
-    """The figure of a look at a recording, which is drawn again in more detail."""
+    """The figure of a preview, redrawn in more detail on zoom."""
     path = str(session.folder.path(used.file))
     with parts.waiting():
         seen = await session.look(see, path, *given)
@@ -180,7 +180,7 @@ async def _drawn(
     return seen
 
 
-# Of the ground and of the workspace's edges, on a light page and on a dark one.
+# Colours of the ground and the workspace's edges, on light and dark pages.
 _LIGHT, _DARK = ("#dfe5ea", "#66727d"), ("#2a3138", "#9aa6b0")
 # three.js draws cylinders along y; parts are placed along z.
 _Y_TO_Z = np.array([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]])
@@ -195,7 +195,7 @@ async def live(session: Session, name: str) -> None:
 
 
 class _Live:
-    """A scene, and the pose that it was asked for last."""
+    """A scene, and the last requested pose."""
 
     def __init__(self, session: Session, robot: tuple[str, str], stage: Stage) -> None:
         self.session, self.robot, self.stage = session, robot, stage
@@ -253,19 +253,19 @@ class _Live:
         return slider
 
     def _put(self, wanted: tuple[float, ...]) -> None:
-        """Go somewhere that no slider has asked for: they follow."""
+        """Go to a pose that came from no slider; sliders follow."""
         self._ask(wanted)
         for slider, value in zip(self.sliders, wanted, strict=True):
             slider.set_value(value)
 
     def _ask(self, wanted: tuple[float, ...]) -> None:
-        """Go somewhere; of what is asked for on the way the last counts."""
+        """Go to a pose; the last request wins."""
         self.wanted = wanted
         if not self.going:
             background_tasks.create(self.go(), name="go", context=self.scene.client)
 
     async def go(self) -> None:
-        """Move the robot until it is where it was asked to be last."""
+        """Move the robot until it has reached the last requested pose."""
         self.going = True
         try:
             asked = None

@@ -1,4 +1,4 @@
-"""Stage 4: the fit. Settings with their defaults, progress, and an end before its end."""
+"""Stage 4, the fit: settings with their defaults, progress, cancellation."""
 
 from functools import partial
 from typing import Any, Literal, get_args, get_origin
@@ -12,7 +12,7 @@ from deltaid.studio.session import Session
 from deltaid.studio.steps import fit_step
 from deltaid.studio.words import INSIST
 
-# Settings in the order of the page, and what their fields are called.
+# Settings in the page's order, with the names of their fields.
 _LABELS = {
     "friction": "Friction laws: choose further terms, or as described",
     "intervals": "Intervals of parameters",
@@ -72,7 +72,7 @@ def _gate(session: Session) -> bool:
 
 
 def _settings(session: Session) -> None:
-    """A field for each setting, of the kind that its values have."""
+    """A field for each setting, by the kind of its values."""
     settings = session.plan.settings
 
     def take(key: str, value: Any) -> None:
@@ -106,14 +106,14 @@ def _settings(session: Session) -> None:
 
 
 def _text(value: float | str | tuple[float, ...] | None) -> str:
-    """As a field shows it; lags in ms."""
+    """Text of a field; lags in ms."""
     if isinstance(value, tuple):
         return ",".join(f"{1e3 * lag:.10g}" for lag in value)
     return value or "" if value is None or isinstance(value, str) else f"{value:.10g}"
 
 
 def _lag(text: str) -> Any:
-    """What the option --lag would make of it."""
+    """Value of the option --lag."""
     if text.strip() in ("estimate", "none"):
         return text.strip()
     try:

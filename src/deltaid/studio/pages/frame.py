@@ -11,9 +11,8 @@ from starlette.responses import FileResponse, PlainTextResponse, RedirectRespons
 from deltaid.errors import DeltaidError
 from deltaid.studio.pages import check, fit, parts, recording, result, robot, use
 from deltaid.studio.session import STAGES, Session, standing
+from deltaid.view.own_page import POLL
 
-# Seconds between looks at files that other programs may change.
-_LOOK = 1.0
 _TITLES = {
     "robot": ("Robot", "Which machine is it?"),
     "recording": ("Recording", "What was recorded, and which column is what?"),
@@ -25,18 +24,18 @@ _TITLES = {
 _MARKS = {"done": "check_circle", "wrong": "error", "open": "radio_button_unchecked", "later": ""}
 _WORDS = {"done": "done", "wrong": "to fix", "open": "open", "later": "later"}
 _BODIES = dict(zip(STAGES, (robot, recording, check, fit, result, use), strict=True))
-# How pages look: what the button says, what comes next, and JavaScript for it.
+# Themes: text of the button, the next theme, and its JavaScript.
 _THEMES: dict[bool | None, tuple[str, bool | None, str]] = {
     None: ("Theme: system", True, "studioTheme(null)"),
     True: ("Theme: dark", False, "studioTheme(true)"),
     False: ("Theme: light", None, "studioTheme(false)"),
 }
-# A page of the folder may hold anything: it gets no say in the studio.
+# Pages of the folder may hold anything: they have no access to the studio.
 _OF_FILES = "sandbox allow-scripts allow-downloads; default-src 'unsafe-inline' data: blob:"
 
 
 def build(session: Session) -> None:
-    """Add all pages and routes, and how their parts look."""
+    """Add all pages and routes, and the style of their parts."""
     ui.button.default_props("no-caps")
     for field in (ui.select, ui.input, ui.number):
         field.default_props("outlined dense")
@@ -79,11 +78,12 @@ def _stage(session: Session, stage: str, client: Client) -> None:
             ui.label(title)
         ui.label(question).classes("question")
         content = ui.column().classes("body")
-        _ways(stage)
+        _arrows(stage)
     seen, drawing = -1, False
 
     async def draw() -> None:
-        """Draw what has changed, once after the other; two at once would show it twice."""
+        """Redraw what has changed, one change after the other, because two at once would show it
+        twice."""
         nonlocal seen, drawing
         drawing = True
         try:
@@ -98,23 +98,23 @@ def _stage(session: Session, stage: str, client: Client) -> None:
 
     def again() -> None:
         nonlocal task, seen
-        # A form that told shows its change already, even while its figure is still being drawn.
+        # The form that made a change shows it already, even while its figure is still being drawn.
         if session.store.teller == client.id and seen == session.store.revision - 1:
             seen = session.store.revision
             nav.refresh()
         elif not drawing:
             task = background_tasks.create(draw(), name="draw", context=client)
 
-    def gone() -> None:
+    def on_delete() -> None:
         session.store.listeners.remove(again)
         if task is not None:
             task.cancel()
 
     task: asyncio.Task[None] | None = None
     session.store.listeners.append(again)
-    client.on_delete(gone)
+    client.on_delete(on_delete)
     client.on_exception(parts.warn)
-    ui.timer(_LOOK, session.store.look)
+    ui.timer(POLL, session.store.look)
     again()
 
 
@@ -162,7 +162,7 @@ def _stepper(session: Session, here: str) -> None:
                 ui.label(_TITLES[stage][0]).classes("name")
 
 
-def _ways(stage: str) -> None:
+def _arrows(stage: str) -> None:
     place = STAGES.index(stage)
     with ui.row().classes("ways"):
         for before in STAGES[:place][-1:]:

@@ -28,12 +28,12 @@ from deltaid.studio.pages import parts
 from deltaid.studio.plan import Used
 from deltaid.studio.session import FileEdit, Session, draft_key
 
-# Keys of an entry that are numbers, and what their fields are called.
+# Numeric keys of an entry, with the names of their fields.
 _NUMBERS = {"zero": "zero", "gear": "gear", "torque_constant": "N m per A"}
 
 
 class Form:
-    """A form and the data behind it.
+    """A form and its data.
 
     Of a mapping file, what is complete and valid is saved at once. A mapping that is only proposed
     is kept as a draft until the user takes it.
@@ -71,7 +71,7 @@ class Form:
         return incomplete(self.data, self.drives, self.names)
 
     def take(self, data: Data) -> None:
-        """Keep changed data, in the file if there is one and it can be."""
+        """Store changed data, in the file if there is one and the data are valid."""
         self.data = data
         self.session.drafts[self.key] = FileEdit(self.before, data)
         try:
@@ -89,13 +89,13 @@ class Form:
             self.session.store.tell(self.teller)
 
     def shown(self, quantity: Quantity, drive: int, key: str) -> Any:
-        """What the field of an entry's value shows."""
+        """Text of the field of an entry's value."""
         entry = entries(self.data, quantity, self.dof)[drive]
         value = entry.get(key, DEFAULTS.get(key))
         return _text(value) if key in _NUMBERS else value
 
     def refresh(self) -> None:
-        """Show in each field what the data hold."""
+        """Update each field from the data."""
         for place, field in self.fields.items():
             value, known = self.shown(*place), getattr(field, "options", None)
             if field.value == value:
@@ -106,11 +106,11 @@ class Form:
                 field.set_value(value)
 
     def set(self, quantity: Quantity, drive: int, key: str, value: Any) -> None:
-        """Take a changed value of an entry."""
+        """Accept a changed value of an entry."""
         entry = entries(self.data, quantity, self.dof)[drive]
         if value == entry.get(key, DEFAULTS.get(key)):
             return
-        alike = bool(self.session.choices.get("alike", True))  # all drives have one unit and gear
+        alike = bool(self.session.choices.get("alike", True))  # all drives share unit and gear
         given = self.data, quantity, drive
         self.take(
             with_column(*given, value, self.names, self.dof, alike=alike)
@@ -208,7 +208,7 @@ def _text(value: float | None) -> str:
 
 
 def _known(value: Any, columns: list[str]) -> Any:
-    """A column that the recording has; else it is added, for it stands in the file."""
+    """A column of the recording; others are added, because the file has them."""
     if value is not None and value not in columns:
         columns.append(value)
     return value

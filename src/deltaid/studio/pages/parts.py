@@ -1,4 +1,4 @@
-"""What several stages show: errors with their cures, commands to copy, progress, reports, files."""
+"""Parts of several stages: errors with their cures, commands to copy, progress, reports, files."""
 
 import tempfile
 from collections.abc import Awaitable, Callable, Generator, Sequence
@@ -25,7 +25,7 @@ _GRADES = {"good": "good", "cannot tell": "tell", "doubtful": "doubtful", "wrong
 
 @contextmanager
 def panel(title: str = "") -> Generator[None, None, None]:
-    """A part of a stage, with a heading; what goes wrong in it is shown there."""
+    """A part of a stage with a heading; its errors are shown in it."""
     with ui.element("section").classes("panel"):
         if title:
             with ui.element("h2"):
@@ -36,7 +36,7 @@ def panel(title: str = "") -> Generator[None, None, None]:
 
 @contextmanager
 def shown() -> Generator[None, None, None]:
-    """What goes wrong inside is shown in its place: what, where, and how to mend it."""
+    """Show errors of the block in its place: what, where, and the fix."""
     try:
         yield
     except DeltaidError as error:
@@ -44,15 +44,15 @@ def shown() -> Generator[None, None, None]:
 
 
 def note(text: str, kind: str = "") -> None:
-    """A remark that stays; kind is '', 'good', 'doubt' or 'bad'."""
+    """A permanent remark; kind is '', 'good', 'doubt' or 'bad'."""
     role = "alert" if kind == "bad" else "note"
     with ui.element("div").classes(f"note {kind}").props(f"role={role}"):
         ui.label(page_words(text))
 
 
 def problem(error: DeltaidError) -> None:
-    """What is wrong, where, and how to mend it."""
-    what, cure = _said(error)
+    """What is wrong, where, and the fix."""
+    what, cure = _words(error)
     with ui.element("div").classes("note bad").props("role=alert"):
         ui.label(what)
         if cure:
@@ -60,13 +60,13 @@ def problem(error: DeltaidError) -> None:
 
 
 def warn(error: Exception) -> None:
-    """The same as a message that goes away by itself; a defect goes into the server's log."""
+    """The same as a temporary message; a defect goes into the server's log."""
     if isinstance(error, DeltaidError):
-        ui.notify(" → ".join(filter(None, _said(error))), type="negative", multi_line=True,
+        ui.notify(" → ".join(filter(None, _words(error))), type="negative", multi_line=True,
                   timeout=20_000, close_button="Close")  # fmt: skip
 
 
-def _said(error: DeltaidError) -> tuple[str, str]:
+def _words(error: DeltaidError) -> tuple[str, str]:
     where = page_words(error.where)
     what = f"{where}: {error.what}" if where else error.what
     return page_words(what), page_words(error.cure)
@@ -75,7 +75,7 @@ def _said(error: DeltaidError) -> tuple[str, str]:
 def number(
     text: object, key: str, default: Any = None, such: str = "such as 1.5, with a point"
 ) -> Any:
-    """The number that is written in a field, or what holds where nothing is.
+    """The number in a field, or the default where it is empty.
 
     Raises:
         DeltaidError: it is none.
@@ -89,7 +89,7 @@ def number(
 
 
 def on_leaving(field: ui.input, take: Callable[[str], None]) -> None:
-    """Take what is written when the field is left, or at Enter."""
+    """Accept the text when the field is left, or at Enter."""
     before = field.value
 
     def do() -> None:
@@ -104,7 +104,7 @@ def on_leaving(field: ui.input, take: Callable[[str], None]) -> None:
 
 @contextmanager
 def waiting() -> Generator[None, None, None]:
-    """A sign that something is on its way."""
+    """An indicator of work in progress."""
     sign = ui.spinner().props('aria-label="reading"')
     try:
         yield
@@ -130,7 +130,7 @@ def grade(word: str) -> None:
 
 
 def remembered(session: Session, key: str, field: _Field) -> _Field:
-    """A field that keeps its value when the page is drawn anew; the field itself."""
+    """A field that keeps its value when the page is redrawn; returns the field."""
     value = session.choices.get(key)
     known = getattr(field, "options", None)
     wanted = value if isinstance(value, list) else [value]
@@ -141,7 +141,7 @@ def remembered(session: Session, key: str, field: _Field) -> _Field:
 
 
 def all_mapped(session: Session) -> bool:
-    """Whether columns are named of all recordings in use; says of which they are not."""
+    """Whether all recordings in use are mapped; shows those that are not."""
     missing = unmapped(session)
     gone = ", ".join(name for name in missing if not session.folder.has(name))
     if gone:
@@ -154,7 +154,7 @@ def all_mapped(session: Session) -> bool:
 
 
 def progress(session: Session, kind: str) -> None:
-    """What the step of this kind is doing, with a button that ends it; nothing if none runs."""
+    """Progress of the running step of this kind, with a button to cancel it, if one runs."""
     job = session.job
     if job is None or job.step.kind != kind:
         return
@@ -183,7 +183,7 @@ def progress(session: Session, kind: str) -> None:
 
 
 def report(session: Session, name: str, label: str) -> None:
-    """A page of the folder, inside this one."""
+    """A page of the folder, embedded."""
     if not session.folder.has(name):
         return
     stamp = session.folder.path(name).stat().st_mtime_ns
@@ -197,7 +197,7 @@ def report(session: Session, name: str, label: str) -> None:
 
 
 def table(columns: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
-    """A plain table that scrolls by itself if it is too wide."""
+    """A plain table that scrolls if it is too wide."""
     head = "".join(f"<th scope=col>{escape(title)}</th>" for title in columns)
     lines = "".join(
         "<tr>" + "".join(f"<td>{escape(cell)}</td>" for cell in row) + "</tr>" for row in rows
@@ -292,7 +292,7 @@ def step(
 
 
 def commands(make: Callable[[], Step], *fields: ValueElement[Any]) -> None:
-    """The command line of a step and the Python that does the same, to be copied.
+    """The command line of a step and the equivalent Python, for copying.
 
     Args:
         make: the step as it would begin now.
@@ -317,7 +317,7 @@ def both(step: Step | FinishedRun) -> None:
 
 
 def code(text: str, label: str, kind: str = "") -> None:
-    """Text as it stands, with a button that copies it."""
+    """Text with a button that copies it."""
     ui.html(f'<pre class="code {kind}" tabindex="0">{escape(text)}</pre>', sanitize=False).classes(
         "w-full"
     )

@@ -1,4 +1,4 @@
-"""Stage 2: recordings. Files of the folder, which column is what, and a preview."""
+"""Stage 2, recordings: files of the folder, the mapping of columns, and a preview."""
 
 import asyncio
 from functools import partial
@@ -65,7 +65,7 @@ def _files(session: Session, robot: RobotDescription) -> None:
 
 
 async def _add(session: Session, robot: RobotDescription, name: str) -> None:
-    """Take a recording; the second one tests. It shares the mapping of one with its columns."""
+    """Use a recording; the second one verifies. It shares the mapping of one with its columns."""
     mapping = None
     for recording in session.plan.recordings:
         if recording.file != name and await _has_columns_of(session, robot, recording, name):
@@ -84,7 +84,7 @@ async def _contents(session: Session, robot: RobotDescription, name: str) -> Con
 
 
 async def _has_columns_of(session: Session, robot: RobotDescription, used: Used, name: str) -> bool:
-    """Whether a recording is there and has the same columns as another one."""
+    """Whether a recording exists and has the same columns as another one."""
     try:
         mine, theirs = [await _contents(session, robot, file) for file in (used.file, name)]
     except DeltaidError:
@@ -115,7 +115,7 @@ async def _recording(session: Session, used: Used, robot: RobotDescription) -> N
 
 
 async def _figure(state: Form, used: Used, contents: Contents, place: ui.column) -> None:
-    """What the mapping makes of the recording; as long as it is not complete, the signals."""
+    """The recording as mapped; the raw signals while the mapping is incomplete."""
     lock, drawn = asyncio.Lock(), object()
 
     async def draw() -> None:
@@ -142,7 +142,7 @@ async def _figure(state: Form, used: Used, contents: Contents, place: ui.column)
 async def _proposal(
     session: Session, used: Used, contents: Contents, robot: RobotDescription
 ) -> None:
-    """What may be right, and why; a file is written when the user takes it."""
+    """A proposed mapping with its reasons; the file is written when the user accepts it."""
     guess, name = contents.proposal, mapping_name(session, used.file)
     state = Form(session, used, contents, robot, guess.data)
     lines = [f"· {reason}" for reason in guess.reasons] or ["· no column by its name"]
@@ -162,12 +162,12 @@ async def _proposal(
 
 
 def _fitting(session: Session, contents: Contents, dof: int) -> dict[str, str]:
-    """Mapping files whose columns are all in this recording too, and what shares each."""
+    """Mapping files whose columns all exist in this recording, with their recordings."""
     there, mapped = {column.address for column in contents.columns}, dict[str, str]()
     for name in session.folder.mappings():
         try:
             names = named(read(session.folder.text(name), name), dof)
-        except DeltaidError:  # no mapping, or not of these drives
+        except DeltaidError:  # no mapping, or one of other drives
             continue
         if names and names <= there:
             of = [r.file for r in session.plan.recordings if r.mapping == name]
@@ -176,7 +176,7 @@ def _fitting(session: Session, contents: Contents, dof: int) -> dict[str, str]:
 
 
 def _another(session: Session, used: Used) -> None:
-    """Who shares the mapping, and the way to another one."""
+    """Recordings that share the mapping, and the way to a separate one."""
     others = [
         r.file for r in session.plan.recordings if r.mapping == used.mapping and r.file != used.file
     ]
@@ -190,7 +190,7 @@ def _another(session: Session, used: Used) -> None:
 
 
 async def _take(state: Form, used: Used, name: str) -> None:
-    """Write the mapping; recordings with the same columns that have none take it too."""
+    """Write the mapping; unmapped recordings with the same columns use it too."""
     session = state.session
     shared = [
         recording

@@ -1,4 +1,4 @@
-"""Stage 5: results. What was found, its report, and runs side by side and over time."""
+"""Stage 5, results: a model, its report, and runs side by side and over time."""
 
 from functools import partial
 from typing import Any
@@ -8,7 +8,7 @@ from nicegui import ui
 from deltaid.errors import DeltaidError
 from deltaid.studio.look import Beside, torques
 from deltaid.studio.pages import parts
-from deltaid.studio.pages.figures import beside, linked
+from deltaid.studio.pages.figures import compared_curves, linked
 from deltaid.studio.plan import Used
 from deltaid.studio.runs import FinishedRun, comparison, describe_fit, runs
 from deltaid.studio.session import Session, mapping_of
@@ -145,11 +145,11 @@ async def _along(session: Session, runs: list[FinishedRun], used: Used, shown: s
         for name, nrmse in zip(names, compared.nrmse.tolist(), strict=True)
     ]
     parts.table(("error, as a share of the torque", *compared.drives), rows)
-    plot = ui.plotly(beside(compared, names, shown)).classes("w-full")
+    plot = ui.plotly(compared_curves(compared, names, shown)).classes("w-full")
     plot.props(f'role=img aria-label="{shown.capitalize()} of models along {used.file}"')
 
     async def again(span: tuple[float, float] | None) -> Any:
-        return beside(await _look(session, runs, used, span), names, shown)
+        return compared_curves(await _look(session, runs, used, span), names, shown)
 
     linked(plot, again)
 

@@ -1,4 +1,4 @@
-"""Stage 1: the robot. Picked from catalogue or folder, described by a form, edited, and shown."""
+"""Stage 1, the robot: chosen from catalogue or folder, described by a form, edited, and shown."""
 
 import contextlib
 import re
@@ -10,7 +10,7 @@ from deltaid.errors import DeltaidError
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.load import catalogue, catalogue_text, described_in, read_text
 from deltaid.studio.drafting.interview import drafted, new_step
-from deltaid.studio.drafting.questions import KINDS, Question, asked
+from deltaid.studio.drafting.questions import KINDS, Question, questions_of
 from deltaid.studio.edits import own_copy
 from deltaid.studio.folder import ConflictError
 from deltaid.studio.pages import parts
@@ -35,7 +35,7 @@ async def body(session: Session) -> None:
     edited = name not in catalogue() and editor(session, name)
     if isinstance(robot, RobotDescription):
         await _show_robot(session, name)
-    elif not edited:  # the editor says it
+    elif not edited:  # shown by the editor
         problem(robot)
 
 
@@ -60,7 +60,7 @@ def _pick(session: Session, robot: RobotDescription | DeltaidError | None) -> No
                     "Edit a copy of it",
                     on_click=lambda: take(own_copy(session.folder, chosen or "")),
                 )
-        # What is wrong with the text of a file is said by the editor.
+        # The editor shows what is wrong with the text of a file.
         upload(session, "a robot file", read_text, take, _ENDINGS)
         describe(session)
         if isinstance(robot, RobotDescription):
@@ -82,7 +82,7 @@ def _pick(session: Session, robot: RobotDescription | DeltaidError | None) -> No
 
 @cache
 def _title(name: str) -> str:
-    """Of a catalogue robot, without reading all of its description."""
+    """Title of a catalogue robot, without parsing its description."""
     title = re.search(r"^title: *(.+)$", catalogue_text(name), re.MULTILINE)
     return title[1].strip("\"' ") if title else name
 
@@ -115,7 +115,7 @@ _FILE, _PAGE = "my-robot.yaml", "robot.html"
 
 
 def describe(session: Session) -> None:
-    """A form whose answers survive until the description is written."""
+    """A form that keeps its answers until the description is written."""
     answers: dict[str, str] = session.choices.setdefault("own robot", {})
     with ui.expansion("Describe one of your own by a few numbers").classes("w-full") as whole:
         whole.set_value(bool(answers))
@@ -147,13 +147,13 @@ def describe(session: Session) -> None:
 
 
 def _fields(kind: str, answers: dict[str, str]) -> None:
-    needed = [question for question in asked(kind) if question.assumed is None]
+    needed = [question for question in questions_of(kind) if question.assumed is None]
     with ui.element("div").classes("columns"):
         for question in needed:
             _field(question, answers)
     known = ui.expansion("Masses, motors and what else you know").classes("w-full").props("dense")
     with known, ui.element("div").classes("columns"):
-        for question in asked(kind):
+        for question in questions_of(kind):
             if question not in needed:
                 _field(question, answers)
 
@@ -166,18 +166,18 @@ def _field(question: Question, answers: dict[str, str]) -> None:
     ).tooltip(question.how)
 
 
-# Seconds without a key before a text is looked at.
+# Pause in typing after which a text is checked [s].
 _PAUSE = 0.4
 _HEIGHT = "26rem"
 
 
 def editor(session: Session, name: str) -> bool:
-    """A file of the folder to be edited; whether there is one that can be."""
+    """An editor of the folder's file; returns whether there is one."""
     if not session.folder.has(name):
         return False
     try:
         now = session.folder.text(name)
-    except DeltaidError:  # the stage says why
+    except DeltaidError:  # the stage shows why
         return False
     with panel(f"Describe it: {name}"):
         ui.label(
@@ -192,7 +192,7 @@ def editor(session: Session, name: str) -> bool:
 
 
 def _changed_meanwhile(session: Session, name: str, draft: FileEdit, now: str) -> None:
-    """What is to become of a text whose file is another one by now."""
+    """Choice about an edited text whose file has changed meanwhile."""
     note(
         f"{name} has been changed meanwhile, by another tab or program. Below is what you have "
         "written; it is not saved.",
@@ -225,7 +225,7 @@ class _Editor:
         self.field.on_value_change(self._later)
 
     def _later(self) -> None:
-        """Keep what has been written, and look at it after a pause."""
+        """Keep the text, and check it after a pause."""
         if self.field.value == self.before:
             self.session.drafts.pop(self.name, None)
         else:
@@ -251,7 +251,7 @@ class _Editor:
             raise ConflictError(
                 "is being edited in another tab too", where=self.name, cure="save it there"
             )
-        # Of a file that has been changed meanwhile the page says what to do.
+        # The page offers a choice for a file that has changed meanwhile.
         with contextlib.suppress(ConflictError):
             self.session.folder.write(self.name, text, instead_of=self.before)
             self.session.drafts.pop(self.name, None)

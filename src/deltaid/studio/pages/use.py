@@ -1,4 +1,4 @@
-"""Stage 6: the model at work. Motions, simulation, forces, exports, and files to download."""
+"""Stage 6, the model at work: motions, simulation, forces, exports, and files to download."""
 
 from collections.abc import Callable, Mapping
 from functools import partial
@@ -33,9 +33,9 @@ _FORMS = {
     "casadi": "CasADi function",
     "npz": "NumPy arrays (.npz)",
 }
-# What a form leaves open.
+# Defaults of a form.
 _CHOICES_OF = {"c": ("code",), "st": ("code",), "fmu": ("unit",), "fmu-inverse": ("unit",)}
-# The key of the choice to use a poor model.
+# Key of the choice to use a poor model.
 _POOR = "use poor"
 _FRICTION = {
     "all": "as identified",
@@ -88,19 +88,19 @@ def _step(
     session: Session, row: ui.row, kind: Kind, label: str,
     fields: Mapping[str, ValueElement[Any]], make: Callable[[str], Step],
 ) -> None:  # fmt: skip
-    """A step of the model; its fields in a row are remembered by their names here."""
+    """A step with the model; fields of its row are remembered by their names."""
     for name, field in fields.items():
         parts.remembered(session, f"{kind} {name}", field)
 
-    def made(at: str) -> Step:
+    def chosen(at: str) -> Step:
         insists = kind != "excite" and session.choices.get(_POOR)
         return insisting(make(at)) if insists else make(at)
 
-    below = partial(_made, session)
-    parts.step(session, kind, label, made, *fields.values(), row=row, below=below)
+    below = partial(_downloads, session)
+    parts.step(session, kind, label, chosen, *fields.values(), row=row, below=below)
 
 
-def _made(session: Session, run: FinishedRun) -> None:
+def _downloads(session: Session, run: FinishedRun) -> None:
     if said := messages(session.folder, run).strip():
         parts.note(said, "doubt" if "warning:" in said else "")
     files = sorted((session.folder.root / run.folder).iterdir())
