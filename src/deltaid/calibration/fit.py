@@ -31,7 +31,7 @@ from deltaid.sensors.planning.knowledge import Knowledge
 _STEPS, _STILL = 40, 1e-7
 # Prior of an instrument's unknowns [m or rad]: they move less in a step.
 FAR = 10.0
-# What is beyond this many standard deviations is no noise: chance makes one of two million.
+# Number of standard deviations beyond noise: chance makes one of two million.
 OUTLIER = 5.0
 # Smaller shares are little: of outliers, of unmodelled torque, of a misfit, of the remaining error.
 LITTLE = 0.2

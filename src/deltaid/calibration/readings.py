@@ -193,7 +193,7 @@ class InstrumentColumns(Part):
 
 
 class Measurements(Part):
-    """Which column of measured poses is what, by kind of instrument."""
+    """Columns of measured poses, by kind of instrument."""
 
     points: InstrumentColumns = Field(default=InstrumentColumns(), description="3-D points")
     probe: InstrumentColumns = Field(default=InstrumentColumns(), description="touches of a plane")

@@ -206,7 +206,7 @@ class _Refusal:
         self.error = error
 
     def find_spec(self, name: str, path: object, target: object = None) -> None:
-        """As Python asks for every module; None leaves it to others.
+        """The finder of each import; None leaves it to the next one.
 
         Raises:
             DeltaidError: the module is one of these libraries.

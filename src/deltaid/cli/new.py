@@ -136,7 +136,7 @@ def _draft(
                 f"{start} is a {its_kind}", where=f"--kind {kind}", cure="leave --kind out"
             )
         kind = its_kind
-    kind = asker.kind() if kind is None and asker is not None else _known(kind)
+    kind = asker.kind() if kind is None and asker is not None else _known_kind(kind)
     return Draft(
         kind=kind,
         name=name or file.stem,
@@ -146,7 +146,7 @@ def _draft(
     ).answered_in_words(given, lambda question: question.option)
 
 
-def _known(kind: str | None) -> str:
+def _known_kind(kind: str | None) -> str:
     """A kind of the list.
 
     Raises:
@@ -173,7 +173,7 @@ class _Terminal:
         while True:
             text = _line("number or name: ").strip()
             try:
-                return names.get(int(text) if text.isdecimal() else 0) or _known(text)
+                return names.get(int(text) if text.isdecimal() else 0) or _known_kind(text)
             except DeltaidError as error:
                 self.tell(error)
 

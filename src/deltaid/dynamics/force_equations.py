@@ -104,20 +104,20 @@ class _Build:
     def __init__(self, robot: RobotDescription, mechanism: Mechanism, forces: SpeedForces) -> None:
         self._robot, self._mechanism, self._forces = robot, mechanism, forces
         self._z = mechanism.z
-        self._driven = [self._part(limb.driven) for limb in mechanism.limbs]
+        self._driven = [self._loaded(limb.driven) for limb in mechanism.limbs]
         self._struts = [
-            strut_forces(geometry, limb, self._part(limb.strut))
+            strut_forces(geometry, limb, self._loaded(limb.strut))
             for geometry, limb in zip(robot.limb_geometry, mechanism.limbs, strict=True)
         ]
-        self._platform = tuple(self._part(body) for body in mechanism.platform)
-        self._telescope = tuple(self._part(body) for body in mechanism.telescope)
+        self._platform = tuple(self._loaded(body) for body in mechanism.platform)
+        self._telescope = tuple(self._loaded(body) for body in mechanism.telescope)
         self._bar = None
         if self._telescope:
             upper, lower, tool = self._telescope
             length, slide = mechanism.joints["slide"], forces.effort("slide")
             self._bar = bar_forces(length, upper, lower, tool, slide)
 
-    def _part(self, body: MovingBody) -> LoadedBody:
+    def _loaded(self, body: MovingBody) -> LoadedBody:
         return LoadedBody(body, self._forces.wrench(body))
 
     def channels(self) -> tuple[list[ForceChannel], tuple[str, ...]]:

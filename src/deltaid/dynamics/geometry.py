@@ -149,25 +149,25 @@ class GeometrySlopes(ABC):
         """Slope by a change of the drives' positions, speeds and accelerations, per unit of it."""
         z = self.z + _STEP * np.linalg.solve(self._drives[1], q[:, :, None])[:, :, 0]
         rates = self.rates + _STEP * np.hstack([qd, qdd])
-        return (self.shown(z, rates, self._none, self.gravity) - self._described) / _STEP
+        return (self.shown(z, rates, self._no_growth, self.gravity) - self._described) / _STEP
 
     def of_gravity(self, axis: Float[np.ndarray, " 3"]) -> Shown:
         """Slope by a turn of gravity about an axis [1/rad]."""
         turned = self.gravity + np.cross(axis, self.gravity)
-        return self.shown(self.z, self.rates, self._none, turned) - self._described
+        return self.shown(self.z, self.rates, self._no_growth, turned) - self._described
 
     @property
-    def _none(self) -> Float[np.ndarray, " growth"]:
+    def _no_growth(self) -> Float[np.ndarray, " growth"]:
         return np.zeros(self.grown.symbols)
 
     @cached_property
     def _described(self) -> Shown:
-        return self.shown(self.z, self.rates, self._none, self.gravity)
+        return self.shown(self.z, self.rates, self._no_growth, self.gravity)
 
     @cached_property
     def _drives(self) -> tuple[Samples, Float[np.ndarray, "samples dof dof"]]:
         """Drive coordinates q and J = ∂q/∂z as described."""
-        (q, J), dof = self.grown.position(self.z.T, self._none), self.z.shape[1]
+        (q, J), dof = self.grown.position(self.z.T, self._no_growth), self.z.shape[1]
         return np.array(q).T, np.array(J).reshape(dof, -1, dof).swapaxes(0, 1)
 
 
@@ -199,7 +199,7 @@ class TorqueSlopes(GeometrySlopes):
 
     @cached_property
     def _dry_as_described(self) -> list[Shown]:
-        z, rates, growth = self.z.T, self.rates.T, self._none
+        z, rates, growth = self.z.T, self.rates.T, self._no_growth
         return [np.array(self.grown.torque(z, rates, p, growth, self.gravity)) for p in self.dry]
 
 

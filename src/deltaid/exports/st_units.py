@@ -110,7 +110,7 @@ class PlcProgram:
 
     @property
     def text(self) -> str:
-        """As one file of structured text."""
+        """One file of structured text."""
         return rendered(
             "program.st.jinja",
             notes=self.notes,
@@ -124,7 +124,7 @@ class PlcProgram:
 
     @property
     def xml(self) -> str:
-        """As a file that development systems import."""
+        """An XML file for development systems."""
         return rendered(
             "program.xml.jinja",
             prefix=self.prefix,

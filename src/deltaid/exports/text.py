@@ -162,7 +162,7 @@ class TaylorSeries:
 
 
 def _series(first: int, count: int) -> TaylorSeries:
-    """Of the sine over x (first 1) or of the cosine (first 0)."""
+    """Taylor series of sin(x)/x (first 1) or of cos(x) (first 0)."""
     c = [(-1) ** k / factorial(first + 2 * k) for k in range(count)]
     return TaylorSeries(tuple(map(split, c[:_AS_PAIRS])), tuple(c[_AS_PAIRS:]))
 
@@ -176,7 +176,7 @@ SINE, COSINE, QUARTER = _series(1, _SINE), _series(0, _COSINE), split(np.pi / 2)
 
 
 def pairs_of_c(text: str) -> dict[str, object]:
-    """What templates/pairs.c.jinja asks: which functions a text calls, and their numbers."""
+    """Variables of templates/pairs.c.jinja: functions that a text calls, and their constants."""
     names, number = ("sum", "product", "quotient", "root", "sine", "cosine"), SINGLE.c_number
     series = {
         name: (

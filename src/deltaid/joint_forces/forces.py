@@ -148,7 +148,7 @@ class ForceFinding:
 
 @dataclass(frozen=True, repr=False)
 class Forces(Shown, Plotted, Tabled, Reported):
-    """What struts, joints and bearings carry along a motion.
+    """Forces in struts, joints and bearings along a motion.
 
     Attributes:
         model: whose parameters; its robot has the spacing and the springs that were given.

@@ -47,7 +47,7 @@ Coefficients = Float[np.ndarray, " parameters"]
 
 @dataclass(frozen=True)
 class Openness:
-    """What torques, however exact, leave undetermined of a force.
+    """The part of a force that torques, however exact, leave undetermined.
 
     Attributes:
         half_width: half the width of its 95 % interval by the prior alone, without consistency

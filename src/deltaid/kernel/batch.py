@@ -50,7 +50,7 @@ _LEVELS = {
 
 @dataclass(frozen=True)
 class Target:
-    """What machine code is made for.
+    """Target of machine code.
 
     Attributes:
         cpu: name of the processor, as LLVM knows it.

@@ -119,7 +119,7 @@ class BodyPose:
 
 @dataclass(frozen=True)
 class MechanismParts:
-    """What a function of the user's own returns; all CasADi expressions of z.
+    """Result of a user's mechanism function; all CasADi expressions of z.
 
     Attributes:
         drives: drive coordinates q(z) [rad or m].

@@ -227,9 +227,9 @@ class Model(Shown, Plotted, Tabled, Reported):
         """One line for the head of a file."""
         named = ", ".join((_printable(self.robot.title) or self.name, *self.altered))
         line = f"{named}, from {_printable(self.source)} by deltaid {version('deltaid')}"
-        return line if self.identified is None else f"{line}. {self._worth(self.identified)}"
+        return line if self.identified is None else f"{line}. {self._quality(self.identified)}"
 
-    def _worth(self, known: IdentifiedModel) -> str:
+    def _quality(self, known: IdentifiedModel) -> str:
         """Verdict and verification of the model, and its changes since."""
         verdict = _printable(above("view.summary", "summary")(self).sentence)
         seen, made = known.verification, known.identified_on

@@ -90,7 +90,7 @@ class Consistency(Part):
 
 
 class Verification(Part):
-    """How well a model predicts a recording of another motion, drive by drive."""
+    """Prediction errors on a recording of another motion, drive by drive."""
 
     log: str
     sha256: str

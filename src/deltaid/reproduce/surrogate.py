@@ -48,7 +48,7 @@ DESCENT_GAMMA = 1e-10
 
 @dataclass(frozen=True)
 class RecordingSettings:
-    """How motions are optimised and recorded.
+    """Settings of motions and recordings.
 
     Attributes:
         seed: of motions, regularisations and noise.
@@ -77,7 +77,7 @@ class RecordingSettings:
 
 @dataclass(frozen=True)
 class SurrogateSettings(RecordingSettings):
-    """How much of Sec. VII to do.
+    """Settings of the reproduction of Sec. VII.
 
     Attributes:
         methods: solvers of the fits; conic must be among them.

@@ -170,17 +170,17 @@ def cell(text: str) -> str | Markup:
 
 def typeset(text: str) -> str:
     """Numbers with a minus sign and powers of ten: '-1.2e-05' becomes '−1.2·10⁻⁵'."""
-    return _NUMBER.sub(_written, text)
+    return _NUMBER.sub(_typeset_number, text)
 
 
-def _written(match: re.Match[str]) -> str:
+def _typeset_number(match: re.Match[str]) -> str:
     sign, digits, exponent_sign, exponent = match.groups()
     raised = f"{exponent_sign or ''}{exponent or ''}".strip("+").translate(_SUPERSCRIPTS)
     return ("−" if sign else "") + digits + (f"·10{raised}" if exponent else "")
 
 
 def _prose(text: str) -> str:
-    return visible(_IN_PROSE.sub(_written, text))
+    return visible(_IN_PROSE.sub(_typeset_number, text))
 
 
 def explained(text: str) -> Markup:

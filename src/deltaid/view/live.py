@@ -79,7 +79,7 @@ class LiveView:
 
     @property
     def url(self) -> str:
-        """Where a browser finds the view."""
+        """Address of the view."""
         return f"http://{HOST}:{self.server.get_port()}"
 
     def move(self, wanted: Float[np.ndarray, " dof"], *, dragging: bool = False) -> View:
@@ -96,7 +96,7 @@ class LiveView:
 
     def _draw(self, dragging: bool) -> None:
         with self.server.atomic():
-            for body, placed in self._placed().items():
+            for body, placed in self._placements().items():
                 bars = self._bars[body]
                 bars.batched_positions = placed.positions.astype(np.float32)
                 bars.batched_wxyzs = placed.wxyz.astype(np.float32)
@@ -108,7 +108,7 @@ class LiveView:
                     self._inputs["turn"].value = round(float(np.rad2deg(self.view.z[3])), 2)
             self._panel.content = panel(self.view)
 
-    def _placed(self) -> dict[str, Placement]:
+    def _placements(self) -> dict[str, Placement]:
         shapes, bodies = self._skeleton.evaluate(self.view.z[None])[0], self._skeleton.bodies
         owners = np.array([segment.body for segment in self._skeleton.segments])
         radii = {body: member.radius(self._size) for body, member in members(bodies).items()}
@@ -127,7 +127,7 @@ class LiveView:
                 batched_colors=_paint(drawn[body].color),
                 lod="off",
             )
-            for body, placed in self._placed().items()
+            for body, placed in self._placements().items()
         }
 
     def _add_surroundings(self) -> None:
@@ -184,11 +184,11 @@ class LiveView:
                 initial_value=float(np.rad2deg(self.robot.home[3])),
             )
         for handle in inputs.values():
-            handle.on_update(self._typed)
+            handle.on_update(self._on_input)
         gui.add_button("home").on_click(lambda _: self.move(self.robot.home))
         return inputs
 
-    def _typed(self, event: Any) -> None:
+    def _on_input(self, event: Any) -> None:
         if event.client is not None:  # otherwise this program wrote the number itself
             turn = [np.deg2rad(self._inputs["turn"].value)] if "turn" in self._inputs else []
             self.move(np.array([*self._inputs["point"].value, *turn]))

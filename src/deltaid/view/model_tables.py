@@ -116,7 +116,7 @@ def base_table(parameters: "Sequence[BaseParameter]") -> Table:
 def estimate_table(
     formulas: Sequence[str], units: Sequence[str], estimate: "BaseEstimate | None"
 ) -> Table:
-    """The same of an estimate; without one, formulas alone."""
+    """Formula, value and interval of an estimate; without one, formulas alone."""
     if estimate is None:
         return _base(formulas, None)
     return _base(formulas, list(zip(estimate.values, estimate.interval, units, strict=True)))

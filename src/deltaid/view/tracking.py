@@ -197,7 +197,7 @@ def simulation_card(value: Simulation | Comparison) -> Card:
         f"Simulated tracking: {_title(value)}",
         value.remarks,
         table=table,
-        problems=problems,
+        told=problems,
         methods=(*more, '.report("x.html")'),
     )
 

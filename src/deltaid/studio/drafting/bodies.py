@@ -35,7 +35,7 @@ class Drawn:
 def bodies(kind: str, a: Mapping[str, float]) -> list[Drawn]:
     """All bodies of a kind of robot, in the order of the parameters."""
     if kind in LINEAR:
-        carriage = _lump("z", a["carriage_mass"])
+        carriage = _metal_block("z", a["carriage_mass"])
         drawn = [Drawn("C", "carriage: slides along the rail", carriage, "[m]", "carriage_mass")]
     else:
         arm = _rod("x", a["arm"], a["arm_mass"], _METAL, a["arm"] / 2)
@@ -67,21 +67,21 @@ def _platform(kind: str, a: Mapping[str, float]) -> list[tuple[str, str, str, st
     match platform_of(kind):
         case "i4":
             what = "one of two half platforms, with its rack"
-            return [("HP", what, _lump("y", mass / 2), "[m]")]
+            return [("HP", what, _metal_block("y", mass / 2), "[m]")]
         case "h4":
-            side, bar = _lump("y", mass / 4), _rod("x", 2 * a["bar"], mass / 2, _METAL)
+            side, bar = _metal_block("y", mass / 4), _rod("x", 2 * a["bar"], mass / 2, _METAL)
             return [
                 ("SB", "one of two side bars: translates only", side, "[m]"),
                 ("MB", "middle bar: translates and turns about z", bar, "[m, Sxx, Syy]"),
             ]
         case "par4":
-            main, rod = _lump("y", 3 * mass / 8), _rod("x", a["bar"], mass / 8, _METAL)
+            main, rod = _metal_block("y", 3 * mass / 8), _rod("x", a["bar"], mass / 8, _METAL)
             return [
                 ("MP", "one of two main parts: translates only", main, "[m]"),
                 ("R", "one of two rods: translates and turns about z", rod, "[m, Sxx, Syy]"),
             ]
         case _:
-            return [("P", "platform: translates only", _lump("z", mass), "[m]")]
+            return [("P", "platform: translates only", _metal_block("z", mass), "[m]")]
 
 
 def stroke(a: Mapping[str, float]) -> tuple[float, float]:
@@ -100,7 +100,7 @@ def _size(mass: float) -> float:
     return rounded((4 * mass / (np.pi * _METAL)) ** (1 / 3), 3)
 
 
-def _lump(axis: str, mass: float) -> str:
+def _metal_block(axis: str, mass: float) -> str:
     return _rod(axis, _size(mass), mass, _METAL)
 
 

@@ -114,7 +114,7 @@ def require_group(draft: Draft, group: Group) -> Draft:
     _require_ordered(draft.values)
     if group in ("lengths", "tool"):
         return _with_space(draft)
-    complete = (draft if group == "workspace" else _but(draft, _SPACE)).completed()
+    complete = (draft if group == "workspace" else _without(draft, _SPACE)).completed()
     if group == "workspace":
         _require_ordered(complete.values)
         _refuse(complete, of_robot(description(complete)))
@@ -134,7 +134,7 @@ def _with_space(draft: Draft) -> Draft:
         DeltaidError: the lengths do not go together, or nothing is within reach.
     """
     draft = _own_space(draft)
-    bare = _but(draft, _SPACE)
+    bare = _without(draft, _SPACE)
     a = _with_found_space(bare, 1.0, -2.0, -1.0).completed().values
     _require_ordered(a)
     middle, half = height(draft.kind, a), _FIRST * a["strut"]
@@ -173,7 +173,7 @@ def _own_space(draft: Draft) -> Draft:
     return replace(draft, offered={k: v for k, v in draft.offered.items() if k not in _SPACE})
 
 
-def _but(draft: Draft, keys: tuple[str, ...]) -> Draft:
+def _without(draft: Draft, keys: tuple[str, ...]) -> Draft:
     return replace(
         draft,
         values={k: v for k, v in draft.values.items() if k not in keys},

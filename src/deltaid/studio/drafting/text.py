@@ -83,7 +83,9 @@ def written(draft: Draft) -> str:
             if source and path.partition(".")[0] not in sources:
                 sources[path] = source
     lines += ["", "sources:"]
-    lines += [f"  {path}: {_scalar(source)}" for path, source in _once(sources).items()]
+    lines += [
+        f"  {path}: {_scalar(source)}" for path, source in _with_merged_drives(sources).items()
+    ]
     return _HEAD + "".join(f"{line}\n" for line in lines)
 
 
@@ -117,14 +119,14 @@ def _scalar(text: str) -> str:
     return text if _PLAIN.fullmatch(text) else json.dumps(text, ensure_ascii=not text.isprintable())
 
 
-def _once(sources: Mapping[str, str]) -> dict[str, str]:
-    said = dict(sources)
+def _with_merged_drives(sources: Mapping[str, str]) -> dict[str, str]:
+    merged = dict(sources)
     for part in ("friction", "rotor_inertia", "drive_limits"):
-        own = [key for key in said if key.startswith(f"{part}.")]
-        if len({said[key] for key in own}) == 1:
-            said[part] = said[own[0]]
-            said = {key: text for key, text in said.items() if key not in own}
-    return said
+        own = [key for key in merged if key.startswith(f"{part}.")]
+        if len({merged[key] for key in own}) == 1:
+            merged[part] = merged[own[0]]
+            merged = {key: text for key, text in merged.items() if key not in own}
+    return merged
 
 
 def _limbs(draft: Draft) -> list[_Row]:

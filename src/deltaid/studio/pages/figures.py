@@ -127,7 +127,7 @@ async def preview(session: Session, used: Used, mapping: Data) -> None:
     if not mapping:
         return
     robot, said = session.place(session.plan.robot or ""), ui.label().classes("dim")
-    seen = await _drawn(session, used, look.preview, (robot, mapping))
+    seen = await _preview_plot(session, used, look.preview, (robot, mapping))
     said.set_text(
         f"{seen.seconds:.4g} s, {(seen.rows - 1) / max(seen.seconds, 1e-9):.4g} rows a second; "
         "angles in degrees. Do they look like what the robot did?"
@@ -155,14 +155,14 @@ async def signals(
         with place, parts.shown():
             if picked.value:
                 given = time, tuple(picked.value)
-                await _drawn(session, used, look.signals, given, time or "row")
+                await _preview_plot(session, used, look.signals, given, time or "row")
 
     parts.remembered(session, f"signals of {used.file}", picked)
     picked.on_value_change(draw)
     await draw()
 
 
-async def _drawn(
+async def _preview_plot(
     session: Session, used: Used, see: Callable[..., Preview], given: tuple[Any, ...],
     time: str = "time [s]",
 ) -> Preview:  # fmt: skip

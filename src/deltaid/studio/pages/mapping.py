@@ -148,7 +148,8 @@ def _time(state: Form, columns: list[str]) -> None:
     given = state.data.get("time", {})
     with ui.row().classes("items-center w-full"):
         column = ui.select(
-            columns, value=_known(given.get("column"), columns), label="Time column", clearable=True
+            columns, value=_listed(given.get("column"), columns), label="Time column",
+            clearable=True,
         ).classes("grow time")  # fmt: skip
         unit = ui.select(
             _with(TIME_UNITS, given.get("unit", "s")), value=given.get("unit", "s"), label="Unit",
@@ -182,7 +183,7 @@ def _row(
     ui.label(name).classes("drive")
     fields: dict[str, ValueElement[Any]] = {
         "column": ui.select(
-            columns, value=_known(entry.get("column"), columns), with_input=True, clearable=True,
+            columns, value=_listed(entry.get("column"), columns), with_input=True, clearable=True,
             on_change=setter("column"),
         ).props(label("column")).classes("of"),
         "unit": ui.select(
@@ -207,7 +208,7 @@ def _text(value: float | None) -> str:
     return "" if value is None else f"{value:.10g}"
 
 
-def _known(value: Any, columns: list[str]) -> Any:
+def _listed(value: Any, columns: list[str]) -> Any:
     """A column of the recording; others are added, because the file has them."""
     if value is not None and value not in columns:
         columns.append(value)
