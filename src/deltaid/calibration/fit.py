@@ -4,11 +4,11 @@ Gauss and Newton's method for a geometry and the unknowns of its instruments, wi
 
     min over u, v   Σ ‖(measured − predicted(G u, v)) / σ‖² + ‖u‖²
 
-u are the free numbers in units of their spread before, v the unknowns of the instruments. Readings
-that nothing near the description explains are excluded before, of the others the worst first, and
-those come back that the rest predicts after all: outliers may hide each other, and make others look
-like some. Where residuals of an instrument are larger than its noise by more than chance, its noise
-is what they show.
+u are the free numbers in units of their prior, v the unknowns of the instruments. Readings far from
+any geometry near the description are excluded first, then outliers of the fit, the worst first.
+Excluded readings that the final fit predicts are used again, because outliers may hide each other
+and make others look like outliers. Where residuals of an instrument exceed its noise by more than
+chance, they define its noise.
 """
 
 from collections.abc import Sequence

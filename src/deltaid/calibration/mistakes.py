@@ -1,7 +1,7 @@
 """Measuring mistakes, detected before the fit: units, mirrored frames, order, exchanged drives.
 
-Each is a hypothesis under which the described robot fits the readings; one that explains them much
-better than what the file says is named with its cure, and nothing is computed from the file.
+Each is a hypothesis under which the described robot fits the readings. One that explains them much
+better than the file as it is, is reported with its cure, and the file is not used.
 """
 
 from collections.abc import Iterator, Sequence

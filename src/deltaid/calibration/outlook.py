@@ -1,18 +1,18 @@
 """Remaining uncertainty of positions and sizes over the workspace, the combinations of dimensions
 that stay undetermined, and the best next measurements.
 
-Slopes J of tool points by the numbers, less rigid motions (where a robot stands is no error of
-its geometry), make of the covariance of u that of positions: E = P J G L with Cov u = L Lᵀ. Its
-singular vectors are the motions of the workspace that remain uncertain; each comes from one
-combination of numbers, which readings decide in part and the description for the rest.
+With slopes J of tool points by the numbers, P the projection that removes rigid motions (the pose
+of the base is no geometric error) and Cov u = L Lᵀ, positions have the covariance root E = P J G L.
+Its singular vectors are the uncertain deformations of the workspace. Each belongs to one
+combination of numbers, which readings determine in part and the description for the rest.
 
-Of readings with rows a (slopes over noise) that could be taken next, the one is taken that lowers
-the variance of positions over the workspace most,
+The next reading, with rows a (slopes over noise), is the one that lowers the variance of positions
+over the workspace most,
 
     tr E C Eᵀ − tr E C′ Eᵀ = ‖E C aᵀ (1 + a C aᵀ)^-½‖²,    E the positions' slopes by u, Cov u = C
 
-then the next, up to so many. What so many readings of an instrument are worth is by how much
-½ log det(I + E C Eᵀ/ε²) falls, as `deltaid sensors` counts it [nats].
+and so on greedily. The gain of an instrument's readings is the decrease of
+½ log det(I + E C Eᵀ/ε²), as in `deltaid sensors` [nats].
 """
 
 from dataclasses import dataclass, field, replace

@@ -5,11 +5,10 @@ Probe       z − (h + a x + b y + block) = 0 on a plane of unknown height and s
             blocks of known height
 Distances   |x_A − x_B| of a calliper or ballbar
 
-A row of a file has the pose and what the instrument read. The pose is the drives' coordinates q1,
-q2, …, or the commanded platform point x, y, z, of which the described robot's inverse kinematics
-make them. Of distances both ends have a pose: a_q1, … and b_q1, …, or a_x, … and b_x, …. Read are
-px, py, pz of points, the height `block` of what a probe touched above the plane (0 without such a
-column), and `distance`.
+A row of a file has a pose and a reading. The pose is given by drive coordinates q1, q2, …, or by
+the commanded platform point x, y, z, through the described robot's inverse kinematics. Distances
+have two poses: a_q1, … and b_q1, …, or a_x, … and b_x, …. Readings are px, py, pz of points, the
+height `block` of the touched surface above the plane (default 0), and `distance`.
 """
 
 from abc import ABC, abstractmethod

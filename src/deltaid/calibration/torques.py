@@ -1,13 +1,13 @@
 """Recorded torques as rows of a calibration.
 
-A robot whose numbers are off by θ has torques τ = Y p + D θ, D = dτ/dθ at measured drive positions.
-D stands as one more effect in the contest of causes, beside bodies, friction, lags and all other
-effects of `identify` but those of geometry, and all of these are profiled out:
+A robot with deviations θ has torques τ = Y p + D θ, D = dτ/dθ at measured drive positions. D joins
+the contest of causes with bodies, friction, lags and all other effects of `identify` except those
+of geometry, and all of these are profiled out:
 
     A θ = b,    AᵀA = S,   S = K_θθ − K_θo K_oo⁻¹ K_oθ
 
-with K the normal equations at the noise that the contest leaves. How gravity points is unknown too,
-as far as the description's tolerance `mounting` lets it.
+with K the normal equations at the residual noise of the contest. The direction of gravity is
+unknown too, within the description's tolerance `mounting`.
 """
 
 from collections.abc import Sequence

@@ -1,11 +1,10 @@
 """Dimensions of a robot that calibration may change.
 
-A rotary limb has eight: where its base joint stands against its joint of the platform (3; both
-enter the closed loops by their difference only), the direction of its motor axis (2), upper arm,
-zero, strut. A limb on a rail has seven: place across the rail (2), direction of the rail (2), zero,
-scale of the drive, strut. H4 and Par4 have the length of their middle as well. With struts apart,
-so that the platform may tilt, a limb has five more and the tool three. A robot file holds them as
-far as its keys can.
+A rotary limb has eight: position of its base joint relative to its platform joint (3; only their
+difference enters the closed loops), direction of its motor axis (2), upper arm, zero, strut. A limb
+on a rail has seven: position across the rail (2), direction of the rail (2), zero, scale of the
+drive, strut. H4 and Par4 also have the length of their middle. With separate struts, so that the
+platform may tilt, a limb has five more and the tool three. A robot file holds those that have keys.
 """
 
 from collections.abc import Sequence

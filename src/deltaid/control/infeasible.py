@@ -1,9 +1,8 @@
 """Faults of a simulated motion: broken limits, and failures of the controller.
 
-A simulation that ran is no proof that its motion can be run. Before any controller, the motion
-itself may ask for more torque or speed than a drive has, or leave the workspace; after it, a
-controller may have stood at a limit, or be far from the motion by the end. Each has its own
-words, with its drive, its size, its time and its share of the time.
+A simulation may succeed with a motion that no robot can run. The motion itself may exceed torque or
+speed of a drive, or leave the workspace; a controller may saturate, or be far from the motion at
+the end. Each fault is reported with its drive, size, time and share of the time.
 """
 
 from dataclasses import dataclass

@@ -1,11 +1,10 @@
 """Steps of a graph that need twice the digits of single precision.
 
-Every step of a graph rounds its result. What that does to the outputs is known to first order: with
-w̄ the derivative of an output by the step's result w, rounding w to 24 bits moves the output by up
-to |w̄ w| 2⁻²⁴. Most steps of a robot's equations do little. Near a singularity a few, the loops
-closed and the Jacobian inverted, do a thousand times as much, and these are carried as the sum of
-two numbers (`text`). Which ones, is decided at states from all over the workspace and beyond it,
-up to a condition of the Jacobian of `CONDITION`.
+Every step of a graph rounds its result. To first order, with w̄ the derivative of an output by the
+step's result w, rounding w to 24 bits changes the output by up to |w̄ w| 2⁻²⁴. Most steps have
+little effect. Near a singularity a few, which close the loops and invert the Jacobian, have a
+thousandfold effect; these are carried as sums of two floats (`text`). They are selected at states
+from the whole workspace and beyond, up to a condition of the Jacobian of `CONDITION`.
 """
 
 from collections.abc import Callable, Mapping, Sequence

@@ -1,11 +1,10 @@
 """Shared libraries of a functional mock-up unit, for all supported systems.
 
-Zig's compiler, a wheel, has in it what it takes to link for other systems; so with it one export
-serves all of them, and on Linux even systems much older than this one. Any other compiler makes the
-library of this machine.
+Zig's compiler, a wheel, links for other systems, so one export serves all of them, including much
+older versions of Linux. Any other compiler makes the library of this machine.
 
-FMI 2 names folders after x86 only and takes all others from FMI 3. A Mac of either kind looks
-into `darwin64`, depending on the tool, so there lies a library with the code for both.
+FMI 2 has folder names for x86 only; others are those of FMI 3. Macs of either kind may look into
+`darwin64`, depending on the tool, so its library has the code of both.
 """
 
 import os

@@ -1,9 +1,8 @@
 """Exported functions, independent of the language.
 
-C and structured text are both made from a table of these (`model_functions.code_parts`): a
-function more is one entry more. Every function returns a status, and
-leaves its outputs alone unless that is OK.
-The parameters of a model are a table of named numbers, which their graphs read.
+C and structured text are generated from a table of these (`model_functions.code_parts`). Every
+function returns a status, and leaves its outputs unchanged unless that is OK. The parameters of a
+model are a table of named numbers, which the graphs read.
 """
 
 from collections.abc import Mapping

@@ -1,7 +1,7 @@
 """Appearance of a robot in simulators: simple massless shapes on the bodies of its tree.
 
-Joints, ends of arms and struts, seats and the tool are where they are; what a description does not
-say (how thick, how wide, what the base is like) is in proportion to the length of the struts.
+Joints, ends of arms and struts, seats and the tool are to scale; undescribed dimensions (thickness,
+width, the base) are in proportion to the length of the struts.
 """
 
 from collections.abc import Iterator

@@ -1,8 +1,8 @@
 """A model as MJCF: the spanning tree with MuJoCo's equality constraints as loops.
 
-The model's own pose (qpos0) is the home pose with closed loops, and joint coordinates count as in
-deltaid by `ref`, so an arm is level at zero. No shape has mass or touches anything: inertia is that
-of the `inertial` elements alone.
+The model's initial pose (qpos0) is the home pose with closed loops, and `ref` makes joint
+coordinates those of deltaid, so an arm is level at zero. Shapes have neither mass nor contacts:
+inertia is that of the `inertial` elements alone.
 
 Drawn models are a folder of such files, for programs that train or test on many robots.
 """

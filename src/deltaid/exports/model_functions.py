@@ -1,8 +1,8 @@
 """Functions of exported code: kinematics, inverse and forward dynamics, (1); optionally those of
 `--with constraint-forces,passive-joints,regressor,online`.
 
-Everything is computed from task coordinates z, which forward kinematics finds once a cycle; so a
-controller that needs torque, mass matrix and gravity pays for the loops only once.
+Everything is a function of task coordinates z, which forward kinematics solves once a cycle, so a
+controller that needs torque, mass matrix and gravity closes the loops only once.
 """
 
 from collections.abc import Callable, Mapping

@@ -1,16 +1,15 @@
 """Structured text of IEC 61131-3: a CasADi graph as statements, and units of a program, as text and
 as one XML file of PLCopen (TC6), which development systems import.
 
-Controllers may stop on a division by zero or the root of a negative number, where C goes on with
-NaN. So operands are checked before, and the function returns, with the status that it
-holds by then. What matters only where a choice of the graph takes it becomes zero there instead:
-choices are in a graph to stay away from what cannot be computed, and both sides of one are always
-computed here. There is no expression with more than one operation, and no function that the
-standard has not had from its first edition on (ATAN2 is a function of the file's own).
+Controllers may stop on a division by zero or the root of a negative number, where C continues with
+NaN. So operands are checked first, and the function returns with its present status. Both branches
+of a choice are always computed, and choices avoid invalid operands; so an operand that matters in
+one branch only is replaced by zero where it is invalid. Expressions have one operation each and
+use functions of the standard's first edition only (ATAN2 is a function of the file's own).
 
-The standard has a place for global constants in configurations only, and none for arrays without a
-name as inputs or outputs. So arrays have types with names, and tables are functions. Arrays that a
-function reads are its VAR_IN_OUT: nothing is copied, and MATIEC has no other way to pass them.
+The standard allows global constants in configurations only, and inputs and outputs of named array
+types only. So arrays have named types, and tables are functions. Arrays that a function reads are
+its VAR_IN_OUT: nothing is copied, and MATIEC has no other way to pass them.
 """
 
 import math

@@ -1,9 +1,9 @@
 """A CasADi SX graph as straight-line statements, without loops, and with calls of math.h only.
 
-The graph's instruction list works on numbered slots, and so does the code: `w17 = w3*w4;`. Slots
-are few hundred local numbers, so a function needs a small, fixed stack and has no state. What needs
-more digits than a float has is the sum of two, `w17` and the rest `r17` (`digits`). How a statement
-looks is a dialect's; C's is here, that of structured text beside it.
+The code works on the numbered slots of the graph's instruction list: `w17 = w3*w4;`. Slots are a
+few hundred local numbers, so a function needs a small, fixed stack and has no state. Results that
+need more digits than a float has are sums of two, `w17` and the rest `r17` (`digits`). A dialect
+defines the statements: that of C is here, that of structured text in `st_units`.
 """
 
 import textwrap

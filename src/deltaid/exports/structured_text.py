@@ -1,9 +1,9 @@
 """IEC 61131-3 structured text of a model: the functions of the C export, as one file.
 
-Functions return a status and have their results as outputs, which count only where it is OK. What
-keeps something from one cycle to the next, the pose z or the state of a cycle, is a function block.
-A controller that stops on floating-point exceptions meets none here (`st_units`): numbers too
-large for any robot are refused at the door, and nothing is divided or rooted unseen.
+Functions return a status and have their results as outputs, which are valid only where it is OK.
+Functions that keep the pose z or a state between cycles are function blocks. No floating-point
+exception occurs, which would stop some controllers (`st_units`): inputs too large for any robot are
+refused, and divisors and radicands are checked.
 """
 
 import re

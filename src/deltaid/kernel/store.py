@@ -1,8 +1,8 @@
 """Disk cache of compiled kernels.
 
-An entry is the machine code of one graph for one CPU, under a name that is the checksum of
-everything it follows from. It begins with its own checksum: what was damaged, or written by
-something else, is compiled anew. Nobody has to clean up: the entries used longest ago go.
+An entry is the machine code of one graph for one CPU, named by the checksum of everything that it
+depends on. It begins with its own checksum: damaged entries are compiled again. The least recently
+used entries are removed automatically.
 """
 
 import hashlib

@@ -4,17 +4,17 @@ Newton's method.
 By Newton's method z(q) solves Φ(z, q) = 0 (`Mechanism.closure`); a step is z ← z − Φ_z⁻¹ Φ, all
 samples at once.
 
-1. Samples of a recording lie close together. Every `_STRIDE`-th one is an anchor, which is reached
-   from the home pose along a straight line in q, a few steps at a time, so that it stays on the
-   home pose's branch. Whole turns of an arm count as none.
+1. Adjacent samples are close together. Every `_STRIDE`-th one is an anchor, which is reached from
+   the home pose along a straight line in q, in a few steps that stay on the home pose's branch.
+   Full turns of an arm are removed.
 2. All others start from their anchor.
-3. What has not converged on this branch takes the way of the anchors, once more with finer steps.
-4. What is still lost, because that line leaves what the robot can reach, starts from the last
-   sample before it that is solved.
+3. Samples without a solution on this branch are reached from home too, then with finer steps.
+4. The remaining ones, whose line leaves the robot's reach, start from the last solved sample before
+   them.
 
-A sample counts as solved when its residual is small, every limb is in its described working mode
-and det Φ_z has the sign that it has at home: beyond a singularity the robot is on another branch.
-Turns of ψ that the drives do not show are taken off: ψ is the one nearest to home's.
+A sample is solved when its residual is small, every limb is in its described working mode and
+det Φ_z has its sign at home, because beyond a singularity the robot is on another branch. ψ is the
+value nearest to home's among those that the drives do not distinguish.
 """
 
 from collections.abc import Callable

@@ -1,11 +1,11 @@
 """Minimisers of J(π): where the paper's one and three others stop, step by step.
 
-J(π) of (15) has no bad local minimum, but where an exponential e^d has run towards zero its
-gradient dies with it, and the iteration creeps along a tail. The paper starts at π(p_reg) with the
-small γ at once (Sec. VIII B) and does not name its solver, so three usual ones are tried from
-there: Newton with a trust region and exact Hessians, Levenberg–Marquardt on the residuals, and
-BFGS, which approximates the Hessian from gradients. The fourth relaxes the regulariser, as
-`estimation.log_cholesky` does. The conic program says how low J can be.
+J(π) of (15) has no bad local minimum, but where an exponential e^d tends to zero its gradient
+vanishes, and the iteration stalls. The paper starts at π(p_reg) with the small γ at once
+(Sec. VIII B) and does not name its solver, so three common ones start there: Newton with a trust
+region and exact Hessians, Levenberg–Marquardt on the residuals, and BFGS, which approximates the
+Hessian from gradients. The fourth relaxes the regulariser, like `estimation.log_cholesky`. The
+conic program gives the minimum of J.
 """
 
 import time

@@ -1,11 +1,10 @@
 """The studio's server: NiceGUI on this machine only, protected by a guard.
 
-Any page of the web can send requests to this machine, and open websockets to it; with a name that
-its owner points at 127.0.0.1 (DNS rebinding) it even looks like the studio's own. So each request
-has to name this server (Host), come from its page if it says where it comes from (Origin), and hold
-a cookie that the key of the printed address is exchanged for. A key opens the studio once: whoever
-reads it later, in a history or a list of processes, does not get in. A websocket has to say where
-it comes from, as browsers do.
+Any web page can send requests and open websockets to this machine; through a name that resolves to
+127.0.0.1 (DNS rebinding) it even looks like the studio's own. So each request has to name this
+server (Host), come from its page where it has an Origin, and hold a cookie, which the key of the
+printed address is exchanged for. A key works once, so a copy from a history or a list of processes
+is useless. Websockets need an Origin, which browsers always send.
 """
 
 import asyncio

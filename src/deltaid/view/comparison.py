@@ -1,9 +1,9 @@
 """Measured and predicted torques of a recording, reduced for figures in constant memory.
 
-Filtered signals are thinned to the rate that the cut-off allows, which loses nothing. Where that is
-still more than a figure can show, each stretch of equal length is represented by its sample of
-largest residual, so that no outlier disappears; figures that count samples use an even thinning.
-Below is which of many samples any figure draws.
+Filtered signals are thinned to the rate that the cut-off allows, without loss. Where that is still
+more than a figure can show, each stretch of equal length is represented by its sample of largest
+residual, so that outliers stay visible; figures of distributions use an even thinning. Functions at
+the end select the samples that a figure draws.
 """
 
 from collections.abc import Iterator

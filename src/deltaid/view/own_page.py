@@ -1,8 +1,8 @@
 """Protection of a local server: it answers its own page only, whatever else the browser shows.
 
-A browser lets any page of the web open a websocket to this machine, and a name that its owner
-points at 127.0.0.1 (DNS rebinding) even makes such a page look like the server's own. So the
-server looks at where a request comes from (Origin) and whom it believes to ask (Host).
+Any web page can open a websocket to this machine, and through a name that resolves to 127.0.0.1
+(DNS rebinding) it even looks like the server's own. So the server checks where a request comes from
+(Origin) and which server it names (Host).
 """
 
 import socket

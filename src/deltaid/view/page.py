@@ -1,8 +1,7 @@
 """A page as data: text, tables and figures, headed by verdict, picture and origin.
 
-Builders of this room describe pages with the classes here; `html.py` makes HTML of them, and the
-terminal and notebooks print the same tables. Nothing heavy is imported: short commands print
-tables, too.
+Builders of this room compose pages of these classes; `html.py` renders them, and the terminal and
+notebooks print the same tables. It imports nothing heavy, because short commands print tables too.
 """
 
 import shlex
