@@ -109,14 +109,12 @@ def answered_or_refused(made: Draft) -> Draft | DeltaidError:
 @every_kind
 def test_every_number_comes_back(kind: str) -> None:
     """Odd digits in all answers at once, read back from the text."""
-    rng, values = np.random.default_rng(5), typical(kind).values
-    given = {
-        q.key: float(f"{values[q.key] * rng.uniform(0.97, 1.0):.7g}") for q in questions_of(kind)
-    }
+    rng, usual = np.random.default_rng(5), typical(kind).values
+    given = {q.key: float(f"{usual[q.key] * rng.uniform(0.97, 1):.7g}") for q in questions_of(kind)}
     given["gear"] = 3.0
     space = ("radius", "low", "high")
     made = Draft(kind, "odd", "Odd", {k: given[k] for k in given if k not in space})
-    made = Draft(kind, "odd", "Odd", {**made.values, **{k: values[k] for k in space}})
+    made = Draft(kind, "odd", "Odd", {**made.values, **{k: usual[k] for k in space}})
     made = Draft(kind, "odd", "Odd", made.values, dict.fromkeys(made.values, GIVEN))
     back = answers(description(made))
     assert kind_of(description(made)) == kind

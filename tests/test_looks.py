@@ -10,9 +10,8 @@ from scipy.spatial import ConvexHull
 from scipy.spatial.transform import Rotation
 
 from deltaid.exports.looks import Ball, BoxShape, Rod, Shape, shapes, strut_radius, thickness
-from deltaid.exports.tree import Tree, spanning_tree
+from deltaid.exports.tree import Tree, drawn_spacing, spanning_tree
 from deltaid.exports.urdf import urdf
-from deltaid.mechanism.skeleton import drawn_spacing
 from deltaid.model.model import Model
 from deltaid.robot.load import load_robot
 from exports import disturbed, states, subject, tree_motion
@@ -98,8 +97,8 @@ def test_limbs_are_drawn_from_joint_to_joint(name: str) -> None:
             assert beside[0] @ limb.R_WL[:, 0] > 0  # behind: farther out than the carriages
         np.testing.assert_allclose(ends(name, found[f"limb{n}_spoke"]), [part, seat], atol=1e-9)
         pair = [strut for strut in tree.struts if strut.body == f"S{n}"]
-        apart = drawn_spacing(chosen.robot) if limb.spacing is None else limb.spacing
-        sides = {"a": 0.5 * apart * y, "b": -0.5 * apart * y}
+        side = 0.5 * (limb.spacing or drawn_spacing(chosen.robot)) * y
+        sides = {"a": side, "b": -side}
         assert [strut.name for strut in pair] == [f"strut{n}a", f"strut{n}b"]
         for strut in pair:
             side = sides[strut.name[-1]]
