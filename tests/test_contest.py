@@ -429,3 +429,14 @@ def test_sweeps_that_lead_to_where_no_robot_can_be_begin_elsewhere() -> None:
     assert "gear-ratio" in kinds
     assert not kinds & {"zero", "length"}
     assert judge(made, result).M < 0.005
+
+
+def test_an_effect_that_is_too_little_to_correct_is_named_and_intervals_count_it() -> None:
+    """Springs of 1.7 % of the torque beside warm-up, play and lags look like the arms' centres."""
+    made = case("mixture", "par4", 0)
+    result = identified(made)
+    (doubt,) = [text for text in result.model.warnings if "may act as well" in text]
+    assert doubt.startswith("springs at drives may act as well")
+    assert "drive-spring" not in {correction.kind for correction in result.model.corrections}
+    (arm,) = [known for known in result.model.base_parameters if known.formula == "mcz_U"]
+    assert arm.high - arm.low > 0.05  # 0.012 where only what is corrected counts

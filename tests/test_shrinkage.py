@@ -11,7 +11,7 @@ from deltaid.dynamics.dynamics import compiled
 from deltaid.effects.along_motion import AtPlatform, RippleColumns, platform_forces
 from deltaid.estimation.problem import CauseColumns, NoiseBlock
 from deltaid.estimation.shrinkage import _ALIKE, Shrunk
-from deltaid.identification.contest import reduced, rivals
+from deltaid.identification.contest import reduced, rivals, suspects
 from deltaid.identification.fit import FittedProblem, fit
 from deltaid.identification.friction_choice import choose_friction
 from deltaid.identification.friction_rows import friction_rows
@@ -235,6 +235,22 @@ def test_what_physics_does_not_allow_is_no_rival() -> None:
     barred = Shrunk.fitted(both.blocks, both.D, both.d, groups)
     assert rivals(both, kept, LEAST)
     assert not rivals(barred, kept, LEAST)
+
+
+def test_a_cause_that_chance_gives_too_often_is_a_suspect() -> None:
+    """Rows are certainly more probable with it, and chance explains as much once in 10⁵ times."""
+    full = problem(size=0.015)
+    bare = reduced(full, LEAST)
+    assert bare.candidates == ()
+    assert LEAST > full.surprise(full.groups[0]) > 5
+    ((name, suspect),) = suspects(full, bare).items()
+    assert name == "cause"
+    assert suspect.evidence - bare.evidence > np.log(100.0)
+    assert suspects(full, full.of_candidates(["cause"])) == {}
+    small = problem(size=0.01)
+    assert suspects(small, reduced(small, LEAST)) == {}
+    never = [replace(group, is_possible=lambda *_: False) for group in full.groups]
+    assert suspects(Shrunk.fitted(full.blocks, full.D, full.d, never), bare) == {}
 
 
 def test_what_cannot_be_negative_stays_at_zero() -> None:

@@ -115,6 +115,14 @@ class Contest:
             for pair, shrunk in rivals(self.shrunk, last.shrunk, SEEN).items()
         }
 
+    def suspects(self, last: "Contest") -> dict[str, "Contest"]:
+        """Contests with one more effect than a reduced one, by this effect, that are certainly more
+        probable, though chance gives one like it too often to correct it."""
+        return {
+            name: replace(self, shrunk=shrunk)
+            for name, shrunk in suspects(self.shrunk, last.shrunk).items()
+        }
+
     def follows(self, names: Collection[str]) -> list[Parameters]:
         """Changes of the robot's parameters by one standard deviation each of independent errors of
         some effects."""
@@ -230,4 +238,16 @@ def rivals(
         pair: trial for pair, trial in trials.items()
         if trial.evidence > now.evidence + more and trial.least_surprising >= least
         and all(group.allows(trial.x, trial.covariance) for group in trial.groups)
+    }  # fmt: skip
+
+
+def suspects(full: Shrunk, now: Shrunk) -> dict[str, Shrunk]:
+    """Fits with one more candidate than `now` that are certainly more probable, by this one."""
+    dropped = [group for group in full.droppable if group.name not in now.candidates]
+    trials = {group.name: full.of_candidates([*now.candidates, group.name]) for group in dropped}
+    return {
+        name: trial for name, trial in trials.items()
+        if trial.evidence > now.evidence + _CERTAIN
+        and all(trial.size(group) > POSITION_ERROR and group.allows(trial.x, trial.covariance)
+                for group in trial.groups if group.name == name)
     }  # fmt: skip

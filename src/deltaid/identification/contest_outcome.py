@@ -1,7 +1,7 @@
 """Decisions of the contest of causes: which effects are kept, how large and how uncertain they are,
 and whether the result stands or is refuted."""
 
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -10,6 +10,7 @@ from deltaid.dynamics.dynamics import Parameters, compiled
 from deltaid.effects.all import UNKNOWNS
 from deltaid.effects.effect import SEEN
 from deltaid.effects.lag_groups import agree, common_lag
+from deltaid.errors import Doubt
 from deltaid.identification.contest import Contest
 from deltaid.identification.setup import (
     UNEXPLAINED,
@@ -23,6 +24,8 @@ from deltaid.model.corrections import Inseparable, cause_in_words
 from deltaid.model.verdict import listed, percent
 from deltaid.robot.description import RobotDescription
 
+# Key of the doubt that more effects than are corrected may act.
+SUSPECTED = "suspected"
 # The step of what is applied, in standard deviations, below which sweeps end.
 _SETTLED = 0.2
 
@@ -79,9 +82,15 @@ def doubted(
         undecided: change of the parameters where no effect is dropped.
     """
     names, rivals = last.rows.dynamics.layout.names, full.rivals(last)
+    suspects = full.suspects(last)
     exact = (*outcome.kept, *outcome.values)
     held = [u.name for u in UNKNOWNS if u.name in exact and not u.is_fitted]
     moves = [undecided, *last.follows(held), *(rival.p - last.p for rival in rivals.values())]
+    for name, suspect in suspects.items():
+        moves += [suspect.p - last.p, *suspect.follows([name])]
+    more = {
+        name: suspect.shrunk.evidence - last.shrunk.evidence for name, suspect in suspects.items()
+    }
     return replace(
         outcome,
         moves=tuple(dict(zip(names, move.tolist(), strict=True)) for move in moves),
@@ -89,7 +98,24 @@ def doubted(
             Inseparable(causes=(cause_in_words(kept), cause_in_words(other)))
             for kept, other in rivals
         ),
+        doubts={k: doubt for k, doubt in outcome.doubts.items() if k != SUSPECTED}
+        | _suspicion(more),
     )
+
+
+def _suspicion(evidence: Mapping[str, float]) -> dict[str, str]:
+    """A doubt about suspects, by the logarithm of the ratio of probabilities with each."""
+    if not evidence:
+        return {}
+    names = sorted(evidence, key=lambda name: -evidence[name])
+    causes, most = _named(names, "or"), np.exp(evidence[names[0]])
+    doubt = Doubt(
+        f"{causes} may act as well: the recording is up to {most:.2g} times as probable with it, "
+        "too little to correct it, so intervals count it",
+        cause=f"a small error or effect ({causes}), or something unknown that looks like it",
+        cure="record a longer or faster motion, which decides it",
+    )
+    return {SUSPECTED: doubt}
 
 
 def beyond_parts(last: Contest) -> frozenset[str]:
@@ -133,7 +159,7 @@ def refuted(outcome: ContestOutcome, why: str, moves: Sequence[Parameters]) -> C
     )
 
 
-def _named(effects: Collection[str]) -> str:
+def _named(effects: Collection[str], conjunction: str = "and") -> str:
     """Their kinds in words, each once."""
     kinds = dict.fromkeys(name.split(" of ")[0] for name in effects)
-    return listed([cause_in_words(kind) for kind in kinds])
+    return listed([cause_in_words(kind) for kind in kinds], conjunction)

@@ -142,8 +142,8 @@ def percent(share: float) -> str:
     return f"{number:.0f} %" if abs(number) >= 9.95 else f"{number:.2g} %"
 
 
-def listed(names: Sequence[str]) -> str:
+def listed(names: Sequence[str], conjunction: str = "and") -> str:
     """'drive1', 'drive1 and drive3', 'drive1, drive2 and drive3'."""
     if len(names) < 2:
         return "".join(names)
-    return f"{', '.join(names[:-1])} and {names[-1]}"
+    return f"{', '.join(names[:-1])} {conjunction} {names[-1]}"
