@@ -4,28 +4,20 @@ Each sweep (`contest`) linearises all effects about the present estimate, drops 
 need, and applies the rest exactly to readings or robot. Effects that stay columns join the fit.
 """
 
-from collections.abc import Collection, Iterator, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
 from deltaid.dynamics.dynamics import Parameters
 from deltaid.effects.all import UNKNOWNS
-from deltaid.effects.along_motion import (
-    AtDrives,
-    AtPlatform,
-    DriveSpring,
-    platform_forces,
-    with_rests,
-)
-from deltaid.effects.geometry import Structure, opened, reshaped
+from deltaid.effects.along_motion import DriveSpring, platform_forces
 from deltaid.effects.point import Added, TracePoint, UnknownEffect, points_of
-from deltaid.effects.windings import motors_of
 from deltaid.errors import KinematicsError
 from deltaid.estimation.drive_rows import TraceRows
-from deltaid.estimation.scatter import NORMAL
 from deltaid.estimation.traces import Trace
 from deltaid.identification.contest import Contest, contest, start
+from deltaid.identification.contest_applied import with_effects, with_readings, without_contest
 from deltaid.identification.contest_outcome import (
     beyond_parts,
     decided,
@@ -41,8 +33,6 @@ from deltaid.identification.lags_and_gears import (
     without_lags,
 )
 from deltaid.identification.setup import WIND_UP, ContestOutcome, Progress, Setup
-from deltaid.model.corrections import Correction, Kind
-from deltaid.recording.columns import Readings
 from deltaid.recording.repairs import Gears
 
 # Sweeps at most.
@@ -52,9 +42,6 @@ _SWEEPS = 8
 _WIDER = 10.0
 # Sweeps after which nothing more is added.
 _DECIDED = 2
-
-_KINDS: tuple[Kind, ...] = ("zero", "gear-ratio", "tilt", "length", "torque-constant",
-                            "torque-drift", "structure")  # fmt: skip
 
 
 @dataclass(frozen=True, eq=False)
@@ -92,7 +79,7 @@ def contested(setup: Setup, progress: Progress) -> Setup:
     if setup.settings.effects == "none":
         return setup
     progress("weighing causes against each other")
-    bare = _bare(setup)
+    bare = without_contest(setup)
     if not _traces(bare):
         return setup
     end = _sweeps(bare)
@@ -134,7 +121,11 @@ def _sweeps(
     if since is None:
         now, before, p = without, _begun(bare), None
     else:
-        now, before, p = _read(without, since.outcome, since.last.p), since.outcome, since.last.p
+        now, before, p = (
+            with_readings(without, since.outcome, since.last.p),
+            since.outcome,
+            since.last.p,
+        )
     full, sweep, undecided = _swept(now, before, _traces(now), p, 0), 0, None
     plain, dismissed = since.plain if since else full.points[0].p, ()
     parts = frozenset[str]()
@@ -149,7 +140,7 @@ def _sweeps(
         elif sweep == _SWEEPS or is_settled(before, after):
             break
         try:
-            now = _read(without, after, last.p)
+            now = with_readings(without, after, last.p)
             before, full = after, _swept(now, after, _traces(now), last.p, sweep)
         except KinematicsError:
             is_lost = True
@@ -158,7 +149,7 @@ def _sweeps(
     setup, why = bare, "the robot could not be in poses that it was recorded in"
     if not is_lost:
         if outcome.kept or outcome.winds_up:
-            setup = _finished(_read(bare, outcome, last.p), outcome, last)
+            setup = with_effects(with_readings(bare, outcome, last.p), outcome, last)
         why = why_not(setup, beyond)
     moves = (last.p - plain, *dismissed)
     return _Sweeps(setup, outcome, last, plain, moves, parts, why, is_lost)
@@ -167,7 +158,7 @@ def _sweeps(
 def swept_beside(setup: Setup, own: UnknownEffect, instead_of: Collection[str]) -> Contest | None:
     """One sweep of all effects without dropping any, with `own` in place of those named; None where
     no recording can be differentiated."""
-    bare = _bare(setup)
+    bare = without_contest(setup)
     bare = bare.changed(barred_effects=bare.barred_effects | frozenset(instead_of))
     traces = _traces(bare)
     return _swept(bare, _begun(bare), traces, None, 0, (own,)) if traces else None
@@ -210,20 +201,6 @@ def _gears(setup: Setup) -> list[Gears]:
     return [r.repairs.gears for r in setup.recordings if r.repairs.gears is not None]
 
 
-def _bare(setup: Setup) -> Setup:
-    """Without the corrections of an earlier contest."""
-    robot = setup.robot
-    if setup.outcome is not None:
-        described = setup.outcome.described
-        robot = robot.model_copy(
-            update={"limbs": described.limbs, "gravity": described.gravity,
-                    "tolerances": described.tolerances, "bodies": described.bodies}
-        )  # fmt: skip
-    kept = tuple(a for a in setup.additions if not isinstance(a, AtPlatform | AtDrives))
-    bare = setup.changed(additions=kept, outcome=None).with_robot(robot).reported((), *_KINDS)
-    return bare.all_repaired(readings=None, drift=None)
-
-
 def _traces(setup: Setup) -> list[Trace]:
     """Traces of recordings without an undeclared load."""
     recordings = [r for k, r in enumerate(setup.recordings) if not setup.is_disturbed(k)]
@@ -251,80 +228,3 @@ def _allowed(
             or unknown.name in before.doubts
         )
     )  # fmt: skip
-
-
-def _read(bare: Setup, outcome: ContestOutcome, p: Parameters) -> Setup:
-    """Recordings with the readings corrected by an outcome."""
-    largest = np.max([recording.log.torque_max for recording in bare.recordings], axis=0)
-    pairs = np.reshape(outcome.coefficients("torque-constant"), (-1, 2)).tolist()
-    falling = tuple((a, b) for a, b in pairs)
-    readings = Readings(
-        zero=outcome.coefficients("zero"),
-        ratio=outcome.coefficients("gear-ratio"),
-        falling=falling,
-        largest=tuple(largest.tolist()) if falling else (),
-    )
-    setup, wound = bare, outcome.coefficients(WIND_UP)
-    drifts = np.reshape(outcome.coefficients("torque-drift"), (len(outcome.recordings), -1, 2))
-    drifting = dict(zip(outcome.recordings, drifts.tolist(), strict=True)) if drifts.size else {}
-    for recording in bare.recordings:
-        gears = None
-        if any(wound) and recording.low_pass is not None:
-            cutoff, rate = recording.low_pass.cutoff, recording.log.rate
-            gears = motors_of(bare.robot, p, cutoff, rate, wound)
-        drift = drifting.get(recording.log.sha256)
-        setup = setup.repaired(
-            recording,
-            readings=None if readings.are_right else readings,
-            drift=drift and recording.drifting(drift),
-            gears=gears,
-        )
-    return setup
-
-
-def _finished(now: Setup, outcome: ContestOutcome, last: Contest) -> Setup:
-    """With the robot corrected, effects that stay columns, corrections, and new studies."""
-    if outcome.coefficients("length") or outcome.coefficients("tilt"):
-        robot = reshaped(
-            outcome.described, outcome.coefficients("length"), outcome.coefficients("tilt")
-        )
-        now = now.with_robot(
-            now.robot.model_copy(update={"limbs": robot.limbs, "gravity": robot.gravity})
-        )
-    if Structure.name in outcome.kept:
-        now = now.with_robot(opened(now.robot))
-    if DriveSpring.name in outcome.kept:
-        now = now.with_robot(with_rests(now.robot))
-    additions = list(without_lags(now.additions))
-    for name in outcome.kept:
-        unknown = last.unknown(name)
-        if isinstance(unknown, Added):
-            group = last.group(name)
-            scale = last.shrunk.alpha[last.shrunk.groups.index(group)] * group.deviation
-            assert isinstance(unknown.addition, AtPlatform | AtDrives)
-            additions.append(replace(unknown.addition, deviation=tuple(scale.tolist())))
-    corrections = [
-        correction
-        for unknown in UNKNOWNS
-        if unknown.name in outcome.kept
-        for correction in _corrections(unknown, outcome, last)
-    ]
-    now = now.changed(additions=tuple(additions), outcome=outcome).reported(
-        corrections, "compliance"
-    )
-    return now.studied()
-
-
-def _corrections(
-    unknown: UnknownEffect, outcome: ContestOutcome, last: Contest
-) -> Iterator[Correction]:
-    """Corrections of an effect, per recording where each has its own coefficients."""
-    points = last.points if unknown.is_own else last.points[:1]
-    sizes = [
-        np.split(coefficients.get(unknown.name, np.zeros(0)), len(points))
-        for coefficients in (outcome.values, outcome.deviations)
-    ]
-    for point, values, deviations in zip(points, *sizes, strict=True):
-        log = point.trace.recording.path.name if unknown.is_own else ""
-        for correction in unknown.corrections(outcome.described, values, NORMAL * deviations):
-            yield correction.changed(log=log) if log else correction

@@ -1,0 +1,114 @@
+"""The outcome of the contest of causes, applied: readings, robot, extra columns and corrections."""
+
+from collections.abc import Iterator
+from dataclasses import replace
+
+import numpy as np
+
+from deltaid.dynamics.dynamics import Parameters
+from deltaid.effects.all import UNKNOWNS
+from deltaid.effects.along_motion import AtDrives, AtPlatform, DriveSpring, with_rests
+from deltaid.effects.geometry import Structure, opened, reshaped
+from deltaid.effects.point import Added, UnknownEffect
+from deltaid.effects.windings import motors_of
+from deltaid.estimation.scatter import NORMAL
+from deltaid.identification.contest import Contest
+from deltaid.identification.lags_and_gears import without_lags
+from deltaid.identification.setup import WIND_UP, ContestOutcome, Setup
+from deltaid.model.corrections import Correction, Kind
+from deltaid.recording.columns import Readings
+
+# Corrections that only the contest makes.
+_KINDS: tuple[Kind, ...] = ("zero", "gear-ratio", "tilt", "length", "torque-constant",
+                            "torque-drift", "structure")  # fmt: skip
+
+
+def without_contest(setup: Setup) -> Setup:
+    """Without the corrections of an earlier contest."""
+    robot = setup.robot
+    if setup.outcome is not None:
+        described = setup.outcome.described
+        robot = robot.model_copy(
+            update={"limbs": described.limbs, "gravity": described.gravity,
+                    "tolerances": described.tolerances, "bodies": described.bodies}
+        )  # fmt: skip
+    kept = tuple(a for a in setup.additions if not isinstance(a, AtPlatform | AtDrives))
+    bare = setup.changed(additions=kept, outcome=None).with_robot(robot).reported((), *_KINDS)
+    return bare.all_repaired(readings=None, drift=None)
+
+
+def with_readings(bare: Setup, outcome: ContestOutcome, p: Parameters) -> Setup:
+    """Recordings with the readings corrected by an outcome."""
+    largest = np.max([recording.log.torque_max for recording in bare.recordings], axis=0)
+    pairs = np.reshape(outcome.coefficients("torque-constant"), (-1, 2)).tolist()
+    falling = tuple((a, b) for a, b in pairs)
+    readings = Readings(
+        zero=outcome.coefficients("zero"),
+        ratio=outcome.coefficients("gear-ratio"),
+        falling=falling,
+        largest=tuple(largest.tolist()) if falling else (),
+    )
+    setup, wound = bare, outcome.coefficients(WIND_UP)
+    drifts = np.reshape(outcome.coefficients("torque-drift"), (len(outcome.recordings), -1, 2))
+    drifting = dict(zip(outcome.recordings, drifts.tolist(), strict=True)) if drifts.size else {}
+    for recording in bare.recordings:
+        gears = None
+        if any(wound) and recording.low_pass is not None:
+            cutoff, rate = recording.low_pass.cutoff, recording.log.rate
+            gears = motors_of(bare.robot, p, cutoff, rate, wound)
+        drift = drifting.get(recording.log.sha256)
+        setup = setup.repaired(
+            recording,
+            readings=None if readings.are_right else readings,
+            drift=drift and recording.drifting(drift),
+            gears=gears,
+        )
+    return setup
+
+
+def with_effects(now: Setup, outcome: ContestOutcome, last: Contest) -> Setup:
+    """With the robot corrected, effects that stay columns, corrections, and new studies."""
+    if outcome.coefficients("length") or outcome.coefficients("tilt"):
+        robot = reshaped(
+            outcome.described, outcome.coefficients("length"), outcome.coefficients("tilt")
+        )
+        now = now.with_robot(
+            now.robot.model_copy(update={"limbs": robot.limbs, "gravity": robot.gravity})
+        )
+    if Structure.name in outcome.kept:
+        now = now.with_robot(opened(now.robot))
+    if DriveSpring.name in outcome.kept:
+        now = now.with_robot(with_rests(now.robot))
+    additions = list(without_lags(now.additions))
+    for name in outcome.kept:
+        unknown = last.unknown(name)
+        if isinstance(unknown, Added):
+            group = last.group(name)
+            scale = last.shrunk.alpha[last.shrunk.groups.index(group)] * group.deviation
+            assert isinstance(unknown.addition, AtPlatform | AtDrives)
+            additions.append(replace(unknown.addition, deviation=tuple(scale.tolist())))
+    corrections = [
+        correction
+        for unknown in UNKNOWNS
+        if unknown.name in outcome.kept
+        for correction in _corrections(unknown, outcome, last)
+    ]
+    now = now.changed(additions=tuple(additions), outcome=outcome).reported(
+        corrections, "compliance"
+    )
+    return now.studied()
+
+
+def _corrections(
+    unknown: UnknownEffect, outcome: ContestOutcome, last: Contest
+) -> Iterator[Correction]:
+    """Corrections of an effect, per recording where each has its own coefficients."""
+    points = last.points if unknown.is_own else last.points[:1]
+    sizes = [
+        np.split(coefficients.get(unknown.name, np.zeros(0)), len(points))
+        for coefficients in (outcome.values, outcome.deviations)
+    ]
+    for point, values, deviations in zip(points, *sizes, strict=True):
+        log = point.trace.recording.path.name if unknown.is_own else ""
+        for correction in unknown.corrections(outcome.described, values, NORMAL * deviations):
+            yield correction.changed(log=log) if log else correction
