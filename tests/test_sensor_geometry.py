@@ -4,7 +4,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from scipy import constants
 from scipy.spatial.transform import Rotation
 
 from composed import SINGLE
@@ -109,7 +108,7 @@ def test_what_a_scale_says_does_not_go_with_lengths() -> None:
 def test_offsets_that_nobody_knows_are_ten_times_what_the_robot_weighs() -> None:
     robot = load_robot("clavel-delta3")
     m = {name: body.prior_parameters()[0] for name, body in robot.bodies.items()}
-    weight = constants.g * (3 * m["U"] + 6 * m["S"] + m["P"])
+    weight = 9.81 * (3 * m["U"] + 6 * m["S"] + m["P"])
     above = BaseWrench(kind="base-wrench", position=(0.0, 0.0, 10.0))
     rows = sensor_rows(Dynamics(robot), "s", above)
     force, moment = rows.parameters[0].std, rows.parameters[3].std
@@ -164,7 +163,7 @@ def test_one_channel_has_a_bias_and_a_gain() -> None:
     ):
         rows = twin.rows(sensor)
         assert [parameter.name for parameter in rows.parameters] == ["bias.s", "gain.s"]
-        weight = constants.g * sum(body.m for body in twin.oracle.bodies.values())
+        weight = 9.81 * sum(body.m for body in twin.oracle.bodies.values())
         assert rows.parameters[0].std > 10 * weight
         assert rows.parameters[0].unit == "N"
         shown = np.arange(1.0, 5.0)

@@ -7,7 +7,6 @@ from dataclasses import dataclass
 import numpy as np
 import polars as pl
 from jaxtyping import Float
-from scipy import constants
 
 from deltaid.errors import DescriptionError, Doubt
 from deltaid.model.model import Model
@@ -20,6 +19,7 @@ from deltaid.online.replay import Replay
 from deltaid.online.settings import OnlineSettings
 from deltaid.online.suspicion import Suspicion, measured_of
 from deltaid.robot.description import RobotDescription
+from deltaid.robot.part import GRAVITY
 
 # Largest number of rows of a series.
 _SERIES = 200_000
@@ -168,7 +168,7 @@ def _thinned(
     settings, dof = online.settings, found.residual.shape[1]
     best, worst = least_force(A, threshold(settings.false_alarms, settings.corner, dof))
     if not told:  # an unsignalled load may hide a vertical push of its weight
-        worst = worst + constants.g * online.known.load_scales[0]
+        worst = worst + GRAVITY * online.known.load_scales[0]
     columns = {
         "t": time[ends],
         "held": found.held[ends].astype(float),

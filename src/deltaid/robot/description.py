@@ -21,7 +21,7 @@ from deltaid.robot.limits import NAMES, DriveLimits, Task, Workspace
 from deltaid.robot.measured import MeasuredTogether
 from deltaid.robot.own import OwnMechanism
 from deltaid.robot.parameter import SLIDING, TURNING, JointUnits
-from deltaid.robot.part import Coordinate, Gravity, Part, Position, Positive, Speed
+from deltaid.robot.part import GRAVITY, Coordinate, Gravity, Part, Position, Positive, Speed
 from deltaid.robot.platform import Platform, RigidPlatform, Telescope
 from deltaid.robot.sensors import Sensor
 from deltaid.robot.tolerances import Tolerances
@@ -62,7 +62,7 @@ class RobotDescription(Shown, Plotted, Reported, Part):
     name: str = Field(min_length=1, description="short, as in names of files")
     title: str = Field(default="", description="what it is, as in headings")
     gravity: Gravity = Field(
-        default=(0.0, 0.0, -9.81), description="gravity in the world frame, m/s²"
+        default=(0.0, 0.0, -GRAVITY), description="gravity in the world frame, m/s²"
     )
     limbs: Limbs | None = Field(
         default=None, description="drives and struts that hold the platform"

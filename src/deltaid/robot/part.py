@@ -121,6 +121,7 @@ _LONGEST, _SHORTEST = 100.0, 1e-6  # m
 _HEAVIEST, _LIGHTEST = 1e6, 1e-9  # kg
 _FASTEST = 300.0  # m/s
 _STRONGEST = 100.0  # m/s², of gravity
+GRAVITY = 9.81  # m/s², where nothing is stated
 
 
 def limited(low: float, high: float, refusal: str) -> AfterValidator:

@@ -27,12 +27,12 @@ from functools import cached_property
 import casadi as ca
 import numpy as np
 from jaxtyping import Bool, Float, Int
-from scipy import constants
 
 from deltaid.dynamics.dynamics import Dynamics
 from deltaid.dynamics.equations import beyond_rounding
 from deltaid.kernel.batch import BatchKernel
 from deltaid.robot.parameter import PriorParameter
+from deltaid.robot.part import GRAVITY
 from deltaid.robot.sensors import Sensor, SensorChannel, channels_of
 
 Motion = Float[np.ndarray, "samples dof"]
@@ -237,7 +237,7 @@ def wide_force(dynamics: Dynamics) -> float:
     """Standard deviation of an unknown offset of a force [N]: ten times the robot's weight."""
     bodies, described = dynamics.kinematics.mechanism.bodies, dynamics.robot.bodies
     masses = (body.count * described[body.name].prior_parameters()[0] for body in bodies)
-    return float(_WIDE * constants.g * sum(masses))
+    return float(_WIDE * GRAVITY * sum(masses))
 
 
 def wide_moment(dynamics: Dynamics, about: Float[np.ndarray, " 3"]) -> float:
