@@ -242,12 +242,15 @@ def rivals(
 
 
 def suspects(full: Shrunk, now: Shrunk) -> dict[str, Shrunk]:
-    """Fits with one more candidate than `now` that are certainly more probable, by this one."""
-    dropped = [group for group in full.droppable if group.name not in now.candidates]
-    trials = {group.name: full.of_candidates([*now.candidates, group.name]) for group in dropped}
+    """Fits with one more candidate than `now` that are certainly more probable, by this one, where
+    chance explains as little by the scatter of the rows as well."""
+    dropped = [group.name for group in full.droppable if group.name not in now.candidates]
+    trials = {name: full.of_candidates([*now.candidates, name]) for name in dropped}
     return {
-        name: trial for name, trial in trials.items()
-        if trial.evidence > now.evidence + _CERTAIN
-        and all(trial.size(group) > POSITION_ERROR and group.allows(trial.x, trial.covariance)
-                for group in trial.groups if group.name == name)
+        name: trial
+        for name, trial in trials.items() if trial.evidence > now.evidence + _CERTAIN
+        for group in trial.groups
+        if group.name == name and trial.size(group) > POSITION_ERROR
+        and trial.surprise(group) * np.log(10.0) > _CERTAIN
+        and group.allows(trial.x, trial.covariance)
     }  # fmt: skip

@@ -88,8 +88,8 @@ def doubted(
     moves = [undecided, *last.follows(held), *(rival.p - last.p for rival in rivals.values())]
     for name, suspect in suspects.items():
         moves += [suspect.p - last.p, *suspect.follows([name])]
-    more = {
-        name: suspect.shrunk.evidence - last.shrunk.evidence for name, suspect in suspects.items()
+    surprises = {
+        name: suspect.shrunk.surprise(suspect.group(name)) for name, suspect in suspects.items()
     }
     return replace(
         outcome,
@@ -98,24 +98,29 @@ def doubted(
             Inseparable(causes=(cause_in_words(kept), cause_in_words(other)))
             for kept, other in rivals
         ),
-        doubts={k: doubt for k, doubt in outcome.doubts.items() if k != SUSPECTED}
-        | _suspicion(more),
+        doubts=_unsuspicious(outcome) | _suspicion(surprises),
     )
 
 
-def _suspicion(evidence: Mapping[str, float]) -> dict[str, str]:
-    """A doubt about suspects, by the logarithm of the ratio of probabilities with each."""
-    if not evidence:
+def _suspicion(surprises: Mapping[str, float]) -> dict[str, str]:
+    """A doubt about suspects, by how surprising each is [decades]."""
+    if not surprises:
         return {}
-    names = sorted(evidence, key=lambda name: -evidence[name])
-    causes, most = _named(names, "or"), np.exp(evidence[names[0]])
+    names = sorted(surprises, key=lambda name: -surprises[name])
+    causes = _named(names, "or")
     doubt = Doubt(
-        f"{causes} may act as well: the recording is up to {most:.2g} times as probable with it, "
-        "too little to correct it, so intervals count it",
+        f"{causes} may act as well: chance explains as much in one of "
+        f"{10 ** surprises[names[0]]:,.0f} recordings; that is not enough to correct it, so "
+        "intervals count it",
         cause=f"a small error or effect ({causes}), or something unknown that looks like it",
         cure="record a longer or faster motion, which decides it",
     )
     return {SUSPECTED: doubt}
+
+
+def _unsuspicious(outcome: ContestOutcome) -> dict[str, str]:
+    """Doubts without suspects, which are those beside what is kept."""
+    return {key: doubt for key, doubt in outcome.doubts.items() if key != SUSPECTED}
 
 
 def beyond_parts(last: Contest) -> frozenset[str]:
@@ -155,7 +160,7 @@ def refuted(outcome: ContestOutcome, why: str, moves: Sequence[Parameters]) -> C
     return ContestOutcome(
         outcome.described,
         moves=(*outcome.moves, *uncorrected),
-        doubts=outcome.doubts | {UNEXPLAINED: doubt},
+        doubts=_unsuspicious(outcome) | {UNEXPLAINED: doubt},
     )
 
 
