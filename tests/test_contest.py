@@ -10,6 +10,7 @@ import pytest
 
 import deltaid
 from deltaid.dynamics.dynamics import compiled
+from deltaid.dynamics.parameters import prior_parameters
 from deltaid.effects.along_motion import DriveSpring, RippleColumns, platform_forces
 from deltaid.effects.effect import Cause
 from deltaid.effects.geometry import Structure, lengths_of, reshaped
@@ -17,9 +18,11 @@ from deltaid.effects.lag_columns import LagColumns
 from deltaid.effects.lag_groups import LagGroup
 from deltaid.effects.point import TracePoint
 from deltaid.effects.ripple_search import _NODES, _blocks, nearest_order, waves_near
+from deltaid.estimation.drive_rows import TraceRows
 from deltaid.estimation.shrinkage import Shrunk
 from deltaid.identification import contest_stage
 from deltaid.identification.contest import Contest
+from deltaid.identification.contest_outcome import SUSPECTED, doubted, refuted
 from deltaid.identification.doubts import constants
 from deltaid.identification.fit import fit, with_geometry
 from deltaid.identification.friction_constants import LawConstants
@@ -431,12 +434,33 @@ def test_sweeps_that_lead_to_where_no_robot_can_be_begin_elsewhere() -> None:
     assert judge(made, result).M < 0.005
 
 
-def test_an_effect_that_is_too_little_to_correct_is_named_and_intervals_count_it() -> None:
-    """Springs of 1.7 % of the torque beside warm-up, play and lags look like the arms' centres."""
-    made = case("mixture", "par4", 0)
-    result = identified(made)
-    (doubt,) = [text for text in result.model.warnings if "may act as well" in text]
-    assert doubt.startswith("springs at drives may act as well")
-    assert "drive-spring" not in {correction.kind for correction in result.model.corrections}
-    (arm,) = [known for known in result.model.base_parameters if known.formula == "mcz_U"]
-    assert arm.high - arm.low > 0.05  # 0.012 where only what is corrected counts
+def test_a_suspect_is_named_and_intervals_count_it() -> None:
+    """By what parameters move by with it, and with its coefficients as they may be."""
+    robot = described("clavel-delta3")
+    names, fitted = compiled(robot).layout.names, prior_parameters(robot)
+    moved, more = np.zeros((2, len(names)))
+    moved[3], more[5] = 0.02, 0.01
+    rows = Mock(spec=TraceRows, dynamics=compiled(robot))
+    last = Mock(spec=Contest, rows=rows, p=fitted)
+    last.follows.return_value = []
+    shrunk = Mock(spec=Shrunk)
+    shrunk.surprise.return_value = 4.0
+    suspect = Mock(spec=Contest, p=fitted + moved, shrunk=shrunk)
+    suspect.follows.return_value = [more]
+    full = Mock(spec=Contest)
+    full.rivals.return_value = {}
+    full.suspects.return_value = {"drive-spring": suspect}
+    before = ContestOutcome(robot, doubts={"tilt": "leans", SUSPECTED: "of sweeps before"})
+    outcome = doubted(before, full, last, np.zeros(len(names)))
+    assert outcome.doubts["tilt"] == "leans"
+    assert (
+        "springs at drives may act as well: chance explains as much in one of 10,000 "
+        in (outcome.doubts[SUSPECTED])
+    )
+    undecided, by_suspect, by_coefficients = outcome.moves
+    assert not any(undecided.values())
+    assert [by_suspect[name] for name in names] == pytest.approx(moved.tolist(), abs=1e-12)
+    assert by_coefficients == dict(zip(names, more.tolist(), strict=True))
+    full.suspects.return_value = {}
+    assert doubted(outcome, full, last, np.zeros(len(names))).doubts == {"tilt": "leans"}
+    assert SUSPECTED not in refuted(outcome, "zeros are", []).doubts
