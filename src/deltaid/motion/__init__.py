@@ -1,1 +1,1 @@
-"""Motions in task coordinates, random motions within a robot's limits, simulated recordings."""
+"""Motions in task coordinates, random ones within a robot's limits, and simulated recordings."""

@@ -1,4 +1,4 @@
-"""Task-space motions as truncated Fourier series, eq. (8), and their vector of unknowns."""
+"""Task-space motions as truncated Fourier series, eq. (8), and these as a vector of unknowns."""
 
 from dataclasses import dataclass
 
@@ -19,7 +19,7 @@ class FourierMotion(Shown):
     Attributes:
         base_frequency: ω₀ [rad/s].
         centre: b_i0, in m and rad.
-        sine, cosine: a and b, one row per coordinate, one column per harmonic.
+        sine, cosine: a and b, one row a coordinate, one column a harmonic.
     """
 
     base_frequency: float
@@ -62,13 +62,12 @@ Basis = Float[np.ndarray, "3 samples terms"]
 
 @dataclass(frozen=True)
 class Series:
-    """Shape and scaling of the unknowns of a Fourier motion.
+    """Shape and scaling of the unknowns.
 
     Attributes:
         harmonics: n_F of (8).
         slowest, fastest: bounds of the base frequency ω₀ [rad/s].
-        centre, size: middle and half width of each coordinate's range; the latter is the unit of
-            coefficients.
+        centre, size: middle and half width of each coordinate's range, the unit of coefficients.
     """
 
     harmonics: int
@@ -88,12 +87,12 @@ class Series:
         return 1 + self.dof * (1 + 2 * self.harmonics)
 
     def bounds(self) -> list[tuple[float, float]]:
-        """Bounds of the unknowns: of the frequency, and ±3 sizes for coefficients."""
+        """Bounds of the unknowns: the frequency's own, and coefficients of no more than 3 sizes."""
         frequency = (float(np.log(self.slowest)), float(np.log(self.fastest)))
         return [frequency] + [(-3.0, 3.0)] * (self.length - 1)
 
     def coefficients(self, x: Vector) -> Float[np.ndarray, "dof terms"]:
-        """Rows [b_0, a_1 … a_n, b_1 … b_n] of (8) with units; b_0 is relative to `centre`."""
+        """Rows [b_0, a_1 … a_n, b_1 … b_n] of (8), with units, b_0 counted from `centre`."""
         return x[1:].reshape(self.dof, -1) * self.size[:, None]
 
     def frequency(self, x: Vector) -> float:
@@ -101,16 +100,16 @@ class Series:
         return float(np.exp(x[0]))
 
     def motion(self, x: Vector) -> FourierMotion:
-        """The motion of a vector of unknowns."""
+        """The motion that a vector of unknowns stands for."""
         c, n = self.coefficients(x), self.harmonics
         centre = self.centre + c[:, 0]
         return FourierMotion(self.frequency(x), centre, c[:, 1 : n + 1], c[:, n + 1 :])
 
     def basis(self, phase: Float[np.ndarray, " samples"]) -> Basis:
         """Φ, Φ′, Φ″: values of [1, sin kφ, cos kφ] and their derivatives with respect to φ."""
-        k, constant = np.arange(1, self.harmonics + 1), np.ones((len(phase), 1))
+        k, one = np.arange(1, self.harmonics + 1), np.ones((len(phase), 1))
         s, c = np.sin(np.outer(phase, k)), np.cos(np.outer(phase, k))
-        rows = (constant, s, c), (0 * constant, c * k, -s * k), (0 * constant, -s * k**2, -c * k**2)
+        rows = (one, s, c), (0 * one, c * k, -s * k), (0 * one, -s * k**2, -c * k**2)
         return np.stack([np.hstack(row) for row in rows])
 
     def state(self, x: Vector, basis: Basis) -> Float[np.ndarray, "inputs samples"]:

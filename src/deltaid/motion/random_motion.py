@@ -1,4 +1,4 @@
-"""Random motions within a robot's limits, and motions slowed down until they keep all limits."""
+"""Random motions within a robot's limits, and motions tamed until every limit is kept."""
 
 from dataclasses import replace
 
@@ -13,7 +13,7 @@ from deltaid.robot.description import RobotDescription
 
 # Samples of a period at which limits are checked.
 _GRID = 400
-# Most random motions that are tried.
+# Motions that are tried.
 _ATTEMPTS = 100
 
 
@@ -29,7 +29,7 @@ def random_motion(
     Amplitudes fall with the harmonic, so that no single one exhausts the acceleration.
 
     Raises:
-        KinematicsError: no such motion was found.
+        KinematicsError: no such motion was found; the description's limits leave no room.
     """
     robot, reason = kinematics.robot, ""
     for _ in range(_ATTEMPTS):
@@ -78,22 +78,22 @@ def _scaled(
     return FourierMotion(w0, centre, sine * scale[:, None], cosine * scale[:, None])
 
 
-# Share of a torque limit that a motion may use; the rest is for noise and a controller's feedback.
+# Share of a torque limit that may be used: noise and a controller's feedback come on top.
 _EFFORT = 0.8
-# Samples of a period at which all limits are checked, and most steps of slowing down.
+# Samples of a period at which every limit is checked, and steps of slowing down at most.
 _INSTANTS, _STEPS = 1000, 60
-# Factor of the speed, or of the tool's turns, in each step.
+# How much slower each step, and how much smaller the tool's turns.
 _LESS = 0.93
 
 
 def tamed(dynamics: Dynamics, p: Parameters, motion: FourierMotion) -> FourierMotion:
-    """The motion with smaller turns of the tool, if only these exceed a limit, then slower.
+    """The motion, its tool's turns made smaller if only these are too fast, and then slower.
 
-    Slowing does not change the path. Turns are reduced first, because a weak fourth drive would
-    slow down the whole robot.
+    Slowing leaves the path as it is; turns are made smaller first, because a fourth drive that is
+    short of torque would slow the whole robot down.
 
     Raises:
-        KinematicsError: the path leaves the workspace, or rest on it takes too much torque.
+        KinematicsError: the path leaves the workspace, or standing on it takes too much torque.
     """
     limits, turn = LimitsAlong(dynamics), dynamics.robot.task.turn
     if turn is not None and not _kept(limits, p, motion):

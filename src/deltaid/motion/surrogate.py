@@ -1,4 +1,4 @@
-"""Surrogate robots with known parameters (Sec. VII), and simulated recordings of them."""
+"""A surrogate robot with known truth (Sec. VII) and recordings of it as a drive would log them."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -18,10 +18,10 @@ from deltaid.robot.description import RobotDescription
 from deltaid.robot.inertia import RigidBody
 from deltaid.sensors.robot_sensors import simulated_sensors
 
-# Friction of the drives from Sec. VII; that of the slide is near Sec. VIII B.
+# Friction of Sec. VII for the drives; the slide is not in Sec. VII and has values near Sec. VIII B.
 _VISCOUS = {"drive1": 2.0, "drive2": 2.0, "drive3": 2.0, "drive4": 0.5, "slide": 4.0}
 _COULOMB = {"drive1": 4.0, "drive2": 4.0, "drive3": 4.0, "drive4": 1.0, "slide": 5.0}
-# Share of a drive's largest torque above which that friction belongs to a larger robot.
+# Share of a drive's torque above which that friction is a larger robot's.
 _SMALL = 0.1
 
 
@@ -38,7 +38,7 @@ class Motion(Protocol):
 
 @dataclass(frozen=True)
 class SensorNoise:
-    """Errors of a drive's sensors.
+    """What a drive's sensors do to the truth.
 
     Attributes:
         torque: standard deviation of white torque noise, as a share of each drive's largest torque.
@@ -52,12 +52,12 @@ class SensorNoise:
 def surrogate_parameters(
     robot: RobotDescription, rng: np.random.Generator, spread: float = 0.3
 ) -> Parameters:
-    """Random true parameters near the prior, with physically consistent bodies.
+    """True parameters away from the prior, each body still physically consistent.
 
     Each body's pseudo-inertia matrix becomes G M̄ G with a random diagonal G = diag(e^ε), which
-    scales mass and size by about ± spread and keeps its symmetry. Viscous and Coulomb friction of a
-    rotary Delta of that size are those of Sec. VII; all other parameters differ from their prior by
-    about the same share.
+    scales its masses and sizes by about ± spread and keeps its symmetry; viscous and Coulomb
+    friction of a rotary Delta of that size as in Sec. VII, all else away from its prior by about
+    the same.
     """
     p, layout = prior_parameters(robot), parameter_layout(robot)
     for body in layout.bodies:
@@ -89,11 +89,12 @@ def simulate_recording(
 ) -> pl.DataFrame:
     """Time, measured angles and measured torques of a motion: columns t, q1…, tau1….
 
-    Without noise there are velocities and accelerations too. Sensors have columns of their default
-    names, with the described noise and unknowns, or exact values without `noise`.
+    Without noise the velocities and accelerations are recorded as well. What the robot's sensors
+    show stands in columns of their default names, with the noise and unknowns that they are
+    described with; without `noise` these show the truth.
 
     Args:
-        unmodelled: torques without a model, a function of the drive speeds q̇.
+        unmodelled: torques that no model of the robot has, a function of the drive speeds q̇.
 
     Raises:
         KinematicsError: the motion leaves the workspace.

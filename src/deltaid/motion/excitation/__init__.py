@@ -1,1 +1,1 @@
-"""Optimised motions that make parameters identifiable within the limits of the machine."""
+"""Optimised motions that make the parameters visible and keep the machine within its limits."""

@@ -1,4 +1,4 @@
-"""Plans a motion that makes a robot's parameters identifiable, as in Sec. IV."""
+"""From a robot to a motion that makes its parameters visible: the whole of Sec. IV."""
 
 from dataclasses import dataclass, replace
 from itertools import count
@@ -26,27 +26,21 @@ from deltaid.motion.excitation.optimize import (
     optimise,
     random_start,
 )
-from deltaid.motion.excitation.problem import (
-    FINER,
-    POINTS,
-    ExcitationProblem,
-    by_bodies,
-    criterion,
-)
+from deltaid.motion.excitation.problem import ExcitationProblem, by_bodies, criterion
 from deltaid.motion.excitation.run import Run, plan_run, run_use, write_run
 from deltaid.motion.excitation.settings import ExcitationSettings
 from deltaid.motion.fourier import Series
 from deltaid.progress import watched
 from deltaid.shown import Plotted, Reported, Shown, Tabled
 
-# Random motions that scale columns; range of the turning coordinate about its middle [rad]; by what
-# factor a period may become shorter than asked.
-_REFERENCES, _TURN, _SHORTER = 20, np.pi, 4.0
+# Grid points for each harmonic of the series; random motions that columns are scaled with; range of
+# the turning coordinate about its middle [rad]; how much shorter than asked a period may become.
+_POINTS, _REFERENCES, _TURN, _SHORTER = 20, 20, np.pi, 4.0
 
 
 @dataclass(frozen=True)
 class LimitUse:
-    """Share of a limit that a run uses."""
+    """How much of one limit a run uses, as a share."""
 
     name: str
     share: float
@@ -54,12 +48,12 @@ class LimitUse:
 
 @dataclass(frozen=True)
 class Prediction:
-    """Predicted standard deviation of a base parameter.
+    """What the run will tell about one base parameter, before moving.
 
     Attributes:
         formula: the base parameter.
         value: at the prior.
-        std: standard deviation by least squares with the given torque noise.
+        std: standard deviation that least squares will have with the given torque noise.
         unit: of both.
     """
 
@@ -74,7 +68,7 @@ class Excitation(Shown, Plotted, Tabled, Reported):
     """An optimised motion, ready to run.
 
     Attributes:
-        exciter: its robot and settings.
+        exciter: the robot and the settings that it was made with.
         run: the motion from rest to rest.
         optimum: how it was found.
         criterion_before, criterion_after: the criterion, with true signs of friction, of the best
@@ -97,7 +91,7 @@ class Excitation(Shown, Plotted, Tabled, Reported):
         """Write the run as CSV, as a controller replays it: t, q1…, qd1…, qdd1…, x, y, z.
 
         Args:
-            rate: sampling rate [Hz]; that of the settings by default.
+            rate: samples a second; that of the settings without.
 
         Raises:
             DeltaidError: the file cannot be written.
@@ -131,11 +125,11 @@ def excite(
 
 
 class Exciter(Shown, Plotted):
-    """A robot prepared for excitation, with kernels, base parameters and scaling.
+    """A robot prepared for excitation: kernels, base parameters, reference motions, scaling.
 
     Args:
-        robot: its dynamics, with the prior; or a model or a robot, by value, name or file. An
-            identified model replaces the prior by its parameters.
+        robot: its dynamics, for the prior; or a model or a robot, by value, name or file. An
+            identified model has its masses and friction in place of the prior.
         settings: what to optimise.
     """
 
@@ -157,7 +151,7 @@ class Exciter(Shown, Plotted):
         shape = ExcitationProblem(
             self._graph, series, settings.criterion, np.ones(dof), np.ones(n),
             np.eye(n), self._values, torques_without_friction(dynamics), settings.velocity_weight,
-            np.ones(dof), POINTS * settings.harmonics,
+            np.ones(dof), _POINTS * settings.harmonics,
         )  # fmt: skip
         self.torque_reference, speed, rms = self._references(shape)
         noise, samples = (
@@ -182,8 +176,8 @@ class Exciter(Shown, Plotted):
 
         Args:
             stop: when set, the search ends with the best motion so far.
-            progress: called with the account of each finished start; or whether to show progress,
-                None to do so in a terminal.
+            progress: called with the account of each start as it ends; or whether to show how many
+                have, None for where someone is watching.
 
         Raises:
             DeltaidError: the limits leave no room.
@@ -196,7 +190,7 @@ class Exciter(Shown, Plotted):
             return self._optimised(stop, lambda _: say(f"start {next(ended)} of {starts}"), offset)
 
     def _optimised(self, stop: Event | None, progress: Progress, offset: int) -> Excitation:
-        first, fine = self.settings.seed + offset, FINER * self.problem.samples
+        first, fine = self.settings.seed + offset, 10 * self.problem.samples
         seeds = range(first, first + self.settings.starts)
         optimum = optimise(self.problem, seeds, stop=stop, progress=progress, judge=self._judge)
         periods = max(1, round(self.settings.duration / optimum.motion.period))
@@ -222,7 +216,7 @@ class Exciter(Shown, Plotted):
         )
 
     def preview(self, run: Run, samples: int = 2000) -> Float[np.ndarray, "samples dof"]:
-        """Torques of a run at the prior [N m or N]."""
+        """Torques of a run at the prior."""
         z, zd, zdd = run.evaluate(np.linspace(0, run.duration, samples))
         _, qd, qdd = self.dynamics.kinematics.drive_motion(z, zd, zdd)
         return self.dynamics.torque(z, qd, qdd, self._p)

@@ -1,9 +1,9 @@
-"""Kernels of an excitation, with exact derivatives.
+"""What an excitation needs of a robot at one instant, as kernels with exact derivatives.
 
-They are functions of the motion s = (z, ż, z̈) at one instant: nonzero entries of the base
-regressor, drive speeds, and kinematic limits as numbers u that must stay within [−1, 1] (or below
-1). Gradients are a reverse sweep of the regressor, also for torques, and a sparse Jacobian of the
-limits.
+For the motion s = (z, ż, z̈) of one instant: the nonzero entries of the base regressor, drive
+speeds, and every kinematic limit as a number u that must stay within [−1, 1] (or below 1).
+Gradients come from the same graph: a reverse sweep for the regressor (which serves the torques as
+well), a sparse Jacobian for the limits.
 """
 
 import casadi as ca
@@ -17,8 +17,8 @@ from deltaid.errors import DeltaidError
 from deltaid.kernel.batch import BatchKernel
 from deltaid.robot.friction_terms import at_rest
 
-# Speed over which Coulomb friction changes its sign in the optimisation [rad/s, m/s]; the result is
-# judged with the true sign.
+# Speed over which the optimiser sees Coulomb friction change its sign [rad/s, m/s]. Its columns are
+# judged with the true sign afterwards.
 _SIGN_WIDTH = 0.05
 
 
@@ -31,8 +31,8 @@ class ExcitationGraph:
 
     Attributes:
         limits: all kinematic limits.
-        regressor: s → regressor entries with smooth signs of speeds, then the drive speeds.
-        exact_regressor: s → regressor entries with true signs.
+        regressor: s → regressor entries with smooth signs, then the drive speeds.
+        exact_regressor: s → regressor entries as they are.
         pullback: (s, λ) → Σ λ_i ∂o_i/∂s for the outputs o of `regressor`.
         limit_values, limit_slopes: s → u, all limits, and s → nonzeros of ∂u/∂s.
         regressor_pattern: drive and base column of each regressor entry, drive by drive.
@@ -40,7 +40,7 @@ class ExcitationGraph:
 
     Args:
         dynamics: the robot.
-        columns: parameters whose regressor columns are excited.
+        columns: the parameters whose regressor columns are to be excited.
     """
 
     def __init__(self, dynamics: Dynamics, columns: Int[np.ndarray, " base"]) -> None:
@@ -90,17 +90,17 @@ _LEVER = 0.1
 
 
 def torques_without_friction(dynamics: Dynamics) -> dict[int, float]:
-    """Torque limits minus Coulomb friction at the prior.
+    """Torque limits less what Coulomb friction takes at the prior.
 
-    The optimisation has smooth friction, which is less than the true one at low speed; the margin
-    covers the difference.
+    The optimiser sees friction change its sign smoothly, which is less than the true friction at
+    low speed; this much room covers the difference.
 
     Raises:
         DeltaidError: friction alone takes the whole torque.
     """
-    robot, limits = dynamics.robot, dict[int, float]()
+    robot, left = dynamics.robot, dict[int, float]()
     arms = [limb.upper_arm or 1.0 for limb in robot.limb_geometry]
-    # Friction of a passive joint acts on a drive with about the arm's length as lever.
+    # A passive joint's friction reaches a drive through a lever of about the arm's length.
     passive = sum(
         at_rest(law) / (1.0 if robot.is_linear(joint) else _LEVER)
         for joint, law in robot.friction.items()
@@ -108,13 +108,13 @@ def torques_without_friction(dynamics: Dynamics) -> dict[int, float]:
     )
     for i, largest in torque_limits(robot).items():
         drive, law = robot.drives[i], robot.friction.get(robot.drives[i])
-        friction = at_rest(law) + (law.load or 0.0) * largest if law else 0.0
-        limits[i] = largest - friction - (passive * arms[i] if i < len(arms) else 0.0)
-        if limits[i] <= 0:
+        own = at_rest(law) + (law.load or 0.0) * largest if law else 0.0
+        left[i] = largest - own - (passive * arms[i] if i < len(arms) else 0.0)
+        if left[i] <= 0:
             unit, key = robot.units(drive).force, robot.units(drive).effort
             raise DeltaidError(
                 f"a {key} limit of {largest:g} {unit} is no more than the joint's Coulomb friction",
                 where=f"{robot.name}, drive_limits.{drive}.{key}",
                 cure="raise the limit, or lower the friction's prior",
             )
-    return limits
+    return left

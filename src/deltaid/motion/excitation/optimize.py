@@ -1,4 +1,4 @@
-"""Optimises excitation motions from several starts, feasible between grid points too."""
+"""Excitation motions, optimised from several starts and feasible between the grid points too."""
 
 import os
 import time
@@ -13,35 +13,33 @@ from scipy import optimize
 from threadpoolctl import threadpool_limits
 
 from deltaid.errors import DeltaidError
-from deltaid.motion.excitation.problem import (
-    FINER,
-    FULL,
-    Evaluation,
-    ExcitationProblem,
-    Judge,
-    Vector,
-)
+from deltaid.motion.excitation.problem import Evaluation, ExcitationProblem, Judge, Vector
 from deltaid.motion.fourier import FourierMotion
 
-# Sharpness of the limits' smooth maxima: low first, so that whole stretches of the motion count,
-# then so high that at most about 1 % of a limit is lost.
+# Sharpness of the limits' smooth maxima: blunt first, so that the solver sees whole stretches of
+# the motion, then so sharp that at most about 1 % of a limit is given away.
 _SHARPNESS = (30.0, 300.0)
-_CENTRES = 300  # poses that are tried if the middle of the workspace exceeds a limit
-_ITERATIONS = 250  # most iterations of the solver
-_UNREACHABLE = 1e3  # objective, use and slopes of a pose out of reach
+_FINER = 10  # the grid on which feasibility is checked, against the one that is optimised on
+_ROUNDS = 8  # of tightening
+_CENTRES = 300  # poses tried for a start whose middle of the workspace exceeds a limit
+_SLIGHT = 1.1  # an excess that tightening can mend; beyond it the limits fight
+_ITERATIONS = 250  # of the solver, at most
+# Use that counts as full on the fine grid: the rest is for what lies between its points.
+_FULL = 0.9995
+_UNREACHABLE = 1e3  # stands for objective, use and slopes of a pose out of reach
 
 
 @dataclass(frozen=True)
 class StartAccount:
-    """Result of one start.
+    """What became of one start.
 
     Attributes:
         seed: of its random coefficients.
         before, after: the objective at the start and at the end.
         use: largest use of any limit on the fine grid.
         evaluations, seconds: the effort.
-        message: of the solver.
-        judged: value by another judge, smaller is better; None without one.
+        message: the solver's own word.
+        judged: what another judge says of the motion, smaller is better; None without one.
     """
 
     seed: int
@@ -55,13 +53,13 @@ class StartAccount:
 
     @property
     def merit(self) -> float:
-        """Value by which feasible motions are compared: the judge's, else the objective."""
+        """What feasible motions are compared by: the judge's word, or the objective."""
         return self.after if self.judged is None else self.judged
 
     @property
     def feasible(self) -> bool:
         """Whether all limits hold on the fine grid."""
-        return self.use <= FULL
+        return self.use <= _FULL
 
 
 @dataclass(frozen=True)
@@ -75,7 +73,7 @@ class Optimum:
 
     @property
     def best(self) -> StartAccount:
-        """The start of the best motion."""
+        """The start that it comes from."""
         feasible = (account for account in self.accounts if account.feasible)
         return min(feasible, key=lambda account: account.merit)
 
@@ -93,16 +91,16 @@ def optimise(
 ) -> Optimum:
     """The best feasible motion from several starts, on all cores.
 
-    BLAS has one thread, because matrices are small.
+    The matrices are small, so BLAS gets one thread: more of them only wait for one another.
 
     Args:
-        seeds: one per start; the same seeds give the same motion.
+        seeds: one start for each; the same seeds give the same motion.
         stop: when set, running searches end and the best feasible motion so far is returned.
         progress: called when a start has ended.
-        judge: compares feasible results in place of the objective.
+        judge: which of the feasible results is best, where it is not the objective that says so.
 
     Raises:
-        DeltaidError: no start led to a feasible motion; names the conflicting limits.
+        DeltaidError: no start led to a feasible motion; says which limits fight.
     """
     stop, results = stop or Event(), []
     with threadpool_limits(1), ThreadPoolExecutor(os.cpu_count()) as pool:
@@ -138,7 +136,7 @@ def random_start(problem: ExcitationProblem, seed: int) -> Vector:
 
 
 def _resting(problem: ExcitationProblem, rng: np.random.Generator) -> Vector:
-    """Rest in the middle of the workspace, or at a better random point if that exceeds a limit."""
+    """Rest in the middle of the workspace; where that exceeds a limit, at a better random point."""
     series, moves = problem.series, problem.graph.dynamics.robot.task.moves
     centres, x = np.zeros((_CENTRES, series.dof)), np.zeros(series.length)
     centres[1:, moves] = rng.uniform(-1, 1, (_CENTRES - 1, moves.stop))
@@ -152,29 +150,29 @@ def _resting(problem: ExcitationProblem, rng: np.random.Generator) -> Vector:
 def largest_use(
     problem: ExcitationProblem, x: Vector, samples: int | None = None
 ) -> Float[np.ndarray, " limits"]:
-    """Largest use of every limit on a grid; infinite for a pose out of reach."""
+    """Largest use of every limit on a grid; infinite where a pose is out of reach."""
     basis = problem.grid(samples or problem.samples)
     return problem.use_of(problem.series.state(x, basis)).max(axis=1)
 
 
 def _from_start(problem: ExcitationProblem, seed: int, stop: Event) -> tuple[StartAccount, Vector]:
     """Optimise from one start, then tighten limits until they hold between the grid points."""
-    began, fine = time.perf_counter(), FINER * problem.samples
+    began, fine = time.perf_counter(), _FINER * problem.samples
     x_0, search = random_start(problem, seed), _Search(problem, stop)
     before, x, message = problem.evaluate(x_0).value, x_0, "stopped"
     for sharpness in _SHARPNESS:
         x, message = search.run(x, sharpness)
-    use, previous = largest_use(problem, x, fine), np.inf
-    while FULL < use.max() < previous and not stop.is_set():  # as long as it helps
-        previous = use.max()
-        search.bound = np.where(use > FULL, search.bound * FULL / use - 1e-3, search.bound)
-        x, message = search.run(x, _SHARPNESS[-1])
+    for _ in range(_ROUNDS):
         use = largest_use(problem, x, fine)
-    use = use.max()
-    for other in (search.best, x_0):  # the start is feasible unless limits conflict
-        if use > FULL and other is not None:
+        if use.max() <= _FULL or use.max() > _SLIGHT or stop.is_set():
+            break
+        search.bound = np.where(use > _FULL, search.bound * _FULL / use - 1e-3, search.bound)
+        x, message = search.run(x, _SHARPNESS[-1])
+    use = largest_use(problem, x, fine).max()
+    for other in (search.best, x_0):  # the start itself is feasible, unless the limits fight
+        if use > _FULL and other is not None:
             other_use = largest_use(problem, other, fine).max()
-            if other_use <= FULL:
+            if other_use <= _FULL:
                 x, use, message = other, other_use, f"went back to a feasible motion ({message})"
     after = problem.evaluate(x).value
     use, seconds = float(use) if np.isfinite(after) else np.inf, time.perf_counter() - began
@@ -182,13 +180,8 @@ def _from_start(problem: ExcitationProblem, seed: int, stop: Event) -> tuple[Sta
 
 
 class _Search:
-    """Sequential quadratic programming on the smooth problem.
-
-    Attributes:
-        bound: of each limit, which can be tightened.
-        best: best feasible point so far.
-        evaluations: their number.
-    """
+    """Sequential quadratic programming on the smooth problem, with a `bound` of each limit that can
+    be tightened. `best` is the best point that kept all, for when the search is stopped."""
 
     def __init__(self, problem: ExcitationProblem, stop: Event) -> None:
         self._problem, self._stop, self.bound = problem, stop, np.ones(len(problem.two_sided))
@@ -207,9 +200,9 @@ class _Search:
             return self._last[1]
 
         def watch(x: Vector) -> None:
-            current = evaluated(x)
-            if current.value < self._best_value and np.all(current.use <= self.bound + 1e-3):
-                self.best, self._best_value = x.copy(), current.value
+            here = evaluated(x)
+            if here.value < self._best_value and np.all(here.use <= self.bound + 1e-3):
+                self.best, self._best_value = x.copy(), here.value
             if self._stop.is_set():
                 raise StopIteration
 
@@ -233,12 +226,12 @@ class _Search:
 
 
 def _finite(values: np.ndarray) -> np.ndarray:
-    """Values with large numbers for poses out of reach, so that the line search steps back."""
+    """Numbers for a pose out of reach, large enough that the line search steps back."""
     return np.nan_to_num(values, nan=_UNREACHABLE, posinf=_UNREACHABLE, neginf=-_UNREACHABLE)
 
 
 def conflict(problem: ExcitationProblem, x: Vector) -> DeltaidError:
-    """Error with the conflicting limits: those at the largest excess where it is smallest."""
+    """Which limits fight: those in use to the full where the largest excess is smallest."""
     use = _least_excess(problem, x)
     worst = use.max()
     names = [name for name, u in zip(problem.limit_names, use, strict=True) if u > worst - 0.02]
@@ -252,7 +245,7 @@ def conflict(problem: ExcitationProblem, x: Vector) -> DeltaidError:
 
 
 def _least_excess(problem: ExcitationProblem, x: Vector) -> Float[np.ndarray, " limits"]:
-    """Use of every limit at the motion with the smallest largest use."""
+    """Use of every limit where the largest of them is as small as possible."""
     last = len(x)
 
     def evaluated(y: Vector) -> Evaluation:

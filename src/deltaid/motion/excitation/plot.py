@@ -1,4 +1,4 @@
-"""Draws an excitation run: path, drives and torques over time."""
+"""A picture of an excitation run: path, drives and torques over time with their limits."""
 
 from importlib.util import find_spec
 from io import BytesIO
@@ -14,12 +14,12 @@ from deltaid.robot.parameter import JointUnits
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-# Samples of a curve, as many as a figure has pixels.
+# Samples of a curve; a picture is not wider.
 SAMPLES = 2000
 
 
 def require_matplotlib() -> None:
-    """Refuse to plot without matplotlib, before a long computation.
+    """Find out before a long computation whether a picture can be drawn.
 
     Raises:
         DeltaidError: matplotlib is not installed.
@@ -33,10 +33,10 @@ def require_matplotlib() -> None:
 
 
 def plot_run(exciter: Exciter, run: Run, file_format: str) -> bytes:
-    """The figure as PNG or SVG.
+    """The picture as PNG or SVG.
 
-    It has the platform's path from above and from the side, and angle, speed and predicted torque
-    of each drive; dotted lines are the ends of the ramps.
+    Path of the platform from above and from the side, and for each drive angle, speed and predicted
+    torque; dotted lines are the ends of the ramps.
 
     Raises:
         DeltaidError: matplotlib is not installed.
@@ -80,7 +80,7 @@ def _draw_path(axes: Any, z: np.ndarray) -> None:
 def _draw_drives(
     axis: "Axes", time: np.ndarray, values: np.ndarray, drives: dict[str, JointUnits], label: str
 ) -> None:
-    """All drives in one plot; a drive of another size or unit has an axis of its own."""
+    """All drives in one plot; one of another size or unit gets an axis of its own."""
     sizes, first = np.abs(values).max(axis=0), next(iter(drives.values()))
     axis.set_ylabel(label.format(first))
     for i, (drive, units) in enumerate(drives.items()):

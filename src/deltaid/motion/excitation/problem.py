@@ -5,13 +5,15 @@ cosine coefficients (`Series`). The phase ω₀ t of the grid points is fixed, s
 z̈ = ω₀² Φ″ c with constant matrices, and every derivative is a product with them.
 
 Each limit is one constraint: a smooth upper bound of its largest use over the grid,
-(1/ρ) log Σ_t exp(ρ u_t). A few dozen of these keep the solver fast, thousands of points would not.
+(1/ρ) log Σ_t exp(ρ u_t). A few dozen of these keep a solver fast where thousands of points would
+not, and since the bound lies above the maximum it is on the safe side.
 
-The search minimises a criterion of the information matrix G = mean Y_BᵀWY_B of base parameters,
-whose gradient is exact and cheap. The results of several starts may be compared by the covariance
-of the bodies' parameters from torques, sensors and measured values (`by_bodies`). Columns are
-scaled, so G has no units. Each criterion is a function of the eigenvalues of G, smaller is better,
-with the gradient ∂J/∂G = V diag(φ′) Vᵀ.
+Motions are compared by information about base parameters, or by what bodies are known to. The
+search follows a criterion of the information matrix G = mean Y_BᵀWY_B, whose gradient is exact and
+cheap. Which of the motions that it finds from its starts is best may be decided by all that would
+be recorded along them: torques, sensors, measured values (`by_bodies`). Columns are scaled
+beforehand, so G has no units. Each criterion is a function of the eigenvalues of G, smaller is
+better, with the gradient ∂J/∂G = V diag(φ′) Vᵀ.
 """
 
 from collections.abc import Callable
@@ -35,13 +37,9 @@ from deltaid.sensors.weighings import weighings
 
 Judge = Callable[[FourierMotion], float]
 
-# Grid points for each harmonic of the series.
-POINTS = 20
-# How much finer the grid is on which limits are checked.
-FINER = 10
-# Use that counts as full on the fine grid: between its points a wave of twice the highest harmonic,
-# such as torques have, rises from there to 1.
-FULL = float(np.cos(2 * np.pi / (POINTS * FINER)))
+# A direction that a motion does not excite at all has eigenvalue zero; the logarithm then stops
+# here instead of at minus infinity.
+_SMALLEST = 1e-14
 
 
 def criterion(
@@ -55,8 +53,8 @@ def criterion(
     e-optimal: −log λ_min, the largest variance.
     """
     lam, V = np.linalg.eigh(G)
+    lam = np.maximum(lam, _SMALLEST)
     slope, n = np.zeros_like(lam), len(lam)
-    lam = np.maximum(lam, n * np.finfo(float).eps)  # rounding, for unexcited directions
     match name:
         case "cond":
             value, slope[-1], slope[0] = np.log(lam[-1] / lam[0]), 1 / lam[-1], -1 / lam[0]
@@ -70,7 +68,7 @@ def criterion(
     return float(value), (V * slope) @ V.T
 
 
-# Samples of a period, and share of an entry that counts as known well enough.
+# Samples of a period, and the share of an entry that is known well enough with.
 _SAMPLES, _ENOUGH = 1000, 1e-4
 
 
@@ -111,7 +109,7 @@ Speeds = Float[np.ndarray, "dof samples"]
 
 @dataclass(frozen=True)
 class Evaluation:
-    """Objective and largest use of each limit, with derivatives; NaN for a pose out of reach."""
+    """Objective and largest use of each limit, with derivatives; NaN with a pose out of reach."""
 
     value: float
     gradient: Vector
@@ -127,11 +125,10 @@ class ExcitationProblem:
         row_weights: of each drive, 1/torque².
         scales: of each base column; G then has no units.
         prior: added to G, in the same scaling; zero for a criterion of the data alone.
-        base: base parameters, for torque limits.
-        largest: torque limits, by index of the drive.
-        velocity_weight: w of the term −w ‖q̇‖ of (9).
-        speed: unit of each drive's velocity in that term [rad/s or m/s].
-        samples: points of the grid.
+        base: base parameters, which torque limits need, with
+        largest: the largest torque of drives that have one.
+        velocity_weight: w of the term −w ‖q̇‖ of (9), with
+        speed: what each drive's velocity is measured in.
     """
 
     graph: ExcitationGraph
@@ -178,13 +175,13 @@ class ExcitationProblem:
         return Evaluation(value, slopes[0], use, slopes[1:])
 
     def use_of(self, s: States) -> Float[np.ndarray, "limits samples"]:
-        """Use of every limit at states (z, ż, z̈), samples in columns; ∞ out of reach."""
+        """Use of every limit for any states (z, ż, z̈), samples in columns; ∞ out of reach."""
         u = self._limits(s, self._outputs(s)[0])
         use = np.where(self.two_sided[:, None], np.abs(u), u)
         return np.where(np.isnan(use), np.inf, use)
 
     def information(self, x: Vector, samples: int) -> Float[np.ndarray, "base base"]:
-        """G with the true signs of Coulomb friction, on another grid."""
+        """G with the true signs of Coulomb friction, on a grid of its own."""
         entries = self.graph.exact_regressor(self.series.state(x, self.grid(samples)))
         return self._information(self._weighted(self.graph.dense(entries)))
 
@@ -217,8 +214,8 @@ class ExcitationProblem:
         drives, columns = self.graph.regressor_pattern
         rows = [self.graph.limit_values(s, threads=1)]
         for drive, largest in self.largest.items():
-            of_drive = drives == drive
-            rows.append((self.base[columns[of_drive]] @ entries[of_drive])[None] / largest)
+            at = drives == drive
+            rows.append((self.base[columns[at]] @ entries[at])[None] / largest)
         return np.vstack(rows)
 
     def _limit_gradients(

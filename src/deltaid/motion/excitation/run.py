@@ -1,9 +1,9 @@
-"""Runs of a periodic motion: from rest, through whole periods, back to rest; and their files.
+"""A motion to run on the machine: from rest, through whole periods, back to rest; and its file.
 
-A run follows the periodic motion z(φ) with a phase φ(t) whose rate σ = φ̇ rises smoothly from 0 to
-1 and falls back to 0 at the end, so ż = z′σ and z̈ = z″σ² + z′σ̇. Position, velocity and
-acceleration are continuous, both ends are at rest, and the path is that of the periodic motion. σ =
-10 s³ − 15 s⁴ + 6 s⁵ with s = t / ramp.
+A run follows the periodic motion z(φ) with a phase φ(t) whose rate σ = φ̇ rises smoothly from 0 to 1
+and falls back to 0 at the end, so ż = z′σ and z̈ = z″σ² + z′σ̇. Position, velocity and acceleration
+join without a step, at both ends everything is at rest, and the path is the one whose limits were
+checked. σ = 10 s³ − 15 s⁴ + 6 s⁵ with s = t / ramp.
 """
 
 from dataclasses import dataclass
@@ -18,14 +18,14 @@ from deltaid.errors import DeltaidError
 from deltaid.files import written_whole
 from deltaid.mechanism.kinematics import Kinematics
 from deltaid.mechanism.one_or_many import one_or_many_times
-from deltaid.motion.excitation.problem import FULL, ExcitationProblem
+from deltaid.motion.excitation.problem import ExcitationProblem
 from deltaid.motion.fourier import FourierMotion
-from deltaid.recording.source import BATCH_ROWS
 from deltaid.shown import Shown
 
-# Ramps as shares of the period, in the order in which they are tried; phases of the motion that are
-# tried; points of a ramp at which limits are checked.
+# Ramps are tried as shares of the period, the shortest first, from so many phases of the motion.
 _RAMPS, _PHASES, _POINTS = (0.1, 0.2, 0.3, 0.5, 0.75, 1.0, 1.5, 2.0), 40, 400
+# Use that counts as full on these points: the rest is for what lies between them.
+_FULL = 0.9998
 
 
 @dataclass(frozen=True, repr=False)
@@ -59,7 +59,7 @@ class Run(Shown):
         # ∫σ ds, σ and dσ/ds of the ramp at s in [0, 1]
         covered, rate = 2.5 * s**4 - 3 * s**5 + s**6, 10 * s**3 - 15 * s**4 + 6 * s**5
         slope = 30 * s**2 * (1 - s) ** 2
-        # Phase since the start of the first whole period.
+        # Distance on the phase from the start of the first whole period.
         ramped, whole = self.ramp * (covered - 0.5), self.repeats * self.motion.period
         inner = np.clip(time - self.ramp, 0.0, whole)
         phase = self.phase + inner + np.where(up, np.minimum(ramped, 0), np.maximum(-ramped, 0))
@@ -79,7 +79,7 @@ def plan_run(problem: ExcitationProblem, motion: FourierMotion, repeats: int) ->
         run = Run(motion, phase, share * motion.period, repeats)
         ramp = np.linspace(0.0, run.ramp, _POINTS)
         use = float(run_use(problem, run, np.append(ramp, run.duration - ramp)).max())
-        if use <= FULL:
+        if use <= _FULL:
             return run
         best = min(best, use)
     raise DeltaidError(
@@ -97,8 +97,10 @@ def run_use(
     return problem.use_of(np.hstack(run.evaluate(time)).T).max(axis=1)
 
 
-# Longest run [s], ten hours, and most rows of a file, some ten gigabytes.
+# The longest run [s], ten hours, and the most rows of a file, some ten gigabytes.
 LONGEST, MOST_ROWS = 36_000.0, 3e7
+# Rows that are computed and written at once.
+_BLOCK = 1 << 16
 
 
 def run_rows(run: Run, rate: float) -> int:
@@ -130,6 +132,6 @@ def write_run(kinematics: Kinematics, run: Run, rate: float, path: Path) -> None
     """
     rows = run_rows(run, rate)
     with written_whole(path) as file:
-        for start in range(0, rows, BATCH_ROWS):
-            part = sample_run(kinematics, run, rate, range(start, min(start + BATCH_ROWS, rows)))
+        for start in range(0, rows, _BLOCK):
+            part = sample_run(kinematics, run, rate, range(start, min(start + _BLOCK, rows)))
             file.write(part.write_csv(include_header=start == 0))

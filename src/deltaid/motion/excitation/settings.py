@@ -1,4 +1,4 @@
-"""Settings of an excitation; imports nothing slow."""
+"""What is asked of an excitation; imports nothing that is slow."""
 
 import math
 from dataclasses import dataclass
@@ -9,21 +9,21 @@ from deltaid.errors import DeltaidError, unknown
 CriterionName = Literal["logdet", "cond", "a-optimal", "e-optimal"]
 PurposeName = Literal["torques", "sensors"]
 
-# Offset of the seeds of a verification motion: more than any number of starts.
+# Start values of a verification motion: as many seeds on as anybody will ask starts for.
 VERIFICATION_OFFSET = 100_000
 _HERE = "ExcitationSettings"
 
 
 @dataclass(frozen=True)
 class ExcitationSettings:
-    """Settings of an excitation.
+    """What to optimise.
 
     Attributes:
         criterion: of the information matrix.
         harmonics: n_F of (8).
-        duration: longest period [s]; the optimiser may shorten the period to a quarter, and runs as
-            many whole periods as last about as long.
-        repeats: how often all of that is repeated, for averaging.
+        duration: longest period [s]; the optimiser may shorten the period to a quarter, and then
+            so many whole periods are run that they last about as long.
+        repeats: how often all of that is run, for averaging.
         velocity_weight: w of (9), which asks for speed so that friction shows.
         weigh_prior: excite what is uncertain by the prior, in units of the torque noise.
         prior_spread: relative standard deviation of the prior, for that.
@@ -31,11 +31,11 @@ class ExcitationSettings:
             torque on random motions.
         rate: sampling rate of the recording [Hz].
         starts, seed: how many starts, and the first one's seed.
-        by: comparison of the motions of all starts: by the criterion, of torques, or by all bodies'
-            parameters from torques, `sensors` and measured values of the description.
+        by: what decides between the motions of all starts: the criterion, of torques, or what
+            `sensors` and measured values of the description tell of all bodies besides.
 
     Raises:
-        DeltaidError: there is no such criterion or purpose, or a number is out of range.
+        DeltaidError: there is no such criterion or purpose, or a number is none of its kind.
     """
 
     criterion: CriterionName = "logdet"
