@@ -24,9 +24,9 @@ from deltaid.mechanism.kinematics import Samples
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.tolerances import Tolerances
 
-# Step of lengths [m] and zeros [rad or m], and turn of gravity [rad]: rounding and curvature err
-# alike, and no joint reverses within it.
-_STEP = np.sqrt(np.finfo(float).eps)
+# Step of lengths [m] and zeros [rad or m], and turn of gravity [rad]: large against rounding, and
+# so small that no other joint reverses within it.
+_STEP = 1e-6
 # Names of the common and the single errors of torque constants.
 CONSTANTS, CONSTANT_OF = "torque constants", "torque constant of"
 
