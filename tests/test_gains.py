@@ -152,7 +152,9 @@ def test_limbs_that_are_alike_tell_ratios_without_any_load() -> None:
     assert all(parameter.low <= value <= parameter.high for parameter, value in base)
     tolerances = dynamics.robot.tolerances.changed(torque_constants=0.01)
     stated = compiled(dynamics.robot.changed(tolerances=tolerances))
-    assert moves_of_scale(result.problem)
+    (move,) = moves_of_scale(result.problem)
+    (spread,) = [a.common_spread for a in result.problem.additions if isinstance(a, Gains)]
+    assert list(move.values()) == pytest.approx((spread * result.problem.p).tolist())
     assert not moves_of_scale(replace(result.problem, dynamics=stated))
 
 

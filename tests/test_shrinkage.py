@@ -237,7 +237,7 @@ def test_what_physics_does_not_allow_is_no_rival() -> None:
     assert not rivals(barred, kept, LEAST)
 
 
-def test_a_cause_that_chance_gives_too_often_is_a_suspect() -> None:
+def test_a_cause_that_chance_gives_too_often_is_a_suspect(monkeypatch: pytest.MonkeyPatch) -> None:
     """Rows are certainly more probable with it, and chance explains as much once in 10⁵ times."""
     full = problem(size=0.015)
     bare = reduced(full, LEAST)
@@ -251,6 +251,12 @@ def test_a_cause_that_chance_gives_too_often_is_a_suspect() -> None:
     assert suspects(small, reduced(small, LEAST)) == {}
     never = [replace(group, is_possible=lambda *_: False) for group in full.groups]
     assert suspects(Shrunk.fitted(full.blocks, full.D, full.d, never), bare) == {}
+    # What errors of positions may make is none, nor what chance makes by the scatter of rows.
+    far = [replace(block, largest=500.0) for block in full.blocks]
+    assert suspects(Shrunk.fitted(far, full.D, full.d, full.groups), bare) == {}
+    for decades, count in ((1.9, 0), (2.1, 1)):
+        monkeypatch.setattr(Shrunk, "surprise", lambda *_, seldom=decades: seldom)
+        assert len(suspects(full, bare)) == count
 
 
 def test_what_cannot_be_negative_stays_at_zero() -> None:

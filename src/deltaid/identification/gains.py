@@ -154,22 +154,20 @@ def gains(setup: Setup, progress: Progress) -> Setup:
     if not (absolute or alike):
         return setup
     progress("comparing drives with what is known in N m" if absolute else "comparing drives")
-    c, rounds = np.ones(dynamics.dof), 0
-    values = fit(dynamics, setup.recordings, settings, additions=others).values
-    count = len(values)  # of the robot's parameters and of all additions but the gains
+    c = np.ones(dynamics.dof)
+    problem = fit(dynamics, setup.recordings, settings, additions=others)
+    count = len(problem.values)  # of the robot's parameters and of all additions but the gains
 
     def corrected(reference: tuple[int, ...] = ()) -> Setup:
-        columns = Gains(
-            dynamics, others, values[:count], c, settings.prior_spread, alike, reference
-        )
+        p = problem.values[:count]
+        columns = Gains(dynamics, others, p, c, settings.prior_spread, alike, reference)
         return setup.all_repaired(gain=tuple(c.tolist())).changed(additions=(*others, columns))
 
-    while True:
+    for _ in range(_ROUNDS):
         now = corrected()
         problem = fit(dynamics, now.recordings, settings, additions=now.additions)
-        values, rounds = problem.values, rounds + 1
-        step = values[-dynamics.dof :]
-        if np.abs(step).max() < _SETTLED or rounds == _ROUNDS:
+        step = problem.values[-dynamics.dof :]
+        if np.abs(step).max() < _SETTLED:
             break
         c = c * np.exp(step)
     reference = _agreeing(problem, np.log(c), alike)
