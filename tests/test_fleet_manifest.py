@@ -7,7 +7,8 @@ import polars as pl
 import pytest
 
 from command import run
-from deltaid.fleets.fleet import Manifest, find_fleet
+from deltaid.fleets.fleet import find_fleet
+from deltaid.fleets.manifest import Manifest
 from deltaid.fleets.steps import TABLES
 from plant import DAYS, TYPE, plant
 from sessions import ROOT

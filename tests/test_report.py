@@ -18,11 +18,11 @@ from deltaid.model.corrections import Correction
 from deltaid.robot.load import load_robot, save_yaml
 from deltaid.view.comparison import TorqueComparison, compare
 from deltaid.view.corrections import put_right_sections
+from deltaid.view.friction_laws import law
 from deltaid.view.html import render
 from deltaid.view.model_pages import identification_page, validation_page
 from deltaid.view.page import Figure, Table
 from deltaid.view.parameters import parameter_section
-from deltaid.view.torques import law
 from html_page import HOSTILE, Document
 from logs import recorded, write
 

@@ -213,7 +213,7 @@ def schema(
     ] = "robot",
 ) -> None:
     """Print the JSON Schema of a file that deltaid reads."""
-    from deltaid.fleets.fleet import Manifest
+    from deltaid.fleets.manifest import Manifest
 
     models = {
         "robot": deltaid.RobotDescription,

@@ -24,9 +24,9 @@ from deltaid.reproduce.table_one import (
 )
 from deltaid.robot.friction_terms import law_in_words
 from deltaid.view import style
+from deltaid.view.friction_laws import law
 from deltaid.view.numbers import number, percent
 from deltaid.view.page import Fact, Figure, Page, Section, Table, Text
-from deltaid.view.torques import law
 
 Rows = tuple[tuple[str, ...], ...]
 

@@ -19,6 +19,7 @@ from deltaid.robot.description import RobotDescription
 from deltaid.view import animation, corrections, drawing, model_tables, models, parameters, robots
 from deltaid.view.check import page_table, short_table, tally
 from deltaid.view.comparison import TorqueComparison, compare
+from deltaid.view.friction_laws import friction_section
 from deltaid.view.numbers import measured, percent
 from deltaid.view.page import Fact, Page, Section
 from deltaid.view.summary import (
@@ -28,7 +29,7 @@ from deltaid.view.summary import (
     summary,
     without_doubts,
 )
-from deltaid.view.torques import friction_section, over_time, residual_blocks
+from deltaid.view.torques import over_time, residual_blocks
 
 # Height of one drive's two plots in a notebook, and of everything around the plots [px].
 _DRIVE, _AROUND = 170, 90
