@@ -223,7 +223,9 @@ class Online(Named):
         """Advance by many cycles, one per row.
 
         Args:
-            q, qd, tau: as in `step`.
+            q: as in `step`.
+            qd: as in `step`.
+            tau: as in `step`.
             gripper: 1 holds, 0 empty, -1 unknown.
             elapsed: as in `step`, -1 unknown.
         """
