@@ -142,13 +142,9 @@ class AllDrives(_Several):
         return tuple(DriveColumn(**entry) for entry in self.each(dof, where, wanted, cure))
 
 
-def _spelling(value: object) -> str:
-    return "all" if isinstance(value, Mapping | AllDrives) else "each"
-
-
 DriveColumns = Annotated[
     Annotated[AllDrives, Tag("all")] | Annotated[tuple[DriveColumn, ...], Tag("each")],
-    Discriminator(_spelling),
+    Discriminator(lambda value: "all" if isinstance(value, Mapping | AllDrives) else "each"),
 ]
 
 

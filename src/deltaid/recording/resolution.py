@@ -3,7 +3,6 @@
 import math
 from collections import Counter
 from collections.abc import Mapping
-from typing import Any
 
 from deltaid.errors import RecordingError, nearest
 from deltaid.recording.address import Pick, find, listing
@@ -16,6 +15,7 @@ from deltaid.recording.mapped_columns import (
     AllDrives,
     DriveColumn,
     Quantity,
+    SensorColumns,
 )
 from deltaid.recording.mapping import ColumnMapping
 from deltaid.recording.source import LogTable
@@ -151,12 +151,15 @@ def _under_default_names(
             return ()
         names = [f"{short}[{i}]" for i in range(len(linear))]
     # If some are missing, all are kept, so that an error names those.
-    channels = list[Channel]()
-    for name, slides in zip(names, linear, strict=True):
-        si, where = si_unit(quantity, linear=slides), f"{table.header_place}, unit of {name}"
-        scale = si_factor(table.units.get(name, si), si, where=where)
-        channels.append(Channel(name, scale, 0.0, 2 * math.pi / scale if si == "rad" else 0.0))
-    return tuple(channels)
+    return tuple(
+        _channel(
+            quantity,
+            DriveColumn(column=name, unit=table.units.get(name, si_unit(quantity, linear=slides))),
+            slides,
+            f"{table.header_place}, unit of {name}",
+        )
+        for name, slides in zip(names, linear, strict=True)
+    )
 
 
 def _declared(
@@ -264,35 +267,36 @@ def sensor_columns(
             )
     in_log: list[SensorChannels] = []
     for name, shown in sensors.items():
-        given, where = mapping.sensors.get(name), f"{mapping.source}, sensors.{name}"
-        if name not in mapping.sensors:
-            entries = _default_sensor(table, name, [number.name for number in shown])
-        elif given is not None:
-            wanted = f"the sensor shows {len(shown)} number{'s' * (len(shown) > 1)}: "
-            wanted += ", ".join(number.name for number in shown)
-            entries = given.each(len(shown), where, wanted, "list one a number, in this order")
+        names, where = [number.name for number in shown], f"{mapping.source}, sensors.{name}"
+        if name in mapping.sensors:
+            given = mapping.sensors[name]
         else:
-            entries = []
-        channels = [
+            given = _default_sensor(table, name, names)
+        if given is None:
+            continue
+        wanted = f"the sensor shows {len(shown)} number{'s' * (len(shown) > 1)}: "
+        entries = given.each(
+            len(shown), where, wanted + ", ".join(names), "list one a number, in this order"
+        )
+        channels = tuple(
             Channel(
                 entry["column"],
                 entry["sign"] * _scale(entry["unit"], entry["column"], number, table, where),
                 entry["zero"],
             )
-            for entry, number in zip(entries, shown, strict=False)
-        ]
-        if channels:
-            in_log.append(SensorChannels(name, tuple(channels), given.delay if given else 0.0))
+            for entry, number in zip(entries, shown, strict=True)
+        )
+        in_log.append(SensorChannels(name, channels, given.delay))
     return tuple(in_log)
 
 
-def _default_sensor(table: LogTable, name: str, names: list[str]) -> list[dict[str, Any]]:
-    """Entries of a sensor whose columns have their default names; empty without such columns."""
+def _default_sensor(table: LogTable, name: str, names: list[str]) -> SensorColumns | None:
+    """Columns of a sensor with their default names; None without such columns."""
     missing = [column for column in names if find(table.fields, column) is None]
     if len(missing) == len(names):
         names = [f"{name}[{i}]" for i in range(len(names))]
         if not find(table.fields, names[0]):
-            return []
+            return None
     elif missing:
         raise RecordingError(
             f"has some columns of sensor {name}, but no {', '.join(missing)}",
@@ -301,7 +305,7 @@ def _default_sensor(table: LogTable, name: str, names: list[str]) -> list[dict[s
             f"`sensors: {{{name}: {{columns: [{', '.join(['…'] * len(names))}]}}}}` of a mapping, "
             f"or leave it out of this recording by `sensors: {{{name}: null}}`",
         )
-    return [{"column": column, "unit": None, "sign": 1, "zero": 0.0} for column in names]
+    return SensorColumns(columns=tuple(names))
 
 
 def _scale(
