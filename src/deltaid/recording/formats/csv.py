@@ -146,10 +146,8 @@ def _header(lines: HeadLines, path: Path, mapping: ColumnMapping) -> tuple[_Name
 
 
 def _row_of_names(lines: HeadLines, needed: tuple[tuple[str, ...], ...]) -> int | None:
-    for row in range(1, _SEARCHED_LINES + 1):
-        if not lines[row]:
-            return None
-        text = as_text(lines[row])
+    for row, line in lines.first(_SEARCHED_LINES):
+        text = as_text(line)
         if _has_names(text, needed) or _has_names(COMMENT.sub("", text, count=1), needed):
             return row
     return None
@@ -158,10 +156,8 @@ def _row_of_names(lines: HeadLines, needed: tuple[tuple[str, ...], ...]) -> int 
 def _row_above_numbers(lines: HeadLines) -> int | None:
     """The first line of words above as many numbers, or above a row of units and numbers: foreign
     names below a preamble."""
-    for row in range(1, _SEARCHED_LINES + 1):
-        if not lines[row]:
-            return None
-        separator = separator_of(as_text(lines[row]))
+    for row, line in lines.first(_SEARCHED_LINES):
+        separator = separator_of(as_text(line))
         names, *below = (cells_of(as_text(lines[row + k]), separator) for k in range(3))
         if len(names) < len(NEEDED) or any(is_number(name) for name in names):
             continue

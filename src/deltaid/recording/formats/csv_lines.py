@@ -7,6 +7,7 @@ import csv
 import io
 import re
 from collections.abc import Iterator
+from itertools import takewhile
 from pathlib import Path
 
 import numpy as np
@@ -53,6 +54,10 @@ class HeadLines:
                 )
             self._lines.append(line)
         return self._lines[row - 1]
+
+    def first(self, rows: int) -> Iterator[tuple[int, bytes]]:
+        """At most so many lines with their rows, to the end of the file."""
+        return enumerate(takewhile(bool, (self[row] for row in range(1, rows + 1))), start=1)
 
     def size(self, rows: int) -> int:
         """Size of the first lines [bytes]."""

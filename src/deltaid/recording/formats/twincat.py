@@ -109,10 +109,8 @@ def _rows(lines: HeadLines, separator: str, path: Path) -> tuple[dict[str, list[
     several lines.
     """
     rows: dict[str, list[str]] = {}
-    for row in range(1, _SEARCHED_LINES + 1):
-        if not lines[row]:
-            break
-        cells = _cells(lines[row], separator)
+    for row, line in lines.first(_SEARCHED_LINES):
+        cells = _cells(line, separator)
         if cells[0] in _WORDS:
             last = max(k for k, cell in enumerate(cells) if cell)
             rows[cells[0]] = [visible(cell) for cell in cells[: last + 1]]
