@@ -240,15 +240,6 @@ def address(quantity: str, joint: str, topic: str = "/joint_states") -> str:
     return f"{topic}.{quantity}[{joint}]"
 
 
-def complaint(path: Path) -> str:
-    """What is said of a bag that cannot be read; nothing if it can."""
-    try:
-        read(open_table(path), ["t", *NAMES])
-    except RecordingError as error:
-        return str(error)
-    return ""
-
-
 def refused(path: Path, columns: list[str]) -> str:
     with pytest.raises(RecordingError) as caught:
         read(open_table(path), columns)

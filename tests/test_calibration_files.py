@@ -46,8 +46,6 @@ MISTAKES = {
     "block in mm": ("gauge", thousandfold("block"), "likely they are in mm"),
     "poses in mm": ("bed", thousandfold("x", "y", "z"), "likely they are in mm"),
     "mirrored": ("points", changed(px=-pl.col("px")), "the frame is left-handed"),
-    "order": ("points", changed(**{name: pl.col(name).reverse() for name in POINT}),
-              "points stand in another order"),
     "shuffled": ("points", changed(**{name: pl.col(name).shuffle(seed=1) for name in POINT}),
                  "points stand in another order"),
     "limbs": ("points", exchanged("q1", "q2"), "or two drives are exchanged"),
@@ -153,8 +151,6 @@ def test_what_cannot_be_is_refused(files: Path, tmp_path: Path) -> None:
     bed = ("--probe", files / "bed.csv")
     for arguments, said in {
         (): "nothing was measured",
-        (*bed, "--hold", "strutt"): "did you mean strut?",
-        (*bed, "--lengths", "5"): "must lie between",
         (*bed, "--struts-apart"): "strut_spacing",
         (*bed, "--tool", "1"): "must be three numbers",
         (*bed, "--columns", own): "did you mean noise?",

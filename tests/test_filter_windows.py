@@ -14,7 +14,6 @@ from deltaid.motion.random_motion import random_motion
 from deltaid.motion.surrogate import simulate_recording, surrogate_parameters
 from deltaid.recording import windows as windowing
 from deltaid.recording.filter import design_low_pass
-from deltaid.recording.mapping import ColumnMapping
 from deltaid.recording.opening import open_log
 from deltaid.recording.recording import PreparedRecording, with_filter
 from deltaid.recording.windows import Window
@@ -160,10 +159,3 @@ def test_logs_that_no_filter_fits(tmp_path, clavel: Dynamics, samples, cutoff, r
     with pytest.raises(RecordingError) as caught:
         with_filter(log, cutoff)
     assert str(caught.value).startswith(f"{path}: {reason}")
-
-
-def test_milliseconds_declared(tmp_path, clavel: Dynamics) -> None:
-    frame = recorded(1500).with_columns(t=1000 * recorded(1500)["t"])
-    mapping = ColumnMapping.model_validate({"time": {"unit": "ms"}})
-    log = open_log(write(tmp_path / "log.csv", frame), clavel.kinematics, mapping)
-    assert log.rate == pytest.approx(RATE)

@@ -90,8 +90,6 @@ WRONG_ADDRESSES = [
     ({"columns": ["q[0]", "q[1]", "Tau[2]"], "unit": "rad"}, "did you mean tau?"),
     ({"columns": ["q[0]", "q[1]"], "unit": "rad"}, "position.columns: lists 2 columns, but the"),
     ({"column": "q", "unit": "rad", "gear": [1, 2]}, "position.gear: lists 2 values, but"),
-    ({"column": "q", "unit": "N m"}, "position[0]: unit 'N m' is not a unit of rad"),
-    ({"columns": ["q[0]", "q[0]", "q[1]"], "unit": "rad"}, "column q[0] is declared 2 times"),
 ]
 
 

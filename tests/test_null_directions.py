@@ -107,13 +107,6 @@ def left_open(name: str, *sensors: BaseWrench | StrutForce) -> NullSpace:
     return null_space(np.vstack(rows)[:, : len(where.p)], dynamics.layout, found)
 
 
-def gauge(at: str) -> tuple[StrutForce, ...]:
-    return tuple(
-        StrutForce.model_validate({"kind": "strut-force", "strut": f"strut{i}", "at": at})
-        for i in (1, 2, 3)
-    )
-
-
 @pytest.mark.parametrize("name", KNOWN)
 def test_all_directions_by_name_with_a_wrench(name: str) -> None:
     null = left_open(name, BaseWrench(kind="base-wrench", **TARED))
@@ -148,20 +141,6 @@ def test_an_offset_that_nobody_knows_hides_what_only_weighs() -> None:
     assert spun.rank == 44
     words = "inertia may pass between the rotor of drive4 and the tool"
     assert words in {direction.words for direction in spun.directions}
-
-
-@pytest.mark.parametrize(
-    ("cut", "count"), [("platform", 1), ("elbow", 1), ("middle", 2), ("both", 0)]
-)
-def test_only_a_cut_at_a_joint_parts_it(cut: str, count: int) -> None:
-    sensors = (*gauge("platform"), *gauge("elbow")) if cut == "both" else gauge(cut)
-    null = left_open("clavel-delta3", *sensors)
-    words = {direction.words for direction in null.directions}
-    assert len(words) == count
-    if cut == "platform":
-        assert words == {ELBOW}
-    if cut == "elbow":
-        assert words == {PLATFORM.format("platform")}
 
 
 @pytest.mark.parametrize("name", [n for n in KNOWN if n != "linear-delta"])

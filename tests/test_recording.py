@@ -19,15 +19,6 @@ from deltaid.recording.opening import open_log
 from deltaid.recording.table import open_table, recut
 from logs import Spelling, comma, names, read, recorded, text, write
 
-RADIANS = ColumnMapping.model_validate(
-    {
-        "time": {"column": "t [s]"},
-        "position": [{"column": f"q{i} [rad]", "unit": "rad"} for i in (1, 2, 3)],
-        "torque": [{"column": f"tau{i} [Nm]", "unit": "Nm"} for i in (1, 2, 3)],
-    }
-)
-WITH_UNITS = ["t [s]", "q1 [rad]", "q2 [rad]", "q3 [rad]", "tau1 [Nm]", "tau2 [Nm]", "tau3 [Nm]"]
-
 
 def _quoted(frame: pl.DataFrame) -> bytes:
     header = [f'"{name}"' for name in frame.columns]
@@ -61,14 +52,10 @@ def _in_two(data: bytes, compress: Callable[[bytes], bytes]) -> bytes:
 
 
 SPELLINGS: dict[str, Spelling] = {
-    "semicolons": lambda f: text(f, ";").encode(),
     "commas and tabs": lambda f: text(f, ",\t").encode(),
-    "tabs": lambda f: text(f, "\t").encode(),
     "decimal commas, semicolons": lambda f: text(f, ";", number=comma).encode(),
     "decimal commas, tabs": lambda f: text(f, "\t", number=comma).encode(),
-    "byte order mark": lambda f: b"\xef\xbb\xbf" + text(f).encode(),
     "byte order mark and quotes": lambda f: b"\xef\xbb\xbf" + _quoted(f),
-    "Windows line ends": lambda f: text(f, eol="\r\n").encode(),
     "empty lines at the end": lambda f: (text(f, eol="\r\n") + "\r\n \r\n\n").encode(),
     "empty rows at the end": lambda f: (text(f, ";") + ";" * (f.width - 1) + "\n\n").encode(),
     "no line end at the end": lambda f: text(f).rstrip("\n").encode(),
@@ -89,9 +76,7 @@ SPELLINGS: dict[str, Spelling] = {
     "end tag": lambda f: (text(f) + "END\n").encode(),
     "end in words": lambda f: (text(f, ";", eol="\r\n") + "\r\nEnd of file; bye").encode(),
     "end tag in gzip": lambda f: gzip.compress((text(f) + "END\n\n").encode()),
-    "gzip": lambda f: gzip.compress(text(f).encode()),
     "gzip in two members": lambda f: _in_two(text(f).encode(), gzip.compress) + bytes(512),
-    "zstd": lambda f: zstandard.compress(text(f).encode()),
     "zstd in two frames": lambda f: _in_two(text(f).encode(), zstandard.compress),
     "UTF-16": lambda f: b"\xff\xfe" + text(f, eol="\r\n").encode("utf-16-le"),
     "UTF-16, big end first, tabs": lambda f: b"\xfe\xff" + text(f, "\t").encode("utf-16-be"),
@@ -139,11 +124,6 @@ def test_parquet_numbers_of_any_type(tmp_path, kind) -> None:
     whole = pl.DataFrame({name: np.arange(5) + k for k, name in enumerate(names("t", "q", "tau"))})
     path = write(tmp_path / "log.parquet", whole.cast(kind))
     np.testing.assert_array_equal(read(path), whole.to_numpy())
-
-
-def test_names_with_units_need_a_mapping(tmp_path, frame) -> None:
-    path = write(tmp_path / "log.csv", text(frame, header=WITH_UNITS))
-    np.testing.assert_array_equal(read(path, RADIANS), frame.to_numpy())
 
 
 def test_names_from_windows_match_a_mapping(tmp_path, frame) -> None:

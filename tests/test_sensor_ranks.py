@@ -81,30 +81,6 @@ def beside(first: np.ndarray, C: np.ndarray, D: np.ndarray) -> np.ndarray:
     return np.vstack([above, np.hstack([C, D])])
 
 
-@pytest.mark.parametrize(
-    ("name", "torque", "tared", "biased"),
-    [
-        ("clavel-delta3", (18, 20), (24, 26), 23),
-        ("irb360-6-1600", (37, 48), (46, 58), 45),
-        ("linear-delta", (19, 21), (24, 26), 24),
-        ("par4", (30, 36), (42, 48), 41),
-        ("h4", (27, 32), (39, 45), 37),
-    ],
-)
-def test_ranks_of_visible_columns(
-    name: str, torque: tuple[int, int], tared: tuple[int, int], biased: int
-) -> None:
-    robot = moved(name)
-    assert (rank(robot.Y), visible(robot.Y).sum()) == torque
-    known = np.vstack([robot.Y, robot.rows(plate())[0]])
-    assert (rank(known), visible(known).sum()) == tared
-    unknown = beside(robot.Y, *robot.rows(plate(force_bias=None, moment_bias=None)))
-    assert rank(unknown) - 6 == biased  # all six biases are told
-    without = plate(motor_turns=None)
-    silent = rank(beside(robot.Y, *robot.rows(without))) - robot.rows(without)[1].shape[1]
-    assert silent == rank(known) - (name in ("irb360-6-1600", "par4"))  # rotor against EE.Izz
-
-
 def point(place: tuple[float, float, float]) -> np.ndarray:
     """The ten parameters of one kilogram at a point."""
     x, y, z = place

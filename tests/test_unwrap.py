@@ -6,7 +6,6 @@ import numpy as np
 import polars as pl
 import pytest
 
-from command import run
 from deltaid.dynamics.dynamics import compiled
 from deltaid.errors import RecordingError
 from deltaid.motion.random_motion import random_motion
@@ -209,26 +208,6 @@ def test_a_log_is_read_with_any_count_of_turns(tmp_path: Path) -> None:
             tmp_path / "log.csv"
         )
         assert open_log(tmp_path / "log.csv", kinematics).samples == 400
-
-
-@pytest.mark.slow
-def test_a_planned_motion_can_be_simulated_and_read_with_any_count_of_turns(tmp_path: Path) -> None:
-    robot, motion, log = (tmp_path / name for name in ("r.yaml", "motion.csv", "log.csv"))
-    robot.write_text(turned((150.0, 230.0)).model_dump_json(exclude_none=True))
-    plan = ("excite", robot, "--starts", 1, "--duration", 2, "--harmonics", 2, "-o", motion)
-    assert run(*plan).code == 0
-    planned = pl.read_csv(motion)
-    angles = planned.select("q1", "q2", "q3").to_numpy()
-    assert np.abs(np.diff(angles, axis=0)).max() < np.deg2rad(5)
-    assert angles.min() < np.pi < angles.max()
-    assert np.deg2rad(150) <= angles.min() <= angles.max() <= np.deg2rad(230)
-    done = run("simulate", robot, motion, "-o", log)
-    assert done.code == 0, done.err
-    turns = [(pl.col(f"q{i}") - 2 * np.pi).alias(f"q{i}") for i in (1, 2, 3)]
-    other = tmp_path / "other.csv"
-    pl.read_csv(log).with_columns(turns).write_csv(other)
-    kinematics = compiled(turned((150.0, 230.0))).kinematics
-    assert open_log(log, kinematics).samples == open_log(other, kinematics).samples
 
 
 def test_a_wrapped_fourth_axis_goes_on(tmp_path) -> None:
