@@ -48,7 +48,6 @@ class Column:
 
     @property
     def is_constant(self) -> bool:
-        """Whether all its numbers are known to be equal."""
         return self.low is not None and self.low == self.high
 
 
@@ -92,7 +91,8 @@ def proposed_mapping(
     known, candidates = known or Known(), _candidates(columns, len(linear))
     proposed = [time] if (time := _time(columns, known)) else []
     proposed += [_drives(q, candidates[q], linear, known) for q in QUANTITIES if candidates[q]]
-    parts = {part.quantity: part for part in _by_derivatives(proposed, columns, linear)}
+    parts = {part.quantity: part for part in proposed}
+    _settle_units(parts, columns, linear)
     missing = [name for name in NEEDED if name not in parts]
     missing += [
         f"unit of {name}" for name in NEEDED if name in parts and not all(parts[name].units)
@@ -101,9 +101,8 @@ def proposed_mapping(
         kind_of(unit) == "current" for unit in (parts["torque"].units if "torque" in parts else ())
     ):
         missing.append("torque_constant")
-    for name in ("velocity", "acceleration"):  # they follow from positions
-        if name in parts and not all(parts[name].units):
-            del parts[name]
+    # Velocities and accelerations follow from positions.
+    parts = {name: part for name, part in parts.items() if name in NEEDED or all(part.units)}
     data = {name: _entries(part, columns, known) for name, part in parts.items()}
     return MappingProposal(data, tuple(parts.values()), tuple(missing))
 
@@ -230,11 +229,11 @@ def _by_size(
     return unit, f"{unit} is assumed, for no unit is stated"
 
 
-def _by_derivatives(
-    proposed: Sequence[FoundColumns], columns: Sequence[Column], linear: Sequence[bool]
-) -> list[FoundColumns]:
-    """The same with units that follow from velocities being derivatives of positions."""
-    parts, by_name = {part.quantity: part for part in proposed}, {c.address: c for c in columns}
+def _settle_units(
+    parts: dict[str, FoundColumns], columns: Sequence[Column], linear: Sequence[bool]
+) -> None:
+    """Settle units that follow from velocities being derivatives of positions."""
+    by_name = {column.address: column for column in columns}
     time, place = parts.get("time"), parts.get("position")
     for quantity, per in _RATES.items():
         if place and place.unit in ("deg", "mm") and quantity in parts and parts[quantity].assumed:
@@ -243,11 +242,11 @@ def _by_derivatives(
             parts[quantity] = replace(parts[quantity], units=units, assumed=why)
     rate = parts.get("velocity")
     if not (time and place and rate and time.unit and place.unit and rate.unit):
-        return list(parts.values())
+        return
     signals = [[by_name[name].start for name in part.columns] for part in (place, rate)]
     clock, units = by_name[time.columns[0]].start, (place.unit, rate.unit, time.unit)
     if clock is None or (factor := derivative_factor(clock, *signals)) is None:
-        return list(parts.values())
+        return
     unknown = [part for part in (place, rate, time) if part.assumed]
     if len(unknown) == 1:
         fitting = fitting_units(factor, units, unknown[0].quantity, slides=linear[0])
@@ -264,20 +263,22 @@ def _by_derivatives(
             "the units; is one of them at the motor, behind a gear?"
         )
         parts["velocity"] = replace(rate, doubts=(*rate.doubts, doubt))
-    return list(parts.values())
 
 
 def _entries(part: FoundColumns, columns: Sequence[Column], known: Known) -> Any:
     """Entries of a quantity in a mapping file: one per drive, or one of the time."""
-    entries = list[dict[str, Any]]()
-    for name, unit in zip(part.columns, part.units, strict=True):
-        entry: dict[str, Any] = {"column": name} | ({"unit": unit} if unit else {})
-        if part.quantity != "time" and known.gear is not None:
-            entry["gear"] = known.gear
-        if unit and kind_of(unit) == "current" and known.torque_constant is not None:
-            entry["torque_constant"] = known.torque_constant
-        entries.append(entry)
-    if part.quantity != "time":
-        return entries
-    is_date = any(c.is_date and c.address == part.columns[0] for c in columns)
-    return {"column": part.columns[0]} if is_date else entries[0]
+
+    def entry(name: str, unit: str, **of_motor: float | None) -> dict[str, Any]:
+        given = {"column": name, "unit": unit or None, **of_motor}
+        return {key: value for key, value in given.items() if value is not None}
+
+    pairs = zip(part.columns, part.units, strict=True)
+    if part.quantity == "time":
+        dates = {column.address for column in columns if column.is_date}
+        ((name, unit),) = pairs
+        return entry(name, "" if name in dates else unit)
+    constants = {"current": known.torque_constant}
+    return [
+        entry(name, unit, gear=known.gear, torque_constant=constants.get(unit and kind_of(unit)))
+        for name, unit in pairs
+    ]
