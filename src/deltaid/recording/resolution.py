@@ -314,9 +314,13 @@ def _scale(
     """Factor of a column's numbers to SI."""
     place = f"{table.header_place}, unit of {column}" if unit is None else f"{where}.unit"
     unit = table.units.get(column, shown.unit) if unit is None else unit
-    cure = "a force is in N, kN, lbf or kgf, a moment in N*m, mN*m or lbf*in; a number may stand "
-    cure += "before it, such as 12.5 N for each volt; of a wrench list six units, forces first"
-    factor = si_factor(unit, shown.unit, where=place, cure=cure)
+    factor = si_factor(
+        unit,
+        shown.unit,
+        where=place,
+        cure="a force is in N, kN, lbf or kgf, a moment in N*m, mN*m or lbf*in; a number may stand "
+        "before it, such as 12.5 N for each volt; of a wrench list six units, forces first",
+    )
     if not 0 < factor < math.inf:
         raise RecordingError(
             f"unit '{unit[:40]}' makes a factor of {factor:g}, which is no number to go on with",

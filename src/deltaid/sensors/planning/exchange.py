@@ -208,7 +208,9 @@ def _between(
 ) -> Iterator[Exchange]:
     if len(bodies) < len(others):
         bodies, others = others, bodies
-    pairs = [_partner(body, others, partner) for body in bodies]
+    pairs = [
+        next(filter(None, (partner(body, other) for other in others)), None) for body in bodies
+    ]
     met = [pair for pair in pairs if pair is not None]
     if len(met) < len(pairs) or any(len(pair.along) != len(met[0].along) for pair in met):
         return
@@ -227,10 +229,6 @@ def _between(
         direction[layout.body(a)] += gives[0]
         direction[layout.body(b)] -= counts @ takes
         yield Exchange(f"{what} {place} {_passes(first, second)}", direction)
-
-
-def _partner(body: Instance, others: Sequence[Instance], partner: Partner) -> Shared | None:
-    return next(filter(None, (partner(body, other) for other in others)), None)
 
 
 def _moments(
@@ -336,7 +334,6 @@ def _passes(a: str, b: str) -> str:
 
 
 def _place(a: str, b: str) -> str:
-    """Where two bodies meet, in words."""
     first, second = a.rstrip("0123456789"), b.rstrip("0123456789")
     places = (place for x, y, place in _PLACES if x in ("*", first) and second in y.split())
     return next(places, f"where {a} and {b} meet")
