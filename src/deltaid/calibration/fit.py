@@ -61,7 +61,6 @@ class WeightedRows:
 
     @cached_property
     def used_slopes(self) -> Float[np.ndarray, "rows variables"]:
-        """Slopes of the used readings."""
         return self.slopes[self.used].reshape(-1, self.slopes.shape[2])
 
     def chance(self, knowledge: Knowledge) -> tuple[float, float]:

@@ -187,7 +187,6 @@ class InstrumentColumns(Part):
     )
 
     def has(self, name: str, table: LogTable) -> bool:
-        """Whether a table has this column."""
         return self.columns.get(name, name) in table.header
 
 

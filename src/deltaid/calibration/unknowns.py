@@ -100,12 +100,10 @@ class Unknowns:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Names of the numbers."""
         return tuple(number.name for number in self.numbers)
 
     @property
     def kinds(self) -> tuple[str, ...]:
-        """Kinds of the numbers, each once."""
         return tuple(dict.fromkeys(number.kind for number in self.numbers))
 
     def by_limb(self, values: Sequence[Any]) -> list[dict[str, Any]]:

@@ -87,7 +87,7 @@ def time_of(
     return copied(time)
 
 
-def beside(
+def extra_columns(
     given: Mapping[str, ArrayLike], samples: int, taken: Collection[str], name: str
 ) -> dict[str, np.ndarray]:
     """Extra columns; those of an array with several columns are `key[0]`, `key[1]`, …

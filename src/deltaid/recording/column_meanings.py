@@ -249,7 +249,6 @@ def groups_of(names: Sequence[str], drives: int) -> Iterator[Group]:
 
 
 def _without_unit(name: str) -> tuple[str, str | None]:
-    """A name without its unit, and the unit."""
     for match in reversed([*_BRACKETS.finditer(name)]):
         if not match[1].isdecimal() and (unit := unit_of(match[1])) is not None:
             return f"{name[: match.start()]} {name[match.end() :]}", unit

@@ -148,7 +148,7 @@ class Columns:
             yield sensor, slice(start, start + len(sensor.channels))
             start += len(sensor.channels)
 
-    def beside(self, column: str) -> int:
+    def extra_index(self, column: str) -> int:
         """Index of a column in `extra`."""
         return [channel.column for channel in self.extra].index(column)
 
@@ -162,7 +162,9 @@ class Columns:
             extra: numbers of the extra columns.
         """
         states = [
-            load.held(time, None if load.column is None else extra[:, self.beside(load.column)])
+            load.held(
+                time, None if load.column is None else extra[:, self.extra_index(load.column)]
+            )
             for load in self.loads
         ]
         return np.array(states, dtype=bool).reshape(len(self.loads), len(time))
@@ -189,7 +191,6 @@ class Readings(Part):
 
     @property
     def are_right(self) -> bool:
-        """Whether there are no errors."""
         return not (self.zero or self.ratio or self.falling)
 
     def corrected(self, rows: Rows, columns: Columns) -> Rows:

@@ -136,7 +136,6 @@ def _with_marks(
 
 
 def row_numbers(rows: Rows, rate: float) -> Int[np.ndarray, " _"]:
-    """Numbers of rows, counted from time 0."""
     return np.round(np.nan_to_num(rows[:, 0]) * rate).astype(int)
 
 

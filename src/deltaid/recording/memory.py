@@ -14,9 +14,9 @@ from deltaid.errors import RecordingError
 from deltaid.forked import require_threads
 from deltaid.recording.arrays import (
     Units,
-    beside,
     columns_of,
     copied,
+    extra_columns,
     mapping_of,
     numbers_of,
     require_shapes,
@@ -137,7 +137,7 @@ class Recording(Shown, Plotted, Tabled):
         columns = {"t": time_of(t, rate, unit_t, samples, name)}
         for key, array in arrays.items():
             columns |= {f"{key}{i + 1}": copied(array[:, i]) for i in range(drives)}
-        columns |= beside(extra or {}, samples, columns, name)
+        columns |= extra_columns(extra or {}, samples, columns, name)
         frame = pl.DataFrame(columns)
         units = {"q": unit_q, "qd": unit_qd, "qdd": unit_qdd, "tau": unit_tau}
         return cls(_table(frame, name), mapping_of(units, unit_t, arrays, name), drives)

@@ -128,8 +128,8 @@ def resolved_table(
             )
         if source.mapping is not None:
             is_given = True
-            beside = {key: getattr(mapping, key) for key in ("load", "temperature", "sensors")}
-            mapping = source.mapping.changed(**beside)
+            extra = {key: getattr(mapping, key) for key in ("load", "temperature", "sensors")}
+            mapping = source.mapping.changed(**extra)
         table = source.table
     else:
         table = open_table(source, mapping)

@@ -69,7 +69,6 @@ class PlanEnds:
         return np.maximum(step / np.sqrt(12), self.log.position_noise)
 
     def positions(self, rows: Rows) -> Rows:
-        """Positions of some rows [rad or m]."""
         return rows[:, 1 : 1 + len(self.log.columns.position)]
 
     def state(self, end: End, cutoff: float) -> tuple[Drives, Drives, Drives]:

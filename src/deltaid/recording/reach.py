@@ -28,8 +28,6 @@ _KEEP_AWAY = (
     "check zero and sign of the drives and the robot's lengths; a robot that does this cannot be "
     "held by its drives there, so keep the motion away from it"
 )
-
-
 _CHECK = (
     "check sign, zero, unit and order of the drives (angle 0 = arm horizontal and outwards, "
     "positive = down) and the robot's lengths"
@@ -46,11 +44,9 @@ class Stretch:
     regular: Regularity
 
     def part(self, which: slice) -> "Stretch":
-        """Some of the samples."""
         return Stretch(self.time[which], self.q[which], self.z[which], self.regular.part(which))
 
     def after(self, before: "Stretch") -> "Stretch":
-        """These samples appended to others."""
         pairs = ([getattr(s.regular, f.name) for s in (before, self)] for f in fields(Regularity))
         return Stretch(
             np.concatenate([before.time, self.time]),
@@ -162,8 +158,10 @@ class ReachCheck:
         what, cure = f"{reason}, {time:.6g} s", _CHECK
         if before > self.kinematics.robot.largest_condition:
             cure = _KEEP_AWAY
-            what = f"the robot comes to a singular pose at {time:.6g} s: the condition "
-            what += f"number is {before:.4g} in the row before, and here {reason}"
+            what = (
+                f"the robot comes to a singular pose at {time:.6g} s: the condition number is "
+                f"{before:.4g} in the row before, and here {reason}"
+            )
         raise RecordingError(what, where=self.table.row_place(row + bad), cure=cure)
 
     def _angles(self, q: Float[np.ndarray, " dof"]) -> str:

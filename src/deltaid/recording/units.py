@@ -152,7 +152,6 @@ def factor_among(unit: str, *targets: str) -> float | None:
 
 
 def is_unit(unit: str) -> bool:
-    """Whether a text is a known unit."""
     return _parsed(unit) is not None
 
 

@@ -102,7 +102,6 @@ class SampleBlock:
     carried: Float[np.ndarray, "samples dof"]
 
     def part(self, which: slice) -> "SampleBlock":
-        """Some of the samples."""
         return SampleBlock(*(getattr(self, field.name)[which] for field in fields(self)))
 
     def weighted(self, values: Values, drives: Int[np.ndarray, " channels"]) -> Values:

@@ -65,7 +65,6 @@ class HeadLines:
 
 
 def is_comment(line: bytes) -> bool:
-    """Whether a line near the head of a file is a comment."""
     return bool(COMMENT.match(line.decode("latin-1")))
 
 
@@ -79,7 +78,6 @@ def as_text(line: bytes) -> str:
 
 
 def decoded(line: bytes, place: str) -> str:
-    """The header as text."""
     text = as_text(line)
     if "\r" in text:
         raise RecordingError(

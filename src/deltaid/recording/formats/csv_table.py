@@ -83,7 +83,6 @@ class CsvTable(LogTable):
 
     @property
     def header_place(self) -> str:
-        """The line of the names."""
         return self.row_place(self.header_row)
 
     def row_place(self, row: int) -> str:

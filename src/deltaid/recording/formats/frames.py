@@ -127,7 +127,6 @@ def _top(columns: Sequence[str], name: str) -> str:
 
 
 def open_parquet(path: Path, mapping: ColumnMapping) -> LogTable:
-    """A Parquet file, by its schema."""
     with _decoding(path):
         return ParquetTable(path, fields_of(_scan(path)))
 

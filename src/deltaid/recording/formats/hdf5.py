@@ -42,12 +42,10 @@ _PLAIN = (
 
 
 def is_hdf5(start: bytes, path: Path) -> bool:
-    """Whether the file has the signature of HDF5 at one of its places."""
     return any(start[place:].startswith(_SIGNATURE) for place in _STARTS)
 
 
 def open_hdf5(path: Path, mapping: ColumnMapping) -> LogTable:
-    """An HDF5 file: its groups and datasets."""
     with _opened(path) as file, path.open("rb") as start:
         by_matlab = file.userblock_size >= 512 and start.read(6) == b"MATLAB"
         found = list(islice(_contents(file, by_matlab), MOST_FIELDS))

@@ -29,17 +29,8 @@ _ORDER = slice(126, 128)
 _MATRIX, _COMPRESSED = 14, 15
 # Types of elements that hold numbers.
 _TYPES = {
-    1: "i1",
-    2: "u1",
-    3: "i2",
-    4: "u2",
-    5: "i4",
-    6: "u4",
-    7: "f4",
-    9: "f8",
-    12: "i8",
-    13: "u8",
-}
+    1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 9: "f8", 12: "i8", 13: "u8",
+}  # fmt: skip
 # Classes of matrices: those of numbers are 6 to 15.
 _CELL, _STRUCT, _OBJECT, _TEXT, _SPARSE, _FUNCTION, _OPAQUE = 1, 2, 3, 4, 5, 16, 17
 _HOLDS = {_TEXT: "text", _SPARSE: "a sparse matrix", _FUNCTION: "a function"}
@@ -117,7 +108,6 @@ _Held = tuple[str, Numbers | RecordedField]
 
 
 def is_matlab(start: bytes, path: Path) -> bool:
-    """Whether the header is one of MATLAB."""
     return start.startswith(b"MATLAB") or start[_ORDER] in (b"IM", b"MI")
 
 

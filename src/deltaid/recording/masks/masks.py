@@ -60,7 +60,6 @@ class Mask:
 
 
 def as_runs(pairs: Iterable[Sequence[int]]) -> Runs:
-    """Runs from their first and last rows."""
     return np.array(list(pairs), dtype=np.int64).reshape(-1, 2)
 
 

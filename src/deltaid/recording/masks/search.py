@@ -120,7 +120,6 @@ class RestSearch:
 
     @property
     def at_rest(self) -> Runs:
-        """Runs of rows at rest."""
         rests = [
             (part.first, part.last)
             for rest in self._rests
@@ -212,7 +211,6 @@ class MaskSearch:
             bottom.add(-torque, new, first)
 
     def runs(self) -> list[Exclusion]:
-        """All excluded rows."""
         rest, everyone = self._rest, tuple(range(self._dof))
         if rest is None:
             return []
@@ -254,7 +252,7 @@ class LoadSearch:
         for load in self._columns.loads:
             if load.column is None or load.holding is not None:
                 continue
-            numbers = extra[:, self._columns.beside(load.column)]
+            numbers = extra[:, self._columns.extra_index(load.column)]
             for other in np.flatnonzero((numbers != 0.0) & (numbers != 1.0))[:1].tolist():
                 raise RecordingError(
                     f"column {load.column} of load {load.name} is {numbers[other]:.10g}, "

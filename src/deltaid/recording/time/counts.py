@@ -174,7 +174,6 @@ def unwrappers(columns: Columns) -> list[Unwrapper]:
 
 
 def doubts_about_rounds(columns: Iterable[Unwrapper], table: LogTable) -> list[Doubt]:
-    """Doubts about columns that were unwrapped."""
     return [
         Doubt(
             f"column {column.name} starts again after {_numbers(column.period)} in "

@@ -265,6 +265,5 @@ def _mean(x: Times, width: int) -> Times:
 
 
 def medians(x: Times, width: int) -> Times:
-    """Medians over neighbouring values."""
     # A width beyond x is slow, with the same result.
     return median_filter(x, min(width, len(x) - 1 + len(x) % 2), mode="nearest")

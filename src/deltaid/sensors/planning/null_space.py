@@ -70,7 +70,6 @@ class NullSpace:
 
     @property
     def visible(self) -> int:
-        """Number of parameters that rows depend on."""
         return int(self.seen.sum())
 
 

@@ -218,7 +218,6 @@ def sensor_plan(
             return Outlook(name, title, cost, known.std * entries.spread, aim.std(known), gain)
 
         def after(together: Sequence[Use]) -> Outlook:
-            """Uncertainty after several uses together."""
             known = start.and_rows(np.vstack([use.likely for use in together]) @ entries.W)
             name, title = (
                 " + ".join(getattr(use, key) for use in together) for key in ("name", "title")
@@ -276,7 +275,6 @@ def _find(names: Sequence[str], possible: Sequence[Use], offers: Offers) -> list
 
 
 def _notes(entries: PlanUnknowns, aim: str, gain_spread: float) -> tuple[str, ...]:
-    """Assumptions of a plan, in words."""
     notes = [
         "a plan asks for the true bodies, so all ten entries of each are unknown, whatever the key "
         "free says for a fit to torques"

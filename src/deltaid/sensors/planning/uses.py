@@ -182,7 +182,6 @@ def _of_sensors(scene: Scene, offers: Offers, key: str, offer: Offer) -> Use:
 
 
 def _each(robot: RobotDescription, name: str, sensor: Sensor) -> Iterator[tuple[str, Sensor]]:
-    """A sensor, or one on every limb's struts or every drive."""
     match sensor:
         case StrutForce(strut="each"):
             for i in range(len(robot.limb_geometry)):
