@@ -10,7 +10,7 @@ import deltaid
 from deltaid.recording.memory import Recording, as_source, as_sources
 from deltaid.recording.opening import open_log
 from deltaid.recording.recording import open_recordings
-from logs import names, recorded, refusal, write
+from logs import names, recorded, refusal
 
 NAME = "clavel-delta3"
 KINEMATICS = deltaid.Kinematics(deltaid.load_robot(NAME))
@@ -32,24 +32,6 @@ def samples(log: object, mapping: deltaid.ColumnMapping | None = None) -> np.nda
     opened = open_log(log, KINEMATICS, mapping)  # pyright: ignore[reportArgumentType]
     values = np.concatenate(list(opened.batches()))
     return values[:, : len(opened.columns.all)]
-
-
-def test_every_kind_of_source_gives_the_same_model(tmp_path: Path, frame: pl.DataFrame) -> None:
-    path = write(tmp_path / "log.csv", frame)
-    arrays = Recording.from_arrays(**parts(frame))
-    kinds = {"bare string": str(path), "polars": frame, "arrays": [arrays]}
-    results = {kind: deltaid.identify(NAME, source).model for kind, source in kinds.items()}
-    first = results.pop("bare string")
-    for kind, model in results.items():
-        np.testing.assert_array_equal(model.p, first.p, err_msg=kind)
-        np.testing.assert_array_equal(model.fit.rms, first.fit.rms, err_msg=kind)
-    assert [source.log for source in results["polars"].sources] == ["table"]
-    assert [source.log for source in results["arrays"].sources] == ["arrays"]
-    expected, _ = deltaid.validate(first, path)
-    for source in (frame, arrays):
-        error, log = deltaid.validate(first, source)
-        np.testing.assert_array_equal(error.rms, expected.rms)
-        assert log.samples == 1500
 
 
 def test_lazy_tables_chunks_and_other_columns(frame: pl.DataFrame) -> None:

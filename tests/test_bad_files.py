@@ -137,7 +137,7 @@ def test_libraries_are_loaded_when_they_are_needed(tmp_path: Path) -> None:
     subprocess.run([sys.executable, "-c", code], check=True)
 
 
-def test_a_process_that_is_aborted_says_why(tmp_path: Path) -> None:
+def test_a_process_that_is_aborted_says_why() -> None:
     code = (
         "import os; from deltaid.recording.formats.frames import last_words\n"
         "with last_words('log: is damaged', 2): pass\n"

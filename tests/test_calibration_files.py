@@ -122,27 +122,6 @@ def require_refused(
     assert "Warning" not in message
 
 
-BYTES = {
-    "empty": lambda text: b"",
-    "cut": lambda text: text[: text.rindex(b",")],
-    "binary": lambda text: bytes(range(256)) * 4,
-    "text": lambda text: text.replace(text.split(b"\n")[3].split(b",")[4], b"abc"),
-    "short": lambda text: text.replace(text.split(b"\n")[3], b"0.1,0.2"),
-    "long": lambda text: text.replace(text.split(b"\n")[3], text.split(b"\n")[3] + b",9"),
-    "headless": lambda text: text.split(b"\n", 1)[1],
-}
-
-
-@pytest.mark.parametrize("damage", BYTES)
-def test_damaged_files_are_refused_with_one_message(
-    damage: str, files: Path, tmp_path: Path
-) -> None:
-    wrong = tmp_path / "wrong.csv"
-    wrong.write_bytes(BYTES[damage]((files / "points.csv").read_bytes()))
-    message = refused("calibrate", CLAVEL, "--points", wrong, folder=tmp_path)
-    assert "wrong.csv" in message
-
-
 def test_what_cannot_be_is_refused(files: Path, tmp_path: Path) -> None:
     own = tmp_path / "columns.yaml"
     own.write_text("points: {noize: 1}\n", encoding="utf-8")

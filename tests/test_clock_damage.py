@@ -220,7 +220,7 @@ def test_stale_rows_beside_holes_are_one_hole() -> None:
     assert cut.segments(7).tolist() == [601, 6000 - 754]
 
 
-def test_masks_are_timed_by_holes(clavel: Dynamics) -> None:
+def test_masks_are_timed_by_holes() -> None:
     """Rounded stamps jump from row to row; only holes are kept to tell the time of a row by."""
     rows = even(2700.0, 4.0).gap(1.0, 0.5).rounded(1e-3)
     clock = study(iter([rows.log.to_numpy()]), 3)

@@ -112,7 +112,7 @@ def test_dates_have_no_unit(tmp_path: Path) -> None:
     assert "time: column t holds dates or times of day, which have no unit" in message
 
 
-def test_dates_and_lists_of_pandas(tmp_path: Path) -> None:
+def test_dates_and_lists_of_pandas() -> None:
     pandas = pytest.importorskip("pandas")
     plain = {name: FRAME[name].to_numpy() for name in FRAME.columns[4:]}
     stamps = pandas.to_datetime(START + TICKS, unit="us", utc=True)

@@ -2,7 +2,6 @@
 
 import shutil
 import sqlite3
-import sys
 from dataclasses import replace
 from pathlib import Path
 
@@ -193,9 +192,3 @@ def test_a_bag_without_joint_states(tmp_path: Path) -> None:
     said = refused(path, ["t"])
     assert "has no messages of sensor_msgs/JointState" in said
     assert "/imu, /js" in said
-
-
-def test_the_library_may_be_missing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    path = KINDS["mcap"](tmp_path, MESSAGES[:5])
-    monkeypatch.setitem(sys.modules, "rosbags.rosbag1", None)
-    assert "pip install rosbags" in refused(path, ["t"])

@@ -157,7 +157,6 @@ def _line(text: str, row: int, new: str) -> str:
 
 
 ROW = 100
-FIELDS = scope(CURVES).split("\n")[ROW - 1].split("\t")
 SLOW = [*CURVES[:3], *(Curve(c.name, c.time[:100] * 4, c.values[:100]) for c in CURVES[3:])]
 
 
