@@ -30,7 +30,7 @@ from deltaid.calibration.fit import (
     tool_slopes,
 )
 from deltaid.calibration.loops import Loops
-from deltaid.calibration.readings import KINDS, ProbeReadings
+from deltaid.calibration.readings import KINDS, Instrument, ProbeReadings
 from deltaid.calibration.unknowns import WORDS, Unknowns
 from deltaid.errors import DescriptionError
 from deltaid.mechanism.kinematics import Kinematics
@@ -234,12 +234,7 @@ def _plan(
     kind, knowledge, n = reads.kind, fit.knowledge, len(fit.u)
     instruments = [part.instrument for part in fit.readings]
     alike = [k for k, past in enumerate(instruments) if past.kind == kind]
-    used = None  # the instrument in use that matches the offer
-    for k in reversed(alike):
-        stood = instruments[k].values if kind == "probe" else np.zeros((1, 1))
-        on = [np.abs(stood - block).min() < _SAME_BLOCK for block in reads.blocks]
-        if 1 / _ALIKE <= instruments[k].noise / reads.noise <= _ALIKE and all(on):
-            used = k
+    used = next((k for k in alike if _is_like(instruments[k], reads)), None)
     past = next(iter(alike), None) if used is None and kind == "probe" else used  # on the same bed
     ends, blocks = _candidates(calibration, reads)
     q = fit.loops.inverse(ends.reshape(-1, 3)).reshape(*ends.shape[:2], -1)
@@ -276,6 +271,13 @@ def _plan(
         gain=max(before - goal.left(knowledge), np.finfo(float).tiny),
         cost=offer.hours * hourly + (offer.price if used is None else 0.0),
     )  # fmt: skip
+
+
+def _is_like(instrument: Instrument, reads: PoseReadings) -> bool:
+    """Whether an instrument in use reads as well as an offer, on blocks of the same heights."""
+    stood = instrument.values if instrument.kind == "probe" else np.zeros((1, 1))
+    on = [np.abs(stood - block).min() < _SAME_BLOCK for block in reads.blocks]
+    return 1 / _ALIKE <= instrument.noise / reads.noise <= _ALIKE and all(on)
 
 
 def _candidates(
