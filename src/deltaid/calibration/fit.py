@@ -107,7 +107,6 @@ class UsedReadings(WeightedRows):
         return replace(self, slopes=A / self.noise, errors=error / self.noise)
 
     def misfit(self, what: str) -> IdentificationError:
-        """An error located at these readings."""
         return IdentificationError(what, where=self.instrument.source, cure=_CURE)
 
 

@@ -68,7 +68,6 @@ class Instrument(ABC):
 
     @cached_property
     def numbers(self) -> Float[np.ndarray, "rows numbers"]:
-        """All numbers of each reading, one row a reading."""
         return np.hstack([self.q.reshape(len(self.q), -1), self.values])
 
     @cached_property
@@ -79,7 +78,6 @@ class Instrument(ABC):
 
     @property
     def is_first(self) -> Bool[np.ndarray, " rows"]:
-        """Whether no earlier reading has the same numbers."""
         return self.repeats == np.arange(len(self.repeats))
 
     @abstractmethod

@@ -64,7 +64,6 @@ class Load(Part):
 
     @property
     def known(self) -> dict[str, object]:
-        """Declared properties of the load itself."""
         named = ("body", "mass", "mass_tolerance", "centre", "inertia")
         return {key: value for key in named if (value := getattr(self, key)) is not None}
 

@@ -149,7 +149,6 @@ class Columns:
             start += len(sensor.channels)
 
     def extra_index(self, column: str) -> int:
-        """Index of a column in `extra`."""
         return [channel.column for channel in self.extra].index(column)
 
     def held(

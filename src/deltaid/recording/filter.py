@@ -81,7 +81,6 @@ class LowPass:
 
     @property
     def first_row(self) -> int:
-        """Row of the first filtered position."""
         return self.lead_half + self.stride * (self.margin + self.spread_half)
 
     @property

@@ -77,7 +77,6 @@ class PreparedRecording(Shown):
 
     @property
     def clock(self) -> ClockReport:
-        """Report on its time."""
         return self.log.laid.report(self.log.bridged(self.motion_cutoff), self.filter.reach + 1)
 
     def excerpted(self) -> "PreparedRecording":
@@ -85,7 +84,6 @@ class PreparedRecording(Shown):
         return replace(self, excerpt=self.log.excerpt(self.motion_cutoff, self.filter))
 
     def repaired(self, **repairs: Any) -> "PreparedRecording":
-        """The recording with other fields of its repairs."""
         return replace(self, repairs=replace(self.repairs, **repairs))
 
     def drifting(self, coefficients: Iterable[Sequence[float]] = ()) -> TorqueDrift:
@@ -162,7 +160,6 @@ class PreparedRecording(Shown):
         return replace(recording, repairs=self.repairs, excerpt=self.excerpt)
 
     def windows(self, kinematics: Kinematics) -> Iterator[Window]:
-        """All samples, window by window."""
         return self.evaluate(kinematics, lambda window: window)
 
     def spread(self, kinematics: Kinematics, most: int) -> Iterator[Window]:

@@ -68,7 +68,6 @@ class Gears:
         return design_low_pass(self.cutoff, rate, single=True)
 
     def of_motor(self, qd: Values, qdd: Values) -> Values:
-        """Torques of the motors' friction and rotors."""
         friction = np.array(self.viscous) * qd + np.array(self.coulomb) * np.sign(qd)
         return friction + np.array(self.rotor) * qdd
 

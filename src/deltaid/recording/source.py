@@ -228,14 +228,12 @@ def content(path: Path) -> Generator[io.BufferedReader, None, None]:
 
 
 def packed_by(path: Path) -> str:
-    """Name of a file's compression; empty without."""
     with opened(path) as file:
         start = file.peek(4)
     return "gzip" if start.startswith(_GZIP) else "zstd" if start.startswith(ZSTD) else ""
 
 
 def skip(stream: io.BufferedReader, size: int) -> None:
-    """Skip a number of bytes."""
     if stream.seekable():
         stream.seek(size, io.SEEK_CUR)
         return

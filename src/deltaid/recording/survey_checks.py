@@ -62,7 +62,6 @@ class DerivativeCheck:
         x: Float[np.ndarray, "rows pairs"],
         rate: Float[np.ndarray, "rows pairs"],
     ) -> None:
-        """Add consecutive rows."""
         if not self._names or len(time) < 2:
             return
         step = np.diff(time)
@@ -191,7 +190,6 @@ class SensorCheck:
             )
 
     def doubts(self, rows: int) -> list[Doubt]:
-        """Doubts about sensors without a number in some rows."""
         return [
             Doubt(
                 f"column {self._named[k][1]} of sensor {self._named[k][0]} holds no number in "

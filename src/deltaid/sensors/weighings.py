@@ -69,7 +69,6 @@ class Weighing:
 
 
 def weighings(robot: RobotDescription) -> tuple[Weighing, ...]:
-    """All measured values of a description as rows."""
     layout = parameter_layout(robot)
     prior = np.array([parameter.prior for parameter in layout.parameters])
     alone = [

@@ -148,13 +148,11 @@ def _mapped(path: Path, picks: Sequence[Pick]) -> Generator[Arrays, None, None]:
 
 
 def is_npz(start: bytes, path: Path) -> bool:
-    """Whether the first member of an archive is an array."""
     length = int.from_bytes(start[26:28], "little")
     return start.startswith(b"PK\3\4") and start[30 : 30 + length].endswith(_END.encode())
 
 
 def open_npz(path: Path, mapping: ColumnMapping) -> LogTable:
-    """A file of several arrays, by their headers."""
     fields: list[RecordedField] = []
     with _archive(path) as archive:
         for member in _arrays_of(archive):

@@ -90,7 +90,6 @@ class CsvTable(LogTable):
         return f"{self.path}, row {row + bisect_right(self.comments, row)}"
 
     def cure(self, written: str) -> str:
-        """Fix of a field that is no number, by its marks."""
         if "," in written and self.separator == ",":
             return "decimal commas need semicolons or tabs between the columns"
         if "," in written or "." in written:

@@ -129,7 +129,6 @@ class RestSearch:
 
     @property
     def off(self) -> Runs:
-        """Runs without torque of any drive."""
         back, changes = self._changes
         noisy = np.any(back > _NOISY * changes)
         return joined(np.concatenate([NONE, *self._off, *(self._constant if noisy else [])]))
@@ -276,7 +275,6 @@ class LoadSearch:
         return [(LOAD_CHANGES, drives, np.clip(runs, 0, self._rows - 1))] if drives else []
 
     def doubts(self) -> list[Doubt]:
-        """Doubts about spans in which nothing was recorded."""
         return [
             Doubt(
                 f"load {load.name} is declared for spans in which nothing was recorded",

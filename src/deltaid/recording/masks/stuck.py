@@ -73,7 +73,6 @@ class Extreme:
 
     @property
     def level(self) -> float:
-        """The largest torque so far."""
         return max(self._levels, default=-np.inf)
 
     def runs(self, torque_max: float) -> Runs:

@@ -300,7 +300,6 @@ def doubts_about_holes(
 
 
 def _row(table: LogTable, rows: Int[np.ndarray, " rows"]) -> str:
-    """The first of some rows, as a user counts it."""
     return table.row_name(table.first_row + int(rows[0]))
 
 

@@ -52,7 +52,6 @@ class Grid:
     off: Float[np.ndarray, " kept"]
 
     def without(self, removed: Bool[np.ndarray, " kept"]) -> "Grid":
-        """The grid with some of the rows lost."""
         index = np.cumsum(1 + np.maximum(self.lost, 0))[~removed]
         piece = np.cumsum(self.lost < 0)[~removed]
         lost = np.diff(index, prepend=index[:1] - 1) - 1
@@ -207,7 +206,6 @@ def _extra(place_: Times, noise: float, sharing: float) -> Bool[np.ndarray, " ro
 
 
 def _lowest(x: Times, count: int) -> Times:
-    """Least of each value and those before it."""
     return minimum_filter1d(x, count, mode="nearest", origin=(count - 1) // 2)
 
 

@@ -92,7 +92,6 @@ class PlanUnknowns:
 
     @property
     def bodies(self) -> tuple[str, ...]:
-        """Bodies with unknown entries."""
         return tuple(dict.fromkeys(owner for owner in self.owners if owner))
 
     def of_bodies(self, *bodies: str) -> Int[np.ndarray, " entries"]:

@@ -105,7 +105,6 @@ class Offer(Part):
 
     @property
     def weighs(self) -> tuple[Weigh, ...]:
-        """Values that can be measured with it."""
         return (self.weigh,) if isinstance(self.weigh, Weigh) else self.weigh
 
     @model_validator(mode="after")
@@ -149,7 +148,6 @@ def load_offers(path: str | Path) -> Offers:
 
 @cache
 def shipped_offers() -> Offers:
-    """The list shipped with the package."""
     return parse(shipped_text(), Offers, where=_SHIPPED)
 
 
