@@ -27,6 +27,8 @@ from deltaid.recording.time.counts import in_seconds, is_clock
 
 # A type of polars; the run-time check of types cannot resolve its class.
 _DataType = Any
+# Name, type and expression of a plain column or entry.
+_Entry = tuple[str, _DataType, pl.Expr]
 # Ticks a second of the units of durations.
 _PER_SECOND = {"ns": 1e9, "us": 1e6, "ms": 1e3}
 
@@ -36,24 +38,40 @@ def fields_of(frame: pl.LazyFrame) -> tuple[RecordedField, ...]:
 
     Reads one row for the lengths of lists and for text that is a time.
     """
-    schema = frame.collect_schema()
-    unclear = [name for name, kind in schema.items() if _needs_a_row(kind)]
-    first = frame.select(unclear).head(1).collect() if unclear else pl.DataFrame()
-    return tuple(
-        field
-        for name, kind in schema.items()
-        for field in _fields(name, kind, first[name] if name in unclear else None)
-    )
+    entries = _entries(frame)
+    unclear = [
+        expression.alias(str(k))
+        for k, (_, kind, expression) in enumerate(entries)
+        if isinstance(kind, pl.List | pl.String)
+    ]
+    first = frame.select(unclear).head(1).collect().to_dict()
+    return tuple(_field(name, kind, first.get(str(k))) for k, (name, kind, _) in enumerate(entries))
 
 
-def tops(columns: Sequence[str], picks: Sequence[Pick]) -> list[str]:
-    """Columns of a table that contain these fields."""
-    return list(dict.fromkeys(_top(columns, pick.field.name) for pick in picks))
+def selected(frame: pl.LazyFrame, picks: Sequence[Pick]) -> pl.LazyFrame:
+    """The fields of some picks, in their order, numbered."""
+    expressions = {name: expression for name, _, expression in _entries(frame)}
+    return frame.select(expressions[pick.field.name].alias(str(k)) for k, pick in enumerate(picks))
+
+
+def _entries(frame: pl.LazyFrame) -> list[_Entry]:
+    columns = frame.collect_schema().items()
+    return [entry for name, kind in columns for entry in _under(name, kind, pl.col(name))]
+
+
+def _under(name: str, kind: _DataType, expression: pl.Expr) -> Iterator[_Entry]:
+    """A column, or the entries of a struct and of those in it."""
+    if not isinstance(kind, pl.Struct):
+        yield name, kind, expression
+        return
+    for entry in kind.fields:
+        inner = expression.struct.field(entry.name)
+        yield from _under(f"{name}.{entry.name}", entry.dtype, inner)
 
 
 def rows_of(part: pl.DataFrame, picks: Sequence[Pick]) -> Rows:
-    """Columns of consecutive rows; null where there is no number."""
-    written = [_written(part, pick) for pick in picks]
+    """Columns of consecutive rows of `selected` fields; null where there is no number."""
+    written = [_written(*pair) for pair in zip(part, picks, strict=True)]
     # Text is no number; `in_seconds` converts times.
     numbers = [
         pl.repeat(None, len(column), dtype=pl.Float64, eager=True)
@@ -64,8 +82,7 @@ def rows_of(part: pl.DataFrame, picks: Sequence[Pick]) -> Rows:
     return Rows(numbers, written)
 
 
-def _written(part: pl.DataFrame, pick: Pick) -> pl.Series:
-    series = _column(part, pick.field.name)
+def _written(series: pl.Series, pick: Pick) -> pl.Series:
     if isinstance(series.dtype, pl.List):
         element = series.list.get(pick.at[1] or 0, null_on_oob=True)
         # Null if the list is not as long as the first one.
@@ -78,52 +95,25 @@ def _written(part: pl.DataFrame, pick: Pick) -> pl.Series:
     return series if whole or pick.field.is_clock else series.cast(pl.Float64, strict=False)
 
 
-def _needs_a_row(kind: _DataType) -> bool:
-    if isinstance(kind, pl.Struct):
-        return any(_needs_a_row(entry.dtype) for entry in kind.fields)
-    return isinstance(kind, pl.List | pl.String)
-
-
-def _fields(name: str, kind: _DataType, first: pl.Series | None) -> Iterator[RecordedField]:
-    if isinstance(kind, pl.Struct):
-        for entry in kind.fields:
-            inner = first.struct.field(entry.name) if first is not None else None
-            yield from _fields(f"{name}.{entry.name}", entry.dtype, inner)
-    elif isinstance(kind, pl.List) and _is_number(kind.inner):
+def _field(name: str, kind: _DataType, first: pl.Series | None) -> RecordedField:
+    if isinstance(kind, pl.List) and _is_number(kind.inner):
         size = first.list.len().item() if first is not None and len(first) else 0
-        yield RecordedField(name, (None, size or 0))
-    elif isinstance(kind, pl.Array) and _is_number(kind.inner):
-        yield RecordedField(name, (None, *kind.shape))
-    elif isinstance(kind, pl.Datetime | pl.Time) or (
+        return RecordedField(name, (None, size or 0))
+    if isinstance(kind, pl.Array) and _is_number(kind.inner):
+        return RecordedField(name, (None, *kind.shape))
+    if isinstance(kind, pl.Datetime | pl.Time) or (
         isinstance(kind, pl.String) and first is not None and len(first) and is_clock(first[0])
     ):
-        yield RecordedField(name, is_clock=True)
-    elif _is_number(kind):
-        yield RecordedField(name, is_duration=isinstance(kind, pl.Duration))
-    elif isinstance(kind, pl.Boolean):
-        yield RecordedField(name, is_truth=True)
-    else:
-        yield RecordedField(name, holds=str(kind))
+        return RecordedField(name, is_clock=True)
+    if _is_number(kind):
+        return RecordedField(name, is_duration=isinstance(kind, pl.Duration))
+    if isinstance(kind, pl.Boolean):
+        return RecordedField(name, is_truth=True)
+    return RecordedField(name, holds=str(kind))
 
 
 def _is_number(kind: _DataType) -> bool:
     return kind.is_numeric() or kind == pl.Null or isinstance(kind, pl.Duration)
-
-
-def _column(part: pl.DataFrame, name: str) -> pl.Series:
-    """A column or an entry of a struct; names may have dots."""
-    top = _top(part.columns, name)
-    series, rest = part[top], name[len(top) + 1 :]
-    while isinstance(series.dtype, pl.Struct):
-        entry = next(e.name for e in series.dtype.fields if f"{rest}.".startswith(f"{e.name}."))
-        series, rest = series.struct.field(entry), rest[len(entry) + 1 :]
-    return series
-
-
-def _top(columns: Sequence[str], name: str) -> str:
-    if name in columns:
-        return name
-    return next(column for column in columns if name.startswith(f"{column}."))
 
 
 def open_parquet(path: Path, mapping: ColumnMapping) -> LogTable:
@@ -138,8 +128,7 @@ class ParquetTable(LogTable):
     def rows(self, columns: Sequence[str]) -> Iterator[Rows]:
         picks, row = self.picks(columns), 0
         with _decoding(self.path):
-            frame = _scan(self.path)
-            frame = frame.select(tops(frame.collect_schema().names(), picks))
+            frame = selected(_scan(self.path), picks)
         while True:
             with _decoding(self.path):
                 part = frame.slice(row, BATCH_ROWS).collect()
@@ -220,7 +209,7 @@ class FrameTable(LogTable):
 
     def rows(self, columns: Sequence[str]) -> Iterator[Rows]:
         picks = self.picks(columns)
-        for part in self.frame.select(tops(self.frame.columns, picks)).iter_slices(BATCH_ROWS):
+        for part in selected(self.frame.lazy(), picks).collect().iter_slices(BATCH_ROWS):
             yield rows_of(part, picks)
 
     def checksum(self, columns: Sequence[str]) -> str:
