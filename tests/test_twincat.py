@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from bags import read
 from deltaid.dynamics.dynamics import Dynamics
 from deltaid.errors import RecordingError
 from deltaid.recording.formats.twincat_table import ScopeTable
@@ -40,10 +41,6 @@ OPTIONS = {
     "end of lines": scope(CURVES, end="").replace("\n", "\t\n"),
     "UTF-8 with a mark": "\ufeff" + scope(CURVES),
 }
-
-
-def read(table: LogTable, columns: list[str]) -> np.ndarray:
-    return np.vstack([np.column_stack(rows.numbers) for rows in table.rows(columns)])
 
 
 def opened(folder: Path, text: str) -> LogTable:

@@ -23,14 +23,12 @@ from deltaid.errors import RecordingError
 from deltaid.recording.address import Pick, RecordedField
 from deltaid.recording.mapping import ColumnMapping
 from deltaid.recording.source import BATCH_ROWS, LogTable, Rows, first_line, readable
-from deltaid.recording.time.counts import in_seconds, is_clock
+from deltaid.recording.time.counts import PER_SECOND, in_seconds, is_clock
 
 # A type of polars; the run-time check of types cannot resolve its class.
 _DataType = Any
 # Name, type and expression of a plain column or entry.
 _Entry = tuple[str, _DataType, pl.Expr]
-# Ticks a second of the units of durations.
-_PER_SECOND = {"ns": 1e9, "us": 1e6, "ms": 1e3}
 
 
 def fields_of(frame: pl.LazyFrame) -> tuple[RecordedField, ...]:
@@ -90,7 +88,7 @@ def _written(series: pl.Series, pick: Pick) -> pl.Series:
     elif isinstance(series.dtype, pl.Array):
         series = series.arr.get(pick.at[1] or 0)
     if isinstance(series.dtype, pl.Duration):
-        series = series.to_physical().cast(pl.Float64) / _PER_SECOND[series.dtype.time_unit or "us"]
+        series = series.to_physical().cast(pl.Float64) / PER_SECOND[series.dtype.time_unit or "us"]
     whole = series.dtype.is_integer() and not series.null_count()
     return series if whole or pick.field.is_clock else series.cast(pl.Float64, strict=False)
 

@@ -17,6 +17,7 @@ from itertools import chain
 import numpy as np
 from jaxtyping import Float
 
+from deltaid.recording.columns import Rows
 from deltaid.recording.masks.masks import NONE, Mask, Runs, as_runs, joined, runs_of
 
 # Levels next to the extreme that it is compared with, and the factor by which it is more frequent.
@@ -29,7 +30,6 @@ _STAYS = 0.25
 _SMALL = 0.1
 # Largest difference from a limit of the description, as a share of it.
 _CLOSE = 1e-3
-Rows = Float[np.ndarray, "_ _"]
 # Least jump of positions in steps of the encoder, and in changes per row before and after.
 _STEPS, _FARTHER = 3.0, 1.5
 # Fewest and most rows on either side of a bridge, which are half its length; degree of the

@@ -25,8 +25,8 @@ _ISO = (
     r"(?:[.,](?P<fraction>\d{1,9})\d*)?"
     r"(?: ?(?:Z|UTC|(?P<sign>[+-])(?P<ahead>\d{2})(?::?(?P<past>\d{2}))?))?$"
 )
-# Ticks a second of the units of dates.
-_PER_SECOND = {"ns": 1e9, "us": 1e6, "ms": 1e3}
+# Ticks a second of the units of dates and durations.
+PER_SECOND = {"ns": 1e9, "us": 1e6, "ms": 1e3}
 # Whole numbers beyond this are no longer exact as float64.
 _EXACT = 2 / np.finfo(float).eps
 # A step is a wrap if it differs from the period, and its neighbours from 0, by less than this share
@@ -61,10 +61,10 @@ def _ticks(numbers: Column, written: Column) -> tuple[pl.Series, float] | None:
         numbers = pl.Series(numbers.astype("M8[ns]") if numbers.dtype.kind == "M" else numbers)
     if isinstance(numbers, pl.Series) and numbers.dtype.base_type() in (pl.Datetime, pl.Time):
         unit = getattr(numbers.dtype, "time_unit", "ns")
-        return numbers.to_physical(), _PER_SECOND[unit]
+        return numbers.to_physical(), PER_SECOND[unit]
     if isinstance(written, pl.Series) and written.dtype == pl.String and len(written):
         if is_clock(written[0]):
-            return _nanoseconds(written), _PER_SECOND["ns"]
+            return _nanoseconds(written), PER_SECOND["ns"]
         # Text with so many digits is exact as an integer only.
         exact = written.str.contains(r"^\d{16,19}$").all()
         return (written.cast(pl.Int64, strict=False), 1.0) if exact else None

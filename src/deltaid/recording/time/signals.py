@@ -17,6 +17,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from deltaid.errors import RecordingError
+from deltaid.recording.columns import Rows
 from deltaid.recording.source import BATCH_ROWS
 from deltaid.recording.time.clock import Clock
 from deltaid.recording.units import SIDE
@@ -28,7 +29,6 @@ GAP = 3.0
 Times = Float[np.ndarray, " samples"]
 Instants = Float[np.ndarray, " instants"]
 Values = Float[np.ndarray, "samples channels"]
-Rows = Float[np.ndarray, "_ _"]
 Places = Float[np.ndarray, " _"]
 
 

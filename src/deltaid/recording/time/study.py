@@ -13,6 +13,7 @@ from itertools import chain
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
+from deltaid.recording.columns import Rows
 from deltaid.recording.masks.stuck import DEGREE
 from deltaid.recording.table import recut
 from deltaid.recording.time.clock import JITTER, Clock
@@ -37,7 +38,6 @@ _SIZE, _EDGE = 1 << 16, 1024
 _CLEAR = 0.7
 # Positions are without noise if they are rough by less than this [rad or m].
 _SMOOTH = np.sqrt(np.finfo(float).eps)
-Rows = Float[np.ndarray, "_ _"]
 Places = Int[np.ndarray, " _"]
 # Distance within which a hole is searched: least rows, multiple of the jitter, most rows.
 _NEAR, _REACH, _FARTHEST = 8, 4.0, 128
