@@ -12,7 +12,6 @@ from deltaid.recording.recording import with_filter
 from deltaid.recording.time.clock import doubts_about_holes
 from logs import comma, read, recorded, refusal, text, write
 
-SEMICOLONS = text(recorded(ROWS), ";")
 COMMAS = text(recorded(ROWS), ";", number=comma)
 LINE_150 = GOOD.split("\n")[149]
 FIELDS_150 = LINE_150.split(",")
@@ -21,8 +20,6 @@ BAD_TEXT = {
     "NaN": (with_field(150, "q2", "NaN"), "row 150: column q2 is 'NaN'"),
     "too large": (with_field(150, "q1", "1e999"), "row 150: column q1 is '1e999'"),
     "empty": (with_field(150, "q2", ""), "row 150: column q2 is empty"),
-    "blank": (with_field(150, "q2", "  "), "row 150: column q2 is empty"),
-    "text": (with_field(150, "tau1", "Fehler"), "row 150: column tau1 is 'Fehler'"),
     "control characters": (with_field(150, "q1", "\x00\x01"), "row 150: column q1 is '??'"),
     "first of several": (
         with_field(200, "t", "x", with_field(150, "tau3", "y")),
@@ -37,17 +34,7 @@ BAD_TEXT = {
     "point among commas": (
         with_field(150, "q2", "0.5", COMMAS),
         "row 150: column q2 is '0.5'",
-        "in one way",
-    ),
-    "comma among points": (
-        with_field(150, "q2", "0,5", SEMICOLONS),
-        "row 150: column q2 is '0,5'",
-        "in one way",
-    ),
-    "thousands": (
-        with_field(150, "tau2", "1.234,5", COMMAS),
-        "row 150: column tau2 is '1.234,5'",
-        "thousands",
+        "in one way, with point or comma, and no thousands sign",
     ),
     "decimal commas with commas": (
         text(recorded(ROWS), number=comma),
@@ -70,10 +57,6 @@ BAD_TEXT = {
     "no header": ("\n".join(GOOD.split("\n")[1:]), "row 1: has no header"),
     "duplicated column": (GOOD.replace("q3", "q2", 1), "row 1: has 2 columns called q2"),
     "missing column": (GOOD.replace("tau2", "M2", 1), "row 1: has no column tau2", "--columns"),
-    "no positions": (
-        text(recorded(ROWS).drop("q1", "q2", "q3")),
-        "row 1: has no column q1, q2, q3",
-    ),
     "no torques": (
         text(recorded(ROWS).drop("tau1", "tau2", "tau3")),
         "row 1: has no torque columns",
@@ -111,10 +94,12 @@ BAD_TEXT = {
         "log.csv: column t makes a sampling rate of 1 Hz",
         "unit: ms",
     ),
-    "time in hours": (changed(t=pl.col("t") / 3.6e6), "log.csv: column t makes a sampling rate of"),
     "constant torque": (changed(tau2=pl.lit(0.0)), "log.csv: column tau2 is constant; no torque"),
-    "degrees": (changed(q2=pl.col("q2").degrees()), "column q2 is ", "looks like degrees"),
-    "motor side": (changed(q3=30 * pl.col("q3")), "column q3 is ", "motor side"),
+    "degrees": (
+        changed(q2=pl.col("q2").degrees()),
+        "column q2 is ",
+        "looks like degrees, or like the motor side",
+    ),
     "out of reach": (
         with_field(150, "q1", "-2.5"),
         "row 150: the elbow of limb 1 points inwards at (q1, q2, q3) = (-2.5, ",

@@ -61,7 +61,6 @@ def test_the_list_is_printed_and_read_again(tmp_path: Path) -> None:
         (("--combine", "edge:Q"), "nothing called 'edge:Q'"),
         (("--entries", "S.mcx,Q.m"), "no entry 'Q.m'"),
         (("--budget", "0"), "must be a positive number"),
-        (("--torque-noise", "-1"), "must be a positive number"),
         (("--enough", "2"), "must lie between"),
         (("--gain-spread", "nan"), "must lie between"),
         (("--sensors", "nowhere.yaml"), "no such file"),

@@ -142,7 +142,6 @@ offers:
     ("old", "new", "said"),
     [
         ("quantity: mass, std: 0.001", "quantity: mass", "gives neither std nor share"),
-        ("quantity: mass", "quantity: weight", "offers.scale.weigh.quantity"),
         ("quantity: mass", "quantity: mass, axis: x", "a mass has no axis"),
         ("quantity: mass", "quantity: inertia", "inertia needs its axis"),
         ("quantity: mass", "quantity: centre, axis: x, of: limb", "centre of a limb"),
@@ -150,7 +149,6 @@ offers:
         ("quantity: mass, std: 0.001", "quantity: centre, axis: x, share: 0.1", "needs std, in m"),
         ("price: 20", "price: -1", "line 4, offers.scale.price"),
         ("price: 20", "cost: 20", "offers.scale.cost: unknown key"),
-        ("    price: 20\n", "", "offers.scale.price: is missing"),
         ("    weigh: {quantity: mass, std: 0.001}\n", "", "nothing to do with it"),
         ("weigh:", "sensors: {g: {kind: joint-torque, drive: each}}\n    weigh:", "weigh and"),
         ("weigh: {quantity: mass, std: 0.001}", "sensors: {g: {kind: bathroom}}", "bathroom"),

@@ -172,8 +172,10 @@ def test_columns_in_which_nothing_was_recorded_are_refused(change: pl.Expr, word
         ({"plat": SensorColumns(column="x")}, "no sensor plat; its sensors are plate, gauge1"),
         ({"plat": SensorColumns(column="x")}, "did you mean plate?"),
         ({"zzz": None}, "describe it under `sensors:`"),
-        ({"plate": SensorColumns(columns=("a", "b"))}, "sensors.plate.columns: lists 2 columns"),
-        ({"gauge1": SensorColumns(columns=("a", "b"))}, "but the sensor shows 1 number: gauge1"),
+        (
+            {"gauge1": SensorColumns(columns=("a", "b"))},
+            "sensors.gauge1.columns: lists 2 columns, but the sensor shows 1 number: gauge1",
+        ),
         ({"plate": SensorColumns(columns=tuple(SIX), sign=(1, -1))}, "sensors.plate.sign: lists 2"),
         ({"plate": SensorColumns(column="x")}, "has no column x[0]"),
         ({"gauge1": SensorColumns(column="gauge2")}, "did you mean gauge1?"),
