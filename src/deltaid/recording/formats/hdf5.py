@@ -120,8 +120,6 @@ def _opened(path: Path) -> Generator[Any, None, None]:
     try:
         with h5py.File(path, "r", rdcc_nbytes=_CACHE) as file:
             yield file
-    except RecordingError:
-        raise
     except _DAMAGE as error:
         reason = first_line(error)
         cure = "copy or export it again"
