@@ -29,7 +29,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A log, and the model that `deltaid identify` makes of it, with what it prints as JSON."""
     place = tmp_path_factory.mktemp("cli")
     write(place / "log.csv", recorded(1500))
-    write(place / "log.parquet", recorded(1500))
+
     write(place / "motion.csv", recorded(1500, derivatives=True).drop(names("tau")))
     outcome = run("identify", ROBOT, place / "log.csv", "-o", place / "model.yaml", "--json")
     assert outcome.code == 0
@@ -79,12 +79,6 @@ def test_identify_json() -> None:
     assert value["friction"]["joints"] == ["drive1", "drive2", "drive3", "drive4", "slide"]
     assert len(value["rms"]) == len(value["nrmse"]) == 4
     assert value["verify"]["rms"] == pytest.approx(value["rms"])
-
-
-def test_csv_and_parquet_give_the_same_model(folder: Path) -> None:
-    value = json.loads(run("identify", ROBOT, folder / "log.parquet", "--json").out)
-    expected = json.loads((folder / "identified.json").read_text())
-    assert value["parameters"] == expected["parameters"]
 
 
 @pytest.mark.parametrize(
@@ -214,14 +208,6 @@ def test_base(folder: Path) -> None:
     assert "base parameter" in run("base", ROBOT).out
 
 
-def test_demo(tmp_path: Path) -> None:
-    outcome = run("demo", ROBOT, "--keep", tmp_path / "new" / "demo")
-    assert outcome.code == 0
-    assert "Against the truth" in outcome.out
-    kept = {path.name for path in (tmp_path / "new" / "demo").iterdir()}
-    assert kept == {"robot.yaml", "truth.yaml", "identify.csv", "verify.csv", "model.yaml"}
-
-
 def test_columns_option(folder: Path, tmp_path: Path) -> None:
     frame = recorded(1500)
     renamed = frame.select(
@@ -250,17 +236,6 @@ def test_warnings_leave_json_clean(folder: Path, tmp_path: Path) -> None:
 def fits_80_columns(text: str) -> None:
     assert "…" not in text.replace(" … ", " to ")  # but in ranges: nothing is cut off
     assert max(len(line) for line in text.splitlines() if "  " in line) <= 80
-
-
-def test_tables_fit_80_columns(folder: Path) -> None:
-    fits_80_columns(run("robots").out)
-    fits_80_columns(run("base", ROBOT, folder / "log.csv").out)
-
-
-@pytest.mark.slow
-def test_tables_of_four_drives_fit_80_columns() -> None:
-    log = identified("irb360-6-1600").log
-    fits_80_columns(run("identify", "irb360-6-1600", log, "--verify", log).out)
 
 
 def test_tables_lose_nothing_on_narrow_terminals(folder: Path) -> None:

@@ -4,11 +4,13 @@ import os
 import runpy
 import subprocess
 import sys
+from importlib.metadata import version
 from pathlib import Path
 
 import pytest
 import typer
 
+import deltaid
 from command import run
 from deltaid.cli.app import app
 from deltaid.view.page import made
@@ -32,7 +34,8 @@ def test_help(arguments: list[str]) -> None:
 
 
 def test_version() -> None:
-    assert run("--version").out.startswith("deltaid ")
+    assert run("--version").out == f"deltaid {version('deltaid')}\n"
+    assert deltaid.__version__ == version("deltaid")
 
 
 def test_no_arguments_show_help() -> None:
@@ -40,7 +43,7 @@ def test_no_arguments_show_help() -> None:
     assert "identify" in outcome.out + outcome.err
 
 
-HEAVY = ("casadi", "polars", "scipy", "numpy", "ruamel", "pint", "llvmlite", "clarabel")
+HEAVY = ("casadi", "polars", "scipy", "numpy", "ruamel", "pint", "llvmlite", "clarabel", "viser")
 START = "from deltaid.cli import main; import sys; sys.argv = ['deltaid', {}]; main()"
 
 

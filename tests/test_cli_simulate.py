@@ -8,7 +8,7 @@ import polars as pl
 import pytest
 
 import deltaid
-from command import Outcome, refused, run
+from command import refused, run
 from deltaid.control.comparison import _lack, base_vector, candidates
 from deltaid.control.controllers import CONTROLLERS
 from deltaid.control.tracking import open_trajectory
@@ -149,15 +149,6 @@ def test_file_of_a_lost_robot_ends_where_it_was_lost(folder: Path, tmp_path: Pat
     assert table["t"][-1] == pytest.approx(answer["ended"] - 1e-3)
 
 
-def test_json_of_simulate(folder: Path) -> None:
-    outcome = run("simulate", ROBOT, folder / "short.csv", "--controller", "slotine-li", "--json")
-    answer = json.loads(outcome.out)
-    assert answer["controller"] == "slotine-li"
-    assert answer["ended"] is None
-    assert answer["platform_rms"] < 1e-4
-    assert len(answer["drive_rms"]) == 3
-
-
 def test_settings_are_given_whole_or_one_by_one(folder: Path) -> None:
     asked = {"rate": 500.0, "delay": 1, "encoder": 0.0}
     whole, single, usual = (
@@ -202,12 +193,6 @@ def test_bad_input(line: str, message: str, folder: Path, monkeypatch: pytest.Mo
     far = pl.read_csv("motion.csv").with_columns(q1=pl.col("q1") + 1.7)
     far.write_csv("far.csv")
     assert message in " ".join(refused(*line.format(m="model.yaml").split(), folder=folder).split())
-
-
-def test_an_unknown_controller_is_told(folder: Path) -> None:
-    outcome: Outcome = run("simulate", ROBOT, folder / "motion.csv", "--controller", "pid")
-    assert outcome.code == 2
-    assert "'pid' is not one of" in outcome.err
 
 
 def test_a_plant_of_another_geometry_is_followed_too(folder: Path, tmp_path: Path) -> None:

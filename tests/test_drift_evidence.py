@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from deltaid.errors import DeltaidError
 from deltaid.fleets.drift_evidence import (
     _A_YEAR,
     FREEDOM,
@@ -279,15 +278,6 @@ def test_a_tool_change_has_its_day_and_mass() -> None:
     assert found[0].mass == pytest.approx(0.3, abs=0.03)
     assert found[1].mass == pytest.approx(-0.1, abs=0.03)
     assert tool_changes(days, 0.02 * rng.standard_normal(100), np.full(100, 0.02), 40.0) == ()
-
-
-@pytest.mark.parametrize(
-    "given", [{"limit": 1.0}, {"limit": -1.0, "limit_is": "torque"}, {"false_alarms": 0.0},
-              {"limit": float("nan")}, {"false_alarms": float("nan")}]
-)  # fmt: skip
-def test_settings_that_cannot_be_are_refused(given: dict) -> None:
-    with pytest.raises(DeltaidError):
-        DriftSettings(**given)
 
 
 def test_what_is_known_before_is_that_of_the_grid() -> None:

@@ -36,10 +36,7 @@ from deltaid.fleets.place import Place
 from deltaid.fleets.run import fleet as run_fleet
 from deltaid.fleets.step import Chain, tables_of, work
 from deltaid.fleets.workers import Workers, open_workers, require_shared
-from deltaid.mechanism import user_code
-from deltaid.mechanism.user_code import named_path
 from deltaid.model.record import IdentifiedModel
-from deltaid.robot import own
 from deltaid.robot.load import load_robot
 from plant import DAYS, SETTINGS, Plant, manifest, no_workers, plant, recordings
 from stores import KEYS, dask_cluster, s3_server, unreliable
@@ -159,8 +156,9 @@ def test_what_a_worker_has_done_before_it_dies_counts(
 
 
 def test_the_command_tells_what_it_has_done(whole: Plant) -> None:
+    path = whole.folder / "next.yaml"
     done = run("fleet", whole.manifest, "-o", whole.output, "--cutoff", 15, "--friction",
-               "described", "--json")  # fmt: skip
+               "described", "--json", "--prior-out", path)  # fmt: skip
     assert done.code == 0, done.err
     told = json.loads(done.out)
     assert {key: told[key] for key in ("robots", "used", "gathered", "fits", "fitted")} == {
@@ -168,13 +166,6 @@ def test_the_command_tells_what_it_has_done(whole: Plant) -> None:
     }  # fmt: skip
     assert [line["which"] for line in told["quarantine"]] == [str(whole.path("south/2026-01-09"))]
     assert Path(told["site"]).is_file()
-
-
-def test_what_the_fleet_knows_is_a_description_of_the_next_robot(whole: Plant) -> None:
-    path = whole.folder / "next.yaml"
-    done = run("fleet", whole.manifest, "-o", whole.output, "--cutoff", 15, "--friction",
-               "described", "--prior-out", path)  # fmt: skip
-    assert done.code == 0, done.err
     assert "mean of 2 robots" in load_robot(path).sources["friction"]
 
 
@@ -355,31 +346,6 @@ def _killed_call(site: Site) -> None:
         sleep(0.05)
     call.kill()
     call.wait()
-
-
-def _deadly(number: int) -> int:
-    assert named_path() is not None
-    if number == 3:
-        os.kill(os.getpid(), signal.SIGKILL)
-    if number == 5:
-        raise ZeroDivisionError("a defect")
-    return number
-
-
-@pytest.mark.slow
-def test_what_kills_workers_stops_nothing_else(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """All workers, also those that take the place of others, know the user's own mechanism."""
-    monkeypatch.setattr(own, "_named", [])
-    (tmp_path / "mine.py").write_text("def mechanism(z): pass\n", encoding="utf-8")
-    user_code.use_mechanism(tmp_path / "mine.py")
-    failed: dict[int, str] = {}
-    with open_workers(count=1) as pool:
-        results = list(pool.done(_deadly, range(8), lambda item, why: failed.setdefault(item, why)))
-    assert sorted(result for result in results if isinstance(result, int)) == [0, 1, 2, 4, 6, 7]
-    assert "workers die of it" in failed[3]
-    assert "ZeroDivisionError: a defect" in failed[5]
 
 
 def test_a_folder_that_workers_do_not_see_is_told(tmp_path: Path) -> None:

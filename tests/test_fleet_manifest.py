@@ -6,7 +6,7 @@ from pathlib import Path
 import polars as pl
 import pytest
 
-from command import run
+from command import refused
 from deltaid.fleets.fleet import find_fleet
 from deltaid.fleets.manifest import Manifest
 from deltaid.fleets.steps import TABLES
@@ -83,11 +83,7 @@ def test_a_time_in_yaml_is_that_of_the_recording(tmp_path: Path, time: str) -> N
 def test_a_mistake_of_the_manifest_is_one_message(tmp_path: Path, text: str, words: str) -> None:
     own = plant(tmp_path).record(*FIRST)
     own.manifest.write_text(text, encoding="utf-8")
-    refused = run("fleet", own.manifest, "-o", own.output, width=300)
-    assert refused.code == 2
-    assert refused.errors == 1
-    assert words in refused.err
-    assert not own.output.exists()
+    assert words in refused("fleet", own.manifest, "-o", own.output, folder=tmp_path)
 
 
 @pytest.mark.parametrize(
@@ -104,9 +100,8 @@ def test_a_mistake_of_the_manifest_is_one_message(tmp_path: Path, text: str, wor
 )
 def test_a_mistake_in_a_row_is_one_message(tmp_path: Path, text: str, words: str) -> None:
     (tmp_path / "fleet.csv").write_text(text, encoding="utf-8")
-    refused = run("fleet", tmp_path / "fleet.csv", "-o", tmp_path / "out", width=300)
-    assert refused.code == 2
-    assert words in refused.err
+    command = ("fleet", tmp_path / "fleet.csv", "-o", tmp_path / "out")
+    assert words in refused(*command, folder=tmp_path)
 
 
 @pytest.mark.parametrize(

@@ -11,9 +11,12 @@ import psutil
 import pytest
 
 from deltaid.fleets.workers import open_workers
+from deltaid.mechanism.user_code import named_path, use_mechanism
+from deltaid.robot import own
 
 
 def _work(item: int) -> int:
+    assert named_path() is not None
     if item == 3:
         os.kill(os.getpid(), signal.SIGKILL)
     if item == 4:
@@ -22,7 +25,13 @@ def _work(item: int) -> int:
 
 
 @pytest.mark.parametrize("workers", [1, 2])
-def test_what_kills_a_process_stops_nothing_else(workers: int) -> None:
+def test_what_kills_a_process_stops_nothing_else(
+    workers: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """All workers, also those that take the place of others, know the user's own mechanism."""
+    monkeypatch.setattr(own, "_named", [])
+    (tmp_path / "mine.py").write_text("def mechanism(z): pass\n", encoding="utf-8")
+    use_mechanism(tmp_path / "mine.py")
     failed: dict[int, str] = {}
 
     def note(item: int, why: str) -> int:
@@ -66,10 +75,10 @@ def test_workers_open_no_port_and_end_with_their_call(tmp_path: Path, number: in
         assert call.stdout is not None
         call.stdout.readline()
         call.stdout.readline()
-        own = psutil.Process(call.pid)
-        workers = own.children(recursive=True)
+        parent = psutil.Process(call.pid)
+        workers = parent.children(recursive=True)
         assert len(workers) >= 2
-        assert all(not process.net_connections(kind="all") for process in (own, *workers))
+        assert all(not process.net_connections(kind="all") for process in (parent, *workers))
         began = time.monotonic()
         call.send_signal(number)
         call.communicate(timeout=30)

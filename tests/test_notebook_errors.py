@@ -8,7 +8,6 @@ import re
 import subprocess
 import sys
 from collections.abc import Callable
-from pathlib import Path
 
 import numpy as np
 import polars as pl
@@ -183,11 +182,3 @@ def test_ipython_completes_names_of_our_own(session: str) -> None:
     assert found["deltaid.load"] == {"load", "load_mapping", "load_offers", "load_robot"}
     assert {"plot", "report", "changed", "workspace"} <= found["robot."]
     assert not {name for name in found["robot."] if name.startswith("model_")}
-
-
-def test_nothing_is_written_where_something_is_wrong(tmp_path: Path) -> None:
-    with pytest.raises(deltaid.DeltaidError):
-        deltaid.load(NAME).report(tmp_path / "x.txt")
-    with pytest.raises(deltaid.DeltaidError):
-        deltaid.load_robot(NAME).report(__file__ + "/x.html")
-    assert not list(tmp_path.iterdir())

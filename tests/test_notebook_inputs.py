@@ -1,7 +1,6 @@
 """The whole way through `import deltaid`, whatever stands for the robot and the recording."""
 
 from collections.abc import Callable
-from importlib.metadata import version
 from pathlib import Path
 
 import numpy as np
@@ -189,7 +188,3 @@ def test_cured_columns_are_the_cure() -> None:
     assert deltaid.check(NAME, wrong, columns=cured).grade == "good"
     found = deltaid.validate(NAME, wrong, columns=cured).error.rms
     np.testing.assert_allclose(found, deltaid.validate(NAME, recorded(3000)).error.rms, rtol=1e-9)
-
-
-def test_the_version_is_that_of_the_package() -> None:
-    assert deltaid.__version__ == version("deltaid")

@@ -21,7 +21,6 @@ from deltaid.fleets.population import (
     Population,
     members_table,
     next_robot,
-    save_next,
     types_table,
     widest,
 )
@@ -38,7 +37,7 @@ from deltaid.motion.surrogate import (
     write_recording,
 )
 from deltaid.robot.inertia import PSEUDO_INERTIA_ENTRIES, inertia_parameters, pseudo_inertia
-from deltaid.robot.load import load_robot
+from deltaid.robot.load import load_robot, save_yaml
 from deltaid.robot.measured import Measured
 
 ROBOT = load_robot("clavel-delta3")
@@ -247,9 +246,9 @@ def test_the_next_robot_has_the_type_as_its_prior(known, tmp_path: Path) -> None
     c = np.eye(len(LAYOUT.names))[STRUT]
     fact = MeasuredFact("scale", c, truths[0, STRUT], 1e-3)
     found = fitted([replace(members[0], facts=(fact,)), *members[1:]], ROBOT)
-    save_next(found, "plant A", tmp_path / "type.yaml")
-    robot = load_robot(str(tmp_path / "type.yaml"))
-    assert robot == next_robot(found, "plant A")
+    robot = next_robot(found, "plant A")
+    save_yaml(robot, tmp_path / "type.yaml")
+    assert robot == load_robot(str(tmp_path / "type.yaml"))
     assert "mean of 40 robots of plant A" in robot.sources["bodies.S"]
     mass, spread = robot.bodies["S"].prior_parameters()[0], robot.bodies["S"].spread
     assert mass == pytest.approx(found.mean.value[STRUT])

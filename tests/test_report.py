@@ -160,14 +160,8 @@ def test_a_report_that_cannot_be_written_is_refused_before_any_work(
     folder: Path, tmp_path: Path
 ) -> None:
     robot, log = folder / "robot.yaml", next(folder.glob("*.csv"))
-    for report, complaint in (
-        (tmp_path / "page.pdf", ".html"),
-        (robot / "page.html", "robot.yaml is a file, not a folder"),
-        (f"{tmp_path}/none/", "is a folder"),
-    ):
-        for command in (("identify", robot, log), ("excite", "clavel-delta3")):
-            assert complaint in refused(*command, "--report", report, folder=tmp_path)
-    assert ".html" in refused("validate", robot, log, "--report", "r.txt", folder=tmp_path)
+    for command in (("identify", robot, log), ("validate", robot, log), ("excite", robot)):
+        assert ".html" in refused(*command, "--report", tmp_path / "page.pdf", folder=tmp_path)
     page = tmp_path / "log.html"
     page.write_bytes(log.read_bytes())
     assert "overwrite" in refused("identify", robot, page, "--report", page, folder=tmp_path)

@@ -11,8 +11,6 @@ import polars as pl
 import pytest
 
 from deltaid.dynamics.dynamics import compiled
-from deltaid.mechanism.kinematics import Kinematics
-from deltaid.mechanism.skeleton import Skeleton
 from deltaid.model.corrections import Correction
 from deltaid.model.verdict import Grade, Verdict
 from deltaid.motion.excitation.excite import ExcitationSettings, Exciter, LimitUse
@@ -32,7 +30,6 @@ from deltaid.view.page import Fact, Figure, Page, Section, Table, Text
 from deltaid.view.torques import over_time, residual_blocks
 from html_page import HOSTILE, Document
 from logs import recorded, true_parameters, write
-from support import KINDS
 
 
 def test_hostile_text_in_every_part_of_a_page() -> None:
@@ -71,29 +68,6 @@ def test_a_long_recording_is_thinned_and_keeps_its_outlier(tmp_path: Path) -> No
     worst = np.nanargmax(np.abs(c.measured - c.predicted)[:, 1])  # NaN where it does not count
     assert c.time[worst] == pytest.approx(frame["t"][outlier])
     assert np.all(np.diff(c.time) > 0)
-
-
-@pytest.mark.parametrize("name", KINDS)
-def test_skeleton_has_the_robots_lengths(name: str) -> None:
-    robot = load_robot(name)
-    kinematics = Kinematics(robot)
-    skeleton = Skeleton(robot, kinematics.mechanism)
-    rng = np.random.default_rng(3)
-    centre, half = robot.workspace.inner_box
-    z = np.zeros((20, kinematics.dof))
-    z[:, :3] = centre + half * rng.uniform(-1, 1, (20, 3))
-    z[:, 3:] = rng.uniform(-1, 1, (20, kinematics.dof - 3))
-    ends = skeleton.evaluate(z)
-    bodies = np.array([segment.body for segment in skeleton.segments])
-    lengths = np.linalg.norm(ends[:, :, 1] - ends[:, :, 0], axis=2)
-    np.testing.assert_allclose(lengths[:, bodies == "S"], robot.limbs.strut, rtol=1e-12)
-    assert (bodies == "S").sum() == robot.limbs.count * robot.limbs.struts_per_limb
-    if robot.limbs.drive == "rotary":
-        arms = np.isclose(lengths[:, bodies == "U"], robot.limbs.upper_arm, rtol=1e-12)
-        assert np.all(arms.sum(axis=1) == robot.limbs.count)
-    platform = ends[:, bodies == robot.platform.bodies[0]].mean(axis=(1, 2))
-    np.testing.assert_allclose(platform, z[:, :3], atol=1e-12)
-    assert np.ptp(ends[:, bodies == "base"], axis=0).max() < 1e-12
 
 
 def test_ellipsoid_of_a_cylinder_has_its_mass_centre_and_moments() -> None:

@@ -28,11 +28,6 @@ def test_a_port_in_use_is_refused(tmp_path: Path) -> None:
     assert "65535" in refused("show", "clavel-delta3", "--live", "--port", 99999, folder=tmp_path)
 
 
-def test_help_does_not_load_viser() -> None:
-    code = "import sys, deltaid.cli.app; sys.exit('viser' in sys.modules)"
-    assert subprocess.run([sys.executable, "-c", code]).returncode == 0
-
-
 @pytest.mark.slow
 @pytest.mark.skipif(os.name != "posix", reason="signals as POSIX has them")
 def test_ctrl_c_closes_the_live_view() -> None:

@@ -1,7 +1,6 @@
 """Warnings and errors say what is wrong and how to mend it; names in them stand as they are."""
 
 import ast
-import copy
 import re
 from collections.abc import Iterator
 from pathlib import Path
@@ -14,7 +13,7 @@ import deltaid
 from command import run
 from deltaid import errors
 from deltaid.cli.output import console, table
-from deltaid.errors import Doubt, RecordingError, visible
+from deltaid.errors import Doubt, visible
 from deltaid.robot.load import catalogue_text
 from deltaid.view.html import render
 from deltaid.view.page import Page, Section, Table, Text
@@ -113,12 +112,6 @@ def test_every_error_says_where_and_how_to_mend_it() -> None:
         # `fit` tells the recordings of what goes wrong in it.
         assert named or place.split(":")[0] in OF_A_FIT, place
         assert "cure" in keywords or "must " in what or "give " in what, place
-
-
-def test_errors_come_back_whole_from_another_process() -> None:
-    error = RecordingError("is empty", where="log.csv", cure="record again")
-    again = copy.copy(error)  # as pickle takes it apart and puts it together
-    assert (type(again), str(again)) == (RecordingError, str(error))
 
 
 CLAVEL = catalogue_text("clavel-delta3")

@@ -106,7 +106,6 @@ def show(
 
 
 def write_robot(robot: "AtRest", path: Path, origin: str) -> None:
-    """Write the page of a robot at rest, with the origin of its parameters."""
     from deltaid.view import html, reach, robots
 
     page = robots.rest_page(robot, reach.reach(robot), reach.survey(robot), origin)

@@ -107,7 +107,6 @@ def used(model: "deltaid.Model", *, force: bool = False, as_prior: bool = True) 
 
 
 def styled(text: str, style: str = "bold") -> Text:
-    """Text in a style, such as 'bold'."""
     return Text(visible(text), style)
 
 
@@ -179,7 +178,6 @@ def print_found(
 
 
 def print_next(text: str) -> None:
-    """Print the user's next step."""
     for line in _folded(f"→ {text}"):
         console.print(styled(str(line), "dim"))
 

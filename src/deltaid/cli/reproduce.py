@@ -1,5 +1,6 @@
 """`deltaid reproduce`: the paper's examples, from excitation to figures."""
 
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -10,6 +11,7 @@ from deltaid.cli.options import AsJson
 from deltaid.cli.output import Finished, console, print_found, print_json, progress
 from deltaid.files import together
 from deltaid.progress import Progress
+from deltaid.view.page import Page
 
 Example = Literal["surrogate", "irb360"]
 # Result of an example as JSON, its table, and notes.
@@ -52,19 +54,14 @@ def reproduce(
 
 
 def _surrogate(folder: Path, say: Progress, quick: bool, given: dict[str, int]) -> Reproduced:
-    """Reproduce Sec. VII into a folder."""
     from deltaid.reproduce import files
     from deltaid.reproduce import surrogate_page as view
     from deltaid.reproduce.surrogate import QUICK, SurrogateSettings, reproduce_surrogate
-    from deltaid.view.html import write_page
 
     files.require_folder(folder, files.SURROGATE_FILES)
     settings = replace(QUICK if quick else SurrogateSettings(), **given)
     result = reproduce_surrogate(settings, progress=say)
-    say("writing")
-    with together():
-        files.write_files(result, folder)
-        write_page(view.surrogate_page(result), folder / files.REPORT)
+    value = _written(result, view.surrogate_page, folder, say)
     fewest = min(result.fits, key=lambda fit: fit.accuracy.definite).accuracy
     title = "Sec. VII, largest errors along the motion; certified optimum (conic)"
     table = Finished(view.comparison_columns(result), view.comparison_rows(result), title=title)
@@ -75,25 +72,34 @@ def _surrogate(folder: Path, say: Progress, quick: bool, given: dict[str, int]) 
         f"M has a Cholesky factor at {fewest.definite} of {fewest.samples} samples, in the worst "
         "of all fits",
     )
-    return files.as_dictionary(result), table, notes
+    return value, table, notes
 
 
 def _irb360(folder: Path, say: Progress, quick: bool, given: dict[str, int]) -> Reproduced:
-    """Reproduce Sec. VIII into a folder."""
     from deltaid.reproduce import files
     from deltaid.reproduce import irb360_page as view
     from deltaid.reproduce.irb360 import QUICK, reproduce_irb360
     from deltaid.reproduce.surrogate import RecordingSettings
-    from deltaid.view.html import write_page
 
     files.require_folder(folder, files.IRB360_FILES)
     settings = replace(QUICK if quick else RecordingSettings(), **given)
     result = reproduce_irb360(settings, progress=say)
-    say("writing")
-    with together():
-        files.write_files(result, folder)
-        write_page(view.irb360_page(result), folder / files.REPORT)
+    value = _written(result, view.irb360_page, folder, say)
     title = "Sec. VIII with a simulated stand-in for the machine"
     table = Finished(view.rms_columns(result), view.rms_rows(result), title=title)
     notes = ("rows “the paper” hold numbers of its own machine; all others are simulated here",)
-    return files.as_dictionary(result), table, notes
+    return value, table, notes
+
+
+def _written(
+    result: Any, page: Callable[[Any], Page], folder: Path, say: Progress
+) -> dict[str, Any]:
+    """An example as JSON, after its files and its page were written."""
+    from deltaid.reproduce import files
+    from deltaid.view.html import write_page
+
+    say("writing")
+    with together():
+        files.write_files(result, folder)
+        write_page(page(result), folder / files.REPORT)
+    return files.as_dictionary(result)

@@ -121,7 +121,6 @@ def robots(
 
 
 def _mechanism(robot: "deltaid.RobotDescription") -> str:
-    """Composition of a mechanism: limbs, platform, telescope."""
     limbs = [limb.drive for limb in robot.limb_geometry]
     parts = [f"{limbs.count(kind)} {kind}" for kind in dict.fromkeys(limbs)]
     parts += [robot.platform.kind] if robot.platform_turns else []

@@ -156,12 +156,12 @@ class RecordingBlock:
         """Rows with the effects of tolerances, weighted as in the fit; None without tolerances."""
         if self.geometry is None:
             return None
-        rows, count = list[Rows](), len(self.quantities)
+        rows = list[Rows]()
         for R, drive, weight in zip(self.geometry.factors, merging.drives, weights, strict=True):
             n = len(drive.at)
             rows.append(weight * np.column_stack([R[0, :, :n] @ drive.combinations, R[0, :, n:]]))
         Y, D, tau = np.split(np.vstack(rows), [len(merging.active), -1], axis=1)
-        assert D.shape[1] == count
+
         return GeometricRows(Y, tau[:, 0], D, self.quantities)
 
 
@@ -193,7 +193,6 @@ def _rounded(groups: FactorGroups) -> FactorGroups:
 
 
 def _summed(groups: FactorGroups, members: Mapping[int | str, Sequence[int]]) -> FactorGroups:
-    """Merged groups by their new names; a group that stays alone keeps every bit."""
     each = [list(places) for places in members.values()]
     factors = (
         [R[k[0]] if len(k) == 1 else triangle(R[k].reshape(-1, R.shape[2])) for k in each]

@@ -122,7 +122,6 @@ class _Draws:
 
 
 def finding(series: Explained, drive: int, settings: DriftSettings, drives: int) -> DriftFinding:
-    """The finding on one drive from the series of its robot."""
     threshold = drives / settings.false_alarms
     R, recorded = float(series.evidence.R[drive]), np.isfinite(series.y[drive])
     count = int(recorded.sum())

@@ -68,11 +68,6 @@ class FactorFile:
     path: str = ""  # of the file; empty if it is not written yet
     key: str = ""  # checksum of its inputs
 
-    @property
-    def where(self) -> str:
-        """The file, or its recording, for messages."""
-        return self.path or self.record.log
-
     @cached_property
     def brief(self) -> RecordingBrief:
         """Data for a fit of many recordings in addition to the factors."""

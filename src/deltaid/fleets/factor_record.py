@@ -42,7 +42,6 @@ class FactorGroups:
         samples: Float[np.ndarray, "groups drives"],
         torque_max: Float[np.ndarray, "groups drives"],
     ) -> "FactorGroups":
-        """Groups from each drive's rows."""
         missing = (max(A.shape[2] - A.shape[1], 0) for A in rows)
         padded = (
             np.pad(A, ((0, 0), (0, count), (0, 0))) for A, count in zip(rows, missing, strict=True)
@@ -52,14 +51,11 @@ class FactorGroups:
     def __len__(self) -> int:
         return len(self.names)
 
-    def only(self, places: Sequence[int]) -> "FactorGroups":
-        kept, arrays = [*places], (self.samples, self.torque_max)
-        factors, names = tuple(R[kept] for R in self.factors), tuple(self.names[k] for k in kept)
-        return FactorGroups(names, factors, *(array[kept] for array in arrays))
-
     def named(self, first: str) -> "FactorGroups":
         """Groups whose names begin with a word."""
-        return self.only([k for k, name in enumerate(self.names) if name.startswith(first)])
+        kept = [k for k, name in enumerate(self.names) if name.startswith(first)]
+        factors, names = tuple(R[kept] for R in self.factors), tuple(self.names[k] for k in kept)
+        return FactorGroups(names, factors, self.samples[kept], self.torque_max[kept])
 
     def joined(self, other: "FactorGroups") -> "FactorGroups":
         """Its groups, then the other's."""

@@ -149,7 +149,6 @@ def gathered_columns(problem: FittedProblem, recording: PreparedRecording) -> Ga
 
 
 def condensed(columns: GatheredColumns, recording: PreparedRecording) -> RecordingFactors:
-    """A recording's factors over gathered columns."""
     rows = MeasuredRows(columns.regressor)
     box, parts, names = _cells(columns.dynamics.robot, recording.log.reach)
     places = PlaceSums(box, rows.dof, len(rows.active) + 1, parts)
@@ -264,8 +263,6 @@ def record_of(
     condensed: RecordingFactors,
     quantities: tuple[str, ...],
 ) -> FactorRecord:
-    """The record of a gathered recording: description, own identification, factors, and names of
-    tolerances."""
     recording, model = result.recordings[0], result.model
     log, (low, high) = recording.log, recording.log.reach.tolist()
     fastest = {curve.joint: max(curve.speed) for curve in model.friction_curves}

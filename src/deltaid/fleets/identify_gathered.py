@@ -86,7 +86,7 @@ def validate_gathered(model: ModelLike, file: FactorFile) -> TorqueError:
     require_alike([file], identified.robot)
     merging = merging_of([file.brief], identified.robot, Settings())
     loads = {
-        columns.load.name: known_load(columns, identified, file.where)
+        columns.load.name: known_load(columns, identified, file.brief.where)
         for columns in merging.additions
         if isinstance(columns, LoadColumns) and columns.parameters
     }

@@ -10,7 +10,6 @@ Q − Σ_j w_j r_j r_jᵀ ⪰ 0, by a barrier method with Newton steps.
 
 from dataclasses import dataclass
 from importlib.metadata import version
-from pathlib import Path
 
 import numpy as np
 import polars as pl
@@ -25,7 +24,6 @@ from deltaid.fleets.member import unmeasured
 from deltaid.fleets.mixed_model import ENOUGH, Spreads
 from deltaid.robot.body import ExplicitInertia
 from deltaid.robot.description import RobotDescription
-from deltaid.robot.load import save_yaml
 
 # Largest number of listed names.
 _SHOWN = 5
@@ -119,7 +117,6 @@ class Population:
 
     @property
     def free(self) -> Bool[np.ndarray, " parameters"]:
-        """Parameters that the fit may change."""
         return np.any(self.coordinates.to_p != 0, axis=1)
 
     @property
@@ -201,15 +198,6 @@ def next_robot(population: Population, fleet: str) -> RobotDescription:
     data["sources"] |= {f"bodies.{name}": source for name in population.layout.bodies}
     data["sources"] |= {key: text for key in ("friction", "rotor_inertia") if data[key]}
     return RobotDescription.model_validate(data)
-
-
-def save_next(population: Population, fleet: str, path: Path) -> None:
-    """Write the next robot's description, whole or not at all.
-
-    Raises:
-        DeltaidError: it cannot be written.
-    """
-    save_yaml(next_robot(population, fleet), path)
 
 
 def _spreads(fleet: Population) -> dict[str, dict[str, float]]:

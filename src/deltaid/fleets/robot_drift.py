@@ -51,7 +51,6 @@ class DriftRecording:
 
     @property
     def brief(self) -> RecordingBrief:
-        """Its brief."""
         return self.file.brief if isinstance(self.file, FactorFile) else self.file
 
     @property
@@ -140,11 +139,9 @@ class RobotDrift:
     settings: DriftSettings
 
     def date(self, day: float | None) -> datetime | None:
-        """Date of a day since the first recording."""
         return None if day is None else self.recordings[0].time + timedelta(days=day)
 
     def dates(self, days: Between) -> tuple[datetime | None, datetime | None, datetime | None]:
-        """Dates of a day and its interval."""
         return self.date(days.value), self.date(days.low), self.date(days.high)
 
     @property

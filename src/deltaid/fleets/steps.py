@@ -22,7 +22,7 @@ from deltaid.fleets.gather_plan import GatherResult
 from deltaid.fleets.identify_gathered import identify_merged
 from deltaid.fleets.member import TypeMember, member, read_member, write_member
 from deltaid.fleets.place import Place
-from deltaid.fleets.population import MEMBERS, TYPES, members_table, save_next, types_table
+from deltaid.fleets.population import MEMBERS, TYPES, members_table, next_robot, types_table
 from deltaid.fleets.robot_drift import DriftRecording, drift_of, kept_since
 from deltaid.fleets.robot_recordings import RobotRecordings, merged_recordings
 from deltaid.fleets.step import RECORDINGS, Chain, FleetJob, FleetStep, JobResult, Tables
@@ -30,6 +30,7 @@ from deltaid.fleets.type_fit import fitted
 from deltaid.model.options import Period
 from deltaid.model.record import IdentifiedModel, Settings
 from deltaid.robot.description import RobotDescription
+from deltaid.robot.load import save_yaml
 
 # The period of all recordings of a robot.
 ALL = "all"
@@ -80,7 +81,6 @@ def _with_model(job: FleetJob, place: Place) -> tuple[RobotRecordings, Identifie
 
 
 def _model_file(robot: str) -> str:
-    """File of a robot's model from all of its recordings."""
     return f"models/{robot}.yaml"
 
 
@@ -95,10 +95,10 @@ def _drift(job: FleetJob, given: tuple[RobotRecordings, IdentifiedModel], _: Pla
     )
     sums = recordings.block.friction.only(np.array([number[log.brief.sha256] for log in kept]))
     drift = drift_of(kept, series_of(sums, recordings.merging, model), model, job.drift, job.robot)
-    table = drift_table([drift]).with_columns(
+    table = drift_table(drift).with_columns(
         bound=pl.col("false_alarms"), false_alarms=pl.lit(job.drift.false_alarms)
     )
-    return {"friction": friction_table([drift]), "drift": table}
+    return {"friction": friction_table(drift), "drift": table}
 
 
 def _member(job: FleetJob, recordings: RobotRecordings, place: Place) -> Tables:
@@ -114,7 +114,8 @@ def _members(job: FleetJob, place: Place) -> list[TypeMember]:
 def _type(job: FleetJob, members: list[TypeMember], place: Place) -> Tables:
     """The type's mean and spreads, its robots, and the next robot's description."""
     population = fitted(members, job.description, job.settings)
-    place.save_file(job.file, lambda path: save_next(population, place.name, path))
+    robot = next_robot(population, place.name)
+    place.save_file(job.file, lambda path: save_yaml(robot, path))
     return {
         "types": types_table(job.type, population),
         "members": members_table(job.type, population),

@@ -45,7 +45,6 @@ class View:
 
 
 def home_view(robot: AtRest) -> View:
-    """The robot at home."""
     return _standing(robot, robot.home)
 
 

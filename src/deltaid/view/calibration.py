@@ -92,7 +92,6 @@ def number_table(calibration: Calibration) -> Table:
 
 
 def calibration_card(calibration: Calibration) -> Card:
-    """Card of a calibration."""
     said, readings = _summary(calibration), sum(x.readings for x in calibration.sessions)
     return Card(
         f"Geometry of {calibration.described.title or calibration.described.name}",
@@ -158,7 +157,6 @@ def residual_figure(calibration: Calibration) -> go.Figure:
 
 
 def calibration_page(calibration: Calibration) -> Page:
-    """Page of a calibration."""
     robot, after, before = calibration.described, calibration.after, calibration.before
     return Page(
         title=robot.title or robot.name,

@@ -140,7 +140,6 @@ def verdicts_card(value: Verdicts | Verdict) -> Card:
 
 
 def verdicts_frame(value: Verdicts) -> pl.DataFrame:
-    """Verdicts, a row each."""
     rows = [
         (str(v.grade), v.key, v.subject, v.seen, v.cause, v.cure, v.number, v.unit) for v in value
     ]
@@ -150,7 +149,6 @@ def verdicts_frame(value: Verdicts) -> pl.DataFrame:
 
 
 def verdicts_page(value: Verdicts) -> Page:
-    """The page of `deltaid check`."""
     robot, proposed = value.robot, _proposed(value)
     lines = {"the files that it names": proposed} if proposed else {}
     drawn = drawing(robot, compiled(robot).kinematics) if robot else None

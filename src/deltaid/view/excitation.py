@@ -22,7 +22,6 @@ _ROUNDING = 1e-6
 
 
 def excitation_page(result: Excitation) -> Page:
-    """Page of an optimised motion, at the robot's prior."""
     exciter, run = result.exciter, result.run
     robot, settings = exciter.dynamics.robot, exciter.settings
     fullest, periods = _fullest(result), f"{run.repeats} period{'s' * (run.repeats > 1)}"
@@ -175,7 +174,6 @@ def _limit_bars(result: Excitation) -> Figure:
 
 
 def excitation_card(value: Excitation) -> Card:
-    """Duration, criterion, fullest limit; folded predicted deviations."""
     robot, settings, run = value.exciter.dynamics.robot, value.exciter.settings, value.run
     facts = [
         ("duration", f"{number(run.duration)} s"),
@@ -200,7 +198,6 @@ def excitation_frame(value: Excitation) -> pl.DataFrame:
 
 
 def exciter_card(value: Exciter) -> Card:
-    """The optimisation problem."""
     robot, settings = value.dynamics.robot, value.settings
     return Card(
         f"Exciter of {robot.title or robot.name}",
@@ -216,7 +213,6 @@ def exciter_card(value: Exciter) -> Card:
 
 
 def run_card(value: Run | FourierMotion) -> Card:
-    """Period, number of harmonics, and duration of a run."""
     motion, title, facts = value, "Periodic motion", list[tuple[str, str]]()
     if not isinstance(motion, FourierMotion):
         facts = [("duration", f"{number(motion.duration)} s"), ("periods", str(motion.repeats))]
@@ -230,13 +226,11 @@ def run_card(value: Run | FourierMotion) -> Card:
 
 
 def limit_table(result: Excitation) -> Table:
-    """Largest use of every limit over the whole run."""
     rows = tuple((limit.name, f"{100 * limit.share:.1f} %") for limit in result.limits)
     return Table(("limit", "in use"), rows, title="limits")
 
 
 def prediction_table(result: Excitation) -> Table:
-    """Predicted standard deviation of every base parameter."""
     return Table(
         ("base parameter", "prior", "predicted ±", "unit", "share"),
         tuple(
@@ -256,7 +250,6 @@ def prediction_table(result: Excitation) -> Table:
 
 
 def start_table(result: Excitation) -> Table:
-    """Outcome of each start of the search."""
     accounts = result.optimum.accounts
     judged = any(account.judged is not None for account in accounts)
     bodies = (

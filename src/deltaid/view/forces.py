@@ -23,7 +23,6 @@ _NAMED = 8
 
 
 def forces_card(value: Forces) -> Card:
-    """Worst cases of the struts, and whether ball joints hold."""
     said, robot = verdict(value), value.model.robot
     return Card(
         f"Forces of {robot.title or robot.name} along {value.recording.path.name}",
@@ -41,12 +40,10 @@ def forces_frame(value: Forces) -> pl.DataFrame:
 
 
 def forces_figure(value: Forces) -> go.Figure:
-    """Forces along the struts over time."""
     return _over_time(value).figure
 
 
 def forces_page(value: Forces) -> Page:
-    """Page of the forces of a model along a motion."""
     model, forces = value.model, value.constraint_forces
     *along, loads = tables(value)
     return Page(

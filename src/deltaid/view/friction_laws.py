@@ -1,12 +1,10 @@
 """Friction laws over speed, prior and identified, with recorded values, and their choice."""
 
-import casadi as ca
 import numpy as np
 import plotly.graph_objects as go
 from jaxtyping import Float
 
 from deltaid.dynamics.parameters import parameter_layout, prior_parameters
-from deltaid.kernel.batch import BatchKernel
 from deltaid.model.model import Model, ModelLike, load
 from deltaid.model.parameter_record import FrictionChoice, FrictionCurve, FrictionTrial
 from deltaid.robot.description import RobotDescription
@@ -38,12 +36,11 @@ def law(
     p: Float[np.ndarray, " parameters"],
 ) -> Float[np.ndarray, " samples"]:
     """Friction of a joint over its speed for parameters p, without the load-dependent part."""
-    v, total = ca.SX.sym("v"), ca.SX(0)
-    coefficients = p[parameter_layout(robot).friction].tolist()
+    coefficients, total = p[parameter_layout(robot).friction].tolist(), np.zeros_like(speed)
     for term, coefficient in zip(robot.friction_terms, coefficients, strict=True):
         if term.joint == joint and not term.of_load:
-            total += coefficient * term.h(v, ca.sign(v), ca.SX(0))
-    return BatchKernel(v, total)(speed[None])[0]
+            total += coefficient * term.values(speed)
+    return total
 
 
 def _laws(model: Model, comparisons: tuple[TorqueComparison, ...]) -> Figure:

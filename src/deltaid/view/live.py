@@ -79,7 +79,6 @@ class LiveView:
 
     @property
     def url(self) -> str:
-        """Address of the view."""
         return f"http://{HOST}:{self.server.get_port()}"
 
     def move(self, wanted: Float[np.ndarray, " dof"], *, dragging: bool = False) -> View:
@@ -90,7 +89,6 @@ class LiveView:
             return self.view
 
     def close(self) -> None:
-        """Stop the server behind the view."""
         with _silence():
             self.server.stop()
 

@@ -116,7 +116,6 @@ def _motion_section(dynamics: Dynamics, recording: PreparedRecording) -> Section
 def _facts(
     model: IdentifiedModel, error: TorqueError | None, verdicts: Sequence[Verdict]
 ) -> tuple[Fact, ...]:
-    """Errors, checks, optimum, consistency."""
     facts, errors = list[Fact](), {"error on its own recording": model.fit.nrmse}
     if error is not None:
         errors = {"error on the unseen motion": error.nrmse.tolist()} | errors
@@ -188,7 +187,6 @@ def validation_page(value: Validation) -> Page:
 
 
 def model_page(value: Model | IdentifiedModel) -> Page:
-    """The page of a model alone, without its recordings."""
     model = load(value)
     known = model.identified
     if known is None:
@@ -226,7 +224,6 @@ def identification_figure(value: Identification) -> go.Figure:
 
 
 def validation_figure(value: Validation) -> go.Figure:
-    """Torques of a recording, measured and predicted."""
     return _torques(value.model, model_filtered(value.model, value.log))
 
 

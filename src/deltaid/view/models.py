@@ -26,7 +26,6 @@ _NEXT = ('["P.m"]', ".dynamics", ".plot()", ".to_frame()", '.report("x.html")')
 
 
 def model_card(value: Model | IdentifiedModel) -> Card:
-    """Verdict and torque errors; folded, parameters and warnings."""
     model = load(value)
     verdict, known = summary(model), model.identified
     title = f"Model of {model.robot.title or model.robot.name}, {model.origin}"
@@ -45,14 +44,12 @@ def model_card(value: Model | IdentifiedModel) -> Card:
 
 
 def drive_errors(robot: RobotDescription, nrmse: Sequence[float]) -> tuple[tuple[str, str], ...]:
-    """Torque errors, drive by drive."""
     return tuple(
         (f"{drive} error", percent(x)) for drive, x in zip(robot.drives, nrmse, strict=True)
     )
 
 
 def warned(warnings: tuple[str, ...]) -> tuple[tuple[str, str], ...]:
-    """Warnings as a foldable part."""
     title = "1 warning" if len(warnings) == 1 else f"{len(warnings)} warnings"
     return ((title, "\n".join(warnings)),) if warnings else ()
 
@@ -77,7 +74,6 @@ identification_frame = model_frame
 
 
 def identification_card(value: Identification) -> Card:
-    """Card of the model, with the verdict on fit and checks."""
     of_model, verdict = model_card(value.model), summary(value)
     robot = value.model.robot
     logs = ", ".join(recording.path.name for recording in value.recordings)
@@ -94,7 +90,6 @@ def identification_card(value: Identification) -> Card:
 
 
 def validation_card(value: Validation) -> Card:
-    """Verdict and torque errors."""
     model, verdict = value.model, summary(value.model, value.error, value.log)
     return Card(
         f"{model.robot.title or model.robot.name} compared with {value.log.path.name}",
@@ -108,7 +103,6 @@ def validation_card(value: Validation) -> Card:
 
 
 def validation_frame(value: Validation) -> pl.DataFrame:
-    """Torque errors, a row a drive."""
     units = value.model.robot.drive_units
     return pl.DataFrame(
         {
@@ -154,7 +148,6 @@ def sample_sentence(drawn: Samples) -> str:
 
 
 def samples_card(value: Samples) -> Card:
-    """Number and effective number of models; folded, their spread."""
     table = sample_table(value)
     return Card(
         f"{len(value)} models of {value.robot.title or value.robot.name}",
@@ -167,7 +160,6 @@ def samples_card(value: Samples) -> Card:
 
 
 def samples_frame(value: Samples) -> pl.DataFrame:
-    """Parameters, a row a model."""
     return pl.DataFrame(value.p, schema=list(value.names))
 
 

@@ -156,7 +156,6 @@ def _over_time(
 
 
 def loads_table(watched: Watched) -> Table:
-    """Loads with interval, time, and centre as far as it is determined."""
     last = watched.loads[-1:]
     by = "by the gripper's signal" if watched.told else "found from torques alone"
     return Table(
@@ -179,7 +178,6 @@ def _load(load: WeighedLoad, until: str) -> tuple[str, ...]:
 
 
 def touches_table(watched: Watched) -> Table:
-    """Contacts with time, duration, place and force."""
     rows = tuple(
         (
             f"{touch.start:.3f}",
@@ -195,7 +193,6 @@ def touches_table(watched: Watched) -> Table:
 
 
 def friction_table(watched: Watched) -> Table:
-    """Friction in the model and at the end."""
     return Table(
         ("friction", "model", "now", "95 %", "unit"),
         tuple(

@@ -84,11 +84,9 @@ class Figure:
 
     @property
     def height(self) -> int | float:
-        """Height on screen [px]."""
         return self.figure.layout.height or HEIGHT
 
     def data(self) -> dict[str, Any]:
-        """Traces, layout and frames; numpy arrays as base64."""
         return self.figure.to_plotly_json()
 
 
@@ -100,11 +98,9 @@ class Chart(Figure):
 
     @property
     def height(self) -> int | float:
-        """Height on screen [px]."""
         return self.figure["layout"].get("height", HEIGHT)
 
     def data(self) -> dict[str, Any]:
-        """Traces and layout for Plotly."""
         return {"data": self.figure["data"], "layout": dict(self.figure["layout"])}
 
 
@@ -230,7 +226,6 @@ class Page:
 
     @property
     def has_figures(self) -> bool:
-        """Whether Plotly draws anything."""
         blocks = [*self.front, *(block for section in self.sections for block in section.blocks)]
         return any(isinstance(block, Figure) for block in blocks)
 

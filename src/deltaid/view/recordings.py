@@ -25,7 +25,6 @@ _INDEX = re.compile(r"^(.*?)(?:\[?(\d+)\]?)$")
 
 
 def recording_card(value: Recording) -> Card:
-    """Size, time, and the columns with their ranges."""
     table, facts = recording_frame(value), dict[str, str]()
     if (clock := _clock(table)) is not None and len(clock) > 1:
         step = float(np.median(np.diff(clock)))
@@ -105,7 +104,6 @@ def _ranges(table: pl.DataFrame) -> Table:
 
 
 def log_card(value: Log | recording.PreparedRecording) -> Card:
-    """Size, rate, filter and exclusions."""
     log, cutoff = (value, None) if isinstance(value, Log) else (value.log, value.cutoff)
     warnings = tuple(str(text) for text in log.warnings)
     return Card(

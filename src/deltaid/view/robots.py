@@ -44,7 +44,6 @@ _KINDS: dict[type, tuple[str, tuple[str, ...]]] = {
 
 
 def robot_card(value: _Robot) -> Card:
-    """Kind, drives, bodies, workspace, and methods."""
     robot = value if isinstance(value, RobotDescription) else value.robot
     title, methods = next(both for kind, both in _KINDS.items() if isinstance(value, kind))
     home = zip(robot.task.names, robot.home, strict=True)
@@ -107,7 +106,6 @@ def robot_page(value: RobotDescription) -> Page:
 
 
 def rest_page(robot: AtRest, reached: Reach, surveyed: WorkspaceSurvey, subtitle: str) -> Page:
-    """Page of a robot at rest."""
     return Page(
         title=robot.robot.title or robot.robot.name,
         subtitle=subtitle,
@@ -122,7 +120,6 @@ def rest_page(robot: AtRest, reached: Reach, surveyed: WorkspaceSurvey, subtitle
 
 
 def rest_facts(robot: AtRest, reached: Reach, surveyed: WorkspaceSurvey) -> tuple[Fact, ...]:
-    """Condition, holding torque, reach."""
     condition, home = surveyed.poses.condition, robot(robot.home[None])
     hardest = int(np.argmax(np.abs(home.torque[0])))
     drive = robot.robot.drives[hardest]
@@ -213,7 +210,6 @@ def use_table(robot: AtRest, surveyed: WorkspaceSurvey) -> Table:
 
 
 def end_table(robot: AtRest, reached: Reach) -> Table:
-    """Share of the rays from home that each limit ends."""
     rows = []
     for k, share in sorted(reached.shares.items(), key=lambda item: -item[1]):
         distances = reached.distance[reached.ended_by == k]

@@ -67,7 +67,6 @@ def bought(plan: SensorPlan) -> tuple[tuple[str, str, str], ...]:
 
 
 def entry_table(plan: SensorPlan) -> Table:
-    """Entries of all bodies that some measurement determines, before and after."""
     u, known = plan.unknowns, stages(plan)
     return Table(
         ("entry", "prior", "unit", "prior ±", *known),
@@ -111,7 +110,6 @@ def use_table(plan: SensorPlan, entries: Sequence[str]) -> Table:
 
 
 def step_table(plan: SensorPlan) -> Table:
-    """Purchases in their order."""
     money = plan.offers.currency
     return Table(
         ("next", money, f"{money} in all", "gain", "left"),

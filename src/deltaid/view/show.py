@@ -143,12 +143,10 @@ def _short_text(value: object) -> str:
 
 
 def text(value: object) -> str:
-    """Some lines for a prompt."""
     return _function(value, "card")(value).text()
 
 
 def html(value: object) -> str:
-    """A card for a notebook."""
     return _function(value, "card")(value).html()
 
 

@@ -129,7 +129,7 @@ def _numbers(model: IdentifiedModel) -> str:
     further += [f"{measured} mostly from what was weighed or measured"] * bool(measured)
     shares = f" ({', '.join(further)})" if further else ""
     few = "one" if bound else "none"
-    at_bound = f"{_count(bound)} are at their" if bound > 1 else f"{few} is at its"
+    at_bound = f"{in_words(bound)} are at their" if bound > 1 else f"{few} is at its"
     return (
         f"{known} of {kinds.total() - kinds['structure']} numbers "
         f"{'comes' if known == 1 else 'come'} from the recording"
@@ -153,8 +153,8 @@ def _doubts(doubts: Sequence[str]) -> list[str]:
     return lines + [f"{_DOUBT}{_count(more, 'more thing')}, listed in the warnings."] * (more > 0)
 
 
-def _count(count: int, thing: str = "") -> str:
-    return f"{in_words(count)} {thing}{'s' if count != 1 and thing else ''}".strip()
+def _count(count: int, thing: str) -> str:
+    return f"{in_words(count)} {thing}{'s' * (count != 1)}"
 
 
 # Largest gap to the certified bound, as a share of J, of an optimal fit.
@@ -213,7 +213,6 @@ def provenance_section(model: Model, title: str) -> Section:
 
 
 def file_names(model: IdentifiedModel) -> str:
-    """Logs of a model, as a list in words."""
     return ", ".join(source.log for source in model.sources)
 
 

@@ -19,7 +19,6 @@ Drives = dict[str, JointUnits]
 
 
 def residual_blocks(c: TorqueComparison, drives: Drives) -> tuple[Figure, ...]:
-    """Residual of one recording over speed, in size and in frequency."""
     return tuple(figure(c, drives) for figure in (_over_speed, _histogram, _spectrum))
 
 
@@ -80,7 +79,6 @@ def over_time(c: TorqueComparison, drives: Drives) -> Figure:
 
 
 def _over_speed(c: TorqueComparison, drives: Drives) -> Figure:
-    """Residual over the drive's speed, which shows unmodelled friction."""
     figure, keep = grid(tuple(drives), 260), even_rows(len(c.speed), POINTS)
     for i, units in enumerate(drives.values()):
         known = np.isfinite(c.residual[:, i])
@@ -112,7 +110,6 @@ def _over_speed(c: TorqueComparison, drives: Drives) -> Figure:
 
 
 def _histogram(c: TorqueComparison, drives: Drives) -> Figure:
-    """Distribution of residuals, against a normal distribution of equal spread."""
     figure = grid(tuple(drives), 260).update_layout(bargap=0)
     for i in range(len(drives)):
         residual = c.residual[np.isfinite(c.residual[:, i]), i]
@@ -141,7 +138,6 @@ def _histogram(c: TorqueComparison, drives: Drives) -> Figure:
 
 
 def _spectrum(c: TorqueComparison, drives: Drives) -> Figure:
-    """Amplitude spectra of the recorded torque and of the residual."""
     figure, dotted = grid(tuple(drives), 260), ""
     for i in range(len(drives)):
         for name, density, color, dash in (

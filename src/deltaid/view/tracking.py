@@ -120,7 +120,6 @@ def _conditions(drives: Drives, bandwidth: float, more: Sequence[str]) -> Text:
 
 
 def drive_table(robot: RobotDescription, result: Tracking) -> Table:
-    """Errors and efforts of each drive."""
     error, rows = result.error, list[tuple[str, ...]]()
     for i, (drive, units) in enumerate(robot.drive_units.items()):
         length, scale = shown_length(robot, drive)
@@ -182,7 +181,6 @@ def infeasible_lines(
 
 
 def simulation_card(value: Simulation | Comparison) -> Card:
-    """Errors, and what is infeasible."""
     robot = value.conditions.model.robot
     if isinstance(value, Comparison):
         table, problems = (
@@ -203,12 +201,10 @@ def simulation_card(value: Simulation | Comparison) -> Card:
 
 
 def simulation_frame(value: Simulation) -> pl.DataFrame:
-    """Motion and torques over time, as a log."""
     return value.table()
 
 
 def simulation_figure(value: Simulation) -> go.Figure:
-    """Error of the platform over time."""
     return error_figures([(_title(value), style.IDENTIFIED, value.tracking)])[0].figure
 
 
@@ -255,7 +251,6 @@ def _title(value: Simulation | Comparison) -> str:
 
 
 def error_bars(runs: Sequence[ControllerRun]) -> Figure:
-    """Error of the platform for each controller and model."""
     axis = {"type": "log", "title": "platform error, rms [mm]", "dtick": 1}
     layout = {"yaxis": axis, "barmode": "group", "height": 420, "bargap": 0.25}
     figure, models = go.Figure(layout=layout), dict[str, dict[str, float]]()

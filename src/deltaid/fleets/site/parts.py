@@ -147,7 +147,6 @@ def bounds(drives: Sequence[Row]) -> list[str]:
 
 
 def drive_tables(drives: Sequence[Row], caption: str = "") -> tuple[Table, Table]:
-    """Findings on each drive's friction, and their reasons."""
     rows = tuple(
         (
             drive["drive"],

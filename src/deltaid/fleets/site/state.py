@@ -31,8 +31,6 @@ _GAIN = "gain."
 
 
 class Urgency(IntEnum):
-    """Urgency of an inspection."""
-
     ACT = 0
     LOOK = 1
     NONE = 2
