@@ -21,19 +21,28 @@ from deltaid.fleets.robot_drift import DriftRecording
 from deltaid.model.record import Settings
 from deltaid.motion.random_motion import random_motion
 from deltaid.motion.surrogate import SensorNoise, simulate_recording, write_recording
+from deltaid.robot.description import RobotDescription
 from deltaid.robot.load import load_robot
 
 ROBOT = "clavel-delta3"
+DESCRIBED = load_robot(ROBOT)
 SETTINGS = Settings(cutoff=15.0, friction="described", events=False, lag="none")
 START = datetime(2026, 1, 1)
 
 
-def recording(seed: int) -> pl.DataFrame:
-    """A recording of the described robot, on a motion and with noise of a seed."""
-    robot, rng = load_robot(ROBOT), np.random.default_rng(seed)
-    dynamics, p = compiled(robot), prior_parameters(robot)
+def recording(
+    seed: int,
+    robot: RobotDescription = DESCRIBED,
+    friction: float = 1.0,
+    duration: float = 6.0,
+    rate: float = 500.0,
+) -> pl.DataFrame:
+    """A recording of a robot with so many times its friction, on a motion and with noise of a
+    seed."""
+    dynamics, p, rng = compiled(robot), prior_parameters(robot), np.random.default_rng(seed)
+    p[dynamics.layout.friction] *= friction
     motion, noise = random_motion(dynamics.kinematics, rng), SensorNoise(torque=0.02)
-    return simulate_recording(dynamics, p, motion, rng, duration=6.0, rate=500.0, noise=noise)
+    return simulate_recording(dynamics, p, motion, rng, duration=duration, rate=rate, noise=noise)
 
 
 def one_recording(folder: Path, seed: int = 0) -> FactorFile:
@@ -119,7 +128,7 @@ def days(
         share: by how much friction of each drive is more on a day, as a share.
         held: mass that nobody told of [kg].
     """
-    robot, layout = load_robot(ROBOT), compiled(load_robot(ROBOT)).layout
+    robot, layout = DESCRIBED, compiled(DESCRIBED).layout
     p, found = prior_parameters(robot), list[DriftRecording]()
     merging = merging_of([file.brief], robot, SETTINGS)
     for day in range(count):

@@ -72,11 +72,12 @@ def write(folder: Path) -> Path:
     return folder / "site" / "index.html"
 
 
-def changed(folder: Path, table: str, robot: str, **values: object) -> None:
-    """Other values in a robot's rows of a table; None makes them null."""
+def changed(folder: Path, table: str, robot: str, only: str = "", **values: object) -> None:
+    """Other values in a robot's rows of a table, or in those of one drive; None makes them null."""
     path = folder / f"{table}.parquet"
     frame = pl.read_parquet(path)
     own = pl.col("robot") == robot
+    own &= pl.col("drive") == only if only else True
     frame.with_columns(
         pl.when(own).then(pl.lit(value, frame.schema[key])).otherwise(pl.col(key)).alias(key)
         for key, value in values.items()

@@ -21,9 +21,10 @@ from deltaid.identification.identify import identify
 from deltaid.identification.prediction import validate
 from deltaid.model.record import Settings
 from deltaid.motion.random_motion import random_motion
-from deltaid.motion.surrogate import SensorNoise, simulate_recording, write_recording
+from deltaid.motion.surrogate import write_recording
 from deltaid.recording.recording import PreparedRecording
 from deltaid.robot.load import load_robot
+from drifting import recording
 
 ROBOT = "clavel-delta3"
 # Factor files have rows as recorded.
@@ -33,17 +34,10 @@ SETTINGS = Settings(cutoff=15.0, effects="none")
 @pytest.fixture(scope="module")
 def logs(tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
     """Three recordings of one robot whose friction differs from the described."""
-    robot, path = load_robot(ROBOT), tmp_path_factory.mktemp("logs")
-    dynamics, p = compiled(robot), prior_parameters(robot)
-    p[dynamics.layout.friction] *= 1.4
-    written = []
-    for seed in range(3):
-        rng = np.random.default_rng(seed)
-        motion = random_motion(dynamics.kinematics, rng)
-        noise = SensorNoise(torque=0.02)
-        found = simulate_recording(dynamics, p, motion, rng, duration=4.0, rate=500.0, noise=noise)
-        written.append(path / f"log{seed}.csv")
-        write_recording(found, written[-1])
+    folder = tmp_path_factory.mktemp("logs")
+    written = [folder / f"log{seed}.csv" for seed in range(3)]
+    for seed, path in enumerate(written):
+        write_recording(recording(seed, friction=1.4, duration=4.0), path)
     return written
 
 
@@ -262,24 +256,15 @@ def test_a_model_is_compared_with_a_recording_by_its_factors(logs, files, tmp_pa
         pytest.param({"viscous_back": 2.5, "coulomb_back": 7.0}, marks=pytest.mark.slow),
     ],
 )
-def test_laws_that_a_recording_asks_for_are_those_of_its_factors(law, tmp_path: Path) -> None:
+def test_laws_that_a_recording_asks_for_are_those_of_its_factors(law) -> None:
     robot = load_robot(ROBOT)
     joints = {joint: friction.changed(**law) for joint, friction in robot.friction.items()}
-    true = robot.changed(friction=joints)
-    dynamics, rng = compiled(true), np.random.default_rng(5)
-    motion = random_motion(dynamics.kinematics, rng)
-    noise = SensorNoise(torque=0.02)
-    p = prior_parameters(true)
-    found = simulate_recording(dynamics, p, motion, rng, duration=8.0, noise=noise)
-    write_recording(found, tmp_path / "log.csv")
-    one = gathered(robot, tmp_path / "log.csv", settings=SETTINGS)
+    log = recording(5, robot.changed(friction=joints), duration=8.0, rate=1000.0)
+    one = gathered(robot, log, settings=SETTINGS)
     expected, own = one.record.model, identify_gathered(robot, [one], SETTINGS).model
     assert own.robot.friction == expected.robot.friction
     np.testing.assert_allclose(own.fit.rms, expected.fit.rms, rtol=0.1)
-    M = [
-        compiled(m.robot).mass_matrix(
-            dynamics.kinematics.inverse(dynamics.kinematics.home[None]), m.p
-        )[0]
-        for m in (expected, own)
-    ]
+    kinematics = compiled(robot).kinematics
+    q = kinematics.inverse(kinematics.home)
+    M = [compiled(model.robot).mass_matrix(q, model.p) for model in (expected, own)]
     np.testing.assert_allclose(M[1], M[0], atol=0.01 * np.abs(M[0]).max())

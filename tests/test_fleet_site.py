@@ -108,12 +108,12 @@ def test_a_panel_has_the_change_and_the_line_to_the_limit(fleet: Path) -> None:
 
 def test_a_step_has_its_levels(tmp_path: Path) -> None:
     folder = write_tables(tmp_path, 3, 15, foreign=())
-    changed(folder, "drift", "R003", state="stepped", step=0.2, rate=None, horizon=None)
+    changed(folder, "drift", "R003", "q2", state="stepped", step=0.2, rate=None, horizon=None)
     write(folder)
     page = folder / "site" / "robots" / "R003.html"
     assert "Friction of q2 has stepped by +20 % about 2026-03-16." in words(page)
     friction = figure(page, '"level"')
-    level = next(t for t in friction["data"] if t["name"] == "level" and t["yaxis"] == "y2")
+    level = next(trace for trace in friction["data"] if trace["name"] == "level")
     assert level["y"] == pytest.approx([2.0, 2.0, 2.4, 2.4])
 
 
@@ -195,7 +195,7 @@ def test_a_limit_within_four_weeks_is_to_be_acted_upon(
     now = pl.read_parquet(folder / "recordings.parquet")["time"].max()
     assert isinstance(now, datetime)
     horizon = now + timedelta(weeks=weeks)
-    changed(folder, "drift", "R003", horizon=horizon, horizon_low=horizon, state="rising")
+    changed(folder, "drift", "R003", "q2", horizon=horizon, horizon_low=horizon)
     write(folder)
     page = folder / "site" / "robots" / "R003.html"
     assert f'class="verdict {grade}"' in page.read_text(encoding="utf-8")

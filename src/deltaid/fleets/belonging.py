@@ -19,6 +19,7 @@ import numpy as np
 from jaxtyping import Float
 from scipy.special import chdtri, fdtrc
 
+from deltaid.checks.evidence import CHANCE
 from deltaid.estimation.problem import DEPENDENT
 from deltaid.fleets.coordinates import Coordinates, U
 from deltaid.fleets.mixed_model import (
@@ -177,14 +178,13 @@ class Sorted:
 
 
 def fit_members(
-    rows: RobotRows, coordinates: Coordinates, freedom: Float[np.ndarray, " robots"], naming: float
+    rows: RobotRows, coordinates: Coordinates, freedom: Float[np.ndarray, " robots"]
 ) -> Sorted:
     """Fit a type to the robots that belong to it.
 
     Args:
         rows: of robots, then rows that always belong, if any.
         freedom: of each robot's noise.
-        naming: false-alarm probability of a robot.
     """
     count = len(freedom)
     if count < LEAST:
@@ -197,15 +197,15 @@ def fit_members(
         excluded = [fitted.against_others(k, coordinates.worn) for k in robots]
         chances = np.array([chance(robot, coordinates, fitted.mean.m) for robot in excluded])
         fitted, counts = replace(fitted, chances=chances), counts.copy()
-        counts[:count] = _belonging(chances, excluded, naming, first=not visited)
+        counts[:count] = _belonging(chances, excluded, CHANCE, first=not visited)
         if counts.tobytes() in visited or np.array_equal(counts, fitted.rows.counts):
             break
         visited.append(counts.tobytes())
         fitted = fitted.with_rows(replace(rows, counts=counts))
-    return _one_by_one(fitted, naming) if count <= _FEW else fitted
+    return _one_by_one(fitted) if count <= _FEW else fitted
 
 
-def _one_by_one(fitted: Sorted, naming: float) -> Sorted:
+def _one_by_one(fitted: Sorted) -> Sorted:
     """The same for few robots, each also excluded from the spreads, which it would widen until it
     seems to belong; the farthest is excluded before the next search."""
     coordinates, rows, count = fitted.coordinates, fitted.rows, len(fitted.freedom)
@@ -218,7 +218,7 @@ def _one_by_one(fitted: Sorted, naming: float) -> Sorted:
             chances[k] = chance(robot, coordinates, without.mean.m)
         inside = np.flatnonzero(rows.counts[:count])
         worst = inside[np.argmin(chances[inside])]
-        if chances[worst] >= naming or len(inside) < LEAST:
+        if chances[worst] >= CHANCE or len(inside) < LEAST:
             return replace(fitted, chances=chances).with_rows(rows)
         rows = replace(rows, counts=rows.counts & (np.arange(len(rows.H)) != worst))
 

@@ -46,11 +46,9 @@ class Coordinates:
     """u: the free variables x of a type over their sizes, then shared geometric errors.
 
     Attributes:
-        robot: the described type.
         reduction: of p to the free variables, p = A x + p_0.
         kinds: of each variable, a key of `KINDS`.
         quantities: geometric errors.
-        sizes: of x.
         spread: of the description's prior.
     """
 

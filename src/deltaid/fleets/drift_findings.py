@@ -81,7 +81,6 @@ class DriftFinding:
     """The finding on one drive.
 
     Attributes:
-        state: of friction.
         change: day of the change, if there is one.
         rate: of friction, as a share per month.
         step: of friction, as a share.

@@ -30,8 +30,6 @@ class Recorded:
     """One recording of a fleet.
 
     Attributes:
-        robot: its name.
-        time: of the recording.
         path: local path or address.
         type: of the robot, as in the manifest.
         columns: mapping file; empty for default names.
@@ -56,7 +54,6 @@ class Quarantined:
 
     Attributes:
         what: 'recording', 'fit', 'drift', 'type'.
-        robot: its name.
         which: path, pattern, period or type.
         reason: in words.
         key: checksum of the inputs; empty if the next call tries again.

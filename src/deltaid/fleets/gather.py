@@ -113,9 +113,8 @@ def gather_into(
 
     A recording that cannot be used is refused with its reason and does not stop the others. The
     name of a file contains a checksum of its inputs: the recording's bytes, the mechanism, the
-        mapping,
-    settings of filter, masks and corrections, and the versions of deltaid and of the file. The
-    folder is made if missing; other arguments are those of `deltaid.identify`.
+    mapping, settings of filter, masks and corrections, and the versions of deltaid and of the file.
+    The folder is made if missing; other arguments are those of `deltaid.identify`.
     """
     settings = settings or Settings()
     for log, mapping in zip(logs, mapping_each(columns, len(logs)), strict=True):

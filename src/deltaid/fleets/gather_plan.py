@@ -38,8 +38,6 @@ class How:
     """Inputs of gathering a recording.
 
     Attributes:
-        robot: its description.
-        mapping: of its columns.
         settings: of filter, masks and corrections.
         force: whether to continue after wrong verdicts.
     """
@@ -80,14 +78,11 @@ class GatherResult:
     """Outcome of one recording.
 
     Attributes:
-        recorded: the recording.
         key: checksum of its factors' inputs; empty if another call may end differently.
         file: its factor file, relative to the fleet's folder; empty if it was refused.
         reason: of its quarantine; empty if it is usable.
         is_new: whether this call processed it.
         bytes: size of the factor file.
-        sha256: of the recording.
-        samples: of the recording.
         verdicts: names of doubtful and wrong ones.
         how: checksum of how it is gathered; empty if it cannot be.
     """
@@ -109,7 +104,6 @@ class GatherPlan:
     """Inputs of gathering all recordings, or errors.
 
     Attributes:
-        settings: of all.
         force: whether to continue after wrong verdicts.
         robots: descriptions, by type.
         mappings: by their names in the manifest.

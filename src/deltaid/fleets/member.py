@@ -10,7 +10,6 @@ import json
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, replace
 from io import BytesIO
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -55,7 +54,6 @@ class TypeMember:
     """Rows and facts of one robot.
 
     Attributes:
-        name: of the robot.
         names: of its parameters p.
         rows, values: rows · p = values, with independent unit noise.
         shared: effect on the rows of geometric quantities common to all machines, for one standard
@@ -152,11 +150,11 @@ def unmeasured(robot: RobotDescription) -> RobotDescription:
     return robot.changed(bodies=bodies, measured=())
 
 
-def write_member(member: TypeMember, path: Path) -> None:
+def member_bytes(member: TypeMember) -> bytes:
     known = asdict(member)
     arrays = {key: known.pop(key) for key in _ARRAYS}
     text = json.dumps(known, default=np.ndarray.tolist)
-    path.write_bytes(sealed_archive(known=np.array(text), **arrays))
+    return sealed_archive(known=np.array(text), **arrays)
 
 
 def read_member(data: bytes, where: str) -> TypeMember:
@@ -166,14 +164,9 @@ def read_member(data: bytes, where: str) -> TypeMember:
         RecordingError: it is damaged.
     """
     require_intact(data, where, RecordingError, "remove it; it is made again")
-    try:
-        with np.load(BytesIO(data), allow_pickle=False) as file:
-            known: dict[str, Any] = json.loads(str(file["known"]))
-            arrays = {key: file[key] for key in _ARRAYS}
-    except (OSError, ValueError, KeyError, EOFError) as error:
-        raise RecordingError(
-            f"is damaged: {error}", where=where, cure="remove it; it is made again"
-        ) from None
+    with np.load(BytesIO(data), allow_pickle=False) as file:
+        known: dict[str, Any] = json.loads(str(file["known"]))
+        arrays = {key: file[key] for key in _ARRAYS}
     known["facts"] = tuple(
         MeasuredFact(**fact | {"coefficients": np.array(fact["coefficients"])})
         for fact in known["facts"]

@@ -67,10 +67,6 @@ class Place:
     def table(self, name: str, cure: str = _MADE_AGAIN) -> pl.DataFrame | None:
         """A Parquet table in it; None if there is none.
 
-        Args:
-            name: of its file.
-            cure: of a damaged table.
-
         Raises:
             DeltaidError: it is no table.
         """

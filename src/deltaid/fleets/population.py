@@ -16,6 +16,7 @@ import polars as pl
 from jaxtyping import Bool, Float
 from scipy.linalg import inv
 
+from deltaid.checks.evidence import CHANCE
 from deltaid.dynamics.parameters import ParameterLayout, inertia_scale, with_prior
 from deltaid.estimation.scatter import ROUNDING
 from deltaid.fleets.belonging import LEAST
@@ -92,7 +93,6 @@ class Population:
         spreads: by kind.
         moved: 'mean' and names of robots whose most likely values are inconsistent by more than a
             standard deviation; the nearest consistent values are given.
-        naming: false-alarm probability of a robot.
     """
 
     coordinates: Coordinates
@@ -105,7 +105,6 @@ class Population:
     members: tuple[MemberEstimate, ...]
     spreads: Spreads
     moved: tuple[str, ...]
-    naming: float
 
     @property
     def robot(self) -> RobotDescription:
@@ -135,7 +134,7 @@ class Population:
         notes.append(
             f"fewer than {LEAST} robots cannot show which of them does not belong"
             if len(self.members) < LEAST
-            else f"a robot that belongs is named with a chance of 1 in {round(1 / self.naming)}"
+            else f"a robot that belongs is named with a chance of 1 in {round(1 / CHANCE)}"
         )
         if len(self.moved) > _SHOWN:
             moved += f" and {len(self.moved) - _SHOWN} more"

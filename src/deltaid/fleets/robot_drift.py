@@ -72,15 +72,14 @@ class DriftRecording:
 
 
 def recorded(
-    files: Sequence[FactorFile], times: Sequence[datetime] | None = None
+    files: Sequence[FactorFile],
 ) -> list[DriftRecording]:
-    """Factor files sorted by time: as given, from their stamps, or from dates in their names.
+    """Factor files sorted by time, from their stamps or from dates in their names.
 
     Raises:
         RecordingError: the time of one is unknown.
     """
-    stamps = [_time(file) for file in files] if times is None else times
-    recordings = [DriftRecording(file, time) for file, time in zip(files, stamps, strict=True)]
+    recordings = [DriftRecording(file, _time(file)) for file in files]
     return sorted(recordings, key=lambda recording: recording.time)
 
 
@@ -169,8 +168,6 @@ def robot_drift(
     recordings: Sequence[DriftRecording],
     model: IdentifiedModel,
     settings: DriftSettings | None = None,
-    *,
-    name: str = "",
 ) -> RobotDrift:
     """Friction of a robot's drives over time, with temperature and load taken out.
 
@@ -178,7 +175,6 @@ def robot_drift(
         recordings: of one robot, each once, in any order.
         model: of this robot, from all or some of them; its rigid bodies are fixed.
         settings: limit, false alarms, first time.
-        name: of the robot.
 
     Raises:
         RecordingError: there are none, or they do not go together or with the model.
@@ -186,7 +182,7 @@ def robot_drift(
     settings = settings or DriftSettings()
     kept = kept_since(recordings, settings)
     files = [log.file for log in kept if isinstance(log.file, FactorFile)]
-    return drift_of(kept, friction_series(files, model), model, settings, name)
+    return drift_of(kept, friction_series(files, model), model, settings)
 
 
 def kept_since(

@@ -89,9 +89,7 @@ class Call:
     """Common data of all steps of a call.
 
     Attributes:
-        fleet: its recordings.
         place: the fleet's folder.
-        plan: of gathering.
         tables: of earlier calls, by name.
         refused: reasons of earlier refusals, by key.
         workers: started by the first request.
@@ -138,7 +136,6 @@ class FleetStep:
     """A step for every robot or type after gathering.
 
     Attributes:
-        name: of the step.
         what: its name in the quarantine.
         read: function that reads a job's input from the fleet's folder.
         make: function of a job, its input and the fleet's folder that writes the file and returns
@@ -160,7 +157,6 @@ class FleetJob:
     """A step of a robot in some periods, of a robot in all of them, or of a type.
 
     Attributes:
-        step: of the job.
         robot: its name; empty for a type.
         type: its name in the manifest.
         names: periods with the same recordings, or the type.
@@ -168,7 +164,6 @@ class FleetJob:
         key: checksum of the step and its inputs.
         file: output, relative to the fleet's folder; empty if there is none.
         description: of the robot or type.
-        settings: of the fit.
         recordings: of a robot, sorted by time.
         common: of a robot, checksum of its fits' inputs without recordings.
         blocks: of a robot, folder of blocks of merged recordings, relative to the fleet's folder.
@@ -202,7 +197,6 @@ class JobResult:
     """Result of a job.
 
     Attributes:
-        job: the job.
         tables: by name, such as 'parameters', if made in this call.
         reason: of a failure; empty on success.
         lasting: whether another call would end the same.

@@ -20,7 +20,7 @@ from deltaid.fleets.fleet import period_of
 from deltaid.fleets.gather_all import RECORDINGS_SCHEMA, poor
 from deltaid.fleets.gather_plan import GatherResult
 from deltaid.fleets.identify_gathered import identify_merged
-from deltaid.fleets.member import TypeMember, member, read_member, write_member
+from deltaid.fleets.member import TypeMember, member, member_bytes, read_member
 from deltaid.fleets.place import Place
 from deltaid.fleets.population import MEMBERS, TYPES, members_table, next_robot, types_table
 from deltaid.fleets.robot_drift import DriftRecording, drift_of, kept_since
@@ -102,8 +102,7 @@ def _drift(job: FleetJob, given: tuple[RobotRecordings, IdentifiedModel], _: Pla
 
 
 def _member(job: FleetJob, recordings: RobotRecordings, place: Place) -> Tables:
-    robot = member(job.robot, recordings, job.settings)
-    place.save_file(job.file, lambda path: write_member(robot, path))
+    place.write(job.file, member_bytes(member(job.robot, recordings, job.settings)))
     return {}
 
 

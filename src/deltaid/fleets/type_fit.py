@@ -31,15 +31,12 @@ def fitted(
     members: Sequence[TypeMember],
     robot: RobotLike,
     settings: Settings | None = None,
-    naming: float = CHANCE,
 ) -> Population:
     """Fit a type to its robots.
 
     Args:
         members: of `member`, in any order.
         robot: the type's description, with its priors.
-        settings: of the members' fit.
-        naming: false-alarm probability of a robot.
 
     Raises:
         IdentificationError: there is no robot, or one twice.
@@ -55,13 +52,13 @@ def fitted(
             cure="give all recordings of a robot to one call of `member`",
         )
     coordinates = Coordinates.for_type(described(robot), members, settings or Settings())
-    first = _sorted(coordinates, members, naming).mean
+    first = _sorted(coordinates, members).mean
     coordinates = coordinates.resized(_consistent(coordinates, first.m, first.covariance))
-    sorting, reasons = _reasons(_sorted(coordinates, members, naming), naming)
-    return _population(sorting, members, reasons, naming)
+    sorting, reasons = _reasons(_sorted(coordinates, members))
+    return _population(sorting, members, reasons)
 
 
-def _sorted(coordinates: Coordinates, members: Sequence[TypeMember], naming: float) -> Sorted:
+def _sorted(coordinates: Coordinates, members: Sequence[TypeMember]) -> Sorted:
     """Robots that belong. A measurement in several robots' descriptions counts once, as a row of
     its own."""
     times = Counter(fact.key for member in members for fact in member.facts)
@@ -76,10 +73,10 @@ def _sorted(coordinates: Coordinates, members: Sequence[TypeMember], naming: flo
                           shared=first.shared[:0])  # fmt: skip
         rows.append(coordinates.rows(nothing, list(common.values())))
     freedom = np.array([member.freedom for member in members])
-    return fit_members(RobotRows.stacked(rows), coordinates, freedom, naming)
+    return fit_members(RobotRows.stacked(rows), coordinates, freedom)
 
 
-def _reasons(sorting: Sorted, naming: float) -> tuple[Sorted, list[str]]:
+def _reasons(sorting: Sorted) -> tuple[Sorted, list[str]]:
     """Reasons why robots do not belong, and deviating friction of those that do."""
     coordinates, rows, m = sorting.coordinates, sorting.rows, sorting.mean.m
     extra, reasons = rows.extra.copy(), list[str]()
@@ -87,12 +84,12 @@ def _reasons(sorting: Sorted, naming: float) -> tuple[Sorted, list[str]]:
     for k in range(count):
         if not rows.counts[k]:
             robot = sorting.against_others(k, coordinates.worn)
-            reasons.append(_reason(robot, coordinates, m, naming))
+            reasons.append(_reason(robot, coordinates, m))
             continue
         texts = list[str]()
         for _ in coordinates.robot.friction_joints if count >= LEAST else ():
             robot = now.against_others(k, np.zeros_like(m))
-            places, text = _friction_reason(robot, coordinates, m, naming)
+            places, text = _friction_reason(robot, coordinates, m)
             if not places or extra[k, places].any():
                 break
             extra[k, places] = ANYTHING
@@ -102,7 +99,7 @@ def _reasons(sorting: Sorted, naming: float) -> tuple[Sorted, list[str]]:
 
 
 def _population(
-    sorting: Sorted, members: Sequence[TypeMember], reasons: Sequence[str], naming: float
+    sorting: Sorted, members: Sequence[TypeMember], reasons: Sequence[str]
 ) -> Population:
     coordinates, rows, count = sorting.coordinates, sorting.rows, len(members)
     T, precision, prior = coordinates.to_p, coordinates.precision, coordinates.prior
@@ -140,7 +137,6 @@ def _population(
         members=tuple(estimates),
         spreads=spreads,
         moved=tuple(adjusted),
-        naming=naming,
     )
 
 
@@ -191,7 +187,7 @@ class _Cause:
         return self.part.gain - _COST * self.part.rank
 
 
-def _reason(robot: AgainstOthers, coordinates: Coordinates, m: U, naming: float) -> str:
+def _reason(robot: AgainstOthers, coordinates: Coordinates, m: U) -> str:
     """Difference of a robot that does not belong.
 
     Args:
@@ -207,7 +203,7 @@ def _reason(robot: AgainstOthers, coordinates: Coordinates, m: U, naming: float)
     if others:
         text += f", or {_described(max(others, key=lambda cause: cause.gain), coordinates)}"
     distance = max(robot.distance - chosen.part.gain, 0.0)
-    if robot.chance(distance, robot.rows - chosen.part.rank) < naming:
+    if robot.chance(distance, robot.rows - chosen.part.rank) < CHANCE:
         return f"it is unlike the others in more than one place, most of all {text}: another type?"
     if not chosen.at:
         return f"{text}: torque constants, gear ratio or unit of torques?"
@@ -241,9 +237,7 @@ def _described(cause: _Cause, coordinates: Coordinates) -> str:
     return f"{variable.name} is {off} {'more' if values[k] > 0 else 'less'} than in the type"
 
 
-def _friction_reason(
-    robot: AgainstOthers, coordinates: Coordinates, m: U, naming: float
-) -> tuple[list[int], str]:
+def _friction_reason(robot: AgainstOthers, coordinates: Coordinates, m: U) -> tuple[list[int], str]:
     """Variables and text of the joint whose friction deviates most; none if not significant."""
     joints: dict[str, list[int]] = {}
     for k in np.flatnonzero(coordinates.is_friction):
@@ -259,4 +253,4 @@ def _friction_reason(
         text = f"{name} friction of {joint} is {times:.2f} times the type's"
         candidates.append((len(joints) * robot.chance(off.gain, off.rank), places, text))
     chance, places, text = min(candidates, default=(1.0, [], ""), key=lambda entry: entry[0])
-    return (places, text) if chance < naming else ([], "")
+    return (places, text) if chance < CHANCE else ([], "")

@@ -180,7 +180,6 @@ def open_workers(
     """Workers of a Dask cluster by its address, or processes on this machine.
 
     Args:
-        scheduler: the address.
         count: of processes; None for one per core.
         folder: that all workers have to see, if any.
 

@@ -78,42 +78,36 @@ def _trend(row: Row, seen: pl.DataFrame) -> list[Data]:
     A rate is a share per month, so friction grows exponentially; over the drawn range a straight
     line is as good.
     """
-    first, last = seen["time"][0], seen["time"][-1]
-    begin, level = row["change"] or first, row["level"]
-    if row["rate"] is None or level is None:
-        return []
+    first, last, begin, level = seen["time"][0], seen["time"][-1], row["change"], row["level"]
     # To the limit, but not far beyond the recordings.
     end = min(max(row["horizon"] or last, last), last + max(last - begin, _MONTH))
     low, middle, high = (
-        None if row[key] is None else level * (1 + row[key]) ** ((end - begin) / _MONTH)
+        level * (1 + row[key]) ** ((end - begin) / _MONTH)
         for key in ("rate_low", "rate", "rate_high")
     )
-    traces = [_line("rate", [begin, end], [level, middle], style.PREDICTED, "solid")]
-    if low is not None and high is not None:
-        band = {
-            "type": "scatter",
-            "x": [_minute(begin), _minute(end), _minute(end)],
-            "y": [level, high, low],
-            "name": "its 95 % interval",
-            "mode": "lines",
-            "line": {"width": 0},
-            "fill": "toself",
-            "fillcolor": style.PREDICTED,
-            "opacity": 0.25,
-            "hoverinfo": "skip",
-        }
-        traces.insert(0, band)
-    return traces + _limit(row, first, end)
+    band = {
+        "type": "scatter",
+        "x": [_minute(begin), _minute(end), _minute(end)],
+        "y": [level, high, low],
+        "name": "its 95 % interval",
+        "mode": "lines",
+        "line": {"width": 0},
+        "fill": "toself",
+        "fillcolor": style.PREDICTED,
+        "opacity": 0.25,
+        "hoverinfo": "skip",
+    }
+    line = _line("rate", [begin, end], [level, middle], style.PREDICTED, "solid")
+    return [band, line, *_limit(row, first, end)]
 
 
 def _step(row: Row, seen: pl.DataFrame) -> list[Data]:
     first, last = seen["time"][0], seen["time"][-1]
-    on, level, step = row["change"], row["level"], row["step"]
-    if on is None or level is None or step is None:
-        return []
-    y = [level, level, level * (1 + step), level * (1 + step)]
-    traces = [_line("level", [first, on, on, last], y, style.PREDICTED, "solid")]
-    return traces + _limit(row, first, last)
+    on, before = row["change"], row["level"]
+    after = before * (1 + row["step"])
+    y = [before, before, after, after]
+    level = _line("level", [first, on, on, last], y, style.PREDICTED, "solid")
+    return [level, *_limit(row, first, last)]
 
 
 def _limit(row: Row, first: datetime, last: datetime) -> list[Data]:
@@ -135,8 +129,6 @@ def _change(row: Row) -> tuple[Data, ...]:
     on, low, high = (row[key] for key in ("change", "change_low", "change_high"))
     line = {"type": "line", "x0": _minute(on), "x1": _minute(on),
             "line": {"color": style.RESIDUAL, "width": 1.5, "dash": "dot"}}  # fmt: skip
-    if low is None or high is None:
-        return (line,)
     band = {"type": "rect", "x0": _minute(low), "x1": _minute(high), "fillcolor": style.RESIDUAL,
             "opacity": 0.18, "line": {"width": 0}}  # fmt: skip
     return line, band

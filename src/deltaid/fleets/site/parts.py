@@ -107,11 +107,11 @@ def dates(values: pl.Series) -> list[str]:
     return values.dt.strftime("%Y-%m-%d %H:%M" if several else "%Y-%m-%d").to_list()
 
 
-def dots(rows: pl.DataFrame, value: str, text: str) -> Data:
-    """A box with a dot for each row, labelled by a text."""
+def dots(rows: pl.DataFrame, value: str) -> Data:
+    """A box with a dot for each row, labelled by its robot."""
     return {
         "type": "box",
-        "text": [style.label(name) for name in rows[text].to_list()],
+        "text": [style.label(name) for name in rows["robot"].to_list()],
         "boxpoints": "all",
         "jitter": 0.5,
         "pointpos": 0,
@@ -127,10 +127,8 @@ def cell(form: Callable[..., str], *values: Any) -> str:
     return NOTHING if None in values else form(*values)
 
 
-def known(value: float | None, std: float | None) -> tuple[str, str]:
-    """A number and its ±, or a dash."""
-    if value is None:
-        return NOTHING, ""
+def known(value: float, std: float | None) -> tuple[str, str]:
+    """A number and its ±, if known."""
     return with_uncertainty(value, std) if std is not None else (number(value), "")
 
 
@@ -193,7 +191,7 @@ def deviation_figure(members: pl.DataFrame, parameters: Sequence[str]) -> Data:
     )
     hover = {"hovertemplate": "%{text}: %{x:.3g}<extra>%{y}</extra>"}
     traces = [
-        dots(alike, "x", "robot")
+        dots(alike, "x")
         | {"orientation": "h", **hover, "y": alike["parameter"].to_list(), "name": "robots"}
     ]
     if len(foreign):

@@ -32,10 +32,6 @@ def write_site(tables: Mapping[str, pl.DataFrame], site: Path, name: str) -> Non
     Pages of robots that the tables no longer have are removed. Either all pages are of this call,
     or none is.
 
-    Args:
-        tables: of `deltaid fleet`, by name.
-        name: of the fleet.
-
     Raises:
         DeltaidError: a page cannot be written.
     """
@@ -126,7 +122,6 @@ def overview(
     """The page of a fleet.
 
     Args:
-        title: of the page.
         links: addresses of the robots' pages.
         types: addresses of the types' pages.
         labels: names of types.

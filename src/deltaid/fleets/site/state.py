@@ -24,6 +24,8 @@ _CANNOT = {"drift": "drift cannot be searched", "type": "cannot be compared with
 # The period of all recordings of a robot together.
 ALL = "all"
 _CHANGED = {"rising": "rises", "falling": "falls", "stepped": "has stepped"}
+# Longest quoted reason [characters].
+_LONGEST = 160
 # Text of an undetermined state.
 UNKNOWN = "not enough data"
 # Start of parameters that are torque constants by identification.
@@ -64,7 +66,6 @@ class Robot:
     """One robot.
 
     Attributes:
-        name, type: of the robot.
         tables: its rows, and those of all types.
         recordings: number of recordings, quarantined and absent ones included.
         quarantined: number of quarantined ones.
@@ -179,11 +180,9 @@ def _friction(row: Row, now: datetime | None) -> Concern | None:
     stepped = row["state"] == "stepped"
     text = f"friction of {row['drive']} {_CHANGED[row['state']]}"
     size = row["step"] if stepped else row["rate"]
-    if size is not None:
-        sign = "+" * (stepped and size > 0) + "−" * (stepped and size < 0)
-        text += f" by {sign}{percent(abs(size))}{'' if stepped else ' a month'}"
-    if row["change"] is not None:
-        text += f"{' about' if stepped else ' since'} {day(row['change'])}"
+    sign = "+" * (stepped and size > 0) + "−" * (stepped and size < 0)
+    text += f" by {sign}{percent(abs(size))}{' about' if stepped else ' a month since'}"
+    text += f" {day(row['change'])}"
     if row["state"] == "falling" or row["horizon"] is None:
         return Concern(Urgency.LOOK, text)
     soonest = row["horizon_low"] or row["horizon"]
@@ -257,9 +256,9 @@ def _refused(quarantine: pl.DataFrame, last: str, *, recorded: bool) -> list[Con
     return concerns
 
 
-def _short(reason: str, most: int = 160) -> str:
+def _short(reason: str) -> str:
     line = (reason.strip().splitlines() or [""])[0]
-    return line if len(line) <= most else f"{line[: most - 1]}…"
+    return line if len(line) <= _LONGEST else f"{line[: _LONGEST - 1]}…"
 
 
 def day(time: datetime | None) -> str:

@@ -46,7 +46,7 @@ def _levels(tables: Tables, robots: Sequence[Robot], kind: str, title: str) -> P
     ]
     schema = {"robot": pl.String, "drive": pl.String, "y": pl.Float64}
     rows = pl.DataFrame(levels, schema=schema, orient="row")
-    trace = dots(rows, "y", "robot") | {
+    trace = dots(rows, "y") | {
         "x": rows["drive"].to_list(),
         "hovertemplate": "%{text}: %{y:.3g}<extra></extra>",
     }
@@ -91,7 +91,6 @@ def type_page(
 
     Args:
         kind: its name, or its description's file.
-        tables: of the fleet.
         robots: of all types.
         links: addresses of the robots' pages.
     """
