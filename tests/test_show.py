@@ -115,8 +115,7 @@ def test_limits_that_cut_the_workspace_are_warned_of() -> None:
     turned = np.rad2deg(rest.dynamics.kinematics.inverse(z)[:, 0])
     assert 0 < surveyed.within < 1
     assert surveyed.within == pytest.approx(np.mean((turned >= 0) & (turned <= 30)), abs=0.02)
-    page = rest_page(rest, reach(rest), surveyed, "")
-    (warning,) = page.warnings
+    (warning,) = rest_page(rest, "").warnings
     assert warning.startswith(
         f"{percent_of(1 - surveyed.within)} of the described workspace cannot be used; likeliest "
         "cause: poses lie beyond drive1 angle; "

@@ -1,5 +1,3 @@
 """The command line: `deltaid COMMAND`, one module a command."""
 
-from deltaid.cli.app import main
-
-__all__ = ["main"]
+from deltaid.cli.app import main as main

@@ -106,10 +106,10 @@ def show(
 
 
 def write_robot(robot: "AtRest", path: Path, origin: str) -> None:
-    from deltaid.view import html, reach, robots
+    from deltaid.view.html import write_page
+    from deltaid.view.robots import rest_page
 
-    page = robots.rest_page(robot, reach.reach(robot), reach.survey(robot), origin)
-    html.write_page(page, path)
+    write_page(rest_page(robot, origin), path)
     print_written(path)
 
 

@@ -45,6 +45,7 @@ class View:
 
 
 def home_view(robot: AtRest) -> View:
+    """The robot at home."""
     return _standing(robot, robot.home)
 
 

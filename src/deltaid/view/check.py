@@ -7,7 +7,7 @@ import polars as pl
 from deltaid.checks.verdicts import Verdicts, files_of
 from deltaid.dynamics.dynamics import compiled
 from deltaid.errors import DeltaidError
-from deltaid.model.verdict import Grade, Verdict
+from deltaid.model.verdict import Grade, Verdict, worst
 from deltaid.view.drawing import drawing
 from deltaid.view.numbers import FEW, in_words
 from deltaid.view.page import Drawing, Fact, Lines, Page, Section, Summary, Table, Text, Trust
@@ -77,12 +77,12 @@ def check_page(
     """All verdicts on a robot and its recordings.
 
     Args:
-        title: of the robot.
         logs: names of the recordings.
         lines: what to paste, by the file where it belongs, in words.
         picture: of the robot, where its description can be read.
     """
     (poor, good), grades = _parted(verdicts), [verdict.grade for verdict in verdicts]
+    grade = worst(verdicts)
     first = page_table(poor) if poor else Text("All that was checked is good.")
     pasted = tuple(Lines(text, f"Goes into {file}.") for file, text in lines.items())
     about = "what was checked and is as it should be"
@@ -94,29 +94,25 @@ def check_page(
     return Page(
         title=title,
         subtitle=f"Checked: the description{''.join(f', {log}' for log in logs)}",
-        verdict=_summary(grades),
+        verdict=_summary(grade, grades.count(grade)),
         drawing=picture,
         facts=tuple(Fact(grade, str(grades.count(grade))) for grade in _ORDER),
         sections=tuple(section for section in sections if section.blocks),
     )
 
 
-def _summary(grades: Sequence[Grade]) -> Summary:
-    worst = max(grades, key=list(Grade).index, default=Grade.GOOD)
-    many = grades.count(worst)
-    things = f"{in_words(many)} thing{'s' if many > 1 else ''}"
-    return {
-        Grade.WRONG: Summary(
-            Trust.POOR, f"Wrong: {things} to be corrected before an identification."
+def _summary(grade: Grade, count: int) -> Summary:
+    things = f"{in_words(count)} thing{'s' if count > 1 else ''}"
+    trust, said = {
+        Grade.WRONG: (Trust.POOR, f"Wrong: {things} to be corrected before an identification."),
+        Grade.DOUBTFUL: (
+            Trust.FAIR,
+            f"Doubtful: {things} to be inspected before an identification.",
         ),
-        Grade.DOUBTFUL: Summary(
-            Trust.FAIR, f"Doubtful: {things} to be inspected before an identification."
-        ),
-        Grade.CANNOT_TELL: Summary(
-            Trust.GOOD, f"No fault detected: {things} could not be checked."
-        ),
-        Grade.GOOD: Summary(Trust.GOOD, "Good: nothing is in the way of an identification."),
-    }[worst]
+        Grade.CANNOT_TELL: (Trust.GOOD, f"No fault detected: {things} could not be checked."),
+        Grade.GOOD: (Trust.GOOD, "Good: nothing is in the way of an identification."),
+    }[grade]
+    return Summary(trust, said)
 
 
 def verdicts_card(value: Verdicts | Verdict) -> Card:

@@ -22,6 +22,7 @@ _ROUNDING = 1e-6
 
 
 def excitation_page(result: Excitation) -> Page:
+    """Page of an optimised motion, at the robot's prior."""
     exciter, run = result.exciter, result.run
     robot, settings = exciter.dynamics.robot, exciter.settings
     fullest, periods = _fullest(result), f"{run.repeats} period{'s' * (run.repeats > 1)}"

@@ -187,6 +187,7 @@ def validation_page(value: Validation) -> Page:
 
 
 def model_page(value: Model | IdentifiedModel) -> Page:
+    """The page of a model alone, without its recordings."""
     model = load(value)
     known = model.identified
     if known is None:

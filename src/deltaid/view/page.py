@@ -84,9 +84,11 @@ class Figure:
 
     @property
     def height(self) -> int | float:
+        """Height on screen [px]."""
         return self.figure.layout.height or HEIGHT
 
     def data(self) -> dict[str, Any]:
+        """Traces, layout and frames; numpy arrays as base64."""
         return self.figure.to_plotly_json()
 
 
@@ -185,7 +187,6 @@ class Made:
     Attributes:
         command: as it was typed; of a program that uses deltaid as a library, that says so.
         on: day and time, with the offset from UTC.
-        version: of deltaid.
     """
 
     command: str
@@ -226,6 +227,7 @@ class Page:
 
     @property
     def has_figures(self) -> bool:
+        """Whether Plotly draws anything."""
         blocks = [*self.front, *(block for section in self.sections for block in section.blocks)]
         return any(isinstance(block, Figure) for block in blocks)
 

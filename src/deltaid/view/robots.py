@@ -99,13 +99,11 @@ def robot_page(value: RobotDescription) -> Page:
     """
     require_space(value)
     model = load(value)
-    at_rest = AtRest(model.dynamics, model.p)
-    return rest_page(
-        at_rest, reach(at_rest), survey(at_rest), "Robot at rest, with its prior parameters"
-    )
+    return rest_page(AtRest(model.dynamics, model.p), "Robot at rest, with its prior parameters")
 
 
-def rest_page(robot: AtRest, reached: Reach, surveyed: WorkspaceSurvey, subtitle: str) -> Page:
+def rest_page(robot: AtRest, subtitle: str) -> Page:
+    reached, surveyed = reach(robot), survey(robot)
     return Page(
         title=robot.robot.title or robot.robot.name,
         subtitle=subtitle,

@@ -96,7 +96,6 @@ def stacked(
     Args:
         height: of all of them [px].
         spacing: between two of them, as a share of the height.
-        options: of `make_subplots`.
     """
     rows = len(titles)
     figure = make_subplots(
