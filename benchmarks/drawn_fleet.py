@@ -195,7 +195,7 @@ def _drawn(
     every, split = one.groups
     factors = [np.stack([drawn(i, *each) for each in own]) for i, own in enumerate(split)]
     every = replace(every, factors=tuple(factors))
-    whole, groups = every.only([0]), every.only(range(1, len(every)))
+    whole, groups = every.named("whole"), every.named("time").joined(every.named("place"))
     return replace(own_columns(one.condensed, n), whole=whole, groups=groups, geometry=geometry)
 
 

@@ -89,7 +89,7 @@ def sensors(
     from deltaid.sensors.planning.offers import shipped_text
     from deltaid.view import sensor_plan as view
     from deltaid.view.html import write_page
-    from deltaid.view.sensors import sensors_page
+    from deltaid.view.sensors import plan_page
 
     if print_list:
         if offers is not None:
@@ -123,7 +123,7 @@ def sensors(
     shown = view.chosen_entries(plan) if entries is None else names(entries)
     for name in shown:
         plan.entry(name)  # raises for an unknown one
-    write_files((report, lambda path: write_page(sensors_page(plan, shown), path)))
+    write_files((report, lambda path: write_page(plan_page(plan, shown), path)))
     if plan.model.identified is not None and not as_json:
         remark("note", f"{plan.model.source} is a model: planned with its masses and friction")
     hidden, card = view.untold(plan), view.plan_card(plan)

@@ -142,9 +142,7 @@ def explained(
     drives, first = len(y) // len(regressors), regressors[0]
     X = np.repeat(np.stack([robot.columns for robot in regressors]), drives, axis=0)
     unknown = np.repeat(np.stack([robot.unknown for robot in regressors]), drives, axis=0)
-    some = np.isfinite(y).any(axis=1)
-    start = np.zeros(len(y))
-    start[some] = np.nanmedian(y[some], axis=1)
+    start = np.nan_to_num(_median(y))
     z = y - start[:, None]
     variance = 1.0 + (std / SIZE) ** 2 + (unknown / SIZE) ** 2
     changes = Changes.over(days)

@@ -99,8 +99,7 @@ def _time(file: FactorFile) -> datetime:
     raise RecordingError(
         reason,
         where=file.path or record.log,
-        cure="name recordings by their date, such as line1-2026-01-31.csv, and gather them again; "
-        "or give times",
+        cure="name recordings by their date, such as line1-2026-01-31.csv, and gather them again",
     )
 
 

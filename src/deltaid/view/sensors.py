@@ -29,12 +29,14 @@ from deltaid.view.sensor_plan import (
 _BAR, _AROUND = 22, 110
 
 
-def sensors_page(plan: SensorPlan, entries: Sequence[str]) -> Page:
-    """Page of a plan.
+def plan_page(plan: SensorPlan, entries: Sequence[str] | None = None) -> Page:
+    """The page of `deltaid sensors`.
 
     Args:
-        entries: that the table of uses shows.
+        entries: that the table of uses shows; None for the default ones.
     """
+    if entries is None:
+        entries = chosen_entries(plan)
     robot, now = plan.model.robot, plan.described
     opened = {opening.name: opening for opening in plan.openings}
     open_now = opened[DESCRIBED if plan.has_described else TORQUES].null
@@ -91,11 +93,6 @@ def sensors_page(plan: SensorPlan, entries: Sequence[str]) -> Page:
             ),
         ),
     )
-
-
-def plan_page(plan: SensorPlan) -> Page:
-    """The page of `deltaid sensors`, with its default entries."""
-    return sensors_page(plan, chosen_entries(plan))
 
 
 def plan_figure(plan: SensorPlan) -> go.Figure:
