@@ -169,10 +169,12 @@ class Sorted:
         return cls(coordinates, freedom, rows, spreads, type_mean, np.ones(len(freedom)))
 
     def with_rows(self, rows: RobotRows) -> "Sorted":
+        """Spreads and mean of other rows, with the same p-values."""
         fitted = Sorted.fitted_to(self.coordinates, self.freedom, rows, self.spreads)
         return replace(fitted, chances=self.chances)
 
     def against_others(self, k: int, anything: U) -> AgainstOthers:
+        """Robot k compared with the others, as in `leave_one_out`."""
         freedom = (float(self.freedom[k]), self.spreads.freedom)
         return leave_one_out(self.rows, k, self.mean, freedom, anything)
 

@@ -193,6 +193,7 @@ def _rounded(groups: FactorGroups) -> FactorGroups:
 
 
 def _summed(groups: FactorGroups, members: Mapping[int | str, Sequence[int]]) -> FactorGroups:
+    """Merged groups by their new names; a group that stays alone keeps every bit."""
     each = [list(places) for places in members.values()]
     factors = (
         [R[k[0]] if len(k) == 1 else triangle(R[k].reshape(-1, R.shape[2])) for k in each]

@@ -167,6 +167,7 @@ class GatheredColumns:
 
     @cached_property
     def regressor(self) -> Extended:
+        """The plain robot's columns, then the additions."""
         return extended(self.dynamics, self.additions)
 
     @property

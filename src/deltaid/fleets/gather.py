@@ -148,6 +148,7 @@ def gathered_columns(problem: FittedProblem, recording: PreparedRecording) -> Ga
 
 
 def condensed(columns: GatheredColumns, recording: PreparedRecording) -> RecordingFactors:
+    """A recording's factors over gathered columns."""
     rows = MeasuredRows(columns.regressor)
     box, parts, names = _cells(columns.dynamics.robot, recording.log.reach)
     places = PlaceSums(box, rows.dof, len(rows.active) + 1, parts)

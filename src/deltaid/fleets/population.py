@@ -116,6 +116,7 @@ class Population:
 
     @property
     def free(self) -> Bool[np.ndarray, " parameters"]:
+        """Parameters that the fit may change."""
         return np.any(self.coordinates.to_p != 0, axis=1)
 
     @property

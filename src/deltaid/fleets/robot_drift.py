@@ -72,14 +72,15 @@ class DriftRecording:
 
 
 def recorded(
-    files: Sequence[FactorFile],
+    files: Sequence[FactorFile], times: Sequence[datetime] | None = None
 ) -> list[DriftRecording]:
-    """Factor files sorted by time, from their stamps or from dates in their names.
+    """Factor files sorted by time: as given, from their stamps, or from dates in their names.
 
     Raises:
         RecordingError: the time of one is unknown.
     """
-    recordings = [DriftRecording(file, _time(file)) for file in files]
+    stamps = [_time(file) for file in files] if times is None else times
+    recordings = [DriftRecording(file, time) for file, time in zip(files, stamps, strict=True)]
     return sorted(recordings, key=lambda recording: recording.time)
 
 
@@ -99,7 +100,8 @@ def _time(file: FactorFile) -> datetime:
     raise RecordingError(
         reason,
         where=file.path or record.log,
-        cure="name recordings by their date, such as line1-2026-01-31.csv, and gather them again",
+        cure="name recordings by their date, such as line1-2026-01-31.csv, and gather them again; "
+        "or give times",
     )
 
 
@@ -137,9 +139,11 @@ class RobotDrift:
     settings: DriftSettings
 
     def date(self, day: float | None) -> datetime | None:
+        """Date of a day since the first recording."""
         return None if day is None else self.recordings[0].time + timedelta(days=day)
 
     def dates(self, days: Between) -> tuple[datetime | None, datetime | None, datetime | None]:
+        """Dates of a day and its interval."""
         return self.date(days.value), self.date(days.low), self.date(days.high)
 
     @property
@@ -167,6 +171,8 @@ def robot_drift(
     recordings: Sequence[DriftRecording],
     model: IdentifiedModel,
     settings: DriftSettings | None = None,
+    *,
+    name: str = "",
 ) -> RobotDrift:
     """Friction of a robot's drives over time, with temperature and load taken out.
 
@@ -174,6 +180,7 @@ def robot_drift(
         recordings: of one robot, each once, in any order.
         model: of this robot, from all or some of them; its rigid bodies are fixed.
         settings: limit, false alarms, first time.
+        name: of the robot.
 
     Raises:
         RecordingError: there are none, or they do not go together or with the model.
@@ -181,7 +188,7 @@ def robot_drift(
     settings = settings or DriftSettings()
     kept = kept_since(recordings, settings)
     files = [log.file for log in kept if isinstance(log.file, FactorFile)]
-    return drift_of(kept, friction_series(files, model), model, settings)
+    return drift_of(kept, friction_series(files, model), model, settings, name)
 
 
 def kept_since(

@@ -185,6 +185,7 @@ class FleetJob:
     drift: DriftSettings = field(default_factory=DriftSettings)
 
     def journal(self, table: str) -> str:
+        """Journal of one of its tables until those of the fleet are written."""
         return f"{JOURNAL}/{self.key}-{table}.parquet"
 
 

@@ -81,6 +81,7 @@ def _with_model(job: FleetJob, place: Place) -> tuple[RobotRecordings, Identifie
 
 
 def _model_file(robot: str) -> str:
+    """File of a robot's model from all of its recordings."""
     return f"models/{robot}.yaml"
 
 
@@ -95,10 +96,10 @@ def _drift(job: FleetJob, given: tuple[RobotRecordings, IdentifiedModel], _: Pla
     )
     sums = recordings.block.friction.only(np.array([number[log.brief.sha256] for log in kept]))
     drift = drift_of(kept, series_of(sums, recordings.merging, model), model, job.drift, job.robot)
-    table = drift_table(drift).with_columns(
+    table = drift_table([drift]).with_columns(
         bound=pl.col("false_alarms"), false_alarms=pl.lit(job.drift.false_alarms)
     )
-    return {"friction": friction_table(drift), "drift": table}
+    return {"friction": friction_table([drift]), "drift": table}
 
 
 def _member(job: FleetJob, recordings: RobotRecordings, place: Place) -> Tables:

@@ -227,6 +227,7 @@ def run_card(value: Run | FourierMotion) -> Card:
 
 
 def limit_table(result: Excitation) -> Table:
+    """Largest use of every limit over the whole run."""
     rows = tuple((limit.name, f"{100 * limit.share:.1f} %") for limit in result.limits)
     return Table(("limit", "in use"), rows, title="limits")
 

@@ -79,6 +79,7 @@ class LiveView:
 
     @property
     def url(self) -> str:
+        """Address of the view."""
         return f"http://{HOST}:{self.server.get_port()}"
 
     def move(self, wanted: Float[np.ndarray, " dof"], *, dragging: bool = False) -> View:
@@ -89,6 +90,7 @@ class LiveView:
             return self.view
 
     def close(self) -> None:
+        """Stop the server behind the view."""
         with _silence():
             self.server.stop()
 

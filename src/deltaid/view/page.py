@@ -100,6 +100,7 @@ class Chart(Figure):
 
     @property
     def height(self) -> int | float:
+        """Height on screen [px]."""
         return self.figure["layout"].get("height", HEIGHT)
 
     def data(self) -> dict[str, Any]:

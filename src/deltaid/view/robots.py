@@ -208,6 +208,7 @@ def use_table(robot: AtRest, surveyed: WorkspaceSurvey) -> Table:
 
 
 def end_table(robot: AtRest, reached: Reach) -> Table:
+    """Share of the rays from home that each limit ends."""
     rows = []
     for k, share in sorted(reached.shares.items(), key=lambda item: -item[1]):
         distances = reached.distance[reached.ended_by == k]

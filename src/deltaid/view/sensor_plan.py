@@ -67,6 +67,7 @@ def bought(plan: SensorPlan) -> tuple[tuple[str, str, str], ...]:
 
 
 def entry_table(plan: SensorPlan) -> Table:
+    """Entries of all bodies that some measurement determines, before and after."""
     u, known = plan.unknowns, stages(plan)
     return Table(
         ("entry", "prior", "unit", "prior ±", *known),

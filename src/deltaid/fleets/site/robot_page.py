@@ -28,6 +28,7 @@ SEEN = ("data", "sum", "measured", "sensors")
 
 
 def robot_page(robot: Robot, label: str) -> Page:
+    """The page of a robot; `label` is the name of its type."""
     tables = robot.tables
     charts = [*_friction(robot), *_temperature(tables["friction"])]
     said = " ".join(f"False alarms: {text}." for text in bounds(robot.drives))
