@@ -21,7 +21,6 @@ from jax.typing import ArrayLike
 from deltaid.errors import KinematicsError
 from deltaid.kernel.llvm_ir import LIBM_BINARY, LIBM_UNARY, operation_name
 from deltaid.mechanism.mechanism import ClosedForm, Mechanism
-from deltaid.mechanism.rotation import inverse
 
 Operation = Callable[..., jax.Array]
 # An instruction: operation, slots that it reads and writes, and its constant.
@@ -168,7 +167,7 @@ def _closed_form(mechanism: Mechanism, form: ClosedForm) -> Operation:
 def _by_newton(mechanism: Mechanism, home: np.ndarray) -> Operation:
     n, both = mechanism.dof, [mechanism.z, mechanism.q_symbols]
     slope = ca.jacobian(mechanism.closure, mechanism.z)
-    step = as_jax(both, mechanism.z - inverse(slope) @ mechanism.closure)
+    step = as_jax(both, mechanism.z - mechanism.newton_step)
     check = as_jax(both, ca.vertcat(mechanism.closure, ca.det(slope), mechanism.modes))
     q_home = np.asarray(ca.Function("q", [mechanism.z], [mechanism.q])(home)).ravel()
     sign = float(np.sign(check(home, q_home)[n]))

@@ -29,7 +29,6 @@ from deltaid.exports.straight_line import Array
 from deltaid.exports.text import SINGLE, Precision
 from deltaid.exports.tree import spanning_tree
 from deltaid.joint_forces.constraint_forces import ConstraintForces
-from deltaid.mechanism.mechanism import Mechanism
 from deltaid.mechanism.tree_joints import tree_joints
 from deltaid.model.model import Model
 from deltaid.online.cycle import standard_parts, step_graph
@@ -92,8 +91,9 @@ def _forward(subject: Model, precision: Precision) -> ExportedFunction:
         q_home = ca.Function("q", [m.z], [m.q])(subject.home)
         at_home = ca.Function("d", [m.z, m.q_symbols], [ca.det(slope)])(subject.home, q_home)
         loops = Demand(float(np.sign(float(at_home))) * ca.det(slope), 0.0, "OTHER_MODE")
-        step = ca.inv_minor(slope) @ m.closure
-        newton = Newton(z, m.closure, step, _NEWTON_STEPS, precision.last, precision.closed)
+        newton = Newton(
+            z, m.closure, m.newton_step, _NEWTON_STEPS, precision.last, precision.closed
+        )
         doc = (
             f"z(q) by Newton's method, {_NEWTON_STEPS} steps at most. z holds a pose nearby "
             "before, such as that of the last cycle or home."
@@ -126,7 +126,7 @@ def _dynamics(
         "singularities takes more digits of torques than it has.",
         (z, q, qd, qdd),
         "tau",
-        ca.substitute(e.torque, e.z, closed(mechanism)),
+        ca.substitute(e.torque, e.z, mechanism.z - mechanism.newton_step),
     )
     return [
         function(
@@ -160,12 +160,6 @@ def _dynamics(
         ),
         function("gravity", "g: gravity and springs.", (z,), "g", e.g),
     ]
-
-
-def closed(mechanism: Mechanism) -> ca.SX:
-    """z after one Newton step of closing its loops for q."""
-    slope = ca.jacobian(mechanism.closure, mechanism.z)
-    return mechanism.z - ca.inv_minor(slope) @ mechanism.closure
 
 
 def bias(subject: Model, e: Equations) -> ca.SX:

@@ -28,7 +28,6 @@ from deltaid.errors import KinematicsError
 from deltaid.kernel.batch import BatchKernel
 from deltaid.mechanism.limb import elbow, mode_margin
 from deltaid.mechanism.mechanism import ClosedForm, Mechanism
-from deltaid.mechanism.rotation import inverse
 from deltaid.robot.limbs import LimbGeometry
 
 Samples = Float[np.ndarray, "samples dof"]
@@ -92,11 +91,9 @@ class NewtonForward:
     def __init__(self, mechanism: Mechanism, home: Float[np.ndarray, " dof"]) -> None:
         self._mechanism, self._home = mechanism, home
         z, q = mechanism.z, mechanism.q_symbols
-        self._dof = mechanism.dof
+        self._dof, everything = mechanism.dof, ca.vertcat(z, q)
+        self._step = BatchKernel(everything, z - mechanism.newton_step)
         slope = ca.jacobian(mechanism.closure, z)
-        step = z - inverse(slope) @ mechanism.closure
-        everything = ca.vertcat(z, q)
-        self._step = BatchKernel(everything, step)
         check = ca.vertcat(mechanism.closure, ca.det(slope), mechanism.modes)
         self._check = BatchKernel(everything, check)
         inverse_kinematics = ca.Function("q", [z], [mechanism.q])

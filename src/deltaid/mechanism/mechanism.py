@@ -5,7 +5,7 @@ the world; ψ the tool's angle, where a telescope or a platform turns it). Veloc
 accelerations are simple functions of generalised speeds (`mechanism.speeds`).
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import casadi as ca
 import numpy as np
@@ -40,10 +40,8 @@ class MovingBody:
         """The same turned about the origin by a constant rotation in L."""
         if by.is_eye():
             return self
-        at, rate, acceleration = self.origin.at, self.origin.rate, self.origin.acceleration
-        rotation = Rotation(by @ self.rotation.R, self.rotation.w, self.rotation.alpha)
-        origin = Path(by @ at, by @ rate, by @ acceleration)
-        return MovingBody(self.name, self.count, self.R_WL, rotation, origin)
+        origin = Path(by @ self.origin.at, by @ self.origin.rate, by @ self.origin.acceleration)
+        return replace(self, rotation=replace(self.rotation, R=by @ self.rotation.R), origin=origin)
 
     @property
     def world_rotation(self) -> ca.SX:
@@ -141,6 +139,11 @@ class Mechanism:
     def dof(self) -> int:
         """Number of drives δ."""
         return self.z.numel()
+
+    @property
+    def newton_step(self) -> ca.SX:
+        """Φ_z⁻¹ Φ of the closure Φ(z, q): what Newton's method takes from z."""
+        return inverse(ca.jacobian(self.closure, self.z)) @ self.closure
 
     @property
     def hold_condition(self) -> ca.SX:

@@ -71,15 +71,9 @@ class TreeJoints:
 
     def states(self, z: Samples, qd: Samples | None) -> JointStates:
         """Joint states at samples of a motion."""
-        n = len(self.names)
-        if qd is None:
-            return JointStates(self.names, self._positions(z.T).T, None)
-        out = self._states(np.hstack([z, qd]).T).T
-        return JointStates(self.names, out[:, :n], out[:, n:])
-
-    @cached_property
-    def _positions(self) -> BatchKernel:
-        return BatchKernel(self.z, self.position)
+        out = self._states(np.hstack([z, np.zeros_like(z) if qd is None else qd]).T).T
+        position, velocity = np.hsplit(out, 2)
+        return JointStates(self.names, position, None if qd is None else velocity)
 
     @cached_property
     def _states(self) -> BatchKernel:

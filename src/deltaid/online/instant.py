@@ -35,7 +35,6 @@ from jaxtyping import Float
 from deltaid.errors import DeltaidError
 from deltaid.identification.sources import delays_of
 from deltaid.mechanism.mechanism import Mechanism
-from deltaid.mechanism.rotation import inverse
 from deltaid.model.model import Model
 from deltaid.online.graph import CycleFields, Field, Layout, chosen, every, only_if
 from deltaid.online.settings import OnlineKnowledge, OnlineSettings
@@ -196,8 +195,7 @@ def pose(mechanism: Mechanism, near: ca.SX, q: ca.SX) -> tuple[ca.SX, ca.SX]:
         closed_form = ca.Function("z", [m.q_symbols], [form.z, form.margin, form.modes])
         z, margin, modes = closed_form(q)
         return z, ca.logic_and(margin > 0, ca.mmin(modes) > 0)
-    step = m.z - inverse(ca.jacobian(m.closure, m.z)) @ m.closure
-    move = ca.Function("move", [m.z, m.q_symbols], [step])
+    move = ca.Function("move", [m.z, m.q_symbols], [m.z - m.newton_step])
     for _ in range(_STEPS):
         z = move(z, q)
     gap, modes = ca.Function("check", [m.z, m.q_symbols], [m.closure, m.modes])(z, q)
