@@ -142,11 +142,6 @@ class Plant:
         return replace(self, loads=(Held(point_mass(mass)),))
 
 
-def as_plant(plant: Model | Plant) -> Plant:
-    """A plant from a plant or a model."""
-    return plant if isinstance(plant, Plant) else Plant(plant)
-
-
 # Longest time step of an elastic gear, as a share of 1/ω of the motor against the robot.
 _OF_A_GEAR = 0.2
 

@@ -22,7 +22,7 @@ from scipy.interpolate import make_interp_spline
 
 from deltaid.control.controllers import Controller, ControlModel, Desired, MeasuredState, tuned
 from deltaid.control.options import ControllerName
-from deltaid.control.plant import Plant, Running, as_plant
+from deltaid.control.plant import Plant, Running
 from deltaid.dynamics.limits import effort_limits
 from deltaid.errors import RecordingError
 from deltaid.kernel.batch import BLOCK
@@ -252,7 +252,7 @@ def track(
     Raises:
         KinematicsError: the trajectory is out of the plant's reach, or of the model's.
     """
-    plant, period = as_plant(plant), 1 / drives.rate
+    plant, period = plant if isinstance(plant, Plant) else Plant(plant), 1 / drives.rate
     known = model if callable(model) else lambda _: model
     time = np.arange(int(trajectory.duration * drives.rate + 1e-9) + 1) * period
     start, desired = trajectory.desired(time), trajectory.desired(time + 0.5 * period)

@@ -231,11 +231,6 @@ def model_description(
     return xml_text(root, _HEAD)
 
 
-def build_description(name: str, sources: Sequence[str]) -> str:
-    """The text of sources/buildDescription.xml, which FMI 3 has in place of a list of files."""
-    return xml_text(rendered_xml("build.xml.jinja", name=name, files=sources), _HEAD)
-
-
 _NAMESPACE = uuid.UUID("7d0d8b4e-5f0e-4c43-9e0e-0d1b6a3a5c11")
 
 
@@ -272,8 +267,9 @@ def fmu(
         variables=variables.all,
         quantities=quantities(subject),
     )
-    if version == "3":
-        texts["sources/buildDescription.xml"] = build_description(name, files)
+    if version == "3":  # in place of a list of files
+        build = rendered_xml("build.xml.jinja", name=name, files=files)
+        texts["sources/buildDescription.xml"] = xml_text(build, _HEAD)
     archive = io.BytesIO()
     with zipfile.ZipFile(archive, "w", zipfile.ZIP_DEFLATED) as unit:
         for path, content in ({path: text.encode() for path, text in texts.items()} | made).items():
