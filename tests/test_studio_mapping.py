@@ -91,7 +91,7 @@ def test_a_foreign_recording_is_read_as_it_was(tmp_path: Path) -> None:
     assert found.rows == 1500
     assert found.proposal.complete
     parse(written(found.proposal.data, "x"), ColumnMapping, where="x")
-    seen = preview(path, "clavel-delta3", found.proposal.data, points=10_000)
+    seen = preview(path, "clavel-delta3", found.proposal.data)
     assert [(curve.quantity, curve.unit) for curve in seen.curves] == 3 * [
         ("position", "deg")
     ] + 3 * [("torque", "N m")]
@@ -199,7 +199,7 @@ def test_drives_are_alike_also_where_a_column_is_chosen_later() -> None:
 def test_signals_are_drawn_before_any_column_is_mapped(tmp_path: Path) -> None:
     log = recorded(500)
     path = str(german(tmp_path / "log.csv", log))
-    seen = signals(path, GERMAN[0], GERMAN[1:], points=10_000)
+    seen = signals(path, GERMAN[0], GERMAN[1:])
     assert [curve.quantity for curve in seen.curves] == 3 * ["Istposition Achse … [°]"] + 3 * [
         "Motorstrom Achse … [A]"
     ]

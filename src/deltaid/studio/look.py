@@ -75,16 +75,13 @@ def ready() -> bool:
     return True
 
 
-def preview(
-    path: str, robot: str, mapping: dict[str, Any], points: int = POINTS, span: Any = None
-) -> Preview:
+def preview(path: str, robot: str, mapping: dict[str, Any], span: Any = None) -> Preview:
     """A recording as a mapping reads it: positions in degrees or m, torques in N m or N.
 
     Args:
         path: the recording.
         robot: name or file.
         mapping: data of a mapping file.
-        points: at most so many on each curve.
         span: first and last second to be shown; None for all.
 
     Raises:
@@ -100,7 +97,7 @@ def preview(
     ]
     names = [channel.column for _, _, channel in curves]
     time = None if columns.time.is_absent else columns.time.column
-    seen = _thinned(table, time, names, points, span, columns.time)
+    seen = _thinned(table, time, names, span, columns.time)
     drawn: list[Curve] = []
     for k, (quantity, drive, channel) in enumerate(curves):
         units = description.units(description.drives[drive])
@@ -112,21 +109,19 @@ def preview(
     return Preview(tuple(drawn), seen.rows, seen.seconds)
 
 
-def signals(
-    path: str, time: str | None, columns: Sequence[str], points: int = POINTS, span: Any = None
-) -> Preview:
+def signals(path: str, time: str | None, columns: Sequence[str], span: Any = None) -> Preview:
     """Columns of a recording as they are, before they are mapped: over time, or over rows.
 
     Args:
         path: the recording.
         time: column of the time, in its own unit; None for the number of the row.
         columns: to be drawn; those whose names differ in numbers only share a row of curves.
-        points, span: as of `preview`, in the unit of the time.
+        span: as of `preview`, in the unit of the time.
 
     Raises:
         RecordingError: a column is missing, or the file cannot be read.
     """
-    seen = _thinned(open_table(Path(path)), time, columns, points, span)
+    seen = _thinned(open_table(Path(path)), time, columns, span)
     stems = [re.sub(r"\d+", "…", name) for name in columns]
     drawn = [
         Curve(name, stem, stems[:k].count(stem), "", *seen.curve(k))
@@ -136,11 +131,11 @@ def signals(
 
 
 def _thinned(
-    table: LogTable, time: str | None, names: Sequence[str], points: int, span: Any,
+    table: LogTable, time: str | None, names: Sequence[str], span: Any,
     channel: Channel | None = None,
 ) -> "MinMax":  # fmt: skip
     """Thinned curves of columns over a time column, which a channel converts, or over rows."""
-    seen = MinMax(len(names), points, span)
+    seen = MinMax(len(names), POINTS, span)
     for rows in table.rows(names if time is None else [time, *names]):
         numbers = [np.asarray(column, dtype=float) for column in rows.numbers]
         own = np.arange(seen.rows, seen.rows + len(numbers[0]), dtype=float)

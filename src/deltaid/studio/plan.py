@@ -62,10 +62,6 @@ class Plan(Part):
         }
         return self.changed(recordings=tuple((others | {used.file: used}).values()))
 
-    def without_recording(self, file: str) -> "Plan":
-        """The same without a recording."""
-        return self.changed(recordings=tuple(r for r in self.recordings if r.file != file))
-
 
 class Store:
     """The plan of a folder on disk, read before each change so that no change is lost.

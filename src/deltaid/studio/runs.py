@@ -143,14 +143,11 @@ def _record(path: Path, changed: int) -> FinishedRun | None:
 
 def output(folder: Folder, run: FinishedRun) -> dict[str, Any]:
     """JSON output of a run; empty if there is none."""
-    return json.loads(_text_of(folder, run, OUTPUT) or "{}")
+    return json.loads(text_of(folder, run, OUTPUT) or "{}")
 
 
-def messages(folder: Folder, run: FinishedRun) -> str:
-    return _text_of(folder, run, MESSAGES)
-
-
-def _text_of(folder: Folder, run: FinishedRun, name: str) -> str:
+def text_of(folder: Folder, run: FinishedRun, name: str) -> str:
+    """Content of one of a run's files; empty if it has none of that name."""
     path = folder.root / run.folder / name
     return path.read_text(encoding="utf-8") if path.is_file() else ""
 

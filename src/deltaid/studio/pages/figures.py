@@ -96,13 +96,17 @@ def _panels(titles: Sequence[str], time: str = "time [s]") -> go.Figure:
     )
 
 
-def linked(plot: ui.plotly, again: Callable[[Span | None], Awaitable[Options]]) -> None:
-    """Redraw a figure in more detail when its view of time changes.
+def zoomable(
+    figure: Options, label: str, again: Callable[[Span | None], Awaitable[Options]]
+) -> None:
+    """A figure that is redrawn in more detail when its view of time changes.
 
     Args:
-        plot: with one time axis for all rows.
+        figure: with one time axis for all rows.
+        label: what it shows, for screen readers.
         again: gives the figure of a span [s], or of all time for None.
     """
+    plot = ui.plotly(figure).classes("w-full").props(f'role=img aria-label="{label}"')
 
     async def zoomed(event: events.GenericEventArguments) -> None:
         asked = _span(event.args)
@@ -170,13 +174,11 @@ async def _preview_plot(
     path = str(session.folder.path(used.file))
     with parts.waiting():
         seen = await session.look(see, path, *given)
-    plot = ui.plotly(curves(seen, time)).classes("w-full")
-    plot.props(f'role=img aria-label="Preview of {used.file}"')
 
     async def again(span: Span | None) -> Options:
-        return curves(await session.look(see, path, *given, look.POINTS, span), time)
+        return curves(await session.look(see, path, *given, span), time)
 
-    linked(plot, again)
+    zoomable(curves(seen, time), f"Preview of {used.file}", again)
     return seen
 
 

@@ -32,7 +32,10 @@ async def body(session: Session) -> None:
 
 def _files(session: Session, robot: RobotDescription) -> None:
     def forget(name: str) -> None:
-        session.store.change(lambda plan: plan.without_recording(name))
+        def without(plan: Plan) -> Plan:
+            return plan.changed(recordings=tuple(r for r in plan.recordings if r.file != name))
+
+        session.store.change(without)
 
     with parts.panel("Recordings"):
         upload(session, "a recording", count_columns, partial(_add, session, robot))

@@ -8,7 +8,7 @@ from nicegui import ui
 from deltaid.errors import DeltaidError
 from deltaid.studio.look import Beside, torques
 from deltaid.studio.pages import parts
-from deltaid.studio.pages.figures import compared_curves, linked
+from deltaid.studio.pages.figures import compared_curves, zoomable
 from deltaid.studio.plan import Used
 from deltaid.studio.runs import FinishedRun, comparison, describe_fit, runs
 from deltaid.studio.session import Session, mapping_of
@@ -145,13 +145,12 @@ async def _along(session: Session, runs: list[FinishedRun], used: Used, shown: s
         for name, nrmse in zip(names, compared.nrmse.tolist(), strict=True)
     ]
     parts.table(("error, as a share of the torque", *compared.drives), rows)
-    plot = ui.plotly(compared_curves(compared, names, shown)).classes("w-full")
-    plot.props(f'role=img aria-label="{shown.capitalize()} of models along {used.file}"')
 
     async def again(span: tuple[float, float] | None) -> Any:
         return compared_curves(await _look(session, runs, used, span), names, shown)
 
-    linked(plot, again)
+    label = f"{shown.capitalize()} of models along {used.file}"
+    zoomable(compared_curves(compared, names, shown), label, again)
 
 
 def _everywhere(session: Session, runs: list[FinishedRun], known: dict[str, Used]) -> None:

@@ -10,7 +10,7 @@ from nicegui.elements.mixins.value_element import ValueElement
 from deltaid.control.options import ControllerName
 from deltaid.exports.options import FURTHER, FmiVersion
 from deltaid.studio.pages import parts
-from deltaid.studio.runs import FinishedRun, describe_fit, messages, runs
+from deltaid.studio.runs import MESSAGES, FinishedRun, describe_fit, runs, text_of
 from deltaid.studio.session import Session
 from deltaid.studio.steps import (
     AlongKind,
@@ -101,7 +101,7 @@ def _step(
 
 
 def _downloads(session: Session, run: FinishedRun) -> None:
-    if said := messages(session.folder, run).strip():
+    if said := text_of(session.folder, run, MESSAGES).strip():
         parts.note(said, "doubt" if "warning:" in said else "")
     files = sorted((session.folder.root / run.folder).iterdir())
     with ui.row():
