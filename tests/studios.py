@@ -8,15 +8,23 @@ import signal
 import subprocess
 import sys
 import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
 import polars as pl
+import pytest
 
-from visit import BROWSERS_OWN
+from visit import BROWSERS_OWN, CHROMIUM, chromium
 
 SOURCE = Path(__file__).parents[1] / "src"
 ENTRY = "from deltaid.cli import main; main()"
+# Marks of a module whose tests visit a studio.
+VISITS = [
+    pytest.mark.slow,
+    pytest.mark.skipif(CHROMIUM is None, reason="there is no chromium on the path"),
+]
 
 
 class Studio:
@@ -48,10 +56,6 @@ class Studio:
     def address(self) -> str:
         """What opens it once: the next one that it has printed."""
         return self._addresses.get(timeout=20)
-
-    @property
-    def pid(self) -> int:
-        return self._process.pid
 
     def _read(self) -> None:
         assert self._process.stderr is not None
@@ -141,6 +145,17 @@ class Visitor:
         command = self.page.locator("pre.command:visible").last.inner_text()
         python = self.page.locator("pre.python:visible").last.inner_text()
         return shlex.split(command), python
+
+
+@contextmanager
+def visited(folder: Path) -> Iterator[Visitor]:
+    """A visitor of a folder's studio; in the end nothing was wrong, and nobody else was asked."""
+    with Studio(folder) as studio, chromium() as browser:
+        visitor = Visitor(browser, studio)
+        yield visitor
+        assert visitor.said == []
+        assert visitor.others == []
+    assert "Traceback" not in studio.errors()
 
 
 def foreign(path: Path, log: pl.DataFrame, *, late: int = 0, turned: int | None = None) -> Path:

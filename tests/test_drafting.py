@@ -105,29 +105,24 @@ def answered_or_refused(made: Draft) -> Draft | DeltaidError:
         return error
 
 
-# Where each answer stands in a description, as `answers` reads it back.
 @every_kind
 def test_every_number_comes_back(kind: str) -> None:
     """Odd digits in all answers at once, read back from the text."""
     rng, usual = np.random.default_rng(5), typical(kind).values
     given = {q.key: float(f"{usual[q.key] * rng.uniform(0.97, 1):.7g}") for q in questions_of(kind)}
-    given["gear"] = 3.0
-    space = ("radius", "low", "high")
-    made = Draft(kind, "odd", "Odd", {k: given[k] for k in given if k not in space})
-    made = Draft(kind, "odd", "Odd", {**made.values, **{k: usual[k] for k in space}})
-    made = Draft(kind, "odd", "Odd", made.values, dict.fromkeys(made.values, GIVEN))
-    back = answers(description(made))
-    assert kind_of(description(made)) == kind
-    if isinstance(platform := description(made).platform, H4Platform | Par4Platform | I4Platform):
-        assert platform.angle_deg == (-made.values["tool_turn"], made.values["tool_turn"])
+    given |= {"gear": 3.0} | {key: usual[key] for key in ("radius", "low", "high")}
+    robot = description(Draft(kind, "odd", "Odd", given, dict.fromkeys(given, GIVEN)))
+    back = answers(robot)
+    assert kind_of(robot) == kind
+    if isinstance(platform := robot.platform, H4Platform | Par4Platform | I4Platform):
+        assert platform.angle_deg == (-given["tool_turn"], given["tool_turn"])
     behind = {"torque": 3.0, "speed": 1 / 3, "rotor": 9.0, "gear": 1 / 3}
     for question in questions_of(kind):
         key = question.key
         if key in ("base_radius", "pinion") and kind.startswith(("h4", "i4")):
-            assert back[key] == pytest.approx(made.values[key], rel=1e-5)
+            assert back[key] == pytest.approx(given[key], rel=1e-5)
             continue
-        factor = behind.get(key, 1.0)
-        assert back[key] == pytest.approx(made.values[key] * factor, rel=1e-11), key
+        assert back[key] == pytest.approx(given[key] * behind.get(key, 1.0), rel=1e-11), key
 
 
 @pytest.mark.parametrize("name", KINDS)

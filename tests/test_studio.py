@@ -29,9 +29,11 @@ def folder(tmp_path: Path) -> Folder:
 @pytest.mark.parametrize(
     "name",
     ["../secret.csv", "/etc/passwd", "runs/../../x", ".ssh/id", "a/.hidden", "..", "", "a\\..\\b",
-     "C:x.csv", "a\0b"],
+     "C:x.csv", "a\0b", "link.csv"],
 )  # fmt: skip
-def test_names_do_not_lead_out_of_the_folder(folder: Folder, name: str) -> None:
+def test_names_do_not_lead_out_of_the_folder(folder: Folder, tmp_path: Path, name: str) -> None:
+    (tmp_path / "secret.csv").write_text("1")
+    (folder.root / "link.csv").symlink_to(tmp_path / "secret.csv")
     with pytest.raises(DeltaidError, match="no file of this folder"):
         folder.path(name)
     assert not folder.has(name)
@@ -43,13 +45,6 @@ def test_names_that_no_file_can_have_are_no_files(folder: Folder) -> None:
         assert not folder.has(name)
         with pytest.raises(DeltaidError):
             folder.write(name, "")
-
-
-def test_a_link_does_not_lead_out_either(folder: Folder, tmp_path: Path) -> None:
-    (tmp_path / "secret.csv").write_text("1")
-    (folder.root / "link.csv").symlink_to(tmp_path / "secret.csv")
-    with pytest.raises(DeltaidError, match="no file of this folder"):
-        folder.path("link.csv")
 
 
 @pytest.mark.parametrize(
@@ -121,26 +116,22 @@ def test_a_check_holds_for_exactly_what_it_saw(folder: Folder) -> None:
     store.change(lambda p: p.changed(robot="robot.yaml", recordings=(used,)))
     assert not session.grade()
     of, place = digest(folder, store.plan), new_run(folder, "check")
-    run = {
-        "folder": place,
-        "kind": "check",
-        "command": "",
-        "python": "",
-        "version": "",
-        "began": "",
-    }
-    write_record(folder, FinishedRun(**run, seconds=1, exit=0, of=of), '{"grade": "good"}', "")
+    empty = dict.fromkeys(("command", "python", "version", "began"), "")
+    run = FinishedRun(folder=place, kind="check", **empty, seconds=1, exit=0, of=of)
+    write_record(folder, run, '{"grade": "good"}', "")
     assert session.grade() == "good"
     # What a check does not see: names of runs, what is left aside, settings of the fit alone.
     store.change(lambda p: p.with_recording(Used(file="test.csv", use="aside")))
     store.change(lambda p: p.changed(settings=Settings(prior_spread=0.3), names={"a": "b"}))
     assert session.grade()
     plan = store.plan
-    other = plan.changed(settings=Settings(cutoff=30.0))
-    assert digest(folder, other) != of
-    assert digest(folder, plan.changed(settings=Settings(keep_all=True))) != of
-    assert digest(folder, plan.changed(robot="h4")) != of
-    assert digest(folder, plan.with_recording(Used(file="test.csv", use="verify"))) != of
+    for other in (
+        plan.changed(settings=Settings(cutoff=30.0)),
+        plan.changed(settings=Settings(keep_all=True)),
+        plan.changed(robot="h4"),
+        plan.with_recording(Used(file="test.csv", use="verify")),
+    ):
+        assert digest(folder, other) != of
     text = folder.text("mapping.yaml")
     folder.write("mapping.yaml", text + "# 1\n", instead_of=text)
     assert not session.grade()

@@ -57,11 +57,8 @@ def test_what_was_asked_for_is_not_what_was_measured() -> None:
     assert set(found.data) == {"time"}
     assert found.missing == ("position", "torque")
     found = proposed_mapping(columns("pos#_set", "pos#_act", "pos#", "torque#"), TURNING)
-    assert [entry["column"] for entry in found.data["position"]] == [
-        "pos1_act",
-        "pos2_act",
-        "pos3_act",
-    ]
+    names = [entry["column"] for entry in found.data["position"]]
+    assert names == ["pos1_act", "pos2_act", "pos3_act"]
 
 
 def test_numbers_of_another_count_of_drives_are_not_guessed() -> None:
@@ -92,9 +89,8 @@ def test_a_foreign_recording_is_read_as_it_was(tmp_path: Path) -> None:
     assert found.proposal.complete
     parse(written(found.proposal.data, "x"), ColumnMapping, where="x")
     seen = preview(path, "clavel-delta3", found.proposal.data)
-    assert [(curve.quantity, curve.unit) for curve in seen.curves] == 3 * [
-        ("position", "deg")
-    ] + 3 * [("torque", "N m")]
+    shown = [(curve.quantity, curve.unit) for curve in seen.curves]
+    assert shown == 3 * [("position", "deg")] + 3 * [("torque", "N m")]
     np.testing.assert_allclose(seen.curves[1].values, np.rad2deg(log["q2"]), atol=1e-9)
     np.testing.assert_allclose(seen.curves[5].values, log["tau3"], atol=1e-9)
     np.testing.assert_allclose(seen.curves[0].time, log["t"], atol=1e-9)
@@ -172,9 +168,8 @@ def test_a_mapping_that_is_half_written_is_no_file_yet() -> None:
     # What a mapping does not name has its usual names, if the recording has columns of these.
     assert incomplete(data, DRIVES) == ""
     assert incomplete(data, DRIVES, GERMAN) == "position: choose the column of drive1"
-    assert (
-        incomplete(data, DRIVES, ["t", *(f"{q}{i}" for q in ("q", "tau") for i in (1, 2, 3))]) == ""
-    )
+    usual = ["t", *(f"{q}{i}" for q in ("q", "tau") for i in (1, 2, 3))]
+    assert incomplete(data, DRIVES, usual) == ""
 
 
 def test_one_chosen_column_brings_along_those_of_the_other_drives_and_their_unit() -> None:
@@ -200,9 +195,8 @@ def test_signals_are_drawn_before_any_column_is_mapped(tmp_path: Path) -> None:
     log = recorded(500)
     path = str(german(tmp_path / "log.csv", log))
     seen = signals(path, GERMAN[0], GERMAN[1:])
-    assert [curve.quantity for curve in seen.curves] == 3 * ["Istposition Achse … [°]"] + 3 * [
-        "Motorstrom Achse … [A]"
-    ]
+    stems = [curve.quantity for curve in seen.curves]
+    assert stems == 3 * ["Istposition Achse … [°]"] + 3 * ["Motorstrom Achse … [A]"]
     np.testing.assert_allclose(seen.curves[0].time, 1e3 * log["t"], atol=1e-6)
     np.testing.assert_allclose(seen.curves[2].values, np.rad2deg(20 * log["q3"]), atol=1e-5)
     np.testing.assert_array_equal(signals(path, None, GERMAN[1:2]).curves[0].time, np.arange(500))

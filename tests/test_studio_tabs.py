@@ -8,11 +8,9 @@ from playwright import sync_api
 
 from deltaid.robot.load import catalogue_text
 from logs import recorded
-from studios import Studio, Visitor, foreign
-from visit import CHROMIUM, chromium
+from studios import VISITS, Visitor, foreign, visited
 
-NO_CHROMIUM = pytest.mark.skipif(CHROMIUM is None, reason="there is no chromium on the path")
-pytestmark = [NO_CHROMIUM, pytest.mark.slow]
+pytestmark = VISITS
 
 
 @pytest.fixture(scope="module")
@@ -31,12 +29,8 @@ def work(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="module")
 def visitor(work: Path) -> Iterator[Visitor]:
-    with Studio(work) as studio, chromium() as browser:
-        found = Visitor(browser, studio)
+    with visited(work) as found:
         yield found
-        assert found.said == []
-        assert found.others == []
-    assert "Traceback" not in studio.errors()
 
 
 def _drop(page: sync_api.Page, path: Path) -> None:
