@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 
 import numpy as np
@@ -11,9 +11,12 @@ from deltaid.model.model import Model, load
 from deltaid.motion.random_motion import random_motion
 from deltaid.online.cycle import step_graph
 from deltaid.online.graph import StepGraph
+from deltaid.online.instant import UNKNOWN
 from deltaid.online.settings import OnlineSettings
 
 RATE = 1000.0
+# Little noise, for three drives.
+QUIET = OnlineSettings(noise=(0.1,) * 3, unmodelled=(0.1,) * 3, largest_mass=3.0)
 # A load of 1 kg that is consistent and has no symmetry.
 LOAD = np.array([1.0, 0.03, -0.02, 0.05, 0.006, 0.007, 0.005, 0.0006, 0.001, -0.0015])
 
@@ -34,7 +37,7 @@ def robot(name: str) -> tuple[Model, StepGraph]:
     """A robot at its prior, and its cycle with little noise."""
     model = load(name)
     dof = model.dynamics.dof
-    settings = OnlineSettings(noise=(0.1,) * dof, unmodelled=(0.1,) * dof, largest_mass=3.0)
+    settings = replace(QUIET, noise=(0.1,) * dof, unmodelled=(0.1,) * dof)
     return model, step_graph(model, settings)
 
 
@@ -63,7 +66,12 @@ def outputs(
     graph: StepGraph, run: Running, gripper: np.ndarray | None = None
 ) -> dict[str, np.ndarray]:
     """All outputs by name, and the states, cycle by cycle."""
-    told = np.full(len(run.q), -1.0) if gripper is None else gripper.astype(float)
-    u = np.column_stack([run.q, run.qd, run.tau, told, np.full(len(told), -1.0)])
+    told = np.full(len(run.q), UNKNOWN) if gripper is None else gripper.astype(float)
+    return outputs_of(graph, run.q, run.qd, run.tau, told)
+
+
+def outputs_of(graph: StepGraph, *inputs: np.ndarray) -> dict[str, np.ndarray]:
+    """Of rows without stamps."""
+    u = np.column_stack([*inputs, np.full(len(inputs[0]), UNKNOWN)])
     states, y = graph.function.mapaccum(len(u))(graph.state.initial, u.T)
     return graph.outputs.split(np.array(y).T) | {"state": np.array(states).T}

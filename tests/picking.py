@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import polars as pl
+import pytest
 
 from deltaid.checks.identify import identify
 from deltaid.dynamics.dynamics import compiled
@@ -16,6 +17,7 @@ from deltaid.model.model import Model, load
 from deltaid.model.settings import Settings
 from deltaid.motion.random_motion import random_motion
 from deltaid.motion.surrogate import SensorNoise, simulate_recording, surrogate_parameters
+from deltaid.online.watch import Watched
 from deltaid.robot.load import load_robot
 
 RATE, NOISE = 1000.0, 0.02
@@ -64,6 +66,16 @@ def picked(name: str = "clavel-delta3", duration: float = 10.0, seed: int = 4) -
     columns = {"t": time} | {f"q{i + 1}": x for i, x in enumerate(q.T)}
     columns |= {f"tau{i + 1}": x for i, x in enumerate((tau + noise).T)}
     return Picked(model, pl.DataFrame(columns | {"gripper": held.astype(int)}))
+
+
+def assert_as_it_was(found: Watched) -> None:
+    """Loads and pushes are those that it was recorded with."""
+    assert [load.mass.value for load in found.loads] == pytest.approx([MASS, MASS], abs=0.02)
+    assert [load.start for load in found.loads] == pytest.approx([a for a, _ in HELD], abs=2e-3)
+    assert len(found.touches) == len(PUSHES)
+    for touch, (start, _, drive, _) in zip(found.touches, PUSHES, strict=True):
+        assert start < touch.start < start + 0.01
+        assert touch.place == ("platform" if drive is None else f"drive{drive + 1}")
 
 
 def write_picked(folder: Path) -> None:

@@ -12,7 +12,9 @@ from itertools import pairwise
 
 import numpy as np
 
+import deltaid
 from deltaid.model.model import Model
+from deltaid.online.settings import OnlineSettings
 from oracle.tree import Array
 from picking import picked
 from plants import friction_of, oracle_of
@@ -20,6 +22,8 @@ from plants import friction_of, oracle_of
 RATE, ENCODER = 1000.0, 2 * np.pi / 2**20
 # Rows of a stand before the grip, and rows of a move.
 AHEAD, MOVE = 30, 220
+# As a standard deviation, where speeds are differences of positions.
+SPEED_NOISE = ENCODER * RATE / np.sqrt(6.0)
 # Centre of the load below its carrier [m].
 CENTRE = np.array([0.0, 0.0, -0.04])
 
@@ -42,6 +46,14 @@ class Shuttle:
     sign: Array
     coulomb: Array
     grips: tuple[int, int]
+
+    def online(
+        self, payload: float = 1.0, speed_noise: float | None = SPEED_NOISE
+    ) -> deltaid.Online:
+        """A stream that finds speeds itself, for loads of up to so much [kg]."""
+        noise = None if speed_noise is None else (speed_noise,) * 3
+        settings = OnlineSettings(speed="differenced", largest_mass=payload, speed_noise=noise)
+        return deltaid.Online(self.model, settings)
 
     def rounds(self, masses: Array) -> tuple[Array, Array, Array]:
         """q, torques and the gripper's signal of a round for each mass [kg], without noise."""

@@ -14,12 +14,10 @@ from deltaid.online.changes import Change, Onset, estimate_after
 from deltaid.online.cycle import contact_of, step_graph
 from deltaid.online.estimates import friction_bounds
 from deltaid.online.graph import StepGraph
-from deltaid.online.instant import UNKNOWN
 from deltaid.online.kalman import Estimate
-from deltaid.online.online import CommandTorques
 from deltaid.online.settings import OnlineKnowledge, OnlineSettings, knowledge
 from deltaid.robot.load import load_robot
-from online_runs import LOAD, Running, outputs, robot, running
+from online_runs import LOAD, QUIET, Running, outputs, outputs_of, robot, running
 
 ONE, NONE = ca.SX(1), ca.SX(0)
 
@@ -137,8 +135,7 @@ def test_how_much_a_model_lacks_is_learnt(
 def test_taking_and_leaving_a_load_is_no_contact(early: int) -> None:
     """Also where the gripper opens some milliseconds before the load is gone."""
     model, _ = robot("clavel-delta3")
-    settings = OnlineSettings(noise=(0.1,) * 3, unmodelled=(0.1,) * 3, largest_mass=3.0)
-    graph = step_graph(model, settings, more=(contact_of,))
+    graph = step_graph(model, QUIET, more=(contact_of,))
     run = running(model, 600, slice(250, 400), noise=0.1)
     y = outputs(graph, run, np.roll(run.held, -early))
     assert not np.any(y["contact"])
@@ -149,22 +146,11 @@ def test_taking_and_leaving_a_load_is_no_contact(early: int) -> None:
 def test_noise_of_speeds_that_nobody_told_is_learnt() -> None:
     """From positions in steps, speeds have noise, and it is no contact."""
     model, _ = robot("clavel-delta3")
-    settings = OnlineSettings(
-        noise=(0.1,) * 3, unmodelled=(0.1,) * 3, largest_mass=3.0, speed="differenced"
-    )
-    graph = step_graph(model, settings, more=(contact_of,))
+    graph = step_graph(model, replace(QUIET, speed="differenced"), more=(contact_of,))
     run = running(model, CYCLES, slice(0, 0), noise=0.1)
-    u = np.column_stack(
-        [np.round(run.q / 2e-5) * 2e-5, run.tau, np.zeros(CYCLES), np.full(CYCLES, UNKNOWN)]
-    )
-    y = graph.outputs.split(
-        np.array(graph.function.mapaccum(CYCLES)(graph.state.initial, u.T)[1]).T
-    )
+    y = outputs_of(graph, np.round(run.q / 2e-5) * 2e-5, run.tau, np.zeros(CYCLES))
     assert not np.any(y["contact"])
     assert 1 / 3 < np.quantile(y["contact_size"][2000:], 0.99) < 1
-
-
-QUIET = OnlineSettings(noise=(0.1,) * 3, unmodelled=(0.1,) * 3, largest_mass=3.0)
 
 
 def left(torque: str, rate: float) -> float:
@@ -174,11 +160,9 @@ def left(torque: str, rate: float) -> float:
     run = running(model, n + 1, slice(0, 0), rate=rate)
     # What is held from one position to the next is the torque in their middle.
     tau = 0.5 * (run.tau[1:] + run.tau[:-1]) if torque == "held" else run.tau[:n]
-    settings = replace(QUIET, rate=rate, speed="differenced", torque=torque)
-    graph = step_graph(model, settings)
-    u = np.column_stack([run.q[:n], tau, np.zeros(n), np.full(n, UNKNOWN)])
-    y = np.array(graph.function.mapaccum(n)(graph.state.initial, u.T)[1]).T
-    return float(np.abs(graph.outputs.split(y)["residual"][20:]).max())
+    graph = step_graph(model, replace(QUIET, rate=rate, speed="differenced", torque=torque))
+    y = outputs_of(graph, run.q[:n], tau, np.zeros(n))
+    return float(np.abs(y["residual"][20:]).max())
 
 
 @pytest.mark.parametrize("torque", ["sampled", "held"])
@@ -196,7 +180,7 @@ def test_friction_that_depends_on_load_is_explained() -> None:
         drive: type(law)(viscous=2.0, coulomb=1e-6, load=0.1)
         for drive, law in described.friction.items()
     }
-    losing = described.model_copy(update={"friction": laws})
+    losing = described.changed(friction=laws)
     model = Model(losing, prior_parameters(losing), "losing")
     run = running(model, 400, slice(0, 0))
     left = np.abs(outputs(step_graph(model, QUIET), run, run.held)["residual"])
@@ -215,22 +199,11 @@ def test_torques_are_what_drives_report_times_their_gains(monkeypatch: pytest.Mo
     assert y["load"][-1, 0] == pytest.approx(1.0, abs=0.02)
 
 
-def test_feed_forward_is_what_drives_are_told(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Torques at the joints by the gains."""
-    gains, (model, _) = np.array([1.2, 0.8, 1.5]), robot("clavel-delta3")
-    known, run = knowledge(model, QUIET), running(model, 3, slice(0, 0))
-    none, friction = np.zeros(len(known.entries.shown)), model.p[list(known.followed)]
-    rows = run.q[1], run.qd[1], np.array([1.0, -2.0, 3.0])
-    expected = model.dynamics.inverse_dynamics(*rows, model.p) / gains
-    monkeypatch.setattr(Model, "gains", property(lambda _: gains))
-    assert CommandTorques(model, known)(*rows, none, friction) == pytest.approx(expected, rel=1e-9)
-
-
 def test_an_offset_of_friction_near_zero_may_change_its_sign() -> None:
     """It moves by its deviations; coefficients of one sign by a share of themselves."""
     described = load_robot("clavel-delta3")
     law = described.friction["drive2"].changed(offset=0.01)
-    offset = described.model_copy(update={"friction": described.friction | {"drive2": law}})
+    offset = described.changed(friction=described.friction | {"drive2": law})
     model = Model(offset, prior_parameters(offset), "offset")
     known = knowledge(model, QUIET)
     low, high = friction_bounds(model, known, 0.3)

@@ -12,22 +12,17 @@ from command import refused, run
 from deltaid.online.replay import open_replay
 from deltaid.online.settings import OnlineSettings
 from deltaid.online.watch import watch
-from picking import HELD, MASS, PUSHES, Picked, picked
+from picking import HELD, MASS, PUSHES, picked
 
 TOLD = ("--gripper", "gripper", "--payload-max", 2)
 
 
 @pytest.fixture(scope="module")
-def made() -> Picked:
-    return picked()
-
-
-@pytest.fixture(scope="module")
-def folder(made: Picked, tmp_path_factory: pytest.TempPathFactory) -> Path:
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A model and a recording; no test changes these."""
     place = tmp_path_factory.mktemp("line")
-    made.model.identified.save(place / "model.yaml")
-    made.table.write_csv(place / "log.csv")
+    picked().model.identified.save(place / "model.yaml")
+    picked().table.write_csv(place / "log.csv")
     return place
 
 
@@ -97,39 +92,38 @@ def test_no_gripper_says_what_is_lost(folder: Path) -> None:
     assert "limb of drive2" in outcome.out
 
 
-def test_fewer_false_alarms_need_more_force(made: Picked) -> None:
-    replay = open_replay(made.model, made.table[:3000])
-    few, many = (watch(made.model, replay, OnlineSettings(false_alarms=n)) for n in (1e-3, 1e3))
+def test_fewer_false_alarms_need_more_force() -> None:
+    replay = open_replay(picked().model, picked().table[:3000])
+    few, many = (watch(picked().model, replay, OnlineSettings(false_alarms=n)) for n in (1e-3, 1e3))
     assert few.best > 1.2 * many.best
     assert not few.touches
 
 
-def test_recorded_velocities_are_taken(made: Picked) -> None:
-    t = made.table[:4000]
+def test_recorded_velocities_are_taken() -> None:
+    t = picked().table[:4000]
     rates = {f"qd{i}": np.gradient(t[f"q{i}"].to_numpy(), 1e-3) for i in (1, 2, 3)}
-    replay = open_replay(made.model, t.with_columns(**rates), gripper="gripper")
+    replay = open_replay(picked().model, t.with_columns(**rates), gripper="gripper")
     assert replay.has_velocity
-    found = watch(made.model, replay, OnlineSettings(largest_mass=2.0))
+    found = watch(picked().model, replay, OnlineSettings(largest_mass=2.0))
     assert found.loads[0].mass.value == pytest.approx(MASS, abs=0.05)
     assert [touch.place for touch in found.touches] == ["platform"]
 
 
-def test_a_hole_begins_anew_without_a_contact(made: Picked) -> None:
-    t = made.table
-    replay = open_replay(made.model, pl.concat([t[:1500], t[1800:3200]]), gripper="gripper")
+def test_a_hole_begins_anew_without_a_contact() -> None:
+    t = picked().table
+    replay = open_replay(picked().model, pl.concat([t[:1500], t[1800:3200]]), gripper="gripper")
     assert sum(rows.begins for rows in replay.rows()) == 2
-    found = watch(made.model, replay, OnlineSettings(largest_mass=2.0))
+    found = watch(picked().model, replay, OnlineSettings(largest_mass=2.0))
     assert found.touches == ()
     assert found.cycles == 2900
     assert any("1 gap" in doubt for doubt in found.doubts)
 
 
 @pytest.mark.slow
-def test_torques_that_lag_are_not_taken_for_contacts_without_a_word(made: Picked) -> None:
+def test_torques_that_lag_are_not_taken_for_contacts_without_a_word() -> None:
     late = [pl.col(f"q{i}").shift(5).fill_null(strategy="backward") for i in (1, 2, 3)]
-    found = watch(
-        made.model, open_replay(made.model, made.table.with_columns(late)), OnlineSettings()
-    )
+    replay = open_replay(picked().model, picked().table.with_columns(late))
+    found = watch(picked().model, replay, OnlineSettings())
     assert any("ms early against positions" in doubt for doubt in found.doubts)
 
 

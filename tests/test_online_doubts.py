@@ -17,145 +17,134 @@ from deltaid.online.suspicion import GripTiming, Offset, RunEvidence
 from deltaid.online.watch import Watched, watch
 from deltaid.recording.carried import Load
 from deltaid.recording.mapping import ColumnMapping
-from picking import HELD, MASS, PUSHES, Picked, picked
+from picking import HELD, MASS, PUSHES, assert_as_it_was, picked
 
 TORQUES = ("tau1", "tau2", "tau3")
 
 
-@pytest.fixture(scope="module")
-def made() -> Picked:
-    return picked()
+def opened(table: pl.DataFrame) -> Replay:
+    return open_replay(picked().model, table, gripper="gripper")
 
 
-def opened(made: Picked, table: pl.DataFrame) -> Replay:
-    return open_replay(made.model, table, gripper="gripper")
+def watched(table: pl.DataFrame) -> Watched:
+    return watch(picked().model, opened(table), OnlineSettings(largest_mass=2.0))
 
 
-def watched(made: Picked, table: pl.DataFrame) -> Watched:
-    return watch(made.model, opened(made, table), OnlineSettings(largest_mass=2.0))
+def changed(columns: Mapping[str, np.ndarray | pl.Expr]) -> pl.DataFrame:
+    return picked().table.with_columns(**columns)
 
 
-def changed(made: Picked, columns: Mapping[str, np.ndarray | pl.Expr]) -> pl.DataFrame:
-    return made.table.with_columns(**columns)
+def rates() -> dict[str, np.ndarray]:
+    return {f"qd{i}": np.gradient(picked().table[f"q{i}"].to_numpy(), 1e-3) for i in (1, 2, 3)}
 
 
-def rates(made: Picked) -> dict[str, np.ndarray]:
-    return {f"qd{i}": np.gradient(made.table[f"q{i}"].to_numpy(), 1e-3) for i in (1, 2, 3)}
-
-
-def test_columns_of_other_drives_and_signs_are_refused(made: Picked) -> None:
+def test_columns_of_other_drives_and_signs_are_refused() -> None:
     with pytest.raises(RecordingError, match="another order"):
-        opened(made, made.table.rename({"tau1": "tau2", "tau2": "tau1"}))
+        opened(picked().table.rename({"tau1": "tau2", "tau2": "tau1"}))
     with pytest.raises(RecordingError, match="drive1 counts the other way"):
-        opened(made, changed(made, {"tau1": -pl.col("tau1")}))
+        opened(changed({"tau1": -pl.col("tau1")}))
 
 
-def test_too_few_rows_and_rows_that_only_repeat_are_refused(made: Picked) -> None:
+def test_too_few_rows_and_rows_that_only_repeat_are_refused() -> None:
     with pytest.raises(RecordingError, match="has 10 rows"):
-        opened(made, made.table[:10])
-    slow = made.table[[k - k % 4 for k in range(10_000)]].with_columns(t=made.table["t"])
+        opened(picked().table[:10])
+    slow = picked().table[[k - k % 4 for k in range(10_000)]].with_columns(t=picked().table["t"])
     with pytest.raises(RecordingError, match="75 % of its rows repeat"):
-        opened(made, slow)
+        opened(slow)
 
 
-def test_torques_of_another_scale(made: Picked) -> None:
-    found = watched(made, changed(made, {name: 0.7 * pl.col(name) for name in TORQUES}))
+def test_torques_of_another_scale() -> None:
+    found = watched(changed({name: 0.7 * pl.col(name) for name in TORQUES}))
     (doubt,) = found.doubts
     assert "torques of all drives are 0.7" in doubt
     assert "torque constant" in doubt
     assert max(load.mass.value for load in found.loads) < 0.8 * MASS  # so it has to be said
 
 
-def test_a_channel_ends_at_the_number_that_it_stays_on(made: Picked) -> None:
-    tau = made.table["tau1"].to_numpy().copy()
+def test_a_channel_ends_at_the_number_that_it_stays_on() -> None:
+    tau = picked().table["tau1"].to_numpy().copy()
     tau[2000:2020] = end = 1.2 * np.abs(tau).max()
-    assert opened(made, changed(made, {"tau1": tau})).ends == (pytest.approx(end), np.inf, np.inf)
+    assert opened(changed({"tau1": tau})).ends == (pytest.approx(end), np.inf, np.inf)
 
 
 @pytest.mark.slow
-def test_a_torque_of_one_drive_at_the_end_of_its_channel(made: Picked) -> None:
-    tau = made.table["tau1"].to_numpy()
+def test_a_torque_of_one_drive_at_the_end_of_its_channel() -> None:
+    tau = picked().table["tau1"].to_numpy()
     end = 0.6 * np.abs(tau).max()
-    found = watched(made, changed(made, {"tau1": np.clip(tau, -end, end)}))
+    found = watched(changed({"tau1": np.clip(tau, -end, end)}))
     assert_as_it_was(found)
     (doubt,) = found.doubts
     assert "smallest number of tau1" in doubt
 
 
-def test_a_torque_that_stays(made: Picked) -> None:
-    tau = made.table["tau1"].to_numpy().copy()
+def test_a_torque_that_stays() -> None:
+    tau = picked().table["tau1"].to_numpy().copy()
     tau[5000:] = tau[5000]
-    found = watched(made, changed(made, {"tau1": tau}))
+    found = watched(changed({"tau1": tau}))
     assert "column tau1 stays the same for 5 s from 5 s on" in found.doubts[0]
 
 
-def test_brakes_are_no_contact(made: Picked) -> None:
-    table, rng = made.table[:6000], np.random.default_rng(2)
+def test_brakes_are_no_contact() -> None:
+    table, rng = picked().table[:6000], np.random.default_rng(2)
     on = np.arange(6000) >= 5200
     stopped = {q: np.where(on, table[q][5200], table[q].to_numpy()) for q in ("q1", "q2", "q3")}
     off = {
         name: np.where(on, 0.02 * rng.standard_normal(6000), table[name].to_numpy())
         for name in TORQUES
     }
-    found = watched(made, table.with_columns(**stopped, **off))
+    found = watched(table.with_columns(**stopped, **off))
     assert "brakes hold the robot in 13 % of the rows" in found.doubts[0]
     assert found.bad == 800
     assert [round(touch.start, 1) for touch in found.touches] == [PUSHES[0][0]]
 
 
-def test_velocities_that_are_late_or_noisy_are_left_out(made: Picked) -> None:
-    true, rng = rates(made), np.random.default_rng(0)
-    fine = opened(made, changed(made, true))
+def test_velocities_that_are_late_or_noisy_are_left_out() -> None:
+    true, rng = rates(), np.random.default_rng(0)
+    fine = opened(changed(true))
     assert fine.has_velocity
     assert not fine.doubts
-    late = opened(made, changed(made, {name: np.roll(x, 1) for name, x in true.items()}))
+    late = opened(changed({name: np.roll(x, 1) for name, x in true.items()}))
     assert not late.has_velocity
     assert "1 ms late against its position" in late.doubts[0]
     noisy = {name: x + 0.02 * rng.standard_normal(len(x)) for name, x in true.items()}
-    found = opened(made, changed(made, noisy))
+    found = opened(changed(noisy))
     assert not found.has_velocity
     assert "has noise of 0.02 a row" in found.doubts[0]
 
 
-def test_positions_in_coarse_steps(made: Picked) -> None:
-    coarse = {q: np.round(made.table[q].to_numpy() / 5e-4) * 5e-4 for q in ("q1", "q2", "q3")}
-    (doubt,) = watched(made, changed(made, coarse)).doubts
+def test_positions_in_coarse_steps() -> None:
+    coarse = {q: np.round(picked().table[q].to_numpy() / 5e-4) * 5e-4 for q in ("q1", "q2", "q3")}
+    (doubt,) = watched(changed(coarse)).doubts
     assert "loads look lighter" in doubt
 
 
-def test_a_gripper_that_tells_the_other_way(made: Picked) -> None:
-    (doubt,) = watched(made, changed(made, {"gripper": 1 - pl.col("gripper")})).doubts
+def test_a_gripper_that_tells_the_other_way() -> None:
+    (doubt,) = watched(changed({"gripper": 1 - pl.col("gripper")})).doubts
     assert "0 while something is held, and 1 while not" in doubt
 
 
-def test_loads_of_a_mapping(made: Picked) -> None:
+def test_loads_of_a_mapping() -> None:
     """Numbers of a column, and spans of time, in place of `--gripper`."""
-    table = changed(made, {"gripper": 255 * pl.col("gripper")})
+    table = changed({"gripper": 255 * pl.col("gripper")})
     of_numbers = Load(column="gripper", when=255.0)
-    for load, rows in ((of_numbers, table), (Load(spans=HELD), made.table)):
-        replay = open_replay(made.model, rows, ColumnMapping(load=load))
-        found = watch(made.model, replay, OnlineSettings(largest_mass=2.0))
+    for load, rows in ((of_numbers, table), (Load(spans=HELD), picked().table)):
+        replay = open_replay(picked().model, rows, ColumnMapping(load=load))
+        found = watch(picked().model, replay, OnlineSettings(largest_mass=2.0))
         assert_as_it_was(found)
         assert not found.doubts
 
 
 @pytest.mark.slow
-def test_a_gripper_that_tells_early(made: Picked) -> None:
-    early = np.roll(made.table["gripper"].to_numpy(), -50)
-    table = changed(made, {"gripper": early})
-    (doubt,) = watched(made, table).doubts
+def test_a_gripper_that_tells_early() -> None:
+    early = np.roll(picked().table["gripper"].to_numpy(), -50)
+    table = changed({"gripper": early})
+    (doubt,) = watched(table).doubts
     assert "ms before loads are taken, and left" in doubt
     assert "--grip-time 0.05" in doubt or "--grip-time 0.04" in doubt
-    told = open_replay(made.model, table, gripper="gripper")
-    mended = watch(made.model, told, OnlineSettings(largest_mass=2.0, grip_time=0.05))
+    told = open_replay(picked().model, table, gripper="gripper")
+    mended = watch(picked().model, told, OnlineSettings(largest_mass=2.0, grip_time=0.05))
     assert_as_it_was(mended)
     assert not mended.doubts
-
-
-def assert_as_it_was(found: Watched) -> None:
-    assert [load.mass.value for load in found.loads] == pytest.approx([MASS, MASS], abs=0.02)
-    assert [load.start for load in found.loads] == pytest.approx([a for a, _ in HELD], abs=2e-3)
-    assert len(found.touches) == len(PUSHES)
 
 
 UNSEEN = Offset(0.0, 0.0, 9, 0)
@@ -217,12 +206,12 @@ def test_a_gripper_that_never_changes_or_closes_on_nothing() -> None:
     assert "closed without a part" in doubt
 
 
-def test_torques_beyond_the_model_for_most_of_the_time_are_no_contact(made: Picked) -> None:
-    replay, settings = opened(made, made.table), OnlineSettings(largest_mass=2.0)
+def test_torques_beyond_the_model_for_most_of_the_time_are_no_contact() -> None:
+    replay, settings = opened(picked().table), OnlineSettings(largest_mass=2.0)
 
     def keys(touched: float, untouched: float) -> list[str]:
         seen = replace(NOTHING, touched=touched, untouched=untouched)
-        return [doubt.key for doubt in doubts(made.model, replay, settings, seen, [load()], [])]
+        return [doubt.key for doubt in doubts(picked().model, replay, settings, seen, [load()], [])]
 
     assert "residual" in keys(60.0, 40.0)
     assert "residual" not in keys(10.0, 90.0)

@@ -5,8 +5,7 @@ import pytest
 
 from deltaid.online.instant import UNKNOWN
 from deltaid.online.online import Online
-from deltaid.online.settings import OnlineSettings
-from online_runs import LOAD, outputs, robot, running
+from online_runs import LOAD, QUIET, outputs, robot, running
 from shuttling import shuttle
 
 TAKEN, LEFT, CYCLES = 400, 900, 1300
@@ -53,9 +52,8 @@ def test_an_offset_is_unknown_where_nothing_is_held() -> None:
 
 def test_python_gives_the_offset_in_seconds_or_nan() -> None:
     model, _ = robot("clavel-delta3")
-    settings = OnlineSettings(noise=(0.1,) * 3, unmodelled=(0.1,) * 3, largest_mass=3.0)
     run = running(model, CYCLES, slice(TAKEN, LEFT), noise=0.1)
-    found = Online(model, settings).run(run.q, run.qd, run.tau, gripper_signal(50).astype(float))
+    found = Online(model, QUIET).run(run.q, run.qd, run.tau, gripper_signal(50).astype(float))
     assert np.isnan(found.grip_offset[: TAKEN + 40]).all()
     assert found.grip_offset[LEFT - 1] == pytest.approx(0.05, abs=0.01)
 
@@ -63,7 +61,7 @@ def test_python_gives_the_offset_in_seconds_or_nan() -> None:
 def test_a_load_that_rests_for_long_leaves_other_estimates_as_they_are() -> None:
     """At rest friction hides it: no covariance is larger than its prior when it moves off."""
     shuttle_robot = shuttle(dwell=280)
-    online = Online(shuttle_robot.model, OnlineSettings(speed="differenced", largest_mass=1.0))
+    online = shuttle_robot.online(speed_noise=None)
     rng = np.random.default_rng(0)
     q, tau, held = shuttle_robot.rounds(rng.uniform(0.2, 1.0, 20))
     tau += online.known.noise * rng.standard_normal(tau.shape)

@@ -8,9 +8,8 @@ import pytest
 
 from deltaid.online.cycle import step_graph
 from deltaid.online.entries import LoadEntries
-from deltaid.online.settings import OnlineSettings
 from deltaid.robot.inertia import consistency
-from online_runs import LOAD, outputs, robot, running
+from online_runs import LOAD, QUIET, outputs, robot, running
 from sweeps import swept
 
 
@@ -142,8 +141,8 @@ def test_covariances_stay_between_nothing_and_the_prior() -> None:
 def test_noise_of_speeds_does_not_make_loads_lighter() -> None:
     """Momentum and the load's columns have the same noise, as errors in variables have."""
     model, _ = robot("clavel-delta3")
-    settings = OnlineSettings(noise=(0.1,) * 3, unmodelled=(1.0,) * 3, largest_mass=3.0)
-    graph, run = step_graph(model, settings), running(model, 900, slice(100, 900))
+    graph = step_graph(model, replace(QUIET, unmodelled=(1.0,) * 3))
+    run = running(model, 900, slice(100, 900))
     noise = 0.005 * np.random.default_rng(4).standard_normal(run.qd.shape)
     y = outputs(graph, replace(run, qd=run.qd + noise), run.held)
     assert np.abs(y["load"][-1, 0] - 1.0) < 0.03
@@ -158,10 +157,7 @@ def test_torques_that_are_held_act_until_the_next_cycle() -> None:
     run = type(fine)(z, q, qd, mean, held)
     found = {}
     for torque in ("held", "sampled"):
-        settings = OnlineSettings(
-            noise=(0.1,) * 3, unmodelled=(0.1,) * 3, largest_mass=3.0, torque=torque
-        )
-        y = outputs(step_graph(model, settings), run, run.held)
+        y = outputs(step_graph(model, replace(QUIET, torque=torque)), run, run.held)
         assert np.abs(y["load"][300:, 0] - 1.0).max() < 0.015
         found[torque] = np.abs(y["residual"][20:95]).max()  # empty, the model is exact
     assert found["sampled"] > 3 * found["held"]

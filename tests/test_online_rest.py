@@ -4,31 +4,24 @@ import numpy as np
 import pytest
 
 import deltaid
-from deltaid.online.settings import OnlineSettings
-from shuttling import ENCODER, RATE, Shuttle, shuttle
-
-PAYLOAD, MINUTES = 1.0, 3.0
-SPEED_NOISE = ENCODER * RATE / np.sqrt(6.0)
+from shuttling import SPEED_NOISE, shuttle
 
 
-@pytest.fixture(scope="module")
-def robot() -> Shuttle:
-    return shuttle()
-
-
-def online_of(
-    robot: Shuttle, payload: float = PAYLOAD, speed_noise: float | None = SPEED_NOISE
-) -> deltaid.Online:
-    noise = None if speed_noise is None else (speed_noise,) * 3
-    settings = OnlineSettings(speed="differenced", largest_mass=payload, speed_noise=noise)
-    return deltaid.Online(robot.model, settings)
-
-
-def test_minutes_of_picks_have_no_contact_and_right_masses(robot: Shuttle) -> None:
-    online, rng = online_of(robot), np.random.default_rng(0)
-    masses = PAYLOAD * np.exp(rng.uniform(np.log(0.05), 0.0, round(60e3 * MINUTES / len(robot.q))))
+def picks(
+    payload: float, minutes: float, speed_noise: float | None
+) -> tuple[np.ndarray, deltaid.OnlineEstimate]:
+    """The masses of many picks, and what a stream makes of them."""
+    robot, rng = shuttle(), np.random.default_rng(0)
+    online = robot.online(payload, speed_noise)
+    count = round(60e3 * minutes / len(robot.q))
+    masses = payload * np.exp(rng.uniform(np.log(0.05), 0.0, count))
     q, tau, held = robot.rounds(masses)
-    found = online.run(q, None, tau + online.known.noise * rng.standard_normal(tau.shape), held)
+    noise = online.known.noise * rng.standard_normal(tau.shape)
+    return masses, online.run(q, None, tau + noise, held)
+
+
+def test_minutes_of_picks_have_no_contact_and_right_masses() -> None:
+    robot, (masses, found) = shuttle(), picks(1.0, 3.0, SPEED_NOISE)
     assert not found.contact.any()
     soon = np.arange(len(masses)) * len(robot.q) + robot.grips[0] + 200
     error = np.abs(found.mass[soon] - masses)
@@ -38,13 +31,6 @@ def test_minutes_of_picks_have_no_contact_and_right_masses(robot: Shuttle) -> No
 
 
 @pytest.mark.parametrize("speed_noise", [SPEED_NOISE, None])
-def test_a_load_heavier_than_the_platform_is_no_contact(
-    robot: Shuttle, speed_noise: float | None
-) -> None:
+def test_a_load_heavier_than_the_platform_is_no_contact(speed_noise: float | None) -> None:
     """Noise of speeds stands in the load's momentum too, before its mass is known."""
-    payload, rng = 4.0, np.random.default_rng(0)
-    online = online_of(robot, payload, speed_noise)
-    masses = payload * np.exp(rng.uniform(np.log(0.05), 0.0, round(120e3 / len(robot.q))))
-    q, tau, held = robot.rounds(masses)
-    found = online.run(q, None, tau + online.known.noise * rng.standard_normal(tau.shape), held)
-    assert not found.contact.any()
+    assert not picks(4.0, 2.0, speed_noise)[1].contact.any()

@@ -5,90 +5,86 @@ import pytest
 from scipy.interpolate import CubicSpline
 
 import deltaid
-from deltaid.online.settings import OnlineSettings
-from shuttling import ENCODER, RATE, Shuttle, shuttle
+from shuttling import ENCODER, RATE, shuttle
 
-ROUNDS, MASS, SPEED_NOISE = 40, 0.5, ENCODER * RATE / np.sqrt(6.0)
-
-
-@pytest.fixture(scope="module")
-def robot() -> Shuttle:
-    return shuttle()
+ROUNDS, MASS = 40, 0.5
 
 
 @pytest.fixture(scope="module")
-def online(robot: Shuttle) -> deltaid.Online:
-    settings = OnlineSettings(speed="differenced", largest_mass=1.0, speed_noise=(SPEED_NOISE,) * 3)
-    return deltaid.Online(robot.model, settings)
+def used() -> deltaid.Online:
+    return shuttle().online()
 
 
-@pytest.fixture(scope="module")
-def rows(robot: Shuttle, online: deltaid.Online) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    q, tau, held = robot.rounds(np.full(ROUNDS, MASS))
+@pytest.fixture
+def online(used: deltaid.Online) -> deltaid.Online:
+    used.reset()
+    return used
+
+
+@pytest.fixture
+def rows(online: deltaid.Online) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    q, tau, held = shuttle().rounds(np.full(ROUNDS, MASS))
     rng = np.random.default_rng(2)
     return q, tau + online.known.noise * rng.standard_normal(tau.shape), held
 
 
-def masses(robot: Shuttle, found: deltaid.OnlineEstimate) -> np.ndarray:
+def assert_masses(found: deltaid.OnlineEstimate) -> None:
     """0.2 s after each grip."""
-    return found.mass[np.arange(ROUNDS) * len(robot.q) + robot.grips[0] + 200]
+    soon = np.arange(ROUNDS) * len(shuttle().q) + shuttle().grips[0] + 200
+    np.testing.assert_allclose(found.mass[soon], MASS, atol=0.06)
 
 
 @pytest.mark.parametrize("stamped", [True, False])
 def test_stale_rows_are_flagged_and_skipped(
-    robot: Shuttle, online: deltaid.Online, rows: tuple[np.ndarray, ...], *, stamped: bool
+    online: deltaid.Online, rows: tuple[np.ndarray, ...], *, stamped: bool
 ) -> None:
-    q, tau, held = (part.copy() for part in rows)
+    q, tau, held = rows
     stale = np.flatnonzero(np.random.default_rng(3).uniform(size=len(q)) < 0.02)
     stale = stale[stale > 10]
     stamps = np.arange(len(q)) / RATE
     for k in stale:
         q[k], tau[k], stamps[k] = q[k - 1], tau[k - 1], stamps[k - 1]
     elapsed = np.diff(stamps, prepend=-1 / RATE) if stamped else None
-    online.reset()
     found = online.run(q, None, tau, held, elapsed)
     assert np.flatnonzero(~found.good).tolist() == stale.tolist()
     assert not found.contact.any()
-    np.testing.assert_allclose(masses(robot, found), MASS, atol=0.06)
+    assert_masses(found)
 
 
 def test_stamps_take_the_jitter_out_of_rows(
-    robot: Shuttle, online: deltaid.Online, rows: tuple[np.ndarray, ...]
+    online: deltaid.Online, rows: tuple[np.ndarray, ...]
 ) -> None:
     """0.1 ms, as a standard deviation: differences of positions have a tenth of the speed."""
     _, tau, held = rows
     k = np.arange(len(tau))
     late = np.clip(1e-4 * np.random.default_rng(4).standard_normal(len(k)), -3e-4, 3e-4)
-    course = CubicSpline(np.arange(len(robot.q) + 1), np.vstack([robot.q, robot.q[:1]]),
-                         bc_type="periodic")  # fmt: skip
-    q = np.round(course((k + RATE * late) % len(robot.q)) / ENCODER) * ENCODER
+    n, turn = len(shuttle().q), np.vstack([shuttle().q, shuttle().q[:1]])
+    course = CubicSpline(np.arange(n + 1), turn, bc_type="periodic")
+    q = np.round(course((k + RATE * late) % n) / ENCODER) * ENCODER
     stamps = k / RATE + late
-    online.reset()
     found = online.run(q, None, tau, held, np.diff(stamps, prepend=-1 / RATE))
     assert not found.contact.any()
     assert found.good.all()
-    np.testing.assert_allclose(masses(robot, found), MASS, atol=0.06)
+    assert_masses(found)
 
 
 def test_a_jump_and_a_torque_that_cannot_be_are_skipped(
-    robot: Shuttle, online: deltaid.Online, rows: tuple[np.ndarray, ...]
+    online: deltaid.Online, rows: tuple[np.ndarray, ...]
 ) -> None:
-    q, tau, held = (part.copy() for part in rows)
+    q, tau, held = rows
     q[5000, 1] += 0.5
     tau[9000, 0] = 1e6
-    online.reset()
     found = online.run(q, None, tau, held)
     assert np.flatnonzero(~found.good).tolist() == [5000, 9000]
     assert not found.contact.any()
-    np.testing.assert_allclose(masses(robot, found), MASS, atol=0.06)
+    assert_masses(found)
 
 
 def test_a_position_that_stays_where_it_jumped_is_believed_again(
     online: deltaid.Online, rows: tuple[np.ndarray, ...]
 ) -> None:
-    q, tau, held = (part.copy() for part in rows)
+    q, tau, held = rows
     q[5000:] += 0.05
-    online.reset()
     good = online.run(q[:6000], None, tau[:6000], held[:6000]).good
     assert not good[5000:5020].any()
     assert good[5030:].all()
@@ -98,25 +94,21 @@ def test_nothing_is_learnt_while_a_bus_stands_still(
     online: deltaid.Online, rows: tuple[np.ndarray, ...]
 ) -> None:
     """For 60 ms within a move, behind which torques are others."""
-    q, tau, held = (part[:6000].copy() for part in rows)
+    q, tau, held = (part[:6000] for part in rows)
     first = 4200
     q[first : first + 60], tau[first : first + 60] = q[first], tau[first]
     elapsed = np.full(len(q), 1 / RATE)
     elapsed[first + 1 : first + 60], elapsed[first + 60] = 0.0, 60 / RATE
-    online.reset()
     found = online.run(q, None, tau, held, elapsed)
     assert np.flatnonzero(~found.good).tolist() == list(range(first + 1, first + 60))
     assert not found.contact.any()
 
 
-def test_a_hole_in_stamps_begins_anew(
-    robot: Shuttle, online: deltaid.Online, rows: tuple[np.ndarray, ...]
-) -> None:
+def test_a_hole_in_stamps_begins_anew(online: deltaid.Online, rows: tuple[np.ndarray, ...]) -> None:
     """Three rows that were lost within a move, without a cycle for them."""
     q, tau, held = (np.delete(part[:9000], slice(4200, 4203), axis=0) for part in rows)
     elapsed = np.full(len(q), 1 / RATE)
     elapsed[4200] = 4 / RATE
-    online.reset()
     found = online.run(q, None, tau, held, elapsed)
     assert not found.contact.any()
-    assert found.mass[8 * len(robot.q)] == 0
+    assert found.mass[8 * len(shuttle().q)] == 0

@@ -1,24 +1,28 @@
 """The stream in Python, its feed-forward, and friction that is followed."""
 
+from dataclasses import replace
+
 import numpy as np
 import polars as pl
 import pytest
 
 import deltaid
 from deltaid.errors import DeltaidError
+from deltaid.model.model import Model
 from deltaid.online.cycle import standard_parts, step_graph
 from deltaid.online.graph import Field, Layout
 from deltaid.online.online import CommandTorques
 from deltaid.online.settings import OnlineSettings, knowledge
-from online_runs import LOAD, outputs, robot, running
+from online_runs import LOAD, QUIET, outputs, outputs_of, robot, running
 from picking import picked
 
-SETTINGS = OnlineSettings(noise=(0.1,) * 3, unmodelled=(0.1,) * 3, largest_mass=3.0)
+# How the names of columns begin that a cycle reads.
+READ = ("q", "tau", "gripper")
 
 
 @pytest.fixture(scope="module")
 def online() -> deltaid.Online:
-    return deltaid.Online("clavel-delta3", SETTINGS)
+    return deltaid.Online("clavel-delta3", QUIET)
 
 
 def test_steps_runs_and_the_graph_are_one(online: deltaid.Online) -> None:
@@ -41,27 +45,22 @@ def test_steps_runs_and_the_graph_are_one(online: deltaid.Online) -> None:
 def test_differenced_speeds_have_no_lag() -> None:
     model, _ = robot("clavel-delta3")
     run = running(model, 400, slice(100, 400))
-    settings = OnlineSettings(
-        noise=(0.1,) * 3, unmodelled=(0.1,) * 3, largest_mass=3.0, speed="differenced"
-    )
-    graph = step_graph(model, settings)
-    u = np.column_stack([run.q, run.tau, run.held, np.full(400, -1.0)])
-    y = np.array(graph.function.mapaccum(400)(graph.state.initial, u.T)[1]).T
-    load = graph.outputs.split(y)["load"][:, 0]
-    assert np.abs(load[200:] - 1.0).max() < 0.01
+    graph = step_graph(model, replace(QUIET, speed="differenced"))
+    load = outputs_of(graph, run.q, run.tau, run.held)["load"]
+    assert np.abs(load[200:, 0] - 1.0).max() < 0.01
 
 
-def test_feed_forward_has_the_load_and_the_friction() -> None:
-    model, _ = robot("irb360-6-1600")
-    known = knowledge(model, OnlineSettings())
-    ahead, run = CommandTorques(model, known), running(model, 5, slice(0, 0))
-    shown = LOAD[list(known.entries.shown)]
-    p = model.with_load(LOAD).p.copy()
-    friction = 1.2 * model.p[list(known.followed)]
-    p[list(known.followed)] = friction
-    qdd = np.array([3.0, -2.0, 1.0, 8.0])
-    expected = model.dynamics.inverse_dynamics(run.q[2], run.qd[2], qdd, p)
-    assert np.allclose(ahead(run.q[2], run.qd[2], qdd, shown, friction), expected, atol=1e-9)
+def test_feed_forward_is_what_drives_are_told(monkeypatch: pytest.MonkeyPatch) -> None:
+    """With the load and the friction; torques at the joints by the gains."""
+    gains, (model, _) = np.array([1.2, 0.8, 1.5, 0.9]), robot("irb360-6-1600")
+    known, run = knowledge(model, OnlineSettings()), running(model, 5, slice(0, 0))
+    p, followed = model.with_load(LOAD).p.copy(), list(known.followed)
+    p[followed] *= 1.2
+    rows = run.q[2], run.qd[2], np.array([3.0, -2.0, 1.0, 8.0])
+    expected = model.dynamics.inverse_dynamics(*rows, p) / gains
+    monkeypatch.setattr(Model, "gains", property(lambda _: gains))
+    found = CommandTorques(model, known)(*rows, LOAD[list(known.entries.shown)], p[followed])
+    assert found == pytest.approx(expected, rel=1e-9)
 
 
 def test_friction_that_changed_is_followed_within_its_bounds() -> None:
@@ -72,11 +71,10 @@ def test_friction_that_changed_is_followed_within_its_bounds() -> None:
     more = model.p.copy()
     more[model.layout.friction] *= 1.15
     more[names.index("coulomb.drive1") + first] *= 2.0  # beyond what may be
-    _, qd, qdd = (run.z, run.qd, np.gradient(run.qd, 1e-3, axis=0))
-    tau = run.tau + model.dynamics.torque(run.z, qd, qdd, more)
-    tau -= model.dynamics.torque(run.z, qd, qdd, model.p)
-    y = outputs(graph, type(run)(run.z, run.q, qd, tau, run.held), run.held)
-    friction = y["friction"] / model.p[list(knowledge(model, SETTINGS).followed)]
+    qdd = np.gradient(run.qd, 1e-3, axis=0)
+    was, now = (model.dynamics.torque(run.z, run.qd, qdd, p) for p in (model.p, more))
+    y = outputs(graph, replace(run, tau=run.tau + now - was), run.held)
+    friction = y["friction"] / model.p[list(knowledge(model, QUIET).followed)]
     assert friction.min() >= 0.7 - 1e-12
     assert friction.max() <= 1.3 + 1e-12
     assert friction[-1, list(names).index("coulomb.drive1")] > 1.25
@@ -88,7 +86,7 @@ def test_friction_and_load_leave_the_model_passive() -> None:
     model, graph = robot("irb360-6-1600")
     run = running(model, 300, slice(100, 300))
     wild = run.tau + 8 * np.random.default_rng(3).standard_normal(run.tau.shape)
-    y = outputs(graph, type(run)(run.z, run.q, run.qd, wild, run.held), run.held)
+    y = outputs(graph, replace(run, tau=wild), run.held)
     known = knowledge(model, OnlineSettings(largest_mass=3.0))
     body = model.layout.body(known.entries.body).start
     for k in range(0, 300, 20):
@@ -122,12 +120,9 @@ def test_a_layout_has_places_and_refuses_what_does_not_fit() -> None:
 
 def test_a_stream_tells_of_contacts_where_the_model_is_identified() -> None:
     made = picked()
-    q, tau = (
-        np.column_stack([made.table[f"{name}{i}"].to_numpy() for i in (1, 2, 3)])
-        for name in ("q", "tau")
-    )
+    q, tau, held = (made.table[:3700].select(pl.col(f"^{x}.*$")).to_numpy() for x in READ)
     online = deltaid.Online(made.model, OnlineSettings(speed="differenced", largest_mass=2.0))
-    found = online.run(q[:3700], None, tau[:3700], made.table["gripper"].to_numpy()[:3700] * 1.0)
+    found = online.run(q, None, tau, held[:, 0] * 1.0)
     at = np.flatnonzero(found.contact)
     assert 3500 <= at[0] < 3520
     assert np.all(found.contact_limb[at[10:60]] == 0)
@@ -141,15 +136,11 @@ def test_a_stream_tells_of_contacts_where_the_model_is_identified() -> None:
 def test_a_contact_is_timed_from_its_first_cycle_to_its_last() -> None:
     made, rows = picked(), slice(3300, 3800)
     graph = step_graph(made.model, OnlineSettings(largest_mass=2.0), standard_parts(made.model))
-    table = made.table[rows]
-    q, tau = (table.select(pl.col(f"^{name}[1-3]$")).to_numpy() for name in ("q", "tau"))
-    held = table["gripper"].to_numpy().astype(float)
-    u = np.column_stack([q, np.gradient(q, 1e-3, axis=0), tau, held, np.full(len(q), -1.0)])
-    states, outputs = graph.function.mapaccum(len(u))(graph.state.initial, u.T)
-    time = graph.state.split(np.array(states).T)["contact_time"].squeeze()
-    contact = graph.outputs.split(np.array(outputs).T)["contact"].squeeze()
+    q, tau, held = (made.table[rows].select(pl.col(f"^{x}.*$")).to_numpy() for x in READ)
+    y = outputs_of(graph, q, np.gradient(q, 1e-3, axis=0), tau, held)
+    time = graph.state.split(y["state"])["contact_time"].squeeze()
     expected, lasts = [], 0.0
-    for found in contact:
+    for found in y["contact"].squeeze():
         lasts = lasts + 1e-3 if found else 0.0
         expected.append(lasts)
     assert max(expected) > 0.05  # the push lasts 0.1 s

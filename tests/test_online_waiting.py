@@ -16,9 +16,9 @@ from deltaid.online.graph import CycleFields, Field, Layout
 from deltaid.online.instant import Waits, line, waits
 from deltaid.online.replay import open_replay
 from deltaid.online.settings import OnlineSettings
-from deltaid.online.watch import Watched, watch
+from deltaid.online.watch import watch
 from online_runs import RATE, running
-from picking import HELD, MASS, PUSHES, Picked, picked
+from picking import MASS, assert_as_it_was, picked
 from st_program import Program
 
 # Two drives whose torques come late, one whose torques come early [s].
@@ -26,11 +26,6 @@ DELAY = (1.4e-3, 1.4e-3, -0.6e-3)
 READ = Layout(
     Field("q", 1, "position"), Field("tau", 2, "torques"), Field("gripper", 1, "it", initial=-1.0)
 )
-
-
-@pytest.fixture(scope="module")
-def made() -> Picked:
-    return picked()
 
 
 def ran(rows: np.ndarray, each: Waits) -> np.ndarray:
@@ -74,8 +69,8 @@ def test_behind_a_bad_cycle_nothing_of_before_is_left() -> None:
     assert out[8].tolist() == [6.0, 8.0, 7.0, 6.0]
 
 
-def test_lags_are_those_of_the_model_unless_others_are_told(made: Picked) -> None:
-    lagging = with_delay(made.model, DELAY)
+def test_lags_are_those_of_the_model_unless_others_are_told() -> None:
+    lagging = with_delay(picked().model, DELAY)
     assert waits(lagging, OnlineSettings()).motion == pytest.approx(1.4)
     assert waits(lagging, OnlineSettings()).torque == pytest.approx((0, 0, 2.0))
     assert waits(lagging, OnlineSettings(delay=0.0)) == Waits(0.0, (0.0, 0.0, 0.0))
@@ -92,8 +87,8 @@ def test_lags_that_cannot_be_are_refused(delay: float | tuple[float, ...]) -> No
         waits(load("clavel-delta3"), fast)
 
 
-def test_without_a_lag_nothing_waits(made: Picked) -> None:
-    assert "waiting" not in deltaid.Online(made.model).graph.state.places
+def test_without_a_lag_nothing_waits() -> None:
+    assert "waiting" not in deltaid.Online(picked().model).graph.state.places
 
 
 @pytest.mark.slow
@@ -120,39 +115,29 @@ def with_delay(model: Model, delay: tuple[float, ...]) -> Model:
     return load(known.changed(sources=sources))
 
 
-def late(made: Picked) -> pl.DataFrame:
+def late() -> pl.DataFrame:
     """The recording with each torque late by `DELAY`."""
-    t = made.table["t"].to_numpy()
+    t = picked().table["t"].to_numpy()
     columns = {
-        f"tau{i + 1}": np.interp(t - delay, t, made.table[f"tau{i + 1}"].to_numpy())
+        f"tau{i + 1}": np.interp(t - delay, t, picked().table[f"tau{i + 1}"].to_numpy())
         for i, delay in enumerate(DELAY)
     }
-    return made.table.with_columns(**columns)
+    return picked().table.with_columns(**columns)
 
 
-def assert_right(found: Watched) -> None:
-    """Loads and pushes as they were."""
-    assert [load.mass.value for load in found.loads] == pytest.approx([MASS, MASS], abs=0.02)
-    assert [load.start for load in found.loads] == pytest.approx([a for a, _ in HELD], abs=1e-9)
-    assert len(found.touches) == len(PUSHES)
-    for touch, (start, _, drive, _) in zip(found.touches, PUSHES, strict=True):
-        assert start < touch.start < start + 0.01
-        assert touch.place == ("platform" if drive is None else f"drive{drive + 1}")
-
-
-def test_loads_and_contacts_are_those_without_a_lag(made: Picked) -> None:
+def test_loads_and_contacts_are_those_without_a_lag() -> None:
     settings = OnlineSettings(largest_mass=2.0)
-    lagging = with_delay(made.model, DELAY)
-    replay = open_replay(lagging, late(made), gripper="gripper")
+    lagging = with_delay(picked().model, DELAY)
+    replay = open_replay(lagging, late(), gripper="gripper")
     found = watch(lagging, replay, settings)
-    assert_right(found)
+    assert_as_it_was(found)
     assert not found.doubts
     wrong = replace(settings, delay=tuple(-delay for delay in DELAY))
     assert any("against positions" in doubt for doubt in watch(lagging, replay, wrong).doubts)
 
 
-def test_a_stream_with_a_lag_is_the_replay(made: Picked) -> None:
-    lagging, t = with_delay(made.model, DELAY), late(made)[:3000]
+def test_a_stream_with_a_lag_is_the_replay() -> None:
+    lagging, t = with_delay(picked().model, DELAY), late()[:3000]
     q, tau = (t.select([f"{name}{i}" for i in (1, 2, 3)]).to_numpy() for name in ("q", "tau"))
     online = deltaid.Online(
         lagging, OnlineSettings(rate=RATE, speed="differenced", largest_mass=2.0)
