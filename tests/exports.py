@@ -24,6 +24,16 @@ from deltaid.robot.load import load_robot
 
 CC = shutil.which("gcc") or shutil.which("cc")
 needs_compiler = pytest.mark.skipif(CC is None, reason="there is no C compiler")
+# Operations of graphs that every language has.
+OF_ONE = (
+    ca.sin, ca.cos, ca.tan, ca.asin, ca.acos, ca.atan, ca.sinh, ca.cosh, ca.tanh, ca.asinh,
+    ca.atanh, ca.exp, ca.expm1, ca.log, ca.log1p, ca.erf, ca.sqrt, ca.fabs, ca.floor, ca.ceil,
+    ca.sign, ca.logic_not,
+)  # fmt: skip
+OF_TWO = (
+    ca.atan2, ca.power, ca.hypot, ca.fmod, ca.remainder, ca.fmin, ca.fmax, ca.copysign,
+    ca.logic_and, ca.logic_or, ca.lt, ca.le, ca.eq, ca.ne,
+)  # fmt: skip
 STRICT = ("-std=c99", "-pedantic", "-Wall", "-Wextra", "-Werror")
 
 
@@ -56,6 +66,13 @@ def disturbed(robot: RobotDescription) -> Model:
     offsets = p == 0
     p[offsets] = rng.uniform(-1, 1, offsets.sum())  # of friction
     return Model(robot, p, robot.name)
+
+
+def with_friction(drive: str, **more: object) -> Model:
+    """Clavel's Delta with further terms of one drive's friction."""
+    robot = load_robot("clavel-delta3")
+    law = robot.friction[drive].changed(**more)
+    return disturbed(robot.changed(friction=robot.friction | {drive: law}))
 
 
 def every_friction_term() -> Model:
@@ -142,6 +159,23 @@ def model(subject: Model, z: np.ndarray, qd: np.ndarray, qdd: np.ndarray) -> Eva
     rows = [_terms(subject)(*row, subject.p) for row in zip(z, qd, qdd, strict=True)]
     tau, M, bias, g = (np.array([np.array(x) for x in part]) for part in zip(*rows, strict=True))
     return Evaluated(tau[..., 0], M, bias[..., 0], g[..., 0])
+
+
+def at_home(subject: Model) -> Evaluated:
+    """At rest in the home pose."""
+    home = subject.home[None]
+    return model(subject, home, np.zeros_like(home), np.zeros_like(home))
+
+
+def dry_friction(subject: Model) -> np.ndarray:
+    """Coulomb's coefficient of each drive."""
+    return np.array([subject.value(f"coulomb.{drive}") for drive in subject.robot.drives])
+
+
+def total_mass(subject: Model) -> float:
+    """Of all that moves."""
+    bodies = subject.dynamics.kinematics.mechanism.bodies
+    return sum(body.count * subject.body(body.name)[0] for body in bodies)
 
 
 @lru_cache(maxsize=2)

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from pathlib import Path
 
 import numpy as np
 
+from deltaid.mechanism.user_code import use_mechanism
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.load import load_robot
 from oracle.delta import Body, DeltaOracle, random_oracle
@@ -99,6 +101,13 @@ def random_states(oracle: DeltaOracle, rng: np.random.Generator, n: int) -> tupl
     """z, q, q̇, q̈ of n random states well inside the workspace, one a row."""
     states = [oracle.random_state(rng) for _ in range(n)]
     return tuple(np.array(part) for part in zip(*states, strict=True))
+
+
+def example(name: str) -> RobotDescription:
+    """A robot of the examples whose mechanism is a Python file."""
+    folder = Path(__file__).resolve().parents[1] / "examples" / name
+    use_mechanism(folder / "mechanism.py")
+    return load_robot(folder / "robot.yaml")
 
 
 # Central differences of fourth order: steps and weights of f'(0) h.

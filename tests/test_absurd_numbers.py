@@ -19,6 +19,7 @@ from deltaid.recording.opening import open_log
 from deltaid.robot.load import load_robot
 from identified import identified
 from logs import recorded, refusal, write
+from sweeps import slow
 
 ROW, ROWS = 120, 400
 
@@ -94,11 +95,7 @@ def test_time_that_hardly_moves(tmp_path, clavel: Dynamics, step: float) -> None
 @pytest.mark.parametrize("command", ["torque", "forces", "validate", "simulate", "identify"])
 @pytest.mark.parametrize(
     ("column", "value"),
-    [
-        ("qd2", 1e155),
-        pytest.param("qdd1", -1e308, marks=pytest.mark.slow),
-        pytest.param("q1", 1e200, marks=pytest.mark.slow),
-    ],
+    [("qd2", 1e155), slow("qdd1", -1e308), slow("q1", 1e200)],
 )
 def test_no_command_goes_on(tmp_path, model_file, command, column, value) -> None:
     log = write(tmp_path / "log.csv", spoilt(column, value))

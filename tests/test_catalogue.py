@@ -26,6 +26,7 @@ from deltaid.robot.inertia import (
 from deltaid.robot.limits import Cylinder
 from deltaid.robot.load import catalogue, catalogue_text, load_robot
 from support import KINDS
+from sweeps import swept
 
 
 def number_paths(node: object, path: str = "") -> list[str]:
@@ -173,10 +174,7 @@ PUBLISHED = {
 FEW = ("delta-x-2", "anycubic-kossel")
 
 
-@pytest.fixture(
-    scope="module",
-    params=[pytest.param(n, marks=() if n in FEW else pytest.mark.slow) for n in MACHINES],
-)
+@pytest.fixture(scope="module", params=swept(MACHINES, *FEW))
 def machine(request: pytest.FixtureRequest) -> Model:
     return load(request.param)
 

@@ -2,7 +2,6 @@
 
 from dataclasses import replace
 from functools import cache
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -22,12 +21,11 @@ from composed import twin as composed_twin
 from deltaid.dynamics.dynamics import Dynamics
 from deltaid.errors import DescriptionError
 from deltaid.joint_forces.constraint_forces import ConstraintForces
-from deltaid.mechanism.user_code import use_mechanism
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.load import load_robot
 from oracle.forces import ForceOracle
+from support import example
 
-HELI4 = Path(__file__).resolve().parents[1] / "examples" / "heli4"
 SUMS = [Make(kind="par4"), Make(kind="i4", linear=True), Make(telescope=True, struts=1)]
 
 
@@ -145,6 +143,5 @@ def test_one_strut_has_no_spacing() -> None:
 
 
 def test_own_mechanism_is_refused() -> None:
-    use_mechanism(HELI4 / "mechanism.py")
     with pytest.raises(DescriptionError, match="which joints carry them"):
-        ConstraintForces(load_robot(str(HELI4 / "robot.yaml")))
+        ConstraintForces(example("heli4"))

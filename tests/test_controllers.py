@@ -20,6 +20,7 @@ from deltaid.dynamics.parameters import parameter_layout, prior_parameters
 from deltaid.motion.random_motion import random_motion
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.load import load_robot
+from sweeps import swept
 
 ROBOT = "clavel-delta3"
 LAWS = dict(
@@ -69,13 +70,7 @@ def test_model_of_a_law_has_the_torques_of_inverse_dynamics_with_all_friction() 
 # --- laws -----------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize(
-    "name",
-    [
-        "clavel-delta3",
-        *(pytest.param(name, marks=pytest.mark.slow) for name in ("irb360-6-1600", "i4-linear")),
-    ],
-)
+@pytest.mark.parametrize("name", swept([ROBOT, "irb360-6-1600", "i4-linear"], ROBOT))
 @pytest.mark.parametrize("law", LAWS)
 def test_storage_grows_by_supplied_work_less_what_the_law_dissipates(law: str, name: str) -> None:
     """An equality, so a C that is not Christoffel's or a wrong sign shows.

@@ -17,13 +17,12 @@ from deltaid.studio.drafting.questions import KINDS as KINDS_OF_ROBOT
 from deltaid.studio.drafting.questions import QUESTIONS, Question, lifted, questions_of
 from deltaid.studio.drafting.text import written
 from support import KINDS
+from sweeps import slow, swept
 from test_catalogue import number_paths
 
 SIZED = {"arm": 0.22, "strut": 0.5, "base_radius": 0.16, "platform_radius": 0.05}
 FEW = ("delta", "h4", "par4-linear")
-every_kind = pytest.mark.parametrize(
-    "kind", [pytest.param(k, marks=() if k in FEW else pytest.mark.slow) for k in KINDS_OF_ROBOT]
-)
+every_kind = pytest.mark.parametrize("kind", swept(KINDS_OF_ROBOT, *FEW))
 
 
 def draft(kind: str, **given: float) -> Draft:
@@ -81,9 +80,7 @@ def wide(kind: str, rng: np.random.Generator) -> Draft:
     return made
 
 
-@pytest.mark.parametrize(
-    "seed", [pytest.param(s, marks=() if s < 2 else pytest.mark.slow) for s in range(9)]
-)
+@pytest.mark.parametrize("seed", swept(range(9), 0, 1))
 def test_wide_answers_give_a_robot_or_a_cause(seed: int) -> None:
     kind, rng = list(KINDS_OF_ROBOT)[seed], np.random.default_rng(seed)
     made = wide(kind, rng)
@@ -147,9 +144,7 @@ def test_catalogue_robots_are_read_as_answers(name: str) -> None:
         ("delta", {"platform_mass": 490.0}, ("490 kg", "kilograms")),
         ("delta", {"base_radius": 0.05, "arm": 0.02}, ("no place was found", "third")),
         ("linear-delta", {"rail_high": -3.0, "rail_low": -5.0}, ("above its base", "rails")),
-        pytest.param(
-            "par4", {"bar": 0.9}, ("no place was found", "--strut"), marks=pytest.mark.slow
-        ),
+        slow("par4", {"bar": 0.9}, ("no place was found", "--strut")),
     ],
 )  # fmt: skip
 def test_refusals_name_their_cause(

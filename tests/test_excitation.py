@@ -19,6 +19,7 @@ from deltaid.motion.excitation.problem import criterion
 from deltaid.motion.excitation.run import plan_run, sample_run
 from deltaid.motion.excitation.settings import CriterionName
 from deltaid.robot.load import load_robot
+from sweeps import swept
 
 CRITERIA = ("cond", "logdet", "a-optimal", "e-optimal")
 
@@ -104,9 +105,7 @@ def test_torque_limits_are_those_of_the_dynamics(exciters) -> None:
     assert np.allclose(u[moving], expected[moving], atol=0.02)  # the sign of friction is smooth
 
 
-@pytest.mark.parametrize(  # more: benchmarks/limits_held.py
-    "seed", [0, 1, *(pytest.param(seed, marks=pytest.mark.slow) for seed in (2, 3))]
-)
+@pytest.mark.parametrize("seed", swept(range(4), 0, 1))  # more: benchmarks/limits_held.py
 def test_limits_hold_on_a_grid_ten_times_finer(exciters, seed: int) -> None:
     exciter = exciters["clavel-delta3" if seed % 2 else "irb360-6-1600"]
     problem = exciter.problem

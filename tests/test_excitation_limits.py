@@ -11,6 +11,7 @@ from deltaid.motion.excitation.excite import ExcitationSettings, Exciter
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.limits import Box, Cylinder, Hemisphere
 from deltaid.robot.load import load_robot
+from sweeps import slow, swept
 
 
 def changed(robot: RobotDescription, **values: object) -> RobotDescription:
@@ -58,9 +59,7 @@ def test_any_limits_are_kept_or_refused(radius, speed, acceleration, swing, torq
 @pytest.mark.parametrize(
     "space",
     [
-        pytest.param(
-            Cylinder(shape="cylinder", radius=0.4, z=(-1.1, -0.8)), marks=pytest.mark.slow
-        ),
+        slow(Cylinder(shape="cylinder", radius=0.4, z=(-1.1, -0.8))),
         Hemisphere(shape="hemisphere", radius=0.4, top=-0.8),
         Box(shape="box", x=(-0.3, 0.2), y=(-0.1, 0.4), z=(-1.1, -0.8)),
     ],
@@ -75,9 +74,7 @@ def test_motions_stay_in_each_kind_of_workspace(space) -> None:
     assert np.all(space.contains(corners))
 
 
-@pytest.mark.parametrize(
-    "torque", [15.0, *(pytest.param(torque, marks=pytest.mark.slow) for torque in (12.0, 20.0))]
-)
+@pytest.mark.parametrize("torque", swept([12.0, 15.0, 20.0], 15.0))
 def test_true_torques_keep_tight_limits_where_friction_changes_its_sign(torque: float) -> None:
     limits = {f"drive{i}": {"torque": torque} for i in (1, 2, 3)}
     robot = changed(load_robot("clavel-delta3"), drive_limits=limits)

@@ -17,11 +17,12 @@ from deltaid.errors import DeltaidError
 from deltaid.exports.c_code import c_code
 from deltaid.exports.straight_line import Array, straight_line
 from deltaid.kernel.llvm_ir import _WRITTEN_OUT, LIBM_BINARY, LIBM_UNARY
-from deltaid.mechanism.user_code import use_mechanism
 from deltaid.model.model import Model
 from deltaid.robot.load import load_robot
 from exports import (
     CC,
+    OF_ONE,
+    OF_TWO,
     STRICT,
     compiled,
     disturbed,
@@ -31,7 +32,7 @@ from exports import (
     subject,
 )
 from sessions import ROOT, blocks
-from support import KINDS
+from support import KINDS, example
 from sweeps import swept
 
 
@@ -111,7 +112,7 @@ def test_a_header_that_would_hide_another_one(prefix: str) -> None:
 
 
 def test_a_title_cannot_end_the_comment() -> None:
-    robot = load_robot("linear-delta").model_copy(update={"title": "*//* int x; /*/\n#error"})
+    robot = load_robot("linear-delta").changed(title="*//* int x; /*/\n#error")
     code = c_code(Model(robot, prior_parameters(robot), "a.yaml"), "delta")
     for text in (code.text(".h"), code.text(".c")):
         assert "int x" not in re.sub(r"/\*.*?\*/", "", text, flags=re.DOTALL)
@@ -132,9 +133,7 @@ def test_the_example_of_the_documentation_compiles(tmp_path: Path) -> None:
 @pytest.mark.slow
 @needs_compiler
 def test_a_mechanism_of_ones_own(tmp_path: Path) -> None:
-    folder = ROOT / "examples" / "heli4"
-    use_mechanism(folder / "mechanism.py")
-    chosen = disturbed(load_robot(folder / "robot.yaml"))
+    chosen = disturbed(example("heli4"))
     assert_same(build(chosen, tmp_path), chosen, 10)
 
 
@@ -142,16 +141,7 @@ def test_a_mechanism_of_ones_own(tmp_path: Path) -> None:
 def test_every_operation_of_a_kernel_is_c99_too(tmp_path: Path) -> None:
     """A mechanism of the user's own may use any that the kernel knows."""
     a, b = ca.SX.sym("a"), ca.SX.sym("b")
-    one = [
-        ca.sin, ca.cos, ca.tan, ca.asin, ca.acos, ca.atan, ca.sinh, ca.cosh, ca.tanh, ca.asinh,
-        ca.atanh, ca.exp, ca.expm1, ca.log, ca.log1p, ca.erf, ca.sqrt, ca.fabs, ca.floor, ca.ceil,
-        ca.sign, ca.logic_not,
-    ]  # fmt: skip
-    two = [
-        ca.atan2, ca.power, ca.hypot, ca.fmod, ca.remainder, ca.fmin, ca.fmax, ca.copysign,
-        ca.logic_and, ca.logic_or, ca.lt, ca.le, ca.eq, ca.ne,
-    ]  # fmt: skip
-    values = [f(a) for f in one] + [f(a, b) for f in two]
+    values = [f(a) for f in OF_ONE] + [f(a, b) for f in OF_TWO]
     values += [ca.acosh(2 + a), ca.if_else(a > b, a, b), 1 / a, -a, a * a, a + a, a**2.5]
     output = ca.vertcat(*values)
     function = ca.Function("f", [a, b], [output])

@@ -18,15 +18,10 @@ from deltaid.exports.options import FURTHER as NAMES
 from deltaid.exports.text import DOUBLE, SINGLE, Precision
 from deltaid.exports.urdf import urdf
 from deltaid.joint_forces.constraint_forces import ConstraintForces
-from deltaid.mechanism.user_code import use_mechanism
 from deltaid.model.model import Model
-from deltaid.robot.load import load_robot
 from exports import disturbed, needs_compiler, states, subject
-from sessions import ROOT
-from support import assert_close
-from sweeps import swept
-
-slow = pytest.mark.slow
+from support import assert_close, example
+from sweeps import slow, swept
 
 
 def assert_further(library: Library, subject: Model) -> None:
@@ -72,7 +67,7 @@ def named_forces(subject: Model) -> tuple[tuple[str, ...], tuple[str, ...]]:
 @needs_compiler
 @pytest.mark.parametrize(
     ("name", "precision"),
-    [("h4-linear", DOUBLE), pytest.param("linear-delta", SINGLE, marks=slow)],
+    [("h4-linear", DOUBLE), slow("linear-delta", SINGLE)],
     ids=["double", "single"],
 )
 def test_no_input_that_is_no_number_passes(name: str, precision: Precision, tmp_path: Path) -> None:
@@ -106,8 +101,8 @@ def test_no_input_that_is_no_number_passes(name: str, precision: Precision, tmp_
     ("compiler", "precision"),
     [
         ("g++", DOUBLE),
-        *(pytest.param(x, SINGLE, marks=slow) for x in ("g++", "clang", "clang++")),
-        pytest.param("clang", DOUBLE, marks=slow),
+        *(slow(x, SINGLE) for x in ("g++", "clang", "clang++")),
+        slow("clang", DOUBLE),
     ],
 )
 def test_compilers_have_nothing_to_say(compiler: str, precision: Precision, tmp_path: Path) -> None:
@@ -128,9 +123,7 @@ def test_number_literals_of_floats_keep_their_value() -> None:
 
 @pytest.mark.parametrize("precision", swept([DOUBLE, SINGLE], DOUBLE), ids=["double", "single"])
 def test_what_a_mechanism_of_ones_own_has_not(precision: Precision) -> None:
-    folder = ROOT / "examples" / "heli4"
-    use_mechanism(folder / "mechanism.py")
-    chosen = disturbed(load_robot(folder / "robot.yaml"))
+    chosen = disturbed(example("heli4"))
     c_code(chosen, "heli", precision, ("regressor",))
     for name in ("constraint-forces", "passive-joints"):
         with pytest.raises(DeltaidError, match="mechanism of"):
@@ -199,7 +192,7 @@ int main(void)
 """
 
 
-@slow
+@pytest.mark.slow
 @needs_compiler
 def test_sanitizers_find_nothing(tmp_path: Path) -> None:
     """Address and undefined behaviour, with numbers from 0 to 1e30 and a good pose."""

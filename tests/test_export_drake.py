@@ -17,7 +17,7 @@ from deltaid.exports.mjcf import mjcf
 from deltaid.exports.tree import spanning_tree
 from deltaid.exports.urdf import urdf
 from deltaid.model.model import Model
-from exports import subject
+from exports import subject, total_mass
 from sessions import ROOT
 from sweeps import swept
 
@@ -68,9 +68,7 @@ def test_mjcf(name: str) -> None:
         plant.AddCouplerConstraint(*joints, coupling.ratio)
     plant.Finalize()
     context = plant.CreateDefaultContext()
-    bodies = chosen.dynamics.kinematics.mechanism.bodies
-    mass = sum(body.count * chosen.body(body.name)[0] for body in bodies)
-    assert plant.CalcTotalMass(context) == pytest.approx(mass, rel=1e-12)
+    assert plant.CalcTotalMass(context) == pytest.approx(total_mass(chosen), rel=1e-12)
     plant.get_actuation_input_port().FixValue(context, torques(chosen))
     same_path(plant, context, chosen)
     for cut in tree.cuts:

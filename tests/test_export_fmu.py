@@ -14,9 +14,18 @@ from fmpy.validation import validate_fmu
 from deltaid.exports.fmu import fmu
 from deltaid.exports.fmu_binaries import Compiler
 from deltaid.model.model import Model
-from exports import compiled, every_friction_term, model, needs_compiler, states, subject
+from exports import (
+    at_home,
+    compiled,
+    dry_friction,
+    every_friction_term,
+    model,
+    needs_compiler,
+    states,
+    subject,
+)
 from support import assert_close
-from sweeps import swept
+from sweeps import slow, swept
 from units import names, unit, write
 
 NAMES = swept(["par4-linear", "linear-delta"], "linear-delta")
@@ -25,11 +34,7 @@ pytestmark = needs_compiler
 
 @pytest.mark.parametrize(
     ("name", "target"),
-    [
-        ("linear-delta", "fmu"),
-        ("linear-delta", "fmu-inverse"),
-        pytest.param("par4-linear", "fmu-inverse", marks=pytest.mark.slow),
-    ],
+    [("linear-delta", "fmu"), ("linear-delta", "fmu-inverse"), slow("par4-linear", "fmu-inverse")],
 )
 def test_units_are_valid_and_their_sources_strict(name: str, target: str, tmp_path: Path) -> None:
     path = write(subject(name), target, tmp_path)
@@ -57,8 +62,7 @@ def test_inverse_dynamics(name: str, tmp_path: Path) -> None:
     z, q, qd, qdd = states(chosen, 8, share=0.4)
     with unit(chosen, "fmu-inverse", tmp_path) as found:
         still = found.get(*names("tau", dof))
-        expected = model(chosen, chosen.home[None], np.zeros((1, dof)), np.zeros((1, dof)))
-        assert_close(still, expected.tau[0], 1e-12)
+        assert_close(still, at_home(chosen).tau[0], 1e-12)
         found.fmu.exitInitializationMode()
         tau = model(chosen, z, qd, qdd).tau
         for i in range(len(z)):
@@ -114,10 +118,7 @@ def test_accelerations_with_every_friction_term(tmp_path: Path) -> None:
 
 def test_in_model_exchange_friction_holds_the_robot_but_for_a_creep(tmp_path: Path) -> None:
     chosen = subject("linear-delta")
-    still = np.zeros((1, 3))
-    gravity = model(chosen, chosen.home[None], still, still).g[0]
-    loss = np.array([chosen.value(f"coulomb.drive{i}") for i in (1, 2, 3)])
-    path = write(chosen, "fmu", tmp_path)
+    gravity, loss, path = at_home(chosen).g[0], dry_friction(chosen), write(chosen, "fmu", tmp_path)
     start = {f"tau{i + 1}": gravity[i] + 0.5 * loss[i] for i in range(3)}
     out = fmpy.simulate_fmu(
         str(path), fmi_type="ModelExchange", stop_time=0.3, start_values=start, output_interval=0.01

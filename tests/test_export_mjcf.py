@@ -21,19 +21,21 @@ from deltaid.exports.tree import spanning_tree
 from deltaid.model.model import Model
 from deltaid.motion.random_motion import random_motion
 from deltaid.robot.friction import Stribeck
-from deltaid.robot.load import load_robot
 from exports import (
     COMPOSED,
     TOOLS,
     TreeMotion,
+    at_home,
     composed,
-    disturbed,
+    dry_friction,
     model,
     states,
     subject,
     the,
     title,
+    total_mass,
     tree_motion,
+    with_friction,
 )
 from support import KINDS, assert_close
 from sweeps import swept
@@ -82,9 +84,7 @@ def test_poses_masses_and_closed_loops(case: str | Make) -> None:
             body = data.body(name)
             assert_close(body.xmat.reshape(3, 3), pose.R_WB[0], 1e-12)
             np.testing.assert_allclose(body.xpos, pose.r_WB[0], rtol=0, atol=1e-12)
-    of_one = [(b.count, chosen.body(b.name)[0]) for b in kinematics.mechanism.bodies]
-    total = sum(count * mass for count, mass in of_one)
-    assert simulation.model.body_mass.sum() == pytest.approx(total, rel=1e-14)
+    assert simulation.model.body_mass.sum() == pytest.approx(total_mass(chosen), rel=1e-14)
     heavy = simulation.model.body_mass > 0
     massless = {simulation.model.body(i).name for i in np.flatnonzero(~heavy)}
     assert all(name in ("world", "base") or name.endswith("_mount") for name in massless)
@@ -150,9 +150,7 @@ def test_a_second_of_motion(name: str) -> None:
     chosen = subject(name).without_friction()
     simulation = Simulation(chosen)
     simulation.model.opt.timestep = 2.5e-4
-    home = chosen.dynamics.kinematics.inverse(chosen.home[None])[0]
-    still = np.zeros((1, len(home)))
-    held = model(chosen, chosen.home[None], still, still)
+    home, held = chosen.dynamics.kinematics.inverse(chosen.home), at_home(chosen)
     stiffness, damping = 40.0 * held.M[0], 2.0 * held.M[0]
 
     def torque(q: np.ndarray, qd: np.ndarray) -> np.ndarray:
@@ -176,7 +174,7 @@ def test_a_second_of_motion(name: str) -> None:
         simulation.stiffen(impedance)
         simulation.model.eq_solref[:, 0] = seconds
         mujoco.mj_resetDataKeyframe(simulation.model, simulation.data, 0)
-        simulation.set(tree_motion(chosen, simulation.joints, (chosen.home, push, still[0])))
+        simulation.set(tree_motion(chosen, simulation.joints, (chosen.home, push, 0 * push)))
         for _ in range(4000):
             q, qd = simulation.data.qpos[simulation.drives], simulation.data.qvel[simulation.drives]
             simulation.data.qfrc_applied[simulation.drives] = torque(q, qd)
@@ -191,8 +189,7 @@ def test_loops_stay_closed_as_exported(name: str) -> None:
     """A second of strong torques with the file's own step, constraints and friction."""
     chosen = subject(name)
     simulation = Simulation(chosen)
-    data, still = simulation.data, np.zeros((1, chosen.dynamics.dof))
-    gravity = model(chosen, chosen.home[None], still, still).g[0]
+    data, gravity = simulation.data, at_home(chosen).g[0]
     effort = simulation.model.actuator_forcerange[:, 1]
     gap = moved = 0.0
     for _ in range(1000):
@@ -209,16 +206,13 @@ def test_loops_stay_closed_as_exported(name: str) -> None:
 def test_friction_holds_the_robot_still_and_opposes_motion() -> None:
     chosen = subject("linear-delta")
     simulation = Simulation(chosen)
-    q, still = simulation.drives, np.zeros((1, 3))
-    mujoco.mj_resetDataKeyframe(simulation.model, simulation.data, 0)
-    held = model(chosen, chosen.home[None], still, still)
-    loss = np.array([chosen.value(f"coulomb.drive{i}") for i in (1, 2, 3)])
+    q, gravity, loss = simulation.drives, at_home(chosen).g[0], dry_friction(chosen)
     assert simulation.model.dof_frictionloss[q] == pytest.approx(loss)
     viscous = [chosen.value(f"viscous.drive{i}") for i in (1, 2, 3)]
     assert simulation.model.dof_damping[q] == pytest.approx(viscous)
     for share, limit in ((0.5, 1e-4), (2.0, None)):
         mujoco.mj_resetDataKeyframe(simulation.model, simulation.data, 0)
-        simulation.data.ctrl[:] = held.g[0] + share * loss
+        simulation.data.ctrl[:] = gravity + share * loss
         for _ in range(100):
             mujoco.mj_step(simulation.model, simulation.data)
         moved = np.abs(simulation.data.qpos[q] - simulation.model.qpos0[q]).max()
@@ -251,9 +245,7 @@ def test_springs_and_gravity_are_in_the_file() -> None:
 
 
 def test_friction_that_mujoco_lacks_is_refused_or_left_out() -> None:
-    robot = load_robot("clavel-delta3")
-    law = robot.friction["drive2"].changed(load=0.1)
-    chosen = disturbed(robot.model_copy(update={"friction": robot.friction | {"drive2": law}}))
+    chosen = with_friction("drive2", load=0.1)
     with pytest.raises(DeltaidError, match=r"viscous and Coulomb friction only.*load\.drive2"):
         mjcf(chosen)
     bare = Simulation(chosen.without_friction()).model
@@ -263,9 +255,7 @@ def test_friction_that_mujoco_lacks_is_refused_or_left_out() -> None:
 
 def test_friction_that_mujoco_lacks_is_approximated_with_its_error(tmp_path: Path) -> None:
     """The law by hand, least squares by NumPy."""
-    robot = load_robot("clavel-delta3")
-    law = robot.friction["drive2"].changed(stribeck=Stribeck(coefficient=3.0, speed=0.4))
-    chosen = disturbed(robot.model_copy(update={"friction": robot.friction | {"drive2": law}}))
+    chosen = with_friction("drive2", stribeck=Stribeck(coefficient=3.0, speed=0.4))
     path = tmp_path / "robot.xml"
     warning, *more = export(chosen, "mjcf", path, plain_friction=True).warnings
     assert not more
@@ -318,13 +308,11 @@ def test_pinocchio_has_the_bodies_at_home(name: str, tmp_path: Path) -> None:
     tree = read[0] if isinstance(read, tuple) else read  # with constraints in newer ones
     data = tree.createData()
     pin.framesForwardKinematics(tree, data, tree.referenceConfigurations["home"])
-    kinematics = chosen.dynamics.kinematics
-    found = [pose for pose in kinematics.poses(chosen.home) if tree.existFrame(pose.name)]
+    poses = chosen.dynamics.kinematics.poses(chosen.home)
+    found = [pose for pose in poses if tree.existFrame(pose.name)]
     assert "EE" in [pose.name for pose in found]
     for pose in found:
         frame = data.oMf[tree.getFrameId(pose.name)]
         np.testing.assert_allclose(frame.translation, pose.r_WB, rtol=0, atol=1e-12)
         np.testing.assert_allclose(frame.rotation, pose.R_WB, rtol=0, atol=1e-12)
-    bodies = kinematics.mechanism.bodies
-    mass = sum(body.count * chosen.body(body.name)[0] for body in bodies)
-    assert pin.computeTotalMass(tree) == pytest.approx(mass, rel=1e-12)
+    assert pin.computeTotalMass(tree) == pytest.approx(total_mass(chosen), rel=1e-12)

@@ -16,10 +16,10 @@ import pytest
 from deltaid.exports.files import export
 from deltaid.exports.tree import spanning_tree
 from deltaid.exports.urdf import PLACEHOLDER, urdf
-from exports import model, states, subject, tree_motion
+from exports import model, states, subject, total_mass, tree_motion
 from support import assert_close
 from sweeps import swept
-from test_export_urdf import Tree
+from test_export_urdf import Tree, configuration
 
 # Of urdfdom: on the machine, or of the wheel that Pinocchio's takes in.
 CHECK = shutil.which("check_urdf") or shutil.which("check_urdf", path=Path(sys.executable).parent)
@@ -44,8 +44,7 @@ def test_every_link_that_moves_has_inertia_on_a_fixed_base(name: str) -> None:
         mass = links[link].find("inertial/mass")
         assert (mass is not None) or joint.get("type") == "fixed"
         total += float(mass.get("value", "")) if mass is not None else 0.0
-    bodies = chosen.dynamics.kinematics.mechanism.bodies
-    own = sum(body.count * chosen.body(body.name)[0] for body in bodies)
+    own = total_mass(chosen)
     placeholders = json.loads(urdf(chosen).text(".loops.json"))["placeholder_links"]
     assert total == pytest.approx(own + len(placeholders) * PLACEHOLDER[0], rel=1e-14)
     assert PLACEHOLDER[0] > 1e-6  # Gazebo drops lighter links, and what hangs on them
@@ -71,7 +70,7 @@ def test_joints_that_mimic_do_so_exactly(name: str) -> None:
     chosen, root = subject(name), parsed(name)
     kinematics, tree = chosen.dynamics.kinematics, spanning_tree(chosen)
     whole = pin.buildModelFromXML(urdf(chosen).text(".urdf"))
-    data, q = whole.createData(), pin.neutral(whole)
+    data = whole.createData()
     z, *_ = states(chosen, 1)
     found = kinematics.joint_states(kinematics.inverse(z[0]))
     value = dict(zip(found.names, found.position, strict=True))
@@ -80,10 +79,7 @@ def test_joints_that_mimic_do_so_exactly(name: str) -> None:
         followed = float(mimic.get("multiplier", "")) * value[mimic.get("joint")]
         assert value.setdefault(joint, followed) == pytest.approx(followed, abs=1e-12)
     assert set(value) == set(whole.names[1:])
-    for name_, x in value.items():
-        joint = whole.joints[whole.getJointId(name_)]
-        q[joint.idx_q : joint.idx_q + joint.nq] = x if joint.nq == 1 else (np.cos(x), np.sin(x))
-    pin.framesForwardKinematics(whole, data, q)
+    pin.framesForwardKinematics(whole, data, configuration(whole, value))
     assert len(tree.struts) == 2 * len(chosen.robot.limb_geometry)
     for strut, limb in zip(tree.struts, np.repeat(chosen.robot.limb_geometry, 2), strict=True):
         upper, seat = (data.oMf[whole.getFrameId(n)] for n in (strut.name, strut.second.body))

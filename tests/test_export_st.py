@@ -10,6 +10,7 @@ import casadi as ca
 import numpy as np
 import pytest
 
+from c_library import BAD_INPUT, FURTHER, NOT_CLOSED, OK, OTHER_MODE, OUT_OF_REACH, SINGULAR
 from deltaid.errors import DeltaidError
 from deltaid.exports.st_units import StructuredText
 from deltaid.exports.straight_line import Array, body
@@ -20,10 +21,7 @@ from deltaid.model.model import Model
 from exports import floats, model, states, subject, towards_singularities
 from st_program import Program
 from support import KINDS, assert_close
-from sweeps import swept
-
-OK, NOT_CLOSED, OTHER_MODE, OUT_OF_REACH, SINGULAR, BAD_INPUT = range(6)
-FURTHER = ("constraint-forces", "passive-joints", "regressor")
+from sweeps import slow, swept
 
 
 @cache
@@ -147,7 +145,7 @@ def test_no_input_that_is_no_number_passes(wrong: float) -> None:
 
 @pytest.mark.parametrize(
     ("name", "precision"),
-    [("clavel-delta3", SINGLE), ("h4", DOUBLE), pytest.param("h4", SINGLE, marks=pytest.mark.slow)],
+    [("clavel-delta3", SINGLE), ("h4", DOUBLE), slow("h4", SINGLE)],
     ids=["clavel-delta3-REAL", "h4-LREAL", "h4-REAL"],
 )
 def test_nothing_stops_the_controller(name: str, precision: Precision) -> None:
@@ -237,52 +235,41 @@ def test_what_is_imported_is_the_same_text() -> None:
         assert (dimension.get("lower"), dimension.get("upper")) == ("0", str(size - 1))
 
 
+def of_graph(output: ca.SX, **inputs: ca.SX) -> Program:
+    """A function f of scalars, each an array of one entry."""
+    arrays = [Array(name, symbol) for name, symbol in inputs.items()]
+    lines, slots, _ = body(arrays, "out", output, StructuredText(DOUBLE, "rob"))
+    whole = [
+        "FUNCTION f : INT", "VAR_INPUT", *(f"{x} : ARRAY [0..0] OF LREAL;" for x in inputs),
+        "END_VAR", "VAR_OUTPUT", f"out : ARRAY [0..{output.numel() - 1}] OF LREAL;", "END_VAR",
+        "VAR", f"{', '.join(slots)} : LREAL;", "END_VAR", *lines, "END_FUNCTION",
+    ]  # fmt: skip
+    return Program(text("clavel-delta3").partition("(* q(z). *)")[0] + "\n".join(whole))
+
+
 def test_every_operation_of_a_kernel_that_structured_text_has() -> None:
     a, b = ca.SX.sym("a"), ca.SX.sym("b")
     one = [ca.sin, ca.cos, ca.asin, ca.acos, ca.atan, ca.exp, ca.log, ca.sqrt, ca.fabs, ca.sign]
     two = [ca.atan2, ca.power, ca.fmin, ca.fmax, ca.copysign, ca.logic_and, ca.logic_or]
     two += [ca.lt, ca.le, ca.eq, ca.ne]
     values = [f(a) for f in one] + [f(a, b) for f in two]
-    values += [
-        ca.if_else(a > b, a, b),
-        1 / a,
-        -a,
-        a * a,
-        a + a,
-        a**2.5,
-        a**3,
-        ca.logic_not(b),
-        a / b,
-    ]
+    values += [ca.if_else(a > b, a, b), 1 / a, -a, a * a, a + a, a**2.5, a**3, a / b]
+    values.append(ca.logic_not(b))
     output = ca.vertcat(*values)
-    inputs, dialect = [Array("a", a), Array("b", b)], StructuredText(DOUBLE, "rob")
-    lines, slots, _ = body(inputs, "out", output, dialect)
-    head = text("clavel-delta3").partition("(* q(z). *)")[0]
-    whole = [
-        "FUNCTION f : INT", "VAR_INPUT", "a : ARRAY [0..0] OF LREAL;", "b : ARRAY [0..0] OF LREAL;",
-        "END_VAR", "VAR_OUTPUT", f"out : ARRAY [0..{output.numel() - 1}] OF LREAL;", "END_VAR",
-        "VAR", f"{', '.join(slots)} : LREAL;", "END_VAR", *lines, "END_FUNCTION",
-    ]  # fmt: skip
-    run, function = Program(head + "\n".join(whole)), ca.Function("f", [a, b], [output])
+    run, function = of_graph(output, a=a, b=b), ca.Function("f", [a, b], [output])
     for x, y in ([0.3, 0.7], [0.7, 0.3], [0.25, 0.25], [0.5, -0.4]):
         expected = np.array(function(x, y)).ravel()
         found_values = run.call("f", a=[x], b=[y])[1]["out"]
         np.testing.assert_allclose(found_values, expected, rtol=1e-15)
     with pytest.raises(DeltaidError, match="no function for CasADi's"):
-        body([Array("a", a)], "out", ca.erf(a), dialect)
+        of_graph(ca.erf(a), a=a)
 
 
 def test_what_is_not_chosen_stops_nothing() -> None:
     """Both sides of a choice are computed; the one that is left is there because it cannot be."""
-    a, head = ca.SX.sym("a"), text("clavel-delta3").partition("(* q(z). *)")[0]
+    a = ca.SX.sym("a")
     output = ca.vertcat(ca.if_else(a > 0, ca.sqrt(a) / a, 1 - a), ca.if_else(a > 0, a, -a))
-    lines, slots, _ = body([Array("a", a)], "out", output, StructuredText(DOUBLE, "rob"))
-    whole = [
-        "FUNCTION f : INT", "VAR_INPUT", "a : ARRAY [0..0] OF LREAL;", "END_VAR", "VAR_OUTPUT",
-        "out : ARRAY [0..1] OF LREAL;", "END_VAR", "VAR", f"{', '.join(slots)} : LREAL;",
-        "END_VAR", *lines, "END_FUNCTION",
-    ]  # fmt: skip
-    run = Program(head + "\n".join(whole))
+    run = of_graph(output, a=a)
     for x in (0.0, -4.0, 4.0):
         expected = [x**-0.5, x] if x > 0 else [1 - x, -x]
         assert run.call("f", a=[x])[1]["out"] == pytest.approx(expected)

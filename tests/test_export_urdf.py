@@ -16,25 +16,34 @@ from deltaid.errors import DeltaidError
 from deltaid.exports.files import export
 from deltaid.exports.urdf import urdf
 from deltaid.model.model import Model
-from deltaid.robot.load import load_robot
 from deltaid.sensors.weighings import roll_pitch_yaw
 from exports import (
     COMPOSED,
     TOOLS,
+    at_home,
     composed,
-    disturbed,
     model,
     states,
     subject,
     the,
     title,
     tree_motion,
+    with_friction,
 )
 from sessions import ROOT, blocks
 from support import KINDS, assert_close
 from sweeps import swept
 
 CASES = swept([*KINDS, *TOOLS, *COMPOSED], "clavel-delta3", "h4/first", "i4-linear", COMPOSED[0])
+
+
+def configuration(tree: pin.Model, coordinates: dict[str, float]) -> np.ndarray:
+    """Pinocchio writes joints without limits as cosine and sine."""
+    q = pin.neutral(tree)
+    for name, x in coordinates.items():
+        joint = tree.joints[tree.getJointId(name)]
+        q[joint.idx_q : joint.idx_q + joint.nq] = x if joint.nq == 1 else (np.cos(x), np.sin(x))
+    return q
 
 
 class Tree:
@@ -45,10 +54,8 @@ class Tree:
 
     def __init__(self, chosen: Model, *, placeholders: bool = False) -> None:
         export = urdf(chosen)
-        whole, self.loops = (
-            pin.buildModelFromXML(export.text(".urdf")),
-            json.loads(export.text(".loops.json")),
-        )
+        whole = pin.buildModelFromXML(export.text(".urdf"))
+        self.loops = json.loads(export.text(".loops.json"))
         drawn = [whole.getJointId(name) for name in self.loops["drawn_joints"]]
         self.model = pin.buildReducedModel(whole, drawn, pin.neutral(whole))
         for link in () if placeholders else self.loops["placeholder_links"]:
@@ -56,21 +63,12 @@ class Tree:
             self.model.inertias[joint] = pin.Inertia.Zero()
         self.model.gravity.linear = np.array(self.loops["gravity"])
         self.data = self.model.createData()
-        self.joints = list(self.model.names)[1:]
-        self.index = {name: self.model.joints[i + 1].idx_v for i, name in enumerate(self.joints)}
-        order = sorted(self.joints, key=lambda name: self.index[name])
-        assert [self.index[name] for name in order] == list(range(len(order)))
-        self.order = order
+        joints = zip(self.model.joints, self.model.names, strict=True)
+        index = {joint.idx_v: name for joint, name in list(joints)[1:]}
+        self.order = [index[k] for k in range(len(index))]
 
     def configuration(self, x: np.ndarray) -> np.ndarray:
-        """Pinocchio writes joints without limits as cosine and sine."""
-        q = np.zeros(self.model.nq)
-        for name, value in zip(self.order, x, strict=True):
-            joint = self.model.joints[self.joints.index(name) + 1]
-            q[joint.idx_q : joint.idx_q + joint.nq] = (
-                value if joint.nq == 1 else (np.cos(value), np.sin(value))
-            )
-        return q
+        return configuration(self.model, dict(zip(self.order, x, strict=True)))
 
     def joint_values(self, key: str) -> np.ndarray:
         """A column of the file of the loops, by joint."""
@@ -120,8 +118,7 @@ def test_example_of_the_documentation_accelerates_as_the_package(
     scope = {}
     exec(example, scope)
     assert scope["loops"]["following_joints"] == []
-    still = np.zeros((1, 3))
-    found = model(chosen, chosen.home[None], still, still)
+    found = at_home(chosen)
     want = np.linalg.solve(found.M[0], -found.g[0])  # it falls
     tree = scope["model"]
     places = [tree.joints[tree.getJointId(drive)].idx_v for drive in chosen.robot.drives]
@@ -135,9 +132,8 @@ def test_bodies_and_home(name: str) -> None:
     home = tree.loops["home"]
     q = chosen.dynamics.kinematics.inverse(chosen.home[None])[0]
     assert [home[drive] for drive in tree.loops["drives"]] == pytest.approx(q)
-    pin.framesForwardKinematics(
-        tree.model, tree.data, tree.configuration(np.array([home[name] for name in tree.order]))
-    )
+    q = tree.configuration(np.array([home[name] for name in tree.order]))
+    pin.framesForwardKinematics(tree.model, tree.data, q)
     poses = chosen.dynamics.kinematics.poses(chosen.home[None])
     strut, tool = poses[1], next(pose for pose in poses if pose.name == "EE")
     for link, pose in (("S1", strut), ("EE", tool)):
@@ -193,9 +189,7 @@ def test_what_urdf_has_no_words_for_is_told() -> None:
 
 
 def test_friction_that_urdf_lacks_is_refused(tmp_path: Path) -> None:
-    robot = load_robot("clavel-delta3")
-    law = robot.friction["drive1"].model_copy(update={"viscous_back": 1.0, "coulomb_back": 2.0})
-    chosen = disturbed(robot.model_copy(update={"friction": robot.friction | {"drive1": law}}))
+    chosen = with_friction("drive1", viscous_back=1.0, coulomb_back=2.0)
     with pytest.raises(DeltaidError, match=r"URDF has viscous.*viscous_back\.drive1"):
         urdf(chosen)
     export(chosen.without_friction(), "urdf", tmp_path / "bare.urdf")

@@ -25,6 +25,7 @@ from deltaid.motion.surrogate import (
     write_recording,
 )
 from deltaid.robot.description import RobotDescription
+from support import example
 
 PLANAR = Path(__file__).resolve().parents[1] / "examples" / "planar_delta"
 
@@ -46,6 +47,8 @@ bodies:
 friction: {drive1: {viscous: 200, coulomb: 20, offset: 5}}
 workspace: {shape: box, x: [-0.1, 0.3]}
 """
+# Of a sled that was recorded.
+TRUE = {"sled.m": 95.0, "viscous.drive1": 203.0, "coulomb.drive1": 20.0, "offset.drive1": -3.0}
 PENDULUM = """
 import casadi as ca
 import deltaid
@@ -75,8 +78,7 @@ def made(folder: Path, code: str, description: str) -> RobotDescription:
 
 @pytest.fixture
 def planar() -> RobotDescription:
-    use_mechanism(PLANAR / "mechanism.py")
-    return load_robot(PLANAR / "robot.yaml")
+    return example("planar_delta")
 
 
 def held_points(q: np.ndarray) -> tuple[np.ndarray, dict[str, np.ndarray]]:
@@ -166,11 +168,7 @@ def test_the_planar_delta_is_identified_and_simulated(planar: RobotDescription, 
 def test_one_drive_without_gravity(tmp_path: Path):
     robot = made(tmp_path, SLED, SLED_ROBOT)
     dynamics = Dynamics(robot)
-    names = [parameter.name for parameter in dynamics.layout.parameters]
-    p = np.zeros(len(names))
-    for name, value in (("sled.m", 95.0), ("viscous.drive1", 203.0), ("coulomb.drive1", 20.0),
-                        ("offset.drive1", -3.0)):  # fmt: skip
-        p[names.index(name)] = value
+    p = np.array([TRUE.get(name, 0.0) for name in dynamics.layout.names])
     z, v, a = np.array([[0.2]]), np.array([[-0.3]]), np.array([[2.0]])
     assert dynamics.torque(z, v, a, p)[0, 0] == pytest.approx(95 * 2 - 203 * 0.3 - 20 - 3)
     motion = random_motion(dynamics.kinematics, np.random.default_rng(0))
@@ -184,9 +182,8 @@ def test_one_drive_without_gravity(tmp_path: Path):
     assert output.code == 0, output.err
     found = identify(robot, tmp_path / "log.csv").model
     by_name = {parameter.name: parameter for parameter in found.parameters}
-    for name, value in zip(names, p, strict=True):
-        if value:
-            assert by_name[name].value == pytest.approx(value, rel=0.02, abs=0.1)
+    for name, value in TRUE.items():
+        assert by_name[name].value == pytest.approx(value, rel=0.02, abs=0.1)
 
 
 def test_a_drive_may_turn_in_place(tmp_path: Path):
@@ -230,26 +227,21 @@ def test_an_axis_in_a_mat_file_with_the_files_of_the_example(tmp_path: Path):
     from scipy.io import savemat
 
     emps = PLANAR.parent / "emps"
-    use_mechanism(emps / "mechanism.py")
-    dynamics, rng = Dynamics(load_robot(emps / "robot.yaml")), np.random.default_rng(2)
-    truth = {"sled.m": 95.0, "viscous.drive1": 203.0, "coulomb.drive1": 20.0, "offset.drive1": -3.0}
-    names = [parameter.name for parameter in dynamics.layout.parameters]
-    p = np.array([truth.get(name, 0.0) for name in names])
+    dynamics, rng = Dynamics(example("emps")), np.random.default_rng(2)
+    p = np.array([TRUE.get(name, 0.0) for name in dynamics.layout.names])
     time = np.arange(20_000) / 1000.0
     z, v, a = random_motion(dynamics.kinematics, rng).evaluate(time)
     force = dynamics.torque(z, v, a, p)
     noisy = force + rng.normal(scale=0.02 * np.abs(force).max(), size=force.shape)
     columns = {"t": time[:, None], "qm": z, "vir": noisy / 35.15065, "gtau": 35.15065}
     savemat(tmp_path / "log.mat", columns)
-    lines = [
-        (emps / name).read_text("utf-8").count("\n") for name in ("robot.yaml", "columns.yaml")
-    ]
-    assert sum(lines) <= 20
+    texts = [(emps / name).read_text("utf-8") for name in ("robot.yaml", "columns.yaml")]
+    assert sum(text.count("\n") for text in texts) <= 20
     mapping = load_mapping(emps / "columns.yaml")
     model = identify(emps / "robot.yaml", tmp_path / "log.mat", columns=mapping).model
     for parameter in model.parameters:
-        if parameter.name in truth:
-            assert parameter.value == pytest.approx(truth[parameter.name], rel=0.01, abs=0.1)
+        if parameter.name in TRUE:
+            assert parameter.value == pytest.approx(TRUE[parameter.name], rel=0.01, abs=0.1)
 
 
 def swept(robot: RobotDescription, hertz: float) -> dict[str, np.ndarray]:

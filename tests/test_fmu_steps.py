@@ -13,13 +13,10 @@ from fmpy.validation import validate_fmu
 
 from deltaid.control.simulation import step_through
 from deltaid.dynamics.parameters import prior_parameters
-from deltaid.mechanism.user_code import use_mechanism
 from deltaid.model.model import Model
-from deltaid.robot.load import load_robot
-from exports import every_friction_term, model, needs_compiler, subject
-from sessions import ROOT
-from support import assert_close
-from sweeps import swept
+from exports import at_home, dry_friction, every_friction_term, needs_compiler, subject
+from support import assert_close, example
+from sweeps import slow, swept
 from units import names, unit, write
 
 pytestmark = needs_compiler
@@ -27,18 +24,15 @@ pytestmark = needs_compiler
 
 def swinging(chosen: Model, time: float) -> np.ndarray:
     """Torques that hold the robot at home, and swing beyond friction and back."""
-    dof = chosen.dynamics.dof
-    still = np.zeros((1, dof))
-    gravity = model(chosen, chosen.home[None], still, still).g[0]
-    loss = np.array([max(abs(chosen.value(f"coulomb.drive{i + 1}")), 0.1) for i in range(dof)])
-    return gravity + 1.6 * loss * np.sin(40.0 * time + np.arange(dof))
+    loss = np.maximum(np.abs(dry_friction(chosen)), 0.1)
+    return at_home(chosen).g[0] + 1.6 * loss * np.sin(40.0 * time + np.arange(len(loss)))
 
 
 @pytest.mark.parametrize(
     ("make", "h"),
     [
         (every_friction_term, 7e-4),
-        pytest.param(lambda: subject("irb360-6-1600"), 1e-3, marks=pytest.mark.slow),
+        slow(lambda: subject("irb360-6-1600"), 1e-3),
     ],
     ids=["every-friction-term", "4-dof"],
 )
@@ -65,9 +59,7 @@ def test_steps_are_those_of_the_package(make: object, h: float, tmp_path: Path) 
 def test_below_breakaway_nothing_moves(tmp_path: Path) -> None:
     """Nine tenths of Coulomb friction on every drive, for two seconds, in uneven steps."""
     chosen = subject("linear-delta")
-    still = np.zeros((1, 3))
-    gravity = model(chosen, chosen.home[None], still, still).g[0]
-    loss = np.array([chosen.value(f"coulomb.drive{i}") for i in (1, 2, 3)])
+    gravity, loss = at_home(chosen).g[0], dry_friction(chosen)
     with unit(chosen, "fmu", tmp_path) as found:
         found.set(names("tau", 3), gravity + 0.9 * loss * [1, -1, 1])
         found.fmu.exitInitializationMode()
@@ -113,9 +105,7 @@ def test_a_payload_that_comes_and_goes(tmp_path: Path) -> None:
 
 @pytest.mark.slow
 def test_a_mechanism_of_ones_own_without_a_platform_has_no_payload(tmp_path: Path) -> None:
-    folder = ROOT / "examples" / "planar_delta"
-    use_mechanism(folder / "mechanism.py")
-    robot = load_robot(folder / "robot.yaml")
+    robot = example("planar_delta")
     chosen = Model(robot, prior_parameters(robot), "planar")
     path = write(chosen, "fmu", tmp_path)
     described = fmpy.read_model_description(str(path)).modelVariables

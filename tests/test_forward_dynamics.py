@@ -1,7 +1,6 @@
 """Forward dynamics: inverse of inverse dynamics, energy, MuJoCo's projection, positive M."""
 
 from functools import cache
-from pathlib import Path
 
 import casadi as ca
 import numpy as np
@@ -16,14 +15,14 @@ from deltaid.dynamics.forward_dynamics import ForwardDynamics, compiled_forward
 from deltaid.dynamics.parameters import parameter_layout, prior_parameters
 from deltaid.errors import DeltaidError, KinematicsError
 from deltaid.mechanism.kinematics import Kinematics
-from deltaid.mechanism.user_code import use_mechanism
 from deltaid.motion.random_motion import random_motion
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.friction import Friction, PowerLaw, Stribeck
 from deltaid.robot.load import load_robot
 from exports import states as exported_states
 from exports import subject
-from support import KINDS, Twin, assert_close, random_states, random_twin
+from support import KINDS, Twin, assert_close, example, random_states, random_twin
+from sweeps import swept
 
 ANY_SEED = st.integers(0, 2**32 - 1)
 EVERY_TERM = Friction(
@@ -37,9 +36,7 @@ EVERY_TERM = Friction(
 )
 OFFSET = Friction(viscous=1.1, coulomb=2.3, offset=0.9)
 FEW = ("clavel-delta3", "irb360-6-1600", "h4-linear")
-every_robot = pytest.mark.parametrize(
-    "name", [pytest.param(n, marks=() if n in FEW else pytest.mark.slow) for n in KINDS]
-)
+every_robot = pytest.mark.parametrize("name", swept(KINDS, *FEW))
 
 
 def states(kinematics: Kinematics, n: int = 30) -> tuple[np.ndarray, ...]:
@@ -92,9 +89,7 @@ def test_identity_at_random_states_of_bodies_without_symmetry(name: str) -> None
 
 
 def test_identity_for_a_mechanism_of_ones_own() -> None:
-    folder = Path(__file__).resolve().parents[1] / "examples" / "heli4"
-    use_mechanism(folder / "mechanism.py")
-    robot = load_robot(folder / "robot.yaml")
+    robot = example("heli4")
     forward, dynamics, p = ForwardDynamics(robot), Dynamics(robot), prior_parameters(robot)
     z, zd, zdd = states(dynamics.kinematics)
     _, qd, qdd = dynamics.kinematics.drive_motion(z, zd, zdd)
@@ -129,9 +124,7 @@ def test_accelerations_of_any_delta_against_the_oracle(seed: int, telescope: boo
     assert_accelerations(twin, (q, q, qd), tau, 1e-10)
 
 
-@pytest.mark.parametrize(
-    "kind", ["par4", *(pytest.param(k, marks=pytest.mark.slow) for k in ("h4", "i4"))]
-)
+@pytest.mark.parametrize("kind", swept(["par4", "h4", "i4"], "par4"))
 def test_accelerations_of_composed_robots_against_the_oracle(kind: str) -> None:
     """Springs, rotors, passive joints and gravity in any direction included."""
     twin = composed.twin(composed.Make(kind=kind))
@@ -151,10 +144,7 @@ def frictionless(name: str) -> tuple[ForwardDynamics, np.ndarray]:
     return compiled_forward(robot), p
 
 
-@pytest.mark.parametrize(
-    "name",
-    ["irb360-6-1600", *(pytest.param(n, marks=pytest.mark.slow) for n in ("par4", "linear-delta"))],
-)
+@pytest.mark.parametrize("name", swept(["irb360-6-1600", "par4", "linear-delta"], "irb360-6-1600"))
 def test_energy_is_kept_for_ten_seconds_and_loops_stay_closed(name: str) -> None:
     """Constant torques that hold the robot at home, and springs about it: a potential as well."""
     forward, p = frictionless(name)

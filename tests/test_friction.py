@@ -172,14 +172,10 @@ def test_every_law_is_identified_from_a_recording_without_noise(
     )
     model = identify(robot, [tmp_path / "log.csv"], settings=only).model
     np.testing.assert_allclose(model.p[layout.friction], p[layout.friction], rtol=share)
-    loaded = type(model).load(_saved(model, tmp_path / "model.yaml"))
+    model.save(tmp_path / "model.yaml")
+    loaded = type(model).load(tmp_path / "model.yaml")
     np.testing.assert_array_equal(loaded.p, model.p)
     assert loaded.robot == robot
-
-
-def _saved(model, path):
-    model.save(path)
-    return path
 
 
 @pytest.mark.parametrize(

@@ -18,6 +18,7 @@ from deltaid.motion.fourier import FourierMotion
 from deltaid.motion.random_motion import random_motion, tamed
 from deltaid.motion.surrogate import surrogate_parameters
 from deltaid.view.tracking import comparison_page, infeasible_lines
+from sweeps import slow
 
 TELESCOPE = "irb360-6-1600"
 TIME = np.linspace(0.0, 10.0, 2000)
@@ -30,6 +31,12 @@ def robot() -> Model:
     return replace(model, p=surrogate_parameters(model.robot, np.random.default_rng(0)))
 
 
+@pytest.fixture(scope="module")
+def wild(robot: Model) -> FourierMotion:
+    """A motion that is too fast for its tool."""
+    return random_motion(robot.dynamics.kinematics, np.random.default_rng(0))
+
+
 def use_of(model: Model, motion: FourierMotion) -> dict[str, float]:
     """Largest use of every limit along a motion."""
     limits = LimitsAlong(model.dynamics)
@@ -38,9 +45,7 @@ def use_of(model: Model, motion: FourierMotion) -> dict[str, float]:
     return dict(zip((*limits.names, *limits.efforts), (s.max() for s in shares), strict=True))
 
 
-@pytest.mark.parametrize(
-    "name", [TELESCOPE, "linear-delta-45", pytest.param("h4", marks=pytest.mark.slow)]
-)
+@pytest.mark.parametrize("name", [TELESCOPE, "linear-delta-45", slow("h4")])
 def test_the_demonstrations_motions_keep_every_limit(name: str) -> None:
     model, rng = load(name), np.random.default_rng(0)
     model = replace(model, p=surrogate_parameters(model.robot, rng))
@@ -51,8 +56,7 @@ def test_the_demonstrations_motions_keep_every_limit(name: str) -> None:
     assert of_motion(model, MotionTrajectory(model.dynamics.kinematics, motion, 10.0)) == ()
 
 
-def test_only_what_is_too_fast_is_tamed(robot: Model) -> None:
-    wild = random_motion(robot.dynamics.kinematics, np.random.default_rng(0))
+def test_only_what_is_too_fast_is_tamed(robot: Model, wild: FourierMotion) -> None:
     assert use_of(robot, wild)["drive4 torque"] > 2
     tame = tamed(robot.dynamics, robot.p, wild)
     assert tame.period == wild.period
@@ -62,8 +66,9 @@ def test_only_what_is_too_fast_is_tamed(robot: Model) -> None:
     assert tamed(slow.dynamics, robot.p, wild).period > 1.05 * wild.period
 
 
-def test_torque_beyond_a_limit_has_drive_size_time_and_share(robot: Model) -> None:
-    wild = random_motion(robot.dynamics.kinematics, np.random.default_rng(0))
+def test_torque_beyond_a_limit_has_drive_size_time_and_share(
+    robot: Model, wild: FourierMotion
+) -> None:
     (problem,) = of_motion(robot, MotionTrajectory(robot.dynamics.kinematics, wild, 10.0))
     z, zd, zdd = wild.evaluate(TIME)
     _, qd, qdd = robot.dynamics.kinematics.drive_motion(z, zd, zdd)
@@ -89,9 +94,8 @@ GENTLE = {"platform_acceleration": 4.0}
     ],
 )
 def test_speed_and_workspace_have_words_of_their_own(
-    robot: Model, change: dict[str, object], kind: str, what: str
+    robot: Model, wild: FourierMotion, change: dict[str, object], kind: str, what: str
 ) -> None:
-    wild = random_motion(robot.dynamics.kinematics, np.random.default_rng(0))
     narrow = load(robot.robot.changed(**change))
     trajectory = MotionTrajectory(narrow.dynamics.kinematics, wild, 10.0)
     found = {p.what: p for p in of_motion(narrow, trajectory)}
@@ -139,8 +143,9 @@ def test_what_a_controller_loses(robot: Model) -> None:
     assert (problem.kind, problem.time) == ("lost", 0.25)
 
 
-def test_a_comparison_praises_nobody_on_a_motion_that_cannot_be_run(robot: Model) -> None:
-    wild = random_motion(robot.dynamics.kinematics, np.random.default_rng(0))
+def test_a_comparison_praises_nobody_on_a_motion_that_cannot_be_run(
+    robot: Model, wild: FourierMotion
+) -> None:
     of_it = of_motion(robot, MotionTrajectory(robot.dynamics.kinematics, wild, 1.0))
     good = followed(robot)
     shaken = replace(good, saturated=np.ones_like(good.saturated))
@@ -168,8 +173,9 @@ def write_motion(model: Model, time: np.ndarray, moved: tuple[np.ndarray, ...], 
     pl.DataFrame({"t": time} | named).write_csv(path)
 
 
-def test_simulate_says_in_red_what_cannot_be_run(robot: Model, tmp_path: Path) -> None:
-    wild = random_motion(robot.dynamics.kinematics, np.random.default_rng(0))
+def test_simulate_says_in_red_what_cannot_be_run(
+    robot: Model, wild: FourierMotion, tmp_path: Path
+) -> None:
     time = np.arange(1500) / 1000
     z, zd, zdd = wild.evaluate(time)
     z[:, 3] *= 3

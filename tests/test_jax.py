@@ -13,8 +13,7 @@ import deltaid
 from composed import Make
 from deltaid.errors import KinematicsError
 from deltaid.exports.jax_functions import JaxFunctions
-from deltaid.robot.load import load_robot
-from exports import COMPOSED, disturbed, model, states, subject, the, title
+from exports import COMPOSED, OF_ONE, OF_TWO, model, states, subject, the, title, with_friction
 from sessions import ROOT
 from support import assert_close
 from sweeps import swept
@@ -78,9 +77,7 @@ def test_compiled_for_many_samples(delta: JaxFunctions) -> None:
 
 
 def test_friction_that_depends_on_load() -> None:
-    robot = load_robot("clavel-delta3")
-    law = robot.friction["drive2"].changed(load=0.1)
-    chosen = disturbed(robot.model_copy(update={"friction": robot.friction | {"drive2": law}}))
+    chosen = with_friction("drive2", load=0.1)
     f, (z, _, qd, qdd) = deltaid.jax_functions(chosen), states(chosen, 1)
     with jax.disable_jit():
         tau = f.inverse_dynamics_at(z[0], qd[0], qdd[0])
@@ -181,16 +178,8 @@ def test_every_operation_of_a_kernel() -> None:
     from deltaid.exports.jax_graph import _OPERATIONS, as_jax
 
     a, b = ca.SX.sym("a"), ca.SX.sym("b")
-    one = [
-        ca.sin, ca.cos, ca.tan, ca.asin, ca.acos, ca.atan, ca.sinh, ca.cosh, ca.tanh, ca.asinh,
-        ca.atanh, ca.exp, ca.expm1, ca.log, ca.log1p, ca.erf, ca.sqrt, ca.fabs, ca.floor, ca.ceil,
-        ca.sign, ca.logic_not,
-    ]  # fmt: skip
-    two = [
-        ca.plus, ca.minus, ca.times, ca.rdivide, ca.power, ca.atan2, ca.fmin, ca.fmax, ca.hypot,
-        ca.copysign, ca.fmod, ca.remainder, ca.lt, ca.le, ca.eq, ca.ne, ca.logic_and, ca.logic_or,
-    ]  # fmt: skip
-    values = [f(a) for f in one] + [f(a, b) for f in two] + [ca.acosh(a + 2), a**2, 2 * a, 1 / a]
+    values = [f(a) for f in OF_ONE] + [f(a, b) for f in OF_TWO] + [a + b, a - b, a * b, a / b]
+    values += [ca.acosh(a + 2), a**2, 2 * a, 1 / a]
     out = ca.vertcat(*values, ca.if_else(a > b, a, b), -a, ca.constpow(a, 3))
     graph, function = ca.Function("f", [a, b], [out]), as_jax([a, b], out)
     used = {graph.instruction_id(k) for k in range(graph.n_instructions())}

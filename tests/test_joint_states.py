@@ -15,10 +15,9 @@ from deltaid.exports.mjcf import mjcf
 from deltaid.exports.urdf import urdf
 from deltaid.mechanism.kinematics import Kinematics
 from deltaid.mechanism.tree_joints import tree_joints
-from deltaid.mechanism.user_code import use_mechanism
-from deltaid.robot.load import load_robot
 from exports import COMPOSED, states, the, title
-from sessions import ROOT
+from support import example
+from test_export_urdf import configuration
 
 CASES = ("irb360-6-1600", "linear-delta", "par4", *COMPOSED[:2])
 
@@ -58,11 +57,7 @@ def test_pinocchio_closes_loops(case: str) -> None:
     assert passive.names == tuple(n for n in found.names if n not in chosen.robot.drives)
     value = dict(zip(found.names, found.position, strict=True))
     assert [value[name] for name in passive.names] == pytest.approx(passive.position, abs=1e-12)
-    x = pin.neutral(tree)
-    for name, at in value.items():
-        joint = tree.joints[tree.getJointId(name)]
-        x[joint.idx_q : joint.idx_q + joint.nq] = at if joint.nq == 1 else (np.cos(at), np.sin(at))
-    pin.framesForwardKinematics(tree, data, x)
+    pin.framesForwardKinematics(tree, data, configuration(tree, value))
     for pair in loops["coincident_frames"]:
         a, b = (data.oMf[tree.getFrameId(name)].translation for name in pair["frames"])
         np.testing.assert_allclose(a, b, rtol=0, atol=1e-12)
@@ -89,8 +84,6 @@ def test_the_graph_has_names_and_symbols() -> None:
 
 
 def test_joints_of_a_mechanism_of_ones_own_are_not_known() -> None:
-    folder = ROOT / "examples" / "heli4"
-    use_mechanism(folder / "mechanism.py")
-    robot = load_robot(folder / "robot.yaml")
+    robot = example("heli4")
     with pytest.raises(DeltaidError, match="of which only poses are known and no joints"):
         Kinematics(robot).passive_joints(robot.home)

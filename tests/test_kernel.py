@@ -101,13 +101,16 @@ def by_casadi(kernel: BatchKernel, x: np.ndarray, uniform: np.ndarray) -> np.nda
     return np.array(columns).reshape(-1, kernel.n_out).T
 
 
-def assert_same_numbers(actual: np.ndarray, expected: np.ndarray, name: str) -> None:
-    rtol = 0 if name in EXACT else 4e-16
-    np.testing.assert_allclose(actual, expected, rtol=rtol, atol=0, err_msg=name)
-    if name not in ZERO_OF_EITHER_SIGN:
-        sound = ~np.isnan(expected)
-        signs = np.signbit(actual[sound]) == np.signbit(expected[sound])
-        assert signs.all(), f"{name} has a zero of the wrong sign"
+def assert_as_casadi(operations: BatchKernel, x: np.ndarray, u: float) -> None:
+    uniform = np.array([u])
+    both = operations(x, uniform), by_casadi(operations, x, uniform)
+    for name, actual, expected in zip(OPERATIONS, *both, strict=True):
+        rtol = 0 if name in EXACT else 4e-16
+        np.testing.assert_allclose(actual, expected, rtol=rtol, atol=0, err_msg=name)
+        if name not in ZERO_OF_EITHER_SIGN:
+            sound = ~np.isnan(expected)
+            signs = np.signbit(actual[sound]) == np.signbit(expected[sound])
+            assert signs.all(), f"{name} has a zero of the wrong sign"
 
 
 def test_every_operation_is_on_trial(operations: BatchKernel) -> None:
@@ -121,20 +124,13 @@ def test_every_operation_is_on_trial(operations: BatchKernel) -> None:
 def test_operations_on_special_and_ordinary_numbers(
     operations: BatchKernel, uniform: float
 ) -> None:
-    x = np.array(list(product(SPECIAL + ORDINARY, repeat=2))).T
-    actual = operations(x, np.array([uniform]))
-    expected = by_casadi(operations, x, np.array([uniform]))
-    for name, ours, theirs in zip(OPERATIONS, actual, expected, strict=True):
-        assert_same_numbers(ours, theirs, name)
+    assert_as_casadi(operations, np.array(list(product(SPECIAL + ORDINARY, repeat=2))).T, uniform)
 
 
 @settings(max_examples=50, deadline=None)
 @given(x=arrays(float, st.tuples(st.just(2), st.integers(1, 30)), elements=st.floats(width=64)))
 def test_operations_on_any_numbers(operations: BatchKernel, x: np.ndarray) -> None:
-    uniform = np.array([0.7])
-    expected = by_casadi(operations, x, uniform)
-    for name, ours, theirs in zip(OPERATIONS, operations(x, uniform), expected, strict=True):
-        assert_same_numbers(ours, theirs, name)
+    assert_as_casadi(operations, x, 0.7)
 
 
 def test_operations_mean_what_numpy_means(operations: BatchKernel) -> None:

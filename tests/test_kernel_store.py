@@ -63,10 +63,15 @@ def test_a_new_process_finds_it_and_its_functions(folder: Path) -> None:
         "t.batch._compile = never\n"
         "sys.stdout.write(t.kernel()(t.X).tobytes().hex())"
     )
-    command = [sys.executable, "-c", script, str(Path(__file__).parent)]
+    assert printed(script, str(Path(__file__).parent)) == expected.tobytes().hex()
+
+
+def printed(script: str, *arguments: str) -> str:
+    """By a process of its own."""
+    command = [sys.executable, "-c", script, *arguments]
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
-    assert done.stdout == expected.tobytes().hex()
+    return done.stdout
 
 
 @pytest.mark.parametrize(
@@ -194,10 +199,7 @@ def test_a_short_command_loads_neither_scipy_nor_polars() -> None:
         "try: main()\n"
         "finally: print({'scipy', 'polars', 'plotly', 'pint'} & sys.modules.keys())"
     )
-    command = [sys.executable, "-c", script]
-    done = subprocess.run(command, capture_output=True, text=True, check=False)
-    assert done.returncode == 0, done.stderr
-    assert done.stdout.splitlines()[-1] == "set()"
+    assert printed(script).splitlines()[-1] == "set()"
 
 
 A, B = ca.SX.sym("a"), ca.SX.sym("b")

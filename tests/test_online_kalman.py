@@ -114,12 +114,8 @@ def test_directions_and_what_they_leave_are_all_that_a_model_may_be_off_by(
     q, qd, qdd = model.dynamics.kinematics.drive_motion(*pose)
     Y = model.dynamics.regressor(q, qd, qdd, np.zeros_like(q))
     spreads = stated_spreads(model.robot)
-    spread = np.array(
-        [
-            spreads.get(parameter.name, model.prior_spread) * parameter.scale
-            for parameter in model.layout.parameters
-        ]
-    )
+    spread = np.array([spreads.get(p.name, model.prior_spread) * p.scale
+                       for p in model.layout.parameters])  # fmt: skip
     spread[list(known.followed)] = 0.0
     largest = np.abs(Y @ model.p).max(axis=0)
     told = np.mean(np.sum((Y @ known.directions[:, :-1]) ** 2, axis=2), axis=0)
@@ -158,11 +154,8 @@ def along(name: str, rate: float, load: np.ndarray) -> np.ndarray:
     tau = dynamics.torque(z, qd, qdd, loaded)
 
     directions = np.column_stack([p, np.eye(p.size)[:, body] @ load])
-    kept, torque, kept_torque = (
-        ca.SX.sym("k", m.qd.numel(), 2),
-        ca.SX.sym("t", m.qd.numel()),
-        m.load,
-    )
+    kept, torque = ca.SX.sym("k", m.qd.numel(), 2), ca.SX.sym("t", m.qd.numel())
+    kept_torque = m.load
     lines = Lowpass.lines(CORNER, 1 / rate)
     momentum, rest = CORNER * (m.H @ directions), m.W @ directions
     x = momentum - rest

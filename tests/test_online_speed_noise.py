@@ -84,9 +84,7 @@ def test_a_heavy_load_that_hangs_on_is_no_contact() -> None:
     held, moment = np.roll(told, 15), mass * 1e-4
     heavy = model.with_load(np.array([mass, 0, 0, 0, moment, moment, moment, 0, 0, 0])).p
     tau = np.where(held[:, None], *(dynamics.torque(z, qd, qdd, p) for p in (heavy, model.p)))
-    noise = (ENCODER * RATE / np.sqrt(6.0),) * 3
-    settings = OnlineSettings(speed="differenced", largest_mass=mass, speed_noise=noise)
-    online = deltaid.Online(model, settings)
+    online = shuttle().online(mass)
     tau += online.known.noise * rng.standard_normal(tau.shape)
     contact = online.run(np.round(q / ENCODER) * ENCODER, None, tau, told.astype(float)).contact
     left = np.flatnonzero(told[:-1] & ~told[1:]) + 1

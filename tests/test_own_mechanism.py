@@ -26,6 +26,7 @@ from deltaid.motion.surrogate import simulate_recording, surrogate_parameters, w
 from deltaid.robot import own
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.load import bound, load_robot
+from support import example
 
 EXAMPLES = Path(__file__).resolve().parents[1] / "examples" / "heli4"
 HELI4, FILE = str(EXAMPLES / "robot.yaml"), str(EXAMPLES / "mechanism.py")
@@ -80,8 +81,7 @@ def returning(attribute: str, value: str) -> str:
 
 @pytest.fixture
 def heli4() -> RobotDescription:
-    deltaid.use_mechanism(FILE)
-    return load_robot(HELI4)
+    return example("heli4")
 
 
 def own_delta(

@@ -64,9 +64,7 @@ def test_friction_is_of_the_described_joints_only() -> None:
     """In the joints' order, whatever the order in the description."""
     robot = random_twin(13, telescope=True).robot
     some = {joint: robot.friction[joint] for joint in ("slide", "drive2")}
-    robot = robot.model_copy(
-        update={"friction": some, "rotor_inertia": {"drive4": 1e-3, "drive1": 2e-2}}
-    )
+    robot = robot.changed(friction=some, rotor_inertia={"drive4": 1e-3, "drive1": 2e-2})
     dynamics, p = Dynamics(robot), prior_parameters(robot)
     names = ["viscous.drive2", "viscous.slide", "coulomb.drive2", "coulomb.slide"]
     names += ["rotor.drive1", "rotor.drive4"]
@@ -102,7 +100,7 @@ def test_regressor_counts(
     """Columns, columns not identically zero, and rank at generic motions, as in the paper."""
     dynamics: Dynamics = request.getfixturevalue(robot)
     if dynamics.robot.rotor_inertia and not rotor:
-        dynamics = Dynamics(dynamics.robot.model_copy(update={"rotor_inertia": {}}))
+        dynamics = Dynamics(dynamics.robot.changed(rotor_inertia={}))
     _, q, qd, qdd = generic_states(dynamics, 300)
     Y = dynamics.regressor(q, qd, qdd).reshape(-1, len(dynamics.layout.names))
     lengths = np.linalg.norm(Y, axis=0)

@@ -7,23 +7,29 @@ import pytest
 from deltaid.control.simulation import integrate, step_through
 from deltaid.dynamics.dynamics import compiled
 from deltaid.dynamics.forward_dynamics import ForwardDynamics, compiled_forward
-from deltaid.dynamics.parameters import parameter_layout, prior_parameters
+from deltaid.dynamics.parameters import prior_parameters
 from deltaid.dynamics.task_dynamics import friction_impulses
 from deltaid.kernel.batch import BatchKernel
 from deltaid.motion.random_motion import random_motion
+from deltaid.robot.description import RobotDescription
 from deltaid.robot.friction import Friction, Stribeck
 from deltaid.robot.load import load_robot
 from support import KINDS
+from sweeps import swept
 
 FEW = ("clavel-delta3", "irb360-6-1600", "i4")
-every_robot = pytest.mark.parametrize(
-    "name", [pytest.param(n, marks=() if n in FEW else pytest.mark.slow) for n in KINDS]
-)
+every_robot = pytest.mark.parametrize("name", swept(KINDS, *FEW))
 
 
 def poses(forward: ForwardDynamics, n: int) -> np.ndarray:
     motion = random_motion(forward.kinematics, np.random.default_rng(2))
     return motion.evaluate(np.linspace(0, motion.period, n))[0]
+
+
+def started(robot: RobotDescription | str) -> tuple[ForwardDynamics, np.ndarray, np.ndarray]:
+    """Its forward dynamics, its prior and its home pose."""
+    forward = compiled_forward(load_robot(robot) if isinstance(robot, str) else robot)
+    return forward, prior_parameters(forward.robot), forward.kinematics.home[None]
 
 
 def holding(forward: ForwardDynamics, z: np.ndarray, p: np.ndarray) -> np.ndarray:
@@ -77,8 +83,7 @@ def test_impulses_are_the_minimiser_over_the_box(
 @every_robot
 def test_below_its_friction_a_robot_stays_where_it_is(name: str) -> None:
     """Twenty poses at once, each pushed against all drives by up to 90 % of their friction."""
-    forward = compiled_forward(load_robot(name))
-    p = prior_parameters(forward.robot)
+    forward, p, _ = started(name)
     z, rng = poses(forward, 20), np.random.default_rng(3)
     tau = holding(forward, z, p) + rng.uniform(-0.9, 0.9, z.shape) * drive_friction(forward, p)
     path = step_through(forward, p, z, np.zeros_like(z), 0.1, lambda t, q, qd: tau)
@@ -88,9 +93,7 @@ def test_below_its_friction_a_robot_stays_where_it_is(name: str) -> None:
 
 def test_at_rest_for_ever() -> None:
     """Nothing adds up over five thousand steps."""
-    forward = compiled_forward(load_robot("clavel-delta3"))
-    p = prior_parameters(forward.robot)
-    start = forward.kinematics.home[None]
+    forward, p, start = started("clavel-delta3")
     tau = holding(forward, start, p) + 0.8 * drive_friction(forward, p)
     z, qd = start, 0 * start
     for _ in range(5000):
@@ -100,9 +103,7 @@ def test_at_rest_for_ever() -> None:
 
 def test_one_drive_pushed_beyond_its_friction_moves_alone() -> None:
     """What the others feel of its acceleration stays below their friction."""
-    forward = compiled_forward(load_robot("irb360-6-1600"))
-    p = prior_parameters(forward.robot)
-    z = forward.kinematics.home[None]
+    forward, p, z = started("irb360-6-1600")
     push = 1.05 * drive_friction(forward, p) * np.array([0, 1, 0, 0])
     # The slide, which moves with every arm, has friction too.
     push[1] += 10.0
@@ -119,9 +120,7 @@ def test_breakaway_takes_the_friction_of_rest() -> None:
     """With Stribeck's term a drive holds 1.3 of what keeps it moving, once it moves."""
     robot = load_robot("linear-delta")
     law = Friction(viscous=40, coulomb=30, stribeck=Stribeck(coefficient=15, speed=0.02))
-    robot = robot.changed(friction=dict.fromkeys(robot.drives, law))
-    forward, p = ForwardDynamics(robot), prior_parameters(robot)
-    z = forward.kinematics.home[None]
+    forward, p, z = started(robot.changed(friction=dict.fromkeys(robot.drives, law)))
     tau, unit = holding(forward, z, p), np.ones((1, 3))
 
     def pushed(force: float, speed: float) -> np.ndarray:
@@ -137,9 +136,7 @@ def test_friction_of_load_holds_a_share_of_what_the_gear_carries() -> None:
     """μ |τ_holding| is added to Coulomb's: |τ − τ_holding| up to c + μ |τ_holding| is held."""
     robot = load_robot("linear-delta")
     laws = {drive: Friction(viscous=40, coulomb=30, load=0.2) for drive in robot.drives}
-    forward = ForwardDynamics(robot.changed(friction=laws))
-    p = prior_parameters(forward.robot)
-    z = forward.kinematics.home[None]
+    forward, p, z = started(robot.changed(friction=laws))
     tau = holding(forward, z, p)
     most = 30 + 0.2 * np.abs(tau)
     for edge in (tau - most, tau + most):
@@ -154,14 +151,11 @@ def test_friction_of_load_holds_a_share_of_what_the_gear_carries() -> None:
 
 def test_steps_are_of_second_order_where_all_joints_slide() -> None:
     """Against the adaptive solver on the smooth law that the jumping one is while nobody stops."""
-    robot = load_robot("irb360-6-1600")
-    forward, p = compiled_forward(robot), prior_parameters(robot)
-    layout = parameter_layout(robot)
-    z, qd = forward.kinematics.home[None], np.array([[1.0, 1.2, 0.9, 5.0]])
-    tau = np.array([[30.0, 35.0, 25.0, 2.0]])
-    force = p[layout.coulomb]
-    sliding = p.copy()
-    sliding[layout.coulomb] = 0
+    forward, p, z = started("irb360-6-1600")
+    qd, tau = np.array([[1.0, 1.2, 0.9, 5.0]]), np.array([[30.0, 35.0, 25.0, 2.0]])
+    coulomb, sliding = forward.layout.coulomb, p.copy()
+    force = p[coulomb]
+    sliding[coulomb] = 0
     time = np.array([0.0, 0.1])
     e = forward.equations
     partial = ca.Function("w", [e.z], [e.R @ ca.inv_minor(e.J)])
@@ -186,9 +180,7 @@ def test_steps_are_of_second_order_where_all_joints_slide() -> None:
 @pytest.mark.parametrize("name", ["clavel-delta3", "irb360-6-1600", "i4"])
 def test_energy_never_grows_without_input(name: str) -> None:
     """Thrown states under holding torques of home, which have a potential: friction stops all."""
-    forward = compiled_forward(load_robot(name))
-    p = prior_parameters(forward.robot)
-    home, n = forward.kinematics.home[None], 16
+    n, (forward, p, home) = 16, started(name)
     z = np.repeat(home, n, axis=0)
     zd = 0.3 * np.random.default_rng(4).standard_normal(z.shape)
     tau, q_home = holding(forward, home, p), forward.drive_coordinates(home)
@@ -198,8 +190,8 @@ def test_energy_never_grows_without_input(name: str) -> None:
         - (forward.drive_coordinates(path.z[k]) - q_home) @ tau[0]
         for k in range(len(path.time))
     ])  # fmt: skip
-    started = forward.energy(path.z[0], path.zd[0], p)[0]
-    assert np.diff(energy, axis=0).max() < 1e-5 * started.max()
+    kinetic = forward.energy(path.z[0], path.zd[0], p)[0]
+    assert np.diff(energy, axis=0).max() < 1e-5 * kinetic.max()
     assert np.all(energy[-1] < energy[0])
     resting = np.abs(path.zd[-1]).max(axis=1) < 1e-12
     assert resting.sum() >= n // 2
@@ -207,8 +199,7 @@ def test_energy_never_grows_without_input(name: str) -> None:
 
 
 def test_a_batch_is_its_single_runs() -> None:
-    forward = compiled_forward(load_robot("clavel-delta3"))
-    p = prior_parameters(forward.robot)
+    forward, p, _ = started("clavel-delta3")
     z, zd = poses(forward, 5), np.full((5, 3), 0.2)
     tau = holding(forward, z, p)
     together = step_through(forward, p, z, zd, 0.05, lambda t, q, qd: tau)
@@ -219,9 +210,8 @@ def test_a_batch_is_its_single_runs() -> None:
 
 
 def test_who_falls_until_a_limb_is_stretched_ends_there_and_the_others_go_on() -> None:
-    forward = compiled_forward(load_robot("clavel-delta3"))
-    p = prior_parameters(forward.robot)
-    z = np.repeat(forward.kinematics.home[None], 2, axis=0)
+    forward, p, home = started("clavel-delta3")
+    z = np.repeat(home, 2, axis=0)
     tau = holding(forward, z, p)
     tau[0] = 40.0
     path = step_through(forward, p, z, 0 * z, 2.0, lambda t, q, qd: tau)

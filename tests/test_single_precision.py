@@ -33,6 +33,7 @@ from exports import (
     towards_singularities,
 )
 from support import assert_close
+from sweeps import slow
 
 SHARE, POSES = 1e-5, 24
 
@@ -91,10 +92,9 @@ def assert_further(library: Library, model_: Model, z: np.ndarray) -> None:
     ("name", "option"),
     [
         ("clavel-delta3", "-O0"),
-        *(
-            pytest.param(name, option, marks=pytest.mark.slow)
-            for name, option in (("irb360-6-1600", "-O0"), ("h4", "-O0"), ("i4-linear", "-O1"))
-        ),
+        slow("irb360-6-1600", "-O0"),
+        slow("h4", "-O0"),
+        slow("i4-linear", "-O1"),
     ],
 )
 def test_below_a_condition_of_100(name: str, option: str, tmp_path: Path) -> None:
@@ -212,8 +212,7 @@ def test_numbers_that_are_no_floats_have_a_rest() -> None:
 def test_only_outputs_that_count_are_looked_at() -> None:
     both = ca.vertcat(A**2 - B**2, A * B)
     assert judged(both, 1.0, 0.999, OutputPart(1, None), OutputPart(1)) == []
-    assert (
-        judged(both, 1.0, 0.999, OutputPart(2)) == []
-    )  # beside a large entry a small one may be off
+    # Beside a large entry a small one may be off.
+    assert judged(both, 1.0, 0.999, OutputPart(2)) == []
     assert judged(both, 1.0, 0.999, OutputPart(1), OutputPart(1)) == [ca.OP_SUB, ca.OP_SQ, ca.OP_SQ]
     assert judged(both, 1.0, 0.999, OutputPart(1, "x"), OutputPart(1)) == []

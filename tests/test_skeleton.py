@@ -10,7 +10,6 @@ import numpy as np
 import plotly.graph_objects as go
 import pytest
 
-from deltaid import use_mechanism
 from deltaid.mechanism.kinematics import Kinematics
 from deltaid.mechanism.skeleton import Skeleton
 from deltaid.model.record import IdentifiedModel
@@ -22,6 +21,7 @@ from deltaid.studio.stand import stand
 from deltaid.view.animation import animation, placed, robot_lines
 from deltaid.view.drawing import drawing
 from joint_places import direction, elbow, part_of_limb, parts_of_platform, poses, tool_point
+from support import example
 
 ROBOTS = ("telescope aside", "linear-delta-45", "h4-linear", "par4", "i4", "one strut a limb")
 
@@ -190,17 +190,10 @@ def test_cylinders_on_a_stage_join_the_ends_of_lines() -> None:
     np.testing.assert_allclose(ends, skeleton.evaluate(z[None])[0], atol=1e-8)
 
 
-@pytest.fixture
-def own_mechanism() -> tuple[RobotDescription, Kinematics]:
-    example = Path(__file__).resolve().parents[1] / "examples" / "heli4"
-    use_mechanism(example / "mechanism.py")
-    robot = load_robot(str(example / "robot.yaml"))
-    return robot, Kinematics(robot)
-
-
-def test_a_mechanism_of_the_users_own_has_lines_to_centres_of_mass(own_mechanism) -> None:
+def test_a_mechanism_of_the_users_own_has_lines_to_centres_of_mass() -> None:
     """Each body one, from its frame; unless the function gives lines: then these."""
-    robot, kinematics = own_mechanism
+    robot = example("heli4")
+    kinematics = Kinematics(robot)
     z = robot.within(0.0)[0][None]
     plain = replace(kinematics.mechanism, drawing=())
     ends = Skeleton(robot, plain).evaluate(z)[0]

@@ -22,8 +22,8 @@ from deltaid.robot.description import RobotDescription
 from deltaid.robot.load import load_robot
 from deltaid.view.parameters import share_table, shares_sentence
 from poor_priors import PLAIN
+from sweeps import slow
 
-slow = pytest.mark.slow
 STEP = 1e-5  # m or rad
 LENGTH, ZERO = 1e-3, np.deg2rad(0.5)
 EXACT = {"lengths": 0.0, "homing": 0.0, "mounting": 0.0}
@@ -58,38 +58,36 @@ def moved(name: str, samples: int = 40) -> tuple[Dynamics, tuple[np.ndarray, ...
     return dynamics, (z, *dynamics.kinematics.drive_motion(z, zd, zdd)), p
 
 
+def effects(dynamics: Dynamics, *at: np.ndarray) -> dict[str, np.ndarray]:
+    """Torques of each error by its name."""
+    return {error.name: error.effect for error in geometric_errors(dynamics, *at)}
+
+
 @pytest.mark.parametrize(
     ("name", "length", "limb"),
     [
         ("irb360-6-1600", "telescope", None),
         ("clavel-delta3", "strut", 2),
-        pytest.param("irb360-6-1600", "upper_arm", None, marks=slow),
-        pytest.param("linear-delta", "base_radius", 3, marks=slow),
-        pytest.param("h4", "platform", None, marks=slow),
+        slow("irb360-6-1600", "upper_arm", None),
+        slow("linear-delta", "base_radius", 3),
+        slow("h4", "platform", None),
     ],
 )
 def test_slopes_are_those_of_changed_lengths(name: str, length: str, limb: int | None) -> None:
     dynamics, (z, q, qd, qdd), p = moved(name)
-
     changed = Dynamics(longer(dynamics.robot, length, STEP, limb))
     later = changed.torque(changed.kinematics.forward(q), qd, qdd, p)
     expected = 0.05 / STEP * (later - dynamics.torque(z, qd, qdd, p)).T
-    found = {
-        geometric_error.name: geometric_error.effect
-        for geometric_error in geometric_errors(dynamics, z, qd, qdd, p)
-    }
+    found = effects(dynamics, z, qd, qdd, p)
     mine = found[length if limb is None else f"{length} of limb {limb}"]
     assert np.abs(mine).max() > 0
     np.testing.assert_allclose(mine, expected, atol=1e-3 * np.abs(expected).max())
 
 
-@pytest.mark.parametrize("name", ["irb360-6-1600", pytest.param("par4-linear", marks=slow)])
+@pytest.mark.parametrize("name", ["irb360-6-1600", slow("par4-linear")])
 def test_slopes_are_those_of_zeros_and_of_gravity(name: str) -> None:
     dynamics, (z, q, qd, qdd), p = moved(name)
-    found = {
-        geometric_error.name: geometric_error.effect
-        for geometric_error in geometric_errors(dynamics, z, qd, qdd, p)
-    }
+    found = effects(dynamics, z, qd, qdd, p)
     for i, drive in enumerate(dynamics.robot.drives):
         step = STEP * np.eye(dynamics.dof)[i]
         up, down = (dynamics.inverse_dynamics(q + s * step, qd, qdd, p).T for s in (1, -1))
@@ -121,15 +119,15 @@ def test_friction_of_a_joint_that_hardly_turns_keeps_its_direction(name: str) ->
     # The torque of a passive joint goes by its speed's slope, so along it the joint turns fastest.
     along = dynamics.torque(z, qd, still, dry)
     along /= np.linalg.norm(along, axis=1, keepdims=True)
-    slow = qd - np.sum(along * qd, axis=1, keepdims=True) * along + 1e-9 * along
+    hardly = qd - np.sum(along * qd, axis=1, keepdims=True) * along + 1e-9 * along
 
     def slopes(speed: np.ndarray) -> np.ndarray:
         found = torque_slopes(dynamics, z, speed, still, dry)
         return np.array([found.of_zero(drive) for drive in range(dynamics.dof)])
 
-    expected = slopes(slow + along)
+    expected = slopes(hardly + along)
     assert np.abs(expected).max() > 1e-3
-    np.testing.assert_allclose(slopes(slow), expected, atol=1e-6 * np.abs(expected).max())
+    np.testing.assert_allclose(slopes(hardly), expected, atol=1e-6 * np.abs(expected).max())
 
 
 def recorded(
@@ -224,10 +222,7 @@ def test_intervals_of_a_machine_that_is_not_as_described_hold(wrong: Wrong) -> N
     assert min(wider) >= 1 - 1e-9
     assert max(wider) > 1.3
     base, estimate = identify_base(compiled(wrong.robot), wrong.recording)
-    values = [
-        0.5 * (base_parameter.high - base_parameter.low)
-        for base_parameter in honest.model.base_parameters
-    ]
+    values = [0.5 * width(parameter) for parameter in honest.model.base_parameters]
     assert base.rank == len(values)
     np.testing.assert_allclose(estimate.interval, values, rtol=0.05)
 
@@ -242,11 +237,7 @@ def test_shares_say_what_an_interval_comes_from(wrong: Wrong, tmp_path: Path) ->
     decided = [p for p in shared if p.determined_by == "data"]
     assert max(parameter.share.geometry for parameter in decided if parameter.share) > 0.5
     assert max(parameter.share.unseen for parameter in shared if parameter.share) > 0.5
-    assert all(
-        base_parameter.share.unseen == 0
-        for base_parameter in result.model.base_parameters
-        if base_parameter.share
-    )
+    assert all(parameter.share.unseen == 0 for parameter in result.model.base_parameters)
     assert all(p.share is None for p in result.model.parameters if p not in shared)
     # An interval without the part of the geometry is that of a robot without tolerances, but for
     # Student's t, which is larger where all comes from noise. That of a sum ends where bodies would
@@ -298,7 +289,7 @@ def test_lengths_given_one_a_limb_have_no_error_in_common() -> None:
     limbs = robot.limbs.changed(upper_arm=(0.42, 0.42, 0.42))
     dynamics = compiled(robot.changed(limbs=limbs))
     _, (z, _, qd, qdd), p = moved("clavel-delta3")
-    names = [geometric_error.name for geometric_error in geometric_errors(dynamics, z, qd, qdd, p)]
+    names = effects(dynamics, z, qd, qdd, p)
     assert "upper_arm" not in names
     assert "upper_arm of limb 1" in names
     assert "strut" in names

@@ -17,6 +17,7 @@ from deltaid.robot.load import parse, save_yaml
 from deltaid.robot.yaml_edit import yaml_text
 from deltaid.robot.yaml_tree import plain, read_tree
 from descriptions import CLAVEL, refusal, replaced
+from sweeps import slow
 
 SYNTAX = [
     (replaced("strut: 1.055", "strut 1.055"), r"robot.yaml, line 1\d: is not valid YAML"),
@@ -78,10 +79,7 @@ STUMBLING_BLOCKS = [
 
 
 @pytest.mark.parametrize(("value", "fragment"), STUMBLING_BLOCKS)
-@pytest.mark.parametrize(
-    "model",
-    [RobotDescription, ColumnMapping, pytest.param(IdentifiedModel, marks=pytest.mark.slow)],
-)
+@pytest.mark.parametrize("model", [RobotDescription, ColumnMapping, slow(IdentifiedModel)])
 def test_values_at_which_a_reader_may_stumble(model: type, value: str, fragment: str) -> None:
     message = refusal(replaced("strut: 1.055", f"strut: {value}"), model)
     assert len(message) < 1500

@@ -288,6 +288,25 @@ class ComposedOracle(TreeOracle):
         away = self._data.qpos[places] - self.rest
         return super()._joint_forces(proj, qd) + proj[places].T @ (self.stiffness * away)
 
+    def _needed(self, pose: ArrayLike, qd: ArrayLike, qdd: ArrayLike) -> Array:
+        """Forces of all joints of the tree in a motion, at whose state it is left."""
+        qd = np.asarray(qd, float)
+        proj, bias = self._set(np.asarray(pose, float), qd)
+        self._data.qacc = proj @ np.asarray(qdd, float) + bias
+        mujoco.mj_inverse(self._model, self._data)
+        return self._data.qfrc_inverse + self._passive(proj @ qd)
+
+    def _passive(self, rates: Array) -> Array:
+        """What friction and springs of joints that no drive moves take."""
+        forces = np.zeros(self._model.nv)
+        for k, name in enumerate(self._lossy):
+            if name not in self._actuators:
+                at = self._index[name]
+                v, away = rates[at], self._data.qpos[at] - self.rest[k]
+                forces[at] = self.viscous[k] * v + self.coulomb[k] * np.sign(v)
+                forces[at] += self.stiffness[k] * away
+        return forces
+
     def gain(self, z: Array) -> float:
         """Largest speed of the first part for a drive speed of one: large near singularities."""
         proj, _ = self._set(z, np.zeros(self.dof))

@@ -82,12 +82,7 @@ class ForceOracle(ComposedOracle):
 
     def forces(self, pose: ArrayLike, qd: ArrayLike, qdd: ArrayLike) -> dict[str, float]:
         """All constraint forces at one state, under the package's names."""
-        qd = np.asarray(qd, float)
-        proj, bias = self._set(np.asarray(pose, float), qd)
-        model, data = self._model, self._data
-        data.qacc = proj @ np.asarray(qdd, float) + bias
-        mujoco.mj_inverse(model, data)
-        needed = data.qfrc_inverse + self._passive(proj @ qd)
+        model, data, needed = self._model, self._data, self._needed(pose, qd, qdd)
         closure = self._closure()
         rest = [k for k in range(model.nv) if model.joint(k).name not in self._actuators]
         multipliers = np.linalg.solve(closure[:, rest].T, needed[rest])
@@ -100,17 +95,6 @@ class ForceOracle(ComposedOracle):
             found |= self._bar_forces(multipliers)
         data.xfrc_applied[:] = 0.0
         return found
-
-    def _passive(self, rates: Array) -> Array:
-        """What friction and springs of joints that no drive moves take."""
-        forces = np.zeros(self._model.nv)
-        for k, name in enumerate(self._lossy):
-            if name not in self._actuators:
-                at = self._index[name]
-                v, away = rates[at], self._data.qpos[at] - self.rest[k]
-                forces[at] = self.viscous[k] * v + self.coulomb[k] * np.sign(v)
-                forces[at] += self.stiffness[k] * away
-        return forces
 
     def _apply(self, multipliers: Array) -> None:
         """The cuts' forces as forces from outside."""

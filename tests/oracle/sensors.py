@@ -87,11 +87,8 @@ class SensorOracle(ComposedOracle):
         self, pose: ArrayLike, qd: ArrayLike, qdd: ArrayLike, origin: Array, axes: Array
     ) -> Array:
         """Force and moment on the robot about a point, along the columns of `axes`."""
-        qd = np.asarray(qd, float)
-        proj, bias = self._set(np.asarray(pose, float), qd)
         model, data = self._model, self._data
-        data.qacc = proj @ np.asarray(qdd, float) + bias
-        mujoco.mj_inverse(model, data)
+        self._needed(pose, qd, qdd)
         mujoco.mj_rnePostConstraint(model, data)
         force, moment = np.zeros(3), np.zeros(3)
         for body in range(1, model.nbody):
@@ -104,13 +101,8 @@ class SensorOracle(ComposedOracle):
 
     def strut_sums(self, pose: ArrayLike, qd: ArrayLike, qdd: ArrayLike) -> dict[str, float]:
         """Forces along all struts of each limb together; how they share them may be open."""
-        qd = np.asarray(qd, float)
-        proj, bias = self._set(np.asarray(pose, float), qd)
-        model, data = self._model, self._data
-        data.qacc = proj @ np.asarray(qdd, float) + bias
-        mujoco.mj_inverse(model, data)
+        model, data, needed = self._model, self._data, self._needed(pose, qd, qdd)
         mujoco.mj_rnePostConstraint(model, data)
-        needed = data.qfrc_inverse + self._passive(proj @ qd)
         rest = [k for k in range(model.nv) if model.joint(k).name not in self._actuators]
         multipliers, *_ = np.linalg.lstsq(self._closure()[:, rest].T, needed[rest])
         found: dict[str, float] = {}
@@ -131,17 +123,6 @@ class SensorOracle(ComposedOracle):
 
     def _force_on(self, body: str) -> Array:
         return np.array(self._data.cfrc_int[self._model.body(body).id][3:])
-
-    def _passive(self, rates: Array) -> Array:
-        """What friction and springs of joints that no drive moves take."""
-        forces = np.zeros(self._model.nv)
-        for k, name in enumerate(self._lossy):
-            if name not in self._actuators:
-                at = self._index[name]
-                away = self._data.qpos[at] - self.rest[k]
-                forces[at] = self.viscous[k] * rates[at] + self.coulomb[k] * np.sign(rates[at])
-                forces[at] += self.stiffness[k] * away
-        return forces
 
     def joint_torques(self, pose: ArrayLike, qd: ArrayLike, qdd: ArrayLike) -> Array:
         """What the gears pass on to arms, carriages and the telescope."""
