@@ -25,14 +25,12 @@ class Step:
         arguments: behind `deltaid`, with names relative to the folder.
         python: a script that does the same there.
         reads: files of the folder that go into it.
-        writes: files that it makes.
     """
 
     kind: Kind
     arguments: tuple[str, ...]
     python: str
     reads: tuple[str, ...] = ()
-    writes: tuple[str, ...] = ()
 
     @property
     def command(self) -> str:
@@ -44,7 +42,7 @@ class Step:
 def show_step(robot: str, report: str) -> Step:
     """The robot to look at, with what it reaches and its limits."""
     python = f"deltaid.load({robot!r}).robot.report({report!r})\n"
-    return _step("show", (robot,), {}, {"report": report}, python)
+    return _step("show", (robot,), {"report": report}, python)
 
 
 def check_step(plan: Plan, folder: str) -> Step:
@@ -58,8 +56,8 @@ verdicts = {_call("deltaid.check", repr(robot), *logs, **asked)}
 for verdict in verdicts:
     print(verdict.grade, verdict.key, verdict.sentence)
 """
-    output_files = {"report": f"{folder}/check.html"}
-    return _step("check", (robot, *files), asked, output_files, python, _reads(plan))
+    asked["report"] = f"{folder}/check.html"
+    return _step("check", (robot, *files), asked, python, _reads(plan))
 
 
 def fit_step(plan: Plan, folder: str) -> Step:
@@ -76,15 +74,16 @@ result.model.save({model!r})
 """
     if verify is not None:
         python += "\n" + _test("result.model", verify)
-    return _step("fit", (robot, *files), asked, _output_files(folder, model), python, _reads(plan))
+    asked |= _output_files(folder, model)
+    return _step("fit", (robot, *files), asked, python, _reads(plan))
 
 
 def validate_step(model: str, used: Used, folder: str, *, keep_all: bool = False) -> Step:
     """Compare a model with a recording."""
-    asked = {"columns": used.mapping, "keep_all": keep_all}
-    output_files = {"report": f"{folder}/report.html"}
+    report = f"{folder}/report.html"
+    asked = {"columns": used.mapping, "keep_all": keep_all, "report": report}
     python = _test(repr(model), used, keep_all=keep_all or None)
-    return _step("validate", (model, used.file), asked, output_files, python)
+    return _step("validate", (model, used.file), asked, python)
 
 
 def excite_step(
@@ -96,7 +95,7 @@ def excite_step(
 result = {_call("deltaid.excite", repr(robot), **asked)}
 result.save({motion!r})
 """
-    return _step("excite", (robot,), asked, _output_files(folder, motion), python)
+    return _step("excite", (robot,), asked | _output_files(folder, motion), python)
 
 
 AlongKind = Literal["torque", "simulate", "forces"]
@@ -148,8 +147,8 @@ def along_step(
     output, asked = f"{folder}/{file}", {"columns": mapping, name: option or None}
     call = _call(f"deltaid.{kind}", repr(model), repr(motion), **asked)
     python = f"result = {call}\n{shown.format(output=output)}"
-    output_files = {"output": output} if kind == "torque" else _output_files(folder, output)
-    return _step(kind, (model, motion), asked, output_files, python)
+    asked |= {"output": output} if kind == "torque" else _output_files(folder, output)
+    return _step(kind, (model, motion), asked, python)
 
 
 def export_step(
@@ -175,8 +174,8 @@ def export_step(
 written = {_call("deltaid.export", repr(model), repr(to), repr(output), **named)}
 print(written.paths, *written.warnings)
 """
-    asked = {"to": to, "with": ",".join(functions) or None, **asked}
-    return _step("export", (model,), asked, {"output": output}, python)
+    asked = {"to": to, "with": ",".join(functions) or None, **asked, "output": output}
+    return _step("export", (model,), asked, python)
 
 
 def insisting(step: Step) -> Step:
@@ -192,7 +191,6 @@ def _step(
     kind: Kind,
     given: tuple[str, ...],
     asked: dict[str, Any],
-    output_files: dict[str, str],
     python: str,
     reads: tuple[str, ...] = (),
 ) -> Step:
@@ -201,19 +199,14 @@ def _step(
     Args:
         kind: what it is.
         given: what stands behind the command, files and robots.
-        asked: values of options by their names in Python.
-        output_files: files that it makes, by the options that name them.
+        asked: values of options by their names in Python, last of files that it makes.
         python: what does the same, without the import.
         reads: files that go into it, if they are more than those given and one mapping.
     """
     command = "identify" if kind == "fit" else kind
-    arguments = (
-        command,
-        *given,
-        *(word for o in (asked | output_files).items() for word in _option(*o)),
-    )
+    arguments = (command, *given, *(word for o in asked.items() for word in _option(*o)))
     files = reads or tuple(name for name in (*given, asked.get("columns")) if name)
-    return Step(kind, arguments, f"import deltaid\n\n{python}", files, tuple(output_files.values()))
+    return Step(kind, arguments, f"import deltaid\n\n{python}", files)
 
 
 def _test(model: str, used: Used, **asked: object) -> str:

@@ -251,4 +251,4 @@ text = drafted({kind!r}, {file.partition(".")[0]!r}, {known!r})
 Path({file!r}).write_text(text, encoding="utf-8")
 """
     arguments = ("new", file, "--kind", kind, *options, "--yes")
-    return Step("new", arguments, python, (), (file,))
+    return Step("new", arguments, python)
