@@ -86,11 +86,10 @@ def build(
     *options: str,
     precision: Precision = DOUBLE,
     further: tuple[str, ...] = (),
-    compiler: str = "gcc",
 ) -> Library:
     """The export of a model, compiled with every warning an error."""
     source, library = written(subject, folder, precision, further), folder / "delta.so"
-    command = [*COMPILERS[compiler], *WARNINGS, *options, "-shared", "-fPIC", "-o", library]
+    command = [*COMPILERS["gcc"], *WARNINGS, *options, "-shared", "-fPIC", "-o", library]
     done = subprocess.run([*command, source, "-lm"], capture_output=True, encoding="utf-8")
     assert done.returncode == 0, done.stderr
     return Library(library, subject.dynamics.dof, precision)

@@ -39,21 +39,21 @@ class Picked:
 
 
 @cache
-def picked(name: str = "clavel-delta3", duration: float = 10.0, seed: int = 4) -> Picked:
-    """Identify a robot and record it with loads and pushes."""
-    robot, rng = load_robot(name), np.random.default_rng(seed)
+def picked() -> Picked:
+    """Identify Clavel's Delta, and record it for ten seconds with loads and pushes."""
+    robot, rng = load_robot("clavel-delta3"), np.random.default_rng(4)
     dynamics, p = compiled(robot), surrogate_parameters(robot, rng)
     motions = [random_motion(dynamics.kinematics, rng, period=5.0) for _ in range(2)]
     known = simulate_recording(
         dynamics, p, motions[0], rng, duration=12.0, rate=RATE, noise=SensorNoise()
     )
     model = load(identify(robot, known, settings=SETTINGS, force=True))
-    time = np.arange(round(duration * RATE)) / RATE
+    time = np.arange(10 * int(RATE)) / RATE
     z, zd, zdd = motions[1].evaluate(time)
     q, qd, qdd = dynamics.kinematics.drive_motion(z, zd, zdd)
     tau = dynamics.torque(z, qd, qdd, p)
     noise = NOISE * np.abs(tau).max(axis=0) * rng.standard_normal(tau.shape)
-    heavy = Model(robot, p, name).with_load(_load()).p
+    heavy = Model(robot, p, robot.name).with_load(_load()).p
     held = np.any([(time >= a) & (time < b) for a, b in HELD], axis=0)
     tau[held] = dynamics.torque(z[held], qd[held], qdd[held], heavy)
     J = dynamics.kinematics.jacobian(z)

@@ -36,11 +36,9 @@ GRID, _DENSE = 1024, 1 << 14
 _RAMP = 0.4
 
 
-def true_parameters(
-    robot: RobotDescription, rng: np.random.Generator, factor: float = 2.0
-) -> Array:
-    """p away from the prior by up to a factor: bodies stay consistent, M̄ = G M̄_prior G."""
-    p, layout, spread = prior_parameters(robot), parameter_layout(robot), np.log(factor)
+def true_parameters(robot: RobotDescription, rng: np.random.Generator) -> Array:
+    """p away from the prior by up to a factor of two: bodies stay consistent, M̄ = G M̄_prior G."""
+    p, layout, spread = prior_parameters(robot), parameter_layout(robot), np.log(2.0)
     for body in layout.bodies:
         part = layout.body(body)
         G = np.diag(np.exp(0.5 * spread * rng.uniform(-1, 1, 4)))

@@ -13,7 +13,6 @@ import pytest
 
 import deltaid
 from command import refused, run
-from deltaid.dynamics.dynamics import Dynamics
 from deltaid.dynamics.parameters import prior_parameters
 from deltaid.errors import DeltaidError
 from deltaid.exports import fmu_binaries
@@ -105,19 +104,6 @@ def test_bodies_that_cannot_exist_are_refused(entry: int, value: float, reason: 
     p[entry] = value
     with pytest.raises(DeltaidError, match=f"body U cannot exist.*{reason}"):
         Model(robot, p, "a model")
-
-
-@pytest.mark.parametrize("name", KINDS)
-def test_bodies_of_the_catalogue_can_exist(name: str) -> None:
-    robot = load_robot(name)
-    p = prior_parameters(robot)
-    layout = Dynamics(robot).layout
-    for body in layout.bodies:
-        rigid = RigidBody(p[layout.body(body)])
-        assert rigid.why_not_physical == ""
-        a, b, c = np.linalg.eigvalsh(rigid.about_com)
-        assert a > 0
-        assert c < a + b
 
 
 def test_too_few_parameters() -> None:

@@ -56,11 +56,11 @@ def test_placeholders_hardly_change_the_torque(name: str) -> None:
     chosen = subject(name).without_friction()
     tree = Tree(chosen, placeholders=True)
     z, _, qd, qdd = states(chosen, 3)
-    tau, armature = model(chosen, z, qd, qdd).tau, tree.joint_values("armature")
+    tau = model(chosen, z, qd, qdd).tau
     for i in range(len(z)):
         motion = tree_motion(chosen, tree.order, (z[i], qd[i], qdd[i]))
         q = tree.configuration(motion.x)
-        forces = pin.rnea(tree.model, tree.data, q, motion.v, motion.a) + armature * motion.a
+        forces = pin.rnea(tree.model, tree.data, q, motion.v, motion.a) + tree.armature * motion.a
         assert_close(motion.partial.T @ forces, tau[i], 2e-5)
 
 

@@ -70,9 +70,10 @@ class Tree:
     def configuration(self, x: np.ndarray) -> np.ndarray:
         return configuration(self.model, dict(zip(self.order, x, strict=True)))
 
-    def joint_values(self, key: str) -> np.ndarray:
-        """A column of the file of the loops, by joint."""
-        return np.array([self.loops[key].get(name, 0.0) for name in self.order])
+    @property
+    def armature(self) -> np.ndarray:
+        """Of the file of the loops, by joint."""
+        return np.array([self.loops["armature"].get(name, 0.0) for name in self.order])
 
 
 @pytest.mark.parametrize("case", CASES, ids=title)
@@ -81,13 +82,12 @@ def test_torques_projected_and_loops_closed(case: str | Make) -> None:
     tree = Tree(chosen)
     z, _, qd, qdd = states(chosen, 4)
     tau = model(chosen, z, qd, qdd).tau
-    armature = tree.joint_values("armature")
     springs = {name: (s["stiffness"], s["rest"]) for name, s in tree.loops["springs"].items()}
     for i in range(len(z)):
         motion = tree_motion(chosen, tree.order, (z[i], qd[i], qdd[i]))
         q = tree.configuration(motion.x)
         forces = pin.rnea(tree.model, tree.data, q, motion.v, motion.a)
-        forces = forces + tree.model.damping * motion.v + armature * motion.a
+        forces = forces + tree.model.damping * motion.v + tree.armature * motion.a
         forces += tree.model.friction * np.sign(motion.v)
         for name, (stiffness, rest) in springs.items():
             k = tree.order.index(name)

@@ -92,21 +92,19 @@ def test_a_plan_that_rests_at_both_ends_keeps_every_row(
     duration: float, rest: float, step: float
 ) -> None:
     plan = point_to_point(duration, rest)
-    result = deltaid.torque(smooth(), plan.frame(step))
-    assert result.without == (0, 0)
-    assert result.without == (0, 0)
-    error = plan.error(result.table())
-    assert error.max() < (5e-3 if step else 2e-3)
+    assert_every_row(plan, step, periodic=False)
 
 
 @pytest.mark.parametrize("closed", [False, True])
 @pytest.mark.parametrize("step", [0.0, 1e-5])
 def test_a_periodic_plan_keeps_every_row(closed: bool, step: float) -> None:
-    plan = circling(1.0, 1.0, closed)
-    result = deltaid.torque(smooth(), plan.frame(step), periodic=True)
+    assert_every_row(circling(1.0, 1.0, closed), step, periodic=True)
+
+
+def assert_every_row(plan: Plan, step: float, *, periodic: bool) -> None:
+    result = deltaid.torque(smooth(), plan.frame(step), periodic=periodic)
     assert result.without == (0, 0)
-    error = plan.error(result.table())
-    assert error.max() < (5e-3 if step else 2e-3)
+    assert plan.error(result.table()).max() < (5e-3 if step else 2e-3)
 
 
 def test_rows_of_ends_that_move_are_there_without_torques(tmp_path: Path) -> None:

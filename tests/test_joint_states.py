@@ -14,7 +14,6 @@ from deltaid.errors import DeltaidError
 from deltaid.exports.mjcf import mjcf
 from deltaid.exports.urdf import urdf
 from deltaid.mechanism.kinematics import Kinematics
-from deltaid.mechanism.tree_joints import tree_joints
 from exports import COMPOSED, states, the, title
 from support import example
 from test_export_urdf import configuration
@@ -73,14 +72,6 @@ def test_rates_are_derivatives() -> None:
     ahead, behind = (kinematics.passive_joints(z[0] + h * zd).position for h in (1e-5, -1e-5))
     rates = kinematics.passive_joints(z[0], qd[0]).velocity
     assert rates == pytest.approx((ahead - behind) / 2e-5, abs=1e-7)
-
-
-def test_the_graph_has_names_and_symbols() -> None:
-    kinematics = Kinematics("clavel-delta3")
-    joints = tree_joints(kinematics.robot, kinematics.mechanism, passive=True)
-    assert joints.names[-1] == "limb3_tilt"
-    assert joints.position.numel() == joints.velocity.numel() == len(joints.names) == 9
-    assert joints.z.numel() == joints.qd.numel() == 3
 
 
 def test_joints_of_a_mechanism_of_ones_own_are_not_known() -> None:

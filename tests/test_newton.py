@@ -173,11 +173,11 @@ def test_the_first_sample_near_a_singular_pose_is_told_with_its_time(par4, tmp_p
     assert f"row {first + 2} at {time[first]:.6g} s" in warning
 
 
-def way_through(kinematics: Kinematics, angle_deg: float, n: int) -> tuple[np.ndarray, np.ndarray]:
-    """Times and poses of two seconds in which the rods turn evenly from 0 to an angle."""
+def way_through(kinematics: Kinematics, n: int) -> tuple[np.ndarray, np.ndarray]:
+    """Times and poses of two seconds in which the rods turn evenly from 0 to 120°."""
     time = np.arange(n) / (n / 2)
     z = np.repeat(kinematics.home[None], n, axis=0)
-    z[:, 3] = np.deg2rad(angle_deg) * kinematics.robot.platform.ratio * time / time[-1]
+    z[:, 3] = np.deg2rad(120.0) * kinematics.robot.platform.ratio * time / time[-1]
     return time, z
 
 
@@ -185,7 +185,7 @@ def way_through(kinematics: Kinematics, angle_deg: float, n: int) -> tuple[np.nd
 @pytest.mark.parametrize("samples", [1998, 2000, 2001])
 def test_a_recording_through_a_singularity_is_refused_with_its_time(par4, tmp_path, samples, step):
     """z(q) turns back there, so no determinant shows it; encoder steps may leave no solution."""
-    time, z = way_through(par4, 120.0, samples)
+    time, z = way_through(par4, samples)
     q = par4.inverse(z)
     q = np.round(q / step) * step if step else q
     at = int(np.argmax(par4.condition(z)))
@@ -196,7 +196,7 @@ def test_a_recording_through_a_singularity_is_refused_with_its_time(par4, tmp_pa
 
 
 def test_a_passage_is_seen_wherever_the_samples_are_cut(par4):
-    time, z = way_through(par4, 120.0, 200)
+    time, z = way_through(par4, 200)
     solved, good = par4.forward_unchecked(par4.inverse(z))
     assert good.all()
     at = int(np.argmax(par4.condition(z)))

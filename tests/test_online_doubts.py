@@ -160,10 +160,10 @@ def load(mass: float = 1.0) -> WeighedLoad:
     return WeighedLoad(1.0, 2.0, None, (entry,))
 
 
-def timing(off: float, count: int, rng: np.random.Generator) -> GripTiming:
-    """Signals of loads that are held `off` later, with noise and pushes."""
-    found = GripTiming(1e-3)
-    t = 1e-3 * np.arange(1000 * count)
+def timing(off: float) -> GripTiming:
+    """Signals of 20 loads that are held `off` later, with noise and pushes."""
+    found, rng = GripTiming(1e-3), np.random.default_rng(1)
+    t = 1e-3 * np.arange(20_000)
     lifted = np.column_stack([np.sin(9 * t), np.cos(11 * t)]) * 3.0
     told, held = t % 1 < 0.4, (t - off - 0.005) % 1 < 0.4
     residual = held[:, None] * lifted * 0.8 + 0.1 * rng.standard_normal(lifted.shape)
@@ -177,7 +177,7 @@ def timing(off: float, count: int, rng: np.random.Generator) -> GripTiming:
 
 @pytest.mark.parametrize("off", [0.06, 0.02, -0.03, -0.12])
 def test_signals_that_are_early_or_late_are_timed(off: float) -> None:
-    found = timing(off, 20, np.random.default_rng(1))
+    found = timing(off)
     taken, left = (found.offset(taken=kind) for kind in (True, False))
     for timed in (taken, left):
         assert timed.low - 6e-3 < off < timed.high + 6e-3
@@ -189,7 +189,7 @@ def test_signals_that_are_early_or_late_are_timed(off: float) -> None:
 
 
 def test_signals_in_time_are_not_doubted() -> None:
-    found = timing(0.0, 20, np.random.default_rng(1))
+    found = timing(0.0)
     assert found.offset(taken=True).low == found.offset(taken=False).high == 0.0
     known = replace(NOTHING, taken=Offset(0.04, 0.06, 9, 8), left=Offset(0.045, 0.049, 9, 8))
     assert not list(gripper_doubts(known, [load()], 0.05))

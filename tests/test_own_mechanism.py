@@ -197,9 +197,9 @@ def test_the_file_is_named_on_the_command_line_or_nothing_runs(tmp_path):
     assert "--mechanism FILE.py" in refused("base", HELI4, folder=tmp_path)
 
 
-def _file(folder: Path, text: str, name: str = "mine.py") -> Path:
-    (folder / name).write_text(text)
-    return folder / name
+def _file(folder: Path, text: str) -> Path:
+    (folder / "mine.py").write_text(text)
+    return folder / "mine.py"
 
 
 @pytest.mark.parametrize(

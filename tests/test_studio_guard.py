@@ -7,7 +7,7 @@ import pytest
 from deltaid.studio.server import Guard
 
 
-def _asked(headers: list[tuple[str, str]], path: str = "/", query: str = "", kind: str = "http"):
+def _asked(headers: list[tuple[str, str]], query: str = "", kind: str = "http"):
     """What the guard of a server on port 8090 answers, whose key and cookie are 'word'."""
     sent: list[dict] = []
 
@@ -19,7 +19,7 @@ def _asked(headers: list[tuple[str, str]], path: str = "/", query: str = "", kin
 
     scope = {
         "type": kind,
-        "path": path,
+        "path": "/",
         "query_string": query.encode(),
         "headers": [(name.encode(), value.encode()) for name, value in headers],
     }
