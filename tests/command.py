@@ -54,6 +54,13 @@ def run(*arguments: object, width: int = 80, terminal: bool = False) -> Outcome:
     return Outcome(code, out.getvalue(), err.getvalue())
 
 
+def accepted(*arguments: object, width: int = 80) -> Outcome:
+    """What a command left behind that ends well."""
+    outcome = run(*arguments, width=width)
+    assert outcome.code == 0, outcome
+    return outcome
+
+
 def refused(*arguments: object, folder: Path) -> str:
     """The one message of a command that exits with 2, prints nothing else and writes nothing."""
     before = sorted(folder.rglob("*"))

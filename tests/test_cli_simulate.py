@@ -8,7 +8,7 @@ import polars as pl
 import pytest
 
 import deltaid
-from command import refused, run
+from command import accepted, refused, run
 from deltaid.control.comparison import _lack, base_vector, candidates
 from deltaid.control.controllers import CONTROLLERS
 from deltaid.control.tracking import open_trajectory
@@ -25,9 +25,9 @@ ROBOT = "clavel-delta3"
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A demonstration with truth, and a planned motion of it; no test changes these."""
     place = tmp_path_factory.mktemp("simulate")
-    assert run("demo", ROBOT, "--keep", place, "--noise", 0.0).code == 0
+    accepted("demo", ROBOT, "--keep", place, "--noise", 0.0)
     excite = ("excite", ROBOT, "--starts", 1, "--duration", 4, "--harmonics", 2)
-    assert run(*excite, "-o", place / "motion.csv").code == 0
+    accepted(*excite, "-o", place / "motion.csv")
     pl.read_csv(place / "motion.csv")[:500].write_csv(place / "short.csv")
     pl.read_csv(place / "motion.csv")[:60].write_csv(place / "shorter.csv")
     return place
@@ -78,8 +78,7 @@ def test_base_parameters_have_the_torques_of_the_truth(folder: Path) -> None:
 def test_comparison_tells_what_identification_buys(folder: Path) -> None:
     files = (folder / "model.yaml", folder / "short.csv", "--plant", folder / "truth.yaml")
     report = folder / "comparison.html"
-    outcome = run("compare-controllers", *files, "--report", report, "--json")
-    assert outcome.code == 0, outcome.err
+    outcome = accepted("compare-controllers", *files, "--report", report, "--json")
     runs = json.loads(outcome.out)["runs"]
     assert len(runs) == 1 + 4 * 3
     error = {(r["controller"], r["model"]): r["platform_rms"] for r in runs}
@@ -117,14 +116,12 @@ def test_a_mass_matrix_is_judged_by_a_share_of_its_diagonal(eigenvalue: float, r
 def test_simulate_writes_a_log_that_can_be_identified(folder: Path) -> None:
     output, report = folder / "out.csv", folder / "out.html"
     files = (folder / "model.yaml", folder / "motion.csv", "--plant", folder / "truth.yaml")
-    outcome = run("simulate", *files, "-o", output, "--report", report)
-    assert outcome.code == 0, outcome.err
+    outcome = accepted("simulate", *files, "-o", output, "--report", report)
     assert "Platform error 0.0" in outcome.out
     assert "Torques" in report.read_text(encoding="utf-8")
     log = pl.read_csv(output)
     assert log.columns[:7] == ["t", "q1", "q2", "q3", "tau1", "tau2", "tau3"]
-    validated = run("validate", folder / "model.yaml", output, "--json")
-    assert validated.code == 0, validated.err
+    validated = accepted("validate", folder / "model.yaml", output, "--json")
     assert max(json.loads(validated.out)["nrmse"]) < 0.05
     for path in (output, report):
         path.unlink()
@@ -136,7 +133,7 @@ def test_page_of_simulate_shows_the_limits_of_the_plant(folder: Path, tmp_path: 
     assert text.count("torque: 150.0") == 3
     weaker.write_text(text.replace("torque: 150.0", "torque: 41.5"), encoding="utf-8")
     files = (folder / "model.yaml", folder / "short.csv", "--plant", weaker)
-    assert run("simulate", *files, "--report", report).code == 0
+    accepted("simulate", *files, "--report", report)
     assert '"y0":41.5' in report.read_text(encoding="utf-8")
 
 

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 import deltaid
-from command import refused, run
+from command import accepted, refused, run
 from deltaid.dynamics.parameters import prior_parameters
 from deltaid.errors import DeltaidError
 from deltaid.exports import fmu_binaries
@@ -118,8 +118,7 @@ def test_command_writes_a_file_or_into_a_folder(
 ) -> None:
     monkeypatch.setattr(fmu_binaries, "find_spec", lambda _: None)  # other systems have a test
     for output in (tmp_path, tmp_path / f"mine{TARGETS[target].suffixes[0]}"):
-        outcome = run("export", "linear-delta", "--to", target, "-o", output)
-        assert outcome.code == 0, outcome.err
+        outcome = accepted("export", "linear-delta", "--to", target, "-o", output)
         assert outcome.out.startswith("wrote ")
     stem, files = f"linear_delta{TARGETS[target].addition}", set(tmp_path.iterdir())
     beside = {f"README_{stem}_{target}.md", f"{stem}_vectors.csv", f"{stem}_test.{target}"}
@@ -129,19 +128,17 @@ def test_command_writes_a_file_or_into_a_folder(
 
 
 def test_a_folder_that_is_not_there_is_made(tmp_path: Path) -> None:
-    outcome = run("export", "clavel-delta3", "--to", "c", "-o", f"{tmp_path}/deep/code/")
-    assert outcome.code == 0
+    accepted("export", "clavel-delta3", "--to", "c", "-o", f"{tmp_path}/deep/code/")
     names = sorted(path.name for path in (tmp_path / "deep" / "code").iterdir())
     assert {"clavel_delta3.c", "clavel_delta3.h"} < set(names)
-    outcome = run("export", "clavel-delta3", "--to", "npz", "-o", tmp_path / "other" / "my.npz")
-    assert outcome.code == 0
+    accepted("export", "clavel-delta3", "--to", "npz", "-o", tmp_path / "other" / "my.npz")
     assert (tmp_path / "other" / "my.npz").is_file()
 
 
 def test_a_load_at_the_tool_and_what_says_so(tmp_path: Path) -> None:
     path = tmp_path / "loaded.npz"
     asked = ("export", "irb360-6-1600", "--to", "npz", "-o", path, "--payload", "1.5")
-    assert run(*asked, "--without-friction").code == 0
+    accepted(*asked, "--without-friction")
     bare, exported = load("irb360-6-1600"), np.load(path)
     more = dict(zip(exported["names"].tolist(), exported["p"] - bare.p, strict=True))
     assert {name for name, x in more.items() if x > 0} == {"EE.m"}
@@ -211,7 +208,7 @@ def test_a_title_of_any_characters_makes_no_wrong_xml() -> None:
 def test_command_takes_a_model(tmp_path: Path) -> None:
     """What is exported are the identified parameters, and not the prior."""
     found = identified("linear-delta")
-    assert run("export", found.model_file, "--to", "npz", "-o", tmp_path).code == 0
+    accepted("export", found.model_file, "--to", "npz", "-o", tmp_path)
     exported = np.load(tmp_path / "linear_delta.npz")["p"]
     assert (exported == IdentifiedModel.load(found.model_file).p).all()
     assert (exported != prior_parameters(found.robot)).any()
@@ -252,15 +249,13 @@ def test_friction_that_a_target_lacks_is_refused_or_left_out(tmp_path: Path) -> 
         told = refused("export", robot, "--to", target, "-o", output, folder=tmp_path)
         assert "has load.drive1" in told.replace("\n", " ")
         assert "--without-friction" in told
-        done = run("export", robot, "--to", target, "-o", output, "--without-friction")
-        assert done.code == 0
+        accepted("export", robot, "--to", target, "-o", output, "--without-friction")
         output.unlink()
-        done = run("export", robot, "--to", target, "-o", output, "--plain-friction")
-        assert done.code == 0
+        done = accepted("export", robot, "--to", target, "-o", output, "--plain-friction")
         assert "drive1 is off by" in done.err.replace("\n", " ")
         output.unlink()
     path = tmp_path / "bare.npz"
-    assert run("export", robot, "--to", "npz", "-o", path, "--without-friction").code == 0
+    accepted("export", robot, "--to", "npz", "-o", path, "--without-friction")
     data = np.load(path)
     assert len(data["friction_coefficient"]) == 7
     assert not data["friction_coefficient"].any()
@@ -268,8 +263,7 @@ def test_friction_that_a_target_lacks_is_refused_or_left_out(tmp_path: Path) -> 
 
 def test_command_does_not_overwrite_its_model(tmp_path: Path) -> None:
     model = tmp_path / "model.npz"
-    assert run("robots", "clavel-delta3").code == 0
-    model.write_text(run("robots", "clavel-delta3").out)
+    model.write_text(accepted("robots", "clavel-delta3").out)
     told = refused("export", model, "--to", "npz", "-o", model, folder=tmp_path)
     assert "would overwrite an input" in told
 

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from c_library import BAD_INPUT, OK, Library, build
-from command import refused, run
+from command import accepted, refused
 from deltaid.errors import DeltaidError
 from deltaid.exports.files import Written, export
 from deltaid.exports.structured_text import plc_program
@@ -158,7 +158,7 @@ def test_what_the_command_says_of_the_cycle(
     asked = ("export", ROBOT, "--to", "c", "-o", tmp_path / "r.c", "--with", "online")
     for options in ([], ["--rate", "1000"], ["--rate", "100", "--payload-max", "2"],
                     ["--false-alarms", "5"]):  # fmt: skip
-        assert run(*asked, *options).code == 0
+        accepted(*asked, *options)
     usual = OnlineSettings()
     slow = OnlineSettings(rate=100.0, corner=20.0, largest_mass=2.0)
     assert taken == [None, usual, slow, OnlineSettings(false_alarms=5.0)]

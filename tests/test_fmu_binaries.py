@@ -13,7 +13,7 @@ from pathlib import Path
 
 import pytest
 
-from command import run
+from command import accepted
 from deltaid.exports import fmu_binaries
 from deltaid.exports.fmu import fmu
 from deltaid.exports.fmu_binaries import SYSTEMS, Compiler, System, found_compiler, universal
@@ -196,8 +196,7 @@ def test_without_any_compiler_the_sources_are_there(
     monkeypatch.setattr(shutil, "which", lambda *_: None)
     monkeypatch.setattr(fmu_binaries, "find_spec", lambda _: None)
     path = tmp_path / "a.fmu"
-    outcome = run("export", "linear-delta", "--to", "fmu", *options, "-o", path, width=400)
-    assert outcome.code == 0
+    outcome = accepted("export", "linear-delta", "--to", "fmu", *options, "-o", path, width=400)
     assert "no C compiler was found" in outcome.err
     with zipfile.ZipFile(path) as archive:
         written = {f"sources/{name}" for name in sources | {"a.h", "a.c"}}

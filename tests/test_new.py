@@ -11,7 +11,7 @@ from pathlib import Path
 import jsonschema
 import pytest
 
-from command import refused, run
+from command import accepted, refused, run
 from deltaid.robot.load import load_robot
 from deltaid.studio.drafting.questions import QUESTIONS
 
@@ -27,8 +27,7 @@ def new(folder: Path, *options: object) -> tuple[object, ...]:
 def test_a_file_from_options(tmp_path: Path) -> None:
     told = ("--rotor", "0.6 kg cm²", "--gear", 20, "--torque", 1.5, "--title", 'The "first": one')
     page = tmp_path / "mine.html"
-    done = run(*new(tmp_path, "--kind", "delta", *LENGTHS, *told, "--report", page), width=120)
-    assert done.code == 0, done
+    done = accepted(*new(tmp_path, "--kind", "delta", *LENGTHS, *told, "--report", page), width=120)
     robot = load_robot(tmp_path / "mine.yaml")
     assert (robot.name, robot.title) == ("mine", 'The "first": one')
     lengths = robot.limbs.upper_arm, robot.limbs.strut, robot.limbs.base_radius
@@ -45,11 +44,11 @@ def test_a_file_from_options(tmp_path: Path) -> None:
     schema = json.loads((tmp_path / "robot.schema.json").read_text(encoding="utf-8"))
     written = robot.model_dump(mode="json", exclude_unset=True, exclude_none=True)
     jsonschema.validate(written, schema)
-    assert run("check", tmp_path / "mine.yaml").code == 0
+    accepted("check", tmp_path / "mine.yaml")
 
 
 def test_a_catalogue_robot_to_start_from(tmp_path: Path) -> None:
-    assert run(*new(tmp_path, "--from", "clavel-delta3", "--strut", "1.1")).code == 0
+    accepted(*new(tmp_path, "--from", "clavel-delta3", "--strut", "1.1"))
     mine, first = load_robot(tmp_path / "mine.yaml"), load_robot("clavel-delta3")
     assert mine.limbs.strut == 1.1
     assert mine.limbs.upper_arm == first.limbs.upper_arm
@@ -79,8 +78,7 @@ def test_what_is_refused(tmp_path: Path, options: tuple[str, ...], words: tuple[
 
 
 def test_unusual_masses_are_doubted_and_written(tmp_path: Path) -> None:
-    done = run(*new(tmp_path, "--kind", "delta", *LENGTHS, "--platform-mass", "15"))
-    assert done.code == 0
+    done = accepted(*new(tmp_path, "--kind", "delta", *LENGTHS, "--platform-mass", "15"))
     assert "15 kg; with limbs of 0.72 m few bodies have" in done.err
     assert "in doubt by `deltaid check`" in done.out
     assert run("check", tmp_path / "mine.yaml").code == 3
@@ -94,7 +92,7 @@ def test_nothing_is_overwritten_unasked(tmp_path: Path) -> None:
     assert "precious" not in refused("new", tmp_path / "mine.csv", folder=tmp_path)
     schema = tmp_path / "robot.schema.json"
     schema.write_text("{}", encoding="utf-8")
-    assert run(*new(tmp_path, "--kind", "delta", *LENGTHS, "--force")).code == 0
+    accepted(*new(tmp_path, "--kind", "delta", *LENGTHS, "--force"))
     assert load_robot(file).name == "mine"
     assert schema.read_text(encoding="utf-8") == "{}"
 

@@ -8,7 +8,7 @@ import numpy as np
 import polars as pl
 import pytest
 
-from command import refused, run
+from command import accepted, refused, run
 from deltaid.online.replay import open_replay
 from deltaid.online.settings import OnlineSettings
 from deltaid.online.watch import watch
@@ -31,8 +31,7 @@ def results(folder: Path, tmp_path_factory: pytest.TempPathFactory) -> tuple[dic
     """What the command says of it as JSON, and the table and page that it wrote."""
     out = tmp_path_factory.mktemp("told")
     files = ("-o", out / "time.parquet", "--report", out / "page.html")
-    outcome = run("online", folder / "model.yaml", folder / "log.csv", *TOLD, *files, "--json")
-    assert outcome.code == 0, outcome
+    outcome = accepted("online", folder / "model.yaml", folder / "log.csv", *TOLD, *files, "--json")
     return json.loads(outcome.out), out
 
 
@@ -85,8 +84,7 @@ def test_table_and_page(results: tuple[dict[str, Any], Path]) -> None:
 
 
 def test_no_gripper_says_what_is_lost(folder: Path) -> None:
-    outcome = run("online", folder / "model.yaml", folder / "log.csv", "--payload-max", 2)
-    assert outcome.code == 0
+    outcome = accepted("online", folder / "model.yaml", folder / "log.csv", "--payload-max", 2)
     assert "found from torques alone" in outcome.out
     assert "do not separate a push straight up or down" in outcome.out
     assert "limb of drive2" in outcome.out

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from command import run
+from command import accepted, run
 from deltaid.errors import DeltaidError
 from deltaid.model.model import load
 from deltaid.model.record import Settings
@@ -50,7 +50,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     foreign(place / "test.csv", recorded(900))
     (place / MAPPING).write_text(_MAPPING)
     with contextlib.chdir(place):
-        assert run(*EXCITE.arguments).code == 0
+        accepted(*EXCITE.arguments)
     return place
 
 
@@ -119,7 +119,7 @@ def test_a_robot_of_a_form_is_that_of_the_command(folder: Path) -> None:
     answers |= {"unknown": "", "spacing": " "}
     step = new_step("delta", "my-robot.yaml", answers)
     with contextlib.chdir(folder):
-        assert run(*step.arguments).code == 0
+        accepted(*step.arguments)
         text = Path("my-robot.yaml").read_text()
         assert drafted("delta", "my-robot", answers) == text
         Path("my-robot.yaml").unlink()
