@@ -96,7 +96,6 @@ class CvxpyFit:
     def solve(
         self, information: Information, gamma: float, metric: Metric, solver: str
     ) -> CvxpySolution:
-        """Build the problem of minimising J/γ, hand it to a solver, and read the solution."""
         u = cp.Variable(len(self.names))
         K, k, constant = self._data(information)
         terms = [cp.sum_squares((K @ u - k) / np.sqrt(gamma))]
@@ -152,7 +151,6 @@ class CvxpyFit:
         return K, k, float(np.sum((right - Q @ k) ** 2))
 
     def _matrices(self, u: cp.Variable) -> list[cp.Expression]:
-        """A of every body."""
         return [
             np.eye(b.size) + cp.reshape(b.N @ u[b.variables], (b.size, b.size), order="F")
             for b in self._bodies

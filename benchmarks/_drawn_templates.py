@@ -3,17 +3,16 @@
 Why they tell what any other robot of the type would have given is said in `drawn_fleet.py`.
 """
 
-import sys
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
+import _alone  # noqa: F401
 import numpy as np
 import polars as pl
 from scipy.signal import lfilter
 
-sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests"))
 from courses import Courses
 from deltaid.checks.identify import identify
 from deltaid.dynamics.dynamics import Dynamics, compiled
@@ -58,7 +57,6 @@ class Template:
 
     @cached_property
     def layout(self) -> ParameterLayout:
-        """Of the robot's parameters."""
         return compiled(self.record.robot).layout
 
     @cached_property

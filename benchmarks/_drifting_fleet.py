@@ -80,7 +80,6 @@ class Fleet:
 
 
 def drawn(case: Case, robots: int, rng: np.random.Generator, drives: int = DRIVES) -> Fleet:
-    """A fleet."""
     days, shape = np.arange(DAYS, dtype=float), (robots, drives)
     phase = rng.uniform(size=(robots, 1))
     T = case.season * np.sin(2 * np.pi * (days / YEAR + phase))

@@ -23,7 +23,6 @@ class Curve:
 
     @property
     def best(self) -> float:
-        """The last and lowest value."""
         return float(self.values[-1])
 
     def after(self, share: float) -> float:
@@ -31,7 +30,6 @@ class Curve:
         return float((1 - share) * self.values[0] + share * self.values[-1])
 
     def at(self, seconds: float) -> float:
-        """Best value at a time."""
         reached = np.flatnonzero(self.seconds <= seconds)
         return float(self.values[reached[-1]]) if len(reached) else np.inf
 
@@ -103,5 +101,4 @@ class Comparison:
 
     @property
     def then(self) -> float:
-        """Our value when they have their best."""
         return self.ours.at(self.theirs.time_to(self.theirs.best))

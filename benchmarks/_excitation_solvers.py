@@ -44,7 +44,6 @@ class TracedProblem(ExcitationProblem):
     began: float = field(default_factory=time.process_time)
 
     def evaluate(self, x: np.ndarray, sharpness: float = 100.0) -> Evaluation:
-        """As the problem's own."""
         result = super().evaluate(x, sharpness)
         self.visits.append(Visit(time.process_time() - self.began, x.copy()))
         return result
@@ -72,7 +71,6 @@ class Differences:
 
     @property
     def left(self) -> float:
-        """Time left [s]."""
         return self._budget - (time.process_time() - self.began)
 
     def values(self, x: np.ndarray) -> np.ndarray:
@@ -113,7 +111,6 @@ class OutOfTimeError(Exception):
 
 
 def run_deltaid(problem: ExcitationProblem, seed: int) -> Trace:
-    """deltaid's optimiser from one start."""
     parts = {f.name: getattr(problem, f.name) for f in fields(problem)}
     traced = TracedProblem(**parts)
     optimum = optimise(traced, range(seed, seed + 1))
@@ -123,7 +120,6 @@ def run_deltaid(problem: ExcitationProblem, seed: int) -> Trace:
 
 
 def run_slsqp(problem: ExcitationProblem, x_0: np.ndarray, budget: float) -> Trace:
-    """SciPy's SLSQP with differences."""
     functions = Differences(problem, budget)
 
     def checked(x: np.ndarray) -> np.ndarray:
@@ -151,7 +147,6 @@ def run_slsqp(problem: ExcitationProblem, x_0: np.ndarray, budget: float) -> Tra
 
 
 def run_ipopt(problem: ExcitationProblem, x_0: np.ndarray, budget: float) -> Trace:
-    """CasADi's IPOPT with differences."""
     functions = Differences(problem, budget)
     shape = (1 + len(problem.two_sided), len(x_0))
     callback = _Values(functions, shape)

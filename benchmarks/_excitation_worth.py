@@ -48,7 +48,6 @@ def predicted(exciter: Exciter, run: Run) -> np.ndarray:
 
 
 def compare_predictions(exciter: Exciter, optimised: Run, ranked: list[int]) -> None:
-    """How much smaller standard deviations become."""
     ours, problem = predicted(exciter, optimised), exciter.problem
     print(f"\nPREDICTIONS, {len(ours)} base parameters, recordings of {DURATION:g} s")
     print("standard deviation on the random motion / on the optimised run")

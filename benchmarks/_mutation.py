@@ -84,7 +84,6 @@ def drawn(source: Path, count: int, seed: int) -> list[Mutant]:
 
 
 def mutants(path: Path, name: str) -> Iterator[Mutant]:
-    """All mutants of a file."""
     text = path.read_bytes()
     tree = ast.parse(text)
     starts = np.cumsum([0, *(len(line) for line in text.splitlines(keepends=True))])
@@ -160,7 +159,6 @@ def _number(left: ast.expr, right: ast.expr) -> bool:
 def _other_axes(
     func: ast.expr, args: list[ast.expr], keywords: list[ast.keyword]
 ) -> Iterator[ast.Call]:
-    """The same call along the other axis."""
     for k, keyword in enumerate(keywords):
         if keyword.arg == "axis" and (number := _whole(keyword.value)) is not None:
             other = ast.Constant(1 if number == 0 else 0)
@@ -207,7 +205,6 @@ def _away(index: int) -> int:
 
 
 def _whole(node: ast.expr) -> int | None:
-    """Value of a whole number."""
     match node:
         case ast.Constant(int() as number) if not isinstance(number, bool):
             return number

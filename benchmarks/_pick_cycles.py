@@ -32,7 +32,6 @@ class Pick:
 
     @property
     def mass(self) -> float:
-        """[kg]."""
         return float(self.p[0])
 
 
@@ -101,7 +100,6 @@ def load_of(
 
 
 def draw_picks(cycles: Cycles, payload: float, rng: np.random.Generator) -> list[Pick]:
-    """A load for every grip."""
     return [Pick(start, end, draw_load(payload, rng)) for start, end in cycles.grips]
 
 

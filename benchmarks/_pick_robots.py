@@ -51,7 +51,6 @@ class Strange:
 
     @classmethod
     def drawn(cls, rng: np.random.Generator) -> "Strange":
-        """Of one robot."""
         return cls(
             stribeck=rng.uniform(0.0, 0.4),
             speed=np.exp(rng.uniform(np.log(0.02), np.log(0.12))),

@@ -23,8 +23,6 @@ _events = sys.monitoring.events
 
 
 class Reached:
-    """Collects lines while tests run."""
-
     def __init__(self, asked: set[tuple[str, int]], out: Path) -> None:
         self.asked, self.out = asked, out
         self.files = {path for path, _ in asked}

@@ -1,5 +1,6 @@
-"""What the benchmarks share: a stopwatch and a description of the machine."""
+"""What the benchmarks share: options, a stopwatch and a description of the machine."""
 
+import argparse
 import os
 import platform
 import statistics
@@ -11,6 +12,26 @@ from pathlib import Path
 import llvmlite.binding as llvm
 
 PACKAGES = ("deltaid", "numpy", "casadi", "llvmlite", "clarabel", "cvxpy", "pin")
+
+
+def options(doc: str, **defaults: object) -> argparse.Namespace:
+    """Options of a command, whose docstring begins with what it does.
+
+    Each has the type of its default; False makes a flag, a type stands for no default, and a list
+    takes words without a name.
+    """
+    parser = argparse.ArgumentParser(description=doc.split("\n", 1)[0])
+    for name, default in defaults.items():
+        match default:
+            case bool():
+                parser.add_argument(f"--{name}", action="store_true")
+            case list():
+                parser.add_argument(name, nargs="*", default=default)
+            case type():
+                parser.add_argument(f"--{name}", type=default)
+            case _:
+                parser.add_argument(f"--{name}", type=type(default), default=default)
+    return parser.parse_args()
 
 
 def measure(
@@ -38,7 +59,6 @@ def machine() -> str:
 
 
 def _cpu_model() -> str:
-    """The CPU's name as the system gives it."""
     info = Path("/proc/cpuinfo")
     if info.is_file():
         for line in info.read_text().splitlines():

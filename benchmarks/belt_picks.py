@@ -59,7 +59,6 @@ class Case:
 
     @property
     def signal(self) -> str:
-        """In words."""
         if self.grip_time is None:
             return "none"
         if not self.early:
@@ -101,7 +100,6 @@ class Line:
 
 
 def line(seed: int) -> Line:
-    """Identify a robot, and let it pick."""
     robot, rng = load_robot(ROBOT), np.random.default_rng(seed)
     dynamics, p = compiled(robot), surrogate_parameters(robot, rng)
     known = simulate_recording(
@@ -129,7 +127,6 @@ def line(seed: int) -> Line:
 
 
 def row(made: Line, case: Case) -> tuple[object, ...]:
-    """What becomes of one case."""
     signal = np.roll(made.held, -round(case.early * RATE)).astype(float)
     tau = made.tau + case.apart * made.blows
     log = Recording.from_arrays(t=made.time, q=made.q, tau=tau, extra={"gripper": signal})
@@ -168,7 +165,6 @@ def judged(made: Line, found: Watched) -> tuple[list[bool], list[bool]]:
 
 
 def main() -> None:
-    """All cases, and the table."""
     made = line(seed=3)
     leave(HEAD, [row(made, case) for case in CASES], NOTE, picks=PICKS)
 

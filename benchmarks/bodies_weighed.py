@@ -15,13 +15,12 @@ goes with them. Tests run some seeds (`tests/test_sensors_in_fit.py`, `tests/tes
 import sys
 from collections.abc import Sequence
 from concurrent.futures import ProcessPoolExecutor
-from pathlib import Path
 from typing import NamedTuple
 
+import _alone  # noqa: F401
 import numpy as np
 from _table import STATED, leave
 
-sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests"))
 from deltaid.dynamics.parameters import parameter_layout
 from deltaid.errors import IdentificationError
 from deltaid.estimation.posterior_draws import draw
@@ -89,26 +88,16 @@ def row(
     ratio = np.sqrt(np.mean(std**2, axis=0) / np.mean(error**2, axis=0))
     share = held.mean(axis=0)
     return (
-        name,
-        case,
-        kind,
-        len(told),
-        int(some.sum()),
-        f"{np.sqrt(np.mean(ratio**2)):.3f}",
-        f"{ratio.min():.2f}",
-        f"{ratio.max():.2f}",
-        f"{share.mean():.1%}",
-        f"{share.min():.0%}",
-    )
+        name, case, kind, len(told), int(some.sum()), f"{np.sqrt(np.mean(ratio**2)):.3f}",
+        f"{ratio.min():.2f}", f"{ratio.max():.2f}", f"{share.mean():.1%}", f"{share.min():.0%}",
+    )  # fmt: skip
 
 
 def main() -> None:
-    """Count, print, and write a table."""
     seeds = int(sys.argv[1]) if sys.argv[1:] else STATED["bodies_weighed"]["seeds"]
     with ProcessPoolExecutor(cores()) as pool:
-        table = [
-            line for name in ROBOTS for case in CASES for line in rows(name, case, seeds, pool)
-        ]
+        found = (rows(name, case, seeds, pool) for name in ROBOTS for case in CASES)
+        table = [line for lines in found for line in lines]
     note = "Robots drawn from their priors; entries that data or a scale decides."
     leave(HEAD, table, note, seeds=seeds)
 

@@ -17,9 +17,10 @@ have none). Both are called from Python; the call itself is measured on an empty
 counted off.
 """
 
-import argparse
 import json
 import time
+from collections.abc import Iterable
+from xml.etree import ElementTree as ET
 
 import _alone  # noqa: F401
 import casadi as ca
@@ -27,8 +28,7 @@ import mujoco
 import numpy as np
 import pinocchio as pin
 from _c_program import printed
-from _mujoco_bare import bare
-from _timing import machine
+from _timing import machine, options
 
 from deltaid.dynamics.parameters import prior_parameters
 from deltaid.exports.c_code import c_code
@@ -111,25 +111,18 @@ PART = """
 
 
 def main() -> None:
-    """Measure and print."""
-    parser = argparse.ArgumentParser(description=__doc__.split("\n", 1)[0])
-    parser.add_argument("robots", nargs="*", default=catalogue())
-    parser.add_argument("--single", action="store_true", help="the export in single precision")
-    parser.add_argument("--native", action="store_true", help="compile with -march=native")
-    arguments = parser.parse_args()
-    options = ["-O2", *(["-march=native"] if arguments.native else [])]
-    precision = SINGLE if arguments.single else DOUBLE
+    given = options(__doc__, robots=list(catalogue()), single=False, native=False)
+    flags = ["-O2", *(["-march=native"] if given.native else [])]
+    precision = SINGLE if given.single else DOUBLE
     print(machine(), "\n")
     head = [f"{name:>15}" for name, _ in FUNCTIONS]
     print(f"{'mean (slowest), us':<18}{''.join(head)}{'mj_forward':>12}{'Pinocchio':>11}")
-    for name in arguments.robots:
+    for name in given.robots:
         robot = load_robot(name)
         subject = Model(robot, prior_parameters(robot), name)
         states = along_a_motion(subject)
-        times = [
-            f"{mean:.2f} ({worst:.2f})" for mean, worst in in_c(subject, states, options, precision)
-        ]
-        cells = "".join(f"{cell:>15}" for cell in times)
+        times = in_c(subject, states, flags, precision)
+        cells = "".join(f"{f'{mean:.2f} ({worst:.2f})':>15}" for mean, worst in times)
         pinocchio = pinocchio_forward(subject, states)
         shown = f"{pinocchio:.1f}" if pinocchio else "–"
         print(f"{name:<18}{cells}{mujoco_forward(subject, states):>12.1f}{shown:>11}")
@@ -145,16 +138,15 @@ def along_a_motion(subject: Model) -> tuple[np.ndarray, ...]:
 
 
 def in_c(
-    subject: Model, states: tuple[np.ndarray, ...], options: list[str], precision: Precision
-) -> list[tuple[float, float]]:
+    subject: Model, states: tuple[np.ndarray, ...], flags: list[str], precision: Precision
+) -> list[list[float]]:
     """Best mean and slowest state's time [µs] of every function."""
     code, real = c_code(subject, "r", precision), precision.c_type
     numbers = {"states": STATES, "real": real}
     parts = [PART.format(call=call, rounds=ROUNDS, **numbers) for _, call in FUNCTIONS]
     flat = np.concatenate([part.ravel() for part in states])
     main = MAIN.format(parts="".join(parts), **numbers)
-    rows = printed(code, main, flat, precision, *options)
-    return [(best, worst) for best, worst in rows]
+    return printed(code, main, flat, precision, *flags)
 
 
 def tree_states(
@@ -171,6 +163,15 @@ def tree_states(
         positions.append(np.asarray(position).ravel())
         rates.append(np.asarray(slope) @ zd)
     return np.array(positions), np.array(rates)
+
+
+def bare(mjcf: str) -> str:
+    """The same model without tendons, which draw the struts, and without sensors."""
+    root = ET.fromstring(mjcf)
+    for name in ("tendon", "sensor"):
+        for element in root.findall(name):
+            root.remove(element)
+    return ET.tostring(root, encoding="unicode")
 
 
 def mujoco_forward(subject: Model, states: tuple[np.ndarray, ...]) -> float:
@@ -193,6 +194,23 @@ def mujoco_forward(subject: Model, states: tuple[np.ndarray, ...]) -> float:
     return 1e6 * (min(rounds(True) for _ in range(10)) - empty) / len(positions)
 
 
+def closed(
+    model: "pin.Model", pairs: Iterable[tuple["pin.Frame", "pin.Frame"]]
+) -> tuple["pin.Data", "pin.StdVec_RigidConstraintModel", "pin.StdVec_RigidConstraintData"]:
+    """A tree whose pairs of frames coincide, ready for constraintDynamics."""
+    contacts, found = pin.StdVec_RigidConstraintModel(), pin.StdVec_RigidConstraintData()
+    for a, b in pairs:
+        contact = pin.RigidConstraintModel(
+            pin.ContactType.CONTACT_3D, model, a.parentJoint, a.placement, b.parentJoint,
+            b.placement, pin.ReferenceFrame.LOCAL,
+        )  # fmt: skip
+        contacts.append(contact)
+        found.append(contact.createData())
+    data = model.createData()
+    pin.initConstraintDynamics(model, data, contacts, found)
+    return data, contacts, found
+
+
 def pinocchio_forward(subject: Model, states: tuple[np.ndarray, ...]) -> float | None:
     """Best mean time [µs] of constraintDynamics; None where joints follow others."""
     export = urdf(subject.without_friction())
@@ -206,20 +224,9 @@ def pinocchio_forward(subject: Model, states: tuple[np.ndarray, ...]) -> float |
     model = pin.buildReducedModel(model, locked, pin.neutral(model))
     for name, inertia in loops["armature"].items():
         model.armature[model.joints[model.getJointId(name)].idx_v] = inertia
-    data = model.createData()
-    contacts = pin.StdVec_RigidConstraintModel()
-    for pair in loops["coincident_frames"]:
-        a, b = (model.frames[model.getFrameId(name)] for name in pair["frames"])
-        contacts.append(
-            pin.RigidConstraintModel(
-                pin.ContactType.CONTACT_3D, model, a.parentJoint, a.placement,
-                b.parentJoint, b.placement, pin.ReferenceFrame.LOCAL,
-            )
-        )  # fmt: skip
-    found = pin.StdVec_RigidConstraintData()
-    for contact in contacts:
-        found.append(contact.createData())
-    pin.initConstraintDynamics(model, data, contacts, found)
+    frames = ([model.frames[model.getFrameId(name)] for name in pair["frames"]]
+              for pair in loops["coincident_frames"])  # fmt: skip
+    data, contacts, found = closed(model, frames)
     settings = pin.ProximalSettings(1e-10, 1e-10, 10)
     names = sorted(list(model.names)[1:], key=lambda n: model.joints[model.getJointId(n)].idx_v)
     positions, rates = tree_states(subject, states, names)

@@ -18,13 +18,13 @@ package. The last columns are the share of 95 % intervals that hold and the time
 from 60 and 10,000 points, in the first call of a process and in later ones.
 """
 
-import argparse
 import sys
 import time
 from pathlib import Path
 
 import numpy as np
 from _table import STATED, leave
+from _timing import options
 
 import deltaid
 from deltaid.calibration.outlook import drawn
@@ -48,10 +48,10 @@ SETS = {
     "tracker": None,
 }
 TIMED = (60, 10_000)
+MM = ("before", "predicted", "true")
 
 
 def robot() -> deltaid.RobotDescription:
-    """The described robot."""
     text = deltaid.load_robot("clavel-delta3")
     limbs = text.limbs.changed(
         base_radius=BASE, platform_radius=PLATFORM, upper_arm=ARM, strut=STRUT
@@ -81,7 +81,6 @@ class Study:
         return self.kinematics.inverse(z)[:, : len(self.machine.limbs)]
 
     def real(self, q: np.ndarray, near: np.ndarray) -> np.ndarray:
-        """Where it stands."""
         return self.machine.tool_points(q, near)
 
     def tracked(self, x: np.ndarray) -> dict[str, np.ndarray]:
@@ -117,7 +116,6 @@ class Study:
         return columns | {"distance": length + self.rng.normal(0, CALLIPER, len(length))}
 
     def measured(self, name: str) -> dict[str, dict[str, np.ndarray]]:
-        """By a set of instruments of the first Delta, or any robot by a tracker."""
         sets = SETS.get(name)
         if sets is None:
             x = self.machine.drawing.poses(self.rng, 60)
@@ -129,7 +127,6 @@ class Study:
 
 
 def row(name: str, kinematics: deltaid.Kinematics, drawing: Drawing, machines: int) -> list[str]:
-    """One set of instruments, or one robot."""
     before, true, predicted, holds, seconds, ranks = [], [], [], [], [], set()
     apart = drawing.spacing is not None
     for seed in range(machines):
@@ -160,7 +157,6 @@ def row(name: str, kinematics: deltaid.Kinematics, drawing: Drawing, machines: i
 
 
 def times() -> None:
-    """Processor time of calibrations of 42 numbers."""
     name, rows = "abb-irb360-1-1130", list[list[str]]()
     drawing = DRAWINGS[name]
     study = Study(deltaid.Kinematics(name), drawing, 0)
@@ -179,26 +175,13 @@ def times() -> None:
 
 
 def main() -> None:
-    """Print the table, and leave it."""
-    parser = argparse.ArgumentParser(description="instruments for a Delta's geometry")
-    stated = STATED["calibrate"]["machines"]
-    parser.add_argument("--machines", type=int, default=stated, help="how many are drawn")
-    parser.add_argument("--times", action="store_true", help="processor times instead")
-    given = parser.parse_args()
+    given = options(__doc__, machines=STATED["calibrate"]["machines"], times=False)
     if given.times:
         times()
         return
     machines = given.machines
     delta = deltaid.Kinematics(robot())
-    head = [
-        "instruments, or robot",
-        "rank",
-        "before, mm",
-        "predicted, mm",
-        "true, mm",
-        "95 % hold",
-        "time",
-    ]
+    head = ["instruments, or robot", "rank", *(f"{what}, mm" for what in MM), "95 % hold", "time"]
     rows = [row(name, delta, DRAWING, machines) for name in SETS]
     rows += [
         row(name, deltaid.Kinematics(name), drawing, machines) for name, drawing in DRAWINGS.items()

@@ -10,17 +10,16 @@ the machine as it was built (`tests/calibrated.py`). Counted are 95 % intervals 
 of parameters of bodies that data determines, of friction, and of base parameters.
 """
 
-import argparse
 import sys
 from collections import Counter
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
+import _alone  # noqa: F401
 from _table import STATED, leave
+from _timing import options
 
 import deltaid
-
-sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests"))
 from calibrated import KINDS, Held, machine
 
 NAME, LENGTH, ANGLE, NOISE = "clavel-delta3", 1e-3, 5e-3, 0.005
@@ -32,11 +31,7 @@ FILES = {
 
 
 def main() -> None:
-    """Print the table, and leave it."""
-    parser = argparse.ArgumentParser(description="intervals with a calibrated robot file")
-    stated = STATED["calibrated_identify"]["machines"]
-    parser.add_argument("--machines", type=int, default=stated, help="how many are drawn")
-    machines = parser.parse_args().machines
+    machines = options(__doc__, machines=STATED["calibrated_identify"]["machines"]).machines
     found = {row: list[Held]() for row in FILES}
     for seed in range(machines):
         built = machine(NAME, seed, length=LENGTH, angle=ANGLE, noise=NOISE)

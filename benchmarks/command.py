@@ -22,7 +22,6 @@ Then the CPU time of such a call for recordings of different rates and as many r
 cut-off given; and `deltaid base` with and without kernels on disk.
 """
 
-import argparse
 import itertools
 import json
 import os
@@ -36,7 +35,7 @@ from pathlib import Path
 
 import numpy as np
 import polars as pl
-from _timing import machine, measure
+from _timing import machine, measure, options
 
 from deltaid.checks.identify import identify
 from deltaid.dynamics.dynamics import Dynamics
@@ -82,8 +81,7 @@ class Cost:
 
 
 def main() -> None:
-    """Simulate, measure, print; 1 if a command failed."""
-    arguments = _arguments()
+    arguments = options(__doc__, largest=USUAL, before=Path, repeats=5, seed=0)
     sizes = [size for size in SIZES if size <= arguments.largest]
     print(f"{machine()}\npolars {pl.__version__}, {pl.thread_pool_size()} threads")
     print(f"{ROBOT}, {RATE:g} Hz, positions and torques; median of {arguments.repeats}\n")
@@ -196,7 +194,6 @@ def _print_table(kind: str, costs: dict[int, Cost], folder: Path, suffix: str) -
 
 
 def _print_stages(log: Path, repeats: int) -> None:
-    """CPU seconds and share of every stage, medians over the repeats."""
     runs = [stages(log) for _ in range(repeats)]
     found = {name: statistics.median(run[name] for run in runs) for name in runs[0]}
     print(f"stages of one identify call on {log.name}, CPU time")
@@ -226,20 +223,10 @@ def _print_rates(folder: Path, repeats: int, seed: int) -> None:
 
 
 def _print_start(repeats: int) -> None:
-    """A command that computes next to nothing, without kernels on disk and with them."""
     print(f"\ndeltaid base {ROBOT}")
-    for name, options in {"compiled": ["--no-cache"], "kept": []}.items():
-        cost = _cost([*options, "base", ROBOT], repeats)
+    for name, flags in {"compiled": ["--no-cache"], "kept": []}.items():
+        cost = _cost([*flags, "base", ROBOT], repeats)
         print(f"{name:10} {cost.seconds:8.2f} s {cost.cpu:8.2f} CPU s")
-
-
-def _arguments() -> argparse.Namespace:
-    parser = argparse.ArgumentParser(description="time and memory of `deltaid identify`")
-    parser.add_argument("--largest", type=int, default=USUAL, help="no longer logs than this")
-    parser.add_argument("--before", type=Path, help="sources of a version to compare with")
-    parser.add_argument("--repeats", type=int, default=5, help="runs, of which the median counts")
-    parser.add_argument("--seed", type=int, default=0, help="of truth, motion and noise")
-    return parser.parse_args()
 
 
 if __name__ == "__main__":

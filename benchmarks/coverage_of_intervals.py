@@ -15,10 +15,10 @@ from collections import Counter
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
+import _alone  # noqa: F401
 import numpy as np
 from _table import STATED, leave
 
-sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests"))
 from deltaid.dynamics.dynamics import compiled
 from deltaid.motion.excitation.excite import ExcitationSettings, Exciter
 from deltaid.robot.load import load_robot
@@ -36,13 +36,16 @@ LABELS_HEAD = (
 )  # fmt: skip
 
 
-def main() -> int:
-    """Count, print, and write a table."""
-    arguments = [each for each in sys.argv[1:] if each != "--priors"]
+def main() -> None:
+    counts = [int(each) for each in sys.argv[1:] if each != "--priors"]
     if "--priors" in sys.argv:
-        return _labels(int(arguments[0]) if arguments else STATED["coverage_of_labels"]["robots"])
+        _labels(*counts or [STATED["coverage_of_labels"]["robots"]])
+    else:
+        _intervals(*counts or [STATED["coverage_of_intervals"]["seeds"]])
+
+
+def _intervals(seeds: int) -> None:
     rows = []
-    seeds = int(arguments[0]) if arguments else STATED["coverage_of_intervals"]["seeds"]
     for name in ROBOTS:
         for kind in KINDS:
             with TemporaryDirectory() as folder:
@@ -52,10 +55,9 @@ def main() -> int:
             rows.append((name, kind, seeds, *(f"{figure:.1%}" for figure in figures)))
     note = "Share of 95 % intervals of base parameters that hold the truth, mean over parameters."
     leave(HEAD, rows, note, seeds=seeds)
-    return 0
 
 
-def _labels(seeds: int) -> int:
+def _labels(seeds: int) -> None:
     rows = []
     for name in KINDS_OF_ROBOTS:
         robot = load_robot(name)
@@ -86,8 +88,7 @@ def _labels(seeds: int) -> int:
         "them, and errors of M; random bodies, optimised motions, 2 % torque noise."
     )
     leave(LABELS_HEAD, rows, note, name="coverage_of_labels", robots=seeds)
-    return 0
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    main()

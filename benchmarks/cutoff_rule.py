@@ -8,13 +8,13 @@ gears that are rigid, have play, or wind up. Each is identified by the rule and 
 all else alike. Leaves `tables/cutoff_rule.md`.
 """
 
-import argparse
 from collections.abc import Iterator
 from dataclasses import replace
 
 import _alone  # noqa: F401
 import numpy as np
 from _table import leave
+from _timing import options
 
 from deltaid.model.record import Settings
 from drives import Case, case
@@ -54,7 +54,6 @@ def cases(kind: str, seed: int) -> Iterator[tuple[str, str, Case]]:
 
 
 def errors(made: Case, cutoff: float | None) -> tuple[float, float, float]:
-    """Cut-off [Hz], and errors of M and friction."""
     found = identified(made, Settings(cutoff=cutoff))
     happening = made.happenings[0]
     friction = friction_error(happening, found.model, happening.carried, 1.0, 0.0)
@@ -76,11 +75,7 @@ def line(motion: str, gear: str, made: Case) -> tuple[tuple[str, ...], bool]:
 
 
 def main() -> None:
-    """Identify and compare."""
-    parser = argparse.ArgumentParser(description="The rule for the cut-off against fixed ones.")
-    parser.add_argument("--kinds", default="delta3")
-    parser.add_argument("--seeds", type=int, default=1)
-    given = parser.parse_args()
+    given = options(__doc__, kinds="delta3", seeds=1)
     rows, held = list[tuple[str, ...]](), list[bool]()
     for kind in given.kinds.split(","):
         for seed in range(given.seeds):

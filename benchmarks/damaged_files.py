@@ -82,7 +82,6 @@ def main() -> None:
 
 
 def _share(rows: Rows, worker: int, workers: int) -> Rows:
-    """The rows of one of so many workers."""
     return dict(list(rows.items())[worker::workers])
 
 
@@ -118,7 +117,6 @@ class Case:
     why: str = ""
 
     def leave(self, results: Path) -> None:
-        """Add it to those that have ended."""
         with results.open("a", encoding="utf-8") as file:
             file.write("\t".join((self.row, str(self.number), self.end, self.why)) + "\n")
         if self.why:
@@ -213,7 +211,6 @@ def _judge(name: str, inputs: Path, folder: Path) -> Judge:
 
 
 def _opening(kind: str, folder: Path) -> Judge:
-    """A recording, damaged and opened."""
     from damage import complaint, damaged, outcome
     from deltaid.dynamics.dynamics import compiled
     from deltaid.robot.load import load_robot

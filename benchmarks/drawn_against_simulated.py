@@ -56,7 +56,6 @@ def _estimate(
 
 
 def main() -> None:
-    """Compare, print, and write a table."""
     stated = STATED["drawn_against_simulated"]["recordings"]
     count = int(sys.argv[1]) if len(sys.argv) > 1 else stated
     rows = [_compared(name, count) for name in ("clavel-delta3", "irb360-6-1600")]

@@ -62,7 +62,6 @@ class DrawnType:
 
     @property
     def dynamics(self) -> Dynamics:
-        """Of the robot."""
         return compiled(self.robot)
 
     def drawn(
@@ -161,7 +160,6 @@ def made_alike(
 def _drawn(
     one: Template, p: np.ndarray, rng: np.random.Generator, sensing: Sensing, gain: np.ndarray
 ) -> RecordingFactors:
-    """Factors of a recording."""
     dof, n, layout, values = len(gain), len(one.names), one.layout, one.with_load(p)
     theta = one.to_columns @ values
     off = theta - one.to_columns @ one.with_load(one.truth)

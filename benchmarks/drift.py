@@ -72,7 +72,6 @@ def judged(looks: np.ndarray, hit: np.ndarray, onset: np.ndarray) -> tuple[int, 
 
 
 def series(robots: int) -> None:
-    """All cases."""
     rows = []
     for case in CASES:
         count = robots if case is CASES[0] else max(robots // 4, 50)
@@ -179,7 +178,6 @@ def _looks(onset: np.ndarray) -> list[int]:
 
 
 def _first(series: FrictionSeries, count: int) -> FrictionSeries:
-    """The series of the first recordings alone."""
     arrays = (array[:count] for array in (series.values, series.covariance, series.products))
     return FrictionSeries(series.drives, series.unknowns, *arrays)
 
@@ -211,7 +209,6 @@ def _recorded(
 
 
 def main() -> None:
-    """Study, print, and write tables."""
     level = sys.argv[sys.argv.index("--level") + 1] if "--level" in sys.argv else "series"
     given = [int(word) for word in sys.argv[1:] if word.isdigit()]
     if level == "series":

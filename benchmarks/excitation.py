@@ -39,7 +39,6 @@ its entries' largest errors along a third motion, relative to each entry's mean;
 worst coefficient; base parameters in units of the prior's standard deviation.
 """
 
-import argparse
 import os
 import statistics
 import subprocess
@@ -60,7 +59,7 @@ from _excitation_worth import (
     long_run,
     ranked_random_motions,
 )
-from _timing import machine
+from _timing import machine, options
 
 from deltaid.dynamics.dynamics import compiled
 from deltaid.motion.excitation.excite import ExcitationSettings, Exciter
@@ -111,7 +110,6 @@ def _print_command_starts(problem: ExcitationProblem) -> None:
 
 
 def _line(trace: Trace, curve: Curve) -> str:
-    """Best value and effort of one solver."""
     each = 1e3 * trace.seconds / trace.evaluations
     return (
         f"  {trace.name:12} {curve.best:8.4f} {curve.time_to(curve.best):7.2f} "
@@ -163,8 +161,12 @@ def time_command(repeats: int) -> None:
 
 
 def main() -> None:
-    """Measure and print."""
-    arguments = _arguments()
+    arguments = options(
+        __doc__, starts=3, budget=30.0, repeats=3, random=1000, recordings=5, seed=0, quick=False
+    )
+    if arguments.quick:
+        arguments.starts, arguments.budget, arguments.repeats = 1, 5.0, 1
+        arguments.random, arguments.recordings = 100, 1
     exciter = Exciter(compiled(load_robot(ROBOT)), ExcitationSettings())
     problem, settings = exciter.problem, exciter.settings
     print(f"{machine()}\nscipy {scipy.__version__}, load average {os.getloadavg()[0]:.1f}")
@@ -180,22 +182,6 @@ def main() -> None:
     compare_predictions(exciter, optimised, ranked)
     seeds = range(first, first + arguments.recordings)
     compare_identification(exciter, optimised, ranked, seeds)
-
-
-def _arguments() -> argparse.Namespace:
-    parser = argparse.ArgumentParser(description="excitation motions: time, value, what they buy")
-    parser.add_argument("--starts", type=int, default=3, help="starts of the optimisers")
-    parser.add_argument("--budget", type=float, default=30.0, help="time of the others [s]")
-    parser.add_argument("--repeats", type=int, default=3, help="runs of the command")
-    parser.add_argument("--random", type=int, default=1000, help="random motions to choose from")
-    parser.add_argument("--recordings", type=int, default=5, help="recordings of each kind")
-    parser.add_argument("--seed", type=int, default=0, help="of the first start and recording")
-    parser.add_argument("--quick", action="store_true", help="a short run that shows the way")
-    arguments = parser.parse_args()
-    if arguments.quick:
-        arguments.starts, arguments.budget, arguments.repeats = 1, 5.0, 1
-        arguments.random, arguments.recordings = 100, 1
-    return arguments
 
 
 if __name__ == "__main__":

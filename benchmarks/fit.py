@@ -26,7 +26,6 @@ own value of J is not that of deltaid's function. For this a third problem is so
 that no robot produces, so that the constraints are what the optimum hangs on.
 """
 
-import argparse
 import sys
 import time
 import warnings
@@ -39,7 +38,7 @@ import _alone  # noqa: F401
 import numpy as np
 from _cvxpy_fit import CvxpyFit, CvxpySolution, Metric
 from _fit_data import DURATION, RATE, Truth, impossible, recorded
-from _timing import machine, measure
+from _timing import machine, measure, options
 
 from deltaid.dynamics.dynamics import Dynamics
 from deltaid.estimation.conic import Conic
@@ -114,7 +113,7 @@ class Problem:
 
 def main() -> int:
     """Measure, print, check; 1 if CVXPY and conic disagree."""
-    arguments = _arguments()
+    arguments = options(__doc__, robot=ROBOT, repeats=21, seed=0, scs=False)
     rng = np.random.default_rng(arguments.seed)
     dynamics = Dynamics(load_robot(arguments.robot))
     p = surrogate_parameters(dynamics.robot, rng)
@@ -143,7 +142,6 @@ def main() -> int:
 
 
 def _compare(problem: Problem, truth: Truth, solvers: tuple[str, ...], repeats: int) -> list[str]:
-    """All solvers on one problem: a table, and what disagrees."""
     conic, seconds = _timed(problem.conic, repeats)
     status = f"{conic.status}, {conic.iterations} steps"
     runs = [Run("conic", seconds, np.nan, conic.x, status)]
@@ -173,7 +171,6 @@ def _timed(function: Callable[[], Result], repeats: int) -> tuple[Result, float]
 
 
 def _print_table(problem: Problem, truth: Truth, runs: list[Run]) -> None:
-    """One line a solver, and the publication's figures below."""
     objective, reduction = problem.objective, problem.reduction
     best, conic = objective.value(runs[0].x), runs[0].seconds
     print(f"\n  {problem.settings.regularizer}, γ = {objective.gamma:.3e}")
@@ -217,15 +214,6 @@ def _check(
     if not evaluated <= allowed < np.inf:
         bad.append(f"{metric}: values of J at the same x differ by {evaluated:.1e} γ")
     return bad
-
-
-def _arguments() -> argparse.Namespace:
-    parser = argparse.ArgumentParser(description="time and objective of the fit, three solvers")
-    parser.add_argument("--robot", default=ROBOT, help="catalogue name or YAML file")
-    parser.add_argument("--repeats", type=int, default=21, help="calls, of which the median counts")
-    parser.add_argument("--seed", type=int, default=0, help="of truth, motions and noise")
-    parser.add_argument("--scs", action="store_true", help="let CVXPY use SCS as well")
-    return parser.parse_args()
 
 
 if __name__ == "__main__":

@@ -6,7 +6,6 @@ machine is doing; wall time is used only for what one and two processes do. Memo
 that a worker has had.
 """
 
-import argparse
 import resource
 import subprocess
 import sys
@@ -21,6 +20,7 @@ from typing import Any
 import numpy as np
 import polars as pl
 from _table import STATED, leave
+from _timing import options
 
 from deltaid.fleets.workers import open_workers
 
@@ -125,7 +125,6 @@ def identify(path: Path) -> float:
 
 
 def nothing(number: int) -> int:
-    """A task that does nothing."""
     return number
 
 
@@ -165,10 +164,7 @@ def _fail(item: object, why: str) -> object:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--samples", type=float, default=STATED["fleet"]["samples"])
-    parser.add_argument("--folder", type=Path, help="where recordings go; much space")
-    given = parser.parse_args()
+    given = options(__doc__, samples=float(STATED["fleet"]["samples"]), folder=Path)
     total = round(given.samples)
     length = min(LONG, total // 4)
     with tempfile.TemporaryDirectory(dir=given.folder) as name:

@@ -103,10 +103,8 @@ class Night:
 
 def night(days: list[GatherResult], folder: Path, counted: Counted) -> tuple[Night, Night]:
     """The jobs of the last day's call: of all recordings, and of its week."""
-    jobs, nights = (
-        fit_jobs(days, "week", {ROBOT: load_robot(ROBOT)}, SETTINGS),
-        [Night(0, 0, 0)] * 2,
-    )
+    jobs = fit_jobs(days, "week", {ROBOT: load_robot(ROBOT)}, SETTINGS)
+    nights = [Night(0, 0, 0)] * 2
     for chain in robot_chains(jobs, DriftSettings()):
         fit = chain[0]
         is_week = ALL not in fit.names
@@ -136,16 +134,9 @@ def main() -> None:
                 scale = (ROBOTS * read / 1e6, ROBOTS * seconds / 3600)
                 figures = (every.read, every.written, every.seconds, read, seconds, *scale)
                 rows.append((str(len(days)), *(f"{x:.2f}" for x in figures)))
-    head = (
-        "day",
-        "read, MB a robot",
-        "written, MB",
-        "processor, s",
-        "with the week's fit: read, MB",
-        "processor, s",
-        "10⁴ robots: read, TB",
-        "core hours",
-    )
+    head = ("day", "read, MB a robot", "written, MB", "processor, s",
+            "with the week's fit: read, MB", "processor, s", "10⁴ robots: read, TB",
+            "core hours")  # fmt: skip
     note = (
         f"Nights of a year, one recording of a {ROBOT} a day, without gathering. Of all "
         "recordings, with drift and type, on the night of that day; with the week's fit the mean "

@@ -5,28 +5,24 @@ killed at any time, two calls at once. After each the rows of all recordings tha
 before are there, or the call was refused and changed no byte.
 """
 
-import argparse
 import sys
 import tempfile
 from collections import Counter
 from pathlib import Path
 
 from _table import STATED, leave
+from _timing import options
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
 _NOTE = """What happened to fleets with two recordings a robot, and how the call after it ended.
 
 Kept: each row that was there before is there. Refused: exit code 2, and no byte is changed. Else:
 a row is lost, a refusal changed something, or another exit code."""
-_STATED = STATED["fleet_walk"]
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--robots", type=int, default=_STATED["robots"])
-    parser.add_argument("--steps", type=int, default=_STATED["steps"])
-    parser.add_argument("--seed", type=int, default=1)
-    given = parser.parse_args()
+    stated = STATED["fleet_walk"]
+    given = options(__doc__, robots=stated["robots"], steps=stated["steps"], seed=1)
     from walked import ACTS, WalkedFleet
 
     ends = Counter[tuple[str, str]]()

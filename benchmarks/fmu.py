@@ -8,7 +8,6 @@ A C program has the unit's sources in it and calls `fmi2SetReal`, `fmi2DoStep` (
 processor time for a second of simulation, the best of twenty, compiled with -O1 as the units are.
 """
 
-import argparse
 import io
 import re
 import shutil
@@ -18,13 +17,13 @@ import zipfile
 from pathlib import Path
 
 import numpy as np
-from _timing import machine
+from _timing import machine, options
 
 from deltaid.exports.fmu import fmu
 from deltaid.exports.fmu_binaries import own_compiler
 from deltaid.model.model import load
 
-ROBOTS = ("irb360-6-1600", "clavel-delta3", "h4", "par4-linear")
+ROBOTS = ["irb360-6-1600", "clavel-delta3", "h4", "par4-linear"]
 MAIN = """
 #define _POSIX_C_SOURCE 200809L
 #include "fmi2.c"
@@ -94,12 +93,10 @@ def seconds(name: str) -> tuple[float, int]:
 
 
 def main() -> None:
-    """Measure and print."""
-    parser = argparse.ArgumentParser(description=__doc__.split("\n", 1)[0])
-    parser.add_argument("robots", nargs="*", default=ROBOTS)
+    robots = options(__doc__, robots=ROBOTS).robots
     print(machine(), "\n")
     print(f"{'seconds a second':<18}{'co-simulation':>15}{'drive 1 rests':>15}")
-    for name in parser.parse_args().robots:
+    for name in robots:
         time, rests = seconds(name)
         print(f"{name:<18}{time:>15.4f}{f'{rests / 10:.0f} %':>15}")
 

@@ -40,7 +40,6 @@ class Count:
     held: int = 0
 
     def add(self, held: bool) -> None:
-        """One more."""
         self.all += 1
         self.held += held
 
@@ -49,7 +48,6 @@ class Count:
 
 
 def main() -> None:
-    """Count and print."""
     robot = load_robot(ROBOT)
     assert robot.limbs is not None
     limbs = robot.limbs.changed(strut_spacing=STRUT_SPACING)
@@ -65,7 +63,6 @@ def main() -> None:
 def _one(
     robot: RobotDescription, rng: np.random.Generator, determined: Count, others: Count
 ) -> None:
-    """One recording."""
     dynamics = compiled(robot)
     kinematics, truth = dynamics.kinematics, surrogate_parameters(robot, rng)
     recording = simulate_recording(

@@ -32,10 +32,9 @@ import _alone  # noqa: F401
 import mujoco
 import numpy as np
 import pinocchio as pin
-from _mujoco_bare import bare
 from _pinocchio_delta import DRIVES, Array, PinocchioDelta
 from _timing import machine, measure
-from c_code import mujoco_forward
+from c_code import bare, closed, mujoco_forward
 from regressor import random_motion
 
 from deltaid.dynamics.dynamics import Dynamics
@@ -88,13 +87,10 @@ def _deltaid(
     forward: ForwardDynamics, p: Array, z: Array, zd: Array, qd: Array, tau: Array
 ) -> dict[str, float]:
     step = np.append(prior_parameters(forward.robot), 2.5e-4)
-    states = np.hstack([z, zd, tau]).T.copy(), np.hstack([z, qd, tau]).T.copy()
-    acceleration = _kernel_times(
-        "deltaid, acceleration", forward._acceleration_kernel, states[0], p
-    )
-    return acceleration | _kernel_times(
-        "deltaid, step with friction", forward._step_kernel, states[1], step
-    )
+    moving, stepping = (np.hstack([z, rate, tau]).T.copy() for rate in (zd, qd))
+    return _kernel_times(
+        "deltaid, acceleration", forward._acceleration_kernel, moving, p
+    ) | _kernel_times("deltaid, step with friction", forward._step_kernel, stepping, step)
 
 
 def _kernel_times(name: str, kernel: BatchKernel, x: Array, uniform: Array) -> dict[str, float]:
@@ -148,20 +144,8 @@ def _pinocchio(
     for joint, name in enumerate(bodies, start=1):
         count = robot.limbs.struts_per_limb if name == "S" else 1
         model.inertias[joint] = _inertia(count * p[layout.body(name)])
-    contacts = pin.StdVec_RigidConstraintModel()
-    for tip, seat in tree._cuts:
-        a, b = model.frames[tip], model.frames[seat]
-        contacts.append(
-            pin.RigidConstraintModel(
-                pin.ContactType.CONTACT_3D, model, a.parentJoint, a.placement, b.parentJoint,
-                b.placement, pin.ReferenceFrame.LOCAL,
-            )
-        )  # fmt: skip
-    data = model.createData()
-    cache = pin.StdVec_RigidConstraintData()
-    for contact in contacts:
-        cache.append(contact.createData())
-    pin.initConstraintDynamics(model, data, contacts, cache)
+    frames = ((model.frames[tip], model.frames[seat]) for tip, seat in tree._cuts)
+    data, contacts, cache = closed(model, frames)
     motion = tree.motion(z, qd, np.zeros_like(qd))
     forces = np.zeros((len(z), model.nv))
     forces[:, DRIVES] = tau
@@ -187,8 +171,6 @@ def _inertia(ten: Array) -> pin.Inertia:
 
 
 def _often(function: Callable[[], object], calls: int = 2000) -> float:
-    """Time of one call among many."""
-
     def loop() -> None:
         for _ in range(calls):
             function()

@@ -8,15 +8,15 @@ Counts statements (nodes of `ast.stmt`), lines, files, folders, scalar constants
 value and the comment that gives its reason, and then those that several modules define.
 """
 
-import argparse
 import ast
 import re
 from collections import Counter, defaultdict
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
 from _table import leave
+from _timing import options
 
 ROOT = Path(__file__).resolve().parents[1]
 PACKAGE = ROOT / "src" / "deltaid"
@@ -51,7 +51,6 @@ class Source:
 
     @property
     def statements(self) -> int:
-        """Nodes of `ast.stmt`."""
         return sum(isinstance(node, ast.stmt) for node in ast.walk(self.tree))
 
     def constants(self) -> Iterator[Constant]:
@@ -94,7 +93,6 @@ def is_number(value: ast.expr) -> bool:
 
 
 def sources() -> list[Source]:
-    """All files of the package."""
     texts = {path: path.read_text(encoding="utf-8") for path in sorted(PACKAGE.rglob("*.py"))}
     return [Source(path, text.splitlines(), ast.parse(text)) for path, text in texts.items()]
 
@@ -109,7 +107,6 @@ def rooms(files: list[Source]) -> list[tuple[object, ...]]:
 
 
 def sizes(name: str, files: list[Source]) -> tuple[object, ...]:
-    """One row of the table."""
     return (
         name,
         len(files),
@@ -120,7 +117,6 @@ def sizes(name: str, files: list[Source]) -> tuple[object, ...]:
 
 
 def note(files: list[Source]) -> str:
-    """What stands above the table."""
     folders = sum(path.is_dir() and any(path.glob("*.py")) for path in PACKAGE.rglob("*"))
     short = sum(len(file.lines) < 60 for file in files)
     classes = Counter(node.name for file in files for node in ast.walk(file.tree)
@@ -144,32 +140,22 @@ def note(files: list[Source]) -> str:
     )
 
 
-def defined_twice(constants: list[Constant]) -> Mapping[str, list[Constant]]:
-    """Constants of one name and value in several modules."""
-    same = defaultdict[str, list[Constant]](list)
-    for constant in constants:
-        same[f"{constant.name} = {constant.value}"].append(constant)
-    return {key: found for key, found in same.items() if len(found) > 1}
-
-
 def list_constants(files: list[Source]) -> None:
     """Print every constant, then those that stand in several modules."""
-    constants = [constant for file in files for constant in file.constants()]
+    constants, places = [c for file in files for c in file.constants()], defaultdict(list)
     for constant in constants:
-        place = f"{constant.path.relative_to(PACKAGE)}:{constant.line}"
-        print(f"{place}: {constant.name} = {constant.value}  # {constant.reason or '(no reason)'}")
+        place, text = constant.path.relative_to(PACKAGE), f"{constant.name} = {constant.value}"
+        print(f"{place}:{constant.line}: {text}  # {constant.reason or '(no reason)'}")
+        places[text].append(str(place))
     unexplained = sum(not constant.reason for constant in constants)
     print(f"\n{len(constants)} constants, {unexplained} without a reason")
-    for key, same in defined_twice(constants).items():
-        print(f"{key}: {', '.join(str(each.path.relative_to(PACKAGE)) for each in same)}")
+    for text, same in places.items():
+        if len(same) > 1:
+            print(f"{text}: {', '.join(same)}")
 
 
 def main() -> None:
-    """Count, and write the table or list the constants."""
-    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
-    parser.add_argument("--constants", action="store_true", help="list them instead")
-    given = parser.parse_args()
-    files = sources()
+    given, files = options(__doc__, constants=False), sources()
     if given.constants:
         list_constants(files)
     else:

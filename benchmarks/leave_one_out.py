@@ -8,20 +8,15 @@ where its cause is said to be unexplained, or is a doubt, and where nothing else
 place. Leaves `tables/leave_one_out.md`.
 """
 
-import argparse
-import os
-import sys
 from collections import Counter
 from collections.abc import Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
-from pathlib import Path
 
-os.environ["OPENBLAS_NUM_THREADS"] = "1"
-sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests"))
-
+import _alone  # noqa: F401
 import numpy as np
 from _table import STATED, leave
+from _timing import options
 
 from deltaid.errors import DeltaidError
 from drives import KINDS, case
@@ -30,14 +25,9 @@ from drives.identify import identified
 from drives.judge import judge
 
 HEAD = (
-    "left out",
-    "recordings",
-    "said to be unexplained or in doubt",
-    "another cause corrected",
-    "M: median, worst (%)",
-    "intervals of base parameters hold",
-    "corrected instead",
-)
+    "left out", "recordings", "said to be unexplained or in doubt", "another cause corrected",
+    "M: median, worst (%)", "intervals of base parameters hold", "corrected instead",
+)  # fmt: skip
 # What is corrected or excluded beside causes, or where friction laws are chosen.
 NO_CAUSE = {"contact", "friction", "lag", "prior", "temperature", "backlash", "hold", "velocity"}
 
@@ -85,13 +75,9 @@ def line(row: str, outcomes: Sequence[Outcome | None]) -> tuple[object, ...]:
     )
 
 
-def main() -> int:
-    """Identify, judge, write the table."""
-    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
-    parser.add_argument("--kinds", default=",".join(KINDS))
-    parser.add_argument("--seeds", type=int, default=STATED["leave_one_out"]["seeds"])
-    parser.add_argument("--processes", type=int, default=2)
-    given = parser.parse_args()
+def main() -> None:
+    seeds = STATED["leave_one_out"]["seeds"]
+    given = options(__doc__, kinds=",".join(KINDS), seeds=seeds, processes=2)
     kinds = given.kinds.split(",")
     jobs = [(row, kind, seed) for row in CAUSES_OF for kind in kinds for seed in range(given.seeds)]
     with ProcessPoolExecutor(given.processes) as pool:
@@ -101,8 +87,7 @@ def main() -> int:
     table = [line(row, outcomes) for row, outcomes in of_rows.items()]
     note = f"{given.seeds} seeds of {', '.join(kinds)}, each identified without the effect it has."
     leave(HEAD, table, note, kinds=len(kinds), seeds=given.seeds)
-    return 0
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    main()

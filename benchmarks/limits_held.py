@@ -24,7 +24,6 @@ HEAD = ("robot", "limits", "motions", "largest use of a limit", "motions beyond 
 
 
 def main() -> None:
-    """Optimise, count, write the table."""
     rows = []
     seeds = int(sys.argv[1]) if len(sys.argv) > 1 else STATED["limits_held"]["motions"]
     for name in ROBOTS:

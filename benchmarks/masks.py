@@ -35,12 +35,10 @@ motion, geometric mean."""
 
 
 def mean(ratios: Sequence[float]) -> float:
-    """Geometric mean."""
     return float(np.exp(np.mean(np.log(ratios))))
 
 
 def row(name: str, rate: str, costs: Sequence[Cost]) -> tuple[str, ...]:
-    """One line of the table."""
     widths = [float(np.median(cost.widths)) for cost in costs]
     return (
         name,
@@ -56,7 +54,6 @@ def row(name: str, rate: str, costs: Sequence[Cost]) -> tuple[str, ...]:
 
 
 def main() -> None:
-    """Identify, print, and write the table."""
     seeds = int(sys.argv[1]) if len(sys.argv) > 1 else STATED["masks"]["seeds"]
     rows, everything = list[tuple[str, ...]](), list[Cost]()
     for rate in RATES:

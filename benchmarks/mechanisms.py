@@ -10,12 +10,11 @@ compiled, so that a time can be set against the graph's size. Forward kinematics
 same motion: closed form for three limbs on one platform, Newton's method for all others.
 """
 
-import argparse
 import time
 
 import _alone  # noqa: F401
 import numpy as np
-from _timing import machine, measure
+from _timing import machine, measure, options
 
 from deltaid.dynamics.dynamics import Dynamics
 from deltaid.dynamics.parameters import prior_parameters
@@ -27,10 +26,7 @@ CPU = time.process_time
 
 
 def main() -> None:
-    """Measure and print."""
-    parser = argparse.ArgumentParser(description=__doc__.split("\n", 1)[0])
-    parser.add_argument("--samples", type=int, default=8_000)
-    samples = parser.parse_args().samples
+    samples = options(__doc__, samples=8_000).samples
     print(f"{machine()}\noperations, ns/sample\n")
     head = ("regressor", "torque", "mass matrix", "terms")
     print(f"{'robot':<18}{''.join(f'{name:>14}' for name in head)}{'forward, ns':>14}")

@@ -42,13 +42,11 @@ class Fitted:
 
     @property
     def within(self) -> bool:
-        """Whether all bounds are kept."""
         a = self.accuracy
         return all(getattr(a, name) <= bound for name, bound in BOUNDS.items())
 
 
 def main() -> None:
-    """Fit and print."""
     print("duration  harmonics  fits  M on     M off    friction  beyond the bounds")
     for settings in LENGTHS:
         fits = [fit for seed in range(MOTIONS) for fit in _fits(replace(settings, seed=seed))]
@@ -62,7 +60,6 @@ def main() -> None:
 
 
 def _fits(settings: ExcitationSettings) -> list[Fitted]:
-    """All fits of one motion."""
     rng = np.random.default_rng(settings.seed)
     nominal = nominal_robot(load_robot(ROBOT))
     shares = {"RG1": BELOW, "RG2": ABOVE}

@@ -1,17 +1,17 @@
 """How many semantic mutants of the package the tests find: changed signs, factors, terms, axes.
 
     pip install -e '.[test]'
-    python benchmarks/mutants.py [--count N] [--seed N] [--only ROOM,…]
+    python benchmarks/mutants.py [--count N] [--seed N] [--only ROOM,…] [--pytest OPTIONS] [--list]
 
 Needs Python 3.12 or later. Draws mutants over all rooms of `src/deltaid`, each one expression of a
 line. First the whole suite runs once and notes which tests reach these lines. Then each mutant gets
 a copy of the repository of its own, in which these tests run until one fails; what survives them
 meets the other tests of the same files, and all files that start other processes, in which nobody
 sees what is reached. Tests that fail without a mutant count for none. Prints every survivor and
-leaves `tables/mutants.md`.
+leaves `tables/mutants.md`. `--list` only says what is drawn; `--reach FILE` keeps which tests reach
+which lines.
 """
 
-import argparse
 import json
 import math
 import os
@@ -29,6 +29,7 @@ from pathlib import Path
 
 from _mutation import Mutant, drawn
 from _table import STATED, leave
+from _timing import options
 
 ROOT = Path(__file__).resolve().parents[1]
 # A mutant that loops for ever is found by that, as a person would [s].
@@ -154,18 +155,11 @@ def _pytest(
 
 
 def main() -> None:
-    """Draw, run, print, and write the table."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--count", type=int, default=STATED["mutants"]["rows"])
-    parser.add_argument("--seed", type=int, default=2711)
-    parser.add_argument("--only", default="", help="rooms, with commas between them")
-    parser.add_argument("--pytest", default="", help="further options of pytest")
-    parser.add_argument("--jobs", type=int, default=os.cpu_count() or 1)
-    parser.add_argument("--reach", type=Path, help="file that keeps which tests reach which lines")
-    parser.add_argument("--list", action="store_true", help="only say what is drawn")
-    parser.add_argument("--name", default="mutants", help="of the table")
-    asked = parser.parse_args()
-    rooms, options = set(filter(None, asked.only.split(","))), shlex.split(asked.pytest)
+    asked = options(
+        __doc__, count=STATED["mutants"]["rows"], seed=2711, only="", pytest="",
+        jobs=os.cpu_count() or 1, reach=Path, list=False, name="mutants",
+    )  # fmt: skip
+    rooms, further = set(filter(None, asked.only.split(","))), shlex.split(asked.pytest)
     mutants = drawn(ROOT / "src", asked.count, asked.seed)
     mutants = [mutant for mutant in mutants if not rooms or mutant.room in rooms]
     if asked.list:
@@ -173,16 +167,16 @@ def main() -> None:
         return
     with tempfile.TemporaryDirectory() as folder:
         work = Path(folder)
-        found = _known(asked.reach) or reach(mutants, work, options)
+        found = _known(asked.reach) or reach(mutants, work, further)
         if asked.reach:
             asked.reach.write_text(json.dumps(asdict(found)))
-        options += [word for test in found.failed for word in ("--deselect", test)]
+        further += [word for test in found.failed for word in ("--deselect", test)]
         copies = [_copy(work / f"copy{k}") for k in range(asked.jobs)]
 
         def one(mutant: Mutant) -> str:
             copy = copies.pop()
             try:
-                answer = verdict(mutant, found.of(mutant), copy, options)
+                answer = verdict(mutant, found.of(mutant), copy, further)
             finally:
                 copies.append(copy)
             print(f"{'killed' if answer else 'SURVIVES'} {mutant}  [{answer}]", flush=True)
@@ -212,7 +206,6 @@ def _known(path: Path | None) -> Reach | None:
 
 
 def _copy(folder: Path) -> Path:
-    """The files of the repository as they are now."""
     skip = shutil.ignore_patterns(".git", ".venv", "__pycache__", ".pytest_cache", "*.egg-info")
     return shutil.copytree(ROOT, folder, ignore=skip)
 

@@ -8,7 +8,6 @@ of its own recording. For each kind, M minutes of production without pushes (pic
 and as many with a push of 30 N about every second, from cold gears on. Leaves `tables/online.md`.
 """
 
-import argparse
 from collections.abc import Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, field, replace
@@ -18,6 +17,7 @@ import numpy as np
 from _pick_cycles import Pick, Push
 from _pick_robots import RATE
 from _table import STATED, leave
+from _timing import options
 from drawn_picks import Produced, Production, produced, production_of
 
 from deltaid.online.events import Touch
@@ -55,8 +55,6 @@ one counts as missed."""
 
 @dataclass
 class Count:
-    """What was found of what there was."""
-
     near: list[bool] = field(default_factory=list[bool])
     holds: list[bool] = field(default_factory=list[bool])
     errors: list[float] = field(default_factory=list[float])
@@ -99,7 +97,6 @@ class Count:
                 self.places.append(strongest.place == push.place)
 
     def row(self, name: str, payload: float, told: bool) -> tuple[object, ...]:
-        """Of the table."""
         delays = np.array(self.delays)
         return (
             f"{name}, {payload:g} kg",
@@ -135,7 +132,6 @@ def recordings(log: Produced, kind: Production) -> Iterator[tuple[int, Recording
 
 
 def counted(name: str, payload: float, robots: int, minutes: float) -> list[tuple[object, ...]]:
-    """Rows of one kind."""
     found = production_of(name, payload, robots, seed=11)
     copies = max(1, round(minutes * 60 / RUN / robots))
     kind = replace(
@@ -165,17 +161,9 @@ def counted(name: str, payload: float, robots: int, minutes: float) -> list[tupl
 
 
 def main() -> None:
-    """Simulate, watch, count, and write a table."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument(
-        "--minutes", type=float, default=STATED["online"]["minutes"], help="of production, a kind"
-    )
-    parser.add_argument(
-        "--robots", type=int, default=STATED["online"]["robots"], help="of each kind"
-    )
-    parser.add_argument("--kinds", default=",".join(KINDS))
-    parser.add_argument("--processes", type=int, default=2, help="kinds at a time")
-    given = parser.parse_args()
+    minutes, robots = float(STATED["online"]["minutes"]), STATED["online"]["robots"]
+    kinds = ",".join(KINDS)
+    given = options(__doc__, minutes=minutes, robots=robots, kinds=kinds, processes=2)
     names = given.kinds.split(",")
     own = [KINDS[name] for name in names], [given.robots] * len(names), [given.minutes] * len(names)
     rows = []

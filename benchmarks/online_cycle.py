@@ -9,13 +9,12 @@ best it took in any round, so neither counts what the operating system does in b
 `tables/online_cycle.md`.
 """
 
-import argparse
-
 import _alone  # noqa: F401
 import casadi as ca
 import numpy as np
 from _c_program import printed
 from _table import leave
+from _timing import options
 from drawn_picks import production_of
 
 from deltaid.exports.c_code import c_code
@@ -76,17 +75,13 @@ int main(void)
 
 
 def operations(graph: StepGraph) -> int:
-    """How many a cycle takes."""
     f, ends = graph.function, {ca.OP_INPUT, ca.OP_OUTPUT, ca.OP_CONST}
     return sum(f.instruction_id(k) not in ends for k in range(f.n_instructions()))
 
 
 def main() -> None:
-    """Measure and leave the table."""
-    parser = argparse.ArgumentParser(description=__doc__.split("\n", 1)[0])
-    parser.add_argument("robots", nargs="*", default=list(ROBOTS))
     rows = []
-    for name in parser.parse_args().robots:
+    for name in options(__doc__, robots=list(ROBOTS)).robots:
         production = production_of(name, ROBOTS.get(name, 1.0), 1, 0, recording=10.0)
         model = production.models[0]
         graph = step_graph(model, OnlineSettings(), (contact_of,))
@@ -111,7 +106,6 @@ def picks(model: Model) -> np.ndarray:
 
 
 def in_c(model: Model, inputs: np.ndarray, precision: Precision) -> tuple[float, float]:
-    """Mean and slowest cycle [µs]."""
     code = c_code(model, "r", precision, ("online",))
     main = MAIN.format(cycles=CYCLES, rounds=ROUNDS)
     ((mean, slowest),) = printed(code, main, inputs, precision, "-O2")

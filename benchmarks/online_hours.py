@@ -8,7 +8,6 @@ The last three go the same way. Plants are MuJoCo's (`_long_production.py`); the
 identification of a recording. Leaves `tables/online_hours.md`.
 """
 
-import argparse
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 
@@ -18,6 +17,7 @@ from _long_production import Chain, Walk
 from _pick_cycles import Push, draw_pushes
 from _pick_robots import RATE, production_of
 from _table import STATED, leave
+from _timing import options
 from online import FORCE, KINDS, LATEST, SOON, STANDS
 
 from deltaid.model.model import Model
@@ -50,8 +50,6 @@ minute before the weak ones, and of the last ten of theirs, along the same way."
 
 @dataclass
 class Part:
-    """A stretch of the run."""
-
     touches: list[float] = field(default_factory=list[float])
     soon: list[bool] = field(default_factory=list[bool])
     found: list[bool] = field(default_factory=list[bool])
@@ -81,8 +79,6 @@ class Part:
 
 
 class Run:
-    """One robot."""
-
     def __init__(self, model: Model, chain: Chain) -> None:
         settings = OnlineSettings(speed="differenced", largest_mass=chain.payload)
         self.online, self.chain, self.model = Online(model, settings), chain, model
@@ -91,7 +87,6 @@ class Run:
         self.noise, self.time = np.random.default_rng(5), 0.0
 
     def part(self, seconds: float, seed: int, forces: tuple[float, float] | None = None) -> Part:
-        """Go on for so long."""
         part, rng = Part(), np.random.default_rng(seed)
         of_pushes = np.random.default_rng([seed, 1])
         while part.seconds < seconds - 1e-9:
@@ -121,7 +116,6 @@ class Run:
         return part
 
     def row(self, name: str, payload: float, plant: str, minutes: float) -> tuple[object, ...]:
-        """Of the table."""
         quiet = self.part(60.0 * minutes, 0)
         early = sum(start < 60.0 for start in quiet.touches)
         pushed = self.part(60.0 * PUSHED, 1, (FORCE, FORCE))
@@ -139,11 +133,7 @@ class Run:
 
 
 def main() -> None:
-    """All robots, and the table."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--minutes", type=int, default=STATED["online_hours"]["minutes"])
-    parser.add_argument("--kinds", default=",".join(KINDS))
-    given = parser.parse_args()
+    given = options(__doc__, minutes=STATED["online_hours"]["minutes"], kinds=",".join(KINDS))
     names, rows = given.kinds.split(","), []
     kinds = {name: production_of(name, KINDS[name], 1, seed=21) for name in names}
     for plant, unlike in PLANTS.items():

@@ -21,7 +21,6 @@ LEAST = 2e-4
 
 
 def main() -> None:
-    """Read both files and print."""
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
     parser.add_argument("before", type=Path)
     parser.add_argument("after", type=Path)
@@ -57,12 +56,10 @@ def ratio(own: list[tuple[dict, dict]], kind: str) -> str:
 
 
 def said_of(one: dict) -> str:
-    """What is said of a case."""
     return one["refused"] or ", ".join(one["said"]) or "nothing"
 
 
 def is_other(before: dict, after: dict) -> bool:
-    """Whether something else is said."""
     return said_of(before) != said_of(after)
 
 

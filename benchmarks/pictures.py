@@ -86,7 +86,6 @@ def simulator(names: tuple[str, ...], file: str) -> None:
 
 
 def main() -> None:
-    """Make all of them."""
     simulator(("irb360-6-1600", "h4", "linear-delta"), "mjcf.png")
     with tempfile.TemporaryDirectory() as temporary, sync_api.sync_playwright() as playwright:
         folder = Path(temporary)

@@ -42,11 +42,9 @@ class Counts:
     held: dict[str, list[float]] = field(default_factory=dict)
 
     def count(self, what: str, inside: np.ndarray) -> None:
-        """Some more."""
         self.held.setdefault(what, []).extend(np.ravel(inside).astype(float).tolist())
 
     def share(self, what: str) -> str:
-        """Of them."""
         own = self.held.get(what, [])
         return f"{np.mean(own):.1%} of {len(own)}" if own else "–"
 
@@ -156,7 +154,6 @@ def _percent(share: float) -> str:
 def _count(
     found: Population, truths: np.ndarray, mean: np.ndarray, counts: Counts, what: str
 ) -> None:
-    """What holds of a fit."""
     at = found.free
     for robot, p in zip(found.members, truths, strict=True):
         inside = np.abs(robot.within.value - p) <= robot.within.half
@@ -210,7 +207,6 @@ def strangers(robots: int) -> list[tuple[object, ...]]:
 
 
 def main() -> None:
-    """Study, print, and write tables."""
     robots = int(sys.argv[1]) if len(sys.argv) > 1 else STATED["population"]["robots"]
     types = int(sys.argv[2]) if len(sys.argv) > 2 else STATED["population"]["types"]
     rows, holds = list[tuple[object, ...]](), list[tuple[object, ...]]()

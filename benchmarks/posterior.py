@@ -16,13 +16,13 @@ import time
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
+import _alone  # noqa: F401
 import numpy as np
 from _table import leave
 from scipy import stats
 from scipy.linalg import inv
 from scipy.special import ndtr, ndtri
 
-sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests"))
 from deltaid.dynamics.parameters import least_margin
 from deltaid.identification.demo import demonstrate
 from deltaid.model.model import load
@@ -43,7 +43,6 @@ ALONE = 0.03
 
 
 def main() -> None:
-    """Study, print, and write a table."""
     rows = []
     for name in sys.argv[1:] or ROBOTS:
         with TemporaryDirectory() as folder:
@@ -58,7 +57,6 @@ def main() -> None:
 
 
 def study(name: str, model: IdentifiedModel, truth: np.ndarray) -> tuple[object, ...]:
-    """One row of the table."""
     model.sample(1)
     start = time.process_time()
     thousand = model.sample(1000)
@@ -143,10 +141,8 @@ def truncated(
 ) -> np.ndarray:
     """N(middle, 1) between low and high; a hair from the ends, where rounding is at home."""
     flip = (low + high > 2 * middle) & np.isfinite(low)  # the tail that has digits
-    a, b = (
-        np.where(flip, -(high - middle), low - middle),
-        np.where(flip, middle - low, high - middle),
-    )
+    a = np.where(flip, -(high - middle), low - middle)
+    b = np.where(flip, middle - low, high - middle)
     u = rng.uniform(1e-9, 1 - 1e-9, len(middle))
     below, above = ndtr(a), ndtr(b)
     t = ndtri(below + u * (above - below))

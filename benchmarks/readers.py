@@ -13,6 +13,7 @@ import sys
 import tempfile
 import time
 from collections.abc import Callable
+from functools import partial
 from importlib import import_module
 from pathlib import Path
 from statistics import median
@@ -41,10 +42,8 @@ def frame(samples: int) -> pl.DataFrame:
 
 def arrays(table: pl.DataFrame) -> dict[str, np.ndarray]:
     """Arrays t, q and tau, samples by drives."""
-    parts = {
-        name: table.select(pl.col(f"^{name}\\d$")).to_numpy(order="c") for name in ("q", "tau")
-    }
-    return {"t": table["t"].to_numpy(), **parts}
+    q, tau = (table.select(pl.col(f"^{x}\\d$")).to_numpy(order="c") for x in ("q", "tau"))
+    return {"t": table["t"].to_numpy(), "q": q, "tau": tau}
 
 
 def _csv(table: pl.DataFrame, path: Path, change: Callable[[bytes], bytes] = bytes) -> None:
@@ -55,6 +54,10 @@ def _zstd(data: bytes) -> bytes:
     import zstandard
 
     return zstandard.compress(data)
+
+
+def _by_samples(table: pl.DataFrame, path: Path) -> None:
+    np.savez(path, **{name: np.ascontiguousarray(a.T) for name, a in arrays(table).items()})
 
 
 def _dated(table: pl.DataFrame, path: Path) -> None:
@@ -119,23 +122,17 @@ def _scope(every: int) -> Callable[[pl.DataFrame, Path], None]:
 # Names of kinds, of files, and how these are written.
 WRITERS: dict[str, tuple[str, Callable[[pl.DataFrame, Path], object]]] = {
     "CSV": ("log.csv", _csv),
-    "CSV, gzip": ("log.csv.gz", lambda f, p: _csv(f, p, lambda d: gzip.compress(d, 6))),
-    "CSV, zstd": ("log.csv.zst", lambda f, p: _csv(f, p, _zstd)),
-    "CSV, UTF-16": ("log.csv", lambda f, p: _csv(f, p, lambda d: d.decode().encode("utf-16"))),
+    "CSV, gzip": ("log.csv.gz", partial(_csv, change=partial(gzip.compress, compresslevel=6))),
+    "CSV, zstd": ("log.csv.zst", partial(_csv, change=_zstd)),
+    "CSV, UTF-16": ("log.csv", partial(_csv, change=lambda d: d.decode().encode("utf-16"))),
     "Parquet": ("log.parquet", lambda f, p: f.write_parquet(p)),
     "Parquet, dates and lists": ("log.parquet", _dated),
     "npz": ("log.npz", lambda f, p: np.savez(p, **arrays(f))),
     "npz, compressed": ("log.npz", lambda f, p: np.savez_compressed(p, **arrays(f))),
-    "npz, drives by samples": (
-        "log.npz",
-        lambda f, p: np.savez(p, **{k: np.ascontiguousarray(a.T) for k, a in arrays(f).items()}),
-    ),
+    "npz, drives by samples": ("log.npz", _by_samples),
     "npy, structured": ("log.npy", lambda f, p: np.save(p, f.to_numpy(structured=True))),
     "HDF5": ("log.h5", _hdf5),
-    "HDF5, gzip": (
-        "log.h5",
-        lambda f, p: _hdf5(f, p, chunks=True, compression="gzip", shuffle=True),
-    ),
+    "HDF5, gzip": ("log.h5", partial(_hdf5, chunks=True, compression="gzip", shuffle=True)),
     "MATLAB 5": ("log.mat", lambda f, p: scipy.io.savemat(p, arrays(f))),
     "MATLAB 7": ("log.mat", lambda f, p: scipy.io.savemat(p, arrays(f), do_compression=True)),
     "MATLAB 7.3": ("log.mat", _matlab_73),

@@ -24,11 +24,8 @@ def main(logs: list[Path]) -> None:
     """Identify the axis from each log and compare."""
     deltaid.use_mechanism(EMPS / "mechanism.py")
     rows = [row for log in logs for row in compared(log)]
-    leave(
-        ("recording", "parameter", "identified", "± (95 %)", "unit", "reference", "difference"),
-        rows,
-        "The EMPS axis, prior, mapping and friction law of `examples/emps`.",
-    )
+    head = ("recording", "parameter", "identified", "± (95 %)", "unit", "reference", "difference")
+    leave(head, rows, "The EMPS axis, prior, mapping and friction law of `examples/emps`.")
 
 
 def compared(log: Path) -> list[tuple[str, ...]]:
@@ -40,17 +37,9 @@ def compared(log: Path) -> list[tuple[str, ...]]:
     rows = []
     for name, reference in REFERENCE.items():
         one = found[name]
-        rows.append(
-            (
-                log.stem,
-                name,
-                f"{one.value:.4g}",
-                f"{0.5 * (one.high - one.low):.2g}",
-                one.unit,
-                f"{reference:g}",
-                f"{100 * (one.value / reference - 1):+.2f} %",
-            )
-        )
+        half, off = 0.5 * (one.high - one.low), 100 * (one.value / reference - 1)
+        numbers = f"{one.value:.4g}", f"{half:.2g}", one.unit, f"{reference:g}"
+        rows.append((log.stem, name, *numbers, f"{off:+.2f} %"))
     return rows
 
 

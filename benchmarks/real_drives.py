@@ -11,10 +11,7 @@ stated. With `--keep` it leaves no table but every case in a file, for `paired.p
 it prints every case and the faults drawn for it.
 """
 
-import argparse
 import json
-import os
-import sys
 import time
 from collections import Counter
 from collections.abc import Iterable, Sequence
@@ -22,11 +19,10 @@ from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
 
-os.environ["OPENBLAS_NUM_THREADS"] = "1"
-sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests"))
-
+import _alone  # noqa: F401
 import numpy as np
 from _table import STATED, leave
+from _timing import options
 
 from deltaid.errors import DeltaidError
 from drives import CAUSES, KINDS, ROWS, TIMING, case
@@ -35,16 +31,10 @@ from drives.judge import Judged, judge
 from drives.noise import noise_limit
 
 HEAD = (
-    "recording",
-    "asked: M, friction",
-    "M: median, 90 %, worst",
-    "friction: median, 90 %, worst",
-    "without its constant",
-    "within, n",
-    "noise alone: M, friction, without its constant",
-    "and",
+    "recording", "asked: M, friction", "M: median, 90 %, worst", "friction: median, 90 %, worst",
+    "without its constant", "within, n", "noise alone: M, friction, without its constant", "and",
     "said",
-)
+)  # fmt: skip
 # Asked of M and of friction (%), for nine in ten recordings; three times as much at most.
 ASKED = {
     "clean": (0.1, 0.3),
@@ -118,12 +108,10 @@ class Result:
 
 
 def results(kind: str, seed: int, rows: Sequence[str]) -> list[Result]:
-    """All rows of one robot."""
     return [result(row, kind, seed) for row in rows]
 
 
 def result(row: str, kind: str, seed: int) -> Result:
-    """Make a case, identify, judge."""
     made = case(row, kind, seed)
     limit, start = noise_limit(made), time.process_time()
     try:
@@ -135,7 +123,6 @@ def result(row: str, kind: str, seed: int) -> Result:
 
 
 def line(row: str, outcomes: Sequence[Result]) -> tuple[object, ...]:
-    """A row of the table."""
     judgements = [outcome.judged for outcome in outcomes if outcome.judged is not None]
     inside = [within(outcome) for outcome in outcomes]
     limits = 100 * np.array([outcome.limit for outcome in outcomes])
@@ -257,7 +244,6 @@ def said(outcomes: Sequence[Result]) -> str:
 
 
 def note(seeds: int, kinds: str, seconds: float) -> str:
-    """What stands above the table."""
     return (
         f"Errors in %, {seeds} seeds of {kinds.replace(',', ', ')}. *Within* is the share of "
         "recordings whose errors are within what is asked or within what the noise alone leaves. "
@@ -276,18 +262,11 @@ def kept(outcome: Result) -> dict[str, object]:
             "drawn": list(outcome.drawn)}  # fmt: skip
 
 
-def main() -> int:
-    """Make, identify, judge, write the table."""
-    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
-    parser.add_argument("--rows", default=",".join((*ROWS, *TIMING, *CAUSES)),
-                        help="of rows.py and causes.py; all of both by default")  # fmt: skip
-    parser.add_argument("--kinds", default=",".join(KINDS))
-    parser.add_argument("--seeds", type=int, default=STATED["real_drives"]["seeds"])
-    parser.add_argument("--first", type=int, default=0, help="first seed")
-    parser.add_argument("--processes", type=int, default=2)
-    parser.add_argument("--keep", type=Path, help="file for every case")
-    parser.add_argument("--each", action="store_true", help="print every case")
-    given = parser.parse_args()
+def main() -> None:
+    given = options(
+        __doc__, rows=",".join((*ROWS, *TIMING, *CAUSES)), kinds=",".join(KINDS),
+        seeds=STATED["real_drives"]["seeds"], first=0, processes=2, keep=Path, each=False,
+    )  # fmt: skip
     rows = given.rows.split(",")
     jobs = [(kind, seed, rows) for seed in range(given.first, given.first + given.seeds)
             for kind in given.kinds.split(",")]  # fmt: skip
@@ -299,13 +278,12 @@ def main() -> int:
                 print(*of_robot, sep="\n", flush=True)
     if given.keep:
         given.keep.write_text(json.dumps([kept(outcome) for outcome in found], indent=1))
-        return 0
+        return
     table = [line(row, [outcome for outcome in found if outcome.row == row]) for row in rows]
     seconds = float(np.median([outcome.seconds for outcome in found]))
     kinds = len(given.kinds.split(","))
     leave(HEAD, table, note(given.seeds, given.kinds, seconds), kinds=kinds, seeds=given.seeds)
-    return 0
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    main()

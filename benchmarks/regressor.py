@@ -23,7 +23,6 @@ Pinocchio's result is also an independent check: the run fails if its projected 
 deltaid's inertial columns differ.
 """
 
-import argparse
 import sys
 import time
 from collections.abc import Callable
@@ -32,7 +31,7 @@ import _alone  # noqa: F401
 import casadi as ca
 import numpy as np
 from _pinocchio_delta import BODIES, PARAMETER_ORDER, Array, PinocchioDelta, TreeMotion
-from _timing import machine, measure
+from _timing import machine, measure, options
 
 from deltaid.dynamics.dynamics import Dynamics, SparseRegressor
 from deltaid.robot.load import load_robot
@@ -50,7 +49,7 @@ Motion = tuple[Array, Array, Array]
 
 def main() -> int:
     """Measure, check, print; 1 if the regressors disagree."""
-    arguments = _arguments()
+    arguments = options(__doc__, samples=8_000, repeats=7, seed=0)
     dynamics = Dynamics(load_robot(ROBOT))
     motion = random_motion(dynamics, arguments.samples, np.random.default_rng(arguments.seed))
     tree = PinocchioDelta(dynamics.robot)
@@ -141,7 +140,6 @@ def _inertial_columns(
 
 
 def _print_table(speeds: dict[str, float]) -> None:
-    """Speeds and how many times faster deltaid on one core is."""
     print(f"{'':30} {'samples/s':>12} {'a is faster by':>15}")
     for name, speed in speeds.items():
         ratio = "" if name == OURS else f"{speeds[OURS] / speed:15.2f}"
@@ -160,16 +158,6 @@ def _verdict(errors: dict[str, float], gap: float) -> int:
     if bad:
         print(f"DISAGREEMENT beyond {TOLERANCE:g}: {', '.join(bad)}", file=sys.stderr)
     return 1 if bad else 0
-
-
-def _arguments() -> argparse.Namespace:
-    parser = argparse.ArgumentParser(description="regressor evaluations a second on one core")
-    parser.add_argument("--samples", type=int, default=8_000, help="samples in a batch, a window")
-    parser.add_argument(
-        "--repeats", type=int, default=7, help="repeats, of which the median counts"
-    )
-    parser.add_argument("--seed", type=int, default=0)
-    return parser.parse_args()
 
 
 if __name__ == "__main__":

@@ -10,7 +10,6 @@ own kernels, and each recorded number changed by 1e-12 of itself. Prints which d
 their 95 % intervals. Leaves `tables/same_answer.md`.
 """
 
-import argparse
 import json
 import os
 import subprocess
@@ -25,6 +24,7 @@ import _alone  # noqa: F401
 import numpy as np
 import polars as pl
 from _table import STATED, leave
+from _timing import options
 
 from deltaid.checks.identify import identify
 from deltaid.errors import DeltaidError
@@ -129,7 +129,6 @@ def changed(log: pl.DataFrame, change: float) -> pl.DataFrame:
 
 
 def half_width(low: float, high: float) -> float:
-    """Of an interval."""
     return (high - low) / 2
 
 
@@ -190,15 +189,8 @@ def kind(row: str) -> int:
 
 
 def main() -> None:
-    """Identify on all machines, print, and write the table."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--recordings", type=int, default=STATED["same_answer"]["recordings"])
-    parser.add_argument("--processes", type=int, default=os.cpu_count() or 1)
-    parser.add_argument(
-        "--keep", type=Path, help="folder for recordings and answers, to go on later"
-    )
-    parser.add_argument("--answers", action="store_true", help="of this machine alone")
-    asked = parser.parse_args()
+    count, processes = STATED["same_answer"]["recordings"], os.cpu_count() or 1
+    asked = options(__doc__, recordings=count, processes=processes, keep=Path, answers=False)
     if asked.answers:
         for k in range(len(list(asked.keep.glob("recording-*")))):
             print(json.dumps(answer(asked.keep / f"recording-{k}")), flush=True)

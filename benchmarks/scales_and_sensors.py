@@ -33,7 +33,6 @@ def weigh(share: float, quantity: str = "mass", **more: object) -> dict[str, obj
 
 
 def sensor(**described: object) -> dict[str, object]:
-    """An offer of one sensor."""
     return {"title": "sensor", "price": 1.0, "sensors": {"one": described}}
 
 
@@ -77,7 +76,6 @@ def plan(robot: str, seed: int, goal: str = "bodies") -> SensorPlan:
 
 
 def main() -> None:
-    """Plan and print."""
     robot = sys.argv[1] if len(sys.argv) > 1 else "clavel-delta3"
     plans = [plan(robot, seed) for seed in range(SEEDS)]
     entries = [name for name in ENTRIES if name in plans[0].unknowns.names]

@@ -8,11 +8,8 @@ all poses and robots, as a share of the largest entry of its pose's result. The 
 same code with every number a single float. Leaves `tables/single_precision.md`.
 """
 
-import argparse
-import ctypes
-import shutil
-import subprocess
 import tempfile
+from contextlib import nullcontext
 from pathlib import Path
 from unittest.mock import patch
 
@@ -20,9 +17,10 @@ import _alone  # noqa: F401
 import casadi as ca
 import numpy as np
 from _table import leave
+from _timing import options
 
+from c_library import Library, build
 from deltaid.dynamics.parameters import prior_parameters
-from deltaid.exports.c_code import c_code
 from deltaid.exports.digits import Care
 from deltaid.exports.text import SINGLE
 from deltaid.joint_forces.constraint_forces import ConstraintForces
@@ -30,9 +28,9 @@ from deltaid.model.model import Model
 from deltaid.robot.load import load_robot
 from exports import floats
 
-ROBOTS = (
+ROBOTS = [
     "clavel-delta3", "irb360-6-1600", "linear-delta", "h4", "par4", "i4-linear", "par4-linear",
-)  # fmt: skip
+]  # fmt: skip
 BINS, EACH, DRAWN = ((1, 10), (10, 30), (30, 100)), 60, 40_000
 NOTE = """Largest difference of exported C code in single precision from the package at the same
 floats, as a share of the largest entry of each result, by the condition of the Jacobian; the last
@@ -40,11 +38,8 @@ columns with every number a single float. `gcc -O2`."""
 
 
 def main() -> None:
-    """Measure and leave the table."""
-    parser = argparse.ArgumentParser(description=__doc__.split("\n", 1)[0])
-    parser.add_argument("robots", nargs="*", default=ROBOTS)
     worst: dict[str, np.ndarray] = {}
-    robots = parser.parse_args().robots
+    robots = options(__doc__, robots=ROBOTS).robots
     for name in robots:
         robot = load_robot(name)
         model = Model(robot, floats(prior_parameters(robot)), name)
@@ -123,41 +118,24 @@ GIVEN = {
 def single(
     model: Model, z: np.ndarray, wanted: dict[str, np.ndarray], *, plain: bool
 ) -> dict[str, np.ndarray]:
-    """The same of the exported code."""
+    none = patch.object(Care, "pairs", lambda *_: frozenset[int]()) if plain else nullcontext()
     with tempfile.TemporaryDirectory() as folder:
-        library, found = compiled(model, Path(folder), plain=plain), {}
-        for name, inputs in GIVEN.items():
-            given = [np.ascontiguousarray(wanted[x], np.float32) for x in inputs.split()]
-            results = np.full(wanted[name].shape, np.nan, np.float32)
-            function = getattr(library, f"r_{name}")
-            for i in range(len(z)):
-                out = (
-                    results[i].ravel()
-                    if name != "forward_kinematics"
-                    else (z[i] + 2e-3).astype(np.float32)
-                )
-                pose = [(z[i] + 2e-3).astype(np.float32)] if name == "inverse_dynamics" else []
-                arrays = [*(x[i] for x in given), *pose, out]
-                status = function(*(ctypes.c_void_p(x.ctypes.data) for x in arrays))
-                results[i] = np.nan if status else out.reshape(results[i].shape)
-            found[name] = results.astype(float)
-    return found
+        with none:
+            further = ("constraint-forces",)
+            library = build(model, Path(folder), "-O2", precision=SINGLE, further=further)
+        return {name: called(library, name, z, wanted) for name in GIVEN}
 
 
-def compiled(model: Model, work: Path, *, plain: bool) -> ctypes.CDLL:
-    """The export of a model as a library."""
-    none = patch.object(Care, "pairs", lambda *_: frozenset[int]())
-    if plain:
-        none.start()
-    code = c_code(model, "r", SINGLE, ("constraint-forces",))
-    if plain:
-        none.stop()
-    (work / "r.h").write_text(code.text(".h"))
-    (work / "r.c").write_text(code.text(".c"))
-    compiler = shutil.which("gcc") or shutil.which("cc") or "cc"
-    command = [compiler, "-std=c99", "-O2", "-shared", "-fPIC", "r.c", "-o", "r.so", "-lm"]
-    subprocess.run(command, cwd=work, check=True)
-    return ctypes.CDLL(str(work / "r.so"))
+def called(library: Library, name: str, z: np.ndarray, wanted: dict[str, np.ndarray]) -> np.ndarray:
+    """A function at every pose; NaN where it fails. Poses that are searched start near theirs."""
+    results, near = np.full(wanted[name].shape, np.nan), z + 2e-3
+    for i in range(len(z)):
+        given = [wanted[x][i] for x in GIVEN[name].split()]
+        out = near[i].copy() if name == "forward_kinematics" else results[i].ravel()
+        outs = (near[i].copy(), out) if name == "inverse_dynamics" else (out,)
+        if not library.fill(name, *given, outs=outs):
+            results[i] = out.reshape(results[i].shape)
+    return results
 
 
 if __name__ == "__main__":

@@ -8,7 +8,6 @@ since a search whose numbers are rounded otherwise ends elsewhere. Each kernel h
 own, one after the other. Leaves `tables/slow_drive4.md`.
 """
 
-import argparse
 import json
 import math
 import os
@@ -21,6 +20,7 @@ from typing import Any
 import _alone  # noqa: F401
 import numpy as np
 from _table import STATED, leave
+from _timing import options
 
 from deltaid.reproduce.irb360 import (
     BASE,
@@ -67,7 +67,6 @@ largest speed and acceleration are {speed} °/s and {acceleration} °/s² to ide
 
 
 def run(settings: RecordingSettings) -> dict[str, Any]:
-    """Numbers of one run, in this process."""
     result = reproduce_irb360(settings)
     chosen = result.models[CHOSEN]
     choice, law = chosen.friction_choice, chosen.robot.friction.get("drive4")
@@ -134,7 +133,6 @@ def span(values: Sequence[float], digits: int = 2) -> str:
 
 
 def rows(found: dict[str, list[dict[str, Any]]], seeds: Sequence[int]) -> list[list[str]]:
-    """Of the table."""
     every, table = [run for runs in found.values() for run in runs], []
     for name, (words, paper) in MODELS.items():
         own = [span([run["slow"][name] for run in runs]) for runs in found.values()]
@@ -180,12 +178,7 @@ def note(every: list[dict[str, Any]], seeds: int, example: str) -> str:
 
 
 def main() -> None:
-    """Reproduce on all kernels, print, and write the table."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--seeds", type=int, default=STATED["slow_drive4"]["seeds"])
-    parser.add_argument("--quick", action="store_true", help="motions of 10 s, as the tests have")
-    parser.add_argument("--runs", action="store_true", help="of this process alone")
-    asked = parser.parse_args()
+    asked = options(__doc__, seeds=STATED["slow_drive4"]["seeds"], quick=False, runs=False)
     settings = QUICK if asked.quick else RecordingSettings()
     # Each start of a search has a seed of its own, from the run's seed on: no run has another's.
     seeds = range(0, asked.seeds * settings.starts, settings.starts)

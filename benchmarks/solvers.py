@@ -37,8 +37,6 @@ REPEATS, CPU = 3, time.process_time
 
 
 class Swing:
-    """The robot, its springs, and its energy."""
-
     def __init__(self) -> None:
         robot = load_robot("clavel-delta3")
         self.forward, self.p = ForwardDynamics(robot), prior_parameters(robot)
@@ -67,7 +65,6 @@ class Swing:
 
 
 def main() -> None:
-    """Measure and print."""
     swing = Swing()
     start = np.append(swing.home, swing.zd)
     print(f"{machine()}\n")
@@ -82,7 +79,6 @@ def main() -> None:
 
 
 def report(name: str, swing: Swing, run: Callable[[], tuple[Array, Array]]) -> None:
-    """One line."""
     seconds, drift = measure(run, REPEATS, CPU), swing.drift(*run())
     print(f"{name:22}{seconds:8.3f} s   energy {drift:8.1e}")
 

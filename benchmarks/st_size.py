@@ -16,7 +16,6 @@ from deltaid.model.model import load
 
 
 def main() -> None:
-    """Print."""
     for name in sys.argv[1:] or ["irb360-6-1600"]:
         model = load(name)
         for precision in (DOUBLE, SINGLE):
@@ -34,7 +33,6 @@ def main() -> None:
 
 
 def taken(unit: Unit, precision: Precision) -> int:
-    """Bytes of a unit's variables."""
     real = 8 if precision is DOUBLE else 4
     each = {"INT": 2, "BOOL": 1, precision.st_type: real}
 

@@ -12,7 +12,6 @@ fluid all other tabs are; the longest gap between two frames says it of this one
 script of Python that the studio has shown is run in its folder, and compared by what it makes.
 """
 
-import argparse
 import contextlib
 import http.client
 import sys
@@ -27,6 +26,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests"))
 import numpy as np
 import polars as pl
 from _table import STATED, leave
+from _timing import options
 from playwright import sync_api
 
 from deltaid.dynamics.dynamics import compiled
@@ -125,7 +125,6 @@ class Keyboard:
 
 
 def visit(page: sync_api.Page, pings: Pings, log: Path, table: list[tuple[str, str]]) -> None:
-    """The whole way."""
     keys = Keyboard(page)
     begun = time.perf_counter()
     page.goto(pings.studio.address)
@@ -209,7 +208,6 @@ def memory(pid: int) -> str:
 
 
 def scripts(work: Path, table: list[tuple[str, str]]) -> None:
-    """Run every Python text that the studio has kept, in its folder."""
     for run in reversed(runs(Folder.open(work))):
         if not run.succeeded:
             raise SystemExit(f"{run.name} failed: {run.command}")
@@ -241,10 +239,7 @@ def pictures(browser: sync_api.Browser, studio: Studio, folder: Path) -> None:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--samples", type=int, default=STATED["studio"]["samples"])
-    parser.add_argument("--picture", type=Path, help="folder for pictures of the docs")
-    given = parser.parse_args()
+    given = options(__doc__, samples=STATED["studio"]["samples"], picture=Path)
     table: list[tuple[str, str]] = [("samples", f"{given.samples:,}".replace(",", " "))]
     with tempfile.TemporaryDirectory() as temporary:
         place = Path(temporary)

@@ -12,7 +12,6 @@ when; or it knows only that the gripper holds, and `deltaid.Online` estimates th
 Leaves `tables/tracking_load.md`, which `docs/simulation.md` explains.
 """
 
-import argparse
 import sys
 import tempfile
 from dataclasses import dataclass
@@ -21,6 +20,7 @@ from pathlib import Path
 import _alone  # noqa: F401
 import numpy as np
 from _table import leave
+from _timing import options
 
 from deltaid.control.controllers import Controller, ControlModel, Desired, MeasuredState
 from deltaid.control.infeasible import of_motion
@@ -57,7 +57,6 @@ class Picks:
         return 2 * CYCLES * (self.way + REST)
 
     def evaluate(self, time: np.ndarray) -> tuple[Samples, Samples, Samples]:
-        """z, ż, z̈."""
         half = self.way + REST
         number, inside = np.divmod(np.clip(time, 0, self.duration - 1e-9), half)
         side = np.where(number % 2 == 0, 1.0, -1.0)
@@ -152,12 +151,8 @@ def errors(result: Tracking, picks: Picks) -> str:
 
 
 def main() -> None:
-    """Run all and leave the table."""
-    parser = argparse.ArgumentParser(description=__doc__.split("\n", 1)[0])
-    parser.add_argument("--robots", default="clavel-delta3,irb360-6-1600")
-    parser.add_argument("--loads", default="0.5,1,3")
-    parser.add_argument("--bandwidths", default="10,20")
-    chosen = parser.parse_args()
+    robots = "clavel-delta3,irb360-6-1600"
+    chosen = options(__doc__, robots=robots, loads="0.5,1,3", bandwidths="10,20")
     rows = []
     for name in chosen.robots.split(","):
         with tempfile.TemporaryDirectory() as folder:

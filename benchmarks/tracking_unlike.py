@@ -11,7 +11,6 @@ So the plant spoils the recording, the identification and the run. Leaves
 `tables/tracking_unlike.md`, which `docs/simulation.md` explains.
 """
 
-import argparse
 import sys
 import tempfile
 from dataclasses import dataclass
@@ -21,6 +20,7 @@ import _alone  # noqa: F401
 import numpy as np
 import polars as pl
 from _table import STATED, leave
+from _timing import options
 
 from deltaid.control.comparison import base_vector
 from deltaid.control.controllers import ControlModel
@@ -58,7 +58,6 @@ class Case:
 
 
 def made(name: str, robot: RobotDescription, rng: np.random.Generator) -> Case:
-    """A plant of the table."""
     robot = robot.changed(rotor_inertia=dict.fromkeys(robot.drives, ROTOR))
     robot = with_prior(robot, surrogate_parameters(robot, rng))
 
@@ -102,7 +101,6 @@ def other_lengths(robot: RobotDescription, rng: np.random.Generator) -> RobotDes
 
 
 def recorded(run: Tracking, rng: np.random.Generator) -> pl.DataFrame:
-    """What the drives log."""
     noise = NOISE * np.abs(run.tau).max(axis=0) * rng.standard_normal(run.tau.shape)
     columns = {"t": run.time}
     for name, values in (("q", run.q), ("tau", run.tau + noise)):
@@ -165,12 +163,8 @@ def rms(x: np.ndarray) -> float:
 
 
 def main() -> None:
-    """Run all and leave the table."""
-    parser = argparse.ArgumentParser(description=__doc__.split("\n", 1)[0])
-    parser.add_argument("--robot", default="clavel-delta3")
-    parser.add_argument("--plants", default=",".join(PLANTS))
-    parser.add_argument("--seeds", type=int, default=STATED["tracking_unlike"]["robots"])
-    chosen = parser.parse_args()
+    seeds = STATED["tracking_unlike"]["robots"]
+    chosen = options(__doc__, robot="clavel-delta3", plants=",".join(PLANTS), seeds=seeds)
     robot = load_robot(chosen.robot)
     robot = robot.changed(rotor_inertia=dict.fromkeys(robot.drives, 1.3 * ROTOR))
     rows = []

@@ -9,7 +9,6 @@ how to see it again; the second prints all verdicts on one case (KIND `clean` fo
 tests run a few (`tests/test_verdicts.py`).
 """
 
-import argparse
 import os
 import time
 from collections import Counter
@@ -19,6 +18,7 @@ from dataclasses import dataclass
 
 import _alone  # noqa: F401
 from _table import STATED, leave
+from _timing import options
 
 from deltaid.model.verdict import Grade
 from faults import KINDS, Case, clean, faulty
@@ -40,7 +40,6 @@ class Result:
 
 
 def made(kind: str, seed: int) -> Case:
-    """A case by its name."""
     return clean(seed) if kind == "clean" else faulty(kind, seed)
 
 
@@ -58,7 +57,6 @@ def result(kind: str, seed: int) -> Result:
 
 
 def rows(results: list[Result]) -> Iterable[tuple[object, ...]]:
-    """One line a kind of recording."""
     for kind in dict.fromkeys(result.kind for result in results):
         scores = [result.score for result in results if result.kind == kind]
         counts = Counter(key for score in scores for key in {f"{k} ({g})" for k, g in score.said})
@@ -68,7 +66,6 @@ def rows(results: list[Result]) -> Iterable[tuple[object, ...]]:
 
 
 def summary(results: list[Result]) -> str:
-    """The figures that count."""
     ok = [result for result in results if result.kind == "clean"]
     bad = [result for result in results if result.kind != "clean"]
     lines = []
@@ -97,7 +94,6 @@ def missed(results: list[Result]) -> str:
 
 
 def show(kind: str, seed: int) -> None:
-    """Print a case and all verdicts on it."""
     case = made(kind, seed)
     s = case.setting
     print(f"{case.robot.name}: {case.kind}, {case.size}; expected {case.keys} {case.subject}")
@@ -116,16 +112,11 @@ def show(kind: str, seed: int) -> None:
 
 
 def main() -> None:
-    """Judge, count, write the table."""
-    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
-    parser.add_argument("--clean", type=int, default=STATED["verdicts"]["clean"])
-    parser.add_argument("--faulty", type=int, default=STATED["verdicts"]["faulty"])
-    parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--kinds", default=",".join(KINDS))
-    parser.add_argument("--only")
-    parser.add_argument("--show", action="store_true")
-    parser.add_argument("--processes", type=int, default=os.cpu_count())
-    given = parser.parse_args()
+    stated = STATED["verdicts"]
+    given = options(
+        __doc__, clean=stated["clean"], faulty=stated["faulty"], seed=1, kinds=",".join(KINDS),
+        only=str, show=False, processes=os.cpu_count() or 1,
+    )  # fmt: skip
     if given.only and given.show:
         show(given.only, given.seed)
         return

@@ -7,7 +7,6 @@ columns are compared with the true ones. Writes `tables/wiring.md`: so far of tw
 are stated.
 """
 
-import argparse
 import time
 from collections import Counter
 from collections.abc import Callable
@@ -18,6 +17,7 @@ import _alone  # noqa: F401
 import numpy as np
 import polars as pl
 from _table import STATED, leave
+from _timing import options
 
 from deltaid.checks.evidence import evidence
 from deltaid.checks.verdicts import changes, mended
@@ -165,7 +165,6 @@ def _names(found: list[Verdict], fault: Fault, drives: set[str]) -> bool:
 
 
 def rows(results: dict[tuple[str, str], list[Result]]) -> list[tuple[object, ...]]:
-    """One a fault and motion."""
     out = list[tuple[object, ...]]()
     for (fault, motion), of in results.items():
         good = [not r.called if fault == "none" else r.named for r in of]
@@ -177,14 +176,10 @@ def rows(results: dict[tuple[str, str], list[Result]]) -> list[tuple[object, ...
 
 
 def main() -> None:
-    """Judge, count, write the table."""
-    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
-    parser.add_argument("--seeds", type=int, default=STATED["wiring"]["seeds"])
-    parser.add_argument("--first", type=int, default=0)
-    parser.add_argument("--kinds", default=",".join(KINDS))
-    parser.add_argument("--motions", default=",".join(("fourier", *MOTIONS)))
-    parser.add_argument("--faults", default=",".join(FAULTS))
-    given, results = parser.parse_args(), dict[tuple[str, str], list[Result]]()
+    seeds, kinds, faults = STATED["wiring"]["seeds"], ",".join(KINDS), ",".join(FAULTS)
+    every = ",".join(("fourier", *MOTIONS))
+    given = options(__doc__, seeds=seeds, first=0, kinds=kinds, motions=every, faults=faults)
+    results = dict[tuple[str, str], list[Result]]()
     names, motions = given.faults.split(","), given.motions.split(",")
     for seed in range(given.first, given.first + given.seeds):
         for kind in given.kinds.split(","):
