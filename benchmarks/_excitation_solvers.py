@@ -148,9 +148,11 @@ def run_slsqp(problem: ExcitationProblem, x_0: np.ndarray, budget: float) -> Tra
 
 def run_ipopt(problem: ExcitationProblem, x_0: np.ndarray, budget: float) -> Trace:
     functions = Differences(problem, budget)
-    shape = (1 + len(problem.two_sided), len(x_0))
-    callback = _Values(functions, shape)
-    x = ca.MX.sym("x", shape[1])
+    rows, n, dense = 1 + len(problem.two_sided), len(x_0), ca.Sparsity.dense
+    inputs = [dense(n, 1), ca.Sparsity(rows, 1)]
+    slopes = _Callback(functions.slopes, inputs, dense(rows, n))
+    callback = _Callback(functions.values, inputs[:1], dense(rows, 1), slopes)
+    x = ca.MX.sym("x", n)
     out = callback(x)
     low, high = np.transpose(problem.series.bounds())
 
@@ -171,51 +173,36 @@ def run_ipopt(problem: ExcitationProblem, x_0: np.ndarray, budget: float) -> Tra
     return _until_time_is_up("CasADi IPOPT", solve, x_0, functions)
 
 
-class _Values(ca.Callback):
-    """Objective and limits as a CasADi function of the unknowns."""
+class _Callback(ca.Callback):
+    """Objective and limits as a CasADi function of the unknowns, or (with two inputs, the second of
+    which is not needed) their Jacobian."""
 
-    def __init__(self, functions: Differences, shape: tuple[int, int]) -> None:
+    def __init__(
+        self, function: Callable[[np.ndarray], np.ndarray], inputs: list[ca.Sparsity],
+        output: ca.Sparsity, jacobian: ca.Callback | None = None,
+    ) -> None:  # fmt: skip
         ca.Callback.__init__(self)
-        self._functions, self._shape = functions, shape
-        self._slopes = _Slopes(functions, shape)
-        self.construct("values", {})
-
-    def get_sparsity_in(self, _: int) -> ca.Sparsity:
-        return ca.Sparsity.dense(self._shape[1], 1)
-
-    def get_sparsity_out(self, _: int) -> ca.Sparsity:
-        return ca.Sparsity.dense(self._shape[0], 1)
-
-    def has_jacobian(self) -> bool:
-        return True
-
-    def get_jacobian(self, *_: object) -> ca.Callback:
-        return self._slopes
-
-    def eval(self, arguments: list[ca.DM]) -> list[np.ndarray]:
-        return [self._functions.values(np.array(arguments[0]).ravel())]
-
-
-class _Slopes(ca.Callback):
-    """Their Jacobian; its second argument, the value, is not needed."""
-
-    def __init__(self, functions: Differences, shape: tuple[int, int]) -> None:
-        ca.Callback.__init__(self)
-        self._functions, self._shape = functions, shape
-        self.construct("slopes", {})
+        self._function, self._inputs, self._output = function, inputs, output
+        self._jacobian = jacobian
+        self.construct("slopes" if jacobian is None else "values", {})
 
     def get_n_in(self) -> int:
-        return 2
+        return len(self._inputs)
 
     def get_sparsity_in(self, i: int) -> ca.Sparsity:
-        rows, columns = self._shape
-        return ca.Sparsity.dense(columns, 1) if i == 0 else ca.Sparsity(rows, 1)
+        return self._inputs[i]
 
     def get_sparsity_out(self, _: int) -> ca.Sparsity:
-        return ca.Sparsity.dense(*self._shape)
+        return self._output
+
+    def has_jacobian(self) -> bool:
+        return self._jacobian is not None
+
+    def get_jacobian(self, *_: object) -> ca.Callback | None:
+        return self._jacobian
 
     def eval(self, arguments: list[ca.DM]) -> list[np.ndarray]:
-        return [self._functions.slopes(np.array(arguments[0]).ravel())]
+        return [self._function(np.array(arguments[0]).ravel())]
 
 
 def _until_time_is_up(

@@ -102,27 +102,13 @@ def production_of(
     recording: float = 20.0,
 ) -> Production:
     """Draw robots of a type and identify each of them from a recording of its own."""
-    robot, rng = load_robot(name), np.random.default_rng([seed, 1])
-    truth, models, largest, fastest, all_strange = [], [], [], [], []
+    robot, rng, drawn = load_robot(name), np.random.default_rng([seed, 1]), []
     for _ in range(robots):
         p, own = surrogate_parameters(robot, rng), strange or Strange.drawn(rng)
-        model, sizes = _identified(robot, p, payload, own, noise, recording, rng)
-        all_strange.append(own)
-        truth.append(p)
-        models.append(model)
-        largest.append(sizes[0])
-        fastest.append(sizes[1])
-    speed = np.median(fastest, axis=0)
-    return Production(
-        robot,
-        np.array(truth),
-        tuple(models),
-        payload,
-        tuple(all_strange),
-        noise,
-        np.array(largest),
-        speed,
-    )
+        drawn.append((p, own, *_identified(robot, p, payload, own, noise, recording, rng)))
+    truth, each, models, largest, fastest = zip(*drawn, strict=True)
+    speed, sizes = np.median(fastest, axis=0), np.array(largest)
+    return Production(robot, np.array(truth), models, payload, each, noise, sizes, speed)
 
 
 def _identified(
@@ -133,7 +119,7 @@ def _identified(
     noise: float,
     duration: float,
     rng: np.random.Generator,
-) -> tuple[Model, tuple[np.ndarray, np.ndarray]]:
+) -> tuple[Model, np.ndarray, np.ndarray]:
     """A robot's model from a recording, and the largest torques and speeds of its cycles.
 
     Half of it is a random motion, as fast as the drives allow, half are cycles without a load.
@@ -162,7 +148,7 @@ def _identified(
     settings = Settings(
         friction="described", events=False, lag="none", compliance="none", effects="none"
     )
-    return load(identify(robot, data, settings=settings, force=True)), (largest, fastest)
+    return load(identify(robot, data, settings=settings, force=True)), largest, fastest
 
 
 def coefficients(robot: RobotDescription, p: np.ndarray) -> Float[np.ndarray, "2 *robots dof"]:

@@ -53,11 +53,9 @@ MM = ("before", "predicted", "true")
 
 def robot() -> deltaid.RobotDescription:
     text = deltaid.load_robot("clavel-delta3")
-    limbs = text.limbs.changed(
-        base_radius=BASE, platform_radius=PLATFORM, upper_arm=ARM, strut=STRUT
-    )
+    lengths = {"base_radius": BASE, "platform_radius": PLATFORM, "upper_arm": ARM, "strut": STRUT}
     space = {"shape": "cylinder", "radius": RADIUS, "z": (LOW, HIGH)}
-    return text.changed(limbs=limbs, workspace=space)
+    return text.changed(limbs=text.limbs.changed(**lengths), workspace=space)
 
 
 def disc(rng: np.random.Generator, count: int, height: float) -> np.ndarray:
@@ -103,16 +101,12 @@ class Study:
 
     def spans(self, heights: tuple[float, ...]) -> dict[str, np.ndarray]:
         """18 distances a height."""
-        ends = [
-            np.vstack([disc(self.rng, 18, LOW + 0.01 + height) for height in heights]) for _ in "ab"
-        ]
-        a, b = (self.real(self.drives(x), x) for x in ends)
-        length = np.linalg.norm(a - b, axis=1)
-        columns = {
-            f"{end}_{axis}": x[:, k]
-            for end, x in zip("ab", ends, strict=True)
-            for k, axis in enumerate("xyz")
-        }
+        columns, ends = {}, []
+        for end in "ab":
+            x = np.vstack([disc(self.rng, 18, LOW + 0.01 + height) for height in heights])
+            columns |= {f"{end}_{axis}": x[:, k] for k, axis in enumerate("xyz")}
+            ends.append(self.real(self.drives(x), x))
+        length = np.linalg.norm(ends[0] - ends[1], axis=1)
         return columns | {"distance": length + self.rng.normal(0, CALLIPER, len(length))}
 
     def measured(self, name: str) -> dict[str, dict[str, np.ndarray]]:
@@ -182,10 +176,9 @@ def main() -> None:
     machines = given.machines
     delta = deltaid.Kinematics(robot())
     head = ["instruments, or robot", "rank", *(f"{what}, mm" for what in MM), "95 % hold", "time"]
-    rows = [row(name, delta, DRAWING, machines) for name in SETS]
-    rows += [
-        row(name, deltaid.Kinematics(name), drawing, machines) for name, drawing in DRAWINGS.items()
-    ]
+    kinds = [(name, delta, DRAWING) for name in SETS]
+    kinds += [(name, deltaid.Kinematics(name), drawing) for name, drawing in DRAWINGS.items()]
+    rows = [row(*kind, machines) for kind in kinds]
     note = f"Errors of position of {machines} machines a row after calibration, rms."
     leave(head, rows, note, machines=machines)
 

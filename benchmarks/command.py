@@ -95,7 +95,8 @@ def main() -> None:
                 _print_before(folder / f"{size}.{suffix}", arguments.before, arguments.repeats)
             return
         for kind, suffix in KINDS.items():
-            costs = {size: cost(folder, size, suffix, arguments.repeats) for size in sizes}
+            logs = {size: folder / f"{size}.{suffix}" for size in sizes}
+            costs = {size: _cost(_identify(logs[size]), arguments.repeats) for size in sizes}
             _print_table(kind, costs, folder, suffix)
         _print_stages(folder / f"{min(sizes[-1], USUAL)}.csv", arguments.repeats)
         _print_rates(folder, arguments.repeats, arguments.seed)
@@ -123,15 +124,6 @@ def write_logs(folder: Path, samples: int, seed: int) -> None:
     pl.scan_csv(path).sink_parquet(path.with_suffix(".parquet"))
 
 
-def cost(folder: Path, samples: int, suffix: str, repeats: int) -> Cost:
-    """What `deltaid identify` costs on one log.
-
-    Raises:
-        RuntimeError: the command failed.
-    """
-    return _cost(_identify(folder / f"{samples}.{suffix}"), repeats)
-
-
 def _identify(log: Path) -> list[str]:
     return ["identify", ROBOT, str(log), "--output", str(log.with_name("model.yaml"))]
 
@@ -144,7 +136,8 @@ def _print_before(log: Path, sources: Path, repeats: int) -> None:
 
 
 def _cost(arguments: list[str], repeats: int, sources: Path | None = None) -> Cost:
-    """Medians over some runs of `deltaid ARGUMENTS`, of other sources if these are given."""
+    """Medians over some runs of `deltaid ARGUMENTS`, of other sources if these are given; a
+    RuntimeError where the command fails."""
     runs: list[tuple[float, float, float]] = []
     other = {} if sources is None else {"PYTHONPATH": str(sources)}
     for _ in range(repeats):
@@ -161,12 +154,12 @@ def _cost(arguments: list[str], repeats: int, sources: Path | None = None) -> Co
 
 def stages(log: Path) -> dict[str, float]:
     """CPU seconds of each stage of one `identify` call, named by what it announces."""
-    marks: list[tuple[str, float]] = []
-    identify(
-        load_robot(ROBOT),
-        [log],
-        progress=lambda text: marks.append((text.split()[0], time.process_time())),
-    )
+    marks = list[tuple[str, float]]()
+
+    def mark(text: str) -> None:
+        marks.append((text.split()[0], time.process_time()))
+
+    identify(load_robot(ROBOT), [log], progress=mark)
     marks.append(("", time.process_time()))
     found = dict.fromkeys((name for name, _ in marks[:-1]), 0.0)
     for (name, start), (_, end) in itertools.pairwise(marks):

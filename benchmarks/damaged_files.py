@@ -65,7 +65,8 @@ def main() -> None:
     given = parser.parse_args()
     rows = {name: cases for name, cases in _rows(given.count).items() if given.row in name}
     if given.worker is not None:
-        _run(_share(rows, given.worker, given.workers), given.results, given.inputs, given.seed)
+        own = dict(list(rows.items())[given.worker :: given.workers])
+        _run(own, given.results, given.inputs, given.seed)
         return
     with tempfile.TemporaryDirectory() as folder, ThreadPoolExecutor(given.workers) as pool:
         inputs = given.inputs or Path(folder) / "inputs"
@@ -75,14 +76,10 @@ def main() -> None:
                 _make(inputs)
             command = [sys.executable, __file__, *sys.argv[1:], "--inputs", str(inputs)]
             command += ["--results", str(results), "--workers", str(given.workers)]
-            shares = [_share(rows, worker, given.workers) for worker in range(given.workers)]
-            work = partial(_supervise, command, results)
-            list(pool.map(work, range(given.workers), shares))
+            workers = range(given.workers)
+            shares = [dict(list(rows.items())[worker :: given.workers]) for worker in workers]
+            list(pool.map(partial(_supervise, command, results), workers, shares))
         _leave_table(rows, _ended(results))
-
-
-def _share(rows: Rows, worker: int, workers: int) -> Rows:
-    return dict(list(rows.items())[worker::workers])
 
 
 def _rows(count: int) -> Rows:

@@ -30,7 +30,6 @@ from deltaid.dynamics.forward_dynamics import compiled_forward
 from deltaid.dynamics.limits import effort_limits
 from deltaid.dynamics.task_dynamics import TaskDynamics
 from deltaid.kernel.batch import BatchKernel
-from deltaid.model.model import Model
 from deltaid.robot.description import RobotDescription
 
 __all__ = ["Produced", "Production", "produced", "production_of"]
@@ -79,21 +78,15 @@ def produced(
     return _run(kind, ways, picks, pushes, np.arange(n) / RATE, np.random.default_rng(seed), begin)
 
 
-@dataclass(frozen=True, eq=False)
 class _Plants:
     """Kernels in which every robot has parameters of its own."""
 
-    step: BatchKernel
-    coordinates: BatchKernel
-    pushed: BatchKernel
-
-    @classmethod
-    def of(cls, robot: RobotDescription) -> "_Plants":
+    def __init__(self, robot: RobotDescription) -> None:
         forward = compiled_forward(robot)
         e, known = forward.equations, forward._step_kernel  # pyright: ignore[reportPrivateUsage]
         x, p = ca.SX.sym("x", known.n_in), ca.SX.sym("p", known.n_uniform)
-        step = BatchKernel(ca.vertcat(x, p), known.function(x, p))
-        return cls(step, BatchKernel(e.z, e.q), BatchKernel(e.z, _levers(robot, e)))
+        self.step = BatchKernel(ca.vertcat(x, p), known.function(x, p))
+        self.coordinates, self.pushed = (BatchKernel(e.z, y) for y in (e.q, _levers(robot, e)))
 
 
 def _levers(robot: RobotDescription, e: TaskDynamics) -> ca.SX:
@@ -113,20 +106,17 @@ def _run(
     begin: float,
 ) -> Produced:
     robot, count, n = kind.robot, len(ways), len(time)
-    plants, dof = _Plants.of(robot), len(robot.drives)
+    plants, dof = _Plants(robot), len(robot.drives)
     wanted = np.stack([w.q[:n] for w in ways], axis=1)
     speeds = np.stack([w.qd[:n] for w in ways], axis=1)
-    ahead = np.stack([_ahead(m, w)[:n] for m, w in zip(kind.models, ways, strict=True)], axis=1)
+    ahead = np.stack([m.dynamics.torque(w.z, w.qd, w.qdd, m.p)[:n]
+                      for m, w in zip(kind.models, ways, strict=True)], axis=1)  # fmt: skip
     mass = np.stack([ControlModel(robot, m.p).mass_diagonal(w.q[::200])
                      for m, w in zip(kind.models, ways, strict=True)])  # fmt: skip
     stiffness, damping = mass * _BANDWIDTH**2, 2 * mass * _BANDWIDTH
     p, held = _parameters(kind, picks, time)
-    forces, limits, known = (
-        _Forces(robot, pushes),
-        effort_limits(robot),
-        coefficients(robot, kind.truth),
-    )
-    strange = Strange.of_many(kind.strange)
+    forces, limits = _Forces(robot, pushes), effort_limits(robot)
+    known, strange = coefficients(robot, kind.truth), Strange.of_many(kind.strange)
     substeps, h = time_steps(RATE)
     z, qd = np.stack([w.z[0] for w in ways]), speeds[0]
     qs, taus, poses = (np.empty((n, count, dof)) for _ in range(3))
@@ -151,10 +141,6 @@ def _run(
     taus += kind.noise * kind.largest * rng.standard_normal(taus.shape)
     lost = np.array(~np.isfinite(poses).all(axis=(0, 2)))
     return Produced(time, qs, taus, poses, held >= 0, picks, pushes, lost)
-
-
-def _ahead(model: Model, way: Cycles) -> np.ndarray:
-    return model.dynamics.torque(way.z, way.qd, way.qdd, model.p)
 
 
 def _parameters(

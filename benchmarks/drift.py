@@ -43,13 +43,9 @@ def alarms(case: Case, fleet: Fleet, every: int) -> tuple[np.ndarray, np.ndarray
     for n in looks:
         days = np.arange(n, dtype=float)
         y = fleet.y[:, :, :n].reshape(-1, n)
+        temperature = fleet.recorded[:, :n] if case.known else np.full((robots, n), np.nan)
         beside = [
-            Regressors.for_recordings(
-                days,
-                fleet.recorded[k, :n] if case.known else np.full(n, np.nan),
-                np.zeros(n),
-                (fleet.tool[k],),
-            )
+            Regressors.for_recordings(days, temperature[k], np.zeros(n), (fleet.tool[k],))
             for k in range(robots)
         ]
         found.append(explained(days, y, np.full(y.shape, 0.2), beside).evidence.R)
@@ -63,12 +59,8 @@ def judged(looks: np.ndarray, hit: np.ndarray, onset: np.ndarray) -> tuple[int, 
     before = (hit & (day < onset)).any(axis=0)
     after = hit & (day >= onset)
     soon = (after & (day <= onset + WITHIN)).any(axis=0) & drifts
-    return (
-        int(drifts.sum()),
-        int(soon.sum()),
-        int((after.any(axis=0) & drifts).sum()),
-        int(before.sum()),
-    )
+    ever = after.any(axis=0) & drifts
+    return int(drifts.sum()), int(soon.sum()), int(ever.sum()), int(before.sum())
 
 
 def series(robots: int) -> None:

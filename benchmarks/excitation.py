@@ -144,13 +144,8 @@ def time_command(repeats: int) -> None:
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "motion.csv"
         for _ in range(repeats):
-            start = time.perf_counter()
-            subprocess.run(
-                [*COMMAND, "excite", ROBOT, "-o", str(path)],
-                check=True,
-                capture_output=True,
-                env=environment,
-            )
+            start, command = time.perf_counter(), [*COMMAND, "excite", ROBOT, "-o", str(path)]
+            subprocess.run(command, check=True, capture_output=True, env=environment)
             seconds.append(time.perf_counter() - start)
             rows = pl.read_csv(path).height
     print(f"\nCOMMAND deltaid excite {ROBOT} -o motion.csv, {os.cpu_count()} cores")

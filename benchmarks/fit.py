@@ -27,32 +27,44 @@ that no robot produces, so that the constraints are what the optimum hangs on.
 """
 
 import sys
+import tempfile
 import time
 import warnings
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
+from pathlib import Path
 from typing import TypeVar
 
 import _alone  # noqa: F401
 import numpy as np
 from _cvxpy_fit import CvxpyFit, CvxpySolution, Metric
-from _fit_data import DURATION, RATE, Truth, impossible, recorded
 from _timing import machine, measure, options
 
 from deltaid.dynamics.dynamics import Dynamics
 from deltaid.estimation.conic import Conic
-from deltaid.estimation.information import Information
+from deltaid.estimation.information import Information, gather_samples, merge
 from deltaid.estimation.log_cholesky import LogCholesky
 from deltaid.estimation.objective import Solution, default_gamma, pose
 from deltaid.estimation.reduction import build_reduction
+from deltaid.identification.demo import mass_matrix_error
+from deltaid.identification.gathering import gather
 from deltaid.model.record import Settings
+from deltaid.motion.fourier import FourierMotion
 from deltaid.motion.random_motion import random_motion
-from deltaid.motion.surrogate import SensorNoise, surrogate_parameters
+from deltaid.motion.surrogate import (
+    SensorNoise,
+    simulate_recording,
+    surrogate_parameters,
+    write_recording,
+)
+from deltaid.recording.opening import open_log
+from deltaid.recording.recording import with_filter
 from deltaid.robot.description import RobotDescription
+from deltaid.robot.inertia import pseudo_inertia
 from deltaid.robot.load import load_robot
 
-ROBOT = "irb360-6-1600"
+ROBOT, DURATION, RATE = "irb360-6-1600", 20.0, 1000.0
 Result = TypeVar("Result")
 CPU = time.process_time
 METRICS: tuple[Metric, ...] = ("euclidean", "entropic")
@@ -62,6 +74,57 @@ TOLERANCE = 1e-8
 # The regulariser for the impossible robot, with which all kinds of cones hold the optimum back.
 EDGE_GAMMA = 1e-4
 PAPER = "the publication (Sec. VII)", "< 1", "about 2", "< 2.2"
+
+
+@dataclass(frozen=True)
+class Truth:
+    """The surrogate robot, and the motion along which mass matrices are compared."""
+
+    dynamics: Dynamics
+    p: np.ndarray
+    motion: FourierMotion
+
+    def errors(self, p: np.ndarray) -> tuple[float, float, float]:
+        """Errors [%] of M on and off the diagonal, and of friction, as the largest of each."""
+        z, _, _ = self.motion.evaluate(np.linspace(0, self.motion.period, 500))
+        diagonal, off_diagonal = mass_matrix_error(self.dynamics, z, self.p, p)
+        layout = self.dynamics.layout
+        friction = slice(layout.viscous.start, layout.coulomb.stop)
+        worst = float(np.max(np.abs(p[friction] / self.p[friction] - 1)))
+        return 100 * diagonal, 100 * off_diagonal, 100 * worst
+
+
+def recorded(
+    dynamics: Dynamics,
+    p: np.ndarray,
+    motion: FourierMotion,
+    rng: np.random.Generator,
+    noise: SensorNoise | None,
+) -> Information:
+    """The factors of a recording, which goes through a file as any other."""
+    recording = simulate_recording(
+        dynamics, p, motion, rng, duration=DURATION, rate=RATE, noise=noise
+    )
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "recording.csv"
+        write_recording(recording, path)
+        log = open_log(path, dynamics.kinematics)
+        return merge(gather(dynamics, with_filter(log)))
+
+
+def impossible(dynamics: Dynamics, p: np.ndarray, motion: FourierMotion) -> Information:
+    """The factors of torques that no robot produces: all friction and rotor inertias negative,
+    centres of mass further out than their bodies' radii of gyration."""
+    p, layout = p.copy(), dynamics.layout
+    for body in layout.bodies:
+        part = layout.body(body)
+        length = np.sqrt(np.trace(pseudo_inertia(p[part])[:3, :3]) / p[part][0])
+        free = [entry in dynamics.robot.bodies[body].free for entry in ("mcx", "mcy", "mcz")]
+        p[part][1:4] += np.where(free, 2 * p[part][0] * length, 0.0)
+    p[layout.viscous.start :] *= -1
+    z, zd, zdd = motion.evaluate(np.linspace(0, motion.period, 1000, endpoint=False))
+    _, qd, qdd = dynamics.kinematics.drive_motion(z, zd, zdd)
+    return gather_samples(dynamics, z, qd, qdd, dynamics.torque(z, qd, qdd, p))
 
 
 @dataclass(frozen=True)

@@ -80,13 +80,9 @@ def gather(paths: Sequence[Path], folder: Path, workers: int) -> dict[str, float
     from deltaid.robot.load import load_robot
 
     place, how = Place.named(folder), How(load_robot(ROBOT), None, Settings(cutoff=CUTOFF))
-    jobs = [
-        GatherJob(
-            Recorded("r", datetime(2026, 1, 1), str(path), ROBOT, stamp=stamp_of(str(path))),
-            how,
-        )
-        for path in paths
-    ]
+    day, names = datetime(2026, 1, 1), map(str, paths)
+    recorded = (Recorded("r", day, name, ROBOT, stamp=stamp_of(name)) for name in names)
+    jobs = [GatherJob(each, how) for each in recorded]
     with open_workers(count=workers) as pool:
         list(pool.done(nothing, range(workers), _fail))
         start = time.perf_counter()
@@ -153,9 +149,7 @@ def fits(folder: Path, count: int) -> float:
             source = file.record.model.sources[0].changed(sha256=f"{k:064x}")
             model = file.record.model.changed(sources=(source,))
             own.append(replace(file, record=file.record.changed(model=model)))
-        renamed = time.process_time()
         identify_gathered(ROBOT, own, Settings(cutoff=CUTOFF))
-    del renamed
     return time.process_time() - start
 
 
@@ -189,11 +183,9 @@ def main() -> None:
     hours = ROBOTS * DAYS * daily / 3600
     refits = ROBOTS * (52 * week + 12 * year) / 3600
     stored = ROBOTS * DAYS * two["bytes"] / 1e9
+    gathered = f"{len(long) * length:,} in {len(long)} recordings, {size / 1e9:.2f} GB"
     rows = [
-        (
-            "samples gathered",
-            f"{len(long) * length:,} in {len(long)} recordings, {size / 1e9:.2f} GB",
-        ),
+        ("samples gathered", gathered),
         ("largest memory of a worker", f"{max(one['peak'], two['peak']):.0f} MB"),
         ("gathered, samples a second and core", f"{rate:,.0f}"),
         ("`deltaid identify` of one of them, the same", f"{length / single:,.0f}"),

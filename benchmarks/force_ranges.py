@@ -9,7 +9,7 @@ another motion are counted: those that torques determine, whose ranges the recor
 all others, whose ranges the prior decides and which hold the truth as often as the prior is right.
 """
 
-from dataclasses import dataclass
+from collections.abc import Iterator
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
@@ -32,37 +32,23 @@ from deltaid.robot.load import load_robot
 ROBOT, RECORDINGS, SAMPLES, STRUT_SPACING = "irb360-6-1600", 40, 3, 0.12
 
 
-@dataclass
-class Count:
-    """Ranges that were looked at, and how many held the truth."""
-
-    all: int = 0
-    held: int = 0
-
-    def add(self, held: bool) -> None:
-        self.all += 1
-        self.held += held
-
-    def __str__(self) -> str:
-        return f"{self.held} of {self.all} ranges hold the truth, {self.held / self.all:.1%}"
-
-
 def main() -> None:
     robot = load_robot(ROBOT)
     assert robot.limbs is not None
     limbs = robot.limbs.changed(strut_spacing=STRUT_SPACING)
     robot = robot.changed(limbs=limbs)
-    determined, others = Count(), Count()
+    held: dict[str, list[bool]] = {"forces that torques determine": [], "all others": []}
     for seed in range(RECORDINGS):
-        _one(robot, np.random.default_rng(seed), determined, others)
+        for is_determined, holds in _ranges(robot, np.random.default_rng(seed)):
+            held["forces that torques determine" if is_determined else "all others"].append(holds)
     print(f"{ROBOT}, {RECORDINGS} recordings")
-    print(f"forces that torques determine: {determined}")
-    print(f"all others: {others}")
+    for what, each in held.items():
+        share = f"{sum(each)} of {len(each)} ranges hold the truth, {np.mean(each):.1%}"
+        print(f"{what}: {share}")
 
 
-def _one(
-    robot: RobotDescription, rng: np.random.Generator, determined: Count, others: Count
-) -> None:
+def _ranges(robot: RobotDescription, rng: np.random.Generator) -> Iterator[tuple[bool, bool]]:
+    """Of each force of one recording whether torques determine it, and whether its range holds."""
     dynamics = compiled(robot)
     kinematics, truth = dynamics.kinematics, surrogate_parameters(robot, rng)
     recording = simulate_recording(
@@ -81,8 +67,8 @@ def _one(
         if not np.any(c):
             continue
         interval = ranges.force_range(c)
-        held = interval.low <= c @ truth <= interval.high
-        (others if known.openness(c).half_width else determined).add(bool(held))
+        holds = interval.low <= c @ truth <= interval.high
+        yield not known.openness(c).half_width, bool(holds)
 
 
 if __name__ == "__main__":

@@ -9,7 +9,7 @@ regularisations by the certified solver. Bounds: M within 1 % on and 2 % off the
 coefficients within 3 %, at any time along the motion.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
@@ -33,33 +33,24 @@ MOTIONS, NOISES, RATE, TORQUE_NOISE = 4, 4, 1000.0, 0.02
 BOUNDS = {"mass_diagonal": 0.01, "mass_off_diagonal": 0.02, "friction_coefficients": 0.03}
 
 
-@dataclass(frozen=True)
-class Fitted:
-    """One recording's length [s] and the accuracy of one fit to it."""
-
-    duration: float
-    accuracy: Accuracy
-
-    @property
-    def within(self) -> bool:
-        a = self.accuracy
-        return all(getattr(a, name) <= bound for name, bound in BOUNDS.items())
-
-
 def main() -> None:
     print("duration  harmonics  fits  M on     M off    friction  beyond the bounds")
     for settings in LENGTHS:
-        fits = [fit for seed in range(MOTIONS) for fit in _fits(replace(settings, seed=seed))]
-        worst = [max(getattr(fit.accuracy, name) for fit in fits) for name in BOUNDS]
-        beyond = sum(not fit.within for fit in fits)
-        shown = "   ".join(f"{value:.2%}" for value in worst)
+        duration, fits = 0.0, list[Accuracy]()
+        for seed in range(MOTIONS):
+            duration, found = _fits(replace(settings, seed=seed))
+            fits += found
+        errors = np.array([[getattr(fit, name) for name in BOUNDS] for fit in fits])
+        beyond = int(np.any(errors > [*BOUNDS.values()], axis=1).sum())
+        shown = "   ".join(f"{value:.2%}" for value in errors.max(axis=0))
         print(
-            f"{fits[0].duration:5.1f} s   {settings.harmonics:9}  {len(fits):4}  {shown}     "
+            f"{duration:5.1f} s   {settings.harmonics:9}  {len(fits):4}  {shown}     "
             f"{beyond} of {len(fits)}"
         )
 
 
-def _fits(settings: ExcitationSettings) -> list[Fitted]:
+def _fits(settings: ExcitationSettings) -> tuple[float, list[Accuracy]]:
+    """Length of a motion [s] and the accuracy of all fits to its recordings."""
     rng = np.random.default_rng(settings.seed)
     nominal = nominal_robot(load_robot(ROBOT))
     shares = {"RG1": BELOW, "RG2": ABOVE}
@@ -67,24 +58,15 @@ def _fits(settings: ExcitationSettings) -> list[Fitted]:
     dynamics, truth = compiled(nominal), prior_parameters(nominal)
     run = Exciter(compiled(priors[1]), settings).optimise().run
     along = drive_motion(dynamics, run, np.arange(round(run.duration * RATE)) / RATE)
-    fits = []
+    fits, how = [], {"duration": run.duration, "rate": RATE, "noise": SensorNoise(TORQUE_NOISE)}
     with TemporaryDirectory() as folder:
         log = Path(folder) / "log.csv"
         for _ in range(NOISES):
-            recording = simulate_recording(
-                dynamics,
-                truth,
-                run,
-                rng,
-                duration=run.duration,
-                rate=RATE,
-                noise=SensorNoise(TORQUE_NOISE),
-            )
-            write_recording(recording, log)
+            write_recording(simulate_recording(dynamics, truth, run, rng, **how), log)
             for prior in priors:
                 p = identify(prior, [log]).model.p
-                fits.append(Fitted(run.duration, accuracy(dynamics, along, truth, p)))
-    return fits
+                fits.append(accuracy(dynamics, along, truth, p))
+    return run.duration, fits
 
 
 if __name__ == "__main__":

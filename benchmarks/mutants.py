@@ -43,12 +43,10 @@ _COMMON = {"deltaid", "test", "src", "py"}
 EQUIVALENT = {
     ("deltaid/fleets/store.py", "range(_TRIES)"): "the loop returns or raises at k = _TRIES − 1, "
     "so that one more round is never begun",
-    (
-        "deltaid/sensors/robot_sensors.py",
-        "parameter.prior + parameter.std * size",
-    ): "size is drawn from N(0, 1) or "
-    "from −a to a, both symmetric, so that prior ± std · size have the same distribution",
-}
+    ("deltaid/sensors/robot_sensors.py", "parameter.prior + parameter.std * size"): "size is drawn "
+    "from N(0, 1) or from −a to a, both symmetric, so that prior ± std · size have the same "
+    "distribution",
+}  # fmt: skip
 NOTE = """\
 Mutants are drawn by `benchmarks/_mutation.py`: one a room, the rest by the number of places. *Found
 by* is the first test that failed, of those that reach the changed line."""

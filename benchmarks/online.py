@@ -20,7 +20,6 @@ from _table import STATED, leave
 from _timing import options
 from drawn_picks import Produced, Production, produced, production_of
 
-from deltaid.online.events import Touch
 from deltaid.online.replay import open_replay
 from deltaid.online.settings import OnlineSettings
 from deltaid.online.watch import Watched, watch
@@ -87,38 +86,28 @@ class Count:
         for push in pushes:
             if push.end >= time[-1]:
                 continue
-            own = [one for one in found.touches if _is(one, push)]
+            own = [touch for touch in found.touches if push.start <= touch.start <= push.end]
             self.delays.append(own[0].start - push.start if own else np.inf)
             at = int(np.searchsorted(time, push.start))
             ways = np.abs(np.diff(q[at : at + round(LATEST * RATE)], axis=0))
             self.moving.append(bool(np.all(ways.min(axis=0) > STANDS / RATE)))
             if own:
-                strongest = max(own, key=lambda one: one.size)
+                strongest = max(own, key=lambda touch: touch.size)
                 self.places.append(strongest.place == push.place)
 
     def row(self, name: str, payload: float, told: bool) -> tuple[object, ...]:
         delays = np.array(self.delays)
         return (
-            f"{name}, {payload:g} kg",
-            "signal" if told else "no signal",
-            len(self.near),
-            f"{np.mean(self.near):.1%}",
-            f"{np.mean(self.holds):.1%}",
-            f"{1e3 * np.median(self.errors):.0f}",
-            f"{1e3 * np.median(self.widths):.0f}",
-            len(delays),
-            f"{np.mean(delays <= LATEST):.1%}",
+            f"{name}, {payload:g} kg", "signal" if told else "no signal", len(self.near),
+            f"{np.mean(self.near):.1%}", f"{np.mean(self.holds):.1%}",
+            f"{1e3 * np.median(self.errors):.0f}", f"{1e3 * np.median(self.widths):.0f}",
+            len(delays), f"{np.mean(delays <= LATEST):.1%}",
             f"{np.mean(delays[self.moving] <= LATEST):.1%}",
             f"{np.mean(np.isfinite(delays)):.1%}",
             f"{np.mean(self.places):.1%}" if self.places else "",
             f"{np.median(self.best):.2g}, {np.median(self.worst):.2g}",
-            f"{self.seconds / 60:.1f}",
-            self.alarms,
-        )
-
-
-def _is(touch: Touch, push: Push) -> bool:
-    return push.start <= touch.start <= push.end
+            f"{self.seconds / 60:.1f}", self.alarms,
+        )  # fmt: skip
 
 
 def recordings(log: Produced, kind: Production) -> Iterator[tuple[int, Recording]]:

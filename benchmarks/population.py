@@ -9,6 +9,7 @@ one robot whose parts were weighed. Leaves `tables/population.md`.
 """
 
 import sys
+from collections import defaultdict
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -111,30 +112,27 @@ def next_ones(
 def study(name: str, robots: int, types: int) -> tuple[list[tuple[object, ...]], Counts]:
     """One robot of the catalogue: rows of its bodies' entries, and what holds."""
     kind, counts = drawn_type(described(name), motions=3), Counts()
-    columns: dict[str, list[np.ndarray]] = {}
-    settings = FIT
+    columns = defaultdict[str, list[np.ndarray]](list)
     for seed in range(types):
         rng = np.random.default_rng([seed, 11])
         mean = surrogate_parameters(kind.robot, rng, TYPE)
         members, truths, with_scale = fleet(kind, mean, robots, rng, seed)
         for what, counted in (("none", members), ("one", [with_scale, *members[1:]])):
-            found = fitted(counted, kind.robot, settings)
+            found = fitted(counted, kind.robot, FIT)
             _count(found, truths, mean, counts, what)
             at = np.flatnonzero(found.free)
             bodies = at < 10 * len(found.layout.bodies)
             size = np.abs(mean[at[bodies]])
-            add = columns.setdefault
-            for key, std in (
-                ("alone", np.mean([robot.alone_std for robot in found.members[1:]], axis=0)),
-                (
-                    f"within, {what}",
-                    np.mean([robot.within.std for robot in found.members[1:]], axis=0),
-                ),
-                ("differ", truths.std(axis=0)),
-            ):
-                add(key, []).append(std[at][bodies] / np.where(size > 0, size, np.nan))
+            others = found.members[1:]
+            stds = {
+                "alone": np.mean([robot.alone_std for robot in others], axis=0),
+                f"within, {what}": np.mean([robot.within.std for robot in others], axis=0),
+                "differ": truths.std(axis=0),
+            }
+            for key, std in stds.items():
+                columns[key].append(std[at][bodies] / np.where(size > 0, size, np.nan))
             ratio = next_ones(kind, found, mean, rng, seed, counts, f"next, {what}")
-            add(f"next, {what}", []).append(ratio)
+            columns[f"next, {what}"].append(ratio)
             names = [found.layout.names[k] for k in at[bodies]]
             print(name, seed, what, counts.held.keys(), flush=True)
     mean_of = {key: np.mean(values, axis=0) for key, values in columns.items()}
@@ -173,8 +171,7 @@ def strangers(robots: int) -> list[tuple[object, ...]]:
     rng, rows = np.random.default_rng(5), list[tuple[object, ...]]()
     mean = surrogate_parameters(kind.robot, rng, TYPE)
     members, _, _ = fleet(kind, mean, robots, rng, 0)
-    settings, layout = FIT, kind.dynamics.layout
-    before = fitted(members, kind.robot, settings)
+    layout, before = kind.dynamics.layout, fitted(members, kind.robot, FIT)
 
     def one(k: int, what: str) -> TypeMember:
         p = made_alike(kind.robot, mean, rng, body=BODY, friction=FRICTION)
@@ -192,16 +189,14 @@ def strangers(robots: int) -> list[tuple[object, ...]]:
                  "friction of one drive doubled"):  # fmt: skip
         for share in (1, robots // 4):
             some = [one(k, what) for k in range(max(share, 1))]
-            found = fitted([*members, *some], kind.robot, settings)
+            found = fitted([*members, *some], kind.robot, FIT)
             own = [each for each in found.members if each.name.startswith("stranger")]
             bodies = np.flatnonzero(before.free[: 10 * len(layout.bodies)])
             shift = np.abs(found.mean.value - before.mean.value)[bodies]
             moved = np.max(shift / before.mean.std[bodies])
-            rows.append((what, f"{len(some)} of {robots + len(some)}",
-                         f"{sum(not each.belongs for each in own)} of {len(own)}",
-                         sum(not each.belongs for each in found.members) - sum(
-                             not each.belongs for each in own),
-                         f"{moved:.1f}", own[0].reason))  # fmt: skip
+            named, every = (sum(not x.belongs for x in xs) for xs in (own, found.members))
+            rows.append((what, f"{len(some)} of {robots + len(some)}", f"{named} of {len(own)}",
+                         every - named, f"{moved:.1f}", own[0].reason))  # fmt: skip
             print(*rows[-1], flush=True)
     return rows
 

@@ -78,9 +78,7 @@ def store(what: tuple[str, str, int], folder: Path) -> None:
     folder.mkdir(parents=True)
     for k, log in enumerate(made.logs):
         log.write_parquet(folder / f"log{k}.parquet")
-    mappings = [
-        mapping.model_dump(mode="json", exclude_unset=True) for mapping in columns(made) or ()
-    ]
+    mappings = [m.model_dump(mode="json", exclude_unset=True) for m in columns(made) or ()]
     (folder / "columns.json").write_text(json.dumps(mappings))
     (folder / "robot.json").write_text(described(made).model_dump_json())
 
@@ -97,10 +95,7 @@ def answer(folder: Path) -> dict[str, Any]:
         model = identify(robot, logs, columns=mappings or None).model
     except DeltaidError as error:
         return {"decisions": [f"refused: {type(error).__name__}"], "values": {}}
-    decisions = {
-        f"correction {correction.kind} {correction.subject}".strip()
-        for correction in model.corrections
-    }
+    decisions = {f"correction {fix.kind} {fix.subject}".strip() for fix in model.corrections}
     terms = model.friction_choice.steps if model.friction_choice else ()
     decisions |= {f"law {term.joint} {term.addition}" for term in terms if term.useful}
     for source in model.sources:
@@ -135,12 +130,9 @@ def half_width(low: float, high: float) -> float:
 def differences(one: dict[str, Any], two: dict[str, Any]) -> tuple[list[str], float]:
     """Decisions that differ, and the largest change of a value in half widths."""
     other = sorted(set(one["decisions"]) ^ set(two["decisions"]))
-    common = one["values"].keys() & two["values"].keys()
-    changes = [
-        abs(two["values"][name][0] - one["values"][name][0]) / one["values"][name][1]
-        for name in common
-        if one["values"][name][1] > 0
-    ]
+    values, others = one["values"], two["values"]
+    changes = [abs(others[name][0] - value) / half for name, (value, half) in values.items()
+               if name in others and half > 0]  # fmt: skip
     return other, max(changes, default=0.0)
 
 
@@ -173,14 +165,11 @@ def rows(asked: list[tuple[str, str, int]], found: dict[str, list[Any]]) -> Iter
         groups = [sum(kind(row) == group for row in odd) for group in range(3)]
         equal = max((change for other, change in pairs if not other), default=0.0)
         unequal = max((change for other, change in pairs if other), default=None)
+        differ = str(sum(len(other) for other, _ in pairs))
         yield [
-            machine,
-            f"{len(odd)} of {len(pairs)}",
-            ", ".join(map(str, groups)),
-            str(sum(len(other) for other, _ in pairs)),
-            f"{equal:.2g}",
-            "" if unequal is None else f"{unequal:.2g}",
-        ]
+            machine, f"{len(odd)} of {len(pairs)}", ", ".join(map(str, groups)), differ,
+            f"{equal:.2g}", "" if unequal is None else f"{unequal:.2g}",
+        ]  # fmt: skip
 
 
 def kind(row: str) -> int:
@@ -204,11 +193,9 @@ def main() -> None:
         with ThreadPoolExecutor(asked.processes) as pool:
             answers = pool.map(lambda machine: on(machine, keep), MACHINES)
             found = dict(zip(MACHINES, answers, strict=True))
-    counts = [sum(kind(row) == group for row, _, _ in wanted) for group in range(3)]
-    clean, single, mixed = counts
-    note = NOTE.format(
-        count=len(wanted), clean=clean, single=single, mixed=mixed, first=next(iter(MACHINES))
-    )
+    clean, single, mixed = (sum(kind(row) == g for row, _, _ in wanted) for g in range(3))
+    counts = {"count": len(wanted), "clean": clean, "single": single, "mixed": mixed}
+    note = NOTE.format(**counts, first=next(iter(MACHINES)))
     leave(HEAD, list(rows(wanted, found)), note, recordings=len(wanted))
 
 

@@ -25,31 +25,20 @@ GAUGE = {"kind": "strut-force", "strut": "each", "at": "platform", "noise": 0.3}
 
 def weigh(share: float, quantity: str = "mass", **more: object) -> dict[str, object]:
     """An offer that measures something of each body to a share of it."""
-    return {
-        "title": f"{quantity} to {share}",
-        "price": 1.0,
-        "weigh": {"quantity": quantity, "of": "each", "share": share, **more},
-    }
+    measured = {"quantity": quantity, "of": "each", "share": share, **more}
+    return {"title": f"{quantity} to {share}", "price": 1.0, "weigh": measured}
 
 
 def sensor(**described: object) -> dict[str, object]:
     return {"title": "sensor", "price": 1.0, "sensors": {"one": described}}
 
 
-OFFERS = Offers.model_validate(
-    {
-        "offers": {
-            "fine": weigh(0.002),
-            "scale": weigh(0.005),
-            "coarse": weigh(0.01),
-            "edge": weigh(0.01, "first_moment", axis="along"),
-            "tared": sensor(**TARED),
-            "plate": sensor(kind="base-wrench", **NOISE),
-            "zeroed": sensor(**GAUGE, bias=0.0),
-            "gauges": sensor(**GAUGE),
-        }
-    }
-)
+OFFERS = Offers.model_validate({"offers": {
+    "fine": weigh(0.002), "scale": weigh(0.005), "coarse": weigh(0.01),
+    "edge": weigh(0.01, "first_moment", axis="along"),
+    "tared": sensor(**TARED), "plate": sensor(kind="base-wrench", **NOISE),
+    "zeroed": sensor(**GAUGE, bias=0.0), "gauges": sensor(**GAUGE),
+}})  # fmt: skip
 ROWS = (
     ("torque", ()),
     ("+ platform weighed (0.2 %)", ("fine:P",)),
@@ -66,13 +55,8 @@ ROWS = (
 
 def plan(robot: str, seed: int, goal: str = "bodies") -> SensorPlan:
     """All rows of the table for one motion."""
-    return sensor_plan(
-        robot,
-        offers=OFFERS,
-        goal=goal,
-        combinations=[names for _, names in ROWS if names],
-        settings=PlanSettings(seed=seed, steps=0),
-    )
+    bought, settings = [names for _, names in ROWS if names], PlanSettings(seed=seed, steps=0)
+    return sensor_plan(robot, offers=OFFERS, goal=goal, combinations=bought, settings=settings)
 
 
 def main() -> None:
@@ -94,13 +78,11 @@ def main() -> None:
     tared = next(k for k, use in enumerate(gains[0].uses) if use.name == "tared")
     told = 100 * np.mean([gain.uses[tared].shares[at] for gain in gains], axis=0)
     said = ", ".join(f"{name} {value:.2g} %" for name, value in zip(names, told, strict=True))
-    leave(
-        ("information", *entries),
-        rows,
+    note = (
         f"Standard deviation of entries of {robot} in % of their prior, mean of {SEEDS} motions. "
-        f"Gains that are unknown to 10 %, with the tared wrench: {said}.",
-        motions=SEEDS,
+        f"Gains that are unknown to 10 %, with the tared wrench: {said}."
     )
+    leave(("information", *entries), rows, note, motions=SEEDS)
 
 
 if __name__ == "__main__":

@@ -22,7 +22,7 @@ import numpy as np
 from _table import STATED, leave
 from _timing import options
 
-from deltaid.reproduce.irb360 import (
+from deltaid.reproduce.irb360 import (  # fmt: skip
     BASE,
     CHOSEN,
     GEOM,
@@ -155,26 +155,17 @@ def note(every: list[dict[str, Any]], seeds: int, example: str) -> str:
         span(values, 3) for values in zip(*(run["speeds"] for run in every), strict=True)
     )
     exponents = [run["exponent"] for run in every if run["exponent"] is not None]
+    unseen = {law: [run[law] for run in every] for law in ("plain", "chosen")}
+    spans = {law: span(errors) for law, errors in unseen.items()}
+    middles = {f"middle_{law}": short(float(np.median(x))) for law, x in unseen.items()}
+    most = {x: short(max(run[x] for run in every), 3) for x in ("consistent", "base")}
     return NOTE.format(
-        seeds=seeds,
-        runs=len(every),
-        example=example,
-        better=int(np.sum(chosen < by_hand)),
-        times=span((chosen / plain).tolist()),
-        power=len(exponents),
+        seeds=seeds, runs=len(every), example=example, better=int(np.sum(chosen < by_hand)),
+        times=span((chosen / plain).tolist()), power=len(exponents),
         exponent=span(exponents) if exponents else "–",
-        stribeck=sum(run["stribeck"] for run in every),
-        plain=span([run["plain"] for run in every]),
-        chosen=span([run["chosen"] for run in every]),
-        middle_plain=short(float(np.median([run["plain"] for run in every]))),
-        middle_chosen=short(float(np.median([run["chosen"] for run in every]))),
-        consistent=short(max(run["consistent"] for run in every), 3),
-        base=short(max(run["base"] for run in every), 3),
-        speed=speed,
-        acceleration=acceleration,
-        slow_speed=slow_speed,
-        slow_acceleration=slow_acceleration,
-    )
+        stribeck=sum(run["stribeck"] for run in every), speed=speed, acceleration=acceleration,
+        slow_speed=slow_speed, slow_acceleration=slow_acceleration, **spans, **middles, **most,
+    )  # fmt: skip
 
 
 def main() -> None:

@@ -23,7 +23,7 @@ from _table import STATED, leave
 from _timing import options
 
 from deltaid.control.comparison import base_vector
-from deltaid.control.controllers import ControlModel
+from deltaid.control.controllers import Controller, ControlModel
 from deltaid.control.plant import Plant
 from deltaid.control.tracking import Drives, MotionTrajectory, Tracking, gains, track
 from deltaid.dynamics.parameters import prior_parameters, with_prior
@@ -124,24 +124,21 @@ def one(name: str, robot: RobotDescription, seed: int) -> dict[str, list[float]]
         model = identify(robot, [Path(folder) / "log.csv"]).model
     found = load(model)
     identified = ControlModel(found.robot, found.p)
-    models = {"prior": prior, "identified": identified}
-    models["base"] = ControlModel(found.robot, base_vector(model))
+    base = ControlModel(found.robot, base_vector(model))
     told = {}
     for controller in CONTROLLERS:
         law = gains(controller, identified, second, BANDWIDTH)
-        runs = {
-            key: track(case.plant, law, each, second, case.drives)
-            for key, each in models.items()
-            if key != "base" or controller == "pd-feedforward"
-        }
+
+        def run(by: ControlModel, law: Controller = law) -> Tracking:
+            return track(case.plant, law, by, second, case.drives)
+
+        first_run, last = run(prior), run(identified)
+        of_base = rms(run(base).platform_error) if controller == "pd-feedforward" else np.nan
         told[controller] = [
-            rms(runs["prior"].platform_error),
-            rms(runs["base"].platform_error) if "base" in runs else np.nan,
-            rms(runs["identified"].platform_error),
-            rms(by_encoders(known, runs["prior"])),
-            rms(by_encoders(known, runs["identified"])),
-            rms(by_lengths(truth, runs["identified"])),
-        ]
+            rms(first_run.platform_error), of_base, rms(last.platform_error),
+            rms(by_encoders(known, first_run)), rms(by_encoders(known, last)),
+            rms(by_lengths(truth, last)),
+        ]  # fmt: skip
     return told
 
 
