@@ -70,7 +70,7 @@ def checked_feedback(evidence: Evidence) -> Iterator[Verdict]:
         f"{shake.speed[worst]:.2g} {unit.speed} of {drive}; it turns round the joint in "
         f"{percent(share)} of the samples"
     )
-    yield _FEEDBACK.judged(graded(share, _DOUBTFUL, _WRONG), text, drive, number)
+    yield _FEEDBACK.judged(text, drive, number, grade=graded(share, _DOUBTFUL, _WRONG))
 
 
 def encoder_feedback(

@@ -90,7 +90,7 @@ def checked_lengths(data: dict[str, Any]) -> Verdict:
     path, value = max(wrong, key=lambda length: abs(length[1]))
     others = f" and {len(wrong) - 1} more" if len(wrong) > 1 else ""
     changes = tuple((place, float(f"{value * factor:.12g}")) for place, value in wrong if value)
-    return _METRES.poor(
+    return _METRES.judged(
         f"{path} is {value:g} m{others}, where limbs of about {size:.3g} m are likely",
         path.partition(".")[0],
         abs(value),
@@ -144,7 +144,7 @@ def checked_friction(robot: RobotDescription) -> Verdict:
         for drive in missing
         for key, value in _law(robot, drive).items()
     )
-    return _FRICTION.poor(
+    return _FRICTION.judged(
         f"no friction is described of {listed(missing)}",
         listed(missing),
         float(len(missing)),
@@ -181,7 +181,7 @@ def checked_limits(robot: RobotDescription) -> Verdict:
             "of all drives"
         )
     subject = listed(defaults + ["drive_limits"] * bool(free))
-    return _LIMITS.poor("; ".join(seen), subject, float(len(seen)))
+    return _LIMITS.judged("; ".join(seen), subject, float(len(seen)))
 
 
 def checked_workspace(description: RobotDescription) -> Iterable[Verdict]:
@@ -190,7 +190,7 @@ def checked_workspace(description: RobotDescription) -> Iterable[Verdict]:
     try:
         robot = AtRest(dynamics, prior_parameters(dynamics.robot))
     except KinematicsError as error:
-        yield _CUT.poor(
+        yield _CUT.judged(
             f"the robot cannot stand in the middle of its workspace: {error.what}",
             "workspace",
             0.0,
@@ -234,7 +234,7 @@ def _cut(robot: AtRest, poses: Poses) -> Verdict:
     worst = sorted((name for name in parts if parts[name] > 0), key=lambda name: -parts[name])
     cuts = "; ".join(f"{name} {percent(parts[name])}" for name in worst[:3])
     needed = _needed(robot.robot, poses)
-    return _CUT.poor(
+    return _CUT.judged(
         f"{percent(lost)} of the workspace cannot be used: {cuts}",
         "workspace",
         lost,
@@ -263,7 +263,7 @@ def _held(robot: RobotDescription, poses: Poses, limits: dict[int, float]) -> Ve
     if number <= 1:
         return _HOLDS.good(f"at rest at most {percent(number)} of the limit, of {first}", number)
     sinking = float(np.mean(np.any(torque > largest, axis=1)))
-    return _HOLDS.poor(
+    return _HOLDS.judged(
         f"{first} must hold up to {torque[:, k].max():.3g} {units.force} at rest, by the prior, "
         f"and may do {largest[k]:.3g} {units.force}; in {percent(sinking)} of the workspace the "
         "robot would sink",

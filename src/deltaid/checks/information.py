@@ -111,7 +111,7 @@ def judged_information(
     except KinematicsError as error:
         seen = f"no motion within the limits was found to compare with: {error.what}"
         cause = "the workspace or the limits of the description leave no room"
-        return (_HIDDEN.poor(seen, grade=Grade.CANNOT_TELL, cause=cause, cure=error.cure),)
+        return (_HIDDEN.judged(seen, grade=Grade.CANNOT_TELL, cause=cause, cure=error.cure),)
     certainty = _assess(dynamics, information.of_drives, motions)
     still = np.array(dynamics.robot.drives)[np.max(moved, axis=0) < RESTS * ranges].tolist()
     return _parameters(certainty), _excitation(certainty, still)
@@ -160,7 +160,7 @@ def _parameters(certainty: _Certainty) -> Verdict:
     lost = missed & hidden
     if lost.any():
         cure, number = certainty.cure(lost), float(well.sum())
-        return _HIDDEN.poor(seen, str(names[lost][0]), number, cure=cure)
+        return _HIDDEN.judged(seen, str(names[lost][0]), number, cure=cure)
     if not missed.any() and not well.all():
         seen += "; no motion within the limits shows them much better"
     return _HIDDEN.good(seen, float(well.sum()))
@@ -170,13 +170,13 @@ def _excitation(certainty: _Certainty, still: Sequence[str]) -> Verdict:
     if still:
         move = "moves" if len(still) == 1 else "move"
         seen = f"{listed(still)} hardly {move} in what is recorded"
-        return _STILL.poor(seen, listed(still), float(len(still)))
+        return _STILL.judged(seen, listed(still), float(len(still)))
     ratio = certainty.recorded / certainty.usual
     number = float(np.quantile(ratio, 0.75, method="higher"))
     if number <= _POOR:
         seen = f"standard deviations are {np.median(ratio):.2g} times those of a usual motion "
         return _WEAK.good(f"{seen}within limits", number)
-    return _WEAK.poor(
+    return _WEAK.judged(
         f"a quarter of the base parameters are at least {number:.2g} times less certain than after "
         "a motion of the same length that uses the limits",
         certainty.named(ratio >= number),

@@ -74,14 +74,11 @@ def _shape(
         cure += "; the same number in grams would fit" * fits
     else:
         seen, cause = "even foam has more", "a mass in tonnes, or radii that are too large"
-        change, cure = (
-            (f"{path}.density", density * 1000),
-            "check mass and radii; they are in kg and m",
-        )
-        fits = by_density
+        change, fits = (f"{path}.density", density * 1000), by_density
+        cure = "check mass and radii; they are in kg and m"
         if by_density:
             cause, cure = "a density in g/cm³", "give the density in kg/m³: 1000 times the number"
-    return _DENSITY.poor(
+    return _DENSITY.judged(
         f"{path} has a density of {density:.3g} kg/m³; {seen}",
         name,
         density,
@@ -114,7 +111,7 @@ def _explicit(robot: RobotDescription, name: str, prior: ExplicitInertia) -> Ver
     else:
         return None
     seen += f", {length / reach:.2g} times the body's reach of {reach:.3g} m"
-    return _EXTENT.poor(seen, name, length, grade=Grade.WRONG, cause=cause)
+    return _EXTENT.judged(seen, name, length, grade=Grade.WRONG, cause=cause)
 
 
 def _massive(path: str, name: str, mass: float, size: float, *, alone: bool) -> Verdict | None:
@@ -123,7 +120,7 @@ def _massive(path: str, name: str, mass: float, size: float, *, alone: bool) -> 
     if mass <= largest:
         return None
     fits = alone and mass / 1000 < largest
-    return _MASS.poor(
+    return _MASS.judged(
         f"{path} is {mass:.3g} kg; with limbs of {size:.3g} m few bodies have {largest:.3g} kg",
         name,
         mass,
@@ -159,7 +156,7 @@ def checked_measured(robot: RobotDescription) -> tuple[Verdict, ...]:
             lever = error / float(prior[10 * bodies].sum())
             if lever > _OUTSIDE * size_of(robot):
                 seen = f"{row.name} would lie {lever:.3g} m from where the prior has it"
-                poor.append(_CENTRE.poor(seen, row.where, lever, grade=Grade.WRONG))
+                poor.append(_CENTRE.judged(seen, row.where, lever, grade=Grade.WRONG))
         elif ratio < 1 / _FACTOR or (ratio > _FACTOR and not likely):
             poor.append(_scaled(row, expected, ratio))
     if poor or not rows:
@@ -175,7 +172,7 @@ def _scaled(row: Weighing, expected: float, ratio: float) -> Verdict:
         path = re.sub(r"\[(\d+)\]", lambda match: f"[{int(match[1]) - 1}]", row.where)
         changes = (f"{path}.mass", row.value / 1000), (f"{path}.std", row.std / 1000)
         cure, proposals = f"{cure}, and its std as well", _proposed(*changes)
-    return _MEASURED.poor(
+    return _MEASURED.judged(
         f"{row.name} is {row.value:.3g} {unit}, where the prior has {expected:.3g} {unit}",
         row.where,
         ratio,

@@ -142,7 +142,7 @@ def _resonance(study: Study) -> Verdict:
     same = (shares >= _LEAST) & (np.abs(peaks / peaks[k] - 1) < _NARROW)
     seen = f"a line at {peaks[k]:.3g} Hz with {percent(shares[k])} of {drives[k]}'s largest torque"
     subject = "" if same.all() else listed(np.array(drives)[same].tolist())
-    return _RINGS.poor(seen, subject, float(peaks[k]))
+    return _RINGS.judged(seen, subject, float(peaks[k]))
 
 
 def _line(
@@ -187,7 +187,7 @@ def _rest(study: Study, *, rings: bool) -> Verdict:
     varies, cause, cure = words
     seen = f"unexplained: {percent(rest.part)} of {drive}'s torque, {varies}"
     grade = Grade.DOUBTFUL if rest.part > _LITTLE else Grade.CANNOT_TELL
-    return _REST.poor(seen, drive, 100 * rest.part, grade=grade, cause=cause, cure=cure)
+    return _REST.judged(seen, drive, 100 * rest.part, grade=grade, cause=cause, cure=cure)
 
 
 def checked_lag(study: Study, why: str, *, unknown: bool) -> Verdict:
@@ -202,7 +202,7 @@ def checked_lag(study: Study, why: str, *, unknown: bool) -> Verdict:
     widest = shown.interval * np.where(shown.interval > _WIDE, _CLEAR, 1.0)
     clear, cost = bool(np.any(np.abs(shown.values) > widest)), _cost(study, harm, why)
     if study.hidden:
-        return _LAG.poor(
+        return _LAG.judged(
             f"torques look {abs(lag):.2g} ± {half:.1g} ms {_late(lag)}, but a fault listed below "
             f"can mimic a lag; {cost}",
             "",
@@ -215,7 +215,7 @@ def checked_lag(study: Study, why: str, *, unknown: bool) -> Verdict:
         if not study.alike:
             return _differing_lags(study, cost, grade)
         rows = 1e-3 * lag * study.fit.trace.low_pass.rate
-        return _LAG.poor(
+        return _LAG.judged(
             f"torques come {abs(lag):.3g} ± {half:.1g} ms {_late(lag)} against positions; {cost}",
             "",
             lag,
@@ -226,7 +226,7 @@ def checked_lag(study: Study, why: str, *, unknown: bool) -> Verdict:
             f"torque columns by {-rows:+.2g} rows ({-lag:+.3g} ms)",
         )
     if unknown:
-        return _LAG.poor(
+        return _LAG.judged(
             f"the lag of torques behind positions is hardly known, {lag:.2g} ± {half:.2g} ms; none "
             "has been corrected, and intervals allow for it",
             "",
@@ -237,7 +237,7 @@ def checked_lag(study: Study, why: str, *, unknown: bool) -> Verdict:
             cure="give the lag if it is known (--lag), or record with lower gains",
         )
     if half > 1e3 * (_WIDE if study.late else _UNKNOWN):
-        return _LAG.poor(
+        return _LAG.judged(
             f"the lag of torques behind positions is known to ±{half:.2g} ms only",
             "",
             half,
@@ -265,7 +265,7 @@ def _differing_lags(study: Study, cost: str, grade: Grade) -> Verdict:
         for lag, half in zip(values, halves, strict=True)
     ]
     differing = np.abs(values - common) > np.maximum(halves, 1e3 * APART)
-    return _LAG.poor(
+    return _LAG.judged(
         "torques and positions do not agree in time, and drives differ: "
         f"{_by_drive(drives, lags)}; {cost}",
         "" if differing.all() else listed(np.array(drives)[differing].tolist()),

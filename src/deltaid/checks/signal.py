@@ -109,10 +109,10 @@ def _rate(evidence: Evidence) -> Verdict:
     (doubtful, wrong), cause = (_TAKEN, "") if taken else (_DIFFERENTIATED, _TOO_SLOW)
     samples, scale = rate / fastest, 10.0 ** np.floor(np.log10(20 * fastest))
     return _RATE.judged(
-        graded(1 / samples, 1 / doubtful, 1 / wrong),
         f"{samples:.3g} samples for one wave of the motion's fastest part: {rate:.4g} Hz for "
         f"{fastest:.3g} Hz",
         number=samples,
+        grade=graded(1 / samples, 1 / doubtful, 1 / wrong),
         cause=cause,
         cure=f"record at {float(np.ceil(20 * fastest / scale) * scale):g} Hz or more, or move more "
         "slowly",  # to one significant digit
@@ -143,7 +143,8 @@ def _encoder(evidence: Evidence) -> Iterator[Verdict]:
             f"{percent(shares[k])} of {drives[k]}'s acceleration below {low_pass.cutoff:.3g} Hz"
         )
     grade = graded(shares[k], -np.inf, _USELESS) if bad.any() else Grade.GOOD
-    yield _ENCODER.judged(grade, seen, listed(drives[bad].tolist()), 100 * float(shares[k]))
+    subject, number = listed(drives[bad].tolist()), 100 * float(shares[k])
+    yield _ENCODER.judged(seen, subject, number, grade=grade)
 
 
 def _low_pass(evidence: Evidence) -> LowPass | None:
@@ -194,7 +195,7 @@ def _clock(evidence: Evidence, log: Log) -> Verdict:
         if clock.even is False or clock.steady:
             cause = "rows are sampled when the logger gets round to it, not by a clock"
     number = 100 * ((lost + twice + stale) / clock.rows if lost or stale else scatter)
-    return _CLOCK.poor(seen, "", number, cause=cause)
+    return _CLOCK.judged(seen, "", number, cause=cause)
 
 
 def _excluded(log: Log, reasons: tuple[Reason, ...]) -> list[float]:
@@ -214,14 +215,14 @@ def _saturation(evidence: Evidence, log: Log) -> Iterator[Verdict]:
                 f"{percent(share)} of {drive}'s rows are on the largest or smallest number of the "
                 "torque; these are excluded"
             )
-            yield _SATURATION.poor(seen, drive, 100 * share)
+            yield _SATURATION.judged(seen, drive, 100 * share)
 
 
 def _standing(log: Log) -> Verdict:
     share = min(_excluded(log, _AT_REST))
     excluded = "; these rows are excluded" if share > _RESTING else ""
     seen = f"the robot rests for {percent(share)} of the time{excluded}"
-    return _STANDING.judged(graded(share, _RESTING), seen, "", 100 * share)
+    return _STANDING.judged(seen, "", 100 * share, grade=graded(share, _RESTING))
 
 
 def _torque(evidence: Evidence) -> Iterator[Verdict]:
@@ -241,10 +242,10 @@ def _torque(evidence: Evidence) -> Iterator[Verdict]:
                 f"{drives[i]}'s torque has noise of {percent(shares[i])} of its largest; 0.3 to "
                 "3 % is usual"
             )
-            yield _NOISE.poor(seen, drives[i], 100 * shares[i])
+            yield _NOISE.judged(seen, drives[i], 100 * shares[i])
         else:
             seen = f"{drives[i]}'s torque is noise only"
-            yield _ONLY_NOISE.poor(seen, drives[i], 100 * shares[i], grade=Grade.WRONG)
+            yield _ONLY_NOISE.judged(seen, drives[i], 100 * shares[i], grade=Grade.WRONG)
     if not coarse.any():
         share = max(parts)
         seen = f"steps of {percent(share)} of the torque" if share else "torques show no steps"
@@ -254,4 +255,4 @@ def _torque(evidence: Evidence) -> Iterator[Verdict]:
             f"{drives[i]}'s torque comes in steps of {steps[i]:.3g} "
             f"{evidence.robot.units(drives[i]).force}, {percent(parts[i])} of its usual size"
         )
-        yield _STEP.poor(seen, drives[i], 100 * parts[i], grade=graded(parts[i], -np.inf, _BLIND))
+        yield _STEP.judged(seen, drives[i], 100 * parts[i], grade=graded(parts[i], -np.inf, _BLIND))

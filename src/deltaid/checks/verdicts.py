@@ -214,9 +214,9 @@ def mapping_text(record: Evidence, proposed: Changes, path: Path | None) -> str:
         DescriptionError: the file cannot be read, or is not YAML.
     """
     wanted = mended(record.written_mapping, proposed)
-    return (
-        yaml_text(wanted) if path is None else edited(read_text(path), proposed, wanted, str(path))
-    )
+    if path is None:
+        return yaml_text(wanted)
+    return edited(read_text(path), proposed, wanted, str(path))
 
 
 def pasted(data: Data, proposed: Changes) -> str:

@@ -97,12 +97,8 @@ class SpectralTerm:
         V diag(φ′) Vᵀ, and its derivative along E is V (Γ ∘ VᵀEV) Vᵀ with the divided differences Γ
         of φ′ (Daleckii–Krein).
         """
-        phi, value, gradient, hessian = (
-            self.divergence,
-            0.0,
-            np.zeros(len(x)),
-            np.zeros((len(x),) * 2),
-        )
+        phi, value = self.divergence, 0.0
+        gradient, hessian = np.zeros(len(x)), np.zeros((len(x), len(x)))
         for block, weight in zip(self.blocks, self.weights, strict=True):
             at, _, slopes = block.normalised
             lam, V = np.linalg.eigh(block.normalised_at(x))
@@ -269,10 +265,9 @@ def pose(information: Information, reduction: Reduction, settings: Settings) -> 
 def data_term(information: Information, reduction: Reduction) -> Quadratic:
     """The first term of (15), with W_τ = diag(τ_max)⁻² and γ_τ = 1."""
     at = information.columns
-    rows = information.problem.substituted(reduction.A[at], reduction.p_0[at])
-    return Quadratic.from_rows(
-        np.column_stack([rows.A, rows.b]) / np.sqrt(information.mean_samples)
-    )
+    problem = information.problem.substituted(reduction.A[at], reduction.p_0[at])
+    rows = np.column_stack([problem.A, problem.b])
+    return Quadratic.from_rows(rows / np.sqrt(information.mean_samples))
 
 
 def noise_level(information: Information) -> float:

@@ -107,9 +107,6 @@ class Cones:
         every = np.concatenate([np.zeros((0, 1 + len(mean))), *entries])
         return cls(every[:, 0], every[:, 1:], groups)
 
-    def turned(self, Q: Matrix) -> "Cones":
-        return replace(self, slopes=self.slopes @ Q)
-
     def hold(self, entries: Float[np.ndarray, "entries points"]) -> Bool[np.ndarray, " points"]:
         """Which points lie inside, by the entries of their blocks (Gauss, pivots positive)."""
         inside = np.ones(entries.shape[1], dtype=bool)
@@ -184,12 +181,10 @@ def density(model: IdentifiedModel, where: str = "") -> Density:
         else model.value(variable.name)
         for variable in reduction.variables
     ]
-    fitted, prior = (
-        np.linalg.solve(root, point - mean) for point in (np.array(x), reduction.prior)
-    )
-    return Density(
-        reduction, mean, root, Cones.in_prior_units(reduction, mean, root), fitted, prior, rest
-    )
+    points = np.array(x), reduction.prior
+    fitted, prior = (np.linalg.solve(root, point - mean) for point in points)
+    cones = Cones.in_prior_units(reduction, mean, root)
+    return Density(reduction, mean, root, cones, fitted, prior, rest)
 
 
 def _reduction(model: IdentifiedModel, record: PosteriorRecord) -> Reduction:
@@ -247,10 +242,11 @@ class Chains:
     def turn(self) -> None:
         """Choose axes anew, by the middle of where chains are; before draws that count."""
         y = self.y.T
-        values, vectors = np.linalg.eigh(self.density.cones.curvature(y.mean(axis=1)))
+        cones = self.density.cones
+        values, vectors = np.linalg.eigh(cones.curvature(y.mean(axis=1)))
         self._turn, curvature = vectors[:, ::-1], values[::-1]
         self._near, self._middle = (int(np.sum(curvature > edge)) for edge in (_ALONE, _FREE))
-        self._cones = self.density.cones.turned(self._turn)
+        self._cones = replace(cones, slopes=cones.slopes @ self._turn)
         self._y = self._turn.T @ y
         self._entries = self._cones.slopes @ self._y
         self._log = self._factor(self._y)

@@ -90,7 +90,7 @@ class Fault:
         """A verdict without a fault."""
         return Verdict(self.key, Grade.GOOD, seen, number=number, unit=self._unit(number))
 
-    def poor(
+    def judged(
         self,
         seen: str,
         subject: str = "",
@@ -101,25 +101,12 @@ class Fault:
         cure: str = "",
         proposals: tuple[Proposal, ...] = (),
     ) -> Verdict:
-        """A verdict with a fault."""
+        """A verdict of this grade; a good one has neither subject, cause nor cure."""
+        if grade is Grade.GOOD:
+            return self.good(seen, number)
         words = cause or self.cause, cure or self.cure
         unit = self._unit(number)
         return Verdict(self.key, grade, seen, subject, *words, proposals, number, unit)
-
-    def judged(
-        self,
-        grade: Grade,
-        seen: str,
-        subject: str = "",
-        number: float | None = None,
-        *,
-        cause: str = "",
-        cure: str = "",
-    ) -> Verdict:
-        """A verdict of this grade; a good one has neither subject nor cure."""
-        if grade is Grade.GOOD:
-            return self.good(seen, number)
-        return self.poor(seen, subject, number, grade=grade, cause=cause, cure=cure)
 
     def _unit(self, number: float | None) -> str:
         return "" if number is None else self.unit

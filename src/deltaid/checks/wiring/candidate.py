@@ -252,11 +252,11 @@ def closed_share(dynamics: Dynamics, motion: FilteredMotion, map: Map) -> float:
 
 
 def residuals(
-    dynamics: Dynamics, motion: FilteredMotion, maps: Iterable[Map], least: float = MOSTLY_CLOSED
+    dynamics: Dynamics, motion: FilteredMotion, maps: Iterable[Map]
 ) -> Iterator[MapResidual]:
-    """Least squares under maps whose loops close at a share of the samples."""
+    """Least squares under maps whose loops mostly close."""
     for map in maps:
-        if closed_share(dynamics, motion, map) >= least:
+        if closed_share(dynamics, motion, map) >= MOSTLY_CLOSED:
             solved = residual(dynamics, motion, map)
             if solved is not None:
                 yield solved

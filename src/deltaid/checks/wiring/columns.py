@@ -109,10 +109,8 @@ def _angle_sign(
     changes: dict[Quantity, Values] = {q: {i: turned(q, case.best.map.order[i])} for q in columns}
     cause, turn = f"the angle of {name} counts the other way", "position column"
     if both:
-        cause, turn = (
-            f"{name} counts the other way, in angle and torque",
-            "position and torque column",
-        )
+        cause = f"{name} counts the other way, in angle and torque"
+        turn = "position and torque column"
         changes["torque"] = {i: turned("torque", i)}
     return Verdict(
         "angle-sign",

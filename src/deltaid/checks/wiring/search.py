@@ -51,10 +51,8 @@ def explained(
         coarse: a part of it for the search.
     """
     identity = Map.identity(dynamics.dof)
-    mapped = [
-        WiringHypothesis(solved, identity.order, np.ones(dynamics.dof))
-        for solved in residuals(dynamics, fine, [identity], least=0.0)
-    ]
+    as_is = residual(dynamics, fine, identity)
+    mapped = [WiringHypothesis(as_is, identity.order, np.ones(dynamics.dof))] if as_is else []
     likely = _searched(dynamics, fine, coarse.few(_SAMPLES), settled=any(c.clear for c in mapped))
     if likely is None:
         return tuple(mapped)

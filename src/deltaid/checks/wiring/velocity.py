@@ -112,7 +112,7 @@ def velocity_verdicts(case: RemappedRecording) -> Iterator[Verdict]:
             f"the velocity column of {names[rate.drive]} goes with no drive's changes of position "
             f"(correlation {rate.correlation:.2g})"
         )
-        yield _NOISE.poor(seen, names[rate.drive], rate.correlation)
+        yield _NOISE.judged(seen, names[rate.drive], rate.correlation)
     least_lag = max(_LAG, _OF_SAMPLE * case.evidence.rows.step)
     late = [rate for rate in matched if abs(rate.lag) > max(least_lag, _CERTAIN * rate.lag_std)]
     latest = max(late or recorded, key=lambda rate: abs(rate.lag))
@@ -122,7 +122,7 @@ def velocity_verdicts(case: RemappedRecording) -> Iterator[Verdict]:
             f"velocities are {abs(lag):.3g} ± {2e3 * latest.lag_std:.1g} ms "
             f"{'behind' if lag > 0 else 'ahead of'} the changes of the positions"
         )
-        yield _LATE.poor(seen, case.whose([rate.drive for rate in late]), lag)
+        yield _LATE.judged(seen, case.whose([rate.drive for rate in late]), lag)
     if not groups and not lost and not late:
         seen = (
             f"recorded velocities are the derivatives of the positions: within "
@@ -141,7 +141,7 @@ def _order(case: RemappedRecording, swapped: list[Rate]) -> Verdict:
     moved = {
         rate.nearest: record.taken_from(rate.drive, "velocity", rate.nearest) for rate in swapped
     }
-    return _ORDER.poor(
+    return _ORDER.judged(
         f"velocity columns go with the changes of other drives' positions, by correlations of at "
         f"least {weakest:.3f}: {pairs}",
         case.whose([rate.drive for rate in swapped]),
