@@ -3,18 +3,14 @@
     pip install '.[test,benchmark]'
     python benchmarks/c_code.py
 
-One thread, processor time for all. Every function is called with states of a motion through the
-workspace, 1 ms apart. The first figure is the mean over all states in the best of many rounds, the
-one in brackets the slowest state, each at the best of many calls, so neither counts what the
-operating system does in between.
-Forward kinematics starts from the pose of the call before. `--native` compiles for this machine's
-own instructions, `--single` takes the export in single precision.
+One thread, processor time. Every function is called with states of a motion through the workspace,
+1 ms apart, forward kinematics from the pose of the call before. The first figure is the mean over
+all states in the best of many rounds, the one in brackets the slowest state at the best of many
+calls. `--native` compiles for this machine's instructions, `--single` takes single precision.
 
-Beside it, forward dynamics of the MJCF and URDF exports of the same robot with its loops closed:
-MuJoCo's mj_forward (soft constraints, no contacts, friction left out), and Pinocchio's
-constraintDynamics (proximal, on the cut tree, without couplings of joints, so only for robots that
-have none). Both are called from Python; the call itself is measured on an empty function and
-counted off.
+Beside it, forward dynamics of the MJCF and URDF exports with loops closed, without friction:
+MuJoCo's mj_forward (soft constraints), and Pinocchio's constraintDynamics (proximal, only for
+robots without couplings of joints), the call from Python counted off.
 """
 
 import json

@@ -3,16 +3,14 @@
     python benchmarks/calibrate.py [--machines 20]
     python benchmarks/calibrate.py --times
 
-First a Delta with arms of 0.235, struts of 0.8, base 0.25 and platform 0.05 m that works within
-0.35 m of its axis and 0.25 m of height. Every row is a set of instruments: 60 poses for a tracker
-(20 µm), 60 touches of a bed (10 µm), half of them on a gauge block of 0.1 m where there are two
-heights, 18 distances (20 µm) a height. Then robots of the catalogue, 60 poses under a tracker. Of
-all of them lengths are known to 1 mm, angles to 1 mrad, scales of rails to 0.1 %; where struts are
-apart these also differ within a limb. Ranks count combinations of numbers and of the instrument's
-unknowns that readings know better than was known before. The error is that of positions over
-the workspace after a rigid motion is taken out: predicted by the covariance, and that of machines
-that are drawn, measured with noise and calibrated, by `tests/oracle`, which shares no code with the
-package. The last columns are the share of 95 % intervals that hold and the time of a calibration.
+First a Delta, a row a set of instruments: 60 poses for a tracker (20 µm), 60 touches of a bed
+(10 µm), half of them on a gauge block of 0.1 m where there are two heights, 18 distances (20 µm) a
+height. Then robots of the catalogue, 60 poses under a tracker. Lengths are known to 1 mm, angles to
+1 mrad, scales of rails to 0.1 %; struts that are apart also differ within a limb. Ranks count
+combinations of numbers and of the instrument's unknowns that readings know better than before.
+Errors are of positions over the workspace after a rigid motion is taken out: predicted, and of
+machines drawn and measured by `tests/oracle`, which shares no code with the package. The last
+columns are the share of 95 % intervals that hold and the time of a calibration.
 
 `--times` leaves processor time of one calibration of 42 numbers, the robot with its struts apart,
 from 60 and 10,000 points, in the first call of a process and in later ones.

@@ -3,23 +3,17 @@
     pip install .
     python benchmarks/command.py [--largest 10000000] [--before ../old/src]
 
-The logs are simulated once into a temporary folder, as CSV and as Parquet: one robot, one motion,
-1 kHz, time, positions and torques only, so the command has to choose a filter, differentiate and
-thin. Counted is everything from the start of the process to its end: Python's start and imports,
-building the dynamics, the survey of the log, filtering, regressor and factor, the fit, and one more
-pass over the log for the torque errors; the model is saved, what is printed goes nowhere. Kernels
-are kept in the temporary folder, so the first run of all compiles them and the others do not. Every
-measurement is a process of its own, started by a process that does nothing else. Memory is its peak
-resident set as the operating system counts it. All cores are used, as by default; CPU time is that
-of all of them together and says more than the wall time on a machine that has other work to do.
+Logs are simulated once, as CSV and as Parquet: one robot, one motion, 1 kHz, time, positions and
+torques only. Counted is the whole process, from Python's start to the saved model. Kernels are kept
+in the temporary folder, so that only the first run compiles them. Every measurement is a process of
+its own; memory is its peak resident set, CPU time that of all cores together.
 
-`--before` names the sources of another version, which is run in turn with this one on every log:
-on a busy machine, two runs differ by what else it does. Only CPU times are compared.
+`--before` names the sources of another version, run in turn with this one on every log; only CPU
+times are compared.
 
-The stages of one `identify` call on the longest CSV log of up to 10⁶ samples follow, as its
-`progress` callback announces them, in CPU time: without the start of Python and with imports done.
-Then the CPU time of such a call for recordings of different rates and as many rows, with the
-cut-off given; and `deltaid base` with and without kernels on disk.
+Then follow the stages of one `identify` call on the longest CSV log of up to 10⁶ samples, as its
+`progress` callback announces them, in CPU time; the CPU time of such a call for different rates and
+as many rows, with the cut-off given; and `deltaid base` with and without kernels on disk.
 """
 
 import itertools

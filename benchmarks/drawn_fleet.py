@@ -23,11 +23,7 @@ from _drawn_templates import SETTINGS, WANDERING, WHITE, Template, own_columns, 
 
 from deltaid.dynamics.dynamics import Dynamics, compiled
 from deltaid.fleets.factor_file import FactorFile
-from deltaid.fleets.factor_record import (
-    FactorRecord,
-    RecordingFactors,
-    Temperature,
-)
+from deltaid.fleets.factor_record import FactorRecord, RecordingFactors, Temperature
 from deltaid.model.record import Settings
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.inertia import PSEUDO_INERTIA_ENTRIES, inertia_parameters, pseudo_inertia

@@ -5,38 +5,27 @@
 
 One robot, one series, one set of limits, the default criterion, one thread a solver. Four parts:
 
-Optimisers. From the same random starts, each on its own:
-  deltaid  `optimise` of `deltaid.motion.excitation` from one start: SLSQP, exact gradients, smooth
-           maxima of the limits, tightened until they hold between the grid points.
-  SLSQP    SciPy's, with forward differences; each limit is one constraint, its largest use on the
-           grid, as one would write it with today's Python tools.
-  IPOPT    that of CasADi's wheel on the same functions with the same differences, handed over as
-           CasADi callbacks, limited-memory Hessian.
-The other two get deltaid's compiled functions without derivatives, and one evaluation serves the
-objective and all limits. That favours them: such functions are what they lack. They run until the
-time is up, again from where they ended if they end early, or until that moves nothing.
-
-What is compared is common to all: every point at which a solver asks for a value (not the
-perturbed ones of a difference) is judged afterwards, off the clock, on a ten times finer grid with
-the true sign of friction. A point that exceeds a limit there is pulled towards the feasible start
-until it does not. Counted is the processor time of this process from the start, which on an idle
-machine is the wall time; for deltaid it includes drawing the start, checks and tightening. An
-evaluation is one call of the functions; deltaid's includes the gradients. Ratios compare the time
-in which another solver has its best value, and 99 and 95 % of its way there from the start, with
-the time in which deltaid has as good a value. The last line is deltaid's from as many starts as the
-command makes, which is how it is used.
+Optimisers, from the same random starts: deltaid's `optimise` (SLSQP, exact gradients, smooth maxima
+of the limits, tightened until they hold between grid points); SciPy's SLSQP with forward
+differences, one constraint a limit; CasADi's IPOPT on the same functions and differences, limited-
+memory Hessian. Both others get deltaid's compiled functions, one evaluation for the objective and
+all limits. They run until the time is up, again from where they ended, or until nothing moves.
+Every point at which a solver asks for a value is judged off the clock, on a ten times finer grid
+with the true sign of friction; one beyond a limit is pulled towards the feasible start. Counted is
+processor time from the start, for deltaid with drawing the start, checks and tightening; one of its
+evaluations includes gradients. Ratios compare the time to another solver's best value, and to 99
+and 95 % of its way there, with deltaid's time to as good a value. The last line is deltaid's from
+as many starts as the command makes.
 
 Command. Wall time of `deltaid excite` from nothing to a file, in a process of its own.
 
-Predictions. Standard deviations of the base parameters that least squares will have, by deltaid's
-prediction, for recordings of equal length: the optimised run against the best of many random
-feasible motions, best by the same criterion, and against the one in their middle.
+Predictions. Standard deviations of base parameters for recordings of equal length: the optimised
+run against the best of many random feasible motions, by the same criterion, and the middle one.
 
-Identification. Recordings of a robot with known parameters, one for each seed, along the optimised
-run and along random motions with the same limits: equal length, rate, encoder steps and torque
-noise in N m. `deltaid.identify` gets times, angles and torques. Errors are against the truth: M by
-its entries' largest errors along a third motion, relative to each entry's mean; friction by its
-worst coefficient; base parameters in units of the prior's standard deviation.
+Identification. Recordings of a known robot, one a seed, along the optimised run and random motions
+with the same limits, rate, encoder steps and torque noise in N m. Errors: M by its entries' largest
+along a third motion, relative to each entry's mean; friction by its worst coefficient; base
+parameters in units of the prior's standard deviation.
 """
 
 import os

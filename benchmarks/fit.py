@@ -4,26 +4,17 @@
     python benchmarks/fit.py
 
 A surrogate robot with known truth is recorded twice: as a drive would log it (encoder steps, 2 %
-torque noise; positions and torques only, filtered and differentiated) and without noise, with
-velocities and accelerations. What follows starts from the recordings' triangular factors, on one
-thread; times are CPU times of the process, since wall times change with whatever else the machine
-is doing. Counted is:
+torque noise; positions and torques only) and without noise, with velocities and accelerations.
+Times are CPU times on one thread from the recordings' triangular factors to the solution: γ from
+the data, the objective, the solution; for CVXPY the same problem built, compiled, solved and read
+back, 'solver' being the part that its solver reports. What the description alone decides stands on
+a line of its own. J is evaluated by the same function for all, its difference from the conic
+optimum in units of γ. Errors against the truth: M by its entries' largest along another motion,
+relative to each entry's mean; friction by its worst coefficient.
 
-conic, log-cholesky  γ from the data, the objective from the factors, and the solution: what
-                     `deltaid identify` does between `Information` and `Solution`.
-CVXPY                γ from the data, and the same problem built as CVXPY expressions, compiled,
-                     solved and read back; 'solver' is the part that its solver reports.
-
-Not counted, for all: what the description alone decides (`build_reduction`, `CvxpyFit`), shown on a
-line of its own. J is evaluated by the same function for all, and its difference from the conic
-optimum is given in units of γ, in which the prior's pull has the size of one. M and friction are
-compared with the truth as in the publication this package implements: M by its entries' largest
-errors along another motion, relative to each entry's mean; friction by its worst coefficient.
-
-The CVXPY problem is written independently of deltaid's (see _cvxpy_fit.py), so the run is a check
-as well: it fails if the optima differ by more than the solvers' tolerances explain, or if CVXPY's
-own value of J is not that of deltaid's function. For this a third problem is solved, with torques
-that no robot produces, so that the constraints are what the optimum hangs on.
+The CVXPY problem is written independently of deltaid's (_cvxpy_fit.py). The run fails if the optima
+differ by more than the solvers' tolerances explain, or if CVXPY's own value of J is not that of
+deltaid's function; also for torques that no robot produces, where the constraints decide.
 """
 
 import sys

@@ -3,24 +3,18 @@
     pip install '.[test,benchmark]'
     python benchmarks/forward.py
 
-Everything is measured in one run on one core, for one 4-DOF Delta with telescope bar. The tool and
-the rotor are given (almost) no inertia and the joints no friction, so that all three solve the same
+CPU times on one core, the median of several repeats, for one 4-DOF Delta with telescope bar. Tool
+and rotor have (almost) no inertia and joints no friction, so that all three solve the same
 equations; the run fails if Pinocchio's accelerations differ. Counted is:
 
-deltaid    `ForwardDynamics.acceleration` for a batch, a state at a time, and the kernel alone (its
-           machine code called for one state, which fills one of its lanes; the rest is Python and
-           allocation). `ForwardDynamics.step` is a whole time step with friction at rest: two
-           evaluations and the impulses of five friction joints.
-MuJoCo     `mj_forward` of what `deltaid export --to mjcf` writes (spanning tree with equality
-           constraints), called from Python at the same states, the call itself counted off, and
-           `mj_step` repeated in C by its own `nstep`, from rest. Its Newton solver, as by default.
-           The loops are soft springs there; the tool has its weight.
+deltaid    `ForwardDynamics.acceleration` for a batch, a state at a time, and its machine code alone
+           for one state; `ForwardDynamics.step`, a time step with friction at rest.
+MuJoCo     `mj_forward` of the MJCF export (equality constraints, which are soft; the tool has its
+           weight) at the same states, the call from Python counted off, and `mj_step` in C.
 Pinocchio  `constraintDynamics` of the tree of `_pinocchio_delta.py` with its twelve closures as
-           rigid contacts, called from Python. That the tool turns with the bar is no contact and
-           left out, in Pinocchio's favour.
+           rigid contacts, called from Python; without the tool that turns with the bar.
 
-Neither MuJoCo nor Pinocchio has to find coordinates that close the loops: they are given.
-Times are CPU times of the process, the median of several repeats.
+MuJoCo and Pinocchio are given coordinates that close the loops.
 """
 
 import ctypes

@@ -36,57 +36,35 @@ HEAD = (
     "said",
 )  # fmt: skip
 # Asked of M and of friction (%), for nine in ten recordings; three times as much at most.
-ASKED = {
-    "clean": (0.1, 0.3),
-    "lag": (0.2, 0.5),
-    "one-lag": (0.2, 0.5),
-    "current-loop": (0.2, 0.5),
-    "velocity": (0.2, 0.5),
-    "standing": (0.2, 0.5),
-    "brakes": (0.2, 0.5),
-    "stops": (0.2, 0.5),
-    "clipped": (0.3, 0.7),
-    "contacts": (0.2, 0.5),
-    "load-cycles": (0.3, 0.5),
-    "load-half": (0.3, 0.5),
-    "filter-5ms": (0.3, 1.0),
-    "hold-2ms": (0.3, 1.0),
-    "noisy-hold": (0.3, 1.0),
-    "clocks": (0.3, 1.0),
-    "late-gear": (0.3, 1.0),
-    "held-delays": (0.3, 1.0),
-    "gains": (1.0, None),
-    "stribeck": (0.2, 1.0),
-    "direction": (0.2, 1.0),
-    "load-friction": (0.3, 1.5),
-    "three-laws": (0.3, 1.5),
-    "backlash": (0.3, 1.0),
-    "gear-20000": (0.5, None),
-    "gear-5000": (1.0, None),
-    "poor-priors": (2.0, None),
+_ASKED: dict[tuple[float, float | None], str] = {
+    (0.1, 0.3): "clean",
+    (0.2, 0.5): "lag one-lag current-loop velocity standing brakes stops contacts",
+    (0.2, 1.0): "stribeck direction",
+    (0.3, 0.5): "load-cycles load-half",
+    (0.3, 0.7): "clipped",
+    (0.3, 1.0): "filter-5ms hold-2ms noisy-hold clocks late-gear held-delays backlash",
+    (0.3, 1.5): "load-friction three-laws",
+    (0.5, None): "gear-20000",
+    (1.0, None): "gains gear-5000",
+    (2.0, None): "poor-priors",
 }
 # Asked of M and of friction without its constant, where a constant of friction and what nobody
 # described may be the same to a recording.
-ASKED_SHAPE: dict[str, tuple[float, float | None]] = {
-    "ripple": (0.2, 0.5),
-    "homing-0.3": (0.2, 0.5),
-    "homing-0.5": (0.2, 0.5),
-    "hose": (0.3, 2.0),
-    "force": (0.3, 2.0),
-    "spring": (0.3, 2.0),
-    "hose-tilted": (0.3, 2.0),
-    "falling-gain": (1.0, 4.0),
-    "saturation": (1.0, 4.0),
-    "gear-ratio": (0.3, 1.0),
-    "long-limb": (0.3, 1.0),
-    "tilt": (0.3, 1.0),
-    "balancer": (0.3, 3.0),
-    "asymmetric": (0.7, None),
-    "askew": (0.7, None),
-    "mixture": (0.5, 2.0),
-    "realistic": (0.6, 1.5),
-    "production": (0.3, 1.5),
+_ASKED_SHAPE: dict[tuple[float, float | None], str] = {
+    (0.2, 0.5): "ripple homing-0.3 homing-0.5",
+    (0.3, 1.0): "gear-ratio long-limb tilt",
+    (0.3, 1.5): "production",
+    (0.3, 2.0): "hose force spring hose-tilted",
+    (0.3, 3.0): "balancer",
+    (0.5, 2.0): "mixture",
+    (0.6, 1.5): "realistic",
+    (0.7, None): "asymmetric askew",
+    (1.0, 4.0): "falling-gain saturation",
 }
+ASKED, ASKED_SHAPE = (
+    {row: bounds for bounds, rows in asked.items() for row in rows.split()}
+    for asked in (_ASKED, _ASKED_SHAPE)
+)
 # Rows of the first table of which intervals are judged.
 OF_INTERVALS = ("clean", "homing", "poor-priors", "closed-loop", "unlogged", "realistic")
 # Asked of the median of these, where it is asked for (%).

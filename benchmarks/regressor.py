@@ -3,24 +3,18 @@
     pip install '.[benchmark]'
     python benchmarks/regressor.py
 
-Everything is measured in one run, at the same random motions of one 4-DOF Delta. Counted is:
+At the same random motions of one 4-DOF Delta; CPU time, with two threads wall time. Counted is:
 
-deltaid    what `Dynamics.sparse_regressor(z, q̇, q̈)` does, with one thread: stacking the inputs,
-           allocating the output, all 144 structurally nonzero entries of Y (loop closure,
-           friction and rotor columns included). Compiling is not.
-CasADi     `Function.map` of that very function, serial, called through CasADi's buffer interface
-           on preallocated arrays, its fastest call. Building and allocating is not.
+deltaid    `Dynamics.sparse_regressor(z, q̇, q̈)`: stacking the inputs, allocating the output, all
+           144 structurally nonzero entries of Y, loop closure included. Compiling is not.
+CasADi     a serial `Function.map` of that function through CasADi's buffer interface on
+           preallocated arrays, its fastest call.
 Pinocchio  for each sample `computeJointTorqueRegressor` of the spanning tree and the product with
            Gᵀ, G = ∂(tree velocities)/∂(drive velocities), then the sum over identical limbs'
-           columns; no friction or rotor columns. Loop closure (tree coordinates, velocities,
-           accelerations and G) is NOT counted; a line of its own gives the speed with it, where it
-           is NumPy code of this benchmark over Pinocchio's Jacobians.
+           columns; no friction or rotor columns. Loop closure is NOT counted; a line of its own
+           has the speed with it (NumPy over Pinocchio's Jacobians).
 
-Times on one core are CPU times of the process, since wall times change with whatever else the
-machine is doing; with two threads it is wall time.
-
-Pinocchio's result is also an independent check: the run fails if its projected regressor and
-deltaid's inertial columns differ.
+The run fails if Pinocchio's projected regressor and deltaid's inertial columns differ.
 """
 
 import sys

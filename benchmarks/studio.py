@@ -52,6 +52,10 @@ _FRAMES = """() => { window.gaps = 0; let last = performance.now();
     requestAnimationFrame(frame); }; requestAnimationFrame(frame); }"""
 
 
+def since(begun: float) -> str:
+    return f"{time.perf_counter() - begun:.1f} s"
+
+
 def recording(samples: int) -> pl.DataFrame:
     """A motion of Clavel's Delta with encoder steps and torque noise."""
     dynamics, rng = compiled(load_robot(ROBOT)), np.random.default_rng(5)
@@ -98,11 +102,8 @@ class Keyboard:
             self.page.keyboard.press("Tab")
             self.steps += 1
             found, seen = self.page.evaluate(_NAME)
-            if (
-                not seen
-                and found
-                and self.page.evaluate("document.activeElement !== document.body")
-            ):
+            is_body = "document.activeElement === document.body"
+            if not seen and found and not self.page.evaluate(is_body):
                 self.unseen.add(found[:40])
             if found in names:
                 return
@@ -130,7 +131,7 @@ def visit(page: sync_api.Page, pings: Pings, log: Path, table: list[tuple[str, s
     page.goto(pings.studio.address)
     pings.begin(page)
     page.get_by_role("combobox", name="Robot").wait_for()
-    table.append(("from the address to the first page", f"{time.perf_counter() - begun:.1f} s"))
+    table.append(("from the address to the first page", since(begun)))
     keys.reach("Robot")
     page.keyboard.type(ROBOT)
     page.get_by_role("option", name=ROBOT).wait_for()
@@ -146,9 +147,9 @@ def visit(page: sync_api.Page, pings: Pings, log: Path, table: list[tuple[str, s
     page.evaluate(_FRAMES)
     chooser.value.set_files(log)
     keys.see("so degrees are assumed")
-    table.append(("from the drop to proposed columns", f"{time.perf_counter() - begun:.1f} s"))
+    table.append(("from the drop to proposed columns", since(begun)))
     page.locator(".js-plotly-plot").wait_for(timeout=300_000)
-    table.append(("… to the preview", f"{time.perf_counter() - begun:.1f} s"))
+    table.append(("… to the preview", since(begun)))
     keys.press("Use these, write mapping.yaml")
     keys.see("Kept in mapping.yaml")
     page.locator(".js-plotly-plot .main-svg").first.wait_for(timeout=300_000)
@@ -164,12 +165,12 @@ def visit(page: sync_api.Page, pings: Pings, log: Path, table: list[tuple[str, s
     keys.see("have changed since the last check")
     keys.press("Check")
     keys.see("torque-lag")
-    table.append(("two checks and a cure", f"{time.perf_counter() - begun:.1f} s"))
+    table.append(("two checks and a cure", since(begun)))
     keys.go("Fit")
     begun = time.perf_counter()
     keys.press("Fit")
     page.get_by_role("button", name="See the result").wait_for(timeout=300_000)
-    table.append(("fit and its report", f"{time.perf_counter() - begun:.1f} s"))
+    table.append(("fit and its report", since(begun)))
     keys.press("See the result")
     keys.see("fits torques")
     keys.go("Use")
@@ -192,7 +193,7 @@ def zoom(page: sync_api.Page, table: list[tuple[str, str]]) -> None:
         "document.querySelector('.js-plotly-plot'), {'xaxis.range[0]': 10, 'xaxis.range[1]': 12}))"
     )
     page.wait_for_function(f"{spacing} < {before / 3}", timeout=60_000)
-    table.append(("two seconds in full detail", f"{time.perf_counter() - begun:.1f} s"))
+    table.append(("two seconds in full detail", since(begun)))
 
 
 def memory(pid: int) -> str:
@@ -214,7 +215,7 @@ def scripts(work: Path, table: list[tuple[str, str]]) -> None:
         begun = time.perf_counter()
         with contextlib.chdir(work), contextlib.redirect_stdout(None):
             exec(compile(run.python, run.name, "exec"), {})
-        table.append((f"Python of {run.name}", f"{time.perf_counter() - begun:.1f} s"))
+        table.append((f"Python of {run.name}", since(begun)))
 
 
 def pictures(browser: sync_api.Browser, studio: Studio, folder: Path) -> None:
@@ -248,9 +249,7 @@ def main() -> None:
         table.append(("recording", f"{log.stat().st_size / 1e6:.0f} MB of CSV"))
         begun = time.perf_counter()
         with Studio(work) as studio, sync_api.sync_playwright() as playwright:
-            table.append(
-                ("from the command to its address", f"{time.perf_counter() - begun:.1f} s")
-            )
+            table.append(("from the command to its address", since(begun)))
             browser = playwright.chromium.launch(executable_path=CHROMIUM, args=list(ARGUMENTS))
             page = browser.new_page(viewport={"width": 1280, "height": 900})
             page.set_default_timeout(60_000)
