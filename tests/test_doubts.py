@@ -25,6 +25,7 @@ from deltaid.recording.recording import open_recordings
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.load import load_robot
 from logs import names, recorded, text, write
+from poor_priors import PLAIN
 
 Torques = Callable[[np.ndarray, np.ndarray], np.ndarray]
 
@@ -87,10 +88,7 @@ SWAPPED = recorded(1500, derivatives=True).rename({"qd1": "qd2", "qd2": "qd1"})
         (changed(q1=pl.lit(0.1)), "column q1 is constant"),
         ("Scope\n" + GOOD, "row 2 is taken for the column names"),
         (GOOD + "END\n", r"ends with text after its data \('END'\)"),
-        (
-            GOOD.replace("\n", "\ns,rad,rad,rad,Nm,Nm,Nm\n", 1),
-            r"row 2 is taken for units \(s, rad, ",
-        ),
+        (GOOD.replace("\n", "\ns,rad,rad,rad,Nm,Nm,Nm\n", 1), r"row 2 is taken for units \(s, rad"),
         (GOOD.rstrip("\n"), "the last line has no line break"),
         (with_field(150, "t", "0.1484"), "stamps of t jitter by .* positions are even, so rows"),
         (
@@ -126,9 +124,6 @@ def test_planned_motions_need_no_torques(tmp_path, clavel: Dynamics) -> None:
 
 
 SIGNS = "check the sign of these torques and positions"
-
-
-PLAIN = Settings(friction="described", lag="none", compliance="none", effects="none", events=False)
 
 
 def flipped(*columns: str) -> pl.DataFrame:

@@ -260,9 +260,7 @@ def found_wrong(robot: RobotDescription, columns: dict[str, np.ndarray]) -> list
     """Keys and grades of verdicts on columns that are not good."""
     found = checked_wiring(evidence(robot, pl.DataFrame(columns)))
     assert found
-    return [
-        (verdict.key, str(verdict.grade)) for verdict in found if verdict.grade is not Grade.GOOD
-    ]
+    return [(v.key, str(v.grade)) for v in found if v.grade is not Grade.GOOD]
 
 
 def test_columns_of_a_lone_drive(tmp_path: Path) -> None:

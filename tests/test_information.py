@@ -1,11 +1,13 @@
 """Information factors and base parameters against plain dense least squares."""
 
 from itertools import pairwise
+from pathlib import Path
 
 import numpy as np
+import polars as pl
 import pytest
 
-from deltaid.dynamics.dynamics import compiled
+from deltaid.dynamics.dynamics import Dynamics, compiled
 from deltaid.dynamics.parameters import prior_parameters
 from deltaid.errors import IdentificationError
 from deltaid.estimation.base_parameters import base_parameters
@@ -37,6 +39,18 @@ def samples(name: str = ROBOT, n: int = 900, seed: int = 0) -> tuple[np.ndarray,
     truth = surrogate_parameters(dynamics.robot, rng)
     tau = dynamics.torque(z, qd, qdd, truth)
     return z, qd, qdd, tau + rng.standard_normal(tau.shape)
+
+
+def recorded(
+    folder: Path, seed: int, *, as_described: bool = False, **how
+) -> tuple[Dynamics, np.ndarray, pl.DataFrame, Path]:
+    """A robot, its parameters, a recording of it, and the file that has it."""
+    dynamics, rng = compiled(load_robot("clavel-delta3")), np.random.default_rng(seed)
+    robot = dynamics.robot
+    p = prior_parameters(robot) if as_described else surrogate_parameters(robot, rng)
+    recording = simulate_recording(dynamics, p, random_motion(dynamics.kinematics, rng), rng, **how)
+    write_recording(recording, folder / "log.csv")
+    return dynamics, p, recording, folder / "log.csv"
 
 
 def dense(name: str, data: tuple[np.ndarray, ...]) -> np.ndarray:
@@ -165,19 +179,15 @@ def test_standard_deviations_are_those_of_repeated_noise() -> None:
 
 
 def test_gauss_markov_is_the_tighter_one_when_drives_differ(tmp_path) -> None:
-    robot = load_robot("clavel-delta3")
-    dynamics, rng = compiled(robot), np.random.default_rng(0)
-    truth = surrogate_parameters(robot, rng)
-    motion = random_motion(dynamics.kinematics, rng)
-    recording = simulate_recording(dynamics, truth, motion, rng, noise=SensorNoise(torque=0.0))
-    noise = rng.standard_normal((recording.height, 3)) * [3.0, 0.1, 0.1]
+    dynamics, truth, recording, log = recorded(tmp_path, 0, noise=SensorNoise(torque=0.0))
+    noise = np.random.default_rng(1).standard_normal((recording.height, 3)) * [3.0, 0.1, 0.1]
     noise[:, 1] += 0.5 * noise[:, 0]  # correlated between drives
     for i in range(3):
         recording = recording.with_columns(recording[f"tau{i + 1}"] + noise[:, i])
-    write_recording(recording, tmp_path / "log.csv")
+    write_recording(recording, log)
     true_base, errors, stds = None, {}, {}
     for method in ("ordinary", "weighted", "gauss-markov"):
-        base, estimate = identify_base(dynamics, [tmp_path / "log.csv"], method)
+        base, estimate = identify_base(dynamics, [log], method)
         true_base = base.combination() @ truth
         errors[method] = np.abs(estimate.values - true_base) / np.abs(true_base).max()
         stds[method] = estimate.std
@@ -186,13 +196,8 @@ def test_gauss_markov_is_the_tighter_one_when_drives_differ(tmp_path) -> None:
 
 
 def test_filtered_information_agrees_with_the_streamed_torque_error(tmp_path) -> None:
-    robot = load_robot("clavel-delta3")
-    dynamics, rng = compiled(robot), np.random.default_rng(0)
-    truth = surrogate_parameters(robot, rng)
-    motion = random_motion(dynamics.kinematics, rng)
-    recording = simulate_recording(dynamics, truth, motion, rng, noise=SensorNoise())
-    write_recording(recording, tmp_path / "log.csv")
-    one = with_filter(open_log(tmp_path / "log.csv", dynamics.kinematics))
+    dynamics, truth, recording, log = recorded(tmp_path, 0, noise=SensorNoise())
+    one = with_filter(open_log(log, dynamics.kinematics))
     information = merge(gather(dynamics, one))
     streamed = torque_error(dynamics, truth, one)
     # The information is thinned, the stream is not, so the two are estimates of the same number.
@@ -202,13 +207,9 @@ def test_filtered_information_agrees_with_the_streamed_torque_error(tmp_path) ->
 
 
 def test_blocks_of_a_log_are_consecutive_equal_and_together_the_whole(tmp_path):
-    dynamics = compiled(load_robot("clavel-delta3"))
-    rng = np.random.default_rng(3)
-    motion = random_motion(dynamics.kinematics, rng)
-    p = prior_parameters(dynamics.robot)
-    recording = simulate_recording(dynamics, p, motion, rng, duration=20.3, rate=997.0)
-    write_recording(recording, tmp_path / "log.csv")
-    log = open_log(tmp_path / "log.csv", dynamics.kinematics, None, keep_all=True)
+    how = {"as_described": True, "duration": 20.3, "rate": 997.0}
+    dynamics, _, recording, path = recorded(tmp_path, 3, **how)
+    log = open_log(path, dynamics.kinematics, None, keep_all=True)
     blocks = gather(dynamics, PreparedRecording(log, None))
     length = -(-log.samples // STRETCHES)
     assert [b.mean_samples for b in blocks[:-1]] == [length] * (len(blocks) - 1)
@@ -227,13 +228,8 @@ def test_blocks_of_a_log_are_consecutive_equal_and_together_the_whole(tmp_path):
 
 @pytest.mark.parametrize("filtered", [False, True])
 def test_places_divide_the_same_samples_by_where_the_platform_was(tmp_path, filtered):
-    dynamics = compiled(load_robot("clavel-delta3"))
-    rng = np.random.default_rng(4)
-    motion = random_motion(dynamics.kinematics, rng)
-    p = prior_parameters(dynamics.robot)
-    recording = simulate_recording(dynamics, p, motion, rng, duration=20.0)
-    write_recording(recording, tmp_path / "log.csv")
-    log = open_log(tmp_path / "log.csv", dynamics.kinematics, None, keep_all=True)
+    dynamics, _, recording, path = recorded(tmp_path, 4, as_described=True, duration=20.0)
+    log = open_log(path, dynamics.kinematics, None, keep_all=True)
     one = with_filter(log, 20.0 if filtered else None)
     places = places_of(dynamics, [one])
     whole = merge(gather(dynamics, one, places))
@@ -254,13 +250,8 @@ def test_places_divide_the_same_samples_by_where_the_platform_was(tmp_path, filt
 
 @pytest.mark.parametrize("method", ["ordinary", "weighted", "gauss-markov"])
 def test_every_method_has_intervals_from_the_scatter(tmp_path, method) -> None:
-    robot = load_robot("clavel-delta3")
-    dynamics, rng = compiled(robot), np.random.default_rng(5)
-    truth = surrogate_parameters(robot, rng)
-    motion = random_motion(dynamics.kinematics, rng)
-    recording = simulate_recording(dynamics, truth, motion, rng, duration=20.0, noise=SensorNoise())
-    write_recording(recording, tmp_path / "log.csv")
-    base, estimate = identify_base(dynamics, [tmp_path / "log.csv"], method)
+    dynamics, truth, _, log = recorded(tmp_path, 5, duration=20.0, noise=SensorNoise())
+    base, estimate = identify_base(dynamics, [log], method)
     assert estimate.noise.groups in ("time", "place")
     assert np.all(estimate.interval > 1.96 * estimate.std)
     within = np.abs(estimate.values - base.combination() @ truth) <= estimate.interval

@@ -119,9 +119,8 @@ def test_what_fell_to_its_bound_is_at_the_limit_with_one_end() -> None:
     log = recorded(p, 1)
     # Noise of the drive that looks a little like friction that pushes.
     speed = np.gradient(log["q1"].to_numpy(), 1 / 500.0)
-    model = identify(
-        load_robot(ROBOT), log.with_columns(pl.col("tau1") - 0.05 * speed), settings=PLAIN
-    ).model
+    log = log.with_columns(pl.col("tau1") - 0.05 * speed)
+    model = identify(load_robot(ROBOT), log, settings=PLAIN).model
     fell = parameter_named(model, "viscous.drive1")
     assert fell.value < 1e-3 * fell.prior
     assert fell.determined_by == "limit"
@@ -208,9 +207,8 @@ def random_evidence(rng: np.random.Generator) -> PriorEvidence:
     columns = np.eye(4, 5) + 0.2 * rng.normal(size=(4, 5))
     N = 0.01 * np.diag(rng.uniform(1, 2, 4))
     x = np.array([0.5, -0.3, 40.0, 0.1, 0.2])
-    return PriorEvidence(
-        ("B.a", "B.b", "C.c", "C.d"), ([0, 1], [2, 3]), rows, columns, columns @ x, N
-    )
+    names = ("B.a", "B.b", "C.c", "C.d")
+    return PriorEvidence(names, ([0, 1], [2, 3]), rows, columns, columns @ x, N)
 
 
 def log_evidence(given: PriorEvidence, s: np.ndarray) -> float:

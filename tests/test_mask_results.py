@@ -15,12 +15,8 @@ from deltaid.recording.opening import open_log
 from deltaid.recording.recording import PreparedRecording, open_recordings, with_filter
 from deltaid.view.corrections import left_out_table, reversals
 from interrupted import CLAVEL, IRB, Interrupted, cost_of_masks, interrupted, mass_error, opened
+from poor_priors import PLAIN as MASKS  # nothing is corrected beside the masks
 from sweeps import swept
-
-# p of the robot that was moved, and nothing put right beside the masks.
-MASKS = deltaid.Settings(
-    friction="described", lag="none", compliance="none", effects="none", events=False
-)
 
 
 @pytest.mark.parametrize("name", swept([CLAVEL, IRB], CLAVEL))

@@ -174,11 +174,7 @@ def test_where_data_decides_models_spread_as_the_intervals(
     """
     name = f"{kind}.{drive}"
     at = model.layout.names.index(name)
-    (base,) = (
-        base_parameter
-        for base_parameter in model.base_parameters
-        if base_parameter.representative == name
-    )
+    (base,) = (base for base in model.base_parameters if base.representative == name)
     interval = (base.high - base.low) / (2 * stats.norm.ppf(0.975))
     expected = float(np.linalg.norm(normal(model).spread[at]))
     assert 0.9 * interval < expected < interval

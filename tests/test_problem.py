@@ -58,13 +58,9 @@ def of_two_drives(rng: np.random.Generator, samples: int, noise: float) -> Linea
 
 
 def test_what_is_not_known_before_errs_as_its_covariance_says() -> None:
-    rng, known = np.random.default_rng(3), np.eye(2, 3)
-    found = [
-        LinearProblem.together([of_two_drives(rng, size, 0.1) for size in (39, 300)]).with_known(
-            known, np.array([2.0, -1.0])
-        )
-        for _ in range(600)
-    ]
+    rng, known = np.random.default_rng(3), (np.eye(2, 3), np.array([2.0, -1.0]))
+    parts = ([of_two_drives(rng, size, 0.1) for size in (39, 300)] for _ in range(600))
+    found = [LinearProblem.together(part).with_known(*known) for part in parts]
     errors = np.array([solution.x[2] - 3.0 for solution in found])
     deviations = np.array([solution.covariance(slice(2, 3))[0, 0] ** 0.5 for solution in found])
     assert np.sqrt(np.mean(errors**2)) == pytest.approx(0.1 / np.sqrt(339), rel=0.2)
@@ -116,9 +112,8 @@ def test_variances_change_and_sharp_sums_stay() -> None:
     wanted = np.diag(V) * rng.uniform(0.9, 1.3, 6)
     found = with_variances(V, wanted)
     np.testing.assert_allclose(np.diag(found), wanted, rtol=0.02)
-    difference = np.linalg.inv(found) - np.linalg.inv(V) / np.exp(
-        np.mean(np.log(wanted / np.diag(V)))
-    )
+    grown = np.exp(np.mean(np.log(wanted / np.diag(V))))
+    difference = np.linalg.inv(found) - np.linalg.inv(V) / grown
     off = difference - np.diag(np.diag(difference))
     assert np.abs(off).max() < 1e-6 * np.abs(np.linalg.inv(V)).max()
 

@@ -7,6 +7,7 @@ import numpy as np
 import polars as pl
 
 import deltaid
+from checked import verdict_of
 from deltaid.checks.evidence import Evidence, evidence
 from deltaid.checks.proposals import HeldOut, confirmed, held_out, not_refuted
 from deltaid.model.verdict import Grade, Proposal, Verdict
@@ -14,11 +15,6 @@ from drives import case
 from identified import identified, simulated
 
 LOG = "clavel-delta3"
-
-
-def verdict_of(key: str, found: tuple[Verdict, ...]) -> Verdict:
-    (verdict,) = (verdict for verdict in found if verdict.key == key)
-    return verdict
 
 
 def proposing(
@@ -37,7 +33,7 @@ def shifted() -> Evidence:
 
 def test_friction_by_load_is_no_zero_that_is_off() -> None:
     made = case("load-friction", "delta3", 1)
-    homing = verdict_of("homing-or-tilt", deltaid.check(made.robot, made.logs[0]))
+    homing = verdict_of(deltaid.check(made.robot, made.logs[0]), "homing-or-tilt")
     assert homing.grade is Grade.DOUBTFUL
     assert not homing.proposals
     assert "no change of the files explains this" in homing.cure
@@ -45,7 +41,7 @@ def test_friction_by_load_is_no_zero_that_is_off() -> None:
 
 def test_a_zero_that_is_off_is_proposed() -> None:
     found = deltaid.check(shifted().robot, shifted().source)
-    (proposal,) = verdict_of("homing-or-tilt", found).proposals
+    (proposal,) = verdict_of(found, "homing-or-tilt").proposals
     ((key, value),) = proposal.changes
     assert key == "position[0].zero"
     np.testing.assert_allclose(float(str(value)), 0.02, atol=2e-3)
@@ -55,7 +51,7 @@ def test_a_base_far_out_of_level_is_looked_at_and_not_written() -> None:
     found = identified(LOG)
     tilted = {"gravity": (0.0, 9.81 * np.sin(0.15), -9.81 * np.cos(0.15))}
     frame = simulated(found.robot.changed(**tilted), found.p, seed=3)
-    verdict = verdict_of("homing-or-tilt", deltaid.check(found.robot, frame))
+    verdict = verdict_of(deltaid.check(found.robot, frame), "homing-or-tilt")
     assert verdict.grade is not Grade.GOOD
     assert "base out of level" in verdict.seen
     assert not verdict.proposals

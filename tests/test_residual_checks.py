@@ -57,12 +57,8 @@ def bad(verdicts: dict[str, Verdict]) -> list[str]:
 
 
 def test_a_clean_recording_points_at_nothing() -> None:
-    verdicts = said()
-    assert {key: v.grade for key, v in verdicts.items()} == {
-        "torque-lag": Grade.GOOD,
-        "resonance": Grade.GOOD,
-        "residual": Grade.GOOD,
-    }
+    grades = {key: verdict.grade for key, verdict in said().items()}
+    assert grades == dict.fromkeys(("torque-lag", "resonance", "residual"), Grade.GOOD)
 
 
 def test_a_lag_is_told_in_milliseconds_and_with_what_it_does() -> None:
@@ -230,9 +226,8 @@ def test_what_no_effect_explains_is_unexplained(added: Added, words: str) -> Non
 
 
 def test_noise_is_no_part_of_what_is_unexplained() -> None:
-    own = np.array([0.0, 1.0, 0.0])
-    quiet, noisy = (
-        said(lambda *at: 0.03 * own * np.abs(at[3]).max(axis=0) * np.cos(9 * _scaled(at[2])),
-             noise=noise)["residual"].number for noise in (0.01, 0.03)
-    )  # fmt: skip
+    def added(t, q, qd, tau) -> np.ndarray:
+        return [0.0, 0.03, 0.0] * np.abs(tau).max(axis=0) * np.cos(9 * _scaled(qd))
+
+    quiet, noisy = (said(added, noise=noise)["residual"].number for noise in (0.01, 0.03))
     assert noisy == pytest.approx(quiet, rel=0.06)

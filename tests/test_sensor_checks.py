@@ -64,6 +64,10 @@ def judged(
     return checked_sensors(evidence(dynamics.robot, frame, mapping))
 
 
+def poor(verdicts: tuple[Verdict, ...]) -> list[Verdict]:
+    return [verdict for verdict in verdicts if verdict.grade is not Grade.GOOD]
+
+
 def wrench(of: np.ndarray) -> pl.DataFrame:
     """The recording with other numbers of the plate."""
     _, frame = recorded()
@@ -136,13 +140,12 @@ QUICK = ("kN", "sign of fz", "moments first", "x and y exchanged", "tilted", "or
     "name", [pytest.param(x, marks=() if x in QUICK else pytest.mark.slow) for x in FAULTS]
 )
 def test_a_fault_is_told_and_what_is_proposed_mends_it(name: str) -> None:
-    dynamics, frame = recorded()[0], fault(name)
-    poor = [verdict for verdict in verdicts_on(name) if verdict.grade is not Grade.GOOD]
-    assert [(verdict.key, verdict.subject) for verdict in poor] == [(FAULTS[name], "plate")]
-    assert poor[0].grade is (Grade.DOUBTFUL if name == "late" else Grade.WRONG)
+    dynamics, frame, verdicts = recorded()[0], fault(name), poor(verdicts_on(name))
+    assert [(verdict.key, verdict.subject) for verdict in verdicts] == [(FAULTS[name], "plate")]
+    assert verdicts[0].grade is (Grade.DOUBTFUL if name == "late" else Grade.WRONG)
     data = evidence(dynamics.robot, frame).written_mapping
-    mapping = ColumnMapping.model_validate(mended(data, changes(poor, "mapping")))
-    described = mended(dynamics.robot.model_dump(mode="json"), changes(poor, "robot"))
+    mapping = ColumnMapping.model_validate(mended(data, changes(verdicts, "mapping")))
+    described = mended(dynamics.robot.model_dump(mode="json"), changes(verdicts, "robot"))
     robot = compiled(RobotDescription.model_validate(described))
     again = judged(robot, frame, mapping)
     assert [verdict.grade for verdict in again] == [Grade.GOOD] * 4, again
@@ -150,8 +153,7 @@ def test_a_fault_is_told_and_what_is_proposed_mends_it(name: str) -> None:
 
 def test_what_was_found_is_what_was_made() -> None:
     def proposed(name: str, key: str) -> Any:
-        poor = next(verdict for verdict in verdicts_on(name) if verdict.cause)
-        return dict(poor.proposals[0].changes)[f"sensors.plate.{key}"]
+        return dict(poor(verdicts_on(name))[0].proposals[0].changes)[f"sensors.plate.{key}"]
 
     assert proposed("lbf and lbf*in", "unit") == ["lbf"] * 3 + ["lbf*in"] * 3
     assert proposed("sign of fz", "sign") == [1, 1, -1, 1, 1, 1]
@@ -163,15 +165,14 @@ def test_what_was_found_is_what_was_made() -> None:
 
 def test_gauges_are_told_apart() -> None:
     dynamics = recorded()[0]
-    poor = [v for v in judged(dynamics, fault("gauge in kgf")) if v.grade is not Grade.GOOD]
-    assert [(verdict.key, verdict.subject) for verdict in poor] == [
-        ("sensor-unit", "gauge1"), ("sensor-sign", "torque1"),
-    ]  # fmt: skip
-    assert dict(poor[0].proposals[0].changes)["sensors.gauge1.unit"] == "kgf"
-    assert dict(poor[1].proposals[0].changes)["sensors.torque1.sign"] == -1
-    poor = [v for v in judged(dynamics, fault("gauges exchanged")) if v.grade is not Grade.GOOD]
-    assert [verdict.key for verdict in poor] == ["sensor-order"] * 2
-    assert "the column of gauge2 shows" in poor[0].seen
+    unit, sign = poor(judged(dynamics, fault("gauge in kgf")))
+    assert (unit.key, unit.subject) == ("sensor-unit", "gauge1")
+    assert (sign.key, sign.subject) == ("sensor-sign", "torque1")
+    assert dict(unit.proposals[0].changes)["sensors.gauge1.unit"] == "kgf"
+    assert dict(sign.proposals[0].changes)["sensors.torque1.sign"] == -1
+    exchanged = poor(judged(dynamics, fault("gauges exchanged")))
+    assert [verdict.key for verdict in exchanged] == ["sensor-order"] * 2
+    assert "the column of gauge2 shows" in exchanged[0].seen
 
 
 def test_dead_clipped_and_noisy_columns() -> None:

@@ -140,10 +140,8 @@ def test_of_two_that_look_alike_the_right_one_is_kept() -> None:
     rng = np.random.default_rng(3)
     right = rng.standard_normal(800)
     wrong = np.stack([right + 0.2 * rng.standard_normal(800) for _ in range(3)], axis=1)
-    A = np.column_stack([right, wrong])
-    block = NoiseBlock(
-        A, right + 0.05 * rng.standard_normal(800), np.repeat(np.arange(40), 20), 3.0
-    )
+    A, noisy = np.column_stack([right, wrong]), right + 0.05 * rng.standard_normal(800)
+    block = NoiseBlock(A, noisy, np.repeat(np.arange(40), 20), 3.0)
     groups = [
         CauseColumns("right", np.array([0]), np.array([0.1]), np.zeros(1)),
         CauseColumns("wrong", np.array([1, 2, 3]), np.full(3, 1.0), np.zeros(3)),
@@ -261,9 +259,8 @@ def test_a_cause_that_chance_gives_too_often_is_a_suspect(monkeypatch: pytest.Mo
 
 def test_what_cannot_be_negative_stays_at_zero() -> None:
     free = problem()
-    bounded = Shrunk.fitted(
-        free.blocks, free.D, free.d, [replace(free.groups[0], is_positive=True), free.groups[1]]
-    )
+    groups = [replace(free.groups[0], is_positive=True), free.groups[1]]
+    bounded = Shrunk.fitted(free.blocks, free.D, free.d, groups)
     assert free.x[3] == pytest.approx(-0.5, abs=0.03)
     assert bounded.x[3] == pytest.approx(0.0, abs=1e-5)
     assert bounded.x[[2, 4]] == pytest.approx(free.x[[2, 4]], abs=0.1)
@@ -297,12 +294,8 @@ PLAIN = Settings(friction="described")
 
 def chosen_loads(drives: Iterable[str]) -> FrictionChoice:
     """The record of a choice that gave these drives losses by load."""
-    steps = tuple(
-        FrictionTrial(
-            joint=drive, addition="load", error=0.1, gain=0.1, significance=5, useful=True
-        )
-        for drive in drives
-    )
+    trial = {"addition": "load", "error": 0.1, "gain": 0.1, "significance": 5, "useful": True}
+    steps = tuple(FrictionTrial(joint=drive, **trial) for drive in drives)
     return FrictionChoice(folds=40, plain_error=0.1, chosen_error=0.1, steps=steps, trials=())
 
 
@@ -341,10 +334,8 @@ def test_a_force_that_nothing_pulls_with_is_idle_and_a_ripple_is_searched() -> N
     force = platform_forces(dynamics, 1.0)[0]
     ripple = RippleColumns(dynamics, (0,), (1.0, 1.0), (12.5,))
     setup = Setup(result.robot, result.recordings, PLAIN, additions=(force, ripple))
-    assert idle(setup, fit(dynamics, setup.recordings, PLAIN, additions=setup.additions)) == (
-        frozenset(),
-        {force.name},
-    )
+    problem = fit(dynamics, setup.recordings, PLAIN, additions=setup.additions)
+    assert idle(setup, problem) == (frozenset(), {force.name})
 
 
 def test_a_force_that_pulls_is_not_idle() -> None:

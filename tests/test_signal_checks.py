@@ -25,8 +25,6 @@ from deltaid.recording.memory import Recording
 from deltaid.robot.load import load_robot
 from test_lag import frame as lagging
 
-DRIVES = [f"tau{i}" for i in (1, 2, 3)]
-
 
 @cache
 def frame(rate: float = 500.0) -> pl.DataFrame:
@@ -36,12 +34,6 @@ def frame(rate: float = 500.0) -> pl.DataFrame:
 def column(name: str) -> np.ndarray:
     """Of the clean recording."""
     return frame()[name].to_numpy()
-
-
-def number(verdict: Verdict) -> float:
-    """The figure that decided."""
-    assert verdict.number is not None
-    return verdict.number
 
 
 def said(table: pl.DataFrame) -> dict[str, list[Verdict]]:
@@ -78,7 +70,7 @@ def test_coarse_encoders_are_named_by_drive() -> None:
     (verdict,) = said(coarse)["encoder-step"]
     assert verdict.subject == "drive2"
     assert "steps of 0.02 rad" in verdict.seen
-    assert number(verdict) > 10
+    assert verdict.number > 10
 
 
 @pytest.mark.parametrize("lost", [slice(1000, 1003), slice(2000, 2400)])
@@ -105,12 +97,10 @@ def test_a_clipped_drive_is_named() -> None:
 
 
 def test_standing_still_is_a_share_of_the_time() -> None:
-    first, dt = frame()[:1], 1 / 500
-    still = pl.concat([first] * 4000).with_columns(t=pl.Series(dt * np.arange(4000) - 4000 * dt))
-    rng = np.random.default_rng(0)
-    still = still.with_columns(
-        *(pl.col(n) + pl.Series(0.1 * rng.standard_normal(4000)) for n in DRIVES)
-    )
+    time, rng = (np.arange(4000) - 4000) / 500, np.random.default_rng(0)
+    noise = {f"tau{i}": pl.Series(0.1 * rng.standard_normal(4000)) for i in (1, 2, 3)}
+    still = pl.concat([frame()[:1]] * 4000).with_columns(t=pl.Series(time))
+    still = still.with_columns(pl.col(name) + more for name, more in noise.items())
     (verdict,) = said(pl.concat([still, frame()]))["standing"]
     assert verdict.number == pytest.approx(40.0, abs=3.0)
 
@@ -120,7 +110,7 @@ def test_noise_of_a_torque_is_a_share_of_its_largest() -> None:
     more = 0.15 * largest * rng.standard_normal(len(frame()))
     (verdict,) = said(frame().with_columns(pl.col("tau1") + pl.Series(more)))["torque-noise"]
     assert (verdict.subject, verdict.grade) == ("drive1", Grade.DOUBTFUL)
-    assert 10 < number(verdict) < 16
+    assert 10 < verdict.number < 16
 
 
 def test_a_channel_of_noise_only_is_wrong() -> None:
@@ -195,24 +185,15 @@ def controlled(bits: int, bandwidth: float) -> tuple[Evidence, np.ndarray]:
     step = 2 * np.pi / 2.0**bits
     q = trajectory.desired(np.linspace(0, SECONDS, 40)).q
     mass = np.einsum("sii->i", dynamics.mass_matrix(q, p)) / len(q)
-    run = track(
-        Model(robot, p, "true"),
-        tuned("pd-feedforward", mass, bandwidth),
-        ControlModel(robot, 0.9 * p),
-        trajectory,
-        Drives(RATE, step),
-    )
+    law, known = tuned("pd-feedforward", mass, bandwidth), ControlModel(robot, 0.9 * p)
+    run = track(Model(robot, p, "true"), law, known, trajectory, Drives(RATE, step))
     noise = 0.01 * np.abs(run.tau).max(axis=0) * rng.standard_normal(run.tau.shape)
     log = Recording.from_arrays(q=step * np.round(run.q / step), tau=run.tau + noise, rate=RATE)
     return evidence(robot, log, settings=Settings(lag="none", friction="described")), run.q
 
 
-def shake_verdicts(bits: int, bandwidth: float) -> list[Verdict]:
-    return list(checked_feedback(controlled(bits, bandwidth)[0]))
-
-
 def test_drives_that_noise_shakes_are_told() -> None:
-    (verdict,) = shake_verdicts(13, 30.0)
+    (verdict,) = checked_feedback(controlled(13, 30.0)[0])
     assert verdict.key == "closed-loop"
     assert verdict.grade in (Grade.DOUBTFUL, Grade.WRONG)
     assert verdict.number > 1.0
@@ -229,7 +210,8 @@ def test_the_shake_is_as_large_as_it_is_told() -> None:
 
 
 def test_encoders_of_today_do_no_harm() -> None:
-    assert all(shake_verdict.grade is Grade.GOOD for shake_verdict in shake_verdicts(20, 20.0))
+    verdicts = checked_feedback(controlled(20, 20.0)[0])
+    assert {verdict.grade for verdict in verdicts} <= {Grade.GOOD}
 
 
 def test_noise_that_does_not_come_back_is_no_feedback() -> None:

@@ -103,10 +103,8 @@ def test_intervals_of_late_velocities_hold_the_truth_in_95_of_100() -> None:
     inside = np.abs(found.values - late) < found.interval
     assert inside.mean() == pytest.approx(0.95, abs=0.02)
     # The mean of as many independent numbers as there are stretches.
-    each = (
-        (slope * (slope * late - noise))[counts].reshape(STRETCHES, LONG - 1, drives).mean(axis=1)
-    )
-    std = np.std(each, axis=0, ddof=1) / np.sqrt(STRETCHES)
+    each = (slope * (slope * late - noise))[counts].reshape(STRETCHES, LONG - 1, drives)
+    std = np.std(each.mean(axis=1), axis=0, ddof=1) / np.sqrt(STRETCHES)
     np.testing.assert_allclose(found.interval, stats.t.ppf(0.975, STRETCHES - 1) * std)
 
 
@@ -160,10 +158,7 @@ def test_a_pattern_surprises_by_what_it_explains_over_the_scatter(alike: bool) -
     noise = np.tile(stretched(rng) if alike else in_turn(), 2)
     noise -= Q @ (Q.T @ noise)
     left = 40.0 * Q[:, 0] + noise
-    span, pattern = (
-        Span(np.zeros((len(left), 0)), np.zeros((1, 0))),
-        EffectCandidate("one", "", columns, tries=2.0),
-    )
+    span, pattern = Span.of_columns(0 * columns), EffectCandidate("one", "", columns, tries=2.0)
     (one,) = account([pattern], lambda _: (), ROWS.groups, span, left).first
     level = noise @ noise / (len(left) - 2)
     if alike:

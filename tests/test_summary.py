@@ -158,10 +158,8 @@ def test_numbers_and_corrections_are_counted(model: IdentifiedModel, error: Torq
         p if p.determined_by == "structure" else p.changed(determined_by=next(new))
         for p in model.parameters
     )
-    corrections = tuple(
-        Correction(kind=kind, subject=of, text="why")
-        for kind, of in (("lag", "drive1"), ("lag", "drive3"), ("gain", "drive2"))
-    )
+    made = ("lag", "drive1"), ("lag", "drive3"), ("gain", "drive2")
+    corrections = tuple(Correction(kind=kind, subject=of, text="why") for kind, of in made)
     changed = model.changed(parameters=parameters, corrections=corrections)
     text = " ".join(summary(changed, error).lines)
     assert f"6 of {len(shown)} numbers come from the recording" in text

@@ -73,19 +73,16 @@ def test_scale_of_torques() -> None:
 
 
 def test_signs() -> None:
-    name = "linear-delta"
-    columns = recorded(name)
-    n = columns["q"].shape[1]
-    turned = np.where(np.arange(n) == 1, -1.0, 1.0)
-    torque = only_verdict(name, times(columns, tau=turned))
-    assert (torque.key, torque.subject) == ("torque-sign", "drive2")
-    every = only_verdict(name, times(columns, tau=-1.0))
-    assert (every.key, every.subject) == ("torque-sign", "")
-    angle = only_verdict(name, times(columns, q=turned, qd=turned))
-    assert (angle.key, angle.subject) == ("angle-sign", "drive2")
-    both = only_verdict(name, times(columns, q=turned, qd=turned, tau=turned))
-    assert (both.key, both.subject) == ("angle-sign", "drive2")
-    assert "torque" in both.cause
+    turned = [1.0, -1.0, 1.0]
+
+    def said(**factors: object) -> tuple[str, str, bool]:
+        verdict = only_verdict("linear-delta", times(recorded("linear-delta"), **factors))
+        return verdict.key, verdict.subject, "torque" in verdict.cause
+
+    assert said(tau=turned) == ("torque-sign", "drive2", True)
+    assert said(tau=-1.0) == ("torque-sign", "", True)
+    assert said(q=turned, qd=turned) == ("angle-sign", "drive2", False)
+    assert said(q=turned, qd=turned, tau=turned) == ("angle-sign", "drive2", True)
 
 
 def test_a_sign_that_may_be_of_either_column() -> None:
@@ -93,9 +90,8 @@ def test_a_sign_that_may_be_of_either_column() -> None:
     columns = recorded("irb360-6-1600")
     verdicts = bad(checked_wiring(seen("irb360-6-1600", times(columns, tau=[1, 1, 1, -1]))))
     assert {verdict.key for verdict in verdicts} == {"torque-sign", "angle-sign"}
-    assert {(verdict.grade, verdict.subject) for verdict in verdicts} == {
-        (Grade.DOUBTFUL, "drive4")
-    }
+    graded = {(verdict.grade, verdict.subject) for verdict in verdicts}
+    assert graded == {(Grade.DOUBTFUL, "drive4")}
 
 
 def test_limbs_that_are_alike_hide_no_simple_cause() -> None:

@@ -57,11 +57,14 @@ def verdict(name: str = "clavel-delta3", unit: str = "rad", **which: bool) -> Ve
     return _verdict(empty, scores(), rivals, way, grade=Grade.WRONG, **which)
 
 
-def test_a_zero_that_is_off() -> None:
-    found = verdict(zero=True, either=False)
-    assert found.cause == "homing: a zero of drive2 that is 30 ± 2 mrad off"
+@pytest.mark.parametrize(
+    ("name", "unit", "told"), [("clavel-delta3", "rad", "mrad"), ("linear-delta", "mm", "mm")]
+)
+def test_a_zero_that_is_off(name: str, unit: str, told: str) -> None:
+    found = verdict(name, unit, zero=True, either=False)
+    assert found.cause == f"homing: a zero of drive2 that is 30 ± 2 {told} off"
     assert "explains 90 % of the residual" in found.seen
-    assert (found.number, found.unit) == (pytest.approx(-30.0), "mrad")
+    assert (found.number, found.unit) == (pytest.approx(-30.0), told)
     assert found.subject == "drive2"
 
 
@@ -76,12 +79,6 @@ def test_the_zero_that_is_proposed_is_in_the_unit_of_the_column(
     """Joint values are 30 mrad too large: that much is to be taken off."""
     (proposal,) = verdict(name, unit, zero=True, either=False).proposals
     assert dict(proposal.changes) == {"position[1].zero": pytest.approx(zero, rel=1e-5)}
-
-
-def test_a_zero_of_a_linear_drive_is_in_millimetres() -> None:
-    found = verdict("linear-delta", "mm", zero=True, either=False)
-    assert "a zero of drive2 that is 30 ± 2 mm off" in found.cause
-    assert (found.number, found.unit) == (pytest.approx(-30.0), "mm")
 
 
 def test_a_base_out_of_level() -> None:
