@@ -31,7 +31,9 @@ from deltaid.recording.mapping import ColumnMapping
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.inertia import inertia_parameters
 
-RATE = 500.0
+DURATION, RATE = 12.0, 500.0
+# Mass that is held in cycles [kg], and noise of what others are drawn from.
+LOAD, _NOISE = 0.5, 1e-3
 # Courses of white noise, and of friction that wanders, and how long the latter remembers [s].
 WHITE, WANDERING, MEMORY = 72, 16, 0.15
 SETTINGS = Settings(cutoff=15.0, friction="described", events=False, lag="none")
@@ -93,51 +95,42 @@ class Template:
 
 
 def simulated(
-    dynamics: Dynamics,
-    p: np.ndarray,
-    seed: int,
-    duration: float,
-    load: float | None,
-    noise: float,
-    noise_seed: int = 0,
-) -> tuple[pl.DataFrame, np.ndarray | None]:
-    """A recording on the motion of a seed, and what is held in it."""
+    dynamics: Dynamics, p: np.ndarray, seed: int, noise: float, noise_seed: int = 0
+) -> pl.DataFrame:
+    """A recording on the motion of a seed."""
     rng = np.random.default_rng([seed, 7])
-    motion = random_motion(dynamics.kinematics, rng, period=0.8 * duration)
-    sensing = SensorNoise(torque=noise)
-    args = {"duration": duration, "rate": RATE, "noise": sensing}
-    bare = simulate_recording(dynamics, p, motion, np.random.default_rng(noise_seed), **args)
-    if load is None:
-        return bare, None
+    motion = random_motion(dynamics.kinematics, rng, period=0.8 * DURATION)
+    rng, sensing = np.random.default_rng(noise_seed), SensorNoise(torque=noise)
+    return simulate_recording(dynamics, p, motion, rng, duration=DURATION, rate=RATE, noise=sensing)
+
+
+def _loaded(dynamics: Dynamics, p: np.ndarray, seed: int) -> tuple[pl.DataFrame, np.ndarray]:
+    """A recording with a load that is held in cycles, and the load's ten parameters."""
     carrier = "EE" if "EE" in dynamics.layout.bodies else "P"
-    c, own = np.array([0.01, -0.005, -0.05]), 4e-4 * load * np.eye(3)
+    c, own = np.array([0.01, -0.005, -0.05]), 4e-4 * LOAD * np.eye(3)
     M = np.zeros((4, 4))
-    M[:3, :3], M[:3, 3], M[3, :3], M[3, 3] = own + load * np.outer(c, c), load * c, load * c, load
+    M[:3, :3], M[:3, 3], M[3, :3], M[3, 3] = own + LOAD * np.outer(c, c), LOAD * c, LOAD * c, LOAD
     held, more = inertia_parameters(M), p.copy()
     more[dynamics.layout.body(carrier)] += held
-    full = simulate_recording(dynamics, more, motion, np.random.default_rng(noise_seed), **args)
+    bare, full = (simulated(dynamics, each, seed, _NOISE) for each in (p, more))
     state = np.sin(2 * np.pi * bare["t"].to_numpy() / 1.37) > 0.2
     tau = [f"tau{i + 1}" for i in range(dynamics.dof)]
-    mixed = {
-        column: np.where(state, full[column].to_numpy(), bare[column].to_numpy()) for column in tau
-    }
-    return bare.with_columns(
-        *(pl.Series(column, x) for column, x in mixed.items()),
-        pl.Series("gripper", state.astype(float)),
-    ), held
+    mixed = [pl.Series(x, np.where(state, full[x].to_numpy(), bare[x].to_numpy())) for x in tau]
+    return bare.with_columns(*mixed, pl.Series("gripper", state.astype(float))), held
 
 
-def template(
-    robot: RobotDescription, seed: int, duration: float, load: float | None, settings: Settings
-) -> Template:
+def template(robot: RobotDescription, seed: int, *, is_loaded: bool) -> Template:
     """A recording of the described robot, gathered with courses of noise."""
     dynamics, p = compiled(robot), prior_parameters(robot)
-    table, held = simulated(dynamics, p, seed, duration, load, 1e-3)
-    mapping = None if load is None else ColumnMapping(load=Load(column="gripper"))
+    if is_loaded:
+        table, held = _loaded(dynamics, p, seed)
+        mapping = ColumnMapping(load=Load(column="gripper"))
+    else:
+        table, held, mapping = simulated(dynamics, p, seed, _NOISE), None, None
     with TemporaryDirectory() as folder:
         path = Path(folder) / "log.parquet"
         table.write_parquet(path)
-        result = identify(robot, [path], columns=mapping, settings=settings)
+        result = identify(robot, [path], columns=mapping, settings=SETTINGS)
         problem, recording = result.problem, result.recordings[0]
         columns = gathered_columns(problem, recording)
         courses = Courses(

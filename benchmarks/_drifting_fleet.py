@@ -6,7 +6,7 @@ import numpy as np
 
 from deltaid.fleets.drift_evidence import MONTH, YEAR
 
-DAYS, DRIVES, WEEKS = 182, 4, 7.0
+DAYS, DRIVES = 182, 4
 WITHIN = 42
 
 

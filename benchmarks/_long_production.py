@@ -10,16 +10,16 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from _pick_cycles import Push, draw_cycles, draw_load
-from _pick_robots import ENCODER, RATE, Production, Strange, lacking
+from _pick_cycles import RATE, Push, draw_cycles, draw_load
+from _pick_robots import ENCODER, NOISE, Production, Strange, lacking
 from jaxtyping import Bool, Float
 
 from plants import friction_of, oracle_of
 
 # Stands before and after a grip, shortest and longest [s].
 AHEAD, DWELL = (0.03, 0.1), (0.02, 0.3)
-# Seconds of moves of a chain, and loads of one kilogram that it is computed with.
-_CHAIN, _SHAPES = 6.0, 1
+# Seconds of moves of a chain.
+_CHAIN = 6.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,7 +54,7 @@ class Chain:
         q, qd: of the drives.
         rigid, passive: torques of the bodies, and friction of passive joints, which turns round
             with the direction.
-        loads: further torques of a kilogram of each shape.
+        load: further torques of a kilogram that is held.
         levers: ∂(platform point)/∂q.
         coulomb, viscous: of the drives.
         arms: lever of each drive's elbow or carriage [m or 1].
@@ -70,7 +70,7 @@ class Chain:
     qd: np.ndarray
     rigid: np.ndarray
     passive: np.ndarray
-    loads: np.ndarray
+    load: np.ndarray
     levers: np.ndarray
     coulomb: np.ndarray
     viscous: np.ndarray
@@ -116,13 +116,9 @@ class Chain:
             found[moving] = oracle.inverse_dynamics(z[moving], qd[moving], qdd[moving])
             return found
 
-        rigid, loads = torque(plain), []
-        body = model.layout.body("EE" if "EE" in model.layout.bodies else "P")
-        for _ in range(_SHAPES):
-            shape = draw_load(kind.payload, rng)
-            heavy = p.copy()
-            heavy[body] += shape / shape[0]
-            loads.append(torque(oracle_of(robot, heavy)) - rigid)
+        rigid, heavy = torque(plain), p.copy()
+        load = draw_load(kind.payload, rng)
+        heavy[model.layout.body("EE" if "EE" in model.layout.bodies else "P")] += load / load[0]
         arms = [1.0 if limb.drive == "linear" else limb.upper_arm for limb in robot.limb_geometry]
         arms += [1.0] * (dof - len(arms))
         known = np.stack([viscous[:dof], coulomb[:dof]])
@@ -130,9 +126,9 @@ class Chain:
             lambda q, qd, tau, t: lacking(strange, known, kind.fastest, q, qd, tau, t)
         )
         return cls(
-            legs, q, qd, rigid, torque(rubs) - rigid, np.array(loads),
+            legs, q, qd, rigid, torque(rubs) - rigid, torque(oracle_of(robot, heavy)) - rigid,
             model.dynamics.kinematics.platform_jacobian(z), coulomb[:dof], viscous[:dof],
-            np.array(arms), kind.noise * kind.largest[0], robot.drives, kind.payload, lacks,
+            np.array(arms), NOISE * kind.largest[0], robot.drives, kind.payload, lacks,
             1.0 + (strange.stribeck if strange else 0.0),
         )  # fmt: skip
 
@@ -145,8 +141,7 @@ class Chain:
             pushes: how it is pushed.
         """
         rows, turned, rests, grips = [], [], [], []
-        count, mass_of, shape_of = 0, [], []
-        mass, shape, off = 0.0, 0, 0
+        count, mass_of, mass, off = 0, [], 0.0, 0
         order = [(a, b, False) for a, b in self.legs]
         order += [(a, b, True) for a, b in reversed(self.legs)]
         for a, b, back in order:
@@ -158,22 +153,18 @@ class Chain:
                 grips.append((off, count + ahead, mass))
                 mass = 0.0
             else:
-                mass, shape = (
-                    self.payload * np.exp(rng.uniform(np.log(0.05), 0.0)),
-                    int(rng.integers(_SHAPES)),
-                )
+                mass = self.payload * np.exp(rng.uniform(np.log(0.05), 0.0))
                 off = count + ahead + dwell
             n = ahead + dwell + b - a
             rows += [np.full(ahead + dwell, first), np.arange(a, b)[:: -1 if back else 1]]
             turned.append(np.full(n, -1.0 if back else 1.0))
             rests.append(np.arange(n) < ahead + dwell)
             mass_of.append(np.where(np.arange(n) < ahead, before, mass))
-            shape_of.append(np.full(n, shape))
             count += n
         row, turn, rest = (np.concatenate(part) for part in (rows, turned, rests))
-        held, shapes = np.concatenate(mass_of), np.concatenate(shape_of)
+        held = np.concatenate(mass_of)
         q, qd = self.q[row], self.qd[row] * (turn * ~rest)[:, None]
-        need = self.rigid[row] + held[:, None] * self.loads[shapes, row]
+        need = self.rigid[row] + held[:, None] * self.load[row]
         need += turn[:, None] * self.passive[row]
         for push in pushes(count):
             span = slice(round(push.start * RATE), round(push.end * RATE))

@@ -14,8 +14,12 @@ from deltaid.model.model import Model
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.inertia import inertia_parameters
 
+# Of rows [Hz].
+RATE = 1000.0
 # Stand at either end [s], and the share of it after which a load is on or off.
 STAND, GRIPPED = 0.06, 0.5
+# How long a push lasts [s].
+_PUSHED = 0.1
 # Share of the drives' torque and speed that cycles use at most.
 _USE = 0.75
 # Acceleration that a move is planned with where no limit is nearer [m/s²].
@@ -61,9 +65,7 @@ class Cycles:
     grips: Float[np.ndarray, "picks 2"]
 
 
-def draw_cycles(
-    model: Model, payload: float, rng: np.random.Generator, duration: float, rate: float = 1000.0
-) -> Cycles:
+def draw_cycles(model: Model, payload: float, rng: np.random.Generator, duration: float) -> Cycles:
     """Cycles as fast as the drives allow with the largest payload, or slower.
 
     Every other move carries something.
@@ -72,12 +74,12 @@ def draw_cycles(
     heavy = model.with_load(load_of(payload, np.zeros(3), np.full(3, 0.05)))
     seed = int(rng.integers(2**31))
     for _ in range(40):
-        cycles = _cycles(model, np.random.default_rng(seed), duration, rate, slower)
+        cycles = _cycles(model, np.random.default_rng(seed), duration, slower)
         use = _use(heavy, cycles)
         if use <= 1.0:
             break
         slower *= max(1.03, np.sqrt(use) ** 0.8)
-    return _cycles(model, np.random.default_rng(seed), duration, rate, slower / pace)
+    return _cycles(model, np.random.default_rng(seed), duration, slower / pace)
 
 
 def draw_load(payload: float, rng: np.random.Generator) -> Float[np.ndarray, " 10"]:
@@ -99,32 +101,30 @@ def load_of(
     return inertia_parameters(M)
 
 
+def is_near(found: float, mass: float) -> bool:
+    """Whether a mass is right within 10 % or 60 g."""
+    return bool(abs(found - mass) <= max(0.1 * mass, 0.06))
+
+
 def draw_picks(cycles: Cycles, payload: float, rng: np.random.Generator) -> list[Pick]:
     return [Pick(start, end, draw_load(payload, rng)) for start, end in cycles.grips]
 
 
 def draw_pushes(
-    model: Model,
-    duration: float,
-    rng: np.random.Generator,
-    force: float = 30.0,
-    every: float = 1.0,
-    length: float = 0.1,
+    model: Model, duration: float, rng: np.random.Generator, force: float
 ) -> list[Push]:
-    """Pushes at random times, half of them at the platform, one at most in `every` seconds."""
+    """Pushes at random times, half of them at the platform, one at most in a second."""
     arms, pushes = model.robot.drives[: len(model.robot.limb_geometry)], []
-    for k in range(int(duration / every) - 1):
-        start = (k + 0.5 + rng.uniform(0, 1 - 2 * length / every)) * every
+    for k in range(int(duration) - 1):
+        start = k + 0.5 + rng.uniform(0, 1 - 2 * _PUSHED)
         n = rng.standard_normal(3)
         place = "platform" if rng.uniform() < 0.5 else str(rng.choice(arms))
         n = n / np.linalg.norm(n) if place == "platform" else np.array([rng.choice([-1, 1]), 0, 0])
-        pushes.append(Push(start, start + length, place, force * n))
+        pushes.append(Push(start, start + _PUSHED, place, force * n))
     return pushes
 
 
-def _cycles(
-    model: Model, rng: np.random.Generator, duration: float, rate: float, slower: float
-) -> Cycles:
+def _cycles(model: Model, rng: np.random.Generator, duration: float, slower: float) -> Cycles:
     robot, kinematics = model.robot, model.dynamics.kinematics
     middle, half = robot.within(0.0)
     points = robot.task.moves
@@ -135,22 +135,22 @@ def _cycles(
     begin, carries = 0.0, False
     while now < duration:
         to = _place(robot, rng, middle, half, low)
-        stand = max(round(STAND * rate), 1)
+        stand = round(STAND * RATE)
         parts.append(np.repeat(at[None], stand, axis=0))
-        change = now + round(GRIPPED * stand) / rate
+        change = now + round(GRIPPED * stand) / RATE
         if carries:
             grips.append((begin, change))
         begin, carries = change, not carries
-        now += stand / rate
+        now += stand / RATE
         way = float(np.linalg.norm((to - at)[points][:2]))
         time = slower * 2.4 * np.sqrt(max(way, 0.5 * half[2]) / _ACCELERATION)
         if turn is not None:
             time = max(time, slower * 2.0 * abs(to[turn] - at[turn]) / robot.turn.speed)
-        samples = max(round(time * rate), 20)
+        samples = max(round(time * RATE), 20)
         parts.append(_move(at, to, min(half[2], 0.3 * way), np.arange(samples) / samples))
-        at, now = to, now + samples / rate
-    z = np.concatenate(parts)[: round(duration * rate)]
-    zd, zdd = _derivatives(parts, rate, len(z))
+        at, now = to, now + samples / RATE
+    z = np.concatenate(parts)[: round(duration * RATE)]
+    zd, zdd = _derivatives(parts, len(z))
     q, qd, qdd = kinematics.drive_motion(z, zd, zdd)
     return Cycles(z, q, qd, qdd, np.array(grips).reshape(-1, 2))
 
@@ -185,14 +185,14 @@ def _move(at: np.ndarray, to: np.ndarray, lift: float, x: np.ndarray) -> np.ndar
     return z
 
 
-def _derivatives(parts: list[np.ndarray], rate: float, n: int) -> tuple[np.ndarray, np.ndarray]:
+def _derivatives(parts: list[np.ndarray], n: int) -> tuple[np.ndarray, np.ndarray]:
     """Central differences of a path whose third derivative is bounded: 1e-6 of the path's own."""
     z = np.concatenate([*parts, np.repeat(parts[-1][-1:], 2, axis=0)])[: n + 1]
     if len(z) == n:
         z = np.concatenate([z, z[-1:]])
     before = np.concatenate([z[:1], z[:-2]])
     after, now = z[1:], z[:-1]
-    return 0.5 * rate * (after - before), rate**2 * (after - 2 * now + before)
+    return 0.5 * RATE * (after - before), RATE**2 * (after - 2 * now + before)
 
 
 def _use(model: Model, cycles: Cycles) -> float:

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, fields
 
 import numpy as np
-from _pick_cycles import draw_cycles
+from _pick_cycles import RATE, draw_cycles
 from jaxtyping import Float
 
 from deltaid.checks.identify import identify
@@ -18,8 +18,9 @@ from deltaid.recording.memory import Recording
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.load import load_robot
 
-RATE = 1000.0
 ENCODER = 2 * np.pi / 2**20
+# Of torques, as a share of each drive's largest.
+NOISE = 0.02
 # Speed below which friction that models lack fades out, as a share of the fastest.
 _AT_REST = 0.01
 
@@ -86,29 +87,21 @@ class Production:
     models: tuple[Model, ...]
     payload: float
     strange: tuple[Strange, ...]
-    noise: float
     largest: Float[np.ndarray, "robots dof"]
     fastest: Float[np.ndarray, " dof"]
 
 
 def production_of(
-    name: str,
-    payload: float,
-    robots: int,
-    seed: int,
-    *,
-    strange: Strange | None = None,
-    noise: float = 0.02,
-    recording: float = 20.0,
+    name: str, payload: float, robots: int, seed: int, *, recording: float = 20.0
 ) -> Production:
     """Draw robots of a type and identify each of them from a recording of its own."""
     robot, rng, drawn = load_robot(name), np.random.default_rng([seed, 1]), []
     for _ in range(robots):
-        p, own = surrogate_parameters(robot, rng), strange or Strange.drawn(rng)
-        drawn.append((p, own, *_identified(robot, p, payload, own, noise, recording, rng)))
+        p, own = surrogate_parameters(robot, rng), Strange.drawn(rng)
+        drawn.append((p, own, *_identified(robot, p, payload, own, recording, rng)))
     truth, each, models, largest, fastest = zip(*drawn, strict=True)
     speed, sizes = np.median(fastest, axis=0), np.array(largest)
-    return Production(robot, np.array(truth), models, payload, each, noise, sizes, speed)
+    return Production(robot, np.array(truth), models, payload, each, sizes, speed)
 
 
 def _identified(
@@ -116,7 +109,6 @@ def _identified(
     p: np.ndarray,
     payload: float,
     strange: Strange,
-    noise: float,
     duration: float,
     rng: np.random.Generator,
 ) -> tuple[Model, np.ndarray, np.ndarray]:
@@ -142,7 +134,7 @@ def _identified(
     for k, (z, q, qd, qdd) in enumerate(parts):
         tau = dynamics.torque(z, qd, qdd, p)
         tau += lacking(strange, coefficients(robot, p), fastest, q, qd, tau, np.inf)
-        tau += noise * largest * rng.standard_normal(tau.shape)
+        tau += NOISE * largest * rng.standard_normal(tau.shape)
         steps, at = np.round(q / ENCODER) * ENCODER, time[: len(q)]
         data.append(Recording.from_arrays(t=at, q=steps, tau=tau, name=f"{robot.name} {k}"))
     settings = Settings(

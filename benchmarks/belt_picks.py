@@ -11,7 +11,7 @@ before the load is held, as the command to a valve does, or after. Writes `table
 from dataclasses import dataclass
 
 import numpy as np
-from _pick_cycles import draw_load
+from _pick_cycles import RATE, draw_load, is_near
 from _table import leave
 from jaxtyping import Float
 
@@ -28,7 +28,7 @@ from deltaid.online.settings import OnlineSettings
 from deltaid.online.watch import Watched, watch
 from deltaid.robot.load import load_robot
 
-ROBOT, PAYLOAD, RATE, NOISE = "clavel-delta3", 1.0, 1000.0, 0.02
+ROBOT, PAYLOAD, NOISE = "clavel-delta3", 1.0, 0.02
 PICKS, EVERY, HELD = 40, 1.0, 0.5
 # Seconds in which a part is brought to the platform's speed.
 GRIP = 0.01
@@ -159,7 +159,7 @@ def judged(made: Line, found: Watched) -> tuple[list[bool], list[bool]]:
     (time, masses, lows, highs), near, holds = columns.to_numpy().T, list[bool](), list[bool]()
     for k, held in enumerate(made.loads):
         i = int(np.searchsorted(time, (k + 0.3) * EVERY + 0.2))
-        near.append(bool(abs(masses[i] - held[0]) <= max(0.1 * held[0], 0.06)))
+        near.append(is_near(masses[i], held[0]))
         holds.append(bool(lows[i] <= held[0] <= highs[i]))
     return near, holds
 

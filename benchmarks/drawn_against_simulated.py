@@ -11,7 +11,7 @@ from tempfile import TemporaryDirectory
 import numpy as np
 from _drawn_templates import SETTINGS, simulated
 from _table import STATED, leave
-from drawn_fleet import Sensing, drawn_type, made_alike
+from drawn_fleet import NOISE, drawn_type, made_alike
 
 from deltaid.dynamics.parameters import prior_parameters
 from deltaid.fleets.factor_file import FactorFile
@@ -28,9 +28,9 @@ def _compared(name: str, count: int) -> tuple[object, ...]:
     truth = made_alike(robot, prior_parameters(robot), np.random.default_rng(5))
     found: dict[str, list[tuple[np.ndarray, np.ndarray]]] = {"simulated": [], "drawn": []}
     for k in range(count):
-        drawn = [kind.drawn("a", k, truth, sensing=Sensing(wander=0.0))]
+        drawn = [kind.drawn("a", k, truth, wander=0.0)]
         found["drawn"].append(_estimate(robot, drawn, truth))
-        table, _ = simulated(kind.dynamics, truth, k % 2, 12.0, None, 0.02, noise_seed=1000 + k)
+        table = simulated(kind.dynamics, truth, k % 2, NOISE, 1000 + k)
         with TemporaryDirectory() as folder:
             path = Path(folder) / "log.parquet"
             table.write_parquet(path)

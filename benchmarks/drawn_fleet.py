@@ -6,12 +6,12 @@ with any friction, load and noise would have given on these motions: with truth 
 G, and weights a of the courses, the factor of [G, Gθ + Na] is that of R_G, R_Gθ + R_N a. Filters,
 stretches, places and their sums are those of a true recording, and so is the noise's correlation.
 
-    kind = drawn_type(load_robot("clavel-delta3"))         # seconds: simulates some recordings
+    kind = drawn_type(load_robot("clavel-delta3"), 3)      # seconds: simulates some recordings
     file = kind.drawn("robot 7", day=31, p=truth, temperature=24.0, seed=3)    # a millisecond
 
-`p` is over `kind.dynamics.layout`. Friction of that day and temperature is the caller's:
-`at_temperature` and `made_alike` below help. A robot's files go to `identify_gathered` as
-those of `gathered` do. Columns of lags and of what gears carry are those of the described robot.
+`p` is over `kind.dynamics.layout`. Friction of that day and temperature is the caller's, and
+`made_alike` below draws robots. A robot's files go to `identify_gathered` as those of `gathered`
+do. Columns of lags and of what gears carry are those of the described robot.
 `python benchmarks/drawn_against_simulated.py` compares drawn recordings with truly simulated ones.
 """
 
@@ -19,27 +19,16 @@ import hashlib
 from dataclasses import dataclass, replace
 
 import numpy as np
-from _drawn_templates import SETTINGS, WANDERING, WHITE, Template, own_columns, template
+from _drawn_templates import WANDERING, WHITE, Template, own_columns, template
 
 from deltaid.dynamics.dynamics import Dynamics, compiled
 from deltaid.fleets.factor_file import FactorFile
 from deltaid.fleets.factor_record import FactorRecord, RecordingFactors, Temperature
-from deltaid.model.record import Settings
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.inertia import PSEUDO_INERTIA_ENTRIES, inertia_parameters, pseudo_inertia
 
-
-@dataclass(frozen=True)
-class Sensing:
-    """What torques are recorded with.
-
-    Attributes:
-        torque: white noise at the sampling rate, a share of each drive's largest torque.
-        wander: by how much a drive's Coulomb friction wanders within a recording, as a share.
-    """
-
-    torque: float = 0.02
-    wander: float = 0.01
+# White noise of torques at the sampling rate, a share of each drive's largest torque.
+NOISE = 0.02
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,7 +57,7 @@ class DrawnType:
         *,
         temperature: float | None = None,
         loaded: bool = False,
-        sensing: Sensing | None = None,
+        wander: float = 0.01,
         gain: np.ndarray | float = 1.0,
         seed: int = 0,
     ) -> FactorFile:
@@ -79,7 +68,7 @@ class DrawnType:
             p: true parameters on that day.
             temperature: to be written down.
             loaded: whether a load is held in cycles.
-            sensing: noise.
+            wander: by how much a drive's Coulomb friction wanders meanwhile, as a share.
             gain: what torques are recorded at, in shares of the truth (one, or one a drive).
         """
         key = hashlib.sha256(f"{name} {day} {seed}".encode()).hexdigest()
@@ -87,43 +76,15 @@ class DrawnType:
         among = self.loaded if loaded else self.templates
         one = among[int(rng.integers(len(among)))]
         gains = np.broadcast_to(gain, len(self.robot.drives))
-        found = _drawn(one, p, rng, sensing or Sensing(), gains)
+        found = _drawn(one, p, rng, wander, gains)
         return FactorFile(_record(one, key, f"{name}-{day:04d}", temperature, day), found, key[:12])
 
 
-def drawn_type(
-    robot: RobotDescription,
-    *,
-    motions: int = 3,
-    loaded: int = 0,
-    duration: float = 12.0,
-    seed: int = 0,
-    load: float = 0.5,
-    settings: Settings = SETTINGS,
-) -> DrawnType:
-    """Simulate and gather the recordings that others are drawn from.
-
-    Args:
-        motions, loaded: how many, without and with a load.
-        duration: of each [s].
-        load: mass of the load [kg].
-    """
-    each = [template(robot, seed + k, duration, None, settings) for k in range(motions)]
-    with_load = [template(robot, seed + k, duration, load, settings) for k in range(loaded)]
+def drawn_type(robot: RobotDescription, motions: int, loaded: int = 0) -> DrawnType:
+    """Simulate and gather so many recordings without and with a load, to draw others from."""
+    each = [template(robot, seed, is_loaded=False) for seed in range(motions)]
+    with_load = [template(robot, seed, is_loaded=True) for seed in range(loaded)]
     return DrawnType(robot, tuple(each), tuple(with_load))
-
-
-def at_temperature(
-    robot: RobotDescription, p: np.ndarray, temperature: float, share: float = -0.01
-) -> np.ndarray:
-    """Parameters p of 25 °C with viscous friction at another temperature.
-
-    Args:
-        share: change a degree.
-    """
-    found, layout = p.copy(), compiled(robot).layout
-    found[layout.viscous] *= np.exp(share * (temperature - 25.0))
-    return found
 
 
 def made_alike(
@@ -154,7 +115,7 @@ def made_alike(
 
 
 def _drawn(
-    one: Template, p: np.ndarray, rng: np.random.Generator, sensing: Sensing, gain: np.ndarray
+    one: Template, p: np.ndarray, rng: np.random.Generator, wander: float, gain: np.ndarray
 ) -> RecordingFactors:
     dof, n, layout, values = len(gain), len(one.names), one.layout, one.with_load(p)
     theta = one.to_columns @ values
@@ -162,8 +123,8 @@ def _drawn(
     coulomb, a, felt = p[layout.coulomb][:dof], [], []
     for i, at in enumerate(one.condensed.felt):
         largest = one.condensed.whole.torque_max[0, i]
-        white = sensing.torque * largest * rng.standard_normal(WHITE) / np.sqrt(WHITE)
-        slow = sensing.wander * coulomb[i] * rng.standard_normal(WANDERING) / np.sqrt(WANDERING)
+        white = NOISE * largest * rng.standard_normal(WHITE) / np.sqrt(WHITE)
+        slow = wander * coulomb[i] * rng.standard_normal(WANDERING) / np.sqrt(WANDERING)
         a.append(np.concatenate([white, slow]))
         felt.append(at[at < n])
 

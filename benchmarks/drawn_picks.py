@@ -1,7 +1,6 @@
 """Simulated production: robots that pick and place unknown loads, and that somebody pushes.
 
-    kind = production_of("irb360-6-1600", payload=3.0, robots=8, seed=1)    # robots, models
-    log = produced(kind, duration=20.0, seed=2, push=30.0)                  # all robots at once
+    log = produced(kind, duration=20.0, seed=2, push=30.0)      # all robots of a kind at once
 
 Plants have bodies and friction away from the description, and friction that no model of theirs
 has: it falls with speed (Stribeck), grows with what gears carry, ripples with the angle, is higher
@@ -19,8 +18,8 @@ from dataclasses import dataclass
 
 import casadi as ca
 import numpy as np
-from _pick_cycles import Cycles, Pick, Push, draw_cycles, draw_picks, draw_pushes
-from _pick_robots import ENCODER, RATE, Production, Strange, coefficients, lacking, production_of
+from _pick_cycles import RATE, Cycles, Pick, Push, draw_cycles, draw_picks, draw_pushes
+from _pick_robots import ENCODER, NOISE, Production, Strange, coefficients, lacking
 from jaxtyping import Bool, Float, Int
 
 from deltaid.control.controllers import ControlModel
@@ -32,7 +31,6 @@ from deltaid.dynamics.task_dynamics import TaskDynamics
 from deltaid.kernel.batch import BatchKernel
 from deltaid.robot.description import RobotDescription
 
-__all__ = ["Produced", "Production", "produced", "production_of"]
 _BANDWIDTH = 2 * np.pi * 20.0
 
 
@@ -57,15 +55,8 @@ class Produced:
     lost: Bool[np.ndarray, " robots"]
 
 
-def produced(
-    kind: Production, duration: float, seed: int, *, push: float = 0.0, begin: float = 0.0
-) -> Produced:
-    """Production of all robots at once.
-
-    Args:
-        push: force of pushes [N]; none without.
-        begin: how long the robots have been running [s].
-    """
+def produced(kind: Production, duration: float, seed: int, push: float) -> Produced:
+    """Production of all robots at once, from cold gears on; with pushes of a force [N], or zero."""
     models = kind.models
     each = [np.random.default_rng([seed, k]) for k in range(len(models))]
     ways = [
@@ -75,7 +66,7 @@ def produced(
     pushes = [draw_pushes(m, duration, rng, push) if push else []
               for m, rng in zip(models, each, strict=True)]  # fmt: skip
     n = min(len(w.q) for w in ways)
-    return _run(kind, ways, picks, pushes, np.arange(n) / RATE, np.random.default_rng(seed), begin)
+    return _run(kind, ways, picks, pushes, np.arange(n) / RATE, np.random.default_rng(seed))
 
 
 class _Plants:
@@ -103,7 +94,6 @@ def _run(
     pushes: list[list[Push]],
     time: np.ndarray,
     rng: np.random.Generator,
-    begin: float,
 ) -> Produced:
     robot, count, n = kind.robot, len(ways), len(time)
     plants, dof = _Plants(robot), len(robot.drives)
@@ -132,13 +122,13 @@ def _run(
         command = np.clip(command, -limits, limits)
         taus[k] = 0.5 * (tau + command)
         tau = command
-        lost = lacking(strange, known, kind.fastest, q, qd, tau, begin + time[k])
+        lost = lacking(strange, known, kind.fastest, q, qd, tau, time[k])
         acting = tau - lost + forces.at(time[k], z, plants)
         more = np.hstack([p(k), np.full((count, 1), h)]).T
         for _ in range(substeps):
             out = plants.step(np.vstack([z.T, qd.T, acting.T, more]), threads=1).T
             z, qd = out[:, :dof], out[:, dof:]
-    taus += kind.noise * kind.largest * rng.standard_normal(taus.shape)
+    taus += NOISE * kind.largest * rng.standard_normal(taus.shape)
     lost = np.array(~np.isfinite(poses).all(axis=(0, 2)))
     return Produced(time, qs, taus, poses, held >= 0, picks, pushes, lost)
 

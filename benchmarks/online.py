@@ -14,11 +14,11 @@ from dataclasses import dataclass, field, replace
 
 import _alone  # noqa: F401
 import numpy as np
-from _pick_cycles import Pick, Push
-from _pick_robots import RATE
+from _pick_cycles import RATE, Pick, Push, is_near
+from _pick_robots import Production, production_of
 from _table import STATED, leave
 from _timing import options
-from drawn_picks import Produced, Production, produced, production_of
+from drawn_picks import Produced, produced
 
 from deltaid.online.replay import open_replay
 from deltaid.online.settings import OnlineSettings
@@ -74,10 +74,9 @@ class Count:
             if pick.end - pick.start <= SOON or pick.start + SOON >= time[-1]:
                 continue
             k = int(np.searchsorted(time, pick.start + SOON))
-            error = masses[k] - pick.mass
-            self.near.append(bool(abs(error) <= max(0.1 * pick.mass, 0.06)))
+            self.near.append(is_near(masses[k], pick.mass))
             self.holds.append(bool(lows[k] <= pick.mass <= highs[k]))
-            self.errors.append(abs(error))
+            self.errors.append(abs(masses[k] - pick.mass))
             self.widths.append(0.5 * (highs[k] - lows[k]))
 
     def add_pushes(self, pushes: Sequence[Push], found: Watched, q: np.ndarray) -> None:
@@ -132,7 +131,7 @@ def counted(name: str, payload: float, robots: int, minutes: float) -> list[tupl
     )
     counts = {True: Count(), False: Count()}
     for run, push in enumerate((0.0, FORCE)):
-        log = produced(kind, RUN, 100 + run, push=push)
+        log = produced(kind, RUN, 100 + run, push)
         for i, recording in recordings(log, kind):
             for told, count in counts.items():
                 replay = open_replay(kind.models[i], recording, gripper="gripper" if told else None)

@@ -13,9 +13,9 @@ import _alone  # noqa: F401
 import casadi as ca
 import numpy as np
 from _c_program import printed
+from _pick_robots import production_of
 from _table import leave
 from _timing import options
-from drawn_picks import production_of
 
 from deltaid.exports.c_code import c_code
 from deltaid.exports.text import DOUBLE, SINGLE, Precision

@@ -14,8 +14,8 @@ from dataclasses import dataclass, field
 import _alone  # noqa: F401
 import numpy as np
 from _long_production import Chain, Walk
-from _pick_cycles import Push, draw_pushes
-from _pick_robots import RATE, production_of
+from _pick_cycles import RATE, Push, draw_pushes, is_near
+from _pick_robots import production_of
 from _table import STATED, leave
 from _timing import options
 from online import FORCE, KINDS, LATEST, SOON, STANDS
@@ -64,7 +64,7 @@ class Part:
         for start, end, mass in walk.grips:
             k = int(start) + soon
             if k < end:
-                self.near.append(bool(abs(known.mass[k] - mass) <= max(0.1 * mass, 0.06)))
+                self.near.append(is_near(known.mass[k], mass))
                 self.holds.append(bool(interval[k, 0] <= mass <= interval[k, 1]))
 
     def add_pushes(self, pushes: Sequence[Push], walk: Walk, known: OnlineEstimate) -> None:
