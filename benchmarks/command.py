@@ -34,6 +34,7 @@ from _timing import machine, measure, options
 from deltaid.checks.identify import identify
 from deltaid.dynamics.dynamics import Dynamics
 from deltaid.model.record import Settings
+from deltaid.motion.fourier import FourierMotion
 from deltaid.motion.random_motion import random_motion
 from deltaid.motion.surrogate import SensorNoise, simulate_recording, surrogate_parameters
 from deltaid.robot.load import load_robot
@@ -97,15 +98,19 @@ def main() -> None:
         _print_start(arguments.repeats)
 
 
+def robot_of(seed: int) -> tuple[Dynamics, np.ndarray, FourierMotion, np.random.Generator]:
+    """The robot, its true parameters, its motion, and what draws the noise of a recording."""
+    rng, dynamics = np.random.default_rng(seed), Dynamics(load_robot(ROBOT))
+    p = surrogate_parameters(dynamics.robot, rng)
+    return dynamics, p, random_motion(dynamics.kinematics, rng), rng
+
+
 def write_logs(folder: Path, samples: int, seed: int) -> None:
     """The same recording as CSV and as Parquet, named by its number of samples.
 
     The motion is periodic; a long recording is written in pieces of whole periods.
     """
-    rng = np.random.default_rng(seed)
-    dynamics = Dynamics(load_robot(ROBOT))
-    p = surrogate_parameters(dynamics.robot, rng)
-    motion = random_motion(dynamics.kinematics, rng)
+    dynamics, p, motion, rng = robot_of(seed)
     path = folder / f"{samples}.csv"
     with path.open("wb") as file:
         for start in range(0, samples, USUAL):
@@ -191,10 +196,7 @@ def _print_stages(log: Path, repeats: int) -> None:
 
 def _print_rates(folder: Path, repeats: int, seed: int) -> None:
     """CPU time of a row, by the rate it was recorded at."""
-    rng = np.random.default_rng(seed)
-    dynamics = Dynamics(load_robot(ROBOT))
-    p = surrogate_parameters(dynamics.robot, rng)
-    motion = random_motion(dynamics.kinematics, rng)
+    dynamics, p, motion, rng = robot_of(seed)
     print(f"\none identify call on {ROWS:,} rows, cut-off {CUTOFF:g} Hz")
     for rate in RATES:
         log = folder / f"{rate:g}.parquet"

@@ -34,6 +34,7 @@ from deltaid.motion.random_motion import random_motion, tamed
 from deltaid.motion.surrogate import surrogate_parameters
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.load import load_robot
+from logs import tabled
 
 PLANTS = ("as the model", "friction", "ripple", "lengths", "current loop", "gears", "all")
 CONTROLLERS = ("pd-feedforward", "computed-torque")
@@ -102,10 +103,7 @@ def other_lengths(robot: RobotDescription, rng: np.random.Generator) -> RobotDes
 
 def recorded(run: Tracking, rng: np.random.Generator) -> pl.DataFrame:
     noise = NOISE * np.abs(run.tau).max(axis=0) * rng.standard_normal(run.tau.shape)
-    columns = {"t": run.time}
-    for name, values in (("q", run.q), ("tau", run.tau + noise)):
-        columns |= {f"{name}{i + 1}": column for i, column in enumerate(values.T)}
-    return pl.DataFrame(columns)
+    return tabled(t=run.time, q=run.q, tau=run.tau + noise)
 
 
 def one(name: str, robot: RobotDescription, seed: int) -> dict[str, list[float]]:
@@ -136,21 +134,15 @@ def one(name: str, robot: RobotDescription, seed: int) -> dict[str, list[float]]
         of_base = rms(run(base).platform_error) if controller == "pd-feedforward" else np.nan
         told[controller] = [
             rms(first_run.platform_error), of_base, rms(last.platform_error),
-            rms(by_encoders(known, first_run)), rms(by_encoders(known, last)),
-            rms(by_lengths(truth, last)),
+            rms(off(known, first_run.q, first_run)), rms(off(known, last.q, last)),
+            rms(off(truth, last.q_desired, last)),
         ]  # fmt: skip
     return told
 
 
-def by_encoders(model: Model, run: Tracking) -> np.ndarray:
-    """Distance of the platform as the model's lengths make it of the motors' coordinates."""
-    z = model.dynamics.kinematics.forward(run.q)
-    return np.linalg.norm((z - run.z_desired)[:, run.task.moves], axis=1)
-
-
-def by_lengths(truth: Model, run: Tracking) -> np.ndarray:
-    """The same of a robot whose drives were exactly where they should be."""
-    z = truth.dynamics.kinematics.forward(run.q_desired)
+def off(model: Model, q: np.ndarray, run: Tracking) -> np.ndarray:
+    """Distance of the platform from where it should be, by a model's lengths and coordinates."""
+    z = model.dynamics.kinematics.forward(q)
     return np.linalg.norm((z - run.z_desired)[:, run.task.moves], axis=1)
 
 

@@ -15,7 +15,6 @@ from itertools import permutations
 
 import _alone  # noqa: F401
 import numpy as np
-import polars as pl
 from _table import STATED, leave
 from _timing import options
 
@@ -30,6 +29,7 @@ from drives.cycles import MOTIONS, cycling
 from drives.happening import Happening
 from drives.robots import machine
 from drives.sensors import Sensors
+from logs import tabled
 from oracle.tree import Array
 
 KINDS = ("delta3", "delta4", "h4", "par4")
@@ -121,17 +121,12 @@ def recording(kind: str, motion: str, seed: int) -> tuple[RobotDescription, Arra
     return m.robot, log["t"].to_numpy(), *columns
 
 
-def table(t: Array, q: Array, tau: Array) -> pl.DataFrame:
-    """With the default names."""
-    columns = {f"{x}{i + 1}": c for x, v in (("q", q), ("tau", tau)) for i, c in enumerate(v.T)}
-    return pl.DataFrame({"t": t, **columns})
-
-
 def judged(
     robot: RobotDescription, t: Array, true: Columns, fault: Fault, i: int, j: int
 ) -> Result:
     """The verdicts on a recording with a fault, and whether their fix restores it."""
-    record = evidence(robot, table(t, *fault.change(*true, i, j)))
+    q, tau = fault.change(*true, i, j)
+    record = evidence(robot, tabled(t=t, q=q, tau=tau))
     _, start = record.rows, time.process_time()
     try:
         verdicts = checked_wiring(record)

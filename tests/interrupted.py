@@ -23,7 +23,7 @@ from deltaid.recording.masks.search import MaskSearch, timed
 from deltaid.recording.opening import open_log
 from deltaid.recording.time.clock import Clock
 from deltaid.robot.load import load_robot
-from logs import write
+from logs import tabled, write
 
 
 @dataclass(frozen=True)
@@ -78,9 +78,7 @@ class Interrupted:
     @property
     def frame(self) -> pl.DataFrame:
         """As a table."""
-        columns = {"t": np.arange(len(self.q)) / self.rate}
-        columns |= {f"q{i + 1}": x for i, x in enumerate(self.q.T)}
-        return pl.DataFrame(columns | {f"tau{i + 1}": x for i, x in enumerate(self.tau.T)})
+        return tabled(t=np.arange(len(self.q)) / self.rate, q=self.q, tau=self.tau)
 
 
 def interrupted(

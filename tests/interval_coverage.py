@@ -10,7 +10,6 @@ from functools import cache
 from pathlib import Path
 
 import numpy as np
-import polars as pl
 from scipy.signal import lfilter
 
 from courses import Courses
@@ -26,6 +25,7 @@ from deltaid.motion.random_motion import random_motion
 from deltaid.motion.surrogate import SensorNoise, surrogate_parameters
 from deltaid.recording.recording import open_recordings
 from deltaid.robot.load import load_robot
+from logs import tabled, write
 
 RATE = 1000.0
 KINDS = ("white", "coloured", "ripple")
@@ -80,9 +80,7 @@ def estimates(
     tau = dynamics.torque(z, qd, qdd, p).T
     noise = noises(kind, seeds, q, rng) * np.abs(tau).max(axis=1)[:, None]
     step = SensorNoise().encoder_step
-    columns = {"t": time} | {f"q{i + 1}": np.round(x / step) * step for i, x in enumerate(q.T)}
-    columns |= {f"tau{i + 1}": x for i, x in enumerate(tau)}
-    pl.DataFrame(columns).write_parquet(folder / "log.parquet")
+    write(folder / "log.parquet", tabled(t=time, q=np.round(q / step) * step, tau=tau.T))
     recordings = open_recordings([folder / "log.parquet"], dynamics.kinematics)
     wide = extended(dynamics, [Courses(dynamics, np.concatenate([tau[None], noise]), RATE)])
     gathered = gather_all(wide, recordings)

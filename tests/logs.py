@@ -49,6 +49,14 @@ def names(*quantities: str) -> list[str]:
     ]
 
 
+def tabled(**quantities: np.ndarray) -> pl.DataFrame:
+    """Quantities, (samples,) or (samples, drives), with the default names of columns."""
+    columns = dict[str, np.ndarray]()
+    for name, x in quantities.items():
+        columns |= {name: x} if x.ndim == 1 else {f"{name}{i + 1}": y for i, y in enumerate(x.T)}
+    return pl.DataFrame(columns)
+
+
 def text(
     frame: pl.DataFrame,
     separator: str = ",",

@@ -25,8 +25,8 @@ from deltaid.robot.load import load_robot
 numbers = st.floats(-1.5, 1.5)
 
 
-def information(dynamics: Dynamics, truth: np.ndarray, noise: float, seed: int = 0) -> Information:
-    rng = np.random.default_rng(seed)
+def information(dynamics: Dynamics, truth: np.ndarray, noise: float) -> Information:
+    rng = np.random.default_rng(0)
     motion = random_motion(dynamics.kinematics, rng)
     z, zd, zdd = motion.evaluate(np.linspace(0, motion.period, 1500, endpoint=False))
     _, qd, qdd = dynamics.kinematics.drive_motion(z, zd, zdd)

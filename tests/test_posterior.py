@@ -44,13 +44,13 @@ def drawn(model) -> Samples:
     return model.sample(8000)
 
 
-def with_spread(model: IdentifiedModel, spread: float) -> IdentifiedModel:
+@pytest.fixture(scope="module")
+def tight(model) -> IdentifiedModel:
     """The same data under a tighter prior, so that rejection finds enough."""
-    return model.changed(posterior=model.posterior.changed(spread=spread))
+    return model.changed(posterior=model.posterior.changed(spread=0.25))
 
 
-def test_draws_are_those_of_rejection(model: IdentifiedModel) -> None:
-    tight = with_spread(model, 0.25)
+def test_draws_are_those_of_rejection(tight: IdentifiedModel) -> None:
     expected = by_rejection(tight, 3000, np.random.default_rng(5))
     drawn = tight.sample(3000, seed=1)
     varies = expected.std(axis=0) > 1e-9 * np.abs(expected).max(axis=0)
@@ -66,9 +66,9 @@ def test_draws_are_those_of_rejection(model: IdentifiedModel) -> None:
     assert min(chance) > BY_CHANCE / len(chance)
 
 
-def test_a_factor_beside_the_normal_distribution(model: IdentifiedModel) -> None:
+def test_a_factor_beside_the_normal_distribution(tight: IdentifiedModel) -> None:
     """A factor exp(cᵀx): the mean moves by the covariance · c."""
-    plain, rng = density(with_spread(model, 0.25)), np.random.default_rng(3)
+    plain, rng = density(tight), np.random.default_rng(3)
     n = plain.reduction.size
     along = np.zeros(n)
     along[:3] = 1.5  # standard deviations

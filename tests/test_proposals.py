@@ -17,11 +17,9 @@ from identified import identified, simulated
 LOG = "clavel-delta3"
 
 
-def proposing(
-    file: Literal["robot", "mapping"], key: str, value: object, grade: Grade = Grade.WRONG
-) -> Verdict:
-    changes = ((key, value),)
-    return Verdict("torque-sign", grade, "seen", proposals=(Proposal(file, changes),))
+def proposing(file: Literal["robot", "mapping"], key: str, value: object) -> Verdict:
+    proposal = Proposal(file, ((key, value),))
+    return Verdict("torque-sign", Grade.WRONG, "seen", proposals=(proposal,))
 
 
 @cache

@@ -182,10 +182,10 @@ def test_a_recording_too_short_to_be_filtered() -> None:
     assert checked_wiring(seen("linear-delta", short)) == ()
 
 
-def picking(motion: str) -> tuple[str, Columns]:
+def picking() -> tuple[str, Columns]:
     """Six seconds of a robot that packs, by the oracle."""
     robot = load_robot("clavel-delta3")
-    machine = cycling(robot, true_parameters(robot, np.random.default_rng(3)), motion, 1)
+    machine = cycling(robot, true_parameters(robot, np.random.default_rng(3)), "adept", 1)
     log = Sensors().recorded(Happening(machine, 6.0, 1))
     q, tau = (log.select(f"{x}{i}" for i in (1, 2, 3)).to_numpy() for x in ("q", "tau"))
     return robot.name, {"t": log["t"].to_numpy(), "q": q, "tau": tau}
@@ -193,7 +193,7 @@ def picking(motion: str) -> tuple[str, Columns]:
 
 @pytest.mark.parametrize("angles", [[-1, 1, -1], [1, 1, 1]])
 def test_two_drives_reversed_while_packing(angles: list[int]) -> None:
-    name, columns = picking("adept")
+    name, columns = picking()
     verdicts = bad(checked_wiring(seen(name, times(columns, q=angles, tau=[-1, 1, -1]))))
     assert {verdict.subject for verdict in verdicts} == {"drive1", "drive3"}
     assert {verdict.grade for verdict in verdicts} == {Grade.WRONG}
@@ -209,7 +209,7 @@ def test_a_reversed_drive_that_masses_nearly_explain() -> None:
 
 
 def test_several_recordings_get_one_verdict() -> None:
-    name, columns = picking("adept")
+    name, columns = picking()
     wrong = times(columns, q=[-1, 1, 1], tau=[-1, 1, 1])
     half = {key: values[: len(values) // 2] for key, values in wrong.items()}
     common, each = checked_wirings([seen(name, wrong), seen(name, half)])

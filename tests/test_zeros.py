@@ -21,7 +21,8 @@ from deltaid.model.verdict import Grade, Verdict
 from deltaid.recording.mapped_columns import DriveColumn
 from deltaid.recording.mapping import ColumnMapping
 from deltaid.robot.load import load_robot
-from wired import bad, only_verdict, recorded, seen, table, without
+from logs import tabled
+from wired import bad, only_verdict, recorded, seen, without
 
 # A zero of 30 mrad (or mm), and a tilt of 10 mrad, whose direction is (0.6, 0.8).
 ZERO, TILT = 0.03, (0.006, 0.008)
@@ -149,11 +150,11 @@ def test_zeros_are_looked_at_again_beside_what_a_fit_has_put_right() -> None:
     pushed = columns | {"tau": columns["tau"] + [5.0, -5.0, 0.0]}  # like a base out of level
     (verdict,) = bad(checked_wiring(seen(name, pushed)))
     assert (verdict.key, verdict.grade) == ("homing-or-tilt", Grade.DOUBTFUL)
-    result = identify(load_robot(name), table(without(pushed, "qd")), settings=OFFSETS)
+    result = identify(load_robot(name), tabled(**without(pushed, "qd")), settings=OFFSETS)
     assert "offset" in " ".join(correction.text for correction in result.model.corrections)
     assert "homing-or-tilt" not in [verdict.key for verdict in bad(result.verdicts)]
     off = columns | {"q": columns["q"] + [0.01, 0.0, 0.0]}
-    result = identify(load_robot(name), table(without(off, "qd")), settings=OFFSETS)
+    result = identify(load_robot(name), tabled(**without(off, "qd")), settings=OFFSETS)
     (zero,) = (verdict for verdict in bad(result.verdicts) if verdict.key == "homing-or-tilt")
     assert (zero.number, zero.unit) == (pytest.approx(-10.0, rel=0.1), "mm")
 

@@ -4,7 +4,6 @@ from collections.abc import Iterable
 from functools import cache
 
 import numpy as np
-import polars as pl
 
 from deltaid.checks.evidence import Evidence, evidence
 from deltaid.checks.verdicts import changes, mended
@@ -15,6 +14,7 @@ from deltaid.motion.random_motion import random_motion
 from deltaid.motion.surrogate import SensorNoise, simulate_recording, surrogate_parameters
 from deltaid.recording.mapping import ColumnMapping
 from deltaid.robot.load import load_robot
+from logs import tabled
 
 Columns = dict[str, np.ndarray]
 RATE = 250.0
@@ -30,24 +30,14 @@ def recorded(name: str, tilt: float = 0.0) -> Columns:
     gravity = (0.0, 9.81 * np.sin(tilt), -9.81 * np.cos(tilt))
     level = described if not tilt else compiled(robot.changed(gravity=gravity))
     table = simulate_recording(level, truth, path, rng, rate=RATE, noise=SensorNoise(torque=0.01))
-    n = described.dof
-    columns = {"t": table["t"].to_numpy()}
-    for short in ("q", "tau"):
-        columns[short] = table.select(f"{short}{i + 1}" for i in range(n)).to_numpy()
-    columns["qd"] = described.kinematics.drive_motion(*path.evaluate(columns["t"]))[1]
-    return columns
-
-
-def table(columns: Columns) -> pl.DataFrame:
-    flat = {"t": columns["t"]}
-    for short in ("q", "qd", "tau"):
-        if short in columns:
-            flat |= {f"{short}{i + 1}": x for i, x in enumerate(columns[short].T)}
-    return pl.DataFrame(flat)
+    t, drives = table["t"].to_numpy(), range(1, described.dof + 1)
+    q, tau = (table.select(f"{x}{i}" for i in drives).to_numpy() for x in ("q", "tau"))
+    qd = described.kinematics.drive_motion(*path.evaluate(t))[1]
+    return {"t": t, "q": q, "qd": qd, "tau": tau}
 
 
 def seen(name: str, columns: Columns, mapping: ColumnMapping | None = None) -> Evidence:
-    return evidence(load_robot(name), table(columns), mapping)
+    return evidence(load_robot(name), tabled(**columns), mapping)
 
 
 def bad(verdicts: Iterable[Verdict]) -> list[Verdict]:

@@ -12,6 +12,7 @@ import polars as pl
 
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.load import load_robot
+from logs import tabled
 from oracle.tree import Array
 from plants import Plant, Truth, even_pace, random_plant
 from support import KINDS
@@ -131,11 +132,7 @@ class Case:
     @cached_property
     def table(self) -> pl.DataFrame:
         """The recording with the default names of columns."""
-        columns = {"t": self.columns["t"]}
-        for name in ("q", "qd", "tau"):
-            if name in self.columns:
-                columns |= {f"{name}{i + 1}": x for i, x in enumerate(self.columns[name].T)}
-        return pl.DataFrame(columns)
+        return tabled(**self.columns)
 
 
 def clean(seed: int, robot: str | None = None) -> Case:
