@@ -26,12 +26,12 @@ from deltaid.exports.text import SINGLE
 from deltaid.joint_forces.constraint_forces import ConstraintForces
 from deltaid.model.model import Model
 from deltaid.robot.load import load_robot
-from exports import floats
+from exports import CONDITIONS, floats, of_home_branch
 
 ROBOTS = [
     "clavel-delta3", "irb360-6-1600", "linear-delta", "h4", "par4", "i4-linear", "par4-linear",
 ]  # fmt: skip
-BINS, EACH, DRAWN = ((1, 10), (10, 30), (30, 100)), 60, 40_000
+EACH, DRAWN = 60, 40_000
 NOTE = """Largest difference of exported C code in single precision from the package at the same
 floats, as a share of the largest entry of each result, by the condition of the Jacobian; the last
 columns with every number a single float. `gcc -O2`."""
@@ -50,30 +50,22 @@ def main() -> None:
             for function, values in found.items():
                 off = np.abs(values - wanted[function]).reshape(len(z), -1).max(axis=1)
                 off = off / np.abs(wanted[function]).reshape(len(z), -1).max(axis=1)
-                row = worst.setdefault(function, np.zeros((2, len(BINS))))
-                for i, (low, high) in enumerate(BINS):
+                row = worst.setdefault(function, np.zeros((2, len(CONDITIONS))))
+                for i, (low, high) in enumerate(CONDITIONS):
                     chosen = off[(low <= condition) & (condition < high)]
                     row[k, i] = max(row[k, i], np.nan_to_num(chosen, nan=np.inf).max(initial=0))
-    head = [f"{plain}{low} to {high}" for plain in ("", "plain, ") for low, high in BINS]
+    head = [f"{plain}{low} to {high}" for plain in ("", "plain, ") for low, high in CONDITIONS]
     rows = [(name, *(f"{x:.0e}" for x in row.ravel())) for name, row in worst.items()]
     leave(("condition", *head), rows, NOTE, robots=len(robots))
 
 
 def poses(model: Model) -> tuple[np.ndarray, np.ndarray]:
     """Poses of every condition that Python finds from their drives' coordinates as floats."""
-    kinematics, rng, turn = model.dynamics.kinematics, np.random.default_rng(5), model.robot.turn
-    centre, half = model.robot.workspace.inner_box
-    r = centre + 2.5 * half * rng.uniform(-1, 1, (DRAWN, 3))
-    psi = rng.uniform(turn.low, turn.high, (DRAWN, kinematics.dof - 3))
-    z = floats(np.hstack([r, psi]))
-    found, home = kinematics.regularity(z), kinematics.regularity(kinematics.home[None])
-    side = np.sign(found.determinant) == np.sign(home.determinant)
-    kept = [
-        np.flatnonzero(side & (low <= found.condition) & (found.condition < high))[:EACH]
-        for low, high in BINS
-    ]
+    kinematics, (z, condition) = model.dynamics.kinematics, of_home_branch(model, DRAWN)
+    kept = [np.flatnonzero((low <= condition) & (condition < high))[:EACH]
+            for low, high in CONDITIONS]  # fmt: skip
     chosen = np.concatenate(kept)
-    z, condition = z[chosen], found.condition[chosen]
+    z, condition = z[chosen], condition[chosen]
     again = [kinematics.forward_unchecked(row[None]) for row in floats(kinematics.inverse(z))]
     same = [bool(good[0]) and np.abs(a[0] - row).max() < 1e-3 for (a, good), row in
             zip(again, z, strict=True)]  # fmt: skip

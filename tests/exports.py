@@ -107,20 +107,30 @@ def floats(x: np.ndarray) -> np.ndarray:
     return x.astype(np.float32).astype(float)
 
 
-def towards_singularities(subject: Model, each: int) -> np.ndarray:
-    """Poses z of the workspace and beyond where the condition is 1 to 10, to 30 and to 100."""
-    kinematics, rng, n = subject.dynamics.kinematics, np.random.default_rng(5), 20_000
+# Conditions of poses towards singularities, from one to another.
+CONDITIONS = ((1, 10), (10, 30), (30, 100))
+
+
+def of_home_branch(subject: Model, n: int) -> tuple[np.ndarray, np.ndarray]:
+    """Those of n poses z of the workspace and beyond on home's branch, and their conditions."""
+    kinematics, rng, turn = (
+        subject.dynamics.kinematics,
+        np.random.default_rng(5),
+        subject.robot.turn,
+    )
     centre, half = subject.robot.workspace.inner_box
     r = centre + 2.5 * half * rng.uniform(-1, 1, (n, 3))
-    turn = subject.robot.turn
     psi = rng.uniform(turn.low, turn.high, (n, kinematics.dof - 3))
     z = floats(np.hstack([r, psi]))
     found, home = kinematics.regularity(z), kinematics.regularity(kinematics.home[None])
     side = np.sign(found.determinant) == np.sign(home.determinant)
-    parts = [
-        z[side & (low <= found.condition) & (found.condition < high)][: 2 * each]
-        for low, high in ((1, 10), (10, 30), (30, 100))
-    ]
+    return z[side], found.condition[side]
+
+
+def towards_singularities(subject: Model, each: int) -> np.ndarray:
+    """Poses z of the workspace and beyond where the condition is 1 to 10, to 30 and to 100."""
+    z, condition = of_home_branch(subject, 20_000)
+    parts = [z[(low <= condition) & (condition < high)][: 2 * each] for low, high in CONDITIONS]
     return np.vstack([part[[_reached(subject, row) for row in part]][:each] for part in parts])
 
 

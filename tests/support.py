@@ -7,10 +7,12 @@ from pathlib import Path
 
 import numpy as np
 
+from deltaid.dynamics.dynamics import compiled
 from deltaid.mechanism.user_code import use_mechanism
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.load import load_robot
 from oracle.delta import Body, DeltaOracle, random_oracle
+from plants import Truth
 
 # The catalogue's robots that stand for a mechanism each; tests that take long run on these alone.
 # Its machines (tests/test_catalogue.py) are of the same mechanisms, with other numbers.
@@ -123,3 +125,12 @@ def slope(f, x: np.ndarray, along: np.ndarray, h: float = 1e-4) -> np.ndarray:
 def assert_close(actual: np.ndarray, expected: np.ndarray, share: float) -> None:
     """Every entry within a share of the largest one."""
     np.testing.assert_allclose(actual, expected, rtol=0, atol=share * np.abs(expected).max())
+
+
+def assert_torques(
+    robot: RobotDescription, truth: Truth, p: np.ndarray, since: float = -np.inf
+) -> None:
+    """The package has the truth's torques from a time on, while all joints move."""
+    moving = np.all(truth.rates != 0, axis=1) & (truth.time > since)
+    q, qd, qdd, tau = (x[moving] for x in (truth.q, truth.qd, truth.qdd, truth.tau))
+    assert_close(compiled(robot).inverse_dynamics(q, qd, qdd, p), tau, 1e-5)

@@ -9,6 +9,7 @@ from drives import Case, case
 from drives.errors import friction_curve
 from drives.judge import outside
 from drives.noise import noise_limit
+from support import assert_close, assert_torques
 
 
 @cache
@@ -19,11 +20,7 @@ def clean() -> Case:
 def test_torques_are_those_of_the_true_robot() -> None:
     # The oracle knows nothing of the package: that both agree is physics.
     made = clean()
-    truth, machine = made.happenings[0].truth, made.machine
-    moving = np.all(truth.rates != 0, axis=1)
-    q, qd, qdd, tau = (x[moving] for x in (truth.q, truth.qd, truth.qdd, truth.tau))
-    model = compiled(made.robot).inverse_dynamics(q, qd, qdd, machine.plant.p)
-    np.testing.assert_allclose(model, tau, rtol=0, atol=1e-5 * np.abs(tau).max())
+    assert_torques(made.robot, made.happenings[0].truth, made.machine.plant.p)
 
 
 def test_noise_is_two_per_cent() -> None:
@@ -42,10 +39,7 @@ def test_a_load_is_what_a_heavier_tool_is() -> None:
     part = machine.layout.body("P")
     p = machine.plant.p.copy()
     p[part][0] += load.mass
-    held = np.all(truth.rates != 0, axis=1) & (truth.time > happening.held[0][0])
-    q, qd, qdd, tau = (x[held] for x in (truth.q, truth.qd, truth.qdd, truth.tau))
-    model = compiled(made.robot).inverse_dynamics(q, qd, qdd, p)
-    np.testing.assert_allclose(model, tau, rtol=0, atol=1e-5 * np.abs(tau).max())
+    assert_torques(made.robot, truth, p, since=happening.held[0][0])
 
 
 def test_judged_beside_the_truth_the_truth_is_right() -> None:
@@ -57,7 +51,7 @@ def test_judged_beside_the_truth_the_truth_is_right() -> None:
     np.testing.assert_allclose(curve, happening.friction.curve(v[:, None])[:, 1])
     q = compiled(robot).kinematics.inverse(machine.poses)
     M = compiled(robot).mass_matrix(q, machine.plant.p)
-    np.testing.assert_allclose(M, machine.M, rtol=0, atol=1e-9 * np.abs(machine.M).max())
+    assert_close(M, machine.M, 1e-9)
     assert all(1e-4 < limit < 1e-2 for limit in noise_limit(made))
 
 

@@ -12,7 +12,7 @@ from deltaid.dynamics.parameters import prior_parameters
 from deltaid.errors import IdentificationError
 from deltaid.estimation.base_parameters import base_parameters
 from deltaid.estimation.drive_rows import STRETCHES
-from deltaid.estimation.information import gather_samples, merge
+from deltaid.estimation.information import Information, gather_samples, merge
 from deltaid.identification.gathering import gather, places_of
 from deltaid.identification.generic_motion import random_motion_base
 from deltaid.identification.least_squares import estimate_base, identify_base
@@ -27,6 +27,7 @@ from deltaid.motion.surrogate import (
 from deltaid.recording.opening import open_log
 from deltaid.recording.recording import PreparedRecording, with_filter
 from deltaid.robot.load import load_robot
+from support import assert_close
 
 ROBOT = "irb360-6-1600"
 
@@ -59,14 +60,24 @@ def dense(name: str, data: tuple[np.ndarray, ...]) -> np.ndarray:
     return dynamics.regressor(dynamics.kinematics.inverse(z), qd, qdd)
 
 
-def test_factor_is_the_factor_of_the_dense_regressor() -> None:
+def gathered() -> tuple[Dynamics, tuple[np.ndarray, ...], Information]:
+    """A robot, samples, and what is gathered of them."""
     dynamics, data = compiled(load_robot(ROBOT)), samples()
-    information = gather_samples(dynamics, *data)
+    return dynamics, data, gather_samples(dynamics, *data)
+
+
+def grams(information: Information) -> np.ndarray:
+    """FᵀF of each drive's factor F."""
+    return np.swapaxes(information.factors, 1, 2) @ information.factors
+
+
+def test_factor_is_the_factor_of_the_dense_regressor() -> None:
+    _, data, information = gathered()
     Y, weights = dense(ROBOT, data), np.array([0.5, 1.0, 2.0, 30.0])
     A = np.concatenate([Y[:, :, information.columns], data[3][:, :, None]], axis=2)
     A = (A * np.sqrt(weights)[None, :, None]).reshape(-1, A.shape[2])
     F = information.weighted(weights)
-    assert np.allclose(F.T @ F, A.T @ A, rtol=1e-10, atol=1e-10 * np.abs(A.T @ A).max())
+    assert_close(F.T @ F, A.T @ A, 1e-10)
 
 
 def test_information_adds_up_over_parts() -> None:
@@ -75,16 +86,14 @@ def test_information_adds_up_over_parts() -> None:
     cuts = [0, 7, 400, 903]
     pieces = [gather_samples(dynamics, *(x[a:b] for x in data)) for a, b in pairwise(cuts)]
     together = merge(pieces)
-    ones = np.ones(4)
-    a, b = whole.weighted(ones), together.weighted(ones)
     np.testing.assert_array_equal(together.samples, whole.samples)
     assert np.allclose(together.torque_max, whole.torque_max)
-    assert np.allclose(a.T @ a, b.T @ b, rtol=1e-10, atol=1e-10 * np.abs(a.T @ a).max())
+    a, b = (each.weighted(np.ones(4)) for each in (together, whole))
+    assert_close(a.T @ a, b.T @ b, 1e-10)
 
 
 def test_rms_from_the_factor_is_the_rms_of_the_samples() -> None:
-    dynamics, data = compiled(load_robot(ROBOT)), samples()
-    information = gather_samples(dynamics, *data)
+    dynamics, data, information = gathered()
     p = np.random.default_rng(3).standard_normal(len(dynamics.layout.names))
     error = data[3] - dense(ROBOT, data) @ p
     assert np.allclose(information.rms(p), np.sqrt(np.mean(error**2, axis=0)), rtol=1e-9)
@@ -147,8 +156,7 @@ def test_a_motion_of_one_drive_only_determines_less() -> None:
 
 @pytest.mark.parametrize("method", ["ordinary", "weighted"])
 def test_least_squares_and_deviations_are_the_textbooks(method) -> None:
-    dynamics, data = compiled(load_robot(ROBOT)), samples()
-    information = gather_samples(dynamics, *data)
+    dynamics, data, information = gathered()
     base = base_parameters(information, dynamics.layout)
     estimate = estimate_base(base, information, method)
     heads = [group.representative for group in base.groups]
@@ -218,12 +226,9 @@ def test_blocks_of_a_log_are_consecutive_equal_and_together_the_whole(tmp_path):
     third = values[2 * length : 3 * length]
     q, qd, qdd, tau = np.split(third[:, 1:], 4, axis=1)
     z = dynamics.kinematics.forward(q)
-    alone, block = gather_samples(dynamics, z, qd, qdd, tau), blocks[2]
-    for i in range(3):
-        expected = alone.factors[i].T @ alone.factors[i]
-        np.testing.assert_allclose(
-            block.factors[i].T @ block.factors[i], expected, atol=1e-9 * np.abs(expected).max()
-        )
+    alone = gather_samples(dynamics, z, qd, qdd, tau)
+    for found, expected in zip(grams(blocks[2]), grams(alone), strict=True):
+        assert_close(found, expected, 1e-9)
 
 
 @pytest.mark.parametrize("filtered", [False, True])
@@ -233,8 +238,7 @@ def test_places_divide_the_same_samples_by_where_the_platform_was(tmp_path, filt
     one = with_filter(log, 20.0 if filtered else None)
     places = places_of(dynamics, [one])
     whole = merge(gather(dynamics, one, places))
-    grams = np.swapaxes(whole.factors, 1, 2) @ whole.factors
-    np.testing.assert_allclose(places.sums.sum(axis=0), grams, atol=1e-9 * np.abs(grams).max())
+    assert_close(places.sums.sum(axis=0), grams(whole), 1e-9)
     if filtered:
         return
     q, qd, qdd, tau = np.split(recording.to_numpy()[:, 1:], 4, axis=1)
@@ -243,9 +247,7 @@ def test_places_divide_the_same_samples_by_where_the_platform_was(tmp_path, filt
     middle = np.all(part == 1, axis=1)
     assert 100 < middle.sum() < len(z) / 2
     alone = gather_samples(dynamics, z[middle], qd[middle], qdd[middle], tau[middle])
-    expected = np.swapaxes(alone.factors, 1, 2) @ alone.factors
-    found = places.sums[1 + 3 + 9]
-    np.testing.assert_allclose(found, expected, atol=1e-9 * np.abs(expected).max())
+    assert_close(places.sums[1 + 3 + 9], grams(alone), 1e-9)
 
 
 @pytest.mark.parametrize("method", ["ordinary", "weighted", "gauss-markov"])

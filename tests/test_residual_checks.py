@@ -52,8 +52,12 @@ def load(mass: float) -> np.ndarray:
     return dynamics.torque(z, qd, qdd, heavier) - dynamics.torque(z, qd, qdd, p)
 
 
-def bad(verdicts: dict[str, Verdict]) -> list[str]:
-    return [key for key, v in verdicts.items() if v.grade in (Grade.DOUBTFUL, Grade.WRONG)]
+def only(key: str, added: Added | None = None, late: float = 0.0) -> Verdict:
+    """The only verdict that is not good, which is that of a key."""
+    verdicts = said(added, late)
+    bad = [name for name, v in verdicts.items() if v.grade in (Grade.DOUBTFUL, Grade.WRONG)]
+    assert bad == [key]
+    return verdicts[key]
 
 
 def test_a_clean_recording_points_at_nothing() -> None:
@@ -62,9 +66,7 @@ def test_a_clean_recording_points_at_nothing() -> None:
 
 
 def test_a_lag_is_told_in_milliseconds_and_with_what_it_does() -> None:
-    verdicts = said(late=3e-3)
-    assert bad(verdicts) == ["torque-lag"]
-    lag = verdicts["torque-lag"]
+    lag = only("torque-lag", late=3e-3)
     assert lag.number == pytest.approx(3.0, abs=0.2)
     assert "late" in lag.seen
     assert "the inertia of drive" in lag.seen
@@ -89,32 +91,30 @@ def test_friction_of_another_law_is_told_by_its_joint() -> None:
         knee = 0.1 * np.abs(qd).max(axis=0)
         return [0.0, 4.0, 0.0] * np.sign(qd) * np.exp(-np.abs(qd) / knee)
 
-    verdicts = said(stribeck)
-    assert bad(verdicts) == ["friction-law"]
-    assert verdicts["friction-law"].subject == "drive2"
-    assert "low speed" in verdicts["friction-law"].seen
+    verdict = only("friction-law", stribeck)
+    assert verdict.subject == "drive2"
+    assert "low speed" in verdict.seen
 
 
 def test_a_ripple_over_the_position_is_cogging() -> None:
-    verdicts = said(lambda t, q, qd, tau: 0.05 * tau.max(axis=0) * np.sin(2 * np.pi * 9 * q))
-    assert bad(verdicts) == ["geometry-or-cogging"]
-    assert "ripple" in verdicts["geometry-or-cogging"].seen
-    assert "cogging" in verdicts["geometry-or-cogging"].cause
+    verdict = only(
+        "geometry-or-cogging",
+        lambda t, q, qd, tau: 0.05 * tau.max(axis=0) * np.sin(2 * np.pi * 9 * q),
+    )
+    assert "ripple" in verdict.seen
+    assert "cogging" in verdict.cause
 
 
 def test_friction_that_falls_while_the_robot_warms_up_is_drift() -> None:
     def warm(t, q, qd, tau) -> np.ndarray:
         return 3.0 * np.exp(-t / 4.0)[:, None] * np.sign(qd)
 
-    verdicts = said(warm)
-    assert bad(verdicts) == ["drift"]
-    assert "warm" in verdicts["drift"].cause
+    verdict = only("drift", warm)
+    assert "warm" in verdict.cause
 
 
 def test_a_load_is_told_by_its_mass_and_times() -> None:
-    verdicts = said(lambda t, q, qd, tau: load(0.4) * ((t > 3.0) & (t < 7.0))[:, None])
-    assert bad(verdicts) == ["load-change"]
-    change = verdicts["load-change"]
+    change = only("load-change", lambda t, q, qd, tau: load(0.4) * ((t > 3.0) & (t < 7.0))[:, None])
     assert change.number == pytest.approx(0.4, rel=0.05)
     told = change.seen.split(" at ")[1].removesuffix(" s").split(", ")
     np.testing.assert_allclose([float(time) for time in told], [3.0, 7.0], atol=0.02)
@@ -126,9 +126,7 @@ def test_a_load_is_told_by_its_mass_and_times() -> None:
 
 
 def test_a_load_that_comes_and_goes_is_followed() -> None:
-    verdicts = said(lambda t, q, qd, tau: load(1.5) * (t % 0.6 > 0.3)[:, None])
-    assert bad(verdicts) == ["load-change"]
-    change = verdicts["load-change"]
+    change = only("load-change", lambda t, q, qd, tau: load(1.5) * (t % 0.6 > 0.3)[:, None])
     assert change.number == pytest.approx(1.5, rel=0.05)
     first, more = change.seen.split(" at ")[1].split(" s and ")
     switches = np.array([float(x) for x in first.split(", ")]) / 0.3
@@ -138,16 +136,13 @@ def test_a_load_that_comes_and_goes_is_followed() -> None:
 
 @pytest.mark.parametrize("gain", swept([0.75, 1.15], 0.75))
 def test_a_drive_whose_torque_constant_is_wrong_is_named(gain: float) -> None:
-    verdicts = said(lambda t, q, qd, tau: [0.0, 0.0, gain - 1] * tau)
-    assert bad(verdicts) == ["drive-gain"]
-    assert verdicts["drive-gain"].subject == "drive3"
-    assert verdicts["drive-gain"].number == pytest.approx(100 * (gain - 1), rel=0.05)
+    verdict = only("drive-gain", lambda t, q, qd, tau: [0.0, 0.0, gain - 1] * tau)
+    assert verdict.subject == "drive3"
+    assert verdict.number == pytest.approx(100 * (gain - 1), rel=0.05)
 
 
 def test_every_drive_whose_torque_constant_is_wrong_is_named_with_its_size() -> None:
-    verdicts = said(lambda t, q, qd, tau: [0.08, -0.08, 0.04] * tau)
-    assert bad(verdicts) == ["drive-gain"]
-    gain = verdicts["drive-gain"]
+    gain = only("drive-gain", lambda t, q, qd, tau: [0.08, -0.08, 0.04] * tau)
     told = dict(re.findall(r"(drive\d)'s \D*([\d.]+) %", gain.seen))
     mean = 1 + 0.04 / 3
     for name, factor in zip(("drive1", "drive2", "drive3"), (1.08, 0.92, 1.04), strict=True):
@@ -161,9 +156,7 @@ def test_a_torque_constant_that_falls_with_current_is_named_with_its_size(beta: 
         largest = np.abs(tau).max(axis=0)
         return [0.0, beta, 0.0] * tau**3 / largest**2
 
-    verdicts = said(saturated)
-    assert bad(verdicts) == ["torque-constant"]
-    falls = verdicts["torque-constant"]
+    falls = only("torque-constant", saturated)
     assert falls.subject == "drive2"
     assert falls.number == pytest.approx(100 * beta, rel=0.15)
     assert "saturates" in falls.cause
@@ -182,10 +175,9 @@ def test_something_that_rings_is_told_by_its_frequency() -> None:
         wave = np.sin(2 * np.pi * 41 * t + phase)
         return 0.05 * np.abs(tau[:, [1]]).max() * wave[:, None] * [0.0, 1.0, 0.0]
 
-    verdicts = said(ringing)
-    assert bad(verdicts) == ["resonance"]
-    assert verdicts["resonance"].number == pytest.approx(41, abs=1.5)
-    assert verdicts["resonance"].subject == "drive2"
+    verdict = only("resonance", ringing)
+    assert verdict.number == pytest.approx(41, abs=1.5)
+    assert verdict.subject == "drive2"
 
 
 def test_what_follows_nothing_is_told_as_such() -> None:
@@ -197,10 +189,9 @@ def test_what_follows_nothing_is_told_as_such() -> None:
             h * (np.abs(t - at) < 0.02)[:, None] for at, h in zip(places, heights, strict=True)
         )
 
-    verdicts = said(knocks)
-    assert bad(verdicts) == ["residual"]
-    assert (verdicts["residual"].number or 0.0) > 3
-    assert "short" in verdicts["residual"].seen
+    verdict = only("residual", knocks)
+    assert (verdict.number or 0.0) > 3
+    assert "short" in verdict.seen
 
 
 def _scaled(x: np.ndarray) -> np.ndarray:

@@ -6,11 +6,11 @@ from functools import cache
 import numpy as np
 import pytest
 
-from deltaid.dynamics.dynamics import compiled
 from deltaid.model.verdict import Grade, Verdict
 from faults import LEAST, Case, clean, fault
 from faults.score import said_of, score
 from faults.shown import shown
+from support import assert_torques
 
 # A linear Delta at 500 Hz.
 SEED = 8
@@ -38,11 +38,7 @@ def test_nothing_is_said_of_a_clean_recording() -> None:
 def test_torques_are_those_of_the_true_robot() -> None:
     # The oracle knows nothing of the package: that both agree is physics.
     case = careful()
-    p, truth = case.setting.plant.p, case.setting.truth
-    moving = np.all(truth.rates != 0, axis=1)
-    q, qd, qdd, tau = (x[moving] for x in (truth.q, truth.qd, truth.qdd, truth.tau))
-    model = compiled(case.robot).inverse_dynamics(q, qd, qdd, p)
-    np.testing.assert_allclose(model, tau, rtol=0, atol=1e-5 * np.abs(tau).max())
+    assert_torques(case.robot, case.setting.truth, case.setting.plant.p)
 
 
 def test_a_fault_shows_in_proportion_to_its_size() -> None:
