@@ -5,8 +5,6 @@ Why they tell what any other robot of the type would have given is said in `draw
 
 from dataclasses import dataclass, replace
 from functools import cached_property
-from pathlib import Path
-from tempfile import TemporaryDirectory
 
 import _alone  # noqa: F401
 import numpy as np
@@ -127,17 +125,13 @@ def template(robot: RobotDescription, seed: int, *, is_loaded: bool) -> Template
         mapping = ColumnMapping(load=Load(column="gripper"))
     else:
         table, held, mapping = simulated(dynamics, p, seed, _NOISE), None, None
-    with TemporaryDirectory() as folder:
-        path = Path(folder) / "log.parquet"
-        table.write_parquet(path)
-        result = identify(robot, [path], columns=mapping, settings=SETTINGS)
-        problem, recording = result.problem, result.recordings[0]
-        columns = gathered_columns(problem, recording)
-        courses = Courses(
-            columns.dynamics, _courses(table, dynamics, np.random.default_rng([seed, 8])), RATE
-        )
-        wide = replace(columns, additions=(*columns.additions, courses))
-        found, quantities = with_geometry(condensed(wide, recording), wide, problem, recording)
+    result = identify(robot, table, columns=mapping, settings=SETTINGS)
+    problem, recording = result.problem, result.recordings[0]
+    columns = gathered_columns(problem, recording)
+    courses = _courses(table, dynamics, np.random.default_rng([seed, 8]))
+    beside = Courses(columns.dynamics, courses, RATE)
+    wide = replace(columns, additions=(*columns.additions, beside))
+    found, quantities = with_geometry(condensed(wide, recording), wide, problem, recording)
     names = tuple(columns.names[k] for k in columns.kept)
     own = own_columns(found, len(names))
     record = record_of(robot, result, own, quantities)

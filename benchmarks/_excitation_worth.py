@@ -3,9 +3,7 @@
 Both against random motions within the same limits and of the same length.
 """
 
-import tempfile
 from collections.abc import Callable
-from pathlib import Path
 
 import numpy as np
 import polars as pl
@@ -113,9 +111,7 @@ def compare_identification(
         for seed in seeds:
             rng = np.random.default_rng(seed)
             truth = surrogate_parameters(robot, rng)
-            with tempfile.TemporaryDirectory() as folder:
-                path = Path(folder) / "recording.parquet"
-                record(exciter, run_of(seed), truth, rng).write_parquet(path)
-                rows.append(errors(exciter, deltaid.identify(robot, [path]), truth))
+            recording = record(exciter, run_of(seed), truth, rng)
+            rows.append(errors(exciter, deltaid.identify(robot, recording), truth))
         cells = zip(np.median(rows, axis=0), np.max(rows, axis=0), strict=True)
         print(f"  {name:18}" + "".join(f"{f'{m:.2g} ({w:.2g})':>17}" for m, w in cells))

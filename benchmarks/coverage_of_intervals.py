@@ -12,8 +12,6 @@ seeds of both (`tests/test_scatter.py`, `tests/test_labels.py`).
 
 import sys
 from collections import Counter
-from pathlib import Path
-from tempfile import TemporaryDirectory
 
 import _alone  # noqa: F401
 import numpy as np
@@ -48,8 +46,7 @@ def _intervals(seeds: int) -> None:
     rows = []
     for name in ROBOTS:
         for kind in KINDS:
-            with TemporaryDirectory() as folder:
-                truth, found = estimates(name, kind, seeds, Path(folder))
+            truth, found = estimates(name, kind, seeds)
             share, white = covered(truth, found), covered_by_white_formula(truth, found)
             figures = (share.mean(), share.min(), white.mean())
             rows.append((name, kind, seeds, *(f"{figure:.1%}" for figure in figures)))

@@ -5,8 +5,6 @@ python benchmarks/drawn_against_simulated.py [RECORDINGS]
 
 import sys
 from collections.abc import Sequence
-from pathlib import Path
-from tempfile import TemporaryDirectory
 
 import numpy as np
 from _drawn_templates import SETTINGS, simulated
@@ -31,10 +29,7 @@ def _compared(name: str, count: int) -> tuple[object, ...]:
         drawn = [kind.drawn("a", k, truth, wander=0.0)]
         found["drawn"].append(_estimate(robot, drawn, truth))
         table = simulated(kind.dynamics, truth, k % 2, NOISE, 1000 + k)
-        with TemporaryDirectory() as folder:
-            path = Path(folder) / "log.parquet"
-            table.write_parquet(path)
-            one = gathered(robot, path, settings=SETTINGS)
+        one = gathered(robot, table, settings=SETTINGS)
         found["simulated"].append(_estimate(robot, [one], truth))
     row: list[object] = [name, count]
     for picks in found.values():

@@ -18,13 +18,11 @@ deltaid's function; also for torques that no robot produces, where the constrain
 """
 
 import sys
-import tempfile
 import time
 import warnings
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
-from pathlib import Path
 from typing import TypeVar
 
 import _alone  # noqa: F401
@@ -47,7 +45,6 @@ from deltaid.motion.surrogate import (
     SensorNoise,
     simulate_recording,
     surrogate_parameters,
-    write_recording,
 )
 from deltaid.recording.opening import open_log
 from deltaid.recording.recording import with_filter
@@ -92,15 +89,11 @@ def recorded(
     rng: np.random.Generator,
     noise: SensorNoise | None,
 ) -> Information:
-    """The factors of a recording, which goes through a file as any other."""
+    """The factors of a recording."""
     recording = simulate_recording(
         dynamics, p, motion, rng, duration=DURATION, rate=RATE, noise=noise
     )
-    with tempfile.TemporaryDirectory() as folder:
-        path = Path(folder) / "recording.csv"
-        write_recording(recording, path)
-        log = open_log(path, dynamics.kinematics)
-        return merge(gather(dynamics, with_filter(log)))
+    return merge(gather(dynamics, with_filter(open_log(recording, dynamics.kinematics))))
 
 
 def impossible(dynamics: Dynamics, p: np.ndarray, motion: FourierMotion) -> Information:

@@ -10,8 +10,6 @@ all others, whose ranges the prior decides and which hold the truth as often as 
 """
 
 from collections.abc import Iterator
-from pathlib import Path
-from tempfile import TemporaryDirectory
 
 import numpy as np
 
@@ -20,12 +18,7 @@ from deltaid.identification.identify import identify
 from deltaid.joint_forces.constraint_forces import ConstraintForces
 from deltaid.joint_forces.ranges import Ranges, evidence
 from deltaid.motion.random_motion import random_motion
-from deltaid.motion.surrogate import (
-    SensorNoise,
-    simulate_recording,
-    surrogate_parameters,
-    write_recording,
-)
+from deltaid.motion.surrogate import SensorNoise, simulate_recording, surrogate_parameters
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.load import load_robot
 
@@ -54,11 +47,8 @@ def _ranges(robot: RobotDescription, rng: np.random.Generator) -> Iterator[tuple
     recording = simulate_recording(
         dynamics, truth, random_motion(kinematics, rng), rng, duration=10.0, noise=SensorNoise()
     )
-    with TemporaryDirectory() as folder:
-        log = Path(folder) / "log.csv"
-        write_recording(recording, log)
-        model = identify(robot, [log]).model
-        found, known = evidence(model, [log])
+    model = identify(robot, recording).model
+    found, known = evidence(model, recording)
     motion = random_motion(kinematics, rng)
     z, zd, zdd = motion.evaluate(rng.uniform(0, motion.period, SAMPLES))
     _, qd, qdd = kinematics.drive_motion(z, zd, zdd)

@@ -10,8 +10,6 @@ coefficients within 3 %, at any time along the motion.
 """
 
 from dataclasses import replace
-from pathlib import Path
-from tempfile import TemporaryDirectory
 
 import numpy as np
 
@@ -19,7 +17,7 @@ from deltaid.dynamics.dynamics import compiled
 from deltaid.dynamics.parameters import prior_parameters
 from deltaid.identification.identify import identify
 from deltaid.motion.excitation.excite import ExcitationSettings, Exciter
-from deltaid.motion.surrogate import SensorNoise, simulate_recording, write_recording
+from deltaid.motion.surrogate import SensorNoise, simulate_recording
 from deltaid.reproduce.accuracy import Accuracy, accuracy, drive_motion
 from deltaid.reproduce.table_one import ABOVE, BELOW, ROBOT, nominal_robot, regularisation
 from deltaid.robot.load import load_robot
@@ -59,13 +57,10 @@ def _fits(settings: ExcitationSettings) -> tuple[float, list[Accuracy]]:
     run = Exciter(compiled(priors[1]), settings).optimise().run
     along = drive_motion(dynamics, run, np.arange(round(run.duration * RATE)) / RATE)
     fits, how = [], {"duration": run.duration, "rate": RATE, "noise": SensorNoise(TORQUE_NOISE)}
-    with TemporaryDirectory() as folder:
-        log = Path(folder) / "log.csv"
-        for _ in range(NOISES):
-            write_recording(simulate_recording(dynamics, truth, run, rng, **how), log)
-            for prior in priors:
-                p = identify(prior, [log]).model.p
-                fits.append(accuracy(dynamics, along, truth, p))
+    for _ in range(NOISES):
+        recording = simulate_recording(dynamics, truth, run, rng, **how)
+        models = [identify(prior, recording).model for prior in priors]
+        fits += [accuracy(dynamics, along, truth, model.p) for model in models]
     return run.duration, fits
 
 

@@ -12,9 +12,7 @@ So the plant spoils the recording, the identification and the run. Leaves
 """
 
 import sys
-import tempfile
 from dataclasses import dataclass
-from pathlib import Path
 
 import _alone  # noqa: F401
 import numpy as np
@@ -117,9 +115,7 @@ def one(name: str, robot: RobotDescription, seed: int) -> dict[str, list[float]]
     prior = ControlModel(robot, prior_parameters(robot))
     law = gains("pd-feedforward", prior, first, BANDWIDTH)
     log = recorded(track(case.plant, law, prior, first, case.drives), rng)
-    with tempfile.TemporaryDirectory() as folder:
-        log.write_csv(f"{folder}/log.csv")
-        model = identify(robot, [Path(folder) / "log.csv"]).model
+    model = identify(robot, log).model
     found = load(model)
     identified = ControlModel(found.robot, found.p)
     base = ControlModel(found.robot, base_vector(model))

@@ -7,7 +7,6 @@ recordings would have given, and goes the users' way from there.
 
 from collections.abc import Callable
 from functools import cache
-from pathlib import Path
 
 import numpy as np
 from scipy.signal import lfilter
@@ -25,7 +24,7 @@ from deltaid.motion.random_motion import random_motion
 from deltaid.motion.surrogate import SensorNoise, surrogate_parameters
 from deltaid.recording.recording import open_recordings
 from deltaid.robot.load import load_robot
-from logs import tabled, write
+from logs import tabled
 
 RATE = 1000.0
 KINDS = ("white", "coloured", "ripple")
@@ -71,7 +70,7 @@ def noises(kind: str, seeds: int, q: np.ndarray, rng: np.random.Generator) -> np
 
 
 def estimates(
-    name: str, kind: str, seeds: int, folder: Path, run: Run = optimised
+    name: str, kind: str, seeds: int, run: Run = optimised
 ) -> tuple[np.ndarray, list[BaseEstimate]]:
     """True base parameters of a catalogue robot, and the estimate of each seed of noise."""
     dynamics, rng = compiled(load_robot(name)), np.random.default_rng(1)
@@ -80,8 +79,8 @@ def estimates(
     tau = dynamics.torque(z, qd, qdd, p).T
     noise = noises(kind, seeds, q, rng) * np.abs(tau).max(axis=1)[:, None]
     step = SensorNoise().encoder_step
-    write(folder / "log.parquet", tabled(t=time, q=np.round(q / step) * step, tau=tau.T))
-    recordings = open_recordings([folder / "log.parquet"], dynamics.kinematics)
+    log = tabled(t=time, q=np.round(q / step) * step, tau=tau.T)
+    recordings = open_recordings(log, dynamics.kinematics)
     wide = extended(dynamics, [Courses(dynamics, np.concatenate([tau[None], noise]), RATE)])
     gathered = gather_all(wide, recordings)
     limits = np.abs(tau).max(axis=1)

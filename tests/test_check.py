@@ -233,7 +233,6 @@ def test_what_a_fit_contradicts_is_not_said_where_a_verdict_tells_why() -> None:
 def test_missing_limits_are_said_of_a_description_not_of_every_recording(tmp_path: Path) -> None:
     data = as_written("clavel-delta3")
     data.pop("platform_speed", None)
-    robot, log = written(data, tmp_path / "robot.yaml"), tmp_path / "log.csv"
-    recorded(3000).write_csv(log)
+    robot = written(data, tmp_path / "robot.yaml")
     assert verdict_of(check(robot), "limits").grade is Grade.DOUBTFUL
-    assert "limits" not in {verdict.key for verdict in check(robot, log).poor}
+    assert "limits" not in {verdict.key for verdict in check(robot, recorded(3000)).poor}

@@ -144,20 +144,19 @@ def test_torques_of_the_planar_delta_are_those_of_its_mass_points(planar: RobotD
     assert tau == pytest.approx(expected, rel=1e-5)
 
 
-def test_the_planar_delta_is_identified_and_simulated(planar: RobotDescription, tmp_path: Path):
+def test_the_planar_delta_is_identified_and_simulated(planar: RobotDescription):
     dynamics, rng = Dynamics(planar), np.random.default_rng(1)
     truth = surrogate_parameters(planar, rng)
-    for name in ("log", "verify"):
+    how, recordings = {"duration": 10.0, "noise": SensorNoise(torque=0.01)}, []
+    for _ in range(2):
         motion = random_motion(dynamics.kinematics, rng)
-        noise = SensorNoise(torque=0.01)
-        recording = simulate_recording(dynamics, truth, motion, rng, duration=10.0, noise=noise)
-        write_recording(recording, tmp_path / f"{name}.csv")
-    model = identify(planar, tmp_path / "log.csv").model
+        recordings.append(simulate_recording(dynamics, truth, motion, rng, **how))
+    model = identify(planar, recordings[0]).model
     home = dynamics.kinematics.home[None]
     at_home = dynamics.kinematics.inverse(home)
     M, M_true = (dynamics.mass_matrix(at_home, x)[0] for x in (model.p, truth))
     assert np.allclose(M, M_true, rtol=0, atol=0.01 * M_true.max())
-    assert max(validate(model, tmp_path / "verify.csv")[0].nrmse) < 0.01
+    assert max(validate(model, recordings[1])[0].nrmse) < 0.01
     zd, zdd = rng.normal(size=(1, 2)), rng.normal(size=(1, 2))
     _, qd, qdd = dynamics.kinematics.drive_motion(home + 0.01, zd, zdd)
     tau = dynamics.torque(home + 0.01, qd, qdd, truth)

@@ -1,7 +1,6 @@
 """Information factors and base parameters against plain dense least squares."""
 
 from itertools import pairwise
-from pathlib import Path
 
 import numpy as np
 import polars as pl
@@ -18,12 +17,7 @@ from deltaid.identification.generic_motion import random_motion_base
 from deltaid.identification.least_squares import estimate_base, identify_base
 from deltaid.identification.torque_error import torque_error
 from deltaid.motion.random_motion import random_motion
-from deltaid.motion.surrogate import (
-    SensorNoise,
-    simulate_recording,
-    surrogate_parameters,
-    write_recording,
-)
+from deltaid.motion.surrogate import SensorNoise, simulate_recording, surrogate_parameters
 from deltaid.recording.opening import open_log
 from deltaid.recording.recording import PreparedRecording, with_filter
 from deltaid.robot.load import load_robot
@@ -43,15 +37,14 @@ def samples(name: str = ROBOT, n: int = 900, seed: int = 0) -> tuple[np.ndarray,
 
 
 def recorded(
-    folder: Path, seed: int, *, as_described: bool = False, **how
-) -> tuple[Dynamics, np.ndarray, pl.DataFrame, Path]:
-    """A robot, its parameters, a recording of it, and the file that has it."""
+    seed: int, *, as_described: bool = False, **how
+) -> tuple[Dynamics, np.ndarray, pl.DataFrame]:
+    """A robot, its parameters, and a recording of it."""
     dynamics, rng = compiled(load_robot("clavel-delta3")), np.random.default_rng(seed)
     robot = dynamics.robot
     p = prior_parameters(robot) if as_described else surrogate_parameters(robot, rng)
-    recording = simulate_recording(dynamics, p, random_motion(dynamics.kinematics, rng), rng, **how)
-    write_recording(recording, folder / "log.csv")
-    return dynamics, p, recording, folder / "log.csv"
+    motion = random_motion(dynamics.kinematics, rng)
+    return dynamics, p, simulate_recording(dynamics, p, motion, rng, **how)
 
 
 def dense(name: str, data: tuple[np.ndarray, ...]) -> np.ndarray:
@@ -186,16 +179,15 @@ def test_standard_deviations_are_those_of_repeated_noise() -> None:
     assert np.sqrt(np.mean(np.square(scores))) == pytest.approx(1.0, abs=0.06)
 
 
-def test_gauss_markov_is_the_tighter_one_when_drives_differ(tmp_path) -> None:
-    dynamics, truth, recording, log = recorded(tmp_path, 0, noise=SensorNoise(torque=0.0))
+def test_gauss_markov_is_the_tighter_one_when_drives_differ() -> None:
+    dynamics, truth, recording = recorded(0, noise=SensorNoise(torque=0.0))
     noise = np.random.default_rng(1).standard_normal((recording.height, 3)) * [3.0, 0.1, 0.1]
     noise[:, 1] += 0.5 * noise[:, 0]  # correlated between drives
     for i in range(3):
         recording = recording.with_columns(recording[f"tau{i + 1}"] + noise[:, i])
-    write_recording(recording, log)
     true_base, errors, stds = None, {}, {}
     for method in ("ordinary", "weighted", "gauss-markov"):
-        base, estimate = identify_base(dynamics, [log], method)
+        base, estimate = identify_base(dynamics, recording, method)
         true_base = base.combination() @ truth
         errors[method] = np.abs(estimate.values - true_base) / np.abs(true_base).max()
         stds[method] = estimate.std
@@ -203,9 +195,9 @@ def test_gauss_markov_is_the_tighter_one_when_drives_differ(tmp_path) -> None:
     assert np.sum(errors["gauss-markov"]) < np.sum(errors["ordinary"])
 
 
-def test_filtered_information_agrees_with_the_streamed_torque_error(tmp_path) -> None:
-    dynamics, truth, recording, log = recorded(tmp_path, 0, noise=SensorNoise())
-    one = with_filter(open_log(log, dynamics.kinematics))
+def test_filtered_information_agrees_with_the_streamed_torque_error() -> None:
+    dynamics, truth, recording = recorded(0, noise=SensorNoise())
+    one = with_filter(open_log(recording, dynamics.kinematics))
     information = merge(gather(dynamics, one))
     streamed = torque_error(dynamics, truth, one)
     # The information is thinned, the stream is not, so the two are estimates of the same number.
@@ -214,10 +206,9 @@ def test_filtered_information_agrees_with_the_streamed_torque_error(tmp_path) ->
     assert np.allclose(streamed.rms_unfiltered, 0.02 * largest, rtol=0.25)
 
 
-def test_blocks_of_a_log_are_consecutive_equal_and_together_the_whole(tmp_path):
-    how = {"as_described": True, "duration": 20.3, "rate": 997.0}
-    dynamics, _, recording, path = recorded(tmp_path, 3, **how)
-    log = open_log(path, dynamics.kinematics, None, keep_all=True)
+def test_blocks_of_a_log_are_consecutive_equal_and_together_the_whole():
+    dynamics, _, recording = recorded(3, as_described=True, duration=20.3, rate=997.0)
+    log = open_log(recording, dynamics.kinematics, None, keep_all=True)
     blocks = gather(dynamics, PreparedRecording(log, None))
     length = -(-log.samples // STRETCHES)
     assert [b.mean_samples for b in blocks[:-1]] == [length] * (len(blocks) - 1)
@@ -232,9 +223,9 @@ def test_blocks_of_a_log_are_consecutive_equal_and_together_the_whole(tmp_path):
 
 
 @pytest.mark.parametrize("filtered", [False, True])
-def test_places_divide_the_same_samples_by_where_the_platform_was(tmp_path, filtered):
-    dynamics, _, recording, path = recorded(tmp_path, 4, as_described=True, duration=20.0)
-    log = open_log(path, dynamics.kinematics, None, keep_all=True)
+def test_places_divide_the_same_samples_by_where_the_platform_was(filtered):
+    dynamics, _, recording = recorded(4, as_described=True, duration=20.0)
+    log = open_log(recording, dynamics.kinematics, None, keep_all=True)
     one = with_filter(log, 20.0 if filtered else None)
     places = places_of(dynamics, [one])
     whole = merge(gather(dynamics, one, places))
@@ -251,9 +242,9 @@ def test_places_divide_the_same_samples_by_where_the_platform_was(tmp_path, filt
 
 
 @pytest.mark.parametrize("method", ["ordinary", "weighted", "gauss-markov"])
-def test_every_method_has_intervals_from_the_scatter(tmp_path, method) -> None:
-    dynamics, truth, _, log = recorded(tmp_path, 5, duration=20.0, noise=SensorNoise())
-    base, estimate = identify_base(dynamics, [log], method)
+def test_every_method_has_intervals_from_the_scatter(method) -> None:
+    dynamics, truth, recording = recorded(5, duration=20.0, noise=SensorNoise())
+    base, estimate = identify_base(dynamics, recording, method)
     assert estimate.noise.groups in ("time", "place")
     assert np.all(estimate.interval > 1.96 * estimate.std)
     within = np.abs(estimate.values - base.combination() @ truth) <= estimate.interval

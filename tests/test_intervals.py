@@ -16,7 +16,7 @@ from deltaid.identification.uncertainty import Uncertainty, uncertainty
 from deltaid.model.parameter_record import Parameter
 from deltaid.model.record import IdentifiedModel
 from deltaid.motion.random_motion import random_motion
-from deltaid.motion.surrogate import SensorNoise, simulate_recording, write_recording
+from deltaid.motion.surrogate import SensorNoise, simulate_recording
 from deltaid.robot.load import load_robot
 from poor_priors import PLAIN
 
@@ -24,7 +24,8 @@ ROBOT = "irb360-6-1600"
 DATA = Path(__file__).parent / "data"
 
 
-def recorded(path: Path) -> tuple[Identification, dict[str, float]]:
+@pytest.fixture(scope="module")
+def case() -> tuple[Identification, dict[str, float]]:
     """A robot with twice the prior's friction, an arm 40 % heavier, and a tool 40 % heavier at the
     cost of the platform. Torques show the friction only."""
     robot = load_robot(ROBOT)
@@ -37,13 +38,8 @@ def recorded(path: Path) -> tuple[Identification, dict[str, float]]:
     p[at["EE.m"]] += moved
     p[dynamics.layout.friction] *= 2
     motion = random_motion(dynamics.kinematics, rng)
-    write_recording(simulate_recording(dynamics, p, motion, rng, noise=SensorNoise()), path)
-    return identify(robot, [path], settings=PLAIN), dict(zip(names, p.tolist(), strict=True))
-
-
-@pytest.fixture(scope="module")
-def case(tmp_path_factory) -> tuple[Identification, dict[str, float]]:
-    return recorded(tmp_path_factory.mktemp("intervals") / "log.csv")
+    recording = simulate_recording(dynamics, p, motion, rng, noise=SensorNoise())
+    return identify(robot, recording, settings=PLAIN), dict(zip(names, p.tolist(), strict=True))
 
 
 def bounds(parameter: Parameter) -> tuple[float, float]:
@@ -75,7 +71,7 @@ def test_friction_is_from_the_data_and_within_its_interval(case) -> None:
 
 
 @pytest.mark.parametrize("prior_spread", [pytest.param(0.5, marks=pytest.mark.slow), 3.0])
-def test_no_mass_moment_or_friction_reaches_below_zero(prior_spread: float, tmp_path: Path) -> None:
+def test_no_mass_moment_or_friction_reaches_below_zero(prior_spread: float) -> None:
     robot = load_robot("clavel-delta3")
     dynamics, rng = compiled(robot), np.random.default_rng(0)
     motion = random_motion(dynamics.kinematics, rng)
@@ -83,9 +79,8 @@ def test_no_mass_moment_or_friction_reaches_below_zero(prior_spread: float, tmp_
     p[dynamics.layout.coulomb] = 1e-4  # far below what the noise lets one see
     noise = SensorNoise(torque=0.1)
     recording = simulate_recording(dynamics, p, motion, rng, duration=5.0, noise=noise)
-    write_recording(recording, tmp_path / "log.csv")
     settings = PLAIN.changed(prior_spread=prior_spread)
-    model = identify(robot, [tmp_path / "log.csv"], settings=settings).model
+    model = identify(robot, recording, settings=settings).model
     signed = ("mcx", "mcy", "mcz", "Ixy", "Iyz", "Ixz")
     for parameter in model.parameters:
         low, high = bounds(parameter)

@@ -3,8 +3,6 @@
 Over 200 seeds of noise: `python benchmarks/coverage_of_intervals.py`.
 """
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 from scipy import stats
@@ -131,8 +129,8 @@ SEEDS = 100
 
 
 @pytest.mark.parametrize("name", ROBOTS)
-def test_intervals_cover_as_often_as_they_say(name: str, tmp_path: Path) -> None:
-    share = covered(*estimates(name, "white", SEEDS, tmp_path, wandering))
+def test_intervals_cover_as_often_as_they_say(name: str) -> None:
+    share = covered(*estimates(name, "white", SEEDS, wandering))
     # One parameter in all seeds: a chance of 1e-4 lies beyond this bound at 93 %.
     low = binom.ppf(1e-4, SEEDS, 0.93) / SEEDS
     assert 0.92 <= share.mean() <= 0.975
@@ -140,10 +138,10 @@ def test_intervals_cover_as_often_as_they_say(name: str, tmp_path: Path) -> None
 
 
 @pytest.mark.parametrize(("kind", "oftener"), [("coloured", 2.4), ("ripple", 4.0)])
-def test_noise_that_is_not_white_is_noticed(kind: str, oftener: float, tmp_path: Path) -> None:
+def test_noise_that_is_not_white_is_noticed(kind: str, oftener: float) -> None:
     """The formula for white noise misses the truth so many times as often; without the scatter
     between spans of time it would be twice as often of coloured noise."""
-    truth, found = estimates(ROBOTS[0], kind, SEEDS, tmp_path, wandering)
+    truth, found = estimates(ROBOTS[0], kind, SEEDS, wandering)
     share, white = covered(truth, found), covered_by_white_formula(truth, found)
     assert 0.92 <= share.mean() <= 0.975
     assert np.all(share >= 0.8), share
