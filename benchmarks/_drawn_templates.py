@@ -13,6 +13,7 @@ from scipy.signal import lfilter
 
 from courses import Courses
 from deltaid.checks.identify import identify
+from deltaid.control.plant import loaded
 from deltaid.dynamics.dynamics import Dynamics, compiled
 from deltaid.dynamics.parameters import ParameterLayout, prior_parameters
 from deltaid.effects.load_columns import LoadColumns
@@ -27,7 +28,7 @@ from deltaid.motion.surrogate import SensorNoise, simulate_recording
 from deltaid.recording.carried import Load
 from deltaid.recording.mapping import ColumnMapping
 from deltaid.robot.description import RobotDescription
-from deltaid.robot.inertia import inertia_parameters
+from deltaid.robot.inertia import RigidBody
 
 DURATION, RATE = 12.0, 500.0
 # Mass that is held in cycles [kg], and noise of what others are drawn from.
@@ -104,12 +105,8 @@ def simulated(
 
 def _loaded(dynamics: Dynamics, p: np.ndarray, seed: int) -> tuple[pl.DataFrame, np.ndarray]:
     """A recording with a load that is held in cycles, and the load's ten parameters."""
-    carrier = "EE" if "EE" in dynamics.layout.bodies else "P"
-    c, own = np.array([0.01, -0.005, -0.05]), 4e-4 * LOAD * np.eye(3)
-    M = np.zeros((4, 4))
-    M[:3, :3], M[:3, 3], M[3, :3], M[3, 3] = own + LOAD * np.outer(c, c), LOAD * c, LOAD * c, LOAD
-    held, more = inertia_parameters(M), p.copy()
-    more[dynamics.layout.body(carrier)] += held
+    held = RigidBody.centred(LOAD, (0.01, -0.005, -0.05), 4e-4 * LOAD * np.eye(3)).p
+    more = loaded(dynamics.robot, p, held)
     bare, full = (simulated(dynamics, each, seed, _NOISE) for each in (p, more))
     state = np.sin(2 * np.pi * bare["t"].to_numpy() / 1.37) > 0.2
     tau = [f"tau{i + 1}" for i in range(dynamics.dof)]

@@ -14,6 +14,7 @@ from _pick_cycles import RATE, Push, draw_cycles, draw_load
 from _pick_robots import ENCODER, NOISE, Production, Strange, lacking
 from jaxtyping import Bool, Float
 
+from deltaid.control.plant import loaded
 from plants import friction_of, oracle_of
 
 # Stands before and after a grip, shortest and longest [s].
@@ -116,9 +117,8 @@ class Chain:
             found[moving] = oracle.inverse_dynamics(z[moving], qd[moving], qdd[moving])
             return found
 
-        rigid, heavy = torque(plain), p.copy()
-        load = draw_load(kind.payload, rng)
-        heavy[model.layout.body("EE" if "EE" in model.layout.bodies else "P")] += load / load[0]
+        rigid, load = torque(plain), draw_load(kind.payload, rng)
+        heavy = loaded(robot, p, load / load[0])
         arms = [1.0 if limb.drive == "linear" else limb.upper_arm for limb in robot.limb_geometry]
         arms += [1.0] * (dof - len(arms))
         known = np.stack([viscous[:dof], coulomb[:dof]])

@@ -12,7 +12,7 @@ from jaxtyping import Float
 from deltaid.dynamics.limits import effort_limits
 from deltaid.model.model import Model
 from deltaid.robot.description import RobotDescription
-from deltaid.robot.inertia import inertia_parameters
+from deltaid.robot.inertia import RigidBody
 
 # Of rows [Hz].
 RATE = 1000.0
@@ -94,11 +94,8 @@ def load_of(
     mass: float, centre: Float[np.ndarray, " 3"], size: Float[np.ndarray, " 3"]
 ) -> Float[np.ndarray, " 10"]:
     """The ten parameters of a box with edges `size` [m]."""
-    M = np.zeros((4, 4))
-    M[:3, :3] = mass * (np.diag(size**2 / 12) + np.outer(centre, centre))
-    M[:3, 3] = M[3, :3] = mass * centre
-    M[3, 3] = mass
-    return inertia_parameters(M)
+    second = mass * (np.diag(size**2 / 12) + np.outer(centre, centre))
+    return RigidBody.of_moments(mass, mass * centre, second).p
 
 
 def is_near(found: float, mass: float) -> bool:

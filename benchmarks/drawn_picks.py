@@ -23,8 +23,8 @@ from _pick_robots import ENCODER, NOISE, Production, Strange, coefficients, lack
 from jaxtyping import Bool, Float, Int
 
 from deltaid.control.controllers import ControlModel
+from deltaid.control.plant import loaded
 from deltaid.control.simulation import time_steps
-from deltaid.dynamics.dynamics import compiled
 from deltaid.dynamics.forward_dynamics import compiled_forward
 from deltaid.dynamics.limits import effort_limits
 from deltaid.dynamics.task_dynamics import TaskDynamics
@@ -137,8 +137,6 @@ def _parameters(
     kind: Production, picks: list[list[Pick]], time: np.ndarray
 ) -> tuple[Callable[[int], np.ndarray], Int[np.ndarray, "time robots"]]:
     """Parameters of all plants at sample k, and which pick is held (−1 for none)."""
-    layout = compiled(kind.robot).layout
-    body = layout.body("EE" if "EE" in layout.bodies else "P")
     held = np.full((len(time), len(picks)), -1)
     for i, of_plant in enumerate(picks):
         for j, pick in enumerate(of_plant):
@@ -150,7 +148,7 @@ def _parameters(
     def at(k: int) -> np.ndarray:
         nonlocal before
         for i in np.flatnonzero(held[k] != before):
-            now[i, body] = kind.truth[i, body] + loads[i][held[k, i]]
+            now[i] = loaded(kind.robot, kind.truth[i], loads[i][held[k, i]])
         before = held[k]
         return now
 

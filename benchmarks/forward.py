@@ -38,6 +38,7 @@ from deltaid.exports.mjcf import mjcf
 from deltaid.kernel.batch import BatchKernel
 from deltaid.model.model import Model
 from deltaid.robot.description import RobotDescription
+from deltaid.robot.inertia import RigidBody
 from deltaid.robot.load import load_robot
 
 ROBOT, SAMPLES, REPEATS = "irb360-6-1600", 4000, 9
@@ -137,7 +138,8 @@ def _pinocchio(
     bodies = [name for _ in range(3) for name in _LIMB] + list(_REST)
     for joint, name in enumerate(bodies, start=1):
         count = robot.limbs.struts_per_limb if name == "S" else 1
-        model.inertias[joint] = _inertia(count * p[layout.body(name)])
+        body = RigidBody(count * p[layout.body(name)])
+        model.inertias[joint] = pin.Inertia(body.mass, body.com, body.about_com)
     frames = ((model.frames[tip], model.frames[seat]) for tip, seat in tree._cuts)
     data, contacts, cache = closed(model, frames)
     motion = tree.motion(z, qd, np.zeros_like(qd))
@@ -154,14 +156,6 @@ def _pinocchio(
             found[i] = a[DRIVES]
 
     return {"Pinocchio, constraintDynamics": measure(all_states, 3, CPU) / len(z)}, found
-
-
-def _inertia(ten: Array) -> pin.Inertia:
-    """Pinocchio's inertia of the ten parameters about the joint's frame."""
-    m, c = ten[0], ten[1:4] / ten[0]
-    xx, yy, zz, xy, yz, xz = ten[4:]
-    about = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
-    return pin.Inertia(m, c, about - m * (c @ c * np.eye(3) - np.outer(c, c)))
 
 
 def _often(function: Callable[[], object], calls: int = 2000) -> float:
