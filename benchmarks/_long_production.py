@@ -106,7 +106,7 @@ class Chain:
         padded = np.concatenate([q[:1], q, q[-1:]])
         qd = 0.5 * RATE * (padded[2:] - padded[:-2])
         qdd = RATE**2 * (padded[2:] - 2 * q + padded[:-2])
-        viscous, coulomb = friction_of(robot, p)
+        viscous, coulomb = friction = friction_of(robot, p)
         dof = len(robot.drives)
         outer = (np.arange(len(viscous)) >= dof) * 1.0
         rubs = replace(plain, viscous=viscous * outer, coulomb=coulomb * outer)
@@ -121,7 +121,7 @@ class Chain:
         heavy = loaded(robot, p, load / load[0])
         arms = [1.0 if limb.drive == "linear" else limb.upper_arm for limb in robot.limb_geometry]
         arms += [1.0] * (dof - len(arms))
-        known = np.stack([viscous[:dof], coulomb[:dof]])
+        known = friction[:, :dof]
         lacks = strange and (
             lambda q, qd, tau, t: lacking(strange, known, kind.fastest, q, qd, tau, t)
         )

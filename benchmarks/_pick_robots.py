@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
 
+import _alone  # noqa: F401
 import numpy as np
 from _pick_cycles import RATE, draw_cycles
 from jaxtyping import Float
@@ -17,6 +18,7 @@ from deltaid.motion.surrogate import surrogate_parameters
 from deltaid.recording.memory import Recording
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.load import load_robot
+from plants import friction_of
 
 ENCODER = 2 * np.pi / 2**20
 # Of torques, as a share of each drive's largest.
@@ -133,7 +135,7 @@ def _identified(
     data = []
     for k, (z, q, qd, qdd) in enumerate(parts):
         tau = dynamics.torque(z, qd, qdd, p)
-        tau += lacking(strange, coefficients(robot, p), fastest, q, qd, tau, np.inf)
+        tau += lacking(strange, friction_of(robot, p)[:, : q.shape[1]], fastest, q, qd, tau, np.inf)
         tau += NOISE * largest * rng.standard_normal(tau.shape)
         steps, at = np.round(q / ENCODER) * ENCODER, time[: len(q)]
         data.append(Recording.from_arrays(t=at, q=steps, tau=tau, name=f"{robot.name} {k}"))
@@ -141,17 +143,6 @@ def _identified(
         friction="described", events=False, lag="none", compliance="none", effects="none"
     )
     return load(identify(robot, data, settings=settings, force=True)), largest, fastest
-
-
-def coefficients(robot: RobotDescription, p: np.ndarray) -> Float[np.ndarray, "2 *robots dof"]:
-    """Viscous and Coulomb coefficients of the drives; zero for one without."""
-    names = compiled(robot).layout.names
-    found = np.zeros((2, *p.shape[:-1], len(robot.drives)))
-    for row, kind in zip(found, ("viscous", "coulomb"), strict=True):
-        for i, drive in enumerate(robot.drives):
-            if f"{kind}.{drive}" in names:
-                row[..., i] = p[..., names.index(f"{kind}.{drive}")]
-    return found
 
 
 def lacking(

@@ -29,6 +29,8 @@ from deltaid.robot.inertia import PSEUDO_INERTIA_ENTRIES, inertia_parameters, ps
 
 # White noise of torques at the sampling rate, a share of each drive's largest torque.
 NOISE = 0.02
+# By how much robots of a type differ, as shares.
+BODY, FRICTION = 0.03, 0.15
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,18 +89,11 @@ def drawn_type(robot: RobotDescription, motions: int, loaded: int = 0) -> DrawnT
     return DrawnType(robot, tuple(each), tuple(with_load))
 
 
-def made_alike(
-    robot: RobotDescription,
-    p: np.ndarray,
-    rng: np.random.Generator,
-    *,
-    body: float = 0.03,
-    friction: float = 0.15,
-) -> np.ndarray:
+def made_alike(robot: RobotDescription, p: np.ndarray, rng: np.random.Generator) -> np.ndarray:
     """One robot of a type with parameters p in the mean.
 
-    Free entries of each body's pseudo-inertia matrix are off by a share of √(M_ii M_jj),
-    coefficients of joints by a share of themselves, all independently.
+    Free entries of each body's pseudo-inertia matrix are off by a share BODY of √(M_ii M_jj),
+    coefficients of joints by a share FRICTION of themselves, all independently.
     """
     found, layout = p.copy(), compiled(robot).layout
     for name in layout.bodies:
@@ -108,9 +103,9 @@ def made_alike(
         for entry in robot.bodies[name].free:
             i, j = PSEUDO_INERTIA_ENTRIES[entry]
             off[i, j] = off[j, i] = rng.standard_normal()
-        found[part] = inertia_parameters(M + body * size * off)
+        found[part] = inertia_parameters(M + BODY * size * off)
     at = layout.coefficients
-    found[at] *= 1.0 + friction * rng.standard_normal(at.stop - at.start)
+    found[at] *= 1.0 + FRICTION * rng.standard_normal(at.stop - at.start)
     return found
 
 

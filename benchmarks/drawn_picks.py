@@ -19,7 +19,7 @@ from dataclasses import dataclass
 import casadi as ca
 import numpy as np
 from _pick_cycles import RATE, Cycles, Pick, Push, draw_cycles, draw_picks, draw_pushes
-from _pick_robots import ENCODER, NOISE, Production, Strange, coefficients, lacking
+from _pick_robots import ENCODER, NOISE, Production, Strange, lacking
 from jaxtyping import Bool, Float, Int
 
 from deltaid.control.controllers import ControlModel
@@ -30,6 +30,7 @@ from deltaid.dynamics.limits import effort_limits
 from deltaid.dynamics.task_dynamics import TaskDynamics
 from deltaid.kernel.batch import BatchKernel
 from deltaid.robot.description import RobotDescription
+from plants import friction_of
 
 _BANDWIDTH = 2 * np.pi * 20.0
 
@@ -106,7 +107,8 @@ def _run(
     stiffness, damping = mass * _BANDWIDTH**2, 2 * mass * _BANDWIDTH
     p, held = _parameters(kind, picks, time)
     forces, limits = _Forces(robot, pushes), effort_limits(robot)
-    known, strange = coefficients(robot, kind.truth), Strange.of_many(kind.strange)
+    known = np.stack([friction_of(robot, p)[:, :dof] for p in kind.truth], axis=1)
+    strange = Strange.of_many(kind.strange)
     substeps, h = time_steps(RATE)
     z, qd = np.stack([w.z[0] for w in ways]), speeds[0]
     qs, taus, poses = (np.empty((n, count, dof)) for _ in range(3))

@@ -15,7 +15,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from _drawn_templates import SETTINGS
 from _table import STATED, leave, table
-from drawn_fleet import DrawnType, drawn_type, made_alike
+from drawn_fleet import BODY, FRICTION, DrawnType, drawn_type, made_alike
 
 from deltaid.fleets.identify_gathered import identify_gathered
 from deltaid.fleets.member import TypeMember, member
@@ -30,8 +30,7 @@ from deltaid.robot.tolerances import Tolerances
 
 # The description is off by about as much as it says.
 FIT = SETTINGS.changed(prior_spread=0.2)
-TYPE, BODY, FRICTION = 0.3, 0.03, 0.15
-RECORDINGS, NEXT, SCALE = 3, 20, 0.005
+TYPE, RECORDINGS, NEXT, SCALE = 0.3, 3, 20, 0.005
 # What is weighed of one robot.
 WEIGHED = {"clavel-delta3": ("S", "P"), "irb360-6-1600": ("S", "P", "TU", "TL", "EE")}
 
@@ -73,7 +72,7 @@ def fleet(
 ) -> tuple[list[TypeMember], np.ndarray, TypeMember]:
     """Robots of a type, their truths, and the first of them with its parts weighed."""
     truths = np.array([
-        made_alike(kind.robot, mean, rng, body=BODY, friction=FRICTION) for _ in range(robots)
+        made_alike(kind.robot, mean, rng) for _ in range(robots)
     ])  # fmt: skip
     files = [
         [kind.drawn(f"robot {k}", day, p, seed=seed) for day in range(RECORDINGS)]
@@ -100,7 +99,7 @@ def next_ones(
     robot, ratios = next_robot(found, "a simulated fleet"), []
     bodies = [k for k in np.flatnonzero(found.free) if k < 10 * len(found.layout.bodies)]
     for k in range(NEXT):
-        p = made_alike(kind.robot, mean, rng, body=BODY, friction=FRICTION)
+        p = made_alike(kind.robot, mean, rng)
         files = [kind.drawn(f"next {k}", day, p, seed=seed) for day in range(RECORDINGS)]
         plain = identify_gathered(kind.robot, files, FIT).model.parameters
         own = identify_gathered(robot, files, FIT).model.parameters
@@ -174,7 +173,7 @@ def strangers(robots: int) -> list[tuple[object, ...]]:
     layout, before = kind.dynamics.layout, fitted(members, kind.robot, FIT)
 
     def one(k: int, what: str) -> TypeMember:
-        p = made_alike(kind.robot, mean, rng, body=BODY, friction=FRICTION)
+        p = made_alike(kind.robot, mean, rng)
         gain = 1.15 if what == "torque constants 15 % off" else 1.0
         if what == "tool 25 % of the platform heavier":
             p[layout.body("P").start] *= 1.25
