@@ -6,7 +6,6 @@ Both against random motions within the same limits and of the same length.
 from collections.abc import Callable
 
 import numpy as np
-import polars as pl
 from _excitation_judge import FINER
 
 import deltaid
@@ -58,7 +57,9 @@ def compare_predictions(exciter: Exciter, optimised: Run, ranked: list[int]) -> 
         print(f"    less certain when optimised: {', '.join(worse) or 'none'}")
 
 
-def record(exciter: Exciter, run: Run, p: np.ndarray, rng: np.random.Generator) -> pl.DataFrame:
+def record(
+    exciter: Exciter, run: Run, p: np.ndarray, rng: np.random.Generator
+) -> deltaid.Recording:
     """A recording as a drive would log it; the torque noise has the same size on every motion."""
     noise = SensorNoise()
     z, zd, zdd = run.evaluate(np.arange(round(DURATION * RATE)) / RATE)
@@ -66,10 +67,7 @@ def record(exciter: Exciter, run: Run, p: np.ndarray, rng: np.random.Generator) 
     tau = exciter.dynamics.torque(z, qd, qdd, p)
     tau = tau + noise.torque * exciter.torque_reference * rng.standard_normal(tau.shape)
     q = np.round(q / noise.encoder_step) * noise.encoder_step
-    columns = {"t": np.arange(len(q)) / RATE}
-    columns |= {f"q{i + 1}": q[:, i] for i in range(q.shape[1])}
-    columns |= {f"tau{i + 1}": tau[:, i] for i in range(q.shape[1])}
-    return pl.DataFrame(columns)
+    return deltaid.Recording.from_arrays(t=np.arange(len(q)) / RATE, q=q, tau=tau)
 
 
 def errors(exciter: Exciter, result: deltaid.Identification, truth: np.ndarray) -> list[float]:

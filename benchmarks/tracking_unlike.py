@@ -16,7 +16,6 @@ from dataclasses import dataclass
 
 import _alone  # noqa: F401
 import numpy as np
-import polars as pl
 from _table import STATED, leave
 from _timing import options
 
@@ -30,9 +29,9 @@ from deltaid.identification.identify import identify
 from deltaid.model.model import Model, load
 from deltaid.motion.random_motion import random_motion, tamed
 from deltaid.motion.surrogate import surrogate_parameters
+from deltaid.recording.memory import Recording
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.load import load_robot
-from logs import tabled
 
 PLANTS = ("as the model", "friction", "ripple", "lengths", "current loop", "gears", "all")
 CONTROLLERS = ("pd-feedforward", "computed-torque")
@@ -99,9 +98,9 @@ def other_lengths(robot: RobotDescription, rng: np.random.Generator) -> RobotDes
     return robot.changed(limbs=limbs)
 
 
-def recorded(run: Tracking, rng: np.random.Generator) -> pl.DataFrame:
+def recorded(run: Tracking, rng: np.random.Generator) -> Recording:
     noise = NOISE * np.abs(run.tau).max(axis=0) * rng.standard_normal(run.tau.shape)
-    return tabled(t=run.time, q=run.q, tau=run.tau + noise)
+    return Recording.from_arrays(t=run.time, q=run.q, tau=run.tau + noise)
 
 
 def one(name: str, robot: RobotDescription, seed: int) -> dict[str, list[float]]:
