@@ -3,14 +3,14 @@
 Rows are of three sorts: recordings of each kind, opened; a command line with one of its files
 damaged; and single bits of files that carry a checksum. Cases run in other processes, so
 that one that crashes or takes no end is found and passed over (a case that computes for 30 s ends
-its process). `--row TEXT` runs rows with this text in their names, `--seed` other damage.
+its process). `--row TEXT` runs rows with this text in their names, `--seed` other damage;
+`--inputs FOLDER` holds good files, which are made where there are none.
 
 A full run takes hours. With `--results FILE` it goes on behind the cases in that file, and a run
 that is killed loses none; so `--count 50` may run a tenth of each row first. `--table` makes the
 table of the cases that there are.
 """
 
-import argparse
 import faulthandler
 import random
 import signal
@@ -28,6 +28,7 @@ from operator import itemgetter
 from pathlib import Path
 
 from _table import STATED, leave
+from _timing import options
 
 TESTS = Path(__file__).parents[1] / "tests"
 sys.path.insert(0, str(TESTS))
@@ -53,16 +54,10 @@ damaged. In rows of one bit nothing may be altered."""
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--count", type=int, default=_SIZE["files"], help="files of each kind")
-    parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--row", default="", help="only rows with this text in their names")
-    parser.add_argument("--workers", type=int, default=2)
-    parser.add_argument("--inputs", type=Path, help="good files; made here if there are none")
-    parser.add_argument("--results", type=Path, help="cases that have ended, one a line")
-    parser.add_argument("--table", action="store_true", help="run no more cases")
-    parser.add_argument("--worker", type=int, help=argparse.SUPPRESS)
-    given = parser.parse_args()
+    given = options(
+        __doc__, count=_SIZE["files"], seed=1, row="", workers=2, inputs=Path, results=Path,
+        table=False, worker=int,
+    )  # fmt: skip
     rows = {name: cases for name, cases in _rows(given.count).items() if given.row in name}
     if given.worker is not None:
         own = dict(list(rows.items())[given.worker :: given.workers])

@@ -5,7 +5,6 @@ the process had, less what it had before it opened the file. The table is of the
 and exports of TwinCAT Scope were among the kinds.
 """
 
-import argparse
 import gzip
 import json
 import subprocess
@@ -23,6 +22,7 @@ import numpy as np
 import polars as pl
 import scipy.io
 from _table import STATED, leave
+from _timing import options
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
 DRIVES = 4
@@ -145,11 +145,8 @@ WRITERS: dict[str, tuple[str, Callable[[pl.DataFrame, Path], object]]] = {
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--samples", type=int, default=STATED["readers"]["samples"])
-    parser.add_argument("--repeats", type=int, default=STATED["readers"]["repeats"])
-    parser.add_argument("--read", type=Path, help=argparse.SUPPRESS)
-    given = parser.parse_args()
+    stated = STATED["readers"]
+    given = options(__doc__, samples=stated["samples"], repeats=stated["repeats"], read=Path)
     if given.read:
         print(json.dumps(_read(given.read)))
         return
