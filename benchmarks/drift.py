@@ -12,7 +12,6 @@ of series has ROBOTS, each other a quarter, 50 at least. Leaves `tables/drift.md
 `tables/drift_files.md`.
 """
 
-import sys
 import time
 from dataclasses import replace
 from datetime import datetime, timedelta
@@ -21,6 +20,7 @@ import numpy as np
 from _drawn_templates import SETTINGS
 from _drifting_fleet import CASES, DAYS, DRIVES, WITHIN, Case, Fleet, drawn
 from _table import STATED, leave
+from _timing import options
 from drawn_fleet import DrawnType, drawn_type, made_alike
 
 from deltaid.dynamics.parameters import prior_parameters
@@ -201,12 +201,9 @@ def _recorded(
 
 
 def main() -> None:
-    level = sys.argv[sys.argv.index("--level") + 1] if "--level" in sys.argv else "series"
-    given = [int(word) for word in sys.argv[1:] if word.isdigit()]
-    if level == "series":
-        series(given[0] if given else STATED["drift"]["robots"])
-    else:
-        files(given[0] if given else STATED["drift_files"]["robots"])
+    given = options(__doc__, level="series", robots=[])
+    run, name = (series, "drift") if given.level == "series" else (files, "drift_files")
+    run(int(given.robots[0]) if given.robots else STATED[name]["robots"])
 
 
 if __name__ == "__main__":
