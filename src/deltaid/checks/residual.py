@@ -17,6 +17,7 @@ from deltaid.checks.evidence import Evidence
 from deltaid.effects.all import effect_of
 from deltaid.effects.effect import Cause, DescribedEffect, causes_of
 from deltaid.effects.lag_columns import APART, UnknownLag
+from deltaid.effects.unexplained import FreeTorque
 from deltaid.estimation.spectra import bandwidth, density
 from deltaid.identification.loads import load_change
 from deltaid.identification.study import Study, longest, rests, spoilt, unexplained
@@ -77,8 +78,10 @@ def checked_residual(evidence: Evidence) -> Iterator[Verdict]:
     yield checked_lag(study, _why_left(evidence, study, recording), unknown=unknown)
     ringing = _resonance(study)
     yield ringing
-    verdicts = (_verdict(cause, recording) for cause in causes_of(study.fit, study.account))
-    yield from filter(None, verdicts)
+    causes = causes_of(study.fit, study.account)
+    if any(isinstance(term, FreeTorque) for term in added):  # beside which the contest named them
+        causes = tuple(cause for cause in causes if not effect_of(cause).is_contested)
+    yield from filter(None, (_verdict(cause, recording) for cause in causes))
     yield _rest(study, rings=ringing.grade is not Grade.GOOD)
 
 

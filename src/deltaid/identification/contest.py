@@ -23,7 +23,8 @@ from deltaid.effects.ripple_search import (
     ripple_of,
     searched_orders,
 )
-from deltaid.estimation.drive_rows import POSITION_ERROR, TraceRows, stretch_numbers
+from deltaid.effects.unexplained import UNEXPLAINED, Unexplained
+from deltaid.estimation.drive_rows import POSITION_ERROR, OfDrives, TraceRows, stretch_numbers
 from deltaid.estimation.problem import CauseColumns, Columns, NoiseBlock
 from deltaid.estimation.shrinkage import Shrunk
 from deltaid.estimation.traces import Trace
@@ -102,6 +103,23 @@ class Contest:
             candidates.append((unknown.name, columns, unknown.deviations(self.points[0], own[0])))
         shrunk = self.shrunk.with_groups(candidates)
         return replace(self, unknowns=(*self.unknowns, *unknowns), shrunk=shrunk)
+
+    def unexplained(self) -> Unexplained | None:
+        """Free functions of the drives' torques; None where the rows do not need them beside all
+        effects."""
+        free = Unexplained(self.points)
+        return free if free.name in self._with([free]).reduced().shrunk.candidates else None
+
+    def unexplained_torques(self) -> OfDrives | None:
+        """What only free functions explain of the drives' torques in the first recording; None
+        where these are dropped."""
+        others = [name for name in self.shrunk.candidates if name != UNEXPLAINED]
+        if len(others) == len(self.shrunk.candidates):
+            return None
+        without = self.shrunk.of_candidates(others)
+        blocks = zip(without.blocks, self.shrunk.blocks, strict=True)
+        torques = [without.residual(a) - self.shrunk.residual(b) for a, b in blocks]
+        return np.stack(torques[: self.points[0].dof])
 
     def reduced(self) -> "Contest":
         """Without the effects that the rows do not need."""
@@ -202,13 +220,16 @@ def reduced(full: Shrunk, least: float) -> Shrunk:
     """A fit with those candidates that rows need beside all others.
 
     The least surprising is dropped first, until all exceed `least` [decades]; then others take
-    the places of what is kept, one for one, where rows are more probable so.
+    the places of what is kept, one for one, where rows are more probable so. What is smaller than
+    that which no effect explains may be a part of it, and is dropped.
     """
     now = full
     while now.droppable:
+        unexplained = [now.size(group) for group in now.groups if group.name == UNEXPLAINED]
+        smallest = max(POSITION_ERROR, *unexplained, 0.0)
         prices = {
             group.name: now.surprise(group)
-            if now.size(group) > POSITION_ERROR and group.allows(now.x, now.covariance)
+            if now.size(group) >= smallest and group.allows(now.x, now.covariance)
             else 0.0
             for group in now.droppable
         }

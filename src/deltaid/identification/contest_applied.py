@@ -10,6 +10,7 @@ from deltaid.effects.all import UNKNOWNS
 from deltaid.effects.along_motion import AtDrives, AtPlatform, DriveSpring, with_rests
 from deltaid.effects.geometry import Structure, opened, reshaped
 from deltaid.effects.point import Added, UnknownEffect
+from deltaid.effects.unexplained import FreeTorque
 from deltaid.effects.windings import motors_of
 from deltaid.estimation.scatter import NORMAL
 from deltaid.identification.contest import Contest
@@ -22,6 +23,9 @@ from deltaid.recording.columns import Readings
 _KINDS: tuple[Kind, ...] = ("zero", "gear-ratio", "tilt", "length", "torque-constant",
                             "torque-drift", "structure")  # fmt: skip
 
+# Effects that stay columns of the fit.
+_ADDED = (AtPlatform, AtDrives, FreeTorque)
+
 
 def without_contest(setup: Setup) -> Setup:
     """Without the corrections of an earlier contest."""
@@ -32,7 +36,7 @@ def without_contest(setup: Setup) -> Setup:
             update={"limbs": described.limbs, "gravity": described.gravity,
                     "tolerances": described.tolerances, "bodies": described.bodies}
         )  # fmt: skip
-    kept = tuple(a for a in setup.additions if not isinstance(a, AtPlatform | AtDrives))
+    kept = tuple(a for a in setup.additions if not isinstance(a, _ADDED))
     bare = setup.changed(additions=kept, outcome=None).with_robot(robot).reported((), *_KINDS)
     return bare.all_repaired(readings=None, drift=None)
 
@@ -85,7 +89,10 @@ def with_effects(now: Setup, outcome: ContestOutcome, last: Contest) -> Setup:
         if isinstance(unknown, Added):
             group = last.group(name)
             scale = last.shrunk.alpha[last.shrunk.groups.index(group)] * group.deviation
-            assert isinstance(unknown.addition, AtPlatform | AtDrives)
+            if isinstance(unknown.addition, FreeTorque):  # coefficients that have little in common
+                variance = np.diag(last.shrunk.covariance)[group.columns]
+                scale = np.sqrt(last.shrunk.x[group.columns] ** 2 + variance)
+            assert isinstance(unknown.addition, _ADDED)
             additions.append(replace(unknown.addition, deviation=tuple(scale.tolist())))
     corrections = [
         correction

@@ -10,10 +10,12 @@ from deltaid.dynamics.dynamics import Parameters, compiled
 from deltaid.effects.all import UNKNOWNS
 from deltaid.effects.effect import SEEN
 from deltaid.effects.lag_groups import agree, common_lag
+from deltaid.effects.unexplained import UNEXPLAINED, Unexplained, shares_of_torque
 from deltaid.errors import Doubt
+from deltaid.estimation.drive_rows import OfDrives
 from deltaid.identification.contest import Contest
 from deltaid.identification.setup import (
-    UNEXPLAINED,
+    REFUTED,
     WIND_UP,
     Coefficients,
     ContestOutcome,
@@ -82,10 +84,14 @@ def doubted(
         undecided: change of the parameters where no effect is dropped.
     """
     names, rivals = last.rows.dynamics.layout.names, full.rivals(last)
-    suspects = full.suspects(last)
+    suspects, torques = full.suspects(last), last.unexplained_torques()
     exact = (*outcome.kept, *outcome.values)
     held = [u.name for u in UNKNOWNS if u.name in exact and not u.is_fitted]
     moves = [undecided, *last.follows(held), *(rival.p - last.p for rival in rivals.values())]
+    unexplained = dict[str, str]()
+    if torques is not None:  # a share of them may be in proportion to those of the robot
+        unexplained = _unexplained(last, torques)
+        moves.append(float(shares_of_torque(last.points[0], torques).max()) * last.p)
     for name, suspect in suspects.items():
         moves += [suspect.p - last.p, *suspect.follows([name])]
     surprises = {
@@ -98,8 +104,33 @@ def doubted(
             Inseparable(causes=(cause_in_words(kept), cause_in_words(other)))
             for kept, other in rivals
         ),
-        doubts=_unsuspicious(outcome) | _suspicion(surprises),
+        doubts=_unsuspicious(outcome) | unexplained | _suspicion(surprises),
     )
+
+
+def _unexplained(last: Contest, torques: OfDrives) -> dict[str, str]:
+    """A doubt about torques that only free functions explain: of the drive with most of them, and
+    with what it varies, which are the columns whose removal costs most."""
+    free, group, point = last.unknown(UNEXPLAINED), last.group(UNEXPLAINED), last.points[0]
+    assert isinstance(free, Unexplained)
+    shares = shares_of_torque(point, torques)
+    drive = int(np.argmax(shares))
+    share, name = percent(float(shares[drive])), point.drives[drive]
+    prices = {
+        follows: last.shrunk.price(
+            replace(group, columns=group.columns[numbers], mean=group.mean[numbers])
+        )
+        for follows, numbers in free.kinds(drive).items()
+    }
+    doubt = Doubt(
+        f"unexplained: {share} of {name}'s torque, it varies with "
+        f"{max(prices, key=lambda follows: prices[follows])}; no known effect explains it, and the "
+        "model is of the robot without it",
+        cause="something acts on the robot or its sensors that deltaid has no effect of",
+        cure="look at hoses, drives and sensors for what varies so; the residual over time is in "
+        "the report",
+    )
+    return {UNEXPLAINED: doubt}
 
 
 def _suspicion(surprises: Mapping[str, float]) -> dict[str, str]:
@@ -160,7 +191,7 @@ def refuted(outcome: ContestOutcome, why: str, moves: Sequence[Parameters]) -> C
     return ContestOutcome(
         outcome.described,
         moves=(*outcome.moves, *uncorrected),
-        doubts=_unsuspicious(outcome) | {UNEXPLAINED: doubt},
+        doubts=_unsuspicious(outcome) | {REFUTED: doubt},
     )
 
 

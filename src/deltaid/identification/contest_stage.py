@@ -5,7 +5,7 @@ need, and applies the rest exactly to readings or robot. Effects that stay colum
 """
 
 from collections.abc import Collection, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -50,6 +50,7 @@ class _Sweeps:
 
     Attributes:
         setup, outcome: with the effects that are kept.
+        full: the last sweep.
         last: the last sweep, reduced to these.
         plain: parameters before any sweep.
         moves: changes of the parameters by the corrections, and by effects beyond their limits.
@@ -60,12 +61,23 @@ class _Sweeps:
 
     setup: Setup
     outcome: ContestOutcome
+    full: Contest
     last: Contest
     plain: Parameters
     moves: tuple[Parameters, ...]
     parts: frozenset[str]
     why_not: str
     is_lost: bool
+
+    def counting(self, other: "_Sweeps") -> "_Sweeps":
+        """With intervals that count what another end changes."""
+        names = self.last.rows.dynamics.layout.names
+        move = dict(zip(names, (other.last.p - self.last.p).tolist(), strict=True))
+        outcome = replace(self.outcome, moves=(*self.outcome.moves, move))
+        setup = self.setup
+        if setup.outcome is not None:
+            setup = setup.changed(outcome=outcome)
+        return replace(self, setup=setup, outcome=outcome)
 
 
 def contested(setup: Setup, progress: Progress) -> Setup:
@@ -83,6 +95,8 @@ def contested(setup: Setup, progress: Progress) -> Setup:
     if not _traces(bare):
         return setup
     end = _sweeps(bare)
+    if free := end.full.unexplained():
+        end = _sweeps(bare, free=(free,)).counting(end)
     others = _again(bare, end.parts) if end.why_not else []
     end = min((o for o in others if _is_better(o, end)), key=lambda o: o.last.noise, default=end)
     outcome = end.outcome
@@ -113,7 +127,10 @@ def _again(bare: Setup, parts: frozenset[str]) -> list[_Sweeps]:
 
 
 def _sweeps(
-    bare: Setup, barred: frozenset[str] = frozenset(), since: _Sweeps | None = None
+    bare: Setup,
+    barred: frozenset[str] = frozenset(),
+    since: _Sweeps | None = None,
+    free: Sequence[UnknownEffect] = (),
 ) -> _Sweeps:
     """Sweep without some effects until what is applied settles or poses become unreachable, and
     judge the result."""
@@ -126,7 +143,7 @@ def _sweeps(
             since.outcome,
             since.last.p,
         )
-    full, sweep, undecided = _swept(now, before, _traces(now), p, 0), 0, None
+    full, sweep, undecided = _swept(now, before, _traces(now), p, 0, free), 0, None
     plain, dismissed = since.plain if since else full.points[0].p, ()
     parts = frozenset[str]()
     while True:
@@ -141,7 +158,7 @@ def _sweeps(
             break
         try:
             now = with_readings(without, after, last.p)
-            before, full = after, _swept(now, after, _traces(now), last.p, sweep)
+            before, full = after, _swept(now, after, _traces(now), last.p, sweep, free)
         except KinematicsError:
             is_lost = True
             break
@@ -152,7 +169,7 @@ def _sweeps(
             setup = with_effects(with_readings(bare, outcome, last.p), outcome, last)
         why = why_not(setup, beyond)
     moves = (last.p - plain, *dismissed)
-    return _Sweeps(setup, outcome, last, plain, moves, parts, why, is_lost)
+    return _Sweeps(setup, outcome, full, last, plain, moves, parts, why, is_lost)
 
 
 def swept_beside(setup: Setup, own: UnknownEffect, instead_of: Collection[str]) -> Contest | None:
@@ -186,7 +203,7 @@ def _swept(
     rows = _rows(now)
     points = points_of(traces, start(rows, traces) if p is None else p)
     unknowns = [u for u in _unknowns(points[0]) if u.name not in now.barred_effects]
-    unknowns = (*_allowed(unknowns, before, sweep), *more)
+    unknowns = _allowed((*unknowns, *more), before, sweep)
     return contest(rows, points, unknowns, before.read).with_ripples()
 
 

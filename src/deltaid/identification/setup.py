@@ -22,8 +22,8 @@ from deltaid.robot.description import RobotDescription
 WIND_UP = "compliance"
 
 Coefficients = Float[np.ndarray, " _"]  # of each effect as many as it has
-# Key of the doubt that no known effect explains what acts on the robot.
-UNEXPLAINED = "unexplained"
+# Key of the doubt that no known effect explains what acts on the robot, so nothing is corrected.
+REFUTED = "refuted"
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,7 +71,7 @@ class ContestOutcome:
 
     @property
     def is_refuted(self) -> bool:
-        return UNEXPLAINED in self.doubts
+        return REFUTED in self.doubts
 
     @property
     def winds_up(self) -> bool:
