@@ -10,7 +10,7 @@ import pytest
 from deltaid.dynamics.dynamics import compiled
 from deltaid.dynamics.parameters import prior_parameters
 from deltaid.effects.point import TracePoint
-from deltaid.effects.unexplained import UNEXPLAINED, FreeTorque, Unexplained, shares_of_torque
+from deltaid.effects.unexplained import KINDS, UNEXPLAINED, FreeTorque, shares_of_torque
 from deltaid.estimation.information import entries_at
 from deltaid.estimation.problem import CauseColumns, NoiseBlock
 from deltaid.estimation.shrinkage import Shrunk
@@ -42,54 +42,54 @@ def weaker_at_speed(made: Case) -> Case:
     return replace(made, logs=tuple(changed(log) for log in made.logs))
 
 
-@pytest.fixture
-def free() -> FreeTorque:
+def free(kind: str) -> FreeTorque:
     dynamics = compiled(described("clavel-delta3"))
-    middle, half, fastest, strongest = (
-        (0.2, 0.3, 0.4),
-        (1.0, 0.5, 2.0),
-        (3.0, 4.0, 5.0),
-        (10.0, 20.0, 40.0),
-    )
-    count = 3 * 17
-    return FreeTorque(dynamics, (), prior_parameters(dynamics.robot), middle, half, fastest,
-                      strongest, tuple(np.arange(1.0, count + 1)))  # fmt: skip
+    count = 3 * (len(KINDS[kind]) or 2)
+    return FreeTorque(
+        dynamics, (), prior_parameters(dynamics.robot), kind, (0.2, 0.3, 0.4), (1.0, 0.5, 2.0),
+        (3.0, 4.0, 5.0), (10.0, 20.0, 40.0), tuple(np.arange(1.0, count + 1)),
+    )  # fmt: skip
 
 
-def test_free_functions_are_products_of_chebyshev_polynomials(free: FreeTorque) -> None:
-    rng = np.random.default_rng(0)
+def chebyshev(degree: int, values: np.ndarray) -> np.ndarray:
+    return np.cos(degree * np.arccos(values))
+
+
+def test_kinds_have_all_products_but_those_of_speed_alone_and_of_a_factor() -> None:
+    degrees = [d for degrees in KINDS.values() for d in degrees]
+    every = {(a, b, k) for a in range(4) for b in range(4 - a) for k in range(4 - a - b)}
+    assert set(degrees) == every - {(0, b, 0) for b in range(4)} - {(0, 0, 1)}
+    assert len(degrees) == len(set(degrees))
+    assert KINDS["its speed and torque"] == ((0, 1, 1), (0, 1, 2), (0, 2, 1))
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_free_functions_are_products_of_chebyshev_polynomials(kind: str) -> None:
+    torque, rng = free(kind), np.random.default_rng(0)
     x, u, s = rng.uniform(-1, 1, (3, 50, 3))
-    q, qd, tau = x * free.half + free.middle, u * free.fastest, s * free.strongest
-    entries = free.of_motion(q, qd, tau).reshape(3, -1, 50)
-
-    def chebyshev(degree: int, values: np.ndarray) -> np.ndarray:
-        return np.cos(degree * np.arccos(values))
-
-    degrees = [(a, b, k) for a in range(4) for b in range(4) for k in range(4)]
-    degrees = [d for d in degrees if sum(d) <= 3 and d[0] + d[2] > 0 and d != (0, 0, 1)]
-    for i in range(3):
-        own = [
-            chebyshev(a, x[:, i]) * chebyshev(b, u[:, i]) * chebyshev(k, s[:, i])
-            for a, b, k in degrees
-        ]
-        expected = np.array([*own, *(s[:, j] for j in range(3) if j != i)])
-        assert entries[i] == pytest.approx(expected, abs=1e-12)
-    rows, columns = free.pattern
-    assert rows.tolist() == np.repeat([0, 1, 2], len(expected)).tolist()
-    assert columns.tolist() == list(range(3 * len(expected)))
-    stated = [entry.scale * entry.spread for entry in free.parameters]
-    assert stated == pytest.approx(free.deviation)
+    q, qd, tau = x * torque.half + torque.middle, u * torque.fastest, s * torque.strongest
+    expected = [
+        chebyshev(a, x[:, i]) * chebyshev(b, u[:, i]) * chebyshev(k, s[:, i])
+        for i in range(3) for a, b, k in KINDS[kind]
+    ] or [s[:, j] for i in range(3) for j in range(3) if j != i]  # fmt: skip
+    assert torque.of_motion(q, qd, tau) == pytest.approx(np.array(expected), abs=1e-12)
+    rows, columns = torque.pattern
+    assert rows.tolist() == np.repeat([0, 1, 2], len(expected) // 3).tolist()
+    assert columns.tolist() == list(range(len(expected)))
+    stated = [entry.scale * entry.spread for entry in torque.parameters]
+    assert stated == pytest.approx(torque.deviation)
 
 
-def test_entries_along_a_motion_take_the_torques_of_the_model(free: FreeTorque) -> None:
-    dynamics, rng = free.dynamics, np.random.default_rng(1)
+def test_entries_along_a_motion_take_the_torques_of_the_model() -> None:
+    torque, rng = free("its speed and torque"), np.random.default_rng(1)
+    dynamics = torque.dynamics
     z = dynamics.kinematics.home + 0.05 * rng.standard_normal((20, 3))
     qd, qdd = rng.standard_normal((2, 20, 3))
     w = Mock(spec=SampleBlock, z=z, qd=qd, qdd=qdd, carried=np.zeros((20, 3)))
     own = entries_at(dynamics, z, qd, qdd, np.zeros((20, 3)))
-    tau = dynamics.torque(z, qd, qdd, free.p)
-    expected = free.of_motion(dynamics.kinematics.inverse(z), qd, tau)
-    assert free.entries(w, own, Mock()) == pytest.approx(expected, abs=1e-9)
+    tau = dynamics.torque(z, qd, qdd, torque.p)
+    expected = torque.of_motion(dynamics.kinematics.inverse(z), qd, tau)
+    assert torque.entries(w, own, Mock()) == pytest.approx(expected, abs=1e-9)
 
 
 def test_what_is_smaller_than_the_unexplained_is_dropped() -> None:
@@ -120,14 +120,12 @@ def test_a_warning_says_how_much_is_unexplained_and_intervals_count_it_as_a_scal
     model = np.stack([3.0 * np.sin(time), np.sin(2 * time), np.sin(3 * time)])
     torques = 0.1 * model * np.array([[1.0], [2.0], [0.5]])
     point = Mock(spec=TracePoint, model=model, drives=robot.drives)
-    unexplained = Mock(spec=Unexplained)
-    unexplained.kinds.return_value = {"its place": [0, 1], "its speed": [2]}
     last = Mock(spec=Contest, rows=Mock(dynamics=compiled(robot)), p=p, points=(point,))
     last.unexplained_torques.return_value, last.follows.return_value = torques, []
-    last.unknown.return_value = unexplained
-    last.group.return_value = CauseColumns(UNEXPLAINED, np.arange(3), np.ones(3), np.zeros(3))
-    last.shrunk = Mock(spec=Shrunk)
-    last.shrunk.price.side_effect = lambda group: {2: 10.0, 1: 20.0}[len(group.columns)]
+    prices = {"unexplained its place": 10.0, "unexplained its speed": 20.0, "zero": 30.0}
+    groups = [CauseColumns(name, np.arange(1), np.ones(1), np.zeros(1)) for name in prices]
+    last.shrunk = Mock(spec=Shrunk, droppable=groups)
+    last.shrunk.price.side_effect = lambda group: prices[group.name]
     full = Mock(spec=Contest)
     full.rivals.return_value, full.suspects.return_value = {}, {}
     outcome = doubted(ContestOutcome(robot), full, last, np.zeros(len(names)))
@@ -143,7 +141,7 @@ def test_torque_that_grows_with_speed_becomes_no_other_cause() -> None:
     made = weaker_at_speed(case("clean", "delta3"))
     result = identified(made)
     assert not NAMED & {correction.kind for correction in result.model.corrections}
-    (text,) = (text for text in result.model.warnings if text.startswith("unexplained: "))
+    (text,) = (text for text in result.model.warnings if "no known effect explains it" in text)
     assert "of drive2's torque, it varies with its speed and torque; no known effect" in text
     judged = judge(made, result)
     assert judged.M_shape < 0.003  # 0.01 to 0.02 where others stand in

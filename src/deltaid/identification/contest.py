@@ -23,7 +23,7 @@ from deltaid.effects.ripple_search import (
     ripple_of,
     searched_orders,
 )
-from deltaid.effects.unexplained import UNEXPLAINED, Unexplained
+from deltaid.effects.unexplained import KINDS, Unexplained, is_unexplained
 from deltaid.estimation.drive_rows import POSITION_ERROR, OfDrives, TraceRows, stretch_numbers
 from deltaid.estimation.problem import CauseColumns, Columns, NoiseBlock
 from deltaid.estimation.shrinkage import Shrunk
@@ -104,16 +104,17 @@ class Contest:
         shrunk = self.shrunk.with_groups(candidates)
         return replace(self, unknowns=(*self.unknowns, *unknowns), shrunk=shrunk)
 
-    def unexplained(self) -> Unexplained | None:
-        """Free functions of the drives' torques; None where the rows do not need them beside all
+    def unexplained(self) -> tuple[Unexplained, ...]:
+        """Free functions of the drives' torques; none where the rows need none of them beside all
         effects."""
-        free = Unexplained(self.points)
-        return free if free.name in self._with([free]).reduced().shrunk.candidates else None
+        free = tuple(Unexplained(self.points, kind) for kind in KINDS)
+        kept = self._with(free).reduced().shrunk.candidates
+        return free if any(map(is_unexplained, kept)) else ()
 
     def unexplained_torques(self) -> OfDrives | None:
         """What only free functions explain of the drives' torques in the first recording; None
         where these are dropped."""
-        others = [name for name in self.shrunk.candidates if name != UNEXPLAINED]
+        others = [name for name in self.shrunk.candidates if not is_unexplained(name)]
         if len(others) == len(self.shrunk.candidates):
             return None
         without = self.shrunk.of_candidates(others)
@@ -225,14 +226,13 @@ def reduced(full: Shrunk, least: float) -> Shrunk:
     """
     now = full
     while now.droppable:
-        unexplained = [now.size(group) for group in now.groups if group.name == UNEXPLAINED]
-        smallest = max(POSITION_ERROR, *unexplained, 0.0)
-        prices = {
-            group.name: now.surprise(group)
-            if now.size(group) >= smallest and group.allows(now.x, now.covariance)
-            else 0.0
-            for group in now.droppable
-        }
+        unexplained = [now.size(group) for group in now.groups if is_unexplained(group.name)]
+        least_named = max(POSITION_ERROR, float(np.linalg.norm(unexplained)))
+        prices = dict[str, float]()
+        for group in now.droppable:
+            least_size = POSITION_ERROR if is_unexplained(group.name) else least_named
+            is_so = now.size(group) > least_size and group.allows(now.x, now.covariance)
+            prices[group.name] = now.surprise(group) if is_so else 0.0
         cheapest = min(prices, key=lambda name: prices[name])
         if prices[cheapest] >= least:
             break
@@ -248,12 +248,14 @@ def rivals(
     """Fits with another candidate in the place of one of those of `now` whose evidence is larger by
     more than this, by the one that was kept and the one that takes its place; by default so nearly
     as probable that rows do not separate both."""
-    dropped = [name for name in full.candidates if name not in now.candidates]
+    dropped = [
+        name for name in full.candidates if not (name in now.candidates or is_unexplained(name))
+    ]
     trials = {
         (kept.name, other): full.of_candidates(
             [other, *(name for name in now.candidates if name != kept.name)]
         )
-        for kept in now.droppable for other in dropped
+        for kept in now.droppable if not is_unexplained(kept.name) for other in dropped
     }  # fmt: skip
     return {
         pair: trial for pair, trial in trials.items()
@@ -265,7 +267,10 @@ def rivals(
 def suspects(full: Shrunk, now: Shrunk) -> dict[str, Shrunk]:
     """Fits with one more candidate than `now` that are certainly more probable, by this one, where
     chance explains as little by the scatter of the rows as well."""
-    dropped = [group.name for group in full.droppable if group.name not in now.candidates]
+    dropped = [
+        group.name for group in full.droppable
+        if not (group.name in now.candidates or is_unexplained(group.name))
+    ]  # fmt: skip
     trials = {name: full.of_candidates([*now.candidates, name]) for name in dropped}
     return {
         name: trial

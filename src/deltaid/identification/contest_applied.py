@@ -88,12 +88,13 @@ def with_effects(now: Setup, outcome: ContestOutcome, last: Contest) -> Setup:
         unknown = last.unknown(name)
         if isinstance(unknown, Added):
             group = last.group(name)
-            scale = last.shrunk.alpha[last.shrunk.groups.index(group)] * group.deviation
-            if isinstance(unknown.addition, FreeTorque):  # coefficients that have little in common
-                variance = np.diag(last.shrunk.covariance)[group.columns]
-                scale = np.sqrt(last.shrunk.x[group.columns] ** 2 + variance)
+            alpha = last.shrunk.alpha[last.shrunk.groups.index(group)]
+            if isinstance(unknown.addition, FreeTorque):
+                alpha = max(alpha, 1.0)  # bodies, whose priors were wider, may have had a part
+            scale = alpha * group.deviation
             assert isinstance(unknown.addition, _ADDED)
-            additions.append(replace(unknown.addition, deviation=tuple(scale.tolist())))
+            addition = replace(unknown.addition, deviation=tuple(scale.tolist()))
+            additions.append(addition.on(now.dynamics))
     corrections = [
         correction
         for unknown in UNKNOWNS

@@ -10,7 +10,7 @@ from deltaid.dynamics.dynamics import Parameters, compiled
 from deltaid.effects.all import UNKNOWNS
 from deltaid.effects.effect import SEEN
 from deltaid.effects.lag_groups import agree, common_lag
-from deltaid.effects.unexplained import UNEXPLAINED, Unexplained, shares_of_torque
+from deltaid.effects.unexplained import UNEXPLAINED, is_unexplained, shares_of_torque
 from deltaid.errors import Doubt
 from deltaid.estimation.drive_rows import OfDrives
 from deltaid.identification.contest import Contest
@@ -110,21 +110,15 @@ def doubted(
 
 def _unexplained(last: Contest, torques: OfDrives) -> dict[str, str]:
     """A doubt about torques that only free functions explain: of the drive with most of them, and
-    with what it varies, which are the columns whose removal costs most."""
-    free, group, point = last.unknown(UNEXPLAINED), last.group(UNEXPLAINED), last.points[0]
-    assert isinstance(free, Unexplained)
-    shares = shares_of_torque(point, torques)
+    with what it varies, the function without which the rows are least probable."""
+    shares = shares_of_torque(last.points[0], torques)
     drive = int(np.argmax(shares))
-    share, name = percent(float(shares[drive])), point.drives[drive]
-    prices = {
-        follows: last.shrunk.price(
-            replace(group, columns=group.columns[numbers], mean=group.mean[numbers])
-        )
-        for follows, numbers in free.kinds(drive).items()
-    }
+    share, name = percent(float(shares[drive])), last.points[0].drives[drive]
+    free = [group for group in last.shrunk.droppable if is_unexplained(group.name)]
+    follows = max(free, key=last.shrunk.price).name.removeprefix(f"{UNEXPLAINED} ")
     doubt = Doubt(
         f"unexplained: {share} of {name}'s torque, it varies with "
-        f"{max(prices, key=lambda follows: prices[follows])}; no known effect explains it, and the "
+        f"{follows}; no known effect explains it, and the "
         "model is of the robot without it",
         cause="something acts on the robot or its sensors that deltaid has no effect of",
         cure="look at hoses, drives and sensors for what varies so; the residual over time is in "

@@ -86,7 +86,8 @@ def contested(setup: Setup, progress: Progress) -> Setup:
     The first slopes are taken far from the solution. Where sweeps end at a refuted result, one
     error of the description may have imitated the curvature of another. So sweeps are repeated
     without these errors, and once more from where those settle; the best takes the place of the
-    first if it leaves as little noise.
+    first if it leaves as little noise. Where something is unexplained, sweeps with free functions
+    of the drives' torques take its place if they leave less.
     """
     if setup.settings.effects == "none":
         return setup
@@ -95,10 +96,12 @@ def contested(setup: Setup, progress: Progress) -> Setup:
     if not _traces(bare):
         return setup
     end = _sweeps(bare)
-    if free := end.full.unexplained():
-        end = _sweeps(bare, free=(free,)).counting(end)
     others = _again(bare, end.parts) if end.why_not else []
     end = min((o for o in others if _is_better(o, end)), key=lambda o: o.last.noise, default=end)
+    if free := end.full.unexplained():
+        beside = _sweeps(bare, free=free)
+        if beside.last.noise < end.last.noise - end.last.shrunk.noise_spread:
+            end = beside.counting(end)
     outcome = end.outcome
     if not outcome.kept and (_gears(bare) or not outcome.winds_up):
         return bare.changed(outcome=outcome) if outcome.doubts else bare
