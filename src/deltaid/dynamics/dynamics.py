@@ -207,9 +207,13 @@ class Dynamics(WithParameters, Plotted):
         values = self._regressor_kernel(np.hstack(parts).T)
         return SparseRegressor(values, *self.regressor_pattern)
 
-    @cached_property
+    @property
     def regressor_pattern(self) -> tuple[np.ndarray, np.ndarray]:
         """Drive and parameter of every entry of Y that can be nonzero, drive by drive."""
+        return self._pattern
+
+    @cached_property
+    def _pattern(self) -> tuple[np.ndarray, np.ndarray]:
         columns, rows = self.equations.Y.T.sparsity().get_triplet()
         return np.array(rows)[self._nonzero], np.array(columns)[self._nonzero]
 

@@ -208,4 +208,4 @@ def temperature(recording: PreparedRecording, w: SampleBlock) -> Float[np.ndarra
     columns = recording.log.columns
     channel = columns.temperature
     assert channel is not None
-    return channel.scale * (w.extra[:, columns.beside(channel.column)] - channel.zero)
+    return channel.scale * (w.extra[:, columns.extra_index(channel.column)] - channel.zero)
