@@ -10,13 +10,21 @@ import pytest
 from deltaid.dynamics.dynamics import compiled
 from deltaid.dynamics.parameters import prior_parameters
 from deltaid.effects.point import TracePoint
-from deltaid.effects.unexplained import KINDS, UNEXPLAINED, FreeTorque, shares_of_torque
+from deltaid.effects.unexplained import (
+    KINDS,
+    UNEXPLAINED,
+    FreeTorque,
+    Unexplained,
+    shares_of_torque,
+)
 from deltaid.estimation.information import entries_at
 from deltaid.estimation.problem import CauseColumns, NoiseBlock
 from deltaid.estimation.shrinkage import Shrunk
+from deltaid.identification import contest_stage
 from deltaid.identification.contest import Contest, reduced
 from deltaid.identification.contest_outcome import doubted
-from deltaid.identification.setup import ContestOutcome
+from deltaid.identification.setup import ContestOutcome, Setup
+from deltaid.model.settings import Settings
 from deltaid.recording.windows import SampleBlock
 from deltaid.robot.load import described
 from drives import Case, case
@@ -126,14 +134,43 @@ def test_a_warning_says_how_much_is_unexplained_and_intervals_count_it_as_a_scal
     groups = [CauseColumns(name, np.arange(1), np.ones(1), np.zeros(1)) for name in prices]
     last.shrunk = Mock(spec=Shrunk, droppable=groups)
     last.shrunk.price.side_effect = lambda group: prices[group.name]
-    full = Mock(spec=Contest)
-    full.rivals.return_value, full.suspects.return_value = {}, {}
+    full, suspect = Mock(spec=Contest), Mock(spec=Contest, p=1.5 * p)
+    full.rivals.return_value, full.suspects.return_value = {}, {"ripple": suspect}
+    suspect.follows.return_value = []
     outcome = doubted(ContestOutcome(robot), full, last, np.zeros(len(names)))
-    text = outcome.doubts[UNEXPLAINED]
+    (text,) = outcome.doubts.values()  # suspects may be a part of it
     assert text.startswith("unexplained: 20 % of drive2's torque, it varies with its speed; no kn")
     assert shares_of_torque(point, torques) == pytest.approx([0.1, 0.2, 0.05])
-    _, scale = outcome.moves
+    _, by_suspect, scale = outcome.moves
+    assert [by_suspect[name] for name in names] == pytest.approx((0.5 * p).tolist())
     assert [scale[name] for name in names] == pytest.approx((0.2 * p).tolist())
+
+
+@pytest.mark.parametrize(("noise", "stands"), [(-0.03, True), (-0.01, False)])
+def test_free_functions_stand_where_they_leave_less_noise_beyond_chance(
+    noise: float, stands: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    robot = described("clavel-delta3")
+    setup, outcome = Setup(robot, (), Settings()), ContestOutcome(robot)
+    rows, p = Mock(dynamics=compiled(robot)), prior_parameters(robot)
+    lasts = [
+        Mock(
+            spec=Contest, rows=rows, noise=n, p=values, shrunk=Mock(spec=Shrunk, noise_spread=0.02)
+        )
+        for n, values in ((0.0, 1.1 * p), (noise, p))
+    ]
+    end, beside = (
+        contest_stage._Sweeps(setup, outcome, last, last, p, (), frozenset(), "", False)
+        for last in lasts
+    )
+    lasts[0].unexplained.return_value = free = (Mock(spec=Unexplained),)
+    monkeypatch.setattr(contest_stage, "_sweeps", lambda bare, free: beside if free else None)
+    result = contest_stage._beside_unexplained(setup, end)
+    assert result.last is lasts[stands]
+    moves = [list(move.values()) for move in result.outcome.moves]
+    assert moves == ([pytest.approx((0.1 * p).tolist(), abs=1e-12)] if stands else [])
+    lasts[0].unexplained.return_value = free[:0]
+    assert contest_stage._beside_unexplained(setup, end) is end
 
 
 def test_torque_that_grows_with_speed_becomes_no_other_cause() -> None:
@@ -142,7 +179,7 @@ def test_torque_that_grows_with_speed_becomes_no_other_cause() -> None:
     result = identified(made)
     assert not NAMED & {correction.kind for correction in result.model.corrections}
     (text,) = (text for text in result.model.warnings if "no known effect explains it" in text)
-    assert "of drive2's torque, it varies with its speed and torque; no known effect" in text
+    assert "'s torque, it varies with its speed and torque; no known effect" in text
     judged = judge(made, result)
     assert judged.M_shape < 0.003  # 0.01 to 0.02 where others stand in
-    assert not {"torque-constant", "drive-gain"} & set(judged.verdicts)
+    assert not {"torque-constant", "drive-gain", "residual"} & set(judged.verdicts)

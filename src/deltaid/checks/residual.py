@@ -79,10 +79,12 @@ def checked_residual(evidence: Evidence) -> Iterator[Verdict]:
     ringing = _resonance(study)
     yield ringing
     causes = causes_of(study.fit, study.account)
-    if any(isinstance(term, FreeTorque) for term in added):  # beside which the contest named them
+    is_unexplained = any(isinstance(term, FreeTorque) for term in added)
+    if is_unexplained:  # beside which the contest named its effects, and reported the rest
         causes = tuple(cause for cause in causes if not effect_of(cause).is_contested)
     yield from filter(None, (_verdict(cause, recording) for cause in causes))
-    yield _rest(study, rings=ringing.grade is not Grade.GOOD)
+    if not is_unexplained:
+        yield _rest(study, rings=ringing.grade is not Grade.GOOD)
 
 
 def detected_load(study: Study) -> Verdict:

@@ -88,15 +88,16 @@ def doubted(
     exact = (*outcome.kept, *outcome.values)
     held = [u.name for u in UNKNOWNS if u.name in exact and not u.is_fitted]
     moves = [undecided, *last.follows(held), *(rival.p - last.p for rival in rivals.values())]
-    unexplained = dict[str, str]()
-    if torques is not None:  # a share of them may be in proportion to those of the robot
-        unexplained = _unexplained(last, torques)
-        moves.append(float(shares_of_torque(last.points[0], torques).max()) * last.p)
     for name, suspect in suspects.items():
         moves += [suspect.p - last.p, *suspect.follows([name])]
-    surprises = {
-        name: suspect.shrunk.surprise(suspect.group(name)) for name, suspect in suspects.items()
-    }
+    if torques is not None:  # a share of them may be in proportion to those of the robot
+        doubt = _unexplained(last, torques)  # of which suspects may be a part
+        moves.append(float(shares_of_torque(last.points[0], torques).max()) * last.p)
+    else:
+        surprises = {
+            name: suspect.shrunk.surprise(suspect.group(name)) for name, suspect in suspects.items()
+        }
+        doubt = _suspicion(surprises)
     return replace(
         outcome,
         moves=tuple(dict(zip(names, move.tolist(), strict=True)) for move in moves),
@@ -104,7 +105,7 @@ def doubted(
             Inseparable(causes=(cause_in_words(kept), cause_in_words(other)))
             for kept, other in rivals
         ),
-        doubts=_unsuspicious(outcome) | unexplained | _suspicion(surprises),
+        doubts=_of_limits(outcome) | doubt,
     )
 
 
@@ -143,9 +144,10 @@ def _suspicion(surprises: Mapping[str, float]) -> dict[str, str]:
     return {SUSPECTED: doubt}
 
 
-def _unsuspicious(outcome: ContestOutcome) -> dict[str, str]:
-    """Doubts without suspects, which are those beside what is kept."""
-    return {key: doubt for key, doubt in outcome.doubts.items() if key != SUSPECTED}
+def _of_limits(outcome: ContestOutcome) -> dict[str, str]:
+    """Doubts about effects beyond their limits, without those about what else may act."""
+    others = {SUSPECTED, UNEXPLAINED}
+    return {key: doubt for key, doubt in outcome.doubts.items() if key not in others}
 
 
 def beyond_parts(last: Contest) -> frozenset[str]:
@@ -185,7 +187,7 @@ def refuted(outcome: ContestOutcome, why: str, moves: Sequence[Parameters]) -> C
     return ContestOutcome(
         outcome.described,
         moves=(*outcome.moves, *uncorrected),
-        doubts=_unsuspicious(outcome) | {REFUTED: doubt},
+        doubts=_of_limits(outcome) | {REFUTED: doubt},
     )
 
 

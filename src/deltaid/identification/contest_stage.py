@@ -74,9 +74,7 @@ class _Sweeps:
         names = self.last.rows.dynamics.layout.names
         move = dict(zip(names, (other.last.p - self.last.p).tolist(), strict=True))
         outcome = replace(self.outcome, moves=(*self.outcome.moves, move))
-        setup = self.setup
-        if setup.outcome is not None:
-            setup = setup.changed(outcome=outcome)
+        setup = self.setup.changed(outcome=self.setup.outcome and outcome)
         return replace(self, setup=setup, outcome=outcome)
 
 
@@ -98,10 +96,7 @@ def contested(setup: Setup, progress: Progress) -> Setup:
     end = _sweeps(bare)
     others = _again(bare, end.parts) if end.why_not else []
     end = min((o for o in others if _is_better(o, end)), key=lambda o: o.last.noise, default=end)
-    if free := end.full.unexplained():
-        beside = _sweeps(bare, free=free)
-        if beside.last.noise < end.last.noise - end.last.shrunk.noise_spread:
-            end = beside.counting(end)
+    end = _beside_unexplained(bare, end)
     outcome = end.outcome
     if not outcome.kept and (_gears(bare) or not outcome.winds_up):
         return bare.changed(outcome=outcome) if outcome.doubts else bare
@@ -118,6 +113,16 @@ def _is_better(other: _Sweeps, end: _Sweeps) -> bool:
     """Whether other sweeps are not refuted and leave no more noise, but for chance."""
     spread = end.last.shrunk.noise_spread
     return not other.why_not and other.last.noise < end.last.noise + spread
+
+
+def _beside_unexplained(bare: Setup, end: _Sweeps) -> _Sweeps:
+    """Sweeps with free functions of the drives' torques, where these are needed and leave less
+    noise, beyond chance."""
+    if not (free := end.full.unexplained()):
+        return end
+    beside = _sweeps(bare, free=free)
+    leaves_less = beside.last.noise < end.last.noise - end.last.shrunk.noise_spread
+    return beside.counting(end) if leaves_less else end
 
 
 def _again(bare: Setup, parts: frozenset[str]) -> list[_Sweeps]:
