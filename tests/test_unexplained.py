@@ -9,7 +9,8 @@ import pytest
 
 from deltaid.dynamics.dynamics import compiled
 from deltaid.dynamics.parameters import prior_parameters
-from deltaid.effects.point import TracePoint
+from deltaid.effects.along_motion import DriveSpring
+from deltaid.effects.point import Added, TracePoint
 from deltaid.effects.unexplained import (
     KINDS,
     UNEXPLAINED,
@@ -22,7 +23,8 @@ from deltaid.estimation.problem import CauseColumns, NoiseBlock
 from deltaid.estimation.shrinkage import Shrunk
 from deltaid.identification import contest_stage
 from deltaid.identification.contest import Contest, reduced
-from deltaid.identification.contest_outcome import doubted
+from deltaid.identification.contest_applied import with_effects, without_contest
+from deltaid.identification.contest_outcome import doubted, refuted
 from deltaid.identification.setup import ContestOutcome, Setup
 from deltaid.model.settings import Settings
 from deltaid.recording.windows import SampleBlock
@@ -31,6 +33,7 @@ from drives import Case, case
 from drives.identify import identified
 from drives.judge import judge
 
+PLACE = f"{UNEXPLAINED} its place"
 # Effects that the contest of causes corrects.
 NAMED = {"zero", "gear-ratio", "tilt", "length", "torque-constant", "torque-drift", "structure",
          "ripple", "drive-spring", "platform-force", "gain"}  # fmt: skip
@@ -86,6 +89,38 @@ def test_free_functions_are_products_of_chebyshev_polynomials(kind: str) -> None
     assert columns.tolist() == list(range(len(expected)))
     stated = [entry.scale * entry.spread for entry in torque.parameters]
     assert stated == pytest.approx(torque.deviation)
+
+
+@pytest.mark.parametrize("kind", ["its place and torque", "torques of other drives"])
+def test_columns_of_recordings_have_their_largest_values_and_weights(kind: str) -> None:
+    rng = np.random.default_rng(2)
+    points = [
+        Mock(
+            spec=TracePoint, dynamics=free(kind).dynamics, p=np.zeros(1), dof=3,
+            q=rng.uniform(-1, 1, (30, 3)), model=rng.standard_normal((3, 30)),
+            largest=rng.uniform(2, 3, 3),
+            motion=Mock(qd=rng.standard_normal((30, 3)), weights=rng.uniform(0, 1, (30, 3))),
+        )
+        for _ in range(2)
+    ]  # fmt: skip
+    effect = Unexplained(points, kind)
+    torque, q = effect.addition, np.vstack([point.q for point in points])
+    assert np.subtract(torque.middle, torque.half) == pytest.approx(q.min(axis=0))
+    assert np.add(torque.middle, torque.half) == pytest.approx(q.max(axis=0))
+    fastest = np.abs(np.vstack([point.motion.qd for point in points])).max(axis=0)
+    assert torque.fastest == pytest.approx(fastest)
+    strongest = np.max([point.largest for point in points], axis=0)
+    assert torque.strongest == pytest.approx(strongest)
+    deviations = effect.deviations(points[0], np.zeros(0))
+    assert deviations.reshape(3, -1) == pytest.approx(
+        np.tile(0.05 * strongest, (len(deviations) // 3, 1)).T
+    )
+    point = points[1]
+    columns = effect.columns(point)
+    entries = torque.of_motion(point.q, point.motion.qd, point.model.T)
+    for k, (drive, entry) in enumerate(zip(torque.pattern[0], entries, strict=True)):
+        assert columns[drive, :, k] == pytest.approx(entry * point.motion.weights[:, drive])
+        assert not np.delete(columns[:, :, k], drive, axis=0).any()
 
 
 def test_entries_along_a_motion_take_the_torques_of_the_model() -> None:
@@ -171,6 +206,40 @@ def test_free_functions_stand_where_they_leave_less_noise_beyond_chance(
     assert moves == ([pytest.approx((0.1 * p).tolist(), abs=1e-12)] if stands else [])
     lasts[0].unexplained.return_value = free[:0]
     assert contest_stage._beside_unexplained(setup, end) is end
+
+
+def test_free_functions_join_the_fit_with_the_priors_of_what_nobody_described() -> None:
+    """Springs beside them give friction laws an offset, which their torques have too."""
+    robot = described("clavel-delta3")
+    spring = DriveSpring(compiled(robot), (0, 1, 2), (1.0,) * 3)
+    added = {"drive-spring": Added("drive-spring", spring),
+             PLACE: Added(PLACE, free("its place"))}  # fmt: skip
+    groups = {
+        name: CauseColumns(name, np.arange(n), np.full(n, 2.0), np.zeros(n))
+        for name, n in (("drive-spring", 3), (PLACE, 9))
+    }
+    shrunk = Mock(spec=Shrunk, groups=list(groups.values()), alpha=np.array([0.5, 0.2]))
+    last = Mock(spec=Contest, unknown=added.get, group=groups.get, shrunk=shrunk)
+    outcome = ContestOutcome(robot, kept=tuple(added))
+    setup = with_effects(Setup(robot, (), Settings()), outcome, last)
+    springs, place = setup.additions
+    assert isinstance(springs, DriveSpring)
+    assert isinstance(place, FreeTorque)
+    assert (springs.deviation, place.deviation) == ((1.0,) * 3, (2.0,) * 9)
+    assert place.dynamics is setup.dynamics
+    assert "offset.drive1" in setup.dynamics.layout.names
+    assert len(place.p) == len(setup.dynamics.layout.names)
+    assert not without_contest(setup).additions
+
+
+@pytest.mark.parametrize(
+    ("kept", "words"),
+    [((PLACE, "tilt"), "with corrections of tilt "), ((PLACE,), "with free functions of the d")],
+)
+def test_a_refuted_contest_names_effects_alone(kept: tuple[str, ...], words: str) -> None:
+    outcome = refuted(ContestOutcome(described("clavel-delta3"), kept=kept), "2 % is left", [])
+    (text,) = outcome.doubts.values()
+    assert words in text
 
 
 def test_torque_that_grows_with_speed_becomes_no_other_cause() -> None:

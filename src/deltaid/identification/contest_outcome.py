@@ -177,10 +177,11 @@ def refuted(outcome: ContestOutcome, why: str, moves: Sequence[Parameters]) -> C
     Args:
         moves: changes of the parameters by the refuted corrections.
     """
+    named = [name for name in outcome.kept if not is_unexplained(name)]
+    tried = f"corrections of {_named(named)}" if named else "free functions of the drives' torques"
     doubt = (
-        "something acts on the robot that no known effect explains: with corrections of "
-        f"{_named(outcome.kept)} {why}, so nothing of it is corrected; intervals count what these "
-        "would change"
+        f"something acts on the robot that no known effect explains: with {tried} {why}, so "
+        "nothing of it is corrected; intervals count what these would change"
     )
     names = compiled(outcome.described).layout.names
     uncorrected = (dict(zip(names, move.tolist(), strict=True)) for move in moves)
