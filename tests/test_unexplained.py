@@ -27,6 +27,7 @@ from deltaid.identification.contest_applied import with_effects, without_contest
 from deltaid.identification.contest_outcome import doubted, refuted
 from deltaid.identification.setup import ContestOutcome, Setup
 from deltaid.model.settings import Settings
+from deltaid.recording.recording import PreparedRecording
 from deltaid.recording.windows import SampleBlock
 from deltaid.robot.load import described
 from drives import Case, case
@@ -111,7 +112,7 @@ def test_columns_of_recordings_have_their_largest_values_and_weights(kind: str) 
     assert torque.fastest == pytest.approx(fastest)
     strongest = np.max([point.largest for point in points], axis=0)
     assert torque.strongest == pytest.approx(strongest)
-    deviations = effect.deviations(points[0], np.zeros(0))
+    deviations = effect.deviations(points[0], np.zeros((3, 1, 1)))
     assert deviations.reshape(3, -1) == pytest.approx(
         np.tile(0.05 * strongest, (len(deviations) // 3, 1)).T
     )
@@ -132,7 +133,7 @@ def test_entries_along_a_motion_take_the_torques_of_the_model() -> None:
     own = entries_at(dynamics, z, qd, qdd, np.zeros((20, 3)))
     tau = dynamics.torque(z, qd, qdd, torque.p)
     expected = torque.of_motion(dynamics.kinematics.inverse(z), qd, tau)
-    assert torque.entries(w, own, Mock()) == pytest.approx(expected, abs=1e-9)
+    assert torque.entries(w, own, Mock(spec=PreparedRecording)) == pytest.approx(expected, abs=1e-9)
 
 
 def test_what_is_smaller_than_the_unexplained_is_dropped() -> None:

@@ -20,6 +20,9 @@ from deltaid.estimation.information import NOISE_FLOOR
 from deltaid.estimation.problem import CauseColumns, Columns, NoiseBlock, Rows, group_sums
 from deltaid.estimation.scatter import surprise
 
+# Columns of one of several groups, whose numbers differ.
+OfGroup = Float[np.ndarray, "rows _"]
+
 # Sweeps of evidence at most, and the change of a logarithm of α below which they end.
 _SWEEPS, _SETTLED = 40, 0.02
 # Scales of priors: a group that is not needed shrinks towards the lowest; none is much larger than
@@ -257,7 +260,7 @@ class Shrunk:
         return Shrunk(blocks, self.D[:, stay], self.d, groups, self.alpha[kept], sigma, given)
 
     def with_groups(
-        self, candidates: Sequence[tuple[str, Sequence[Columns], Float[np.ndarray, " k"]]]
+        self, candidates: Sequence[tuple[str, Sequence[OfGroup], Float[np.ndarray, " _"]]]
     ) -> "Shrunk":
         """The same with more candidates: a name, columns for each block, and deviations of each."""
         groups, first = list(self.groups), len(self.x)
