@@ -17,7 +17,7 @@ from deltaid.checks.evidence import Evidence
 from deltaid.effects.all import effect_of
 from deltaid.effects.effect import Cause, DescribedEffect, causes_of
 from deltaid.effects.lag_columns import APART, UnknownLag
-from deltaid.effects.unexplained import FreeTorque
+from deltaid.effects.unexplained import FreeTorque, in_words
 from deltaid.estimation.spectra import bandwidth, density
 from deltaid.identification.loads import load_change
 from deltaid.identification.study import Study, longest, rests, spoilt, unexplained
@@ -190,7 +190,7 @@ def _rest(study: Study, *, rings: bool) -> Verdict:
         cure = f"{_LOOK}; check play and stiffness of the gears"
         words = "it varies with neither speed, place, time nor load", "", cure
     varies, cause, cure = words
-    seen = f"unexplained: {percent(rest.part)} of {drive}'s torque, {varies}"
+    seen = in_words(rest.part, drive, varies)
     grade = Grade.DOUBTFUL if rest.part > _LITTLE else Grade.CANNOT_TELL
     return _REST.judged(seen, drive, 100 * rest.part, grade=grade, cause=cause, cure=cure)
 

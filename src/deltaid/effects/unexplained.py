@@ -19,7 +19,7 @@ from deltaid.effects.along_motion import InTask
 from deltaid.effects.point import SIZE, Added, Deviations, TracePoint
 from deltaid.estimation.additions import OfTorques, Own, Values
 from deltaid.estimation.drive_rows import ColumnsOfDrives, OfDrives
-from deltaid.model.verdict import listed
+from deltaid.model.verdict import listed, percent
 from deltaid.recording.recording import PreparedRecording
 from deltaid.recording.windows import SampleBlock
 from deltaid.robot.parameter import PRIOR_SPREAD, PriorParameter
@@ -137,3 +137,8 @@ def is_unexplained(name: str) -> bool:
 def shares_of_torque(point: TracePoint, torques: OfDrives) -> Float[np.ndarray, " dof"]:
     """What torques vary by as a share of what those of the drives do."""
     return torques.std(axis=1) / np.maximum(point.model.std(axis=1), np.finfo(float).tiny)
+
+
+def in_words(share: float, drive: str, varies: str) -> str:
+    """A finding on a share of a drive's torque, with the clause that says what it varies with."""
+    return f"{UNEXPLAINED}: {percent(share)} of {drive}'s torque, {varies}"

@@ -10,7 +10,7 @@ from deltaid.dynamics.dynamics import Parameters, compiled
 from deltaid.effects.all import UNKNOWNS
 from deltaid.effects.effect import SEEN
 from deltaid.effects.lag_groups import agree, common_lag
-from deltaid.effects.unexplained import UNEXPLAINED, is_unexplained, shares_of_torque
+from deltaid.effects.unexplained import UNEXPLAINED, in_words, is_unexplained, shares_of_torque
 from deltaid.errors import Doubt
 from deltaid.estimation.drive_rows import OfDrives
 from deltaid.identification.contest import Contest
@@ -114,13 +114,12 @@ def _unexplained(last: Contest, torques: OfDrives) -> dict[str, str]:
     with what it varies, the function without which the rows are least probable."""
     shares = shares_of_torque(last.points[0], torques)
     drive = int(np.argmax(shares))
-    share, name = percent(float(shares[drive])), last.points[0].drives[drive]
+    name = last.points[0].drives[drive]
     free = [group for group in last.shrunk.droppable if is_unexplained(group.name)]
     follows = max(free, key=last.shrunk.price).name.removeprefix(f"{UNEXPLAINED} ")
     doubt = Doubt(
-        f"unexplained: {share} of {name}'s torque, it varies with "
-        f"{follows}; no known effect explains it, and the "
-        "model is of the robot without it",
+        in_words(float(shares[drive]), name, f"it varies with {follows}")
+        + "; no known effect explains it, and the model is of the robot without it",
         cause="something acts on the robot or its sensors that deltaid has no effect of",
         cure="look at hoses, drives and sensors for what varies so; the residual over time is in "
         "the report",

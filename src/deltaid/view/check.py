@@ -87,7 +87,7 @@ def check_page(
     pasted = tuple(Lines(text, f"Goes into {file}.") for file, text in lines.items())
     about = "what was checked and is as it should be"
     sections = (
-        Section("To be mended" if poor else "Verdict", (first,), unfolded=True),
+        Section("To be corrected" if poor else "Verdict", (first,), unfolded=True),
         Section("Lines to paste", pasted, "the fix, as text", unfolded=True),
         Section("Good", (page_table(good),) if good else (), about),
     )
