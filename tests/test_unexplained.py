@@ -18,6 +18,7 @@ from deltaid.effects.unexplained import (
     Unexplained,
     shares_of_torque,
 )
+from deltaid.estimation.drive_rows import TraceRows
 from deltaid.estimation.information import entries_at
 from deltaid.estimation.problem import CauseColumns, NoiseBlock
 from deltaid.estimation.shrinkage import Shrunk
@@ -155,6 +156,27 @@ def test_what_is_smaller_than_the_unexplained_is_dropped() -> None:
     assert kept("other", 0.2) == ("other", "cause")
     assert kept(UNEXPLAINED, 0.2) == (UNEXPLAINED,)
     assert kept(UNEXPLAINED, 2.0) == (UNEXPLAINED, "cause")
+
+
+def test_unexplained_torques_are_what_no_other_effect_can_take_of_the_first_recording() -> None:
+    rng = np.random.default_rng(3)
+    A = rng.standard_normal((3, 400, 3))
+    A[:, :, 2] += A[:, :, 1]  # half of it is like the named cause
+    x, stretches = np.array([1.0, 0.5, 0.8]), np.repeat(np.arange(40), 10)
+    blocks = [NoiseBlock(a, a @ x + 1e-3 * rng.standard_normal(400), stretches, 5.0) for a in A]
+    groups = [
+        CauseColumns(name, np.array([k]), np.ones(1), np.zeros(1))
+        for k, name in ((1, "tilt"), (2, PLACE))
+    ]
+    shrunk = Shrunk.fitted(blocks, np.eye(3)[:1] / 10, np.zeros(1), groups)
+    contest = Contest(Mock(spec=TraceRows), (Mock(spec=TracePoint, dof=2),), (), shrunk)
+    torques = contest.unexplained_torques()
+    span = np.linalg.qr(np.vstack(A[:, :, :2]))[0]
+    part = 0.8 * np.concatenate(A[:, :, 2])
+    expected = (part - span @ (span.T @ part)).reshape(3, 400)[:2]
+    assert torques == pytest.approx(expected, abs=0.01)
+    bare = replace(contest, shrunk=shrunk.of_candidates(["tilt"]))
+    assert bare.unexplained_torques() is None
 
 
 def test_a_warning_says_how_much_is_unexplained_and_intervals_count_it_as_a_scale() -> None:
