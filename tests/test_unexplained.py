@@ -163,7 +163,7 @@ def test_unexplained_torques_are_what_no_other_effect_can_take_of_the_first_reco
     A = rng.standard_normal((3, 400, 3))
     A[:, :, 2] += A[:, :, 1]  # half of it is like the named cause
     x, stretches = np.array([1.0, 0.5, 0.8]), np.repeat(np.arange(40), 10)
-    blocks = [NoiseBlock(a, a @ x + 1e-3 * rng.standard_normal(400), stretches, 5.0) for a in A]
+    blocks = [NoiseBlock(a, a @ x + 0.3 * rng.standard_normal(400), stretches, 5.0) for a in A]
     groups = [
         CauseColumns(name, np.array([k]), np.ones(1), np.zeros(1))
         for k, name in ((1, "tilt"), (2, PLACE))
@@ -174,7 +174,7 @@ def test_unexplained_torques_are_what_no_other_effect_can_take_of_the_first_reco
     span = np.linalg.qr(np.vstack(A[:, :, :2]))[0]
     part = 0.8 * np.concatenate(A[:, :, 2])
     expected = (part - span @ (span.T @ part)).reshape(3, 400)[:2]
-    assert torques == pytest.approx(expected, abs=0.01)
+    assert torques == pytest.approx(expected, abs=0.15)
     bare = replace(contest, shrunk=shrunk.of_candidates(["tilt"]))
     assert bare.unexplained_torques() is None
 
