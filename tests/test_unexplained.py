@@ -204,30 +204,53 @@ def test_a_warning_says_how_much_is_unexplained_and_intervals_count_it_as_a_scal
     assert [scale[name] for name in names] == pytest.approx((0.2 * p).tolist())
 
 
-@pytest.mark.parametrize(("noise", "stands"), [(-0.03, True), (-0.01, False)])
-def test_free_functions_stand_where_they_leave_less_noise_beyond_chance(
-    noise: float, stands: bool, monkeypatch: pytest.MonkeyPatch
+@pytest.mark.parametrize(("amount", "prefers_named"), [(0.0, True), (1.0, False)])
+def test_rows_prefer_a_named_effect_to_free_functions_that_explain_no_more(
+    amount: float, prefers_named: bool
+) -> None:
+    rng = np.random.default_rng(5)
+    A = rng.standard_normal((3, 400, 3))
+    tau, stretches = A @ [1.0, 0.5, amount], np.repeat(np.arange(40), 10)
+    blocks = [
+        NoiseBlock(a[:, :2], t + 0.3 * rng.standard_normal(400), stretches, 5.0)
+        for a, t in zip(A, tau, strict=True)
+    ]
+    named = CauseColumns("tilt", np.array([1]), np.ones(1), np.zeros(1))
+    shrunk = Shrunk.fitted(blocks, np.eye(2)[:1] / 10, np.zeros(1), [named])
+    point, free = Mock(spec=TracePoint), Mock(spec=Added)
+    free.name, free.columns.return_value = PLACE, A[:, :, 1:]
+    free.deviations.return_value = np.ones(2)
+    full = Contest(Mock(spec=TraceRows), (point,), (), shrunk)
+    other = full._with([free])
+    other = replace(other, shrunk=other.shrunk.of_candidates([PLACE]))
+    assert full.prefers(full, other) is prefers_named
+    assert full.prefers(other, full) is not prefers_named
+
+
+@pytest.mark.parametrize("prefers_named", [True, False])
+@pytest.mark.parametrize("refuted", [(), ("named",), ("named", "free")])
+def test_free_functions_stand_where_the_rows_are_more_probable_with_them(
+    prefers_named: bool, refuted: tuple[str, ...], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     robot = described("clavel-delta3")
     setup, outcome = Setup(robot, (), Settings()), ContestOutcome(robot)
     rows, p = Mock(dynamics=compiled(robot)), prior_parameters(robot)
-    lasts = [
-        Mock(
-            spec=Contest, rows=rows, noise=n, p=values, shrunk=Mock(spec=Shrunk, noise_spread=0.02)
-        )
-        for n, values in ((0.0, 1.1 * p), (noise, p))
-    ]
+    named, other = (Mock(spec=Contest, rows=rows, p=values) for values in (1.1 * p, p))
     end, beside = (
-        contest_stage._Sweeps(setup, outcome, last, last, p, (), frozenset(), "", False)
-        for last in lasts
+        contest_stage._Sweeps(
+            setup, outcome, last, last, p, (), frozenset(), "why" if name in refuted else "", False
+        )
+        for name, last in (("named", named), ("free", other))
     )
-    lasts[0].unexplained.return_value = free = (Mock(spec=Unexplained),)
+    named.unexplained.return_value = free = (Mock(spec=Unexplained),)
+    named.prefers.side_effect = lambda *ends: prefers_named if ends == (named, other) else None
     monkeypatch.setattr(contest_stage, "_sweeps", lambda bare, free: beside if free else None)
     result = contest_stage._beside_unexplained(setup, end)
-    assert result.last is lasts[stands]
-    moves = [list(move.values()) for move in result.outcome.moves]
-    assert moves == ([pytest.approx((0.1 * p).tolist(), abs=1e-12)] if stands else [])
-    lasts[0].unexplained.return_value = free[:0]
+    stands = not prefers_named or refuted == ("named",)
+    assert result.last is (other if stands else named)
+    (move,) = (list(move.values()) for move in result.outcome.moves)
+    assert move == pytest.approx(((0.1 if stands else -0.1) * p).tolist(), abs=1e-12)
+    named.unexplained.return_value = free[:0]
     assert contest_stage._beside_unexplained(setup, end) is end
 
 

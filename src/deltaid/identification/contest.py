@@ -111,6 +111,16 @@ class Contest:
         kept = self._with(free).reduced().shrunk.candidates
         return free if any(map(is_unexplained, kept)) else ()
 
+    def prefers(self, first: "Contest", other: "Contest") -> bool:
+        """Whether the rows are more probable with the effects that one reduced contest keeps than
+        with those of another."""
+        sets = [end.shrunk.candidates for end in (first, other)]
+        ends = {name: end for end, kept in zip((first, other), sets, strict=True) for name in kept}
+        missing = [ends[name].unknown(name) for name in ends if name not in self.shrunk.candidates]
+        fit = self._with(missing).shrunk
+        evidence, of_other = (fit.of_candidates(kept).evidence for kept in sets)
+        return bool(evidence > of_other)
+
     def unexplained_torques(self) -> OfDrives | None:
         """What only free functions explain of the drives' torques in the first recording; None
         where these are dropped."""

@@ -85,7 +85,7 @@ def contested(setup: Setup, progress: Progress) -> Setup:
     error of the description may have imitated the curvature of another. So sweeps are repeated
     without these errors, and once more from where those settle; the best takes the place of the
     first if it leaves as little noise. Where something is unexplained, sweeps with free functions
-    of the drives' torques take its place if they leave less.
+    of the drives' torques take its place if the rows are more probable with these.
     """
     if setup.settings.effects == "none":
         return setup
@@ -116,13 +116,15 @@ def _is_better(other: _Sweeps, end: _Sweeps) -> bool:
 
 
 def _beside_unexplained(bare: Setup, end: _Sweeps) -> _Sweeps:
-    """Sweeps with free functions of the drives' torques, where these are needed and leave less
-    noise, beyond chance."""
+    """Sweeps with free functions of the drives' torques, where the rows need these and are more
+    probable so; intervals count the other end."""
     if not (free := end.full.unexplained()):
         return end
     beside = _sweeps(bare, free=free)
-    leaves_less = beside.last.noise < end.last.noise - end.last.shrunk.noise_spread
-    return beside.counting(end) if leaves_less else end
+    stands = beside.why_not or not end.why_not
+    if stands and end.full.prefers(end.last, beside.last):
+        return end.counting(beside)
+    return beside.counting(end)
 
 
 def _again(bare: Setup, parts: frozenset[str]) -> list[_Sweeps]:

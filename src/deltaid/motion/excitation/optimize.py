@@ -26,6 +26,7 @@ _SLIGHT = 1.1  # an excess that tightening can mend; beyond it the limits fight
 _ITERATIONS = 250  # of the solver, at most
 # Use that counts as full on the fine grid: the rest is for what lies between its points.
 _FULL = 0.9995
+_SMALLEST_BOX = 0.1  # half its width, as a share of the workspace
 _UNREACHABLE = 1e3  # stands for objective, use and slopes of a pose out of reach
 
 
@@ -190,7 +191,17 @@ class _Search:
         self._best_value, self.evaluations = np.inf, 0
 
     def run(self, x: Vector, sharpness: float) -> tuple[Vector, str]:
-        """Minimise the smooth problem from x."""
+        """Minimise the smooth problem from x, in a smaller box where steps end beyond limits."""
+        x_0, radius = x, np.inf
+        while True:
+            x, message = self._minimised(x_0, sharpness, radius)
+            use = largest_use(self._problem, x)
+            if np.all(use <= _SLIGHT * self.bound) or radius < _SMALLEST_BOX or self._stop.is_set():
+                return x, message
+            radius = 0.5 * min(radius, 1.0)
+
+    def _minimised(self, x: Vector, sharpness: float, radius: float) -> tuple[Vector, str]:
+        """Minimise within a box of coordinates about x."""
 
         def evaluated(x: Vector) -> Evaluation:
             key = x.tobytes() + np.float64(sharpness).tobytes()
@@ -210,7 +221,10 @@ class _Search:
             lambda x: evaluated(x).value if np.isfinite(evaluated(x).value) else _UNREACHABLE,
             x,
             jac=lambda x: np.ascontiguousarray(_finite(evaluated(x).gradient)),
-            bounds=self._problem.series.bounds(),
+            bounds=[
+                (max(low, middle - radius), min(high, middle + radius))
+                for (low, high), middle in zip(self._problem.series.bounds(), x, strict=True)
+            ],
             constraints=[
                 {
                     "type": "ineq",
