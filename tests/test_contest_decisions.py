@@ -12,14 +12,15 @@ from deltaid.effects.effect import Cause
 from deltaid.effects.lag_columns import LagColumns
 from deltaid.effects.lag_groups import LagGroup
 from deltaid.estimation.drive_rows import TraceRows
+from deltaid.estimation.problem import CauseColumns
 from deltaid.estimation.shrinkage import Shrunk
 from deltaid.identification import contest_stage
 from deltaid.identification.contest import Contest
-from deltaid.identification.contest_outcome import SUSPECTED, doubted, refuted
+from deltaid.identification.contest_outcome import SUSPECTED, decided, doubted, refuted
 from deltaid.identification.fit import fit
 from deltaid.identification.friction_constants import LawConstants
 from deltaid.identification.identify import _moves_of_laws
-from deltaid.identification.setup import REFUTED, ContestOutcome, Setup
+from deltaid.identification.setup import REFUTED, WIND_UP, ContestOutcome, Setup
 from deltaid.identification.study import Study, left_of_a_drive
 from deltaid.model.settings import Settings
 from deltaid.robot.friction import Stribeck
@@ -74,7 +75,8 @@ def test_what_a_contest_leaves_is_more_than_what_later_stages_leave_of_theirs(
 
 
 @pytest.mark.parametrize(
-    ("noise", "why_not", "stands"), [(0.01, "", True), (0.03, "", False), (-1.0, "zero", False)]
+    ("noise", "why_not", "stands"),
+    [(0.035, "", True), (0.045, "", False), (-1.0, "zero", False)],  # 1.96 · 0.02 is 0.039
 )
 def test_another_end_stands_if_it_leaves_no_more_but_for_chance(
     noise: float, why_not: str, stands: bool
@@ -90,6 +92,26 @@ def test_another_end_stands_if_it_leaves_no_more_but_for_chance(
     )
     other = replace(end, last=other, why_not=why_not)
     assert contest_stage._is_better(other, end) == stands
+
+
+@pytest.mark.parametrize(
+    ("decades", "may", "applied", "winds_up"),
+    [(10.0, True, False, True), (10.0, False, True, True), (10.0, False, False, False),
+     (1.0, True, True, False)],
+)  # fmt: skip
+def test_gears_found_stiff_among_rows_that_compliant_ones_leave_stay_so(
+    decades: float, may: bool, applied: bool, winds_up: bool
+) -> None:
+    robot = described("clavel-delta3")
+    group = CauseColumns(WIND_UP, np.arange(3), np.ones(3), np.zeros(3))
+    shrunk = Mock(spec=Shrunk, candidates=(), x=np.array([1e-5, 2e-5, 3e-5]), covariance=np.eye(3))
+    shrunk.surprise.return_value, shrunk.level.return_value = decades, 1.0
+    shrunk.deviation.return_value = np.full(3, 1e-6)
+    last = Mock(spec=Contest, shrunk=shrunk, points=())
+    last.group.return_value = group
+    values = {WIND_UP: np.full(3, 1e-5)} if applied else {}
+    outcome = decided(ContestOutcome(robot, values=values), last, may_wind_up=may)
+    assert outcome.winds_up is winds_up
 
 
 def test_intervals_count_described_laws_where_a_cause_is_unexplained() -> None:

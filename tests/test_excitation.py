@@ -133,6 +133,14 @@ def test_a_run_starts_and_ends_at_rest_and_keeps_its_limits(exciters, optima, na
         assert np.allclose(np.gradient(qd, time)[1:-1], qdd[1:-1], atol=2e-2 * np.abs(qdd).max())
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", [10, 11, 13])
+def test_a_search_that_steps_beyond_its_limits_begins_again_nearer(seed: int) -> None:
+    exciter = Exciter(compiled(load_robot("h4")), ExcitationSettings(starts=1, duration=15.0))
+    best = optimise(exciter.problem, range(seed, seed + 1)).best
+    assert best.after < -3.5  # the random motion itself has 0.5 to 3.4
+
+
 def test_a_run_repeats_its_periods(exciters) -> None:
     problem = exciters["clavel-delta3"].problem
     run = plan_run(problem, problem.series.motion(random_start(problem, 4)), 3)

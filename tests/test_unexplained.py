@@ -227,15 +227,32 @@ def test_rows_prefer_a_named_effect_to_free_functions_that_explain_no_more(
     assert full.prefers(other, full) is not prefers_named
 
 
-@pytest.mark.parametrize("prefers_named", [True, False])
-@pytest.mark.parametrize("refuted", [(), ("named",), ("named", "free")])
-def test_free_functions_stand_where_the_rows_are_more_probable_with_them(
-    prefers_named: bool, refuted: tuple[str, ...], monkeypatch: pytest.MonkeyPatch
+@pytest.mark.parametrize(
+    ("prefers_free", "noise", "refuted", "stands"),
+    [
+        (True, -0.01, (), True),
+        (True, 0.01, (), False),
+        (False, -0.01, (), False),
+        (True, -0.01, ("named", "free"), True),
+        (False, -0.01, ("named", "free"), False),
+        (False, 0.01, ("named",), True),
+        (True, -0.01, ("free",), False),
+    ],
+)
+def test_free_functions_stand_where_rows_are_more_probable_and_leave_less_noise(
+    prefers_free: bool,
+    noise: float,
+    refuted: tuple[str, ...],
+    stands: bool,
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     robot = described("clavel-delta3")
     setup, outcome = Setup(robot, (), Settings()), ContestOutcome(robot)
     rows, p = Mock(dynamics=compiled(robot)), prior_parameters(robot)
-    named, other = (Mock(spec=Contest, rows=rows, p=values) for values in (1.1 * p, p))
+    named, other = (
+        Mock(spec=Contest, rows=rows, p=values, noise=n)
+        for values, n in ((1.1 * p, 0.0), (p, noise))
+    )
     end, beside = (
         contest_stage._Sweeps(
             setup, outcome, last, last, p, (), frozenset(), "why" if name in refuted else "", False
@@ -243,10 +260,9 @@ def test_free_functions_stand_where_the_rows_are_more_probable_with_them(
         for name, last in (("named", named), ("free", other))
     )
     named.unexplained.return_value = free = (Mock(spec=Unexplained),)
-    named.prefers.side_effect = lambda *ends: prefers_named if ends == (named, other) else None
+    named.prefers.side_effect = lambda *ends: prefers_free if ends == (other, named) else None
     monkeypatch.setattr(contest_stage, "_sweeps", lambda bare, free: beside if free else None)
     result = contest_stage._beside_unexplained(setup, end)
-    stands = not prefers_named or refuted == ("named",)
     assert result.last is (other if stands else named)
     (move,) = (list(move.values()) for move in result.outcome.moves)
     assert move == pytest.approx(((0.1 if stands else -0.1) * p).tolist(), abs=1e-12)

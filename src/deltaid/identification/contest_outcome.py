@@ -32,10 +32,17 @@ SUSPECTED = "suspected"
 _SETTLED = 0.2
 
 
-def decided(before: ContestOutcome, last: Contest) -> ContestOutcome:
-    """The outcome of a reduced sweep: steps added to what had been applied."""
+def decided(before: ContestOutcome, last: Contest, *, may_wind_up: bool) -> ContestOutcome:
+    """The outcome of a reduced sweep: steps added to what had been applied.
+
+    Args:
+        may_wind_up: whether gears may become compliant. With compliant gears rows near brakes are
+            excluded, without which a compliance that those rows ask for can vanish.
+    """
     kept, values, deviations = last.shrunk.candidates, dict(before.values), {}
-    winds_up = last.shrunk.surprise(last.group(WIND_UP)) > SEEN
+    winds_up = (may_wind_up or before.winds_up) and (
+        last.shrunk.surprise(last.group(WIND_UP)) > SEEN
+    )
     exact = (*kept, WIND_UP) if winds_up else kept
     for unknown in UNKNOWNS:
         if not (unknown.corrects or unknown.name == WIND_UP):

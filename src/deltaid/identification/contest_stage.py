@@ -15,6 +15,7 @@ from deltaid.effects.along_motion import DriveSpring, platform_forces
 from deltaid.effects.point import Added, TracePoint, UnknownEffect, points_of
 from deltaid.errors import KinematicsError
 from deltaid.estimation.drive_rows import TraceRows
+from deltaid.estimation.scatter import NORMAL
 from deltaid.estimation.traces import Trace
 from deltaid.identification.contest import Contest, contest, start
 from deltaid.identification.contest_applied import with_effects, with_readings, without_contest
@@ -110,21 +111,24 @@ def contested(setup: Setup, progress: Progress) -> Setup:
 
 
 def _is_better(other: _Sweeps, end: _Sweeps) -> bool:
-    """Whether other sweeps are not refuted and leave no more noise, but for chance."""
-    spread = end.last.shrunk.noise_spread
-    return not other.why_not and other.last.noise < end.last.noise + spread
+    """Whether other sweeps are not refuted and leave no more noise, but for chance (95 %)."""
+    chance = NORMAL * end.last.shrunk.noise_spread
+    return not other.why_not and other.last.noise < end.last.noise + chance
 
 
 def _beside_unexplained(bare: Setup, end: _Sweeps) -> _Sweeps:
-    """Sweeps with free functions of the drives' torques, where the rows need these and are more
-    probable so; intervals count the other end."""
+    """Sweeps with free functions of the drives' torques, where the rows need these, are more
+    probable so and leave less noise, or the others alone are refuted; intervals count the other
+    end."""
     if not (free := end.full.unexplained()):
         return end
     beside = _sweeps(bare, free=free)
-    stands = beside.why_not or not end.why_not
-    if stands and end.full.prefers(end.last, beside.last):
-        return end.counting(beside)
-    return beside.counting(end)
+    if bool(end.why_not) == bool(beside.why_not):
+        leaves_less = beside.last.noise < end.last.noise
+        stands = leaves_less and end.full.prefers(beside.last, end.last)
+    else:
+        stands = not beside.why_not
+    return beside.counting(end) if stands else end.counting(beside)
 
 
 def _again(bare: Setup, parts: frozenset[str]) -> list[_Sweeps]:
@@ -161,7 +165,8 @@ def _sweeps(
         parts |= {u.name for u in UNKNOWNS if u.is_of_parts and u.name in last.shrunk.candidates}
         if undecided is None or sweep < _DECIDED:
             undecided = full.p - last.p
-        after, sweep, is_lost = decided(before, last).within_limits(), sweep + 1, False
+        after = decided(before, last, may_wind_up=sweep < _DECIDED).within_limits()
+        sweep, is_lost = sweep + 1, False
         if after.doubts != before.doubts:
             dismissed, sweep = (*dismissed, last.p - plain), 0  # others may take part instead
         elif sweep == _SWEEPS or is_settled(before, after):
