@@ -37,7 +37,7 @@ def test_sensors_say_what_the_package_says(name: str) -> None:
             along = [forces.index(n) for n in pair if n.endswith("elbow.x")]
             pull = data.sensor(f"strut{k + 1}_force").data[0]
             assert pull == pytest.approx(carried[i, along].sum(), rel=0.01, abs=0.05)
-        tool = "EE" if "EE" in chosen.robot.body_names else "P"
+        tool = chosen.robot.load_carrier
         pose = next(pose for pose in kinematics.poses(z[i]) if pose.name == tool)
         assert data.sensor("tool_position").data == pytest.approx(pose.r_WB, abs=1e-12)
 

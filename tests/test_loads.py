@@ -63,7 +63,7 @@ def table(
     motion = random_motion(dynamics.kinematics, rng, period=3.917)
     q, qd, qdd = dynamics.kinematics.drive_motion(*motion.evaluate(t))
     with_load = p.copy()
-    with_load[dynamics.layout.body("EE" if "EE" in dynamics.layout.bodies else "P")] += body()
+    with_load[dynamics.layout.body(dynamics.robot.load_carrier)] += body()
     state = {"cycles": np.sin(2 * np.pi * t / 1.37) > 0.2, "always": t >= 0, "never": t < 0}[held]
     bare, loaded = (dynamics.inverse_dynamics(q, qd, qdd, x) for x in (p, with_load))
     tau = np.where(state[:, None], loaded, bare) / gain

@@ -152,7 +152,7 @@ def along(name: str, rate: float, load: np.ndarray) -> np.ndarray:
     dynamics = compiled(load_robot(name))
     rest = dict.fromkeys(dynamics.robot.friction_joints, 1e-6)
     m = build_momentum(dynamics.robot, dynamics.kinematics.mechanism, rest)
-    body = dynamics.layout.body("EE" if "EE" in dynamics.layout.bodies else "P")
+    body = dynamics.layout.body(dynamics.robot.load_carrier)
     p, loaded = dynamics.p.copy(), dynamics.p.copy()
     p[dynamics.layout.friction] = loaded[dynamics.layout.friction] = 0.0
     loaded[body] += load

@@ -87,7 +87,7 @@ def as_payload(given: Payload | float | str | None) -> Payload | None:
 def loaded(robot: RobotDescription, p: Parameters, load: Float[np.ndarray, " 10"]) -> Parameters:
     """p of a robot with a load at its tool, whether its bodies are consistent or not."""
     layout, p = parameter_layout(robot), p.copy()
-    p[layout.body("EE" if "EE" in layout.bodies else "P")] += load
+    p[layout.body(robot.load_carrier)] += load
     return p
 
 

@@ -79,7 +79,8 @@ class LoadChange(DescribedEffect):
             (round(start, 3), round(end, 3))
             for start, end in zip(ends[::2], ends[1::2], strict=True)
         )
-        return Load(spans=spans, body=None if first.words in ("EE", "P") else first.words)
+        carrier = cause.fit.dynamics.robot.load_carrier
+        return Load(spans=spans, body=None if first.words == carrier else first.words)
 
     def proposals(self, cause: Cause, recording: PreparedRecording) -> tuple[Proposal, ...]:
         """Lines of a mapping that declare a load; none where it is not known when it is held."""

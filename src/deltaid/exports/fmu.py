@@ -100,11 +100,6 @@ class Variables:
         return replace(self, groups={**self.groups, "TIME": (time,)})
 
 
-def carrier(subject: Model) -> str:
-    """The body that holds a payload; empty where a user's mechanism has neither EE nor P."""
-    return next((name for name in ("EE", "P") if name in subject.layout.bodies), "")
-
-
 def _per_drive(
     subject: Model,
     name: str,
@@ -150,7 +145,7 @@ def forward_variables(subject: Model) -> Variables:
         for group, per, from_ in ((z, "/s", needs), (qd, "2", None))
     )
     q = _per_drive(subject, "q", "output", "coordinate of drive {}", needs=needs[: len(z)])
-    held = {"PAYLOAD": (payload,)} if carrier(subject) else {}
+    held = {"PAYLOAD": (payload,)} if subject.robot.load_carrier else {}
     of_motion = {"Z": z, "QD": qd, "DZ": dz, "DQD": dqd, "Q": q}
     tau = _per_drive(subject, "tau", "input", *_EFFORT, still)
     return Variables({"SPEED": (speed,), "TAU": tau, **held, **of_motion}, 2 * len(z))
@@ -312,7 +307,7 @@ def _sources(
 def _functions(subject: Model, table: ParameterTable) -> dict[str, str]:
     """ż, accelerations, and the functions of `ForwardDynamics.step`, as C text."""
     e, forward, payload = subject.dynamics.equations, subject.forward, list[Array]()
-    if name := carrier(subject):  # a mass at the origin of EE or P
+    if name := subject.robot.load_carrier:  # a mass at its origin
         p, mass = ca.SX(table.p), ca.SX.sym("payload")
         p[subject.layout.body(name).start] += mass
         table, payload = replace(table, p=p), [Array("payload", mass)]

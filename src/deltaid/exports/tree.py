@@ -122,6 +122,7 @@ class Tree:
         bodies: parents before children.
         cuts, couplings: what closes the loops.
         struts: to draw.
+        tool_body: what carries the tool.
         coordinates: of every joint, by name, as functions of z in the closed robot.
         z: their symbols.
     """
@@ -130,6 +131,7 @@ class Tree:
     cuts: tuple[LoopCut, ...]
     couplings: tuple[Coupling, ...]
     struts: tuple[TreeStrut, ...]
+    tool_body: str
     coordinates: Mapping[str, ca.SX]
     z: ca.SX
 
@@ -137,11 +139,6 @@ class Tree:
         """Coordinates of all joints at one pose."""
         values = ca.Function("x", [self.z], [ca.vertcat(*self.coordinates.values())])(z)
         return dict(zip(self.coordinates, np.asarray(values).ravel().tolist(), strict=True))
-
-    @property
-    def tool_body(self) -> str:
-        """The body that carries the tool."""
-        return next((body.name for body in self.bodies if body.name == "EE"), "P")
 
 
 Part = TreeBody | LoopCut | Coupling | TreeStrut
@@ -165,6 +162,7 @@ def spanning_tree(subject: Model) -> Tree:
         cuts=tuple(part for part in parts if isinstance(part, LoopCut)),
         couplings=tuple(part for part in parts if isinstance(part, Coupling)),
         struts=tuple(part for part in parts if isinstance(part, TreeStrut)),
+        tool_body=robot.load_carrier,
         coordinates=coordinates,
         z=mechanism.z,
     )

@@ -205,7 +205,7 @@ def unknowns_of(merging: Merging) -> FrictionUnknowns:
         k = layout.names.index(term.name)
         if term.joint in robot.drives and k in place:
             rows.append((term.name, robot.drives.index(term.joint), term.unit, place[k]))
-    if (carrier := _carrier(merging)) is not None:
+    if carrier := robot.load_carrier:
         for symbol in _HELD_SYMBOLS:
             k = layout.names.index(f"{carrier}.{symbol}")
             if k in place:
@@ -213,11 +213,6 @@ def unknowns_of(merging: Merging) -> FrictionUnknowns:
     rows += [(entry.name, -1, "", place[k]) for *_, k, entry in _of_loads(merging) if k in place]
     names, drives, units, at = zip(*rows, strict=True) if rows else ((), (), (), ())
     return FrictionUnknowns(names, np.array(drives, dtype=int), units, np.array(at, dtype=int))
-
-
-def _carrier(merging: Merging) -> str | None:
-    bodies = merging.dynamics.layout.bodies
-    return next((name for name in ("EE", "P") if name in bodies), None)
 
 
 def _of_loads(merging: Merging) -> Iterator[tuple[LoadColumns, int, int, PriorParameter]]:
@@ -234,7 +229,7 @@ def _prior(
 ) -> tuple[Float[np.ndarray, " unknowns"], Float[np.ndarray, " unknowns"]]:
     """Prior mean and precision of loads; zero precision for friction."""
     known, priors = {load.name: load.parameters for load in model.loads}, dict[str, Prior]()
-    if (carrier := _carrier(merging)) is not None:
+    if carrier := merging.dynamics.robot.load_carrier:
         mass = _HELD * abs(model.value(f"{carrier}.m")) + 1e-3
         for symbol, arm in _HELD_SYMBOLS.items():
             priors[f"held.{symbol}"] = (0.0, (mass * arm) ** -2)

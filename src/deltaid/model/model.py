@@ -167,7 +167,7 @@ class Model(Shown, Plotted, Tabled, Reported):
             body, ten = known[load].body, known[load].p
         else:
             ten = load
-        carrier = body or ("EE" if "EE" in self.layout.bodies else "P")
+        carrier = body or self.robot.load_carrier
         if carrier not in self.layout.bodies:
             raise DescriptionError(
                 f"has no body {body}" if body else "has no body EE or P that would carry a load",

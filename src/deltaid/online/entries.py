@@ -129,7 +129,7 @@ def load_entries(dynamics: Dynamics, body: str | None = None) -> LoadEntries:
         DescriptionError: the robot has no such body, or it must be named.
     """
     bodies = dynamics.layout.bodies
-    chosen = body or next((name for name in ("EE", "P") if name in bodies), "")
+    chosen = body or dynamics.robot.load_carrier
     if chosen not in bodies:
         raise DescriptionError(
             f"has no body {body}" if body else "does not say which body carries a load",

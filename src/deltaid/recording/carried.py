@@ -128,12 +128,9 @@ def carrier(load: Load, robot: RobotDescription) -> str:
     Raises:
         RecordingError: the robot has no such body, or none is named and there is no EE or P.
     """
-    if load.body is None:
-        last = next((name for name in ("EE", "P") if name in robot.body_names), None)
-        if last is not None:
-            return last
-    elif load.body in robot.body_names:
-        return load.body
+    name = load.body or robot.load_carrier
+    if name in robot.body_names:
+        return name
     what = f"{load.body} is no body of the robot" if load.body else "it does not say what carries"
     raise RecordingError(
         f"load {load.name}: {what}",

@@ -150,6 +150,12 @@ class RobotDescription(Shown, Plotted, Reported, Part):
             *(TELESCOPE_BODIES if self.telescope else ()),
         )
 
+    @property
+    def load_carrier(self) -> str:
+        """The body that carries a load: EE, or P where there is no EE; empty where a user's
+        mechanism has neither."""
+        return next((name for name in ("EE", "P") if name in self.body_names), "")
+
     def limb_bodies(self, limb: int) -> tuple[str, str]:
         """Names of the driven body and the strut of limb 0, 1, …"""
         own = "" if self.limbs is None or self.limbs.identical else str(limb + 1)
