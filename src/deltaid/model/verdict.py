@@ -124,7 +124,10 @@ def worst(verdicts: Iterable[Verdict]) -> Grade:
 
 
 def percent(share: float) -> str:
-    """A share in per cent: two significant digits, or all before the decimal point."""
+    """A share in per cent for sentences: two significant digits, or all before the decimal point.
+
+    `view.numbers.percent` keeps trailing zeros, which tables and figures show as significant.
+    """
     number = 100 * share
     return f"{number:.0f} %" if abs(number) >= 9.95 else f"{number:.2g} %"
 
