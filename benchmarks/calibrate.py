@@ -26,7 +26,7 @@ from _timing import options
 
 import deltaid
 from deltaid.calibration.outlook import drawn
-from deltaid.view.numbers import WIDTH
+from deltaid.estimation.scatter import NORMAL
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests"))
 from oracle.measured_delta import DRAWINGS, THREE, TOOL, Drawing, built, shape_error
@@ -138,7 +138,7 @@ def row(name: str, kinematics: deltaid.Kinematics, drawing: Drawing, machines: i
         predicted.append(found.after.position)
         expected = study.machine.numbers()
         holds += [
-            abs(value - expected[number]) < WIDTH * std
+            abs(value - expected[number]) < NORMAL * std
             for number, value, std in zip(found.names, found.values, found.std, strict=True)
         ]
         unknown = len(found.names) + sum(len(x.instrument.unknowns) for x in found.fit.readings)

@@ -10,9 +10,10 @@ from deltaid.calibration.calibrate import Calibration
 from deltaid.calibration.outlook import NextReadings
 from deltaid.calibration.readings import KINDS
 from deltaid.calibration.unknowns import TOOL, WORDS
+from deltaid.estimation.scatter import NORMAL
 from deltaid.view import style
 from deltaid.view.drawing import drawing
-from deltaid.view.numbers import FEW, WIDTH, percent, with_uncertainty
+from deltaid.view.numbers import FEW, percent, with_uncertainty
 from deltaid.view.page import Fact, Figure, Page, Section, Summary, Table, Text, Trust
 from deltaid.view.show import Card
 
@@ -81,7 +82,7 @@ def number_table(calibration: Calibration) -> Table:
             for name in (tools if kind in tools else [kind])
             for k in calibration.known.of_kind(name)
         ]
-        values = (1e3 * np.array([calibration.values[at], WIDTH * calibration.std[at]])).T.tolist()
+        values = (1e3 * np.array([calibration.values[at], NORMAL * calibration.std[at]])).T.tolist()
         cells = ["±".join(filter(None, with_uncertainty(*both))) for both in values]
         decided = calibration.sources[int(np.argmax(calibration.shares[:, at].sum(axis=1)))]
         label = "tool x, y, z" if kind in tools else WORDS[kind]

@@ -7,7 +7,7 @@ from deltaid.model.parameter_record import AdditionKind, FrictionChoice, Frictio
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.friction_terms import law_in_words
 from deltaid.robot.inertia import MOMENTS_OF_INERTIA
-from deltaid.view.numbers import WIDTH, measured, number, percent, span, with_uncertainty
+from deltaid.view.numbers import measured, number, percent, span, with_uncertainty
 from deltaid.view.page import Table
 
 if TYPE_CHECKING:  # `deltaid base` prints a table without loading what reads recordings
@@ -88,7 +88,9 @@ def value_and_width(parameter: "Parameter") -> tuple[str, str]:
         bound = "≥ " if parameter.determined_by == "consistency" else ""
         return bound + number(parameter.value), _prior_width(parameter)
     if parameter.high is None or parameter.low is None:  # in a model of an earlier version
-        return with_uncertainty(parameter.value, WIDTH * parameter.std)
+        from deltaid.estimation.scatter import NORMAL
+
+        return with_uncertainty(parameter.value, NORMAL * parameter.std)
     up, down = parameter.high - parameter.value, parameter.value - parameter.low
     known = parameter.determined_by in ("data", "measured")
     if known and max(up, down) < _LOPSIDED * min(up, down):

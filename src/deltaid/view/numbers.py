@@ -1,14 +1,11 @@
 """Numbers as text for people, in the terminal and in reports."""
 
 import math
-from statistics import NormalDist
 
 _WORDS = (
     "no", "one", "two", "three", "four", "five", "six", "seven", "eight", "nine", "ten", "eleven",
     "twelve",
 )  # fmt: skip
-# Half the 95 % interval of a normal distribution, in standard deviations.
-WIDTH = NormalDist().inv_cdf(0.975)
 # Names that a line lists before it counts the rest.
 FEW = 3
 # Range of numbers without a power of ten.

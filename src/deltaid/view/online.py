@@ -8,11 +8,12 @@ import numpy as np
 import plotly.graph_objects as go
 import polars as pl
 
+from deltaid.estimation.scatter import NORMAL
 from deltaid.online.events import WeighedLoad
 from deltaid.online.watch import Watched
 from deltaid.view import style
 from deltaid.view.comparison import POINTS, peak_rows
-from deltaid.view.numbers import WIDTH, number
+from deltaid.view.numbers import number
 from deltaid.view.page import Fact, Figure, Page, Section, Summary, Table, Text, Trust
 
 _UNTOLD = (
@@ -200,7 +201,7 @@ def friction_table(watched: Watched) -> Table:
                 term.name,
                 number(term.before, 3),
                 number(term.value, 3),
-                f"± {number(WIDTH * term.std, 2)}",
+                f"± {number(NORMAL * term.std, 2)}",
                 term.unit,
             )
             for term in watched.friction

@@ -9,12 +9,13 @@ from jaxtyping import Float
 from scipy.linalg import solve_triangular
 
 from deltaid.estimation.information import triangle
+from deltaid.estimation.scatter import NORMAL
 from deltaid.identification.identify import Identification
 from deltaid.model.parameter_record import Parameter, Share
 from deltaid.model.record import IdentifiedModel
 from deltaid.view import style
 from deltaid.view.model_tables import MEASURED, base_table, parameter_table
-from deltaid.view.numbers import WIDTH, number
+from deltaid.view.numbers import number
 from deltaid.view.page import Figure, Section, Table, Text
 
 _FAR = 300.0  # largest shown difference from the prior [%], as larger ones would flatten all others
@@ -118,7 +119,7 @@ def _reach(parameter: Parameter) -> tuple[float, float]:
     """Extent of the interval down and up [% of the prior]; zero where data did not decide."""
     if parameter.determined_by not in MEASURED:
         return 0.0, 0.0
-    half, share = WIDTH * parameter.std, 100 / abs(parameter.prior)
+    half, share = NORMAL * parameter.std, 100 / abs(parameter.prior)
     # Models of earlier versions have a standard deviation only.
     if parameter.low is None or parameter.high is None:
         return share * half, share * half

@@ -5,11 +5,12 @@ from typing import Any
 
 import polars as pl
 
+from deltaid.estimation.scatter import NORMAL
 from deltaid.fleets.drift_evidence import MONTH
 from deltaid.fleets.site.parts import Data, Panel, dates, numbers
 from deltaid.fleets.site.state import Row
 from deltaid.view import style
-from deltaid.view.numbers import WIDTH, number
+from deltaid.view.numbers import number
 
 # The quantity with findings of drift.
 MAIN = "friction"
@@ -39,7 +40,7 @@ def friction_panel(title: str, seen: pl.DataFrame, drift: Row | None) -> Panel:
         }
         traces, value = [_dots(seen, "value", "as recorded") | faint], "cooled"
         name = f"{_NAME}, at one temperature"
-    half = numbers(WIDTH * seen["std"].fill_null(0.0))
+    half = numbers(NORMAL * seen["std"].fill_null(0.0))
     error = {"type": "data", "array": half, "width": 0, "thickness": 1}
     traces.append(_dots(seen, value, name) | {"error_y": error})
     if drift is None:

@@ -10,8 +10,9 @@ from typing import Any
 
 import polars as pl
 
+from deltaid.estimation.scatter import NORMAL
 from deltaid.fleets.belonging import LEAST
-from deltaid.view.numbers import WIDTH, percent
+from deltaid.view.numbers import percent
 
 Row = Mapping[str, Any]
 Tables = Mapping[str, pl.DataFrame]
@@ -200,7 +201,7 @@ def _gains(parameters: pl.DataFrame) -> list[Concern]:
     against those of most drives."""
     gains = parameters.filter(pl.col("parameter").str.starts_with(_GAIN))
     logs, stds = gains["value"].log(), gains["std"] / gains["value"]
-    is_ratio = len(gains) > 1 and abs(float(logs.sum())) <= WIDTH * float(stds.sum())
+    is_ratio = len(gains) > 1 and abs(float(logs.sum())) <= NORMAL * float(stds.sum())
     usual = median(gains["value"].to_list() or [1.0]) if is_ratio else 1.0
     against = ", against other drives" if is_ratio else ""
     return [
