@@ -190,9 +190,12 @@ def shortened(text: str) -> str:
     return _LONG_WORD.sub(lambda word: quoted(word[0]), text)
 
 
-def visible(text: str) -> str:
+def visible(text: str, kept: str = "\n" + _SPACES) -> str:
     """Text with a question mark for every character that would command a terminal or a printer.
 
     Names in files may hold escape sequences, or signs that turn the direction of what follows.
+
+    Args:
+        kept: characters that stay although they do not print; none in what has to be one line.
     """
-    return "".join(c if c.isprintable() or c == "\n" or c in _SPACES else "?" for c in text)
+    return "".join(c if c.isprintable() or c in kept else "?" for c in text)

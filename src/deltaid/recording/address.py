@@ -9,7 +9,7 @@ import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from deltaid.errors import RecordingError, quoted
+from deltaid.errors import RecordingError, quoted, visible
 
 _INDEXED = re.compile(r"(?s)(?P<base>.+)\[(?P<inner>[^\[\]]*)\]")
 
@@ -46,7 +46,7 @@ class RecordedField:
         return tuple(axis for axis, size in enumerate(self.shape) if size != 1)
 
     def __str__(self) -> str:
-        shown = printable(self.name[:41])
+        shown = visible(self.name[:41], kept="")
         name = shown if len(shown) <= 40 else f"{shown[:37]}…"
         if self.holds:
             return f"{name} ({self.holds})"
@@ -73,11 +73,6 @@ class Pick:
     @property
     def samples(self) -> int | None:
         return self.field.shape[self.axis]
-
-
-def printable(text: str) -> str:
-    """Text of a file for a line of a message."""
-    return "".join(c if c.isprintable() else "?" for c in text)
 
 
 def find(fields: Sequence[RecordedField], address: str) -> tuple[RecordedField, str] | None:

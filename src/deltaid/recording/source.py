@@ -21,8 +21,8 @@ from typing import TYPE_CHECKING, Any, cast
 import numpy as np
 import polars as pl
 
-from deltaid.errors import Doubt, RecordingError, quoted
-from deltaid.recording.address import Pick, RecordedField, locate, printable
+from deltaid.errors import Doubt, RecordingError, quoted, visible
+from deltaid.recording.address import Pick, RecordedField, locate
 
 Column = pl.Series | np.ndarray
 # Rows of a batch.
@@ -130,7 +130,7 @@ class LogTable(ABC):
 
     def bad_value(self, column: str, written: object, place: str) -> RecordingError:
         """Error of a field that is no finite number."""
-        text = "" if written is None else printable(str(written))
+        text = "" if written is None else visible(str(written), kept="")
         what = f"is '{text[:40]}', not a finite number" if text else "is empty"
         return RecordingError(f"column {quoted(column)} {what}", where=place, cure=self.cure(text))
 

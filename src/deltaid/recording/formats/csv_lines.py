@@ -14,8 +14,7 @@ import numpy as np
 import polars as pl
 from jaxtyping import Int
 
-from deltaid.errors import Doubt, RecordingError
-from deltaid.recording.address import printable
+from deltaid.errors import Doubt, RecordingError, visible
 from deltaid.recording.source import content, skip
 from deltaid.recording.time.counts import is_clock
 
@@ -163,7 +162,7 @@ def find_end(file: io.BufferedReader, data_start: int, separator: str) -> tuple[
         if not start or not is_text:
             break
         stop, tag = start, line
-    return size - len(tail) + stop, printable(tag[:40]), tail[-1:]
+    return size - len(tail) + stop, visible(tag[:40], kept=""), tail[-1:]
 
 
 def is_marked_row(line: bytes, separator: str, columns: int) -> bool:
