@@ -105,7 +105,7 @@ def test_torque_limits_are_those_of_the_dynamics(exciters) -> None:
     assert np.allclose(u[moving], expected[moving], atol=0.02)  # the sign of friction is smooth
 
 
-@pytest.mark.parametrize("seed", swept(range(4), 0, 1))  # more: benchmarks/limits_held.py
+@pytest.mark.parametrize("seed", swept(range(4), 0, 1))
 def test_limits_hold_on_a_grid_ten_times_finer(exciters, seed: int) -> None:
     exciter = exciters["clavel-delta3" if seed % 2 else "irb360-6-1600"]
     problem = exciter.problem

@@ -37,7 +37,7 @@ def test_limits_that_fight_are_named() -> None:
     torque=st.floats(40, 200),
 )
 @example(radius=0.157493889294181, speed=2.8159673209, acceleration=40.044, swing=15, torque=40)
-@settings(max_examples=1, deadline=None)  # more of them: benchmarks/limits_held.py
+@settings(max_examples=1, deadline=None)
 def test_any_limits_are_kept_or_refused(radius, speed, acceleration, swing, torque) -> None:
     robot = changed(
         load_robot("clavel-delta3"),
