@@ -16,6 +16,7 @@ import deltaid
 import plants
 from deltaid.motion.random_motion import random_motion
 from deltaid.robot.description import RobotDescription
+from logs import tabled
 from measured_poses import real, spans, touched, tracked
 from oracle.composed import ComposedOracle
 from oracle.limb import LimbShape
@@ -205,7 +206,4 @@ def machine(
     white[1:] *= np.sqrt(1 - colour**2)
     error = lfilter([1.0], [1.0, -colour], white, axis=0)
     tau = truth.tau + noise * np.abs(truth.tau).max(axis=0) * error
-    columns = {"t": truth.time}
-    for key, values in (("q", q), ("tau", tau)):
-        columns |= {f"{key}{i + 1}": column for i, column in enumerate(values.T)}
-    return Machine(robot, delta, p, pl.DataFrame(columns), rng)
+    return Machine(robot, delta, p, tabled(t=truth.time, q=q, tau=tau), rng)

@@ -19,6 +19,7 @@ from deltaid.motion.random_motion import random_motion
 from deltaid.motion.surrogate import SensorNoise, simulate_recording, surrogate_parameters
 from deltaid.online.watch import Watched
 from deltaid.robot.load import load_robot
+from logs import tabled
 
 RATE, NOISE = 1000.0, 0.02
 MASS, CENTRE = 0.8, (0.0, 0.0, -0.04)
@@ -63,9 +64,7 @@ def picked() -> Picked:
                 tau[k] -= np.linalg.solve(J[k].T, np.array(size))
             else:
                 tau[k, drive] -= size[0]
-    columns = {"t": time} | {f"q{i + 1}": x for i, x in enumerate(q.T)}
-    columns |= {f"tau{i + 1}": x for i, x in enumerate((tau + noise).T)}
-    return Picked(model, pl.DataFrame(columns | {"gripper": held.astype(int)}))
+    return Picked(model, tabled(t=time, q=q, tau=tau + noise, gripper=held.astype(int)))
 
 
 def assert_as_it_was(found: Watched) -> None:

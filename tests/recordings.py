@@ -5,12 +5,12 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-import polars as pl
 
 from deltaid.dynamics.dynamics import Dynamics
 from deltaid.motion.random_motion import random_motion
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.load import load_robot
+from logs import tabled, write
 from oracle.delta import Body, DeltaOracle
 from plants import bodies_of, rotors_of
 
@@ -110,10 +110,7 @@ def record(
     z, zd, zdd = motion.evaluate(time)
     q, qd, qdd = kinematics.drive_motion(z, zd, zdd)
     tau = oracle.inverse_dynamics(q, qd, qdd)
-    columns = {"t": time}
-    for name, values in (("q", q), ("qd", qd), ("qdd", qdd), ("tau", tau)):
-        columns |= {f"{name}{i + 1}": values[:, i] for i in range(values.shape[1])}
-    pl.DataFrame(columns).write_csv(path)
+    write(path, tabled(t=time, q=q, qd=qd, qdd=qdd, tau=tau))
     return z
 
 
@@ -152,11 +149,7 @@ class OracleMotion:
         return self._write(path, q=_STEP * np.round(self.q / _STEP), tau=tau)
 
     def _write(self, path: Path, **quantities: np.ndarray) -> Path:
-        columns = {"t": self.time}
-        for name, values in quantities.items():
-            columns |= {f"{name}{i + 1}": column for i, column in enumerate(values.T)}
-        pl.DataFrame(columns).write_csv(path)
-        return path
+        return write(path, tabled(t=self.time, **quantities))
 
 
 def oracle_motion(oracle: DeltaOracle, rng: np.random.Generator, rate: float) -> OracleMotion:

@@ -23,6 +23,7 @@ from deltaid.recording.recording import open_recordings
 from deltaid.recording.repairs import Gears, Repairs
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.load import load_robot
+from logs import tabled
 
 RATE = 1000.0
 STIFFNESS = np.array([4e3, 6e3, 5e3])
@@ -53,10 +54,7 @@ def wound(share: float = 1.0, noise: float = 0.01) -> tuple[Dynamics, np.ndarray
     inner, size = slice(500, -500), np.abs(tau).max(axis=0)
     steps = 1e-6 * np.round(1e6 * (q + ahead))
     tau = tau + noise * size * rng.standard_normal(tau.shape)
-    columns = {"t": time[inner]}
-    for name, values in (("q", steps), ("tau", tau), ("link", q)):
-        columns |= {f"{name}{i + 1}": x[inner] for i, x in enumerate(values.T)}
-    return dynamics, p, pl.DataFrame(columns)
+    return dynamics, p, tabled(t=time[inner], q=steps[inner], tau=tau[inner], link=q[inner])
 
 
 @cache
@@ -227,7 +225,7 @@ def test_a_law_that_is_missing_is_no_compliance() -> None:
     knee = 0.05 * np.abs(speed).max(axis=0)
     more = coulomb * (0.4 * np.exp(-((speed / knee) ** 2)) * np.sign(speed) + 0.1 * np.abs(speed))
     tau = table.select("tau1", "tau2", "tau3").to_numpy() + more
-    log = table.with_columns(pl.Series(f"tau{i + 1}", x) for i, x in enumerate(tau.T))
+    log = table.with_columns(tabled(tau=tau))
     assert not at_stage(dynamics.robot, log, Settings()).corrections
 
 

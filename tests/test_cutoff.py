@@ -19,7 +19,7 @@ from deltaid.recording.opening import open_log
 from deltaid.recording.recording import with_filter
 from deltaid.recording.spectrum import apply, spectrum_of
 from deltaid.robot.load import load_robot
-from logs import names
+from logs import names, tabled
 
 RATE = 500.0
 
@@ -111,10 +111,7 @@ def with_play() -> tuple[Dynamics, np.ndarray, pl.DataFrame]:
     tau = dynamics.torque(z, qd, qdd, p)
     size = np.abs(tau).max(axis=0)
     q = q + 0.5 * np.deg2rad(0.05) * np.tanh(link / (0.02 * size)) + noise[1]
-    columns = {"t": time}
-    for name, values in (("q", q), ("tau", tau + size * noise[0])):
-        columns |= {f"{name}{i + 1}": x for i, x in enumerate(values.T)}
-    return dynamics, p, pl.DataFrame(columns)
+    return dynamics, p, tabled(t=time, q=q, tau=tau + size * noise[0])
 
 
 @cache

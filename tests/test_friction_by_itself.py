@@ -35,6 +35,7 @@ from deltaid.robot.friction import Friction, HessSoom, PowerLaw, Stribeck
 from deltaid.robot.friction_terms import friction_terms
 from deltaid.robot.load import load_robot
 from deltaid.robot.parameter import TURNING
+from logs import tabled
 
 ROBOT, SECONDS, RATE = "clavel-delta3", 10.0, 1000.0
 STRIBECK = Stribeck(coefficient=1.6, speed=0.4, exponent=2.0)
@@ -72,8 +73,7 @@ def recorded(
         tau += warm(time)[:, None] * (tau - dynamics.torque(z, qd, qdd, without))
     tau += 0.02 * np.abs(tau).max(axis=0) * rng.standard_normal(tau.shape)
     q = 1e-6 * np.round(dynamics.kinematics.drive_motion(*motion.evaluate(time))[0] / 1e-6)
-    columns = {"t": time} | {f"q{i + 1}": x for i, x in enumerate(q.T)}
-    return pl.DataFrame(columns | {f"tau{i + 1}": x for i, x in enumerate(tau.T)})
+    return tabled(t=time, q=q, tau=tau)
 
 
 def curve(law: Friction, v: np.ndarray) -> np.ndarray:

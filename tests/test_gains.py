@@ -28,6 +28,7 @@ from deltaid.recording.repairs import LeftSpan, Repairs
 from deltaid.recording.windows import SampleBlock
 from deltaid.robot.load import load_robot
 from deltaid.robot.parameter import PriorParameter
+from logs import tabled
 from sweeps import swept
 
 RATE, DURATION, NOISE, MASS = 500.0, 16.0, 0.02, 1.0
@@ -89,8 +90,7 @@ def table(
     tau = dynamics.inverse_dynamics(q, qd, qdd, p) / gain
     tau += noise * np.abs(tau).max(axis=0) * rng.standard_normal(tau.shape)
     tau[:, 1] += hum * np.sin(HUM * t)
-    columns = {"t": t} | {f"q{i + 1}": x for i, x in enumerate(q.T)}
-    return pl.DataFrame(columns | {f"tau{i + 1}": x for i, x in enumerate(tau.T)})
+    return tabled(t=t, q=q, tau=tau)
 
 
 def setup(gain: np.ndarray, seed: int = 1) -> Setup:

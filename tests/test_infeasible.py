@@ -5,7 +5,6 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-import polars as pl
 import pytest
 
 from command import accepted, run
@@ -18,6 +17,7 @@ from deltaid.motion.fourier import FourierMotion
 from deltaid.motion.random_motion import random_motion, tamed
 from deltaid.motion.surrogate import surrogate_parameters
 from deltaid.view.tracking import comparison_page, infeasible_lines
+from logs import tabled, write
 from sweeps import slow
 
 TELESCOPE = "irb360-6-1600"
@@ -165,12 +165,8 @@ def test_a_comparison_praises_nobody_on_a_motion_that_cannot_be_run(
 
 
 def write_motion(model: Model, time: np.ndarray, moved: tuple[np.ndarray, ...], path: Path) -> None:
-    q = model.dynamics.kinematics.drive_motion(*moved)
-    named = {
-        f"{name}{i + 1}": x[:, i] for name, x in zip(("q", "qd", "qdd"), q, strict=True)
-        for i in range(model.dynamics.dof)
-    }  # fmt: skip
-    pl.DataFrame({"t": time} | named).write_csv(path)
+    q, qd, qdd = model.dynamics.kinematics.drive_motion(*moved)
+    write(path, tabled(t=time, q=q, qd=qd, qdd=qdd))
 
 
 def test_simulate_says_in_red_what_cannot_be_run(

@@ -22,6 +22,7 @@ from deltaid.recording.delay import Shift, delayed
 from deltaid.recording.opening import open_log
 from deltaid.recording.recording import with_filter
 from deltaid.robot.load import load_robot
+from logs import tabled
 
 RATE, DURATION = 500.0, 12.0
 
@@ -47,9 +48,7 @@ def frame(late: np.ndarray, noise: float = 0.02, rate: float = RATE) -> pl.DataF
     tau = np.stack([at(t - lag)[1][:, i] for i, lag in enumerate(late)], axis=1)
     rng = np.random.default_rng(3)
     tau += noise * np.abs(tau).max(axis=0) * rng.standard_normal(tau.shape)
-    columns = {"t": t}
-    columns |= {f"q{i + 1}": 1e-6 * np.round(1e6 * x) for i, x in enumerate(q.T)}
-    return pl.DataFrame(columns | {f"tau{i + 1}": x for i, x in enumerate(tau.T)})
+    return tabled(t=t, q=1e-6 * np.round(1e6 * q), tau=tau)
 
 
 def traced(table: pl.DataFrame) -> Trace:

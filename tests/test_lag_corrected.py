@@ -30,6 +30,7 @@ from deltaid.recording.opening import open_log
 from deltaid.recording.recording import open_recordings
 from deltaid.recording.repairs import LeftSpan
 from deltaid.robot.load import load_robot
+from logs import tabled
 
 RATE, DURATION, NOISE = 500.0, 9.0, 0.01
 PLAIN = Settings(events=False, friction="described", effects="none")
@@ -80,10 +81,8 @@ def recorded(
     else:
         tau = np.column_stack([at(t - delay)[2][:, i] for i, delay in enumerate(delays)])
     tau = tau + NOISE * np.abs(tau).max(axis=0) * rng.standard_normal(tau.shape)
-    columns = {"t": t} | {f"q{i + 1}": 1e-6 * np.round(1e6 * x) for i, x in enumerate(q.T)}
-    if velocity is not None:
-        columns |= {f"qd{i + 1}": x for i, x in enumerate(at(t - velocity)[1].T)}
-    return pl.DataFrame(columns | {f"tau{i + 1}": x for i, x in enumerate(tau.T)})
+    rates = {} if velocity is None else {"qd": at(t - velocity)[1]}
+    return tabled(t=t, q=1e-6 * np.round(1e6 * q), **rates, tau=tau)
 
 
 def estimated(*tables: pl.DataFrame, name: str = "clavel-delta3") -> Lags:

@@ -3,7 +3,6 @@
 from functools import cache
 
 import numpy as np
-import polars as pl
 import pytest
 from scipy.signal import lfilter
 
@@ -17,6 +16,7 @@ from deltaid.motion.random_motion import random_motion
 from deltaid.recording.opening import open_log
 from deltaid.recording.recording import with_filter
 from deltaid.robot.load import load_robot
+from logs import tabled
 
 RATE, NOTHING = 250.0, np.full(3, np.inf)
 
@@ -36,9 +36,7 @@ def recording(dead: float = 2e-3, constant: float = 0.0) -> Trace:
         a = np.exp(-1 / (RATE * every * constant))
         tau = lfilter([1 - a], [1, -a], tau, axis=0)[::every]
     tau = tau + 0.02 * rng.standard_normal(q.shape)
-    columns = {"t": t} | {f"q{i + 1}": x for i, x in enumerate(q.T)}
-    table = pl.DataFrame(columns | {f"tau{i + 1}": x for i, x in enumerate(tau.T)})
-    one = with_filter(open_log(table, dynamics.kinematics), 12.0)
+    one = with_filter(open_log(tabled(t=t, q=q, tau=tau), dynamics.kinematics), 12.0)
     load = prior_parameters(dynamics.robot)
     return trace(dynamics, one, load, cutoff=12.0)
 

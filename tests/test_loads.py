@@ -28,6 +28,7 @@ from deltaid.recording.recording import open_recordings
 from deltaid.robot.body import InertiaTensor
 from deltaid.robot.inertia import consistency
 from deltaid.robot.load import load_robot
+from logs import tabled
 from sweeps import swept
 
 RATE, DURATION, NOISE = 250.0, 10.0, 0.005
@@ -69,9 +70,7 @@ def table(
     tau = np.where(state[:, None], loaded, bare) / gain
     tau += noise * np.abs(tau).max(axis=0) * rng.standard_normal(tau.shape)
     tau = np.roll(tau, late, axis=0)
-    columns = {"t": t} | {f"q{i + 1}": x for i, x in enumerate(q.T)}
-    columns |= {f"tau{i + 1}": x for i, x in enumerate(tau.T)} | {"gripper": state.astype(float)}
-    return pl.DataFrame(columns)[20:-20]
+    return tabled(t=t, q=q, tau=tau, gripper=state.astype(float))[20:-20]
 
 
 def mass_error(model: IdentifiedModel, name: str = "irb360-6-1600") -> float:

@@ -7,7 +7,6 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-import polars as pl
 import pytest
 
 from composed import Make, dynamics, turn, twin
@@ -20,6 +19,7 @@ from deltaid.recording.reach import BranchCheck, Stretch
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.limits import Box
 from deltaid.robot.load import load_robot
+from logs import tabled
 
 MAKES = {
     "h4": Make("h4", unequal=True),
@@ -155,9 +155,7 @@ def par4() -> Kinematics:
 def written(time: np.ndarray, q: np.ndarray, folder: Path) -> Path:
     """A log with these drive positions."""
     tau = np.ones_like(q) * np.sin(time)[:, None]
-    columns = {"t": time} | {f"q{i + 1}": q[:, i] for i in range(4)}
-    columns |= {f"tau{i + 1}": tau[:, i] for i in range(4)}
-    write_recording(pl.DataFrame(columns), folder / "log.csv")
+    write_recording(tabled(t=time, q=q, tau=tau), folder / "log.csv")
     return folder / "log.csv"
 
 

@@ -6,7 +6,6 @@ from dataclasses import replace
 from functools import cache
 
 import numpy as np
-import polars as pl
 import pytest
 
 from deltaid.checks.evidence import evidence, with_fit
@@ -16,6 +15,7 @@ from deltaid.model.settings import Settings
 from deltaid.model.verdict import Grade, Verdict
 from deltaid.recording.recording import PreparedRecording
 from deltaid.robot.load import load_robot
+from logs import tabled
 from sweeps import swept
 from test_lag import DURATION, RATE, frame, moving
 
@@ -38,7 +38,7 @@ def said(added: Added | None = None, late: float = 0.0, noise: float = 0.01) -> 
         t, _, q, qd, _ = truth()
         tau = table.select(["tau1", "tau2", "tau3"]).to_numpy()
         more = tau + added(t, q, qd, tau)
-        table = table.with_columns(*(pl.Series(f"tau{i + 1}", x) for i, x in enumerate(more.T)))
+        table = table.with_columns(tabled(tau=more))
     verdicts = list(checked_residual(evidence(load_robot("clavel-delta3"), table)))
     assert len({v.key for v in verdicts}) == len(verdicts)
     return {v.key: v for v in verdicts}

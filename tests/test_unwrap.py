@@ -15,7 +15,7 @@ from deltaid.recording.opening import open_log
 from deltaid.recording.time.counts import Unwrapper, _numbers
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.load import load_robot
-from logs import read, recorded, write
+from logs import read, recorded, tabled, write
 
 TURN, BITS = 360.0, 2.0**16
 
@@ -199,10 +199,8 @@ def test_an_encoder_that_counts_whole_turns_more_is_read_the_same(name: str) -> 
 def test_a_log_is_read_with_any_count_of_turns(tmp_path: Path) -> None:
     kinematics = compiled(turned((150.0, 230.0))).kinematics
     motion, time = random_motion(kinematics, np.random.default_rng(0)), np.arange(400) / 1000
-    moved = zip(("q", "qd", "qdd"), kinematics.drive_motion(*motion.evaluate(time)), strict=True)
-    columns = {f"{name}{i + 1}": x[:, i] for name, x in moved for i in range(3)}
-    columns |= {f"tau{i}": np.sin(time + i) for i in (1, 2, 3)}
-    frame = pl.DataFrame({"t": time} | columns)
+    q, qd, qdd = kinematics.drive_motion(*motion.evaluate(time))
+    frame = tabled(t=time, q=q, qd=qd, qdd=qdd, tau=np.sin(time[:, None] + [1, 2, 3]))
     for turns in (0, -1):
         frame.with_columns(pl.col("q1", "q2", "q3") + turns * 2 * np.pi).write_csv(
             tmp_path / "log.csv"

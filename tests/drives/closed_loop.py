@@ -24,6 +24,7 @@ from deltaid.dynamics.dynamics import compiled
 from deltaid.mechanism.kinematics import Samples
 from deltaid.model.model import Model
 from drives.happening import Happening
+from logs import tabled
 from oracle.tree import Array
 
 # Noise of the encoders' readings (rad, or times the lever m), of torque columns as a share of the
@@ -87,7 +88,4 @@ def followed(
     )
     count = len(run.time)
     tau = run.tau - more[:count] + _TORQUE_NOISE * scale * rng.standard_normal(run.tau.shape)
-    columns = {"t": run.time}
-    for name, values in (("q", run.q + noise[:count]), ("tau", tau)):
-        columns |= {f"{name}{i + 1}": column for i, column in enumerate(values.T)}
-    return happening, pl.DataFrame(columns)
+    return happening, tabled(t=run.time, q=run.q + noise[:count], tau=tau)

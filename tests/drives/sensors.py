@@ -10,6 +10,7 @@ import polars as pl
 from scipy.signal import lfilter
 
 from drives.happening import Happening, within
+from logs import tabled
 from oracle.tree import Array
 
 # Encoder of the motor behind its gear, or on a spindle of so many metres a turn; noise of its
@@ -75,11 +76,9 @@ class Sensors:
         step = np.where(machine.rotary, _STEP, _LEAD / 2**17)
         counts = np.round(truth.q / step + _DITHER * rng.standard_normal(truth.q.shape))
         q = self.scale * (step * counts) + self.homing
-        columns = {"t": time} | _named("q", q)
+        columns = {"t": time, "q": q}
         if self.velocity:
-            columns |= _named(
-                "qd", _first_order(self.scale * truth.qd, self.velocity_lag * machine.rate)
-            )
+            columns["qd"] = _first_order(self.scale * truth.qd, self.velocity_lag * machine.rate)
         tau = self._late(happening)
         scale = np.abs(replace(happening, contacts=()).truth.tau).max(axis=0)
         tau = tau + scale * self.ripple * np.sin(self.waves * truth.q + self.phase)
@@ -95,10 +94,10 @@ class Sensors:
             tau = self._held(tau, machine.rate)
         if self.clip is not None:
             tau = np.clip(tau, -self.clip * scale, self.clip * scale)
-        columns |= _named("tau", tau)
+        columns["tau"] = tau
         if self.gripper:
             columns["gripper"] = within(time, happening.held).astype(float)
-        table = pl.DataFrame(columns)
+        table = tabled(**columns)
         stale = rng.uniform(size=len(time)) < self.stale
         if not np.any(stale):
             return table
@@ -121,10 +120,6 @@ class Sensors:
         for late in np.unique(delay[delay != 0]):
             tau[:, delay == late] = happening.moved(happening.time - late).tau[:, delay == late]
         return tau
-
-
-def _named(name: str, values: Array) -> dict[str, Array]:
-    return {f"{name}{i + 1}": column for i, column in enumerate(values.T)}
 
 
 def _first_order(x: Array, samples: float) -> Array:
