@@ -4,14 +4,14 @@ mapping, or written as lines to paste."""
 import os
 from collections.abc import Iterable, Sequence
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 from deltaid.checks.evidence import Evidence, evidence
 from deltaid.effects.all import EFFECTS
 from deltaid.effects.effect import DescribedEffect
 from deltaid.errors import DeltaidError
 from deltaid.model.record import IdentifiedModel
-from deltaid.model.verdict import Grade, Verdict, worst
+from deltaid.model.verdict import FILES, File, Grade, Verdict, worst
 from deltaid.recording.mapping import ColumnMapping
 from deltaid.recording.memory import Recording
 from deltaid.robot.description import RobotDescription
@@ -30,7 +30,6 @@ from deltaid.robot.load import (
 from deltaid.robot.yaml_edit import edited, mended, steps_of
 from deltaid.shown import Reported, Shown, Tabled
 
-File = Literal["robot", "mapping"]
 Changes = dict[str, object]
 Data = dict[str, Any]
 
@@ -160,8 +159,7 @@ class Verdicts(Shown, Tabled, Reported, tuple[Verdict, ...]):
 def files_of(verdicts: Iterable[Verdict]) -> tuple[File, ...]:
     """The files that verdicts propose to change."""
     named = {proposal.file for verdict in verdicts for proposal in verdict.proposals}
-    order: tuple[File, ...] = ("robot", "mapping")
-    return tuple(file for file in order if file in named)
+    return tuple(file for file in FILES if file in named)
 
 
 def changes(verdicts: Iterable[Verdict], file: File) -> Changes:

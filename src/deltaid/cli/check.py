@@ -35,7 +35,7 @@ from deltaid.cli.output import (
 from deltaid.errors import DeltaidError, DescriptionError, visible
 
 if TYPE_CHECKING:
-    from deltaid.checks.verdicts import File
+    from deltaid.model.verdict import File
 
 # Exit codes by the most severe verdict; 1 and 2 have their usual meaning.
 EXIT = {"good": 0, "cannot tell": 3, "doubtful": 3, "wrong": 4}

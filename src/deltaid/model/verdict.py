@@ -4,10 +4,14 @@ import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
-from typing import Literal
+from typing import Literal, get_args
 
 from deltaid.errors import sentence
 from deltaid.shown import Shown
+
+# What proposals may change: a robot's description, a recording's mapping.
+File = Literal["robot", "mapping"]
+FILES: tuple[File, ...] = get_args(File)
 
 
 class Grade(StrEnum):
@@ -30,7 +34,7 @@ class Proposal:
             recording, and somebody has to look at the machine.
     """
 
-    file: Literal["robot", "mapping"]
+    file: File
     changes: tuple[tuple[str, object], ...]
     is_written: bool = True
 

@@ -10,9 +10,10 @@ import numpy as np
 from jaxtyping import Float
 from pydantic import Field, model_validator
 
-from deltaid.robot.inertia import RigidBody
+from deltaid.robot.inertia import InertiaName, RigidBody
 from deltaid.robot.measured import Measured
 from deltaid.robot.part import (
+    Axis,
     Coordinate,
     Length,
     Mass,
@@ -35,7 +36,7 @@ class HollowCylinder(Part):
     """
 
     shape: Literal["hollow_cylinder"] = Field(description="a tube, or a solid cylinder")
-    axis: Literal["x", "y", "z"] = Field(description="axis of the link frame along the cylinder")
+    axis: Axis = Field(description="axis of the link frame along the cylinder")
     length: Length = Field(description="m")
     outer_radius: Length = Field(description="m")
     inner_radius: Radius = Field(default=0.0, description="m")
@@ -79,7 +80,6 @@ class PointMass(Part):
 Shape = Annotated[HollowCylinder | PointMass, Field(discriminator="shape")]
 
 
-InertiaName = Literal["m", "mcx", "mcy", "mcz", "Ixx", "Iyy", "Izz", "Ixy", "Iyz", "Ixz"]
 Entry = Literal["m", "mcx", "mcy", "mcz", "Sxx", "Syy", "Szz", "Sxy", "Syz", "Sxz"]
 
 # Bodies by their short names.

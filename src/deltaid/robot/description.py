@@ -16,12 +16,21 @@ from deltaid.robot.body import Body
 from deltaid.robot.fitting_parts import require_parts_that_fit
 from deltaid.robot.friction import Friction
 from deltaid.robot.friction_terms import FrictionTerm, friction_terms
-from deltaid.robot.limbs import DriveKind, LimbGeometry, Limbs
+from deltaid.robot.limbs import LimbGeometry, Limbs
 from deltaid.robot.limits import NAMES, DriveLimits, Task, Workspace
 from deltaid.robot.measured import MeasuredTogether
 from deltaid.robot.own import OwnMechanism
 from deltaid.robot.parameter import SLIDING, TURNING, JointUnits
-from deltaid.robot.part import GRAVITY, Coordinate, Gravity, Part, Position, Positive, Speed
+from deltaid.robot.part import (
+    GRAVITY,
+    Coordinate,
+    Gravity,
+    JointKind,
+    Part,
+    Position,
+    Positive,
+    Speed,
+)
 from deltaid.robot.platform import Platform, RigidPlatform, Telescope
 from deltaid.robot.sensors import Sensor
 from deltaid.robot.tolerances import Tolerances
@@ -168,7 +177,7 @@ class RobotDescription(Shown, Plotted, Reported, Part):
         return self.limbs.geometry() if self.limbs is not None else ()
 
     @property
-    def _drive_kinds(self) -> tuple[DriveKind, ...]:
+    def _drive_kinds(self) -> tuple[JointKind, ...]:
         """Kind of each drive, the telescope's excepted."""
         if self.mechanism is not None:
             return self.mechanism.drives

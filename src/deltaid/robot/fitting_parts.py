@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, get_args
 
 from deltaid.robot.body import Body
 from deltaid.robot.limits import Box
-from deltaid.robot.measured import Axis, Measured
-from deltaid.robot.part import Vector
+from deltaid.robot.measured import Measured
+from deltaid.robot.part import Axis, Vector
 from deltaid.robot.platform import RigidPlatform
 from deltaid.robot.sensors import BaseWrench, JointTorque, StrutForce
 from deltaid.robot.tolerances import LENGTHS

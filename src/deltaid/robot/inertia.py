@@ -21,11 +21,13 @@ in axes parallel to the link frame. Entries off the diagonal carry the minus sig
 
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass
+from typing import Literal, get_args
 
 import numpy as np
 from jaxtyping import Float
 
-INERTIA_NAMES = ("m", "mcx", "mcy", "mcz", "Ixx", "Iyy", "Izz", "Ixy", "Iyz", "Ixz")
+InertiaName = Literal["m", "mcx", "mcy", "mcz", "Ixx", "Iyy", "Izz", "Ixy", "Iyz", "Ixz"]
+INERTIA_NAMES: tuple[InertiaName, ...] = get_args(InertiaName)
 INERTIA_UNITS = ("kg",) + ("kg m",) * 3 + ("kg m²",) * 6
 MOMENTS_OF_INERTIA = INERTIA_NAMES[4:7]
 # A body's mass and moments of inertia; the other entries may be negative.

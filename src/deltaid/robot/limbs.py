@@ -13,9 +13,8 @@ import numpy as np
 from jaxtyping import Float
 from pydantic import Field, model_validator
 
-from deltaid.robot.part import Coordinate, Length, Part, Point, Positive, Radius
+from deltaid.robot.part import Axis, Coordinate, JointKind, Length, Part, Point, Positive, Radius
 
-DriveKind = Literal["rotary", "linear"]
 Angle = Annotated[float, Field(ge=-180.0, le=180.0)]
 
 # Lengths and angles may be given once for all limbs or as a list, one a limb.
@@ -40,7 +39,7 @@ class LimbGeometry:
             platform's joint along the rail (linear): the limb's working mode.
     """
 
-    drive: DriveKind
+    drive: JointKind
     R_WL: Float[np.ndarray, "3 3"]
     base: Float[np.ndarray, " 3"]
     attachment: Float[np.ndarray, " 3"]
@@ -63,7 +62,7 @@ class LimbGeometry:
 class Limbs(Part):
     """All limbs of a robot, alike but for what is given as a list."""
 
-    drive: DriveKind = Field(default="rotary", description="arm on a motor, or carriage on a rail")
+    drive: JointKind = Field(default="rotary", description="arm on a motor, or carriage on a rail")
     azimuth_deg: tuple[Coordinate, ...] = Field(
         min_length=1,
         max_length=4,
@@ -211,7 +210,7 @@ def _parallel(a: LimbGeometry, b: LimbGeometry) -> bool:
     return bool(np.linalg.norm(np.cross(a.R_WL @ along[0], b.R_WL @ along[1])) < 1e-6)
 
 
-def rotation(axis: Literal["x", "y", "z"], angle_deg: float) -> Float[np.ndarray, "3 3"]:
+def rotation(axis: Axis, angle_deg: float) -> Float[np.ndarray, "3 3"]:
     """Rotation by an angle about one axis, right-handed."""
     c, s = np.cos(np.deg2rad(angle_deg)), np.sin(np.deg2rad(angle_deg))
     k = "xyz".index(axis)

@@ -3,16 +3,16 @@
 Each value is linear in the ten parameters of its bodies, so it is a row of the fit.
 """
 
-from typing import Annotated, Literal
+from typing import Annotated, Literal, get_args
 
 from pydantic import Field, model_validator
 
-from deltaid.robot.part import Coordinate, Mass, Part, Point, Position, Positive, Vector
+from deltaid.robot.part import Axis, Coordinate, Mass, Part, Point, Position, Positive, Vector
 
-Axis = Literal["x", "y", "z"]
 Count = Annotated[int, Field(ge=1, le=1000)]
 
-_QUANTITIES = ("mass", "first_moment", "centre", "inertia")
+MeasuredQuantity = Literal["mass", "first_moment", "centre", "inertia"]
+_QUANTITIES: tuple[MeasuredQuantity, ...] = get_args(MeasuredQuantity)
 
 
 def require_axis(quantity: str, axis: str | Vector | None, choices: str) -> None:
@@ -50,8 +50,8 @@ class Measured(Part):
     )
 
     @property
-    def quantity(self) -> str:
-        """'mass', 'first_moment', 'centre' or 'inertia'."""
+    def quantity(self) -> MeasuredQuantity:
+        """What is measured."""
         return next(key for key in _QUANTITIES if getattr(self, key) is not None)
 
     @property

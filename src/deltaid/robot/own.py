@@ -7,15 +7,14 @@ description never runs a file: the user names it on the command line or by `use_
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any
 
 from pydantic import Field, model_validator
 
 from deltaid.errors import DescriptionError
 from deltaid.robot.limits import NAMES, Task, TaskName
-from deltaid.robot.part import AngleRange, Part, Positive, require_increasing
+from deltaid.robot.part import AngleRange, JointKind, Part, Positive, require_increasing
 
-JointKind = Literal["rotary", "linear"]
 Name = Annotated[str, Field(pattern=r"^[A-Za-z][A-Za-z0-9_]{0,30}$")]
 
 

@@ -1,33 +1,14 @@
 """Entries of the parameter vector p with unit, bounds and prior; units of joints."""
 
 from dataclasses import dataclass
-from typing import Literal
+from typing import Literal, get_args
 
 import numpy as np
 
-ParameterKind = Literal[
-    "inertia",
-    "friction",
-    "spring",
-    "rotor",
-    "load",
-    "lag",
-    "temperature",
-    "gain",
-    "constant",
-    "effect",
-    "sensor",
-]
 # Parameters that are fitted but do not belong to the robot.
-ADDED: tuple[ParameterKind, ...] = (
-    "load",
-    "lag",
-    "temperature",
-    "gain",
-    "constant",
-    "effect",
-    "sensor",
-)
+AddedKind = Literal["load", "lag", "temperature", "gain", "constant", "effect", "sensor"]
+ADDED: tuple[AddedKind, ...] = get_args(AddedKind)
+ParameterKind = Literal["inertia", "friction", "spring", "rotor"] | AddedKind
 _OF_BODIES = ("inertia", "load")
 
 # Relative standard deviation of a prior by default.

@@ -6,7 +6,7 @@ Bounds of numbers keep products far from overflow and detect wrong units, such a
 import json
 import math
 from collections.abc import Callable, Mapping
-from typing import Annotated, Any, TypeVar
+from typing import Annotated, Any, Literal, TypeVar
 
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError
 
@@ -15,6 +15,8 @@ from deltaid.robot.complaints import complaints
 from deltaid.robot.yaml_tree import Entry, Value
 from deltaid.shown import Named
 
+JointKind = Literal["rotary", "linear"]
+Axis = Literal["x", "y", "z"]
 _Part = TypeVar("_Part", bound="Part")
 _Init = TypeVar("_Init", bound=Callable[..., None])
 

@@ -22,8 +22,8 @@ from deltaid.dynamics.parameters import ParameterLayout, parameter_layout
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.inertia import RigidBody
 from deltaid.robot.limbs import rotation as about_axis
-from deltaid.robot.measured import Axis, Measured, Placed
-from deltaid.robot.part import Vector
+from deltaid.robot.measured import Measured, Placed
+from deltaid.robot.part import Axis, Vector
 
 _AXES: dict[Axis, tuple[float, float, float]] = {
     "x": (1.0, 0.0, 0.0),

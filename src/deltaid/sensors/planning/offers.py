@@ -12,8 +12,8 @@ from typing import Annotated, Literal
 from pydantic import Field, model_validator
 
 from deltaid.robot.load import load_yaml, parse
-from deltaid.robot.measured import Axis, Count, MeasuredTogether, Placed, require_axis
-from deltaid.robot.part import NotNegative, Part, Point, Positive, Vector
+from deltaid.robot.measured import Count, MeasuredQuantity, MeasuredTogether, Placed, require_axis
+from deltaid.robot.part import Axis, NotNegative, Part, Point, Positive, Vector
 from deltaid.robot.sensors import Sensor, Share
 from deltaid.shown import Shown
 
@@ -33,9 +33,7 @@ class Weigh(Part):
     Its standard deviation is √(std² + (share · value)²) with the value at the prior.
     """
 
-    quantity: Literal["mass", "first_moment", "centre", "inertia"] = Field(
-        description="what is measured of it"
-    )
+    quantity: MeasuredQuantity = Field(description="what is measured of it")
     of: str | dict[str, Count] | tuple[Placed, ...] = Field(
         default=EACH,
         description="a body, several, or where each was, as in `measured:`; or `each` body by "

@@ -9,8 +9,8 @@ from deltaid.errors import DescriptionError
 from deltaid.estimation.information import triangle
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.inertia import RigidBody
-from deltaid.robot.measured import Axis, Measured, Placed
-from deltaid.robot.part import Vector
+from deltaid.robot.measured import Measured, Placed
+from deltaid.robot.part import Axis, Vector
 from deltaid.robot.sensors import BaseWrench, JointTorque, Sensor, StrutForce
 from deltaid.sensors.planning.offers import ACROSS, ALONG, CENTRE, EACH, LIMB, Offer, Offers, Weigh
 from deltaid.sensors.planning.rows import Extended, Scene, sensor_rows, weighing_row
