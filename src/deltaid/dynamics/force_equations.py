@@ -41,7 +41,7 @@ from deltaid.mechanism.platform import with_turned_half
 from deltaid.mechanism.rotation import inverse
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.limbs import LimbGeometry
-from deltaid.robot.platform import H4Platform, RigidPlatform
+from deltaid.robot.platform import PASSIVE_JOINTS, H4Platform, RigidPlatform
 
 
 @dataclass(frozen=True)
@@ -154,7 +154,7 @@ class _Build:
         on_speeds = ca.SX.zeros(self._mechanism.speeds.u.numel())
         for part in (*self._platform, *self._telescope):
             on_speeds += part.body.count * forces.on_speeds(part.body, part.taken)
-        for joint in ("platform", "slide"):
+        for joint in PASSIVE_JOINTS:
             if joint in self._mechanism.joints:
                 on_speeds += forces.effort(joint) * forces.joint(joint).partial.T
         Q, rows = self._mechanism.speeds.locked_to_all.T @ on_speeds, []

@@ -35,6 +35,7 @@ from deltaid.robot.load import (
     require_name,
 )
 from deltaid.robot.parameter import PRIOR_SPREAD
+from deltaid.robot.platform import PASSIVE_JOINTS
 from deltaid.shown import Plotted, Reported, Shown, Tabled
 
 if TYPE_CHECKING:
@@ -43,7 +44,6 @@ if TYPE_CHECKING:
 
 # Coefficients of joints, which a robot may lack.
 _COEFFICIENTS = {*(term.kind for term in TERMS), "spring", "rotor"}
-_JOINTS = ("platform", "slide")
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -140,7 +140,7 @@ class Model(Shown, Plotted, Tabled, Reported):
         """
         kind, _, joint = name.partition(".")
         absent = name not in self.layout.names and kind in _COEFFICIENTS
-        joints = (*self.robot.drives, *self.robot.friction_joints, *_JOINTS)
+        joints = (*self.robot.drives, *self.robot.friction_joints, *PASSIVE_JOINTS)
         return 0.0 if absent and joint in joints else self[name]
 
     @property

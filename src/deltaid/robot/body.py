@@ -97,7 +97,8 @@ _BODIES = {
     "TL": "lower telescope bar",
     "EE": "end effector",
 }
-_NUMBERED = re.compile(r"([USC])(\d+)")
+# A body of one limb: its name with the limb's number.
+NUMBERED = re.compile(r"([USC])(\d+)")
 
 
 class InertiaTensor(Part):
@@ -185,14 +186,14 @@ class Body(Part):
 
 
 # First moments and products, which are zero where they are not free.
-_ZERO = ("mcx", "mcy", "mcz", "Sxy", "Syz", "Sxz")
+ZERO_UNLESS_FREE = ("mcx", "mcy", "mcz", "Sxy", "Syz", "Sxz")
 
 
 def reduced_prior(prior: Prior, free: tuple[Entry, ...]) -> Float[np.ndarray, " 10"]:
     """`Body.reduced_prior` of a prior and its free entries."""
     body = RigidBody(_parameters(prior))
     if free:
-        body = body.without([entry for entry in _ZERO if entry not in free])
+        body = body.without([entry for entry in ZERO_UNLESS_FREE if entry not in free])
     return body.with_thickness().p
 
 
@@ -204,6 +205,6 @@ def _parameters(prior: Prior) -> Float[np.ndarray, " 10"]:
 
 def body_in_words(name: str) -> str:
     """'upper arm' of U, 'upper arm 2' of U2; the name itself of a body of an own mechanism."""
-    if numbered := _NUMBERED.fullmatch(name):
+    if numbered := NUMBERED.fullmatch(name):
         return f"{_BODIES[numbered[1]]} {numbered[2]}"
     return _BODIES.get(name, name)

@@ -148,6 +148,9 @@ class I4Platform(_Articulated):
         return self.arm * psi / self.ratio * self.direction
 
 
+# Names of joints without a drive: of a platform with parts, of a telescope.
+PASSIVE_JOINTS = ("platform", "slide")
+
 Platform = Annotated[
     RigidPlatform | H4Platform | Par4Platform | I4Platform, Field(discriminator="kind")
 ]

@@ -1,6 +1,5 @@
 """Drawing of a robot: a still picture with named bodies, colours, edges of the workspace."""
 
-import re
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -10,7 +9,7 @@ from markupsafe import Markup
 
 from deltaid.mechanism.kinematics import Kinematics
 from deltaid.mechanism.skeleton import Skeleton
-from deltaid.robot.body import body_in_words
+from deltaid.robot.body import NUMBERED, body_in_words
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.limits import Box, Cylinder, Hemisphere
 from deltaid.view import style
@@ -97,8 +96,6 @@ def _spread(wanted: list[float], height: float) -> list[float]:
     return placed
 
 
-_NUMBERED = re.compile(r"([USC])(\d+)")
-_ONE = {"U": "upper arm", "C": "carriage", "S": "strut"}
 _ANGLES = np.linspace(0.0, 2 * np.pi, 73)
 _LIFTED = np.full((1, 3), np.nan)
 Line = Float[np.ndarray, "_ 3"]
@@ -139,8 +136,8 @@ def members(bodies: tuple[str, ...]) -> dict[str, DrawnBody]:
     drawn = dict[str, DrawnBody]()
     for i, body in enumerate(bodies):
         own = DrawnBody(body, style.SERIES[i % len(style.SERIES)], 5)
-        if numbered := _NUMBERED.fullmatch(body):
-            own = replace(_KNOWN[numbered[1]], label=f"{_ONE[numbered[1]]} {numbered[2]}")
+        if numbered := NUMBERED.fullmatch(body):
+            own = replace(_KNOWN[numbered[1]], label=body_in_words(body))
         drawn[body] = _KNOWN.get(body, own)
     return drawn
 

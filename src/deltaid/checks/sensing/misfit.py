@@ -24,6 +24,7 @@ from deltaid.recording.columns import SensorChannels
 from deltaid.recording.recording import PreparedRecording
 from deltaid.recording.time.signals import interpolate
 from deltaid.recording.windows import SampleBlock
+from deltaid.robot.body import ZERO_UNLESS_FREE
 from deltaid.robot.parameter import PRIOR_SPREAD
 from deltaid.sensors.robot_sensors import all_sensor_rows
 from deltaid.sensors.rows import SensorRows
@@ -32,8 +33,8 @@ from deltaid.sensors.rows import SensorRows
 _LEFT, _OF_TORQUES = 0.02, 1000.0
 # Fixed parameters are known to this share of their size.
 _KNOWN = 1e-4
-# Parameters that symmetry makes zero unless they are free, and deviations of real bodies from that.
-_BY_SYMMETRY, _STRAIGHT = ("mcx", "mcy", "mcz", "Ixy", "Iyz", "Ixz"), 0.02
+# Deviations of real bodies from entries that symmetry makes zero unless they are free.
+_STRAIGHT = 0.02
 # Evaluated windows of a recording, and their samples together after the filter.
 _WINDOWS, _MOST = 6, 4000
 # Independent samples of a sensor.
@@ -287,8 +288,8 @@ def _by_torques(dynamics: Dynamics, torques: Information) -> LinearProblem:
     scale = np.array([entry.scale for entry in layout.parameters])
     std = scale * [stated.get(name, PRIOR_SPREAD) for name in layout.names]
     for k, entry in enumerate(layout.parameters[: layout.coefficients.start]):
-        free, symbol = robot.bodies[entry.owner].free, entry.symbol
-        if not free or (symbol in _BY_SYMMETRY and symbol.replace("I", "S") not in free):
+        free, symbol = robot.bodies[entry.owner].free, entry.symbol.replace("I", "S")
+        if not free or (symbol in ZERO_UNLESS_FREE and symbol not in free):
             std[k] = (_STRAIGHT if free else _KNOWN) * entry.scale
     size, counted = torques.torque_rms(), np.minimum(_OF_TORQUES / torques.samples, 1.0)
 
