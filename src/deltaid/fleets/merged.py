@@ -26,9 +26,10 @@ from deltaid.identification.loads import Held, joined
 from deltaid.model.record import Settings
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.friction import Friction
+from deltaid.robot.friction_terms import TERMS
 
-# Constants of terms in addition to the coefficient.
-_CURVED = {"power": ("exponent",), "stribeck": ("speed", "exponent"), "hess_soom": ("speed",)}
+# Constants of terms that have any in addition to the coefficient.
+_CURVED = {term.kind: term.constants for term in TERMS if term.constants}
 
 
 def with_laws(

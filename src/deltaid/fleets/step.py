@@ -21,6 +21,7 @@ from deltaid.fleets.store import StoreError
 from deltaid.fleets.workers import ALONE, Workers
 from deltaid.model.record import Settings
 from deltaid.parallel import threads
+from deltaid.progress import Progress
 from deltaid.robot.description import RobotDescription
 
 # The table of recordings, and the file of the quarantine.
@@ -32,7 +33,6 @@ _PUT_BACK = (
     "are forgotten"
 )
 
-Say = Callable[[str], None]
 Tables = dict[str, pl.DataFrame]
 _Item = TypeVar("_Item")
 _Result = TypeVar("_Result")
@@ -104,7 +104,7 @@ class Call:
     tables: Tables
     refused: Mapping[str, str]
     workers: Callable[[], Workers]
-    say: Say
+    say: Progress
     drop_absent: bool = False
     regather: bool = False
 
