@@ -18,10 +18,10 @@ from pathlib import Path
 import casadi as ca
 import numpy as np
 
-from deltaid.exports.model_functions import online_cycle
+from deltaid.exports.model_functions import DEFAULT, online_cycle
 from deltaid.exports.options import FURTHER
 from deltaid.exports.st_units import Unit
-from deltaid.exports.structured_text import DEFAULT, plc_program
+from deltaid.exports.structured_text import plc_program
 from deltaid.exports.text import DOUBLE, SINGLE, Precision
 from deltaid.joint_forces.constraint_forces import ConstraintForces
 from deltaid.model.model import Model, load

@@ -18,7 +18,7 @@ from deltaid.exports.functions import (
     ParameterTable,
     note_of,
 )
-from deltaid.exports.model_functions import acceleration, code_parts
+from deltaid.exports.model_functions import DEFAULT, acceleration, code_parts
 from deltaid.exports.straight_line import SIGN, Array, straight_line, wrapped
 from deltaid.exports.text import (
     DOUBLE,
@@ -129,8 +129,6 @@ def _fields(layout: Layout) -> list[tuple[str, int, int, str]]:
         for f in layout.fields
     ]
 
-
-DEFAULT = OnlineSettings()
 
 # Standard headers, and those of an FMU, which a compiler with the folder on its path would confuse
 # with ours.

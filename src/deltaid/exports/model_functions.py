@@ -34,6 +34,8 @@ from deltaid.model.model import Model
 from deltaid.online.cycle import standard_parts, step_graph
 from deltaid.online.settings import OnlineSettings
 
+# Settings of exported online functions by default.
+DEFAULT = OnlineSettings()
 # Most Newton steps: four from some millimetres away; what has not converged after these is far away
 # or has no solution.
 _NEWTON_STEPS = 20

@@ -19,7 +19,7 @@ from jaxtyping import Float
 from deltaid.errors import DeltaidError
 from deltaid.exports.digits import Care, OutputPart
 from deltaid.exports.functions import STATUSES, ExportedCycle, ExportedFunction, note_of
-from deltaid.exports.model_functions import code_parts
+from deltaid.exports.model_functions import DEFAULT, code_parts
 from deltaid.exports.st_units import (
     PlcProgram,
     StructuredText,
@@ -271,9 +271,6 @@ def _places(layout: Layout, fields: Iterable[Field]) -> list[tuple[str, int, int
 
 def notes_of(f: ExportedFunction) -> tuple[str, ...]:
     return (f.doc, *f.entry_notes(", each of {} rows"))
-
-
-DEFAULT = OnlineSettings()
 
 
 def plc_program(
