@@ -16,6 +16,8 @@ from typing import Any, TextIO
 
 from deltaid.errors import DeltaidError
 
+# How names of descriptions, mappings and models end.
+YAML_ENDINGS = (".yaml", ".yml")
 # How names of files end that are being written.
 _UNFINISHED = ".part"
 # What a name that cannot be a file's is refused with: too long, a link to itself, a NUL.

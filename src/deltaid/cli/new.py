@@ -23,7 +23,7 @@ from deltaid.cli.output import (
     write_files,
 )
 from deltaid.errors import DeltaidError
-from deltaid.files import require_writable
+from deltaid.files import YAML_ENDINGS, require_writable
 from deltaid.studio.drafting.questions import KINDS, QUESTIONS, Question
 
 if TYPE_CHECKING:
@@ -71,7 +71,7 @@ def new(
     Numbers may have units: 235mm, 0.235, "3 kg cm²", 400rpm. What nobody knows is assumed, and said
     so in the file. Without a terminal nothing is asked.
     """
-    if file.suffix.lower() not in (".yaml", ".yml"):
+    if file.suffix.lower() not in YAML_ENDINGS:
         raise DeltaidError("must end in .yaml", where=str(file))
     require_writable(file)
     if not force and file.exists():

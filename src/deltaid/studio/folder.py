@@ -11,12 +11,11 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from deltaid.errors import DeltaidError
-from deltaid.files import written_whole
+from deltaid.files import YAML_ENDINGS, written_whole
 from deltaid.recording.table import FORMATS
 from deltaid.robot.load import LARGEST_FILE, holds_a_model, read_text
 
 RUNS = "runs"
-_TEXT = (".yaml", ".yml")
 _PACKED = (".gz", ".zst", ".zstd")
 # Top-level keys that identify a file's kind.
 _ROBOT = re.compile(r"^(limbs|mechanism)\s*:", re.MULTILINE)
@@ -158,14 +157,15 @@ class Folder:
         """Files that may be recordings, by their names."""
         endings = {suffix for form in FORMATS for suffix in form.suffixes} | {".csv", ".txt"}
         packed = (f"{ending}{pack}" for ending in endings for pack in _PACKED)
-        kinds = (*(endings - set(_TEXT)), *packed)
+        kinds = (*(endings - set(YAML_ENDINGS)), *packed)
         return [path.name for path in self.files() if path.name.lower().endswith(kinds)]
 
     def _texts(self) -> list[tuple[str, str]]:
         return [
             (path.name, path.read_text(encoding="utf-8", errors="replace"))
             for path in self.files()
-            if path.suffix.lower() in _TEXT and (stamp(path) or [math.inf])[0] <= LARGEST_FILE
+            if path.suffix.lower() in YAML_ENDINGS
+            and (stamp(path) or [math.inf])[0] <= LARGEST_FILE
         ]
 
 

@@ -13,7 +13,7 @@ from typing import Any
 from pydantic import Field
 
 from deltaid.errors import DeltaidError
-from deltaid.files import written_whole
+from deltaid.files import YAML_ENDINGS, written_whole
 from deltaid.model.model import load
 from deltaid.robot.load import catalogue, parse, yaml_text
 from deltaid.robot.part import Part
@@ -101,7 +101,7 @@ def keep_inputs(folder: Folder, run: str, step: Step) -> tuple[Input, ...]:
             continue
         path, kept = folder.path(name), folder.root / run / "inputs" / name
         with refusing(name):
-            if name.endswith(_TEXT) and "/" not in name:
+            if name.endswith(YAML_ENDINGS) and "/" not in name:
                 kept.parent.mkdir(exist_ok=True)
                 shutil.copyfile(path, kept)
             with path.open("rb") as file:
@@ -154,8 +154,6 @@ def text_of(folder: Folder, run: FinishedRun, name: str) -> str:
 
 # Most parameters of a comparison: those that changed most, in standard deviations of both.
 _SHOWN = 12
-# Endings of inputs other than recordings.
-_TEXT = (".yaml", ".yml")
 _KINDS = {"good": "good", "poor": "bad"}
 
 
@@ -176,7 +174,10 @@ def comparison(folder: Folder, pair: Sequence[FinishedRun]) -> list[tuple[str, .
         ("robot", *(str(result.get("robot", "")) for result in outputs)),
         (
             "recordings",
-            *(", ".join(r.file for r in run.inputs if not r.file.endswith(_TEXT)) for run in pair),
+            *(
+                ", ".join(r.file for r in run.inputs if not r.file.endswith(YAML_ENDINGS))
+                for run in pair
+            ),
         ),
         ("error on them", *(_share(result.get("nrmse")) for result in outputs)),
         (

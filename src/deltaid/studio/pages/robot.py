@@ -7,6 +7,7 @@ from functools import cache, partial
 from nicegui import ui
 
 from deltaid.errors import DeltaidError
+from deltaid.files import YAML_ENDINGS
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.load import catalogue, catalogue_text, described_in, read_text
 from deltaid.studio.drafting.interview import drafted, new_step
@@ -19,8 +20,6 @@ from deltaid.studio.pages.parts import note, panel, problem, report, upload
 from deltaid.studio.runs import FinishedRun
 from deltaid.studio.session import FileEdit, Session
 from deltaid.studio.steps import Step, show_step
-
-_ENDINGS = (".yaml", ".yml")
 
 
 async def body(session: Session) -> None:
@@ -61,7 +60,7 @@ def _pick(session: Session, robot: RobotDescription | DeltaidError | None) -> No
                     on_click=lambda: take(own_copy(session.folder, chosen or "")),
                 )
         # The editor shows what is wrong with the text of a file.
-        upload(session, "a robot file", read_text, take, _ENDINGS)
+        upload(session, "a robot file", read_text, take, YAML_ENDINGS)
         describe(session)
         if isinstance(robot, RobotDescription):
             drives = (

@@ -10,7 +10,7 @@ from nicegui.elements.mixins.value_element import ValueElement
 from deltaid.control.options import ControllerName
 from deltaid.exports.options import FURTHER, FmiVersion
 from deltaid.studio.pages import parts
-from deltaid.studio.runs import MESSAGES, FinishedRun, describe_fit, runs, text_of
+from deltaid.studio.runs import MESSAGES, OUTPUT, RECORD, FinishedRun, describe_fit, runs, text_of
 from deltaid.studio.session import Session
 from deltaid.studio.steps import (
     AlongKind,
@@ -107,7 +107,7 @@ def _downloads(session: Session, run: FinishedRun) -> None:
     with ui.row():
         ui.label(f"{run.name}:").classes("dim")
         for path in files:
-            if path.is_file() and path.name not in ("run.yaml", "messages.txt", "output.json"):
+            if path.is_file() and path.name not in (RECORD, MESSAGES, OUTPUT):
                 ui.link(path.name, f"/files/{run.file(path.name)}", new_tab=True)
     for path in files:
         if path.name.startswith("README_"):
