@@ -104,12 +104,16 @@ def extremes(forces: ConstraintForces, p: Parameters, motion: Iterable[SampleBlo
     return Extremes(forces.names, forces.units, values, samples)
 
 
+# Worst cases of a strut along it: the largest force and the least.
+ALONG = ("tension", "compression")
+
+
 def worst_cases(forces: ConstraintForces, extreme: Extremes) -> tuple[Worst, ...]:
     """Worst cases for a designer: tension, compression, sockets of struts, loads of joints."""
     cases = []
     for strut in forces.struts:
         along = (f"{strut}.platform.x", f"{strut}.elbow.x")
-        cases += [extreme.worst(strut, kind, *along) for kind in ("tension", "compression")]
+        cases += [extreme.worst(strut, kind, *along) for kind in ALONG]
     for strut in forces.struts if forces.socket_force is not None else ():
         cases.append(extreme.worst(strut, "socket", f"{strut}.platform.out", f"{strut}.elbow.out"))
     loads = [name for name in forces.names if name.startswith(("motor", "telescope"))]

@@ -6,7 +6,7 @@ import numpy as np
 import plotly.graph_objects as go
 import polars as pl
 
-from deltaid.joint_forces.forces import ForceFinding, Forces
+from deltaid.joint_forces.forces import ALONG, ForceFinding, Forces
 from deltaid.view import style
 from deltaid.view.comparison import POINTS, extreme_rows, stretch_length
 from deltaid.view.corrections import put_right_sections
@@ -16,7 +16,6 @@ from deltaid.view.page import Fact, Figure, Page, Section, Summary, Table, Text,
 from deltaid.view.show import Card
 from deltaid.view.summary import provenance_section
 
-_ALONG = ("tension", "compression")
 _WORDS = {"tension": "largest force", "compression": "least force", "socket": "least margin"}
 # Most undetermined entries that a sentence names.
 _NAMED = 8
@@ -79,7 +78,7 @@ def forces_page(value: Forces) -> Page:
 
 def verdict(study: Forces) -> Summary:
     """Range of the forces along the struts, and whether ball joints hold."""
-    along = [f.worst.value for kind in _ALONG for f in _findings(study, kind)]
+    along = [f.worst.value for kind in ALONG for f in _findings(study, kind)]
     least, most = (f"{measured(bound(along))} N" for bound in (min, max))
     said = f"forces along the struts reach from {least} to {most} (tension is positive)"
     if (socket_force := study.constraint_forces.socket_force) is None:
@@ -149,7 +148,7 @@ def _over_time(study: Forces) -> Figure:
 def tables(study: Forces) -> tuple[Table, ...]:
     """Forces along struts, margins of sockets if there are any, loads of other joints."""
     how, force = "range" if _with_ranges(study) else "± open", study.constraint_forces.socket_force
-    pairs = zip(*(_findings(study, kind) for kind in _ALONG), strict=True)
+    pairs = zip(*(_findings(study, kind) for kind in ALONG), strict=True)
     struts = _titled(
         "force along the struts, N; tension is positive",
         ("strut", "largest", how, "at, s", "least", how, "at, s"),

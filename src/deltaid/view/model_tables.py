@@ -17,8 +17,9 @@ if TYPE_CHECKING:  # `deltaid base` prints a table without loading what reads re
     from deltaid.model.parameter_record import BaseParameter, Parameter
     from deltaid.model.record import IdentifiedModel
 
-# Origins of intervals other than the parameter's own prior.
+# Origins of intervals other than the parameter's own prior, and those that determine it by itself.
 MEASURED = ("data", "measured", "sum", "limit")
+BY_ITSELF = ("data", "measured")
 # Ratio of both sides of an interval beyond which its ends are written.
 _LOPSIDED = 2.0
 # Meaning of ± in tables.
@@ -92,7 +93,7 @@ def value_and_width(parameter: "Parameter") -> tuple[str, str]:
 
         return with_uncertainty(parameter.value, NORMAL * parameter.std)
     up, down = parameter.high - parameter.value, parameter.value - parameter.low
-    known = parameter.determined_by in ("data", "measured")
+    known = parameter.determined_by in BY_ITSELF
     if known and max(up, down) < _LOPSIDED * min(up, down):
         return with_uncertainty(parameter.value, max(up, down))
     return number(parameter.value), span(parameter.low, parameter.high)

@@ -14,7 +14,7 @@ from deltaid.identification.identify import Identification
 from deltaid.model.parameter_record import Parameter, Share
 from deltaid.model.record import IdentifiedModel
 from deltaid.view import style
-from deltaid.view.model_tables import MEASURED, base_table, parameter_table
+from deltaid.view.model_tables import BY_ITSELF, MEASURED, base_table, parameter_table
 from deltaid.view.numbers import number
 from deltaid.view.page import Figure, Section, Table, Text
 
@@ -167,7 +167,7 @@ def shares_sentence(model: IdentifiedModel) -> str:
 
 
 def _decided(parameters: Sequence[Parameter]) -> list[Parameter]:
-    return [p for p in parameters if p.determined_by in ("data", "measured") and p.share]
+    return [p for p in parameters if p.determined_by in BY_ITSELF and p.share]
 
 
 def _keys(shares: Sequence[Share]) -> list[str]:
