@@ -161,7 +161,7 @@ def _low_pass(evidence: Evidence) -> LowPass | None:
 def _moving(evidence: Evidence) -> Bool[np.ndarray, " drives"]:
     """Drives that move, compared with others of their kind."""
     robot, span = evidence.robot, evidence.moved
-    slides = np.array([robot.is_linear(drive) for drive in robot.drives])
+    slides = np.array(robot.linear_drives)
     largest = np.where(slides, span[slides].max(initial=0.0), span[~slides].max(initial=0.0))
     return span > RESTS * largest
 

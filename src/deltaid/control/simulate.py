@@ -207,7 +207,7 @@ def conditions(
     drives = Drives(asked.rate, step, asked.delay, current_loop=asked.current_loop or np.inf)
     held, known = as_payload(asked.payload), load(model)
     moved, name, warnings = known if plant is None else load(plant), "a motion", ()
-    kinds = [[x.is_linear(drive) for drive in x.drives] for x in (moved.robot, known.robot)]
+    kinds = [x.linear_drives for x in (moved.robot, known.robot)]
     if kinds[0] != kinds[1]:
         words = [f"{k.count(False)} rotary and {k.count(True)} linear drives" for k in kinds]
         raise DeltaidError(

@@ -171,7 +171,7 @@ def c_code(
         "zero": precision.c_number(0.0),
         "dof": dof,
         "units": robot.drive_units,
-        "linear": [robot.is_linear(drive) for drive in robot.drives],
+        "linear": robot.linear_drives,
         "statuses": STATUSES,
         "table": table.rows,
         "home": [precision.c_number(x) for x in subject.home],

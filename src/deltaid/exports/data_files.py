@@ -62,7 +62,7 @@ def model_arrays(subject: Model) -> dict[str, np.ndarray]:
         "spring_rest": np.array([robot.spring_rest(joint) for joint in robot.spring_joints]),
         "rotor_inertia": np.array([subject.value(f"rotor.{drive}") for drive in robot.drives]),
         "drives": np.array(robot.drives),
-        "drive_is_linear": np.array([robot.is_linear(drive) for drive in robot.drives]),
+        "drive_is_linear": np.array(robot.linear_drives),
         "drive_range": np.array([l.range or (-np.inf, np.inf) for l in limits]),
         "drive_speed": np.array([l.top_speed or np.inf for l in limits]),
         "drive_effort": effort_limits(robot),

@@ -123,7 +123,7 @@ def contact_of(cycle: Cycle) -> None:
     memory = ca.if_else(found > excess, _GROWS, _FALLS)
     learns = every(s.settled, s.calm, seen.found < 0.5)
     learnt = excess + settings.period / memory * learns * (found - excess)
-    of_drives = "N" if all(robot.is_linear(drive) for drive in robot.drives) else "N m"
+    of_drives = "N" if all(robot.linear_drives) else "N m"
     fields.following |= {"contact_time": lasts, "contact_rests": pauses, "excess": learnt}
     for name, value, doc, unit in (
         ("contact", seen.found, "1 while there is a contact", ""),

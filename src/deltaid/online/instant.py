@@ -48,7 +48,7 @@ _LONGEST, _MOST = 0.05, 500
 def inputs_of(model: Model, settings: OnlineSettings) -> Layout:
     """Inputs of a cycle."""
     dof, units = model.dynamics.dof, model.robot
-    angle = "m" if all(units.is_linear(drive) for drive in units.drives) else "rad"
+    angle = "m" if all(units.linear_drives) else "rad"
     elapsed = "since the last new row by its stamp, 0 if this row is not new, -1 unknown"
     return Layout(
         Field("q", dof, "drive coordinates", angle),

@@ -76,8 +76,7 @@ def columns(
     """
     known, linear = Known(units or {}, gear, torque_constant), None
     if robot is not None:
-        description = described(robot)
-        linear = [description.is_linear(drive) for drive in description.drives]
+        linear = described(robot).linear_drives
     return read_contents(log, linear, known).proposal
 
 

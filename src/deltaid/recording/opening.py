@@ -134,7 +134,7 @@ def resolved_table(
     else:
         table = open_table(source, mapping)
     robot = kinematics.robot
-    linear = tuple(robot.is_linear(drive) for drive in robot.drives)
+    linear = robot.linear_drives
     channels = {name: channels_of(robot, name, sensor) for name, sensor in robot.sensors.items()}
     try:
         columns = resolve_columns(table, linear, mapping, channels)

@@ -130,7 +130,7 @@ class Survey:
             )
         steps = np.diff(q, axis=0, prepend=self.last_q if len(self.last_q) else q[:1])
         steps[apart], self.last_q = 0.0, q[-1:].copy()
-        turning = [not robot.is_linear(drive) for drive in robot.drives]
+        turning = [not linear for linear in robot.linear_drives]
         for i, drive in np.argwhere((np.abs(steps) > _JUMP) & turning)[:1].tolist():
             name = self.columns.position[drive].column
             raise RecordingError(

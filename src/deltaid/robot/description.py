@@ -203,6 +203,11 @@ class RobotDescription(Shown, Plotted, Reported, Part):
         kinds = {f"drive{i + 1}": kind for i, kind in enumerate(self._drive_kinds)}
         return joint == "slide" or kinds.get(joint) == "linear"
 
+    @property
+    def linear_drives(self) -> tuple[bool, ...]:
+        """Whether each drive slides, in the order of q."""
+        return tuple(self.is_linear(drive) for drive in self.drives)
+
     def units(self, joint: str) -> JointUnits:
         """Units and words of a joint."""
         return SLIDING if self.is_linear(joint) else TURNING

@@ -177,7 +177,7 @@ def _in_units(dynamics: Dynamics) -> Iterator[Map]:
 def _groups(dynamics: Dynamics) -> Iterator[list[int]]:
     """Drives that may share a fault: all of a kind, or each alone, except a telescope's, whose unit
     loops do not determine."""
-    linear = [dynamics.robot.is_linear(drive) for drive in dynamics.robot.drives]
+    linear = dynamics.robot.linear_drives
     for kind in sorted(set(linear)):
         same = [i for i, slides in enumerate(linear) if slides == kind]
         if len(same) > 1:

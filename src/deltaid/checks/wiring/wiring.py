@@ -137,7 +137,7 @@ def _senseless(case: RemappedRecording) -> Verdict:
 
 
 def _out_of_reach(evidence: Evidence) -> Verdict:
-    linear = [evidence.robot.is_linear(drive) for drive in evidence.robot.drives]
+    linear = evidence.robot.linear_drives
     units = "millimetres" if all(linear) else "degrees" if not any(linear) else "degrees or mm"
     return Verdict(
         "homing-or-tilt",

@@ -82,7 +82,7 @@ async def _add(session: Session, robot: RobotDescription, name: str) -> None:
 
 
 async def _contents(session: Session, robot: RobotDescription, name: str) -> Contents:
-    linear = tuple(robot.is_linear(drive) for drive in robot.drives)
+    linear = robot.linear_drives
     return await session.look(read_contents, str(session.folder.path(name)), linear)
 
 
