@@ -19,6 +19,7 @@ from jaxtyping import Float
 from deltaid.calibration.unknowns import TOOL, Unknowns, mounting_axes
 from deltaid.errors import KinematicsError
 from deltaid.kernel.batch import BatchKernel
+from deltaid.mechanism.forward import CLOSED
 from deltaid.mechanism.kinematics import Kinematics
 from deltaid.mechanism.platform import build_platform
 from deltaid.mechanism.rotation import Path, Turn, fixed, rotation, skew
@@ -26,8 +27,8 @@ from deltaid.robot.description import RobotDescription
 from deltaid.robot.limbs import LimbGeometry
 
 # Newton's method doubles its digits a step: five from a centimetre to rounding, more near
-# singularities. Loops count as closed below a picometre.
-_STEPS, _CLOSED = 20, 1e-12
+# singularities.
+_STEPS = 20
 
 Drives = Float[np.ndarray, "samples drives"]
 Poses = Float[np.ndarray, "samples coordinates"]
@@ -100,9 +101,9 @@ class Loops:
                     y = y - np.linalg.solve(C_y, c[..., None])[..., 0]
             except np.linalg.LinAlgError:
                 break
-            if not np.max(np.abs(c), initial=0.0) > _CLOSED:
+            if not np.max(np.abs(c), initial=0.0) > CLOSED:
                 break
-        open_ = ~(np.abs(c).max(axis=1) < 1e3 * _CLOSED)
+        open_ = ~(np.abs(c).max(axis=1) < 1e3 * CLOSED)
         if open_.any():
             raise KinematicsError(
                 "the loops do not close with the estimated geometry",

@@ -20,6 +20,7 @@ from jax.typing import ArrayLike
 
 from deltaid.errors import KinematicsError
 from deltaid.kernel.llvm_ir import LIBM_BINARY, LIBM_UNARY, operation_name
+from deltaid.mechanism.forward import AT_THE_END, CLOSED, COARSE, ON_THE_WAY, OTHER_MODE
 from deltaid.mechanism.mechanism import ClosedForm, Mechanism
 
 Operation = Callable[..., jax.Array]
@@ -131,11 +132,8 @@ def _step(graph: ca.Function, k: int) -> Step:
     return op, graph.instruction_input(k), graph.instruction_output(k), constant
 
 
-# Steps along the way from home, Newton iterations at each and at the end, as in mechanism.forward.
-_ON_THE_WAY, _AT_EACH, _AT_THE_END = 6, 2, 8
-# Residual [m, rad] below which loops are closed, in doubles, and in units of rounding otherwise;
-# distance [m] by which rounding may put a limb in its other working mode.
-_CLOSED, _ROUNDINGS, _MODE = 1e-12, 100.0, 1e-9
+# Residual below which loops are closed where numbers are shorter than doubles, in their roundings.
+_ROUNDINGS = 100.0
 
 
 def forward_kinematics(mechanism: Mechanism, home: np.ndarray) -> Operation:
@@ -159,7 +157,7 @@ def _closed_form(mechanism: Mechanism, form: ClosedForm) -> Operation:
 
     def find(q: ArrayLike) -> jax.Array:
         out = graph(q)
-        return jnp.where((out[n] > 0) & jnp.all(out[n + 1 :] > -_MODE), out[:n], jnp.nan)
+        return jnp.where((out[n] > 0) & jnp.all(out[n + 1 :] > -OTHER_MODE), out[:n], jnp.nan)
 
     return find
 
@@ -172,8 +170,8 @@ def _by_newton(mechanism: Mechanism, home: np.ndarray) -> Operation:
     q_home = np.asarray(ca.Function("q", [mechanism.z], [mechanism.q])(home)).ravel()
     sign = float(np.sign(check(home, q_home)[n]))
     turns = np.array([middle is not None for middle in mechanism.middles], dtype=float)
-    shares = np.repeat(np.linspace(0, 1, _ON_THE_WAY + 1)[1:], _AT_EACH)
-    shares = np.append(shares, np.ones(_AT_THE_END))
+    shares = np.repeat(np.linspace(0, 1, COARSE + 1)[1:], ON_THE_WAY)
+    shares = np.append(shares, np.ones(AT_THE_END))
 
     def find(given: ArrayLike) -> jax.Array:
         q = jnp.asarray(given)
@@ -188,8 +186,8 @@ def _by_newton(mechanism: Mechanism, home: np.ndarray) -> Operation:
             z = z.at[3].add(-(mechanism.period * jnp.round((z[3] - home[3]) / mechanism.period)))
         out = check(z, q)
         good = jnp.all(
-            jnp.abs(out[:n]) < max(_CLOSED, _ROUNDINGS * float(jnp.finfo(q.dtype).eps))
+            jnp.abs(out[:n]) < max(CLOSED, _ROUNDINGS * float(jnp.finfo(q.dtype).eps))
         ) & (sign * out[n] > 0)
-        return jnp.where(good & jnp.all(out[n + 1 :] > -_MODE), z, jnp.nan)
+        return jnp.where(good & jnp.all(out[n + 1 :] > -OTHER_MODE), z, jnp.nan)
 
     return find

@@ -35,7 +35,7 @@ Samples = Float[np.ndarray, "samples dof"]
 # Samples between anchors, which are reached from home; the others start at their anchor.
 _STRIDE = 32
 # Coarse and fine steps from home, and Newton iterations at each step and at the end.
-_COARSE, _FINE, _ON_THE_WAY, _AT_THE_END = 6, 60, 2, 8
+COARSE, _FINE, ON_THE_WAY, AT_THE_END = 6, 60, 2, 8
 # Most rounds in which solved samples start their unsolved neighbours.
 _HANDED_ON = 4
 # Residual [m, rad] below which the loops are closed, and distance to the edge of its reach within
@@ -43,7 +43,7 @@ _HANDED_ON = 4
 CLOSED = 1e-12
 # Mode margin [m] of the other working mode: closer to the stretched limb the pose is singular, and
 # rounding decides.
-_OTHER_MODE = 1e-9
+OTHER_MODE = 1e-9
 
 
 @dataclass(frozen=True)
@@ -108,11 +108,11 @@ class NewtonForward:
 
     def solve(self, q: Samples) -> Forward:
         """Solve for all samples; adjacent rows are adjacent in time."""
-        anchors = self._from_home(q[::_STRIDE], _COARSE)
+        anchors = self._from_home(q[::_STRIDE], COARSE)
         z = np.repeat(anchors, _STRIDE, axis=0)[: len(q)]
-        z = self._iterate(z, q, _AT_THE_END)
+        z = self._iterate(z, q, AT_THE_END)
         solution = self._judge(z, q)
-        for steps in (_COARSE, _FINE):
+        for steps in (COARSE, _FINE):
             lost = np.flatnonzero(~solution.on_branch)
             if not lost.size:
                 break
@@ -128,7 +128,7 @@ class NewtonForward:
             if not lost.size:
                 break
             z = solution.z.copy()
-            z[lost] = self._iterate(z[last[lost]], q[lost], _AT_THE_END)
+            z[lost] = self._iterate(z[last[lost]], q[lost], AT_THE_END)
             solution = self._judge(z, q)
             if not solution.on_branch[lost].any():
                 break
@@ -140,8 +140,8 @@ class NewtonForward:
         turns = np.array([middle is not None for middle in self._mechanism.middles])
         way -= 2 * np.pi * turns * np.round(way / (2 * np.pi))
         for share in np.linspace(0, 1, steps + 1)[1:]:
-            z = self._iterate(z, self._q_home + share * way, _ON_THE_WAY)
-        return self._iterate(z, q, _AT_THE_END)
+            z = self._iterate(z, self._q_home + share * way, ON_THE_WAY)
+        return self._iterate(z, q, AT_THE_END)
 
     def _iterate(self, z: Samples, q: Samples, times: int) -> Samples:
         both = np.vstack([z.T, q.T])
@@ -161,7 +161,7 @@ class NewtonForward:
 
     def _judge(self, z: Samples, q: Samples) -> Forward:
         residual, determinant, modes = self._evaluate(z, q)
-        closed, in_mode = residual <= CLOSED, np.all(modes > -_OTHER_MODE, axis=0)
+        closed, in_mode = residual <= CLOSED, np.all(modes > -OTHER_MODE, axis=0)
         return Forward(
             z=np.where(closed[:, None], z, np.nan),
             closed=closed,
@@ -193,7 +193,7 @@ def _closed_form(mechanism: Mechanism, form: ClosedForm) -> ForwardKinematics:
         out = kernel(q.T)
         z, margin, modes = out[:n].T, out[n], out[n + 1 :]
         worst = np.argmin(np.nan_to_num(modes, nan=np.inf), axis=0)
-        in_mode = ~np.any(modes < -_OTHER_MODE, axis=0)
+        in_mode = ~np.any(modes < -OTHER_MODE, axis=0)
         return Forward(
             z=z,
             closed=margin > 0,
