@@ -41,7 +41,7 @@ from deltaid.mechanism.platform import with_turned_half
 from deltaid.mechanism.rotation import inverse
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.limbs import LimbGeometry
-from deltaid.robot.platform import PASSIVE_JOINTS, H4Platform, RigidPlatform
+from deltaid.robot.platform import PASSIVE_JOINTS, H4Platform
 
 
 @dataclass(frozen=True)
@@ -65,7 +65,7 @@ class ForceEquations:
 def splits(robot: RobotDescription) -> bool:
     """Whether the force of each strut of a pair is determined, and not only the sum."""
     known = all(limb.spacing is not None for limb in robot.limb_geometry)
-    return known and isinstance(robot.platform, RigidPlatform | H4Platform)
+    return known and robot.platform.determines_struts
 
 
 def build_forces(robot: RobotDescription, mechanism: Mechanism) -> ForceEquations:

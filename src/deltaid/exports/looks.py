@@ -14,7 +14,7 @@ from scipy.spatial.transform import Rotation
 from deltaid.exports.tree import ZERO, I, Tree, Vector, X, Z
 from deltaid.model.model import Model
 from deltaid.robot.limbs import LimbGeometry
-from deltaid.robot.platform import I4Platform, Par4Platform, RigidPlatform
+from deltaid.robot.platform import I4Platform, RigidPlatform
 
 # Red, green, blue and opacity of each colour.
 COLOURS: dict[str, tuple[float, float, float, float]] = {
@@ -161,8 +161,7 @@ def _platform(subject: Model, tree: Tree, s: float) -> Iterator[Shape]:
         e = 0.12 * s * platform.direction
         yield Rod("HP1", "rack", "steel", lift - e, lift + e, 0.008 * s)
     else:
-        par4 = isinstance(platform, Par4Platform)
-        half = (0.5 * platform.length if par4 else platform.half_length) * X
+        half = platform.arm * X
         yield Rod(platform.bodies[1], "middle", "steel", lift - half, lift + half, 0.012 * s)
 
 

@@ -219,11 +219,10 @@ def _platform(subject: Model) -> Iterator[Part]:
 
 def _hinged(subject: Model, platform: H4Platform | Par4Platform) -> Iterator[Part]:
     """A middle (bar, or both rods) that turns by θ, parts on it that turn back, and the tool."""
-    par4 = isinstance(platform, Par4Platform)
-    half = 0.5 * platform.length if par4 else platform.half_length
+    half, bars = platform.arm, 2 if isinstance(platform, Par4Platform) else 1
     part, middle = platform.bodies[:2]
     slides = (*_slides("middle"), TreeJoint("platform", False, Z))
-    yield TreeBody(middle, "", I, ZERO, slides, (2 if par4 else 1) * subject.body(middle))
+    yield TreeBody(middle, "", I, ZERO, slides, bars * subject.body(middle))
     for k, side in ((1, half), (2, -half)):
         back = TreeJoint(f"part{k}_turn", False, Z)
         yield TreeBody(f"{part}{k}", middle, I, side * X, (back,), subject.body(part))

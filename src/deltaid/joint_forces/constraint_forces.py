@@ -18,7 +18,6 @@ from deltaid.recording.recording import PreparedRecording
 from deltaid.recording.windows import SampleBlock
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.load import RobotLike, described
-from deltaid.robot.platform import H4Platform, RigidPlatform
 from deltaid.shown import Shown
 
 _SUMS = "only the sum of the forces of a limb's two struts is given"
@@ -117,7 +116,7 @@ def _why_sums(robot: RobotDescription) -> str:
             cause="limbs of one strut leave open what it is",
             cure="where limbs have two struts, describe both (limbs.struts_per_limb)",
         )
-    if not isinstance(robot.platform, RigidPlatform | H4Platform):
+    if not robot.platform.determines_struts:
         return Doubt(
             _SUMS,
             cause=f"a platform of kind {robot.platform.kind} has one joint less than its eight "

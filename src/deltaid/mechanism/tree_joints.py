@@ -26,7 +26,7 @@ from deltaid.errors import DeltaidError
 from deltaid.kernel.batch import BatchKernel
 from deltaid.mechanism.mechanism import Mechanism
 from deltaid.robot.description import RobotDescription
-from deltaid.robot.platform import H4Platform, I4Platform, Par4Platform, RigidPlatform, Telescope
+from deltaid.robot.platform import I4Platform, Platform, RigidPlatform, Telescope
 from deltaid.shown import Named
 
 Samples = Float[np.ndarray, "samples dof"]
@@ -122,9 +122,6 @@ def tree_coordinates(robot: RobotDescription, mechanism: Mechanism) -> dict[str,
     if robot.telescope is not None:
         coordinates |= _of_telescope(robot.telescope, mechanism.z)
     return coordinates
-
-
-Platform = RigidPlatform | H4Platform | Par4Platform | I4Platform
 
 
 def _of_platform(platform: Platform, z: ca.SX) -> dict[str, ca.SX]:

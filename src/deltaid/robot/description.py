@@ -23,6 +23,7 @@ from deltaid.robot.own import OwnMechanism
 from deltaid.robot.parameter import SLIDING, TURNING, JointUnits
 from deltaid.robot.part import (
     GRAVITY,
+    TOOL_SPEED,
     Coordinate,
     Gravity,
     JointKind,
@@ -59,10 +60,6 @@ class TurnLimits:
     high: float
     speed: float
     acceleration: float
-
-
-# Speed of ψ where the description sets no limit.
-_TURN_SPEED = float(np.deg2rad(1500.0))
 
 
 class RobotDescription(Shown, Plotted, Reported, Part):
@@ -235,9 +232,8 @@ class RobotDescription(Shown, Plotted, Reported, Part):
             return TurnLimits(float(low), float(high), float(speed), float(acceleration))
         limits = self.limits_of("drive4")
         low, high = limits.range or (-np.pi, np.pi)
-        return TurnLimits(
-            low, high, limits.top_speed or _TURN_SPEED, limits.top_acceleration or np.inf
-        )
+        speed = limits.top_speed or float(np.deg2rad(TOOL_SPEED))
+        return TurnLimits(low, high, speed, limits.top_acceleration or np.inf)
 
     @property
     def task(self) -> Task:
@@ -247,9 +243,8 @@ class RobotDescription(Shown, Plotted, Reported, Part):
     @property
     def home(self) -> Float[np.ndarray, " dof"]:
         """The middle of the workspace as z [m, rad]; ψ of a platform in the middle of its range."""
-        return self.within(0.5 * (self.turn.low + self.turn.high) if self.platform_turns else 0.0)[
-            0
-        ]
+        middle = 0.5 * (self.turn.low + self.turn.high) if self.platform_turns else 0.0
+        return self.within(middle)[0]
 
     def within(
         self, middle: float, half: float = 0.0

@@ -13,7 +13,15 @@ from pydantic import Field, model_validator
 
 from deltaid.errors import DescriptionError
 from deltaid.robot.limits import NAMES, Task, TaskName
-from deltaid.robot.part import AngleRange, JointKind, Part, Positive, require_increasing
+from deltaid.robot.part import (
+    TOOL_ACCELERATION,
+    TOOL_SPEED,
+    AngleRange,
+    JointKind,
+    Part,
+    Positive,
+    require_increasing,
+)
 
 Name = Annotated[str, Field(pattern=r"^[A-Za-z][A-Za-z0-9_]{0,30}$")]
 
@@ -49,9 +57,9 @@ class OwnMechanism(Part):
     angle_deg: AngleRange = Field(
         default=(-180.0, 180.0), description="lowest and highest tool angle ψ, degrees"
     )
-    speed_deg_s: Positive = Field(default=1500.0, description="largest tool speed, degrees/s")
+    speed_deg_s: Positive = Field(default=TOOL_SPEED, description="largest tool speed, degrees/s")
     acceleration_deg_s2: Positive = Field(
-        default=30_000.0, description="largest tool acceleration, degrees/s²"
+        default=TOOL_ACCELERATION, description="largest tool acceleration, degrees/s²"
     )
     sha256: str | None = Field(
         default=None, description="of the Python file; filled in when the file is named"

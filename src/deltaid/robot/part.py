@@ -123,7 +123,8 @@ _LONGEST, _SHORTEST = 100.0, 1e-6  # m
 _HEAVIEST, _LIGHTEST = 1e6, 1e-9  # kg
 _FASTEST = 300.0  # m/s
 _STRONGEST = 100.0  # m/s², of gravity
-GRAVITY = 9.81  # m/s², where nothing is stated
+# Where nothing is stated: gravity [m/s²], largest tool speed [°/s] and acceleration [°/s²].
+GRAVITY, TOOL_SPEED, TOOL_ACCELERATION = 9.81, 1500.0, 30_000.0
 
 
 def limited(low: float, high: float, refusal: str) -> AfterValidator:

@@ -17,7 +17,16 @@ import numpy as np
 from jaxtyping import Float
 from pydantic import Field, model_validator
 
-from deltaid.robot.part import AngleRange, Length, Part, Point, Positive, require_increasing
+from deltaid.robot.part import (
+    TOOL_ACCELERATION,
+    TOOL_SPEED,
+    AngleRange,
+    Length,
+    Part,
+    Point,
+    Positive,
+    require_increasing,
+)
 
 # JSON Schema, for editors, of what `_check` below refuses.
 Ratio = Annotated[float, Field(ge=-1e3, le=1e3, json_schema_extra={"not": {"const": 0}})]
@@ -36,6 +45,8 @@ class RigidPlatform(Part):
     kind: Literal["rigid"] = Field(default="rigid", description="one body that translates")
     bodies: ClassVar[tuple[str, ...]] = ("P",)
     slides: ClassVar[bool] = False
+    # Whether the force of each strut of a pair follows from the motion, however stiff struts are.
+    determines_struts: ClassVar[bool] = True
 
 
 class _Articulated(Part, ABC):
@@ -55,9 +66,9 @@ class _Articulated(Part, ABC):
         default=(0.0, 0.0, 0.0), description="tool axis from the point of what carries it, m"
     )
     angle_deg: AngleRange = Field(description="lowest and highest tool angle ψ, degrees")
-    speed_deg_s: Positive = Field(default=1500.0, description="largest tool speed, degrees/s")
+    speed_deg_s: Positive = Field(default=TOOL_SPEED, description="largest tool speed, degrees/s")
     acceleration_deg_s2: Positive = Field(
-        default=30_000.0, description="largest tool acceleration, degrees/s²"
+        default=TOOL_ACCELERATION, description="largest tool acceleration, degrees/s²"
     )
 
     @model_validator(mode="after")
@@ -93,6 +104,7 @@ class H4Platform(_Articulated):
     kind: Literal["h4"] = Field(description="two side bars on a turning middle bar")
     bodies: ClassVar[tuple[str, ...]] = ("SB", "MB", "EE")
     slides: ClassVar[bool] = False
+    determines_struts: ClassVar[bool] = True
     half_length: Length = Field(description="h: middle of the middle bar to its ends, m")
 
     @property
@@ -115,6 +127,7 @@ class Par4Platform(_Articulated):
     kind: Literal["par4"] = Field(description="two main parts and two turning rods")
     bodies: ClassVar[tuple[str, ...]] = ("MP", "R", "EE")
     slides: ClassVar[bool] = False
+    determines_struts: ClassVar[bool] = False
     length: Length = Field(description="L of the rods, m")
 
     @property
@@ -128,6 +141,7 @@ class I4Platform(_Articulated):
     kind: Literal["i4"] = Field(description="two half platforms on a slide")
     bodies: ClassVar[tuple[str, ...]] = ("HP", "EE")
     slides: ClassVar[bool] = True
+    determines_struts: ClassVar[bool] = False
     direction_deg: Annotated[float, Field(ge=-360, le=360)] = Field(
         default=0.0, description="direction e of the slide about world z, degrees"
     )

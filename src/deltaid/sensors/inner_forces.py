@@ -26,7 +26,6 @@ from deltaid.dynamics.joint_columns import joint_columns
 from deltaid.dynamics.speed_forces import SpeedForces, wrench
 from deltaid.errors import DescriptionError
 from deltaid.robot.parameter import PriorParameter
-from deltaid.robot.platform import H4Platform, RigidPlatform
 from deltaid.robot.sensors import JointTorque, StrutForce
 from deltaid.sensors.rows import SensorRows, Unknown, wide_force, wide_moment
 
@@ -127,7 +126,7 @@ def _only_sums(dynamics: Dynamics, where: str, wanted: str) -> DescriptionError:
         return DescriptionError(
             "the limbs have one strut each", where=where, cure=f"name it {limb}"
         )
-    if isinstance(robot.platform, RigidPlatform | H4Platform):
+    if robot.platform.determines_struts:
         return DescriptionError(
             f"how {limb} shares its force between its two struts follows from their distance, "
             "which is not described",
