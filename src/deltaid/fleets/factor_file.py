@@ -36,7 +36,7 @@ from deltaid.fleets.factor_record import (
 from deltaid.forked import require_threads
 from deltaid.model.record import Settings
 from deltaid.recording.mapping import ColumnMapping
-from deltaid.recording.source import readable
+from deltaid.recording.source import POLARS_ERRORS, readable
 from deltaid.robot.description import RobotDescription
 
 ENDING = ".factors.parquet"
@@ -130,7 +130,7 @@ def read(path: Path) -> FactorFile:
         require_intact(data, where, RecordingError, _CURE)
         metadata = pl.read_parquet_metadata(BytesIO(data))
         table = pl.read_parquet(BytesIO(data))
-    except (pl.exceptions.PolarsError, pl.exceptions.PanicException) as error:
+    except POLARS_ERRORS as error:
         raise _refusal(f"cannot be read as a factor file: {error}", where) from None
     if table.schema != pl.Schema(_SCHEMA):
         raise _refusal("is no factor file: its columns are others", where)

@@ -19,6 +19,7 @@ from pydantic import Field, field_validator
 from deltaid.errors import DescriptionError, nearest, quoted
 from deltaid.fleets.store import is_address, read
 from deltaid.model.options import Period
+from deltaid.recording.source import POLARS_ERRORS, first_line
 from deltaid.robot.load import parse
 from deltaid.robot.part import Part
 
@@ -153,9 +154,9 @@ def _of_table(data: bytes, ending: str, where: str) -> Manifest:
             if ending == ".csv"
             else pl.read_parquet(BytesIO(data))
         )
-    except (OSError, pl.exceptions.PolarsError, pl.exceptions.PanicException) as error:
+    except (OSError, *POLARS_ERRORS) as error:
         raise DescriptionError(
-            f"cannot be read: {quoted(str(error).splitlines()[0])}",
+            f"cannot be read: {first_line(error)}",
             where=where,
             cure="check the file",
         ) from None

@@ -16,6 +16,7 @@ from deltaid.fleets import store
 from deltaid.fleets.factor_file import FactorFile, read
 from deltaid.forked import require_threads
 from deltaid.model.record import IdentifiedModel
+from deltaid.recording.source import POLARS_ERRORS
 
 _MADE_AGAIN = "remove it; it is made again"
 
@@ -77,7 +78,7 @@ class Place:
         require_intact(data, self.path_to(name), DeltaidError, cure)
         try:
             return pl.read_parquet(BytesIO(data))
-        except (OSError, pl.exceptions.PolarsError, pl.exceptions.PanicException) as error:
+        except (OSError, *POLARS_ERRORS) as error:
             raise DeltaidError(
                 f"is no Parquet table: {str(error).splitlines()[0]}",
                 where=self.path_to(name),

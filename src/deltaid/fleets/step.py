@@ -22,6 +22,7 @@ from deltaid.fleets.workers import ALONE, Workers
 from deltaid.model.record import Settings
 from deltaid.parallel import threads
 from deltaid.progress import Progress
+from deltaid.recording.source import POLARS_ERRORS
 from deltaid.robot.description import RobotDescription
 
 # The table of recordings, and the file of the quarantine.
@@ -75,7 +76,7 @@ def refused(place: Place) -> dict[str, str]:
     try:
         table = pl.read_csv(BytesIO(data), infer_schema=False)
         reasons = table.select(pl.col("key").fill_null(""), "reason").rows()
-    except (pl.exceptions.PolarsError, pl.exceptions.PanicException) as error:
+    except POLARS_ERRORS as error:
         raise DeltaidError(
             f"cannot be read: {str(error).splitlines()[0]}",
             where=place.path_to(QUARANTINE),

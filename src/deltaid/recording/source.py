@@ -25,6 +25,8 @@ from deltaid.errors import Doubt, RecordingError, quoted, visible
 from deltaid.recording.address import Pick, RecordedField, locate
 
 Column = pl.Series | np.ndarray
+# What polars raises for tables that it cannot read.
+POLARS_ERRORS = (pl.exceptions.PolarsError, pl.exceptions.PanicException)
 # Rows of a batch.
 BATCH_ROWS = 1 << 16
 # Bytes read at once: few, because a chunk may unpack to a thousand times its size. The first ones

@@ -23,7 +23,7 @@ from deltaid.recording.formats.csv_lines import (
     per_line,
     whole_lines,
 )
-from deltaid.recording.source import LogTable, Rows
+from deltaid.recording.source import POLARS_ERRORS, LogTable, Rows
 
 
 @dataclass(frozen=True)
@@ -149,7 +149,7 @@ def _single_blanks(block: bytes) -> bytes:
 
 def _fields(table: CsvTable, block: bytes, row: int) -> pl.DataFrame:
     lines, frame = _require_fields(table, block, row), None
-    with suppress(pl.exceptions.PolarsError, pl.exceptions.PanicException):
+    with suppress(*POLARS_ERRORS):
         frame = pl.read_csv(
             io.BytesIO(block),
             has_header=False,

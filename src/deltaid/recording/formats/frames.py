@@ -22,7 +22,7 @@ import polars as pl
 from deltaid.errors import RecordingError
 from deltaid.recording.address import Pick, RecordedField
 from deltaid.recording.mapping import ColumnMapping
-from deltaid.recording.source import BATCH_ROWS, LogTable, Rows, first_line, readable
+from deltaid.recording.source import BATCH_ROWS, POLARS_ERRORS, LogTable, Rows, first_line, readable
 from deltaid.recording.time.counts import PER_SECOND, in_seconds, is_clock
 
 # A type of polars; the run-time check of types cannot resolve its class.
@@ -152,7 +152,7 @@ def _decoding(path: Path) -> Generator[None, None, None]:
         os.dup2(nowhere, 2)
         with last_words(str(_damaged(path, "polars cannot go on")), kept), readable(path):
             yield
-    except (pl.exceptions.PolarsError, pl.exceptions.PanicException) as error:
+    except POLARS_ERRORS as error:
         raise _damaged(path, first_line(error)) from None
     finally:
         os.dup2(kept, 2)
