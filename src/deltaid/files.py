@@ -18,6 +18,8 @@ from deltaid.errors import DeltaidError
 
 # How names of descriptions, mappings and models end.
 YAML_ENDINGS = (".yaml", ".yml")
+# Names, as a pattern in small letters, that Windows keeps for devices.
+DEVICES = r"con|prn|aux|nul|com\d|lpt\d"
 # How names of files end that are being written.
 _UNFINISHED = ".part"
 # What a name that cannot be a file's is refused with: too long, a link to itself, a NUL.

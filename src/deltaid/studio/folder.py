@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from deltaid.errors import DeltaidError
-from deltaid.files import YAML_ENDINGS, written_whole
+from deltaid.files import DEVICES, YAML_ENDINGS, written_whole
 from deltaid.recording.table import FORMATS
 from deltaid.robot.load import LARGEST_FILE, holds_a_model, read_text
 
@@ -23,8 +23,7 @@ _MAPPING = re.compile(r"^(time|position|velocity|torque|load)\s*:", re.MULTILINE
 # Most characters of a name, of its endings, and of an answer.
 LONGEST = 60
 _SAFE = re.compile(r"[^\w.()+-]+")
-# Names of devices on some systems.
-_DEVICES = re.compile(r"(?i)(con|prn|aux|nul|com\d|lpt\d)(\..*)?")
+_DEVICES = re.compile(rf"(?i)({DEVICES})(\..*)?")
 
 
 class ConflictError(DeltaidError):

@@ -12,7 +12,7 @@ from urllib.parse import quote
 import polars as pl
 from plotly.offline import get_plotlyjs
 
-from deltaid.files import together, written_whole
+from deltaid.files import DEVICES, together, written_whole
 from deltaid.fleets.site.friction_figure import MAIN, friction_panel
 from deltaid.fleets.site.parts import LIKE, NOTHING, WORDS, bounds, cell, grid
 from deltaid.fleets.site.robot_page import robot_page
@@ -78,8 +78,7 @@ def _rendered(page: Page, *way: tuple[str, str]) -> str:
 
 _PLAIN = re.compile(r"[A-Za-z0-9][A-Za-z0-9_-]{0,79}")
 _UNSAFE = re.compile(r"[^A-Za-z0-9_-]+")
-# Those that Windows keeps for itself.
-_TAKEN = re.compile(r"con|prn|aux|nul|(com|lpt)\d", re.IGNORECASE)
+_TAKEN = re.compile(DEVICES, re.IGNORECASE)
 
 
 def file_names(names: Iterable[str]) -> dict[str, str]:
