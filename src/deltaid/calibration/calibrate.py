@@ -251,7 +251,7 @@ def _sessions(solution: GeometryFit) -> tuple[MeasuringSession, ...]:
         square, freedom = part.chance(solution.knowledge)
         quiet = freedom >= 1 and square * GROWN**2 < chi2.ppf(CHANCE, freedom)
         excluded = tuple(_excluded(part, int(k)) for k in np.flatnonzero(~part.used))
-        residual = float(np.sqrt(np.mean(part.errors[part.used] ** 2))) * part.noise
+        residual = part.rms * part.noise
         kind, source, count = part.instrument.kind, part.instrument.source, len(part.used)
         numbers = residual, part.noise, part.grown, bool(quiet)
         made.append(MeasuringSession(kind, source, count, excluded, *numbers))

@@ -63,6 +63,11 @@ class WeightedRows:
     def used_slopes(self) -> Float[np.ndarray, "rows variables"]:
         return self.slopes[self.used].reshape(-1, self.slopes.shape[2])
 
+    @property
+    def rms(self) -> float:
+        """Root mean square of the errors that the fit uses."""
+        return float(np.sqrt(np.mean(self.errors[self.used] ** 2)))
+
     def chance(self, knowledge: Knowledge) -> tuple[float, float]:
         """Sum of squared errors, and its expectation."""
         square, taken = self.errors[self.used] ** 2, (self.used_slopes @ knowledge.inverse) ** 2
@@ -275,11 +280,10 @@ def _with_predicted(solution: GeometryFit) -> GeometryFit:
         solution = solution.again(readings, grown[-1])
     for part in solution.readings:
         before = float(np.median(np.linalg.norm(part.used_slopes[:, : len(solution.u)], axis=1)))
-        left = float(np.sqrt(np.mean(part.errors[part.used] ** 2)))
-        if part.grown > GROWN and left > _BEYOND * before:
+        if part.grown > GROWN and part.rms > _BEYOND * before:
             raise part.misfit(
                 f"{part.instrument.readings} misfit every geometry near the described one by "
-                f"{1e3 * left * part.noise:.3g} mm"
+                f"{1e3 * part.rms * part.noise:.3g} mm"
             )
     return solution
 

@@ -4,7 +4,6 @@ Units of lengths are judged from the plain data of the file: most robots in mill
 than any description may be, so loading their file fails.
 """
 
-import re
 from collections.abc import Iterable, Iterator
 from typing import Any
 
@@ -13,7 +12,7 @@ from jaxtyping import Float
 
 from deltaid.dynamics.at_rest import AtRest, Poses
 from deltaid.dynamics.dynamics import compiled
-from deltaid.dynamics.limits import torque_limits
+from deltaid.dynamics.limits import kind_of_limit, torque_limits
 from deltaid.dynamics.parameters import prior_parameters
 from deltaid.errors import KinematicsError
 from deltaid.model.verdict import Fault, Grade, Proposal, Verdict, listed, percent
@@ -219,8 +218,7 @@ def _points(robot: RobotDescription) -> Float[np.ndarray, "points dof"]:
 
 def _cut(robot: AtRest, poses: Poses) -> Verdict:
     pose_limits = slice(robot.of_workspace, len(robot.limits) - len(torque_limits(robot.robot)))
-    # Without the number of the drive or strut.
-    names = [" ".join(re.sub(r"\d", "", name).split()) for name in robot.limits[pose_limits]]
+    names = [kind_of_limit(name) for name in robot.limits[pose_limits]]
     broken = poses.shares[:, pose_limits] > 1.0  # not so where NaN: not reached
     lost = 1 - float(np.mean(poses.stands & ~np.any(broken, axis=1)))
     if lost <= _EDGE:

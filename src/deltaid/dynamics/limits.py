@@ -1,5 +1,6 @@
 """Limits of a robot along a motion, as numbers within [−1, 1], and their use."""
 
+import re
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -25,6 +26,11 @@ class Limit:
     name: str
     u: ca.SX
     two_sided: bool
+
+
+def kind_of_limit(name: str) -> str:
+    """Name of a limit without the number of its drive or strut."""
+    return " ".join(re.sub(r"\d+", "", name).split())
 
 
 def kinematic_limits(

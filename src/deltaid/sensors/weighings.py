@@ -18,7 +18,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float, Int
 
-from deltaid.dynamics.parameters import ParameterLayout, parameter_layout
+from deltaid.dynamics.parameters import ParameterLayout, parameter_layout, prior_parameters
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.inertia import RigidBody
 from deltaid.robot.limbs import rotation as about_axis
@@ -69,8 +69,7 @@ class Weighing:
 
 
 def weighings(robot: RobotDescription) -> tuple[Weighing, ...]:
-    layout = parameter_layout(robot)
-    prior = np.array([parameter.prior for parameter in layout.parameters])
+    layout, prior = parameter_layout(robot), prior_parameters(robot)
     alone = [
         weighing(measured, (Placed(body=name),), layout, prior, f"bodies.{name}.measured[{k}]")
         for name in robot.body_names

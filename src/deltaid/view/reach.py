@@ -2,7 +2,6 @@
 sections through it."""
 
 import itertools
-import re
 from dataclasses import dataclass
 
 import numpy as np
@@ -12,6 +11,7 @@ from plotly.subplots import make_subplots
 from scipy.stats import qmc
 
 from deltaid.dynamics.at_rest import AtRest, Poses
+from deltaid.dynamics.limits import kind_of_limit
 from deltaid.errors import KinematicsError
 from deltaid.mechanism.skeleton import Skeleton
 from deltaid.robot.description import RobotDescription
@@ -136,11 +136,6 @@ def survey(robot: AtRest) -> WorkspaceSurvey:
     )
 
 
-def kind(limit: str) -> str:
-    """Name of a limit without the number of its drive or strut."""
-    return " ".join(re.sub(r"\d+", "", limit).split())
-
-
 def good(robot: AtRest, poses: Poses) -> Bool[np.ndarray, " samples"]:
     """Which poses exist and keep the machine's own limits."""
     return poses.stands & np.all(poses.shares[:, robot.of_workspace :] <= 1, axis=1)
@@ -192,7 +187,7 @@ def _turn(robot: AtRest) -> tuple[tuple[float, int], tuple[float, int]] | None:
 
 def limit_kinds(robot: AtRest) -> dict[str, str]:
     """Colours of the machine's own limits by kind, the same in all views."""
-    kinds = dict.fromkeys(kind(name) for name in robot.limits[robot.of_workspace :])
+    kinds = dict.fromkeys(kind_of_limit(name) for name in robot.limits[robot.of_workspace :])
     colors = itertools.cycle([style.SERIES[k] for k in (3, 4, 2, 1, 0)])
     return dict(zip(kinds, colors, strict=False)) | {NOTHING: style.PRIOR}
 
@@ -205,7 +200,9 @@ def patches(
     a, b, c, d = corner[:-1, :-1], corner[1:, :-1], corner[1:, 1:], corner[:-1, 1:]
     faces = np.stack([np.stack([a, b, c]), np.stack([a, c, d])]).reshape(2, 3, -1)
     faces = faces.transpose(0, 2, 1).reshape(-1, 3)
-    names = np.array([*(kind(name) for name in robot.limits), NOTHING])  # index −1 selects the last
+    names = np.array(
+        [*(kind_of_limit(name) for name in robot.limits), NOTHING]
+    )  # index −1 selects the last
     ended_by = names[reached.ended_by.ravel()[faces[:, 0]]]
     points = reached.points.reshape(-1, 3)
     return {name: (points, faces[ended_by == name]) for name in np.unique(ended_by)}
