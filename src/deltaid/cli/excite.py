@@ -12,7 +12,14 @@ import typer
 
 import deltaid
 from deltaid.cli.options import AsJson, Full, Report, Robot, UsePoor, bounded, output_file
-from deltaid.cli.output import print_outcome, progress, remark, require_outputs, used, write_files
+from deltaid.cli.output import (
+    note_planned,
+    print_outcome,
+    progress,
+    require_outputs,
+    used,
+    write_files,
+)
 from deltaid.errors import DeltaidError, within
 from deltaid.files import write_bytes
 from deltaid.motion.excitation.settings import VERIFICATION_OFFSET, CriterionName, PurposeName
@@ -104,8 +111,7 @@ def excite(
     asked = {"--output": output, "--verify-out": verify_out, "--plot": plot, "--report": report}
     require_outputs([robot], asked)
     model = deltaid.load(robot)
-    if model.identified is not None:
-        remark("note", f"{model.source} is a model: planned with its masses and friction")
+    note_planned(model)
     with (
         used(model, force=force, as_prior=False),
         progress(as_json) as say,

@@ -30,6 +30,7 @@ from deltaid.cli.options import (
 )
 from deltaid.cli.output import (
     console,
+    note_prior,
     print_json,
     print_next,
     print_outcome,
@@ -252,7 +253,7 @@ def validate(
             about = {"log": record.log, "sha256": record.sha256}
             missing = record.model.sources[0].left_out
     if known.identified is None:
-        remark("note", f"{known.source} is a robot: it stands for its prior parameters")
+        note_prior(known)
     remark("warning", *(f"{log}: {text}" for text in remarks(known, seen, error)))
     said, excluded = summary(known, error, seen), left_out_table([(log.name, missing)])
     print_outcome(

@@ -84,6 +84,9 @@ KeepAll = Annotated[
     ),
 ]
 Columns = Annotated[Path | None, typer.Option(help="Which column is what, and its unit (YAML).")]
+MotionColumns = Annotated[
+    Path | None, typer.Option(help="Which column of MOTION is what, and its unit (YAML).")
+]
 # Arguments of all commands with several recordings.
 ColumnFiles = Annotated[
     list[Path] | None,

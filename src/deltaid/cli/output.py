@@ -86,7 +86,7 @@ def used(model: "deltaid.Model", *, force: bool = False, as_prior: bool = True) 
     if model.identified is None:
         yield
         if as_prior:
-            remark("note", f"{model.source} is a robot: it stands for its prior parameters")
+            note_prior(model)
         return
     from deltaid.model.record import CHANGED
     from deltaid.view.page import Trust
@@ -104,6 +104,17 @@ def used(model: "deltaid.Model", *, force: bool = False, as_prior: bool = True) 
         remark("note", f"{model.source}: {verdict.sentence}")
     if CHANGED in model.identified.warnings:
         remark("warning", f"{model.source}: {CHANGED}")
+
+
+def note_prior(model: "deltaid.Model") -> None:
+    """Say of a robot that it stands for its prior."""
+    remark("note", f"{model.source} is a robot: it stands for its prior parameters")
+
+
+def note_planned(model: "deltaid.Model") -> None:
+    """Say of an identified model that a plan is made with it."""
+    if model.identified is not None:
+        remark("note", f"{model.source} is a model: planned with its masses and friction")
 
 
 def styled(text: str, style: str = "bold") -> Text:

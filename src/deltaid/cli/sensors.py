@@ -6,8 +6,15 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 import deltaid
-from deltaid.cli.options import AsJson, Full, Report, Robot, UsePoor, bounded, names
-from deltaid.cli.output import print_outcome, progress, remark, require_outputs, used, write_files
+from deltaid.cli.options import AsJson, Full, MotionColumns, Report, Robot, UsePoor, bounded, names
+from deltaid.cli.output import (
+    note_planned,
+    print_outcome,
+    progress,
+    require_outputs,
+    used,
+    write_files,
+)
 from deltaid.view.numbers import percent
 
 if TYPE_CHECKING:
@@ -38,9 +45,7 @@ def sensors(
     entries: Annotated[
         str | None, typer.Option(help="Entries to show, such as U.mcx,S.m,P.m.")
     ] = None,
-    columns: Annotated[
-        Path | None, typer.Option(help="Which column of MOTION is what, and its unit (YAML).")
-    ] = None,
+    columns: MotionColumns = None,
     torque_noise: Annotated[
         float,
         bounded(help="Torque noise, share of each drive's largest torque.", limits=(1e-9, 10.0)),
@@ -124,8 +129,8 @@ def sensors(
     for name in shown:
         plan.entry(name)  # raises for an unknown one
     write_files((report, lambda path: write_page(plan_page(plan, shown), path)))
-    if plan.model.identified is not None and not as_json:
-        remark("note", f"{plan.model.source} is a model: planned with its masses and friction")
+    if not as_json:
+        note_planned(plan.model)
     hidden, card = view.untold(plan), view.plan_card(plan)
     details = [
         f"planned for {plan.motion}, torque noise {percent(settings.torque_noise)} of each drive's "

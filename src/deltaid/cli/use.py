@@ -11,6 +11,7 @@ from deltaid.cli.options import (
     Columns,
     Full,
     ModelOrRobot,
+    MotionColumns,
     Report,
     UsePoor,
     bounded,
@@ -83,9 +84,7 @@ def forces(
     socket_force: Annotated[
         float | None, typer.Option(help="Spring force at each ball, N, if not described.")
     ] = None,
-    columns: Annotated[
-        Path | None, typer.Option(help="Which column of MOTION is what, and its unit (YAML).")
-    ] = None,
+    columns: MotionColumns = None,
     log_columns: Annotated[
         list[Path] | None,
         typer.Option(help="The same for the recordings of --logs; repeated, one each."),
