@@ -21,6 +21,7 @@ from deltaid.errors import RecordingError
 from deltaid.estimation.information import triangle
 from deltaid.estimation.problem import DEPENDENT
 from deltaid.estimation.scatter import inverse
+from deltaid.fleets.place import MADE_AGAIN
 from deltaid.fleets.robot_recordings import RobotRecordings, fitted
 from deltaid.identification.fit import FittedProblem
 from deltaid.model.record import Settings
@@ -163,7 +164,7 @@ def read_member(data: bytes, where: str) -> TypeMember:
     Raises:
         RecordingError: it is damaged.
     """
-    require_intact(data, where, RecordingError, "remove it; it is made again")
+    require_intact(data, where, RecordingError, MADE_AGAIN)
     with np.load(BytesIO(data), allow_pickle=False) as file:
         known: dict[str, Any] = json.loads(str(file["known"]))
         arrays = {key: file[key] for key in _ARRAYS}

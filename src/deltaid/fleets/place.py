@@ -18,7 +18,7 @@ from deltaid.forked import require_threads
 from deltaid.model.record import IdentifiedModel
 from deltaid.recording.source import POLARS_ERRORS
 
-_MADE_AGAIN = "remove it; it is made again"
+MADE_AGAIN = "remove it; it is made again"
 
 
 @dataclass(frozen=True)
@@ -65,7 +65,7 @@ class Place:
     def write(self, name: str, data: bytes) -> None:
         store.write(self.path_to(name), data)
 
-    def table(self, name: str, cure: str = _MADE_AGAIN) -> pl.DataFrame | None:
+    def table(self, name: str, cure: str = MADE_AGAIN) -> pl.DataFrame | None:
         """A Parquet table in it; None if there is none.
 
         Raises:

@@ -16,7 +16,7 @@ from deltaid.errors import DeltaidError
 from deltaid.fleets.drift_findings import DriftSettings
 from deltaid.fleets.fleet import Fleet
 from deltaid.fleets.gather_plan import GatherPlan, GatherResult
-from deltaid.fleets.place import Place
+from deltaid.fleets.place import MADE_AGAIN, Place
 from deltaid.fleets.store import StoreError
 from deltaid.fleets.workers import ALONE, Workers
 from deltaid.model.record import Settings
@@ -80,7 +80,7 @@ def refused(place: Place) -> dict[str, str]:
         raise DeltaidError(
             f"cannot be read: {str(error).splitlines()[0]}",
             where=place.path_to(QUARANTINE),
-            cure="remove it; it is made again",
+            cure=MADE_AGAIN,
         ) from None
     return {key: reason for key, reason in reasons if key}
 

@@ -27,6 +27,8 @@ ALL = "all"
 _CHANGED = {"rising": "rises", "falling": "falls", "stepped": "has stepped"}
 # Longest quoted reason [characters].
 _LONGEST = 160
+# Start of the concern about a robot that is unlike the others.
+FOREIGN = "does not belong to its type: "
 # Text of an undetermined state.
 UNKNOWN = "not enough data"
 # Start of parameters that are torque constants by identification.
@@ -239,7 +241,7 @@ def _foreign(rows: Sequence[Row]) -> list[Concern]:
         return []
     reasons = list(dict.fromkeys(row["reason"] for row in rows if row["reason"]))
     why = "; ".join(reasons[:2]) or ", ".join(row["parameter"] for row in rows[:4])
-    return [Concern(Urgency.LOOK, f"does not belong to its type: {why}")]
+    return [Concern(Urgency.LOOK, f"{FOREIGN}{why}")]
 
 
 def _refused(quarantine: pl.DataFrame, last: str, *, recorded: bool) -> list[Concern]:

@@ -17,7 +17,7 @@ from deltaid.fleets.site.parts import (
     known,
     most_spread,
 )
-from deltaid.fleets.site.state import Robot, Tables, Urgency, day
+from deltaid.fleets.site.state import FOREIGN, Robot, Tables, Urgency, day
 from deltaid.view.numbers import number, span
 from deltaid.view.page import Block, Chart, Fact, Page, Section, Summary, Table, Text, Trust
 
@@ -130,10 +130,9 @@ def _verdict(robots: Sequence[Robot], foreign: Sequence[Robot], *, is_known: boo
 
 
 def _foreign(foreign: Sequence[Robot], links: Mapping[str, str]) -> tuple[Block, ...]:
-    start = "does not belong to its type: "
     rows = tuple(
-        (robot.name, "; ".join(c.text.removeprefix(start) for c in robot.concerns
-                             if c.text.startswith(start)))
+        (robot.name, "; ".join(c.text.removeprefix(FOREIGN) for c in robot.concerns
+                             if c.text.startswith(FOREIGN)))
         for robot in foreign
     )  # fmt: skip
     table = Table(
