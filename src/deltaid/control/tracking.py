@@ -30,6 +30,7 @@ from deltaid.mechanism.kinematics import Kinematics, Samples
 from deltaid.mechanism.one_or_many import real_numbers
 from deltaid.model.model import Model
 from deltaid.motion.surrogate import Motion
+from deltaid.recording.filter import TOO_SHORT
 from deltaid.recording.log import Log
 from deltaid.recording.mapping import ColumnMapping
 from deltaid.recording.memory import RecordingLike
@@ -116,8 +117,7 @@ def open_trajectory(
         raise RecordingError(
             f"has {len(time)} samples, too few for a motion (at least {_DEGREE + 1})",
             where=str(path),
-            cure="give a longer one; without velocities and accelerations the filter's length is "
-            "lost at either end",
+            cure=TOO_SHORT,
         )
     return SampledTrajectory(kinematics, time, q), recording.log
 

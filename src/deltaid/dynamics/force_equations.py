@@ -36,6 +36,7 @@ from deltaid.dynamics.force_parts import (
     vector,
 )
 from deltaid.dynamics.speed_forces import SpeedForces
+from deltaid.errors import DescriptionError
 from deltaid.mechanism.mechanism import Mechanism, MovingBody
 from deltaid.mechanism.platform import with_turned_half
 from deltaid.mechanism.rotation import inverse
@@ -60,6 +61,16 @@ class ForceEquations:
     p: ca.SX
     channels: tuple[ForceChannel, ...]
     struts: tuple[str, ...]
+
+
+def unknown_joints(wanted: str, where: str) -> DescriptionError:
+    """Error of forces that the description of a user's own mechanism does not determine."""
+    return DescriptionError(
+        "a mechanism of your own says how bodies move, but not which joints carry them, so "
+        f"{wanted} cannot be computed",
+        where=where,
+        cure="describe the robot by limbs and platform if it is composed of them",
+    )
 
 
 def splits(robot: RobotDescription) -> bool:

@@ -32,7 +32,7 @@ from deltaid.joint_forces.constraint_forces import ConstraintForces
 from deltaid.mechanism.tree_joints import tree_joints
 from deltaid.model.model import Model
 from deltaid.online.cycle import standard_parts, step_graph
-from deltaid.online.settings import OnlineSettings
+from deltaid.online.settings import IDENTIFY_FIRST, OnlineSettings
 
 # Settings of exported online functions by default.
 DEFAULT = OnlineSettings()
@@ -239,7 +239,7 @@ NO_CONTACT = Doubt(
     "the online cycle finds loads, and no contacts",
     cause="the model is a robot's prior: without an identification nothing says how far its "
     "torques may be off",
-    cure="identify a model from a recording first, `deltaid identify`",
+    cure=IDENTIFY_FIRST,
 )
 
 

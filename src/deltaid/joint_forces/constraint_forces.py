@@ -8,9 +8,9 @@ import numpy as np
 from jaxtyping import Float
 
 from deltaid.dynamics.dynamics import WithParameters
-from deltaid.dynamics.force_equations import ForceEquations, build_forces, splits
+from deltaid.dynamics.force_equations import ForceEquations, build_forces, splits, unknown_joints
 from deltaid.dynamics.parameters import Parameters, known_parameters, parameter_layout
-from deltaid.errors import DescriptionError, Doubt, unknown
+from deltaid.errors import Doubt, unknown
 from deltaid.kernel.batch import BatchKernel
 from deltaid.mechanism.kinematics import Kinematics, Samples
 from deltaid.mechanism.one_or_many import one_or_many
@@ -46,12 +46,7 @@ class ConstraintForces(WithParameters, Shown):
         self._p = known_parameters(robot)
         robot = described(robot)
         if robot.mechanism is not None or robot.limbs is None:
-            raise DescriptionError(
-                "a mechanism of your own says how bodies move, but not which joints carry them, so "
-                "constraint forces cannot be computed",
-                where="mechanism",
-                cure="describe the robot by limbs and platform if it is composed of them",
-            )
+            raise unknown_joints("constraint forces", "mechanism")
         self.robot, self.layout = robot, parameter_layout(robot)
         self.kinematics = Kinematics(robot)
         self.equations: ForceEquations = build_forces(robot, self.kinematics.mechanism)

@@ -18,6 +18,7 @@ from deltaid.joint_forces.constraint_forces import ConstraintForces, SampleBlock
 from deltaid.joint_forces.ranges import Determinacy, Openness, Range, Ranges, evidence
 from deltaid.model.model import Model, ModelLike, load
 from deltaid.progress import Watch, watched
+from deltaid.recording.filter import TOO_SHORT
 from deltaid.recording.mapping import ColumnMappings, MappingLike, as_mapping
 from deltaid.recording.memory import RecordingLike, as_source
 from deltaid.recording.opening import open_log
@@ -95,12 +96,7 @@ def extremes(forces: ConstraintForces, p: Parameters, motion: Iterable[SampleBlo
         values = np.where(better, extreme, values)
         samples = np.where(better[..., None], rows, samples)
     if np.isinf(values).all():
-        raise RecordingError(
-            "has no samples left",
-            where="motion",
-            cure="give a longer one; without velocities and accelerations the filter's length is "
-            "lost at either end",
-        )
+        raise RecordingError("has no samples left", where="motion", cure=TOO_SHORT)
     return Extremes(forces.names, forces.units, values, samples)
 
 

@@ -16,7 +16,7 @@ from deltaid.model.model import Model, ModelLike, load
 from deltaid.online.cycle import MorePart, standard_parts, step_graph
 from deltaid.online.graph import StepGraph
 from deltaid.online.instant import UNKNOWN
-from deltaid.online.settings import OnlineKnowledge, OnlineSettings, knowledge
+from deltaid.online.settings import IDENTIFY_FIRST, OnlineKnowledge, OnlineSettings, knowledge
 from deltaid.shown import Named
 
 Rows = Float[np.ndarray, "samples dof"]
@@ -96,7 +96,7 @@ class OnlineEstimate(Named):
                 "was not searched: the robot is at its prior, and without an identification "
                 "nothing says what is a contact",
                 where="contact",
-                cure="identify a model from a recording first, `deltaid identify`",
+                cure=IDENTIFY_FIRST,
             )
         return self.outputs[name]
 

@@ -20,6 +20,8 @@ from deltaid.model.model import Model
 from deltaid.motion.random_motion import random_motion
 from deltaid.online.entries import LoadEntries, load_entries
 
+# Fix of a model that does not say how far its torques may be off.
+IDENTIFY_FIRST = "identify a model from a recording first, `deltaid identify`"
 # Longest time from the gripper's signal to the load [s].
 LONGEST_GRIP = 10.0
 # Least number of cycles in the filter's time constant if it follows from the rate.

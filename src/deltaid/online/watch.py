@@ -16,7 +16,7 @@ from deltaid.online.events import Loads, Touch, Touches, WeighedLoad
 from deltaid.online.instant import waits
 from deltaid.online.online import Online, OnlineEstimate
 from deltaid.online.replay import Replay
-from deltaid.online.settings import OnlineSettings
+from deltaid.online.settings import IDENTIFY_FIRST, OnlineSettings
 from deltaid.online.suspicion import Suspicion, measured_of
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.part import GRAVITY
@@ -104,7 +104,7 @@ def watch(
             "is a robot at its prior: without an identification nothing says how far its torques "
             "may be off, and so what is a contact",
             where=model.source,
-            cure="identify a model from a recording first, `deltaid identify`",
+            cure=IDENTIFY_FIRST,
         )
     settings, told = replay.settings(settings), replay.has_gripper
     online = Online(model, settings, more=(measured_of,))

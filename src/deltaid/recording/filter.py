@@ -31,6 +31,11 @@ _ATTENUATION, _TRANSITION = 80.0, 0.8
 # Central differences of eighth order for the first and second derivative.
 _FIRST = np.array([1 / 280, -4 / 105, 1 / 5, -4 / 5, 0, 4 / 5, -1 / 5, 4 / 105, -1 / 280])
 _SECOND = np.array([-1 / 560, 8 / 315, -1 / 5, 8 / 5, -205 / 72, 8 / 5, -1 / 5, 8 / 315, -1 / 560])
+# Fix of a recording of which the filter leaves nothing.
+TOO_SHORT = (
+    "give a longer one; without velocities and accelerations the filter's length is lost at either "
+    "end"
+)
 # Least cut-off as a share of the sampling rate.
 _LOWEST = 1e-6
 # Least sampling rate at which positions can be differentiated [Hz].

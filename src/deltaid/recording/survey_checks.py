@@ -19,7 +19,7 @@ from deltaid.errors import Doubt, RecordingError
 from deltaid.recording.columns import Columns
 from deltaid.recording.filter import LOWEST_RATE
 from deltaid.recording.source import LogTable
-from deltaid.recording.time.clock import HIGHEST_RATE, Clock
+from deltaid.recording.time.clock import HIGHEST_RATE, NO_TIME, Clock
 from deltaid.recording.time.grid import FASTEST, FEWEST, usual_step
 from deltaid.recording.time.signals import GAP
 from deltaid.recording.units import MOST_WRONG
@@ -275,8 +275,7 @@ class ClockCheck:
         raise RecordingError(
             f"column {self.column} {what}",
             where=where,
-            cure="map the column of the time with --columns MAPPING.yaml (time: {column: NAME}), "
-            "or give the sampling rate in its place (time: {rate: 1000})",
+            cure=NO_TIME,
         )
 
 

@@ -21,7 +21,7 @@ import casadi as ca
 import numpy as np
 
 from deltaid.dynamics.dynamics import Dynamics
-from deltaid.dynamics.force_equations import ForceEquations, build_forces, splits
+from deltaid.dynamics.force_equations import ForceEquations, build_forces, splits, unknown_joints
 from deltaid.dynamics.joint_columns import joint_columns
 from deltaid.dynamics.speed_forces import SpeedForces, wrench
 from deltaid.errors import DescriptionError
@@ -93,12 +93,7 @@ class StrutForceRows(SensorRows):
         """Names of the determined strut forces whose sum the gauge measures."""
         wanted, where = self.sensor.strut, f"sensors.{self.name}.strut"
         if self.dynamics.robot.mechanism is not None:
-            raise DescriptionError(
-                "a mechanism of your own says how bodies move, but not which joints carry them, so "
-                "forces along struts cannot be computed",
-                where=where,
-                cure="describe the robot by limbs and platform if it is composed of them",
-            )
+            raise unknown_joints("forces along struts", where)
         known = _equations(self.dynamics).struts
         if wanted in known:
             return (wanted,)

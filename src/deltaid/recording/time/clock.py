@@ -13,6 +13,10 @@ from deltaid.recording.units import MOST_WRONG
 
 # Highest rate of drives [Hz]; a higher one is a wrong unit of time.
 HIGHEST_RATE = 1e6
+NO_TIME = (
+    "map the column of the time with --columns MAPPING.yaml (time: {column: NAME}), or give the "
+    "sampling rate in its place (time: {rate: 1000})"
+)
 # Jitter that needs no explanation [periods, rms].
 JITTER = 0.01
 
@@ -178,8 +182,7 @@ def doubts_about_stamps(clock: Clock, table: LogTable, column: str) -> Iterator[
             f"column {column} jumps about: {clock.wild} of {clock.rows} stamps are far off those "
             "before and after them; it is no time",
             where=table.row_place(table.first_row + clock.first_wild),
-            cure="map the column of the time with --columns MAPPING.yaml (time: {column: NAME}), "
-            "or give the sampling rate in its place (time: {rate: 1000})",
+            cure=NO_TIME,
         )
     if clock.wild:
         yield Doubt(

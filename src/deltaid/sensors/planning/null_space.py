@@ -163,6 +163,7 @@ def _remaining(
 
 
 TORQUES, DESCRIBED, PLAN = "torques", "described", "plan"
+TITLES = {TORQUES: "torques alone", DESCRIBED: "with what the description has"}
 
 
 @dataclass(frozen=True, eq=False)
@@ -199,9 +200,9 @@ def openings(
         return null_space(np.vstack(rows)[:, : len(layout.parameters)], layout, proposed)
 
     of_uses = {use.name: null(known, use.sure) for use in uses}
-    nulls = {TORQUES: ("torques alone", null(torque))}
+    nulls = {TORQUES: (TITLES[TORQUES], null(torque))}
     if len(described):
-        nulls[DESCRIBED] = "with what the description has", null(known)
+        nulls[DESCRIBED] = TITLES[DESCRIBED], null(known)
     nulls |= {name: (titles[name], space) for name, space in of_uses.items()}
     if bought:
         nulls[PLAN] = "with all that is bought", null(known, *(use.sure for use in bought))

@@ -21,7 +21,7 @@ from deltaid.recording.mapping import MappingLike, as_mapping
 from deltaid.recording.memory import RecordingLike
 from deltaid.robot.parameter import PRIOR_SPREAD
 from deltaid.sensors.planning.knowledge import Knowledge, PlanUnknowns, unknowns
-from deltaid.sensors.planning.null_space import Opening, openings
+from deltaid.sensors.planning.null_space import DESCRIBED, TITLES, TORQUES, Opening, openings
 from deltaid.sensors.planning.offers import Offers, load_offers, shipped_offers
 from deltaid.sensors.planning.rows import (
     Scene,
@@ -224,9 +224,9 @@ def sensor_plan(
             )
             return outlook(name, title, known, start, cost_of(together))
 
-        by_torques = described = outlook("torques", "torques alone", alone, alone)
+        by_torques = described = outlook(TORQUES, TITLES[TORQUES], alone, alone)
         if len(likely):
-            described = outlook("described", "with what the description has", start, alone)
+            described = outlook(DESCRIBED, TITLES[DESCRIBED], start, alone)
         say("comparing")
         steps = shopping(start, aim, possible, entries.W, budget, settings.steps)
         beyond = None
