@@ -16,10 +16,11 @@ from deltaid.robot.limits import NAMES, Task, TaskName
 from deltaid.robot.part import (
     TOOL_ACCELERATION,
     TOOL_SPEED,
-    AngleRange,
     JointKind,
     Part,
-    Positive,
+    ToolAcceleration,
+    ToolAngles,
+    ToolSpeed,
     require_increasing,
 )
 
@@ -54,13 +55,9 @@ class OwnMechanism(Part):
     joints: dict[Name, JointKind] = Field(
         default_factory=dict, description="further joints that may have friction or springs"
     )
-    angle_deg: AngleRange = Field(
-        default=(-180.0, 180.0), description="lowest and highest tool angle ψ, degrees"
-    )
-    speed_deg_s: Positive = Field(default=TOOL_SPEED, description="largest tool speed, degrees/s")
-    acceleration_deg_s2: Positive = Field(
-        default=TOOL_ACCELERATION, description="largest tool acceleration, degrees/s²"
-    )
+    angle_deg: ToolAngles = (-180.0, 180.0)
+    speed_deg_s: ToolSpeed = TOOL_SPEED
+    acceleration_deg_s2: ToolAcceleration = TOOL_ACCELERATION
     sha256: str | None = Field(
         default=None, description="of the Python file; filled in when the file is named"
     )

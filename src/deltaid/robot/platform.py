@@ -20,11 +20,12 @@ from pydantic import Field, model_validator
 from deltaid.robot.part import (
     TOOL_ACCELERATION,
     TOOL_SPEED,
-    AngleRange,
     Length,
     Part,
     Point,
-    Positive,
+    ToolAcceleration,
+    ToolAngles,
+    ToolSpeed,
     require_increasing,
 )
 
@@ -65,11 +66,9 @@ class _Articulated(Part, ABC):
     tool: Point = Field(
         default=(0.0, 0.0, 0.0), description="tool axis from the point of what carries it, m"
     )
-    angle_deg: AngleRange = Field(description="lowest and highest tool angle ψ, degrees")
-    speed_deg_s: Positive = Field(default=TOOL_SPEED, description="largest tool speed, degrees/s")
-    acceleration_deg_s2: Positive = Field(
-        default=TOOL_ACCELERATION, description="largest tool acceleration, degrees/s²"
-    )
+    angle_deg: ToolAngles
+    speed_deg_s: ToolSpeed = TOOL_SPEED
+    acceleration_deg_s2: ToolAcceleration = TOOL_ACCELERATION
 
     @model_validator(mode="after")
     def _check(self) -> "_Articulated":
