@@ -17,6 +17,7 @@ from _drawn_templates import SETTINGS
 from _table import STATED, leave, table
 from drawn_fleet import BODY, FRICTION, DrawnType, drawn_type, made_alike
 
+from deltaid.estimation.scatter import NORMAL
 from deltaid.fleets.identify_gathered import identify_gathered
 from deltaid.fleets.member import TypeMember, member
 from deltaid.fleets.population import Population, next_robot
@@ -159,7 +160,7 @@ def _count(
     inside = np.abs(found.mean.value - mean) <= found.mean.half
     counts.count(f"mean, {what}", inside[at])
     truly = {"viscous": FRICTION, "coulomb": FRICTION, "rotor": FRICTION}
-    deviation = 1.96 * np.sqrt(np.diag(found.spreads.covariance))
+    deviation = NORMAL * np.sqrt(np.diag(found.spreads.covariance))
     for kind, log, half in zip(found.spreads.kinds, found.spreads.log, deviation, strict=True):
         counts.count(f"spreads, {what}", np.array(abs(log - np.log(truly.get(kind, BODY))) <= half))
 
