@@ -19,8 +19,9 @@ SHORT_NAMES: dict[Quantity, str] = {
     "torque": "tau",
 }
 QUANTITIES = tuple(SHORT_NAMES)
-# Quantities that every recording of an identification has.
-NEEDED = ("time", "position", "torque")
+# Quantities that every recording of an identification has: of each drive, and all.
+NEEDED_OF_DRIVES: tuple[Quantity, ...] = ("position", "torque")
+NEEDED = ("time", *NEEDED_OF_DRIVES)
 # Default names of the time.
 TIMES = ("t", "time")
 # Allowed units of dates, which have none.

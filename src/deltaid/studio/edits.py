@@ -10,7 +10,13 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from deltaid.recording.column_meanings import groups_of, kind_of, read_name
-from deltaid.recording.mapped_columns import SHORT_NAMES, TIMES, AllDrives, Quantity
+from deltaid.recording.mapped_columns import (
+    NEEDED_OF_DRIVES,
+    SHORT_NAMES,
+    TIMES,
+    AllDrives,
+    Quantity,
+)
 from deltaid.recording.mapping import ColumnMapping
 from deltaid.robot.load import catalogue, catalogue_text, described_in, parse, plain_data, yaml_text
 from deltaid.robot.yaml_edit import edited, mended
@@ -34,8 +40,6 @@ _KINDS = {
     for quantity, units in UNITS.items()
     for unit in units
 }
-# Quantities that an identification needs.
-NEEDED = ("position", "torque")
 TIME_UNITS = ("s", "ms", "us", "ns", "100 ns")
 
 
@@ -156,7 +160,7 @@ def incomplete(data: Data, drives: Sequence[str], names: Sequence[str] | None = 
     for quantity in UNITS:
         if quantity not in data:
             usual = [f"{SHORT_NAMES[quantity]}{i + 1}" for i in range(len(drives))]
-            if quantity in NEEDED and names is not None and not {*usual} <= {*names}:
+            if quantity in NEEDED_OF_DRIVES and names is not None and not {*usual} <= {*names}:
                 return f"{quantity}: choose the column of {drives[0]}"
             continue
         for drive, entry in zip(drives, entries(data, quantity, len(drives)), strict=True):

@@ -6,6 +6,7 @@ from typing import Any
 from nicegui import ui
 
 from deltaid.errors import DeltaidError
+from deltaid.model.verdict import Grade
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.load import catalogue, catalogue_text
 from deltaid.studio.edits import difference, proposed_changes, robot_cured
@@ -17,7 +18,7 @@ from deltaid.studio.session import Session, mapping_name, mapping_of
 from deltaid.studio.steps import check_step
 from deltaid.studio.words import page_words
 
-_ORDER = ("wrong", "doubtful", "cannot tell", "good")
+_ORDER = [*reversed(Grade)]
 _SENTENCES = {
     "good": "All is good.",
     "cannot tell": "Nothing is wrong; something is undecided.",

@@ -9,8 +9,9 @@ import plotly.graph_objects as go
 from nicegui import background_tasks, events, ui
 
 from deltaid.recording.contents import Contents
+from deltaid.recording.mapped_columns import NEEDED_OF_DRIVES
 from deltaid.studio import look
-from deltaid.studio.edits import NEEDED, Data, named
+from deltaid.studio.edits import Data, named
 from deltaid.studio.look import Beside, Preview
 from deltaid.studio.pages import parts
 from deltaid.studio.plan import Used
@@ -148,8 +149,8 @@ async def signals(
     known = [name for name in known if name != time]
     chosen = [name for name in known if name in named(mapping, dof)]
     moving = [c.address for c in contents.columns if c.address in known and not c.is_constant]
-    if len(chosen) < len(known) and any(quantity not in mapping for quantity in NEEDED):
-        chosen = [*dict.fromkeys((*chosen, *moving))][: len(NEEDED) * dof]
+    if len(chosen) < len(known) and any(quantity not in mapping for quantity in NEEDED_OF_DRIVES):
+        chosen = [*dict.fromkeys((*chosen, *moving))][: len(NEEDED_OF_DRIVES) * dof]
     picked = ui.select(known, value=chosen, label="Signals as recorded", multiple=True)
     picked.props("use-chips").classes("w-full")
     place = ui.column().classes("w-full")

@@ -9,11 +9,10 @@ from nicegui.elements.mixins.value_element import ValueElement
 
 from deltaid.errors import DeltaidError
 from deltaid.recording.contents import Contents
-from deltaid.recording.mapped_columns import QUANTITIES, Quantity
+from deltaid.recording.mapped_columns import NEEDED_OF_DRIVES, QUANTITIES, Quantity
 from deltaid.robot.description import RobotDescription
 from deltaid.studio.edits import (
     DEFAULTS,
-    NEEDED,
     TIME_UNITS,
     UNITS,
     Data,
@@ -128,8 +127,8 @@ def form(state: Form) -> None:
         state.session, "alike", ui.switch("All drives have the same unit and gear", value=True)
     )
     for quantity in QUANTITIES:
-        title = quantity if quantity in NEEDED else f"{quantity} (if recorded)"
-        shown = ui.expansion(title, value=quantity in data or quantity in NEEDED)
+        title = quantity if quantity in NEEDED_OF_DRIVES else f"{quantity} (if recorded)"
+        shown = ui.expansion(title, value=quantity in data or quantity in NEEDED_OF_DRIVES)
         listed = zip(state.drives, entries(data, quantity, state.dof), strict=True)
         with shown.classes("w-full").props("dense"), ui.element("div").classes("grid drives"):
             for drive, (name, entry) in enumerate(listed):
