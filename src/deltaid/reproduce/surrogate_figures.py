@@ -277,5 +277,4 @@ def _line(
 
 def _above_titles(figure: go.Figure) -> None:
     figure.update_annotations(font_size=12)
-    legend = {"y": 1.0, "yanchor": "top", "yref": "container"}
-    figure.update_layout(legend=legend, margin={"t": 115})
+    figure.update_layout(legend=style.LEGEND_ON_TOP, margin={"t": 115})

@@ -162,7 +162,7 @@ _FRICTION = {
     "drive2": (2.0, 4.0),
     "drive3": (2.0, 4.0),
     "drive4": (0.5, 1.0),
-    "slide": (4.08, 5.36),
+    "slide": FRICTION["slide"],
 }
 # Shares of the truth between which the regularisations lie.
 BELOW, ABOVE = (0.6, 0.8), (1.25, 1.6)

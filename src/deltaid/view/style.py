@@ -20,6 +20,8 @@ MEASURED_LINE = {"color": "#7fb5e0", "width": 4.0}
 PREDICTED_LINE = {"color": "#b3470a", "width": 1.5, "dash": "6px,2px"}
 # Cycle of colours that only distinguish drives or bodies.
 SERIES = ("#2b83c6", "#e0701f", "#17a07a", "#c2508f", "#b59400", "#5aa9d6", "#8b929b")
+# Place of a legend above titles of panels.
+LEGEND_ON_TOP = {"y": 1.0, "yanchor": "top", "yref": "container"}
 # Axis of names, one below the other from the top.
 DOWNWARDS = {"autorange": "reversed", "tickmode": "linear", "dtick": 1}
 

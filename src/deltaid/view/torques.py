@@ -190,7 +190,7 @@ def grid(names: Sequence[str], height: int) -> go.Figure:
     return figure.update_layout(
         height=height * rows + 100,
         margin={"t": 75},
-        legend={"y": 1.0, "yanchor": "top", "yref": "container"},
+        legend=style.LEGEND_ON_TOP,
     )
 
 

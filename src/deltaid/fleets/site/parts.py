@@ -65,7 +65,7 @@ def grid(
         "height": high + _TOP + _BOTTOM,
         "margin": {"t": _TOP, "b": _BOTTOM},
         "showlegend": legend,
-        "legend": {"y": 1.0, "yanchor": "top", "yref": "container"},
+        "legend": style.LEGEND_ON_TOP,
         "annotations": [],
         "shapes": [],
     }
