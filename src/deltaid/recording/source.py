@@ -235,14 +235,6 @@ def packed_by(path: Path) -> str:
     return "gzip" if start.startswith(_GZIP) else "zstd" if start.startswith(ZSTD) else ""
 
 
-def skip(stream: io.BufferedReader, size: int) -> None:
-    if stream.seekable():
-        stream.seek(size, io.SEEK_CUR)
-        return
-    while size and (read := len(stream.read(min(size, 1 << 20)))):
-        size -= read
-
-
 def unzstd(data: bytes, path: Path) -> bytes:
     """Decompressed zstd data.
 

@@ -18,7 +18,6 @@ from deltaid.recording.formats.csv_lines import (
     as_text,
     cells_of,
     decoded,
-    find_end,
     is_comment,
     is_marked_row,
     is_number,
@@ -68,8 +67,6 @@ def open_csv(path: Path, mapping: ColumnMapping) -> LogTable:
                     )
                 )
                 first_row = _after_comments(lines, first_row + 1)
-        before = lines[first_row - 1] if first_row > 1 else b""
-        data_start = lines.size(first_row - 1)
         above = range(header.row + 1, first_row) if mapping.data_row is None else ()
         marked = [
             row
@@ -77,12 +74,11 @@ def open_csv(path: Path, mapping: ColumnMapping) -> LogTable:
             if is_comment(lines[row])
             and is_marked_row(lines[row], header.separator, len(header.names))
         ]
-    with content(path) as file:
-        data_size, tag, last_byte = find_end(file, data_start, header.separator)
-    if tag:
+        data = lines.data(first_row, header.separator)
+    if data.tag:
         warnings.append(
             Doubt(
-                f"ends with text after its data ('{tag}'), which is ignored",
+                f"ends with text after its data ('{data.tag}'), which is ignored",
                 cause="the logger marks the end of its file",
                 cure="nothing is to be done; if data follows it, make a file of each part",
             )
@@ -90,11 +86,8 @@ def open_csv(path: Path, mapping: ColumnMapping) -> LogTable:
     return CsvTable(
         path,
         tuple(RecordedField(name) for name in header.names),
-        header.separator,
+        data,
         header.row,
-        data_start,
-        data_size,
-        not (last_byte or before).endswith(b"\n"),
         marked,
         first_row=first_row,
         units=units,

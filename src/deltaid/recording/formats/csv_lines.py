@@ -1,4 +1,4 @@
-"""Lines of a CSV file: head, end, blocks of lines, cells and numbers.
+"""Lines of a file of text: its head and its data in blocks of lines, cells and numbers.
 
 The head has comments and names. The file ends with data, or with lines of text such as END.
 """
@@ -7,6 +7,7 @@ import csv
 import io
 import re
 from collections.abc import Iterator
+from dataclasses import dataclass
 from itertools import takewhile
 from pathlib import Path
 
@@ -15,7 +16,7 @@ import polars as pl
 from jaxtyping import Int
 
 from deltaid.errors import Doubt, RecordingError, visible
-from deltaid.recording.source import content, skip
+from deltaid.recording.source import content
 from deltaid.recording.time.counts import is_clock
 
 # Longest line [bytes]; files without line breaks are refused early.
@@ -58,9 +59,72 @@ class HeadLines:
         """At most so many lines with their rows, to the end of the file."""
         return enumerate(takewhile(bool, (self[row] for row in range(1, rows + 1))), start=1)
 
-    def size(self, rows: int) -> int:
-        """Size of the first lines [bytes]."""
-        return sum(map(len, self._lines[:rows]))
+    def data(self, first_row: int, separator: str) -> "TextData":
+        """The data from a row on; reads the file to its end."""
+        before = self[first_row - 1] if first_row > 1 else b""
+        start = sum(map(len, self._lines[: first_row - 1]))
+        tail = b"".join(self._lines[first_row - 1 :])
+        size = len(tail)
+        if self._file.seekable():
+            size = self._file.seek(0, io.SEEK_END) - start
+            self._file.seek(start + max(0, size - _TAIL))
+            tail = self._file.read()
+        while part := self._file.read(_TAIL):
+            size, tail = size + len(part), (tail + part)[-_TAIL:]
+        stop, tag = len(tail), ""
+        for _ in range(_LINES):
+            filled = len(tail[:stop].rstrip())
+            first = tail.rfind(b"\n", 0, filled) + 1
+            line = tail[first:filled].decode("latin-1").strip()
+            fields = [field.strip(' "') for field in line.split(separator)]
+            is_text = re.match(r"[^\W\d_]", line) and not any(f and is_number(f) for f in fields)
+            if not first or not is_text:
+                break
+            stop, tag = first, line
+        ends_open, size = not (tail or before).endswith(b"\n"), size - len(tail) + stop
+        return TextData(self._path, separator, start, size, visible(tag[:40], kept=""), ends_open)
+
+
+@dataclass(frozen=True)
+class TextData:
+    """Lines of data of a file.
+
+    Attributes:
+        separator: between fields.
+        start, size: of the data [bytes].
+        tag: text after it; empty if there is none.
+        ends_open: whether the file ends without a line break.
+    """
+
+    path: Path
+    separator: str
+    start: int
+    size: int
+    tag: str
+    ends_open: bool
+
+    def blocks(self) -> Iterator[bytes]:
+        """Blocks of whole lines.
+
+        Raises:
+            RecordingError: a line is too long.
+        """
+        with content(self.path) as file:
+            file.read(self.start)
+            rest, remaining = b"", self.size
+            while block := file.read(min(_BLOCK_BYTES, remaining)):
+                remaining -= len(block)
+                if cut := block.rfind(b"\n") + 1:
+                    yield rest + block[:cut]
+                rest = block[cut:] if cut else rest + block
+                if len(rest) > _LONGEST_LINE + _BLOCK_BYTES:
+                    raise RecordingError(
+                        "has lines that are too long for CSV",
+                        where=str(self.path),
+                        cure="export the log with a line break after every sample, or as Parquet",
+                    )
+            if rest:
+                yield rest
 
 
 def is_comment(line: bytes) -> bool:
@@ -137,34 +201,6 @@ def names_in(text: str, separator: str, place: str) -> tuple[str, ...]:
     return tuple(field.strip() for field in fields)
 
 
-def find_end(file: io.BufferedReader, data_start: int, separator: str) -> tuple[int, str, bytes]:
-    """End of the data that begins at an offset; reads the file to its end.
-
-    Returns:
-        Its size [bytes], the text after it, empty if there is none, and the last byte of the file,
-        empty if there is no data.
-    """
-    skip(file, data_start)
-    size, tail, tag = 0, b"", ""
-    if file.seekable():
-        size = file.seek(0, io.SEEK_END) - data_start
-        file.seek(data_start + max(0, size - _TAIL))
-        tail = file.read()
-    while part := file.read(_TAIL):
-        size, tail = size + len(part), (tail + part)[-_TAIL:]
-    stop = len(tail)
-    for _ in range(_LINES):
-        filled = len(tail[:stop].rstrip())
-        start = tail.rfind(b"\n", 0, filled) + 1
-        line = tail[start:filled].decode("latin-1").strip()
-        fields = [field.strip(' "') for field in line.split(separator)]
-        is_text = re.match(r"[^\W\d_]", line) and not any(f and is_number(f) for f in fields)
-        if not start or not is_text:
-            break
-        stop, tag = start, line
-    return size - len(tail) + stop, visible(tag[:40], kept=""), tail[-1:]
-
-
 def is_marked_row(line: bytes, separator: str, columns: int) -> bool:
     """Whether a comment line may be a row of data: all fields but the first are numbers."""
     fields = line.decode("latin-1").strip().split(None if separator == " " else separator)
@@ -178,30 +214,6 @@ def is_number(text: str) -> bool:
     except ValueError:
         return False
     return True
-
-
-def whole_lines(path: Path, start: int, size: int) -> Iterator[bytes]:
-    """A part of a file in blocks of whole lines.
-
-    Raises:
-        RecordingError: a line is too long.
-    """
-    with content(path) as file:
-        skip(file, start)
-        rest, remaining = b"", size
-        while block := file.read(min(_BLOCK_BYTES, remaining)):
-            remaining -= len(block)
-            if cut := block.rfind(b"\n") + 1:
-                yield rest + block[:cut]
-            rest = block[cut:] if cut else rest + block
-            if len(rest) > _LONGEST_LINE + _BLOCK_BYTES:
-                raise RecordingError(
-                    "has lines that are too long for CSV",
-                    where=str(path),
-                    cure="export the log with a line break after every sample, or as Parquet",
-                )
-        if rest:
-            yield rest
 
 
 def line_ends(block: bytes) -> Int[np.ndarray, " lines"]:

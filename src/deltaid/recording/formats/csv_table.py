@@ -18,10 +18,10 @@ from deltaid.errors import Doubt, RecordingError
 from deltaid.recording.formats.csv_lines import (
     NO_LINE_BREAK,
     Decimals,
+    TextData,
     is_marked_row,
     line_ends,
     per_line,
-    whole_lines,
 )
 from deltaid.recording.source import POLARS_ERRORS, LogTable, Rows
 
@@ -31,19 +31,14 @@ class CsvTable(LogTable):
     """An open CSV file, with one block in memory at a time; rows are lines of the file.
 
     Attributes:
-        separator: between fields.
+        data: its lines below the names.
         header_row: line of the names, from 1.
-        data_start, data_size: start and size of the data [bytes].
-        ends_open: whether the file ends without a line break.
         marked: comment lines with a number for every column but the first.
         comments: for each comment line in the data, the row after it, comments not counted.
     """
 
-    separator: str
+    data: TextData
     header_row: int
-    data_start: int
-    data_size: int
-    ends_open: bool
     marked: list[int]
     comments: list[int] = field(default_factory=list[int])
 
@@ -54,7 +49,7 @@ class CsvTable(LogTable):
             RecordingError: a line has not the header's fields, or the first one holds no numbers.
         """
         places = [self.header.index(pick.field.name) for pick in self.picks(columns)]
-        decimals = Decimals(self.separator)
+        decimals = Decimals(self.data.separator)
         for row, block in _blocks(self):
             fields = _fields(self, block, row)
             texts = [fields.to_series(k).str.strip_chars() for k in places]
@@ -78,7 +73,7 @@ class CsvTable(LogTable):
                     cure="if they are data, remove the mark",
                 )
             )
-        if self.ends_open:
+        if self.data.ends_open:
             self.doubts.append(NO_LINE_BREAK)
 
     @property
@@ -90,7 +85,7 @@ class CsvTable(LogTable):
         return f"{self.path}, row {row + bisect_right(self.comments, row)}"
 
     def cure(self, written: str) -> str:
-        if "," in written and self.separator == ",":
+        if "," in written and self.data.separator == ",":
             return "decimal commas need semicolons or tabs between the columns"
         if "," in written or "." in written:
             return "write all numbers in one way, with point or comma, and no thousands sign"
@@ -99,8 +94,8 @@ class CsvTable(LogTable):
 
 def _blocks(table: CsvTable) -> Iterator[tuple[int, bytes]]:
     """Blocks of lines with their first rows, without empty lines at the end of the file."""
-    row, empty_row, comments, separator = table.first_row, 0, 0, table.separator
-    for whole in whole_lines(table.path, table.data_start, table.data_size):
+    row, empty_row, comments, separator = table.first_row, 0, 0, table.data.separator
+    for whole in table.data.blocks():
         block, in_block = _without_comments(whole, separator, row)
         # Later passes have the same comments again.
         for after, line in in_block[max(0, len(table.comments) - comments) :]:
@@ -153,7 +148,7 @@ def _fields(table: CsvTable, block: bytes, row: int) -> pl.DataFrame:
         frame = pl.read_csv(
             io.BytesIO(block),
             has_header=False,
-            separator=table.separator,
+            separator=table.data.separator,
             infer_schema=False,
             encoding="utf8-lossy",  # only unused columns may have other encodings
         )
@@ -170,7 +165,7 @@ def _fields(table: CsvTable, block: bytes, row: int) -> pl.DataFrame:
 def _require_fields(table: CsvTable, block: bytes, row: int) -> int:
     """Number of lines of a block, all with as many fields as the header."""
     data, ends, wanted = np.frombuffer(block, np.uint8), line_ends(block), len(table.header)
-    marks = np.flatnonzero(data == ord(table.separator))
+    marks = np.flatnonzero(data == ord(table.data.separator))
     unclosed = np.zeros(0, dtype=int)
     if b'"' in block:
         quotes = np.flatnonzero(data == ord('"'))
@@ -190,7 +185,7 @@ def _require_fields(table: CsvTable, block: bytes, row: int) -> int:
         cure = "repair the line or remove it"
         if fields[i] < wanted and i == len(ends) - 1 and not block.endswith(b"\n"):
             cure = "the file is cut off there; delete the line or export the log again"
-        elif fields[i] > wanted and table.separator == ",":
+        elif fields[i] > wanted and table.data.separator == ",":
             cure = "repair the line; decimal commas need semicolons or tabs between the columns"
         raise RecordingError(
             f"has {fields[i]} fields, but the header has {wanted}",

@@ -18,7 +18,7 @@ from pathlib import Path
 
 from deltaid.errors import RecordingError, visible
 from deltaid.recording.address import RecordedField
-from deltaid.recording.formats.csv_lines import HeadLines, as_text, cells_of, find_end, is_number
+from deltaid.recording.formats.csv_lines import HeadLines, as_text, cells_of, is_number
 from deltaid.recording.formats.twincat_table import NEUTRAL, TIME, ScopeChannel, ScopeTable
 from deltaid.recording.mapping import ColumnMapping
 from deltaid.recording.source import LogTable, content
@@ -58,8 +58,8 @@ def open_scope(path: Path, mapping: ColumnMapping) -> LogTable:
         separator = first["separator"].decode("latin-1") if first else "\t"
         rows, first_row = _rows(lines, separator, path)
         shown = [_cells(lines[first_row + k], separator) for k in range(_SHOWING_LINES)]
-        data_start = lines.size(first_row - 1)
         ends_on_separator = as_text(lines[first_row]).endswith(separator)
+        data = lines.data(first_row, separator)
     widest = max(len(cells) for cells in shown) - ends_on_separator
     names = next((rows[word] for word in _NAMES if len(rows.get(word, ())) >= widest), [])
     heads = [k for k, name in enumerate(names) if name == names[0]]
@@ -73,8 +73,6 @@ def open_scope(path: Path, mapping: ColumnMapping) -> LogTable:
             "sampletime), separated by tabs or semicolons: names may hold blanks, and numbers "
             "commas",
         )
-    with content(path) as file:
-        data_size, _, last_byte = find_end(file, data_start, separator)
     times = [shown[0][k] for k in heads if k < len(shown[0]) and shown[0][k].isdecimal()]
     origin = min(map(int, times), default=0)
     channels = tuple(_channels(rows, names, heads))
@@ -88,12 +86,9 @@ def open_scope(path: Path, mapping: ColumnMapping) -> LogTable:
     return ScopeTable(
         path,
         (RecordedField(TIME), *map(RecordedField, named), *map(RecordedField, more)),
-        separator,
+        data,
         len(names),
         ends_on_separator,
-        data_start,
-        data_size,
-        not last_byte.endswith(b"\n"),
         origin if origin > _FILE_TIME else None,
         channels,
         traces,

@@ -11,9 +11,9 @@ from deltaid.errors import Doubt, RecordingError
 from deltaid.recording.formats.csv_lines import (
     NO_LINE_BREAK,
     Decimals,
+    TextData,
     line_ends,
     per_line,
-    whole_lines,
 )
 from deltaid.recording.source import LogTable, Rows
 from deltaid.recording.time.signals import Signal, merged
@@ -50,11 +50,9 @@ class ScopeTable(LogTable):
     channels as a whole.
 
     Attributes:
-        separator: between fields.
+        data: its lines below the rows about channels.
         columns: their number, times included.
         ends_on_separator: whether lines have a separator after their last field.
-        data_start, data_size: start and size of the data [bytes].
-        ends_open: whether the file ends without a line break.
         origin: the first time if times are in 100 ns since 1601; None if they are in ms since the
             first sample.
         channels: in order.
@@ -62,12 +60,9 @@ class ScopeTable(LogTable):
         shared: whether columns of times are equal, by columns that have been compared.
     """
 
-    separator: str
+    data: TextData
     columns: int
     ends_on_separator: bool
-    data_start: int
-    data_size: int
-    ends_open: bool
     origin: int | None
     channels: tuple[ScopeChannel, ...]
     traces: dict[str, ScopeChannel]
@@ -92,7 +87,7 @@ class ScopeTable(LogTable):
         used = [self.traces[name] for name in names if name != TIME]
         times = tuple(sorted({trace.time for trace in used or self.channels[:1]}))
         scaled = [doubt for trace in used for doubt in _scaled(trace)]
-        self.doubts[:] = scaled + [NO_LINE_BREAK] * self.ends_open
+        self.doubts[:] = scaled + [NO_LINE_BREAK] * self.data.ends_open
         if times not in self.shared:
             self.shared[times] = self._share(times)
         groups = {k: [trace.values for trace in used if trace.time == k] for k in times}
@@ -100,7 +95,7 @@ class ScopeTable(LogTable):
         if not self.shared[times]:
             yield self._merged(at, groups)
             return
-        decimals = Decimals(self.separator)
+        decimals = Decimals(self.data.separator)
         for _, frame in self._blocks([*groups, *at]):
             there = [_filled(frame, [time, *values]) for time, values in groups.items()]
             frame = frame.filter(np.logical_and.reduce(there))
@@ -127,7 +122,7 @@ class ScopeTable(LogTable):
 
     def _merged(self, at: list[int], groups: dict[int, list[int]]) -> Rows:
         columns = [k for time, values in groups.items() for k in (time, *values)]
-        decimals = Decimals(self.separator)
+        decimals = Decimals(self.data.separator)
         parts: dict[int, list[Signal]] = {time: [] for time in groups}
         for row, frame in self._blocks(columns):
             # The first decimal mark in any column holds for all.
@@ -176,13 +171,13 @@ class ScopeTable(LogTable):
         row = self.first_row
         names = [str(k) for k in dict.fromkeys(columns)]
         # The first line determines the number of columns for polars.
-        above = (self.separator * (self.columns - 1)).encode() + b"\n"
-        for block in whole_lines(self.path, self.data_start, self.data_size):
+        above = (self.data.separator * (self.columns - 1)).encode() + b"\n"
+        for block in self.data.blocks():
             lines = self._require_fields(block, row)
             frame = pl.read_csv(
                 io.BytesIO(above + block),
                 has_header=False,
-                separator=self.separator,
+                separator=self.data.separator,
                 schema={str(k): pl.String for k in range(self.columns)},
                 truncate_ragged_lines=True,
                 quote_char=None,
@@ -202,7 +197,7 @@ class ScopeTable(LogTable):
     def _require_fields(self, block: bytes, row: int) -> int:
         """Number of lines of a block, none with more fields than columns."""
         ends = line_ends(block)
-        marks = np.flatnonzero(np.frombuffer(block, np.uint8) == ord(self.separator))
+        marks = np.flatnonzero(np.frombuffer(block, np.uint8) == ord(self.data.separator))
         fields = per_line(marks, ends) + 1
         long = np.flatnonzero(fields > self.columns + self.ends_on_separator)
         if long.size:
