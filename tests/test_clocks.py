@@ -14,6 +14,7 @@ from deltaid.motion.surrogate import SensorNoise, simulate_recording, surrogate_
 from deltaid.recording.log import Log
 from deltaid.recording.opening import open_log
 from deltaid.recording.recording import PreparedRecording, with_filter
+from deltaid.recording.resolution import resolve_columns
 from deltaid.recording.time.clock import Clock
 from deltaid.recording.time.signals import longest_hole, segments
 from deltaid.recording.time.study import study
@@ -158,8 +159,11 @@ def test_holes_are_bridged_and_gaps_cut() -> None:
     clock, longest = clock_of(rows), longest_hole(1000.0, 30.0)
     assert longest == 7
     log = np.hstack([rows.log.to_numpy(), np.ones((len(rows.at), 3))])
+    table = deltaid.Recording.from_table(rows.log).table
+    columns = resolve_columns(table, (False,) * 3)
     for cuts in (1, 13):
-        parts = [np.vstack(list(s)) for s in segments(np.array_split(log, cuts), clock, longest, 3)]
+        rows_of = segments(np.array_split(log, cuts), clock, longest, columns)
+        parts = [np.vstack(list(segment)) for segment in rows_of]
         assert [len(part) for part in parts] == clock.segments(longest).tolist() == [2001, 3950]
         for start, part in zip((0, 2050), parts, strict=True):
             truth = whole.frame.to_numpy()[start : start + len(part)]

@@ -205,9 +205,7 @@ class Log(Shown):
         """
         if self.held is not None:
             return (iter((rows,)) for rows in self.held.read(self.columns))
-        c, longest = self.columns, self.bridged(cutoff)
-        sensors = c.sensor_places.stop - c.sensor_places.start
-        return segments(self.batches(), self.laid, longest, len(c.torque), c.states, sensors)
+        return segments(self.batches(), self.laid, self.bridged(cutoff), self.columns)
 
     def excerpt(self, cutoff: float | None, low_pass: LowPass) -> Excerpt:
         """The excerpt of the log; all of a short one.

@@ -206,6 +206,6 @@ def _clock(survey: Survey) -> Clock:
     require_rate(table, columns.time.column, clock.rate, differentiated=False)
     survey.begin_again()
     longest = longest_hole(clock.rate, 1 / STRETCH)  # until the cut-off is known
-    for segment in segments(read_batches(table, columns), clock, longest, 0):
+    for segment in segments(read_batches(table, columns), clock, longest, columns):
         survey.add_even(segment)
     return clock

@@ -17,7 +17,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from deltaid.errors import RecordingError
-from deltaid.recording.columns import Rows
+from deltaid.recording.columns import Columns, Rows
 from deltaid.recording.source import BATCH_ROWS
 from deltaid.recording.time.clock import Clock
 from deltaid.recording.units import SIDE
@@ -140,27 +140,20 @@ def longest_hole(rate: float, cutoff: float) -> int:
 
 
 def segments(
-    batches: Iterable[Rows],
-    clock: Clock,
-    longest: int,
-    drives: int,
-    held: int = 0,
-    sensors: int = 0,
+    batches: Iterable[Rows], clock: Clock, longest: int, columns: Columns
 ) -> Iterator[Iterator[Rows]]:
     """Samples of each segment, in blocks. Consume a segment before the next one.
 
     Args:
-        batches: all rows of the recording: time, other channels, then one weight per drive.
+        batches: all rows of the recording, columns as in `Columns.all`; weights may follow.
         clock: times of the rows.
         longest: most missing rows that are bridged.
-        drives: number of weights in a row.
-        held: number of states, before the weights.
-        sensors: number of channels of sensors, before the states.
+        columns: of the rows.
     """
     if clock.steady:
         yield iter(batches)
         return
-    parts = _parts(batches, clock, _Run(clock, longest, drives, held, sensors))
+    parts = _parts(batches, clock, _Run(clock, longest, columns))
     for _, part in groupby(parts, key=lambda part: part[0]):
         yield (rows for _, rows in part)
 
@@ -200,19 +193,12 @@ class _Run:
 
     clock: Clock
     longest: int
-    drives: int
-    held: int
-    sensors: int
+    columns: Columns
     begin: float = np.nan
     waiting: Rows = field(default_factory=lambda: np.zeros((0, 0)))
     places: Places = field(default_factory=lambda: np.zeros(0))
     next_place: float = 0.0
     given: int = 0
-
-    @property
-    def _shown(self) -> slice:
-        stop = self.waiting.shape[1] - self.drives - self.held
-        return slice(stop - self.sensors, stop)
 
     def add(self, rows: Rows, lost: Int[np.ndarray, " rows"]) -> Iterator[Rows]:
         """Add consecutive rows; yields the samples that are complete."""
@@ -242,22 +228,22 @@ class _Run:
         """Samples from the first pending one up to a place."""
         wanted = np.arange(self.given, stop, dtype=float)
         self.given = stop
-        first = self.waiting.shape[1] - self.drives
+        sensors, first = self.columns.sensor_places, self.columns.extra_places.stop
         if self.clock.even is False:
             out = interpolate(self.places, self.waiting, wanted)
             after = np.clip(np.searchsorted(self.places, wanted), 1, len(self.places) - 1)
             weights = np.minimum(self.waiting[after - 1, first:], self.waiting[after, first:])
             near = self.places[after] - self.places[after - 1] < GAP
             out[:, first:] = weights * near[:, None]
-            out[~near, self._shown] = np.nan
+            out[~near, sensors] = np.nan
         else:
-            out = self._bridged(wanted, first)
+            out = self._bridged(wanted)
         before = np.clip(np.searchsorted(self.places, wanted, side="right") - 1, 0, None)
-        out[:, first - self.held : first] = self.waiting[before, first - self.held : first]
+        out[:, sensors.stop : first] = self.waiting[before, sensors.stop : first]
         out[:, 0] = self.begin + self.clock.period * wanted
         return out
 
-    def _bridged(self, wanted: Places, first: int) -> Rows:
+    def _bridged(self, wanted: Places) -> Rows:
         """Existing rows, and polynomials across holes."""
         at = np.searchsorted(self.places, wanted)
         out = self.waiting[at]
@@ -269,8 +255,8 @@ class _Run:
             under = _about(self.places, at[holes])
             weights = weights_at(self.places[under], wanted[holes])
             out[holes] = np.einsum("np,npc->nc", weights, self.waiting[under])
-        out[holes, first:] = 0.0
-        out[holes, self._shown] = np.nan
+        out[holes, self.columns.extra_places.stop :] = 0.0
+        out[holes, self.columns.sensor_places] = np.nan
         return out
 
 
