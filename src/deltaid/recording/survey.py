@@ -1,6 +1,6 @@
 """The first pass over a log, which checks every row before anything is computed from it."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -16,7 +16,6 @@ from deltaid.recording.survey_checks import (
     Bounds,
     ClockCheck,
     DerivativeCheck,
-    SensorCheck,
     require_rate,
 )
 from deltaid.recording.table import recut
@@ -38,6 +37,8 @@ class Survey:
         self.table, self.columns, self.kinematics = table, columns, kinematics
         self.last_q = np.zeros((0, kinematics.dof))
         self.low, self.high = np.array(np.inf), np.array(-np.inf)
+        # Rows without a number of each sensor's channel, and the first of these.
+        self.empty = np.zeros((2, len(columns.all[columns.sensor_places])), dtype=int)
         self.warnings = list[Doubt]()
         self.begin_again()
         self.reach = ReachCheck(table, columns, kinematics)
@@ -46,7 +47,7 @@ class Survey:
         limits = map(kinematics.robot.limits_of, kinematics.robot.drives)
         efforts = [limit.effort or np.inf for limit in limits]
         self.search = MaskSearch(kinematics.dof, efforts) if columns.torque else None
-        self.loads, self.sensors = LoadSearch(table, columns), SensorCheck(table, columns)
+        self.loads = LoadSearch(table, columns)
 
     def begin_again(self) -> None:
         """Reset checks that compare distant rows, which hold for evenly spaced samples only."""
@@ -80,7 +81,9 @@ class Survey:
         if self.search is not None:
             self.search.add(values[:, : self.columns.torque_places.stop], self.clock.period)
         self.loads.add(values, row)
-        self.sensors.add(values, row)
+        empty = np.isnan(values[:, self.columns.sensor_places])
+        first = np.where(self.empty[0], self.empty[1], row + empty.argmax(axis=0))
+        self.empty = np.array([self.empty[0] + np.count_nonzero(empty, axis=0), first])
         self.low = np.fmin(self.low, np.fmin.reduce(values))  # ignores NaN of sensors
         self.high = np.fmax(self.high, np.fmax.reduce(values))
         self._check_angles(stretch.q, row, apart)
@@ -103,12 +106,12 @@ class Survey:
         differentiated = not (c.velocity and c.acceleration)
         require_rate(self.table, column, clock.rate, differentiated=differentiated)
         self._check_constant()
-        self.sensors.require(self.low, self.high, samples)
+        of_sensors = [*self._check_sensors()]
         self.warnings += [
             *self.derivatives.warnings(str(self.table.path)),
             *self.reach.doubts(samples),
             *self.loads.doubts(),
-            *self.sensors.doubts(samples),
+            *of_sensors,
             *doubts_about_stamps(clock, self.table, column),
             *self.table.doubts,
         ]
@@ -173,6 +176,30 @@ class Survey:
                     raise self._nothing_recorded(
                         rates[i].column, f"but {channel.column} is not, so it was not recorded"
                     )
+
+    def _check_sensors(self) -> Iterator[Doubt]:
+        """Doubts about rows without a number; refuses columns of no number or one only."""
+        samples, places = self.clock.samples, self.columns.sensor_places
+        named = [(s.name, c.column) for s in self.columns.sensors for c in s.channels]
+        ends = np.array([self.low[places], self.high[places]]).T
+        for (sensor, column), (low, high), empty in zip(named, ends, self.empty[0], strict=True):
+            if not low < high:
+                what = f"is {low:.6g} in all rows, so nothing was recorded"
+                raise RecordingError(
+                    f"column {column} of sensor {sensor} "
+                    + (what if empty < samples else "holds no number in any row"),
+                    where=str(self.table.path),
+                    cure="check the logger's signal, map the right column, or leave the sensor out "
+                    f"of this recording by the line `sensors: {{{sensor}: null}}` of a mapping",
+                )
+        for (sensor, column), (empty, row) in zip(named, self.empty.T.tolist(), strict=True):
+            if empty:
+                yield Doubt(
+                    f"column {column} of sensor {sensor} holds no number in {empty} of {samples} "
+                    f"rows, the first {self.table.row_name(row)}",
+                    cause="the sensor is read less often than the drives, or lost its connection",
+                    cure="such rows do not count for the sensor; all others do",
+                )
 
     def _nothing_recorded(self, column: str, why: str) -> RecordingError:
         return RecordingError(

@@ -1,4 +1,4 @@
-"""Checks of a survey: bounds of numbers, velocities against positions, sensors, time stamps.
+"""Checks of a survey: bounds of numbers, velocities against positions, time stamps.
 
 Wrong units and broken rows give numbers that no recording of a robot has. A recording may exceed
 the limits of the description, but not a hundredfold; other bounds are beyond any machine of this
@@ -145,60 +145,6 @@ class Bounds:
             cure="repair or remove the row; if all rows are like it, declare the column's unit and "
             "gear with --columns MAPPING.yaml",
         )
-
-
-class SensorCheck:
-    """Running check of sensors; `add` all rows, then `require` and read `doubts`."""
-
-    def __init__(self, table: LogTable, columns: Columns) -> None:
-        self._table, self._places = table, columns.sensor_places
-        self._named = [(s.name, c.column) for s in columns.sensors for c in s.channels]
-        self._empty = np.zeros(len(self._named), dtype=np.int64)
-        self._first: dict[int, int] = {}
-
-    def add(self, values: Float[np.ndarray, "rows channels"], row: int) -> None:
-        """Add rows, columns as in `Columns.all`; `row` is the number of the first one."""
-        empty = np.isnan(values[:, self._places])
-        for k in np.flatnonzero(empty.any(axis=0)).tolist():
-            self._first.setdefault(k, row + int(np.argmax(empty[:, k])))
-        self._empty += np.count_nonzero(empty, axis=0)
-
-    def require(
-        self, low: Float[np.ndarray, " channels"], high: Float[np.ndarray, " channels"], rows: int
-    ) -> None:
-        """Refuse columns without or with constant numbers.
-
-        Args:
-            low, high: least and largest number of each column of `Columns.all`.
-            rows: their number.
-
-        Raises:
-            RecordingError: a column holds no number, or one number only.
-        """
-        low, high = low[self._places], high[self._places]
-        for k, (sensor, column) in enumerate(self._named):
-            if low[k] < high[k]:
-                continue
-            what = "holds no number in any row"
-            if self._empty[k] < rows:
-                what = f"is {low[k]:.6g} in all rows, so nothing was recorded"
-            raise RecordingError(
-                f"column {column} of sensor {sensor} {what}",
-                where=str(self._table.path),
-                cure="check the logger's signal, map the right column, or leave the sensor out of "
-                f"this recording by the line `sensors: {{{sensor}: null}}` of a mapping",
-            )
-
-    def doubts(self, rows: int) -> list[Doubt]:
-        return [
-            Doubt(
-                f"column {self._named[k][1]} of sensor {self._named[k][0]} holds no number in "
-                f"{self._empty[k]} of {rows} rows, the first {self._table.row_name(row)}",
-                cause="the sensor is read less often than the drives, or lost its connection",
-                cure="such rows do not count for the sensor; all others do",
-            )
-            for k, row in sorted(self._first.items())
-        ]
 
 
 class ClockCheck:
