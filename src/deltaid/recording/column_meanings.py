@@ -10,7 +10,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cache
 
-from deltaid.recording.units import factor_among, is_unit
+from deltaid.recording.units import SI_UNITS, factor_among, is_unit
 
 # Quantities by their words. Of several in one name the first in this order counts: a joint's torque
 # is no position.
@@ -116,15 +116,6 @@ SIGNALS: dict[str, tuple[str, str | None]] = {
     **dict.fromkeys(("sctrl_speed_act", "vl.fb", "fspd", "fvel"), ("velocity", None)),
     **dict.fromkeys(("aspos", "cpos", "mpos", "cspd"), ("commanded", None)),
 }
-# Quantities of units, by the SI units that they convert to.
-_KINDS = {
-    "time": ("s",),
-    "position": ("rad", "m"),
-    "velocity": ("rad/s", "m/s"),
-    "acceleration": ("rad/s^2", "m/s^2"),
-    "torque": ("N m", "N"),
-    "current": ("A",),
-}
 # Fewest letters of a part of a compound, and links of German compounds.
 _PART, _LINKS = 3, ("", "s", "n", "en", "es")
 _BRACKETS = re.compile(r"[\[(]\s*([^\[\]()]*?)\s*[\])]")
@@ -194,7 +185,7 @@ def unit_of(text: str) -> str | None:
 @cache
 def kind_of(unit: str) -> str:
     """Quantity of a unit, such as 'position' of 'deg'; empty if drives have none."""
-    return next((kind for kind, si in _KINDS.items() if factor_among(unit, *si) is not None), "")
+    return next((kind for kind, si in SI_UNITS.items() if factor_among(unit, *si) is not None), "")
 
 
 def read_name(name: str) -> Reading:

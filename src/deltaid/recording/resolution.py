@@ -19,12 +19,9 @@ from deltaid.recording.mapped_columns import (
 )
 from deltaid.recording.mapping import ColumnMapping
 from deltaid.recording.source import LogTable
-from deltaid.recording.units import si_factor
+from deltaid.recording.units import SI_UNITS, si_factor
 from deltaid.robot.sensors import SensorChannel
 
-# SI units of drives that turn and that slide.
-_TURNING = {"position": "rad", "velocity": "rad/s", "acceleration": "rad/s^2", "torque": "N m"}
-_SLIDING = {"position": "m", "velocity": "m/s", "acceleration": "m/s^2", "torque": "N"}
 # Scale and zero of temperatures in degrees Celsius.
 _CELSIUS = {"degC": (1.0, 0.0), "K": (1.0, 273.15), "degF": (5 / 9, 32.0)}
 Sensors = Mapping[str, tuple[SensorChannel, ...]]
@@ -84,7 +81,7 @@ def resolve_columns(
 
 def si_unit(quantity: Quantity, *, linear: bool) -> str:
     """Default unit of a quantity, for a drive that slides or turns."""
-    return (_SLIDING if linear else _TURNING)[quantity]
+    return SI_UNITS[quantity][linear]
 
 
 def extra_drives(table: LogTable, columns: Columns, dof: int) -> list[str]:
@@ -195,7 +192,7 @@ def _channel(quantity: Quantity, column: DriveColumn, linear: bool, where: str) 
             "belongs to linear drives only", where=f"{where}.lead", cure="leave it out"
         )
     motor = not linear or column.lead is not None
-    target = (_TURNING if motor else _SLIDING)[quantity]
+    target = si_unit(quantity, linear=not motor)
     unit = si_factor(column.unit, target, where=where, torque_constant=column.torque_constant)
     travel = column.lead / (2 * math.pi) if column.lead is not None else 1.0
     factor = unit * (column.gear / travel if quantity == "torque" else travel / column.gear)

@@ -18,6 +18,8 @@ from jaxtyping import Float, Int
 from deltaid.errors import Doubt, RecordingError
 from deltaid.recording.columns import Columns
 from deltaid.recording.filter import LOWEST_RATE
+from deltaid.recording.mapped_columns import Quantity
+from deltaid.recording.resolution import si_unit
 from deltaid.recording.source import LogTable
 from deltaid.recording.time.clock import HIGHEST_RATE, NO_TIME, Clock
 from deltaid.recording.time.grid import FASTEST, FEWEST, usual_step
@@ -28,11 +30,13 @@ from deltaid.robot.part import LARGEST
 
 # Factor by which a described limit may be exceeded.
 _FACTOR = 100.0
-# Largest magnitudes of position, velocity, acceleration and torque of a turning drive
-# [rad, rad/s, rad/s², N m] and of a sliding one [m, m/s, m/s², N].
-_TURNING = (1e5, 1e3, 1e6, 1e6)
-_SLIDING = (100.0, 300.0, 1e6, 1e7)
-_UNITS_OF = {False: ("rad", "rad/s", "rad/s²", "N m"), True: ("m", "m/s", "m/s²", "N")}
+# Largest magnitudes of a turning drive and of a sliding one, in SI units.
+_HIGHEST: dict[Quantity, tuple[float, float]] = {
+    "position": (1e5, 100.0),
+    "velocity": (1e3, 300.0),
+    "acceleration": (1e6, 1e6),
+    "torque": (1e6, 1e7),
+}
 # Rates are compared with their columns over so long [s]; motion is slower.
 STRETCH = 0.02
 # Squared correlation above which columns must agree in scale, and below which they hardly belong to
@@ -114,17 +118,18 @@ class Bounds:
     def __init__(self, table: LogTable, columns: Columns, robot: RobotDescription) -> None:
         self._table, self._columns = table, columns
         largest, units = [LARGEST], ["s"]
-        parts = (columns.position, columns.velocity, columns.acceleration, columns.torque)
-        for quantity, channels in enumerate(parts):
-            for drive, _ in zip(robot.drives, channels, strict=False):
-                slides = robot.is_linear(drive)
-                described = robot.limits_of(drive)
+        for quantity, highest in _HIGHEST.items():
+            for drive, _ in zip(robot.drives, getattr(columns, quantity), strict=False):
+                slides, described = robot.is_linear(drive), robot.limits_of(drive)
                 # Not of positions, which may be wrapped.
-                limits = (None, described.top_speed, described.top_acceleration, described.effort)
-                stated = limits[quantity]
-                highest = (_SLIDING if slides else _TURNING)[quantity]
-                largest.append(min(highest, _FACTOR * stated) if stated else highest)
-                units.append(_UNITS_OF[slides][quantity])
+                stated = {
+                    "velocity": described.top_speed,
+                    "acceleration": described.top_acceleration,
+                    "torque": described.effort,
+                }.get(quantity)
+                most = highest[slides]
+                largest.append(min(most, _FACTOR * stated) if stated else most)
+                units.append(si_unit(quantity, linear=slides).replace("^2", "²"))
         self._largest, self._units = np.array(largest), units
 
     def check(self, values: Float[np.ndarray, "rows channels"], row: int) -> None:

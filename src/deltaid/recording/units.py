@@ -58,6 +58,15 @@ ampere = [current] = A
 """
 # Masses, and the forces that people mean by them.
 _MASSES = {"kg": "kgf", "g": "gf", "lb": "lbf", "lbs": "lbf", "oz": "ozf"}
+# SI units of quantities: of drives that turn, and of those that slide.
+SI_UNITS = {
+    "time": ("s",),
+    "position": ("rad", "m"),
+    "velocity": ("rad/s", "m/s"),
+    "acceleration": ("rad/s^2", "m/s^2"),
+    "torque": ("N m", "N"),
+    "current": ("A",),
+}
 _NUMBER = r"\d+(?:\.\d*)?(?:[eE][+-]?\d{1,2})?"
 _POWER = r"(?:(?:\^|\*\*)-?[1-3]|[²³])?"
 _NAME = rf"[A-Za-zµμ°_]{{1,24}}{_POWER}"

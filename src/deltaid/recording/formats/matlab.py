@@ -189,24 +189,19 @@ def _variables(data: memoryview) -> Iterator[MatVariable]:
 
 
 def _contents(data: memoryview, variable: MatVariable) -> Iterator[_Held]:
-    head = _Reader(variable.unpacked(data, _HEAD), variable)
-    if head.next_class() in (_CELL, _STRUCT, _OBJECT):
-        head = _Reader(variable.unpacked(data), variable)
-    yield from islice(head.matrix("", 0), MOST_FIELDS)
+    yield from islice(_Reader(data, variable).matrix("", 0), MOST_FIELDS)
 
 
 class _Reader:
-    """Reads the elements of a variable, whose headers may be inconsistent."""
+    """Reads the elements of a variable, whose headers may be inconsistent.
 
-    def __init__(self, data: memoryview, variable: MatVariable) -> None:
-        self._data, self._order, self._at = data, variable.order, 0
+    Only one that contains others is unpacked as a whole.
+    """
+
+    def __init__(self, file: memoryview, variable: MatVariable) -> None:
+        self._file, self._variable = file, variable
+        self._data, self._order, self._at = variable.unpacked(file, _HEAD), variable.order, 0
         self._where = f"the variable at byte {variable.start}"
-
-    def next_class(self) -> int:
-        """Class of the next matrix, which is not consumed."""
-        _, self._at, _ = self._element()
-        flags, self._at = self._integers("u4", 1)[0], 0
-        return flags & 0xFF
 
     def matrix(self, name: str, depth: int) -> Iterator[_Held]:
         """Content of the next matrix, under a given name or its own."""
@@ -220,6 +215,8 @@ class _Reader:
         self._at = start
         flags = self._integers("u4", 1)[0]
         kind = flags & 0xFF
+        if kind in (_CELL, _STRUCT, _OBJECT) and not depth:
+            self._data = self._variable.unpacked(self._file)
         if kind == _OPAQUE:
             title, _, of_class = (self._text() for _ in range(3))
             yield name or title, matlab_object(name or title, of_class)
