@@ -192,12 +192,10 @@ class MaskSearch:
         """Add rows: time, positions, other channels, torques.
 
         Args:
-            period: usual time between two rows [s].
+            period: usual time between two rows [s]; 0 before time runs.
         """
         n, first = self._dof, self._row
         self._row += len(values)
-        if not period:  # rows share stamps
-            period = float(np.ptp(values[:, 0])) / max(1, len(values) - 1)
         if not period and self._rest is None:
             return
         rest = self._rest = self._rest or RestSearch(n, period)
