@@ -2,6 +2,7 @@
 
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
+from itertools import chain
 
 import numpy as np
 
@@ -176,10 +177,9 @@ def _with_cutoff_between_stops(log: Log) -> Log:
         return log
     q = slice(1, 1 + len(log.columns.position))
     spectrum = spectrum_of(np.zeros((0, len(log.columns.position))))
-    for segment in replace(log, masks=stops).segments(None):
-        for rows in segment:
-            for first, last in runs_of(rows[:, -1] > 0):
-                spectrum += spectrum_of(rows[first : last + 1, q])
+    for rows in chain.from_iterable(replace(log, masks=stops).segments(None)):
+        for first, last in runs_of(rows[:, -1] > 0):
+            spectrum += spectrum_of(rows[first : last + 1, q])
     cutoff = spectrum.cutoff(log.rate)
     if cutoff is None:
         return log

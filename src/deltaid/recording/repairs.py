@@ -312,16 +312,13 @@ class Repairs:
 
     def _weighed(self, rows: Rows, columns: Columns) -> Rows:
         """Rows with weights of zero in excluded stretches; NaN for sensors if for all drives."""
-        drives, copied = len(columns.torque), rows
+        rows, drives = rows.copy(), len(columns.torque)
         for drives_of, ends in self._by_drives.items():
             which, excluded = drives_of or tuple(range(drives)), within(ends, rows[:, 0])
-            if not excluded.any():
-                continue
-            copied = rows.copy() if copied is rows else copied
-            copied[np.ix_(excluded, rows.shape[1] - drives + np.array(which))] = 0.0
+            rows[np.ix_(excluded, rows.shape[1] - drives + np.array(which))] = 0.0
             if len(which) == drives:
-                copied[excluded, columns.sensor_places] = np.nan
-        return copied
+                rows[excluded, columns.sensor_places] = np.nan
+        return rows
 
     @cached_property
     def _by_drives(self) -> dict[tuple[int, ...], np.ndarray]:

@@ -7,15 +7,13 @@ message definition is needed, which SQLite bags of older releases lack.
 """
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float, Int, UInt8
 
 # A quantity and a joint: ("position", "joint_1").
 Number = tuple[str, str]
-# Most kinds of messages of one length that are kept.
-_KINDS = 64
 
 
 class MessageError(ValueError):
@@ -57,7 +55,7 @@ class MessageLayout:
         return words[:, 0].astype(np.int64) * 1_000_000_000 + words[:, 1], values
 
 
-@dataclass
+@dataclass(frozen=True)
 class Decoder:
     """Messages of one topic as stamps and numbers.
 
@@ -68,7 +66,6 @@ class Decoder:
 
     type: str
     cdr: bool
-    _kinds: dict[int, list[MessageLayout]] = field(default_factory=dict[int, list[MessageLayout]])
 
     def layout(self, raw: bytes) -> MessageLayout:
         """Layout of a message.
@@ -103,15 +100,12 @@ class Decoder:
             pending = np.flatnonzero(sizes == size)
             joined = b"".join([raws[i] for i in pending.tolist()])
             rows = np.frombuffer(joined, np.uint8).reshape(len(pending), size)
-            kinds, known = self._kinds.setdefault(size, []), 0
             while len(pending):
                 try:
-                    layout = kinds[known] if known < len(kinds) else self.layout(raws[pending[0]])
+                    layout = self.layout(raws[pending[0]])
                 except MessageError as error:
                     error.index = int(pending[0])
                     raise
-                kinds += [layout] * (len(kinds) == known < _KINDS)
-                known += 1
                 fits = (rows[:, layout.fixed] == layout.pattern).all(axis=1)
                 stamps[pending[fits]], values[pending[fits]] = layout.decode(rows[fits], wanted)
                 pending, rows = pending[~fits], rows[~fits]
