@@ -10,8 +10,8 @@ such as that of a gripper, hold their value until the next one is recorded.
 """
 
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass, field, replace
-from itertools import groupby
+from dataclasses import dataclass
+from itertools import chain, groupby
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -30,6 +30,9 @@ Times = Float[np.ndarray, " samples"]
 Instants = Float[np.ndarray, " instants"]
 Values = Float[np.ndarray, "samples channels"]
 Places = Float[np.ndarray, " _"]
+# Consecutive rows of a segment: its number, its first time [s] (NaN for that of the first row), the
+# rows, and how many are missing before each.
+_Part = tuple[int, float, Rows, Int[np.ndarray, " rows"]]
 
 
 def interpolate(
@@ -153,16 +156,15 @@ def segments(
     if clock.steady:
         yield iter(batches)
         return
-    parts = _parts(batches, clock, _Run(clock, longest, columns))
-    for _, part in groupby(parts, key=lambda part: part[0]):
-        yield (rows for _, rows in part)
+    for _, parts in groupby(_parts(batches, clock, longest), key=lambda part: part[0]):
+        yield _samples(parts, clock, longest, columns)
 
 
-def _parts(batches: Iterable[Rows], clock: Clock, run: "_Run") -> Iterator[tuple[int, Rows]]:
-    """Consecutive samples with the number of their segment; `run` is the first, still empty."""
-    cuts = clock.cuts(run.longest)
-    steps = np.where(cuts, 0, clock.lost)
-    number, start, empty = 0, 0, replace(run)
+def _parts(batches: Iterable[Rows], clock: Clock, longest: int) -> Iterator[_Part]:
+    """Consecutive rows that have a place of their own."""
+    cuts = clock.cuts(longest)
+    steps, begins = np.where(cuts, 0, clock.lost), [np.nan, *clock.until[cuts].tolist()]
+    number = start = 0
     for rows in batches:
         stop = start + len(rows)
         kept = np.ones(len(rows), dtype=bool)
@@ -173,91 +175,76 @@ def _parts(batches: Iterable[Rows], clock: Clock, run: "_Run") -> Iterator[tuple
         lost = np.zeros(len(rows), dtype=int)
         lost[at] = steps[here]
         ends = at[cuts[here]]
-        pieces = zip(
-            *(np.split(x, ends) for x in (rows, lost, kept)),
-            strict=True,
-        )
+        pieces = zip(*(np.split(x, ends) for x in (rows, lost, kept)), strict=True)
         for k, (values, missing, used) in enumerate(pieces):
-            if k:
-                yield from ((number, block) for block in run.end())
-                begin = float(clock.until[here][cuts[here]][k - 1])
-                number, run = number + 1, replace(empty, begin=begin)
-            yield from ((number, block) for block in run.add(values[used], missing[used]))
+            number += k > 0
+            if used.any():
+                yield number, begins[number], values[used], missing[used]
         start = stop
-    yield from ((number, block) for block in run.end())
 
 
-@dataclass
-class _Run:
-    """State of a segment: rows that wait for later neighbours."""
+def _samples(
+    parts: Iterable[_Part], clock: Clock, longest: int, columns: Columns
+) -> Iterator[Rows]:
+    """The samples of a segment; rows wait for their later neighbours."""
+    reach = SIDE * (longest + 1)  # rows on either side of an interpolated one
+    waiting, places, begin, given = np.zeros((0, 0)), np.zeros(0), np.nan, 0
+    sampled = _interpolated if clock.even is False else _bridged
+    states = slice(columns.sensor_places.stop, columns.extra_places.stop)
+    next_place = 0.0
+    for part in chain(parts, [None]):
+        ready = len(places)
+        if part is not None:
+            _, until, rows, lost = part
+            if not len(places):
+                begin = float(rows[0, 0]) if np.isnan(until) else until
+            if clock.even is False:
+                new = (rows[:, 0] - begin) / clock.period
+            else:
+                new = next_place + np.cumsum(1 + lost) - 1.0
+                next_place = float(new[-1]) + 1
+            waiting = np.concatenate([waiting, rows]) if waiting.size else rows
+            places = np.concatenate([places, new])
+            ready = len(places) - reach
+            if ready <= 2 * reach:
+                continue
+        stop = int(places[-1]) + 1 if part is None else int(places[ready])
+        wanted, given = np.arange(given, stop, dtype=float), stop
+        out = sampled(waiting, places, wanted, columns)
+        before = np.clip(np.searchsorted(places, wanted, side="right") - 1, 0, None)
+        out[:, states] = waiting[before, states]
+        out[:, 0] = begin + clock.period * wanted
+        yield out
+        kept = slice(max(ready - reach, 0), None)
+        waiting, places = waiting[kept], places[kept]
 
-    clock: Clock
-    longest: int
-    columns: Columns
-    begin: float = np.nan
-    waiting: Rows = field(default_factory=lambda: np.zeros((0, 0)))
-    places: Places = field(default_factory=lambda: np.zeros(0))
-    next_place: float = 0.0
-    given: int = 0
 
-    def add(self, rows: Rows, lost: Int[np.ndarray, " rows"]) -> Iterator[Rows]:
-        """Add consecutive rows; yields the samples that are complete."""
-        if not len(rows):
-            return
-        if np.isnan(self.begin):
-            self.begin = float(rows[0, 0])
-        if self.clock.even is False:
-            places = (rows[:, 0] - self.begin) / self.clock.period
-        else:
-            places = self.next_place + np.cumsum(1 + lost) - 1.0
-            self.next_place = float(places[-1]) + 1
-        self.waiting = np.concatenate([self.waiting, rows]) if self.waiting.size else rows
-        self.places = np.concatenate([self.places, places])
-        reach = SIDE * (self.longest + 1)  # rows on either side of an interpolated one
-        ready = len(self.places) - reach
-        if ready > 2 * reach:
-            yield self._samples(int(self.places[ready]))
-            kept = slice(ready - reach, None)
-            self.waiting, self.places = self.waiting[kept], self.places[kept]
+def _interpolated(rows: Rows, places: Places, wanted: Places, columns: Columns) -> Rows:
+    """Samples at places, all interpolated."""
+    weights = slice(columns.extra_places.stop, None)
+    out = interpolate(places, rows, wanted)
+    after = np.clip(np.searchsorted(places, wanted), 1, len(places) - 1)
+    near = places[after] - places[after - 1] < GAP
+    out[:, weights] = np.minimum(rows[after - 1, weights], rows[after, weights]) * near[:, None]
+    out[~near, columns.sensor_places] = np.nan
+    return out
 
-    def end(self) -> Iterator[Rows]:
-        if len(self.places):
-            yield self._samples(int(self.places[-1]) + 1)
 
-    def _samples(self, stop: int) -> Rows:
-        """Samples from the first pending one up to a place."""
-        wanted = np.arange(self.given, stop, dtype=float)
-        self.given = stop
-        sensors, first = self.columns.sensor_places, self.columns.extra_places.stop
-        if self.clock.even is False:
-            out = interpolate(self.places, self.waiting, wanted)
-            after = np.clip(np.searchsorted(self.places, wanted), 1, len(self.places) - 1)
-            weights = np.minimum(self.waiting[after - 1, first:], self.waiting[after, first:])
-            near = self.places[after] - self.places[after - 1] < GAP
-            out[:, first:] = weights * near[:, None]
-            out[~near, sensors] = np.nan
-        else:
-            out = self._bridged(wanted)
-        before = np.clip(np.searchsorted(self.places, wanted, side="right") - 1, 0, None)
-        out[:, sensors.stop : first] = self.waiting[before, sensors.stop : first]
-        out[:, 0] = self.begin + self.clock.period * wanted
-        return out
-
-    def _bridged(self, wanted: Places) -> Rows:
-        """Existing rows, and polynomials across holes."""
-        at = np.searchsorted(self.places, wanted)
-        out = self.waiting[at]
-        holes = np.flatnonzero(self.places[at] != wanted)
-        if holes.size and len(self.places) < 2 * SIDE:  # too short to be used
-            for k in range(out.shape[1]):
-                out[holes, k] = np.interp(wanted[holes], self.places, self.waiting[:, k])
-        elif holes.size:
-            under = _about(self.places, at[holes])
-            weights = weights_at(self.places[under], wanted[holes])
-            out[holes] = np.einsum("np,npc->nc", weights, self.waiting[under])
-        out[holes, self.columns.extra_places.stop :] = 0.0
-        out[holes, self.columns.sensor_places] = np.nan
-        return out
+def _bridged(rows: Rows, places: Places, wanted: Places, columns: Columns) -> Rows:
+    """Existing rows, and polynomials across holes."""
+    at = np.searchsorted(places, wanted)
+    out = rows[at]
+    holes = np.flatnonzero(places[at] != wanted)
+    if holes.size and len(places) < 2 * SIDE:  # too short to be used
+        for k in range(out.shape[1]):
+            out[holes, k] = np.interp(wanted[holes], places, rows[:, k])
+    elif holes.size:
+        under = _about(places, at[holes])
+        weights = weights_at(places[under], wanted[holes])
+        out[holes] = np.einsum("np,npc->nc", weights, rows[under])
+    out[holes, columns.extra_places.stop :] = 0.0
+    out[holes, columns.sensor_places] = np.nan
+    return out
 
 
 def _about(places: Places, after: Int[np.ndarray, " holes"]) -> Int[np.ndarray, "holes points"]:
