@@ -18,7 +18,7 @@ import numpy as np
 from deltaid.errors import RecordingError, visible
 from deltaid.recording.address import RecordedField
 from deltaid.recording.formats.ros_messages import TYPES, Decoder, MessageError
-from deltaid.recording.source import ZSTD, content, first_line, library, opened, unzstd
+from deltaid.recording.source import ZSTD, content, first_line, library, packed_by, unzstd
 
 _ROS_1, _MCAP, _SQLITE = b"#ROSBAG V", b"\x89MCAP0\r\n", b"SQLite format 3\0"
 _SUFFIXES = {_ROS_1: ".bag", _MCAP: ".mcap", _SQLITE: ".db3"}
@@ -100,7 +100,7 @@ def opened_bag(path: Path) -> Generator[Bag, None, None]:
     """
     rosbag1, rosbag2 = (library(f"rosbags.rosbag{k}", "a ROS bag", path) for k in (1, 2))
     with ExitStack() as stack:
-        place = stack.enter_context(_readable_bag(path))
+        place = _readable_bag(path, stack)
         with _reporting(path):
             cdr = place.suffix != ".bag"
             reader = stack.enter_context((rosbag2 if cdr else rosbag1).Reader(place))
@@ -108,8 +108,7 @@ def opened_bag(path: Path) -> Generator[Bag, None, None]:
         yield Bag(path, topics, cdr, reader)
 
 
-@contextmanager
-def _readable_bag(path: Path) -> Generator[Path, None, None]:
+def _readable_bag(path: Path, stack: ExitStack) -> Path:
     """A folder with metadata, or an uncompressed file with the suffix of its kind."""
     if path.is_dir() and not (path / "metadata.yaml").is_file():
         files = storage(path)
@@ -121,20 +120,16 @@ def _readable_bag(path: Path) -> Generator[Path, None, None]:
             )
         path = files[0]
     if path.is_dir():
-        yield path
-        return
-    with content(path) as unpacked, opened(path) as packed:
+        return path
+    with content(path) as unpacked:
         start = unpacked.peek(16)
         suffix = next((end for sign, end in _SUFFIXES.items() if start.startswith(sign)), "")
-        as_it_is = suffix == path.suffix and packed.read(len(start)) == start
-    if as_it_is or not suffix:
-        yield path
-        return
-    with TemporaryDirectory() as folder:
-        place = Path(folder, f"bag{suffix}")
-        with content(path) as unpacked, place.open("wb") as file:
+        if not suffix or (suffix == path.suffix and not packed_by(path)):
+            return path
+        place = Path(stack.enter_context(TemporaryDirectory()), f"bag{suffix}")
+        with place.open("wb") as file:
             shutil.copyfileobj(unpacked, file, 1 << 20)
-        yield place
+    return place
 
 
 def storage(folder: Path) -> list[Path]:
