@@ -24,7 +24,7 @@ from bags import (
 )
 from deltaid.dynamics.dynamics import Dynamics
 from deltaid.errors import RecordingError
-from deltaid.recording.formats.ros_messages import Decoder
+from deltaid.recording.formats.ros_messages import decoded
 from deltaid.recording.opening import open_log
 from deltaid.recording.table import open_table
 
@@ -51,17 +51,15 @@ def test_both_orders_of_bytes_and_any_padding_are_read() -> None:
     padded = bytearray(little)
     padded[19] = padded[31] = padded[41] = 0xAB  # behind the frame's and joints' names
     assert padded != little
-    stamps, values = Decoder(one.type, True).decode([little, big, bytes(padded)], wanted)
+    stamps, values = decoded([little, big, bytes(padded)], wanted, one.type, cdr=True)
     assert stamps.tolist() == [one.stamp] * 3
     assert np.array_equal(values, [expected] * 3, equal_nan=True)
 
 
-def test_messages_of_more_kinds_than_are_kept_are_decoded() -> None:
+def test_messages_of_many_kinds_are_decoded() -> None:
     many = [replace(MESSAGES[k], joints=[f"{k:03}", "b", "c"]) for k in range(200)]
-    decoder = Decoder(many[0].type, True)
-    _, values = decoder.decode(
-        [message.raw() for message in many], [("position", "b"), ("effort", "199")]
-    )
+    raws, wanted = [message.raw() for message in many], [("position", "b"), ("effort", "199")]
+    _, values = decoded(raws, wanted, many[0].type, cdr=True)
     assert np.array_equal(values[:, 0], COLUMNS["position"][:200, 1])
     assert values[199, 1] == COLUMNS["effort"][199, 0]
 

@@ -27,7 +27,7 @@ from bags import (
 )
 from deltaid.dynamics.dynamics import Dynamics
 from deltaid.errors import RecordingError
-from deltaid.recording.formats.ros_messages import Decoder, MessageError
+from deltaid.recording.formats.ros_messages import MessageError, decoded
 from deltaid.recording.formats.rosbag import BagTable
 from deltaid.recording.mapping import load_mapping
 from deltaid.recording.opening import open_log
@@ -139,7 +139,7 @@ def test_a_damaged_message_is_told(change: Callable[[bytes], bytes], said: str) 
     raws = [message.raw() for message in MESSAGES[:9]]
     raws[7] = change(raws[7])
     with pytest.raises(MessageError, match=said) as caught:
-        Decoder(MESSAGES[0].type, True).decode(raws, [("position", "joint_1")])
+        decoded(raws, [("position", "joint_1")], MESSAGES[0].type, cdr=True)
     assert caught.value.index == 7
 
 

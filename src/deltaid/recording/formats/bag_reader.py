@@ -17,7 +17,7 @@ import numpy as np
 
 from deltaid.errors import RecordingError, visible
 from deltaid.recording.address import RecordedField
-from deltaid.recording.formats.ros_messages import TYPES, Decoder, MessageError
+from deltaid.recording.formats.ros_messages import TYPES, MessageError, decoded, layout_of
 from deltaid.recording.source import ZSTD, content, first_line, library, packed_by, unzstd
 
 _ROS_1, _MCAP, _SQLITE = b"#ROSBAG V", b"\x89MCAP0\r\n", b"SQLite format 3\0"
@@ -219,14 +219,15 @@ def _topic(bag: Bag, name: str) -> Topic | None:
     chunk = next(bag.messages([name]), [])[:_FIRST]
     if not chunk:
         return None
-    decoder, raws = Decoder(bag.topics[name], bag.cdr), [raw for _, _, raw in chunk]
+    raws, kind = [raw for _, _, raw in chunk], bag.topics[name]
     try:
-        numbers = list(dict.fromkeys(key for raw in raws for key in decoder.layout(raw).numbers))
-        stamps, values = decoder.decode(raws, numbers)
+        layouts = (layout_of(raw, kind, bag.cdr) for raw in raws)
+        numbers = list(dict.fromkeys(key for layout in layouts for key in layout.numbers))
+        stamps, values = decoded(raws, numbers, kind, bag.cdr)
     except MessageError as error:
         raise damaged(bag, name, error, 0) from None
     joints: dict[str, tuple[str, ...]] = {}
-    hollow = dict.fromkeys(QUANTITIES, "empty lists") if decoder.type == JOINT_STATE else {}
+    hollow = dict.fromkeys(QUANTITIES, "empty lists") if kind == JOINT_STATE else {}
     for (quantity, joint), column in zip(numbers, values.T, strict=True):
         if np.isfinite(column).any():
             joints[quantity] = (*joints.get(quantity, ()), joint)
@@ -234,9 +235,8 @@ def _topic(bag: Bag, name: str) -> Topic | None:
             hollow[quantity] = "NaN only"
     hollow = {quantity: why for quantity, why in hollow.items() if quantity not in joints}
     first = int(np.flatnonzero(stamps)[0]) if stamps.any() else 0
-    return Topic(
-        name, decoder.type, joints, hollow, bool(stamps.any()), int(stamps[first]), chunk[0][1]
-    )
+    stamped, received = bool(stamps.any()), chunk[0][1]
+    return Topic(name, kind, joints, hollow, stamped, int(stamps[first]), received)
 
 
 def damaged(bag: Bag, topic: str, error: MessageError, before: int) -> RecordingError:

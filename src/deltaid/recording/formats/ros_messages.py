@@ -55,61 +55,56 @@ class MessageLayout:
         return words[:, 0].astype(np.int64) * 1_000_000_000 + words[:, 1], values
 
 
-@dataclass(frozen=True)
-class Decoder:
-    """Messages of one topic as stamps and numbers.
+def layout_of(raw: bytes, kind: str, cdr: bool) -> MessageLayout:
+    """Layout of a message.
 
-    Attributes:
-        type: of the messages, one of `TYPES`.
-        cdr: whether they are in ROS 2's encoding; else in that of ROS 1.
+    Args:
+        kind: its type, one of `TYPES`.
+        cdr: whether it is in ROS 2's encoding; else in that of ROS 1.
+
+    Raises:
+        MessageError: it is damaged, or in an unknown encoding.
     """
+    cursor = _Cursor(raw, cdr)
+    if not cdr:
+        cursor.skip(4)  # header.seq counts the messages
+    stamp = cursor.skip(8)
+    cursor.text(same=False)
+    numbers, rest = TYPES[kind](cursor), len(raw) - cursor.at
+    if rest > 3 * cdr:  # padding
+        raise MessageError(f"has {rest} bytes after its last field")
+    fixed = np.concatenate([np.array(part, dtype=np.int64) for part in cursor.fixed])
+    return MessageLayout(cursor.order, stamp, numbers, fixed, np.frombuffer(raw, np.uint8)[fixed])
 
-    type: str
-    cdr: bool
 
-    def layout(self, raw: bytes) -> MessageLayout:
-        """Layout of a message.
+def decoded(
+    raws: Sequence[bytes], wanted: Sequence[Number], kind: str, cdr: bool
+) -> tuple[Int[np.ndarray, " messages"], Float[np.ndarray, "messages wanted"]]:
+    """Header stamps [ns] and wanted numbers; NaN for numbers that a message lacks.
 
-        Raises:
-            MessageError: it is damaged, or in an unknown encoding.
-        """
-        cursor = _Cursor(raw, self.cdr)
-        if not self.cdr:
-            cursor.skip(4)  # header.seq counts the messages
-        stamp = cursor.skip(8)
-        cursor.text(same=False)
-        numbers, rest = TYPES[self.type](cursor), len(raw) - cursor.at
-        if rest > 3 * self.cdr:  # padding
-            raise MessageError(f"has {rest} bytes after its last field")
-        fixed = np.concatenate([np.array(part, dtype=np.int64) for part in cursor.fixed])
-        return MessageLayout(
-            cursor.order, stamp, numbers, fixed, np.frombuffer(raw, np.uint8)[fixed]
-        )
+    Args:
+        raws: messages of one topic.
+        kind, cdr: as of `layout_of`.
 
-    def decode(
-        self, raws: Sequence[bytes], wanted: Sequence[Number]
-    ) -> tuple[Int[np.ndarray, " messages"], Float[np.ndarray, "messages wanted"]]:
-        """Header stamps [ns] and wanted numbers; NaN for numbers that a message lacks.
-
-        Raises:
-            MessageError: as `layout`, with the index of the message.
-        """
-        stamps, values = np.empty(len(raws), dtype=np.int64), np.empty((len(raws), len(wanted)))
-        sizes = np.array([len(raw) for raw in raws])
-        for size in np.unique(sizes).tolist():
-            pending = np.flatnonzero(sizes == size)
-            joined = b"".join([raws[i] for i in pending.tolist()])
-            rows = np.frombuffer(joined, np.uint8).reshape(len(pending), size)
-            while len(pending):
-                try:
-                    layout = self.layout(raws[pending[0]])
-                except MessageError as error:
-                    error.index = int(pending[0])
-                    raise
-                fits = (rows[:, layout.fixed] == layout.pattern).all(axis=1)
-                stamps[pending[fits]], values[pending[fits]] = layout.decode(rows[fits], wanted)
-                pending, rows = pending[~fits], rows[~fits]
-        return stamps, values
+    Raises:
+        MessageError: as `layout_of`, with the index of the message.
+    """
+    stamps, values = np.empty(len(raws), dtype=np.int64), np.empty((len(raws), len(wanted)))
+    sizes = np.array([len(raw) for raw in raws])
+    for size in np.unique(sizes).tolist():
+        pending = np.flatnonzero(sizes == size)
+        joined = b"".join([raws[i] for i in pending.tolist()])
+        rows = np.frombuffer(joined, np.uint8).reshape(len(pending), size)
+        while len(pending):
+            try:
+                layout = layout_of(raws[pending[0]], kind, cdr)
+            except MessageError as error:
+                error.index = int(pending[0])
+                raise
+            fits = (rows[:, layout.fixed] == layout.pattern).all(axis=1)
+            stamps[pending[fits]], values[pending[fits]] = layout.decode(rows[fits], wanted)
+            pending, rows = pending[~fits], rows[~fits]
+    return stamps, values
 
 
 class _Cursor:

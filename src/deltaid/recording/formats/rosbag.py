@@ -20,7 +20,7 @@ from deltaid.recording.formats.bag_reader import (
     storage,
     topics_of,
 )
-from deltaid.recording.formats.ros_messages import Decoder, MessageError, Number
+from deltaid.recording.formats.ros_messages import MessageError, Number, decoded
 from deltaid.recording.mapping import ColumnMapping
 from deltaid.recording.source import LogTable, Rows, opened
 from deltaid.recording.time.signals import Signal, merged
@@ -142,13 +142,12 @@ class BagTable(LogTable):
         start = min(topic.received if received else topic.first for topic in used)
         kept, lost = dict.fromkeys(wanted, 0), dict.fromkeys(wanted, 0)
         with opened_bag(self.path) as bag:
-            decoders = {name: Decoder(self.topics[name].type, bag.cdr) for name in wanted}
             for chunk in bag.messages(list(wanted)):
-                for name, decoder in decoders.items():
+                for name, numbers in wanted.items():
                     messages = [(time, raw) for topic, time, raw in chunk if topic == name]
-                    before = kept[name] + lost[name]
+                    before, raws = kept[name] + lost[name], [raw for _, raw in messages]
                     try:
-                        stamps, values = decoder.decode([raw for _, raw in messages], wanted[name])
+                        stamps, values = decoded(raws, numbers, self.topics[name].type, bag.cdr)
                     except MessageError as error:
                         raise damaged(bag, name, error, before) from None
                     if received:
