@@ -69,19 +69,15 @@ class Bag:
             messages: Iterator[Any] = (
                 self._reader.messages(connections=wanted) if wanted else iter(())
             )
-        while True:
-            with _reporting(self.path):
-                chunk = [(c.topic, time, raw) for c, time, raw in islice(messages, _CHUNK)]
+            while chunk := [(c.topic, time, raw) for c, time, raw in islice(messages, _CHUNK)]:
                 for topic, time, raw in chunk:  # a damaged SQLite file has values of any type
                     if not (
                         isinstance(time, int) and isinstance(raw, bytes) and abs(time) < 1 << 62
                     ):
                         raise ValueError(f"a message of {topic} is not one")
-                if chunk and chunk[0][2].startswith(ZSTD):
+                if chunk[0][2].startswith(ZSTD):
                     chunk = [(topic, time, unzstd(raw, self.path)) for topic, time, raw in chunk]
-            if not chunk:
-                return
-            yield chunk
+                yield chunk
 
 
 def is_bag(start: bytes, path: Path) -> bool:

@@ -117,7 +117,8 @@ def open_matlab(path: Path, mapping: ColumnMapping) -> LogTable:
     places: dict[str, tuple[MatVariable, Numbers]] = {}
     with _mapped(path) as data:
         for variable in _variables(data):
-            for name, held in _contents(data, variable):
+            contents = _Reader(data, variable).matrix("", 0)
+            for name, held in islice(contents, MOST_FIELDS):
                 if isinstance(held, Numbers):
                     fields.append(RecordedField(name, held.shape, is_truth=held.dtype == "?"))
                     places.setdefault(name, (variable, held))
@@ -186,10 +187,6 @@ def _variables(data: memoryview) -> Iterator[MatVariable]:
         packed = kind == _COMPRESSED
         yield MatVariable(at + 8 * packed, size + 8 * (not packed), packed, order)
         at += 8 + size + (0 if packed else -size % 8)
-
-
-def _contents(data: memoryview, variable: MatVariable) -> Iterator[_Held]:
-    yield from islice(_Reader(data, variable).matrix("", 0), MOST_FIELDS)
 
 
 class _Reader:
