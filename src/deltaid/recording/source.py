@@ -16,7 +16,7 @@ from dataclasses import dataclass, field
 from importlib import import_module
 from io import BufferedReader
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, cast
+from typing import Any, cast
 
 import numpy as np
 import polars as pl
@@ -203,10 +203,6 @@ def library(name: str, kind: str, path: Path) -> Any:
         ) from None
 
 
-if TYPE_CHECKING:
-    from _typeshed import WriteableBuffer
-
-
 @contextmanager
 def content(path: Path) -> Generator[io.BufferedReader, None, None]:
     """A log open for reading, uncompressed, and in UTF-8 if it was in UTF-16.
@@ -256,7 +252,7 @@ class _Chunks(io.RawIOBase):
     def readable(self) -> bool:
         return True
 
-    def readinto(self, buffer: "WriteableBuffer", /) -> int:
+    def readinto(self, buffer: Any, /) -> int:
         while not self._rest:
             chunk = next(self._chunks, None)
             if chunk is None:
