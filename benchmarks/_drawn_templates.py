@@ -19,8 +19,8 @@ from deltaid.dynamics.parameters import ParameterLayout, prior_parameters
 from deltaid.effects.load_columns import LoadColumns
 from deltaid.fleets.factor_columns import map_to
 from deltaid.fleets.factor_file import FactorFile
-from deltaid.fleets.factor_record import FactorGroups, FactorRecord, RecordingFactors
-from deltaid.fleets.gather import condensed, gathered_columns, record_of, with_geometry
+from deltaid.fleets.factor_record import FactorGroups, FactorRecord
+from deltaid.fleets.gather import condensed, gathered_columns, geometry_of, record_of
 from deltaid.fleets.merged import merging_of
 from deltaid.model.record import Settings
 from deltaid.motion.random_motion import random_motion
@@ -43,18 +43,25 @@ class Template:
     """A recording with courses of noise.
 
     Attributes:
-        record: of what was gathered.
-        condensed: over gathered columns and courses.
-        names: of the gathered columns.
+        file: with the record of what was gathered; groups are over gathered columns and courses.
+        felt: indices of each drive's columns among these.
         truth: parameters that it was simulated with.
         load: truth of what was held (ten parameters), if anything.
     """
 
-    record: FactorRecord
-    condensed: RecordingFactors
-    names: tuple[str, ...]
+    file: FactorFile
+    felt: tuple[np.ndarray, ...]
     truth: np.ndarray
     load: np.ndarray | None = None
+
+    @property
+    def record(self) -> FactorRecord:
+        return self.file.record
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Those of the gathered columns."""
+        return self.record.names
 
     @cached_property
     def layout(self) -> ParameterLayout:
@@ -63,8 +70,7 @@ class Template:
     @cached_property
     def to_columns(self) -> np.ndarray:
         """From parameters, those of loads behind them, to gathered columns."""
-        found = FactorFile(self.record, replace(self.condensed, names=self.names))
-        merging = merging_of([found.brief], self.record.robot, SETTINGS)
+        merging = merging_of([self.file.brief], self.record.robot, SETTINGS)
         loads = [addition for addition in merging.additions if isinstance(addition, LoadColumns)]
         T = map_to(merging.columns, merging.dynamics, loads)
         wide = np.zeros((len(self.names), T.shape[1]))  # lags are no parameters
@@ -76,8 +82,8 @@ class Template:
     def groups(self) -> tuple[FactorGroups, list[list[tuple[np.ndarray, np.ndarray]]]]:
         """The whole and every group behind it, with R_G and R_N of each drive and group."""
         n, found = len(self.names), []
-        every = self.condensed.whole.joined(self.condensed.groups)
-        for factors, at in zip(every.factors, self.condensed.felt, strict=True):
+        every = self.file.whole.joined(self.file.groups)
+        for factors, at in zip(every.factors, self.felt, strict=True):
             own, split = int(np.sum(at < n)), []
             for R in factors:
                 rows = int(np.flatnonzero(np.any(R != 0, axis=1))[-1]) + 1
@@ -128,18 +134,10 @@ def template(robot: RobotDescription, seed: int, *, is_loaded: bool) -> Template
     courses = _courses(table, dynamics, np.random.default_rng([seed, 8]))
     beside = Courses(columns.dynamics, courses, RATE)
     wide = replace(columns, additions=(*columns.additions, beside))
-    found, quantities = with_geometry(condensed(wide, recording), wide, problem, recording)
-    names = tuple(columns.names[k] for k in columns.kept)
-    own = own_columns(found, len(names))
-    record = record_of(robot, result, own, quantities)
-    return Template(record, found, names, p, held)
-
-
-def own_columns(found: RecordingFactors, count: int) -> RecordingFactors:
-    """The gathered columns of what has been condensed with courses."""
-    return replace(
-        found, names=found.names[:count], felt=tuple(at[at < count] for at in found.felt)
-    )
+    geometry, quantities = geometry_of(wide, problem, recording)
+    record = record_of(robot, result, columns, quantities)
+    file = FactorFile(record, *condensed(wide, recording), geometry)
+    return Template(file, wide.felt, p, held)
 
 
 def _courses(table: pl.DataFrame, dynamics: Dynamics, rng: np.random.Generator) -> np.ndarray:

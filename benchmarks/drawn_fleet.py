@@ -19,11 +19,11 @@ import hashlib
 from dataclasses import dataclass, replace
 
 import numpy as np
-from _drawn_templates import WANDERING, WHITE, Template, own_columns, template
+from _drawn_templates import WANDERING, WHITE, Template, template
 
 from deltaid.dynamics.dynamics import Dynamics, compiled
 from deltaid.fleets.factor_file import FactorFile
-from deltaid.fleets.factor_record import FactorRecord, RecordingFactors, Temperature
+from deltaid.fleets.factor_record import FactorGroups, FactorRecord, Temperature
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.inertia import PSEUDO_INERTIA_ENTRIES, inertia_parameters, pseudo_inertia
 
@@ -79,7 +79,8 @@ class DrawnType:
         one = among[int(rng.integers(len(among)))]
         gains = np.broadcast_to(gain, len(self.robot.drives))
         found = _drawn(one, p, rng, wander, gains)
-        return FactorFile(_record(one, key, f"{name}-{day:04d}", temperature, day), found, key[:12])
+        record = _record(one, key, f"{name}-{day:04d}", temperature, day)
+        return FactorFile(record, *found, path=key[:12])
 
 
 def drawn_type(robot: RobotDescription, motions: int, loaded: int = 0) -> DrawnType:
@@ -111,13 +112,13 @@ def made_alike(robot: RobotDescription, p: np.ndarray, rng: np.random.Generator)
 
 def _drawn(
     one: Template, p: np.ndarray, rng: np.random.Generator, wander: float, gain: np.ndarray
-) -> RecordingFactors:
+) -> tuple[FactorGroups, FactorGroups, FactorGroups | None]:
     dof, n, layout, values = len(gain), len(one.names), one.layout, one.with_load(p)
     theta = one.to_columns @ values
     off = theta - one.to_columns @ one.with_load(one.truth)
     coulomb, a, felt = p[layout.coulomb][:dof], [], []
-    for i, at in enumerate(one.condensed.felt):
-        largest = one.condensed.whole.torque_max[0, i]
+    for i, at in enumerate(one.felt):
+        largest = one.file.whole.torque_max[0, i]
         white = NOISE * largest * rng.standard_normal(WHITE) / np.sqrt(WHITE)
         slow = wander * coulomb[i] * rng.standard_normal(WANDERING) / np.sqrt(WANDERING)
         a.append(np.concatenate([white, slow]))
@@ -132,11 +133,11 @@ def _drawn(
         square[:, own] *= gain[i]
         return square
 
-    geometry = one.condensed.geometry
+    geometry = one.file.geometry
     if geometry is not None:
         factors = []
         for i, (R,) in enumerate(geometry.factors):
-            at = one.condensed.felt[i]
+            at = one.felt[i]
             own = len(felt[i])
             Y, D = R[:, :own], R[:, len(at) : -1]
             tau = R[:, -1] + Y @ off[felt[i]]
@@ -146,7 +147,7 @@ def _drawn(
     factors = [np.stack([drawn(i, *each) for each in own]) for i, own in enumerate(split)]
     every = replace(every, factors=tuple(factors))
     whole, groups = every.named("whole"), every.named("time").joined(every.named("place"))
-    return replace(own_columns(one.condensed, n), whole=whole, groups=groups, geometry=geometry)
+    return whole, groups, geometry
 
 
 def _record(one: Template, key: str, log: str, temperature: float | None, day: int) -> FactorRecord:

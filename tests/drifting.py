@@ -59,12 +59,11 @@ def with_other(file: FactorFile, merging: Merging, more: dict[str, float], name:
     for key, value in more.items():
         delta[layout.names.index(key)] = value
     by_name = dict(zip(kept, map_to(merging.columns, merging.dynamics) @ delta, strict=True))
-    condensed = file.condensed
 
     def moved(groups: FactorGroups) -> FactorGroups:
         factors = tuple(R.copy() for R in groups.factors)
-        for every, felt in zip(factors, condensed.felt, strict=True):
-            own = np.array([by_name.get(condensed.names[k], 0.0) for k in felt])
+        for every, felt in zip(factors, file.record.felt, strict=True):
+            own = np.array([by_name.get(file.record.names[k], 0.0) for k in felt])
             for R in every:
                 R[:, -1] += R[:, : len(own)] @ own
         return replace(groups, factors=factors)
@@ -74,13 +73,9 @@ def with_other(file: FactorFile, merging: Merging, more: dict[str, float], name:
     source = known.sources[0].changed(log=name, sha256=f"{name}-sum")
     fields: dict[str, Any] = dict(known) | {"sources": (source,)}
     own: dict[str, Any] = dict(record) | {"model": type(known).model_construct(**fields)}
-    found = replace(
-        condensed,
-        whole=moved(condensed.whole),
-        groups=moved(condensed.groups),
-        geometry=None if condensed.geometry is None else moved(condensed.geometry),
-    )
-    return FactorFile(type(record).model_construct(**own), found, name)
+    geometry = None if file.geometry is None else moved(file.geometry)
+    changed = type(record).model_construct(**own)
+    return FactorFile(changed, moved(file.whole), moved(file.groups), geometry, name)
 
 
 def write_months(folder: Path, count: int = 42, every: int = 2) -> None:
@@ -109,7 +104,7 @@ def write_months(folder: Path, count: int = 42, every: int = 2) -> None:
         T = float(warm[k])
         record = recorded.file.record
         fields: dict[str, Any] = dict(record) | {"temperature": Temperature(mean=T, low=T, high=T)}
-        own = FactorFile(type(record).model_construct(**fields), recorded.file.condensed)
+        own = replace(recorded.file, record=type(record).model_construct(**fields), path="")
         write(own, folder / f"{record.log.removesuffix('.csv')}{ENDING}")
 
 

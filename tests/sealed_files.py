@@ -48,7 +48,7 @@ def _numbers(value: Any) -> Iterator[object]:
 
 def _factors(path: Path) -> Held:
     file = read(path)
-    return Held(tuple(_numbers((file.record, file.condensed))))
+    return Held(tuple(_numbers((file.record, file.whole, file.groups, file.geometry))))
 
 
 def _table(path: Path) -> Held:

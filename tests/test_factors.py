@@ -152,7 +152,7 @@ def test_a_file_is_small_and_keeps_what_it_is_given(files, tmp_path: Path) -> No
     again = read(path)
     assert path.stat().st_size < 1e6
     assert again.record == files[0].record
-    for a, b in zip(files[0].condensed.whole.factors, again.condensed.whole.factors, strict=True):
+    for a, b in zip(files[0].whole.factors, again.whole.factors, strict=True):
         np.testing.assert_array_equal(a, b[: len(a)])
     kept = identify_gathered(ROBOT, [again], SETTINGS).model
     for a, b in zip(

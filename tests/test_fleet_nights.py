@@ -245,7 +245,7 @@ def test_numbers_are_those_of_all_factor_files(merged, files: list[FactorFile]) 
     products, together = found.gathered.places, problem.gathered.places
     np.testing.assert_allclose(products, together, rtol=1e-6, atol=1e-6 * together.max())
     assert len(found.gathered.parts) == COUNT
-    wholes = [file.condensed.whole for file in files]
+    wholes = [file.whole for file in files]
     np.testing.assert_allclose(information.samples, sum(whole.samples[0] for whole in wholes))
     largest = np.max([whole.torque_max[0] for whole in wholes], axis=0)
     np.testing.assert_array_equal(information.torque_max, largest)
@@ -335,9 +335,9 @@ def test_quantities_of_tolerances_keep_their_torques(
 
 
 def test_a_single_stretch_does_not_determine_its_noise(files: list[FactorFile]) -> None:
-    model, groups = identify_gathered(ROBOT, files[:2], SETTINGS).model, files[0].condensed.groups
-    own = replace(files[0].condensed, groups=groups.named("time 3").joined(groups.named("place")))
-    series = friction_series([replace(files[0], condensed=own), files[1]], model)
+    model, groups = identify_gathered(ROBOT, files[:2], SETTINGS).model, files[0].groups
+    own = replace(files[0], groups=groups.named("time 3").joined(groups.named("place")))
+    series = friction_series([own, files[1]], model)
     assert np.isnan(series.std[:, 0]).all()
     assert np.isfinite(series.std[:, 1]).all()
 

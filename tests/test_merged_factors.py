@@ -76,24 +76,20 @@ def test_what_was_taken_for_a_load_to_begin_with_does_not_matter(loaded) -> None
     """Torques of a heavier load taken out, and the same columns: the same load."""
     one, other = loaded[:2]
     expected = identify_gathered(robot()[0].robot, [one, other], PLAIN).model
-    heavier, at = 0.2, one.condensed.names.index("load.m")
+    heavier, at = 0.2, one.record.names.index("load.m")
 
     def without(group: FactorGroups) -> FactorGroups:
         factors = [R.copy() for R in group.factors]
-        for R, felt in zip(factors, one.condensed.felt, strict=True):
+        for R, felt in zip(factors, one.record.felt, strict=True):
             if at in felt:
-                R[..., -1] -= heavier * R[..., felt.tolist().index(at)]
+                R[..., -1] -= heavier * R[..., felt.index(at)]
         return replace(group, factors=tuple(factors))
 
-    condensed = replace(
-        one.condensed,
-        whole=without(one.condensed.whole),
-        groups=without(one.condensed.groups),
-    )
     (load,) = one.record.loads
     taken = (load.taken[0] + heavier, *load.taken[1:])
     record = one.record.changed(loads=(load.changed(taken=taken),))
-    for files in ([FactorFile(record, condensed), other], [other, FactorFile(record, condensed)]):
+    same = FactorFile(record, without(one.whole), without(one.groups), one.geometry)
+    for files in ([same, other], [other, same]):
         found = identify_gathered(robot()[0].robot, files, PLAIN).model
         for a, b in zip(found.loads[0].parameters, expected.loads[0].parameters, strict=True):
             assert a.value == pytest.approx(b.value, rel=1e-4, abs=1e-7)
@@ -105,7 +101,7 @@ def test_friction_that_warms_up_in_one_recording_is_that_of_its_mean(tmp_path: P
     robot = load_robot("clavel-delta3")
     tables = [recorded(robot, 4, warm=cooling), recorded(robot, 5)]
     files = [written(gathered(robot, table), tmp_path) for table in tables]
-    names = [set(file.condensed.names) for file in files]
+    names = [set(file.record.names) for file in files]
     assert any("change" in name for name in names[0] - names[1])
     alone = identify_gathered(robot, files[:1]).model
     require_same(alone, files[0].record.model)
@@ -168,7 +164,7 @@ def test_torque_constants_put_right_in_one_of_several_are_refused(loaded: list[F
 def test_places_of_all_recordings_add_up(loaded: list[FactorFile]) -> None:
     together = merged_files(loaded, robot()[0].robot, PLAIN)
     parts = [together.merging.part(file) for file in loaded]
-    apart = [part.rows(part.groups.named("place")) for part in parts]
+    apart = [part.rows(part.file.groups.named("place")) for part in parts]
     expected = sum((A.swapaxes(2, 3) @ A).sum(axis=0) for A in apart)
     found = together.gathered.places.sum(axis=0)
     size = np.sqrt(np.einsum("iaa,ibb->iab", expected, expected))

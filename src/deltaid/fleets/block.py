@@ -19,7 +19,6 @@ from pydantic import TypeAdapter
 from deltaid.checksum import is_intact, sealed_archive
 from deltaid.estimation.information import Information, triangle
 from deltaid.fleets.drift_friction import FrictionSums, friction_sums
-from deltaid.fleets.factor_file import FactorFile
 from deltaid.fleets.factor_record import FactorGroups, RecordingBrief
 from deltaid.fleets.merged import Independent, MergedPart, Merging
 from deltaid.identification.geometric_rows import GeometricRows
@@ -59,9 +58,7 @@ class RecordingBlock:
     quantities: tuple[str, ...]
 
     @classmethod
-    def of_file(
-        cls, merging: Merging, file: FactorFile, part: MergedPart, key: int
-    ) -> "RecordingBlock":
+    def of_part(cls, merging: Merging, part: MergedPart, key: int) -> "RecordingBlock":
         """The block of a single recording, from its part of the fit."""
         information, columns = part.information, [[*drive.at, -1] for drive in merging.drives]
         whole = FactorGroups.of_rows(
@@ -70,7 +67,7 @@ class RecordingBlock:
             information.samples[None],
             information.torque_max[None],
         )
-        places = part.groups.named("place")
+        places = part.file.groups.named("place")
         rows = part.rows(places)
         by_place = FactorGroups.of_rows(
             places.names,
@@ -78,7 +75,7 @@ class RecordingBlock:
             places.samples,
             places.torque_max,
         )
-        shifted, geometry = merging.geometry(file), None
+        shifted, geometry = merging.geometry(part.file), None
         if shifted:
             active, none = len(merging.active), np.zeros((1, len(shifted)))
             each = (
@@ -86,10 +83,9 @@ class RecordingBlock:
                 for R, drive in zip(shifted, merging.drives, strict=True)
             )
             geometry = _rounded(FactorGroups.of_rows([_WHOLE], list(each), none, none))
-        friction = friction_sums(merging, part, file.brief)
         return cls(
-            merging.fingerprint, (key,), (file.brief,), friction, (1,), whole, _rounded(whole),
-            _rounded(by_place), geometry, file.record.quantities,
+            merging.fingerprint, (key,), (part.file.brief,), friction_sums(merging, part), (1,),
+            whole, _rounded(whole), _rounded(by_place), geometry, part.file.record.quantities,
         )  # fmt: skip
 
     def joined(self, other: "RecordingBlock") -> "RecordingBlock":

@@ -22,7 +22,6 @@ from deltaid.errors import DeltaidError
 from deltaid.estimation.information import triangle
 from deltaid.estimation.problem import LinearProblem, Span
 from deltaid.fleets.factor_file import FactorFile, require_alike
-from deltaid.fleets.factor_record import RecordingBrief
 from deltaid.fleets.merged import MergedPart, Merging, merging_of
 from deltaid.model.record import IdentifiedModel
 from deltaid.robot.parameter import PriorParameter
@@ -150,7 +149,7 @@ def friction_series(files: Sequence[FactorFile], model: IdentifiedModel) -> Fric
     """
     require_alike(files, model.robot)
     merging = merging_of([file.brief for file in files], model.robot, model.settings)
-    each = (friction_sums(merging, merging.part(file), file.brief) for file in files)
+    each = (friction_sums(merging, merging.part(file)) for file in files)
     return series_of(reduce(FrictionSums.joined, each), merging, model)
 
 
@@ -241,10 +240,10 @@ def _prior(
     return np.array(mean), np.array(precision)
 
 
-def friction_sums(merging: Merging, part: MergedPart, brief: RecordingBrief) -> FrictionSums:
+def friction_sums(merging: Merging, part: MergedPart) -> FrictionSums:
     """Sums of one recording, from its part of a fit."""
     unknowns, independent = unknowns_of(merging), merging.independent.at
-    noise = np.maximum(np.array(brief.noise), 1e-12)
+    noise = np.maximum(np.array(part.file.record.noise), 1e-12)
     is_friction = unknowns.drives == np.arange(len(noise))[:, None]
     visible = (is_friction | (unknowns.drives < 0))[:, None, :]
     count = len(unknowns.at)
@@ -263,7 +262,7 @@ def friction_sums(merging: Merging, part: MergedPart, brief: RecordingBrief) -> 
     reference = np.where(is_fixed, c, 0.0)
     R = triangle(np.pad(np.column_stack([A, F, b]), ((0, count), (0, 0))))[:count]
     root, cross = R[:, :count], R[:, count:-1]
-    groups = part.groups.named("time")
+    groups = part.file.groups.named("time")
     A_g, F_g, b_g = columns(part.rows(groups))
     e = b_g - F_g @ c
     g, several = np.einsum("gru,gr->gu", A_g, e), len(groups) > 1

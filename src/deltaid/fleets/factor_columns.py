@@ -186,6 +186,15 @@ class GatheredColumns:
         )
 
     @cached_property
+    def felt(self) -> tuple[Int[np.ndarray, " _"], ...]:
+        """Indices of each drive's columns among those of a file."""
+        drives, entries = self.regressor.regressor_pattern
+        return tuple(
+            np.flatnonzero(np.isin(self.kept, entries[drives == i]))
+            for i in range(self.dynamics.dof)
+        )
+
+    @cached_property
     def names(self) -> tuple[str, ...]:
         added = (parameter.name for addition in self.additions for parameter in addition.parameters)
         return (*self.dynamics.layout.names, *added)

@@ -31,7 +31,6 @@ from deltaid.fleets.factor_record import (
     FactorGroups,
     FactorRecord,
     RecordingBrief,
-    RecordingFactors,
 )
 from deltaid.forked import require_threads
 from deltaid.model.record import Settings
@@ -64,7 +63,10 @@ _SAME = 0.02
 @dataclass(frozen=True, eq=False)
 class FactorFile:
     record: FactorRecord
-    condensed: RecordingFactors
+    whole: FactorGroups  # one group: all samples
+    groups: FactorGroups  # the same in stretches of time, then by place
+    # one group: some samples, with the effects of the description's tolerances before τ, if any
+    geometry: FactorGroups | None = None
     path: str = ""  # of the file; empty if it is not written yet
     key: str = ""  # checksum of its inputs
 
@@ -78,7 +80,7 @@ class FactorFile:
             friction=dict(model.robot.friction),
             rms=tuple(model.fit.rms),
             rms_unfiltered=tuple(model.fit.rms_unfiltered),
-            samples=float(self.condensed.whole.samples.mean()),
+            samples=float(self.whole.samples.mean()),
             sensors=tuple(sensor.name for sensor in model.sensors),
             masses={load.name: load.parameters[0].value for load in model.loads},
             corrections=tuple(model.corrections),
@@ -95,12 +97,12 @@ class FactorFile:
 def write(file: FactorFile, path: Path, key: str = "") -> None:
     """Write a factor file, whole or not at all; `key` is a checksum of its inputs. Raises a
     DeltaidError if it cannot be written."""
-    condensed, rows = file.condensed, []
-    for groups in filter(None, (condensed.whole, condensed.geometry, condensed.groups)):
+    rows = list[tuple[object, ...]]()
+    for groups in filter(None, (file.whole, file.geometry, file.groups)):
         for k, i in np.ndindex(len(groups), len(groups.factors)):
             R, sizes = groups.factors[i][k], (groups.samples[k, i], groups.torque_max[k, i])
             numbers = R[np.triu_indices(len(R))]
-            exact = (numbers, None) if groups is condensed.whole else (None, numbers.astype("f4"))
+            exact = (numbers, None) if groups is file.whole else (None, numbers.astype("f4"))
             rows.append((groups.names[k], i, *sizes, *exact))
     table, buffer = pl.DataFrame(rows, schema=_SCHEMA, orient="row"), BytesIO()
     metadata = {_KEY: file.record.model_dump_json(), _FROM: key, "checksum": EMPTY}
@@ -147,21 +149,22 @@ def read(path: Path) -> FactorFile:
         ) from None
     except DeltaidError as error:
         raise _refusal(f"holds what cannot be: {error.what}", where) from None
-    return FactorFile(record, _condensed(table, record), where, metadata.get(_FROM, ""))
+    return FactorFile(record, *_groups_of(table, record), where, metadata.get(_FROM, ""))
 
 
 def _refusal(reason: str, where: str) -> RecordingError:
     return RecordingError(reason, where=where, cure=_CURE)
 
 
-def _condensed(table: pl.DataFrame, record: FactorRecord) -> RecordingFactors:
+def _groups_of(
+    table: pl.DataFrame, record: FactorRecord
+) -> tuple[FactorGroups, FactorGroups, FactorGroups | None]:
+    """The groups of a file, as in `FactorFile`."""
     drives, shifts = len(record.felt), len(record.quantities)
     whole, geometry, rest = (table[drives * k :] for k in (0, 1, 1 + bool(shifts)))
     sizes = tuple(len(places) + 1 for places in record.felt)
     wide = tuple(n + shifts for n in sizes)
-    return RecordingFactors(
-        record.names,
-        tuple(np.array(places, dtype=int) for places in record.felt),
+    return (
         _groups(whole[:drives], sizes, "exact"),
         _groups(rest, sizes, "rounded"),
         _groups(geometry[:drives], wide, "rounded") if shifts else None,

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import Annotated
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Float
 from pydantic import Field
 
 from deltaid.estimation.information import triangle
@@ -65,16 +65,6 @@ class FactorGroups:
             np.concatenate([self.samples, other.samples]),
             np.concatenate([self.torque_max, other.torque_max]),
         )
-
-
-@dataclass(frozen=True, eq=False)
-class RecordingFactors:
-    names: tuple[str, ...]  # of the gathered columns
-    felt: tuple[Int[np.ndarray, " _"], ...]  # indices of each drive's columns
-    whole: FactorGroups  # one group: all samples
-    groups: FactorGroups  # the same in stretches of time, then by place
-    # one group: some samples, with the effects of the description's tolerances before τ, if any
-    geometry: FactorGroups | None = None
 
 
 class KnownLag(Part):

@@ -32,7 +32,6 @@ from deltaid.fleets.factor_record import (
     FactorRecord,
     GatheredLoad,
     KnownLag,
-    RecordingFactors,
     Temperature,
 )
 from deltaid.identification.assembly import doubts_of_fit
@@ -83,8 +82,9 @@ def gathered(
     progress("condensing")
     problem, recording = result.problem, result.recordings[0]
     over = gathered_columns(problem, recording)
-    factors, quantities = with_geometry(condensed(over, recording), over, problem, recording)
-    return FactorFile(record_of(type_, result, factors, quantities), factors)
+    whole, groups = condensed(over, recording)
+    geometry, quantities = geometry_of(over, problem, recording)
+    return FactorFile(record_of(type_, result, over, quantities), whole, groups, geometry)
 
 
 @dataclass(frozen=True)
@@ -147,17 +147,15 @@ def gathered_columns(problem: FittedProblem, recording: PreparedRecording) -> Ga
     return replace(columns, additions=(*columns.additions, lags))
 
 
-def condensed(columns: GatheredColumns, recording: PreparedRecording) -> RecordingFactors:
-    """A recording's factors over gathered columns."""
+def condensed(
+    columns: GatheredColumns, recording: PreparedRecording
+) -> tuple[FactorGroups, FactorGroups]:
+    """A recording's factors over gathered columns: whole, and in groups."""
     rows = MeasuredRows(columns.regressor)
     box, parts, names = _cells(columns.dynamics.robot, recording.log.reach)
     places = PlaceSums(box, rows.dof, len(rows.active) + 1, parts)
-    drives, entries = rows.regressor_pattern
-    felt = tuple(
-        np.flatnonzero(np.isin(columns.kept, entries[drives == i])) for i in range(rows.dof)
-    )
     column = np.append(np.searchsorted(rows.active, columns.kept), len(rows.active))
-    with_tau = [column[np.append(places, -1)] for places in felt]
+    with_tau = [column[np.append(places, -1)] for places in columns.felt]
     sizes = [len(places) for places in with_tau]
     # As many stretches and places as fit into a file.
     room = int((_BYTES - _BESIDE) / (_GROUP * sum(n * (n + 1) // 2 for n in sizes)) - _WHOLES)
@@ -179,20 +177,16 @@ def condensed(columns: GatheredColumns, recording: PreparedRecording) -> Recordi
     )
     none = np.zeros((len(visited), rows.dof))
     by_place = FactorGroups(tuple(visited), tuple(roots), none, none)
-    whole = groups(["whole"], [merge(blocks)])
-    return RecordingFactors(tuple(columns.place), felt, whole, times.joined(by_place))
+    return groups(["whole"], [merge(blocks)]), times.joined(by_place)
 
 
-def with_geometry(
-    condensed: RecordingFactors,
-    columns: GatheredColumns,
-    problem: FittedProblem,
-    recording: PreparedRecording,
-) -> tuple[RecordingFactors, tuple[str, ...]]:
-    """The factors with the effects of the description's tolerances on some rows, and their
+def geometry_of(
+    columns: GatheredColumns, problem: FittedProblem, recording: PreparedRecording
+) -> tuple[FactorGroups | None, tuple[str, ...]]:
+    """Factors of some rows with the effects of the description's tolerances, if any, and their
     names."""
     if columns.dynamics.robot.tolerances.exact:
-        return condensed, ()
+        return None, ()
     p, none = _plain_values(problem), np.zeros(columns.dynamics.dof)
     rows = next(
         geometric_rows(
@@ -202,10 +196,9 @@ def with_geometry(
     every = np.split(np.column_stack([rows.Y, rows.D, rows.tau]), len(none))
     shifts = np.arange(len(columns.kept), every[0].shape[1])
     each = [
-        part[None][:, :, [*felt, *shifts]] for part, felt in zip(every, condensed.felt, strict=True)
+        part[None][:, :, [*felt, *shifts]] for part, felt in zip(every, columns.felt, strict=True)
     ]
-    geometry = FactorGroups.of_rows(["geometry"], each, none[None], none[None])
-    return replace(condensed, geometry=geometry), rows.names
+    return FactorGroups.of_rows(["geometry"], each, none[None], none[None]), rows.names
 
 
 def _cells(
@@ -260,7 +253,7 @@ def _plain_values(problem: FittedProblem) -> Float[np.ndarray, " plain"]:
 def record_of(
     robot: RobotDescription,
     result: Judged,
-    condensed: RecordingFactors,
+    columns: GatheredColumns,
     quantities: tuple[str, ...],
 ) -> FactorRecord:
     recording, model = result.recordings[0], result.model
@@ -272,8 +265,8 @@ def record_of(
         deltaid=version("deltaid"),
         robot=robot,
         model=model,
-        names=condensed.names,
-        felt=tuple(tuple(places.tolist()) for places in condensed.felt),
+        names=tuple(columns.place),
+        felt=tuple(tuple(places.tolist()) for places in columns.felt),
         quantities=quantities,
         noise=tuple(model.fit.rms),
         fastest=tuple(float(fastest.get(drive, 0.0)) for drive in model.robot.drives),

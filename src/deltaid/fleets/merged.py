@@ -71,13 +71,13 @@ Rows = Float[np.ndarray, "_ _"]
 class MergedPart:
     """A recording's part of a fit; stretches and places are computed on request."""
 
+    file: FactorFile
     information: Information  # all samples, with the prior of its lags
-    groups: FactorGroups
     views: tuple[Rows, ...]  # V of each drive, [Y, τ] = R V
 
     @property
     def stretches(self) -> tuple[Information, ...]:
-        groups, active = self.groups.named("time"), self.information.columns
+        groups, active = self.file.groups.named("time"), self.information.columns
         each = zip(triangle(self.rows(groups)), groups.samples, groups.torque_max, strict=True)
         return tuple(Information(active, *stretch) for stretch in each)
 
@@ -145,12 +145,8 @@ class Merging:
     @cached_property
     def drives(self) -> tuple[Independent, ...]:
         """Independent active columns in the rows of each drive."""
-        drives, entries = self.columns.regressor.regressor_pattern
         return tuple(
-            Independent.of_columns(
-                self._active_map[np.isin(self.columns.kept, entries[drives == i])]
-            )
-            for i in range(self.dynamics.dof)
+            Independent.of_columns(self._active_map[places]) for places in self.columns.felt
         )
 
     @cached_property
@@ -166,7 +162,7 @@ class Merging:
 
     def part(self, file: FactorFile) -> MergedPart:
         whole, views = list[Rows](), list[Rows]()
-        for i, (R,) in enumerate(file.condensed.whole.factors):
+        for i, (R,) in enumerate(file.whole.factors):
             view, local = self._view(file, i)
             places, lag = list(local.values()), file.record.lags[i]
             weight = file.record.noise[i] / lag.deviation if lag.deviation else 0.0
@@ -181,16 +177,16 @@ class Merging:
             view[places] -= span.inverse @ (span.Q.T @ A)
             views.append(view)
 
-        group, everything = file.condensed.whole, triangle(_stacked(whole))
+        group, everything = file.whole, triangle(_stacked(whole))
         information = Information(self.active, everything, group.samples[0], group.torque_max[0])
-        return MergedPart(information, file.condensed.groups, tuple(views))
+        return MergedPart(file, information, tuple(views))
 
     def geometry(self, file: FactorFile) -> list[Rows]:
         """Effect of the description's tolerances on rows of each drive: [Y, D, τ], with D the
         torques of one standard deviation of each of the record's quantities; empty without
         tolerances."""
-        group, rows = file.condensed.geometry, list[Rows]()
-        for i, (R,) in enumerate(() if group is None else group.factors):
+        rows = list[Rows]()
+        for i, (R,) in enumerate(() if file.geometry is None else file.geometry.factors):
             view = self._view(file, i)[0][:-1, :-1]
             rows.append(np.column_stack([R[:, : len(view)] @ view, R[:, len(view) :]]))
         return rows
@@ -198,7 +194,7 @@ class Merging:
     def _view(self, file: FactorFile, drive: int) -> tuple[Rows, dict[str, int]]:
         """V with [Y, τ] = R V for a drive's factors R, and indices of the columns of this recording
         alone."""
-        names = [file.condensed.names[k] for k in file.condensed.felt[drive]]
+        names = [file.record.names[k] for k in file.record.felt[drive]]
         place = np.array([self.columns.place.get(name, -1) for name in names])
         local = {names[row]: row for row in np.flatnonzero(place < 0).tolist()}
         view = np.zeros((len(names) + 1, len(self.active) + 1))

@@ -76,40 +76,56 @@ def merged_files(
     each = {int.from_bytes(file.record.sha256.encode()): file for file in files}
     keys, briefs = sorted(each), ordered([file.brief for file in files])
     merging = merging_of(briefs, with_laws(robot, briefs, settings), settings)
-    return merged_as(merging, [each[key] for key in keys], keys)
-
-
-def merged_as(
-    merging: Merging, files: Sequence[FactorFile], keys: Sequence[int]
-) -> RobotRecordings:
-    """Merged factor files, in the order of their ascending keys."""
-    parts = [merging.part(file) for file in files]
-    block = _merged(keys, lambda k: RecordingBlock.of_file(merging, files[k], parts[k], keys[k]))
-    few = len(files) <= FEW
-    return RobotRecordings(merging, block, tuple(part.stretches for part in parts) if few else ())
+    return merged_as(merging, {k: each[key] for k, key in enumerate(keys)}, keys)
 
 
 # Consecutive recordings: index of the first, and index after the last.
 _Span = tuple[int, int]
 
 
+def merged_as(
+    merging: Merging,
+    files: dict[int, FactorFile],
+    keys: Sequence[int],
+    known: Mapping[_Span, RecordingBlock] | None = None,
+    keep: Callable[[_Span, RecordingBlock], None] = lambda *_: None,
+) -> RobotRecordings:
+    """Recordings merged in the order of their ascending keys.
+
+    Args:
+        files: by the index of their keys, of recordings that no known block has; they are removed
+            as they are merged.
+        known: existing blocks.
+        keep: called with new blocks.
+    """
+    stretches = list[tuple[Information, ...]]()
+
+    def leaf(k: int) -> RecordingBlock:
+        part = merging.part(files.pop(k))
+        if len(keys) <= FEW:
+            stretches.append(part.stretches)
+        return RecordingBlock.of_part(merging, part, keys[k])
+
+    block = _merged(keys, leaf, known or {}, keep)
+    return RobotRecordings(merging, block, tuple(stretches))
+
+
 def _merged(
     keys: Sequence[int],
     leaf: Callable[[int], RecordingBlock],
-    known: Mapping[_Span, RecordingBlock] | None = None,
-    keep: Callable[[_Span, RecordingBlock], None] = lambda *_: None,
+    known: Mapping[_Span, RecordingBlock],
+    keep: Callable[[_Span, RecordingBlock], None],
     first: int = 0,
 ) -> RecordingBlock:
     """The block of all keys, merged by recursive halves.
 
     Args:
         leaf: block of the index of a key.
-        known: existing blocks.
-        keep: called with new blocks.
+        known, keep: as in `merged_as`.
         first: index of the first key.
     """
     span, middle = (first, first + len(keys)), halved(keys)
-    if known and span in known:
+    if span in known:
         return known[span]
     if len(keys) == 1:
         block = leaf(first)
@@ -166,8 +182,8 @@ def _of_blocks(job: FleetJob, place: Place) -> RobotRecordings:
     leaves = sorted(job.recordings, key=_key)
     keys = tuple(map(_key, leaves))
     if len(keys) <= FEW:
-        files = [*_read(job, place, leaves, range(len(keys))).values()]
-        return merged_as(_merging(job, [file.brief for file in files]), files, keys)
+        files = _read(job, place, leaves, range(len(keys)))
+        return merged_as(_merging(job, [file.brief for file in files.values()]), files, keys)
     names, kept = dict[_Span, str](), set[str]()
     for span, is_kept in _spans(keys, len(keys)):
         members = [(leaf.sha256, leaf.file) for leaf in leaves[slice(*span)]]
@@ -190,18 +206,14 @@ def _of_blocks(job: FleetJob, place: Place) -> RobotRecordings:
         del blocks[span]
         files |= _read(job, place, leaves, range(*span))
 
-    def leaf(k: int) -> RecordingBlock:
-        file = files.pop(k)
-        return RecordingBlock.of_file(merging, file, merging.part(file), keys[k])
-
     def keep(span: _Span, block: RecordingBlock) -> None:
         if names[span] in kept:
             place.write(names[span], block_bytes(block))
 
-    whole = _merged(keys, leaf, blocks, keep)
+    recordings = merged_as(merging, files, keys, blocks, keep)
     for name in there.keys() - kept:
         store.remove(place.path_to(name))
-    return RobotRecordings(merging, whole)
+    return recordings
 
 
 def _key(leaf: GatherResult) -> int:
