@@ -10,7 +10,6 @@ be merged, each recording once.
 
 import hashlib
 import json
-import os
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -108,14 +107,6 @@ def write(file: FactorFile, path: Path, key: str = "") -> None:
     metadata = {_KEY: file.record.model_dump_json(), _FROM: key, "checksum": EMPTY}
     table.write_parquet(buffer, compression="zstd", metadata=metadata)
     write_bytes(path, sealed(buffer.getvalue()))
-
-
-def read_key(path: Path) -> str | None:
-    """Checksum of a file's inputs; None if it is missing or damaged."""
-    try:
-        return read(path).key if os.path.isfile(path) else None
-    except RecordingError:
-        return None
 
 
 def read(path: Path) -> FactorFile:

@@ -23,7 +23,6 @@ from deltaid.fleets.factor_file import (
     FactorFile,
     digest,
     gathering_digest,
-    read_key,
     safe,
     write,
 )
@@ -34,6 +33,7 @@ from deltaid.fleets.factor_record import (
     KnownLag,
     Temperature,
 )
+from deltaid.fleets.place import Place
 from deltaid.identification.assembly import doubts_of_fit
 from deltaid.identification.fit import FittedProblem, Progress
 from deltaid.identification.gathering import gather
@@ -123,7 +123,7 @@ def gather_into(
             sha256 = open_table(log, mapping or ColumnMapping()).checksum([])
             key = digest([sha256, version("deltaid"), gathering_digest(robot, mapping, settings)])
             path = folder / f"{safe(log.stem)}-{key[:10]}{ENDING}"
-            is_there = read_key(path) == key
+            is_there = Place.named(folder).factors(path.name, key) is not None
             if not is_there:
                 file = gathered(
                     robot, log, columns=mapping, settings=settings, force=force, progress=progress

@@ -231,16 +231,11 @@ def run_chains(call: Call, chains: Sequence[Chain], words: tuple[str, str]) -> l
         words: of the progress, such as 'fitted' 'periods'.
     """
     results = _known(call, [job for chain in chains for job in chain])
-
-    def reached(chain: Chain) -> Chain:
-        """The chain as far as its leading steps succeed."""
-        for k, job in enumerate(chain, start=1):
-            if job.step.leads and job.key in results and results[job.key].reason:
-                return chain[:k]
-        return chain
-
+    # Each chain as far as its leading steps succeed.
+    known = [_in_turn(chain, lambda job: results.get(job.key)) for chain in chains]
     unfinished = [
-        tuple(job for job in reached(chain) if job.key not in results) for chain in chains
+        tuple(job for job, result in zip(chain, reached, strict=False) if result is None)
+        for chain, reached in zip(chains, known, strict=True)
     ]
 
     def failed(chain: Chain, why: str) -> list[JobResult]:
@@ -250,7 +245,7 @@ def run_chains(call: Call, chains: Sequence[Chain], words: tuple[str, str]) -> l
 
     for done in call.done(words, work_chain, [chain for chain in unfinished if chain], failed):
         results |= {result.job.key: result for result in done}
-    return [results[job.key] for chain in chains for job in reached(chain)]
+    return [result for chain in chains for result in _in_turn(chain, lambda job: results[job.key])]
 
 
 def _known(call: Call, jobs: Sequence[FleetJob]) -> dict[str, JobResult]:
@@ -282,11 +277,12 @@ def work_chain(chain: Chain, place: Place) -> list[JobResult]:
         return _in_turn(chain, partial(work, place=Place(place.root)))
 
 
-def _in_turn(chain: Chain, do: Callable[[FleetJob], JobResult]) -> list[JobResult]:
-    done = list[JobResult]()
+def _in_turn(chain: Chain, result_of: Callable[[FleetJob], _Result]) -> list[_Result]:
+    """Results of jobs, as far as leading steps succeed."""
+    done = list[_Result]()
     for job in chain:
-        done.append(do(job))
-        if job.step.leads and done[-1].reason:
+        done.append(result := result_of(job))
+        if job.step.leads and isinstance(result, JobResult) and result.reason:
             break
     return done
 
