@@ -4,7 +4,6 @@ import re
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
-from typing import Any
 
 import polars as pl
 
@@ -46,10 +45,9 @@ def gather_all(call: Call) -> list[GatherResult]:
     Raises:
         DeltaidError: gathered factors of earlier calls would be lost without permission.
     """
-    listing = call.place.listing(FACTORS)
-    before = call.tables[RECORDINGS].filter(pl.col("file") != "")
-    row_of = {key: k for k, key in enumerate(before["key"])}
-    hows = dict(before.select("path", "how").iter_rows())
+    listing, before = call.place.listing(FACTORS), _gathered_before(call.tables[RECORDINGS])
+    known = {outcome.key: outcome for outcome in before}
+    hows = {outcome.recorded.path: outcome.how for outcome in before}
     outcomes, jobs, lost = list[GatherResult](), list[GatherJob](), Counter[str]()
     for recorded in call.fleet.recordings:
         how = hows.get(recorded.path)
@@ -59,18 +57,17 @@ def gather_all(call: Call) -> list[GatherResult]:
             lost[_WRONG] += how is not None
             outcomes.append(GatherResult(recorded, "", reason=str(error), is_new=False))
             continue
-        row = before.row(row_of[job.key], named=True) if job.key in row_of else None
+        outcome = known.get(job.key)
         if reason := call.refused.get(job.key):
             outcomes.append(replace(_failed(job, reason), key=job.key, is_new=False))
-        elif row is not None and listing.get(row["file"]) == row["bytes"]:
-            outcomes.append(_outcome(recorded, row))
+        elif outcome is not None and listing.get(outcome.file) == outcome.bytes:
+            outcomes.append(replace(outcome, recorded=recorded))
         else:
             jobs.append(job)
             lost[_OTHERWISE] += how not in (None, job.how.digest)
     is_named, here = _naming(call.fleet), {recorded.path for recorded in call.fleet.recordings}
-    for row in before.iter_rows(named=True):
-        if row["path"] not in here:
-            outcome = _outcome(Recorded(**{key: row[key] for key in _RECORDED}), row)
+    for outcome in before:
+        if outcome.recorded.path not in here:
             if why := _why_lost(call, outcome, listing) if is_named(outcome.recorded) else _UNNAMED:
                 lost[why] += 1
             else:
@@ -89,8 +86,16 @@ def recordings_table(outcomes: Sequence[GatherResult]) -> pl.DataFrame:
     return pl.DataFrame(rows, schema=RECORDINGS_SCHEMA, orient="row")
 
 
-def _outcome(recorded: Recorded, row: Mapping[str, Any]) -> GatherResult:
-    return GatherResult(recorded, is_new=False, **{key: row[key] for key in _OUTCOME})
+def _gathered_before(table: pl.DataFrame) -> list[GatherResult]:
+    """Outcomes of earlier calls that have factors; no recording has a stamp."""
+    return [
+        GatherResult(
+            Recorded(**{key: row[key] for key in _RECORDED}),
+            is_new=False,
+            **{key: row[key] for key in _OUTCOME},
+        )
+        for row in table.filter(pl.col("file") != "").iter_rows(named=True)
+    ]
 
 
 def _require_kept(call: Call, lost: Counter[str]) -> None:
