@@ -20,12 +20,12 @@ from deltaid.dynamics.dynamics import compiled
 from deltaid.fleets import factor_file, place, store
 from deltaid.fleets.drift_findings import DriftSettings
 from deltaid.fleets.factor_file import FactorFile
-from deltaid.fleets.fleet import Recorded
+from deltaid.fleets.fleet import ALL, Recorded
 from deltaid.fleets.gather_all import gather_recorded
 from deltaid.fleets.gather_plan import GatherJob, GatherResult, How
 from deltaid.fleets.place import Place
 from deltaid.fleets.step import work_chain
-from deltaid.fleets.steps import ALL, fit_jobs, robot_chains
+from deltaid.fleets.steps import fit_jobs, robot_chains
 from deltaid.fleets.store import stamp_of
 from deltaid.model.record import Settings
 from deltaid.motion.random_motion import random_motion

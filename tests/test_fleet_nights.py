@@ -21,14 +21,14 @@ from deltaid.fleets.drift_findings import DriftSettings
 from deltaid.fleets.drift_friction import friction_series, unknowns_of
 from deltaid.fleets.factor_file import ENDING, FactorFile, digest, write
 from deltaid.fleets.factor_record import GatheredLoad
-from deltaid.fleets.fleet import Recorded
+from deltaid.fleets.fleet import ALL, Recorded
 from deltaid.fleets.gather_plan import GatherResult
 from deltaid.fleets.identify_gathered import identify_gathered
 from deltaid.fleets.merged import merging_of
 from deltaid.fleets.place import Place
 from deltaid.fleets.robot_recordings import RobotRecordings
 from deltaid.fleets.step import FleetJob, Tables, work_chain
-from deltaid.fleets.steps import ALL, fit_jobs, robot_chains
+from deltaid.fleets.steps import fit_jobs, robot_chains
 from deltaid.model.record import IdentifiedModel
 from deltaid.recording.carried import Load
 from deltaid.robot.friction import Stribeck

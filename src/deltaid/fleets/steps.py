@@ -16,7 +16,7 @@ from deltaid.fleets.drift_findings import DriftSettings
 from deltaid.fleets.drift_friction import series_of
 from deltaid.fleets.drift_tables import DRIFT, FRICTION, drift_table, friction_table
 from deltaid.fleets.factor_file import FIT_SETTINGS, digest, safe
-from deltaid.fleets.fleet import period_of
+from deltaid.fleets.fleet import ALL, period_of
 from deltaid.fleets.gather_all import RECORDINGS_SCHEMA, poor
 from deltaid.fleets.gather_plan import GatherResult
 from deltaid.fleets.identify_gathered import identify_merged
@@ -32,8 +32,6 @@ from deltaid.model.record import IdentifiedModel, Settings
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.load import save_yaml
 
-# The period of all recordings of a robot.
-ALL = "all"
 # Folder of robots' contributions to their types.
 MEMBERS_FOLDER = "members"
 # Folder of blocks of merged recordings: for each robot those of all, and those of a long period.

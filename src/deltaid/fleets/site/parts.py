@@ -1,13 +1,15 @@
-"""Parts of several pages of a site: cells, figures of panels as plain data, tables of drives,
-deviations."""
+"""Parts of several pages of a site: cells, tables of drives, and figures of panels as plain data,
+such as drives' friction over time: recordings, changes, trends, limits."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from datetime import datetime
+from datetime import datetime, timedelta
 from typing import Any
 
 import polars as pl
 
+from deltaid.estimation.scatter import NORMAL
+from deltaid.fleets.drift_evidence import MONTH
 from deltaid.fleets.site.state import UNKNOWN, Row, Urgency, day
 from deltaid.view import style
 from deltaid.view.numbers import number, percent, with_uncertainty
@@ -19,6 +21,10 @@ LIKE = {True: "yes", False: "no", None: NOTHING}
 WORDS = {Urgency.ACT: "act", Urgency.LOOK: "look", Urgency.NONE: "good"}
 # Largest number of parameters in a figure, or of panels.
 MOST = 24
+# The quantity with findings of drift.
+MAIN = "friction"
+_NAME = "friction, with 95 % intervals"
+_MONTH = timedelta(days=MONTH)
 Data = dict[str, Any]
 # Space for the legend and titles above the first row, for ticks below the last one, and between
 # [px].
@@ -107,21 +113,6 @@ def dates(values: pl.Series) -> list[str]:
     return values.dt.strftime("%Y-%m-%d %H:%M" if several else "%Y-%m-%d").to_list()
 
 
-def dots(rows: pl.DataFrame, value: str) -> Data:
-    """A box with a dot for each row, labelled by its robot."""
-    return {
-        "type": "box",
-        "text": [style.label(name) for name in rows["robot"].to_list()],
-        "boxpoints": "all",
-        "jitter": 0.5,
-        "pointpos": 0,
-        "marker": {"color": style.MEASURED, "size": 4, "opacity": 0.6},
-        "line": {"width": 1},
-        "fillcolor": "rgba(0,0,0,0)",
-        "hoveron": "points",
-    } | {value: numbers(rows[value])}
-
-
 def cell(form: Callable[..., str], *values: Any) -> str:
     """Values as text, or a dash if one is unknown."""
     return NOTHING if None in values else form(*values)
@@ -181,48 +172,122 @@ def drive_tables(drives: Sequence[Row], caption: str = "") -> tuple[Table, Table
     )
 
 
-def deviation_figure(members: pl.DataFrame, parameters: Sequence[str]) -> Data:
-    """Deviations from the type's mean, a box per parameter; outliers are marked."""
-    chosen = members.filter(
-        pl.col("parameter").is_in(list(parameters)) & pl.col("spreads").is_not_null()
-    ).rename({"spreads": "x"})
-    alike, foreign = (
-        chosen.filter(pl.col("belongs").fill_null(True) == value) for value in (True, False)
-    )
-    hover = {"hovertemplate": "%{text}: %{x:.3g}<extra>%{y}</extra>"}
-    traces = [
-        dots(alike, "x")
-        | {"orientation": "h", **hover, "y": alike["parameter"].to_list(), "name": "robots"}
-    ]
-    if len(foreign):
-        traces.append(
-            {
-                "type": "scatter",
-                "mode": "markers",
-                "x": numbers(foreign["x"]),
-                "y": foreign["parameter"].to_list(),
-                "text": [style.label(name) for name in foreign["robot"].to_list()],
-                "marker": {"color": style.LIMIT, "size": 8, "symbol": "diamond"},
-                **hover,
-                "name": "robots that do not belong",
-            }
-        )
+def friction_panel(title: str, seen: pl.DataFrame, drift: Row | None) -> Panel:
+    """One drive over time.
+
+    Args:
+        seen: its rows of the table of friction, of one quantity, sorted by time.
+        drift: its row of the table of drift, if the quantity has findings.
+    """
+    unit = f"[{seen['unit'][0]}]"
+    slope = None if drift is None else drift["temperature_slope"]
+    traces, value, name = list[Data](), "value", _NAME
+    if slope is not None and seen["temperature"].null_count() < len(seen):
+        warm = pl.col("temperature") - pl.col("temperature").mean()
+        cooled = (pl.col("value") * (-slope * warm).exp()).fill_null(pl.col("value"))
+        seen = seen.with_columns(cooled=cooled)
+        degrees = seen["temperature"].to_list()
+        faint = {  # recorded values, at any temperature
+            "marker": {"color": style.PRIOR, "size": 4, "opacity": 0.5},
+            "text": ["" if t is None else f" at {number(t, 3)} °C" for t in degrees],
+            "hovertemplate": "%{x|%Y-%m-%d}: %{y:.4g}%{text}<extra></extra>",
+        }
+        traces, value = [_dots(seen, "value", "as recorded") | faint], "cooled"
+        name = f"{_NAME}, at one temperature"
+    half = numbers(NORMAL * seen["std"].fill_null(0.0))
+    error = {"type": "data", "array": half, "width": 0, "thickness": 1}
+    traces.append(_dots(seen, value, name) | {"error_y": error})
+    if drift is None:
+        return Panel(title, tuple(traces), unit=unit)
+    if drift["state"] in ("rising", "falling"):
+        traces += _trend(drift, seen)
+    elif drift["state"] == "stepped":
+        traces += _step(drift, seen)
+    return Panel(title, tuple(traces), _change(drift), unit)
+
+
+def time_axis(seen: pl.DataFrame) -> Data:
+    """Time axis of all panels; a single time gets some days around it."""
+    axis: Data = {"type": "date", "matches": "x"}
+    first, last = seen["time"].min(), seen["time"].max()
+    if isinstance(first, datetime) and first == last:
+        axis["range"] = [_minute(first + timedelta(days=days)) for days in (-3, 3)]
+    return axis
+
+
+def _dots(seen: pl.DataFrame, value: str, name: str) -> Data:
     return {
-        "data": traces,
-        "layout": {
-            "height": 26 * len(parameters) + 120,
-            "xaxis": {"title": {"text": "deviation from the type's mean [spreads]"}},
-            "yaxis": {"categoryorder": "array", "categoryarray": list(parameters)[::-1]},
-        },
+        "type": "scatter",
+        "x": dates(seen["time"]),
+        "y": numbers(seen[value]),
+        "hovertemplate": "%{x|%Y-%m-%d}: %{y:.4g}<extra></extra>",
+        "name": name,
+        "mode": "markers",
+        "marker": {"color": style.MEASURED, "size": 5},
     }
 
 
-def most_spread(members: pl.DataFrame) -> list[str]:
-    """Parameters with the largest differences between robots, in the order of the table."""
-    sizes = (
-        members.drop_nulls("spreads")
-        .group_by("parameter", maintain_order=True)
-        .agg(pl.col("spreads").abs().max())
+def _trend(row: Row, seen: pl.DataFrame) -> list[Data]:
+    """The line of the rate with its interval, from the change on, and the limit.
+
+    A rate is a share per month, so friction grows exponentially; over the drawn range a straight
+    line is as good.
+    """
+    first, last, begin, level = seen["time"][0], seen["time"][-1], row["change"], row["level"]
+    # To the limit, but not far beyond the recordings.
+    end = min(max(row["horizon"] or last, last), last + max(last - begin, _MONTH))
+    low, middle, high = (
+        level * (1 + row[key]) ** ((end - begin) / _MONTH)
+        for key in ("rate_low", "rate", "rate_high")
     )
-    chosen = sizes.sort("spreads", "parameter", descending=[True, False]).head(MOST)["parameter"]
-    return sizes.filter(pl.col("parameter").is_in(chosen.to_list()))["parameter"].to_list()
+    band = {
+        "type": "scatter",
+        "x": [_minute(begin), _minute(end), _minute(end)],
+        "y": [level, high, low],
+        "name": "its 95 % interval",
+        "mode": "lines",
+        "line": {"width": 0},
+        "fill": "toself",
+        "fillcolor": style.PREDICTED,
+        "opacity": 0.25,
+        "hoverinfo": "skip",
+    }
+    line = _line("rate", [begin, end], [level, middle], style.PREDICTED, "solid")
+    return [band, line, *_limit(row, first, end)]
+
+
+def _step(row: Row, seen: pl.DataFrame) -> list[Data]:
+    first, last = seen["time"][0], seen["time"][-1]
+    on, before = row["change"], row["level"]
+    after = before * (1 + row["step"])
+    y = [before, before, after, after]
+    level = _line("level", [first, on, on, last], y, style.PREDICTED, "solid")
+    return [level, *_limit(row, first, last)]
+
+
+def _limit(row: Row, first: datetime, last: datetime) -> list[Data]:
+    if row["limit"] is None:
+        return []
+    return [_line("limit", [first, last], [row["limit"]] * 2, style.LIMIT, "dash")]
+
+
+def _line(name: str, times: list[datetime], y: list[Any], color: str, dash: str) -> Data:
+    return {
+        "type": "scatter", "x": [_minute(time) for time in times], "y": y, "name": name,
+        "mode": "lines", "line": {"color": color, "width": 2, "dash": dash},
+    }  # fmt: skip
+
+
+def _change(row: Row) -> tuple[Data, ...]:
+    if row["change"] is None:
+        return ()
+    on, low, high = (row[key] for key in ("change", "change_low", "change_high"))
+    line = {"type": "line", "x0": _minute(on), "x1": _minute(on),
+            "line": {"color": style.RESIDUAL, "width": 1.5, "dash": "dot"}}  # fmt: skip
+    band = {"type": "rect", "x0": _minute(low), "x1": _minute(high), "fillcolor": style.RESIDUAL,
+            "opacity": 0.18, "line": {"width": 0}}  # fmt: skip
+    return line, band
+
+
+def _minute(time: datetime) -> str:
+    return f"{time:%Y-%m-%d %H:%M}"

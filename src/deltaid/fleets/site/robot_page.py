@@ -2,20 +2,23 @@
 
 import polars as pl
 
-from deltaid.fleets.site.friction_figure import MAIN, friction_panel, time_axis
+from deltaid.fleets.fleet import ALL
 from deltaid.fleets.site.parts import (
     LIKE,
+    MAIN,
     MOST,
     Panel,
     bounds,
     cell,
     dates,
     drive_tables,
+    friction_panel,
     grid,
     known,
     numbers,
+    time_axis,
 )
-from deltaid.fleets.site.state import ALL, Robot, Urgency, day, last_period
+from deltaid.fleets.site.state import Robot, Urgency, day, last_period
 from deltaid.view import style
 from deltaid.view.numbers import number, percent, span
 from deltaid.view.page import Block, Chart, Fact, Page, Section, Summary, Table, Text, Trust

@@ -13,8 +13,16 @@ import polars as pl
 from plotly.offline import get_plotlyjs
 
 from deltaid.files import DEVICES, together, written_whole
-from deltaid.fleets.site.friction_figure import MAIN, friction_panel
-from deltaid.fleets.site.parts import LIKE, NOTHING, WORDS, bounds, cell, grid
+from deltaid.fleets.site.parts import (
+    LIKE,
+    MAIN,
+    NOTHING,
+    WORDS,
+    bounds,
+    cell,
+    friction_panel,
+    grid,
+)
 from deltaid.fleets.site.robot_page import robot_page
 from deltaid.fleets.site.state import UNKNOWN, Robot, Tables, Urgency, day, robots_of, with_spreads
 from deltaid.fleets.site.type_page import deviations, levels, type_page, type_section

@@ -12,6 +12,7 @@ import polars as pl
 
 from deltaid.estimation.scatter import NORMAL
 from deltaid.fleets.belonging import LEAST
+from deltaid.fleets.fleet import ALL
 from deltaid.view.numbers import percent
 
 Row = Mapping[str, Any]
@@ -22,8 +23,6 @@ _SOON = timedelta(days=28)
 _SILENT, _PAUSES = timedelta(days=14), 4
 # Text of failed steps, by name in the quarantine.
 _CANNOT = {"drift": "drift cannot be searched", "type": "cannot be compared with its type"}
-# The period of all recordings of a robot together.
-ALL = "all"
 _CHANGED = {"rising": "rises", "falling": "falls", "stepped": "has stepped"}
 # Longest quoted reason [characters].
 _LONGEST = 160

@@ -9,15 +9,15 @@ from deltaid.fleets.site.parts import (
     LIKE,
     MOST,
     NOTHING,
+    Data,
     Panel,
     cell,
-    deviation_figure,
-    dots,
     grid,
     known,
-    most_spread,
+    numbers,
 )
 from deltaid.fleets.site.state import FOREIGN, Robot, Tables, Urgency, day
+from deltaid.view import style
 from deltaid.view.numbers import number, span
 from deltaid.view.page import Block, Chart, Fact, Page, Section, Summary, Table, Text, Trust
 
@@ -46,7 +46,7 @@ def _levels(tables: Tables, robots: Sequence[Robot], kind: str, title: str) -> P
     ]
     schema = {"robot": pl.String, "drive": pl.String, "y": pl.Float64}
     rows = pl.DataFrame(levels, schema=schema, orient="row")
-    trace = dots(rows, "y") | {
+    trace = _dots(rows, "y") | {
         "x": rows["drive"].to_list(),
         "hovertemplate": "%{text}: %{y:.3g}<extra></extra>",
     }
@@ -57,9 +57,9 @@ def _levels(tables: Tables, robots: Sequence[Robot], kind: str, title: str) -> P
 
 def deviations(tables: Tables, labels: Mapping[str, str]) -> tuple[Section, ...]:
     charts = [
-        Chart(deviation_figure(own, names), f"{label}: how its robots differ; a dot is a robot.")
+        Chart(_deviation_figure(own, names), f"{label}: how its robots differ; a dot is a robot.")
         for kind, label in labels.items()
-        if (names := most_spread(own := tables["members"].filter(type=kind)))
+        if (names := _most_spread(own := tables["members"].filter(type=kind)))
     ]
     said = "how robots of one type differ"
     return (Section("Parameters by type", tuple(charts[:MOST]), said),) if charts else ()
@@ -143,13 +143,13 @@ def _foreign(foreign: Sequence[Robot], links: Mapping[str, str]) -> tuple[Block,
 
 
 def _deviations(members: pl.DataFrame) -> tuple[Block, ...]:
-    names = most_spread(members)
+    names = _most_spread(members)
     more = members["parameter"].n_unique() - len(names)
     said = (
         "How robots differ from the type's mean, in spreads between robots; a dot is a robot."
         + f" {more} parameters that differ less are omitted." * (more > 0)
     )
-    return (Chart(deviation_figure(members, names), said),) if names else ()
+    return (Chart(_deviation_figure(members, names), said),) if names else ()
 
 
 def _means(types: pl.DataFrame) -> Section:
@@ -202,3 +202,65 @@ def _robots(robots: Sequence[Robot], members: pl.DataFrame, links: Mapping[str, 
         links=tuple(links[robot.name] for robot in robots),
         choices=(1,),
     )
+
+
+def _dots(rows: pl.DataFrame, value: str) -> Data:
+    """A box with a dot for each row, labelled by its robot."""
+    return {
+        "type": "box",
+        "text": [style.label(name) for name in rows["robot"].to_list()],
+        "boxpoints": "all",
+        "jitter": 0.5,
+        "pointpos": 0,
+        "marker": {"color": style.MEASURED, "size": 4, "opacity": 0.6},
+        "line": {"width": 1},
+        "fillcolor": "rgba(0,0,0,0)",
+        "hoveron": "points",
+    } | {value: numbers(rows[value])}
+
+
+def _deviation_figure(members: pl.DataFrame, parameters: Sequence[str]) -> Data:
+    """Deviations from the type's mean, a box per parameter; outliers are marked."""
+    chosen = members.filter(
+        pl.col("parameter").is_in(list(parameters)) & pl.col("spreads").is_not_null()
+    ).rename({"spreads": "x"})
+    alike, foreign = (
+        chosen.filter(pl.col("belongs").fill_null(True) == value) for value in (True, False)
+    )
+    hover = {"hovertemplate": "%{text}: %{x:.3g}<extra>%{y}</extra>"}
+    traces = [
+        _dots(alike, "x")
+        | {"orientation": "h", **hover, "y": alike["parameter"].to_list(), "name": "robots"}
+    ]
+    if len(foreign):
+        traces.append(
+            {
+                "type": "scatter",
+                "mode": "markers",
+                "x": numbers(foreign["x"]),
+                "y": foreign["parameter"].to_list(),
+                "text": [style.label(name) for name in foreign["robot"].to_list()],
+                "marker": {"color": style.LIMIT, "size": 8, "symbol": "diamond"},
+                **hover,
+                "name": "robots that do not belong",
+            }
+        )
+    return {
+        "data": traces,
+        "layout": {
+            "height": 26 * len(parameters) + 120,
+            "xaxis": {"title": {"text": "deviation from the type's mean [spreads]"}},
+            "yaxis": {"categoryorder": "array", "categoryarray": list(parameters)[::-1]},
+        },
+    }
+
+
+def _most_spread(members: pl.DataFrame) -> list[str]:
+    """Parameters with the largest differences between robots, in the order of the table."""
+    sizes = (
+        members.drop_nulls("spreads")
+        .group_by("parameter", maintain_order=True)
+        .agg(pl.col("spreads").abs().max())
+    )
+    chosen = sizes.sort("spreads", "parameter", descending=[True, False]).head(MOST)["parameter"]
+    return sizes.filter(pl.col("parameter").is_in(chosen.to_list()))["parameter"].to_list()
