@@ -1,6 +1,6 @@
 """The folder of a fleet: on this machine, on one that all workers share, or in a store."""
 
-from collections.abc import Callable, Hashable
+from collections.abc import Callable, Hashable, Iterable
 from dataclasses import dataclass, field, replace
 from io import BytesIO
 from pathlib import Path
@@ -64,6 +64,10 @@ class Place:
 
     def write(self, name: str, data: bytes) -> None:
         store.write(self.path_to(name), data)
+
+    def remove(self, names: Iterable[str]) -> None:
+        for name in names:
+            store.remove(self.path_to(name))
 
     def table(self, name: str, cure: str = MADE_AGAIN) -> pl.DataFrame | None:
         """A Parquet table in it; None if there is none.

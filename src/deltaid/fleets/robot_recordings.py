@@ -7,7 +7,6 @@ from datetime import UTC
 import numpy as np
 
 from deltaid.estimation.information import Information
-from deltaid.fleets import store
 from deltaid.fleets.block import ENDING, FORMAT, RecordingBlock, block_bytes, block_of, halved
 from deltaid.fleets.factor_file import (
     FactorFile,
@@ -211,8 +210,7 @@ def _of_blocks(job: FleetJob, place: Place) -> RobotRecordings:
             place.write(names[span], block_bytes(block))
 
     recordings = merged_as(merging, files, keys, blocks, keep)
-    for name in there.keys() - kept:
-        store.remove(place.path_to(name))
+    place.remove(there.keys() - kept)
     return recordings
 
 

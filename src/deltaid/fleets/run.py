@@ -13,7 +13,6 @@ import polars as pl
 
 from deltaid.errors import within
 from deltaid.files import require_writable
-from deltaid.fleets import store
 from deltaid.fleets.drift_findings import DriftSettings
 from deltaid.fleets.fleet import Fleet, Quarantined, find_fleet
 from deltaid.fleets.gather_all import gather_again, gather_all, recordings_table
@@ -229,7 +228,5 @@ def _write(
     tables["quarantine"] = pl.DataFrame(lines, schema=schema, orient="row")
     place.write(QUARANTINE, tables["quarantine"].write_csv().encode())
     used = {robot.job.file for robot in results[ROBOTS]}
-    for name in {**place.listing(JOURNAL), **place.listing(MEMBERS_FOLDER)}:
-        if name not in used:
-            store.remove(place.path_to(name))
+    place.remove({**place.listing(JOURNAL), **place.listing(MEMBERS_FOLDER)}.keys() - used)
     return tables
