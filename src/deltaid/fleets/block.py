@@ -7,8 +7,8 @@ intervals are recordings, or several consecutive ones beyond `MOST_GROUPS`.
 
 import json
 from bisect import bisect_left
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, fields, replace
+from collections.abc import Sequence
+from dataclasses import dataclass, fields
 from io import BytesIO
 from typing import Any
 
@@ -17,7 +17,7 @@ from jaxtyping import Float
 from pydantic import TypeAdapter
 
 from deltaid.checksum import is_intact, sealed_archive
-from deltaid.estimation.information import Information, triangle
+from deltaid.estimation.information import Information
 from deltaid.fleets.drift_friction import FrictionSums, friction_sums
 from deltaid.fleets.factor_record import FactorGroups, RecordingBrief
 from deltaid.fleets.merged import Independent, MergedPart, Merging
@@ -82,10 +82,10 @@ class RecordingBlock:
                 R[None][:, :, [*drive.at, *range(active, R.shape[1])]]
                 for R, drive in zip(shifted, merging.drives, strict=True)
             )
-            geometry = _rounded(FactorGroups.of_rows([_WHOLE], list(each), none, none))
+            geometry = FactorGroups.of_rows([_WHOLE], list(each), none, none).rounded
         return cls(
             merging.fingerprint, (key,), (part.file.brief,), friction_sums(merging, part), (1,),
-            whole, _rounded(whole), _rounded(by_place), geometry, part.file.record.quantities,
+            whole, whole.rounded, by_place.rounded, geometry, part.file.record.quantities,
         )  # fmt: skip
 
     def joined(self, other: "RecordingBlock") -> "RecordingBlock":
@@ -96,7 +96,7 @@ class RecordingBlock:
         if len(coarse) < len(counts):
             ends = np.searchsorted(np.cumsum(counts), np.cumsum(coarse)) + 1
             members = np.split(np.arange(len(counts)), ends[:-1])
-            groups = _rounded(_summed(groups, {k: part.tolist() for k, part in enumerate(members)}))
+            groups = groups.summed({k: part.tolist() for k, part in enumerate(members)}).rounded
         places, by_name = self.places.joined(other.places), dict[str, list[int]]()
         for k, name in enumerate(places.names):
             by_name.setdefault(name, []).append(k)
@@ -104,16 +104,16 @@ class RecordingBlock:
         shifted = [block.over(quantities) for block in (self, other) if block.geometry]
         geometry = shifted[0] if shifted else None
         if len(shifted) > 1:
-            geometry = _rounded(_summed(shifted[0].joined(shifted[1]), {_WHOLE: [0, 1]}))
+            geometry = shifted[0].joined(shifted[1]).summed({_WHOLE: [0, 1]}).rounded
         return RecordingBlock(
             self.fingerprint,
             keys,
             self.briefs + other.briefs,
             self.friction.joined(other.friction),
             tuple(coarse),
-            _summed(self.whole.joined(other.whole), {_WHOLE: [0, 1]}),
+            self.whole.joined(other.whole).summed({_WHOLE: [0, 1]}),
             groups,
-            _rounded(_summed(places, {name: by_name[name] for name in sorted(by_name)})),
+            places.summed({name: by_name[name] for name in sorted(by_name)}).rounded,
             geometry,
             quantities,
         )
@@ -131,9 +131,8 @@ class RecordingBlock:
             A = np.zeros((*R.shape[:2], columns + len(quantities) + 1))
             A[..., [*range(columns), *(columns + k for k in place), -1]] = R
             wide.append(A)
-        return _rounded(
-            FactorGroups.of_rows(geometry.names, wide, geometry.samples, geometry.torque_max)
-        )
+        sizes = geometry.samples, geometry.torque_max
+        return FactorGroups.of_rows(geometry.names, wide, *sizes).rounded
 
     def information(self, merging: Merging, groups: FactorGroups) -> list[Information]:
         """Information of some groups over all active columns."""
@@ -181,24 +180,6 @@ def _cuts(keys: Sequence[int], most: int) -> list[int]:
         return [len(keys)]
     middle = halved(keys)
     return _cuts(keys[:middle], most) + _cuts(keys[middle:], most)
-
-
-def _rounded(groups: FactorGroups) -> FactorGroups:
-    factors = (R.astype(np.float32).astype(float) for R in groups.factors)
-    return replace(groups, factors=tuple(factors))
-
-
-def _summed(groups: FactorGroups, members: Mapping[int | str, Sequence[int]]) -> FactorGroups:
-    """Merged groups by their new names; a group that stays alone keeps every bit."""
-    each = [list(places) for places in members.values()]
-    factors = (
-        [R[k[0]] if len(k) == 1 else triangle(R[k].reshape(-1, R.shape[2])) for k in each]
-        for R in groups.factors
-    )
-    samples = [groups.samples[places].sum(axis=0) for places in each]
-    largest = [groups.torque_max[places].max(axis=0) for places in each]
-    names = tuple(map(str, members))
-    return FactorGroups(names, tuple(map(np.stack, factors)), *map(np.stack, (samples, largest)))
 
 
 def _expanded(

@@ -1,8 +1,8 @@
 """Triangular factors of a recording's rows, whole and in groups; the record of a factor file, and
 its brief for fits of many recordings."""
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from typing import Annotated
 
 import numpy as np
@@ -65,6 +65,24 @@ class FactorGroups:
             np.concatenate([self.samples, other.samples]),
             np.concatenate([self.torque_max, other.torque_max]),
         )
+
+    def summed(self, members: Mapping[int | str, Sequence[int]]) -> "FactorGroups":
+        """Merged groups by their new names; a group that stays alone keeps every bit."""
+        each = [list(places) for places in members.values()]
+        factors = (
+            [R[k[0]] if len(k) == 1 else triangle(R[k].reshape(-1, R.shape[2])) for k in each]
+            for R in self.factors
+        )
+        samples = [self.samples[places].sum(axis=0) for places in each]
+        largest = [self.torque_max[places].max(axis=0) for places in each]
+        stacked = tuple(map(np.stack, factors)), np.stack(samples), np.stack(largest)
+        return FactorGroups(tuple(map(str, members)), *stacked)
+
+    @property
+    def rounded(self) -> "FactorGroups":
+        """The same with seven digits."""
+        factors = (R.astype(np.float32).astype(float) for R in self.factors)
+        return replace(self, factors=tuple(factors))
 
 
 class KnownLag(Part):
