@@ -50,8 +50,7 @@ def matching(pattern: str) -> dict[str, str]:
         DeltaidError: the store cannot be reached.
     """
     if not is_address(pattern):
-        names = sorted(glob.glob(pattern, recursive=True))
-        return {name: stamp_of(name) for name in names if os.path.isfile(name)}
+        return stamps_of(sorted(glob.glob(pattern, recursive=True)))
     asked = partial(_system(pattern).glob, pattern, detail=True)
     return _stamps(_asked(asked, pattern), pattern)
 
