@@ -5,6 +5,7 @@ from functools import cache
 import numpy as np
 import polars as pl
 import pytest
+from scipy.signal import bilinear, lfilter
 
 from deltaid.checks.identify import identify as checked
 from deltaid.cli.options import lag_of
@@ -115,6 +116,19 @@ def test_a_filter_of_the_drive_counts_as_lag() -> None:
     np.testing.assert_allclose(lags.values[0], 3e-3, atol=4e-4)
     np.testing.assert_allclose(lags.steps[0], 3e-3, atol=3e-4)  # as reversals alone tell it
     assert np.all(np.isfinite(lags.step_std))
+
+
+def test_a_filter_of_second_order_is_a_lag_whatever_the_law_of_friction() -> None:
+    """Its steps fit no filter of first order, and by direction friction looks like a lag."""
+    table, w = recorded(0.0, by_direction=1.2), 2 * np.pi * 60.0
+    b, a = bilinear([w * w], [1.0, 1.4 * w, w * w], RATE)
+    tau = table["tau1"].to_numpy()
+    table = table.with_columns(tau1=pl.Series(lfilter(b, a, tau - tau[0]) + tau[0]))
+    lags = estimated(table)
+    assert not np.isfinite(lags.step_std[0, 0])
+    assert lags.values[0, 0] == pytest.approx(1.4 / w, abs=2.5e-4)
+    (group,) = lags.groups(0)
+    assert group.drives == (0,)
 
 
 def test_groups_are_as_few_as_scatter_allows() -> None:

@@ -20,6 +20,7 @@ from deltaid.dynamics.dynamics import Parameters
 from deltaid.effects.lag_columns import late
 from deltaid.effects.lag_groups import LagGroup, chosen_groups, common_lag
 from deltaid.effects.reversals import lags_of_reversals
+from deltaid.effects.windings import free_friction
 from deltaid.estimation.additions import Addition
 from deltaid.estimation.drive_rows import STRETCHES, TraceRows
 from deltaid.estimation.scatter import quantile
@@ -32,8 +33,6 @@ _SWEEPS, _SETTLED = 12, 1e-4
 # Standard deviation of what a lag may be, and of one that reversals show and other rows contradict
 # [s], and how many standard deviations a contradiction is.
 _PRIOR, _HELD, _AGREE = 0.01, 1e-7, 3.0
-# What is added to the deviation of a lag by rows that do not follow the law of friction [s].
-_DOUBTFUL = 3e-3
 
 Delays = Float[np.ndarray, "recordings dof"]
 Covariances = Float[np.ndarray, "recordings dof dof"]
@@ -136,8 +135,14 @@ def estimate_lags(
         values = np.where(known, (by_steps * steps + by_rows * values) / weight, remaining)
         unknown = ~known[:, :, None] & ~known[:, None, :]
         covariance = errors * unknown + (known / weight)[:, :, None] * own
-    # Where steps contradict a drive's friction law, other rows are not trusted.
-    covariance = covariance + _DOUBTFUL**2 * ((doubtful | yields) & ~known)[:, :, None] * own
+    if np.any(unsure := (doubtful | yields) & ~known):
+        # Steps contradict the law of friction, by which other rows may imitate a lag.
+        freely, errors, _ = _swept(
+            rows, traces, values, nothing, np.full_like(nothing, _PRIOR), p, any_friction=True
+        )
+        values = np.where(unsure, freely, values)
+        apart = ~unsure[:, :, None] & ~unsure[:, None, :]
+        covariance = covariance * apart + errors * unsure[:, :, None] * own
     return Lags(values, covariance, steps, step_std, agrees, known & ~filtered, p)
 
 
@@ -148,8 +153,11 @@ def _swept(
     centre: Delays,
     deviation: Delays,
     p: Parameters | None = None,
+    *,
+    any_friction: bool = False,
 ) -> tuple[Delays, Covariances, Parameters]:
-    """Lags from some on, given that they are `centre` ± `deviation`; covariances, and p."""
+    """Lags from some on, given that they are `centre` ± `deviation`; covariances, and p; beside
+    any law of friction, if asked."""
     sweep, every = 0, np.arange(delays.size).reshape(delays.shape)
     while True:
         pairs = zip(traces, delays, strict=True)
@@ -163,10 +171,12 @@ def _swept(
         for k, (part, trace) in enumerate(zip(parts, shifted, strict=True)):
             lags = np.zeros((*part.tau.shape, delays.size))
             lags[:, :, every[k]] = late(trace, p, rows.additions)
-            parts[k] = part.beside(lags)
+            beside = [lags, free_friction(trace, p)] if any_friction else [lags]
+            parts[k] = part.beside(*beside)
         problem = rows.problem(parts, (centre - delays).ravel(), deviation.ravel())
-        p, step = rows.parameters(problem.x), problem.x[rows.size :].reshape(delays.shape)
+        own = slice(rows.size, rows.size + delays.size)
+        p, step = rows.parameters(problem.x), problem.x[own].reshape(delays.shape)
         delays, sweep = np.clip(delays + step, -REACH, REACH), sweep + 1
         if np.abs(step).max() < _SETTLED or sweep == _SWEEPS:
-            covariance = problem.covariance(slice(rows.size, None))
+            covariance = problem.covariance(own)
             return delays, np.array([covariance[np.ix_(places, places)] for places in every]), p

@@ -155,11 +155,11 @@ class TraceRows:
         deviation: Float[np.ndarray, " beside"] | None = None,
     ) -> LinearProblem:
         """Least squares over recordings with the same columns together, with the prior of the
-        parameters, and mean and deviation of additional columns where known."""
+        parameters, and mean and deviation of the first additional columns where known."""
         width = recordings[0].A.shape[2]
         D, d = self.prior(width)
         if mean is not None and deviation is not None:
-            known = np.eye(width)[self.size :] / deviation[:, None]
+            known = np.eye(width)[self.size : self.size + len(deviation)] / deviation[:, None]
             D, d = np.vstack([D, known]), np.concatenate([d, mean / deviation])
         return LinearProblem.together([rows.problem for rows in recordings]).with_known(D, d)
 
