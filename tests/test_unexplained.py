@@ -29,6 +29,7 @@ from deltaid.identification.contest_outcome import doubted, refuted
 from deltaid.identification.setup import ContestOutcome, Setup
 from deltaid.model.settings import Settings
 from deltaid.recording.recording import PreparedRecording
+from deltaid.recording.repairs import TorqueDrift
 from deltaid.recording.windows import SampleBlock
 from deltaid.robot.load import described
 from drives import Case, case
@@ -57,7 +58,7 @@ def weaker_at_speed(made: Case) -> Case:
 
 def free(kind: str) -> FreeTorque:
     dynamics = compiled(described("clavel-delta3"))
-    count = 3 * (len(KINDS[kind]) or 2)
+    count = 3 * (len(KINDS[kind]) or {"time": 3}.get(kind, 2))
     return FreeTorque(
         dynamics, (), prior_parameters(dynamics.robot), kind, (0.2, 0.3, 0.4), (1.0, 0.5, 2.0),
         (3.0, 4.0, 5.0), (10.0, 20.0, 40.0), tuple(np.arange(1.0, count + 1)),
@@ -81,11 +82,16 @@ def test_free_functions_are_products_of_chebyshev_polynomials(kind: str) -> None
     torque, rng = free(kind), np.random.default_rng(0)
     x, u, s = rng.uniform(-1, 1, (3, 50, 3))
     q, qd, tau = x * torque.half + torque.middle, u * torque.fastest, s * torque.strongest
+    passed = np.linspace(-1.0, 1.0, 50)
     expected = [
         chebyshev(a, x[:, i]) * chebyshev(b, u[:, i]) * chebyshev(k, s[:, i])
         for i in range(3) for a, b, k in KINDS[kind]
-    ] or [s[:, j] for i in range(3) for j in range(3) if j != i]  # fmt: skip
-    assert torque.of_motion(q, qd, tau) == pytest.approx(np.array(expected), abs=1e-12)
+    ]  # fmt: skip
+    if kind == "torques of other drives":
+        expected = [s[:, j] for i in range(3) for j in range(3) if j != i]
+    if kind == "time":
+        expected = [chebyshev(m, passed) for m in (1, 2, 3)] * 3
+    assert torque.along(q, qd, tau, passed) == pytest.approx(np.array(expected), abs=1e-12)
     rows, columns = torque.pattern
     assert rows.tolist() == np.repeat([0, 1, 2], len(expected) // 3).tolist()
     assert columns.tolist() == list(range(len(expected)))
@@ -93,7 +99,7 @@ def test_free_functions_are_products_of_chebyshev_polynomials(kind: str) -> None
     assert stated == pytest.approx(torque.deviation)
 
 
-@pytest.mark.parametrize("kind", ["its place and torque", "torques of other drives"])
+@pytest.mark.parametrize("kind", ["its place and torque", "torques of other drives", "time"])
 def test_columns_of_recordings_have_their_largest_values_and_weights(kind: str) -> None:
     rng = np.random.default_rng(2)
     points = [
@@ -101,7 +107,9 @@ def test_columns_of_recordings_have_their_largest_values_and_weights(kind: str) 
             spec=TracePoint, dynamics=free(kind).dynamics, p=np.zeros(1), dof=3,
             q=rng.uniform(-1, 1, (30, 3)), model=rng.standard_normal((3, 30)),
             largest=rng.uniform(2, 3, 3),
-            motion=Mock(qd=rng.standard_normal((30, 3)), weights=rng.uniform(0, 1, (30, 3))),
+            motion=Mock(qd=rng.standard_normal((30, 3)), weights=rng.uniform(0, 1, (30, 3)),
+                        time=np.linspace(5.0, 7.0, 30)),
+            trace=Mock(recording=Mock(drifting=lambda: TorqueDrift(5.0, 2.0))),
         )
         for _ in range(2)
     ]  # fmt: skip
@@ -119,7 +127,8 @@ def test_columns_of_recordings_have_their_largest_values_and_weights(kind: str) 
     )
     point = points[1]
     columns = effect.columns(point)
-    entries = torque.of_motion(point.q, point.motion.qd, point.model.T)
+    passed = np.linspace(-1.0, 1.0, 30)
+    entries = torque.along(point.q, point.motion.qd, point.model.T, passed)
     for k, (drive, entry) in enumerate(zip(torque.pattern[0], entries, strict=True)):
         assert columns[drive, :, k] == pytest.approx(entry * point.motion.weights[:, drive])
         assert not np.delete(columns[:, :, k], drive, axis=0).any()
@@ -130,11 +139,14 @@ def test_entries_along_a_motion_take_the_torques_of_the_model() -> None:
     dynamics = torque.dynamics
     z = dynamics.kinematics.home + 0.05 * rng.standard_normal((20, 3))
     qd, qdd = rng.standard_normal((2, 20, 3))
-    w = Mock(spec=SampleBlock, z=z, qd=qd, qdd=qdd, carried=np.zeros((20, 3)))
+    time = np.linspace(5.0, 7.0, 20)
+    w = Mock(spec=SampleBlock, z=z, qd=qd, qdd=qdd, time=time, carried=np.zeros((20, 3)))
     own = entries_at(dynamics, z, qd, qdd, np.zeros((20, 3)))
     tau = dynamics.torque(z, qd, qdd, torque.p)
-    expected = torque.of_motion(dynamics.kinematics.inverse(z), qd, tau)
-    assert torque.entries(w, own, Mock(spec=PreparedRecording)) == pytest.approx(expected, abs=1e-9)
+    expected = torque.along(dynamics.kinematics.inverse(z), qd, tau, time)
+    recording = Mock(spec=PreparedRecording)
+    recording.drifting.return_value = TorqueDrift(5.0, 2.0)
+    assert torque.entries(w, own, recording) == pytest.approx(expected, abs=1e-9)
 
 
 def test_what_is_smaller_than_the_unexplained_is_dropped() -> None:

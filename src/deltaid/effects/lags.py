@@ -136,11 +136,13 @@ def estimate_lags(
         unknown = ~known[:, :, None] & ~known[:, None, :]
         covariance = errors * unknown + (known / weight)[:, :, None] * own
     if np.any(unsure := (doubtful | yields) & ~known):
-        # Steps contradict the law of friction, by which other rows may imitate a lag.
+        # Steps contradict the law of friction, by which other rows may imitate a lag: the mean of
+        # what steps and rows beside any law say, which is known by how far these are apart.
         freely, errors, _ = _swept(
             rows, traces, values, nothing, np.full_like(nothing, _PRIOR), p, any_friction=True
         )
-        values = np.where(unsure, freely, values)
+        values = np.where(unsure, 0.5 * (freely + steps), values)
+        errors = errors + 0.25 * ((freely - steps) ** 2)[:, :, None] * own
         apart = ~unsure[:, :, None] & ~unsure[:, None, :]
         covariance = covariance * apart + errors * unsure[:, :, None] * own
     return Lags(values, covariance, steps, step_std, agrees, known & ~filtered, p)
@@ -171,7 +173,8 @@ def _swept(
         for k, (part, trace) in enumerate(zip(parts, shifted, strict=True)):
             lags = np.zeros((*part.tau.shape, delays.size))
             lags[:, :, every[k]] = late(trace, p, rows.additions)
-            beside = [lags, free_friction(trace, p)] if any_friction else [lags]
+            of_robot = p[: len(trace.load)]
+            beside = [lags, free_friction(trace, of_robot)] if any_friction else [lags]
             parts[k] = part.beside(*beside)
         problem = rows.problem(parts, (centre - delays).ravel(), deviation.ravel())
         own = slice(rows.size, rows.size + delays.size)

@@ -1,10 +1,12 @@
 """Torques that no effect explains: smooth functions of each drive's own motion and torque.
 
-    τ_i = Y_i p + Σ c_abk T_a(x) T_b(u) T_k(s_i) + Σ_{j≠i} d_j s_j,    0 < a + k ≤ 3 − b
+    τ_i = Y_i p + Σ c_abk T_a(x) T_b(u) T_k(s_i) + Σ_{j≠i} d_j s_j + Σ e_m T_m(t),
+    0 < a + k ≤ 3 − b,    0 < m ≤ 3
 
-with Chebyshev's polynomials T, the place x of the drive within its range, and its velocity u and
-the torques s of the model as shares of their largest. They take what an unknown cause does, which
-effects would imitate, and bodies and friction are estimated beside them.
+with Chebyshev's polynomials T, the place x of the drive within its range, its velocity u and the
+torques s of the model as shares of their largest, and the time t within the recording. They take
+what an unknown cause does, which effects would imitate, and bodies and friction are estimated
+beside them.
 """
 
 from collections.abc import Sequence
@@ -26,6 +28,8 @@ from deltaid.robot.parameter import PRIOR_SPREAD, PriorParameter
 
 # The lowest degree of functions by which a torque constant changes with the size of a speed: u² s.
 _DEGREE = 3
+
+Times = Float[np.ndarray, " samples"]
 _QUANTITIES = ("place", "speed", "torque")
 # Degrees in place, velocity and torque; friction has columns of the velocity alone, and a factor
 # for all torques is not identifiable.
@@ -34,7 +38,7 @@ _DEGREES = tuple(
     for a, b, k in product(range(_DEGREE + 1), repeat=3)
     if 0 < a + k <= _DEGREE - b and (a, b, k) != (0, 0, 1)
 )
-_OTHERS = "torques of other drives"
+_OTHERS, _TIME = "torques of other drives", "time"
 UNEXPLAINED = "unexplained"
 
 
@@ -45,8 +49,10 @@ def _follows(degrees: tuple[int, ...]) -> str:
 
 
 # Degrees of the columns of each kind, by what they vary with.
-KINDS = {follows: tuple(d for d in _DEGREES if _follows(d) == follows)
-         for follows in dict.fromkeys(map(_follows, _DEGREES))} | {_OTHERS: ()}  # fmt: skip
+KINDS = {
+    follows: tuple(degrees for degrees in _DEGREES if _follows(degrees) == follows)
+    for follows in dict.fromkeys(map(_follows, _DEGREES))
+} | {_OTHERS: (), _TIME: ()}
 
 
 @dataclass(frozen=True, eq=False)
@@ -86,18 +92,25 @@ class FreeTorque(OfTorques):
         return columns // (len(columns) // self.dynamics.dof), columns
 
     def entries(self, w: SampleBlock, own: Own, recording: PreparedRecording) -> Values:
-        q = self.dynamics.kinematics.inverse(w.z)
-        return self.of_motion(q, w.qd, self.torques(w, own, recording).T)
+        q, tau = self.dynamics.kinematics.inverse(w.z), self.torques(w, own, recording)
+        return self.along(q, w.qd, tau.T, _passed(recording, w.time))
 
-    def of_motion(self, q: InTask, qd: InTask, tau: InTask) -> Values:
-        """Entries by positions, velocities and torques of the drives."""
+    def along(self, q: InTask, qd: InTask, tau: InTask, passed: Times) -> Values:
+        """Entries by positions, velocities and torques of the drives, and the time that passed."""
         shares = [(q - self.middle) / self.half, qd / self.fastest, tau / self.strongest]
         if self.kind == _OTHERS:
             return np.concatenate([np.delete(shares[2], i, axis=1).T for i in range(q.shape[1])])
+        if self.kind == _TIME:
+            return np.tile(chebvander(passed, _DEGREE)[:, 1:].T, (q.shape[1], 1))
         T = [chebvander(np.clip(share, -1.0, 1.0), _DEGREE) for share in shares]
         place, speed, torque = T
         columns = [place[..., a] * speed[..., b] * torque[..., k] for a, b, k in KINDS[self.kind]]
         return np.stack(columns, axis=2).transpose(1, 2, 0).reshape(-1, len(q))
+
+
+def _passed(recording: PreparedRecording, time: Times) -> Times:
+    """From −1 at the beginning of a recording to 1 at its end."""
+    return 2.0 * recording.drifting().share(time) - 1.0
 
 
 class Unexplained(Added):
@@ -111,7 +124,8 @@ class Unexplained(Added):
         fastest = np.max([np.abs(point.motion.qd).max(axis=0) for point in points], axis=0)
         strongest = np.max([point.largest for point in points], axis=0)
         middle, half = 0.5 * (q.max(axis=0) + q.min(axis=0)), 0.5 * np.ptp(q, axis=0)
-        deviation = np.repeat(SIZE * strongest, len(KINDS[kind]) or point.dof - 1)
+        others = {_OTHERS: point.dof - 1, _TIME: _DEGREE}
+        deviation = np.repeat(SIZE * strongest, others.get(kind, len(KINDS[kind])))
         values = (middle, np.maximum(half, least), np.maximum(fastest, least), strongest, deviation)
         addition = FreeTorque(
             point.dynamics, (), point.p, kind, *(tuple(value.tolist()) for value in values)
@@ -119,10 +133,12 @@ class Unexplained(Added):
         super().__init__(f"{UNEXPLAINED} {kind}", addition)
 
     def columns(self, point: TracePoint) -> ColumnsOfDrives:
-        entries = self.addition.of_motion(point.q, point.motion.qd, point.model.T)
+        motion = point.motion
+        passed = _passed(point.trace.recording, motion.time)
+        entries = self.addition.along(point.q, motion.qd, point.model.T, passed)
         rows, numbers = self.addition.pattern
         columns = np.zeros((point.dof, len(point.q), len(entries)))
-        columns[rows, :, numbers] = entries * point.motion.weights.T[rows]
+        columns[rows, :, numbers] = entries * motion.weights.T[rows]
         return columns
 
     def deviations(self, point: TracePoint, columns: ColumnsOfDrives) -> Deviations:
