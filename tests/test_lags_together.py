@@ -10,8 +10,10 @@ from scipy.signal import lfilter
 from deltaid.dynamics.dynamics import compiled
 from deltaid.dynamics.parameters import prior_parameters
 from deltaid.effects import lags as module
+from deltaid.effects.along_motion import DriveSpring
 from deltaid.effects.lags import Lags, estimate_lags
 from deltaid.effects.reversals import ReversalLags, lags_of_reversals
+from deltaid.estimation.additions import Addition
 from deltaid.estimation.traces import Trace, trace
 from deltaid.motion.random_motion import random_motion
 from deltaid.recording.opening import open_log
@@ -64,13 +66,14 @@ def lags_together(monkeypatch: pytest.MonkeyPatch):
         deviation: np.ndarray,
         filtered: tuple[int, ...] = (),
         doubtful: tuple[int, ...] = (),
+        additions: tuple[Addition, ...] = (),
     ) -> Lags:
         def seen(*_: object) -> ReversalLags:
             flags = (np.isin(np.arange(3), which) for which in (filtered, doubtful))
             return ReversalLags(values, deviation, *flags)
 
         monkeypatch.setattr(module, "lags_of_reversals", seen)
-        return estimate_lags([recording()], spread=0.5)
+        return estimate_lags([recording()], additions, spread=0.5)
 
     return estimate
 
@@ -159,3 +162,12 @@ def test_where_steps_follow_no_law_lags_are_also_estimated_beside_any_law(
     variance = np.where(free, own, np.diag(by_law.covariance[0]))
     np.testing.assert_allclose(np.diag(lags.covariance[0]), variance, rtol=1e-12)
     assert not np.any(lags.covariance[0][np.ix_(free, ~free)])
+
+
+def test_additions_take_part_beside_any_law(lags_together, others, beside_any_law) -> None:
+    dynamics, (rough, _) = recording().dynamics, others
+    spring = DriveSpring(dynamics, (1,), (1.0,))
+    lags_together(rough, NOTHING, doubtful=(0,), additions=(spring,))
+    ((values, _, p),) = beside_any_law
+    assert len(p) == len(dynamics.layout.names) + 1
+    np.testing.assert_allclose(values[0], 2e-3, atol=3e-4)
