@@ -247,7 +247,8 @@ def test_rows_prefer_a_named_effect_to_free_functions_that_explain_no_more(
         (False, -0.01, (), False),
         (True, -0.01, ("named", "free"), True),
         (False, -0.01, ("named", "free"), False),
-        (False, 0.01, ("named",), True),
+        (False, -0.01, ("named",), True),
+        (False, 0.01, ("named",), False),
         (True, -0.01, ("free",), False),
     ],
 )

@@ -117,17 +117,17 @@ def _is_better(other: _Sweeps, end: _Sweeps) -> bool:
 
 
 def _beside_unexplained(bare: Setup, end: _Sweeps) -> _Sweeps:
-    """Sweeps with free functions of the drives' torques, where the rows need these, are more
-    probable so and leave less noise, or the others alone are refuted; intervals count the other
+    """Sweeps with free functions of the drives' torques, where the rows need these, leave less
+    noise and are more probable so, or the others alone are refuted; intervals count the other
     end."""
     if not (free := end.full.unexplained()):
         return end
     beside = _sweeps(bare, free=free)
     if bool(end.why_not) == bool(beside.why_not):
-        leaves_less = beside.last.noise < end.last.noise
-        stands = leaves_less and end.full.prefers(beside.last, end.last)
+        is_better = end.full.prefers(beside.last, end.last)
     else:
-        stands = not beside.why_not
+        is_better = not beside.why_not
+    stands = is_better and beside.last.noise < end.last.noise
     return beside.counting(end) if stands else end.counting(beside)
 
 
