@@ -101,7 +101,8 @@ def test_free_functions_are_products_of_chebyshev_polynomials(kind: str) -> None
 
 @pytest.mark.parametrize("kind", ["its place and torque", "torques of other drives", "time"])
 def test_columns_of_recordings_have_their_largest_values_and_weights(kind: str) -> None:
-    rng = np.random.default_rng(2)
+    rng, recording = np.random.default_rng(2), Mock(spec=PreparedRecording)
+    recording.drifting.return_value = TorqueDrift(5.0, 2.0)
     points = [
         Mock(
             spec=TracePoint, dynamics=free(kind).dynamics, p=np.zeros(1), dof=3,
@@ -109,7 +110,7 @@ def test_columns_of_recordings_have_their_largest_values_and_weights(kind: str) 
             largest=rng.uniform(2, 3, 3),
             motion=Mock(qd=rng.standard_normal((30, 3)), weights=rng.uniform(0, 1, (30, 3)),
                         time=np.linspace(5.0, 7.0, 30)),
-            trace=Mock(recording=Mock(drifting=lambda: TorqueDrift(5.0, 2.0))),
+            trace=Mock(recording=recording),
         )
         for _ in range(2)
     ]  # fmt: skip
