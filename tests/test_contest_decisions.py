@@ -1,6 +1,8 @@
 """What a contest of causes decides: which ends stand, what is unexplained, suspected or doubted."""
 
+import re
 from dataclasses import replace
+from typing import Any
 from unittest.mock import Mock
 
 import numpy as np
@@ -112,6 +114,18 @@ def test_gears_found_stiff_among_rows_that_compliant_ones_leave_stay_so(
     values = {WIND_UP: np.full(3, 1e-5)} if applied else {}
     outcome = decided(ContestOutcome(robot, values=values), last, may_wind_up=may)
     assert outcome.winds_up is winds_up
+
+
+def test_gears_become_compliant_in_the_first_sweeps_only(monkeypatch: pytest.MonkeyPatch) -> None:
+    flags = list[str]()
+
+    def spied(*args: Any, may_wind_up: bool) -> ContestOutcome:
+        flags.append("may " if may_wind_up else "keep ")
+        return decided(*args, may_wind_up=may_wind_up)
+
+    monkeypatch.setattr(contest_stage, "decided", spied)
+    identified(case("falling-gain", "delta3"))
+    assert re.fullmatch("((may ){2}(keep )+)+", "".join(flags))
 
 
 def test_intervals_count_described_laws_where_a_cause_is_unexplained() -> None:

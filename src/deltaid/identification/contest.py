@@ -114,11 +114,12 @@ class Contest:
     def prefers(self, first: "Contest", other: "Contest") -> bool:
         """Whether the rows are more probable with the effects that one reduced contest keeps than
         with those of another."""
-        sets = [end.shrunk.candidates for end in (first, other)]
-        ends = {name: end for end, kept in zip((first, other), sets, strict=True) for name in kept}
-        missing = [ends[name].unknown(name) for name in ends if name not in self.shrunk.candidates]
-        fit = self._with(missing).shrunk
-        evidence, of_other = (fit.of_candidates(kept).evidence for kept in sets)
+        ends, missing = (first, other), dict[str, UnknownEffect]()
+        for end in ends:
+            new = (name for name in end.shrunk.candidates if name not in self.shrunk.candidates)
+            missing |= {name: end.unknown(name) for name in new}
+        fit = self._with(list(missing.values())).shrunk
+        evidence, of_other = (fit.of_candidates(end.shrunk.candidates).evidence for end in ends)
         return bool(evidence > of_other)
 
     def unexplained_torques(self) -> OfDrives | None:
