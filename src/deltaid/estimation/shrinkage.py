@@ -21,7 +21,7 @@ from deltaid.estimation.problem import CauseColumns, Columns, NoiseBlock, Rows, 
 from deltaid.estimation.scatter import surprise
 
 # Columns of one of several groups, whose numbers differ.
-OfGroup = Float[np.ndarray, "rows _"]
+OfGroup = Float[np.ndarray, "_ _"]
 
 # Sweeps of evidence at most, and the change of a logarithm of α below which they end.
 _SWEEPS, _SETTLED = 40, 0.02
