@@ -21,7 +21,7 @@ from deltaid.identification.setup import (
     ContestOutcome,
     Setup,
 )
-from deltaid.identification.study import ADEQUATE, left_of_a_drive
+from deltaid.identification.study import ADEQUATE, beside_any_friction, left_of_a_drive
 from deltaid.model.corrections import Inseparable, cause_in_words
 from deltaid.model.verdict import listed, percent
 from deltaid.robot.description import RobotDescription
@@ -173,7 +173,10 @@ def why_not(setup: Setup, beyond: Collection[str]) -> str:
     """Why the kept effects are refuted; empty where they stand."""
     if beyond:
         return f"{_named(sorted(beyond))} would be further off than they ever are"
-    left = max((left_of_a_drive(study) for study in setup.studies if study), default=0.0)
+    studies = [study for study in setup.studies if study]
+    left = max(map(left_of_a_drive, studies), default=0.0)
+    if left > ADEQUATE:  # friction laws are chosen later
+        left = max(left_of_a_drive(beside_any_friction(study)) for study in studies)
     return f"{percent(left)} of a drive's torque would be left" if left > ADEQUATE else ""
 
 

@@ -33,6 +33,7 @@ from deltaid.identification.lags_and_gears import (
     traced,
     without_lags,
 )
+from deltaid.identification.passive_turns import OfPassive, speed_errors, without_turns
 from deltaid.identification.setup import WIND_UP, ContestOutcome, Progress, Setup
 from deltaid.recording.repairs import Gears
 
@@ -157,7 +158,11 @@ def _sweeps(
             since.outcome,
             since.last.p,
         )
-    full, sweep, undecided = _swept(now, before, _traces(now), p, 0, free), 0, None
+    traces = _traces(now)
+    full, sweep, undecided = _swept(now, before, traces, p, 0, free), 0, None
+    errors = _passive_errors(bare, decided(before, full.reduced(), may_wind_up=False))
+    if errors.any():
+        full = _swept(now, before, [without_turns(t, errors) for t in traces], p, 0, free)
     plain, dismissed = since.plain if since else full.points[0].p, ()
     parts = frozenset[str]()
     while True:
@@ -173,7 +178,8 @@ def _sweeps(
             break
         try:
             now = with_readings(without, after, last.p)
-            before, full = after, _swept(now, after, _traces(now), last.p, sweep, free)
+            traces = [without_turns(trace, errors) for trace in _traces(now)]
+            before, full = after, _swept(now, after, traces, last.p, sweep, free)
         except KinematicsError:
             is_lost = True
             break
@@ -185,6 +191,14 @@ def _sweeps(
         why = why_not(setup, beyond)
     moves = (last.p - plain, *dismissed)
     return _Sweeps(setup, outcome, full, last, plain, moves, parts, why, is_lost)
+
+
+def _passive_errors(bare: Setup, outcome: ContestOutcome) -> OfPassive:
+    """Errors of speeds of passive joints with friction, by what an outcome corrects."""
+    try:
+        return speed_errors(_traces(bare), outcome)
+    except KinematicsError:
+        return np.zeros(len(bare.dynamics.kinematics.passive_friction.names))
 
 
 def swept_beside(setup: Setup, own: UnknownEffect, instead_of: Collection[str]) -> Contest | None:

@@ -24,6 +24,7 @@ from deltaid.effects.lag_columns import slopes
 from deltaid.effects.lag_groups import SMALL
 from deltaid.effects.lags import Lag, estimate_lags
 from deltaid.effects.point import EffectCandidate, RigidFit
+from deltaid.effects.windings import free_friction
 from deltaid.errors import RecordingError
 from deltaid.estimation.additions import Addition
 from deltaid.estimation.drive_rows import (
@@ -154,6 +155,10 @@ def _accounted(
     """The effects of a recording, by what parameters and additions behind them explain; with a lag
     that has been corrected, that is no effect."""
     fit = _rigid_fit(record, Y, rows)
+    return fit, _account(fit, lag)
+
+
+def _account(fit: RigidFit, lag: bool) -> Account:
     effects = [effect for effect in EFFECTS if not lag or effect.kind != "torque-lag"]
     known = [candidate for effect in effects for candidate in effect.candidates(fit)]
     searches = [effect.search(fit) for effect in effects]
@@ -161,7 +166,7 @@ def _accounted(
     def searched(residual: Rows) -> chain[EffectCandidate]:
         return chain.from_iterable(search(residual) for search in searches)
 
-    return fit, account(known, searched, rows.groups, fit.span, fit.span.without(fit.tau))
+    return account(known, searched, fit.rows.groups, fit.span, fit.span.without(fit.tau))
 
 
 def _rigid_fit(record: Trace, Y: ColumnsOfDrives, rows: DriveRows) -> RigidFit:
@@ -233,6 +238,13 @@ def rests(study: Study) -> tuple[Rest, ...]:
         found = trend if follows else None
         rests.append(Rest(drive, float(times), float(size), float(part), found, bool(is_far)))
     return tuple(rests)
+
+
+def beside_any_friction(study: Study) -> Study:
+    """The same beside friction of drives of any law, as long as none has been chosen."""
+    columns = study.fit.rows.stack(free_friction(study.fit.trace, study.fit.p))
+    fit = replace(study.fit, span=study.fit.span.with_columns(columns))
+    return replace(study, fit=fit, account=_account(fit, study.late > 0))
 
 
 def left_of_a_drive(study: Study) -> float:
