@@ -195,10 +195,11 @@ def _sweeps(
 
 def _passive_errors(bare: Setup, outcome: ContestOutcome) -> OfPassive:
     """Errors of speeds of passive joints with friction, by what an outcome corrects."""
+    unknown = np.zeros(len(bare.dynamics.kinematics.passive_friction.names))
     try:
-        return speed_errors(_traces(bare), outcome)
+        return speed_errors(_traces(bare), outcome) if unknown.size else unknown
     except KinematicsError:
-        return np.zeros(len(bare.dynamics.kinematics.passive_friction.names))
+        return unknown
 
 
 def swept_beside(setup: Setup, own: UnknownEffect, instead_of: Collection[str]) -> Contest | None:

@@ -28,7 +28,13 @@ from deltaid.identification.events import with_events, without_events
 from deltaid.identification.gathering import gather_all
 from deltaid.identification.lags_and_gears import estimated_anew
 from deltaid.identification.setup import Progress, Setup
-from deltaid.identification.study import LOAD_CHANGE, Study, studied
+from deltaid.identification.study import (
+    ADEQUATE,
+    LOAD_CHANGE,
+    Study,
+    left_of_a_drive,
+    studied,
+)
 from deltaid.model.model import Model
 from deltaid.model.parameter_record import HeldLoad, Parameter
 from deltaid.recording.carried import Load
@@ -177,11 +183,23 @@ def undeclared_loads(setup: Setup, progress: Progress) -> Setup:
         setup = declared_loads(setup.changed(detected=detected), progress)
         setup = estimated_anew(without_events(setup, progress).studied(), progress)
     if _is_disturbed(setup):
-        # Changes of mass that no load explains may be none at all.
-        instead = contested(first.changed(studies=()), progress)
-        if instead.outcome and instead.outcome.kept and not _is_disturbed(instead):
-            return instead
+        beside = setup
+    elif len(detected) > len(first.detected) and not _is_adequate(setup):
+        beside = contested(setup, progress)
+    else:
+        return setup
+    # Changes of mass may be none at all.
+    instead = contested(first.changed(studies=()), progress)
+    kept, needed = (set(s.outcome.kept) if s.outcome else set[str]() for s in (instead, beside))
+    if kept and _is_adequate(instead) and (kept <= needed or not _is_adequate(beside)):
+        return instead
     return setup
+
+
+def _is_adequate(setup: Setup) -> bool:
+    """Whether no load comes and goes beside those that are known, and little is unexplained."""
+    left = max((left_of_a_drive(study) for study in setup.studies if study), default=0.0)
+    return left < ADEQUATE and not _is_disturbed(setup)
 
 
 def _is_disturbed(setup: Setup) -> bool:

@@ -1,8 +1,8 @@
 """Rows beside reversals of passive joints with friction.
 
-Friction of a passive joint steps where the joint reverses. On a robot that is not quite as described
-it reverses elsewhere: a drive that is off by 7 mrad turns the platform of a Par4 by 0.26 rad. The
-step there, up to a sixth of the largest torque, has no slope by the error that moves it.
+Friction of a passive joint steps where the joint reverses. On a robot that is not quite as
+described it reverses elsewhere: a drive that is off by 7 mrad turns the platform of a Par4 by 0.26
+rad. The step there, up to a sixth of the largest torque, has no slope by the error that moves it.
 """
 
 from collections.abc import Sequence
@@ -58,5 +58,7 @@ def without_turns(trace: Trace, errors: OfPassive) -> Trace:
     return replace(trace, stretches=tuple(sure(part) for part in trace.stretches))
 
 
-def _speeds(kinematics: Kinematics, z: Samples, qd: Samples) -> Float[np.ndarray, "samples passive"]:
+def _speeds(
+    kinematics: Kinematics, z: Samples, qd: Samples
+) -> Float[np.ndarray, "samples passive"]:
     return kinematics.passive_friction.rates(z, qd, np.zeros_like(qd)).speed
