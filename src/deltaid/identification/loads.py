@@ -184,16 +184,23 @@ def undeclared_loads(setup: Setup, progress: Progress) -> Setup:
         setup = estimated_anew(without_events(setup, progress).studied(), progress)
     if _is_disturbed(setup):
         beside = setup
-    elif len(detected) > len(first.detected) and not _is_adequate(setup):
+    elif len(detected) > len(first.detected):
         beside = contested(setup, progress)
     else:
         return setup
+    needed = _kept(beside)
+    if not needed and _is_adequate(beside):
+        return setup
     # Changes of mass may be none at all.
     instead = contested(first.changed(studies=()), progress)
-    kept, needed = (set(s.outcome.kept) if s.outcome else set[str]() for s in (instead, beside))
+    kept = _kept(instead)
     if kept and _is_adequate(instead) and (kept <= needed or not _is_adequate(beside)):
         return instead
     return setup
+
+
+def _kept(setup: Setup) -> set[str]:
+    return set(setup.outcome.kept) if setup.outcome else set()
 
 
 def _is_adequate(setup: Setup) -> bool:
