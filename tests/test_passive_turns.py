@@ -1,0 +1,113 @@
+"""Rows beside reversals of passive joints, and what refutes a contest before laws are chosen."""
+
+from unittest.mock import Mock
+
+import numpy as np
+import pytest
+
+from deltaid.checks.evidence import evidence
+from deltaid.dynamics.dynamics import compiled
+from deltaid.effects.effect import causes_of
+from deltaid.effects.geometry import reshaped
+from deltaid.estimation.scatter import NORMAL
+from deltaid.estimation.traces import Trace
+from deltaid.identification import contest_outcome
+from deltaid.identification.contest_outcome import why_not
+from deltaid.identification.passive_turns import speed_errors, without_turns
+from deltaid.identification.setup import ContestOutcome, Setup
+from deltaid.identification.study import Study, beside_any_friction, left_of_a_drive
+from deltaid.recording.windows import SampleBlock
+from deltaid.robot.load import load_robot
+from logs import tabled
+from test_lag import frame
+from test_residual_checks import truth
+
+# The joint of a Par4's platform turns by a fourth of the tool's angle.
+TURNS = 0.25
+RATIO = np.array([0.0, 0.01, -0.004, 0.0])
+ZERO = np.array([0.003, 0.0, 0.0, -0.002])
+LONGER = 1e-3 * np.array([0.0, 0.0, 1.0, 0.0, -2.0, 0.0, 0.0, 0.0, 3.0, 0.0, 0.0, 0.0])
+
+
+def at(t: np.ndarray) -> np.ndarray:
+    """A motion of a Par4 whose platform turns to and fro."""
+    phase = 2 * np.pi * t[:, None] * np.array([0.7, 0.9, 0.5, 1.1])
+    return np.array([0.0, 0.0, -0.8, 0.0]) + np.array([0.2, 0.15, 0.05, 2.0]) * np.sin(phase)
+
+
+def tracing(t: np.ndarray) -> tuple[Trace, SampleBlock]:
+    dynamics, step = compiled(load_robot("par4")), 1e-5
+    z = at(t)
+    zd = (at(t + step) - at(t - step)) / (2 * step)
+    qd = np.einsum("sij,sj->si", dynamics.kinematics.jacobian(z), zd)
+    none = np.zeros((len(t), 0))
+    part = SampleBlock(t, z, qd, 0 * qd, 0 * qd, 1 + 0 * qd, none, 0 * qd)
+    return Trace(dynamics, np.zeros(0), (part,), Mock(), Mock()), part
+
+
+@pytest.mark.parametrize(
+    ("ratio", "zero", "longer"),
+    [(RATIO, ZERO, LONGER), (0 * RATIO, ZERO, 0 * LONGER), (RATIO, 0 * ZERO, 0 * LONGER)],
+)
+def test_errors_of_speeds_are_what_corrections_change(
+    ratio: np.ndarray, zero: np.ndarray, longer: np.ndarray
+) -> None:
+    """By positions of the platform a little earlier and later, at the corrected readings."""
+    t, step = np.linspace(0.0, 2.0, 160), 1e-5
+    trace, part = tracing(t)
+    described, robot = trace.dynamics.kinematics, trace.dynamics.robot
+    corrected = compiled(reshaped(robot, longer.tolist(), ())).kinematics
+
+    def turned(t: np.ndarray) -> np.ndarray:
+        return corrected.forward(described.inverse(at(t)) * (1 + ratio) + zero)[:, 3]
+
+    speed = (turned(t + step) - turned(t - step)) / (2 * step)
+    zd = np.linalg.solve(described.jacobian(part.z), part.qd[:, :, None])[:, 3, 0]
+    values = {"gear-ratio": ratio, "zero": zero, "length": longer}
+    expected = TURNS * NORMAL * np.sqrt(np.mean((speed - zd) ** 2))
+    assert expected > 0.01
+    assert speed_errors([trace], ContestOutcome(robot, values=values)) == pytest.approx(
+        [expected], rel=1e-4
+    )
+    nothing = speed_errors([trace], ContestOutcome(robot))
+    assert nothing == pytest.approx([0.0], abs=1e-8)
+
+
+def test_rows_where_a_joint_may_turn_either_way_are_excluded() -> None:
+    trace, part = tracing(np.linspace(0.0, 2.0, 160))
+    assert without_turns(trace, np.zeros(1)) is trace
+    errors = np.array([2.0 * TURNS])
+    (left,) = without_turns(trace, errors).stretches
+    zd = np.linalg.solve(trace.dynamics.kinematics.jacobian(part.z), part.qd[:, :, None])[:, 3, 0]
+    assert 0.05 < np.mean(left.weights == 0) < 0.6
+    assert np.array_equal(left.weights[:, 0] == 0, np.abs(zd) < 2.0)
+    assert np.array_equal(left.tau, part.tau)
+
+
+def test_beside_friction_of_any_law_no_friction_is_a_cause() -> None:
+    """Friction that grows with the square of speed and differs by direction."""
+    table, (_, _, _, qd, _) = frame(np.zeros(3), noise=0.01), truth()
+    tau = table.select(["tau1", "tau2", "tau3"]).to_numpy()
+    more = tau + 0.3 * (qd > 0) + 0.4 * np.sign(qd) * (qd / np.abs(qd).max()) ** 2
+    study = evidence(load_robot("clavel-delta3"), table.with_columns(tabled(tau=more))).study
+    assert study is not None
+    assert {cause.kind for cause in causes_of(study.fit, study.account)} == {"friction-law"}
+    beside = beside_any_friction(study)
+    assert not causes_of(beside.fit, beside.account)
+    assert left_of_a_drive(beside) == 0.0
+    assert np.sum(beside.account.left**2) < np.sum(study.fit.span.without(study.fit.tau) ** 2)
+
+
+@pytest.mark.parametrize(
+    ("as_described", "any_law", "refuted"),
+    [(0.005, 1.0, False), (0.02, 0.005, False), (0.02, 0.015, True)],
+)
+def test_friction_laws_still_to_be_chosen_refute_nothing(
+    monkeypatch: pytest.MonkeyPatch, as_described: float, any_law: float, refuted: bool
+) -> None:
+    before, beside = Mock(spec=Study), Mock(spec=Study)
+    monkeypatch.setattr(contest_outcome, "beside_any_friction", {before: beside}.__getitem__)
+    left = {before: as_described, beside: any_law}
+    monkeypatch.setattr(contest_outcome, "left_of_a_drive", left.__getitem__)
+    why = why_not(Mock(spec=Setup, studies=(before, None)), ())
+    assert why == ("1.5 % of a drive's torque would be left" if refuted else "")
