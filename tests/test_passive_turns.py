@@ -99,15 +99,21 @@ def test_beside_friction_of_any_law_no_friction_is_a_cause() -> None:
 
 
 @pytest.mark.parametrize(
-    ("as_described", "any_law", "refuted"),
-    [(0.005, 1.0, False), (0.02, 0.005, False), (0.02, 0.015, True)],
+    ("as_described", "any_law", "kept", "refuted"),
+    [
+        (0.005, 1.0, "ripple", False),
+        (0.02, 0.005, "ripple", False),
+        (0.02, 0.015, "ripple", True),
+        (0.015, 0.005, "unexplained time", True),  # free functions and any friction explain all
+    ],
 )
 def test_friction_laws_still_to_be_chosen_refute_nothing(
-    monkeypatch: pytest.MonkeyPatch, as_described: float, any_law: float, refuted: bool
+    monkeypatch: pytest.MonkeyPatch, as_described: float, any_law: float, kept: str, refuted: bool
 ) -> None:
     before, beside = Mock(spec=Study), Mock(spec=Study)
     monkeypatch.setattr(contest_outcome, "beside_any_friction", {before: beside}.__getitem__)
     left = {before: as_described, beside: any_law}
     monkeypatch.setattr(contest_outcome, "left_of_a_drive", left.__getitem__)
-    why = why_not(Mock(spec=Setup, studies=(before, None)), ())
+    outcome = Mock(spec=ContestOutcome, kept=(kept,))
+    why = why_not(Mock(spec=Setup, studies=(before, None), outcome=outcome), ())
     assert why == ("1.5 % of a drive's torque would be left" if refuted else "")

@@ -175,7 +175,9 @@ def why_not(setup: Setup, beyond: Collection[str]) -> str:
         return f"{_named(sorted(beyond))} would be further off than they ever are"
     studies = [study for study in setup.studies if study]
     left = max(map(left_of_a_drive, studies), default=0.0)
-    if left > ADEQUATE:  # friction laws are chosen later
+    is_free = setup.outcome is not None and any(map(is_unexplained, setup.outcome.kept))
+    # Friction laws are chosen later; free functions and friction of any law explain anything.
+    if left > ADEQUATE and not is_free:
         left = max(left_of_a_drive(beside_any_friction(study)) for study in studies)
     return f"{percent(left)} of a drive's torque would be left" if left > ADEQUATE else ""
 

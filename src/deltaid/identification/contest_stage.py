@@ -160,7 +160,7 @@ def _sweeps(
         )
     traces = _traces(now)
     full, sweep, undecided = _swept(now, before, traces, p, 0, free), 0, None
-    errors = _passive_errors(bare, decided(before, full.reduced(), may_wind_up=False))
+    errors = _passive_errors(bare, before, full)
     if errors.any():
         full = _swept(now, before, [without_turns(t, errors) for t in traces], p, 0, free)
     plain, dismissed = since.plain if since else full.points[0].p, ()
@@ -193,11 +193,14 @@ def _sweeps(
     return _Sweeps(setup, outcome, full, last, plain, moves, parts, why, is_lost)
 
 
-def _passive_errors(bare: Setup, outcome: ContestOutcome) -> OfPassive:
-    """Errors of speeds of passive joints with friction, by what an outcome corrects."""
+def _passive_errors(bare: Setup, before: ContestOutcome, first: Contest) -> OfPassive:
+    """Errors of speeds of passive joints with friction, by what a first sweep corrects."""
     unknown = np.zeros(len(bare.dynamics.kinematics.passive_friction.names))
+    if not unknown.size:
+        return unknown
     try:
-        return speed_errors(_traces(bare), outcome) if unknown.size else unknown
+        outcome = decided(before, first.reduced(), may_wind_up=False)
+        return speed_errors(_traces(bare), outcome)
     except KinematicsError:
         return unknown
 
