@@ -73,6 +73,18 @@ def test_errors_of_speeds_are_what_corrections_change(
     assert nothing == pytest.approx([0.0], abs=1e-8)
 
 
+def test_a_joint_that_hardly_turns_excludes_nothing() -> None:
+    """Errors beyond the median of its speed would exclude most rows."""
+    trace, part = tracing(np.linspace(0.0, 2.0, 160))
+    robot = trace.dynamics.robot
+    zd = np.linalg.solve(trace.dynamics.kinematics.jacobian(part.z), part.qd[:, :, None])[:, 3, 0]
+    median = TURNS * np.median(np.abs(zd))
+    (error,) = speed_errors([trace], ContestOutcome(robot, values={"gear-ratio": RATIO}))
+    for share, excludes in ((0.5, True), (2.0, False)):
+        values = {"gear-ratio": RATIO * share * median / error}
+        assert speed_errors([trace], ContestOutcome(robot, values=values)).any() == excludes
+
+
 def test_rows_where_a_joint_may_turn_either_way_are_excluded() -> None:
     trace, part = tracing(np.linspace(0.0, 2.0, 160))
     assert without_turns(trace, np.zeros(1)) is trace

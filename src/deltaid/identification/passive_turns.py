@@ -25,7 +25,8 @@ OfPassive = Float[np.ndarray, " passive"]
 
 def speed_errors(traces: Sequence[Trace], outcome: ContestOutcome) -> OfPassive:
     """95 % bounds of speeds of passive joints, if their errors are as large as what zeros, gear
-    ratios and lengths of an outcome change.
+    ratios and lengths of an outcome change; zero for a joint that is slower than that for half of
+    the time, where few rows would be left.
 
     Args:
         traces: recordings as described.
@@ -36,12 +37,13 @@ def speed_errors(traces: Sequence[Trace], outcome: ContestOutcome) -> OfPassive:
     described = traces[0].dynamics.kinematics
     corrected = Kinematics(reshaped(outcome.described, outcome.coefficients("length"), ()))
     zero, ratio = (np.array(outcome.coefficients(name) or 0.0) for name in ("zero", "gear-ratio"))
-    changes = list[np.ndarray]()
+    changes, speeds = list[np.ndarray](), list[np.ndarray]()
     for part in chain.from_iterable(trace.stretches for trace in traces):
         z = corrected.forward(described.inverse(part.z) * (1.0 + ratio) + zero)
-        now = _speeds(corrected, z, part.qd * (1.0 + ratio))
-        changes.append(now - _speeds(described, part.z, part.qd))
-    return NORMAL * np.sqrt(np.mean(np.vstack(changes) ** 2, axis=0))
+        speeds.append(_speeds(described, part.z, part.qd))
+        changes.append(_speeds(corrected, z, part.qd * (1.0 + ratio)) - speeds[-1])
+    errors = NORMAL * np.sqrt(np.mean(np.vstack(changes) ** 2, axis=0))
+    return np.where(errors < np.median(np.abs(np.vstack(speeds)), axis=0), errors, 0.0)
 
 
 def without_turns(trace: Trace, errors: OfPassive) -> Trace:
