@@ -16,6 +16,8 @@ from deltaid.identification.contest_outcome import why_not
 from deltaid.identification.passive_turns import speed_errors, without_turns
 from deltaid.identification.setup import ContestOutcome, Setup
 from deltaid.identification.study import Study, beside_any_friction, left_of_a_drive
+from deltaid.recording.filter import LowPass
+from deltaid.recording.recording import PreparedRecording
 from deltaid.recording.windows import SampleBlock
 from deltaid.robot.load import load_robot
 from logs import tabled
@@ -42,7 +44,9 @@ def tracing(t: np.ndarray, turn: float = 2.0) -> tuple[Trace, SampleBlock]:
     qd = np.einsum("sij,sj->si", dynamics.kinematics.jacobian(z), zd)
     none = np.zeros((len(t), 0))
     part = SampleBlock(t, z, qd, 0 * qd, 0 * qd, 1 + 0 * qd, none, 0 * qd)
-    return Trace(dynamics, np.zeros(0), (part,), Mock(), Mock()), part
+    return Trace(
+        dynamics, np.zeros(0), (part,), Mock(spec=LowPass), Mock(spec=PreparedRecording)
+    ), part
 
 
 @pytest.mark.parametrize(
