@@ -90,16 +90,7 @@ def test_another_end_stands_if_it_leaves_no_more_but_for_chance(
         for n in (0.0, noise)
     )
     end = contest_stage._Sweeps(
-        setup,
-        outcome,
-        last,
-        last,
-        np.zeros(0),
-        (),
-        frozenset(),
-        "length",
-        False,
-        np.zeros(0),
+        setup, outcome, last, last, np.zeros(0), (), frozenset(), "length", False
     )
     other = replace(end, last=other, why_not=why_not)
     assert contest_stage._is_better(other, end) == stands
