@@ -8,6 +8,7 @@ from unittest.mock import Mock
 import numpy as np
 import pytest
 
+from deltaid.checks.evidence import evidence
 from deltaid.dynamics.dynamics import compiled
 from deltaid.dynamics.parameters import prior_parameters
 from deltaid.effects.effect import Cause
@@ -26,12 +27,14 @@ from deltaid.identification.setup import REFUTED, WIND_UP, ContestOutcome, Setup
 from deltaid.identification.study import Study, left_of_a_drive
 from deltaid.model.settings import Settings
 from deltaid.robot.friction import Stribeck
-from deltaid.robot.load import described
+from deltaid.robot.load import described, load_robot
 from drives import case, mixture
 from drives.absent import without
 from drives.identify import described as described_in
 from drives.identify import identified
 from drives.judge import judge
+from logs import tabled
+from test_lag import frame
 
 FORCES = {"platform-spring", "platform-force"}
 
@@ -90,10 +93,65 @@ def test_another_end_stands_if_it_leaves_no_more_but_for_chance(
         for n in (0.0, noise)
     )
     end = contest_stage._Sweeps(
-        setup, outcome, last, last, np.zeros(0), (), frozenset(), "length", False
+        setup, outcome, last, last, np.zeros(0), (), frozenset(), "length", False, False
     )
     other = replace(end, last=other, why_not=why_not)
     assert contest_stage._is_better(other, end) == stands
+
+
+@pytest.mark.parametrize(
+    ("excludes_turns", "why_not", "parts", "best"),
+    [
+        (True, "", {"length", "zero"}, -2.0),
+        (False, "", {"length", "zero"}, -1.0),
+        (True, "zero", {"length", "zero"}, -1.0),
+        (True, "", {"zero"}, -1.0),
+    ],
+)
+def test_all_rows_decide_between_errors_that_rows_beside_turns_did_not_tell_apart(
+    excludes_turns: bool,
+    why_not: str,
+    parts: set[str],
+    best: float,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Of others, one is refuted, one leaves more."""
+    ends = ((-3.0, "length"), (-0.5, ""), (-2.0, ""))
+    end, *others = (
+        Mock(spec=contest_stage._Sweeps, residual=left, why_not=why,
+             excludes_turns=excludes_turns, parts=frozenset(parts))
+        for left, why in ((-1.0, why_not), *ends)
+    )  # fmt: skip
+    bare = Setup(described("clavel-delta3"), (), Settings())
+    monkeypatch.setattr(contest_stage, "_barred", lambda *_: others)
+    assert contest_stage._by_all_rows(bare, end).residual == best
+
+
+def test_a_setup_that_has_been_through_a_contest_stays_as_it_is() -> None:
+    """Where a load is detected, a contest takes place before the stage."""
+    robot = described("clavel-delta3")
+    setup = Setup(robot, (), Settings(), outcome=ContestOutcome(robot))
+    assert contest_stage.contested(setup, lambda _: None) is setup
+
+
+def test_what_sweeps_leave_is_of_all_rows() -> None:
+    """Noise of 0.01 N m of one drive, 0.02 and 0.03 of the others."""
+    table, noise = frame(np.zeros(3), noise=0.0), np.array([0.01, 0.02, 0.03])
+    tau = table.select(["tau1", "tau2", "tau3"]).to_numpy()
+    tau = tau + noise * np.random.default_rng(1).standard_normal(tau.shape)
+    study = evidence(load_robot("clavel-delta3"), table.with_columns(tabled(tau=tau))).study
+    assert study is not None
+    fit, setup = study.fit, Mock(spec=Setup, studies=(None, study, study))
+    left = fit.tau - fit.span.Q @ np.linalg.lstsq(fit.span.Q, fit.tau)[0]
+    expected = np.log(
+        np.std((left * np.repeat(fit.rows.scale, len(left) // 3)).reshape(3, -1), axis=1)
+    )
+    last, outcome = Mock(spec=Contest), ContestOutcome(described("clavel-delta3"))
+    end = contest_stage._Sweeps(
+        setup, outcome, last, last, np.zeros(0), (), frozenset(), "", False, False
+    )
+    assert end.residual == pytest.approx(expected.mean(), rel=1e-3)
+    assert expected[1] - expected[0] == pytest.approx(np.log(2.0), abs=0.1)
 
 
 @pytest.mark.parametrize(
@@ -191,6 +249,8 @@ def test_what_is_stated_to_be_off_is_not_dropped(limb_lengths: str) -> None:
 @pytest.mark.parametrize(
     ("row", "robot", "seed", "cause", "others", "most"),
     [
+        # Slopes far from zeros and lengths make gear ratios and lengths of them.
+        ("homing", "h4", 31, "zero", {"gear-ratio", "platform-spring"}, 0.015),
         # All are beyond what parts are off by, where sweeps lead to what no robot can reach.
         # Dry friction of its platform looks like a load that comes and goes.
         ("gear-ratio", "par4", 1, "gear-ratio", {"zero", "length", "load"}, 0.005),

@@ -59,6 +59,7 @@ class _Sweeps:
         parts: errors of the description that any sweep kept.
         why_not: why these corrections are refuted; empty where they stand.
         is_lost: the next sweep would need poses that the robot cannot reach.
+        excludes_turns: rows where a passive joint may turn either way did not take part.
     """
 
     setup: Setup
@@ -70,6 +71,14 @@ class _Sweeps:
     parts: frozenset[str]
     why_not: str
     is_lost: bool
+    excludes_turns: bool
+
+    @property
+    def residual(self) -> float:
+        """The mean logarithm of the drives' rms residual, over all rows."""
+        fits = [study.fit for study in self.setup.studies if study]
+        left = [fit.rows.of_drives(fit.span.without(fit.tau)) for fit in fits]
+        return float(np.mean([np.log(np.mean(part**2, axis=1)) / 2 for part in left]))
 
     def counting(self, other: "_Sweeps") -> "_Sweeps":
         """With intervals that count what another end changes."""
@@ -81,15 +90,17 @@ class _Sweeps:
 
 
 def contested(setup: Setup, progress: Progress) -> Setup:
-    """Correct the effects that the rows need beside all others; earlier results do not count.
+    """Correct the effects that the rows need beside all others, unless that has been done.
 
     The first slopes are taken far from the solution. Where sweeps end at a refuted result, one
     error of the description may have imitated the curvature of another. So sweeps are repeated
     without these errors, and once more from where those settle; the best takes the place of the
-    first if it leaves as little noise. Where something is unexplained, sweeps with free functions
-    of the drives' torques take its place if the rows are more probable with these.
+    first if it leaves as little noise. Where rows beside turns of passive joints did not decide
+    between several such errors, what all rows leave does. Where something is unexplained, sweeps
+    with free functions of the drives' torques take its place if the rows are more probable with
+    these.
     """
-    if setup.settings.effects == "none":
+    if setup.settings.effects == "none" or setup.outcome:
         return setup
     progress("weighing causes against each other")
     bare = without_contest(setup)
@@ -98,7 +109,7 @@ def contested(setup: Setup, progress: Progress) -> Setup:
     end = _sweeps(bare)
     others = _again(bare, end.parts) if end.why_not else []
     end = min((o for o in others if _is_better(o, end)), key=lambda o: o.last.noise, default=end)
-    end = _beside_unexplained(bare, end)
+    end = _beside_unexplained(bare, _by_all_rows(bare, end))
     outcome = end.outcome
     if not outcome.kept and (_gears(bare) or not outcome.winds_up):
         return bare.changed(outcome=outcome) if outcome.doubts else bare
@@ -117,6 +128,15 @@ def _is_better(other: _Sweeps, end: _Sweeps) -> bool:
     return not other.why_not and other.last.noise < end.last.noise + chance
 
 
+def _by_all_rows(bare: Setup, end: _Sweeps) -> _Sweeps:
+    """Sweeps with fewer errors of the description that leave less of all rows, where rows beside
+    turns of passive joints did not decide between several such errors."""
+    if not end.excludes_turns or end.why_not or len(end.parts) < 2:
+        return end
+    standing = [other for other in _barred(bare, end.parts) if not other.why_not]
+    return min((end, *standing), key=lambda other: other.residual)
+
+
 def _beside_unexplained(bare: Setup, end: _Sweeps) -> _Sweeps:
     """Sweeps with free functions of the drives' torques, where the rows need these, leave less
     noise and are more probable so, or the others alone are refuted; intervals count the other
@@ -133,12 +153,17 @@ def _beside_unexplained(bare: Setup, end: _Sweeps) -> _Sweeps:
 
 
 def _again(bare: Setup, parts: frozenset[str]) -> list[_Sweeps]:
-    """Sweeps with none or only one of these errors of the description, and sweeps that begin where
-    the best of them settled."""
+    """Sweeps without some errors of the description, and sweeps that begin where the best of them
+    settled."""
+    ends = _barred(bare, parts)
+    return [*(_sweeps(bare, since=end) for end in ends[:1]), *ends]
+
+
+def _barred(bare: Setup, parts: frozenset[str]) -> list[_Sweeps]:
+    """Sweeps with none or only one of these errors of the description, by the noise they leave."""
     all_but_one = [parts - {name} for name in sorted(parts)] if len(parts) > 1 else []
     ends = [_sweeps(bare, barred) for barred in (parts, *all_but_one) if barred]
-    ends = sorted((end for end in ends if not end.is_lost), key=lambda end: end.last.noise)
-    return [*(_sweeps(bare, since=end) for end in ends[:1]), *ends]
+    return sorted((end for end in ends if not end.is_lost), key=lambda end: end.last.noise)
 
 
 def _sweeps(
@@ -160,7 +185,7 @@ def _sweeps(
         )
     traces = _traces(now)
     full, sweep, undecided = _swept(now, before, traces, p, 0, free), 0, None
-    errors = _passive_errors(bare, before, full)
+    errors = _passive_errors(bare, before, full) if since is None else np.zeros(0)
     if errors.any():
         full = _swept(now, before, [without_turns(t, errors) for t in traces], p, 0, free)
     plain, dismissed = since.plain if since else full.points[0].p, ()
@@ -190,7 +215,8 @@ def _sweeps(
             setup = with_effects(with_readings(bare, outcome, last.p), outcome, last)
         why = why_not(setup, beyond)
     moves = (last.p - plain, *dismissed)
-    return _Sweeps(setup, outcome, full, last, plain, moves, parts, why, is_lost)
+    excluded = bool(errors.any())
+    return _Sweeps(setup, outcome, full, last, plain, moves, parts, why, is_lost, excluded)
 
 
 def _passive_errors(bare: Setup, before: ContestOutcome, first: Contest) -> OfPassive:

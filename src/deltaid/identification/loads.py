@@ -164,7 +164,8 @@ def _rough(setup: Setup, columns: Sequence[LoadColumns]) -> list[Ten]:
 
 
 def undeclared_loads(setup: Setup, progress: Progress) -> Setup:
-    """Loads that the residual of recordings has when gears have been turned back; a stage."""
+    """Loads that the residual of recordings has when gears have been turned back, weighed with what
+    the contest corrects beside them and without them; a stage."""
     if setup.settings.effects == "none":
         return setup
     first, detected = setup, dict(setup.detected)
@@ -190,13 +191,13 @@ def undeclared_loads(setup: Setup, progress: Progress) -> Setup:
         return setup
     needed = _kept(beside)
     if not needed and _is_adequate(beside):
-        return setup
+        return beside
     # Changes of mass may be none at all.
     instead = contested(first.changed(studies=()), progress)
     kept = _kept(instead)
     if kept and _is_adequate(instead) and (kept <= needed or not _is_adequate(beside)):
         return instead
-    return setup
+    return beside
 
 
 def _kept(setup: Setup) -> set[str]:
