@@ -22,6 +22,7 @@ from deltaid.estimation.drive_rows import TraceRows
 from deltaid.estimation.information import entries_at
 from deltaid.estimation.problem import CauseColumns, NoiseBlock
 from deltaid.estimation.shrinkage import Shrunk
+from deltaid.estimation.traces import Trace
 from deltaid.identification import contest_stage
 from deltaid.identification.contest import Contest, reduced
 from deltaid.identification.contest_applied import with_effects, without_contest
@@ -251,6 +252,8 @@ def test_rows_prefer_a_named_effect_to_free_functions_that_explain_no_more(
         (False, -0.01, ("named",), True),
         (False, 0.01, ("named",), False),
         (True, -0.01, ("free",), False),
+        (True, -0.01, ("overtaken",), False),
+        (True, -0.01, ("overtaken", "named"), True),
     ],
 )
 def test_free_functions_stand_where_rows_are_more_probable_and_leave_less_noise(
@@ -269,19 +272,45 @@ def test_free_functions_stand_where_rows_are_more_probable_and_leave_less_noise(
     )
     end, beside = (
         contest_stage._Sweeps(
-            setup, outcome, last, last, p, (), frozenset(), "why" if name in refuted else "", False
+            setup,
+            outcome,
+            last,
+            last,
+            p,
+            (),
+            frozenset(),
+            "why" if name in refuted else "",
+            False,
+            False,
         )
         for name, last in (("named", named), ("free", other))
     )
     named.unexplained.return_value = free = (Mock(spec=Unexplained),)
     named.prefers.side_effect = lambda *ends: prefers_free if ends == (other, named) else None
     monkeypatch.setattr(contest_stage, "_sweeps", lambda bare, free: beside if free else None)
+    why = {(named, other): "theirs" if "overtaken" in refuted else ""}
+    monkeypatch.setattr(contest_stage, "_overtaken", lambda *ends: why[ends])
     result = contest_stage._beside_unexplained(setup, end)
     assert result.last is (other if stands else named)
+    why_either = {"free", "overtaken"} if stands else {"named"}
+    assert bool(result.why_not) == bool(why_either & {*refuted})
     (move,) = (list(move.values()) for move in result.outcome.moves)
     assert move == pytest.approx(((0.1 if stands else -0.1) * p).tolist(), abs=1e-12)
     named.unexplained.return_value = free[:0]
     assert contest_stage._beside_unexplained(setup, end) is end
+
+
+@pytest.mark.parametrize(("moved", "why"), [(0.09, ""), (0.11, "11 % of a drive's torque")])
+def test_free_functions_that_take_much_of_the_model_are_refuted(moved: float, why: str) -> None:
+    """Of what varies: constants are no part of it."""
+    model = np.array([[1.0, -1.0, 3.0, -3.0], [2.0, 2.0, -2.0, -2.0]])
+    trace = Mock(spec=Trace, model=lambda p: p[0] * model + p[1] + model[0] * [[0.0], [0.01]])
+    point = Mock(spec=TracePoint, trace=trace, model=model)
+    last, beside = (
+        Mock(spec=Contest, p=np.array([factor, constant]), points=(point,))
+        for factor, constant in ((1.0, 0.0), (1.0 - moved, 3.0))
+    )
+    assert contest_stage._overtaken(last, beside)[: len(why) or None] == why
 
 
 def test_free_functions_join_the_fit_with_the_priors_of_what_nobody_described() -> None:
