@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 from functools import cache
+from unittest.mock import Mock
 
 import numpy as np
 import pytest
@@ -10,11 +11,14 @@ from deltaid.checks.identify import Judged
 from deltaid.effects.effect import causes_of
 from deltaid.effects.load import LoadChange
 from deltaid.effects.load_columns import LoadColumns
+from deltaid.identification.loads import _is_filled
 from deltaid.identification.setup import Setup
 from deltaid.identification.stages import idle
 from deltaid.identification.study import studied
 from deltaid.model.settings import Settings
 from deltaid.model.verdict import Grade
+from deltaid.recording.recording import PreparedRecording
+from deltaid.recording.repairs import LeftSpan, Repairs
 from drives import Case, case
 from drives.happening import within
 from drives.identify import identified
@@ -81,6 +85,37 @@ def test_gears_that_wind_up_are_no_load() -> None:
     result = identified(case("gear-5000", "h4", 1))  # a study of which detects one
     assert not result.model.loads
     assert not result.detected
+
+
+@pytest.mark.slow
+def test_contacts_that_let_go_of_a_load_for_a_moment_are_contacts() -> None:
+    """A load that is held but for six times 0.1 s, all beside contacts, has no certain mass."""
+    made = case("contacts", "par4", 0)
+    result = identified(made)
+    assert not result.model.loads
+    assert {correction.kind for correction in result.model.corrections} == {"contact", "prior"}
+    assert judge(made, result).M < 0.002
+
+
+@pytest.mark.parametrize(
+    ("held", "is_filled"),
+    [
+        ([(0.0, 1.0), (2.0, 3.0)], False),
+        ([(0.0, 1.0)], False),
+        ([(0.5, 0.9), (2.0, 2.2)], True),  # 0.4 of 0.6 s
+        ([(0.5, 0.9), (2.0, 2.45)], False),  # 0.4 of 0.85 s
+        ([(0.0, 0.6), (1.0, 3.0)], True),  # between them 0.35 of 0.4 s
+        ([(0.0, 0.1), (1.0, 3.0)], False),  # 0.4 of 0.9 s
+    ],
+)
+def test_times_that_are_excluded_show_no_load(
+    held: list[tuple[float, float]], is_filled: bool
+) -> None:
+    """Spans that overlap are counted once."""
+    times = [(0.8, 0.95), (0.55, 0.85), (2.15, 2.2)]
+    excluded = tuple(LeftSpan(first, last, "contact") for first, last in times)
+    recording = Mock(spec=PreparedRecording, repairs=Repairs(left_out=excluded))
+    assert _is_filled(recording, held) == is_filled
 
 
 def test_a_load_whose_mass_may_be_zero_is_idle() -> None:

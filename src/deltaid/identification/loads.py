@@ -11,6 +11,7 @@ of the recording; that it was there is a verdict.
 
 from collections.abc import Sequence
 from dataclasses import replace
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -38,7 +39,7 @@ from deltaid.identification.study import (
 from deltaid.model.model import Model
 from deltaid.model.parameter_record import HeldLoad, Parameter
 from deltaid.recording.carried import Load
-from deltaid.recording.masks.masks import LOAD_CHANGES
+from deltaid.recording.masks.masks import LOAD_CHANGES, joined_times
 from deltaid.recording.recording import PreparedRecording
 from deltaid.recording.repairs import LeftSpan
 
@@ -182,7 +183,11 @@ def undeclared_loads(setup: Setup, progress: Progress) -> Setup:
             setup, detected[load.name] = setup.with_recording(k, holding), study
     if len(detected) > len(first.detected):
         setup = declared_loads(setup.changed(detected=detected), progress)
-        setup = estimated_anew(without_events(setup, progress).studied(), progress)
+        setup = without_events(setup, progress)
+        if short := _short(setup):
+            barred = first.barred_effects | short
+            return undeclared_loads(first.changed(barred_effects=barred), progress)
+        setup = estimated_anew(setup.studied(), progress)
     if _is_disturbed(setup):
         beside = setup
     elif len(detected) > len(first.detected):
@@ -198,6 +203,29 @@ def undeclared_loads(setup: Setup, progress: Progress) -> Setup:
     if kept and _is_adequate(instead) and (kept <= needed or not _is_adequate(beside)):
         return instead
     return beside
+
+
+def _short(setup: Setup) -> frozenset[str]:
+    """Loads that were detected and are held, or let go, for so short that contacts and the changes
+    themselves fill most of it: no rows tell such a load from contacts."""
+    return frozenset(
+        load.name
+        for recording in setup.recordings
+        for load in recording.log.columns.loads
+        if load.name in setup.detected and _is_filled(recording, load.spans or ())
+    )
+
+
+def _is_filled(recording: PreparedRecording, held: Sequence[tuple[float, float]]) -> bool:
+    """Whether less than half of the time that is held, or between these times, is kept."""
+    excluded = [(span.first, span.last) for span in recording.repairs.left_out]
+    excluded = joined_times(np.reshape(excluded, (-1, 2)))
+    between = [(last, first) for (_, last), (first, _) in pairwise(held)]
+    for first, last in (np.reshape(spans, (-1, 1, 2)).T for spans in (held, between)):
+        both = np.minimum(last.T, excluded[:, 1]) - np.maximum(first.T, excluded[:, 0])
+        if 2.0 * np.maximum(both, 0.0).sum() > np.sum(last - first):
+            return True
+    return False
 
 
 def _kept(setup: Setup) -> set[str]:
