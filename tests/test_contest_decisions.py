@@ -8,7 +8,6 @@ from unittest.mock import Mock
 import numpy as np
 import pytest
 
-from deltaid.checks.evidence import evidence
 from deltaid.dynamics.dynamics import compiled
 from deltaid.dynamics.parameters import prior_parameters
 from deltaid.effects.effect import Cause
@@ -27,14 +26,12 @@ from deltaid.identification.setup import REFUTED, WIND_UP, ContestOutcome, Setup
 from deltaid.identification.study import Study, left_of_a_drive
 from deltaid.model.settings import Settings
 from deltaid.robot.friction import Stribeck
-from deltaid.robot.load import described, load_robot
+from deltaid.robot.load import described
 from drives import case, mixture
 from drives.absent import without
 from drives.identify import described as described_in
 from drives.identify import identified
 from drives.judge import judge
-from logs import tabled
-from test_lag import frame
 
 FORCES = {"platform-spring", "platform-force"}
 
@@ -93,38 +90,47 @@ def test_another_end_stands_if_it_leaves_no_more_but_for_chance(
         for n in (0.0, noise)
     )
     end = contest_stage._Sweeps(
-        setup, outcome, last, last, np.zeros(0), (), frozenset(), "length", False, False
+        setup, outcome, last, last, np.zeros(0), (), frozenset(), "length", False, None
     )
     other = replace(end, last=other, why_not=why_not)
     assert contest_stage._is_better(other, end) == stands
 
 
 @pytest.mark.parametrize(
-    ("excludes_turns", "why_not", "parts", "best"),
+    ("excludes_turns", "why_not", "parts", "spread", "best"),
     [
-        (True, "", {"length", "zero"}, -2.0),
-        (False, "", {"length", "zero"}, -1.0),
-        (True, "zero", {"length", "zero"}, -1.0),
-        (True, "", {"zero"}, -1.0),
+        (True, "", {"length", "zero"}, 0.5, -2.0),
+        (True, "", {"length", "zero"}, 0.52, -1.0),  # 1.96 · 0.52 is more than 1
+        (False, "", {"length", "zero"}, 0.1, -1.0),
+        (True, "zero", {"length", "zero"}, 0.1, -1.0),
+        (True, "", {"zero"}, 0.1, -1.0),
     ],
 )
 def test_all_rows_decide_between_errors_that_rows_beside_turns_did_not_tell_apart(
     excludes_turns: bool,
     why_not: str,
     parts: set[str],
+    spread: float,
     best: float,
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     """Of others, one is refuted, one leaves more."""
-    ends = ((-3.0, "length"), (-0.5, ""), (-2.0, ""))
+    robot = described("clavel-delta3")
+    last = Mock(spec=Contest, shrunk=Mock(spec=Shrunk, noise_spread=spread))
     end, *others = (
-        Mock(spec=contest_stage._Sweeps, residual=left, why_not=why,
-             excludes_turns=excludes_turns, parts=frozenset(parts))
-        for left, why in ((-1.0, why_not), *ends)
+        contest_stage._Sweeps(
+            Setup(robot, (), Settings()), ContestOutcome(robot), last, last, np.zeros(0), (),
+            frozenset(parts), why, is_lost=False,
+            of_all_rows=Mock(spec=Contest, noise=noise) if excludes_turns else None,
+        )
+        for noise, why in ((-1.0, why_not), (-3.0, "length"), (-0.5, ""), (-2.0, ""))
     )  # fmt: skip
-    bare = Setup(described("clavel-delta3"), (), Settings())
-    monkeypatch.setattr(contest_stage, "_barred", lambda *_: others)
-    assert contest_stage._by_all_rows(bare, end).residual == best
+    monkeypatch.setattr(contest_stage, "_barred", lambda bare, barred: others)
+    result = contest_stage._by_all_rows(end.setup, end)
+    noise = dict(zip((end, *others), (-1.0, -3.0, -0.5, -2.0), strict=True))
+    assert noise[result] == best
+    monkeypatch.setattr(contest_stage, "_barred", lambda bare, barred: [])
+    assert contest_stage._by_all_rows(end.setup, end) is end
 
 
 def test_a_setup_that_has_been_through_a_contest_stays_as_it_is() -> None:
@@ -132,26 +138,6 @@ def test_a_setup_that_has_been_through_a_contest_stays_as_it_is() -> None:
     robot = described("clavel-delta3")
     setup = Setup(robot, (), Settings(), outcome=ContestOutcome(robot))
     assert contest_stage.contested(setup, lambda _: None) is setup
-
-
-def test_what_sweeps_leave_is_of_all_rows() -> None:
-    """Noise of 0.01 N m of one drive, 0.02 and 0.03 of the others."""
-    table, noise = frame(np.zeros(3), noise=0.0), np.array([0.01, 0.02, 0.03])
-    tau = table.select(["tau1", "tau2", "tau3"]).to_numpy()
-    tau = tau + noise * np.random.default_rng(1).standard_normal(tau.shape)
-    study = evidence(load_robot("clavel-delta3"), table.with_columns(tabled(tau=tau))).study
-    assert study is not None
-    fit, setup = study.fit, Mock(spec=Setup, studies=(None, study, study))
-    left = fit.tau - fit.span.Q @ np.linalg.lstsq(fit.span.Q, fit.tau)[0]
-    expected = np.log(
-        np.std((left * np.repeat(fit.rows.scale, len(left) // 3)).reshape(3, -1), axis=1)
-    )
-    last, outcome = Mock(spec=Contest), ContestOutcome(described("clavel-delta3"))
-    end = contest_stage._Sweeps(
-        setup, outcome, last, last, np.zeros(0), (), frozenset(), "", False, False
-    )
-    assert end.residual == pytest.approx(expected.mean(), rel=1e-3)
-    assert expected[1] - expected[0] == pytest.approx(np.log(2.0), abs=0.1)
 
 
 @pytest.mark.parametrize(

@@ -26,7 +26,7 @@ from deltaid.estimation.traces import Trace
 from deltaid.identification import contest_stage
 from deltaid.identification.contest import Contest, reduced
 from deltaid.identification.contest_applied import with_effects, without_contest
-from deltaid.identification.contest_outcome import doubted, refuted
+from deltaid.identification.contest_outcome import doubted, overtaken, refuted
 from deltaid.identification.setup import ContestOutcome, Setup
 from deltaid.model.settings import Settings
 from deltaid.recording.recording import PreparedRecording
@@ -281,7 +281,7 @@ def test_free_functions_stand_where_rows_are_more_probable_and_leave_less_noise(
             frozenset(),
             "why" if name in refuted else "",
             False,
-            False,
+            None,
         )
         for name, last in (("named", named), ("free", other))
     )
@@ -289,7 +289,7 @@ def test_free_functions_stand_where_rows_are_more_probable_and_leave_less_noise(
     named.prefers.side_effect = lambda *ends: prefers_free if ends == (other, named) else None
     monkeypatch.setattr(contest_stage, "_sweeps", lambda bare, free: beside if free else None)
     why = {(named, other): "theirs" if "overtaken" in refuted else ""}
-    monkeypatch.setattr(contest_stage, "_overtaken", lambda *ends: why[ends])
+    monkeypatch.setattr(contest_stage, "overtaken", lambda *ends: why[ends])
     result = contest_stage._beside_unexplained(setup, end)
     assert result.last is (other if stands else named)
     why_either = {"free", "overtaken"} if stands else {"named"}
@@ -310,7 +310,7 @@ def test_free_functions_that_take_much_of_the_model_are_refuted(moved: float, wh
         Mock(spec=Contest, p=np.array([factor, constant]), points=(point,))
         for factor, constant in ((1.0, 0.0), (1.0 - moved, 3.0))
     )
-    assert contest_stage._overtaken(last, beside)[: len(why) or None] == why
+    assert overtaken(last, beside)[: len(why) or None] == why
 
 
 def test_free_functions_join_the_fit_with_the_priors_of_what_nobody_described() -> None:

@@ -12,8 +12,7 @@ import numpy as np
 from deltaid.dynamics.dynamics import Parameters
 from deltaid.effects.all import UNKNOWNS
 from deltaid.effects.along_motion import DriveSpring, platform_forces
-from deltaid.effects.point import SIZE, Added, TracePoint, UnknownEffect, points_of
-from deltaid.effects.unexplained import shares_of_torque
+from deltaid.effects.point import Added, TracePoint, UnknownEffect, points_of
 from deltaid.errors import KinematicsError
 from deltaid.estimation.drive_rows import TraceRows
 from deltaid.estimation.scatter import NORMAL
@@ -25,6 +24,7 @@ from deltaid.identification.contest_outcome import (
     decided,
     doubted,
     is_settled,
+    overtaken,
     refuted,
     why_not,
 )
@@ -36,7 +36,6 @@ from deltaid.identification.lags_and_gears import (
 )
 from deltaid.identification.passive_turns import OfPassive, speed_errors, without_turns
 from deltaid.identification.setup import WIND_UP, ContestOutcome, Progress, Setup
-from deltaid.model.verdict import percent
 from deltaid.recording.repairs import Gears
 
 # Sweeps at most.
@@ -61,7 +60,8 @@ class _Sweeps:
         parts: errors of the description that any sweep kept.
         why_not: why these corrections are refuted; empty where they stand.
         is_lost: the next sweep would need poses that the robot cannot reach.
-        excludes_turns: rows where a passive joint may turn either way did not take part.
+        of_all_rows: the last sweep with rows where a passive joint may turn either way, where these
+            did not take part in others.
     """
 
     setup: Setup
@@ -73,14 +73,7 @@ class _Sweeps:
     parts: frozenset[str]
     why_not: str
     is_lost: bool
-    excludes_turns: bool
-
-    @property
-    def residual(self) -> float:
-        """The mean logarithm of the drives' rms residual, over all rows."""
-        fits = [study.fit for study in self.setup.studies if study]
-        left = [fit.rows.of_drives(fit.span.without(fit.tau)) for fit in fits]
-        return float(np.mean([np.log(np.mean(part**2, axis=1)) / 2 for part in left]))
+    of_all_rows: Contest | None
 
     def counting(self, other: "_Sweeps") -> "_Sweeps":
         """With intervals that count what another end changes."""
@@ -131,12 +124,15 @@ def _is_better(other: _Sweeps, end: _Sweeps) -> bool:
 
 
 def _by_all_rows(bare: Setup, end: _Sweeps) -> _Sweeps:
-    """Sweeps with fewer errors of the description that leave less of all rows, where rows beside
-    turns of passive joints did not decide between several such errors."""
-    if not end.excludes_turns or end.why_not or len(end.parts) < 2:
+    """Sweeps with fewer errors of the description that leave less noise in all rows than chance
+    (95 %), where rows beside turns of passive joints did not decide between several of these."""
+    if not end.of_all_rows or end.why_not or len(end.parts) < 2:
         return end
     standing = [other for other in _barred(bare, end.parts) if not other.why_not]
-    return min((end, *standing), key=lambda other: other.residual)
+    noise = {other: other.of_all_rows.noise for other in standing if other.of_all_rows}
+    chance = NORMAL * end.last.shrunk.noise_spread
+    least = min(noise, key=noise.__getitem__, default=end)
+    return least if noise.get(least, np.inf) < end.of_all_rows.noise - chance else end
 
 
 def _beside_unexplained(bare: Setup, end: _Sweeps) -> _Sweeps:
@@ -146,22 +142,13 @@ def _beside_unexplained(bare: Setup, end: _Sweeps) -> _Sweeps:
     if not (free := end.full.unexplained()):
         return end
     beside = _sweeps(bare, free=free)
-    beside = replace(beside, why_not=beside.why_not or _overtaken(end.last, beside.last))
+    beside = replace(beside, why_not=beside.why_not or overtaken(end.last, beside.last))
     if bool(end.why_not) == bool(beside.why_not):
         is_better = end.full.prefers(beside.last, end.last)
     else:
         is_better = not beside.why_not
     stands = is_better and beside.last.noise < end.last.noise
     return beside.counting(end) if stands else end.counting(beside)
-
-
-def _overtaken(last: Contest, beside: Contest) -> str:
-    """Why free functions are refuted that take more from the model than what nobody described makes
-    of a drive's torque (95 %); empty where they do not."""
-    point = beside.points[0]
-    change = point.trace.model(beside.p) - point.trace.model(last.p)
-    share = float(shares_of_torque(point, change).max())
-    return f"{percent(share)} of a drive's torque would be theirs" if share > NORMAL * SIZE else ""
 
 
 def _again(bare: Setup, parts: frozenset[str]) -> list[_Sweeps]:
@@ -226,9 +213,10 @@ def _sweeps(
         if outcome.kept or outcome.winds_up:
             setup = with_effects(with_readings(bare, outcome, last.p), outcome, last)
         why = why_not(setup, beyond)
-    moves = (last.p - plain, *dismissed)
-    excluded = bool(errors.any())
-    return _Sweeps(setup, outcome, full, last, plain, moves, parts, why, is_lost, excluded)
+    moves, of_all_rows = (last.p - plain, *dismissed), None
+    if errors.any() and not is_lost:
+        of_all_rows = _swept(now, after, _traces(now), last.p, sweep, free).reduced()
+    return _Sweeps(setup, outcome, full, last, plain, moves, parts, why, is_lost, of_all_rows)
 
 
 def _passive_errors(bare: Setup, before: ContestOutcome, first: Contest) -> OfPassive:
