@@ -121,7 +121,8 @@ def test_all_rows_decide_between_errors_that_rows_beside_turns_did_not_tell_apar
         contest_stage._Sweeps(
             Setup(robot, (), Settings()), ContestOutcome(robot), last, last, np.zeros(0), (),
             frozenset(parts), why, is_lost=False,
-            of_all_rows=Mock(spec=Contest, noise=noise) if excludes_turns else None,
+            over_all_rows=Mock(return_value=Mock(spec=Contest, noise=noise))
+            if excludes_turns else None,
         )
         for noise, why in ((-1.0, why_not), (-3.0, "length"), (-0.5, ""), (-2.0, ""))
     )  # fmt: skip

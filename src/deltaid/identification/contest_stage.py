@@ -4,7 +4,7 @@ Each sweep (`contest`) linearises all effects about the present estimate, drops 
 need, and applies the rest exactly to readings or robot. Effects that stay columns join the fit.
 """
 
-from collections.abc import Collection, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -60,8 +60,8 @@ class _Sweeps:
         parts: errors of the description that any sweep kept.
         why_not: why these corrections are refuted; empty where they stand.
         is_lost: the next sweep would need poses that the robot cannot reach.
-        of_all_rows: the last sweep with rows where a passive joint may turn either way, where these
-            did not take part in others.
+        over_all_rows: makes the last sweep with rows where a passive joint may turn either way;
+            None where these took part.
     """
 
     setup: Setup
@@ -73,7 +73,7 @@ class _Sweeps:
     parts: frozenset[str]
     why_not: str
     is_lost: bool
-    of_all_rows: Contest | None
+    over_all_rows: Callable[[], Contest] | None
 
     def counting(self, other: "_Sweeps") -> "_Sweeps":
         """With intervals that count what another end changes."""
@@ -126,13 +126,13 @@ def _is_better(other: _Sweeps, end: _Sweeps) -> bool:
 def _by_all_rows(bare: Setup, end: _Sweeps) -> _Sweeps:
     """Sweeps with fewer errors of the description that leave less noise in all rows than chance
     (95 %), where rows beside turns of passive joints did not decide between several of these."""
-    if not end.of_all_rows or end.why_not or len(end.parts) < 2:
+    if not end.over_all_rows or end.why_not or len(end.parts) < 2:
         return end
     standing = [other for other in _barred(bare, end.parts) if not other.why_not]
-    noise = {other: other.of_all_rows.noise for other in standing if other.of_all_rows}
+    noise = {other: other.over_all_rows().noise for other in standing if other.over_all_rows}
     chance = NORMAL * end.last.shrunk.noise_spread
     least = min(noise, key=noise.__getitem__, default=end)
-    return least if noise.get(least, np.inf) < end.of_all_rows.noise - chance else end
+    return least if noise.get(least, np.inf) < end.over_all_rows().noise - chance else end
 
 
 def _beside_unexplained(bare: Setup, end: _Sweeps) -> _Sweeps:
@@ -213,10 +213,16 @@ def _sweeps(
         if outcome.kept or outcome.winds_up:
             setup = with_effects(with_readings(bare, outcome, last.p), outcome, last)
         why = why_not(setup, beyond)
-    moves, of_all_rows = (last.p - plain, *dismissed), None
-    if errors.any() and not is_lost:
-        of_all_rows = _swept(now, after, _traces(now), last.p, sweep, free).reduced()
-    return _Sweeps(setup, outcome, full, last, plain, moves, parts, why, is_lost, of_all_rows)
+    moves = (last.p - plain, *dismissed)
+
+    def over_all_rows() -> Contest:
+        return _swept(now, after, _traces(now), last.p, sweep, free).reduced()
+
+    excludes = errors.any() and not is_lost
+    return _Sweeps(
+        setup, outcome, full, last, plain, moves, parts, why, is_lost,
+        over_all_rows if excludes else None,
+    )  # fmt: skip
 
 
 def _passive_errors(bare: Setup, before: ContestOutcome, first: Contest) -> OfPassive:
