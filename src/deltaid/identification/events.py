@@ -34,8 +34,8 @@ from deltaid.recording.windows import Window
 
 # Reasons to exclude events, and their messages.
 _TEXT = {
-    CONTACT: "{times} something pushed the platform, {largest}: torques exceed all that "
-    "the motion asks for",
+    CONTACT: "{times} torques exceed all that the motion asks for, as where something pushes the "
+    "platform, {largest}",
     STOP: "{times} the robot was stopped by more than its drives, {largest}",
     SPIKE: "{times} the torque of one drive jumps for a sample or three, as errors of a fieldbus "
     "do",

@@ -39,7 +39,7 @@ _PERIODS = 2
 CONTACT, SPIKE, STOP, JOLT = "contact", "torque spike", "stop", "jolt"
 BACKLASH = "backlash"
 WHY_REPAIRED = {
-    CONTACT: "something pushed the robot, which no torque of a model explains",
+    CONTACT: "torques exceed all that the motion asks for, as where something pushes the robot",
     SPIKE: "one torque channel jumps for a sample or three",
     STOP: "the robot was stopped by more than its drives",
     JOLT: "torque and motion change faster than the low-pass follows",
