@@ -14,7 +14,7 @@ Chance is measured by the scatter of the rows between stretches of time, or by w
 that is larger.
 """
 
-from collections.abc import Collection, Iterable, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -82,16 +82,19 @@ def _corrections(
     corrections = list[Correction]()
     for joint, law in after.friction.items():
         steps = [step for step in choice.steps if step.useful and step.joint == joint]
+        if law == before.friction[joint]:
+            continue
+        reason = "other limbs' drives have a constant, and what is common to all looks like weight"
         if steps:
             remaining = float(np.prod([1 - step.gain for step in steps]))
             times = max(step.significance for step in steps)
-            text = (
-                f"the law is now {law_in_words(law)}, no longer "
-                f"{law_in_words(before.friction[joint])}: "
+            reason = (
                 f"squared errors of the torques fall by {100 * (1 - remaining):.2g} %, {times:.2g} "
                 "times what chance would explain"
             )
-            corrections.append(Correction(kind="friction", subject=joint, text=text))
+        laws = f"{law_in_words(law)}, no longer {law_in_words(before.friction[joint])}"
+        text = f"the law is now {laws}: {reason}"
+        corrections.append(Correction(kind="friction", subject=joint, text=text))
     return corrections
 
 
@@ -169,6 +172,8 @@ def choose_friction(
     loaded = [step.variant.joint for step in steps if step.variant.kind == "load"]
     rows = replace(rows, moved={joint.name: joint.moved for joint in loaded})
     kept, refit = _refined(rows, steps, progress)
+    if constants := _constants_beside(rows, refit.laws):
+        refit = refined(rows, _laws(rows, kept, constants))
     return robot.changed(friction=dict(robot.friction) | refit.laws), FrictionChoice(
         folds=STRETCHES,
         plain_error=rows.share(rows.residual),
@@ -225,12 +230,32 @@ def _refined(
     return [], Refined({}, rows.residual)
 
 
-def _laws(rows: FrictionRows, steps: Iterable[_Step]) -> dict[str, Friction]:
+def _laws(
+    rows: FrictionRows, steps: Iterable[_Step], constants: Iterable[Variant] = ()
+) -> dict[str, Friction]:
     laws = dict[str, Friction]()
-    for step in sorted(steps, key=lambda step: step.variant.kind != "offset"):
-        before = laws.get(step.joint, rows.dynamics.robot.friction[step.joint])
-        laws[step.joint] = before.changed(**step.variant.more)
+    variants = [*constants, *(step.variant for step in steps)]
+    for variant in sorted(variants, key=lambda variant: variant.kind != "offset"):
+        joint = variant.joint.name
+        before = laws.get(joint, rows.dynamics.robot.friction[joint])
+        laws[joint] = before.changed(**variant.more)
     return laws
+
+
+def _constants_beside(rows: FrictionRows, laws: Mapping[str, Friction]) -> list[Variant]:
+    """Offsets of the other drives of identical limbs where some have a constant.
+
+    What is common to the constants of all hardly differs from the weight of the limbs, which would
+    take the constant of a drive without.
+    """
+    robot, limbs = rows.dynamics.robot, rows.dynamics.robot.limbs
+    if limbs is None or not limbs.identical:
+        return []
+    constant = {joint for joint, law in (robot.friction | laws).items() if law.has_constant}
+    missing = set(robot.drives[: limbs.count]) - constant
+    offsets = [variants[0] for variants in options(rows) if variants[0].kind == "offset"]
+    is_chosen = any(laws[joint].has_constant for joint in laws if joint in robot.drives)
+    return [variant for variant in offsets if is_chosen and variant.joint.name in missing]
 
 
 def _imitated(rows: FrictionRows, steps: Sequence[_Step], refit: Refined) -> _Step | None:

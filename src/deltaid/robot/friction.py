@@ -95,6 +95,11 @@ class Friction(Part):
         return Friction(viscous=self.viscous, coulomb=self.coulomb)
 
     @property
+    def has_constant(self) -> bool:
+        """Whether forward and backward differ by a constant, as by an offset of the measurement."""
+        return self.offset is not None or not self.both_ways
+
+    @property
     def both_ways(self) -> bool:
         """Whether both directions have the same coefficients."""
         return self.coulomb_back is None
