@@ -1,16 +1,22 @@
 """The choice of friction laws, on simulated recordings with noise."""
 
+from dataclasses import replace
 from pathlib import Path
+from unittest.mock import Mock
 
 import numpy as np
 import pytest
 
 from deltaid.dynamics.dynamics import compiled
+from deltaid.dynamics.parameters import prior_parameters
+from deltaid.effects.joint import joints_of
 from deltaid.errors import IdentificationError
 from deltaid.identification import fit as fit_module
 from deltaid.identification import identify as identify_module
 from deltaid.identification import stages
 from deltaid.identification.fit import FittedProblem
+from deltaid.identification.friction_choice import missing_offsets
+from deltaid.identification.friction_rows import FrictionRows
 from deltaid.identification.identify import Identification, identify
 from deltaid.model.record import Settings
 from deltaid.motion.random_motion import random_motion
@@ -22,9 +28,11 @@ from deltaid.motion.surrogate import (
 )
 from deltaid.progress import Progress
 from deltaid.robot.description import RobotDescription
+from deltaid.robot.friction import Friction
 from deltaid.robot.load import load_robot
 from drives import case
 from drives.identify import identified
+from drives.judge import judge
 from sweeps import swept
 
 PLAIN = {"viscous": 1.2, "coulomb": 3.5}
@@ -171,3 +179,32 @@ def test_a_term_that_a_fit_puts_at_zero_is_not_chosen_and_causes_are_weighed_onc
     assert friction["drive1"].stribeck is None
     assert friction["drive2"].stribeck is not None
     assert weighed == [1]
+
+
+def test_no_drive_of_identical_limbs_is_without_a_constant_that_others_have() -> None:
+    """What two drives' constants have in common would be weight of all limbs."""
+    made = case("mixture", "delta3", 102)
+    result = identified(made)
+    laws = result.model.robot.friction
+    assert all(laws[drive].has_constant for drive in made.robot.drives)
+    judged = judge(made, result)
+    assert np.mean(judged.base) > 0.9
+    assert judged.friction < 0.015
+
+
+def test_offsets_are_for_limbs_whose_other_drives_have_a_constant() -> None:
+    robot = load_robot("irb360-6-1600")
+    joints = {joint.name: replace(joint, fastest=1.0) for joint in joints_of(compiled(robot))}
+    p = prior_parameters(robot)
+    rows = Mock(spec=FrictionRows, dynamics=compiled(robot), joints=joints, p=p)
+    law = robot.friction["drive1"]
+    offset = law.changed(offset=0.1)
+    directions = law.changed(viscous_back=law.viscous, coulomb_back=law.coulomb)
+
+    def missing(**laws: Friction) -> set[tuple[str, str]]:
+        return {variant.term for variant in missing_offsets(rows, laws)}
+
+    assert missing(drive1=offset, drive3=directions) == {("drive2", "offset")}
+    assert missing(drive2=directions) == {("drive1", "offset"), ("drive3", "offset")}
+    assert not missing(drive4=offset)
+    assert not missing(drive1=law.changed(load=0.02))

@@ -146,12 +146,23 @@ class Contest:
         }
 
     def suspects(self, last: "Contest") -> dict[str, "Contest"]:
-        """Contests with one more effect than a reduced one, by this effect, that are certainly more
-        probable, though chance gives one like it too often to correct it."""
+        """Contests with one more effect than a reduced one, by this effect."""
         return {
             name: replace(self, shrunk=shrunk)
             for name, shrunk in suspects(self.shrunk, last.shrunk).items()
         }
+
+    def odds(self, other: "Contest") -> float:
+        """Logarithm of how many times as probable rows are as with the effects of another."""
+        return self.shrunk.evidence - other.shrunk.evidence
+
+    def is_certain(self, name: str, without: "Contest") -> bool:
+        """Whether rows are certainly more probable with an effect, by evidence and by scatter, and
+        it is larger than errors of positions are."""
+        group = self.group(name)
+        by_chance = self.shrunk.surprise(group) * np.log(10.0)
+        is_large = self.shrunk.size(group) > POSITION_ERROR
+        return bool(is_large and min(self.odds(without), by_chance) > _CERTAIN)
 
     def follows(self, names: Collection[str]) -> list[Parameters]:
         """Changes of the robot's parameters by one standard deviation each of independent errors of
@@ -276,8 +287,7 @@ def rivals(
 
 
 def suspects(full: Shrunk, now: Shrunk) -> dict[str, Shrunk]:
-    """Fits with one more candidate than `now` that are certainly more probable, by this one, where
-    chance explains as little by the scatter of the rows as well."""
+    """Fits with one more candidate than `now`, by this one, where physics allows it."""
     dropped = [
         group.name for group in full.droppable
         if not (group.name in now.candidates or is_unexplained(group.name))
@@ -285,9 +295,7 @@ def suspects(full: Shrunk, now: Shrunk) -> dict[str, Shrunk]:
     trials = {name: full.of_candidates([*now.candidates, name]) for name in dropped}
     return {
         name: trial
-        for name, trial in trials.items() if trial.evidence > now.evidence + _CERTAIN
+        for name, trial in trials.items()
         for group in trial.groups
-        if group.name == name and trial.size(group) > POSITION_ERROR
-        and trial.surprise(group) * np.log(10.0) > _CERTAIN
-        and group.allows(trial.x, trial.covariance)
-    }  # fmt: skip
+        if group.name == name and group.allows(trial.x, trial.covariance)
+    }

@@ -5,6 +5,7 @@ from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
+from scipy.special import expit
 
 from deltaid.dynamics.dynamics import Parameters, compiled
 from deltaid.effects.all import UNKNOWNS
@@ -84,28 +85,28 @@ def is_settled(before: ContestOutcome, after: ContestOutcome) -> bool:
     )
 
 
-def doubted(
-    outcome: ContestOutcome, full: Contest, last: Contest, undecided: Parameters
-) -> ContestOutcome:
+def doubted(outcome: ContestOutcome, full: Contest, last: Contest) -> ContestOutcome:
     """With moves that widen intervals, and pairs of causes that rows do not separate.
 
-    Args:
-        undecided: change of the parameters where no effect is dropped.
+    Each dropped effect widens intervals by what parameters move with it and by its own uncertainty,
+    times the root of its probability beside those that are kept, which was even before any row.
     """
     names, rivals = last.rows.dynamics.layout.names, full.rivals(last)
     suspects, torques = full.suspects(last), last.unexplained_torques()
     exact = (*outcome.kept, *outcome.values)
     held = [u.name for u in UNKNOWNS if u.name in exact and not u.is_fitted]
-    moves = [undecided, *last.follows(held), *(rival.p - last.p for rival in rivals.values())]
-    for name, suspect in suspects.items():
-        moves += [suspect.p - last.p, *suspect.follows([name])]
+    moves = [*last.follows(held), *(rival.p - last.p for rival in rivals.values())]
+    for name, suspect in suspects.items():  # each as probable as rows make it
+        weight = np.sqrt(expit(suspect.odds(last)))
+        moves += [weight * (suspect.p - last.p), *(weight * m for m in suspect.follows([name]))]
     if torques is not None:  # a share of them may be in proportion to those of the robot
         doubt = _unexplained(last, torques)  # of which suspects may be a part
         moves.append(float(shares_of_torque(last.points[0], torques).max()) * last.p)
     else:
         surprises = {
-            name: suspect.shrunk.surprise(suspect.group(name)) for name, suspect in suspects.items()
-        }
+            name: suspect.shrunk.surprise(suspect.group(name))
+            for name, suspect in suspects.items() if suspect.is_certain(name, last)
+        }  # fmt: skip
         doubt = _suspicion(surprises)
     return replace(
         outcome,

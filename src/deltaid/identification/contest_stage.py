@@ -107,7 +107,7 @@ def contested(setup: Setup, progress: Progress) -> Setup:
     end = _beside_unexplained(bare, _by_all_rows(bare, end))
     outcome = end.outcome
     if not outcome.kept and (_gears(bare) or not outcome.winds_up):
-        return bare.changed(outcome=outcome) if outcome.doubts else bare
+        return bare.changed(outcome=outcome)
     if end.why_not:
         stiff = gears_turned_back(bare.changed(outcome=ContestOutcome(bare.robot)), progress)
         moves = [move for each in (end, *others) for move in each.moves]
@@ -183,7 +183,7 @@ def _sweeps(
             since.last.p,
         )
     traces = _traces(now)
-    full, sweep, undecided = _swept(now, before, traces, p, 0, free), 0, None
+    full, sweep = _swept(now, before, traces, p, 0, free), 0
     errors = _passive_errors(bare, before, full) if since is None else np.zeros(0)
     if errors.any():
         full = _swept(now, before, [without_turns(t, errors) for t in traces], p, 0, free)
@@ -192,8 +192,6 @@ def _sweeps(
     while True:
         last = full.reduced()
         parts |= {u.name for u in UNKNOWNS if u.is_of_parts and u.name in last.shrunk.candidates}
-        if undecided is None or sweep < _DECIDED:
-            undecided = full.p - last.p
         after = decided(before, last, may_wind_up=sweep < _DECIDED).within_limits()
         sweep, is_lost = sweep + 1, False
         if after.doubts != before.doubts:
@@ -207,7 +205,7 @@ def _sweeps(
         except KinematicsError:
             is_lost = True
             break
-    outcome, beyond = doubted(after, full, last, undecided), beyond_parts(last)
+    outcome, beyond = doubted(after, full, last), beyond_parts(last)
     setup, why = bare, "the robot could not be in poses that it was recorded in"
     if not is_lost:
         if outcome.kept or outcome.winds_up:

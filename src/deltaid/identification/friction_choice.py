@@ -23,7 +23,7 @@ from threadpoolctl import threadpool_limits
 from deltaid.errors import RecordingError
 from deltaid.estimation.drive_rows import STRETCHES
 from deltaid.estimation.problem import Columns, Rows, independent, lengths
-from deltaid.estimation.scatter import surprise
+from deltaid.estimation.scatter import NORMAL, surprise
 from deltaid.identification.friction_constants import SELDOM, LawConstants, Refined, refined
 from deltaid.identification.friction_rows import (
     FrictionRows,
@@ -45,6 +45,8 @@ from deltaid.robot.friction_terms import law_in_words
 # A term is added where chance seldom explains as much to one of all that were tried; the number of
 # joints and kinds of terms takes 1.3 decades more.
 _SEEN = SELDOM + 1.3
+# What chance explains in fewer than one of twenty recordings, in decades.
+_PROBABLE = surprise(NORMAL**2, 1)
 # Terms that are added at most.
 _MOST = 25
 
@@ -172,8 +174,7 @@ def choose_friction(
     loaded = [step.variant.joint for step in steps if step.variant.kind == "load"]
     rows = replace(rows, moved={joint.name: joint.moved for joint in loaded})
     kept, refit = _refined(rows, steps, progress)
-    if constants := _constants_beside(rows, refit.laws):
-        refit = refined(rows, _laws(rows, kept, constants))
+    refit = _with_constants(rows, kept, refit)
     return robot.changed(friction=dict(robot.friction) | refit.laws), FrictionChoice(
         folds=STRETCHES,
         plain_error=rows.share(rows.residual),
@@ -242,20 +243,33 @@ def _laws(
     return laws
 
 
-def _constants_beside(rows: FrictionRows, laws: Mapping[str, Friction]) -> list[Variant]:
-    """Offsets of the other drives of identical limbs where some have a constant.
+def _with_constants(rows: FrictionRows, kept: Sequence[_Step], refit: Refined) -> Refined:
+    """With offsets of the limbs' other drives beside chosen constants, unless what they explain is
+    chance (95 %).
 
     What is common to the constants of all hardly differs from the weight of the limbs, which would
     take the constant of a drive without.
     """
+    if not (offsets := missing_offsets(rows, refit.laws)):
+        return refit
+    complete = refined(rows, _laws(rows, kept, offsets))
+    level = complete.squares / max(len(rows.tau) - rows.span.rank, 1)
+    more = max(refit.squares - complete.squares, 0.0) / level
+    return complete if surprise(more, len(offsets)) > _PROBABLE else refit
+
+
+def missing_offsets(rows: FrictionRows, laws: Mapping[str, Friction]) -> list[Variant]:
+    """Offsets of those drives of identical limbs that have no constant, where chosen laws of others
+    have."""
     robot, limbs = rows.dynamics.robot, rows.dynamics.robot.limbs
     if limbs is None or not limbs.identical:
         return []
-    constant = {joint for joint, law in (robot.friction | laws).items() if law.has_constant}
-    missing = set(robot.drives[: limbs.count]) - constant
+    drives = robot.drives[: limbs.count]
+    missing = {joint for joint in drives if not (robot.friction | laws)[joint].has_constant}
+    if not set(drives) & laws.keys() - missing:
+        return []
     offsets = [variants[0] for variants in options(rows) if variants[0].kind == "offset"]
-    is_chosen = any(laws[joint].has_constant for joint in laws if joint in robot.drives)
-    return [variant for variant in offsets if is_chosen and variant.joint.name in missing]
+    return [variant for variant in offsets if variant.joint.name in missing]
 
 
 def _imitated(rows: FrictionRows, steps: Sequence[_Step], refit: Refined) -> _Step | None:
