@@ -57,6 +57,13 @@ def test_a_clean_recording_has_good_signals() -> None:
     assert noise.number == pytest.approx(1.0, rel=0.2)
 
 
+def test_stamps_that_most_rows_share_hide_no_verdict() -> None:
+    fast = frame(4000.0).with_columns(pl.col("t").mul(1e3).floor().mul(1e-3))
+    looked_at = evidence(load_robot("clavel-delta3"), fast)
+    assert looked_at.rows.step == pytest.approx(1 / 4000, rel=0.05)
+    assert "torque-noise" in {v.key for v in checked_signals(looked_at)}
+
+
 @pytest.mark.parametrize(("rate", "grade"), [(50.0, Grade.DOUBTFUL), (10.0, Grade.WRONG)])
 def test_too_few_samples_for_a_wave(rate: float, grade: Grade) -> None:
     (verdict,) = said(frame()[:: round(500 / rate)])["rate"]

@@ -28,6 +28,7 @@ from deltaid.recording.recording import PreparedRecording, open_recordings
 from deltaid.recording.resolution import si_unit
 from deltaid.recording.source import LogTable
 from deltaid.recording.table import read_batches
+from deltaid.recording.time.grid import usual_step
 from deltaid.robot.description import RobotDescription
 
 # Unit whose numbers are those of another unit times a factor.
@@ -75,8 +76,8 @@ class RawRows:
 
     @property
     def step(self) -> float:
-        """Median time between two rows [s]."""
-        return float(np.median(np.diff(self.time)))
+        """Median time between two rows, or the usual one where most rows share stamps [s]."""
+        return float(np.median(np.diff(self.time))) or usual_step(self.time)[0]
 
 
 @dataclass(frozen=True, eq=False)
