@@ -182,6 +182,11 @@ def test_a_recording_too_short_to_be_filtered() -> None:
     assert checked_wiring(seen("linear-delta", short)) == ()
 
 
+def test_a_recording_without_any_torque() -> None:
+    columns = recorded("clavel-delta3")
+    assert not checked_wiring(seen("clavel-delta3", times(columns, tau=0.0)))
+
+
 def picking() -> tuple[str, Columns]:
     """Six seconds of a robot that packs, by the oracle."""
     robot = load_robot("clavel-delta3")

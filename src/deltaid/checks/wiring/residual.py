@@ -107,7 +107,7 @@ def motion(
     q, tau, _ = np.split(recorded, parts, axis=1)
     rate = (len(time) - 1) / (time[-1] - time[0])
     cutoff = _cutoff(q, rate)
-    if not tau.shape[1] or len(time) < samples_needed(cutoff, rate):
+    if not tau.any() or len(time) < samples_needed(cutoff, rate):
         return None
     full = design_low_pass(cutoff, rate, single=True)
     stride = max(1, int(rate / (oversampled * max(cutoff, _SLOWEST))))
