@@ -4,6 +4,7 @@ To add a kind, write a module of `formats/` that opens it, and add it to `FORMAT
 """
 
 import os
+import re
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from itertools import chain
@@ -29,9 +30,12 @@ from deltaid.recording.source import BATCH_ROWS, CHUNK, Column, LogTable, Rows, 
 from deltaid.recording.time.counts import Unwrapper, in_seconds, unwrappers
 from deltaid.robot.part import LARGEST
 
+# First bytes of files that are none of these.
 _FOREIGN = {
-    b"PK\x03\x04": "an Excel workbook or a ZIP archive",
-    b"\xd0\xcf\x11\xe0": "an old Excel workbook",
+    rb"PK\x03\x04": "an Excel workbook or a ZIP archive",
+    rb"\xd0\xcf\x11\xe0": "an old Excel workbook",
+    rb"(?:\xef\xbb\xbf)?\s*(?:\{|\[\s*[\[{])": "JSON",
+    rb"(?i)(?:\xef\xbb\xbf)?\s*<(?:\?xml|!doctype|html)": "XML or a web page",
 }
 # States written as text.
 _TRUE, _FALSE = ("true", "on"), ("false", "off")
@@ -101,7 +105,7 @@ def open_table(path: Path, mapping: ColumnMapping | None = None) -> LogTable:
         raise RecordingError(f"is {kind.name} inside {packing}", where=str(path), cure="unpack it")
     if kind is None:
         for signature, name in _FOREIGN.items():
-            if start.startswith(signature):
+            if re.match(signature, start):
                 raise RecordingError(
                     f"is {name}", where=str(path), cure="export it as CSV in UTF-8 or as Parquet"
                 )
