@@ -20,6 +20,7 @@ from drives.cycles import cycling
 from drives.happening import Happening
 from drives.sensors import Sensors
 from faults import faulty
+from logs import tabled
 from plants import true_parameters
 from wired import RATE, Columns, bad, only_verdict, recorded, seen, times
 
@@ -185,6 +186,17 @@ def test_a_recording_too_short_to_be_filtered() -> None:
 def test_a_recording_without_any_torque() -> None:
     columns = recorded("clavel-delta3")
     assert not checked_wiring(seen("clavel-delta3", times(columns, tau=0.0)))
+
+
+@pytest.mark.parametrize("name", ["clavel-delta3", "irb360-6-1600", "par4"])
+def test_gravity_in_the_opposite_direction(name: str) -> None:
+    robot = load_robot(name)
+    upwards = robot.changed(gravity=(0.0, 0.0, 9.81))
+    (verdict,) = bad(checked_wiring(evidence(upwards, tabled(**recorded(name)))))
+    assert (verdict.key, verdict.grade) == ("homing-or-tilt", Grade.WRONG)
+    assert "opposite direction" in verdict.seen
+    (proposal,) = verdict.proposals
+    assert dict(proposal.changes) == {"gravity": [0.0, 0.0, -9.81]}
 
 
 def picking() -> tuple[str, Columns]:

@@ -17,13 +17,14 @@ from deltaid.checks.evidence import UNRELATED, Evidence, forget
 from deltaid.checks.wiring.candidate import SENSIBLE
 from deltaid.checks.wiring.columns import column_verdicts
 from deltaid.checks.wiring.explained import RemappedRecording, overall
-from deltaid.checks.wiring.residual import motion
+from deltaid.checks.wiring.residual import motion, residual
 from deltaid.checks.wiring.search import explained, together
 from deltaid.checks.wiring.velocity import velocity_verdicts
 from deltaid.checks.wiring.zeros import zero_verdicts
+from deltaid.dynamics.dynamics import compiled
 from deltaid.errors import RecordingError
 from deltaid.estimation.problem import lengths
-from deltaid.model.verdict import Grade, Verdict, worst
+from deltaid.model.verdict import Grade, Proposal, Verdict, worst
 
 # Part of the stretch to search on, if it has so many samples; least samples to judge.
 _FEW, _FEWEST = 150, 40
@@ -108,8 +109,8 @@ def _of_recording(
         return (_out_of_reach(case.evidence),)
     verdicts = list(column_verdicts(case) if common is None else common)
     senseless = case.best.left > SENSIBLE[1] or case.along < UNRELATED
-    if case.best.closes and not verdicts and senseless:
-        verdicts.append(_senseless(case))
+    if case.best.closes and not verdicts:
+        verdicts += _upside_down(case) or ([_senseless(case)] if senseless else [])
     verdicts += zero_verdicts(case) if worst(verdicts) is not Grade.WRONG else ()
     verdicts += velocity_verdicts(case)
     if worst(verdicts) in (Grade.GOOD, Grade.CANNOT_TELL) and not senseless:
@@ -120,6 +121,30 @@ def _of_recording(
         )
         verdicts.insert(0, Verdict("drive-order", Grade.GOOD, seen, number=case.along))
     return tuple(verdicts[len(common or ()) :])
+
+
+def _upside_down(case: RemappedRecording) -> list[Verdict]:
+    """A verdict where torques go with gravity that is opposite to the described one."""
+    robot, gravity = case.evidence.robot, [0.0 - g for g in case.evidence.robot.gravity]
+    if case.along >= SENSIBLE[0]:
+        return []
+    turned = compiled(robot.changed(gravity=tuple(gravity)))
+    again = residual(turned, case.motion, case.best.map)
+    along = replace(case, good=(replace(case.best, residual=again),)).along if again else -1.0
+    if along < SENSIBLE[0]:
+        return []
+    verdict = Verdict(
+        "homing-or-tilt",
+        Grade.WRONG,
+        f"torques go with gravity in the opposite direction: {along:.2g} is then their least "
+        f"correlation with the prior's, and {case.along:.2g} as described",
+        cause="gravity in the description has the wrong sign, or the robot is mounted the other "
+        "way up",
+        cure="describe gravity as it acts in the robot's frame",
+        proposals=(Proposal("robot", (("gravity", gravity),)),),
+        number=along,
+    )
+    return [verdict]
 
 
 def _senseless(case: RemappedRecording) -> Verdict:
