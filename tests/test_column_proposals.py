@@ -150,6 +150,40 @@ def test_a_column_that_runs_backwards_is_no_time_and_a_constant_hardly_a_torque(
     assert deltaid.columns(moved).data["torque"][0]["column"] == "Trq 1 [Nm] x"
 
 
+def test_text_of_dates_is_a_time(tmp_path: Path) -> None:
+    path, clock = foreign(tmp_path / "log.csv"), "2026-03-01T10:00:{:09.6f}"
+    head, *rows = path.read_text().splitlines()
+    seconds = [float(row.rpartition(",")[2]) for row in rows]
+    rows = [
+        f"{row.rpartition(',')[0]},{clock.format(s)}" for row, s in zip(rows, seconds, strict=True)
+    ]
+    path.write_text("\n".join([head.replace("time [s]", "Timestamp"), *rows]) + "\n")
+    found = deltaid.columns(str(path), "clavel-delta3")
+    assert found.certain, found.doubts
+    assert found.data["time"] == {"column": "Timestamp"}
+
+
+def test_a_row_without_numbers_hides_no_time(tmp_path: Path) -> None:
+    head, *rows = foreign(tmp_path / "log.csv").read_text().splitlines()
+    (tmp_path / "log.csv").write_text("\n".join([head, *rows[:900], head, *rows[900:]]) + "\n")
+    assert deltaid.columns(str(tmp_path / "log.csv"), "clavel-delta3").missing == ()
+
+
+@pytest.mark.parametrize(
+    ("name", "words"), [("commas", "row 2: has 8 fields"), ("cut", "row 3001: has 1 fields")]
+)
+def test_a_file_that_cannot_be_read_has_no_proposal(tmp_path: Path, name: str, words: str) -> None:
+    path = foreign(tmp_path / "log.csv")
+    head, *rows = path.read_text().splitlines()
+    if name == "commas":
+        rows = [f"{row}," for row in rows]
+    else:
+        rows[-1] = rows[-1][:5]
+    path.write_text("\n".join([head, *rows]) + "\n")
+    with pytest.raises(RecordingError, match=words):
+        deltaid.columns(str(path), "clavel-delta3")
+
+
 def foreign(path: Path, angle: str = " [deg]", units: str = "") -> Path:
     """A recording of a Delta robot under other names, and a row of units if there is one."""
     log, degrees = recorded(3000), np.rad2deg(1)

@@ -191,10 +191,11 @@ def _registry() -> "pint.UnitRegistry[float]":
 
 def time_unit(start: Signal | None) -> str | None:
     """The only unit that fits a column as a time; empty if several fit; None if it is no time."""
+    start = None if start is None else start[np.isfinite(start)]
     if start is None or len(start) < 2:
         return ""
     steps = np.diff(start)
-    if not np.isfinite(start).all() or start[-1] <= start[0] or np.mean(steps < 0) > MOST_WRONG:
+    if start[-1] <= start[0] or np.mean(steps < 0) > MOST_WRONG:
         return None
     usual = float(np.median(steps[steps > 0]))
     return next((unit for unit, low, high in _STEPS if low <= usual <= high), "")
