@@ -31,6 +31,24 @@ BAD_TEXT = {
         "row 150: column q2 is '0,5'",
         "semicolons",
     ),
+    "quoted decimal commas": (
+        text(recorded(ROWS), number=lambda x: f'"{comma(x)}"'),
+        "row 2: column t is '0,0'",
+        "semicolons",
+    ),
+    "thousands": (with_field(150, "q2", "1.000,5", COMMAS), "is '1.000,5'", "no thousands sign"),
+    "date": (
+        with_field(2, "t", "03/01/2026 10:59:57.000"),
+        "2: column t is '03/01",
+        "T14:30:00.000",
+    ),
+    "German date": (with_field(2, "t", "1.3.2026 10:59"), "2: column t is '1.3.", "T14:30:00.000"),
+    "printed minus": (with_field(150, "q2", "−0.5"), "is '−0.5'", "minus sign as on the keyboard"),
+    "zeroed bytes": (
+        with_field(150, "q2", "0.5\x00\x00"),
+        "is '0.5??'",
+        "remove or repair such rows",
+    ),
     "point among commas": (
         with_field(150, "q2", "0.5", COMMAS),
         "row 150: column q2 is '0.5'",

@@ -20,6 +20,7 @@ from deltaid.recording.formats.csv_lines import (
     Decimals,
     TextData,
     is_marked_row,
+    is_number,
     line_ends,
     per_line,
 )
@@ -54,7 +55,7 @@ class CsvTable(LogTable):
             fields = _fields(self, block, row)
             texts = [fields.to_series(k).str.strip_chars() for k in places]
             numbers = decimals.numbers(texts)
-            if row == self.first_row and all(series[0] is None for series in numbers):
+            if row == self.first_row and not any(x[0] and is_number(x[0]) for x in texts):
                 raise RecordingError(
                     "holds no numbers, as if it were a row of units",
                     where=self.row_place(row),
@@ -87,8 +88,12 @@ class CsvTable(LogTable):
     def cure(self, written: str) -> str:
         if "," in written and self.data.separator == ",":
             return "decimal commas need semicolons or tabs between the columns"
-        if "," in written or "." in written:
+        if re.fullmatch(r"[\d.,eE+-]+", written):
             return "write all numbers in one way, with point or comma, and no thousands sign"
+        if re.match(r"\d+[:/.-]\d+[:/.-]\d", written):
+            return "write times in seconds, or as 2026-01-31T14:30:00.000, with or without the date"
+        if "−" in written:
+            return "write the minus sign as on the keyboard (-)"
         return super().cure(written)
 
 
