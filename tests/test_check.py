@@ -2,6 +2,8 @@
 
 from pathlib import Path
 
+import numpy as np
+import polars as pl
 import pytest
 
 import deltaid
@@ -172,6 +174,17 @@ def test_a_recording_that_cannot_be_used_has_a_verdict() -> None:
     far = deltaid.Recording.from_arrays(t=rows.time, q=rows.q + 1.7, tau=rows.tau)
     found = check("clavel-delta3", far)
     assert worst(found) is Grade.WRONG
+
+
+@pytest.mark.parametrize("rows", [2, 50, 200])
+def test_a_recording_that_is_too_short_has_no_other_fault(rows: int) -> None:
+    noise = np.random.default_rng(1).normal(size=(3, rows))
+    log = recorded(rows).with_columns(
+        pl.Series(f"tau{k + 1}", 5.0 + n) for k, n in enumerate(noise)
+    )
+    found = [v for v in check("clavel-delta3", log) if v.grade in (Grade.WRONG, Grade.DOUBTFUL)]
+    assert [(v.key, v.grade) for v in found] == [("refused", Grade.WRONG)]
+    assert "too few" in found[0].seen
 
 
 def test_identify_refuses_what_is_wrong_in_the_words_of_the_check(tmp_path: Path) -> None:

@@ -8,7 +8,7 @@ from jaxtyping import Bool
 from deltaid.checks.evidence import RESTS, Evidence
 from deltaid.estimation.spectra import bandwidth, jitter, step_of, white_noise
 from deltaid.model.verdict import Fault, Grade, Verdict, graded, listed, percent
-from deltaid.recording.filter import LowPass, design_low_pass
+from deltaid.recording.filter import LowPass, design_low_pass, samples_needed
 from deltaid.recording.log import Log
 from deltaid.recording.masks.masks import Reason, kept
 from deltaid.recording.time.clock import HIGHEST_RATE
@@ -95,7 +95,7 @@ def checked_signals(evidence: Evidence) -> Iterator[Verdict]:
         yield _clock(evidence, recording.log)
         yield from _saturation(evidence, recording.log)
         yield _standing(recording.log)
-    if evidence.rows.tau.shape[1]:
+    if evidence.rows.tau.shape[1] and _is_long(evidence):
         yield from _torque(evidence)
 
 
@@ -156,6 +156,14 @@ def _low_pass(evidence: Evidence) -> LowPass | None:
     if fastest == 0:
         return None
     return design_low_pass(min(max(2 * fastest, 2e-6 * rate), 0.1 * rate), rate)
+
+
+def _is_long(evidence: Evidence) -> bool:
+    """Whether the rows suffice for a filter; torques of fewer may be noise and gravity alone."""
+    if evidence.surveyed is not None:
+        return True
+    low_pass, rate = _low_pass(evidence), 1.0 / evidence.rows.step
+    return low_pass is not None and len(evidence.rows.q) >= samples_needed(low_pass.cutoff, rate)
 
 
 def _moving(evidence: Evidence) -> Bool[np.ndarray, " drives"]:
