@@ -118,8 +118,13 @@ BAD_TEXT = {
         "column q2 is ",
         "looks like degrees, or like the motor side",
     ),
+    "a lost reading": (
+        with_field(150, "q1", "0.0", with_field(151, "q2", "0.0")),
+        "row 150: column q1 is 0 rad for one row, between ",
+        "remove such rows",
+    ),
     "out of reach": (
-        with_field(150, "q1", "-2.5"),
+        with_field(150, "q1", "-2.5", with_field(151, "q1", "-2.5")),
         "row 150: the elbow of limb 1 points inwards at (q1, q2, q3) = (-2.5, ",
     ),
 }

@@ -1,6 +1,7 @@
 """The first pass over a log, which checks every row before anything is computed from it."""
 
 from collections.abc import Iterable, Iterator
+from itertools import islice
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -16,6 +17,7 @@ from deltaid.recording.survey_checks import (
     Bounds,
     ClockCheck,
     DerivativeCheck,
+    off_course,
     require_rate,
 )
 from deltaid.recording.table import recut
@@ -133,6 +135,16 @@ class Survey:
             )
         steps = np.diff(q, axis=0, prepend=self.last_q if len(self.last_q) else q[:1])
         steps[apart], self.last_q = 0.0, q[-1:].copy()
+        for i, drive in islice(off_course(steps), 1):
+            name, there = self.columns.position[drive].column, float(q[i, drive])
+            before, after = there - float(steps[i, drive]), there + float(steps[i + 1, drive])
+            unit = "m" if robot.linear_drives[drive] else "rad"
+            raise RecordingError(
+                f"column {name} is {there:.5g} {unit} for one row, between {before:.5g} and "
+                f"{after:.5g} {unit}, which is a wrong reading and no motion",
+                where=self.table.row_place(row + i),
+                cure="remove such rows, which are then bridged, and inspect encoder and bus",
+            )
         turning = [not linear for linear in robot.linear_drives]
         for i, drive in np.argwhere((np.abs(steps) > _JUMP) & turning)[:1].tolist():
             name = self.columns.position[drive].column

@@ -48,6 +48,9 @@ _SCALE = (0.8, 1.25)
 _SLIGHT = 1e-3
 # Factors of wrong units.
 _LIKELY = {"degrees": 180 / np.pi, "rpm": 30 / np.pi}
+# A row is off its course if the position goes there and back by so many times its largest change
+# within so many rows before or after, and its smallest change of all.
+_OFF, _AROUND = 12.0, 16
 # A step is uneven if it differs from the usual one by more than this share.
 _JITTER = 0.05
 
@@ -150,6 +153,22 @@ class Bounds:
             cure="repair or remove the row; if all rows are like it, declare the column's unit and "
             "gear with --columns MAPPING.yaml",
         )
+
+
+def off_course(steps: Float[np.ndarray, "steps drives"]) -> Iterator[tuple[int, int]]:
+    """Single rows whose position is off its course, and the drive: a reading, not a motion.
+
+    Args:
+        steps: changes of positions from row to row; 0 where time jumps.
+    """
+    size = np.abs(steps)
+    back = np.where(steps[:-1] * steps[1:] < 0, np.minimum(size[:-1], size[1:]), 0.0)
+    places = np.argwhere(back > _OFF * np.median(size, axis=0)).tolist()
+    least = np.min(size, axis=0, where=size > 0, initial=np.inf) if places else size[0]
+    for i, drive in places:
+        around = size[max(0, i - _AROUND) : i, drive], size[i + 2 : i + 2 + _AROUND, drive]
+        if back[i, drive] > _OFF * max(np.max(np.concatenate(around), initial=0.0), least[drive]):
+            yield i, drive
 
 
 class ClockCheck:
