@@ -150,6 +150,15 @@ def test_a_column_that_runs_backwards_is_no_time_and_a_constant_hardly_a_torque(
     assert deltaid.columns(moved).data["torque"][0]["column"] == "Trq 1 [Nm] x"
 
 
+def test_arrays_under_default_names_have_default_units(tmp_path: Path) -> None:
+    log, path = recorded(1500), tmp_path / "log.npz"
+    arrays = {name: log.select(f"{name}{i}" for i in (1, 2, 3)) for name in ("q", "tau")}
+    np.savez(path, t=log["t"], **{name: table.to_numpy() for name, table in arrays.items()})
+    found = deltaid.columns(str(path), "clavel-delta3")
+    assert found.certain, found.doubts
+    assert found.data["torque"][2] == {"column": "tau[2]", "unit": "N m"}
+
+
 def test_text_of_dates_is_a_time(tmp_path: Path) -> None:
     path, clock = foreign(tmp_path / "log.csv"), "2026-03-01T10:00:{:09.6f}"
     head, *rows = path.read_text().splitlines()

@@ -181,8 +181,11 @@ def _drives(
     if group.by_letter:
         unsure.append("letters may be directions in space and no drives")
     units, assumed = list[str](), ""
-    usual = [f"{SHORT_NAMES[quantity]}{axis}" for axis in range(1, len(members) + 1)]
-    is_default = [column.address for column in members] == usual
+    short, names = SHORT_NAMES[quantity], tuple(column.address for column in members)
+    is_default = any(
+        names == tuple(form.format(short, first + i) for i in range(len(names)))
+        for form, first in (("{}{}", 1), ("{}[{}]", 0))
+    )
     for column, slides in zip(members, linear, strict=True):
         unit, reason = _stated(quantity, column, read_name(column.address), known)
         if unit is None and is_default:
@@ -197,7 +200,6 @@ def _drives(
             reasons.append(reason)
     if reading.quantity == "current" and known.torque_constant is None:
         reasons.append("a current needs its torque constant")
-    names = tuple(column.address for column in members)
     return FoundColumns(quantity, names, tuple(units), tuple(reasons), tuple(unsure), assumed)
 
 
