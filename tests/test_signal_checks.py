@@ -85,7 +85,14 @@ def test_lost_rows_are_counted(lost: slice) -> None:
     keep = np.ones(len(frame()), dtype=bool)
     keep[lost] = False
     (verdict,) = said(frame().filter(pl.Series(keep)))["clock"]
-    assert f"{lost.stop - lost.start} rows are missing in 1 places" in verdict.seen
+    assert f"{lost.stop - lost.start} rows are missing in 1 place" in verdict.seen
+
+
+def test_a_clock_that_passes_midnight_is_no_logger_that_falls_behind() -> None:
+    clock = (pl.col("t") + 86397.0) % 86400.0
+    (verdict,) = said(frame().with_columns(clock.alias("t")))["clock"]
+    assert verdict.seen == "time starts again in 1 place"
+    assert "passed midnight" in verdict.cause
 
 
 def test_jitter_is_a_share_of_the_period() -> None:

@@ -11,7 +11,7 @@ from deltaid.model.verdict import Fault, Grade, Verdict, graded, listed, percent
 from deltaid.recording.filter import LowPass, design_low_pass, samples_needed
 from deltaid.recording.log import Log
 from deltaid.recording.masks.masks import Reason, kept
-from deltaid.recording.time.clock import HIGHEST_RATE
+from deltaid.recording.time.clock import HIGHEST_RATE, RESTARTED, places_of, rows_are
 
 # Samples per period of the motion's bandwidth below which a recording is doubtful, and wrong.
 # Differentiated signals need more: the filter passes six hundredths of the rate.
@@ -180,10 +180,10 @@ def _clock(evidence: Evidence, log: Log) -> Verdict:
     stale = sum(m.last - m.first + 1 for m in log.masks if m.reason == "stale rows")
     twice, scatter = len(clock.extra), clock.jitter / clock.period
     faults = {
-        f"{lost} rows are missing in {int(np.sum(clock.lost > 0))} places": lost,
-        f"time starts again {restarts} times": restarts,
-        f"{twice} rows are there twice or have no place of their own": twice,
-        f"{stale} rows repeat the one before them while the robot moves": stale,
+        f"{rows_are(lost)} missing in {places_of(int(np.sum(clock.lost > 0)))}": lost,
+        f"time starts again in {places_of(restarts)}": restarts,
+        f"{rows_are(twice)} there twice or without a place": twice,
+        f"{rows_are(stale)} copies of the one before while the robot moves": stale,
         f"stamps jitter by {percent(scatter)} of the {period}": scatter > _JITTER,
     }
     seen = "; ".join(words for words, present in faults.items() if present)
@@ -197,7 +197,7 @@ def _clock(evidence: Evidence, log: Log) -> Verdict:
             )
     if not seen:
         return _CLOCK.good(f"{clock.rows} rows, one every {period}", 100 * scatter)
-    cause = ""
+    cause = RESTARTED if restarts and not (lost or twice or stale) else ""
     if scatter > _JITTER and not (lost or restarts or twice or stale):
         cause = "stamps are made when rows are written, and not when they are sampled"
         if clock.even is False or clock.steady:

@@ -13,6 +13,8 @@ from deltaid.recording.units import MOST_WRONG
 
 # Highest rate of drives [Hz]; a higher one is a wrong unit of time.
 HIGHEST_RATE = 1e6
+# Likeliest cause of a time that starts again.
+RESTARTED = "several recordings stand in one file, or the clock was set or passed midnight"
 NO_TIME = (
     "map the column of the time with --columns MAPPING.yaml (time: {column: NAME}), or give the "
     "sampling rate in its place (time: {rate: 1000})"
@@ -186,7 +188,7 @@ def doubts_about_stamps(clock: Clock, table: LogTable, column: str) -> Iterator[
         )
     if clock.wild:
         yield Doubt(
-            f"{column} of {_rows(clock.wild)} far off the stamps before and after, the first "
+            f"{column} of {rows_are(clock.wild)} far off the stamps before and after, the first "
             f"in {_row(table, np.array([clock.first_wild]))}: excluded",
             cause="numbers that were damaged on their way into the file",
             cure="export the log again if there are many",
@@ -214,7 +216,7 @@ def doubts_about_stamps(clock: Clock, table: LogTable, column: str) -> Iterator[
         )
     if clock.doubled:
         yield Doubt(
-            f"{_rows(clock.doubled)} there twice and excluded once, the first in "
+            f"{rows_are(clock.doubled)} there twice and excluded once, the first in "
             f"{_row(table, clock.extra)}",
             cause="the logger ran ahead of the controller, or a packet came twice",
             cure="nothing is lost; to avoid it, log once a cycle of the controller",
@@ -222,7 +224,7 @@ def doubts_about_stamps(clock: Clock, table: LogTable, column: str) -> Iterator[
         )
     if others := clock.late:
         yield Doubt(
-            f"{_rows(others)} late or stamped like another one, and excluded"
+            f"{rows_are(others)} late or stamped like another one, and excluded"
             + ("" if clock.doubled else f", the first in {_row(table, clock.extra)}"),
             cause="packets overtook one another on their way to the logger",
             cure="log with the controller's own stamps, sorted by them",
@@ -247,7 +249,7 @@ def doubts_about_holes(
     if bridged.size:
         first = clock.holes[~cuts]
         yield Doubt(
-            f"{_rows(int(bridged.sum()))} missing in {_places(bridged.size)} "
+            f"{rows_are(int(bridged.sum()))} missing in {places_of(bridged.size)} "
             f"({100 * bridged.sum() / clock.rows:.2g} % of the recording), the first before "
             f"{_row(table, first)}: bridged by the motion about them, torques there do not "
             "count",
@@ -259,9 +261,9 @@ def doubts_about_holes(
     if restarts.any():
         where = _row(table, clock.holes[restarts])
         yield Doubt(
-            f"time starts again in {_places(int(restarts.sum()))}, the first in {where}: a new "
+            f"time starts again in {places_of(int(restarts.sum()))}, the first in {where}: a new "
             "segment begins there",
-            cause="several recordings stand in one file",
+            cause=RESTARTED,
             cure="split it if load or wiring were others; else nothing is to be done",
             key="clock",
         )
@@ -285,7 +287,7 @@ def doubts_about_holes(
     if len(short) == len(sizes):
         raise RecordingError(
             f"has no stretch of {shortest} samples without a gap; the longest has "
-            f"{sizes.max()}, between {_places(len(sizes) - 1)} where rows are missing or time "
+            f"{sizes.max()}, between {places_of(len(sizes) - 1)} where rows are missing or time "
             "starts again",
             where=str(table.path),
             cure="record without gaps, or lower the rate at which the logger falls behind; a "
@@ -306,9 +308,9 @@ def _row(table: LogTable, rows: Int[np.ndarray, " rows"]) -> str:
     return table.row_name(table.first_row + int(rows[0]))
 
 
-def _rows(count: int) -> str:
+def rows_are(count: int) -> str:
     return "1 row is" if count == 1 else f"{count} rows are"
 
 
-def _places(count: int) -> str:
+def places_of(count: int) -> str:
     return "1 place" if count == 1 else f"{count} places"
