@@ -5,7 +5,9 @@ import pandas as pd
 import polars as pl
 import pytest
 
+import deltaid
 from deltaid.dynamics.dynamics import Dynamics
+from deltaid.model.verdict import Grade
 from deltaid.recording.mapping import ColumnMapping
 from deltaid.recording.memory import Recording
 from deltaid.recording.opening import open_log
@@ -102,6 +104,20 @@ def test_a_log_without_time(tmp_path, clavel: Dynamics, suffix: str) -> None:
     message = refusal(read, path)
     assert "has no time: no column t or time; its columns are q1, q2, q3" in message
     assert "`time: {rate: 1000}`" in message
+
+
+def test_a_rate_that_a_time_column_contradicts(tmp_path, clavel: Dynamics) -> None:
+    path = write(tmp_path / "log.csv", recorded(1500))
+    at = {rate: ColumnMapping.model_validate({"time": {"rate": rate}}) for rate in (500, 1000)}
+    assert not open_log(path, clavel.kinematics, at[1000]).warnings
+    log = open_log(path, clavel.kinematics, at[500])
+    assert log.rate == pytest.approx(500)
+    (told,) = log.warnings
+    assert "column t makes a rate of 1000 Hz, but the mapping states 500 Hz in its place" in told
+    verdicts = deltaid.check("clavel-delta3", path, columns=at[500])
+    clock = next(verdict for verdict in verdicts if verdict.key == "clock")
+    assert clock.grade is Grade.DOUBTFUL
+    assert clock.seen in told
 
 
 @pytest.mark.parametrize(("bits", "signed"), [(8, False), (16, False), (16, True), (32, False)])

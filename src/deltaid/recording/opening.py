@@ -13,6 +13,7 @@ from deltaid.recording.address import find, listing
 from deltaid.recording.columns import Columns, Rows
 from deltaid.recording.contents import proposal_for
 from deltaid.recording.log import Excerpt, Log, keep_batches
+from deltaid.recording.mapped_columns import TIMES
 from deltaid.recording.mapping import FOUND, ColumnMapping, as_words
 from deltaid.recording.masks.masks import require_rest, runs_of
 from deltaid.recording.masks.search import timed
@@ -24,10 +25,17 @@ from deltaid.recording.survey import Survey
 from deltaid.recording.survey_checks import STRETCH, require_rate
 from deltaid.recording.table import open_table, read_batches
 from deltaid.recording.time.clock import Clock
-from deltaid.recording.time.counts import doubts_about_rounds, unwrappers
+from deltaid.recording.time.counts import doubts_about_rounds, in_seconds, unwrappers
 from deltaid.recording.time.signals import longest_hole, segments
 from deltaid.recording.time.study import study
+from deltaid.recording.units import si_factor, time_unit
 from deltaid.robot.sensors import channels_of
+
+# Cause and fix of a stated rate that a time column contradicts, and largest difference of equal
+# ones: more than a clock's error, less than one row of ten that is not logged.
+OTHER_RATE = "the rate is that of another recording, or only some of its rows were logged"
+NO_RATE = "leave `rate` out of the mapping, so that the column is the time, unless that is wrong"
+_SAME_RATE = 0.05
 
 
 def open_log(
@@ -67,6 +75,8 @@ def open_log(
         )
     survey = Survey(table, columns, kinematics)
     survey.warnings += table.warnings
+    if seen := contradicted_rate(table, columns):
+        survey.warnings.append(Doubt(seen, cause=OTHER_RATE, cure=NO_RATE, key="clock"))
     if extra := extra_drives(table, columns, kinematics.dof):
         survey.warnings.append(
             Doubt(
@@ -106,6 +116,32 @@ def open_log(
         kept=Excerpt(columns, tuple(kept), whole=True) if kept else None,
     )
     return _with_cutoff_between_stops(log)
+
+
+def contradicted_rate(table: LogTable, columns: Columns) -> str:
+    """How a time column contradicts the rate that a mapping states in its place; empty if it does
+    not, or if its unit is open.
+
+    Raises:
+        RecordingError: the recording cannot be read.
+    """
+    names = (name for name in TIMES if name in table.header and columns.time.is_absent)
+    name, place = next(names, ""), columns.position[0].column
+    field = find(table.fields, name)
+    if field is None or field[0].holds:
+        return ""
+    rows = next(in_seconds(table.rows([name, place])), None)
+    start = np.asarray(rows.numbers[0] if rows else (), dtype=float)
+    if not (unit := time_unit(start)):
+        return ""
+    steps = np.diff(start[np.isfinite(start)]) * si_factor(unit, "s", where=name)
+    usual, period = float(np.median(steps[steps > 0])), columns.time.scale
+    if any(abs(step / period - 1) < _SAME_RATE for step in (usual, float(steps.mean()))):
+        return ""
+    return (
+        f"column {name} makes a rate of {1 / usual:.4g} Hz, but the mapping states "
+        f"{1 / period:.4g} Hz in its place"
+    )
 
 
 def resolved_table(
