@@ -8,9 +8,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from deltaid.errors import RecordingError
+from deltaid.errors import DescriptionError, RecordingError
 from deltaid.recording.formats import frames
-from deltaid.recording.mapping import ColumnMapping
+from deltaid.recording.mapping import ColumnMapping, load_mapping
 from deltaid.recording.units import si_factor
 from logs import recorded, refusal, text, write
 
@@ -117,6 +117,16 @@ def test_bad_mappings(tmp_path, opened, declared: dict, fragment: str) -> None:
     path = write(tmp_path / "log.csv", GOOD)
     mapping = ColumnMapping.model_validate(declared)
     assert fragment in refusal(opened, path, mapping)
+
+
+@pytest.mark.parametrize("content", ["", "# nothing\n"])
+def test_an_empty_mapping_is_no_robot(tmp_path, content: str) -> None:
+    path = tmp_path / "columns.yaml"
+    path.write_text(content)
+    with pytest.raises(
+        DescriptionError, match=r"is empty(.|\n)*`deltaid columns` writes a mapping"
+    ):
+        load_mapping(path)
 
 
 UNIT_PARTS = [*"degsNmAkµ01.-+*/^²()°_ ·", "rad", "rad/s", "nan", "inf", "1e99", "**", "and"]

@@ -263,11 +263,12 @@ def _tree(text: str, where: str, most: int = MOST_NODES) -> Entry:
         raise DescriptionError(
             "is empty",
             where=where,
-            cure="`deltaid robots clavel-delta3` prints a description to start from",
+            cure="`deltaid robots clavel-delta3` prints a robot to start from, and "
+            "`deltaid columns` writes a mapping",
         )
     if not isinstance(tree.value, dict):
         raise DescriptionError(
-            "does not hold keys with values, such as `name: my-robot`",
+            "does not hold keys with values (`key: value`)",
             where=where,
             cure="is it a log? the order of arguments is in --help",
         )
