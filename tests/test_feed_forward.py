@@ -14,6 +14,7 @@ import deltaid
 from command import accepted, refused
 from deltaid.errors import RecordingError
 from deltaid.model.model import Model
+from identified import identified
 from logs import names
 
 RATE = 1000
@@ -93,6 +94,13 @@ def test_a_plan_that_rests_at_both_ends_keeps_every_row(
 ) -> None:
     plan = point_to_point(duration, rest)
     assert_every_row(plan, step, periodic=False)
+
+
+def test_a_fast_plan_rests_though_the_model_comes_from_slow_recordings() -> None:
+    """Whether an end rests is a question of the plan, not of the recordings' cut-off."""
+    model = identified("clavel-delta3").result.model
+    result = deltaid.torque(model, point_to_point(0.1).frame())
+    assert result.without == (0, 0)
 
 
 @pytest.mark.parametrize("closed", [False, True])

@@ -155,7 +155,7 @@ def planned(log: Log, cutoff: float | None = None, *, periodic: bool = False) ->
     least = max(cutoff or 0.0, log.motion_cutoff or 0.0)
     ends = _ends(log, _ROWS + 1)
     # A plan too short for a spectrum is judged as the fastest motion.
-    judged = least or HIGHEST * log.rate
+    judged = max(cutoff or 0.0, log.motion_cutoff or HIGHEST * log.rate)
     period = ends.period(judged) if periodic else 0
     rests = [not periodic and ends.moving(end, judged) is None for end in ("first", "last")]
     spectra = [spectrum_of(ends.positions(rows)) for rows in _stretches(ends, period, rests)]
