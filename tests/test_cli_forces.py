@@ -10,10 +10,11 @@ import pytest
 
 from command import accepted, refused, run
 from deltaid.identification.sources import model_filtered
-from deltaid.joint_forces.constraint_forces import ConstraintForces, motion_of
+from deltaid.joint_forces.constraint_forces import ConstraintForces
 from deltaid.joint_forces.forces import with_struts
 from deltaid.model.record import IdentifiedModel
 from deltaid.recording.opening import open_log
+from deltaid.recording.planned import motion_of, planned
 from identified import identified
 
 SPACING, SPRING = 0.12, 60.0
@@ -37,7 +38,7 @@ def test_worst_cases_are_those_of_all_samples(folder: Path) -> None:
     identified = with_struts(IdentifiedModel.load(model), SPACING, SPRING)
     forces = ConstraintForces(identified.robot)
     log = open_log(motion, forces.kinematics)
-    parts = list(motion_of(model_filtered(identified, log), forces.kinematics))
+    parts = list(motion_of(model_filtered(identified, log, planned), forces.kinematics))
     assert len(parts) > 2
     values = np.vstack([forces.evaluate(m.z, m.qd, m.qdd, identified.p) for m in parts])
     np.testing.assert_allclose(rows.to_numpy()[:, 1:], values, rtol=1e-12, atol=1e-12)

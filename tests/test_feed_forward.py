@@ -12,8 +12,10 @@ import pytest
 
 import deltaid
 from command import accepted, refused
+from deltaid.control.tracking import open_trajectory
 from deltaid.errors import RecordingError
 from deltaid.model.model import Model
+from deltaid.sensors.planning.rows import motion_of_file
 from identified import identified
 from logs import names
 
@@ -101,6 +103,39 @@ def test_a_fast_plan_rests_though_the_model_comes_from_slow_recordings() -> None
     model = identified("clavel-delta3").result.model
     result = deltaid.torque(model, point_to_point(0.1).frame())
     assert result.without == (0, 0)
+
+
+@pytest.mark.parametrize("whose", ["prior", "identified"])
+def test_forces_reach_from_the_first_row_of_a_plan_to_its_last(whose: str) -> None:
+    """The worst force may be at an end, and of a motion faster than the model's recordings."""
+    model = smooth() if whose == "prior" else identified("clavel-delta3").result.model
+    plan, forces = point_to_point(0.2), deltaid.ConstraintForces(model.robot)
+    table = deltaid.forces(model, plan.frame()).to_frame()
+    np.testing.assert_array_equal(table["t"], plan.time)
+    z = forces.kinematics.forward(plan.q)
+    expected = forces.evaluate(z, plan.qd, plan.qdd, model.p)
+    np.testing.assert_allclose(
+        table[:, 1:].to_numpy(), expected, atol=5e-3 * np.abs(expected).max()
+    )
+
+
+def test_sensors_are_planned_along_a_whole_plan() -> None:
+    model, plan = identified("clavel-delta3").result.model, point_to_point(0.3)
+    assert motion_of_file(model, model.dynamics, plan.frame()).duration == pytest.approx(0.3)
+
+
+def test_forces_of_ends_that_move_are_said_to_be_unknown() -> None:
+    warnings = deltaid.forces(robot(), circling(4.0, 1.3).frame()).warnings
+    assert any("rows have no forces" in text for text in warnings)
+
+
+def test_a_simulation_follows_a_plan_from_its_first_row_to_its_last() -> None:
+    plan = point_to_point(0.2)
+    trajectory, _ = open_trajectory(plan.frame(), robot().dynamics.kinematics)
+    assert trajectory.duration == pytest.approx(plan.time[-1])
+    desired = trajectory.desired(plan.time)
+    np.testing.assert_allclose(desired.q, plan.q, atol=1e-4)
+    np.testing.assert_allclose(desired.qdd, plan.qdd, atol=5e-3 * np.abs(plan.qdd).max())
 
 
 @pytest.mark.parametrize("closed", [False, True])

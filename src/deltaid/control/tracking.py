@@ -35,7 +35,7 @@ from deltaid.recording.log import Log
 from deltaid.recording.mapping import ColumnMapping
 from deltaid.recording.memory import RecordingLike
 from deltaid.recording.opening import open_log
-from deltaid.recording.recording import with_filter
+from deltaid.recording.planned import motion_of, planned
 from deltaid.robot.limits import Task
 
 # Spline degree: q̈ is smooth.
@@ -102,16 +102,15 @@ def open_trajectory(
 ) -> tuple[SampledTrajectory, Log]:
     """The motion of a file: of `deltaid excite`, or of a recording.
 
-    A file with velocities and accelerations is taken as it is. One with positions only is a
-    recording: it is low-passed as an identification would, and is shorter at both ends by the
-    filter's length.
+    A file with velocities and accelerations is taken as it is. Positions alone are low-passed: an
+    end at rest goes on at rest; one that moves is shorter by the filter's length.
 
     Raises:
         RecordingError: the file cannot be used, or has too few samples.
     """
     log = open_log(path, kinematics, mapping, need_torque=False)
-    recording = with_filter(log, None if log.has_derivatives else log.motion_cutoff)
-    parts = [(w.own.time, kinematics.inverse(w.own.z)) for w in recording.windows(kinematics)]
+    recording = planned(log)
+    parts = [(part.time, kinematics.inverse(part.z)) for part in motion_of(recording, kinematics)]
     time, q = (np.concatenate(part) for part in zip(*parts, strict=True))
     if len(time) <= _DEGREE:
         raise RecordingError(

@@ -23,7 +23,7 @@ from deltaid.recording.log import Log
 from deltaid.recording.mapping import MappingLike, as_mapping
 from deltaid.recording.memory import RecordingLike, as_source
 from deltaid.recording.opening import open_log
-from deltaid.recording.planned import planned, still_speed
+from deltaid.recording.planned import planned, still_speed, unknown_ends
 from deltaid.recording.recording import PreparedRecording
 from deltaid.recording.windows import Window
 from deltaid.shown import Plotted, Reported, Shown, Tabled
@@ -53,7 +53,6 @@ _LIKELIEST = (
     ),
 )
 # Of rows without torques.
-_CAUSE = "the motion does not rest at that end"
 _CURE = "begin and end the motion at rest, or say --periodic if it goes on as it begins"
 
 
@@ -286,22 +285,9 @@ def torque(
         say(f"checking {source}")
         log = open_log(source, known.dynamics.kinematics, as_mapping(columns), need_torque=False)
         recording = as_known(model_filtered(known, log, partial(planned, periodic=periodic)), known)
-    without = recording.without
     warnings = [f"{source}: {text}" for text in recording.log.warnings]
-    if note := _note(recording, without):
-        warnings.append(Doubt(f"{source}: {note}", cause=_CAUSE, cure=_CURE))
-    return FeedForward(known, recording, without, tuple(warnings))
-
-
-def _note(recording: PreparedRecording, without: tuple[int, int]) -> str:
-    first, last = without
-    if not first and not last:
-        return ""
-    spans = [f"the first {first}"] * bool(first) + [f"the last {last}"] * bool(last)
-    return (
-        f"{' and '.join(spans)} of {recording.log.samples} rows have no torque: the filter needs "
-        "rows beyond"
-    )
+    warnings += unknown_ends(recording, "torque", _CURE)
+    return FeedForward(known, recording, recording.without, tuple(warnings))
 
 
 def _frame(time: Float[np.ndarray, " rows"], tau: Float[np.ndarray, "rows dof"]) -> pl.DataFrame:

@@ -1,6 +1,5 @@
 """Forces in struts, joints and bearings of a robot, for batches of samples."""
 
-from collections.abc import Iterator
 from functools import cached_property
 
 import casadi as ca
@@ -14,8 +13,6 @@ from deltaid.errors import Doubt, unknown
 from deltaid.kernel.batch import BatchKernel
 from deltaid.mechanism.kinematics import Kinematics, Samples
 from deltaid.mechanism.one_or_many import one_or_many
-from deltaid.recording.recording import PreparedRecording
-from deltaid.recording.windows import SampleBlock
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.load import RobotLike, described
 from deltaid.shown import Shown
@@ -96,11 +93,6 @@ class ConstraintForces(WithParameters, Shown):
     def _coefficients(self) -> ca.Function:
         e = self.equations
         return ca.Function("C", [e.z, e.qd, e.qdd], [ca.densify(ca.jacobian(self._values, e.p))])
-
-
-def motion_of(recording: PreparedRecording, kinematics: Kinematics) -> Iterator[SampleBlock]:
-    """A recording's motion, window by window; with a filter, its length is lost at both ends."""
-    return recording.evaluate(kinematics, lambda window: window.own)
 
 
 def _why_sums(robot: RobotDescription) -> str:

@@ -14,7 +14,7 @@ from deltaid.errors import DescriptionError, Doubt, RecordingError, positive
 from deltaid.files import written_whole
 from deltaid.identification.generic_motion import random_motion_base
 from deltaid.identification.sources import model_filtered
-from deltaid.joint_forces.constraint_forces import ConstraintForces, SampleBlock, motion_of
+from deltaid.joint_forces.constraint_forces import ConstraintForces
 from deltaid.joint_forces.ranges import Determinacy, Openness, Range, Ranges, evidence
 from deltaid.model.model import Model, ModelLike, load
 from deltaid.progress import Watch, watched
@@ -22,7 +22,9 @@ from deltaid.recording.filter import TOO_SHORT
 from deltaid.recording.mapping import ColumnMappings, MappingLike, as_mapping
 from deltaid.recording.memory import RecordingLike, as_source
 from deltaid.recording.opening import open_log
+from deltaid.recording.planned import motion_of, planned, unknown_ends
 from deltaid.recording.recording import PreparedRecording
+from deltaid.recording.windows import SampleBlock
 from deltaid.shown import Plotted, Reported, Shown, Tabled
 
 
@@ -124,6 +126,8 @@ _WITHOUT_LOADS = Doubt(
     cause="what the robot holds is no part of its model",
     cure="describe the load as a part of the tool, and compute the forces again",
 )
+# Of rows without forces.
+_CURE = "begin and end the motion at rest, or write velocities and accelerations as well"
 # Sensors are knowledge of the fit that ranges do not use, so ranges are wider than necessary.
 _ASIDE = (
     "how far forces are known is determined by torques and measured values alone; what {} showed "
@@ -153,7 +157,7 @@ class Forces(Shown, Plotted, Tabled, Reported):
     Attributes:
         model: whose parameters; its robot has the spacing and the springs that were given.
         constraint_forces: what computes the forces.
-        recording: the motion, filtered as for the model's identification.
+        recording: the motion with its filter.
         findings: all worst cases.
         extremes: of all channels.
         warnings: about the motion and about what forces rest on.
@@ -227,7 +231,7 @@ def forces(
         say(f"checking {source}")
         kinematics = computed.kinematics
         log = open_log(source, kinematics, as_mapping(columns), need_torque=False)
-        recording = model_filtered(known, log)
+        recording = model_filtered(known, log, planned)
         say(f"computing forces along {recording.path}")
         extreme = extremes(computed, known.p, motion_of(recording, kinematics))
         ranges, certain = None, None
@@ -247,6 +251,7 @@ def forces(
     sensors = ", ".join(x.name for x in (known.identified.sensors if known.identified else ()))
     aside = _ASIDE.format(sensors) if given and sensors else ""
     warnings = [*(f"{source}: {text}" for text in seen), computed.note, aside]
+    warnings += unknown_ends(recording, "forces", _CURE)
     return Forces(
         known, computed, recording, tuple(findings), extreme, tuple(filter(None, warnings))
     )

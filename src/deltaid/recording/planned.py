@@ -4,6 +4,7 @@ A plan that rests at an end rests beyond it, and a periodic one repeats; rows ar
 Beyond an end at which the plan moves nothing is known, and the filter's length is lost.
 """
 
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from itertools import chain
 from typing import Literal
@@ -11,12 +12,14 @@ from typing import Literal
 import numpy as np
 from jaxtyping import Float
 
-from deltaid.errors import RecordingError
+from deltaid.errors import Doubt, RecordingError
+from deltaid.mechanism.kinematics import Kinematics
 from deltaid.recording.columns import Rows
 from deltaid.recording.filter import LowPass, design_low_pass
 from deltaid.recording.log import Log
 from deltaid.recording.recording import PreparedRecording, with_filter
 from deltaid.recording.spectrum import HIGHEST, SEGMENT, SpectrumEstimate, spectrum_of
+from deltaid.recording.windows import SampleBlock
 
 Drives = Float[np.ndarray, " drives"]
 End = Literal["first", "last"]
@@ -172,6 +175,31 @@ def planned(log: Log, cutoff: float | None = None, *, periodic: bool = False) ->
     before = (ends.beyond("first", first, period),) if periodic or rests[0] else ()
     after = (ends.beyond("last", last, period),) if periodic or rests[1] else ()
     return PreparedRecording(log, low_pass, before=before, after=after)
+
+
+def motion_of(recording: PreparedRecording, kinematics: Kinematics) -> Iterator[SampleBlock]:
+    """Samples along a plan, part by part, without the rows that were added beyond its end.
+
+    Drives that rest have no speed.
+    """
+    still, left = still_speed(recording), recording.log.samples - sum(recording.without)
+    for part in recording.evaluate(kinematics, lambda window: window.own):
+        own = part.part(slice(max(0, left))) if recording.after else part
+        left -= len(own.time)
+        yield replace(own, qd=np.where(np.abs(own.qd) > still, own.qd, 0.0))
+
+
+def unknown_ends(recording: PreparedRecording, quantity: str, cure: str) -> list[str]:
+    """A warning about the rows at ends for which nothing is computed; none if there are none."""
+    first, last = recording.without
+    spans = [f"the first {first}"] * bool(first) + [f"the last {last}"] * bool(last)
+    if not spans:
+        return []
+    seen = (
+        f"{recording.path}: {' and '.join(spans)} of {recording.log.samples} rows have no "
+        f"{quantity}: the filter needs rows beyond"
+    )
+    return [Doubt(seen, cause="the motion does not rest at that end", cure=cure)]
 
 
 def still_speed(recording: PreparedRecording) -> Drives:

@@ -20,6 +20,7 @@ from deltaid.motion.random_motion import random_motion
 from deltaid.recording.mapping import ColumnMapping
 from deltaid.recording.memory import RecordingLike
 from deltaid.recording.opening import open_log
+from deltaid.recording.planned import motion_of, planned
 from deltaid.recording.windows import SampleBlock
 from deltaid.robot.parameter import PriorParameter
 from deltaid.robot.sensors import BaseWrench
@@ -83,10 +84,10 @@ def motion_of_file(
         RecordingError: it cannot be used.
     """
     log = open_log(given, dynamics.kinematics, columns, need_torque=False)
-    recording = model_filtered(model, log)
+    recording = model_filtered(model, log, planned)
     thin = slice(None, None, max(1, log.samples // _SAMPLES))
     parts, samples = list[SampleBlock](), 0
-    for part in recording.evaluate(dynamics.kinematics, lambda window: window.own):
+    for part in motion_of(recording, dynamics.kinematics):
         parts.append(part.part(thin))
         samples += len(part.z)
     z, qd, qdd = (
