@@ -10,10 +10,13 @@ import polars as pl
 import pytest
 
 from command import accepted
+from deltaid.exports.files import TargetName, export
 from deltaid.exports.handover import handover, reference_states
 from deltaid.exports.structured_text import plc_program
 from deltaid.exports.text import DOUBLE, SINGLE, Precision
+from deltaid.model.corrections import Correction
 from exports import CC, model, needs_compiler, subject
+from identified import identified
 from st_program import Program
 from support import assert_close
 
@@ -35,6 +38,22 @@ def test_a_folder_has_all_that_it_takes_and_a_file_is_alone(tmp_path: Path) -> N
     ):
         assert word in text
     assert "{" not in text
+
+
+@pytest.mark.parametrize("target", ["c", "st", "fmu-inverse", "mjcf"])
+def test_what_drives_are_commanded_is_said_where_it_is_not_the_torque(
+    target: TargetName, tmp_path: Path
+) -> None:
+    """Exports compute torques at the joints; a drive may take another number for them."""
+    known = identified(ROBOT).result.model
+    gain = Correction(kind="gain", subject="drive2", value=1.25, text="found")
+    found = export(known.changed(corrections=(gain,)), target, f"{tmp_path}/code/")
+    assert "tau2 / 1.25" in found.warnings[0]
+    (readme,) = (path for path in found.paths if path.suffix == ".md")
+    for path in (readme, found.paths[0]):
+        if path.suffix != ".fmu":
+            assert "tau2 / 1.25" in path.read_text()
+    assert not export(known.changed(corrections=()), target, f"{tmp_path}/code/").warnings
 
 
 @pytest.mark.parametrize("name", [ROBOT, "h4"])

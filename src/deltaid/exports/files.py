@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Literal, get_args
 
 from deltaid.control.plant import LOADS, point_mass
-from deltaid.errors import DeltaidError, positive, unknown
+from deltaid.errors import DeltaidError, Doubt, positive, unknown
 from deltaid.exports import (
     c_code,
     data_files,
@@ -225,7 +225,14 @@ def export(
         notes.append(ConstraintForces(subject.robot).note)
     if "online" in further and subject.identified is None:
         notes.append(model_functions.NO_CONTACT)
+    if subject.identified is not None and (commands := subject.identified.commands):
+        notes.insert(0, Doubt(_AT_JOINTS, cause=_GAINS, cure=f"for them command {commands}"))
     return Written(tuple(paths), (*warnings, *made.warnings, *filter(None, notes)))
+
+
+# Of a model whose drives take another number for a torque.
+_AT_JOINTS = "torques are those at the joints, and not what this robot's drives are commanded"
+_GAINS = "the identification found gains of the drives"
 
 
 def _holding(model: Model, payload: str | float) -> Model:

@@ -235,7 +235,9 @@ class Model(Shown, Plotted, Tabled, Reported):
         seen, made = known.verification, known.identified_on
         day = "" if made is None else f" of {made}"
         on = "" if seen is None else f" Verified on {_printable(seen.log)}."
-        return f"{verdict}{on} Model {known.digest}{day}, deltaid {known.deltaid}"
+        line = f"{verdict}{on} Model {known.digest}{day}, deltaid {known.deltaid}"
+        drives = f". Torques are at the joints; for them command {known.commands}"
+        return line + drives * bool(known.commands)
 
 
 @runtime_checkable

@@ -190,6 +190,12 @@ class IdentifiedModel(Shown, Plotted, Tabled, Reported, Part):
         return np.array([corrected.get(drive) or 1.0 for drive in self.robot.drives])
 
     @property
+    def commands(self) -> str:
+        """Commands of drives whose gain is not 1, by torques at the joints: "tau2 / 1.25"."""
+        gains = enumerate(self.gains.tolist(), 1)
+        return ", ".join(f"tau{i} / {gain:.6g}" for i, gain in gains if gain != 1.0)
+
+    @property
     def dynamics(self) -> "Dynamics":
         """The robot's dynamics with these parameters, as of `Model`."""
         return above("model.model", "load")(self).dynamics
