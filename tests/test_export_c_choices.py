@@ -19,6 +19,7 @@ from deltaid.exports.text import DOUBLE, SINGLE, Precision
 from deltaid.exports.urdf import urdf
 from deltaid.joint_forces.constraint_forces import ConstraintForces
 from deltaid.model.model import Model
+from deltaid.online.settings import OnlineSettings
 from exports import disturbed, needs_compiler, states, subject
 from support import assert_close, example
 from sweeps import slow, swept
@@ -142,6 +143,11 @@ def test_choices_are_told_where_they_do_not_apply(tmp_path: Path) -> None:
             export("linear-delta", "urdf", tmp_path / "r.urdf", **options)
     with pytest.raises(DeltaidError, match="no further function 'regresor'"):
         export("linear-delta", "c", tmp_path / "r.c", functions="regressor, regresor")
+    both = {"plain_friction": True, "without_friction": True}
+    with pytest.raises(DeltaidError, match="no friction is left"):
+        export("linear-delta", "c", tmp_path / "r.c", **both)
+    with pytest.raises(DeltaidError, match="which is not asked for"):
+        export("linear-delta", "c", tmp_path / "r.c", online=OnlineSettings(rate=500.0))
     assert not list(tmp_path.iterdir())
     found = export("linear-delta", "c", tmp_path / "r.c", single=True, functions=NAMES[:1])
     assert "single" in (tmp_path / "r.h").read_text()

@@ -200,6 +200,18 @@ def export(
         _require("code", to, what, "--single" if single else "--with")
     if versions[str(fmi)] != "2":
         _require("unit", to, "FMI is of units", "--fmi")
+    if online is not None and "online" not in further:
+        raise DeltaidError(
+            "settings are given of the function online, which is not asked for",
+            where="online",
+            cure="add functions=['online'], or leave them out",
+        )
+    if without_friction and plain_friction:
+        raise DeltaidError(
+            "no friction is left to approximate with --without-friction",
+            where="--plain-friction",
+            cure="give one of the two",
+        )
     subject = load(model)
     if payload is not None:
         subject = _holding(subject, payload)
