@@ -107,6 +107,7 @@ def test_what_cannot_be_is_refused(folder: Path) -> None:
     missing = folder / "no.csv"
     half = (*command, "-o", folder / "half.csv", "--logs", missing)
     assert "no.csv" in refused(*half, folder=folder)
+    assert "--logs" in refused(*command, "--log-columns", missing, folder=folder)
 
 
 def test_what_sensors_showed_is_said_to_be_left_out_of_ranges() -> None:

@@ -226,6 +226,12 @@ def forces(
     positive("--socket-force", socket_force, _SPRINGS)
     known = with_struts(model, strut_spacing, socket_force)
     computed, given = ConstraintForces(known.robot), not isinstance(logs, Sequence) or bool(logs)
+    if log_columns and not given:
+        raise RecordingError(
+            "mappings are given, but no recordings",
+            where="--log-columns",
+            cure="add --logs, or give the mapping of the motion as --columns",
+        )
     with watched(progress, "forces") as say:
         source = as_source(motion)
         say(f"checking {source}")
