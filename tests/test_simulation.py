@@ -9,6 +9,7 @@ from deltaid.dynamics.dynamics import compiled
 from deltaid.dynamics.forward_dynamics import ForwardDynamics, compiled_forward
 from deltaid.dynamics.parameters import prior_parameters
 from deltaid.dynamics.task_dynamics import friction_impulses
+from deltaid.errors import KinematicsError
 from deltaid.kernel.batch import BatchKernel
 from deltaid.motion.random_motion import random_motion
 from deltaid.robot.description import RobotDescription
@@ -207,6 +208,22 @@ def test_a_batch_is_its_single_runs() -> None:
         part = slice(k, k + 1)
         alone = step_through(forward, p, z[part], zd[part], 0.05, lambda t, q, qd, s=part: tau[s])
         assert np.array_equal(alone.z, together.z[:, part])
+
+
+def test_a_single_state_is_a_vector_or_a_row() -> None:
+    forward, p, _ = started("clavel-delta3")
+    z, rest = poses(forward, 1), np.zeros((1, 3))
+    row, vector = (step_through(forward, p, *state, 0.01) for state in ((z, rest), (z[0], rest[0])))
+    np.testing.assert_array_equal(row.z, vector.z)
+    p = np.where(["coulomb" in name for name in forward.layout.names], 0.0, p)
+    time = np.linspace(0, 0.01, 3)
+    row, vector = (integrate(forward, p, *state, time) for state in ((z, rest), (z[0], rest[0])))
+    np.testing.assert_array_equal(row.z, vector.z)
+    for wrong in (z[:, :2], np.zeros((2, 3))):
+        with pytest.raises(KinematicsError, match="z"):
+            step_through(forward, p, wrong, rest, 0.01)
+        with pytest.raises(KinematicsError, match="z"):
+            integrate(forward, p, wrong, rest, time)
 
 
 def test_who_falls_until_a_limb_is_stretched_ends_there_and_the_others_go_on() -> None:

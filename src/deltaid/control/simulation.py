@@ -18,7 +18,7 @@ from deltaid.dynamics.forward_dynamics import ForwardDynamics
 from deltaid.errors import DeltaidError, KinematicsError, within
 from deltaid.mechanism.forward import CLOSED
 from deltaid.mechanism.kinematics import Samples
-from deltaid.mechanism.one_or_many import real_numbers
+from deltaid.mechanism.one_or_many import as_rows, real_numbers
 from deltaid.shown import Shown
 
 # Torques by time and the drives' q and q̇, one state a row.
@@ -36,7 +36,7 @@ LONGEST_STEP = 2.5e-4
 
 @dataclass(frozen=True, repr=False)
 class StatePath(Shown):
-    """States over time: one slice a time, one row an initial state.
+    """States over time: one slice a time, one row an initial state, of a vector too.
 
     Attributes:
         time: [s].
@@ -68,11 +68,10 @@ def integrate(
 
     Raises:
         DeltaidError: friction jumps at rest with these parameters.
-        KinematicsError: a limb gets stretched; with the time.
+        KinematicsError: a limb gets stretched; with the time. Or states have a wrong shape.
     """
-    z, zd, time = (
-        real_numbers(x, name).astype(float) for x, name in ((z, "z"), (zd, "zd"), (time, "time"))
-    )
+    z, zd = as_rows(forward.dof, z=z, zd=zd)
+    time = real_numbers(time, "time").astype(float)
     if not forward.is_smooth(p):
         raise DeltaidError(
             "friction that jumps at rest has no solution that a solver with error control finds",
@@ -119,8 +118,11 @@ def step_through(
 
     Within it there are as many steps of `ForwardDynamics.step` as keep each below `LONGEST_STEP`.
     A robot with a limb that gets stretched is NaN from there on; the others go on.
+
+    Raises:
+        KinematicsError: states have a wrong shape.
     """
-    z, zd = (real_numbers(x, name).astype(float) for x, name in ((z, "z"), (zd, "zd")))
+    z, zd = as_rows(forward.dof, z=z, zd=zd)
     within("duration", duration, (0.0, math.inf))
     samples, (substeps, h) = round(duration * rate), time_steps(rate)
     _, qd = forward.drive_motion(z, zd)

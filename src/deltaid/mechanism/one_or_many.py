@@ -70,6 +70,17 @@ def one_or_many(*names: str) -> Callable[[Callable[_P, _R]], Callable[_P, _R]]:
     return decorate
 
 
+def as_rows(dof: int, **given: Any) -> tuple[np.ndarray, ...]:
+    """Arrays of one sample a row, of rows or of single samples.
+
+    Raises:
+        KinematicsError: as of `one_or_many`.
+    """
+    rows = {name: np.atleast_2d(_array(value, dof, name)) for name, value in given.items()}
+    _require_alike(rows)
+    return tuple(rows.values())
+
+
 def one_or_many_times(method: Callable[_P, _R]) -> Callable[_P, _R]:
     """Let a method of times (samples,) accept a single time."""
 
