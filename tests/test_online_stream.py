@@ -109,6 +109,25 @@ def test_settings_that_cannot_be_are_refused(online: deltaid.Online) -> None:
         online.step(np.zeros(3), None, np.zeros(3))
 
 
+@pytest.mark.parametrize(
+    ("changed", "what"),
+    [
+        ({"q": np.zeros(4), "tau": np.zeros(2)}, "q: expected arrays of shape"),
+        ({"q": np.zeros((2, 3)), "qd": np.zeros((2, 3)), "tau": np.zeros((2, 3))}, "2 rows"),
+        ({"tau": np.zeros((2, 3))}, "tau: has 2 samples"),
+        ({"gripper": "yes"}, "gripper: holds"),
+        ({"elapsed": [1e-3, 1e-3]}, "elapsed: has 2 values"),
+    ],
+)
+def test_a_cycle_that_does_not_fit_the_robot_is_refused_by_name(
+    online: deltaid.Online, changed: dict[str, object], what: str
+) -> None:
+    state, rest = online.state.copy(), dict.fromkeys(("q", "qd", "tau"), np.zeros(3))
+    with pytest.raises(DeltaidError, match=what):
+        online.step(**rest | changed)
+    np.testing.assert_array_equal(online.state, state)
+
+
 def test_a_layout_has_places_and_refuses_what_does_not_fit() -> None:
     a, b = Field("a", 2, "two", initial=(1.0, 2.0)), Field("b", 1, "one", initial=3.0)
     both = Layout(a, Field("none", 0, "nothing"), b)

@@ -3,6 +3,7 @@ estimates."""
 
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any
 
 import casadi as ca
 import numpy as np
@@ -11,7 +12,7 @@ from jaxtyping import Float
 from deltaid.errors import DeltaidError
 from deltaid.estimation.scatter import NORMAL
 from deltaid.kernel.batch import BatchKernel, Recurrence
-from deltaid.mechanism.one_or_many import real_numbers
+from deltaid.mechanism.one_or_many import as_rows, real_numbers
 from deltaid.model.model import Model, ModelLike, load
 from deltaid.online.cycle import MorePart, standard_parts, step_graph
 from deltaid.online.graph import StepGraph
@@ -207,10 +208,10 @@ class Online(Named):
             elapsed: since the last new row by its stamp, 0 if this row is not new [s]; None without
                 stamps.
         """
-        q, tau = real_numbers(q, "q"), real_numbers(tau, "tau")
-        signals = [UNKNOWN if value is None else float(value) for value in (gripper, elapsed)]
-        parts = [q, *self._velocity(qd), tau, signals]
-        return self._estimate(self._advance(np.concatenate(parts)[None])[0])
+        rows = self._inputs(q, qd, tau, gripper=gripper, elapsed=elapsed)
+        if len(rows) != 1:
+            raise DeltaidError(f"has {len(rows)} rows, and a cycle one", where="q", cure="use run")
+        return self._estimate(self._advance(rows)[0])
 
     def run(
         self,
@@ -229,18 +230,33 @@ class Online(Named):
             gripper: 1 holds, 0 empty, -1 unknown.
             elapsed: as in `step`, -1 unknown.
         """
-        q, tau, none = real_numbers(q, "q"), real_numbers(tau, "tau"), np.full(len(q), UNKNOWN)
-        signals = [none if x is None else np.asarray(x, dtype=float) for x in (gripper, elapsed)]
-        columns = [q, *self._velocity(qd), tau, *signals]
-        if len({len(column) for column in columns}) > 1:
-            raise DeltaidError(
-                f"q, velocities, torques, gripper and stamps have {[len(x) for x in columns]} rows",
-                where="online",
-                cure="give one row a cycle in each of them",
-            )
-        return self._estimate(self._advance(np.column_stack(columns)))
+        rows = self._inputs(q, qd, tau, gripper=gripper, elapsed=elapsed)
+        return self._estimate(self._advance(rows))
 
-    def _velocity(self, qd: np.ndarray | None) -> list[np.ndarray]:
+    def _inputs(
+        self, q: Any, qd: Any, tau: Any, **signals: Any
+    ) -> Float[np.ndarray, "samples inputs"]:
+        """The inputs of cycles, one a row.
+
+        Raises:
+            DeltaidError: one has a wrong shape, or velocities are not what the settings say.
+        """
+        velocity = {} if self._differenced(qd) else {"qd": qd}
+        q, *motion = as_rows(self.model.dynamics.dof, q=q, **velocity, tau=tau)
+        columns = [q, *motion]
+        for name, given in signals.items():
+            values = np.asarray(UNKNOWN if given is None else given).ravel()
+            values = real_numbers(values.astype(float) if values.dtype == bool else values, name)
+            if values.size not in (1, len(q)):
+                raise DeltaidError(
+                    f"has {values.size} values, but q has {len(q)} rows",
+                    where=name,
+                    cure="give one a cycle",
+                )
+            columns.append(np.broadcast_to(values, len(q)))
+        return np.column_stack(columns)
+
+    def _differenced(self, qd: Any) -> bool:
         if (qd is None) != (self.settings.speed == "differenced"):
             given = "were not given" if qd is None else "were given"
             raise DeltaidError(
@@ -248,18 +264,11 @@ class Online(Named):
                 where="qd",
                 cure="set OnlineSettings.speed to 'measured' or to 'differenced'",
             )
-        return [] if qd is None else [real_numbers(qd, "qd")]
+        return qd is None
 
     def _advance(
         self, inputs: Float[np.ndarray, "samples inputs"]
     ) -> Float[np.ndarray, "samples outputs"]:
-        if inputs.shape[1] != self.graph.inputs.size:
-            raise DeltaidError(
-                f"a cycle has {inputs.shape[1]} numbers, and the robot needs "
-                f"{self.graph.inputs.size}",
-                where="online",
-                cure="give q, qd and tau of each drive, and the gripper",
-            )
         self.state, outputs = self._kernel(self.state, inputs)
         return outputs
 
