@@ -24,6 +24,7 @@ ARRAYS = {
     "tau": FRAME.select("tau1", "tau2", "tau3").to_numpy(),
 }
 ROBOT = deltaid.load_robot(NAME)
+MOTION = deltaid.random_motion(deltaid.Kinematics(ROBOT), np.random.default_rng(0))
 
 
 # What is done, what the message says, and its cure.
@@ -40,6 +41,12 @@ MISTAKES: dict[str, tuple[Callable[[], object], str, str]] = {
                 "did you mean clavel-delta3?"),
     "a channel": (lambda: deltaid.ConstraintForces(NAME).index("strut1.elbw.x"),
                   "has no channel", "did you mean strut1.elbow.x?"),
+    "a controller": (lambda: deltaid.simulate(NAME, ARRAYS, controller="computed torque"),
+                     "has no controller", "did you mean computed-torque?"),
+    "a length of no time": (lambda: deltaid.simulate(NAME, MOTION, duration=-1.0),
+                            "duration: must be a positive number", ""),
+    "a length of a recording": (lambda: deltaid.simulate(NAME, ARRAYS, duration=1.0),
+                                "duration: is of a motion in memory", "leave it out"),
     "no starts": (lambda: deltaid.ExcitationSettings(starts=0), "starts is 0", "at least 1"),
 
     "a setting": (lambda: deltaid.Settings(metod="conic"), "metod: unknown key", "its keys are: m"),

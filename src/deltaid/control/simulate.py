@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import polars as pl
 
-from deltaid.control.controllers import Controller, ControlModel
+from deltaid.control.controllers import CONTROLLERS, Controller, ControlModel
 from deltaid.control.infeasible import MotionProblem, of_motion, of_tracking
 from deltaid.control.options import ControllerName, ControlSettings
 from deltaid.control.plant import Payload, Plant, as_payload
@@ -24,7 +24,7 @@ from deltaid.control.tracking import (
     track,
 )
 from deltaid.dynamics.dynamics import compiled
-from deltaid.errors import DeltaidError, with_options
+from deltaid.errors import DeltaidError, positive, unknown, with_options
 from deltaid.model.model import Model, ModelLike, load
 from deltaid.motion.surrogate import Motion
 from deltaid.progress import Progress, Watch, watched
@@ -171,11 +171,13 @@ def simulate(
         options: single settings by name, such as `rate=500`.
 
     Raises:
-        DeltaidError: there is no such setting, a number is out of bounds, or the plant's drives are
-            not those of the model.
+        DeltaidError: there is no such setting or controller, a number is out of bounds, or the
+            plant's drives are not those of the model.
         RecordingError: the motion's file cannot be used.
         KinematicsError: the motion leaves the plant's reach, or the model's.
     """
+    if controller not in CONTROLLERS:
+        raise unknown(controller, CONTROLLERS, "controller", "simulate")
     asked = with_options(settings or ControlSettings(), options, "simulate")
     if asked.payload is None and payload_known:
         cure = "give --payload MASS too"
@@ -214,6 +216,13 @@ def conditions(
             f"has {words[0]}, but the model's robot has {words[1]}",
             where=f"--plant {plant}" if isinstance(plant, str | Path) else "plant",
             cure="the plant must be the robot that the model is of",
+        )
+    positive("duration", duration)
+    if duration is not None and not isinstance(motion, Motion):
+        raise DeltaidError(
+            "is of a motion in memory, and a recording has its own",
+            where="duration",
+            cure="leave it out, or cut the recording",
         )
     robot, kinematics = Plant(moved, elastic=asked.elastic_gears), compiled(known.robot).kinematics
     if isinstance(motion, Motion):
