@@ -67,6 +67,7 @@ def values(result, motion) -> dict[str, object]:
         "a geometry": deltaid.calibrate("anycubic-kossel", probe=PRINTER / "gauge.csv",
                                         columns=PRINTER / "columns.yaml"),
         "forces along a motion": deltaid.forces(NAME, log, progress=False),
+        "feed-forward": deltaid.torque(NAME, log, progress=False),
         "a simulation": deltaid.simulate(NAME, motion.run, progress=False),
         "controllers": deltaid.compare_controllers(
             result, motion.run, plant=NAME, progress=False
@@ -123,6 +124,7 @@ def test_they_say_what_matters(values: dict[str, object]) -> None:
     assert "duration" in repr(values["an optimised motion"])
     assert "position q [deg]" in repr(values["a mapping"])
     assert "array of shape (9, 1, 3)" in repr(values["a path"])
+    assert re.search(r"[1-9]\d* of 1200 rows have torques", repr(values["feed-forward"]))
 
 
 def test_methods_that_are_named_are_there(values: dict[str, object]) -> None:

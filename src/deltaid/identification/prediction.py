@@ -177,7 +177,7 @@ def misfit(model: ModelLike, error: TorqueError | Verification) -> tuple[str, ..
 
 
 @dataclass(frozen=True, repr=False)
-class FeedForward(Shown):
+class FeedForward(Shown, Tabled):
     """Torques along a motion: columns t, tau1, tau2, … in s and N m (N).
 
     Where the identification found gains of the drives, these are the torques that the drives must

@@ -11,6 +11,7 @@ from deltaid.view import style
 from deltaid.view.comparison import POINTS, extreme_rows, stretch_length
 from deltaid.view.corrections import put_right_sections
 from deltaid.view.drawing import drawing
+from deltaid.view.models import warned
 from deltaid.view.numbers import measured, number, span, with_uncertainty
 from deltaid.view.page import Fact, Figure, Page, Section, Summary, Table, Text, Trust
 from deltaid.view.show import Card
@@ -22,14 +23,18 @@ _NAMED = 8
 
 
 def forces_card(value: Forces) -> Card:
-    said, robot = verdict(value), value.model.robot
+    said, robot, warnings = verdict(value), value.model.robot, warned(value.warnings)
     return Card(
         f"Forces of {robot.title or robot.name} along {value.recording.path.name}",
         (said.sentence, what_is_open(value)),
         said.grade,
         table=tables(value)[0],
-        told=value.warnings,
-        methods=(".findings", ".plot()", ".to_frame()", '.save("x.csv")', '.report("x.html")'),
+        more=warnings,
+        told=tuple(title for title, _ in warnings),
+        methods=(
+            *(".findings", ".warnings", ".plot()", ".to_frame()"),
+            *('.save("x.csv")', '.report("x.html")'),
+        ),
     )
 
 

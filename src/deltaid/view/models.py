@@ -8,7 +8,7 @@ import plotly.graph_objects as go
 import polars as pl
 
 from deltaid.identification.identify import Identification
-from deltaid.identification.prediction import Validation
+from deltaid.identification.prediction import FeedForward, Validation
 from deltaid.model.model import Model, ModelLike, load
 from deltaid.model.record import IdentifiedModel
 from deltaid.model.samples import Samples
@@ -113,6 +113,23 @@ def validation_frame(value: Validation) -> pl.DataFrame:
             "unit": [unit.force for unit in units.values()],
         }
     )
+
+
+def feed_forward_card(value: FeedForward) -> Card:
+    robot, recording, warnings = value.model.robot, value.recording, warned(value.warnings)
+    cutoff = recording.motion_cutoff
+    low_passed = f", positions are low-passed at {cutoff:.3g} Hz" if cutoff else ""
+    return Card(
+        f"Torques of {robot.title or robot.name} along {recording.path.name}",
+        (f"{value.rows} of {value.samples} rows have torques{low_passed}",),
+        more=warnings,
+        told=tuple(title for title, _ in warnings),
+        methods=(".warnings", ".to_frame()", '.save("torque.csv")'),
+    )
+
+
+def feed_forward_frame(value: FeedForward) -> pl.DataFrame:
+    return value.table()
 
 
 def sample_table(drawn: Samples) -> Table:

@@ -48,6 +48,7 @@ _KINDS = {
     "estimation.base_parameters.BaseParameters": ("fields", "show", "show"),
     "identification.identify.Identification": ("identification", "models", "model_pages"),
     "identification.torque_error.TorqueError": ("fields", "show", "show"),
+    "identification.prediction.FeedForward": ("feed_forward", "models", "models"),
     "identification.prediction.Validation": ("validation", "models", "model_pages"),
     "mechanism.kinematics.BodyPoses": ("fields", "show", "show"),
     "mechanism.kinematics.Kinematics": ("robot", "robots", "robots"),
