@@ -105,6 +105,14 @@ def test_a_fast_plan_rests_though_the_model_comes_from_slow_recordings() -> None
     assert result.without == (0, 0)
 
 
+def test_a_plan_of_few_rows_a_second_and_one_with_a_hole_need_no_rate_of_recordings() -> None:
+    """Nor a length: the cut-off of the model's recordings is about their noise."""
+    model, plan = identified("clavel-delta3").result.model, point_to_point(1.2)
+    assert deltaid.torque(model, plan.frame().gather_every(20)).without == (0, 0)
+    rows = deltaid.torque(model, plan.frame().filter(pl.col("t") != 0.5)).table()
+    assert rows["tau1"].is_not_null().sum() > 900
+
+
 @pytest.mark.parametrize("whose", ["prior", "identified"])
 def test_forces_reach_from_the_first_row_of_a_plan_to_its_last(whose: str) -> None:
     """The worst force may be at an end, and of a motion faster than the model's recordings."""

@@ -137,7 +137,7 @@ def planned(log: Log, cutoff: float | None = None, *, periodic: bool = False) ->
 
     Args:
         log: of steady rows, else nothing is added beyond its ends.
-        cutoff: least cut-off [Hz].
+        cutoff: least cut-off [Hz], as far as the rate allows it.
         periodic: whether the plan repeats.
 
     Raises:
@@ -153,9 +153,9 @@ def planned(log: Log, cutoff: float | None = None, *, periodic: bool = False) ->
                 where=str(log.path),
                 cure="write rows at even times, or omit --periodic",
             )
-        recording = with_filter(log, cutoff)
+        recording = with_filter(log, cutoff if log.has_derivatives else None)
         return replace(recording, low_pass=_only_motion(recording.filter))
-    least = max(cutoff or 0.0, log.motion_cutoff or 0.0)
+    least = min(max(cutoff or 0.0, log.motion_cutoff or 0.0), HIGHEST * log.rate)
     ends = _ends(log, _ROWS + 1)
     # A plan too short for a spectrum is judged as the fastest motion.
     judged = max(cutoff or 0.0, log.motion_cutoff or HIGHEST * log.rate)
