@@ -53,7 +53,7 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """The present folder, with a model, the recording that it was identified from, its start."""
     found = identified(ROBOT)
     found.frames[0].write_csv(tmp_path / "log.csv")
-    found.frames[0][:400].write_csv(tmp_path / "start.csv")
+    found.frames[0][50:350].write_csv(tmp_path / "start.csv")
     shutil.copy(found.model_file, tmp_path / "model.yaml")
     monkeypatch.chdir(tmp_path)
     return tmp_path
