@@ -262,6 +262,27 @@ def test_a_wrong_torque_constant_is_named(tmp_path: Path) -> None:
     assert "gain.q1" in words(folder / "site" / "robots" / "R003.html")
 
 
+def test_a_torque_constant_that_the_last_recordings_doubt_is_named_before_a_body(
+    tmp_path: Path,
+) -> None:
+    """Gathered recordings are not corrected by it, so no `gain` is among their parameters."""
+    folder = write_tables(tmp_path, 8, 4, rising=(), foreign=(0,))
+    path = folder / "recordings.parquet"
+    frame = pl.read_parquet(path).sort("robot", "time")
+    behind = pl.int_range(pl.len()).reverse().over("robot")
+    doubted = ((pl.col("robot") == "R001") & (behind < 3)) | (
+        (pl.col("robot") == "R002") & (behind < 2)
+    )
+    frame.with_columns(
+        verdicts=pl.when(doubted).then(pl.lit("drive-gain, torque-lag")).otherwise(pl.lit(""))
+    ).write_parquet(path)
+    write(folder)
+    said = words(folder / "site" / "index.html")
+    doubt = "its last 3 recordings show a wrong torque constant of a drive (deltaid check names it)"
+    assert f"R001: {doubt}; does not belong to its type" in said
+    assert "1 of 8 robots needs attention." in said
+
+
 def test_the_drive_that_changed_comes_first(fleet: Path) -> None:
     page = document(fleet / "site" / "robots" / "R003.html")
     cells = [text.strip() for text in page.texts if text.strip() in ("q1", "q2", "q3")]

@@ -10,6 +10,7 @@ from typing import Any
 
 import polars as pl
 
+from deltaid.effects.gain import Gain
 from deltaid.estimation.scatter import NORMAL
 from deltaid.fleets.belonging import LEAST
 from deltaid.fleets.fleet import ALL
@@ -19,6 +20,8 @@ Row = Mapping[str, Any]
 Tables = Mapping[str, pl.DataFrame]
 # A limit within this time needs action.
 _SOON = timedelta(days=28)
+# So many recordings in a row that end alike concern their robot.
+_IN_A_ROW = 3
 # A robot is silent after so long and so many times its usual pause between recordings.
 _SILENT, _PAUSES = timedelta(days=14), 4
 # Text of failed steps, by name in the quarantine.
@@ -147,6 +150,7 @@ def _robot(name: str, kind: str, tables: Tables, now: Any) -> Robot:
     concerns = [
         *filter(None, (_friction(row, now) for row in drives)),
         *_gains(parameters if last is None else last_period(parameters)),
+        *_doubted(rows),
         *_recorded(rows, usable, now),
         *_foreign(tables["members"].filter(~pl.col("belongs")).to_dicts()),
         *_refused(quarantine, period, recorded=bool(rows)),
@@ -217,6 +221,16 @@ def _gains(parameters: pl.DataFrame) -> list[Concern]:
     ]
 
 
+def _doubted(rows: Sequence[Row]) -> list[Concern]:
+    """A torque constant that checks of the last usable recordings call wrong. Fits do not correct
+    it, so it may pass for a body."""
+    checks = [row["verdicts"].split(", ") for row in reversed(rows) if not row["reason"]]
+    count = len([*takewhile(lambda keys: Gain.kind in keys, checks)])
+    what = f"its last {count} recordings show a wrong torque constant of a drive"
+    text = f"{what} (deltaid check names it)"
+    return [Concern(Urgency.LOOK, text)] if count >= _IN_A_ROW else []
+
+
 def _recorded(rows: Sequence[Row], usable: Sequence[datetime], now: Any) -> list[Concern]:
     late = len([*takewhile(lambda row: row["reason"], reversed(rows))])
     why = _short(rows[-1]["reason"]) if late else ""
@@ -225,7 +239,7 @@ def _recorded(rows: Sequence[Row], usable: Sequence[datetime], now: Any) -> list
             f"none of its {len(rows)} recordings can" if len(rows) > 1 else "its recording cannot"
         )
         return [Concern(Urgency.ACT, f"{many} be used: {why}")]
-    if late > 2:
+    if late >= _IN_A_ROW:
         return [Concern(Urgency.LOOK, f"its last {late} recordings are in quarantine: {why}")]
     if usable and now is not None:
         pauses = [(after - before).total_seconds() for before, after in pairwise(usable)]
