@@ -262,6 +262,24 @@ def test_a_firmware_with_these_numbers_stands_where_the_printer_does(tmp_path: P
     assert "no bed was probed" in refusal
 
 
+def test_what_a_calibrated_file_cannot_hold_is_said_as_it_is_written(tmp_path: Path) -> None:
+    robot, rng = machine(KOSSEL, 4)
+    x = DRAWINGS[KOSSEL].poses(rng, 60)
+    pl.DataFrame(tracked(KOSSEL, x, real(robot, KOSSEL, x), rng)).write_csv(tmp_path / "points.csv")
+    given = ("calibrate", KOSSEL, "--points", tmp_path / "points.csv")
+    out = " ".join(run(*given, "-o", tmp_path / "own.yaml").out.split())
+    found = deltaid.calibrate(KOSSEL, points=tmp_path / "points.csv")
+    scales = ", ".join(f"{drive} {value:+.6f}" for drive, value in found.scales.items())
+    assert f"holds no drive scales; shares that drives move more than recorded: {scales}" in out
+    lean = f"holds no rail lean aside, which leaves {1e3 * found.left:.2g} mm of position"
+    assert lean in out
+    assert scales in " ".join((tmp_path / "own.yaml").read_text("utf-8").split())
+    apart = run(*given, "--struts-apart", "-o", tmp_path / "own.yaml").out
+    assert "holds no rail lean aside and struts apart, which" in " ".join(apart.split())
+    held = run(*given, "--hold", "scale,lean_across", "-o", tmp_path / "own.yaml").out
+    assert " holds no " not in held
+
+
 def test_next_readings_are_worth_what_they_promise(files: Path) -> None:
     arguments = ("calibrate", CLAVEL, "--probe", files / "bed.csv", "--next", 4)
     out = run(*arguments).out

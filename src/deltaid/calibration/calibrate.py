@@ -13,7 +13,14 @@ from deltaid.calibration.loops import Loops
 from deltaid.calibration.mistakes import require_new_readings, require_plausible
 from deltaid.calibration.outlook import Direction, Knows, Places, open_directions, places
 from deltaid.calibration.readings import Measurements, ProbeReadings, ReadingsLike, read
-from deltaid.calibration.unknowns import LENGTH, Unknowns, calibrated_robot, unknowns
+from deltaid.calibration.unknowns import (
+    LENGTH,
+    Unknowns,
+    calibrated_robot,
+    in_words,
+    unknowns,
+    unwritten,
+)
 from deltaid.errors import DeltaidError, Doubt, RecordingError, within
 from deltaid.estimation.information import triangle
 from deltaid.model.verdict import percent
@@ -49,7 +56,8 @@ class Calibration(Shown, Plotted, Tabled, Reported):
 
     Attributes:
         described, robot: as it was, and with the estimated geometry and its tolerances.
-        left: root mean square of positions that `robot`, `zeros` and `scales` cannot hold [m].
+        lost, left: kinds of numbers that `robot`, `zeros` and `scales` cannot hold, in words, and
+            root mean square of positions by them [m].
         zeros: by rotary drive, what its coordinate is more than recorded [rad]; those of rails are
             in `robot`.
         scales: by drive, the share that it moves more than recorded.
@@ -65,6 +73,7 @@ class Calibration(Shown, Plotted, Tabled, Reported):
 
     described: RobotDescription
     robot: RobotDescription
+    lost: str
     left: float
     zeros: dict[str, float]
     scales: dict[str, float]
@@ -103,6 +112,13 @@ class Calibration(Shown, Plotted, Tabled, Reported):
             f"{grade}: positions to {after} mm ({before} before, {worst} at worst); "
             f"sizes to {percent(self.after.size)}"
         )
+
+    @property
+    def unwritten(self) -> tuple[str, ...]:
+        """What the robot file does not hold, in words that follow 'holds'."""
+        by_drive = unwritten(self.zeros, self.scales)
+        leaves = f"no {self.lost}, which leaves {1e3 * self.left:.2g} mm of position (rms)"
+        return tuple(filter(None, (by_drive, leaves if self.lost else "")))
 
     @property
     def doubts(self) -> tuple[str, ...]:
@@ -234,10 +250,11 @@ def _result(description: RobotDescription, solution: GeometryFit) -> Calibration
     kinds = ["description", *(part.instrument.kind for part in solution.readings), "torques"]
     A = triangle(np.vstack([part.used_slopes for part in solution.rows]))
     A[:, len(solution.u) :] *= LENGTH
-    missing = over.moved @ np.where(kept, 0.0, theta)
+    lost = np.where(kept, 0.0, theta)
+    left = np.linalg.norm(over.moved @ lost) / np.sqrt(len(over.x))
     return Calibration(
         described=description, robot=robot, zeros=zeros, scales=scales, known=known, fit=solution,
-        left=float(np.linalg.norm(missing) / np.sqrt(len(over.x))), values=theta, std=std,
+        lost=in_words(known, lost), left=float(left), values=theta, std=std,
         decided=tuple(kinds[k] for k in np.argmax(shares, axis=0)), shares=shares,
         sessions=_sessions(solution), rank=int(np.sum(np.linalg.svd(A, compute_uv=False) > 1)),
         before=over.knows(known.G), after=over.knows(known.G @ solution.root), places=over,

@@ -15,6 +15,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from deltaid.errors import DescriptionError, unknown
+from deltaid.model.verdict import listed
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.limbs import LimbGeometry, Limbs, rotation
 from deltaid.robot.platform import H4Platform, Par4Platform, RigidPlatform
@@ -221,11 +222,10 @@ def calibrated_robot(
         platform = platform.changed(half_length=platform.half_length + half)
     elif isinstance(platform, Par4Platform):
         platform = platform.changed(length=platform.length + 2 * half)
-    unwritten = "zero" if limbs.drive == "rotary" else "scale"
-    by_drive = {f"drive{i + 1}": numbers[unwritten] for i, numbers in enumerate(each)}
-    zeros, scales = (by_drive, {}) if unwritten == "zero" else ({}, by_drive)
-    listed = ", ".join(f"{drive} {-value:.6f}" for drive, value in zeros.items())
-    said = f"; not in this file: zero of each drive's column, rad: {listed}" if zeros else ""
+    lacking = "zero" if limbs.drive == "rotary" else "scale"
+    by_drive = {f"drive{i + 1}": numbers[lacking] for i, numbers in enumerate(each)}
+    zeros, scales = (by_drive, {}) if lacking == "zero" else ({}, by_drive)
+    said = f"; this file holds {none}" if (none := unwritten(zeros, scales)) else ""
     sources = {k: v for k, v in robot.sources.items() if not k.startswith("limbs.")}
     changed = robot.changed(
         limbs=limbs.changed(**_changed(limbs, each)),
@@ -234,6 +234,25 @@ def calibrated_robot(
         sources=sources | {"limbs": f"deltaid calibrate{said}"},
     )
     return changed, zeros, scales, np.array([x.kind not in unheld for x in known.numbers])
+
+
+def unwritten(zeros: dict[str, float], scales: dict[str, float]) -> str:
+    """Zeros of rotary drives or scales of rails, as what a robot file does not hold; empty where
+    all are zero."""
+    if any(zeros.values()):
+        each = ", ".join(f"{drive} {-value:.6f}" for drive, value in zeros.items())
+        return f"no zeros; as zero of each drive in a log's mapping, rad: {each}"
+    if any(scales.values()):
+        each = ", ".join(f"{drive} {value:+.6f}" for drive, value in scales.items())
+        return f"no drive scales; shares that drives move more than recorded: {each}"
+    return ""
+
+
+def in_words(known: Unknowns, theta: Float[np.ndarray, " numbers"]) -> str:
+    """Kinds of the numbers that are not zero, such as 'rail lean aside and struts apart'."""
+    kinds = (known.numbers[k].kind for k in np.flatnonzero(theta))
+    apart = dict.fromkeys((*APART, *TOOL), "struts apart")
+    return listed([*dict.fromkeys((WORDS | apart)[kind] for kind in kinds)])
 
 
 def _changed(limbs: Limbs, each: Sequence[dict[str, float]]) -> dict[str, object]:

@@ -145,11 +145,8 @@ def calibrate(
     said += [f"doubtful: {doubt}" for doubt in result.doubts]
     for path, (_, left) in texts.items():
         said.append(f"wrote {path}; its model of the printer leaves {1e3 * left:.2g} mm")
-    if output and result.zeros:
-        listed = ", ".join(f"{drive} {-value:.6f}" for drive, value in result.zeros.items())
-        said.append(
-            f"{output} holds no zeros; as zero of each drive in a log's mapping, rad: {listed}"
-        )
+    if output:
+        said += [f"{output} holds {text}" for text in result.unwritten]
     last = _wrapped(said)
     room = SCREEN - 2 - len(first) - len(shown.rows) - len(last)
     for part in (*first, *_open_lines(result, room), table(shown), *last):
