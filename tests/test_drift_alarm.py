@@ -12,6 +12,7 @@ from deltaid.fleets.drift_evidence import (
     FREEDOM,
     RAMP,
     SIZE,
+    STEEP,
     STEP,
     YEAR,
     ChangeEvidence,
@@ -57,6 +58,7 @@ def test_the_alarm_goes_by_marginal_likelihoods_of_all_changes() -> None:
     days, flat = np.sort(rng.uniform(0.0, 50.0, 25)), 1e4
     variance, y = rng.uniform(0.5, 3.0, 25), 1.5 * rng.standard_normal(25)
     changes = Changes.over(days)
+    n = len(np.unique(changes.onsets))
     found = _found(days, y[None], variance[None], changes)
 
     nu = FREEDOM + len(y) - 1  # a level that may be anywhere takes one
@@ -80,7 +82,7 @@ def test_the_alarm_goes_by_marginal_likelihoods_of_all_changes() -> None:
         for a, onset in enumerate(changes.onsets):
             ramp = changes.is_ramp[a]
             h = np.maximum(days - onset, 0.0) * 12 / YEAR if ramp else 1.0 * (days >= onset)
-            scale = RAMP if ramp else STEP
+            scale = (RAMP if a < n else STEEP) if ramp else STEP
             changed, left = likelihood(C + scale**2 * np.outer(h, h))
             sharp = scale**-2 + h @ np.linalg.solve(C, h)
             size, std = h @ np.linalg.solve(C, y) / sharp, np.sqrt(left / nu / sharp)
@@ -88,7 +90,8 @@ def test_the_alarm_goes_by_marginal_likelihoods_of_all_changes() -> None:
             np.testing.assert_allclose(found.deviation[k, 0, a], std, rtol=1e-5)
             up, down = RAMPS if ramp else STEPS
             above = stats.t.cdf(size / std, nu)
-            total += usual * changed * 2 * (up * above + down * (1 - above))
+            of_kind = (0.9 if a < n else 0.1) if ramp else 1.0  # a tenth of ramps is steep
+            total += usual * changed * 2 * of_kind * (up * above + down * (1 - above))
     np.testing.assert_allclose(found.R[0], WEEK / YEAR * total / none, rtol=1e-5)
 
 

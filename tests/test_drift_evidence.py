@@ -116,7 +116,7 @@ def test_what_a_drive_is_told_comes_from_the_other_alone() -> None:
 
 def _log_kinds(changes: Changes, a: int) -> np.ndarray:
     shares = np.log([share for _, share in KINDS])
-    return shares[:2] if changes.is_ramp[a] else shares[2:]
+    return np.log(changes.share[a]) + (shares[:2] if changes.is_ramp[a] else shares[2:])
 
 
 def _series(rng: np.random.Generator, robots: int, n: int = 140, drives: int = 3):
@@ -232,6 +232,19 @@ def test_few_recordings_show_a_large_change(change, apart, state: str, known: bo
         assert first.state == state
         assert {other.state for other in others} == {"unknown"}
         assert all(other.reason.startswith("not enough data") for other in others)
+
+
+@pytest.mark.parametrize("known", [True, False])
+@pytest.mark.parametrize("n", [11, 12, 13, 20])
+def test_a_large_change_stays_detected_as_recordings_become_many(n: int, known: bool) -> None:
+    """Of friction that rises by 60 % in eight weeks from the first recording on."""
+    for seed in range(3):
+        series = _few(0.6 * np.arange(n) / 16, known, seed, 3.5)
+        own, *others = (finding(series, drive, DriftSettings(), 3) for drive in range(3))
+        assert own.state == "rising"
+        assert own.rate.low is not None
+        assert own.rate.low > 0.15
+        assert all(other.state != "rising" for other in others)
 
 
 @pytest.mark.parametrize(("n", "after"), [(2, 1), (4, 2), (5, 2)])

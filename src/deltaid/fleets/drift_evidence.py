@@ -136,8 +136,9 @@ FREEDOM, SIZE = 4.0, 1.0
 KINDS = (("rising", 0.6), ("falling", 0.1), ("stepped", 0.2), ("stepped", 0.1))
 # Standard deviations of the slope of a ramp [% a month] and of a step [%], in units of σ.
 RAMP, STEP = 2.5, 6.0
-# The same of a ramp that few recordings can determine.
-_STEEP = 25.0
+# The same of a steep ramp, the only one that few recordings can determine, and the share of ramps
+# that are steep: drives seldom fail within weeks.
+STEEP, SELDOM = 25.0, 0.1
 # Mean lengths of a month and a year [days].
 MONTH, YEAR = 30.4375, 365.25
 # With fewer recordings σ has no prior, and a change may begin with any of them.
@@ -158,12 +159,14 @@ class Changes:
         onsets: first day of each [days].
         columns: effect of each on the series, for 1 % a month or 1 %.
         scale: standard deviation of its size in units of σ.
+        share: its prior share of the changes of its kind with this onset.
         years: time between onsets.
     """
 
     onsets: Float[np.ndarray, " alternatives"]
     columns: Float[np.ndarray, "n alternatives"]
     scale: Float[np.ndarray, " alternatives"]
+    share: Float[np.ndarray, " alternatives"]
     years: float
 
     @classmethod
@@ -171,13 +174,19 @@ class Changes:
         """Changes that recordings on these days can determine."""
         span = float(days[-1] - days[0])
         spacing = max(_APART, span / _MOST)
-        onsets, ramp = days[0] + np.arange(0.0, max(span, spacing), spacing), RAMP
+        onsets = days[0] + np.arange(0.0, max(span, spacing), spacing)
+        ramps = {RAMP: 1.0 - SELDOM, STEEP: SELDOM}
         if len(days) < FEWEST:
-            onsets, spacing, ramp = np.unique(days), max(spacing, MONTH), _STEEP
+            onsets, spacing, ramps = np.unique(days), max(spacing, MONTH), {STEEP: 1.0}
         since, count = days[:, None] - onsets, len(onsets)
-        columns = np.hstack([np.maximum(since, 0.0) / MONTH, since[:, 1:] >= 0.0])
-        scale = np.repeat([ramp, STEP], [count, count - 1])
-        return cls(np.append(onsets, onsets[1:]), columns, scale, spacing / YEAR)
+        counts = [*[count] * len(ramps), count - 1]
+        return cls(
+            onsets=np.concatenate([*[onsets] * len(ramps), onsets[1:]]),
+            columns=np.hstack([*[np.maximum(since, 0.0) / MONTH] * len(ramps), since[:, 1:] >= 0]),
+            scale=np.repeat([*ramps, STEP], counts),
+            share=np.repeat([*ramps.values(), 1.0], counts),
+            years=spacing / YEAR,
+        )
 
     @classmethod
     def steps(cls, days: Float[np.ndarray, " n"]) -> "Changes":
@@ -185,7 +194,7 @@ class Changes:
         onsets = days[1:]
         columns = (days[:, None] >= onsets).astype(float)
         years = float(days[-1] - days[0]) / len(onsets) / YEAR
-        return cls(onsets, columns, np.full(len(onsets), STEP), years)
+        return cls(onsets, columns, np.full(len(onsets), STEP), np.ones(len(onsets)), years)
 
     @property
     def is_ramp(self) -> np.ndarray:
@@ -267,9 +276,9 @@ def evidence(
     size, deviation = c / a_known, np.sqrt(rest / nu[:, None] / a_known)
     up = stdtr(nu[:, None], np.stack([size, -size]) / deviation)
     shares = np.array([share for _, share in KINDS])
-    kinds = np.where(changes.is_ramp, shares[:2, None], shares[2:, None])[:, None, None]
+    kinds = np.where(changes.is_ramp, shares[:2, None], shares[2:, None]) * changes.share
     with np.errstate(divide="ignore"):
-        log_factor = gain + np.log(2.0 * up) + np.log(kinds)
+        log_factor = gain + np.log(2.0 * up) + np.log(kinds)[:, None, None]
     log = log_factor + log_none[None, :, :, None]
     R = logsumexp(log, axis=(0, 1, 3)) - logsumexp(log_none, axis=0) + np.log(changes.years)
     covariance, sigma = inverse * (r / nu)[..., None, None], np.sqrt(r / nu)
