@@ -283,6 +283,20 @@ def test_a_torque_constant_that_the_last_recordings_doubt_is_named_before_a_body
     assert "1 of 8 robots needs attention." in said
 
 
+def test_a_robots_page_dates_the_recordings_that_were_used(tmp_path: Path) -> None:
+    folder = write_tables(tmp_path, 2, 4, rising=(), foreign=(), silent=(1,))
+    changed(folder, "recordings", "R001", reason="")
+    path = folder / "recordings.parquet"
+    first = pl.col("time") == START
+    frame = pl.read_parquet(path)
+    refused = frame.with_columns(reason=pl.when(first).then(pl.lit("cut off")).otherwise("reason"))
+    refused.write_parquet(path)
+    write(folder)
+    said = words(folder / "site" / "robots" / "R001.html")
+    assert "4 recordings, used from 2026-01-12 to 2026-01-26" in said
+    assert "4 recordings, none used" in words(folder / "site" / "robots" / "R002.html")
+
+
 def test_the_drive_that_changed_comes_first(fleet: Path) -> None:
     page = document(fleet / "site" / "robots" / "R003.html")
     cells = [text.strip() for text in page.texts if text.strip() in ("q1", "q2", "q3")]

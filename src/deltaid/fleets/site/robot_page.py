@@ -50,10 +50,10 @@ def robot_page(robot: Robot, label: str) -> Page:
         Section("What could not be fitted", (lost,) if lost.rows else (), f"{len(failed)} in all"),
     )  # fmt: skip
     shown = tuple(section for section in sections if section.blocks)
+    used = f"used from {day(robot.first)} to {day(robot.last)}" if robot.first else "none used"
     return Page(
         title=robot.name,
-        subtitle=f"{label}, {robot.recordings} recording{'s' * (robot.recordings != 1)}, "
-        f"{day(robot.first)} to {day(robot.last)}",
+        subtitle=f"{label}, {robot.recordings} recording{'s' * (robot.recordings != 1)}, {used}",
         verdict=_verdict(robot),
         facts=(
             Fact("last recording", day(robot.last)),
