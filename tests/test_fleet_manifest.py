@@ -69,11 +69,15 @@ def test_a_time_in_yaml_is_that_of_the_recording(tmp_path: Path, time: str) -> N
         (MANIFEST.replace(f"type: {TYPE}\n", ""), "robot north has no type"),
         (
             f"{MANIFEST}    - {{path: a.csv, time: 2026-13-05}}\n".replace("north/*.parquet", ""),
-            "time: must be written as 2026-01-31",
+            "time: must be a day as 2026-01-31, or a time as 2026-01-31T08:30, not 2026-13-05",
         ),
         (
             MANIFEST.replace("north/*.parquet", "[{path: a.csv, time: 0001-01-01T00:00+05:00}]"),
-            "time: must be written as 2026-01-31",
+            "time: must be a day as 2026-01-31",
+        ),
+        (
+            MANIFEST.replace("robot: north", "robot: ../north"),
+            'must be a name: a letter, then letters, digits and _, not "../north"',
         ),
         (MANIFEST + "period: year\n", "line 5, period: "),
         (MANIFEST + "  - robot: south\n    recordings: north/*05.parquet\n", "is given twice, for"),
@@ -93,8 +97,8 @@ def test_a_mistake_of_the_manifest_is_one_message(tmp_path: Path, text: str, wor
         ("robot,recording,lood\nn,a.csv,1\n", "has the unknown column lood"),
         ("robot,time\nn,2026-01-01\n", "has no column recording"),
         ("robot,recording,load\nn,a.csv,1\nn,b.csv,much\n", "row 2: load: must be a number"),
-        ("robot,recording,time\nn,a.csv,31/01/2026\n", "row 2: time: must be written as 2026-"),
-        ("robot,recording,time\nn,a.csv,20260131\n", "row 2: time: must be written as 2026-"),
+        ("robot,recording,time\nn,a.csv,31/01/2026\n", "row 2: time: must be a day as 2026-"),
+        ("robot,recording,time\nn,a.csv,20260131\n", "row 2: time: must be a day as 2026-"),
         ("robot,recording\n", "has no rows"),
     ],
 )

@@ -24,7 +24,7 @@ from deltaid.robot.load import parse
 from deltaid.robot.part import Part
 
 _ISO = re.compile(r"\d{4}-\d{2}-\d{2}")
-_TIMES = "must be written as 2026-01-31 or 2026-01-31T08:30"
+_TIMES = "must be a day as 2026-01-31, or a time as 2026-01-31T08:30, not {:.40}"
 _TABLES = (".csv", ".parquet")
 # Columns of a table: the first two are required, the first four are text.
 _COLUMNS = ("robot", "recording", "type", "columns", "time", "load", "temperature")
@@ -54,7 +54,7 @@ class RecordedFile(Part):
     def _is_written_out(cls, time: object) -> object:
         # 01/02/2026 is ambiguous, and 20260131 would be seconds.
         if isinstance(time, str | int | float) and not _ISO.match(str(time)):
-            raise ValueError(_TIMES)
+            raise ValueError(_TIMES.format(str(time)))
         try:  # strict validation accepts no text after a validator
             if isinstance(time, str):
                 time = datetime.fromisoformat(time)
@@ -62,7 +62,7 @@ class RecordedFile(Part):
                     time.astimezone(UTC)  # which the first and last days may not have
             return time
         except (ValueError, OverflowError):
-            raise ValueError(_TIMES) from None
+            raise ValueError(_TIMES.format(str(time))) from None
 
 
 class FleetRobot(Part):

@@ -21,6 +21,7 @@ _REASONS = {
     "finite_number": "must be a finite number",
     "tuple_type": "must be a list",
     "string_too_short": "must not be empty",
+    "string_pattern_mismatch": "must be a name: a letter, then letters, digits and _",
     "model_type": "must hold keys with values",
     "dict_type": "must hold keys with values",
     "union_tag_not_found": "lacks the key {discriminator}",
