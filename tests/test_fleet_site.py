@@ -259,6 +259,8 @@ def test_a_wrong_torque_constant_is_named(tmp_path: Path) -> None:
     assert "R001: q1 gives 0.926 ± 0.001 times the torque that it records, against other" in said
     assert "R001: q2" not in said
     assert "R002: q1 gives 0.930 ± 0.001 times the torque that it records: torque const" in said
+    assert "unit of torques? " in said
+    assert "?." not in said + words(folder / "site" / "robots" / "R002.html")
     assert "gain.q1" in words(folder / "site" / "robots" / "R003.html")
 
 

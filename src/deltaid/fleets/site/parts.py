@@ -48,6 +48,11 @@ class Panel:
     unit: str = ""
 
 
+def ended(text: str) -> str:
+    """A text as a sentence, with its full stop unless it is a question."""
+    return text if text.endswith("?") else f"{text}."
+
+
 def grid(
     panels: Sequence[Panel],
     columns: int = 1,

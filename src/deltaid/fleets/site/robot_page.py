@@ -12,6 +12,7 @@ from deltaid.fleets.site.parts import (
     cell,
     dates,
     drive_tables,
+    ended,
     friction_panel,
     grid,
     known,
@@ -68,7 +69,9 @@ def robot_page(robot: Robot, label: str) -> Page:
 
 
 def _verdict(robot: Robot) -> Summary:
-    lines = tuple(f"{concern.text[0].upper()}{concern.text[1:]}." for concern in robot.concerns)
+    lines = tuple(
+        ended(f"{concern.text[0].upper()}{concern.text[1:]}") for concern in robot.concerns
+    )
     if lines:
         said = "Act now." if robot.urgency is Urgency.ACT else "Inspect it when there is time."
         return Summary(_GRADES[robot.urgency], said, lines)
@@ -257,6 +260,6 @@ def _beside_type(robot: Robot, members: pl.DataFrame) -> Section:
     blocks: list[Block] = [Table(columns, rows, caption)] if rows else []
     if reasons := dict.fromkeys(filter(None, members["reason"].to_list())):
         said = "It does not belong to its type" if foreign else "It belongs to its type, but"
-        blocks.insert(0, Text(f"{said}: {'; '.join(reasons)}."))
+        blocks.insert(0, Text(ended(f"{said}: {'; '.join(reasons)}")))
     about = "how far it is from others of its type"
     return Section("Beside its type", tuple(blocks), about, unfolded=foreign)

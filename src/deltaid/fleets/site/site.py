@@ -20,6 +20,7 @@ from deltaid.fleets.site.parts import (
     WORDS,
     bounds,
     cell,
+    ended,
     friction_panel,
     grid,
 )
@@ -177,7 +178,7 @@ def _verdict(robots: Sequence[Robot], urgent: Sequence[Robot]) -> Summary:
     """Number of robots that need attention, then their names and reasons."""
     act, more = sum(robot.urgency is Urgency.ACT for robot in urgent), len(urgent) - _NAMED
     lines = [
-        f"{robot.name}: {'; '.join(concern.text for concern in robot.concerns)}."
+        ended(f"{robot.name}: {'; '.join(concern.text for concern in robot.concerns)}")
         for robot in urgent[:_NAMED]
     ]
     lines += [f"And {more} more, listed below."] if more > 0 else []
