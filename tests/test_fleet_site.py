@@ -299,6 +299,16 @@ def test_a_robots_page_dates_the_recordings_that_were_used(tmp_path: Path) -> No
     assert "4 recordings, none used" in words(folder / "site" / "robots" / "R002.html")
 
 
+def test_whether_robots_are_alike_is_no_number_where_nobody_knows(tmp_path: Path) -> None:
+    """Three robots are too few, and one has no plural."""
+    for robots, counted in ((3, "3 robots of 2 types"), (1, "1 robot of 2 types")):
+        folder = write_tables(tmp_path / str(robots), robots, 3, rising=(), foreign=())
+        write(folder)
+        said = words(folder / "site" / "index.html")
+        assert counted in said
+        assert "not like their type —" in said
+
+
 def test_the_drive_that_changed_comes_first(fleet: Path) -> None:
     page = document(fleet / "site" / "robots" / "R003.html")
     cells = [text.strip() for text in page.texts if text.strip() in ("q1", "q2", "q3")]

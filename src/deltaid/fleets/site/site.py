@@ -26,7 +26,13 @@ from deltaid.fleets.site.parts import (
 )
 from deltaid.fleets.site.robot_page import robot_page
 from deltaid.fleets.site.state import UNKNOWN, Robot, Tables, Urgency, day, robots_of, with_spreads
-from deltaid.fleets.site.type_page import deviations, levels, type_page, type_section
+from deltaid.fleets.site.type_page import (
+    deviations,
+    foreign_count,
+    levels,
+    type_page,
+    type_section,
+)
 from deltaid.view.html import contents, environment, part
 from deltaid.view.numbers import number, percent
 from deltaid.view.page import Block, Chart, Fact, Page, Section, Summary, Table, Text, Trust
@@ -146,7 +152,8 @@ def overview(
     lost = bad.filter((pl.col("what") == "type") & (pl.col("robot") == ""))
     return Page(
         title=title,
-        subtitle=f"{len(robots)} robots of {len(types)} type{'s' * (len(types) != 1)}{span}",
+        subtitle=f"{len(robots)} robot{'s' * (len(robots) != 1)} of {len(types)} "
+        f"type{'s' * (len(types) != 1)}{span}",
         verdict=_verdict(robots, urgent),
         facts=(
             Fact("need attention", str(len(urgent)), f"of {len(robots)} robots"),
@@ -157,7 +164,7 @@ def overview(
                 ", ".join(f"{what}: {many}" for what, many in refused),
             ),
             Fact("drives with rising friction", str(rising)),
-            Fact("not like their type", str(sum(robot.belongs is False for robot in robots))),
+            Fact("not like their type", foreign_count(robots)),
         ),
         warnings=tuple(
             f"Robots of type {labels.get(which, which)} could not be compared: {reason}"

@@ -65,6 +65,12 @@ def deviations(tables: Tables, labels: Mapping[str, str]) -> tuple[Section, ...]
     return (Section("Parameters by type", tuple(charts[:MOST]), said),) if charts else ()
 
 
+def foreign_count(robots: Sequence[Robot]) -> str:
+    """Number of robots that do not belong to their type; a dash where that is known of none."""
+    known = [robot.belongs for robot in robots if robot.belongs is not None]
+    return str(known.count(False)) if known else NOTHING
+
+
 def type_section(
     tables: Tables,
     robots: Sequence[Robot],
@@ -72,9 +78,9 @@ def type_section(
     labels: Mapping[str, str],
 ) -> tuple[Section, ...]:
     count = Counter(robot.type for robot in robots)
-    foreign = Counter(robot.type for robot in robots if robot.belongs is False)
     means = Counter(tables["types"]["type"])
-    rows = tuple((labels[x], str(count[x]), str(foreign[x]), str(means[x])) for x in types)
+    foreign = {x: foreign_count([robot for robot in robots if robot.type == x]) for x in types}
+    rows = tuple((labels[x], str(count[x]), foreign[x], str(means[x])) for x in types)
     columns = ("type", "robots", "do not belong", "parameters with a type's mean")
     table = Table(columns, rows, links=tuple(types.values()))
     return (Section("Types", (table,), "what the fleet knows of each"),)
@@ -102,12 +108,13 @@ def type_page(
     friction = Section("Friction", (Chart(grid([panel], row=280), _EVERY),), _LEVELS)
     return Page(
         title=label,
-        subtitle=f"{len(robots)} robots" + (f", described by {kind}" if kind != label else ""),
+        subtitle=f"{len(robots)} robot{'s' * (len(robots) != 1)}"
+        + (f", described by {kind}" if kind != label else ""),
         verdict=_verdict(robots, foreign, is_known=is_known),
         facts=(
             Fact("robots", str(len(robots))),
             Fact("need attention", str(sum(robot.urgency < Urgency.NONE for robot in robots))),
-            Fact("do not belong", str(len(foreign)) if is_known else NOTHING),
+            Fact("do not belong", foreign_count(robots)),
         ),
         front=(*_foreign(foreign, links), *_deviations(members)),
         sections=(
