@@ -309,6 +309,14 @@ def test_whether_robots_are_alike_is_no_number_where_nobody_knows(tmp_path: Path
         assert "not like their type —" in said
 
 
+def test_a_robot_without_recordings_is_not_said_to_belong(tmp_path: Path) -> None:
+    folder = write_tables(tmp_path, 12, 3, rising=(), foreign=(), silent=(7,))
+    write(folder)
+    types = [words(folder / "site" / "types" / f"{kind}.html") for kind in TYPES]
+    assert "All 6 robots belong to this type." in types[0]
+    assert "All 5 robots that could be compared belong to this type; 1 could not." in types[1]
+
+
 def test_the_drive_that_changed_comes_first(fleet: Path) -> None:
     page = document(fleet / "site" / "robots" / "R003.html")
     cells = [text.strip() for text in page.texts if text.strip() in ("q1", "q2", "q3")]

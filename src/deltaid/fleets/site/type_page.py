@@ -103,14 +103,13 @@ def type_page(
     robots = [robot for robot in robots if robot.type == kind]
     members = tables["members"].filter(type=kind)
     foreign = [robot for robot in robots if robot.belongs is False]
-    is_known = any(robot.belongs is not None for robot in robots)
     panel = _levels(tables, robots, kind, "")
     friction = Section("Friction", (Chart(grid([panel], row=280), _EVERY),), _LEVELS)
     return Page(
         title=label,
         subtitle=f"{len(robots)} robot{'s' * (len(robots) != 1)}"
         + (f", described by {kind}" if kind != label else ""),
-        verdict=_verdict(robots, foreign, is_known=is_known),
+        verdict=_verdict(robots, foreign),
         facts=(
             Fact("robots", str(len(robots))),
             Fact("need attention", str(sum(robot.urgency < Urgency.NONE for robot in robots))),
@@ -125,9 +124,13 @@ def type_page(
     )
 
 
-def _verdict(robots: Sequence[Robot], foreign: Sequence[Robot], *, is_known: bool) -> Summary:
-    if not is_known:
+def _verdict(robots: Sequence[Robot], foreign: Sequence[Robot]) -> Summary:
+    compared = sum(robot.belongs is not None for robot in robots)
+    if not compared:
         return Summary(Trust.UNTESTED, "Whether its robots are of one type is not known.")
+    if not foreign and compared < len(robots):
+        said = f"All {compared} robots that could be compared belong to this type; "
+        return Summary(Trust.GOOD, f"{said}{len(robots) - compared} could not.")
     if not foreign:
         return Summary(Trust.GOOD, f"All {len(robots)} robots belong to this type.")
     names = ", ".join(robot.name for robot in foreign[:10])
