@@ -119,7 +119,9 @@ def test_a_weighing_that_the_recording_contradicts_is_told(body: str, off: float
     ]
     told = identify(robot.changed(measured=wrong), log, settings=PLAIN).model.warnings
     assert any(
-        "standard deviations apart" in text and "the recording says" in text for text in told
+        "standard deviations apart" in text
+        and "the recording, with what else was measured, says" in text
+        for text in told
     )
 
 
