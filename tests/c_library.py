@@ -1,7 +1,5 @@
 """An export to C as a library that takes arrays, in either precision."""
 
-from __future__ import annotations
-
 import ctypes
 import shutil
 import subprocess

@@ -1,7 +1,5 @@
 """Machines built off their drawing, recorded as they are and identified with a calibrated robot."""
 
-from __future__ import annotations
-
 from collections import Counter
 from dataclasses import dataclass, replace
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Composed robots of random geometry and bodies, for the package and for the MuJoCo oracle."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 from functools import cache
 from typing import Any

@@ -1,7 +1,5 @@
 """Options of the tests, checks of shapes and types on request, robots that several files share."""
 
-from __future__ import annotations
-
 import functools
 import gc
 import inspect

@@ -1,7 +1,5 @@
 """What the tests of exports share: subjects, random states, and files compiled by a C compiler."""
 
-from __future__ import annotations
-
 import json
 import shutil
 import subprocess

@@ -1,7 +1,5 @@
 """Deltas of several geometries with poses within reach, and with generic bodies and states."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from functools import cache
 

@@ -1,7 +1,5 @@
 """Poses of hidden machines as instruments read them, for tests of `deltaid calibrate`."""
 
-from __future__ import annotations
-
 from functools import cache
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Robots that run with loads: torques by inverse dynamics, and the cycle as CasADi evaluates it."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 from functools import cache
 

@@ -11,8 +11,6 @@ with a, b and g from three calls of the oracle for each point of a grid: a = τ(
 b = τ(0, q') − g, g = τ(0, 0). They are smooth and periodic, so a few hundred points give all rows.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from functools import cached_property

@@ -1,7 +1,5 @@
 """Recordings of oracle robots that something pushes, with what is true of it."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from functools import cache
 

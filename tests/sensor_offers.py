@@ -1,7 +1,5 @@
 """Offers of sensors and scales, a plan made from them, and what they tell by one dense matrix."""
 
-from __future__ import annotations
-
 from functools import cache
 
 import numpy as np

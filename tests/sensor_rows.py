@@ -1,7 +1,5 @@
 """Rows of sensors as dense matrices, and random robots whose sensors an oracle knows."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 from functools import cache
 from typing import Any

@@ -4,8 +4,6 @@ Torques come from MuJoCo, with the parameters that the model was identified with
 keeps the drives' torques as they are, so a load that is taken there shows once the robot moves.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 from functools import cache
 from itertools import pairwise

@@ -5,8 +5,6 @@ number, an overflow, an index beyond an array's end, a name that was not declare
 float32 with all floating-point errors raised. Names do not depend on case.
 """
 
-from __future__ import annotations
-
 import math
 import operator
 import re

@@ -1,7 +1,5 @@
 """Robots of random geometry and bodies, described for the package and for the MuJoCo oracle."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Sweeps of which some cases run always, and the others with --slow."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 from typing import Any
 

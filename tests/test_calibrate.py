@@ -1,7 +1,5 @@
 """`deltaid calibrate`: hidden machines of a generator that shares no code with the package."""
 
-from __future__ import annotations
-
 import json
 import re
 from pathlib import Path

@@ -1,7 +1,5 @@
 """`identify` with a robot file of `calibrate`: intervals hold the truth of the machine as built."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 from calibrated import KINDS, Held, machine

@@ -1,7 +1,5 @@
 """Mistakes of those who measure, and damaged files: each is named in one message."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from pathlib import Path
 

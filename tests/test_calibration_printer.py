@@ -1,7 +1,5 @@
 """A printer whose diagonal drifts with every calibration, and what ends that."""
 
-from __future__ import annotations
-
 import re
 from functools import cache
 

@@ -1,7 +1,5 @@
 """Recordings beside measured poses: slopes of torques by every number, and what they add."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 from unittest.mock import Mock

@@ -1,7 +1,5 @@
 """Every composition of drives, limbs and platforms against the MuJoCo oracle and mechanics."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from functools import cache
 

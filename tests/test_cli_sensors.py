@@ -1,7 +1,5 @@
 """`deltaid sensors`: tables, JSON, page, a list of one's own, and what is refused."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Dynamics against the MuJoCo oracle, recordings of known truth, and mechanics itself."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from hypothesis import given, settings

@@ -1,7 +1,5 @@
 """The C export, compiled by a C compiler with every warning an error, against the package."""
 
-from __future__ import annotations
-
 import ctypes
 import re
 import subprocess

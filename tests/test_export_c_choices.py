@@ -1,7 +1,5 @@
 """C by choice: single precision, further functions; NaN, sanitizers, several compilers."""
 
-from __future__ import annotations
-
 import subprocess
 from pathlib import Path
 

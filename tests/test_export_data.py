@@ -1,7 +1,5 @@
 """The exports as CasADi function and numpy arrays, and what all exports have in common."""
 
-from __future__ import annotations
-
 import io
 import zipfile
 from pathlib import Path

@@ -1,7 +1,5 @@
 """MJCF and URDF in Drake, where it has a wheel: loops hold, same path."""
 
-from __future__ import annotations
-
 import json
 import logging
 import runpy

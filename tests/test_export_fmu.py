@@ -1,7 +1,5 @@
 """The functional mock-up units, checked and run by FMPy, against the package."""
 
-from __future__ import annotations
-
 import zipfile
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """A folder that one can hand over: what goes with an export, and programs that check it."""
 
-from __future__ import annotations
-
 import subprocess
 from pathlib import Path
 

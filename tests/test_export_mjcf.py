@@ -1,7 +1,5 @@
 """The MJCF export, loaded and stepped in MuJoCo, against the package."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import mujoco

@@ -1,7 +1,5 @@
 """What the MJCF export shows, and what its sensors say."""
 
-from __future__ import annotations
-
 from xml.etree import ElementTree
 
 import mujoco

@@ -1,7 +1,5 @@
 """The online cycle in C and in structured text against the stream in Python."""
 
-from __future__ import annotations
-
 import ctypes
 from functools import cache
 from pathlib import Path

@@ -1,7 +1,5 @@
 """What ROS 2, Gazebo and Drake need of the URDF: base, inertia, drives, joints that follow."""
 
-from __future__ import annotations
-
 import json
 import shutil
 import subprocess

@@ -1,7 +1,5 @@
 """The export to structured text, read by other people's parsers and run, against the package."""
 
-from __future__ import annotations
-
 import re
 from functools import cache
 from xml.etree import ElementTree as ET

@@ -3,8 +3,6 @@
 It comes as a package of Node.js: https://github.com/Autonomy-Logic/STruCpp
 """
 
-from __future__ import annotations
-
 import json
 import os
 import shutil

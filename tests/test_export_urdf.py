@@ -1,7 +1,5 @@
 """The URDF export, loaded by Pinocchio, with the loops of the file beside it."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 from xml.etree import ElementTree

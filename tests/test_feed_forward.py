@@ -1,7 +1,5 @@
 """Feed-forward along plans of positions alone: every row, beside motions with known derivatives."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Libraries of units for other systems: that they are there, and what they show and ask for."""
 
-from __future__ import annotations
-
 import io
 import re
 import shutil

@@ -1,7 +1,5 @@
 """Co-simulation of units: the package's own time steps, friction at rest included."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import fmpy

@@ -1,7 +1,5 @@
 """A model as functions of JAX, where it has a wheel: same numbers, derivatives, many samples."""
 
-from __future__ import annotations
-
 import runpy
 from collections.abc import Iterator
 

@@ -1,7 +1,5 @@
 """Coordinates of all joints of the tree: MuJoCo and Pinocchio close the loops with them."""
 
-from __future__ import annotations
-
 import json
 
 import mujoco

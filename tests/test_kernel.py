@@ -1,7 +1,5 @@
 """The batch kernel against CasADi's own evaluator, operation by operation and bit by bit."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from itertools import product
 

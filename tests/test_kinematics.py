@@ -1,7 +1,5 @@
 """Inverse and forward kinematics, their Jacobians and rates, and poses of all bodies."""
 
-from __future__ import annotations
-
 import casadi as ca
 import numpy as np
 import pytest

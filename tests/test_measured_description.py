@@ -1,7 +1,5 @@
 """What a description says was measured, and lists of what sensors and scales would tell."""
 
-from __future__ import annotations
-
 import pytest
 
 from deltaid.checks.check import of_robot

@@ -1,7 +1,5 @@
 """Forward kinematics by iteration, and recordings near a singular pose or on another branch."""
 
-from __future__ import annotations
-
 import re
 from dataclasses import replace
 from pathlib import Path

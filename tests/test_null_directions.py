@@ -1,7 +1,5 @@
 """What no row sees: how many directions, in words, and that nothing changes along them."""
 
-from __future__ import annotations
-
 from functools import cache
 
 import numpy as np

@@ -1,7 +1,5 @@
 """What a cycle makes of measured signals, of a load that nobody told, and of what a model lacks."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import casadi as ca

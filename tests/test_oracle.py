@@ -1,7 +1,5 @@
 """The MuJoCo oracle against recordings of known truth and against mechanics itself."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import Any
 

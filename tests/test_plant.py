@@ -1,7 +1,5 @@
 """What a simulated robot does beyond its model: loads, current loop, elastic gears, ripple."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The edge of what limbs reach: how far it is, and straight, folded and parted limbs at it."""
 
-from __future__ import annotations
-
 import re
 
 import casadi as ca

@@ -1,7 +1,5 @@
 """Columns of the regressor, and the size of compiled graphs, which must not grow."""
 
-from __future__ import annotations
-
 import casadi as ca
 import numpy as np
 import pytest

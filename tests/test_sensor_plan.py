@@ -1,7 +1,5 @@
 """What sensors and scales would tell: against dense algebra, and what is bought first."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """What sensors see of bodies with all ten entries free: ranks, what stays open, and its words."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 from functools import cache
 from typing import Any, get_args

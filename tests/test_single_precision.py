@@ -4,8 +4,6 @@ Inputs and parameters are floats for both, so that what differs is rounding with
 float does to q is as large near a singularity, and is nobody's to mend.
 """
 
-from __future__ import annotations
-
 import ctypes
 import subprocess
 from fractions import Fraction

@@ -1,7 +1,5 @@
 """Functional mock-up units of models, for this machine only, opened by FMPy."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from contextlib import contextmanager
 from functools import cache

@@ -1,7 +1,5 @@
 """The recordings of a row of all tables, of `rows.py`, `timing.py` or of `causes.py`."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from zlib import crc32
 

@@ -5,8 +5,6 @@ robot moves accordingly. The package's own simulation moves it. Drives may give 
 they log, which the control then answers.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field, replace
 
 import numpy as np

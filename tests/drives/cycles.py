@@ -4,8 +4,6 @@ A cycle is a list of places with times, joined by straight lines and smoothed by
 path planner with blended corners and bounded jerk makes of it.
 """
 
-from __future__ import annotations
-
 import numpy as np
 from scipy.ndimage import gaussian_filter1d
 

@@ -1,7 +1,5 @@
 """Faults between motor and link: friction, gears; a size is a share where nothing else is said."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

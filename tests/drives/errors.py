@@ -7,8 +7,6 @@ sensor's offset and a constant of friction are the same to a recording: friction
 error after the constant that makes it smallest, one a drive.
 """
 
-from __future__ import annotations
-
 import casadi as ca
 import numpy as np
 from scipy.optimize import minimize_scalar

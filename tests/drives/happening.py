@@ -8,8 +8,6 @@ in the torques only. From the link to the motor:
     τ   = τ_l + rotor q̈_m + friction(q̇_m, τ_l)
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property

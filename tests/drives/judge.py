@@ -1,7 +1,5 @@
 """How far an identification is from the truth of its case, and what it says."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass, field

@@ -1,7 +1,5 @@
 """Faults that are put into a recording one after the other."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import NamedTuple
@@ -27,17 +25,17 @@ class Made(NamedTuple):
         """The true robot."""
         return self.happening.machine
 
-    def on(self, words: str, **changes: object) -> Made:
+    def on(self, words: str, **changes: object) -> "Made":
         """With other sensors."""
         return self._replace(sensors=replace(self.sensors, **changes), words=(*self.words, words))
 
-    def but(self, words: str, **changes: object) -> Made:
+    def but(self, words: str, **changes: object) -> "Made":
         """With something else happening."""
         return self._replace(
             happening=replace(self.happening, **changes), words=(*self.words, words)
         )
 
-    def of(self, words: str, oracle: ComposedOracle, p: Array | None = None) -> Made:
+    def of(self, words: str, oracle: ComposedOracle, p: Array | None = None) -> "Made":
         """Of another true robot on the same path."""
         m = self.machine
         plant = replace(m.plant, oracle=oracle, p=m.plant.p if p is None else p)

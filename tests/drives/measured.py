@@ -1,7 +1,5 @@
 """Faults of how torques and angles are measured; a size is a share where nothing else is said."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from drives.made import Made, log_uniform

@@ -1,7 +1,5 @@
 """Three to five faults of random sizes in one recording."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

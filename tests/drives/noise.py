@@ -1,7 +1,5 @@
 """What the noise of a recording leaves of errors, whoever identifies."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from deltaid.dynamics.dynamics import compiled

@@ -1,7 +1,5 @@
 """Pick and place: cycles of 0.9 s between random places, at rest where the gripper acts."""
 
-from __future__ import annotations
-
 from functools import lru_cache
 from zlib import crc32
 

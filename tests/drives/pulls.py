@@ -1,7 +1,5 @@
 """Forces that act on a robot and that its description does not have."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

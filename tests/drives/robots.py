@@ -6,8 +6,6 @@ is larger than described. Friction of the linear robot is less, for with the cat
 of 2 % of the largest torque hides the masses behind it.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any

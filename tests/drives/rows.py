@@ -4,8 +4,6 @@ A row is a function of a kind of robot and a seed. Forces, masses and stiffnesse
 robot of the IRB 360 class; others have theirs in proportion to what their drives can do.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any

@@ -1,7 +1,5 @@
 """What drives write of what happens."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 

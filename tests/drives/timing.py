@@ -4,8 +4,6 @@ Torques pass a filter, are held between two updates of the drive, have a clock o
 late beside gears that wind up.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Forces that a description does not have, and robots that are not as described."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

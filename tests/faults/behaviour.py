@@ -1,7 +1,5 @@
 """Robots that do what their description has no words for."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

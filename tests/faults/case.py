@@ -1,7 +1,5 @@
 """A case: a robot as described, a recording of it, how it came about, and what is right to say."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -124,7 +122,7 @@ class Case:
         return self.setting.seed
 
     @cached_property
-    def exact(self) -> Case:
+    def exact(self) -> "Case":
         """The same without noise and encoder steps."""
         setting = replace(self.setting, noise=0.0, step=np.full_like(self.setting.step, 1e-13))
         return replace(self, setting=setting, columns=setting.sensed())

@@ -1,7 +1,5 @@
 """Descriptions that no careful lab would write."""
 
-from __future__ import annotations
-
 import copy
 from dataclasses import replace
 from typing import Any

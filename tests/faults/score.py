@@ -1,7 +1,5 @@
 """Whether the verdicts on a case are right."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Sequence
 from dataclasses import dataclass

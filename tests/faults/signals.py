@@ -1,7 +1,5 @@
 """Rates, clocks, encoders, noise, lag, and motions that show too little."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """What kinds of fault are written with: their list, and small changes of a case."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any

@@ -1,7 +1,5 @@
 """Units, gears, signs, orders, zeros: columns that are not what the mapping says."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -26,8 +26,6 @@ The parts' points are r + half u and r - half u; u = (cos theta, sin theta, 0) a
 for i4 u = e fixed and half = s / 2. A pose is z = (r, psi), psi = k theta or k s.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any, Literal

@@ -16,8 +16,6 @@ EE       origin at the platform point, R = Rz(psi)
 Task coordinates z = (platform point, psi), actuator coordinates q = (arm angles, psi).
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any
@@ -64,7 +62,7 @@ class DeltaOracle(TreeOracle):
         self._fill("rotor_inertia", self.dof)
 
     @classmethod
-    def from_json(cls, robot: dict[str, Any], truth: dict[str, Any]) -> DeltaOracle:
+    def from_json(cls, robot: dict[str, Any], truth: dict[str, Any]) -> "DeltaOracle":
         """From the robot.json and truth.json of the recordings; surplus friction is dropped."""
         telescope = robot["dof"] == 4
         joints = robot["dof"] + telescope

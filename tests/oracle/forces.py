@@ -9,8 +9,6 @@ With all joints' coordinates free and the loops cut, recursive Newton-Euler give
 forces that the motion takes. What drives do not give, the cuts do: Jᵀ λ on the other joints.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, fields
 from functools import cached_property
 from typing import Any
@@ -28,7 +26,7 @@ class ForceOracle(ComposedOracle):
     """A robot of two struts a limb with a rigid or H4 platform. H4: `tool` on the bar's axis."""
 
     @classmethod
-    def of(cls, oracle: ComposedOracle) -> ForceOracle:
+    def of(cls, oracle: ComposedOracle) -> "ForceOracle":
         """The same robot."""
         return cls(**{f.name: getattr(oracle, f.name) for f in fields(oracle)})
 

@@ -8,8 +8,6 @@ C        at `base` + q rail with rail = e_r sin(tilt) - e_z cos(tilt); axes e_r,
 S        at the arm's tip or at C, x along the strut, z = unit(x cross y), y of U or C
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -5,8 +5,6 @@ geometry. Struts end at `tip(q) + side` and at `r + part + R (seat + side')`. `n
 machine's errors are called, to first order.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

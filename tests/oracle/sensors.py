@@ -8,8 +8,6 @@ strut          forces of `oracle.forces`; in the middle, less what a part of the
 joint torque   inverse dynamics without friction and rotors of drives.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
 from typing import Any, Self

@@ -6,8 +6,6 @@ derivatives, give tree velocities and accelerations without differences; MuJoCo'
 Newton-Euler torques are then projected onto the actuators.
 """
 
-from __future__ import annotations
-
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
 from functools import cached_property
