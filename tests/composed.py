@@ -7,11 +7,11 @@ from typing import Any
 import numpy as np
 
 from deltaid.dynamics.dynamics import Dynamics
+from deltaid.robot.body import ExplicitInertia
 from deltaid.robot.description import RobotDescription
 from oracle.composed import ComposedOracle, Kind
 from oracle.limb import LimbShape
 from oracle.tree import Body, random_body
-from support import body_parameters, explicit_body
 
 # Where a body's mass lies on average, in its link frame (m).
 _CENTRES = {"U": (0.2, 0, 0), "S": (0.4, 0, 0), "TU": (0, 0, -0.3), "TL": (0, 0, 0.3)}
@@ -34,6 +34,8 @@ class Make:
         own: every limb with bodies of its own.
         struts: per limb.
         inwards: the limbs that are in that working mode.
+        springs: whether joints have one.
+        clockwise: limbs follow one another clockwise, the first of them anywhere.
     """
 
     kind: Kind = "rigid"
@@ -44,6 +46,8 @@ class Make:
     own: bool = False
     struts: int = 2
     inwards: tuple[int, ...] = ()
+    springs: bool = True
+    clockwise: bool = False
 
 
 @dataclass(frozen=True, eq=False)
@@ -109,7 +113,7 @@ def random_composed(make: Make, rng: np.random.Generator) -> ComposedOracle:
         else None,
         viscous=rng.uniform(0.5, 2, joints),
         coulomb=rng.uniform(1, 5, joints),
-        stiffness=rng.uniform(1, 20, joints),
+        stiffness=make.springs * rng.uniform(1, 20, joints),
         rest=rng.uniform(-0.3, 0.3, joints),
         rotor_inertia=rng.uniform(0.01, 0.1, dof),
     )
@@ -125,6 +129,8 @@ def _tool(make: Make, rng: np.random.Generator) -> np.ndarray:
 def _random_limbs(make: Make, rng: np.random.Generator) -> tuple[LimbShape, ...]:
     azimuths = _STAR if make.kind == "rigid" else _SQUARE
     azimuths = azimuths + rng.uniform(-0.25, 0.25, len(azimuths))
+    if make.clockwise:
+        azimuths = rng.uniform(-np.pi, np.pi) - azimuths
     radius, seat, arm, strut = rng.uniform((0.2, 0.05, 0.33, 0.75), (0.28, 0.08, 0.37, 0.85))
     if make.linear:  # so that struts on rails lean as much as those on arms
         radius += 0.05 if max(make.tilt) > 0 else 0.25
@@ -177,8 +183,15 @@ def joint_names(oracle: ComposedOracle) -> tuple[str, ...]:
 def parameters(oracle: ComposedOracle) -> np.ndarray:
     """p: bodies, viscous, Coulomb, springs, rotors."""
     bodies = [body_parameters(oracle.bodies[name]) for name in body_names(oracle)]
-    joints = (oracle.viscous, oracle.coulomb, oracle.stiffness, oracle.rotor_inertia)
+    springs = oracle.stiffness[oracle.stiffness > 0]
+    joints = (oracle.viscous, oracle.coulomb, springs, oracle.rotor_inertia)
     return np.concatenate([*bodies, *joints])
+
+
+def body_parameters(body: Body) -> np.ndarray:
+    """m, first moment, and the inertia tensor's entries xx yy zz xy yz xz."""
+    I = np.asarray(body.inertia)
+    return np.array([body.m, *body.mc, *np.diag(I), I[0, 1], I[1, 2], I[0, 2]])
 
 
 def describe(oracle: ComposedOracle, make: Make) -> RobotDescription:
@@ -186,6 +199,8 @@ def describe(oracle: ComposedOracle, make: Make) -> RobotDescription:
     joints = joint_names(oracle)
     springs = {}
     for joint, stiffness, rest in zip(joints, oracle.stiffness, oracle.rest, strict=True):
+        if stiffness == 0:
+            continue
         slides = joint == "slide" or (make.linear and joint in joints[: len(oracle.limbs)])
         slides |= joint == "platform" and make.kind == "i4"
         where = {"rest": rest} if slides else {"rest_deg": np.rad2deg(rest)}
@@ -196,7 +211,10 @@ def describe(oracle: ComposedOracle, make: Make) -> RobotDescription:
         "gravity": tuple(oracle.gravity),
         "limbs": _describe_limbs(oracle, make),
         "platform": _describe_platform(oracle),
-        "bodies": {name: {"prior": explicit_body(body)} for name, body in oracle.bodies.items()},
+        "bodies": {
+            name: {"prior": ExplicitInertia.from_parameters(body_parameters(body))}
+            for name, body in oracle.bodies.items()
+        },
         "friction": {j: {"viscous": v, "coulomb": c} for j, v, c in friction},
         "springs": springs,
         "rotor_inertia": dict(zip(joints, oracle.rotor_inertia, strict=False)),

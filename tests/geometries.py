@@ -1,16 +1,13 @@
-"""Deltas of several geometries with poses within reach, and with generic bodies and states."""
+"""Deltas of several geometries with poses within reach, and generic states of catalogue robots."""
 
-from dataclasses import dataclass
 from functools import cache
 
 import numpy as np
-import pytest
 
+from composed import Make, twin
 from deltaid.dynamics.dynamics import Dynamics
 from deltaid.mechanism.kinematics import Kinematics
 from deltaid.robot.limbs import Limbs
-from deltaid.robot.platform import Telescope
-from support import random_states, random_twin
 
 # Lengths like a 1.6 m robot's, unless a name says otherwise.
 PLAIN = {"base_radius": 0.21, "platform_radius": 0.05, "upper_arm": 0.49, "strut": 1.13}
@@ -35,20 +32,14 @@ GEOMETRIES = {
     },
     "random": {},
     "telescope": {},
-    "offset telescope": {},
 }
-RANDOM = {"random": False, "telescope": True, "offset telescope": True}
 
 
 @cache
 def kinematics(name: str) -> Kinematics:
-    robot = random_twin(list(GEOMETRIES).index(name), telescope=RANDOM.get(name, False)).robot
-    robot = robot.changed(name=name)
-    if name not in RANDOM:
+    robot = twin(Make(telescope=name == "telescope")).robot.changed(name=name)
+    if GEOMETRIES[name]:
         robot = robot.changed(limbs=Limbs(**GEOMETRIES[name]))
-    if name == "offset telescope":
-        bar = Telescope(base_joint=(0.03, -0.02, 0.1), platform_joint=(-0.01, 0.025, 0.04))
-        robot = robot.changed(telescope=bar)
     return Kinematics(robot)
 
 
@@ -91,33 +82,6 @@ def rotation(axis: str, angle: float) -> np.ndarray:
     e = np.eye(3)["xyz".index(axis)]
     K = np.array([np.cross(e, v) for v in np.eye(3)]).T
     return np.eye(3) + np.sin(angle) * K + (1 - np.cos(angle)) * K @ K
-
-
-@dataclass(frozen=True, eq=False)
-class Case:
-    """A robot with generic bodies and friction at generic states inside its workspace."""
-
-    dynamics: Dynamics
-    p: np.ndarray
-    z: np.ndarray
-    q: np.ndarray
-    qd: np.ndarray
-    qdd: np.ndarray
-
-
-@cache
-def case(name: str) -> Case:
-    """Three drives, four drives, and four with a bar that hangs off the axis at both ends."""
-    twin = random_twin(7, telescope=name != "three drives")
-    robot, states = twin.robot, random_states(twin.oracle, np.random.default_rng(8), 20)
-    if name == "offset bar":
-        bar = Telescope(base_joint=(0.04, -0.03, 0.1), platform_joint=(-0.02, 0.03, 0.05))
-        robot = robot.changed(telescope=bar)
-    return Case(Dynamics(robot), twin.p, *states)
-
-
-CASES = ("three drives", "four drives", "offset bar")
-every_case = pytest.mark.parametrize("name", CASES)
 
 
 def generic_states(dynamics: Dynamics, n: int) -> tuple[np.ndarray, ...]:

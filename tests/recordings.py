@@ -1,74 +1,63 @@
 """Recordings with known truth, made by the oracle, and some rows made by another library."""
 
 import json
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import cached_property
 from pathlib import Path
 
 import numpy as np
 
-from deltaid.dynamics.dynamics import Dynamics
+from composed import body_parameters
+from deltaid.dynamics.parameters import parameter_layout, prior_parameters, with_prior
+from deltaid.mechanism.kinematics import Kinematics
 from deltaid.motion.random_motion import random_motion
+from deltaid.motion.surrogate import surrogate_parameters
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.load import load_robot
 from logs import tabled, write
-from oracle.delta import Body, DeltaOracle
-from plants import bodies_of, rotors_of
+from oracle.composed import ComposedOracle
+from oracle.tree import Body
+from plants import friction_of, oracle_of
 
 # Two robots, and rows of a motion (100 Hz, every 25th) whose torques come from a rigid-body library
 # that is neither this package nor the oracle: spanning tree, recursive Newton-Euler, projection.
 DATA = Path(__file__).with_name("data")
 CATALOGUE = {"delta3": "clavel-delta3", "delta4": "irb360-6-1600"}
+LENGTHS = ("base_radius", "platform_radius", "upper_arm", "strut")
 
 
-def inertia_vector(body: Body) -> list[float]:
-    """The ten parameters (4) of an oracle's body."""
-    I = body.inertia
-    return [body.m, *body.mc, I[0, 0], I[1, 1], I[2, 2], I[0, 1], I[1, 2], I[0, 2]]
+@dataclass(frozen=True, eq=False)
+class KnownRobot:
+    """A catalogue robot of other lengths with known parameters p, and the oracle's robot."""
+
+    robot: RobotDescription
+    p: np.ndarray
+
+    def described(self, share: float) -> RobotDescription:
+        """A description whose priors are a share of the truth."""
+        return with_prior(self.robot, share * self.p)
+
+    @cached_property
+    def oracle(self) -> ComposedOracle:
+        viscous, coulomb = friction_of(self.robot, self.p)
+        return replace(oracle_of(self.robot, self.p), viscous=viscous, coulomb=coulomb)
 
 
-def describe(oracle: DeltaOracle, share: float = 1.0) -> RobotDescription:
-    """A description of an oracle's robot whose priors are a share of the truth.
-
-    The catalogue robot gives the reduction tables, limits and everything that is not measured.
-    """
-    data = load_robot(CATALOGUE["delta4" if oracle.has_telescope else "delta3"]).model_dump(
-        mode="json"
-    )
-    data["limbs"] |= {
-        "base_radius": oracle.base_radius,
-        "platform_radius": oracle.platform_radius,
-        "upper_arm": oracle.upper_arm,
-        "strut": oracle.strut,
-    }
-    for name, body in data["bodies"].items():
-        p = share * np.array(inertia_vector(oracle.bodies[name]))
-        keys = ("xx", "yy", "zz", "xy", "yz", "xz")
-        body["prior"] = {
-            "mass": p[0],
-            "first_moment": p[1:4].tolist(),
-            "inertia": dict(zip(keys, p[4:].tolist(), strict=True)),
-        }
-    joints = list(data["friction"])
-    for joint, viscous, coulomb in zip(joints, oracle.viscous, oracle.coulomb, strict=True):
-        data["friction"][joint] = {"viscous": share * viscous, "coulomb": share * coulomb}
-    data["rotor_inertia"] = {
-        f"drive{i + 1}": share * J for i, J in enumerate(oracle.rotor_inertia) if J > 0
-    }
-    return RobotDescription.model_validate(data)
-
-
-def true_parameters(oracle: DeltaOracle) -> np.ndarray:
-    """p of an oracle, in the order of its description."""
-    names = ("U", "S", "P") + (("TU", "TL", "EE") if oracle.has_telescope else ())
-    inertias = [value for name in names for value in inertia_vector(oracle.bodies[name])]
-    rotors = [J for J in oracle.rotor_inertia if J > 0]
-    return np.array([*inertias, *oracle.viscous, *oracle.coulomb, *rotors])
-
-
-def stored_oracle(name: str) -> DeltaOracle:
+def stored_robot(name: str) -> KnownRobot:
     """A robot of tests/data: 'delta3' or 'delta4'."""
-    files = (DATA / name / f"{kind}.json" for kind in ("robot", "truth"))
-    return DeltaOracle.from_json(*(json.loads(file.read_text("utf-8")) for file in files))
+    lengths, truth = (
+        json.loads((DATA / name / f"{kind}.json").read_text("utf-8")) for kind in ("robot", "truth")
+    )
+    robot = load_robot(CATALOGUE[name]).changed(rotor_inertia={})
+    limbs = robot.limbs.changed(**{key: lengths[key] for key in LENGTHS})
+    p, layout = prior_parameters(robot), parameter_layout(robot)
+    for body, numbers in truth["bodies"].items():
+        tensor = np.array(numbers["inertia_about_link_frame"])
+        known = Body(numbers["m"], np.array(numbers["mc"]), tensor)
+        p[layout.body(body)] = body_parameters(known)
+    for coefficients in ("viscous", "coulomb"):  # surplus ones are of other robots' joints
+        p[getattr(layout, coefficients)] = truth[coefficients][: len(robot.joints)]
+    return KnownRobot(robot.changed(limbs=limbs), p)
 
 
 def stored_rows(name: str) -> list[np.ndarray]:
@@ -77,39 +66,28 @@ def stored_rows(name: str) -> list[np.ndarray]:
     return np.split(rows[:, 1:], 4, axis=1)
 
 
-def typical_oracle(rng: np.random.Generator, *, telescope: bool) -> DeltaOracle:
+def typical_robot(rng: np.random.Generator, *, telescope: bool) -> KnownRobot:
     """A robot of the usual build: tubes along the links, whatever the reductions assume.
 
     Sizes and masses are random; bodies are scaled from the catalogue's priors.
     """
-    from deltaid.motion.surrogate import surrogate_parameters
-
     robot = load_robot(CATALOGUE["delta4" if telescope else "delta3"])
-    dynamics = Dynamics(robot)
-    p, layout, limbs = surrogate_parameters(robot, rng), dynamics.layout, robot.limbs
-    return DeltaOracle(
-        base_radius=limbs.base_radius * rng.uniform(0.95, 1.05),
-        platform_radius=limbs.platform_radius * rng.uniform(0.95, 1.05),
-        upper_arm=limbs.upper_arm * rng.uniform(0.98, 1.02),
-        strut=limbs.strut * rng.uniform(0.98, 1.02),
-        bodies=bodies_of(robot, p),
-        has_telescope=telescope,
-        viscous=p[layout.viscous],
-        coulomb=p[layout.coulomb],
-        rotor_inertia=rotors_of(robot, p),
-    )
+    p, limbs = surrogate_parameters(robot, rng), robot.limbs
+    spread = dict(zip(LENGTHS, (0.05, 0.05, 0.02, 0.02), strict=True))
+    lengths = {key: getattr(limbs, key) * rng.uniform(1 - s, 1 + s) for key, s in spread.items()}
+    return KnownRobot(robot.changed(limbs=limbs.changed(**lengths)), p)
 
 
 def record(
-    oracle: DeltaOracle, path: Path, rng: np.random.Generator, *, samples: int = 600
+    known: KnownRobot, path: Path, rng: np.random.Generator, *, samples: int = 600
 ) -> np.ndarray:
     """Write a noise-free recording whose torques come from the oracle; returns z along it."""
-    kinematics = Dynamics(describe(oracle)).kinematics
+    kinematics = Kinematics(known.robot)
     motion = random_motion(kinematics, rng)
     time = np.arange(samples) * (motion.period / samples)
     z, zd, zdd = motion.evaluate(time)
     q, qd, qdd = kinematics.drive_motion(z, zd, zdd)
-    tau = oracle.inverse_dynamics(q, qd, qdd)
+    tau = known.oracle.inverse_dynamics(z, qd, qdd)
     write(path, tabled(t=time, q=q, qd=qd, qdd=qdd, tau=tau))
     return z
 
@@ -152,7 +130,7 @@ class OracleMotion:
         return write(path, tabled(t=self.time, **quantities))
 
 
-def oracle_motion(oracle: DeltaOracle, rng: np.random.Generator, rate: float) -> OracleMotion:
+def oracle_motion(oracle: ComposedOracle, rng: np.random.Generator, rate: float) -> OracleMotion:
     """Eight random harmonics about the middle of the workspace, at a rate (Hz)."""
     period, harmonics = 10.0, np.arange(1, 9)
     time = np.arange(round(period * rate)) / rate
@@ -165,4 +143,4 @@ def oracle_motion(oracle: DeltaOracle, rng: np.random.Generator, rate: float) ->
     assert np.all(np.isfinite(q))
     frequency = 2j * np.pi * np.fft.rfftfreq(len(time), 1 / rate)[:, None]
     qd, qdd = (np.fft.irfft(frequency**k * np.fft.rfft(q, axis=0), axis=0) for k in (1, 2))
-    return OracleMotion(time, z, q, qd, qdd, oracle.inverse_dynamics(q, qd, qdd))
+    return OracleMotion(time, z, q, qd, qdd, oracle.inverse_dynamics(z, qd, qdd))

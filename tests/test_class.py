@@ -5,6 +5,8 @@ from functools import cache
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from composed import (
     ComposedTwin,
@@ -16,6 +18,7 @@ from composed import (
     random_states,
     twin,
 )
+from deltaid.dynamics.dynamics import Dynamics
 from deltaid.errors import KinematicsError
 from deltaid.identification.generic_motion import random_motion_base
 from deltaid.mechanism.kinematics import Kinematics
@@ -32,6 +35,7 @@ MAKES = {
     "delta, inclined rails": Make(linear=True, tilt=INCLINED, own=True),
     "delta above its carriages": Make(linear=True, inwards=(0, 1, 2)),
     "telescope": Make(telescope=True, unequal=True),
+    "telescope, clockwise": Make(telescope=True, unequal=True, clockwise=True),
     "telescope, rails": Make(telescope=True, linear=True, tilt=INCLINED),
     "h4": Make("h4"),
     "h4, rails": Make("h4", linear=True, tilt=INCLINED),
@@ -44,8 +48,8 @@ MAKES = {
     "i4, unequal limbs": Make("i4", tilt=TILTED, unequal=True),
 }
 SOME = (
-    "delta, unequal limbs", "delta, inclined rails", "telescope, rails", "h4, rails", "par4",
-    "i4, unequal limbs",
+    "delta, unequal limbs", "delta, inclined rails", "telescope, clockwise", "telescope, rails",
+    "h4, rails", "par4", "i4, unequal limbs",
 )  # fmt: skip
 every_make = pytest.mark.parametrize("name", swept(MAKES, *SOME))
 
@@ -89,6 +93,25 @@ def test_forward_kinematics_is_its_inverse(name: str) -> None:
 def test_torques_and_mass_matrix(name: str) -> None:
     t, model = twin(MAKES[name]), dynamics(MAKES[name])
     z, q, qd, qdd = states(name)
+    tau = t.oracle.inverse_dynamics(z, qd, qdd)
+    assert_close(model.inverse_dynamics(q, qd, qdd, t.p), tau, 1e-11)
+    M = np.array([t.oracle.mass_matrix(pose) for pose in z])
+    assert_close(model.mass_matrix(q, t.p), M, 1e-11)
+
+
+@settings(max_examples=6, deadline=None)
+@given(
+    seed=st.integers(0, 2**32 - 1),
+    telescope=st.booleans(),
+    clockwise=st.booleans(),
+    struts=st.integers(1, 2),
+)
+def test_any_delta(seed: int, telescope: bool, clockwise: bool, struts: int) -> None:
+    t = twin(Make(telescope=telescope, clockwise=clockwise, struts=struts), seed)
+    model, kinematics = Dynamics(t.robot), Kinematics(t.robot)
+    z, q, qd, qdd = random_states(t.oracle, np.random.default_rng(seed), 10)
+    np.testing.assert_allclose(kinematics.forward(q), z, rtol=0, atol=1e-12)
+    np.testing.assert_allclose(kinematics.inverse(z), q, rtol=0, atol=1e-12)
     tau = t.oracle.inverse_dynamics(z, qd, qdd)
     assert_close(model.inverse_dynamics(q, qd, qdd, t.p), tau, 1e-11)
     M = np.array([t.oracle.mass_matrix(pose) for pose in z])
@@ -160,13 +183,42 @@ def test_terms_are_those_of_the_oracle(name: str) -> None:
 
 
 @some_makes
-def test_mass_matrix_changes_by_the_coriolis_matrix(name: str) -> None:
-    """Ṁ = C + Cᵀ along a motion with constant drive speeds."""
+def test_terms_add_up_to_the_regressor(name: str) -> None:
+    t, model, (z, q, qd, qdd) = twin(MAKES[name]), dynamics(MAKES[name]), states(name)
+    Y = model.regressor(q, qd, qdd)
+    for p in (np.random.default_rng(9).standard_normal(t.p.size), t.p):  # of no physical body, too
+        terms = model.terms(q, qd, p)
+        tau = np.einsum("sij,sj->si", terms.M, qdd) + np.einsum("sij,sj->si", terms.C, qd)
+        assert_close(tau + terms.g + terms.f, Y @ p, 1e-12)
+        assert_close(model.inverse_dynamics(q, qd, qdd, p), Y @ p, 1e-12)
+    assert_close(model.torque(z, qd, qdd, t.p), Y @ t.p, 1e-12)
+    assert_close(model.mass_matrix(q, t.p), terms.M, 1e-12)
+    np.testing.assert_array_equal(model.terms(q, np.zeros_like(qd), t.p).f, 0.0)
+
+
+@some_makes
+def test_sparse_regressor_holds_the_nonzero_entries(name: str) -> None:
+    model, (z, q, qd, qdd) = dynamics(MAKES[name]), states(name)
+    Y, sparse = model.regressor(q, qd, qdd), model.sparse_regressor(z, qd, qdd)
+    assert_close(sparse.values.T, Y[:, sparse.rows, sparse.columns], 1e-12)
+    Y[:, sparse.rows, sparse.columns] = 0.0
+    assert not Y.any()
+    assert (np.diff(sparse.rows) >= 0).all()
+
+
+@some_makes
+def test_coriolis_matrix_is_that_of_the_christoffel_symbols(name: str) -> None:
     t, model, (_, q, qd, _) = twin(MAKES[name]), dynamics(MAKES[name]), states(name)
-    terms = model.terms(q, qd, t.p)
-    rate = slope(lambda s: model.mass_matrix(q + s * qd, t.p), np.zeros(1), np.ones(1))
-    assert np.abs(terms.C - terms.C.swapaxes(1, 2)).max() > 1e-3 * np.abs(terms.C).max()
-    assert_close(terms.C + terms.C.swapaxes(1, 2), rate, 1e-8)
+    dM = [slope(lambda q: model.mass_matrix(q, t.p), q, axis) for axis in np.eye(model.dof)]
+    dM = np.stack(dM, axis=-1)  # samples, i, j, k: ∂M_ij/∂q_k
+    christoffel = 0.5 * (
+        np.einsum("sijk,sk->sij", dM, qd)
+        + np.einsum("sikj,sk->sij", dM, qd)
+        - np.einsum("sjki,sk->sij", dM, qd)
+    )
+    C = model.terms(q, qd, t.p).C
+    assert np.abs(C - C.swapaxes(1, 2)).max() > 1e-3 * np.abs(C).max()
+    assert_close(C, christoffel, 1e-8)
 
 
 # --- base parameters ------------------------------------------------------------------------------

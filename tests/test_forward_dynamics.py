@@ -5,10 +5,8 @@ from functools import cache
 import casadi as ca
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 
-import composed
+from composed import Make, label, random_states, twin
 from deltaid.control.simulation import integrate
 from deltaid.dynamics.dynamics import Dynamics
 from deltaid.dynamics.forward_dynamics import ForwardDynamics, compiled_forward
@@ -21,10 +19,10 @@ from deltaid.robot.friction import Friction, PowerLaw, Stribeck
 from deltaid.robot.load import load_robot
 from exports import states as exported_states
 from exports import subject
-from support import KINDS, Twin, assert_close, example, random_states, random_twin
+from support import KINDS, assert_close, example
 from sweeps import swept
 
-ANY_SEED = st.integers(0, 2**32 - 1)
+MAKES = (Make(), Make(telescope=True, clockwise=True), Make("par4"), Make("h4"), Make("i4"))
 EVERY_TERM = Friction(
     viscous=1.1,
     coulomb=2.3,
@@ -100,37 +98,17 @@ def test_identity_for_a_mechanism_of_ones_own() -> None:
 # --- against MuJoCo's tree, projected -------------------------------------------------------------
 
 
-def assert_accelerations(
-    twin: Twin | composed.ComposedTwin,
-    states: tuple[np.ndarray, ...],
-    tau: np.ndarray,
-    share: float,
-) -> None:
-    """Those of torques at states: what the oracle takes for a pose, q and q̇."""
-    pose, q, qd = states
-    bias = twin.oracle.inverse_dynamics(pose, qd, np.zeros_like(pose))
-    M = np.array([twin.oracle.mass_matrix(row) for row in pose])
-    expected = np.linalg.solve(M, (tau - bias)[:, :, None])[:, :, 0]
-    found = ForwardDynamics(twin.robot).drive_acceleration(q, qd, tau, twin.p)
-    assert_close(found, expected, share)
-
-
-@settings(max_examples=2, deadline=None)
-@given(seed=ANY_SEED, telescope=st.booleans())
-def test_accelerations_of_any_delta_against_the_oracle(seed: int, telescope: bool) -> None:
-    twin = random_twin(seed, telescope=telescope)
-    _, q, qd, _ = random_states(twin.oracle, np.random.default_rng(seed), 6)
-    tau = np.random.default_rng(seed).uniform(-50, 50, q.shape)
-    assert_accelerations(twin, (q, q, qd), tau, 1e-10)
-
-
-@pytest.mark.parametrize("kind", swept(["par4", "h4", "i4"], "par4"))
-def test_accelerations_of_composed_robots_against_the_oracle(kind: str) -> None:
+@pytest.mark.parametrize("make", swept(MAKES, *MAKES[:3]), ids=label)
+def test_accelerations_against_the_oracle(make: Make) -> None:
     """Springs, rotors, passive joints and gravity in any direction included."""
-    twin = composed.twin(composed.Make(kind=kind))
-    rng = np.random.default_rng(3)
-    z, q, qd, _ = composed.random_states(twin.oracle, rng, 6)
-    assert_accelerations(twin, (z, q, qd), rng.uniform(-50, 50, z.shape), 1e-9)
+    t, rng = twin(make), np.random.default_rng(3)
+    z, q, qd, _ = random_states(t.oracle, rng, 6)
+    tau = rng.uniform(-50, 50, z.shape)
+    bias = t.oracle.inverse_dynamics(z, qd, np.zeros_like(z))
+    M = np.array([t.oracle.mass_matrix(row) for row in z])
+    expected = np.linalg.solve(M, (tau - bias)[:, :, None])[:, :, 0]
+    found = ForwardDynamics(t.robot).drive_acceleration(q, qd, tau, t.p)
+    assert_close(found, expected, 1e-9)
 
 
 # --- motion without friction ----------------------------------------------------------------------

@@ -15,15 +15,7 @@ from deltaid.identification.prediction import validate
 from deltaid.model.record import IdentifiedModel, Settings
 from deltaid.robot.load import load_robot
 from identified import identified
-from oracle.delta import DeltaOracle
-from recordings import (
-    describe,
-    oracle_motion,
-    record,
-    stored_oracle,
-    true_parameters,
-    typical_oracle,
-)
+from recordings import KnownRobot, oracle_motion, record, stored_robot, typical_robot
 
 slow = pytest.mark.slow
 
@@ -45,10 +37,10 @@ def errors_of(model: IdentifiedModel, z: np.ndarray, truth: np.ndarray) -> tuple
 )
 def test_conic_recovers_what_the_oracle_recorded(tmp_path, telescope: bool, share: float) -> None:
     rng = np.random.default_rng(7)
-    oracle = typical_oracle(rng, telescope=telescope)
-    z = record(oracle, tmp_path / "log.csv", rng)
-    result = identify(describe(oracle, share), [tmp_path / "log.csv"], settings=EXACT)
-    assert max(errors_of(result.model, z, true_parameters(oracle))) < 1e-4
+    known = typical_robot(rng, telescope=telescope)
+    z = record(known, tmp_path / "log.csv", rng)
+    result = identify(known.described(share), [tmp_path / "log.csv"], settings=EXACT)
+    assert max(errors_of(result.model, z, known.p)) < 1e-4
     assert result.model.consistent
 
 
@@ -56,43 +48,43 @@ def test_conic_recovers_what_the_oracle_recorded(tmp_path, telescope: bool, shar
     ("name", "share"), [("delta3", 1.4), pytest.param("delta4", 0.7, marks=slow)]
 )
 def test_conic_recovers_the_stored_robots(tmp_path, name: str, share: float) -> None:
-    oracle = stored_oracle(name)
-    motion = oracle_motion(oracle, np.random.default_rng(1), rate=100.0)
+    known = stored_robot(name)
+    motion = oracle_motion(known.oracle, np.random.default_rng(1), rate=100.0)
     exact = motion.write_exact(tmp_path / "exact.csv")
-    result = identify(describe(oracle, share), [exact], settings=EXACT)
-    assert max(errors_of(result.model, motion.z, true_parameters(oracle))) < 1e-4
+    result = identify(known.described(share), [exact], settings=EXACT)
+    assert max(errors_of(result.model, motion.z, known.p)) < 1e-4
     assert result.model.fit.duality_gap < 1e-6 * result.model.fit.objective
 
 
 @slow
 @pytest.mark.parametrize("share", [0.7, 1.4])
 def test_log_cholesky_reaches_the_papers_figures(tmp_path, share: float) -> None:
-    oracle = stored_oracle("delta4")
-    motion = oracle_motion(oracle, np.random.default_rng(2), rate=100.0)
+    known = stored_robot("delta4")
+    motion = oracle_motion(known.oracle, np.random.default_rng(2), rate=100.0)
     exact = motion.write_exact(tmp_path / "exact.csv")
     settings = EXACT.changed(method="log-cholesky")
-    result = identify(describe(oracle, share), [exact], settings=settings)
-    errors = errors_of(result.model, motion.z, true_parameters(oracle))
+    result = identify(known.described(share), [exact], settings=settings)
+    errors = errors_of(result.model, motion.z, known.p)
     np.testing.assert_array_less(errors, (0.01, 0.02, 0.022))
     fit = result.model.fit
     assert fit.objective >= fit.lower_bound
 
 
-def noisy(name: str, folder: Path) -> DeltaOracle:
+def noisy(name: str, folder: Path) -> KnownRobot:
     """A stored robot that leaves recordings of two motions: identify.csv, verify.csv."""
-    oracle, rng = stored_oracle(name), np.random.default_rng(3)
+    known, rng = stored_robot(name), np.random.default_rng(3)
     for log in ("identify", "verify"):
-        oracle_motion(oracle, rng, rate=250.0).write_noisy(folder / f"{log}.csv", rng)
-    return oracle
+        oracle_motion(known.oracle, rng, rate=250.0).write_noisy(folder / f"{log}.csv", rng)
+    return known
 
 
 @pytest.mark.parametrize(
     ("name", "share"), [("delta3", 0.7), pytest.param("delta4", 1.4, marks=slow)]
 )
 def test_noisy_log_predicts_as_well_as_the_truth(name: str, share: float, tmp_path: Path) -> None:
-    folder, oracle = tmp_path, noisy(name, tmp_path)
-    result = identify(describe(oracle, share), [folder / "identify.csv"])
-    truth = true_parameters(oracle)
+    folder, known = tmp_path, noisy(name, tmp_path)
+    result = identify(known.described(share), [folder / "identify.csv"])
+    truth = known.p.copy()
     # The platform is a disc without thickness, which to rounding is no body; no torque shows it.
     truth[result.model.layout.names.index("P.Izz")] *= 0.999
     rows = [
@@ -105,7 +97,7 @@ def test_noisy_log_predicts_as_well_as_the_truth(name: str, share: float, tmp_pa
     assert np.all(ours.rms < 1.05 * theirs.rms)
     assert np.all(ours.rms_unfiltered < 1.05 * theirs.rms_unfiltered)
     # Of the truth all of the noise is left, white and ripple.
-    tau = np.loadtxt(folder / "verify.csv", delimiter=",", skiprows=1)[:, 1 + oracle.dof :]
+    tau = np.loadtxt(folder / "verify.csv", delimiter=",", skiprows=1)[:, 1 + known.oracle.dof :]
     noise = np.hypot(0.02, 0.005 / np.sqrt(2)) * np.abs(tau).max(axis=0)
     np.testing.assert_allclose(theirs.rms_unfiltered, noise, rtol=0.15)
 

@@ -10,11 +10,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
+from composed import Make, twin
 from deltaid.dynamics.dynamics import Dynamics
 from deltaid.kernel import batch
 from deltaid.kernel.batch import BatchKernel, target
 from deltaid.kernel.llvm_ir import LIBM_BINARY, LIBM_UNARY, operations_unknown
-from support import assert_close, random_twin
+from support import assert_close
 
 A, B, U = ca.SX.sym("a"), ca.SX.sym("b"), ca.SX.sym("u")
 
@@ -268,7 +269,7 @@ def test_uniform_inputs_where_there_are_none() -> None:
 
 @pytest.mark.parametrize("telescope", [False, True])
 def test_regressor_of_a_robot_by_casadi(telescope: bool) -> None:
-    e = Dynamics(random_twin(6, telescope=telescope).robot).equations
+    e = Dynamics(twin(Make(telescope=telescope)).robot).equations
     kernel = BatchKernel(ca.vertcat(e.z, e.qd, e.qdd), e.Y)
     rng, dof = np.random.default_rng(5), e.z.numel()
     z = np.tile([[0.05], [-0.1], [-0.95], [0.8]], 50)[:dof] + 0.1 * rng.standard_normal((dof, 50))

@@ -1,10 +1,10 @@
-"""Inverse and forward kinematics, their Jacobians and rates, and poses of all bodies."""
+"""Inverse and forward kinematics, their Jacobians and rates; poses of tools.
 
-import casadi as ca
+Poses of all other bodies: test_class.py.
+"""
+
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 from pydantic import ValidationError
 
 from deltaid.errors import KinematicsError
@@ -18,9 +18,8 @@ from geometries import (
     kinematics,
     platform_joints,
     poses_within_reach,
-    rotation,
 )
-from support import assert_close, random_states, random_twin, slope
+from support import assert_close, slope
 
 
 @pytest.mark.parametrize("name", GEOMETRIES)
@@ -58,16 +57,6 @@ class TestInverses:
             normal /= np.linalg.norm(normal)
             mirrored = pose[:3] - 2 * normal * (normal @ (pose[:3] - centres[0]))
             assert pose[2] < mirrored[2]
-
-
-@settings(max_examples=10, deadline=None)
-@given(seed=st.integers(0, 2**32 - 1), telescope=st.booleans(), clockwise=st.booleans())
-def test_kinematics_of_any_robot_by_the_oracle(seed: int, telescope: bool, clockwise: bool) -> None:
-    twin = random_twin(seed, telescope=telescope, clockwise=clockwise)
-    k = Kinematics(twin.robot)
-    z, q, _, _ = random_states(twin.oracle, np.random.default_rng(seed), 10)
-    np.testing.assert_allclose(k.forward(q), z, rtol=0, atol=1e-12)
-    np.testing.assert_allclose(k.inverse(z), q, rtol=0, atol=1e-12)
 
 
 @pytest.mark.parametrize("name", GEOMETRIES)
@@ -130,80 +119,6 @@ def test_wrong_number_of_columns(method: str, columns: int) -> None:
 def test_nan_pose_is_refused() -> None:
     with pytest.raises(KinematicsError, match="sample 1"):
         kinematics("even").inverse(np.array([[0, 0, -1.0], [0, np.nan, -1.0]]))
-
-
-@pytest.mark.parametrize("name", GEOMETRIES)
-class TestPoses:
-    def test_rotations_are_proper(self, name: str) -> None:
-        k = kinematics(name)
-        for body in k.poses(poses_within_reach(k)):
-            product = body.R_WB @ body.R_WB.swapaxes(1, 2)
-            np.testing.assert_allclose(product, np.tile(np.eye(3), (100, 1, 1)), atol=1e-12)
-            np.testing.assert_allclose(np.linalg.det(body.R_WB), 1.0, rtol=1e-12)
-
-    def test_limbs_close(self, name: str) -> None:
-        k = kinematics(name)
-        limbs, z = k.robot.limbs, poses_within_reach(k)
-        bodies = k.poses(z)
-        assert [b.name for b in bodies[:7]] == ["U", "S"] * 3 + ["P"]
-        np.testing.assert_allclose(bodies[6].r_WB, z[:, :3], rtol=0, atol=0)
-        for i, phi in enumerate(np.deg2rad(limbs.azimuth_deg)):
-            arm, strut = bodies[2 * i], bodies[2 * i + 1]
-            outwards = np.array([np.cos(phi), np.sin(phi), 0])
-            elbow = arm.r_WB + limbs.upper_arm * arm.R_WB[:, :, 0]
-            tip = strut.r_WB + limbs.strut * strut.R_WB[:, :, 0]
-            joint = z[:, :3] + limbs.platform_radius * outwards
-            seat = np.tile(limbs.base_radius * outwards, (100, 1))
-            np.testing.assert_allclose(arm.r_WB, seat, rtol=0, atol=1e-12)
-            np.testing.assert_allclose(elbow, strut.r_WB, rtol=0, atol=1e-12)
-            np.testing.assert_allclose(tip, joint, rtol=0, atol=1e-12)
-
-    def test_upper_arm_turns_down_about_its_motor_axis(self, name: str) -> None:
-        k = kinematics(name)
-        z = poses_within_reach(k, 20)
-        for i, phi in enumerate(np.deg2rad(k.robot.limbs.azimuth_deg)):
-            for R, angle in zip(k.poses(z)[2 * i].R_WB, k.inverse(z)[:, i], strict=True):
-                expected = rotation("z", phi) @ rotation("y", angle)
-                np.testing.assert_allclose(R, expected, atol=1e-12)
-
-    def test_strut_hangs_on_a_joint_parallel_to_the_motor_axis(self, name: str) -> None:
-        k = kinematics(name)
-        bodies = k.poses(poses_within_reach(k))
-        for arm, strut in zip(bodies[0:6:2], bodies[1:6:2], strict=True):
-            z = np.cross(strut.R_WB[:, :, 0], arm.R_WB[:, :, 1])
-            z /= np.linalg.norm(z, axis=1, keepdims=True)
-            np.testing.assert_allclose(strut.R_WB[:, :, 2], z, atol=1e-12)
-
-
-@pytest.mark.parametrize("name", ["telescope", "offset telescope"])
-def test_telescope_bar_hangs_between_its_joints(name: str) -> None:
-    k = kinematics(name)
-    bar, z = k.robot.telescope, poses_within_reach(k)
-    upper, lower, effector = k.poses(z)[7:]
-    assert (upper.name, lower.name, effector.name) == ("TU", "TL", "EE")
-    top, bottom = np.tile(bar.base_joint, (100, 1)), z[:, :3] + bar.platform_joint
-    np.testing.assert_allclose(upper.r_WB, top, rtol=0, atol=0)
-    np.testing.assert_allclose(lower.r_WB, bottom, rtol=0, atol=1e-15)
-    np.testing.assert_allclose(effector.r_WB, z[:, :3], rtol=0, atol=0)
-    length = np.linalg.norm(top - bottom, axis=1, keepdims=True)
-    np.testing.assert_allclose(upper.R_WB[:, :, 2], (top - bottom) / length, atol=1e-13)
-    np.testing.assert_allclose(lower.R_WB, upper.R_WB, rtol=0, atol=0)
-    slide = ca.Function("slide", [k.mechanism.z], [k.mechanism.joints["slide"]])
-    np.testing.assert_allclose(np.array(slide(z.T)).T, length, rtol=1e-13)
-
-
-@pytest.mark.parametrize("name", ["telescope", "offset telescope"])
-def test_telescope_bar_tilts_on_a_cross_in_a_fork_that_turns_with_psi(name: str) -> None:
-    k = kinematics(name)
-    z = poses_within_reach(k)
-    upper, _, effector = k.poses(z)[7:]
-    for R_WT, R_WE, psi in zip(upper.R_WB, effector.R_WB, z[:, 3], strict=True):
-        np.testing.assert_allclose(R_WE, rotation("z", psi), atol=1e-14)
-        tilt = rotation("z", psi).T @ R_WT
-        about_x, about_y = np.arctan2(tilt[2, 1], tilt[1, 1]), np.arcsin(tilt[0, 2])
-        assert np.abs([about_x, about_y]).max() < np.pi / 2
-        expected = rotation("x", about_x) @ rotation("y", about_y)
-        np.testing.assert_allclose(tilt, expected, atol=1e-13)
 
 
 def with_tool(name: str, **platform: object) -> RobotDescription:

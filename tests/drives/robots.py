@@ -18,6 +18,7 @@ from deltaid.dynamics.parameters import ParameterLayout, parameter_layout
 from deltaid.mechanism.kinematics import Kinematics
 from deltaid.motion.excitation.excite import ExcitationSettings, Exciter
 from deltaid.motion.random_motion import random_motion
+from deltaid.robot.body import ExplicitInertia
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.inertia import inertia_parameters, pseudo_inertia
 from deltaid.robot.load import load_robot
@@ -135,7 +136,8 @@ def resized(robot: RobotDescription, factor: float) -> RobotDescription:
         data["workspace"][key] = (np.array(data["workspace"][key]) * factor).tolist()
     power = np.array([3, 4, 4, 4, 5, 5, 5, 5, 5, 5])
     for name, body in robot.bodies.items():
-        data["bodies"][name]["prior"] = _explicit(body.reduced_prior() * factor**power)
+        parameters = body.reduced_prior() * factor**power
+        data["bodies"][name]["prior"] = ExplicitInertia.from_parameters(parameters)
     for law in data["friction"].values():
         law["viscous"] *= factor**4.5
         law["coulomb"] *= factor**4
@@ -146,12 +148,6 @@ def resized(robot: RobotDescription, factor: float) -> RobotDescription:
             limits["torque"] *= factor**4
     data["platform_speed"] *= np.sqrt(factor)
     return RobotDescription.model_validate(data | {"name": f"{robot.name}-resized"})
-
-
-def _explicit(p: Array) -> dict[str, Any]:
-    """Ten parameters as a description has them."""
-    inertia = dict(zip(("xx", "yy", "zz", "xy", "yz", "xz"), p[4:].tolist(), strict=True))
-    return {"mass": float(p[0]), "first_moment": p[1:4].tolist(), "inertia": inertia}
 
 
 def _free_axes(robot: RobotDescription, body: str) -> list[int]:
@@ -198,5 +194,6 @@ def _poor_priors(robot: RobotDescription, rng: np.random.Generator) -> RobotDesc
     data: dict[str, Any] = robot.model_dump(mode="json")
     for name, body in robot.bodies.items():
         factor = np.exp(rng.choice([-1, 1]) * rng.uniform(*np.log([2, 20])))
-        data["bodies"][name]["prior"] = _explicit(body.reduced_prior() * factor)
+        parameters = body.reduced_prior() * factor
+        data["bodies"][name]["prior"] = ExplicitInertia.from_parameters(parameters)
     return RobotDescription.model_validate(data)
