@@ -33,8 +33,8 @@ from deltaid.exports.text import DOUBLE, SINGLE, Precision
 from deltaid.exports.tree import spanning_tree
 from deltaid.exports.urdf import urdf
 from deltaid.model.model import Model
-from deltaid.motion.random_motion import random_motion
 from deltaid.robot.load import catalogue, load_robot
+from support import along
 
 STATES, ROUNDS = 1000, 200
 FUNCTIONS = (
@@ -127,9 +127,7 @@ def main() -> None:
 def along_a_motion(subject: Model) -> tuple[np.ndarray, ...]:
     """z, q, q̇, q̈, τ of a random motion at 1 kHz, a controller's rate."""
     dynamics = subject.dynamics
-    motion = random_motion(dynamics.kinematics, np.random.default_rng(0))
-    z, zd, zdd = motion.evaluate(1e-3 * np.arange(STATES))
-    q, qd, qdd = dynamics.kinematics.drive_motion(z, zd, zdd)
+    z, q, qd, qdd = along(dynamics.kinematics, np.random.default_rng(0), 1e-3 * np.arange(STATES))
     return z, q, qd, qdd, dynamics.torque(z, qd, qdd, subject.p)
 
 

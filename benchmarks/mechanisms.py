@@ -19,8 +19,8 @@ from _timing import machine, measure, options
 from deltaid.dynamics.dynamics import Dynamics
 from deltaid.dynamics.parameters import prior_parameters
 from deltaid.kernel.batch import BatchKernel
-from deltaid.motion.random_motion import random_motion
 from deltaid.robot.load import catalogue, load_robot
+from support import along
 
 CPU = time.process_time
 
@@ -40,9 +40,7 @@ def measured(name: str, samples: int) -> tuple[list[tuple[int, float]], float]:
     """Operations and seconds a sample of each kernel, seconds a sample of forward kinematics."""
     robot = load_robot(name)
     dynamics, p = Dynamics(robot), prior_parameters(robot)
-    motion = random_motion(dynamics.kinematics, np.random.default_rng(0))
-    z, zd, zdd = motion.evaluate(np.linspace(0, motion.period, samples))
-    q, qd, qdd = dynamics.kinematics.drive_motion(z, zd, zdd)
+    z, q, qd, qdd = along(dynamics.kinematics, np.random.default_rng(0), samples)
     cells = [
         timed(dynamics._regressor_kernel, (z, qd, qdd), None),
         timed(dynamics._torque_kernel, (z, qd, qdd), p),

@@ -20,10 +20,10 @@ from _timing import options
 from deltaid.exports.c_code import c_code
 from deltaid.exports.text import DOUBLE, SINGLE, Precision
 from deltaid.model.model import Model
-from deltaid.motion.random_motion import random_motion
 from deltaid.online.cycle import contact_of, step_graph
 from deltaid.online.graph import StepGraph
 from deltaid.online.settings import OnlineSettings
+from support import along
 
 CYCLES, ROUNDS = 1000, 100
 ROBOTS = {"clavel-delta3": 1.0, "irb360-6-1600": 3.0, "par4": 2.0, "h4": 2.0}
@@ -95,9 +95,7 @@ def main() -> None:
 def picks(model: Model) -> np.ndarray:
     """Inputs of a second in which a load is lifted and put down, a row a cycle."""
     dynamics, rng = model.dynamics, np.random.default_rng(0)
-    motion = random_motion(dynamics.kinematics, rng)
-    z, zd, zdd = motion.evaluate(1e-3 * np.arange(CYCLES))
-    q, qd, qdd = dynamics.kinematics.drive_motion(z, zd, zdd)
+    z, q, qd, qdd = along(dynamics.kinematics, rng, 1e-3 * np.arange(CYCLES))
     heavier = model.with_load(np.array([0.5, *np.zeros(3), *np.full(3, 5e-4), *np.zeros(3)]))
     lifted = (np.arange(CYCLES) // 250) % 2 == 1
     parts = (dynamics.torque(z, qd, qdd, p) for p in (heavier.p, model.p))

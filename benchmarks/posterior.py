@@ -27,9 +27,9 @@ from deltaid.dynamics.parameters import least_margin
 from deltaid.identification.demo import demonstrate
 from deltaid.model.model import load
 from deltaid.model.record import IdentifiedModel
-from deltaid.motion.random_motion import random_motion
 from deltaid.robot.load import load_robot
 from posteriors import Normal, matrices, normal
+from support import along
 
 ROBOTS = ("clavel-delta3", "linear-delta", "par4", "irb360-6-1600")
 HEAD = (
@@ -179,9 +179,7 @@ def coverage(model: IdentifiedModel, truth: np.ndarray) -> float:
     known, rng, held = load(model), np.random.default_rng(5), []
     drawn = model.sample(500, seed=2).p
     for _ in range(10):
-        motion = random_motion(known.dynamics.kinematics, rng)
-        z, zd, zdd = motion.evaluate(np.linspace(0, motion.period, 100, endpoint=False))
-        q, qd, qdd = known.dynamics.kinematics.drive_motion(z, zd, zdd)
+        _, q, qd, qdd = along(known.dynamics.kinematics, rng, 100)
         tau = known.dynamics.inverse_dynamics(q, qd, qdd, truth)
         level = model.fit.noise_level * np.abs(tau).max(axis=0)
         predicted = np.array([known.dynamics.inverse_dynamics(q, qd, qdd, p) for p in drawn])

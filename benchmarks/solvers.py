@@ -28,8 +28,8 @@ from deltaid.dynamics.dynamics import Dynamics
 from deltaid.dynamics.forward_dynamics import ForwardDynamics
 from deltaid.dynamics.parameters import parameter_layout, prior_parameters
 from deltaid.joint_forces.constraint_forces import ConstraintForces
-from deltaid.motion.random_motion import random_motion
 from deltaid.robot.load import load_robot
+from support import along
 
 Array = np.ndarray
 TIME = np.linspace(0.0, 10.0, 101)
@@ -125,9 +125,7 @@ def forces() -> float:
     assert robot.limbs is not None
     limbs = robot.limbs.changed(strut_spacing=0.1)
     computed, p = (ConstraintForces(robot.changed(limbs=limbs)), prior_parameters(robot))
-    motion = random_motion(computed.kinematics, np.random.default_rng(0))
-    z, zd, zdd = motion.evaluate(np.linspace(0.0, motion.period, 100_000))
-    _, qd, qdd = computed.kinematics.drive_motion(z, zd, zdd)
+    z, _, qd, qdd = along(computed.kinematics, np.random.default_rng(0), 100_000)
     return measure(lambda: computed.evaluate(z, qd, qdd, p), REPEATS, CPU) / len(z)
 
 

@@ -6,11 +6,11 @@ from functools import cache
 import numpy as np
 
 from deltaid.model.model import Model, load
-from deltaid.motion.random_motion import random_motion
 from deltaid.online.cycle import step_graph
 from deltaid.online.graph import StepGraph
 from deltaid.online.instant import UNKNOWN
 from deltaid.online.settings import OnlineSettings
+from support import along
 
 RATE = 1000.0
 # Little noise, for three drives.
@@ -50,9 +50,7 @@ def running(
 ) -> Running:
     """Along a random motion, with a load held in some of the cycles."""
     rng, dynamics = np.random.default_rng(6), model.dynamics
-    motion = random_motion(dynamics.kinematics, rng, period=period)
-    z, zd, zdd = motion.evaluate(np.arange(cycles) / rate)
-    q, qd, qdd = dynamics.kinematics.drive_motion(z, zd, zdd)
+    z, q, qd, qdd = along(dynamics.kinematics, rng, np.arange(cycles) / rate, period=period)
     tau, holds = dynamics.torque(z, qd, qdd), np.zeros(cycles, dtype=bool)
     holds[held] = True
     loaded = model.with_load(load).p

@@ -1,11 +1,13 @@
-"""The catalogue's kinds of robots, an example's, differences, and comparisons of arrays."""
+"""The catalogue's kinds of robots, an example's, motions, differences, comparisons of arrays."""
 
 from pathlib import Path
 
 import numpy as np
 
 from deltaid.dynamics.dynamics import compiled
+from deltaid.mechanism.kinematics import Kinematics
 from deltaid.mechanism.user_code import use_mechanism
+from deltaid.motion.random_motion import random_motion
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.load import load_robot
 from plants import Truth
@@ -23,6 +25,17 @@ def example(name: str) -> RobotDescription:
     folder = Path(__file__).resolve().parents[1] / "examples" / name
     use_mechanism(folder / "mechanism.py")
     return load_robot(folder / "robot.yaml")
+
+
+def along(
+    kinematics: Kinematics, rng: np.random.Generator, time: np.ndarray | int, **options: float
+) -> tuple[np.ndarray, ...]:
+    """z, q, q̇, q̈ along a random motion at some times, or at so many of its period."""
+    motion = random_motion(kinematics, rng, **options)
+    if isinstance(time, int):
+        time = np.linspace(0, motion.period, time, endpoint=False)
+    z, zd, zdd = motion.evaluate(time)
+    return z, *kinematics.drive_motion(z, zd, zdd)
 
 
 # Central differences of fourth order: steps and weights of f'(0) h.

@@ -15,8 +15,8 @@ from deltaid.control.tracking import open_trajectory
 from deltaid.dynamics.dynamics import compiled
 from deltaid.dynamics.parameters import prior_parameters
 from deltaid.model.record import IdentifiedModel
-from deltaid.motion.random_motion import random_motion
 from deltaid.robot.load import catalogue_text, load_robot
+from support import along
 
 ROBOT = "clavel-delta3"
 
@@ -66,9 +66,7 @@ def test_base_parameters_have_the_torques_of_the_truth(folder: Path) -> None:
     model = IdentifiedModel.load(folder / "model.yaml")
     truth = prior_parameters(load_robot(folder / "truth.yaml"))
     dynamics = compiled(model.robot)
-    motion = random_motion(dynamics.kinematics, np.random.default_rng(0))
-    z, zd, zdd = motion.evaluate(np.linspace(0, 2, 100))
-    _, qd, qdd = dynamics.kinematics.drive_motion(z, zd, zdd)
+    z, _, qd, qdd = along(dynamics.kinematics, np.random.default_rng(0), np.linspace(0, 2, 100))
     expected = dynamics.torque(z, qd, qdd, truth)
     found = dynamics.torque(z, qd, qdd, base_vector(model))
     np.testing.assert_allclose(found, expected, atol=2e-3 * np.abs(expected).max())

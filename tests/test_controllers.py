@@ -20,6 +20,7 @@ from deltaid.dynamics.parameters import parameter_layout, prior_parameters
 from deltaid.motion.random_motion import random_motion
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.load import load_robot
+from support import along
 from sweeps import swept
 
 ROBOT = "clavel-delta3"
@@ -51,9 +52,7 @@ def test_model_of_a_law_has_the_torques_of_inverse_dynamics_with_all_friction() 
         data["friction"][f"drive{i + 1}"] |= {"load": share, "offset": 0.4}
     robot = RobotDescription.model_validate(data)
     dynamics, p = compiled(robot), prior_parameters(robot)
-    made = random_motion(dynamics.kinematics, np.random.default_rng(0))
-    z, zd, zdd = made.evaluate(np.linspace(0, made.period, 200))
-    q, qd, qdd = dynamics.kinematics.drive_motion(z, zd, zdd)
+    z, q, qd, qdd = along(dynamics.kinematics, np.random.default_rng(0), 200)
     model, unloaded = ControlModel(robot, p), p.copy()
     unloaded[[dynamics.layout.names.index(f"load.drive{i + 1}") for i in range(3)]] = 0
     for rubbing in (qd, -qd):

@@ -18,13 +18,13 @@ from deltaid.estimation.objective import Objective, Solution, Solver
 from deltaid.identification.fit import against_motion, contradiction, fit
 from deltaid.identification.identify import identify
 from deltaid.model.record import Settings
-from deltaid.motion.random_motion import random_motion
 from deltaid.recording.opening import open_log
 from deltaid.recording.recording import open_recordings
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.load import load_robot
 from logs import names, recorded, text, write
 from poor_priors import PLAIN
+from support import along
 
 Torques = Callable[[np.ndarray, np.ndarray], np.ndarray]
 
@@ -148,9 +148,7 @@ def test_inertia_alone_tells_where_there_is_no_friction() -> None:
     data = load_robot("clavel-delta3").model_dump(exclude_none=True) | {"friction": {}}
     dynamics = compiled(RobotDescription.model_validate(data))
     rng = np.random.default_rng(0)
-    motion = random_motion(dynamics.kinematics, rng)
-    z, zd, zdd = motion.evaluate(np.linspace(0, motion.period, 500, endpoint=False))
-    _, qd, qdd = dynamics.kinematics.drive_motion(z, zd, zdd)
+    z, _, qd, qdd = along(dynamics.kinematics, rng, 500)
     tau = dynamics.torque(z, qd, qdd, prior_parameters(dynamics.robot))
     tau = (tau + 0.05 * rng.standard_normal(tau.shape)) * [1, -1, 1]
     found = against_motion(dynamics, gather_samples(dynamics, z, qd, qdd, tau))

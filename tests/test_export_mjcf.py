@@ -17,7 +17,6 @@ from deltaid.exports.mjcf import mjcf
 from deltaid.exports.plain_friction import plain_friction
 from deltaid.exports.tree import spanning_tree
 from deltaid.model.model import Model
-from deltaid.motion.random_motion import random_motion
 from deltaid.robot.friction import Stribeck
 from exports import (
     COMPOSED,
@@ -35,7 +34,7 @@ from exports import (
     tree_motion,
     with_friction,
 )
-from support import KINDS, assert_close
+from support import KINDS, along, assert_close
 from sweeps import swept
 
 CASES = swept([*KINDS, *TOOLS, *COMPOSED], "clavel-delta3", "h4/first", "i4-linear", COMPOSED[0])
@@ -258,9 +257,7 @@ def test_friction_that_mujoco_lacks_is_approximated_with_its_error(tmp_path: Pat
     warning, *more = export(chosen, "mjcf", path, plain_friction=True).warnings
     assert not more
     kinematics = chosen.dynamics.kinematics
-    motion = random_motion(kinematics, np.random.default_rng(0))
-    z, zd, zdd = motion.evaluate(np.linspace(0, motion.period, 2000, endpoint=False))
-    _, qd, qdd = kinematics.drive_motion(z, zd, zdd)
+    z, _, qd, qdd = along(kinematics, np.random.default_rng(0), 2000)
     v = qd[:, 1]
     columns = np.column_stack([v, np.sign(v)])
     own = [chosen["viscous.drive2"], chosen["coulomb.drive2"]]

@@ -14,12 +14,12 @@ from deltaid.exports.files import Written, export
 from deltaid.exports.structured_text import plc_program
 from deltaid.exports.text import DOUBLE, SINGLE, Precision
 from deltaid.model.model import load
-from deltaid.motion.random_motion import random_motion
 from deltaid.online.graph import Field
 from deltaid.online.online import Online
 from deltaid.online.settings import OnlineSettings
 from exports import needs_compiler
 from st_program import Program
+from support import along
 from sweeps import swept
 
 ROBOT, CYCLES, LIFTED = "clavel-delta3", 120, 60
@@ -37,9 +37,7 @@ def recording(precision: Precision) -> tuple[Online, np.ndarray, np.ndarray]:
     and its outputs; two cycles have NaN and infinite inputs, two rows are to be skipped."""
     model = load(ROBOT)
     dynamics, online = model.dynamics, Online(model)
-    motion = random_motion(dynamics.kinematics, np.random.default_rng(0))
-    z, zd, zdd = motion.evaluate(1e-3 * np.arange(CYCLES))
-    q, qd, qdd = dynamics.kinematics.drive_motion(z, zd, zdd)
+    z, q, qd, qdd = along(dynamics.kinematics, np.random.default_rng(0), 1e-3 * np.arange(CYCLES))
     heavier = model.p.copy()
     heavier[model.layout.names.index("P.m")] += 0.02
     lifted = np.arange(CYCLES) >= LIFTED

@@ -20,11 +20,11 @@ from deltaid.fleets.identify_gathered import identify_gathered, validate_gathere
 from deltaid.identification.identify import identify
 from deltaid.identification.prediction import validate
 from deltaid.model.record import Settings
-from deltaid.motion.random_motion import random_motion
 from deltaid.motion.surrogate import write_recording
 from deltaid.recording.recording import PreparedRecording
 from deltaid.robot.load import load_robot
 from drifting import recording
+from support import along
 
 ROBOT = "clavel-delta3"
 # Factor files have rows as recorded.
@@ -87,9 +87,7 @@ def _apart(robot) -> float:
 
     dynamics, simple = compiled(robot), plain(robot)
     columns = GatheredColumns.for_robot(robot, prior_parameters(simple))
-    motion = random_motion(dynamics.kinematics, np.random.default_rng(3))
-    z, zd, zdd = motion.evaluate(np.linspace(0, motion.period, 700))
-    _, qd, qdd = dynamics.kinematics.drive_motion(z, zd, zdd)
+    z, _, qd, qdd = along(dynamics.kinematics, np.random.default_rng(3), 700)
     Y = dynamics.sparse_regressor(z, qd, qdd)
     own = columns.dynamics.sparse_regressor(z, qd, qdd).values
     from deltaid.recording.windows import SampleBlock

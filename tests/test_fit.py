@@ -16,20 +16,18 @@ from deltaid.estimation.log_cholesky import LogCholesky, LogCholeskyMap, Unconst
 from deltaid.estimation.objective import METRICS, Objective, data_term, default_gamma, noise_level
 from deltaid.estimation.objective import regularizer as prior_term
 from deltaid.estimation.reduction import INTERIOR, build_reduction
-from deltaid.motion.random_motion import random_motion
 from deltaid.motion.surrogate import surrogate_parameters
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.inertia import consistency, pseudo_inertia
 from deltaid.robot.load import load_robot
+from support import along
 
 numbers = st.floats(-1.5, 1.5)
 
 
 def information(dynamics: Dynamics, truth: np.ndarray, noise: float) -> Information:
     rng = np.random.default_rng(0)
-    motion = random_motion(dynamics.kinematics, rng)
-    z, zd, zdd = motion.evaluate(np.linspace(0, motion.period, 1500, endpoint=False))
-    _, qd, qdd = dynamics.kinematics.drive_motion(z, zd, zdd)
+    z, _, qd, qdd = along(dynamics.kinematics, rng, 1500)
     tau = dynamics.torque(z, qd, qdd, truth)
     tau = tau + noise * np.abs(tau).max(axis=0) * rng.standard_normal(tau.shape)
     return gather_samples(dynamics, z, qd, qdd, tau)

@@ -21,16 +21,14 @@ from deltaid.motion.surrogate import SensorNoise, simulate_recording, surrogate_
 from deltaid.recording.opening import open_log
 from deltaid.recording.recording import PreparedRecording, with_filter
 from deltaid.robot.load import load_robot
-from support import assert_close
+from support import along, assert_close
 
 ROBOT = "irb360-6-1600"
 
 
 def samples(name: str = ROBOT, n: int = 900, seed: int = 0) -> tuple[np.ndarray, ...]:
     dynamics, rng = compiled(load_robot(name)), np.random.default_rng(seed)
-    motion = random_motion(dynamics.kinematics, rng)
-    z, zd, zdd = motion.evaluate(np.linspace(0, motion.period, n, endpoint=False))
-    _, qd, qdd = dynamics.kinematics.drive_motion(z, zd, zdd)
+    z, _, qd, qdd = along(dynamics.kinematics, rng, n)
     truth = surrogate_parameters(dynamics.robot, rng)
     tau = dynamics.torque(z, qd, qdd, truth)
     return z, qd, qdd, tau + rng.standard_normal(tau.shape)

@@ -26,7 +26,7 @@ from deltaid.motion.surrogate import simulate_recording, surrogate_parameters, w
 from deltaid.robot import own
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.load import bound, load_robot
-from support import example
+from support import along, example
 
 EXAMPLES = Path(__file__).resolve().parents[1] / "examples" / "heli4"
 HELI4, FILE = str(EXAMPLES / "robot.yaml"), str(EXAMPLES / "mechanism.py")
@@ -124,9 +124,7 @@ def test_bodies_may_be_called_like_kinds_of_parameters(tmp_path):
     """Whatever tells parameters apart by their names takes these bodies for coefficients."""
     robot = own_delta(tmp_path, arm="rotor", rod="viscous", plate="load")
     dynamics, rng = Dynamics(robot), np.random.default_rng(3)
-    motion = random_motion(dynamics.kinematics, rng)
-    z, zd, zdd = motion.evaluate(np.linspace(0, motion.period, 1000, endpoint=False))
-    _, qd, qdd = dynamics.kinematics.drive_motion(z, zd, zdd)
+    z, _, qd, qdd = along(dynamics.kinematics, rng, 1000)
     truth = surrogate_parameters(robot, rng)
     truth[dynamics.layout.friction] *= 3.0
     tau = dynamics.torque(z, qd, qdd, truth)

@@ -21,9 +21,9 @@ from deltaid.identification.judgement import base_covariance
 from deltaid.model.model import Model, load
 from deltaid.model.record import IdentifiedModel
 from deltaid.model.samples import Samples
-from deltaid.motion.random_motion import random_motion
 from identified import identified
 from posteriors import by_rejection, hasten, matrices, normal
+from support import along
 
 # How often a right sampler fails: another processor rounds to another seed, as it were.
 BY_CHANCE = 1e-6
@@ -217,9 +217,7 @@ def test_torques_of_drawn_models_hold_what_is_recorded(
 ) -> None:
     """On another motion: the torque without noise lies within the models' range at its rate."""
     dynamics, rng = compiled(model.robot), np.random.default_rng(11)
-    motion = random_motion(dynamics.kinematics, rng)
-    z, zd, zdd = motion.evaluate(np.linspace(0, motion.period, 200, endpoint=False))
-    q, qd, qdd = dynamics.kinematics.drive_motion(z, zd, zdd)
+    z, q, qd, qdd = along(dynamics.kinematics, rng, 200)
     tau = dynamics.inverse_dynamics(q, qd, qdd, identified("stout").p)
     level = model.fit.noise_level * np.abs(tau).max(axis=0)
     measured = tau + level * rng.standard_normal(tau.shape)

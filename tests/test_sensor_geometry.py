@@ -12,7 +12,6 @@ from deltaid.dynamics.geometry import across
 from deltaid.dynamics.parameters import prior_parameters
 from deltaid.identification.identify import identify
 from deltaid.model.parameter_record import Parameter
-from deltaid.motion.random_motion import random_motion
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.load import load_robot
 from deltaid.robot.sensors import BaseWrench, JointTorque, StrutForce
@@ -20,6 +19,7 @@ from deltaid.sensors.robot_sensors import all_sensor_rows, sensor_errors, sensor
 from poor_priors import PLAIN
 from sensed import recorded, sensed, weighed
 from sensor_rows import CHANNELS, dense, plate, sensor_twin, wrenches
+from support import along
 from test_tolerances import longer
 
 STEP = 1e-5  # m or rad
@@ -55,9 +55,7 @@ def test_slopes_are_those_of_changed_robots(name: str, sensor: dict[str, Any]) -
     ones = {"lengths": 0.05, "homing": 0.2, "mounting": 0.2}
     robot = load_robot(name).changed(tolerances=ones, sensors={"s": sensor})
     dynamics, rng = compiled(robot), np.random.default_rng(4)
-    motion = random_motion(dynamics.kinematics, rng)
-    z, zd, zdd = motion.evaluate(np.linspace(0, 4, 20))
-    q, qd, qdd = dynamics.kinematics.drive_motion(z, zd, zdd)
+    z, q, qd, qdd = along(dynamics.kinematics, rng, np.linspace(0, 4, 20))
     (rows,) = all_sensor_rows(dynamics)
     was, values = shown(robot, q, qd, qdd)
     found = {
@@ -179,9 +177,7 @@ def test_a_gain_is_told_without_bias_about_what_a_fit_expects() -> None:
         for what in ("prior", "scale")
     )
     rng, n, gain = np.random.default_rng(3), 1000, 0.03
-    motion = random_motion(dynamics.kinematics, rng)
-    z, zd, zdd = motion.evaluate(np.linspace(0, motion.period, n, endpoint=False))
-    q, qd, qdd = dynamics.kinematics.drive_motion(z, zd, zdd)
+    z, q, qd, qdd = along(dynamics.kinematics, rng, n)
     truth = p + 0.1 * scale * rng.standard_normal(len(p))
     rows = sensor_rows(
         dynamics, "s", BaseWrench(kind="base-wrench", force_bias=3.0, gain_tolerance=0.05)

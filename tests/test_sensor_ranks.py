@@ -9,7 +9,6 @@ import pytest
 
 from deltaid.dynamics.dynamics import Dynamics
 from deltaid.dynamics.parameters import parameter_layout
-from deltaid.motion.random_motion import random_motion
 from deltaid.robot.body import Entry
 from deltaid.robot.inertia import RigidBody, pseudo_inertia
 from deltaid.robot.load import load_robot
@@ -19,6 +18,7 @@ from deltaid.sensors.planning.exchange import Exchange
 from deltaid.sensors.planning.null_space import null_space
 from deltaid.sensors.robot_sensors import sensor_rows
 from sensor_rows import dense
+from support import along
 
 # Singular values of rows with columns of equal length: rounding is below 1e-14, signal above 1e-3.
 ZERO = 1e-9
@@ -49,9 +49,7 @@ def moved(name: str) -> Moved:
     robot = load_robot(name)
     bodies = {k: body.changed(free=get_args(Entry)) for k, body in robot.bodies.items()}
     dynamics = Dynamics(robot.changed(bodies=bodies))
-    motion = random_motion(dynamics.kinematics, np.random.default_rng(0))
-    z, zd, zdd = motion.evaluate(np.linspace(0, motion.period, 500, endpoint=False))
-    _, qd, qdd = dynamics.kinematics.drive_motion(z, zd, zdd)
+    z, _, qd, qdd = along(dynamics.kinematics, np.random.default_rng(0), 500)
     Y = dynamics.regressor(dynamics.kinematics.inverse(z), qd, qdd)
     return Moved(dynamics, (z, qd, qdd), Y.reshape(-1, Y.shape[2]))
 
