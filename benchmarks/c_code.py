@@ -19,7 +19,6 @@ from collections.abc import Iterable
 from xml.etree import ElementTree as ET
 
 import _alone  # noqa: F401
-import casadi as ca
 import mujoco
 import numpy as np
 import pinocchio as pin
@@ -30,10 +29,10 @@ from deltaid.dynamics.parameters import prior_parameters
 from deltaid.exports.c_code import c_code
 from deltaid.exports.mjcf import mjcf
 from deltaid.exports.text import DOUBLE, SINGLE, Precision
-from deltaid.exports.tree import spanning_tree
 from deltaid.exports.urdf import urdf
 from deltaid.model.model import Model
 from deltaid.robot.load import catalogue, load_robot
+from exports import configuration, tree_motion
 from support import along
 
 STATES, ROUNDS = 1000, 200
@@ -147,16 +146,9 @@ def tree_states(
     subject: Model, states: tuple[np.ndarray, ...], names: list[str]
 ) -> tuple[np.ndarray, np.ndarray]:
     """Coordinates and rates of the tree's joints."""
-    tree, (z, _, qd, *_) = spanning_tree(subject), states
-    x = ca.vertcat(*[tree.coordinates[name] for name in names])
-    function = ca.Function("x", [tree.z], [x, ca.jacobian(x, tree.z)])
-    J = subject.dynamics.kinematics.jacobian(z)
-    positions, rates = [], []
-    for row, zd in zip(z, np.linalg.solve(J, qd[..., None])[..., 0], strict=True):
-        position, slope = function(row)
-        positions.append(np.asarray(position).ravel())
-        rates.append(np.asarray(slope) @ zd)
-    return np.array(positions), np.array(rates)
+    z, _, qd, *_ = states
+    motions = [tree_motion(subject, names, (*row, 0 * row[1])) for row in zip(z, qd, strict=True)]
+    return np.array([motion.x for motion in motions]), np.array([motion.v for motion in motions])
 
 
 def bare(mjcf: str) -> str:
@@ -224,7 +216,7 @@ def pinocchio_forward(subject: Model, states: tuple[np.ndarray, ...]) -> float |
     settings = pin.ProximalSettings(1e-10, 1e-10, 10)
     names = sorted(list(model.names)[1:], key=lambda n: model.joints[model.getJointId(n)].idx_v)
     positions, rates = tree_states(subject, states, names)
-    q = np.array([_configuration(model, names, x) for x in positions])
+    q = np.array([configuration(model, dict(zip(names, x, strict=True))) for x in positions])
     drives = [names.index(drive) for drive in subject.robot.drives]
     forces = np.zeros((STATES, model.nv))
     forces[:, drives] = states[4]
@@ -243,17 +235,6 @@ def pinocchio_forward(subject: Model, states: tuple[np.ndarray, ...]) -> float |
         return time.process_time() - start
 
     return 1e6 * (min(rounds() for _ in range(10)) - min(empty() for _ in range(5))) / STATES
-
-
-def _configuration(model: "pin.Model", names: list[str], x: np.ndarray) -> np.ndarray:
-    """Pinocchio writes joints without limits as cosine and sine."""
-    q = np.zeros(model.nq)
-    for name, value in zip(names, x, strict=True):
-        joint = model.joints[model.getJointId(name)]
-        q[joint.idx_q : joint.idx_q + joint.nq] = (
-            value if joint.nq == 1 else (np.cos(value), np.sin(value))
-        )
-    return q
 
 
 if __name__ == "__main__":

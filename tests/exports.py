@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache, lru_cache
 from pathlib import Path
+from typing import Any
 
 import casadi as ca
 import numpy as np
@@ -210,19 +211,33 @@ def tree_motion(
 
     `state` is one sample's z, q̇, q̈.
     """
-    tree, kinematics = spanning_tree(subject), subject.dynamics.kinematics
-    z, qd, qdd = state
+    kinematics, (z, qd, qdd) = subject.dynamics.kinematics, state
     J = kinematics.jacobian(z[None])[0]
     zd = np.linalg.solve(J, qd)
     zdd = np.linalg.solve(J, qdd - kinematics.jacobian_rate(z[None], zd[None])[0] @ zd)
-    x, zd_ = ca.vertcat(*[tree.coordinates[name] for name in names]), ca.SX.sym("zd", len(z))
-    slope = ca.jacobian(x, tree.z)
-    rate = ca.jtimes(slope @ zd_, tree.z, zd_)
-    values = ca.Function("x", [tree.z, zd_], [x, slope, rate])(z, zd)
+    values = _coordinates(subject, tuple(names))(z, zd)
     position, partial, bend = (np.array(value) for value in values)
     return TreeMotion(
         position.ravel(), partial @ zd, partial @ zdd + bend.ravel(), partial @ np.linalg.inv(J)
     )
+
+
+@lru_cache(maxsize=2)
+def _coordinates(subject: Model, names: tuple[str, ...]) -> ca.Function:
+    """Joints' coordinates x(z), ∂x/∂z, and what is left of ẍ where z̈ is zero."""
+    tree = spanning_tree(subject)
+    x, zd = ca.vertcat(*[tree.coordinates[name] for name in names]), ca.SX.sym("zd", tree.z.numel())
+    slope = ca.jacobian(x, tree.z)
+    return ca.Function("x", [tree.z, zd], [x, slope, ca.jtimes(slope @ zd, tree.z, zd)])
+
+
+def configuration(tree: Any, coordinates: dict[str, float]) -> np.ndarray:
+    """Of a tree in Pinocchio, which writes joints without limits as cosine and sine."""
+    q = np.zeros(tree.nq)
+    for name, x in coordinates.items():
+        joint = tree.joints[tree.getJointId(name)]
+        q[joint.idx_q : joint.idx_q + joint.nq] = x if joint.nq == 1 else (np.cos(x), np.sin(x))
+    return q
 
 
 def composed(make: Make) -> Model:

@@ -77,13 +77,6 @@ def platform_joints(limbs: Limbs, z: np.ndarray) -> np.ndarray:
     return z[:3] + limbs.platform_radius * np.column_stack([np.cos(phi), np.sin(phi), 0 * phi])
 
 
-def rotation(axis: str, angle: float) -> np.ndarray:
-    """Rotation about a coordinate axis, by Rodrigues' formula."""
-    e = np.eye(3)["xyz".index(axis)]
-    K = np.array([np.cross(e, v) for v in np.eye(3)]).T
-    return np.eye(3) + np.sin(angle) * K + (1 - np.cos(angle)) * K @ K
-
-
 def generic_states(dynamics: Dynamics, n: int) -> tuple[np.ndarray, ...]:
     """z, q, q̇, q̈ of n random samples within reach of the catalogue's robots."""
     rng, dof = np.random.default_rng(14), dynamics.dof

@@ -14,10 +14,10 @@ import pytest
 from deltaid.exports.files import export
 from deltaid.exports.tree import spanning_tree
 from deltaid.exports.urdf import PLACEHOLDER, urdf
-from exports import model, states, subject, total_mass, tree_motion
+from exports import configuration, model, states, subject, total_mass, tree_motion
 from support import assert_close
 from sweeps import swept
-from test_export_urdf import Tree, configuration
+from test_export_urdf import Tree
 
 # Of urdfdom: on the machine, or of the wheel that Pinocchio's takes in.
 CHECK = shutil.which("check_urdf") or shutil.which("check_urdf", path=Path(sys.executable).parent)

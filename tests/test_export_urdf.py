@@ -20,6 +20,7 @@ from exports import (
     TOOLS,
     at_home,
     composed,
+    configuration,
     model,
     states,
     subject,
@@ -33,15 +34,6 @@ from support import KINDS, assert_close
 from sweeps import swept
 
 CASES = swept([*KINDS, *TOOLS, *COMPOSED], "clavel-delta3", "h4/first", "i4-linear", COMPOSED[0])
-
-
-def configuration(tree: pin.Model, coordinates: dict[str, float]) -> np.ndarray:
-    """Pinocchio writes joints without limits as cosine and sine."""
-    q = pin.neutral(tree)
-    for name, x in coordinates.items():
-        joint = tree.joints[tree.getJointId(name)]
-        q[joint.idx_q : joint.idx_q + joint.nq] = x if joint.nq == 1 else (np.cos(x), np.sin(x))
-    return q
 
 
 class Tree:

@@ -10,7 +10,8 @@ from scipy.optimize import brentq
 from deltaid.errors import KinematicsError
 from deltaid.mechanism.kinematics import Kinematics
 from deltaid.robot.limbs import Limbs
-from geometries import elbows, kinematics, platform_joints, poses_within_reach, rotation
+from geometries import elbows, kinematics, platform_joints, poses_within_reach
+from oracle.tree import rot_z
 from sweeps import swept
 
 
@@ -89,7 +90,7 @@ def stretched_pose(name: str, limb: int, deficit: float) -> np.ndarray:
     arm = limbs.upper_arm * np.array([-np.cos(down), 0, -np.sin(down)])
     along = np.sqrt(1 - aside**2) * arm / limbs.upper_arm + [0, aside, 0]
     inwards = np.array([limbs.base_radius - limbs.platform_radius, 0, 0])
-    return rotation("z", phi) @ (inwards + arm + strut * along)
+    return rot_z(phi) @ (inwards + arm + strut * along)
 
 
 @pytest.mark.parametrize("name", ["even", "uneven clockwise", "random"])
@@ -160,7 +161,7 @@ def test_forward_refuses_an_elbow_that_points_inwards(name: str, limb: int) -> N
     limbs, z = k.robot.limbs, poses_within_reach(k, 1)
     q = k.inverse(z)
     phi = np.deg2rad(limbs.azimuth_deg[limb])
-    line = rotation("z", phi).T @ platform_joints(limbs, z[0])[limb] - [limbs.base_radius, 0, 0]
+    line = rot_z(phi).T @ platform_joints(limbs, z[0])[limb] - [limbs.base_radius, 0, 0]
     q[0, limb] = 2 * np.arctan2(-line[2], line[0]) - q[0, limb]  # mirrored about the line
     struts = np.linalg.norm(platform_joints(limbs, z[0]) - elbows(limbs, q[0]), axis=1)
     np.testing.assert_allclose(struts, limbs.strut, rtol=1e-12)
