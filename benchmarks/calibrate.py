@@ -29,6 +29,7 @@ from deltaid.calibration.outlook import drawn
 from deltaid.estimation.scatter import NORMAL
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests"))
+from measured_poses import real, spans, touched, tracked
 from oracle.measured_delta import DRAWINGS, THREE, TOOL, Drawing, built, shape_error
 
 ARM, STRUT, BASE, PLATFORM = 0.235, 0.8, 0.25, 0.05
@@ -36,7 +37,7 @@ RADIUS, LOW, HIGH, BLOCK = 0.35, -0.85, -0.6, 0.1
 DRAWING = Drawing(
     THREE, BASE, PLATFORM, ARM, STRUT, (-RADIUS, -RADIUS, LOW), (RADIUS, RADIUS, HIGH)
 )
-TRACKER, TOUCH, CALLIPER = 2e-5, 1e-5, 2e-5
+TOUCH = 1e-5
 SETS = {
     "bed, one plane": ((0.0,), ()),
     "bed at two known heights": ((0.0, BLOCK), ()),
@@ -70,42 +71,23 @@ class Study:
         scale = 1e-3 if drawing.arm is None else 0.0
         self.machine = built(self.rng, drawing, scale=scale)
 
-    def drives(self, commanded: np.ndarray) -> np.ndarray:
-        """Drive coordinates of commanded points, without a telescope's."""
-        z = np.tile(self.kinematics.home, (len(commanded), 1))
-        z[:, : commanded.shape[1]] = commanded
-        return self.kinematics.inverse(z)[:, : len(self.machine.limbs)]
-
-    def real(self, q: np.ndarray, near: np.ndarray) -> np.ndarray:
-        return self.machine.tool_points(q, near)
-
     def tracked(self, x: np.ndarray) -> dict[str, np.ndarray]:
         """Points at commanded ones."""
-        q = self.drives(x)
-        m = self.real(q, x)
-        m += self.rng.normal(0, TRACKER, m.shape)
-        columns = {f"q{i + 1}": q[:, i] for i in range(q.shape[1])}
-        return columns | dict(zip(("px", "py", "pz"), m.T, strict=True))
+        m = real(self.machine, self.kinematics, x)
+        return tracked(self.kinematics, x, m, self.rng, np.eye(3))
 
     def touched(self, heights: tuple[float, ...]) -> dict[str, np.ndarray]:
         """60 touches in all."""
         count = 60 // len(heights)
-        place = np.vstack([disc(self.rng, count, LOW + 0.01 + height) for height in heights])
-        x = place.copy()
-        for _ in range(5):
-            x[:, 2] -= self.real(self.drives(x), x)[:, 2] - place[:, 2]
-        x[:, 2] += self.rng.normal(0, TOUCH, len(x))
-        return dict(zip("xyz", x.T, strict=True)) | {"block": np.repeat(heights, count)}
+        places = np.vstack([disc(self.rng, count, LOW + 0.01 + height) for height in heights])
+        return touched(self.machine, self.kinematics, places, TOUCH, self.rng)
 
     def spans(self, heights: tuple[float, ...]) -> dict[str, np.ndarray]:
         """18 distances a height."""
-        columns, ends = {}, []
-        for end in "ab":
-            x = np.vstack([disc(self.rng, 18, LOW + 0.01 + height) for height in heights])
-            columns |= {f"{end}_{axis}": x[:, k] for k, axis in enumerate("xyz")}
-            ends.append(self.real(self.drives(x), x))
-        length = np.linalg.norm(ends[0] - ends[1], axis=1)
-        return columns | {"distance": length + self.rng.normal(0, CALLIPER, len(length))}
+        a, b = (
+            np.vstack([disc(self.rng, 18, LOW + 0.01 + height) for height in heights]) for _ in "ab"
+        )
+        return spans(self.machine, self.kinematics, a, b, self.rng)
 
     def measured(self, name: str) -> dict[str, dict[str, np.ndarray]]:
         sets = SETS.get(name)
@@ -132,7 +114,7 @@ def row(name: str, kinematics: deltaid.Kinematics, drawing: Drawing, machines: i
         loops = found.fit.loops
         q = drawn(loops.kinematics, loops.limbs)
         nominal = loops.points(q, np.zeros(len(found.values))).x
-        m = study.real(q, loops.start(q)[:, :3])
+        m = study.machine.tool_points(q, loops.start(q)[:, :3])
         before.append(shape_error(nominal, m))
         true.append(shape_error(loops.points(q, found.values).x, m))
         predicted.append(found.after.position)

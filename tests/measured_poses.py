@@ -13,11 +13,16 @@ from oracle.tree import Array
 
 CLAVEL, KOSSEL = "clavel-delta3", "anycubic-kossel"
 NOISE, POINT = 2e-5, ("px", "py", "pz")
+# Of a tracker against the machine.
+TURN = Rotation.from_rotvec([0.3, -0.2, 1.0]).as_matrix()
+
+
+Described = str | deltaid.Kinematics
 
 
 @cache
-def kinematics(name: str) -> deltaid.Kinematics:
-    return deltaid.Kinematics(name)
+def kinematics(robot: Described) -> deltaid.Kinematics:
+    return deltaid.Kinematics(robot) if isinstance(robot, str) else robot
 
 
 def machine(name: str, seed: int, **options: float) -> tuple[BuiltDelta, np.random.Generator]:
@@ -25,21 +30,23 @@ def machine(name: str, seed: int, **options: float) -> tuple[BuiltDelta, np.rand
     return built(rng, DRAWINGS[name], **options), rng
 
 
-def real(robot: BuiltDelta, name: str, commanded: Array) -> Array:
+def real(robot: BuiltDelta, name: Described, commanded: Array) -> Array:
     """Where a machine stands that believes in its description."""
     return robot.tool_points(drives(name, commanded), commanded)
 
 
-def drives(name: str, commanded: Array) -> Array:
+def drives(name: Described, commanded: Array) -> Array:
     """Of a description, without the telescope's."""
-    z = np.tile(kinematics(name).home, (len(commanded), 1))
+    described = kinematics(name)
+    z = np.tile(described.home, (len(commanded), 1))
     z[:, : commanded.shape[1]] = commanded
-    return kinematics(name).inverse(z)[:, : len(DRAWINGS[name].azimuths)]
+    return described.inverse(z)[:, : described.robot.limbs.count]
 
 
-def tracked(name: str, x: Array, m: Array, rng: np.random.Generator) -> dict[str, Array]:
+def tracked(
+    name: Described, x: Array, m: Array, rng: np.random.Generator, turn: Array = TURN
+) -> dict[str, Array]:
     """Readings of a tracker somewhere."""
-    turn = Rotation.from_rotvec([0.3, -0.2, 1.0]).as_matrix()
     points = m @ turn.T + [1.0, 2.0, 0.5] + rng.normal(0, NOISE, m.shape)
     q = drives(name, x)
     return {f"q{i + 1}": q[:, i] for i in range(q.shape[1])} | dict(
@@ -48,7 +55,7 @@ def tracked(name: str, x: Array, m: Array, rng: np.random.Generator) -> dict[str
 
 
 def touched(
-    robot: BuiltDelta, name: str, places: Array, noise: float, rng: np.random.Generator
+    robot: BuiltDelta, name: Described, places: Array, noise: float, rng: np.random.Generator
 ) -> dict[str, Array]:
     """Commanded points at which a machine touches planes at heights `places[:, 2]`."""
     x = places.copy()
@@ -59,7 +66,7 @@ def touched(
 
 
 def spans(
-    robot: BuiltDelta, name: str, a: Array, b: Array, rng: np.random.Generator
+    robot: BuiltDelta, name: Described, a: Array, b: Array, rng: np.random.Generator
 ) -> dict[str, Array]:
     """Distances between pairs of commanded points."""
     length = np.linalg.norm(real(robot, name, a) - real(robot, name, b), axis=1)
