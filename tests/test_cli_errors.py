@@ -22,6 +22,7 @@ from deltaid.model.record import FORMAT, IdentifiedModel
 from deltaid.recording.opening import open_log
 from deltaid.recording.recording import with_filter
 from deltaid.robot.load import catalogue_text
+from descriptions import replaced
 from identified import identified
 from logs import names, recorded, text, write
 
@@ -137,11 +138,6 @@ def test_wrong_usage(folder: Path, monkeypatch, line: str) -> None:
     assert max(map(len, outcome.err.splitlines())) <= 80
 
 
-def damaged(text_of_model: str, old: str, new: str) -> str:
-    assert old in text_of_model
-    return text_of_model.replace(old, new, 1)
-
-
 DAMAGES = {
     "format": (
         f"format: {FORMAT}",
@@ -167,7 +163,7 @@ DAMAGES = {
 def test_damaged_models(folder: Path, tmp_path: Path, name: str) -> None:
     old, new, fragment = DAMAGES[name]
     path = tmp_path / "model.yaml"
-    write(path, damaged((folder / "model.yaml").read_text(), old, new))
+    write(path, replaced(old, new, (folder / "model.yaml").read_text()))
     message = refused("validate", path, folder / "log.csv", folder=tmp_path)
     assert message.startswith(f"error: {path}")
     assert fragment in message

@@ -15,6 +15,8 @@ import pytest
 import deltaid
 from deltaid.motion.excitation.run import Run
 from deltaid.motion.fourier import FourierMotion
+from deltaid.robot.load import catalogue_text
+from logs import recorded, true_parameters, write
 from sessions import ROOT, blocks
 
 NAME = "clavel-delta3"
@@ -55,55 +57,16 @@ def test_other_names_are_refused_as_python_does() -> None:
         _ = deltaid.no_such_name
 
 
-def recording(path: Path, p: np.ndarray) -> Path:
-    """Two seconds of the robot at 500 Hz with parameters p: joint angles that are sums of sines."""
-    dynamics, time = deltaid.Dynamics(deltaid.load_robot(NAME)), np.arange(1000) / 500
-    w = 2 * np.pi * 0.5 * np.arange(1, 6)
-    amplitude, phase = np.random.default_rng(0).uniform(-1, 1, (2, 3, 5, 1))
-    size = 0.3 / np.abs(amplitude).sum(axis=1, keepdims=True) * amplitude
-    wave = w[:, None] * time + np.pi * phase
-    q = 0.3 + np.sum(size * np.sin(wave), axis=1).T
-    qd = np.sum(size * w[:, None] * np.cos(wave), axis=1).T
-    qdd = np.sum(-size * w[:, None] ** 2 * np.sin(wave), axis=1).T
-    tau = dynamics.inverse_dynamics(q, qd, qdd, p)
-    header = ["t", *(f"{kind}{i}" for kind in ("q", "qd", "qdd", "tau") for i in (1, 2, 3))]
-    rows = np.column_stack([time, q, qd, qdd, tau])
-    np.savetxt(path, rows, delimiter=",", header=",".join(header), comments="")
-    return path
-
-
-@pytest.fixture(scope="module")
-def truth() -> np.ndarray:
-    """Parameters a quarter above the prior."""
-    return 1.25 * deltaid.prior_parameters(deltaid.load_robot(NAME))
-
-
-@pytest.fixture(scope="module")
-def log(truth: np.ndarray, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return recording(tmp_path_factory.mktemp("log") / "log.csv", truth)
-
-
-@pytest.fixture(scope="module")
-def robot_file(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A robot file of one's own; JSON is YAML."""
-    path = tmp_path_factory.mktemp("robot") / "robot.yaml"
-    text = deltaid.load_robot(NAME).model_dump_json(exclude_none=True)
-    path.write_text(text, encoding="utf-8")
-    return path
-
-
-def test_the_block_of_the_readme_runs(
-    truth: np.ndarray, log: Path, robot_file: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_the_block_of_the_readme_runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     ((_, code),) = blocks((ROOT / "README.md").read_text(encoding="utf-8"), "python")
-    (tmp_path / "my-robot.yaml").write_bytes(robot_file.read_bytes())
-    (tmp_path / "log.csv").write_bytes(log.read_bytes())
+    write(tmp_path / "my-robot.yaml", catalogue_text(NAME))
+    write(tmp_path / "log.csv", recorded(4000, derivatives=True))
     monkeypatch.chdir(tmp_path)
     q = np.full((4, 3), 0.3)
     space = {"q": q, "qd": 0 * q, "qdd": 0 * q}
     exec(compile(code, "README.md", "exec"), space)
     assert (tmp_path / "model.yaml").is_file()
-    at_rest = deltaid.Dynamics(deltaid.load_robot(NAME)).inverse_dynamics(q, 0 * q, 0 * q, truth)
+    at_rest = deltaid.Dynamics(NAME).inverse_dynamics(q, 0 * q, 0 * q, true_parameters())
     np.testing.assert_allclose(space["tau"], at_rest, rtol=1e-3)
     np.testing.assert_allclose(space["terms"].g, at_rest, rtol=1e-3)
 
