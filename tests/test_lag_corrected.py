@@ -50,7 +50,6 @@ def recorded(
     by_direction: float = 0.0,
     loop: float = 0.0,
     velocity: float | None = None,
-    noise: float = NOISE,
     seed: int = 5,
     rate: float = RATE,
 ) -> pl.DataFrame:
@@ -61,7 +60,6 @@ def recorded(
         by_direction: share of Coulomb friction that torques have more in one direction.
         loop: time constant of a filter on torques [s].
         velocity: by how much recorded velocities come late [s]; None for none recorded.
-        noise: of torques, a share of the largest.
     """
     dynamics, p = robot(name)
     coulomb = p[dynamics.layout.coulomb][: dynamics.dof]
@@ -83,7 +81,7 @@ def recorded(
         tau = np.mean(parts, axis=0)
     else:
         tau = np.column_stack([at(t - delay)[2][:, i] for i, delay in enumerate(delays)])
-    tau = tau + noise * np.abs(tau).max(axis=0) * rng.standard_normal(tau.shape)
+    tau = tau + NOISE * np.abs(tau).max(axis=0) * rng.standard_normal(tau.shape)
     rates = {} if velocity is None else {"qd": at(t - velocity)[1]}
     return tabled(t=t, q=1e-6 * np.round(1e6 * q), **rates, tau=tau)
 
