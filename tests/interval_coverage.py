@@ -19,12 +19,12 @@ from deltaid.estimation.information import Information, merge
 from deltaid.estimation.scatter import Noise, inverse
 from deltaid.identification.gathering import Gathered, gather_all
 from deltaid.identification.least_squares import BaseEstimate, estimate_base
-from deltaid.motion.excitation.excite import ExcitationSettings, Exciter
-from deltaid.motion.random_motion import random_motion
 from deltaid.motion.surrogate import SensorNoise, surrogate_parameters
 from deltaid.recording.recording import open_recordings
 from deltaid.robot.load import load_robot
 from logs import tabled
+from sensed import motion
+from support import along
 
 RATE = 1000.0
 KINDS = ("white", "coloured", "ripple")
@@ -32,24 +32,17 @@ Run = Callable[[str], tuple[np.ndarray, ...]]
 ROBOTS = ("irb360-6-1600", "clavel-delta3")
 
 
-@cache
 def optimised(name: str) -> tuple[np.ndarray, ...]:
-    """t, q, q̇, q̈, z of the run that `deltaid excite` gives: several periods, from rest to rest."""
-    dynamics = compiled(load_robot(name))
-    run = Exciter(dynamics, ExcitationSettings(starts=1, rate=RATE)).optimise().run
-    time = np.arange(int(run.duration * RATE)) / RATE
-    z, zd, zdd = run.evaluate(time)
-    return time, *dynamics.kinematics.drive_motion(z, zd, zdd), z
+    """t, z, q, q̇, q̈ of the run that `deltaid excite` gives."""
+    return motion(name, RATE)
 
 
 @cache
 def wandering(name: str) -> tuple[np.ndarray, ...]:
     """The same of a random motion, three times around: it goes by no optimiser's version."""
+    time = np.arange(int(9 * RATE)) / RATE
     kinematics = compiled(load_robot(name)).kinematics
-    motion = random_motion(kinematics, np.random.default_rng(0), period=3.0)
-    time = np.arange(int(3 * motion.period * RATE)) / RATE
-    z, zd, zdd = motion.evaluate(time)
-    return time, *kinematics.drive_motion(z, zd, zdd), z
+    return time, *along(kinematics, np.random.default_rng(0), time, period=3.0)
 
 
 def noises(kind: str, seeds: int, q: np.ndarray, rng: np.random.Generator) -> np.ndarray:
@@ -74,7 +67,7 @@ def estimates(
 ) -> tuple[np.ndarray, list[BaseEstimate]]:
     """True base parameters of a catalogue robot, and the estimate of each seed of noise."""
     dynamics, rng = compiled(load_robot(name)), np.random.default_rng(1)
-    time, q, qd, qdd, z = run(name)
+    time, z, q, qd, qdd = run(name)
     p = surrogate_parameters(dynamics.robot, rng)
     tau = dynamics.torque(z, qd, qdd, p).T
     noise = noises(kind, seeds, q, rng) * np.abs(tau).max(axis=1)[:, None]

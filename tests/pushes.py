@@ -11,9 +11,6 @@ from faults.case import Case, Setting
 from oracle.tree import Array
 from plants import GRID, random_plant
 
-# Differences of task coordinates for a Jacobian [m or rad].
-_STEP = 1e-6
-
 
 @dataclass(frozen=True)
 class Force:
@@ -58,14 +55,9 @@ def torques(setting: Setting, forces: tuple[Force, ...]) -> Array:
     for force in forces:
         at = np.flatnonzero(force.share(time))
         z = places(setting, time[at])
-        steps = _STEP * np.eye(z.shape[1])
-        J = np.stack(
-            [(oracle.positions(z + h) - oracle.positions(z - h)) / (2 * _STEP) for h in steps],
-            axis=2,
-        )
         F = np.zeros((len(at), z.shape[1], 1))
         F[:, :3, 0] = np.outer(force.share(time[at]), force.force)
-        out[at] -= np.linalg.solve(J.transpose(0, 2, 1), F)[:, :, 0]
+        out[at] -= np.linalg.solve(oracle.jacobian(z).transpose(0, 2, 1), F)[:, :, 0]
     return out
 
 

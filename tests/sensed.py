@@ -123,11 +123,11 @@ def consistent(reduction: Reduction, off: np.ndarray) -> bool:
 
 
 @cache
-def motion(name: str) -> tuple[np.ndarray, ...]:
-    """t, z, q, q̇, q̈ of the run that `deltaid excite` gives."""
+def motion(name: str, rate: float = RATE) -> tuple[np.ndarray, ...]:
+    """t, z, q, q̇, q̈ of the run that `deltaid excite` gives: several periods, from rest to rest."""
     dynamics = compiled(load_robot(name))
-    run = Exciter(dynamics, ExcitationSettings(starts=1, rate=RATE)).optimise().run
-    time = np.arange(int(run.duration * RATE)) / RATE
+    run = Exciter(dynamics, ExcitationSettings(starts=1, rate=rate)).optimise().run
+    time = np.arange(int(run.duration * rate)) / rate
     z, zd, zdd = run.evaluate(time)
     return time, z, *dynamics.kinematics.drive_motion(z, zd, zdd)
 

@@ -10,6 +10,7 @@ import pytest
 
 import deltaid
 from deltaid.dynamics.dynamics import Dynamics, compiled
+from deltaid.errors import DeltaidError
 from deltaid.identification.fit import fit
 from deltaid.identification.lags_and_gears import _better_than_loads, gears_turned_back
 from deltaid.identification.setup import ContestOutcome, Setup
@@ -230,13 +231,15 @@ def test_a_law_that_is_missing_is_no_compliance() -> None:
 
 
 def test_a_stiffness_is_of_a_drive_that_is_there() -> None:
-    data = load_robot("clavel-delta3").model_dump(mode="json")
-    one = RobotDescription.model_validate(data | {"gear_stiffness": 2e4})
+    robot = load_robot("clavel-delta3")
+    one = robot.changed(gear_stiffness=2e4)
     assert [one.stiffness(drive) for drive in one.drives] == [2e4, 2e4, 2e4]
-    two = RobotDescription.model_validate(data | {"gear_stiffness": {"drive2": 5e3}})
+    two = robot.changed(gear_stiffness={"drive2": 5e3})
     assert [two.stiffness(drive) for drive in two.drives] == [np.inf, 5e3, np.inf]
-    with pytest.raises(ValueError, match="gear_stiffness has unknown drive9; choose from drive1"):
-        RobotDescription.model_validate(data | {"gear_stiffness": {"drive9": 5e3}})
+    with pytest.raises(
+        DeltaidError, match="gear_stiffness: has unknown drive9; choose from drive1"
+    ):
+        robot.changed(gear_stiffness={"drive9": 5e3})
 
 
 @pytest.mark.parametrize("motor", ["viscous", "coulomb", "rotor"])

@@ -136,10 +136,8 @@ def test_overconstrained_platforms_say_so() -> None:
 
 
 def test_one_strut_has_no_spacing() -> None:
-    data = load_robot("clavel-delta3").model_dump()
-    data["limbs"] |= {"struts_per_limb": 1, "strut_spacing": 0.1}
-    with pytest.raises(ValueError, match="strut_spacing is given"):
-        RobotDescription.model_validate(data)
+    with pytest.raises(DescriptionError, match="strut_spacing: is given"):
+        load_robot("clavel-delta3").limbs.changed(struts_per_limb=1, strut_spacing=0.1)
 
 
 def test_own_mechanism_is_refused() -> None:

@@ -145,8 +145,7 @@ def test_a_drive_with_the_wrong_sign_of_its_motion_is_named() -> None:
 
 
 def test_inertia_alone_tells_where_there_is_no_friction() -> None:
-    data = load_robot("clavel-delta3").model_dump(exclude_none=True) | {"friction": {}}
-    dynamics = compiled(RobotDescription.model_validate(data))
+    dynamics = compiled(load_robot("clavel-delta3").changed(friction={}))
     rng = np.random.default_rng(0)
     z, _, qd, qdd = along(dynamics.kinematics, rng, 500)
     tau = dynamics.torque(z, qd, qdd, prior_parameters(dynamics.robot))

@@ -8,19 +8,13 @@ from hypothesis import strategies as st
 from deltaid.dynamics.dynamics import compiled
 from deltaid.errors import DeltaidError
 from deltaid.motion.excitation.excite import ExcitationSettings, Exciter
-from deltaid.robot.description import RobotDescription
 from deltaid.robot.limits import Box, Cylinder, Hemisphere
 from deltaid.robot.load import load_robot
 from sweeps import slow, swept
 
 
-def changed(robot: RobotDescription, **values: object) -> RobotDescription:
-    return RobotDescription.model_validate(robot.model_dump(mode="json") | values)
-
-
 def test_limits_that_fight_are_named() -> None:
-    robot = changed(
-        load_robot("clavel-delta3"),
+    robot = load_robot("clavel-delta3").changed(
         workspace={"shape": "cylinder", "radius": 0.3, "z": [-1.1, -0.8]},
         drive_limits={f"drive{i}": {"angle_deg": [-44, -30]} for i in (1, 2, 3)},
     )
@@ -39,8 +33,7 @@ def test_limits_that_fight_are_named() -> None:
 @example(radius=0.157493889294181, speed=2.8159673209, acceleration=40.044, swing=15, torque=40)
 @settings(max_examples=1, deadline=None)
 def test_any_limits_are_kept_or_refused(radius, speed, acceleration, swing, torque) -> None:
-    robot = changed(
-        load_robot("clavel-delta3"),
+    robot = load_robot("clavel-delta3").changed(
         workspace={"shape": "cylinder", "radius": radius, "z": [-1.1, -0.85]},
         platform_speed=speed,
         platform_acceleration=acceleration,
@@ -77,7 +70,7 @@ def test_motions_stay_in_each_kind_of_workspace(space) -> None:
 @pytest.mark.parametrize("torque", swept([12.0, 15.0, 20.0], 15.0))
 def test_true_torques_keep_tight_limits_where_friction_changes_its_sign(torque: float) -> None:
     limits = {f"drive{i}": {"torque": torque} for i in (1, 2, 3)}
-    robot = changed(load_robot("clavel-delta3"), drive_limits=limits)
+    robot = load_robot("clavel-delta3").changed(drive_limits=limits)
     result = Exciter(compiled(robot), ExcitationSettings(starts=1)).optimise()
     assert np.all(result.torque_max <= torque)
 

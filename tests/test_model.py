@@ -161,9 +161,8 @@ def test_entries_that_are_zero_have_the_scale_of_their_body() -> None:
 
 
 def test_a_drive_without_a_limit_may_have_any_torque() -> None:
-    data = deltaid.load_robot(NAME).model_dump()
-    data["drive_limits"] = {"drive2": {"torque": 12.0}}
-    limits = effort_limits(deltaid.RobotDescription.model_validate(data))
+    robot = deltaid.load_robot(NAME).changed(drive_limits={"drive2": {"torque": 12.0}})
+    limits = effort_limits(robot)
     np.testing.assert_array_equal(limits, [np.inf, 12.0, np.inf])
 
 

@@ -14,7 +14,6 @@ from deltaid.motion.random_motion import random_motion
 from deltaid.motion.surrogate import write_recording
 from deltaid.recording.opening import open_log
 from deltaid.recording.reach import BranchCheck, Stretch
-from deltaid.robot.description import RobotDescription
 from deltaid.robot.load import load_robot
 from logs import tabled
 
@@ -133,11 +132,10 @@ def test_other_branches_are_not_taken_for_the_home_pose_s() -> None:
 @pytest.fixture(scope="module")
 def par4() -> Kinematics:
     """A Par4 whose rods may turn nearly square to their middle position, where J is singular."""
-    data = load_robot("par4").model_dump(exclude_none=True)
-    ratio = data["platform"]["ratio"]
-    data["platform"]["angle_deg"] = (-89.0 * ratio, 89.0 * ratio)
-    data["drive_limits"] = {}
-    return Kinematics(RobotDescription.model_validate(data))
+    robot = load_robot("par4")
+    ratio = robot.platform.ratio
+    platform = robot.platform.changed(angle_deg=(-89.0 * ratio, 89.0 * ratio))
+    return Kinematics(robot.changed(platform=platform, drive_limits={}))
 
 
 def written(time: np.ndarray, q: np.ndarray, folder: Path) -> Path:

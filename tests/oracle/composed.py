@@ -106,6 +106,12 @@ class ComposedOracle(TreeOracle):
         q = [l.position(point) for l, point in zip(self.limbs, self.held(z), strict=True)]
         return np.array([*q, z[3]] if self.telescope else q)
 
+    def jacobian(self, z: Array) -> Array:
+        """Derivatives of the actuators' coordinates by a pose (dof, dof), or by many poses."""
+        steps = 1e-6 * np.eye(z.shape[-1])
+        slopes = [(self.positions(z + h) - self.positions(z - h)) / 2e-6 for h in steps]
+        return np.stack(slopes, axis=-1)
+
     def gaps(self, z: ArrayLike, q: ArrayLike) -> Array:
         """Distance of arm tip or carriage to the held point, less the strut's length (m)."""
         rows = []
