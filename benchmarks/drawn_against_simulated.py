@@ -9,7 +9,7 @@ from collections.abc import Sequence
 import numpy as np
 from _drawn_templates import SETTINGS, simulated
 from _table import STATED, leave
-from drawn_fleet import NOISE, drawn_type, made_alike
+from drawn_fleet import NOISE, drawn_type
 
 from deltaid.dynamics.parameters import prior_parameters
 from deltaid.fleets.factor_file import FactorFile
@@ -17,6 +17,7 @@ from deltaid.fleets.gather import gathered
 from deltaid.fleets.identify_gathered import identify_gathered
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.load import load_robot
+from plants import made_alike
 
 
 def _compared(name: str, count: int) -> tuple[object, ...]:

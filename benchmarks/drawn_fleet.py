@@ -10,7 +10,7 @@ stretches, places and their sums are those of a true recording, and so is the no
     file = kind.drawn("robot 7", day=31, p=truth, temperature=24.0, seed=3)    # a millisecond
 
 `p` is over `kind.dynamics.layout`. Friction of that day and temperature is the caller's, and
-`made_alike` below draws robots. A robot's files go to `identify_gathered` as those of `gathered`
+`plants.made_alike` draws robots. A robot's files go to `identify_gathered` as those of `gathered`
 do. Columns of lags and of what gears carry are those of the described robot.
 `python benchmarks/drawn_against_simulated.py` compares drawn recordings with truly simulated ones.
 """
@@ -25,12 +25,9 @@ from deltaid.dynamics.dynamics import Dynamics, compiled
 from deltaid.fleets.factor_file import FactorFile
 from deltaid.fleets.factor_record import FactorGroups, FactorRecord, Temperature
 from deltaid.robot.description import RobotDescription
-from deltaid.robot.inertia import PSEUDO_INERTIA_ENTRIES, inertia_parameters, pseudo_inertia
 
 # White noise of torques at the sampling rate, a share of each drive's largest torque.
 NOISE = 0.02
-# By how much robots of a type differ, as shares.
-BODY, FRICTION = 0.03, 0.15
 
 
 @dataclass(frozen=True, eq=False)
@@ -88,26 +85,6 @@ def drawn_type(robot: RobotDescription, motions: int, loaded: int = 0) -> DrawnT
     each = [template(robot, seed, is_loaded=False) for seed in range(motions)]
     with_load = [template(robot, seed, is_loaded=True) for seed in range(loaded)]
     return DrawnType(robot, tuple(each), tuple(with_load))
-
-
-def made_alike(robot: RobotDescription, p: np.ndarray, rng: np.random.Generator) -> np.ndarray:
-    """One robot of a type with parameters p in the mean.
-
-    Free entries of each body's pseudo-inertia matrix are off by a share BODY of √(M_ii M_jj),
-    coefficients of joints by a share FRICTION of themselves, all independently.
-    """
-    found, layout = p.copy(), compiled(robot).layout
-    for name in layout.bodies:
-        part = layout.body(name)
-        M = pseudo_inertia(p[part])
-        size, off = np.sqrt(np.outer(np.diag(M), np.diag(M))), np.zeros((4, 4))
-        for entry in robot.bodies[name].free:
-            i, j = PSEUDO_INERTIA_ENTRIES[entry]
-            off[i, j] = off[j, i] = rng.standard_normal()
-        found[part] = inertia_parameters(M + BODY * size * off)
-    at = layout.coefficients
-    found[at] *= 1.0 + FRICTION * rng.standard_normal(at.stop - at.start)
-    return found
 
 
 def _drawn(

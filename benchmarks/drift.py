@@ -21,7 +21,7 @@ from _drawn_templates import SETTINGS
 from _drifting_fleet import CASES, DAYS, DRIVES, WITHIN, Case, Fleet, drawn
 from _table import STATED, leave
 from _timing import options
-from drawn_fleet import DrawnType, drawn_type, made_alike
+from drawn_fleet import DrawnType, drawn_type
 
 from deltaid.dynamics.parameters import prior_parameters
 from deltaid.fleets.drift_evidence import YEAR
@@ -32,6 +32,7 @@ from deltaid.fleets.identify_gathered import identify_gathered
 from deltaid.fleets.robot_drift import DriftRecording, drift_of
 from deltaid.model.record import IdentifiedModel
 from deltaid.robot.load import load_robot
+from plants import made_alike
 
 FIRST = 21
 

@@ -4,7 +4,7 @@
     python benchmarks/population.py [ROBOTS [TYPES]]
 
 Types with bodies away from their description, robots with bodies and friction away from their type
-(`drawn_fleet.made_alike`), three recordings of 12 s each, 2 % torque noise. The same once more with
+(`plants.made_alike`), three recordings of 12 s each, 2 % torque noise. The same once more with
 one robot whose parts were weighed. Leaves `tables/population.md`.
 """
 
@@ -15,7 +15,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from _drawn_templates import SETTINGS
 from _table import STATED, leave, table
-from drawn_fleet import BODY, FRICTION, DrawnType, drawn_type, made_alike
+from drawn_fleet import DrawnType, drawn_type
 
 from deltaid.estimation.scatter import NORMAL
 from deltaid.fleets.identify_gathered import identify_gathered
@@ -28,6 +28,7 @@ from deltaid.robot.description import RobotDescription
 from deltaid.robot.load import load_robot
 from deltaid.robot.measured import Measured
 from deltaid.robot.tolerances import Tolerances
+from plants import BODY, FRICTION, made_alike
 
 # The description is off by about as much as it says.
 FIT = SETTINGS.changed(prior_spread=0.2)

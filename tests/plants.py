@@ -22,7 +22,7 @@ from deltaid.dynamics.parameters import parameter_layout, prior_parameters
 from deltaid.mechanism.kinematics import Kinematics
 from deltaid.motion.random_motion import random_motion
 from deltaid.robot.description import RobotDescription
-from deltaid.robot.inertia import inertia_parameters, pseudo_inertia
+from deltaid.robot.inertia import PSEUDO_INERTIA_ENTRIES, inertia_parameters, pseudo_inertia
 from oracle.composed import ComposedOracle
 from oracle.limb import LimbShape
 from oracle.tree import Array, Body
@@ -32,6 +32,8 @@ from oracle.tree import Array, Body
 GRID, _DENSE = 1024, 1 << 14
 # How long a robot takes to stop or to start, s.
 _RAMP = 0.4
+# By how much robots of a type differ, as shares.
+BODY, FRICTION = 0.03, 0.15
 
 
 def true_parameters(robot: RobotDescription, rng: np.random.Generator) -> Array:
@@ -44,6 +46,28 @@ def true_parameters(robot: RobotDescription, rng: np.random.Generator) -> Array:
     rest = layout.coefficients
     p[rest] *= np.exp(spread * rng.uniform(-1, 1, rest.stop - rest.start))
     return p
+
+
+def made_alike(
+    robot: RobotDescription, p: Array, rng: np.random.Generator, body: float = BODY
+) -> Array:
+    """One robot of a type with parameters p in the mean.
+
+    Free entries of each body's pseudo-inertia matrix are off by a share of √(M_ii M_jj),
+    coefficients of joints by a share FRICTION of themselves, all independently.
+    """
+    found, layout = p.copy(), parameter_layout(robot)
+    for name in layout.bodies:
+        part = layout.body(name)
+        M = pseudo_inertia(p[part])
+        size, off = np.sqrt(np.outer(np.diag(M), np.diag(M))), np.zeros((4, 4))
+        for entry in robot.bodies[name].free:
+            i, j = PSEUDO_INERTIA_ENTRIES[entry]
+            off[i, j] = off[j, i] = rng.standard_normal()
+        found[part] = inertia_parameters(M + body * size * off)
+    at = layout.coefficients
+    found[at] *= 1.0 + FRICTION * rng.standard_normal(at.stop - at.start)
+    return found
 
 
 def bodies_of(robot: RobotDescription, p: Array) -> dict[str, Body]:

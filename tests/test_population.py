@@ -36,13 +36,13 @@ from deltaid.motion.surrogate import (
     surrogate_parameters,
     write_recording,
 )
-from deltaid.robot.inertia import PSEUDO_INERTIA_ENTRIES, inertia_parameters, pseudo_inertia
 from deltaid.robot.load import load_robot, save_yaml
 from deltaid.robot.measured import Measured
+from plants import BODY, FRICTION, made_alike
 
 ROBOT = load_robot("clavel-delta3")
 LAYOUT = compiled(ROBOT).layout
-BODY, FRICTION, NOISE = 0.03, 0.15, 0.004
+NOISE = 0.004
 MASS = list(LAYOUT.names).index("P.m")
 STRUT = list(LAYOUT.names).index("S.m")
 
@@ -55,32 +55,19 @@ def rows() -> np.ndarray:
     return K / (NOISE * sizes)[:, None]
 
 
-def alike(mean: np.ndarray, rng: np.random.Generator) -> np.ndarray:
-    """A robot of the type."""
-    p = mean.copy()
-    for name in LAYOUT.bodies:
-        part = LAYOUT.body(name)
-        M, off = pseudo_inertia(p[part]), np.zeros((4, 4))
-        for entry in ROBOT.bodies[name].free:
-            i, j = PSEUDO_INERTIA_ENTRIES[entry]
-            off[i, j] = off[j, i] = rng.standard_normal()
-        size = np.sqrt(np.outer(np.diag(M), np.diag(M)))
-        p[part] = inertia_parameters(M + BODY * size * off)
-    p[LAYOUT.friction] *= 1 + FRICTION * rng.standard_normal(len(p[LAYOUT.friction]))
-    return p
-
-
 def seen(name: str, p: np.ndarray, rng: np.random.Generator, gain: float = 1.0) -> TypeMember:
     """A robot as its recordings show it."""
     values = gain * (rows() @ p) + rng.standard_normal(len(rows()))
     return TypeMember(name, LAYOUT.names, rows(), values, np.zeros((len(values), 0)), (), 60.0)
 
 
-def fleet(count: int, seed: int = 0) -> tuple[np.ndarray, np.ndarray, list[TypeMember]]:
+def fleet(
+    count: int, seed: int = 0, body: float = BODY
+) -> tuple[np.ndarray, np.ndarray, list[TypeMember]]:
     """Mean of a type, its robots, and what is seen of them."""
     rng = np.random.default_rng(seed)
     mean = surrogate_parameters(ROBOT, rng, 0.3)
-    truths = np.array([alike(mean, rng) for _ in range(count)])
+    truths = np.array([made_alike(ROBOT, mean, rng, body) for _ in range(count)])
     return mean, truths, [seen(f"r{k:03}", p, rng) for k, p in enumerate(truths)]
 
 
@@ -158,11 +145,11 @@ def test_the_same_measurement_in_all_descriptions_is_one(known) -> None:
 def test_robots_that_do_not_belong_are_named_and_have_no_say(known) -> None:
     mean, _, members, before = known
     rng = np.random.default_rng(5)
-    heavy = alike(mean, rng)
+    heavy = made_alike(ROBOT, mean, rng)
     heavy[MASS] += 0.3 * mean[MASS]
     strangers = [
         seen("heavy", heavy, rng),
-        *(seen(f"amplified {k}", alike(mean, rng), rng, 1.3) for k in range(9)),
+        *(seen(f"amplified {k}", made_alike(ROBOT, mean, rng), rng, 1.3) for k in range(9)),
     ]
     found = fitted([*members, *strangers], ROBOT)
     assert not any(member_of(found, stranger.name).belongs for stranger in strangers)
@@ -178,7 +165,7 @@ def test_robots_that_do_not_belong_are_named_and_have_no_say(known) -> None:
 def test_worn_friction_is_said_and_the_robot_stays(known) -> None:
     mean, _, members, _ = known
     rng = np.random.default_rng(6)
-    worn = alike(mean, rng)
+    worn = made_alike(ROBOT, mean, rng)
     worn[LAYOUT.viscous.start + 1] *= 2.5
     found = member_of(fitted([*members, seen("worn", worn, rng)], ROBOT), "worn")
     assert found.belongs
@@ -199,7 +186,7 @@ def test_few_robots_say_what_they_cannot(known) -> None:
 
 def test_one_of_few_is_named_though_it_would_widen_the_spreads() -> None:
     mean, _, members = fleet(7, 4)
-    heavy = alike(mean, np.random.default_rng(8))
+    heavy = made_alike(ROBOT, mean, np.random.default_rng(8))
     heavy[MASS] *= 1.3
     found = fitted([*members, seen("heavy", heavy, np.random.default_rng(9))], ROBOT)
     assert [robot.name for robot in found.members if not robot.belongs] == ["heavy"]
@@ -207,12 +194,9 @@ def test_one_of_few_is_named_though_it_would_widen_the_spreads() -> None:
 
 
 @pytest.mark.parametrize("gain", [0.95, 1.05])
-def test_a_wrong_scale_of_torques_is_named_among_eight(
-    gain: float, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_wrong_scale_of_torques_is_named_among_eight(gain: float) -> None:
     """By 5 %, where bodies are alike within 1 %."""
-    monkeypatch.setattr("test_population.BODY", 0.01)
-    _, truths, members = fleet(8, 2)
+    _, truths, members = fleet(8, 2, body=0.01)
     members[0] = seen("r000", truths[0], np.random.default_rng(102), gain)
     found = fitted(members, ROBOT)
     assert [robot.name for robot in found.members if not robot.belongs] == ["r000"]
@@ -271,7 +255,7 @@ def test_tables_are_tidy(known) -> None:
 def test_a_member_says_what_its_recording_says(tmp_path: Path) -> None:
     dynamics, rng = compiled(ROBOT), np.random.default_rng(3)
     motion = random_motion(dynamics.kinematics, rng)
-    truth = alike(prior_parameters(ROBOT), rng)
+    truth = made_alike(ROBOT, prior_parameters(ROBOT), rng)
     table = simulate_recording(dynamics, truth, motion, rng, duration=4.0, noise=SensorNoise())
     write_recording(table, tmp_path / "log.csv")
     settings = Settings(cutoff=15.0, friction="described")
