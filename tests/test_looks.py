@@ -15,7 +15,7 @@ from deltaid.exports.urdf import urdf
 from deltaid.model.model import Model
 from deltaid.robot.load import load_robot
 from exports import disturbed, states, subject, tree_motion
-from joint_places import elbow, part_of_limb, parts_of_platform, tool_point
+from joint_places import prior_oracle, tool_point
 from test_export_mjcf import Simulation
 
 ROBOTS = ("irb360-6-1600", "linear-delta-45", "h4/second", "par4", "i4", "unlike limbs")
@@ -73,11 +73,10 @@ def ends(name: str, shape: Shape) -> np.ndarray:
 @pytest.mark.parametrize("name", ROBOTS)
 def test_limbs_are_drawn_from_joint_to_joint(name: str) -> None:
     chosen, tree, found, z, q = shown(name)
-    s = thickness(chosen)
+    s, oracle = thickness(chosen), prior_oracle(chosen.robot)
     for i, limb in enumerate(chosen.robot.limb_geometry):
-        n, joint, y = i + 1, elbow(limb, q[i]), limb.R_WL[:, 1]
-        part = parts_of_platform(chosen.robot, z)[part_of_limb(chosen.robot, i)]
-        seat = part + limb.attachment
+        n, joint, y = i + 1, oracle.limbs[i].tip(q[i]), limb.R_WL[:, 1]
+        seat = oracle.held(z)[i]
         if limb.drive == "rotary":
             np.testing.assert_allclose(ends(name, found[f"arm{n}"]), [limb.base, joint], atol=1e-9)
             motor = ends(name, found[f"motor{n}"])
@@ -95,7 +94,8 @@ def test_limbs_are_drawn_from_joint_to_joint(name: str) -> None:
             assert np.linalg.norm(beside[0]) == pytest.approx(0.035 * s)
             assert beside[0] @ along == pytest.approx(0.0, abs=1e-9)
             assert beside[0] @ limb.R_WL[:, 0] > 0  # behind: farther out than the carriages
-        np.testing.assert_allclose(ends(name, found[f"limb{n}_spoke"]), [part, seat], atol=1e-9)
+        spoke = [seat - limb.attachment, seat]
+        np.testing.assert_allclose(ends(name, found[f"limb{n}_spoke"]), spoke, atol=1e-9)
         pair = [strut for strut in tree.struts if strut.body == f"S{n}"]
         side = 0.5 * (limb.spacing or drawn_spacing(chosen.robot)) * y
         sides = {"a": side, "b": -side}
@@ -118,7 +118,7 @@ def test_limbs_are_drawn_from_joint_to_joint(name: str) -> None:
 @pytest.mark.parametrize("name", ROBOTS)
 def test_platform_and_tool_are_drawn_where_they_are(name: str) -> None:
     chosen, _, found, z, _ = shown(name)
-    s, parts, tool = thickness(chosen), parts_of_platform(chosen.robot, z), tool_point
+    s, parts, tool = thickness(chosen), prior_oracle(chosen.robot).parts(z), tool_point
     up = np.array([0.0, 0.0, s])
     at = tool(chosen.robot, z)
     flange, tip = ends(name, found["flange"]), ends(name, found["tip"])
@@ -181,13 +181,14 @@ def test_programs_without_tendons_show_a_line_in_the_middle_of_each_pair(name: s
     simulation = Simulation(chosen)
     none = np.zeros_like(q)
     simulation.set(tree_motion(chosen, simulation.joints, (z, none, none)))
-    for i, limb in enumerate(chosen.robot.limb_geometry):
+    oracle = prior_oracle(chosen.robot)
+    for i, limb in enumerate(oracle.limbs):
         geom = simulation.data.geom(f"S{i + 1}_middle")
         radius, half = simulation.model.geom(f"S{i + 1}_middle").size[:2]
         axis = half * geom.xmat.reshape(3, 3)[:, 2]
-        seat = parts_of_platform(chosen.robot, z)[part_of_limb(chosen.robot, i)] + limb.attachment
+        joint, seat = limb.tip(q[i]), oracle.held(z)[i]
         line = sorted([(geom.xpos - axis).tolist(), (geom.xpos + axis).tolist()])
-        np.testing.assert_allclose(line, sorted([elbow(limb, q[i]).tolist(), seat.tolist()]),
+        np.testing.assert_allclose(line, sorted([joint.tolist(), seat.tolist()]),
                                    atol=1e-9)  # fmt: skip
         assert radius == pytest.approx(strut_radius(chosen))
         ball, site = (

@@ -20,7 +20,7 @@ from deltaid.robot.platform import RigidPlatform
 from deltaid.studio.stand import stand
 from deltaid.view.animation import animation, placed, robot_lines
 from deltaid.view.drawing import drawing
-from joint_places import direction, elbow, part_of_limb, parts_of_platform, poses, tool_point
+from joint_places import direction, poses, prior_oracle, tool_point
 from support import example
 
 ROBOTS = ("telescope aside", "linear-delta-45", "h4-linear", "par4", "i4", "one strut a limb")
@@ -46,12 +46,12 @@ def drawn(name: str) -> tuple[RobotDescription, Kinematics, Skeleton]:
 
 def of_limbs(robot: RobotDescription, q: np.ndarray, z: np.ndarray) -> list[Line]:
     """Struts, what is between the two of a pair, arms or rails; base and platform around them."""
-    parts, limbs = parts_of_platform(robot, z), robot.limb_geometry
+    oracle, limbs = prior_oracle(robot), robot.limb_geometry
     apart = 0.25 * np.mean([np.linalg.norm(limb.attachment) for limb in limbs])
-    lines, base, seats = list[Line](), list[np.ndarray](), [[] for _ in parts]
+    lines, base, seats = list[Line](), list[np.ndarray](), [[], []] if oracle.first else [[]]
     for i, limb in enumerate(limbs):
-        k = part_of_limb(robot, i)
-        held, joint, y = parts[k] + limb.attachment, elbow(limb, q[i]), limb.R_WL[:, 1]
+        k = int(bool(oracle.first) and i not in oracle.first)
+        held, joint, y = oracle.held(z)[i], oracle.limbs[i].tip(q[i]), limb.R_WL[:, 1]
         if limb.drive == "rotary":
             lines.append(("U", limb.base, joint))
         else:
@@ -82,7 +82,7 @@ def of_tool(robot: RobotDescription, z: np.ndarray) -> list[Line]:
         return [("TU", top, middle), ("TL", middle, bottom), ("EE", z[:3], pointer)]
     if isinstance(platform, RigidPlatform):
         return []
-    one, other = parts_of_platform(robot, z)
+    one, other = prior_oracle(robot).parts(z)
     size = np.mean([np.linalg.norm(limb.attachment) for limb in robot.limb_geometry])
     tool = tool_point(robot, z)
     pointer = tool + max(0.5 * size, 0.03) * direction(z[3])
