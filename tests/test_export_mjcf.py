@@ -9,8 +9,6 @@ import pytest
 
 import deltaid
 from composed import Make
-from deltaid.control.simulation import integrate
-from deltaid.dynamics.forward_dynamics import compiled_forward
 from deltaid.errors import DeltaidError
 from deltaid.exports.files import export
 from deltaid.exports.mjcf import mjcf
@@ -139,46 +137,6 @@ def test_accelerations_within_the_softness_of_constraints(case: str | Make) -> N
     assert (gaps[1] < 0.13 * gaps[0]).all()
     assert (gaps[2] < 0.13 * gaps[1]).all()
     assert gaps[2].max() < (0.005 if case in KINDS else 0.1)
-
-
-@pytest.mark.parametrize("name", swept(["clavel-delta3", "irb360-6-1600", "h4"], "clavel-delta3"))
-def test_a_second_of_motion(name: str) -> None:
-    """Held by springs of our own making, started with a push: MuJoCo beside forward dynamics."""
-    chosen = subject(name).without_friction()
-    simulation = Simulation(chosen)
-    simulation.model.opt.timestep = 2.5e-4
-    home, held = chosen.dynamics.kinematics.inverse(chosen.home), at_home(chosen)
-    stiffness, damping = 40.0 * held.M[0], 2.0 * held.M[0]
-
-    def torque(q: np.ndarray, qd: np.ndarray) -> np.ndarray:
-        return held.tau[0] - stiffness @ (q - home) - damping @ qd
-
-    push = np.array([2.0, -1.5, 1.0, 0.6])[: len(home)]
-
-    forward = compiled_forward(chosen.robot)
-    path = integrate(
-        forward,
-        chosen.p,
-        chosen.home[None],
-        forward.task_velocity(chosen.home[None], push[None]),
-        np.array([0.0, 1.0]),
-        lambda _, q, qd: torque(q[0], qd[0])[None],
-    )
-    want = forward.drive_coordinates(path.z[-1])[0]
-    assert np.abs(want - home).max() > 0.02
-    gaps = []
-    for seconds, impedance in ((0.1, 0.8), (0.03, 0.95), (0.002, 0.9999)):
-        simulation.stiffen(impedance)
-        simulation.model.eq_solref[:, 0] = seconds
-        mujoco.mj_resetDataKeyframe(simulation.model, simulation.data, 0)
-        simulation.set(tree_motion(chosen, simulation.joints, (chosen.home, push, 0 * push)))
-        for _ in range(4000):
-            q, qd = simulation.data.qpos[simulation.drives], simulation.data.qvel[simulation.drives]
-            simulation.data.qfrc_applied[simulation.drives] = torque(q, qd)
-            mujoco.mj_step(simulation.model, simulation.data)
-        gaps.append(np.abs(simulation.data.qpos[simulation.drives] - want).max())
-    assert gaps[2] < gaps[1] < gaps[0]
-    assert gaps[2] < 2e-3 * np.abs(want - home).max() + 2e-4
 
 
 @pytest.mark.parametrize("name", swept([*KINDS, *TOOLS], "irb360-6-1600", "h4/first"))
