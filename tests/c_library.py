@@ -11,6 +11,7 @@ import numpy as np
 
 from deltaid.exports.c_code import c_code
 from deltaid.exports.text import DOUBLE, Precision
+from deltaid.joint_forces.constraint_forces import ConstraintForces
 from deltaid.model.model import Model
 from exports import CC, model, states
 from support import assert_close
@@ -120,3 +121,33 @@ def assert_same(library: Library, subject: Model, n: int = 40) -> None:
         assert status == OK
         assert_close(pose, z[i], share)
         assert_close(torque, expected.tau[i], share)
+
+
+def assert_each(found: np.ndarray, expected: np.ndarray, share: float) -> None:
+    """To a share of each state's own largest entry."""
+    for state, other in zip(found, expected, strict=True):
+        assert_close(state, other.ravel(), share)
+
+
+def assert_further(
+    library: Library,
+    subject: Model,
+    z: np.ndarray,
+    qd: np.ndarray,
+    qdd: np.ndarray,
+    share: float = 1e-12,
+) -> None:
+    """Functions by choice against the package."""
+    dynamics, forces = subject.dynamics, ConstraintForces(subject.robot)
+    F = library.rows("constraint_forces", z, qd, qdd, size=len(forces.names))
+    assert_each(F, forces.evaluate(z, qd, qdd, subject.p), share)
+    Y = library.rows("regressor", z, qd, qdd, size=z.shape[1] * len(subject.p))
+    q, load = dynamics.kinematics.inverse(z), dynamics.carried(z, qd, qdd, subject.p)
+    assert_each(Y, dynamics.regressor(q, qd, qdd, load), share)
+    joints = dynamics.kinematics.passive_joints(z, qd)
+    x = np.zeros((2, len(z), len(joints.names)))
+    assert joints.velocity is not None
+    for i in range(len(z)):
+        assert library.fill("passive_joints", z[i], qd[i], outs=(x[0, i], x[1, i])) == OK
+    assert_each(x[0], joints.position, share)
+    assert_each(x[1], joints.velocity, share)

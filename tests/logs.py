@@ -57,6 +57,12 @@ def tabled(**quantities: np.ndarray) -> pl.DataFrame:
     return pl.DataFrame(columns)
 
 
+def arrays(frame: pl.DataFrame) -> dict[str, np.ndarray]:
+    """Arguments of `from_arrays`."""
+    found = {key: frame.select(names(key)).to_numpy() for key in ("q", "tau")}
+    return {"t": frame["t"].to_numpy(), **found}
+
+
 def text(
     frame: pl.DataFrame,
     separator: str = ",",

@@ -10,7 +10,7 @@ import deltaid
 from deltaid.recording.memory import Recording, as_source, as_sources
 from deltaid.recording.opening import open_log
 from deltaid.recording.recording import open_recordings
-from logs import names, recorded, refusal
+from logs import arrays, names, recorded, refusal
 
 NAME = "clavel-delta3"
 KINEMATICS = deltaid.Kinematics(deltaid.load_robot(NAME))
@@ -19,12 +19,6 @@ KINEMATICS = deltaid.Kinematics(deltaid.load_robot(NAME))
 @pytest.fixture(scope="module")
 def frame() -> pl.DataFrame:
     return recorded(1500)
-
-
-def parts(frame: pl.DataFrame) -> dict[str, np.ndarray]:
-    """Arguments of `from_arrays`."""
-    arrays = {key: frame.select(names(key)).to_numpy() for key in ("q", "tau")}
-    return {"t": frame["t"].to_numpy(), **arrays}
 
 
 def samples(log: object, mapping: deltaid.ColumnMapping | None = None) -> np.ndarray:
@@ -67,19 +61,19 @@ def test_a_table_of_pandas(frame: pl.DataFrame) -> None:
 
 def test_a_recording_is_a_value(frame: pl.DataFrame) -> None:
     pandas = pytest.importorskip("pandas")
-    given = {key: np.array(value, order="F") for key, value in parts(frame).items()}
-    arrays = Recording.from_arrays(**given)
+    given = {key: np.array(value, order="F") for key, value in arrays(frame).items()}
+    taken = Recording.from_arrays(**given)
     table = pandas.DataFrame({name: frame[name].to_numpy() for name in frame.columns}, copy=True)
     held = Recording.from_table(table)
     for value in given.values():
         value[:] = 0.0
     table.iloc[:, :] = 0.0
-    np.testing.assert_array_equal(samples(arrays), frame.to_numpy())
+    np.testing.assert_array_equal(samples(taken), frame.to_numpy())
     np.testing.assert_array_equal(samples(held), frame.to_numpy())
 
 
 def test_units_of_arrays(frame: pl.DataFrame) -> None:
-    given = parts(frame)
+    given = arrays(frame)
     rows = frame.to_numpy()
     scaled = Recording.from_arrays(
         t=1e3 * given["t"],
@@ -115,8 +109,8 @@ def test_derivatives_and_a_rate_in_place_of_times() -> None:
 
 
 def test_a_copy_is_refused(frame: pl.DataFrame) -> None:
-    arrays = Recording.from_arrays(**parts(frame))
-    message = refusal(open_recordings, [frame, arrays], KINEMATICS)
+    same = Recording.from_arrays(**arrays(frame))
+    message = refusal(open_recordings, [frame, same], KINEMATICS)
     assert message.startswith("arrays: is the same recording as table 1")
     message = refusal(open_recordings, (frame.head(1200), frame, frame.clone()), KINEMATICS)
     assert message.startswith("table 3: is the same recording as table 2")
@@ -151,13 +145,13 @@ SHAPES = {
 @pytest.mark.parametrize("case", SHAPES)
 def test_arrays_that_do_not_fit(frame: pl.DataFrame, case: str) -> None:
     change, expected = SHAPES[case]
-    message = refusal(lambda: Recording.from_arrays(**parts(frame) | change))
+    message = refusal(lambda: Recording.from_arrays(**arrays(frame) | change))
     assert message.startswith(expected)
     assert "\n  → " in message
 
 
 def test_values_and_units_that_do_not_fit(frame: pl.DataFrame) -> None:
-    given = parts(frame)
+    given = arrays(frame)
     q = given["q"].copy()
     q[17, 1] = np.nan
     message = refusal(samples, Recording.from_arrays(**given | {"q": q}))

@@ -119,13 +119,13 @@ def _log_kinds(changes: Changes, a: int) -> np.ndarray:
     return np.log(changes.share[a]) + (shares[:2] if changes.is_ramp[a] else shares[2:])
 
 
-def _series(rng: np.random.Generator, robots: int, n: int = 140, drives: int = 3):
+def _series(rng: np.random.Generator, robots: int):
     """Friction that follows temperature and wanders."""
-    days = np.arange(n, dtype=float)
+    days, n = np.arange(140.0), 140
     T = 6.0 * np.sin(days / 58 + rng.uniform(0, 6, (robots, 1)))
     T += 3 * rng.standard_normal((robots, n))
     y = rng.normal(-0.9, 0.2, (robots, 1, 1)) * T[:, None]
-    return days, T + 25, y + 0.8 * rng.standard_normal((robots, drives, n))
+    return days, T + 25, y + 0.8 * rng.standard_normal((robots, 3, n))
 
 
 def _looked(days, T, y, n: int, known: bool = True, tools: tuple[float, ...] = ()):

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from c_library import BAD_INPUT, COMPILERS, FURTHER, OK, WARNINGS, Library, build
+from c_library import BAD_INPUT, COMPILERS, FURTHER, OK, WARNINGS, assert_further, build
 from c_library import written as written_to
 from deltaid.errors import DeltaidError
 from deltaid.exports.c_code import c_code
@@ -19,37 +19,16 @@ from deltaid.joint_forces.constraint_forces import ConstraintForces
 from deltaid.model.model import Model
 from deltaid.online.settings import OnlineSettings
 from exports import disturbed, needs_compiler, states, subject
-from support import assert_close, example
+from support import example
 from sweeps import slow, swept
-
-
-def assert_further(library: Library, subject: Model) -> None:
-    """Functions by choice against the package."""
-    share = 1e-12
-    dynamics, kinematics = subject.dynamics, subject.dynamics.kinematics
-    z, _, qd, qdd = states(subject, 10)
-    forces = ConstraintForces(subject.robot)
-    F = library.rows("constraint_forces", z, qd, qdd, size=len(forces.names))
-    assert_close(F, forces.evaluate(z, qd, qdd, subject.p), share)
-    load = dynamics.carried(z, qd, qdd, subject.p)
-    n = len(subject.p)
-    Y = library.rows("regressor", z, qd, qdd, size=library.dof * n)
-    q = kinematics.inverse(z)
-    expected = dynamics.regressor(q, qd, qdd, load)
-    assert_close(Y.reshape(-1, library.dof, n), expected, share)
-    joints = kinematics.passive_joints(z, qd)
-    x, xd = np.zeros(len(joints.names)), np.zeros(len(joints.names))
-    for i in range(len(z)):
-        assert library.fill("passive_joints", z[i], qd[i], outs=(x, xd)) == OK
-        assert_close(x, joints.position[i], share)
-        assert_close(xd, joints.velocity[i], share)
 
 
 @needs_compiler
 def test_further_functions(tmp_path: Path) -> None:
     chosen = subject("irb360-6-1600")
     library = build(chosen, tmp_path, further=FURTHER)
-    assert_further(library, chosen)
+    z, _, qd, qdd = states(chosen, 10)
+    assert_further(library, chosen, z, qd, qdd)
     header = (tmp_path / "delta.h").read_text()
     for name, unit in zip(*named_forces(chosen), strict=True):
         assert f"] {name}, {unit}\n" in header or f"] {name}, {unit} */" in header

@@ -38,15 +38,14 @@ PLAIN = Settings(events=False, friction="described", effects="none")
 
 
 @cache
-def robot(name: str = "clavel-delta3") -> tuple[Dynamics, np.ndarray]:
-    dynamics = compiled(load_robot(name))
+def robot() -> tuple[Dynamics, np.ndarray]:
+    dynamics = compiled(load_robot("clavel-delta3"))
     return dynamics, surrogate_parameters(dynamics.robot, np.random.default_rng(2))
 
 
 def recorded(
     late: float | list[float],
     *,
-    name: str = "clavel-delta3",
     by_direction: float = 0.0,
     loop: float = 0.0,
     velocity: float | None = None,
@@ -61,7 +60,7 @@ def recorded(
         loop: time constant of a filter on torques [s].
         velocity: by how much recorded velocities come late [s]; None for none recorded.
     """
-    dynamics, p = robot(name)
+    dynamics, p = robot()
     coulomb = p[dynamics.layout.coulomb][: dynamics.dof]
     rng, dof = np.random.default_rng(seed), dynamics.dof
     motion = random_motion(dynamics.kinematics, rng, period=3.917)
@@ -86,8 +85,8 @@ def recorded(
     return tabled(t=t, q=1e-6 * np.round(1e6 * q), **rates, tau=tau)
 
 
-def estimated(*tables: pl.DataFrame, name: str = "clavel-delta3") -> Lags:
-    dynamics, _ = robot(name)
+def estimated(*tables: pl.DataFrame) -> Lags:
+    dynamics, _ = robot()
     prior = prior_parameters(dynamics.robot)
     held = [
         trace(dynamics, recording, prior, cutoff=recording.cutoff)

@@ -33,13 +33,13 @@ def written(found: FactorFile, folder: Path) -> FactorFile:
     return read(path)
 
 
-def require_same(found: IdentifiedModel, expected: IdentifiedModel, within: float = 0.35) -> None:
+def require_same(found: IdentifiedModel, expected: IdentifiedModel) -> None:
     """What data tell is the same, with the same intervals."""
     own = {parameter.name: parameter for parameter in found.parameters}
     for parameter in expected.parameters:
         if parameter.determined_by == "data":
             same = own[parameter.name]
-            assert abs(same.value - parameter.value) < within * parameter.std, parameter.name
+            assert abs(same.value - parameter.value) < 0.35 * parameter.std, parameter.name
             widths = [(x.high or 0.0) - (x.low or 0.0) for x in (same, parameter)]
             assert 0.6 < widths[0] / widths[1] < 1.6, parameter.name
 

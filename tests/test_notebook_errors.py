@@ -14,15 +14,11 @@ import pytest
 
 import deltaid
 from deltaid.errors import UnknownNameError, nearest
-from logs import recorded
+from logs import arrays, recorded
 
 NAME = "clavel-delta3"
 FRAME = recorded(1200)
-ARRAYS = {
-    "t": FRAME["t"].to_numpy(),
-    "q": FRAME.select("q1", "q2", "q3").to_numpy(),
-    "tau": FRAME.select("tau1", "tau2", "tau3").to_numpy(),
-}
+ARRAYS = arrays(FRAME)
 ROBOT = deltaid.load_robot(NAME)
 MOTION = deltaid.random_motion(deltaid.Kinematics(ROBOT), np.random.default_rng(0))
 

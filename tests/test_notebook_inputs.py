@@ -11,18 +11,10 @@ import pytest
 import deltaid
 from deltaid.recording.recording import open_recordings
 from identified import identified
-from logs import recorded
+from logs import arrays, recorded
 
 NAME = "clavel-delta3"
 QUICK = {"friction": "described", "lag": "none", "compliance": "none", "events": False}
-
-
-def array(frame: pl.DataFrame, name: str) -> np.ndarray:
-    return frame.select(f"{name}{i}" for i in (1, 2, 3)).to_numpy()
-
-
-def arrays(frame: pl.DataFrame) -> dict[str, np.ndarray]:
-    return {"t": frame["t"].to_numpy(), "q": array(frame, "q"), "tau": array(frame, "tau")}
 
 
 def csv(frame: pl.DataFrame, folder: Path) -> Path:
