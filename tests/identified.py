@@ -63,14 +63,19 @@ class Identified:
 
 
 def simulated(
-    robot: RobotDescription, p: np.ndarray, seed: int, noise: float = NOISE
+    robot: RobotDescription,
+    p: np.ndarray,
+    seed: int | np.random.Generator,
+    noise: float | None = NOISE,
+    *,
+    duration: float = DURATION,
+    rate: float = RATE,
 ) -> pl.DataFrame:
-    """Eight seconds of a random motion at 500 Hz."""
+    """A random motion, of eight seconds at 500 Hz unless told, with that noise of torques."""
     dynamics, rng = compiled(robot), np.random.default_rng(seed)
     motion = random_motion(dynamics.kinematics, rng)
-    return simulate_recording(
-        dynamics, p, motion, rng, duration=DURATION, rate=RATE, noise=SensorNoise(noise)
-    )
+    sensing = None if noise is None else SensorNoise(noise)
+    return simulate_recording(dynamics, p, motion, rng, duration=duration, rate=rate, noise=sensing)
 
 
 Made = tuple[RobotDescription, np.ndarray, tuple[pl.DataFrame, ...]]

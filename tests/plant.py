@@ -7,7 +7,6 @@ from functools import cache
 from pathlib import Path
 from unittest.mock import Mock
 
-import numpy as np
 import polars as pl
 import pytest
 
@@ -17,9 +16,8 @@ from deltaid.fleets.run import FleetRun
 from deltaid.fleets.run import fleet as run_fleet
 from deltaid.fleets.workers import Workers
 from deltaid.model.record import Settings
-from deltaid.motion.random_motion import random_motion
-from deltaid.motion.surrogate import SensorNoise, simulate_recording
 from deltaid.robot.load import load_robot
+from identified import simulated
 
 TYPE = "clavel-delta3"
 SETTINGS = Settings(cutoff=15.0, friction="described")
@@ -36,9 +34,7 @@ def recordings() -> dict[str, pl.DataFrame]:
     for k, name in enumerate(NAMES):
         p = prior_parameters(robot)
         p[dynamics.layout.friction] *= 1.2 if name.startswith("south") else 1.0
-        rng, noise = np.random.default_rng(k), SensorNoise(torque=0.02)
-        motion = random_motion(dynamics.kinematics, rng)
-        found[name] = simulate_recording(dynamics, p, motion, rng, duration=3.0, noise=noise)
+        found[name] = simulated(robot, p, k, duration=3.0, rate=1000.0)
     return found
 
 

@@ -18,12 +18,13 @@ from deltaid.identification.sources import model_filtered
 from deltaid.identification.study import Study
 from deltaid.model.record import Settings
 from deltaid.motion.random_motion import random_motion
-from deltaid.motion.surrogate import SensorNoise, simulate_recording, surrogate_parameters
+from deltaid.motion.surrogate import surrogate_parameters
 from deltaid.recording.opening import open_log
 from deltaid.recording.recording import open_recordings
 from deltaid.recording.repairs import Gears, Repairs
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.load import load_robot
+from identified import simulated
 from logs import tabled
 
 RATE = 1000.0
@@ -154,13 +155,11 @@ def test_stiff_gears_stay_stiff() -> None:
 @pytest.mark.parametrize("seed", [101, 102])
 def test_noise_of_a_short_recording_is_no_gear_that_winds_up(seed: int) -> None:
     """Turned back by measured torques, the link takes away their noise where M s ω² is one."""
-    dynamics, rng = compiled(load_robot("clavel-delta3")), np.random.default_rng(seed)
-    p = surrogate_parameters(dynamics.robot, np.random.default_rng(0))
-    motion = random_motion(dynamics.kinematics, rng)
-    noise = SensorNoise(torque=0.02)
-    table = simulate_recording(dynamics, p, motion, rng, duration=6.0, rate=500.0, noise=noise)
+    robot = load_robot("clavel-delta3")
+    p = surrogate_parameters(robot, np.random.default_rng(0))
+    table = simulated(robot, p, seed, duration=6.0)
     settings = Settings(cutoff=15.0, friction="described", lag="none", events=False)
-    found = at_stage(dynamics.robot, table, settings)
+    found = at_stage(robot, table, settings)
     assert all(recording.repairs.gears is None for recording in found.recordings)
 
 

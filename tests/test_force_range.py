@@ -22,13 +22,12 @@ from deltaid.model.model import load
 from deltaid.model.record import IdentifiedModel
 from deltaid.motion.random_motion import random_motion
 from deltaid.motion.surrogate import (
-    SensorNoise,
-    simulate_recording,
     surrogate_parameters,
     write_recording,
 )
 from deltaid.robot.inertia import consistency
 from deltaid.robot.load import load_robot
+from identified import simulated
 from poor_priors import PLAIN
 
 SPREAD = 0.5  # default of a prior's relative standard deviation
@@ -53,23 +52,19 @@ class Job:
         return self.coefficients[sample, self.forces.index(name)]
 
 
-def made(folder: Path, noise: SensorNoise | None) -> Job:
+def made(folder: Path, noise: float | None) -> Job:
     robot = load_robot("irb360-6-1600")
     limbs = robot.limbs.changed(strut_spacing=0.12)
     exact = {"lengths": 0.0, "homing": 0.0, "mounting": 0.0}
     robot = robot.changed(limbs=limbs, **({} if noise else {"tolerances": exact}))
-    rng = np.random.default_rng(5)
-    dynamics = compiled(robot)
+    rng, kinematics = np.random.default_rng(5), compiled(robot).kinematics
     truth = surrogate_parameters(robot, rng)
-    motion = random_motion(dynamics.kinematics, rng)
-    recording = simulate_recording(
-        dynamics, truth, motion, rng, duration=10.0, rate=500.0, noise=noise
-    )
+    recording = simulated(robot, truth, rng, noise, duration=10.0)
     write_recording(recording, folder / "log.csv")
     model = identify(robot, [folder / "log.csv"], settings=PLAIN).model
     forces = ConstraintForces(robot)
-    z, zd, zdd = random_motion(dynamics.kinematics, rng).evaluate(np.linspace(0, 9, 6))
-    _, qd, qdd = dynamics.kinematics.drive_motion(z, zd, zdd)
+    z, zd, zdd = random_motion(kinematics, rng).evaluate(np.linspace(0, 9, 6))
+    _, qd, qdd = kinematics.drive_motion(z, zd, zdd)
     qd[0] = qdd[0] = 0.0  # the first one at rest
     found, known = evidence(model, [folder / "log.csv"])
     return Job(truth, model, forces, found, known, forces.coefficients(z, qd, qdd))
@@ -77,7 +72,7 @@ def made(folder: Path, noise: SensorNoise | None) -> Job:
 
 @pytest.fixture(scope="module")
 def noisy(tmp_path_factory: pytest.TempPathFactory) -> Job:
-    return made(tmp_path_factory.mktemp("noisy"), SensorNoise())
+    return made(tmp_path_factory.mktemp("noisy"), 0.02)
 
 
 @pytest.fixture(scope="module")

@@ -10,9 +10,10 @@ from deltaid.identification.identify import identify
 from deltaid.model.record import Settings
 from deltaid.motion.excitation.excite import ExcitationSettings, Exciter
 from deltaid.motion.random_motion import random_motion
-from deltaid.motion.surrogate import simulate_recording, surrogate_parameters, write_recording
+from deltaid.motion.surrogate import surrogate_parameters, write_recording
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.load import load_robot
+from identified import simulated
 
 LAWS = {
     "drive1": {"viscous": 1.3, "coulomb": 4.2, "viscous_back": 0.7, "coulomb_back": 3.1},
@@ -153,12 +154,10 @@ def test_every_law_is_identified_from_a_recording_without_noise(
     tmp_path, method, share, laws, name
 ):
     robot = with_laws(laws, name)
-    dynamics, rng = compiled(robot), np.random.default_rng(4)
+    layout, rng = compiled(robot).layout, np.random.default_rng(4)
     p = surrogate_parameters(robot, rng)
-    layout = dynamics.layout
     p[layout.names.index("offset.drive2")] = -0.6
-    motion = random_motion(dynamics.kinematics, rng)
-    recording = simulate_recording(dynamics, p, motion, rng, duration=6.0)
+    recording = simulated(robot, p, rng, None, duration=6.0, rate=1000.0)
     write_recording(recording, tmp_path / "log.csv")
     only = Settings(
         method=method,

@@ -19,10 +19,7 @@ from deltaid.identification.friction_choice import missing_offsets
 from deltaid.identification.friction_rows import FrictionRows
 from deltaid.identification.identify import Identification, identify
 from deltaid.model.record import Settings
-from deltaid.motion.random_motion import random_motion
 from deltaid.motion.surrogate import (
-    SensorNoise,
-    simulate_recording,
     surrogate_parameters,
     write_recording,
 )
@@ -33,6 +30,7 @@ from deltaid.robot.load import load_robot
 from drives import case
 from drives.identify import identified
 from drives.judge import judge
+from identified import simulated
 from sweeps import swept
 
 PLAIN = {"viscous": 1.2, "coulomb": 3.5}
@@ -53,14 +51,7 @@ def chosen(
     p = surrogate_parameters(robot, rng)
     for parameter, value in values.items():
         p[dynamics.layout.names.index(parameter)] = value
-    recording = simulate_recording(
-        dynamics,
-        p,
-        random_motion(dynamics.kinematics, rng),
-        rng,
-        duration=20.0,
-        noise=SensorNoise(torque=0.02),
-    )
+    recording = simulated(robot, p, rng, duration=20.0, rate=1000.0)
     write_recording(recording, folder / "log.csv")
     settings = Settings(
         friction="choose", lag="none", compliance="none", effects="none", events=False

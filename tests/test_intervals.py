@@ -15,9 +15,8 @@ from deltaid.identification.identify import Identification, identify
 from deltaid.identification.uncertainty import Uncertainty, uncertainty
 from deltaid.model.parameter_record import Parameter
 from deltaid.model.record import IdentifiedModel
-from deltaid.motion.random_motion import random_motion
-from deltaid.motion.surrogate import SensorNoise, simulate_recording
 from deltaid.robot.load import load_robot
+from identified import simulated
 from poor_priors import PLAIN
 
 ROBOT = "irb360-6-1600"
@@ -29,7 +28,7 @@ def case() -> tuple[Identification, dict[str, float]]:
     """A robot with twice the prior's friction, an arm 40 % heavier, and a tool 40 % heavier at the
     cost of the platform. Torques show the friction only."""
     robot = load_robot(ROBOT)
-    dynamics, rng = compiled(robot), np.random.default_rng(2)
+    dynamics = compiled(robot)
     names, p = dynamics.layout.names, prior_parameters(robot)
     at = {name: i for i, name in enumerate(names)}
     moved = 0.4 * p[at["EE.m"]]
@@ -37,8 +36,7 @@ def case() -> tuple[Identification, dict[str, float]]:
     p[at["P.m"]] -= moved
     p[at["EE.m"]] += moved
     p[dynamics.layout.friction] *= 2
-    motion = random_motion(dynamics.kinematics, rng)
-    recording = simulate_recording(dynamics, p, motion, rng, noise=SensorNoise())
+    recording = simulated(robot, p, 2, duration=10.0, rate=1000.0)
     return identify(robot, recording, settings=PLAIN), dict(zip(names, p.tolist(), strict=True))
 
 
@@ -73,12 +71,9 @@ def test_friction_is_from_the_data_and_within_its_interval(case) -> None:
 @pytest.mark.parametrize("prior_spread", [pytest.param(0.5, marks=pytest.mark.slow), 3.0])
 def test_no_mass_moment_or_friction_reaches_below_zero(prior_spread: float) -> None:
     robot = load_robot("clavel-delta3")
-    dynamics, rng = compiled(robot), np.random.default_rng(0)
-    motion = random_motion(dynamics.kinematics, rng)
     p = prior_parameters(robot)
-    p[dynamics.layout.coulomb] = 1e-4  # far below what the noise lets one see
-    noise = SensorNoise(torque=0.1)
-    recording = simulate_recording(dynamics, p, motion, rng, duration=5.0, noise=noise)
+    p[compiled(robot).layout.coulomb] = 1e-4  # far below what the noise lets one see
+    recording = simulated(robot, p, 0, 0.1, duration=5.0, rate=1000.0)
     settings = PLAIN.changed(prior_spread=prior_spread)
     model = identify(robot, recording, settings=settings).model
     signed = ("mcx", "mcy", "mcz", "Ixy", "Iyz", "Ixz")

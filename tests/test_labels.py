@@ -13,10 +13,10 @@ from deltaid.identification.widening import PriorEvidence
 from deltaid.model.parameter_record import Parameter
 from deltaid.model.record import IdentifiedModel
 from deltaid.motion.random_motion import random_motion
-from deltaid.motion.surrogate import SensorNoise, simulate_recording
 from deltaid.robot.body import ExplicitInertia
 from deltaid.robot.load import load_robot
 from deltaid.view.model_tables import parameter_table, value_and_width
+from identified import simulated
 from poor_priors import PLAIN, Outcome, outcome
 
 ROBOT = "irb360-6-1600"
@@ -31,11 +31,7 @@ def inside(parameter: Parameter, value: float) -> bool:
 
 
 def recorded(p: np.ndarray, seed: int, noise: float = 0.01) -> pl.DataFrame:
-    dynamics, rng = compiled(load_robot(ROBOT)), np.random.default_rng(seed)
-    motion = random_motion(dynamics.kinematics, rng)
-    return simulate_recording(
-        dynamics, p, motion, rng, duration=8.0, rate=500.0, noise=SensorNoise(noise)
-    )
+    return simulated(load_robot(ROBOT), p, seed, noise)
 
 
 @pytest.fixture(scope="module")
@@ -271,11 +267,8 @@ def test_intervals_by_the_data_hold_although_priors_are_far_off(robots) -> None:
 def test_a_heavy_strut_described_as_light_is_corrected_by_its_body() -> None:
     robot = load_robot("clavel-delta3")
     p = prior_parameters(robot)
-    dynamics, rng = compiled(robot), np.random.default_rng(5)
-    motion = random_motion(dynamics.kinematics, rng)
-    noise = SensorNoise(torque=0.01)
-    log = simulate_recording(dynamics, p, motion, rng, rate=500.0, noise=noise)
-    part = dynamics.layout.body("S")
+    log = simulated(robot, p, 5, 0.01, duration=10.0)
+    part = compiled(robot).layout.body("S")
     light = robot.bodies["S"].changed(prior=ExplicitInertia.from_parameters(p[part] / 20))
     model = identify(
         robot.changed(bodies={**robot.bodies, "S": light}, sources={}), log, settings=PLAIN

@@ -15,13 +15,13 @@ from deltaid.estimation.additions import extended
 from deltaid.estimation.scatter import Scatter
 from deltaid.identification.identify import identify
 from deltaid.identification.measured_rows import MeasuredRows, SensorAddition
-from deltaid.motion.random_motion import random_motion
-from deltaid.motion.surrogate import SensorNoise, simulate_recording, surrogate_parameters
+from deltaid.motion.surrogate import surrogate_parameters
 from deltaid.recording.mapping import ColumnMapping
 from deltaid.recording.recording import open_recordings
 from deltaid.robot.load import load_robot
 from deltaid.robot.sensors import BaseWrench
 from identified import identified as shared
+from identified import simulated
 from poor_priors import PLAIN
 from sensed import CASES, drawn, identified, motion, recorded, sensed, weighed
 
@@ -155,10 +155,8 @@ def test_a_plate_outside_of_its_tolerance_is_reported_and_not_absorbed(
     rng = np.random.default_rng(1)
     robot = load_robot("clavel-delta3").changed(sensors={"plate": plate})
     true = plate.changed(position=place, position_tolerance=0.0)
-    dynamics = compiled(robot.changed(sensors={"plate": true}))
     p = surrogate_parameters(robot, rng)
-    path = random_motion(dynamics.kinematics, rng)
-    log = simulate_recording(dynamics, p, path, rng, rate=500.0, noise=SensorNoise())
+    log = simulated(robot.changed(sensors={"plate": true}), p, rng, duration=10.0)
     model = identify(robot, log, settings=PLAIN).model
     warnings = [text for text in model.warnings if text.startswith("sensors.plate")]
     found = {
