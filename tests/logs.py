@@ -22,10 +22,10 @@ Spelling = Callable[[pl.DataFrame], bytes]
 
 
 @cache
-def recorded(samples: int = 1500, derivatives: bool = False) -> pl.DataFrame:
-    """Columns t, q1…, (qd1…, qdd1…,) tau1… of the three-drive robot at 1 kHz, without noise."""
+def recorded(samples: int = 1500, derivatives: bool = False, rate: float = 1000.0) -> pl.DataFrame:
+    """Columns t, q1…, (qd1…, qdd1…,) tau1… of the three-drive robot without noise."""
     dynamics, motion, p, rng = _made()
-    frame = simulate_recording(dynamics, p, motion, rng, duration=samples / 1000)
+    frame = simulate_recording(dynamics, p, motion, rng, duration=samples / rate, rate=rate)
     return frame if derivatives else frame.select(names("t", "q", "tau"))
 
 

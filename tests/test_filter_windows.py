@@ -10,15 +10,12 @@ from deltaid.errors import RecordingError
 from deltaid.estimation.information import merge
 from deltaid.identification.gathering import gather
 from deltaid.identification.torque_error import torque_error
-from deltaid.motion.random_motion import random_motion
-from deltaid.motion.surrogate import simulate_recording, surrogate_parameters
 from deltaid.recording import windows as windowing
 from deltaid.recording.filter import design_low_pass
 from deltaid.recording.opening import open_log
 from deltaid.recording.recording import PreparedRecording, with_filter
 from deltaid.recording.windows import Window
-from deltaid.robot.load import load_robot
-from logs import names, recorded, write
+from logs import names, recorded, true_parameters, write
 
 RATE = 1000.0
 
@@ -78,12 +75,9 @@ def test_windows_hold_the_true_motion(tmp_path, clavel: Dynamics, recorded_rates
 HIGH = 20_000.0  # Hz
 
 
-def at_high_rate() -> tuple[pl.DataFrame, np.ndarray]:
-    """A second of the three-drive robot with steps of friction, and its parameters."""
-    dynamics, rng = Dynamics(load_robot("clavel-delta3")), np.random.default_rng(5)
-    motion = random_motion(dynamics.kinematics, rng, period=4.0)
-    p = surrogate_parameters(dynamics.robot, rng)
-    return simulate_recording(dynamics, p, motion, rng, duration=1.0, rate=HIGH), p
+def at_high_rate() -> pl.DataFrame:
+    """A second of the three-drive robot with steps of friction."""
+    return recorded(20_000, derivatives=True, rate=HIGH)
 
 
 @pytest.mark.parametrize(
@@ -92,7 +86,7 @@ def at_high_rate() -> tuple[pl.DataFrame, np.ndarray]:
 def test_two_stages_are_the_same_low_pass(
     tmp_path, clavel: Dynamics, monkeypatch, recorded_rates: str
 ) -> None:
-    frame, _ = at_high_rate()
+    frame = at_high_rate()
     columns = names("t", "q", *recorded_rates.split(), "tau")
     log = open_log(write(tmp_path / "log.parquet", frame.select(columns)), clavel.kinematics)
     two, one = (
@@ -118,7 +112,7 @@ def test_two_stages_are_the_same_low_pass(
 
 def test_two_stages_judge_as_one(tmp_path, clavel: Dynamics) -> None:
     """Torque errors of the true parameters and of others, and what the regressor says of them."""
-    frame, truth = at_high_rate()
+    frame, truth = at_high_rate(), true_parameters()
     log = open_log(write(tmp_path / "log.parquet", frame), clavel.kinematics)
     two, one = (
         PreparedRecording(log, design_low_pass(50.0, HIGH, single=s)) for s in (False, True)
