@@ -265,7 +265,9 @@ def missing_offsets(rows: FrictionRows, laws: Mapping[str, Friction]) -> list[Va
     if limbs is None or not limbs.identical:
         return []
     drives = robot.drives[: limbs.count]
-    missing = {joint for joint in drives if not (robot.friction | laws)[joint].has_constant}
+    missing = {
+        joint for joint in drives if not (dict(robot.friction) | dict(laws))[joint].has_constant
+    }
     if not set(drives) & laws.keys() - missing:
         return []
     offsets = [variants[0] for variants in options(rows) if variants[0].kind == "offset"]
