@@ -3,15 +3,17 @@
 from collections.abc import Iterable
 from dataclasses import replace
 from functools import cache
+from unittest.mock import Mock
 
 import numpy as np
 import pytest
 
 from deltaid.dynamics.dynamics import compiled
 from deltaid.effects.along_motion import AtPlatform, RippleColumns, platform_forces
+from deltaid.estimation.drive_rows import TraceRows
 from deltaid.estimation.problem import CauseColumns, NoiseBlock
 from deltaid.estimation.shrinkage import _ALIKE, Shrunk
-from deltaid.identification.contest import reduced, rivals, suspects
+from deltaid.identification.contest import Contest, reduced, rivals, suspects
 from deltaid.identification.fit import FittedProblem, fit
 from deltaid.identification.friction_choice import choose_friction
 from deltaid.identification.friction_rows import friction_rows
@@ -237,24 +239,30 @@ def test_what_physics_does_not_allow_is_no_rival() -> None:
 
 def test_a_cause_that_chance_gives_too_often_is_a_suspect(monkeypatch: pytest.MonkeyPatch) -> None:
     """Rows are certainly more probable with it, and chance explains as much once in 10⁵ times."""
+
+    def certain(full: Shrunk) -> set[str]:
+        contest = Contest(Mock(spec=TraceRows), (), (), full)
+        bare = contest.reduced()
+        assert bare.shrunk.candidates == ()
+        tried = contest.suspects(bare).items()
+        return {name for name, suspect in tried if suspect.is_certain(name, bare)}
+
     full = problem(size=0.015)
-    bare = reduced(full, LEAST)
-    assert bare.candidates == ()
     assert LEAST > full.surprise(full.groups[0]) > 5
-    ((name, suspect),) = suspects(full, bare).items()
-    assert name == "cause"
-    assert suspect.evidence - bare.evidence > np.log(100.0)
-    assert suspects(full, full.of_candidates(["cause"])) == {}
-    small = problem(size=0.01)
-    assert suspects(small, reduced(small, LEAST)) == {}
+    assert certain(full) == {"cause"}
+    assert certain(problem(size=0.01)) == set()
+    bare = reduced(full, LEAST)
+    assert suspects(full, full.of_candidates(["cause"])).keys() == {"nothing"}
+    odds = {name: trial.evidence - bare.evidence for name, trial in suspects(full, bare).items()}
+    assert odds["cause"] > np.log(100.0) > 1.0 > odds["nothing"]
     never = [replace(group, is_possible=lambda *_: False) for group in full.groups]
     assert suspects(Shrunk.fitted(full.blocks, full.D, full.d, never), bare) == {}
     # What errors of positions may make is none, nor what chance makes by the scatter of rows.
     far = [replace(block, largest=500.0) for block in full.blocks]
-    assert suspects(Shrunk.fitted(far, full.D, full.d, full.groups), bare) == {}
-    for decades, count in ((1.9, 0), (2.1, 1)):
+    assert certain(Shrunk.fitted(far, full.D, full.d, full.groups)) == set()
+    for decades, names in ((1.9, set()), (2.1, {"cause"})):
         monkeypatch.setattr(Shrunk, "surprise", lambda *_, seldom=decades: seldom)
-        assert len(suspects(full, bare)) == count
+        assert certain(full) == names
 
 
 def test_what_cannot_be_negative_stays_at_zero() -> None:

@@ -208,12 +208,12 @@ def test_a_warning_says_how_much_is_unexplained_and_intervals_count_it_as_a_scal
     last.shrunk.price.side_effect = lambda group: prices[group.name]
     full, suspect = Mock(spec=Contest), Mock(spec=Contest, p=1.5 * p)
     full.rivals.return_value, full.suspects.return_value = {}, {"ripple": suspect}
-    suspect.follows.return_value = []
-    outcome = doubted(ContestOutcome(robot), full, last, np.zeros(len(names)))
+    suspect.follows.return_value, suspect.odds.return_value = [], 100.0
+    outcome = doubted(ContestOutcome(robot), full, last)
     (text,) = outcome.doubts.values()  # suspects may be a part of it
     assert text.startswith("unexplained: 20 % of drive2's torque, it varies with its speed; no kn")
     assert shares_of_torque(point, torques) == pytest.approx([0.1, 0.2, 0.05])
-    _, by_suspect, scale = outcome.moves
+    by_suspect, scale = outcome.moves
     assert [by_suspect[name] for name in names] == pytest.approx((0.5 * p).tolist())
     assert [scale[name] for name in names] == pytest.approx((0.2 * p).tolist())
 

@@ -264,10 +264,8 @@ def missing_offsets(rows: FrictionRows, laws: Mapping[str, Friction]) -> list[Va
     robot, limbs = rows.dynamics.robot, rows.dynamics.robot.limbs
     if limbs is None or not limbs.identical:
         return []
-    drives = robot.drives[: limbs.count]
-    missing = {
-        joint for joint in drives if not (dict(robot.friction) | dict(laws))[joint].has_constant
-    }
+    drives, now = robot.drives[: limbs.count], dict(robot.friction) | dict(laws)
+    missing = {drive for drive in drives if drive in now and not now[drive].has_constant}
     if not set(drives) & laws.keys() - missing:
         return []
     offsets = [variants[0] for variants in options(rows) if variants[0].kind == "offset"]

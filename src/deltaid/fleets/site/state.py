@@ -10,7 +10,6 @@ from typing import Any
 
 import polars as pl
 
-from deltaid.effects.gain import Gain
 from deltaid.estimation.scatter import NORMAL
 from deltaid.fleets.belonging import LEAST
 from deltaid.fleets.fleet import ALL
@@ -34,7 +33,7 @@ FOREIGN = "does not belong to its type: "
 # Text of an undetermined state.
 UNKNOWN = "not enough data"
 # Start of parameters that are torque constants by identification.
-_GAIN = "gain."
+_GAIN, _GAIN_CHECK = "gain.", "drive-gain"
 
 
 class Urgency(IntEnum):
@@ -225,7 +224,7 @@ def _doubted(rows: Sequence[Row]) -> list[Concern]:
     """A torque constant that checks of the last usable recordings call wrong. Fits do not correct
     it, so it may pass for a body."""
     checks = [row["verdicts"].split(", ") for row in reversed(rows) if not row["reason"]]
-    count = len([*takewhile(lambda keys: Gain.kind in keys, checks)])
+    count = len([*takewhile(lambda keys: _GAIN_CHECK in keys, checks)])
     what = f"its last {count} recordings show a wrong torque constant of a drive"
     text = f"{what} (deltaid check names it)"
     return [Concern(Urgency.LOOK, text)] if count >= _IN_A_ROW else []
