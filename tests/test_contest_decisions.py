@@ -257,10 +257,10 @@ def test_what_is_within_parts_stands_in_place_of_what_is_not(
     assert error < most
 
 
-@pytest.mark.parametrize(("odds", "weight"), [(100.0, 1.0), (0.0, np.sqrt(0.5)), (-100.0, 0.0)])
+@pytest.mark.parametrize(("odds", "weight"), [(100.0, 1.0), (0.0, np.sqrt(1 / 3)), (-100.0, 0.0)])
 def test_a_suspect_is_named_and_intervals_count_it(odds: float, weight: float) -> None:
     """By what parameters move by with it, and with its coefficients as they may be, as far as it is
-    probable; only one that is certain is named."""
+    probable of two; only one that is certain is named."""
     robot = described("clavel-delta3")
     names, fitted = compiled(robot).layout.names, prior_parameters(robot)
     moved, more = np.zeros((2, len(names)))
@@ -275,15 +275,19 @@ def test_a_suspect_is_named_and_intervals_count_it(odds: float, weight: float) -
     suspect.odds.return_value, suspect.is_certain.return_value = odds, odds > 0
     full = Mock(spec=Contest)
     full.rivals.return_value = {}
-    full.suspects.return_value = {"drive-spring": suspect}
+    other = Mock(spec=Contest, p=fitted)
+    other.follows.return_value, other.odds.return_value = [], -np.inf
+    other.is_certain.return_value = False
+    full.suspects.return_value = {"drive-spring": suspect, "ripple": other}
     before = ContestOutcome(robot, doubts={"tilt": "leans", SUSPECTED: "of sweeps before"})
     outcome = doubted(before, full, last)
     assert outcome.doubts["tilt"] == "leans"
     named = "springs at drives may act as well: chance explains as much in one of 10,000 "
     assert (named in outcome.doubts.get(SUSPECTED, "")) == (odds > 0)
-    by_suspect, by_coefficients = (
+    by_suspect, by_coefficients, by_other = (
         np.array([move[name] for name in names]) for move in outcome.moves
     )
+    assert not by_other.any()
     assert by_suspect == pytest.approx(weight * moved, abs=1e-12)
     assert by_coefficients == pytest.approx(weight * more, abs=1e-12)
     full.suspects.return_value = {}
@@ -296,4 +300,4 @@ def test_intervals_count_gains_that_rows_do_not_decide() -> None:
     made = case("mixture", "linear", 103)
     result = identified(made)
     assert "gain" not in {correction.kind for correction in result.model.corrections}
-    assert np.mean(judge(made, result).base) > 0.9
+    assert np.mean(judge(made, result).base) > 0.8  # 0.69 without

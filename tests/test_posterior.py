@@ -75,10 +75,10 @@ def test_a_factor_beside_the_normal_distribution(tight: IdentifiedModel) -> None
     c = np.linalg.solve(plain.root.T, along)
     tilted = replace(plain, rest=lambda x: x @ c)
     chains = Chains(tilted, 256, np.random.default_rng(4))
-    chains.walk(30)
+    chains.walk(60)
     draws = []
     for _ in range(8):
-        chains.walk(20)  # so that draws are as independent as the test below takes them to be
+        chains.walk(60)  # so that draws are as independent as the test below takes them to be
         draws.append(chains.y)
     drawn = np.vstack(draws)
     y = along + rng.standard_normal((300_000, n))

@@ -88,16 +88,17 @@ def is_settled(before: ContestOutcome, after: ContestOutcome) -> bool:
 def doubted(outcome: ContestOutcome, full: Contest, last: Contest) -> ContestOutcome:
     """With moves that widen intervals, and pairs of causes that rows do not separate.
 
-    Each dropped effect widens intervals by what parameters move with it and by its own uncertainty,
-    times the root of its probability beside those that are kept, which was even before any row.
+    Each of n dropped effects widens intervals by what parameters move with it and by its own
+    uncertainty, times the root of its probability beside those that are kept. Before any row, its
+    odds are 1 : n, for hardly more than one of them acts.
     """
     names, rivals = last.rows.dynamics.layout.names, full.rivals(last)
     suspects, torques = full.suspects(last), last.unexplained_torques()
     exact = (*outcome.kept, *outcome.values)
     held = [u.name for u in UNKNOWNS if u.name in exact and not u.is_fitted]
     moves = [*last.follows(held), *(rival.p - last.p for rival in rivals.values())]
-    for name, suspect in suspects.items():  # each as probable as rows make it
-        weight = np.sqrt(expit(suspect.odds(last)))
+    for name, suspect in suspects.items():
+        weight = np.sqrt(expit(suspect.odds(last) - np.log(len(suspects))))
         moves += [weight * (suspect.p - last.p), *(weight * m for m in suspect.follows([name]))]
     if torques is not None:  # a share of them may be in proportion to those of the robot
         doubt = _unexplained(last, torques)  # of which suspects may be a part
