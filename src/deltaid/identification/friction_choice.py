@@ -9,6 +9,8 @@
    as they must be, by Gauss–Newton (`friction_constants`).
 4. What the refined laws can do without is dropped again. There is no second round: it would only
    fit the noise.
+5. Drives of identical limbs get an offset beside others that have a constant, if that explains more
+   than chance.
 
 Chance is measured by the scatter of the rows between stretches of time, or by white noise where
 that is larger.
@@ -24,7 +26,13 @@ from deltaid.errors import RecordingError
 from deltaid.estimation.drive_rows import STRETCHES
 from deltaid.estimation.problem import Columns, Rows, independent, lengths
 from deltaid.estimation.scatter import NORMAL, surprise
-from deltaid.identification.friction_constants import SELDOM, LawConstants, Refined, refined
+from deltaid.identification.friction_constants import (
+    SELDOM,
+    LawConstants,
+    Refined,
+    refined,
+    surprise_of_more,
+)
 from deltaid.identification.friction_rows import (
     FrictionRows,
     JudgedColumns,
@@ -253,9 +261,8 @@ def _with_constants(rows: FrictionRows, kept: Sequence[_Step], refit: Refined) -
     if not (offsets := missing_offsets(rows, refit.laws)):
         return refit
     complete = refined(rows, _laws(rows, kept, offsets))
-    level = complete.squares / max(len(rows.tau) - rows.span.rank, 1)
-    more = max(refit.squares - complete.squares, 0.0) / level
-    return complete if surprise(more, len(offsets)) > _PROBABLE else refit
+    surprising = surprise_of_more(rows, complete, refit, len(offsets))
+    return complete if surprising > _PROBABLE else refit
 
 
 def missing_offsets(rows: FrictionRows, laws: Mapping[str, Friction]) -> list[Variant]:
@@ -277,13 +284,12 @@ def _imitated(rows: FrictionRows, steps: Sequence[_Step], refit: Refined) -> _St
     with constants of its own; None if all are needed."""
     curved = [step for step in steps if step.variant.constants]
     joints = [step.joint for step in curved]
-    squares, level = refit.squares, refit.squares / max(len(rows.tau) - rows.span.rank, 1)
     surprises = dict[_Step, float]()
     for step in curved:
         if joints.count(step.joint) > 1:
             others = [other for other in steps if other is not step]
-            more = max(refined(rows, _laws(rows, others)).squares - squares, 0.0)
-            surprises[step] = surprise(more / level, 1 + step.variant.constants)
+            less = refined(rows, _laws(rows, others))
+            surprises[step] = surprise_of_more(rows, refit, less, 1 + step.variant.constants)
     worst = min(surprises, key=lambda step: surprises[step], default=None)
     return worst if worst is not None and surprises[worst] <= _SEEN else None
 

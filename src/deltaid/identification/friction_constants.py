@@ -97,9 +97,13 @@ def refined(rows: FrictionRows, laws: Mapping[str, Friction]) -> Refined:
         }
         tried.append(_refined(rows, dict(laws) | usual, added))
     best = min(tried, key=lambda trial: trial.squares)
-    level = free.squares / max(len(rows.tau) - rows.span.rank, 1)
-    more = max(best.squares - free.squares, 0.0) / level
-    return best if surprise(more, len(added)) < SELDOM else free
+    return best if surprise_of_more(rows, free, best, len(added)) < SELDOM else free
+
+
+def surprise_of_more(rows: FrictionRows, more: Refined, less: Refined, freedom: int) -> float:
+    """How surprising it is by white noise what laws with some more constants explain [decades]."""
+    level = more.squares / max(len(rows.tau) - rows.span.rank, 1)
+    return surprise(max(less.squares - more.squares, 0.0) / level, freedom)
 
 
 def _refined(rows: FrictionRows, laws: Mapping[str, Friction], usual: Collection[str]) -> Refined:

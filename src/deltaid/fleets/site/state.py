@@ -32,7 +32,7 @@ _LONGEST = 160
 FOREIGN = "does not belong to its type: "
 # Text of an undetermined state.
 UNKNOWN = "not enough data"
-# Start of parameters that are torque constants by identification.
+# Start of parameters that are torque constants by identification; the check of these.
 _GAIN, _GAIN_CHECK = "gain.", "drive-gain"
 
 
