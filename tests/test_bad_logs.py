@@ -2,6 +2,7 @@
 
 import random
 
+import numpy as np
 import polars as pl
 import pytest
 
@@ -9,6 +10,7 @@ from bad_logs import GOOD, NUMBERED, ROWS, changed, with_field, with_line, witho
 from deltaid.errors import DeltaidError
 from deltaid.recording.formats import csv_lines
 from deltaid.recording.recording import with_filter
+from deltaid.recording.survey_checks import off_course
 from deltaid.recording.time.clock import doubts_about_holes
 from logs import comma, read, recorded, refusal, text, write
 
@@ -213,3 +215,18 @@ def test_row_numbers_in_large_files(tmp_path) -> None:
     bad = with_field(150, "q2", "x").split("\n", 1)[1]
     path = write(tmp_path / "log.csv", lines[0] + "\n" + copies * body + bad)
     assert f"row {copies * ROWS + 150}: column q2 is 'x'" in refusal(read, path)
+
+
+@pytest.mark.parametrize("times", [11.0, 13.0])
+@pytest.mark.parametrize("place", [40, 5, 90])
+def test_a_reading_counts_as_lost_beyond_all_steps_about_it(times: float, place: int) -> None:
+    """A motion of up to 1 mrad a row that one row of a drive leaves by so many times as much."""
+    rng = np.random.default_rng(0)
+    steps = 1e-3 * np.array([1.0, -1.0]) * rng.uniform(0.5, 1.0, (100, 2))
+    steps[place + np.array([-2, 3]), 1] = -1e-3
+    assert not [*off_course(steps)]
+    steps[[place, place + 1], 1] = times * 1e-3, -times * 1e-3
+    assert [*off_course(steps)] == ([(place, 1)] if times > 12.0 else [])
+    # Where the same drive shakes as much beside it, that is how it moves.
+    steps[place + 5, 1] = 2e-3
+    assert not [*off_course(steps)]
