@@ -11,9 +11,10 @@ import pytest
 import deltaid
 from deltaid.dynamics.dynamics import Dynamics, compiled
 from deltaid.errors import DeltaidError
+from deltaid.identification.contest_stage import contested
 from deltaid.identification.fit import fit
 from deltaid.identification.lags_and_gears import _better_than_loads, gears_turned_back
-from deltaid.identification.setup import ContestOutcome, Setup
+from deltaid.identification.setup import REFUTED, ContestOutcome, Setup
 from deltaid.identification.sources import model_filtered
 from deltaid.identification.study import Study
 from deltaid.model.record import Settings
@@ -21,7 +22,7 @@ from deltaid.motion.random_motion import random_motion
 from deltaid.motion.surrogate import surrogate_parameters
 from deltaid.recording.opening import open_log
 from deltaid.recording.recording import open_recordings
-from deltaid.recording.repairs import Gears, Repairs
+from deltaid.recording.repairs import SPIKE, Gears, LeftSpan, Repairs
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.load import load_robot
 from identified import simulated
@@ -175,6 +176,31 @@ def at_stage(
     recordings = tuple(open_recordings(table, kinematics, cutoff=settings.cutoff))
     setup = Setup(robot, recordings, settings, outcome=outcome)
     return gears_turned_back(setup, lambda _: None)
+
+
+def short_of_rows(settings: Settings) -> Setup:
+    """A recording of compliant gears with an outlier every 0.12 s: what gears carry is unknown
+    for 0.08 s before and after each."""
+    dynamics, _, table = wound()
+    kinematics = compiled(dynamics.robot).kinematics
+    (recording,) = open_recordings(table, kinematics, cutoff=settings.cutoff)
+    starts = np.arange(0.1, len(table) / RATE, 0.12).tolist()
+    spans = [LeftSpan(start, start + 0.005, SPIKE) for start in starts]
+    recordings = (recording.repaired(left_out=tuple(spans)),)
+    return Setup(dynamics.robot, recordings, settings)
+
+
+def test_gears_stay_stiff_where_no_row_would_be_left() -> None:
+    setup = short_of_rows(Settings(cutoff=10.0, friction="described"))
+    setup = gears_turned_back(setup, lambda _: None)
+    assert setup.recordings[0].repairs.gears is None
+
+
+def test_a_contest_does_not_follow_gears_to_where_no_row_is_left() -> None:
+    setup = contested(short_of_rows(Settings(cutoff=10.0, friction="described")), lambda _: None)
+    assert setup.outcome is not None
+    assert "no row would be left whose links' motion is known" in setup.outcome.doubts[REFUTED]
+    assert setup.recordings[0].repairs.gears is None
 
 
 def test_a_stiffness_that_is_stated_is_applied() -> None:

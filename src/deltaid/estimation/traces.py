@@ -192,6 +192,10 @@ def trace(
         raise RecordingError(
             "is too short to be filtered", where=str(log.path), cure="give a longer recording"
         )
+    if not joined.weights.any():
+        raise RecordingError(
+            "has no row that counts", where=str(log.path), cure="give a recording that moves more"
+        )
     return Trace(dynamics, load, stretches, recording.low_pass, recording)
 
 

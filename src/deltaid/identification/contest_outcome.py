@@ -201,7 +201,8 @@ def refuted(outcome: ContestOutcome, why: str, moves: Sequence[Parameters]) -> C
     Args:
         moves: changes of the parameters by the refuted corrections.
     """
-    named = [name for name in outcome.kept if not is_unexplained(name)]
+    every = dict.fromkeys((*outcome.kept, *outcome.values))
+    named = [name for name in every if not is_unexplained(name)]
     tried = f"corrections of {_named(named)}" if named else "free functions of the drives' torques"
     doubt = (
         f"something acts on the robot that no known effect explains: with {tried} {why}, so "

@@ -59,7 +59,7 @@ class _Sweeps:
         moves: changes of the parameters by the corrections, and by effects beyond their limits.
         parts: errors of the description that any sweep kept.
         why_not: why these corrections are refuted; empty where they stand.
-        is_lost: the next sweep would need poses that the robot cannot reach.
+        is_lost: the next sweep would need poses that the robot cannot reach, or has no row left.
         over_all_rows: makes the last sweep with rows where a passive joint may turn either way;
             None where these took part.
     """
@@ -188,12 +188,12 @@ def _sweeps(
     if errors.any():
         full = _swept(now, before, [without_turns(t, errors) for t in traces], p, 0, free)
     plain, dismissed = since.plain if since else full.points[0].p, ()
-    parts = frozenset[str]()
+    parts, why = frozenset[str](), ""
     while True:
         last = full.reduced()
         parts |= {u.name for u in UNKNOWNS if u.is_of_parts and u.name in last.shrunk.candidates}
         after = decided(before, last, may_wind_up=sweep < _DECIDED).within_limits()
-        sweep, is_lost = sweep + 1, False
+        sweep += 1
         if after.doubts != before.doubts:
             dismissed, sweep = (*dismissed, last.p - plain), 0  # others may take part instead
         elif sweep == _SWEEPS or is_settled(before, after):
@@ -201,12 +201,15 @@ def _sweeps(
         try:
             now = with_readings(without, after, last.p)
             traces = [without_turns(trace, errors) for trace in _traces(now)]
+            if not traces:
+                why = "no row would be left whose links' motion is known"
+                break
             before, full = after, _swept(now, after, traces, last.p, sweep, free)
         except KinematicsError:
-            is_lost = True
+            why = "the robot could not be in poses that it was recorded in"
             break
     outcome, beyond = doubted(after, full, last), beyond_parts(last)
-    setup, why = bare, "the robot could not be in poses that it was recorded in"
+    setup, is_lost = bare, bool(why)
     if not is_lost:
         if outcome.kept or outcome.winds_up:
             setup = with_effects(with_readings(bare, outcome, last.p), outcome, last)

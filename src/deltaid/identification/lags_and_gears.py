@@ -234,7 +234,9 @@ def _turned_back(setup: Setup, progress: Progress, *, search: bool = True) -> Se
         motors = motors_of(bare.robot, gears.p, cutoff, rate, compliance)
         bare = bare.repaired(recording, gears=motors)
     bare = bare.studied()
-    if free.any() and not _better_than_loads(setup, bare.studies):
+    # Where little of the motion is certain, no row may be left whose links' motion is known.
+    is_known = all(traced(bare, r, r.cutoff) for r in bare.recordings if r.low_pass is not None)
+    if free.any() and not (is_known and _better_than_loads(setup, bare.studies)):
         return _turned_back(setup, progress, search=False)
     bare = bare.reported(gears.corrections(bare.robot))
     return lags_corrected(bare, progress)
