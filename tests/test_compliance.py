@@ -10,7 +10,7 @@ import pytest
 
 import deltaid
 from deltaid.dynamics.dynamics import Dynamics, compiled
-from deltaid.errors import DeltaidError
+from deltaid.errors import DeltaidError, IdentificationError
 from deltaid.identification.contest_stage import contested
 from deltaid.identification.fit import fit
 from deltaid.identification.lags_and_gears import _better_than_loads, gears_turned_back
@@ -178,26 +178,32 @@ def at_stage(
     return gears_turned_back(setup, lambda _: None)
 
 
-def short_of_rows(settings: Settings) -> Setup:
+def short_of_rows(stated: dict[str, float] | None = None) -> Setup:
     """A recording of compliant gears with an outlier every 0.12 s: what gears carry is unknown
     for 0.08 s before and after each."""
     dynamics, _, table = wound()
-    kinematics = compiled(dynamics.robot).kinematics
+    settings = Settings(cutoff=10.0, friction="described")
+    robot = dynamics.robot.model_copy(update={"gear_stiffness": stated or {}})
+    kinematics = compiled(robot).kinematics
     (recording,) = open_recordings(table, kinematics, cutoff=settings.cutoff)
     starts = np.arange(0.1, len(table) / RATE, 0.12).tolist()
     spans = [LeftSpan(start, start + 0.005, SPIKE) for start in starts]
     recordings = (recording.repaired(left_out=tuple(spans)),)
-    return Setup(dynamics.robot, recordings, settings)
+    return Setup(robot, recordings, settings)
 
 
 def test_gears_stay_stiff_where_no_row_would_be_left() -> None:
-    setup = short_of_rows(Settings(cutoff=10.0, friction="described"))
-    setup = gears_turned_back(setup, lambda _: None)
+    setup = gears_turned_back(short_of_rows(), lambda _: None)
     assert setup.recordings[0].repairs.gears is None
 
 
+def test_a_stated_stiffness_that_leaves_no_row_is_refused() -> None:
+    with pytest.raises(IdentificationError, match="no row whose links' motion is known"):
+        gears_turned_back(short_of_rows({"drive1": 4e3}), lambda _: None)
+
+
 def test_a_contest_does_not_follow_gears_to_where_no_row_is_left() -> None:
-    setup = contested(short_of_rows(Settings(cutoff=10.0, friction="described")), lambda _: None)
+    setup = contested(short_of_rows(), lambda _: None)
     assert setup.outcome is not None
     assert "no row would be left whose links' motion is known" in setup.outcome.doubts[REFUTED]
     assert setup.recordings[0].repairs.gears is None

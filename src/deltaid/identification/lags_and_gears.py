@@ -234,10 +234,16 @@ def _turned_back(setup: Setup, progress: Progress, *, search: bool = True) -> Se
         motors = motors_of(bare.robot, gears.p, cutoff, rate, compliance)
         bare = bare.repaired(recording, gears=motors)
     bare = bare.studied()
-    # Where little of the motion is certain, no row may be left whose links' motion is known.
-    is_known = all(traced(bare, r, r.cutoff) for r in bare.recordings if r.low_pass is not None)
-    if free.any() and not (is_known and _better_than_loads(setup, bare.studies)):
+    empty = [r for r in bare.recordings if r.low_pass and not traced(bare, r, r.cutoff)]
+    if free.any() and (empty or not _better_than_loads(setup, bare.studies)):
         return _turned_back(setup, progress, search=False)
+    if empty:
+        raise IdentificationError(
+            "has no row whose links' motion is known behind gears that wind up: outliers are too "
+            "close to each other for the low-pass",
+            where=str(empty[0].path),
+            cure="raise --cutoff, or leave gear_stiffness out of the robot file",
+        )
     bare = bare.reported(gears.corrections(bare.robot))
     return lags_corrected(bare, progress)
 
