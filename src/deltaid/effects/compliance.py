@@ -37,6 +37,7 @@ from deltaid.effects.windings import (
 )
 from deltaid.estimation.drive_rows import RecordingRows, TraceRows, stretch_starts
 from deltaid.estimation.traces import Trace
+from deltaid.recording.windows import SampleBlock
 
 # Sweeps at most, and steps that are small enough, in standard deviations. Only compliances count
 # that make the rows of most stretches of time better by so many: for those that are there, these
@@ -59,8 +60,8 @@ def compliances(
     """Those of gears that measurably wind up, and those that are stated.
 
     Noise of the torques is in the links' motion with the opposite sign: rows lose it where M s ω²
-    is about one, whatever the gear. Few rows may detect nothing else; in the whole band of a
-    fit, where M s ω² is more, such gears make all rows worse.
+    is about one, whatever the gear, and have more of it above. So rows have to become better by
+    more than that, in the band of the motion and in the whole band of a fit.
 
     Args:
         traces: of recordings of the same machine, in the band of the motion.
@@ -86,11 +87,8 @@ def compliances(
             return nothing
         S = gears.groups[:, significant]
         gears = fit.swept(S, S @ gears.sizes[significant], gears.p)
-    if not fit.better(gears):
-        return nothing
     whole = replace(fit, traces=tuple(wide))
-    with_it, without = (_size(whole.residuals(s, gears.p)[0]) for s in (gears.values, fit.known))
-    return gears if with_it < without else nothing
+    return gears if fit.better(gears) and whole.better(gears) else nothing
 
 
 @dataclass(frozen=True, eq=False)
@@ -200,15 +198,39 @@ class _Fit:
 
     def better(self, gears: Windup, least: float = _BETTER) -> bool:
         """Whether these compliances fit most stretches of time better, by at least so many
-        standard deviations."""
+        standard deviations, and by more than rows lose of noise."""
         residuals = [self.residuals(s, gears.p)[0] for s in (gears.values, self.known)]
+        left = self.left_of_noise(gears, residuals[1])[:, None]
         gains = list[np.ndarray]()
         for ours, theirs in zip(*residuals, strict=True):
+            ours = ours / left
             noise = np.mean(ours**2, axis=1, keepdims=True)
             gain = np.sum((theirs**2 - ours**2) / noise, axis=0)
             gains.append(np.add.reduceat(gain, stretch_starts(len(gain))))
         by_stretch = np.concatenate(gains)
         return bool(by_stretch.mean() > least * by_stretch.std(ddof=1) / np.sqrt(len(by_stretch)))
+
+    def left_of_noise(
+        self, gears: Windup, residuals: Sequence[Float[np.ndarray, "dof _"]]
+    ) -> Float[np.ndarray, " dof"]:
+        """What rows behind these gears have of noise of the torques, as a share of what they have
+        behind those that are known; noise as large as residuals."""
+        scale, rng = np.concatenate(residuals, axis=1).std(axis=1), np.random.default_rng(0)
+
+        def errors(windings: Sequence[Windings], s: Compliance) -> np.ndarray:
+            turned = [winding.turned(s) for winding in windings]
+            return np.hstack([trace.model(gears.p) - trace.torques() for trace in turned])
+
+        def noisy(w: SampleBlock) -> SampleBlock:
+            return replace(w, tau=w.tau + scale * rng.standard_normal(w.tau.shape))
+
+        loud = tuple(replace(t, stretches=tuple(map(noisy, t.stretches))) for t in self.traces)
+        clean, disturbed = (fit.windings(gears.p) for fit in (self, replace(self, traces=loud)))
+        ours, theirs = (
+            np.std(errors(disturbed, s) - errors(clean, s), axis=1)
+            for s in (gears.values, self.known)
+        )
+        return ours / theirs
 
     @property
     def _largest(self) -> Float[np.ndarray, " dof"]:
