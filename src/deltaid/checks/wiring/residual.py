@@ -63,6 +63,7 @@ Values = Float[np.ndarray, "_ _"]
 class FilteredMotion:
     """Filtered positions with derivatives and filtered torques of one stretch."""
 
+    time: Float[np.ndarray, " kept"]
     q: Float[np.ndarray, "samples drives"]  # as mapped, evenly spaced
     qd: Float[np.ndarray, "samples drives"]
     qdd: Float[np.ndarray, "samples drives"]
@@ -117,14 +118,16 @@ def motion(
     samples, load, speeds = np.split(smoothed, parts, axis=1)
     qd = apply(full.first, q.T, stride).T
     # Torques pass once, by a filter centred on the samples that the second one keeps.
-    wide = tau.T[:, edge + thinning.half * stride : len(tau) - edge]
+    begin, every = edge + thinning.half * stride, stride * thinning.decimation
+    wide = tau.T[:, begin : len(tau) - edge]
     count = -(-(len(samples) - len(thinning.smooth) + 1) // thinning.decimation)
     return FilteredMotion(
+        time=time[begin + full.half :: every][:count],
         q=samples,
         qd=qd,
         qdd=apply(full.second, q.T, stride).T,
         load=load,
-        tau=apply(full.smooth, wide, stride * thinning.decimation).T[:count],
+        tau=apply(full.smooth, wide, every).T[:count],
         awake=_awake(qd, rate / stride, thinning, count),
         low_pass=thinning,
         recorded=speeds,

@@ -17,6 +17,7 @@ from deltaid.checks.evidence import UNRELATED, Evidence, forget
 from deltaid.checks.wiring.candidate import SENSIBLE
 from deltaid.checks.wiring.columns import column_verdicts
 from deltaid.checks.wiring.explained import RemappedRecording, overall
+from deltaid.checks.wiring.over_time import over_time_verdicts
 from deltaid.checks.wiring.residual import motion, residual
 from deltaid.checks.wiring.search import explained, together
 from deltaid.checks.wiring.velocity import velocity_verdicts
@@ -55,17 +56,18 @@ def checked_wirings(
     Recordings with one mapping are judged together, with one verdict for all of them. Raises what
     `checked_wiring` raises.
     """
-    cases = dict[int, RemappedRecording]()
+    cases, over_time = dict[int, RemappedRecording](), dict[int, tuple[Verdict, ...]]()
     for k, record in enumerate(records):
         _refuse_copies(record)
         fine = motion(record.rows)
         if fine is not None and len(fine.tau) >= _FEWEST:
             part = motion(record.rows, **_PART)
             coarse = fine if part is None or len(part.tau) < _FEW else part
-            cases[k] = RemappedRecording(record, fine, explained(record.dynamics, fine, coarse))
+            case = RemappedRecording(record, fine, explained(record.dynamics, fine, coarse))
+            cases[k], over_time[k] = case, tuple(over_time_verdicts(case))
         if len(records) > 1:
             forget(record)
-    shown = {k: case for k, case in cases.items() if case.good}
+    shown = {k: case for k, case in cases.items() if case.good and not over_time[k]}
     drives = [case.evidence.columns.drives for case in shown.values()]
     common = None
     if len(drives) > 1 and all(columns == drives[0] for columns in drives):
@@ -74,7 +76,10 @@ def checked_wirings(
         cases |= {k: replace(cases[k], good=good) for k, good in zip(shown, goods, strict=True)}
         clearest = min((cases[k] for k in shown if cases[k].good), key=lambda case: case.best.left)
         common = column_verdicts(clearest)
-    each = [_of_recording(cases[k], common) if k in cases else () for k in range(len(records))]
+    each = [
+        over_time[k] or _of_recording(cases[k], common) if k in cases else ()
+        for k in range(len(records))
+    ]
     return common or (), each
 
 

@@ -1,0 +1,172 @@
+"""Torques over time: columns that were joined at another row, and stretches whose torques have
+another sign or unit than the rest.
+
+Torques u(t) that were joined at another row go with those of the prior at a lag. In a stretch with
+another sign or unit u ≈ g f, and in the rest u ≈ h f, with the torques f(t) of a fit that follows
+the larger part; the stretch for which these leave least is judged by g/h.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from deltaid.checks.wiring.candidate import SENSIBLE
+from deltaid.checks.wiring.explained import WRONG_SCALE, RemappedRecording
+from deltaid.checks.wiring.residual import Map, MapResidual, motion, residual
+from deltaid.estimation.problem import DEPENDENT, lengths
+from deltaid.model.verdict import Grade, Verdict, listed
+
+# Rows that are compared; of more, some are skipped.
+_MOST = 20_000
+# No drive's torque is so late [s]; no lag is searched where the best columns leave so little of the
+# torques, and one must leave so much less of the prior's than none does.
+_DELAY, _EXPLAINED, _CLEARER = 0.15, 0.1, 0.5
+# Ends of stretches that are tried; least length [s] of a stretch and of the rest, and correlation
+# with the fitted torques in both. So many samples about an end have something of both, by filters.
+_ENDS, _SHORTEST, _ALONG, _BLURRED = 300, 1.0, 0.9, 6
+# Rounds of the fit, and least scale of its errors as a share of the prior's torques.
+_ROUNDS, _CLOSE = 10, 0.01
+_TINY = np.finfo(float).tiny
+
+Torques = Float[np.ndarray, "moving samples"]
+OfDrives = Float[np.ndarray, " moving"]
+
+
+@dataclass(frozen=True, eq=False)
+class _Course:
+    """Torques of moving drives over time, as recorded; those of the prior and of a fit are zero
+    where they are unknown."""
+
+    drives: Int[np.ndarray, " moving"]
+    time: Float[np.ndarray, " samples"]
+    prior: Torques
+    fitted: Torques
+    recorded: Torques
+
+    @property
+    def step(self) -> float:
+        return float(self.time[1] - self.time[0])
+
+    def along(self, lag: int) -> OfDrives:
+        """Correlations where recorded torques come so many samples late."""
+        n = len(self.time)
+        f = self.prior[:, max(0, -lag) : n - max(0, lag)]
+        u = self.recorded[:, max(0, lag) : n + min(0, lag)]
+        return _gain(f, u)[1]
+
+
+def over_time_verdicts(case: RemappedRecording) -> Iterator[Verdict]:
+    """Verdicts on torques that were joined at another row, or have another sign or unit for some
+    time."""
+    course = _course(case) if case.good else None
+    if course is None or not course.drives.size:
+        return
+    yield from tuple(_stretch(case, course)) or _joined(case, course)
+
+
+def _course(case: RemappedRecording) -> _Course | None:
+    """The whole recording, as it is mapped; None where its loops do not close."""
+    rows, moved, dynamics = case.evidence.rows, case.motion, case.evidence.dynamics
+    every, whole = -(-len(rows.time) // _MOST), float(np.ptp(rows.time))
+    if moved.time[-1] - moved.time[0] < 0.9 * whole:
+        fewer = {name: values[::every] for name, values in vars(rows).items()}
+        moved = motion(replace(rows, **fewer), longest=whole) or moved
+    under = residual(dynamics, moved, Map.identity(dynamics.dof))
+    if under is None:
+        return None
+    torques, drives = np.zeros((2, *moved.tau.T.shape)), np.flatnonzero(~under.still)
+    for k, p in enumerate((under.prior, _of_most_rows(under))):
+        torques[k][:, under.keep] = under.rows.of_drives(under.Y @ p)
+    return _Course(drives, moved.time, *torques[:, drives], moved.tau.T[drives])
+
+
+def _of_most_rows(under: MapResidual) -> Float[np.ndarray, " columns"]:
+    """Parameters of the larger part of the rows: those of errors with Cauchy's distribution, whose
+    scale is their median, from the prior on."""
+    tau, p, scale = under.rows.stack(under.tau.T), under.prior, lengths(under.Y)
+    for _ in range(_ROUNDS):
+        errors = np.abs(tau - under.Y @ p)
+        weights = 1.0 / np.hypot(1.0, errors / max(float(np.median(errors)), _CLOSE))
+        A = weights[:, None] * under.Y / scale
+        p = np.linalg.lstsq(A, weights * tau, rcond=DEPENDENT)[0] / scale
+    return p
+
+
+def _joined(case: RemappedRecording, course: _Course) -> Iterator[Verdict]:
+    if case.best.left < _EXPLAINED:
+        return
+    half = len(course.time) // 2
+    along = np.array([course.along(lag) for lag in range(-half, half + 1)])
+    mean = along.mean(axis=1)
+    k = int(np.argmax(mean[1:-1])) + 1
+    before, peak, after = mean[k - 1 : k + 2].tolist()
+    place = k - half + 0.5 * (before - after) / min(before - 2 * peak + after, -_TINY)  # a parabola
+    late, least = place * course.step, along[k].min()
+    if abs(late) < _DELAY or least < SENSIBLE[0] or 1 - peak**2 > _CLEARER * (1 - mean[half] ** 2):
+        return
+    count = round(late / case.evidence.rows.step)
+    yield Verdict(
+        "torque-lag",
+        Grade.WRONG,
+        f"torques come {abs(late):.2f} s {'late' if late > 0 else 'early'} against positions, some "
+        f"{abs(count)} rows, more than any drive delays them: {peak:.2g} is then their correlation "
+        f"with the prior's, and {mean[half]:.2g} as recorded",
+        cause="positions and torques were recorded apart and joined at another row, or by clocks "
+        "that differ",
+        cure=f"join them by stamps of one clock, which shifts the torque columns by some "
+        f"{-count:+d} rows, or record both at once",
+        number=1e3 * late,
+        unit="ms",
+    )
+
+
+def _stretch(case: RemappedRecording, course: _Course) -> Iterator[Verdict]:
+    n, f = len(course.time), course.fitted
+    u = np.where(f, course.recorded, 0.0)
+    ends = np.linspace(0, n, min(n, _ENDS) + 1).astype(int)
+    first, last = ends[np.array(np.triu_indices(len(ends), 2))]
+    sums = np.cumsum(np.pad([f * u, f**2], ((0, 0), (0, 0), (1, 0))), axis=2)
+    inside = sums[:, :, last] - sums[:, :, first]
+    fu, ff = np.array([inside, sums[:, :, -1:] - inside]).swapaxes(0, 1)
+    explained = np.sum(fu**2 / np.maximum(ff, _TINY), axis=0) / np.sum(u**2, axis=1)[:, None]
+    # A stretch and the rest change places at the ends: the shorter one is reported.
+    k = int(np.argmax(explained.sum(axis=0) - 1e-6 * (last - first)))
+    if min(last[k] - first[k], n - last[k] + first[k]) * course.step < _SHORTEST:
+        return
+    blurred, place = _BLURRED + n // _ENDS, np.arange(n)
+    inner = (place >= first[k] + blurred) & (place < last[k] - blurred)
+    outer = (place < first[k] - blurred) | (place >= last[k] + blurred)
+    (g, along), (h, elsewhere) = (_gain(f[:, part], u[:, part]) for part in (inner, outer))
+    times = g / np.where(h, h, _TINY)
+    other = (times < 1 / WRONG_SCALE) | (times > WRONG_SCALE)
+    drives = np.flatnonzero(other & (np.minimum(np.abs(along), np.abs(elsewhere)) > _ALONG))
+    if not drives.size:
+        return
+    record, turned = case.evidence, bool(times[drives].max() < 0)
+    rows = np.searchsorted(record.rows.time, course.time[[first[k], last[k] - 1]])
+    start, end = (record.table.row_name(record.table.first_row + int(row)) for row in rows)
+    start = start if f[:, : first[k]].any() else "the first row"
+    end = end if f[:, last[k] :].any() else "the last row"
+    names = case.all_or(course.drives[drives].tolist())
+    columns = listed([record.columns.torque[course.drives[i]].column for i in drives])
+    changed = "sign" if turned else "unit or sign"
+    size = listed(list(dict.fromkeys(f"{ratio:.2g}" for ratio in times[drives])))
+    yield Verdict(
+        "torque-sign" if turned else "torque-unit",
+        Grade.WRONG,
+        f"the torque of {names} has another {changed} about from {start} to {end} than in the rest "
+        f"of the recording: it is {size} times what it should be if the rest is right",
+        case.whose(course.drives[drives].tolist()),
+        cause=f"the {changed} changed in drive or logger, or two recordings were joined",
+        cure=f"correct column {columns} in these rows, or give the parts as recordings with a "
+        "mapping each",
+        number=float(times[drives[0]]),
+    )
+
+
+def _gain(f: Torques, u: Torques) -> tuple[OfDrives, OfDrives]:
+    """Factors of torques f that come nearest to u, and their correlations."""
+    fu, ff, uu = (np.sum(product, axis=1) for product in (f * u, f**2, u**2))
+    return fu / np.maximum(ff, _TINY), fu / np.sqrt(np.maximum(ff * uu, _TINY))

@@ -1,0 +1,70 @@
+"""Torques that contradict the rest of their recording: another sign for some time, other rows."""
+
+import re
+
+import numpy as np
+import pytest
+
+from deltaid.checks.wiring.wiring import checked_wiring, checked_wirings
+from deltaid.model.verdict import Grade, Verdict
+from wired import RATE, Columns, bad, recorded, seen
+
+NAME = "clavel-delta3"
+
+
+def scaled(first: int, last: int, factor: float, drive: int | None = None) -> Columns:
+    """The recording with torques of some rows times a factor."""
+    columns = recorded(NAME)
+    tau = columns["tau"].copy()
+    tau[first:last, slice(None) if drive is None else drive] *= factor
+    return columns | {"tau": tau}
+
+
+def verdict_on(columns: Columns) -> Verdict:
+    (verdict,) = bad(checked_wiring(seen(NAME, columns)))
+    assert verdict.grade is Grade.WRONG
+    return verdict
+
+
+def rows_in(verdict: Verdict) -> list[int]:
+    return [int(row) for row in re.findall(r"row (\d+)", verdict.seen)]
+
+
+@pytest.mark.parametrize("drive", [None, 1])
+def test_a_sign_that_changes_while_recording_is_named_with_its_rows(drive: int | None) -> None:
+    verdict = verdict_on(scaled(0, 750, -1.0, drive))
+    assert (verdict.key, verdict.subject) == ("torque-sign", "" if drive is None else "drive2")
+    assert verdict.number == pytest.approx(-1.0, abs=0.1)
+    assert "from the first row to row" in verdict.seen
+    assert rows_in(verdict) == [pytest.approx(750, abs=40)]
+
+
+def test_a_stretch_in_another_unit_is_named_with_both_ends() -> None:
+    verdict = verdict_on(scaled(900, 1700, 20.0))
+    assert (verdict.key, verdict.subject) == ("torque-unit", "")
+    assert rows_in(verdict) == pytest.approx([900, 1700], abs=40)
+    assert "correct column tau1, tau2 and tau3 in these rows" in verdict.cure
+
+
+@pytest.mark.parametrize("rows", [125, -200])
+def test_torques_of_other_rows_are_named_as_joined_wrongly(rows: int) -> None:
+    columns = recorded(NAME)
+    shifted = {name: x[250:-250] for name, x in columns.items()}
+    verdict = verdict_on(
+        shifted | {"tau": columns["tau"][250 - rows : len(columns["t"]) - 250 - rows]}
+    )
+    assert verdict.key == "torque-lag"
+    assert verdict.number == pytest.approx(1e3 * rows / RATE, abs=20)
+    (shift,) = re.findall(r"by some (\S+) rows", verdict.cure)
+    assert int(shift) == pytest.approx(-rows, abs=5)
+    assert "joined" in verdict.cause
+
+
+def test_the_other_recordings_are_judged_without_one_that_is_joined_wrongly() -> None:
+    columns = recorded(NAME)
+    joined = columns | {"tau": np.roll(columns["tau"], 150, axis=0)}
+    common, each = checked_wirings([seen(NAME, joined), seen(NAME, columns), seen(NAME, columns)])
+    assert not bad(common)
+    assert [[verdict.key for verdict in bad(verdicts)] for verdicts in each] == [
+        ["torque-lag"], [], []
+    ]  # fmt: skip
