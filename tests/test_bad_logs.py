@@ -1,6 +1,7 @@
 """A log that cannot be used gets one message: what is wrong, in which file, row and column."""
 
 import random
+from functools import reduce
 
 import numpy as np
 import polars as pl
@@ -125,8 +126,13 @@ BAD_TEXT = {
         "row 150: column q1 is 0 rad for one row, between ",
         "remove such rows",
     ),
+    "lost readings": (
+        reduce(lambda log, row: with_field(row, "q1", "0", log), (90, 91, 92, 150), GOOD),
+        "row 90: column q1 is 0 rad for 3 rows, between ",
+        "no motion, and so in 1 more places of ",
+    ),
     "out of reach": (
-        with_field(150, "q1", "-2.5", with_field(151, "q1", "-2.5")),
+        reduce(lambda log, row: with_field(row, "q1", "-2.5", log), range(150, 154), GOOD),
         "row 150: the elbow of limb 1 points inwards at (q1, q2, q3) = (-2.5, ",
     ),
 }
@@ -226,7 +232,10 @@ def test_a_reading_counts_as_lost_beyond_all_steps_about_it(times: float, place:
     steps[place + np.array([-2, 3]), 1] = -1e-3
     assert not [*off_course(steps)]
     steps[[place, place + 1], 1] = times * 1e-3, -times * 1e-3
-    assert [*off_course(steps)] == ([(place, 1)] if times > 12.0 else [])
+    assert [*off_course(steps)] == ([(place, 1, 1)] if times > 12.0 else [])
+    # So do two or three rows, whatever they hold.
+    steps[place + 1 : place + 3, 1] = 2e-3, -times * 1e-3
+    assert [*off_course(steps)] == ([(place, 1, 2)] if times > 12.0 else [])
     # Where the same drive shakes as much beside it, that is how it moves.
     steps[place + 5, 1] = 2e-3
     assert not [*off_course(steps)]

@@ -53,6 +53,15 @@ def test_one_length_in_millimetres(tmp_path: Path) -> None:
     assert proposal.changes == (("limbs.platform_radius", 0.125),)
 
 
+@pytest.mark.parametrize(("given", "meant"), [([0, 0, -1], -9.81), ([0, 0, -1.62], None)])
+def test_gravity_in_g_is_named_with_the_line_that_corrects_it(
+    given: list[float], meant: float | None, tmp_path: Path
+) -> None:
+    verdicts = [v for v in check(mended_file(tmp_path, {"gravity": given})) if v.key == "gravity"]
+    proposed = [proposal.changes for verdict in verdicts for proposal in verdict.proposals]
+    assert proposed == ([(("gravity", [0.0, 0.0, meant]),)] if meant else [])
+
+
 @pytest.mark.parametrize("factor", [0.05, 0.3, 3.0])
 def test_small_and_large_robots_have_good_lengths(factor: float) -> None:
     for name in catalogue():
@@ -174,6 +183,14 @@ def test_a_recording_that_cannot_be_used_has_a_verdict() -> None:
     far = deltaid.Recording.from_arrays(t=rows.time, q=rows.q + 1.7, tau=rows.tau)
     found = check("clavel-delta3", far)
     assert worst(found) is Grade.WRONG
+
+
+def test_lost_readings_are_no_fast_motion() -> None:
+    lost = np.random.default_rng(0).random(1500) < 0.01
+    log = recorded().with_columns(q1=pl.when(pl.Series(lost)).then(0.0).otherwise(pl.col("q1")))
+    (verdict,) = check(load_robot("clavel-delta3"), log).poor
+    assert (verdict.key, verdict.grade) == ("refused", Grade.WRONG)
+    assert "column q1 is 0 rad for one row" in verdict.seen
 
 
 @pytest.mark.parametrize("rows", [2, 50, 200])

@@ -240,3 +240,21 @@ def test_a_torque_column_copied_from_another_drive_is_refused() -> None:
     columns = recorded("clavel-delta3")
     with pytest.raises(RecordingError, match="torques of drive1 and drive2 are one signal"):
         checked_wiring(seen("clavel-delta3", columns | {"tau": columns["tau"][:, [0, 0, 2]]}))
+
+
+def test_a_position_column_copied_from_another_drive_is_refused() -> None:
+    columns = recorded("clavel-delta3")
+    q = columns["q"][:, [0, 0, 2]]
+    with pytest.raises(RecordingError, match="positions of drive1 and drive2 are one signal"):
+        checked_wiring(seen("clavel-delta3", columns | {"q": q, "qd": columns["qd"][:, [0, 0, 2]]}))
+    # Drives that move up and down together have one position, and torques that go together.
+    alike = {name: columns[name][:, [0, 0, 0]] for name in ("q", "qd", "tau")}
+    noise = np.random.default_rng(0).normal(scale=0.2 * alike["tau"].std(), size=alike["tau"].shape)
+    checked_wiring(seen("clavel-delta3", columns | alike | {"tau": alike["tau"] + noise}))
+
+
+def test_one_outlier_changes_no_unit() -> None:
+    columns = recorded("irb360-6-1600")
+    tau = columns["tau"].copy()
+    tau[1500, 3] = 9000.0
+    assert not bad(checked_wiring(seen("irb360-6-1600", columns | {"tau": tau})))

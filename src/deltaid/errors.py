@@ -84,6 +84,10 @@ class RecordingError(DeltaidError):
     """A log, or the mapping of its columns, cannot be used as it stands."""
 
 
+class LostReadingError(RecordingError):
+    """A few rows of a log hold a number that no motion makes."""
+
+
 class IdentificationError(DeltaidError):
     """The identification cannot be posed, or a solver did not reach its end."""
 

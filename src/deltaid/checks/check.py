@@ -9,6 +9,7 @@ import numpy as np
 from deltaid.checks.closed_loop import checked_feedback
 from deltaid.checks.description import (
     checked_friction,
+    checked_gravity,
     checked_lengths,
     checked_limits,
     checked_workspace,
@@ -23,7 +24,7 @@ from deltaid.checks.signal import checked_signals
 from deltaid.checks.verdicts import Verdicts, as_written, changes, mended
 from deltaid.checks.wiring.wiring import checked_wirings
 from deltaid.dynamics.dynamics import compiled
-from deltaid.errors import DeltaidError, DescriptionError
+from deltaid.errors import DeltaidError, DescriptionError, LostReadingError
 from deltaid.estimation.information import Information, merge
 from deltaid.model.settings import Settings, settings_of
 from deltaid.model.verdict import Grade, Verdict, worst
@@ -123,7 +124,7 @@ def of_robot(
     judged = [checked_lengths(as_written(robot)), checked_friction(robot), checked_limits(robot)]
     if recorded and judged[-1].grade is not Grade.GOOD:
         del judged[-1]
-    judged += (*checked_priors(robot), *checked_measured(robot))
+    judged += (*checked_gravity(robot), *checked_priors(robot), *checked_measured(robot))
     if not quick and worst(judged) is not Grade.WRONG:
         judged += checked_workspace(robot)
     return tuple(judged)
@@ -133,9 +134,11 @@ def of_recording(record: Evidence, wiring: Sequence[Verdict], several: bool) -> 
     """All verdicts on a recording, those on its columns first. Information is judged here only for
     a single recording; several complement each other.
 
-    An error of survey or fit becomes a verdict where no check explains it.
+    An error of survey or fit becomes a verdict where no check explains it. Lost readings explain
+    themselves: other checks take them for a fast motion.
     """
-    judged = [*wiring, *checked_signals(record)]
+    is_lost = isinstance(record.setup, LostReadingError)
+    judged = [] if is_lost else [*wiring, *checked_signals(record)]
     if worst(judged) is not Grade.WRONG and record.surveyed is not None:
         judged += checked_sensors(record)
         judged += () if several else checked_information(record)

@@ -16,7 +16,7 @@ from deltaid.dynamics.limits import kind_of_limit, torque_limits
 from deltaid.dynamics.parameters import prior_parameters
 from deltaid.errors import KinematicsError
 from deltaid.model.verdict import Fault, Grade, Proposal, Verdict, listed, percent
-from deltaid.robot.description import RobotDescription
+from deltaid.robot.description import GRAVITY, RobotDescription
 
 # Start values of unmeasured friction: Coulomb friction as a share of the gravity torque, and the
 # speed [rad/s or m/s] at which viscous friction equals it.
@@ -49,6 +49,8 @@ _GIANT, _DWARF = 10.0, 0.005
 # Largest ratio of a part's length to a limb's, and of a limb's to that of a part that matters.
 _OUT_OF_SCALE, _SMALL = 4.0, 250.0
 _METRES = Fault("length-unit", "m")
+# Sizes of a gravity that is given in g, not in m/s²: no place on a planet or moon has them.
+_IN_G = (0.9, 1.1)
 
 # Keys of lengths, by part of the description.
 _LIMBS = (
@@ -98,6 +100,22 @@ def checked_lengths(data: dict[str, Any]) -> Verdict:
         cure=f"multiply these lengths by {factor:g}",
         proposals=(Proposal("robot", changes),),
     )
+
+
+def checked_gravity(robot: RobotDescription) -> Iterator[Verdict]:
+    """A verdict on gravity that is given in g."""
+    if _IN_G[0] < (size := float(np.linalg.norm(robot.gravity))) < _IN_G[1]:
+        gravity = [float(f"{GRAVITY * g:.12g}") for g in robot.gravity]
+        yield Verdict(
+            "gravity",
+            Grade.WRONG,
+            f"gravity is {size:.3g} m/s², and {GRAVITY} m/s² on Earth",
+            cause="it is given in g; that of a description is in m/s²",
+            cure=f"multiply it by {GRAVITY}",
+            proposals=(Proposal("robot", (("gravity", gravity),)),),
+            number=size,
+            unit="m/s²",
+        )
 
 
 def _longest(group: Iterable[Length]) -> float:

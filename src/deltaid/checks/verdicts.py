@@ -36,7 +36,7 @@ Data = dict[str, Any]
 # All keys of verdicts by subject, in the order of docs/check.md; effects have their own.
 KEYS = {
     "the description": (
-        "length-unit", "friction", "limits", "prior-scale", "measured-scale",
+        "length-unit", "friction", "limits", "gravity", "prior-scale", "measured-scale",
         "workspace", "torque-limit",
     ),
     "units and wiring": (

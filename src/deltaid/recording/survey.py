@@ -6,7 +6,7 @@ from itertools import islice
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from deltaid.errors import Doubt, RecordingError
+from deltaid.errors import Doubt, LostReadingError, RecordingError
 from deltaid.mechanism.kinematics import Kinematics
 from deltaid.recording.columns import Columns, Rows
 from deltaid.recording.masks.search import LoadSearch, MaskSearch
@@ -135,13 +135,17 @@ class Survey:
             )
         steps = np.diff(q, axis=0, prepend=self.last_q if len(self.last_q) else q[:1])
         steps[apart], self.last_q = 0.0, q[-1:].copy()
-        for i, drive in islice(off_course(steps), 1):
+        for i, drive, rows in islice(places := sorted(off_course(steps)), 1):
             name, there = self.columns.position[drive].column, float(q[i, drive])
-            before, after = there - float(steps[i, drive]), there + float(steps[i + 1, drive])
+            before, after = there - float(steps[i, drive]), float(q[i + rows, drive])
             unit = "m" if robot.linear_drives[drive] else "rad"
-            raise RecordingError(
-                f"column {name} is {there:.5g} {unit} for one row, between {before:.5g} and "
-                f"{after:.5g} {unit}, which is a wrong reading and no motion",
+            count = sum(place[1] == drive for place in places)
+            lasts = "one row" if rows == 1 else f"{rows} rows"
+            more = f", and so in {count - 1} more places of {len(q)} rows" if count > 1 else ""
+            raise LostReadingError(
+                f"column {name} is {there:.5g} {unit} for {lasts}, between {before:.5g} and "
+                f" {after:.5g} {unit}, which is a wrong reading and no "
+                f"motion{more}",
                 where=self.table.row_place(row + i),
                 cure="remove such rows, which are then bridged, and inspect encoder and bus",
             )

@@ -48,9 +48,9 @@ _SCALE = (0.8, 1.25)
 _SLIGHT = 1e-3
 # Factors of wrong units.
 _LIKELY = {"degrees": 180 / np.pi, "rpm": 30 / np.pi}
-# A row is off its course if the position goes there and back by so many times its largest change
-# within so many rows before or after, and its smallest change of all.
-_OFF, _AROUND = 12.0, 16
+# Up to so many rows are off their course if the position goes there and back by so many times its
+# largest change within so many rows before or after, and its smallest change of all.
+_LOST, _OFF, _AROUND = 3, 12.0, 16
 # A step is uneven if it differs from the usual one by more than this share.
 _JITTER = 0.05
 
@@ -155,20 +155,25 @@ class Bounds:
         )
 
 
-def off_course(steps: Float[np.ndarray, "steps drives"]) -> Iterator[tuple[int, int]]:
-    """Single rows whose position is off its course, and the drive: a reading, not a motion.
+def off_course(steps: Float[np.ndarray, "steps drives"]) -> Iterator[tuple[int, int, int]]:
+    """A few rows whose number is off its course, as (first, column, rows): a reading, not a motion.
 
     Args:
-        steps: changes of positions from row to row; 0 where time jumps.
+        steps: changes of numbers from row to row; 0 where time jumps.
     """
     size = np.abs(steps)
-    back = np.where(steps[:-1] * steps[1:] < 0, np.minimum(size[:-1], size[1:]), 0.0)
-    places = np.argwhere(back > _OFF * np.median(size, axis=0)).tolist()
-    least = np.min(size, axis=0, where=size > 0, initial=np.inf) if places else size[0]
-    for i, drive in places:
-        around = size[max(0, i - _AROUND) : i, drive], size[i + 2 : i + 2 + _AROUND, drive]
-        if back[i, drive] > _OFF * max(np.max(np.concatenate(around), initial=0.0), least[drive]):
-            yield i, drive
+    least = np.min(size, axis=0, where=size > 0, initial=np.inf)
+    usual = _OFF * np.maximum(np.median(size, axis=0), least)
+    for rows in range(1, min(_LOST, len(steps) - 1) + 1):
+        there, back = steps[:-rows], steps[rows:]
+        jump = np.where(there * back < 0, np.minimum(size[:-rows], size[rows:]), 0.0)
+        for i, drive in np.argwhere(jump > usual).tolist():
+            after = size[i + rows + 1 : i + rows + 1 + _AROUND, drive]
+            most = max(
+                size[max(0, i - _AROUND) : i, drive].max(initial=0.0), after.max(initial=0.0)
+            )
+            if jump[i, drive] > _OFF * max(most, least[drive]):
+                yield i, drive, rows
 
 
 class ClockCheck:

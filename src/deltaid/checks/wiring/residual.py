@@ -30,6 +30,7 @@ from deltaid.mechanism.regularity import SINGULAR_CONDITION
 from deltaid.recording.filter import LowPass, design_low_pass, samples_needed
 from deltaid.recording.masks.masks import runs_of
 from deltaid.recording.spectrum import HIGHEST, LOWEST_CUTOFF, SpectrumEstimate, apply, spectrum_of
+from deltaid.recording.survey_checks import off_course
 from deltaid.recording.time.clock import HIGHEST_RATE
 
 # The highest cut-off [Hz]: enough to distinguish columns.
@@ -162,6 +163,8 @@ def _cutoff(q: Values, rate: float) -> float:
 def _even(rows: RawRows, longest: float) -> tuple[Float[np.ndarray, " samples"], Values] | None:
     """Time and [q τ q̇] of the liveliest stretch without a gap, evenly spaced."""
     data = np.hstack([rows.q, rows.tau, rows.qd])
+    for row, _, lost in off_course(np.diff(data, axis=0, prepend=data[:1])):
+        data[row : row + lost] = np.nan
     keep = np.flatnonzero(np.isfinite(np.column_stack([rows.time, data])).all(axis=1))
     keep = keep[np.diff(np.maximum.accumulate(rows.time[keep]), prepend=-np.inf) > 0]
     time = rows.time[keep]

@@ -8,7 +8,7 @@ their own (`zeros`), velocities are compared with derivatives of positions (`vel
 
 from collections.abc import Sequence
 from dataclasses import replace
-from itertools import combinations
+from itertools import combinations, product
 
 import numpy as np
 from threadpoolctl import threadpool_limits
@@ -31,8 +31,9 @@ from deltaid.model.verdict import Grade, Proposal, Verdict, worst
 _FEW, _FEWEST = 150, 40
 _PART = {"longest": 6.0, "oversampled": 10.0}
 # Two columns are one signal if 1 − ρ² is below the first; drives move differently, and must have
-# different torques, if that of their positions exceeds the second.
-_COPIED, _UNLIKE = 1e-9, 1e-5
+# different torques, if that of their positions exceeds the second. Torques of drives that move
+# alike, up and down, have a larger ρ² than the third.
+_COPIED, _UNLIKE, _APART = 1e-9, 1e-5, 0.75
 
 
 def checked_wiring(evidence: Evidence) -> tuple[Verdict, ...]:
@@ -42,7 +43,7 @@ def checked_wiring(evidence: Evidence) -> tuple[Verdict, ...]:
 
     Raises:
         RecordingError: the torque of a drive is a copy of another's, times a factor, though the two
-            drives move in different ways.
+            drives move in different ways; or its position, though their torques differ.
     """
     return checked_wirings([evidence])[1][0]
 
@@ -84,19 +85,26 @@ def checked_wirings(
 
 
 def _refuse_copies(evidence: Evidence) -> None:
-    rows, names, columns = evidence.rows, evidence.robot.drives, evidence.columns.torque
+    rows, names, columns = evidence.rows, evidence.robot.drives, evidence.columns
     if rows.tau.shape[1] != len(names) or rows.q.shape[1] != len(names):
         return
     finite = np.isfinite(np.hstack([rows.q, rows.tau])).all(axis=1)
-    moves, alike = (_correlations(numbers[finite]) for numbers in (rows.q, rows.tau))
-    for i, j in combinations(range(len(names)), 2):
-        if alike[i, j] ** 2 > 1 - _COPIED and moves[i, j] ** 2 < 1 - _UNLIKE:
+    moves, pulls = (_correlations(numbers[finite]) ** 2 for numbers in (rows.q, rows.tau))
+    copies = (
+        ("torque", columns.torque, pulls, moves < 1 - _UNLIKE, "the drives move unlike each other"),
+        ("position", columns.position, moves, pulls < _APART, "their torques differ"),
+    )
+    for (quantity, channels, alike, differ, why), (i, j) in product(
+        copies, combinations(range(len(names)), 2)
+    ):
+        if alike[i, j] > 1 - _COPIED and differ[i, j]:
             raise RecordingError(
-                f"the torques of {names[i]} and {names[j]} are one signal: column "
-                f"'{columns[i].column}' and column '{columns[j].column}' repeat each other in "
-                "every row, and the drives move unlike each other",
+                f"the {quantity}s of {names[i]} and {names[j]} are one signal: column "
+                f"'{channels[i].column}' and column '{channels[j].column}' repeat each other in "
+                f"every row, and {why}",
                 where=str(evidence.table.path),
-                cure="map each drive's own torque; if only one of them was recorded, record again",
+                cure=f"map each drive's own {quantity}; if only one of them was recorded, record "
+                "again",
             )
 
 
