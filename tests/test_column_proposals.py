@@ -13,6 +13,7 @@ from command import run
 from deltaid.errors import RecordingError
 from deltaid.recording.mapping import MappingProposal, load_mapping
 from deltaid.recording.proposed_mapping import Column, proposed_mapping
+from deltaid.recording.table import open_table
 from logs import recorded
 
 HEADERS = Path(__file__).parent / "data" / "column_headers.yaml"
@@ -310,3 +311,19 @@ def test_from_a_foreign_log_to_feed_forward_without_a_line_of_yaml(tmp_path: Pat
     rows = (given["t"] * 1000 - 6000).round().cast(int).to_numpy()
     error = given["tau2"].to_numpy() - wanted[rows]
     assert np.std(error) < 0.02 * np.std(wanted)
+
+
+def test_a_name_that_stands_twice_is_named_with_its_columns(tmp_path: Path) -> None:
+    path = tmp_path / "log.csv"
+    path.write_text(recorded(300).write_csv().replace("q2", "q1", 1))
+    result = run("columns", path, "clavel-delta3")
+    assert "missing: position" in result.out
+    assert "log.csv: has 2 columns called q1 (columns 2 and 3)" in result.err
+
+
+@pytest.mark.parametrize("hint", ["sep=,\n", "SEP=,\r\n", '"sep=,"\n', "\ufeffsep=,\n"])
+def test_a_hint_at_the_separator_is_no_preamble(tmp_path: Path, hint: str) -> None:
+    path = tmp_path / "log.csv"
+    path.write_bytes((hint + recorded(300).write_csv()).encode())
+    table = open_table(path)
+    assert (table.warnings, table.first_row) == ((), 3)

@@ -72,6 +72,7 @@ def columns(
     require_outputs([log, robot], {"--output": output})
     given = dict(_unit(text) for text in unit or ())
     proposal = deltaid.columns(log, robot, units=given, gear=gear, torque_constant=torque_constant)
+    remark("warning", *proposal.warnings)
     if output is not None:
         proposal.save(output)
     if as_json:

@@ -1,5 +1,6 @@
 """Contents of a recording: its columns with the range of their numbers, and a proposed mapping."""
 
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -7,11 +8,11 @@ from pathlib import Path
 import numpy as np
 import polars as pl
 
-from deltaid.errors import DeltaidError, RecordingError
+from deltaid.errors import DeltaidError, Doubt, RecordingError
 from deltaid.recording.mapping import Known, MappingProposal
 from deltaid.recording.memory import Recording, RecordingLike, as_source
 from deltaid.recording.proposed_mapping import Column, addresses, count_drives, proposed_mapping
-from deltaid.recording.source import BATCH_ROWS, LogTable
+from deltaid.recording.source import BATCH_ROWS, RENAME, LogTable
 from deltaid.recording.source import Column as Written
 from deltaid.recording.table import open_table
 from deltaid.recording.time.counts import is_clock
@@ -26,13 +27,11 @@ class Contents:
         columns: with the range of their numbers.
         rows: their number.
         proposal: the proposed mapping.
-        warnings: about the file's layout.
     """
 
     columns: tuple[Column, ...]
     rows: int
     proposal: MappingProposal
-    warnings: tuple[str, ...] = ()
 
 
 def count_columns(path: str) -> int:
@@ -98,11 +97,16 @@ def read_contents(
     source = as_source(log)
     table = source.table if isinstance(source, Recording) else open_table(source)
     found_columns, rows = _columns_of(table)
-    warnings = tuple(str(text) for text in table.warnings)
+    doubts = (
+        Doubt(table.repeated(name), cause="the same name twice", cure=f"{RENAME}: none is read now")
+        for name, count in Counter(table.header).items()
+        if count > 1
+    )
+    warnings = tuple(f"{source}: {text}" for text in (*table.warnings, *doubts))
     if linear is None:
         linear = [False] * count_drives(found_columns)
-    proposal = proposed_mapping(found_columns, linear, known)
-    return Contents(found_columns, rows, proposal, warnings)
+    proposal = replace(proposed_mapping(found_columns, linear, known), warnings=warnings)
+    return Contents(found_columns, rows, proposal)
 
 
 def proposal_for(table: LogTable, linear: Sequence[bool]) -> MappingProposal:

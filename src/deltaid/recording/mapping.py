@@ -197,11 +197,13 @@ class MappingProposal:
         data: content of its file.
         found: columns of each quantity, with reasons and doubts.
         missing: needed quantities, units or torque_constant that were not found.
+        warnings: about the file's layout.
     """
 
     data: dict[str, Any]
     found: tuple[FoundColumns, ...]
     missing: tuple[str, ...] = ()
+    warnings: tuple[str, ...] = ()
 
     @property
     def reasons(self) -> tuple[str, ...]:

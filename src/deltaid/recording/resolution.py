@@ -18,7 +18,7 @@ from deltaid.recording.mapped_columns import (
     SensorColumns,
 )
 from deltaid.recording.mapping import ColumnMapping
-from deltaid.recording.source import LogTable
+from deltaid.recording.source import RENAME, LogTable
 from deltaid.recording.units import SI_UNITS, si_factor
 from deltaid.robot.sensors import SensorChannel
 
@@ -226,12 +226,8 @@ def _require_numbers(picks: list[Pick], states: int, where: str) -> None:
 
 def _require_once(names: list[str], table: LogTable, source: str) -> None:
     for name in names:
-        if table.header.count(name) > 1:
-            raise RecordingError(
-                f"has {table.header.count(name)} columns called {name}",
-                where=table.header_place,
-                cure="rename one",
-            )
+        if several := table.repeated(name):
+            raise RecordingError(several, where=table.header_place, cure=RENAME)
     name, count = Counter(names).most_common(1)[0]
     if count > 1:
         raise RecordingError(

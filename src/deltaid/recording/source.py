@@ -27,6 +27,7 @@ from deltaid.recording.address import Pick, RecordedField, locate
 Column = pl.Series | np.ndarray
 # What polars raises for tables that it cannot read.
 POLARS_ERRORS = (pl.exceptions.PolarsError, pl.exceptions.PanicException)
+RENAME = "rename one"  # of several columns that have one name
 # Rows of a batch.
 BATCH_ROWS = 1 << 16
 # Bytes read at once: few, because a chunk may unpack to a thousand times its size. The first ones
@@ -129,6 +130,12 @@ class LogTable(ABC):
     def row_name(self, row: int) -> str:
         """Place of a row without the file, for messages that name the file."""
         return self.row_place(row).removeprefix(f"{self.path}, ")
+
+    def repeated(self, name: str) -> str:
+        """The columns of one name, if there are several; else empty."""
+        places = [str(k) for k, other in enumerate(self.header, start=1) if other == name]
+        several = f"has {len(places)} columns called {name} (columns {' and '.join(places)})"
+        return several if len(places) > 1 else ""
 
     def bad_value(self, column: str, written: object, place: str) -> RecordingError:
         """Error of a field that is no finite number."""

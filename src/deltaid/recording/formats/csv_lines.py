@@ -25,6 +25,8 @@ _LONGEST_LINE = 1 << 20
 _BLOCK_BYTES = 4 << 20
 SEPARATORS = ("\t", ";", ",")
 COMMENT = re.compile(r"\A\s*(?:#|%|//|;(?=[^;]*$))+")
+# The separator, for spreadsheets; the names show it as well.
+_HINT = re.compile(rb'\A(?:\xef\xbb\xbf)?"?sep=.?"?\s*\Z', re.IGNORECASE)
 NO_LINE_BREAK = Doubt(
     "the last line has no line break, so its last number may be cut off",
     cause="the file was copied while it was being written, or the disk was full",
@@ -128,7 +130,7 @@ class TextData:
 
 
 def is_comment(line: bytes) -> bool:
-    return bool(COMMENT.match(line.decode("latin-1")))
+    return bool(COMMENT.match(line.decode("latin-1")) or _HINT.match(line))
 
 
 def as_text(line: bytes) -> str:

@@ -105,7 +105,7 @@ async def _recording(session: Session, used: Used, robot: RobotDescription) -> N
             contents = await _contents(session, robot, used.file)
         size = f"{contents.rows:,} rows".replace(",", " ")
         ui.label(f"{size}, {len(contents.columns)} columns").classes("dim")
-        for text in contents.warnings:
+        for text in contents.proposal.warnings:
             parts.note(text, "doubt")
         if used.mapping is None:
             await _proposal(session, used, contents, robot)
