@@ -182,3 +182,19 @@ def test_a_solver_that_fails_on_wrong_signs_does_not_ask_for_gamma(
     assert caught.value.where == str(wrong[0].path)
     assert SIGNS in caught.value.cure
     assert "gamma" not in str(caught.value)
+
+
+@pytest.mark.parametrize("rows", [(), (700,), (700, 1200)])
+def test_a_plan_that_jumps_is_warned_of_with_row_and_size(rows: tuple[int, ...]) -> None:
+    size = np.sum([0.01 * (1 + (row > 1000)) * (np.arange(1500) >= row) for row in rows], axis=0)
+    plan = recorded().select(*names("t", "q")).with_columns(q2=pl.col("q2") + size)
+    kinematics = compiled(load_robot("clavel-delta3")).kinematics
+    warned = [
+        text for text in open_log(plan, kinematics, need_torque=False).warnings if "jumps" in text
+    ]
+    expected = {
+        (700,): "0.01 rad at row 701;",
+        (700, 1200): "0.02 rad at row 1201, the largest of 2",
+    }
+    assert len(warned) == bool(rows)
+    assert all(f"column q2 jumps by {expected[rows]}" in text for text in warned)

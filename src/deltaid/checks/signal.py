@@ -11,7 +11,7 @@ from deltaid.model.verdict import Fault, Grade, Verdict, graded, listed, percent
 from deltaid.recording.filter import LowPass, design_low_pass, samples_needed
 from deltaid.recording.log import Log
 from deltaid.recording.masks.masks import Reason, kept
-from deltaid.recording.opening import NO_RATE, OTHER_RATE, contradicted_rate
+from deltaid.recording.opening import NO_RATE, OTHER_RATE
 from deltaid.recording.time.clock import HIGHEST_RATE, RESTARTED, places_of, rows_are
 
 # Samples per period of the motion's bandwidth below which a recording is doubtful, and wrong.
@@ -188,8 +188,8 @@ def _clock(evidence: Evidence, log: Log) -> Verdict:
         f"stamps jitter by {percent(scatter)} of the {period}": scatter > _JITTER,
     }
     seen = "; ".join(words for words, present in faults.items() if present)
-    if other := contradicted_rate(evidence.table, evidence.columns):
-        return _CLOCK.judged(other, cause=OTHER_RATE, cure=NO_RATE)
+    if log.other_rate:
+        return _CLOCK.judged(log.other_rate, cause=OTHER_RATE, cure=NO_RATE)
     if not seen and clock.steady:
         uneven = jitter(evidence.rows.q, clock.period) / clock.period
         if uneven > _JITTER:

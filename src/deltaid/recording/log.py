@@ -114,6 +114,7 @@ class Log(Shown):
         masks: rows that are excluded; none if all are kept.
         keep_all: whether nothing is excluded.
         warnings: doubts, with rows and columns.
+        other_rate: how a time column contradicts the rate that the mapping states; else empty.
         kept: its rows as they were read; None if they are too many.
         held: an excerpt that is read in place of its rows; None for its rows.
         path: of the log; the name of one in memory.
@@ -134,6 +135,7 @@ class Log(Shown):
     masks: tuple[Mask, ...]
     keep_all: bool
     warnings: tuple[Doubt, ...]
+    other_rate: str = ""
     kept: Excerpt | None = field(default=None, compare=False)
     held: Excerpt | None = field(default=None, compare=False)
 

@@ -75,8 +75,8 @@ def open_log(
         )
     survey = Survey(table, columns, kinematics)
     survey.warnings += table.warnings
-    if seen := contradicted_rate(table, columns):
-        survey.warnings.append(Doubt(seen, cause=OTHER_RATE, cure=NO_RATE, key="clock"))
+    if other_rate := _contradicted_rate(table, columns):
+        survey.warnings.append(Doubt(other_rate, cause=OTHER_RATE, cure=NO_RATE, key="clock"))
     if extra := extra_drives(table, columns, kinematics.dof):
         survey.warnings.append(
             Doubt(
@@ -113,12 +113,13 @@ def open_log(
         masks=masks,
         keep_all=keep_all,
         warnings=tuple(survey.warnings),
+        other_rate=other_rate,
         kept=Excerpt(columns, tuple(kept), whole=True) if kept else None,
     )
     return _with_cutoff_between_stops(log)
 
 
-def contradicted_rate(table: LogTable, columns: Columns) -> str:
+def _contradicted_rate(table: LogTable, columns: Columns) -> str:
     """How a time column contradicts the rate that a mapping states in its place; empty if it does
     not, or if its unit is open.
 

@@ -41,7 +41,7 @@ class Survey:
         self.low, self.high = np.array(np.inf), np.array(-np.inf)
         # Rows without a number of each sensor's channel, and the first of these.
         self.empty = np.zeros((2, len(columns.all[columns.sensor_places])), dtype=int)
-        self.warnings = list[Doubt]()
+        self.warnings, self.jumps = list[Doubt](), list[tuple[int, int, float]]()
         self.begin_again()
         self.reach = ReachCheck(table, columns, kinematics)
         self.bounds = Bounds(table, columns, kinematics.robot)
@@ -113,6 +113,7 @@ class Survey:
             *self.derivatives.warnings(str(self.table.path)),
             *self.reach.doubts(samples),
             *self.loads.doubts(),
+            *self._doubts_about_jumps(),
             *of_sensors,
             *doubts_about_stamps(clock, self.table, column),
             *self.table.doubts,
@@ -149,6 +150,11 @@ class Survey:
                 where=self.table.row_place(row + i),
                 cure="remove such rows, which are then bridged, and inspect encoder and bus",
             )
+        if self.search is None and self.clock.steady:  # of a plan, speeds are smooth
+            faster = np.diff(steps, axis=0, prepend=steps[:1])
+            for i, drive, rows in off_course(faster):
+                size = steps[i : i + rows, drive].sum() - rows * steps[i - 1, drive]
+                self.jumps.append((row + i, drive, float(size)))
         turning = [not linear for linear in robot.linear_drives]
         for i, drive in np.argwhere((np.abs(steps) > _JUMP) & turning)[:1].tolist():
             name = self.columns.position[drive].column
@@ -192,6 +198,19 @@ class Survey:
                     raise self._nothing_recorded(
                         rates[i].column, f"but {channel.column} is not, so it was not recorded"
                     )
+
+    def _doubts_about_jumps(self) -> Iterator[Doubt]:
+        if self.jumps:
+            row, drive, size = max(self.jumps, key=lambda jump: abs(jump[2]))
+            unit = "m" if self.kinematics.robot.linear_drives[drive] else "rad"
+            several = f", the largest of {len(self.jumps)} jumps" * (len(self.jumps) > 1)
+            yield Doubt(
+                f"column {self.columns.position[drive].column} jumps by {size:.3g} {unit} at "
+                f"{self.table.row_name(row)}{several}",
+                cause="motions were joined that do not go on from each other",
+                cure="join them by a motion, or at rest: no drive follows a jump, and what is "
+                "computed about it means nothing",
+            )
 
     def _check_sensors(self) -> Iterator[Doubt]:
         """Doubts about rows without a number; refuses columns of no number or one only."""
