@@ -168,6 +168,10 @@ BAD = [
     ("simulate nobody motion.csv", "no robot file and no catalogue robot called 'nobody'"),
     ("simulate {m} motion.csv --rate 0", "--rate: must be a positive number"),
     ("simulate {m} motion.csv --bandwidth 500", "--bandwidth: must lie between 0.01 and 100"),
+    (
+        "simulate {m} motion.csv --rate 10",
+        "--rate: must be ten times the bandwidth of the feedback, 100 Hz",
+    ),
     ("simulate {m} motion.csv --payload two", "--payload: 'two' is no mass"),
     ("simulate {m} motion.csv --payload -1", "--payload: '-1' is no mass"),
     ("simulate {m} motion.csv --payload 1±3", "is no load of a robot"),

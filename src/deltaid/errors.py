@@ -6,6 +6,7 @@ import math
 import re
 from collections.abc import Iterable, Mapping
 from functools import partial
+from numbers import Real
 from types import TracebackType
 from typing import Any, TypeVar
 
@@ -136,6 +137,16 @@ def with_options(settings: _Settings, options: Mapping[str, Any], where: str) ->
     return type(settings)(**{**vars(settings), **options})
 
 
+def typed(option: str, value: object, kinds: type | tuple[type, ...], what: str) -> None:
+    """Refuse a value of another type than a setting has; truth values are no numbers.
+
+    Raises:
+        DeltaidError: the value of this option or setting is refused.
+    """
+    if not isinstance(value, kinds) or (isinstance(value, bool) and kinds is not bool):
+        raise DeltaidError(f"must be {what}, not {quoted(repr(value))}", where=option)
+
+
 def positive(
     option: str, value: float | None, limits: tuple[float, float] = (0.0, math.inf)
 ) -> None:
@@ -146,6 +157,7 @@ def positive(
     """
     if value is None:
         return
+    typed(option, value, Real, "a number")
     if not 0 < value < math.inf:
         raise DeltaidError(f"must be a positive number, not {value:g}", where=option)
     within(option, value, limits)
@@ -157,6 +169,7 @@ def within(option: str, value: float, limits: tuple[float, float]) -> None:
     Raises:
         DeltaidError: the value of this option or setting is refused.
     """
+    typed(option, value, Real, "a number")
     low, high = limits
     if not low <= value <= high:
         raise DeltaidError(f"must lie between {low:g} and {high:g}, not {value:g}", where=option)

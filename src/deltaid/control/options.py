@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Literal
 
-from deltaid.errors import positive
+from deltaid.errors import DeltaidError, positive
 
 if TYPE_CHECKING:
     from deltaid.control.plant import Payload
@@ -39,6 +39,13 @@ class ControlSettings:
 
     def __post_init__(self) -> None:
         positive("--rate", self.rate, (10.0, 1e5))
+        if self.rate / 10 < self.bandwidth == ControlSettings.bandwidth:
+            raise DeltaidError(
+                f"must be ten times the bandwidth of the feedback, {10 * self.bandwidth:g} Hz, or "
+                f"more, not {self.rate:g}",
+                where="--rate",
+                cure="give a higher --rate, or a lower --bandwidth",
+            )
         positive("--bandwidth", self.bandwidth, (0.01, self.rate / 10))
         positive("--encoder", self.encoder or None, (0.0, 1.0))
         positive("--current-loop", self.current_loop, (1.0, 1e5))

@@ -6,10 +6,11 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
+from types import NoneType
 from typing import Literal, get_args
 
 from deltaid.control.plant import LOADS, point_mass
-from deltaid.errors import DeltaidError, Doubt, positive, unknown
+from deltaid.errors import DeltaidError, Doubt, positive, typed, unknown
 from deltaid.exports import (
     c_code,
     data_files,
@@ -187,13 +188,19 @@ def export(
         DeltaidError: there is no such target or function, it cannot hold the model, or a file
             cannot be written.
     """
-    if to not in TARGETS:
+    if not isinstance(to, str) or to not in TARGETS:
         raise unknown(to, TARGETS, "target", "export")
     form = TARGETS[to]
     versions: Mapping[str, FmiVersion] = {version: version for version in get_args(FmiVersion)}
     if str(fmi) not in versions:
         raise unknown(fmi, versions, "version of FMI", "export")
+    typed("output", output, (str, os.PathLike), "a file or a folder")
+    typed("online", online, (OnlineSettings, NoneType), "OnlineSettings")
     names = functions.split(",") if isinstance(functions, str) else functions
+    typed("functions", names, Sequence, "a list of names")
+    typed("inputs", inputs, (tuple, list), "a list of files")
+    for name in names:
+        typed("functions", name, str, "a list of names")
     further = tuple(name.strip() for name in names if name.strip())
     if single or further:
         what = "precision and further functions are of code"
@@ -258,7 +265,7 @@ def _holding(model: Model, payload: str | float) -> Model:
         return model.with_load(payload)
     try:
         mass = float(payload)
-    except ValueError:
+    except (TypeError, ValueError):
         what = f"'{str(payload)[:40]}' is no mass, and no load that the model was identified with"
         cure = f"give kilograms, as 1.5{', or one of ' if names else ''}{', '.join(names)}"
         raise DeltaidError(what, where="--payload", cure=cure) from None

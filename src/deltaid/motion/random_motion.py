@@ -1,12 +1,13 @@
 """Random motions within a robot's limits, and motions tamed until every limit is kept."""
 
 from dataclasses import replace
+from numbers import Integral
 
 import numpy as np
 
 from deltaid.dynamics.dynamics import Dynamics, Parameters
 from deltaid.dynamics.limits import LimitsAlong
-from deltaid.errors import KinematicsError
+from deltaid.errors import KinematicsError, positive, typed
 from deltaid.mechanism.kinematics import Kinematics
 from deltaid.motion.fourier import FourierMotion
 from deltaid.robot.description import RobotDescription
@@ -29,8 +30,14 @@ def random_motion(
     Amplitudes fall with the harmonic, so that no single one exhausts the acceleration.
 
     Raises:
+        DeltaidError: an argument has another type, or is not positive.
         KinematicsError: no such motion was found; the description's limits leave no room.
     """
+    typed("kinematics", kinematics, Kinematics, "the Kinematics of a robot")
+    typed("rng", rng, np.random.Generator, "a generator, such as numpy.random.default_rng(0)")
+    typed("harmonics", harmonics, Integral, "a whole number")
+    positive("period", period)
+    positive("harmonics", harmonics)
     robot, reason = kinematics.robot, ""
     for _ in range(_ATTEMPTS):
         motion = _scaled(robot, kinematics.dof, rng, period, harmonics)

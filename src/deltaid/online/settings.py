@@ -7,14 +7,17 @@ singular vectors of Y R, and the mass of the body that carries the load, a tare.
 is a constant that is estimated together with the load, and does not average out like noise.
 """
 
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
+from dataclasses import dataclass, fields, replace
+from numbers import Real
+from types import NoneType
 from typing import Literal
 
 import numpy as np
 from jaxtyping import Float
 
 from deltaid.dynamics.parameters import stated_spreads
-from deltaid.errors import DeltaidError, positive, within
+from deltaid.errors import DeltaidError, positive, typed, within
 from deltaid.estimation.posterior_density import density
 from deltaid.model.model import Model
 from deltaid.motion.random_motion import random_motion
@@ -26,6 +29,12 @@ IDENTIFY_FIRST = "identify a model from a recording first, `deltaid identify`"
 LONGEST_GRIP = 10.0
 # Least number of cycles in the filter's time constant if it follows from the rate.
 _CYCLES = 5.0
+# Settings with a number for each drive, and those that are positive.
+_OF_DRIVES = ("noise", "unmodelled", "speed_noise", "torque_ends")
+_POSITIVE = (
+    "rate", "corner", "extent", "rest_speed", "friction_time", "alarm", "largest_mass",
+    "least_mass", "noise", "unmodelled",
+)  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -85,13 +94,19 @@ class OnlineSettings:
     torque_ends: tuple[float, ...] | None = None
 
     def __post_init__(self) -> None:
-        for name in (
-            "rate", "corner", "extent", "rest_speed", "friction_time", "alarm",
-            "largest_mass", "least_mass", "noise", "unmodelled",
-        ):  # fmt: skip
-            given = getattr(self, name)
-            for value in np.atleast_1d(() if given is None else given):
-                positive(name, float(value), (0.0, 1e9))
+        typed("body", self.body, (str, NoneType), "the name of a body")
+        for entry in fields(self):
+            name, given = entry.name, getattr(self, entry.name)
+            if name in ("speed", "torque", "body") or given is entry.default is None:
+                continue
+            if name in _OF_DRIVES:
+                typed(name, given, (Sequence, np.ndarray), "a number for each drive")
+            elif name != "delay":
+                typed(name, given, Real, "a number")
+            for value in np.atleast_1d(given).tolist():
+                typed(name, value, Real, "a number")
+                if name in _POSITIVE:
+                    positive(name, value, (0.0, 1e9))
         within("friction_range", self.friction_range, (0.0, 1.0))
         within("grip_time", self.grip_time, (0.0, LONGEST_GRIP))
         if self.corner > self.rate:

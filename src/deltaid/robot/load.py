@@ -35,6 +35,14 @@ _KINDS = {
 }
 
 
+# Fixes of an empty file, by kind.
+_STARTS = {
+    "columns": "`deltaid columns` writes a mapping",
+    "robot": "`deltaid robots clavel-delta3` prints a robot to start from, and "
+    "`deltaid columns` writes a mapping",
+}
+
+
 def catalogue() -> tuple[str, ...]:
     """Names of the shipped robots."""
     return tuple(sorted(f.name[:-5] for f in _CATALOGUE.iterdir() if f.name.endswith(".yaml")))
@@ -203,11 +211,11 @@ def parse(text: str, model: type[_Model], *, where: str, most: int = MOST_NODES)
     Raises:
         DescriptionError: with the line, the key and the reason of every complaint.
     """
-    tree = _tree(text, where, most)
+    kind = _KINDS.get(model.__name__, "robot")
+    tree = _tree(text, where, most, kind)
     try:
         return model.model_validate_json(json.dumps(plain(tree, where, most)), strict=True)
     except ValidationError as error:
-        kind = _KINDS.get(model.__name__, "robot")
         raise DescriptionError(
             complaints(tree, error, model),
             where=where,
@@ -257,15 +265,11 @@ def read_text(path: Path) -> str:
         ) from None
 
 
-def _tree(text: str, where: str, most: int = MOST_NODES) -> Entry:
+def _tree(text: str, where: str, most: int = MOST_NODES, kind: str = "robot") -> Entry:
     tree = read_tree(text, where, most)
     if tree is None or tree.value is None:
-        raise DescriptionError(
-            "is empty",
-            where=where,
-            cure="`deltaid robots clavel-delta3` prints a robot to start from, and "
-            "`deltaid columns` writes a mapping",
-        )
+        cure = _STARTS.get(kind, f"`deltaid schema {kind}` prints what such a file holds")
+        raise DescriptionError("is empty", where=where, cure=cure)
     if not isinstance(tree.value, dict):
         raise DescriptionError(
             "does not hold keys with values (`key: value`)",
