@@ -28,6 +28,7 @@ from measured_poses import (
 )
 from oracle.measured_delta import DRAWINGS, shape_error
 from oracle.tree import Array
+from sessions import ROOT
 
 # Machines of each kind, so that all kinds take some seconds together.
 MACHINES = {
@@ -324,3 +325,13 @@ def test_prices_of_next_readings_are_a_users_own(files: Path, tmp_path: Path) ->
     assert [plan["name"] for plan in plans] == ["laser", "lens"]
     assert {plan["currency"] for plan in plans} == {"CHF"}
     assert "at this price" in refused(*given, "--budget", 0.5, folder=tmp_path)
+
+
+def test_exchanged_axes_of_a_bed_are_not_known_and_said_so(files: Path, tmp_path: Path) -> None:
+    """A mirror image of a Delta with equal limbs is one too, so its bed is as flat."""
+    printer, exchanged = ROOT / "examples" / "printer", tmp_path / "bed.csv"
+    pl.read_csv(printer / "bed.csv").rename({"x": "y", "y": "x"}).write_csv(exchanged)
+    for path in (printer / "bed.csv", exchanged):
+        found = run("calibrate", KOSSEL, "--probe", path, "--columns", printer / "columns.yaml")
+        assert "not known: whether x and y of commanded points, or two drives, are" in found.out
+    assert not deltaid.calibrate(CLAVEL, points=files / "points.csv").unseen

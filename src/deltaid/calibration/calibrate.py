@@ -121,6 +121,17 @@ class Calibration(Shown, Plotted, Tabled, Reported):
         return tuple(filter(None, (by_drive, leaves if self.lost else "")))
 
     @property
+    def unseen(self) -> tuple[str, ...]:
+        """Mistakes of measuring that these readings cannot show."""
+        limbs, kinds = self.described.limbs, {session.kind for session in self.sessions}
+        if "points" in kinds or limbs is None or not limbs.identical:
+            return ()
+        return (
+            "whether x and y of commanded points, or two drives, are exchanged: equal limbs mirror "
+            "each other, and residuals would be as small; move along x and look",
+        )
+
+    @property
     def doubts(self) -> tuple[str, ...]:
         """Numbers that are farther from the description than it allows, noise that is larger or
         smaller than stated, and what checks of recordings doubt."""

@@ -147,9 +147,9 @@ def calibrate(
         said.append(f"wrote {path}; its model of the printer leaves {1e3 * left:.2g} mm")
     if output:
         said += [f"{output} holds {text}" for text in result.unwritten]
-    last = _wrapped(said)
-    room = SCREEN - 2 - len(first) - len(shown.rows) - len(last)
-    for part in (*first, *_open_lines(result, room), table(shown), *last):
+    last, unseen = _wrapped(said), _wrapped([f"not known: {text}" for text in result.unseen])
+    room = SCREEN - 2 - len(first) - len(shown.rows) - len(last) - len(unseen)
+    for part in (*first, *_open_lines(result, room), *unseen, table(shown), *last):
         console.print(part)
     print_written(output, report)
 
@@ -189,6 +189,7 @@ def _as_dictionary(
         "rank": result.rank,
         "numbers": result.to_frame().rename({"number": "name"}).to_dicts(),
         "not_known": [vars(direction) for direction in result.open],
+        "not_seen": list(result.unseen),
         "readings": [vars(session) for session in result.sessions],
         "zeros": result.zeros,
         "scales": result.scales,

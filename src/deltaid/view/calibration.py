@@ -100,15 +100,19 @@ def calibration_card(calibration: Calibration) -> Card:
         calibration.verdict.partition(": ")[0],
         (("not known", str(len(calibration.open))), ("readings", str(readings))),
         number_table(calibration),
-        tuple(("not known", direction.words) for direction in calibration.open),
+        tuple(("not known", text) for text in _not_known(calibration)),
         (".robot", '.save("robot.yaml")', ".plot()", ".to_frame()", '.report("x.html")'),
         told=tuple(session_lines(calibration)),
     )
 
 
+def _not_known(calibration: Calibration) -> tuple[str, ...]:
+    return (*(direction.words for direction in calibration.open), *calibration.unseen)
+
+
 def _summary(calibration: Calibration) -> Summary:
     grade, _, said = calibration.verdict.partition(": ")
-    lines = tuple(f"Not known: {direction.words}." for direction in calibration.open)
+    lines = tuple(f"Not known: {text}." for text in _not_known(calibration))
     trust = Trust.GOOD if grade == "good" else Trust.FAIR
     return Summary(trust, f"{grade.capitalize()}: {said}.", lines)
 
