@@ -35,7 +35,7 @@ def test_a_sign_that_changes_while_recording_is_named_with_its_rows(drive: int |
     verdict = verdict_on(scaled(0, 750, -1.0, drive))
     assert (verdict.key, verdict.subject) == ("torque-sign", "" if drive is None else "drive2")
     assert verdict.number == pytest.approx(-1.0, abs=0.1)
-    assert "from the first row to row" in verdict.seen
+    assert "from the first row to about row" in verdict.seen
     assert rows_in(verdict) == [pytest.approx(750, abs=40)]
 
 

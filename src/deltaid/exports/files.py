@@ -188,7 +188,7 @@ def export(
         DeltaidError: there is no such target or function, it cannot hold the model, or a file
             cannot be written.
     """
-    if not isinstance(to, str) or to not in TARGETS:
+    if str(to) not in TARGETS:
         raise unknown(to, TARGETS, "target", "export")
     form = TARGETS[to]
     versions: Mapping[str, FmiVersion] = {version: version for version in get_args(FmiVersion)}

@@ -79,7 +79,8 @@ def _course(case: RemappedRecording) -> _Course | None:
     torques, drives = np.zeros((2, *moved.tau.T.shape)), np.flatnonzero(~under.still)
     for k, p in enumerate((under.prior, _of_most_rows(under))):
         torques[k][:, under.keep] = under.rows.of_drives(under.Y @ p)
-    return _Course(drives, moved.time, *torques[:, drives], moved.tau.T[drives])
+    prior, fitted = torques[0, drives], torques[1, drives]
+    return _Course(drives, moved.time, prior, fitted, moved.tau.T[drives])
 
 
 def _of_most_rows(under: MapResidual) -> Float[np.ndarray, " columns"]:
@@ -130,7 +131,8 @@ def _stretch(case: RemappedRecording, course: _Course) -> Iterator[Verdict]:
     sums = np.cumsum(np.pad([f * u, f**2], ((0, 0), (0, 0), (1, 0))), axis=2)
     inside = sums[:, :, last] - sums[:, :, first]
     fu, ff = np.array([inside, sums[:, :, -1:] - inside]).swapaxes(0, 1)
-    explained = np.sum(fu**2 / np.maximum(ff, _TINY), axis=0) / np.sum(u**2, axis=1)[:, None]
+    powers = np.maximum(np.sum(u**2, axis=1), _TINY)[:, None]
+    explained = np.sum(fu**2 / np.maximum(ff, _TINY), axis=0) / powers
     # A stretch and the rest change places at the ends: the shorter one is reported.
     k = int(np.argmax(explained.sum(axis=0) - 1e-6 * (last - first)))
     if min(last[k] - first[k], n - last[k] + first[k]) * course.step < _SHORTEST:
@@ -147,8 +149,8 @@ def _stretch(case: RemappedRecording, course: _Course) -> Iterator[Verdict]:
     record, turned = case.evidence, bool(times[drives].max() < 0)
     rows = np.searchsorted(record.rows.time, course.time[[first[k], last[k] - 1]])
     start, end = (record.table.row_name(record.table.first_row + int(row)) for row in rows)
-    start = start if f[:, : first[k]].any() else "the first row"
-    end = end if f[:, last[k] :].any() else "the last row"
+    start = f"about {start}" if f[:, : first[k]].any() else "the first row"
+    end = f"about {end}" if f[:, last[k] :].any() else "the last row"
     names = case.all_or(course.drives[drives].tolist())
     columns = listed([record.columns.torque[course.drives[i]].column for i in drives])
     changed = "sign" if turned else "unit or sign"
@@ -156,7 +158,7 @@ def _stretch(case: RemappedRecording, course: _Course) -> Iterator[Verdict]:
     yield Verdict(
         "torque-sign" if turned else "torque-unit",
         Grade.WRONG,
-        f"the torque of {names} has another {changed} about from {start} to {end} than in the rest "
+        f"the torque of {names} has another {changed} from {start} to {end} than in the rest "
         f"of the recording: it is {size} times what it should be if the rest is right",
         case.whose(course.drives[drives].tolist()),
         cause=f"the {changed} changed in drive or logger, or two recordings were joined",
