@@ -25,10 +25,10 @@ from deltaid.recording.memory import Recording as InMemory
 from deltaid.recording.memory import RecordingLike, as_source
 from deltaid.recording.opening import resolved_table
 from deltaid.recording.recording import PreparedRecording, open_recordings
-from deltaid.recording.resolution import si_unit
 from deltaid.recording.source import LogTable
 from deltaid.recording.table import read_batches
 from deltaid.recording.time.grid import usual_step
+from deltaid.recording.units import SI_UNITS
 from deltaid.robot.description import RobotDescription
 
 # Unit whose numbers are those of another unit times a factor.
@@ -145,7 +145,7 @@ class Evidence:
             return columns.entries(len(drives), quantity)
         if columns is not None:
             return columns
-        usual = [si_unit(quantity, linear=self.robot.is_linear(drive)) for drive in drives]
+        usual = [SI_UNITS[quantity][self.robot.is_linear(drive)] for drive in drives]
         names = (channel.column for channel in getattr(self.columns, quantity))
         pairs = zip(names, usual, strict=True)
         return tuple(DriveColumn(column=k, unit=self.table.units.get(k, unit)) for k, unit in pairs)
@@ -165,7 +165,7 @@ class Evidence:
         """Gear or lead of a motor whose numbers must be multiplied by `factor`."""
         slower, robot = 1 / factor if quantity == "torque" else factor, self.robot
         if robot.is_linear(robot.drives[drive]):
-            return {"unit": si_unit(quantity, linear=False), "lead": _rounded(2 * np.pi * slower)}
+            return {"unit": SI_UNITS[quantity][False], "lead": _rounded(2 * np.pi * slower)}
         return {"gear": _rounded(self.entries(quantity)[drive].gear / slower)}
 
     def taken_from(self, source: int, quantity: Quantity, drive: int) -> dict[str, object]:

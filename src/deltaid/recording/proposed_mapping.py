@@ -15,8 +15,7 @@ from deltaid.recording.column_meanings import QUANTITIES as WORDS
 from deltaid.recording.column_meanings import Group, Reading, groups_of, kind_of, read_name, unit_of
 from deltaid.recording.mapped_columns import NEEDED, QUANTITIES, SHORT_NAMES, Quantity
 from deltaid.recording.mapping import FoundColumns, Known, MappingProposal
-from deltaid.recording.resolution import si_unit
-from deltaid.recording.units import Signal, derivative_factor, fitting_units, time_unit
+from deltaid.recording.units import SI_UNITS, Signal, derivative_factor, fitting_units, time_unit
 
 # A carriage hardly travels 10 m; numbers of millimetres mostly exceed that.
 _MOST_METRES = 10.0
@@ -189,7 +188,7 @@ def _drives(
     for column, slides in zip(members, linear, strict=True):
         unit, reason = _stated(quantity, column, read_name(column.address), known)
         if unit is None and is_default:
-            unit = si_unit(quantity, linear=slides)
+            unit = SI_UNITS[quantity][slides]
             reason = f"{unit} is what default names are in"
         if unit is None:
             unit, assumed = _by_size(quantity, reading, members, slides=slides)
@@ -227,7 +226,7 @@ def _by_size(
         return "deg", f"numbers go up to {largest:.3g}, so degrees are assumed"
     if quantity == "position" and slides and largest > _MOST_METRES:
         return "mm", f"numbers go up to {largest:.3g}, so millimetres are assumed"
-    unit = si_unit(quantity, linear=slides)
+    unit = SI_UNITS[quantity][slides]
     return unit, f"{unit} is assumed, for no unit is stated"
 
 

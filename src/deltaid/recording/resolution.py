@@ -79,11 +79,6 @@ def resolve_columns(
     return columns
 
 
-def si_unit(quantity: Quantity, *, linear: bool) -> str:
-    """Default unit of a quantity, for a drive that slides or turns."""
-    return SI_UNITS[quantity][linear]
-
-
 def extra_drives(table: LogTable, columns: Columns, dof: int) -> list[str]:
     """Columns with default names of drives that the robot lacks."""
     used = {channel.column for channel in columns.all}
@@ -151,7 +146,7 @@ def _under_default_names(
     return tuple(
         _channel(
             quantity,
-            DriveColumn(column=name, unit=table.units.get(name, si_unit(quantity, linear=slides))),
+            DriveColumn(column=name, unit=table.units.get(name, SI_UNITS[quantity][slides])),
             slides,
             f"{table.header_place}, unit of {name}",
         )
@@ -192,7 +187,7 @@ def _channel(quantity: Quantity, column: DriveColumn, linear: bool, where: str) 
             "belongs to linear drives only", where=f"{where}.lead", cure="leave it out"
         )
     motor = not linear or column.lead is not None
-    target = si_unit(quantity, linear=not motor)
+    target = SI_UNITS[quantity][not motor]
     unit = si_factor(column.unit, target, where=where, torque_constant=column.torque_constant)
     travel = column.lead / (2 * math.pi) if column.lead is not None else 1.0
     factor = unit * (column.gear / travel if quantity == "torque" else travel / column.gear)
@@ -261,10 +256,8 @@ def sensor_columns(
     in_log: list[SensorChannels] = []
     for name, shown in sensors.items():
         names, where = [number.name for number in shown], f"{mapping.source}, sensors.{name}"
-        if name in mapping.sensors:
-            given = mapping.sensors[name]
-        else:
-            given = _default_sensor(table, name, names)
+        is_named = name in mapping.sensors
+        given = mapping.sensors[name] if is_named else _default_sensor(table, name, names)
         if given is None:
             continue
         wanted = f"the sensor shows {len(shown)} number{'s' * (len(shown) > 1)}: "

@@ -19,12 +19,11 @@ from deltaid.errors import Doubt, RecordingError
 from deltaid.recording.columns import Columns
 from deltaid.recording.filter import LOWEST_RATE
 from deltaid.recording.mapped_columns import Quantity
-from deltaid.recording.resolution import si_unit
 from deltaid.recording.source import LogTable
 from deltaid.recording.time.clock import HIGHEST_RATE, NO_TIME, Clock
 from deltaid.recording.time.grid import FASTEST, FEWEST, usual_step
 from deltaid.recording.time.signals import GAP
-from deltaid.recording.units import MOST_WRONG
+from deltaid.recording.units import MOST_WRONG, SI_UNITS
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.part import LARGEST
 
@@ -132,7 +131,7 @@ class Bounds:
                 }.get(quantity)
                 most = highest[slides]
                 largest.append(min(most, _FACTOR * stated) if stated else most)
-                units.append(si_unit(quantity, linear=slides).replace("^2", "²"))
+                units.append(SI_UNITS[quantity][slides].replace("^2", "²"))
         self._largest, self._units = np.array(largest), units
 
     def check(self, values: Float[np.ndarray, "rows channels"], row: int) -> None:

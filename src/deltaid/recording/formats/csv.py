@@ -105,11 +105,13 @@ def _header(lines: HeadLines, path: Path, mapping: ColumnMapping) -> tuple[_Name
     numbered = all(name.isdecimal() for names in needed for name in names)
     row = mapping.header_row if given else None
     if row is None and not numbered:
-        row = _row_of_names(lines, needed)
+        texts = ((k, as_text(line)) for k, line in lines.first(_SEARCHED_LINES))
+        named = (k for k, text in texts for x in (text, _bare(text)) if _has_names(x, needed))
+        row = next(named, None)
     if row is None:
         row = _row_above_numbers(lines) or _after_comments(lines, 1)
     text = decoded(lines[row], f"{path}, row {row}")
-    bare = COMMENT.sub("", text, count=1)
+    bare = _bare(text)
     # A mark in a field of its own is the name of a column.
     if _has_names(bare, needed) and not bare.lstrip(" ").startswith(SEPARATORS):
         text = bare
@@ -138,12 +140,8 @@ def _header(lines: HeadLines, path: Path, mapping: ColumnMapping) -> tuple[_Name
     return _NameLine(row, separator, names, holds_numbers), warnings
 
 
-def _row_of_names(lines: HeadLines, needed: tuple[tuple[str, ...], ...]) -> int | None:
-    for row, line in lines.first(_SEARCHED_LINES):
-        text = as_text(line)
-        if _has_names(text, needed) or _has_names(COMMENT.sub("", text, count=1), needed):
-            return row
-    return None
+def _bare(text: str) -> str:
+    return COMMENT.sub("", text, count=1)
 
 
 def _row_above_numbers(lines: HeadLines) -> int | None:

@@ -12,6 +12,7 @@ the export.
 """
 
 import re
+from collections import Counter
 from collections.abc import Iterator
 from datetime import datetime, timedelta
 from pathlib import Path
@@ -76,16 +77,14 @@ def open_scope(path: Path, mapping: ColumnMapping) -> LogTable:
     times = [shown[0][k] for k in heads if k < len(shown[0]) and shown[0][k].isdecimal()]
     origin = min(map(int, times), default=0)
     channels = tuple(_channels(rows, names, heads))
-    traces = {trace.name: trace for trace in reversed(channels) if trace.name}
-    symbols = [trace.symbol for trace in channels]
-    for trace in channels:
-        if symbols.count(trace.symbol) == 1 and trace.symbol and trace.symbol not in traces:
-            traces[trace.symbol] = trace
-    named = [trace.name for trace in channels if trace.name]
-    more = [name for name in traces if name not in named]
+    by_name = {trace.name: trace for trace in reversed(channels) if trace.name}
+    symbols = Counter(trace.symbol for trace in channels if trace.symbol not in ("", *by_name))
+    by_symbol = {trace.symbol: trace for trace in channels if symbols[trace.symbol] == 1}
+    traces = by_name | by_symbol
+    named = [TIME, *(trace.name for trace in channels if trace.name), *by_symbol]
     return ScopeTable(
         path,
-        (RecordedField(TIME), *map(RecordedField, named), *map(RecordedField, more)),
+        tuple(map(RecordedField, named)),
         data,
         len(names),
         ends_on_separator,
