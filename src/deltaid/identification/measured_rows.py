@@ -270,5 +270,5 @@ class MeasuredRows:
         values = window.filtered(weighted)
         weights = [window.wide.weights.T]
         weights += [part.shown(window.wide, recording)[1] for part in sensors]
-        counted = [window.worth(part, window.low_pass.thinned) for part in weights]
+        counted = [window.counted(window.low_pass.thinned, part) for part in weights]
         return FilteredRows(values[: -self.dof], values[-self.dof :], np.vstack(counted))

@@ -76,10 +76,8 @@ def columns(
         RecordingError: the recording cannot be read.
         DescriptionError: there is no such robot.
     """
-    known, linear = Known(units or {}, gear, torque_constant), None
-    if robot is not None:
-        linear = described(robot).linear_drives
-    return read_contents(log, linear, known).proposal
+    linear = None if robot is None else described(robot).linear_drives
+    return read_contents(log, linear, Known(units or {}, gear, torque_constant)).proposal
 
 
 def read_contents(

@@ -85,8 +85,8 @@ class Shift:
         Args:
             constants: of filters [s]; empty for none.
         """
-        count = max(len(delay), len(constants))
-        samples = np.asarray(delay if len(delay) else np.zeros(count), dtype=float) * rate
+        late = delay if len(delay) else np.zeros(len(constants))
+        samples = np.asarray(late, dtype=float) * rate
         parts = samples - np.round(samples)
         apart = samples[:, None] - samples[None, :]
         equal = np.abs(apart - np.round(apart)) < _NONE

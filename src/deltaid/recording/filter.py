@@ -28,6 +28,8 @@ from deltaid.recording.spectrum import HIGHEST, LOWEST_CUTOFF, apply
 # Stop-band attenuation 80 dB; transition from 0.6 to 1.4 times the cut-off. The pass band is flat
 # to 1e-4. Its ripple biases all parameters: at 60 dB visibly against the noise of a minute.
 _ATTENUATION, _TRANSITION = 80.0, 0.8
+# Beginning of the stop band as a multiple of the cut-off.
+_STOP = 1 + 0.5 * _TRANSITION
 # Central differences of eighth order for the first and second derivative.
 _FIRST = np.array([1 / 280, -4 / 105, 1 / 5, -4 / 5, 0, 4 / 5, -1 / 5, 4 / 105, -1 / 280])
 _SECOND = np.array([-1 / 560, 8 / 315, -1 / 5, 8 / 5, -205 / 72, 8 / 5, -1 / 5, 8 / 315, -1 / 560])
@@ -202,17 +204,21 @@ def design_low_pass(
         _sinc(_ATTENUATION, _TRANSITION * share, share)
         for share in (cutoff / between, motion_cutoff / between)
     )
+    lead = np.ones(1)
+    if stride > 1:  # passes frequencies up to the stop band, and stops what would alias there
+        width = (between - 2 * _STOP * motion_cutoff) / rate
+        lead = _sinc(_LEAD_ATTENUATION, width, 0.5 * between / rate)
     return LowPass(
         cutoff=cutoff,
         motion_cutoff=motion_cutoff,
         rate=rate,
         stride=stride,
-        lead=_lead(_stop_edge(motion_cutoff), rate, stride),
+        lead=lead,
         smooth=smooth,
         level=np.pad(level, len(_FIRST) // 2),
         first=np.convolve(level, _FIRST[::-1]) * between,
         second=np.convolve(level, _SECOND) * between**2,
-        decimation=max(1, int(between / (2 * _stop_edge(cutoff)))),
+        decimation=max(1, int(between / (2 * (_STOP * cutoff)))),
     )
 
 
@@ -220,18 +226,6 @@ def no_filter(rate: float) -> LowPass:
     """The identity, for recorded velocities and accelerations."""
     tap = np.ones(1)
     return LowPass(math.inf, math.inf, rate, 1, tap, tap, tap, tap, tap, decimation=1)
-
-
-def _stop_edge(cutoff: float) -> float:
-    return (1 + 0.5 * _TRANSITION) * cutoff
-
-
-def _lead(highest: float, rate: float, stride: int) -> Float[np.ndarray, " lead"]:
-    """The first stage: passes frequencies up to `highest`, and stops what would alias there."""
-    if stride == 1:
-        return np.ones(1)
-    width = rate / stride - 2 * highest
-    return _sinc(_LEAD_ATTENUATION, width / rate, 0.5 * rate / stride / rate)
 
 
 def _taps(attenuation: float, width: float) -> int:

@@ -84,10 +84,9 @@ class ColumnMapping(Shown, Part):
     @property
     def needed(self) -> tuple[tuple[str, ...], ...]:
         """Alternative names of time and positions, of which a header has one each."""
-        if isinstance(self.position, AllDrives):
-            names = self.position.names(1)
-        else:
-            names = [c.column for c in self.position or ()]
+        given = self.position
+        all_at_once = isinstance(given, AllDrives)
+        names = given.names(1) if all_at_once else [c.column for c in given or ()]
         times = (self.time.column,) if "column" in self.time.model_fields_set else TIMES
         positions = [(name,) for name in names] or [("q1", "q[0]")]
         return (*positions,) if self.time.is_absent else (times, *positions)
@@ -273,11 +272,8 @@ class Known:
 
 def as_words(mapping: ColumnMapping) -> str:
     """A proposed mapping in words: 'columns are found: time t [s]; position a, b, c [deg]'."""
-    parts = [f"time {mapping.time.column} [{mapping.time.unit}]"]
-    for quantity in QUANTITIES:
-        drives: Any = getattr(mapping, quantity) or ()
-        units = ", ".join(dict.fromkeys(drive.unit for drive in drives))
-        parts += [f"{quantity} {', '.join(drive.column for drive in drives)} [{units}]"] * bool(
-            drives
-        )
+    groups: list[tuple[str, Any]] = [("time", (mapping.time,))]
+    groups += [(quantity, getattr(mapping, quantity) or ()) for quantity in QUANTITIES]
+    columns = [(name, [c.column for c in group], [c.unit for c in group]) for name, group in groups]
+    parts = [f"{k} {', '.join(x)} [{', '.join(dict.fromkeys(u))}]" for k, x, u in columns if x]
     return f"columns are found: {'; '.join(parts)}"

@@ -93,11 +93,10 @@ class ReachCheck:
         points = self.kinematics.robot.task.point(stretch.z)
         self.nearest = np.minimum(self.nearest, points.min(axis=0))
         self.farthest = np.maximum(self.farthest, points.max(axis=0))
-        singular = np.flatnonzero(~(worst < SINGULAR_CONDITION))
-        if singular.size:
+        for singular in np.flatnonzero(~(worst < SINGULAR_CONDITION))[:1].tolist():
             raise RecordingError(
-                f"the robot is in a singular pose at {self._angles(q[singular[0]])}",
-                where=self.table.row_place(row + int(singular[0])),
+                f"the robot is in a singular pose at {self._angles(q[singular])}",
+                where=self.table.row_place(row + singular),
                 cure="an arm and its struts are in line there, or the struts in one plane; check "
                 "zero and sign of the drives, and the robot's lengths",
             )

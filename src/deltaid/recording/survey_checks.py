@@ -143,15 +143,15 @@ class Bounds:
         values = values[:, : len(self._largest)]
         if np.all(np.abs(values).max(axis=0) <= self._largest):
             return
-        i, k = (int(index) for index in np.argwhere(np.abs(values) > self._largest)[0])
-        channel, unit = self._columns.all[k], self._units[k]
-        raise RecordingError(
-            f"column {channel.column} is {values[i, k]:.4g} {unit}, but no recording of this robot "
-            f"goes beyond {self._largest[k]:.4g} {unit}",
-            where=self._table.row_place(row + i),
-            cure="repair or remove the row; if all rows are like it, declare the column's unit and "
-            "gear with --columns MAPPING.yaml",
-        )
+        for i, k in np.argwhere(np.abs(values) > self._largest)[:1].tolist():
+            name, unit = self._columns.all[k].column, self._units[k]
+            raise RecordingError(
+                f"column {name} is {values[i, k]:.4g} {unit}, but no recording of this robot goes "
+                f"beyond {self._largest[k]:.4g} {unit}",
+                where=self._table.row_place(row + i),
+                cure="repair or remove the row; if all rows are like it, declare the column's unit "
+                "and gear with --columns MAPPING.yaml",
+            )
 
 
 def off_course(steps: Float[np.ndarray, "steps drives"]) -> Iterator[tuple[int, int, int]]:

@@ -187,8 +187,7 @@ def to_si(
     shown[~(np.abs(shown) <= LARGEST)] = np.nan
     finite = np.isfinite(values)
     finite[:, columns.sensor_places] = True
-    if not finite.all():
-        i, k = (int(index) for index in np.argwhere(~finite)[0])
+    for i, k in np.argwhere(~finite)[:1].tolist():
         raise table.bad_value(channels[k].column, rows.written[k][i], table.row_place(row + i))
     return values
 

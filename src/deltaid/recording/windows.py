@@ -159,20 +159,18 @@ class Window:
         every = self.low_pass.decimation if thinned else 1
         return apply(self.low_pass.smooth, self.low_pass.leading(x), every)
 
-    def counted(self, every: int) -> Float[np.ndarray, "torques kept"]:
+    def counted(
+        self, every: int, weights: Float[np.ndarray, "channels wide"] | None = None
+    ) -> Float[np.ndarray, "channels kept"]:
         """Share of the noise's power that weights m keep: Σ (h m)² / Σ h², h the low-pass.
 
-        It is the weight of each filtered sample, for every drive.
+        It is the weight of each filtered sample, for every channel.
 
         Args:
             every: decimation of own samples: the filter's `stride` or `thinned`.
+            weights: of channels at the wide samples; those of the drives' torques by default.
         """
-        return self.worth(self.wide.weights.T, every)
-
-    def worth(
-        self, weights: Float[np.ndarray, "channels wide"], every: int
-    ) -> Float[np.ndarray, "channels kept"]:
-        """The same for weights of channels at the wide samples."""
+        weights = self.wide.weights.T if weights is None else weights
         if np.all(weights == 1.0):
             return self.trimmed(weights.T)[::every].T ** 2
         return apply(self.low_pass.power, weights**2, every)[:, : -(-len(self.own.time) // every)]

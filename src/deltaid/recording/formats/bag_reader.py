@@ -162,8 +162,7 @@ class Topic:
     Attributes:
         joints: joints with a number, for each quantity.
         hollow: content of quantities without numbers.
-        stamped: whether headers have stamps that are not zero.
-        first: the first stamp [ns].
+        first: the first stamp of a header that is not zero [ns]; 0 if all are.
         received: time of receipt of the first message [ns].
     """
 
@@ -171,7 +170,6 @@ class Topic:
     type: str
     joints: dict[str, tuple[str, ...]]
     hollow: dict[str, str]
-    stamped: bool
     first: int
     received: int
 
@@ -230,9 +228,8 @@ def _topic(bag: Bag, name: str) -> Topic | None:
         else:
             hollow[quantity] = "NaN only"
     hollow = {quantity: why for quantity, why in hollow.items() if quantity not in joints}
-    first = int(np.flatnonzero(stamps)[0]) if stamps.any() else 0
-    stamped, received = bool(stamps.any()), chunk[0][1]
-    return Topic(name, kind, joints, hollow, stamped, int(stamps[first]), received)
+    first = next(iter(stamps[stamps != 0].tolist()), 0)
+    return Topic(name, kind, joints, hollow, first, received=chunk[0][1])
 
 
 def damaged(bag: Bag, topic: str, error: MessageError, before: int) -> RecordingError:

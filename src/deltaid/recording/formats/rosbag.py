@@ -110,7 +110,7 @@ class BagTable(LogTable):
         if not wanted:  # times of receipt alone are of one topic
             wanted = {next(iter(self.topics)): []}
         self.doubts.clear()
-        received = _RECEIVED in places or not all(self.topics[name].stamped for name in wanted)
+        received = _RECEIVED in places or not all(self.topics[name].first for name in wanted)
         if received and _RECEIVED not in places:
             self.doubts.append(
                 Doubt(

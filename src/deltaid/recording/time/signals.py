@@ -14,7 +14,7 @@ from dataclasses import dataclass
 from itertools import chain, groupby
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int
 
 from deltaid.errors import RecordingError
 from deltaid.recording.columns import Columns, Rows
@@ -112,7 +112,7 @@ def merged(
     same, keep = [np.array_equal(signal.time, at) for signal in signals], np.ones(len(at), bool)
     for k, (signal, is_same) in enumerate(zip(signals, same, strict=True)):
         if not is_same:
-            later = np.append(True, signal.time[1:] > np.maximum.accumulate(signal.time)[:-1])
+            later = are_later(signal.time)
             signals[k] = Signal(signal.time[later], signal.values[later])
             # Samples must lie close before and after an instant.
             time = signals[k].time
@@ -124,6 +124,11 @@ def merged(
         for signal, is_same in zip(signals, same, strict=True)
     ]
     return Signal(at[keep], np.hstack(values)), same
+
+
+def are_later(time: Times) -> Bool[np.ndarray, " samples"]:
+    """Samples whose stamps are later than all before them."""
+    return np.append(True, time[1:] > np.maximum.accumulate(time)[:-1])
 
 
 def _period(time: Times) -> float:

@@ -29,7 +29,7 @@ from deltaid.recording.time.grid import (
     spread,
     usual_step,
 )
-from deltaid.recording.time.signals import GAP, weights_at
+from deltaid.recording.time.signals import GAP, are_later, weights_at
 from deltaid.recording.units import SIDE
 
 # Rows that are placed at once, and rows at either end whose places are ignored.
@@ -143,7 +143,7 @@ class _ClockStudy:
     def _read_uneven(self, time: np.ndarray, single: Places, own: range, start: int) -> None:
         again = far_steps(time[single], usual_step(time[single])[0], 1.0)
         again = again[time[single[again]] < time[single[again - 1]]]
-        later = [_increasing(time, rows) for rows in np.split(single, again)]
+        later = [rows[are_later(time[rows])] for rows in np.split(single, again)]
         kept = np.concatenate(later)
         steps = np.diff(time[kept], prepend=time[kept[:1]])
         usual = float(np.median(steps[1:])) if len(steps) > 1 else 1.0
@@ -211,11 +211,6 @@ class _ClockStudy:
             since=since,
             until=until,
         )
-
-
-def _increasing(time: np.ndarray, rows: Places) -> Places:
-    stamps = time[rows]
-    return rows[np.append(True, stamps[1:] > np.maximum.accumulate(stamps)[:-1])]
 
 
 def _doubled(block: Rows) -> Bool[np.ndarray, " rows"]:
