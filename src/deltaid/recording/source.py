@@ -13,6 +13,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable, Generator, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
+from functools import partial
 from importlib import import_module
 from io import BufferedReader
 from pathlib import Path
@@ -193,8 +194,12 @@ def first_line(error: BaseException) -> str:
     return quoted(str(error).strip().split("\n", 1)[0])
 
 
-def library(name: str, kind: str, path: Path) -> Any:
+def library(name: str, kind: str, path: Path, or_else: str = "") -> Any:
     """A module that reads a kind of file.
+
+    Args:
+        name, kind: of the module, and of the file, for messages.
+        or_else: another fix than to install it.
 
     Raises:
         RecordingError: it is not installed.
@@ -206,7 +211,7 @@ def library(name: str, kind: str, path: Path) -> Any:
         raise RecordingError(
             f"is {kind}, and the library {package} that reads it is not installed",
             where=str(path),
-            cure=f"pip install {package}",
+            cure=f"pip install {package}{or_else}",
         ) from None
 
 
@@ -219,14 +224,12 @@ def content(path: Path) -> Generator[io.BufferedReader, None, None]:
             for it is missing.
     """
     with opened(path) as file:
-        stream = file
-        start = stream.peek(4)
+        stream, start = file, file.peek(4)
         if start.startswith(_GZIP):
-            chunks = _unpacked(stream, path, "gzip", lambda: zlib.decompressobj(31), zlib.error)
-            stream = _buffered(chunks)
+            unpacker = partial(zlib.decompressobj, 31), zlib.error
+            stream = _buffered(_unpacked(file, path, "gzip", *unpacker))
         elif start.startswith(ZSTD):
-            chunks = _unpacked(stream, path, "zstd", *_zstd(path))
-            stream = _buffered(chunks)
+            stream = _buffered(_unpacked(file, path, "zstd", *_zstd(path)))
         if stream.peek(2).startswith(_UTF_16):
             stream = _buffered(_transcoded(stream))
         yield stream
@@ -260,15 +263,9 @@ class _Chunks(io.RawIOBase):
         return True
 
     def readinto(self, buffer: Any, /) -> int:
-        while not self._rest:
-            chunk = next(self._chunks, None)
-            if chunk is None:
-                return 0
-            self._rest = chunk
-        view = memoryview(buffer)
-        size = min(len(view), len(self._rest))
-        view[:size] = self._rest[:size]
-        self._rest = self._rest[size:]
+        self._rest = self._rest or next(filter(None, self._chunks), b"")
+        size = min(len(buffer), len(self._rest))
+        buffer[:size], self._rest = self._rest[:size], self._rest[size:]
         return size
 
 
@@ -308,14 +305,8 @@ def _zstd(path: Path) -> tuple[Callable[[], _Unpacker], type[Exception]]:
         from compression import zstd
 
         return zstd.ZstdDecompressor, zstd.ZstdError
-    try:
-        import zstandard
-    except ModuleNotFoundError:
-        raise RecordingError(
-            "is compressed by zstd, and the library zstandard is not installed",
-            where=str(path),
-            cure="pip install zstandard, or unpack it by `zstd -d`",
-        ) from None
+    kind = "a file compressed by zstd"
+    zstandard = library("zstandard", kind, path, ", or unpack it by `zstd -d`")
     return zstandard.ZstdDecompressor().decompressobj, zstandard.ZstdError
 
 

@@ -216,8 +216,8 @@ class Survey:
         """Doubts about rows without a number; refuses columns of no number or one only."""
         samples, places = self.clock.samples, self.columns.sensor_places
         named = [(s.name, c.column) for s in self.columns.sensors for c in s.channels]
-        ends = np.array([self.low[places], self.high[places]]).T
-        for (sensor, column), (low, high), empty in zip(named, ends, self.empty[0], strict=True):
+        ends = zip(self.low[places], self.high[places], *self.empty.tolist(), strict=True)
+        for (sensor, column), (low, high, empty, row) in zip(named, ends, strict=True):
             if not low < high:
                 what = f"is {low:.6g} in all rows, so nothing was recorded"
                 raise RecordingError(
@@ -227,7 +227,6 @@ class Survey:
                     cure="check the logger's signal, map the right column, or leave the sensor out "
                     f"of this recording by the line `sensors: {{{sensor}: null}}` of a mapping",
                 )
-        for (sensor, column), (empty, row) in zip(named, self.empty.T.tolist(), strict=True):
             if empty:
                 yield Doubt(
                     f"column {column} of sensor {sensor} holds no number in {empty} of {samples} "

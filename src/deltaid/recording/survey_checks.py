@@ -141,8 +141,6 @@ class Bounds:
             RecordingError: with row, column, number and bound.
         """
         values = values[:, : len(self._largest)]
-        if np.all(np.abs(values).max(axis=0) <= self._largest):
-            return
         for i, k in np.argwhere(np.abs(values) > self._largest)[:1].tolist():
             name, unit = self._columns.all[k].column, self._units[k]
             raise RecordingError(
