@@ -91,8 +91,7 @@ class Gears:
         low_pass = self.low_pass(rate)
         lost = 2 * low_pass.margin
         for wide in recut(segment, rows_at_once(2 * lost), 2 * lost):
-            if len(wide) > 2 * lost:
-                yield self._rows(wide, columns, low_pass)
+            yield self._rows(wide, columns, low_pass)
 
     def _rows(self, wide: Rows, columns: Columns, low_pass: LowPass) -> Rows:
         """Rows with the links' motion, without those that filters take at both ends."""

@@ -57,14 +57,14 @@ def convolve(
         return _sparse(taps, x, decimation)
     channels, samples = x.shape
     kept = max(0, -(-(samples - length + 1) // decimation))
-    if not channels:
-        return np.zeros((filters, 0, kept))
+    if not channels or not kept:
+        return np.zeros((filters, channels, kept))
     span = (_OUTPUTS - 1) * decimation + length
     band = _band(taps, decimation, span)
     step = _OUTPUTS * decimation
     blocks = -(-kept // _OUTPUTS)
     padded = np.zeros((channels, span))  # samples under the last block
-    end = x[:, (blocks - 1) * step :] if blocks else padded[:, :0]
+    end = x[:, (blocks - 1) * step :]
     padded[:, : min(end.shape[1], span)] = end[:, :span]
     out = np.empty((filters, channels, blocks * _OUTPUTS))
 
@@ -79,8 +79,7 @@ def convolve(
         at_once = max(1, _CHUNK // (channels * span))
         for start in range(0, blocks - 1, at_once):
             fill(start, under[:, start : min(start + at_once, blocks - 1)])
-    if blocks:
-        fill(blocks - 1, padded[:, None])
+    fill(blocks - 1, padded[:, None])
     return out[:, :, :kept]
 
 
@@ -108,8 +107,6 @@ def _sparse(
     h[:, :length] = taps[:, ::-1]
     h = h.reshape(filters * pieces, decimation)
     out = np.zeros((filters, channels, kept))
-    if not kept:
-        return out
     count = kept + pieces - 1
     whole = min(count, samples // decimation)
     products = np.empty((channels, len(h), count))

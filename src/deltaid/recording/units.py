@@ -184,8 +184,7 @@ def _registry() -> "pint.UnitRegistry[float]":
     import pint
 
     registry = pint.UnitRegistry(None)  # pyright: ignore[reportArgumentType]
-    for line in _DEFINITIONS.strip().splitlines():
-        registry.define(line)
+    registry.load_definitions(_DEFINITIONS.strip().splitlines())
     return registry
 
 

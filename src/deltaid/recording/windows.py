@@ -183,10 +183,7 @@ class Window:
     def _parts(self) -> Iterator[SampleBlock]:
         """`wide` in parts from which the first stage makes consecutive samples."""
         lead, stride = len(self.low_pass.lead), self.low_pass.stride
-        if stride == 1:
-            yield self.wide
-            return
-        size = -(-WINDOW // stride) * stride
+        size = len(self.wide.time) if stride == 1 else -(-WINDOW // stride) * stride
         for start in range(0, len(self.wide.time) - lead + 1, size):
             yield self.wide.part(slice(start, start + size + lead - stride))
 

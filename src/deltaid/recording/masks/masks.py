@@ -97,11 +97,8 @@ def within(
     spans: Shaped[np.ndarray, "_ 2"], x: Shaped[np.ndarray, " rows"]
 ) -> Bool[np.ndarray, " rows"]:
     """Whether ascending numbers lie in disjoint ascending spans."""
-    inside = np.zeros(len(x), dtype=bool)
-    near = spans[(spans[:, 1] >= x[0]) & (spans[:, 0] <= x[-1])] if len(x) else NONE
-    for start, stop in near:
-        inside[np.searchsorted(x, start) : np.searchsorted(x, stop, side="right")] = True
-    return inside
+    ends = np.append(-np.inf, spans[:, 1])
+    return x <= ends[np.searchsorted(spans[:, 0], x, side="right")]
 
 
 def rolling(
