@@ -217,8 +217,7 @@ def _filled(frame: pl.DataFrame, columns: Sequence[int]) -> np.ndarray:
 
 def _scaled(trace: ScopeChannel) -> list[Doubt]:
     scales = {word: _number(trace.scales.get(word), usual) for word, usual in NEUTRAL.items()}
-    changed = {word: scales[word] for word, usual in NEUTRAL.items() if scales[word] != usual}
-    stated = [f"{word} {value:g}" for word, value in changed.items()]
+    stated = [f"{word} {x:g}" for word, x in scales.items() if x != NEUTRAL[word]]
     if not stated:
         return []
     factor, offset = scales["ScaleFactor"], scales["Offset"]

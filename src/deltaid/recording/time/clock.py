@@ -83,10 +83,9 @@ class Clock:
         removed = np.concatenate([np.arange(first, last + 1) for first, last in runs])
         extra = np.union1d(self.extra, removed)
         holes = np.stack([self.holes, self.lost, self.since, self.until], axis=1)
+        there = np.append(np.delete(np.arange(self.rows), extra), self.rows)
         for first, last in runs:
-            after = last + 1
-            while after < self.rows and np.any(extra == after):
-                after += 1
+            after = there[np.searchsorted(there, last)]
             inside = (holes[:, 0] >= first) & (holes[:, 0] <= after)
             before = holes[inside, 1]
             lost = -1 if (before < 0).any() else last - first + 1 + before.sum()
@@ -244,47 +243,39 @@ def doubts_about_holes(
     Raises:
         RecordingError: no segment is usable.
     """
-    cuts = clock.cuts(longest)
-    bridged = clock.lost[~cuts]
-    if bridged.size:
-        first = clock.holes[~cuts]
+    report, sizes = clock.report(longest, shortest), clock.segments(longest)
+    if report.bridged:
+        holes = clock.holes[~clock.cuts(longest)]
         yield Doubt(
-            f"{rows_are(int(bridged.sum()))} missing in {places_of(bridged.size)} "
-            f"({100 * bridged.sum() / clock.rows:.2g} % of the recording), the first before "
-            f"{_row(table, first)}: bridged by the motion about them, torques there do not "
+            f"{rows_are(report.bridged)} missing in {places_of(holes.size)} "
+            f"({100 * report.bridged / clock.rows:.2g} % of the recording), the first before "
+            f"{_row(table, holes)}: bridged by the motion about them, torques there do not "
             "count",
             cause="packets were lost on their way to the logger",
             cure="nothing is to be done for a few; else log on the controller itself",
             key="clock",
         )
-    restarts = clock.lost < 0
-    if restarts.any():
-        where = _row(table, clock.holes[restarts])
+    if report.restarts:
+        where = _row(table, clock.holes[clock.lost < 0])
         yield Doubt(
-            f"time starts again in {places_of(int(restarts.sum()))}, the first in {where}: a new "
+            f"time starts again in {places_of(report.restarts)}, the first in {where}: a new "
             "segment begins there",
             cause=RESTARTED,
             cure="split it if load or wiring were others; else nothing is to be done",
             key="clock",
         )
-    gaps = cuts & ~restarts
-    if gaps.any():
-        length = (clock.until - clock.since)[gaps]
-        spans = [
-            f"{since:.6g} to {until:.6g} s"
-            for since, until in zip(clock.since, clock.until, strict=True)
-        ]
-        shown = ", ".join(np.array(spans)[gaps][:5]) + (" …" if gaps.sum() > 5 else "")
+    if gaps := report.gaps:
+        spans = [f"{since:.6g} to {until:.6g} s" for since, until in gaps[:5]]
+        shown = ", ".join(spans) + (" …" if len(gaps) > 5 else "")
         yield Doubt(
-            f"{gaps.sum()} gap{'s' if gaps.sum() > 1 else ''} of up to "
-            f"{1e3 * length.max():.4g} ms ({shown}): no filter reaches across",
+            f"{len(gaps)} gap{'s' if len(gaps) > 1 else ''} of up to "
+            f"{1e3 * max(until - since for since, until in gaps):.4g} ms ({shown}): no filter "
+            "reaches across",
             cause="logging stopped, or its buffer ran over",
             cure="log fewer channels or at a lower rate if gaps come again and again",
             key="clock",
         )
-    sizes = clock.segments(longest)
-    short = sizes[sizes < shortest]
-    if len(short) == len(sizes):
+    if not report.segments:
         raise RecordingError(
             f"has no stretch of {shortest} samples without a gap; the longest has "
             f"{sizes.max()}, between {places_of(len(sizes) - 1)} where rows are missing or time "
@@ -293,11 +284,11 @@ def doubts_about_holes(
             cure="record without gaps, or lower the rate at which the logger falls behind; a "
             "higher --cutoff needs shorter stretches",
         )
-    if short.size:
+    if short := len(sizes) - report.segments:
         yield Doubt(
-            f"{short.size} of {len(sizes)} stretches between gaps are shorter than the "
+            f"{short} of {len(sizes)} stretches between gaps are shorter than the "
             f"{shortest} samples that the filter needs, and excluded: "
-            f"{100 * short.sum() / sizes.sum():.2g} % of the recording",
+            f"{100 * report.too_short:.2g} % of the recording",
             cause="gaps follow close on one another",
             cure="record without gaps, or take a higher --cutoff, whose filter is shorter",
             key="clock",
