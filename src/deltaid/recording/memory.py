@@ -24,7 +24,7 @@ from deltaid.recording.arrays import (
 )
 from deltaid.recording.formats.frames import FrameTable, fields_of
 from deltaid.recording.mapping import ColumnMapping
-from deltaid.recording.source import LogTable, first_line
+from deltaid.recording.source import LogTable, damage
 from deltaid.shown import Plotted, Shown, Tabled
 
 
@@ -74,14 +74,9 @@ class Recording(Shown, Plotted, Tabled):
         """
         if isinstance(table, pl.LazyFrame):
             require_threads()
-            try:
+            why = "cannot be computed", "collect() it to see why"
+            with damage(name, pl.exceptions.PolarsError, *why):
                 table = table.collect()
-            except pl.exceptions.PolarsError as error:
-                raise RecordingError(
-                    f"cannot be computed: {first_line(error)}",
-                    where=name,
-                    cure="collect() it to see why",
-                ) from None
         if isinstance(table, Mapping | np.ndarray):
             table = pl.DataFrame(columns_of(table, name))
         frame = table if isinstance(table, pl.DataFrame) else _from_pandas(table, name)

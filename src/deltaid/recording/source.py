@@ -189,6 +189,25 @@ def readable(path: Path) -> Generator[None, None, None]:
         ) from None
 
 
+@contextmanager
+def damage(
+    where: Path | str,
+    errors: type[Exception] | tuple[type[Exception], ...],
+    what: str,
+    cure: str = "copy or export it again",
+) -> Generator[None, None, None]:
+    """Turn errors of a library about the content of a file into a message.
+
+    Raises:
+        RecordingError: with what is damaged, and the error's first line.
+    """
+    try:
+        yield
+    except errors as error:
+        reason = first_line(error) or type(error).__name__
+        raise RecordingError(f"{what}: {reason}", where=str(where), cure=cure) from None
+
+
 def first_line(error: BaseException) -> str:
     """First line of an error's text, shortened."""
     return quoted(str(error).strip().split("\n", 1)[0])
@@ -248,10 +267,8 @@ def unzstd(data: bytes, path: Path) -> bytes:
         RecordingError: it is damaged, or the library for it is missing.
     """
     new, damaged = _zstd(path)
-    try:
+    with damage(path, damaged, "has damaged zstd data"):
         return new().decompress(data)
-    except damaged as error:
-        raise _damaged(path, f"has damaged zstd data: {error}") from None
 
 
 class _Chunks(io.RawIOBase):
@@ -286,18 +303,14 @@ def _unpacked(
         # Files from tapes and some loggers are padded with zeros.
         while data and (unpacker or data.strip(b"\0")):
             unpacker = unpacker or new()
-            try:
+            with damage(path, damaged, f"is a damaged {kind} file"):
                 yield unpacker.decompress(data)
-            except damaged as error:
-                raise _damaged(path, f"is a damaged {kind} file: {error}") from None
             data = unpacker.unused_data if unpacker.eof else b""
             unpacker = None if unpacker.eof else unpacker
     if unpacker:
-        raise _damaged(path, f"is a {kind} file that is cut off")
-
-
-def _damaged(path: Path, what: str) -> RecordingError:
-    return RecordingError(what, where=str(path), cure="copy or export it again")
+        raise RecordingError(
+            f"is a {kind} file that is cut off", where=str(path), cure="copy or export it again"
+        )
 
 
 def _zstd(path: Path) -> tuple[Callable[[], _Unpacker], type[Exception]]:

@@ -12,15 +12,12 @@ import math
 import re
 from collections.abc import Sequence
 from functools import cache
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float
 
 from deltaid.errors import RecordingError
-
-if TYPE_CHECKING:
-    import pint
 
 _DEFINITIONS = """
 nano- = 1e-9 = n-
@@ -180,7 +177,7 @@ def _parsed(unit: str) -> tuple[float, Any] | None:
 
 
 @cache
-def _registry() -> "pint.UnitRegistry[float]":
+def _registry() -> Any:
     import pint
 
     registry = pint.UnitRegistry(None)  # pyright: ignore[reportArgumentType]

@@ -17,10 +17,9 @@ from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 
-from deltaid.errors import RecordingError
 from deltaid.recording.address import Pick, RecordedField
 from deltaid.recording.mapping import ColumnMapping
-from deltaid.recording.source import BATCH_ROWS, LogTable, Rows, first_line, opened
+from deltaid.recording.source import BATCH_ROWS, LogTable, Rows, damage, opened
 
 # Units of dates that are finer than the month, whose length is not even.
 _UNITS = ("W", "D", "h", "m", "s", "ms", "us", "ns")
@@ -43,6 +42,12 @@ _DAMAGE = (
     RuntimeError, KeyError, TypeError, OverflowError, MemoryError, SyntaxError, IndexError,
     tokenize.TokenError,
 )  # fmt: skip
+_damage = partial(
+    damage,
+    errors=_DAMAGE,
+    what="is a damaged NumPy file",
+    cure="copy it again, or save it again with numpy.save or numpy.savez",
+)
 
 
 @runtime_checkable
@@ -214,18 +219,6 @@ def _arrays_of(archive: zipfile.ZipFile) -> list[zipfile.ZipInfo]:
 def _archive(path: Path) -> Generator[zipfile.ZipFile, None, None]:
     with _damage(path), opened(path) as file, zipfile.ZipFile(file) as archive:
         yield archive
-
-
-@contextmanager
-def _damage(path: Path) -> Generator[None, None, None]:
-    try:
-        yield
-    except _DAMAGE as error:
-        raise RecordingError(
-            f"is a damaged NumPy file: {first_line(error) or type(error).__name__}",
-            where=str(path),
-            cure="copy it again, or save it again with numpy.save or numpy.savez",
-        ) from None
 
 
 def _header(file: Any) -> tuple[tuple[int, ...], bool, np.dtype[Any]]:

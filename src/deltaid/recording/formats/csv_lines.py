@@ -16,7 +16,7 @@ import polars as pl
 from jaxtyping import Int
 
 from deltaid.errors import Doubt, RecordingError, visible
-from deltaid.recording.source import content
+from deltaid.recording.source import content, damage
 from deltaid.recording.time.counts import is_clock
 
 # Longest line [bytes]; files without line breaks are refused early.
@@ -192,14 +192,9 @@ def names_in(text: str, separator: str, place: str) -> tuple[str, ...]:
         RecordingError: it is no row of names.
     """
     text = text.strip() if separator == " " else text
-    try:
+    cure = "fix it, or say with --columns MAPPING.yaml (header_row) where the names are"
+    with damage(place, csv.Error, "is not a row of column names", cure):
         fields = next(csv.reader([text], delimiter=separator, skipinitialspace=True), [])
-    except csv.Error as error:
-        raise RecordingError(
-            f"is not a row of column names: {error}",
-            where=place,
-            cure="fix it, or say with --columns MAPPING.yaml (header_row) where the names are",
-        ) from None
     return tuple(field.strip() for field in fields)
 
 

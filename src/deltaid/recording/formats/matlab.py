@@ -17,11 +17,10 @@ from pathlib import Path
 
 import numpy as np
 
-from deltaid.errors import RecordingError
 from deltaid.recording.address import Pick, RecordedField
 from deltaid.recording.formats.arrays import DEFLATE_RATIO, Arrays, ArrayTable
 from deltaid.recording.mapping import ColumnMapping
-from deltaid.recording.source import BATCH_ROWS, LogTable, opened
+from deltaid.recording.source import BATCH_ROWS, LogTable, damage, opened
 
 # Mark of the byte order, with which the header ends [bytes].
 _ORDER = slice(126, 128)
@@ -148,17 +147,10 @@ def _mapped(path: Path) -> Generator[memoryview, None, None]:
     Raises:
         RecordingError: it is damaged, with the place.
     """
-    with opened(path) as file:
+    cure = "copy it again, or save it again with save('log.mat', '-v7')"
+    with opened(path) as file, damage(path, DamagedMatError, "is a damaged MATLAB file", cure):
         # Arrays keep the map alive, so it is closed with the last of them.
-        data = memoryview(mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ))
-        try:
-            yield data
-        except DamagedMatError as error:
-            raise RecordingError(
-                f"is a damaged MATLAB file: {error}",
-                where=str(path),
-                cure="copy it again, or save it again with save('log.mat', '-v7')",
-            ) from None
+        yield memoryview(mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ))
 
 
 def matlab_object(name: str, kind: str) -> RecordedField:

@@ -85,7 +85,7 @@ class Clock:
         holes = np.stack([self.holes, self.lost, self.since, self.until], axis=1)
         there = np.append(np.delete(np.arange(self.rows), extra), self.rows)
         for first, last in runs:
-            after = there[np.searchsorted(there, last)]
+            after = int(there[np.searchsorted(there, last)])
             inside = (holes[:, 0] >= first) & (holes[:, 0] <= after)
             before = holes[inside, 1]
             lost = -1 if (before < 0).any() else last - first + 1 + before.sum()
