@@ -6,14 +6,12 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
-import polars as pl
 
 from deltaid.errors import DeltaidError, Doubt, RecordingError
 from deltaid.recording.mapping import Known, MappingProposal
 from deltaid.recording.memory import Recording, RecordingLike, as_source
 from deltaid.recording.proposed_mapping import Column, addresses, count_drives, proposed_mapping
 from deltaid.recording.source import BATCH_ROWS, RENAME, LogTable
-from deltaid.recording.source import Column as Written
 from deltaid.recording.table import open_table
 from deltaid.recording.time.counts import is_clock
 from deltaid.robot.load import RobotLike, described
@@ -143,7 +141,8 @@ def _with_ranges(
     try:
         for rows in table.rows([column.address for column in columns]) if columns else ():
             if not count:
-                columns = [*map(_dated, columns, rows.written)]
+                pairs = zip(columns, rows.written, strict=True)
+                columns = [replace(column, is_date=is_clock(text)) for column, text in pairs]
             numbers = np.array([np.asarray(values, dtype=float) for values in rows.numbers])
             finite = np.isfinite(numbers)
             low = np.minimum(low, numbers.min(axis=1, initial=np.inf, where=finite))
@@ -163,9 +162,3 @@ def _with_ranges(
         columns, low.tolist(), high.tolist(), np.hstack(starts or [low[:, None]]), strict=True
     )
     return [replace(c, low=a, high=b, start=s) if a <= b else c for c, a, b, s in ranges], count
-
-
-def _dated(column: Column, written: Written) -> Column:
-    """The column, marked as one of dates if it is text that begins with one."""
-    is_text = isinstance(written, pl.Series) and written.dtype == pl.String and len(written)
-    return replace(column, is_date=True) if is_text and is_clock(written[0]) else column

@@ -238,7 +238,7 @@ class Decimals:
     def numbers(self, texts: list[pl.Series]) -> list[pl.Series]:
         """Text as numbers; null for other text."""
         if not self._mark:  # that of the first row; times of day have their own
-            plain = [text for text in texts if len(text) and not is_clock(text[0])]
+            plain = [text for text in texts if not is_clock(text)]
             marked = [
                 (text.str.contains(m, literal=True).arg_true(), m) for m in ".," for text in plain
             ]

@@ -99,9 +99,7 @@ def _field(name: str, kind: _DataType, first: pl.Series | None) -> RecordedField
         return RecordedField(name, (None, size or 0))
     if isinstance(kind, pl.Array) and _is_number(kind.inner):
         return RecordedField(name, (None, *kind.shape))
-    if isinstance(kind, pl.Datetime | pl.Time) or (
-        isinstance(kind, pl.String) and first is not None and len(first) and is_clock(first[0])
-    ):
+    if isinstance(kind, pl.Datetime | pl.Time) or is_clock(first):
         return RecordedField(name, is_clock=True)
     if _is_number(kind):
         return RecordedField(name, is_duration=isinstance(kind, pl.Duration))

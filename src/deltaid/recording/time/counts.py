@@ -37,9 +37,10 @@ _OVERFLOWS = tuple(2.0**bits for bits in (16, 24, 32))
 _CYCLES = (2.0**8, *_OVERFLOWS)
 
 
-def is_clock(text: str | None) -> bool:
-    """Whether a field is a date with time of day, or a time of day."""
-    return bool(text) and not pl.Series([text]).str.contains(_ISO).not_().any()
+def is_clock(column: Column | None) -> bool:
+    """Whether a column is text that begins with a date with time of day, or a time of day."""
+    is_text = isinstance(column, pl.Series) and column.dtype == pl.String
+    return is_text and column[:1].str.contains(_ISO).any()
 
 
 def in_seconds(pieces: Iterable[Rows]) -> Iterator[Rows]:
@@ -63,7 +64,7 @@ def _ticks(numbers: Column, written: Column) -> tuple[pl.Series, float] | None:
         unit = getattr(numbers.dtype, "time_unit", "ns")
         return numbers.to_physical(), PER_SECOND[unit]
     if isinstance(written, pl.Series) and written.dtype == pl.String and len(written):
-        if is_clock(written[0]):
+        if is_clock(written):
             return _nanoseconds(written), PER_SECOND["ns"]
         # Text with so many digits is exact as an integer only.
         exact = written.str.contains(r"^\d{16,19}$").all()
