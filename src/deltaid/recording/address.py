@@ -82,17 +82,17 @@ def find(fields: Sequence[RecordedField], address: str) -> tuple[RecordedField, 
     and `[0]` may follow what exists once.
     """
     by_name = {field.name: field for field in reversed(fields)}
-    if address in by_name:
-        return by_name[address], ""
-    match = _INDEXED.fullmatch(address)
-    if match and match["base"] in by_name:
-        return by_name[match["base"]], match["inner"]
     by_key = {_key(field.name): field for field in reversed(fields)}
-    wholes = [(address, "")] + ([(match["base"], match["inner"])] if match else [])
-    for spell in (_key, lambda name: _key(name).replace("[0]", "")):
-        for name, inner in reversed(wholes):
-            if spell(name) in by_key:
-                return by_key[spell(name)], inner
+    match, whole = _INDEXED.fullmatch(address), [(address, "")]
+    element = [(match["base"], match["inner"])] if match else []
+    for known, spell, spellings in (
+        (by_name, str, whole + element),
+        (by_key, _key, element + whole),
+        (by_key, lambda name: _key(name).replace("[0]", ""), element + whole),
+    ):
+        for name, inner in spellings:
+            if spell(name) in known:
+                return known[spell(name)], inner
     return None
 
 

@@ -39,28 +39,26 @@ class PlanEnds:
 
     Attributes:
         head, tail: its first and last rows, up to `_ROWS` or as many as the filter needs.
-        rows: their number.
         speed: largest speed of each drive [rad/s or m/s].
     """
 
     log: Log
     head: Rows
     tail: Rows
-    rows: int
     speed: Drives
 
     def beyond(self, end: End, count: int, period: int) -> Rows:
         """Rows beyond an end of a plan that repeats after `period` rows, or rests if that is 0."""
         c, rate, ahead = self.log.columns, self.log.rate, end == "first"
-        places = np.arange(-count, 0) if ahead else self.rows + np.arange(count)
-        edge, row = (self.head[0], 0) if ahead else (self.tail[-1], self.rows - 1)
+        places = np.arange(-count, 0) if ahead else self.log.samples + np.arange(count)
+        edge, row = (self.head[0], 0) if ahead else (self.tail[-1], self.log.samples - 1)
         added = np.repeat(edge[None], count, axis=0)
         added[:, 1 + len(c.position) : c.motion_places.stop] = 0.0
         if period:
             at = np.mod(places, period)
             behind = at >= len(self.head)
             added = self.head[np.where(behind, 0, at)]
-            added[behind] = self.tail[at[behind] - (self.rows - len(self.tail))]
+            added[behind] = self.tail[at[behind] - (self.log.samples - len(self.tail))]
         added[:, 0] = edge[0] + (places - row) / rate
         return added
 
@@ -90,13 +88,11 @@ class PlanEnds:
         fit = np.linalg.pinv(np.vander(time, min(_DEGREE, count - 1) + 1, increasing=True))
         return fit[0] @ q[:count], fit[1] @ q[:count], np.linalg.norm(fit[1]) * self.noise
 
-    def moving(self, end: End, cutoff: float) -> tuple[int, float] | None:
-        """Index and speed of a drive that moves at an end; None if the plan rests."""
+    def rests(self, end: End, cutoff: float) -> bool:
+        """Whether no drive moves at an end."""
         _, speed, spread = self.state(end, cutoff)
         limit = _RESTS * self.speed + np.minimum(_SIGMAS * spread, _UNSURE * self.speed)
-        over = np.abs(speed) - np.where(self.speed > 0, limit, np.inf)
-        k = int(np.argmax(over))
-        return (k, float(speed[k])) if over[k] > 0 else None
+        return not np.any((np.abs(speed) > limit) & (self.speed > 0))
 
     def period(self, cutoff: float) -> int:
         """Rows of a period: the plan's last row equals the first one, or the next row would.
@@ -109,8 +105,8 @@ class PlanEnds:
         )
         largest, unsure = self.speed / self.log.rate, _SIGMAS * self.noise
         apart = {
-            self.rows - 1: np.abs(q_last - q),
-            self.rows: np.abs(q_last + v_last / self.log.rate - q),
+            self.log.samples - 1: np.abs(q_last - q),
+            self.log.samples: np.abs(q_last + v_last / self.log.rate - q),
         }
         closing = {rows: gap - _UNSURE * largest - 2 * unsure for rows, gap in apart.items()}
         period = min(closing, key=lambda rows: closing[rows].max())
@@ -160,7 +156,7 @@ def planned(log: Log, cutoff: float | None = None, *, periodic: bool = False) ->
     # A plan too short for a spectrum is judged as the fastest motion.
     judged = max(cutoff or 0.0, log.motion_cutoff or HIGHEST * log.rate)
     period = ends.period(judged) if periodic else 0
-    rests = [not periodic and ends.moving(end, judged) is None for end in ("first", "last")]
+    rests = [not periodic and ends.rests(end, judged) for end in ("first", "last")]
     spectra = [spectrum_of(ends.positions(rows)) for rows in _stretches(ends, period, rests)]
     motion = max([least, *(spectrum.cutoff(log.rate) or 0.0 for spectrum in spectra)])
     if not motion:
@@ -231,24 +227,23 @@ def _only_motion(low_pass: LowPass) -> LowPass:
 
 
 def _ends(log: Log, count: int) -> PlanEnds:
-    head = tail = np.zeros((0, 1))
-    speed, rows, drives = np.zeros(len(log.columns.position)), 0, len(log.columns.position)
+    c, drives = log.columns, len(log.columns.position)
+    head = tail = np.zeros((0, c.extra_places.stop + len(c.torque)))
+    speed = np.zeros(drives)
     for values in chain.from_iterable(log.segments(None)):
-        if not len(values):
-            continue
-        head = np.vstack([head, values[: count - len(head)]]) if rows else values[:count]
-        joined = np.vstack([tail, values]) if rows else values
+        head = np.vstack([head, values[: count - len(head)]])
+        joined = np.vstack([tail, values])
         steps = np.abs(np.diff(joined[:, 1 : 1 + drives], axis=0))
         speed = np.maximum(speed, steps.max(axis=0, initial=0.0) * log.rate)
-        tail, rows = joined[-count:], rows + len(values)
-    return PlanEnds(log, head, tail, rows, speed)
+        tail = joined[-count:]
+    return PlanEnds(log, head, tail, speed)
 
 
 def _stretches(ends: PlanEnds, period: int, rests: list[bool]) -> list[Rows]:
     """Rows about each end with a known continuation, half of them beyond it."""
     before, after = (bool(period) or rest for rest in rests)
-    if before and after and ends.rows < _ROWS:  # a short plan is the middle of one stretch
-        half = _ROWS - ends.rows // 2
+    if before and after and ends.log.samples < _ROWS:  # a short plan is the middle of one stretch
+        half = _ROWS - ends.log.samples // 2
         around = [ends.beyond(end, half, period) for end in ("first", "last")]
         return [np.vstack([around[0], ends.head, around[1]])]
     first = [ends.beyond("first", _ROWS, period), ends.head[:_ROWS]]
