@@ -39,8 +39,11 @@ _CYCLES = (2.0**8, *_OVERFLOWS)
 
 def is_clock(column: Column | None) -> bool:
     """Whether a column is text that begins with a date with time of day, or a time of day."""
-    is_text = isinstance(column, pl.Series) and column.dtype == pl.String
-    return is_text and column[:1].str.contains(_ISO).any()
+    return (
+        isinstance(column, pl.Series)
+        and column.dtype == pl.String
+        and column[:1].str.contains(_ISO).any()
+    )
 
 
 def in_seconds(pieces: Iterable[Rows]) -> Iterator[Rows]:
