@@ -20,15 +20,13 @@ from deltaid.checksum import is_intact, sealed_archive
 from deltaid.estimation.information import Information
 from deltaid.fleets.drift_friction import FrictionSums, friction_sums
 from deltaid.fleets.factor_record import FactorGroups, RecordingBrief
-from deltaid.fleets.merged import Independent, MergedPart, Merging
+from deltaid.fleets.merged import Independent, MergedPart, Merging, Rows
 from deltaid.identification.geometric_rows import GeometricRows
 
 # With so many groups Student's t is within 2 % of a normal distribution. Uneven halves make more
 # groups, up to twice as many for evenly spaced recordings.
 MOST_GROUPS = 128
 _WHOLE = "whole"
-
-Rows = Float[np.ndarray, "_ _"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -92,14 +90,14 @@ class RecordingBlock:
         """Both blocks merged; all keys of the other are greater."""
         keys = self.keys + other.keys
         counts, groups = self.counts + other.counts, self.groups.joined(other.groups)
-        coarse = _cuts(keys, _in_group(len(keys)))
+        coarse = _cuts(keys, 1 << ((len(keys) - 1) // MOST_GROUPS).bit_length())
         if len(coarse) < len(counts):
             ends = np.searchsorted(np.cumsum(counts), np.cumsum(coarse)) + 1
             members = np.split(np.arange(len(counts)), ends[:-1])
             groups = groups.summed({k: part.tolist() for k, part in enumerate(members)}).rounded
-        places, by_name = self.places.joined(other.places), dict[str, list[int]]()
-        for k, name in enumerate(places.names):
-            by_name.setdefault(name, []).append(k)
+        places = self.places.joined(other.places)
+        names, which = np.unique(places.names, return_inverse=True)
+        same = {str(name): np.flatnonzero(which == k).tolist() for k, name in enumerate(names)}
         quantities = tuple(dict.fromkeys(self.quantities + other.quantities))
         shifted = [block.over(quantities) for block in (self, other) if block.geometry]
         geometry = shifted[0] if shifted else None
@@ -113,7 +111,7 @@ class RecordingBlock:
             tuple(coarse),
             self.whole.joined(other.whole).summed({_WHOLE: [0, 1]}),
             groups,
-            places.summed({name: by_name[name] for name in sorted(by_name)}).rounded,
+            places.summed(same).rounded,
             geometry,
             quantities,
         )
@@ -165,13 +163,6 @@ def halved(keys: Sequence[int]) -> int:
     key's half hardly depends on the other keys."""
     bit = (keys[0] ^ keys[-1]).bit_length() - 1
     return bisect_left(keys, keys[-1] >> bit << bit) if bit >= 0 else len(keys) // 2
-
-
-def _in_group(count: int) -> int:
-    size = 1
-    while count > size * MOST_GROUPS:
-        size *= 2
-    return size
 
 
 def _cuts(keys: Sequence[int], most: int) -> list[int]:

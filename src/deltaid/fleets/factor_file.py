@@ -30,6 +30,7 @@ from deltaid.fleets.factor_record import (
     FactorGroups,
     FactorRecord,
     RecordingBrief,
+    RecordingFacts,
 )
 from deltaid.forked import require_threads
 from deltaid.model.record import Settings
@@ -51,9 +52,19 @@ _SCHEMA = {
 # Settings of the fit; all others apply when a recording is gathered.
 FIT_SETTINGS = {"method", "regularizer", "gamma", "prior_spread", "intervals", "friction"}
 # Keys of a description that do not change gathered columns: priors, measured values and limits.
-_FREE = {
-    *("name", "title", "bodies", "friction", "measured", "sensors", "sources", "strut_swing_deg"),
-    *("platform_speed", "platform_acceleration", "largest_condition"),
+_FREE: dict[str, Any] = {
+    **dict.fromkeys(
+        ("name", "title", "bodies", "friction", "measured", "sensors", "sources"), True
+    ),
+    **dict.fromkeys(("strut_swing_deg", "platform_speed", "platform_acceleration"), True),
+    "largest_condition": True,
+    "springs": {"__all__": {"stiffness"}},
+    "drive_limits": {
+        "__all__": {
+            *("angle_deg", "acceleration_deg_s2", "torque"),
+            *("position", "acceleration", "force"),
+        }
+    },
 }
 # Relative difference of equal cut-offs.
 _SAME = 0.02
@@ -83,13 +94,8 @@ class FactorFile:
             sensors=tuple(sensor.name for sensor in model.sensors),
             masses={load.name: load.parameters[0].value for load in model.loads},
             corrections=tuple(model.corrections),
-            noise=record.noise,
-            fastest=record.fastest,
-            first=record.first,
-            loads=record.loads,
             degrees=None if record.temperature is None else record.temperature.mean,
-            verdicts=record.verdicts,
-            warnings=record.warnings,
+            **{name: getattr(record, name) for name in RecordingFacts.model_fields},
         )
 
 
@@ -253,11 +259,6 @@ def require_together(briefs: Sequence[RecordingBrief]) -> None:
 def _mechanism(robot: RobotDescription) -> dict[str, Any]:
     """Data that gathered columns depend on: lengths, joints, bodies' names, gravity."""
     data = robot.model_dump(mode="json", exclude=_FREE)
-    for limits in data["drive_limits"].values():
-        for name in [name for name in limits if not name.startswith("speed")]:
-            del limits[name]
-    for spring in data["springs"].values():
-        spring.pop("stiffness", None)
     data |= {name: sorted(getattr(robot, name)) for name in ("bodies", "friction", "rotor_inertia")}
     return data
 

@@ -110,7 +110,25 @@ class Temperature(Part):
     high: float
 
 
-class FactorRecord(Part):
+class RecordingFacts(Part):
+    """Facts of a recording that its factor file and its brief hold.
+
+    Attributes:
+        noise: residual of each drive's filtered torque in its own fit [N m or N].
+        fastest: largest speed of each drive [rad/s or m/s].
+        first: stamp of the first row [s].
+        warnings: of its survey, in addition to verdicts.
+    """
+
+    noise: tuple[float, ...]
+    fastest: tuple[float, ...]
+    first: float
+    loads: tuple[GatheredLoad, ...] = ()
+    verdicts: tuple[Verdict, ...] = ()
+    warnings: tuple[str, ...] = ()
+
+
+class FactorRecord(RecordingFacts):
     """Inputs of a recording's factors, and its own identification.
 
     Attributes:
@@ -118,10 +136,7 @@ class FactorRecord(Part):
         names: of the gathered columns.
         felt: indices of each drive's columns.
         quantities: with tolerances, whose effects are in the rows.
-        noise: residual of each drive's filtered torque in its own fit [N m or N].
-        fastest: largest speed of each drive [rad/s or m/s].
-        first, last: stamps of the first and last row [s].
-        warnings: of its survey, in addition to verdicts.
+        last: stamp of the last row [s].
     """
 
     format: Annotated[int, Field(ge=1, le=FORMAT)] = FORMAT
@@ -131,16 +146,10 @@ class FactorRecord(Part):
     names: tuple[str, ...]
     felt: tuple[tuple[int, ...], ...]
     quantities: tuple[str, ...] = ()
-    noise: tuple[float, ...]
-    fastest: tuple[float, ...]
-    first: float
     last: float
     reach: Box
     lags: tuple[KnownLag, ...] = ()
-    loads: tuple[GatheredLoad, ...] = ()
     temperature: Temperature | None = None
-    verdicts: tuple[Verdict, ...] = ()
-    warnings: tuple[str, ...] = ()
 
     @property
     def log(self) -> str:
@@ -151,7 +160,7 @@ class FactorRecord(Part):
         return self.model.sources[0].sha256
 
 
-class RecordingBrief(Part):
+class RecordingBrief(RecordingFacts):
     """Data of a recording in addition to its factors.
 
     Attributes:
@@ -161,7 +170,6 @@ class RecordingBrief(Part):
         samples: filtered samples, mean over the drives.
         sensors: recorded sensors, which factors do not contain.
         masses: of its loads by its own identification [kg].
-        noise, fastest, first, loads, verdicts, warnings: as in `FactorRecord`.
         degrees: mean recorded temperature [°C].
     """
 
@@ -174,13 +182,7 @@ class RecordingBrief(Part):
     masses: dict[str, float]
     sensors: tuple[str, ...] = ()
     corrections: tuple[Correction, ...] = ()
-    noise: tuple[float, ...]
-    fastest: tuple[float, ...]
-    first: float
-    loads: tuple[GatheredLoad, ...] = ()
     degrees: float | None = None
-    verdicts: tuple[Verdict, ...] = ()
-    warnings: tuple[str, ...] = ()
 
     @property
     def log(self) -> str:

@@ -54,7 +54,7 @@ def identify_merged(
     recordings: RobotRecordings, description: RobotDescription, settings: Settings
 ) -> Judged:
     """The same as `identify_gathered`, from recordings merged for this description."""
-    briefs = ordered(recordings.briefs)
+    briefs = ordered(recordings.block.briefs)
     chosen = recordings.merging.dynamics.robot
     gains = _torque_constants(briefs)
     problem = fitted(recordings, chosen, settings)

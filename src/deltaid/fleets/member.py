@@ -63,7 +63,6 @@ class TypeMember:
         freedom: degrees of freedom of the noise level.
         facts: measured values in its description.
         widened: entries whose prior its recordings contradict, with the factor of the spread.
-        recordings: number of recordings.
     """
 
     name: str
@@ -75,7 +74,6 @@ class TypeMember:
     freedom: float
     facts: tuple[MeasuredFact, ...] = ()
     widened: Mapping[str, float] | None = None
-    recordings: int = 1
 
     @property
     def shown(self) -> set[str]:
@@ -102,7 +100,7 @@ def member(name: str, recordings: RobotRecordings, settings: Settings) -> TypeMe
         )
         for row in weighings(chosen)
     )
-    return replace(estimate, facts=facts, recordings=len(recordings.briefs))
+    return replace(estimate, facts=facts)
 
 
 def _of_problem(name: str, problem: FittedProblem) -> TypeMember:

@@ -50,10 +50,6 @@ class RobotRecordings:
     stretches: tuple[tuple[Information, ...], ...] = ()
 
     @property
-    def briefs(self) -> tuple[RecordingBrief, ...]:
-        return self.block.briefs
-
-    @property
     def gathered(self) -> Gathered:
         """Information of the fit's columns."""
         merging, block = self.merging, self.block
@@ -149,7 +145,7 @@ def fitted(
     merging = recordings.merging
     dynamics, additions = merging.dynamics, merging.additions
     if robot is not dynamics.robot:
-        other = merging_of(recordings.briefs, robot, settings)
+        other = merging_of(recordings.block.briefs, robot, settings)
         dynamics, additions = other.dynamics, other.additions
     problem = fit_to(balanced(recordings.gathered, weighings(robot)), dynamics, settings, additions)
     rows = recordings.block.geometric_rows(merging, np.sqrt(problem.information.weights))

@@ -51,7 +51,7 @@ def _fit(job: FleetJob, recordings: RobotRecordings, place: Place) -> Tables:
     model = identify_merged(recordings, job.description, job.settings).model
     if job.file:
         place.save_model(job.file, model)
-    briefs = recordings.briefs
+    briefs = recordings.block.briefs
     of_fit = (model.fit.noise_level, max(model.fit.nrmse), poor(briefs))
     identified = [
         (x.name, x.value, x.std, x.low, x.high, x.unit, x.prior, x.determined_by)
@@ -86,8 +86,9 @@ def _model_file(robot: str) -> str:
 def _drift(job: FleetJob, given: tuple[RobotRecordings, IdentifiedModel], _: Place) -> Tables:
     recordings, model = given
     recorded = {outcome.file: outcome.recorded for outcome in job.recordings}
-    number = {brief.sha256: k for k, brief in enumerate(recordings.briefs)}
-    each = [(brief, recorded[brief.path]) for brief in recordings.briefs]
+    briefs = recordings.block.briefs
+    number = {brief.sha256: k for k, brief in enumerate(briefs)}
+    each = [(brief, recorded[brief.path]) for brief in briefs]
     kept = kept_since(
         [DriftRecording(brief, x.time, x.temperature, x.load, x.path) for brief, x in each],
         job.drift,
