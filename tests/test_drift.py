@@ -87,13 +87,13 @@ def test_friction_is_that_of_the_day(drift: RobotDrift, model: IdentifiedModel) 
 def test_a_tool_that_nobody_told_is_no_friction(drift: RobotDrift) -> None:
     assert [tool.day for tool in drift.tools] == [float(TOOL)]
     assert drift.tools[0].mass == pytest.approx(0.12, rel=0.1)
-    table = drift_table([drift])
+    table = drift_table(drift)
     assert table["tool_change"].to_list() == [START + timedelta(days=TOOL)] * 3
 
 
 def test_order_does_not_matter(drift: RobotDrift, months, model: IdentifiedModel) -> None:
     again = robot_drift(months[::-1], model, DriftSettings(limit=1.5))
-    assert drift_table([again]).equals(drift_table([drift]))
+    assert drift_table(again).equals(drift_table(drift))
 
 
 def test_deviations_are_those_of_seeds(file: FactorFile, tmp_path: Path, model) -> None:
@@ -126,12 +126,11 @@ def test_a_step_in_eight_files_is_reported(file: FactorFile, model: IdentifiedMo
 
 
 def test_tables_are_tidy(drift: RobotDrift, tmp_path: Path) -> None:
-    friction, table = friction_table([drift, drift]), drift_table([drift])
+    friction, table = friction_table(drift), drift_table(drift)
     assert dict(friction.schema) == FRICTION
     assert dict(table.schema) == DRIFT
-    assert len(friction) == 2 * COUNT * 3 * 3
+    assert len(friction) == COUNT * 3 * 3
     assert set(friction["quantity"]) == {"friction", "viscous", "coulomb"}
-    assert drift_table([]).is_empty()
     for name in ("a.parquet", "a.csv"):
         save(table, tmp_path / name)
     assert pl.read_parquet(tmp_path / "a.parquet").equals(table)

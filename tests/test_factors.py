@@ -183,7 +183,7 @@ def test_priors_may_change_after_gathering(files) -> None:
 def test_what_is_no_recording_is_refused_and_the_rest_gathered(known) -> None:
     _, found = known
     assert [outcome.state for outcome in found] == ["refused", "new"]
-    assert "no column t" in found[0].reason
+    assert "no column t" in str(found[0].error)
 
 
 def test_a_recording_is_gathered_once(logs: list[Path], known, monkeypatch) -> None:

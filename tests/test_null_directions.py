@@ -14,9 +14,9 @@ from deltaid.robot.load import load_robot
 from deltaid.robot.sensors import BaseWrench, StrutForce
 from deltaid.sensors.planning.exchange import exchanges, instances
 from deltaid.sensors.planning.null_space import NullSpace, null_space, openings
-from deltaid.sensors.planning.rows import Scene, generic_motion, sensor_rows, torque_rows, torques
+from deltaid.sensors.planning.rows import Scene, generic_motion, planned_rows, torque_rows, torques
 from deltaid.sensors.planning.uses import Use
-from deltaid.sensors.robot_sensors import sensor_rows as rows_of
+from deltaid.sensors.robot_sensors import sensor_rows
 
 ELBOW = "mass at the elbow's ball joints may pass between upper arm and strut"
 CARRIAGE = "mass at the carriage's ball joints may pass between carriage and strut"
@@ -99,7 +99,7 @@ def left_open(name: str, *sensors: BaseWrench | StrutForce) -> NullSpace:
     where = scene(name)
     dynamics, motion = where.dynamics, where.motion
     rows = [torque_rows(where, torques(dynamics, where.p, motion))]
-    rows += [sensor_rows(where, rows_of(dynamics, "s", sensor))[1] for sensor in sensors]
+    rows += [planned_rows(where, sensor_rows(dynamics, "s", sensor))[1] for sensor in sensors]
     mechanism = with_turned_half(dynamics.kinematics.mechanism)
     found = exchanges(dynamics.robot, dynamics.layout, instances(mechanism, motion.z[::50]))
     return null_space(np.vstack(rows)[:, : len(where.p)], dynamics.layout, found)
@@ -149,7 +149,7 @@ def test_nothing_changes_along_a_direction(name: str) -> None:
     null = left_open(name, BaseWrench(kind="base-wrench", **TARED))
     some = slice(None, None, 100)
     states = motion.z[some], motion.qd[some], motion.qdd[some]
-    wrench = rows_of(dynamics, "s", BaseWrench(kind="base-wrench", **TARED))
+    wrench = sensor_rows(dynamics, "s", BaseWrench(kind="base-wrench", **TARED))
     channels, columns = wrench.pattern
     entries = wrench.entries(*states, np.zeros((6, len(states[0]))))
 

@@ -90,9 +90,10 @@ def test_spreads_are_found_with_intervals(known) -> None:
         assert reach < 1.5, kind
     friction = LAYOUT.friction
     expected = truths[:, friction].std(axis=0, ddof=1)
-    np.testing.assert_allclose(found.spread[friction], expected, rtol=0.35)
-    assert np.all(found.spread_low[friction] < expected)
-    assert np.all(expected < found.spread_high[friction])
+    spread, low, high = found.spreads.of_parameters(found.coordinates.to_p[friction])
+    np.testing.assert_allclose(spread, expected, rtol=0.35)
+    assert np.all(low < expected)
+    assert np.all(expected < high)
 
 
 def test_what_all_see_well_is_their_average(known) -> None:
@@ -177,7 +178,7 @@ def test_few_robots_say_what_they_cannot(known) -> None:
     for count in (1, 2):
         found = fitted(members[:count], ROBOT)
         assert not found.spreads.known
-        assert np.all(np.isnan(found.spread))
+        assert np.all(np.isnan(found.spreads.of_parameters(found.coordinates.to_p)[0]))
         assert "cannot show how much robots differ" in " ".join(found.notes)
         assert types_table("x", found)["spread"].null_count() == sum(found.free)
     inside = np.abs(found.mean.value - truths[0])[found.free] < 3 * found.mean.std[found.free]

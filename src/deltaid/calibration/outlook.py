@@ -36,7 +36,6 @@ from deltaid.errors import DescriptionError
 from deltaid.mechanism.kinematics import Kinematics
 from deltaid.sensors.planning.knowledge import Knowledge
 from deltaid.sensors.planning.offers import Offer, Offers, PoseKind, PoseReadings, shipped_offers
-from deltaid.sensors.planning.shopping import Goal
 
 if TYPE_CHECKING:
     from deltaid.calibration.calibrate import Calibration
@@ -255,8 +254,8 @@ def _plan(
     A = offered.weighted(fit.loops, calibration.known, fit.u, own, len(knowledge.root)).slopes
     F = np.linalg.qr(np.pad(F, ((0, 0), (0, len(knowledge.root) - n)))).R
     F /= np.sqrt(len(calibration.places.x))
-    goal = Goal("positions", F, 1.0, ProbeReadings.usual)
-    before, chosen = goal.left(knowledge), list[int]()
+    G = 1.0 / ProbeReadings.usual * F
+    before, chosen = knowledge.log_det(G), list[int]()
     for _ in range(count):
         half = A @ knowledge.inverse
         S = np.eye(half.shape[1]) + half @ half.swapaxes(1, 2)
@@ -268,7 +267,7 @@ def _plan(
         name, offer.title, kind, ends[chosen], blocks[chosen],
         position=float(np.linalg.norm(knowledge.std_of(F))),
         size=calibration.places.size(calibration.known.G @ knowledge.inverse[:n]),
-        gain=max(before - goal.left(knowledge), np.finfo(float).tiny),
+        gain=max(before - knowledge.log_det(G), np.finfo(float).tiny),
         cost=offer.hours * hourly + (offer.price if used is None else 0.0),
     )  # fmt: skip
 

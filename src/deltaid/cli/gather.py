@@ -84,7 +84,7 @@ def gather(
                     "log": str(recording.log),
                     "file": str(recording.path),
                     "state": recording.state,
-                    "reason": recording.reason,
+                    "reason": str(recording.error or ""),
                 }
                 for recording in gathered
             ],
@@ -270,7 +270,7 @@ def drift(
         known = model.identified or identify_gathered(model.robot, files).model
         result = robot_drift.robot_drift(robot_drift.recorded(files), known, settings)
     for path, table in writers.items():
-        drift_tables.save(table([result]), path)
+        drift_tables.save(table(result), path)
     common = ("robot", "false_alarms", "tool_change", "tool_mass")
     print_outcome(
         as_json,
@@ -284,7 +284,7 @@ def drift(
                 {"day": result.date(tool.day), "mass": tool.mass, "std": tool.std}
                 for tool in result.tools
             ],
-            "drives": drift_tables.drift_table([result]).drop(common).to_dicts(),
+            "drives": drift_tables.drift_table(result).drop(common).to_dicts(),
         },
         drift_tables.sentences(result),
         [drift_tables.drift_shown(result)],

@@ -1,6 +1,5 @@
 """Drift as tidy tables, for any dashboard, and as a few lines of text."""
 
-from collections.abc import Iterable, Iterator
 from dataclasses import astuple
 from datetime import datetime
 from io import BytesIO
@@ -53,44 +52,37 @@ DRIFT = {
 }
 
 
-def friction_table(robots: Iterable[RobotDrift]) -> pl.DataFrame:
+def friction_table(robot: RobotDrift) -> pl.DataFrame:
     """Friction of each recording: coefficients of each drive's law, and its mean."""
-    rows = list[tuple[object, ...]]()
-    for robot in robots:
-        friction, unknowns = robot.friction, robot.friction.unknowns
-        std = np.sqrt(np.maximum(np.einsum("nuu->un", friction.covariance), 0.0))
-        means = zip(robot.drives, friction.mean, friction.std, robot.units, strict=True)
-        series = [(drive, "friction", *values) for drive, *values in means]
-        for name, drive, *values, unit in zip(
-            unknowns.names, unknowns.drives, friction.values.T, std, unknowns.units, strict=True
-        ):
-            if drive >= 0:
-                kind, _, _ = name.partition(".")
-                series.append((robot.drives[drive], kind, *values, unit))
-        rows += [
-            (robot.robot, drive, recording.time, recording.label, quantity, value[n], std[n], unit,
-             _known(recording.degrees), recording.held)
-            for n, recording in enumerate(robot.recordings)
-            for drive, quantity, value, std, unit in series
-        ]  # fmt: skip
+    friction, unknowns = robot.friction, robot.friction.unknowns
+    std = np.sqrt(np.maximum(np.einsum("nuu->un", friction.covariance), 0.0))
+    means = zip(robot.drives, friction.mean, friction.std, robot.units, strict=True)
+    series = [(drive, "friction", *values) for drive, *values in means]
+    for name, drive, *values, unit in zip(
+        unknowns.names, unknowns.drives, friction.values.T, std, unknowns.units, strict=True
+    ):
+        if drive >= 0:
+            series.append((robot.drives[drive], name.partition(".")[0], *values, unit))
+    rows = [
+        (robot.robot, drive, recording.time, recording.label, quantity, value[n], std[n], unit,
+         _known(recording.degrees), recording.held)
+        for n, recording in enumerate(robot.recordings)
+        for drive, quantity, value, std, unit in series
+    ]  # fmt: skip
     return pl.DataFrame(rows, schema=FRICTION, orient="row")
 
 
-def drift_table(robots: Iterable[RobotDrift]) -> pl.DataFrame:
-    rows = [row for robot in robots for row in _rows(robot)]
-    return pl.DataFrame(rows, schema=DRIFT, orient="row")
-
-
-def _rows(robot: RobotDrift) -> Iterator[tuple[object, ...]]:
+def drift_table(robot: RobotDrift) -> pl.DataFrame:
     tool = (robot.date(robot.tools[-1].day), robot.tools[-1].mass) if robot.tools else (None, None)
-    for drive, unit, finding in zip(robot.drives, robot.units, robot.findings, strict=True):
-        yield (
-            robot.robot, drive, finding.state, *robot.dates(finding.change),
-            *astuple(finding.rate), *astuple(finding.step), finding.limit,
-            *robot.dates(finding.horizon), *astuple(finding.temperature), _known(finding.level),
-            unit, finding.recordings, finding.scatter, finding.R, finding.threshold, robot.bound,
-            *tool, finding.reason,
-        )  # fmt: skip
+    rows = [
+        (robot.robot, drive, finding.state, *robot.dates(finding.change),
+         *astuple(finding.rate), *astuple(finding.step), finding.limit,
+         *robot.dates(finding.horizon), *astuple(finding.temperature), _known(finding.level),
+         unit, finding.recordings, finding.scatter, finding.R, finding.threshold, robot.bound,
+         *tool, finding.reason)
+        for drive, unit, finding in zip(robot.drives, robot.units, robot.findings, strict=True)
+    ]  # fmt: skip
+    return pl.DataFrame(rows, schema=DRIFT, orient="row")
 
 
 def _known(value: float) -> float | None:

@@ -21,9 +21,10 @@ _UNDATED = (
     "nothing says when it was made\n"
     "  → give its time, or put a date such as 2026-01-31 into its name or folder"
 )
-# The period of all recordings of a robot together, and the form of each period's name.
+# The period of all recordings of a robot together, and the form of each period's name: 2026-01-31,
+# 2026-W05, 2026-01.
 ALL = "all"
-_PERIODS = {"day": "%Y-%m-%d", "week": "%G-W%V", "month": "%Y-%m", ALL: ALL}
+PERIODS = {"day": "%Y-%m-%d", "week": "%G-W%V", "month": "%Y-%m", ALL: ALL}
 # Folders such as year=2026/month=01/day=31.
 _KEYS = re.compile(r"\b(?:year|month|day|date|hour)=", re.IGNORECASE)
 
@@ -140,11 +141,6 @@ def find_fleet(manifest: str, period: Period | None = None) -> Fleet:
         tuple((robot, pattern) for pattern, (robot, *_) in named),
         tuple(sorted(mappings - {""})),
     )
-
-
-def period_of(time: datetime, period: Period) -> str:
-    """Name of the period of a time: 2026-W05, 2026-01, 2026-01-31, all."""
-    return time.strftime(_PERIODS[period])
 
 
 def datetime_of(match: re.Match[str]) -> datetime:

@@ -94,10 +94,6 @@ class Gathering:
     state: Literal["new", "there", "refused"]  # 'there' if it existed before
     error: DeltaidError | None = None  # reason of a refusal
 
-    @property
-    def reason(self) -> str:
-        return "" if self.error is None else str(self.error)
-
 
 def gather_into(
     folder: Path,

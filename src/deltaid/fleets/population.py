@@ -88,7 +88,6 @@ class Population:
         mean: of the type, consistent.
         covariance: of the free variables' mean.
         variance: of robots about it.
-        spread: of each parameter between robots; `spread_low` and `spread_high` its 95 % interval.
         members: all robots, sorted by name.
         spreads: by kind.
         moved: 'mean' and names of robots whose most likely values are inconsistent by more than a
@@ -99,9 +98,6 @@ class Population:
     mean: Estimates
     covariance: Float[np.ndarray, "u u"]
     variance: Float[np.ndarray, " u"]
-    spread: Float[np.ndarray, " parameters"]
-    spread_low: Float[np.ndarray, " parameters"]
-    spread_high: Float[np.ndarray, " parameters"]
     members: tuple[MemberEstimate, ...]
     spreads: Spreads
     moved: tuple[str, ...]
@@ -151,10 +147,10 @@ def types_table(name: str, population: Population) -> pl.DataFrame:
     """A row for each free parameter: the type's mean, and the spread between robots, null if
     undetermined."""
     rows, notes = [], "; ".join(population.notes)
+    spreads = np.stack(population.spreads.of_parameters(population.coordinates.to_p))
     for k in np.flatnonzero(population.free).tolist():
         parameter = population.layout.parameters[k]
-        spread = (population.spread[k], population.spread_low[k], population.spread_high[k])
-        ends = (float(value) if np.isfinite(value) else None for value in spread)
+        ends = (float(value) if np.isfinite(value) else None for value in spreads[:, k])
         mean = population.mean.entry(k, parameter.low)
         known = parameter.unit, parameter.prior, population.count
         rows.append((name, parameter.name, *mean, *ends, *known, notes))

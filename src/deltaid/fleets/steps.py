@@ -16,7 +16,7 @@ from deltaid.fleets.drift_findings import DriftSettings
 from deltaid.fleets.drift_friction import series_of
 from deltaid.fleets.drift_tables import DRIFT, FRICTION, drift_table, friction_table
 from deltaid.fleets.factor_file import FIT_SETTINGS, digest, safe
-from deltaid.fleets.fleet import ALL, period_of
+from deltaid.fleets.fleet import ALL, PERIODS
 from deltaid.fleets.gather_all import RECORDINGS_SCHEMA, poor
 from deltaid.fleets.gather_plan import GatherResult
 from deltaid.fleets.identify_gathered import identify_merged
@@ -74,10 +74,6 @@ def gain_rows(model: IdentifiedModel) -> Iterator[tuple[object, ...]]:
             yield f"gain.{gain.subject}", gain.value, std, gain.low, gain.high, "", 1.0, "data"
 
 
-def _with_model(job: FleetJob, place: Place) -> tuple[RobotRecordings, IdentifiedModel]:
-    return merged_recordings(job, place), place.model(_model_file(job.robot))
-
-
 def _model_file(robot: str) -> str:
     """File of a robot's model from all of its recordings."""
     return f"models/{robot}.yaml"
@@ -95,10 +91,10 @@ def _drift(job: FleetJob, given: tuple[RobotRecordings, IdentifiedModel], _: Pla
     )
     sums = recordings.block.friction.only(np.array([number[log.brief.sha256] for log in kept]))
     drift = drift_of(kept, series_of(sums, recordings.merging, model), model, job.drift, job.robot)
-    table = drift_table([drift]).with_columns(
+    table = drift_table(drift).with_columns(
         bound=pl.col("false_alarms"), false_alarms=pl.lit(job.drift.false_alarms)
     )
-    return {"friction": friction_table([drift]), "drift": table}
+    return {"friction": friction_table(drift), "drift": table}
 
 
 def _member(job: FleetJob, recordings: RobotRecordings, place: Place) -> Tables:
@@ -127,7 +123,7 @@ FITS = FleetStep(
 DRIFTS = FleetStep(
     "drift",
     "drift",
-    _with_model,
+    lambda job, place: (merged_recordings(job, place), place.model(_model_file(job.robot))),
     _drift,
     {  # the bound of false alarms as a number, and in words
         "friction": FRICTION | _KEY,
@@ -157,7 +153,7 @@ def fit_jobs(
         if outcome.file:
             recorded = outcome.recorded
             periods = robots.setdefault((recorded.robot, recorded.type), {})
-            periods.setdefault(period_of(recorded.time, period), []).append(outcome)
+            periods.setdefault(recorded.time.strftime(PERIODS[period]), []).append(outcome)
     fit = settings.model_dump(mode="json", include=FIT_SETTINGS)
     common = {
         kind: digest([version("deltaid"), description.model_dump(mode="json"), fit])

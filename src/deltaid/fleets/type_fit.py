@@ -127,15 +127,13 @@ def _population(
             MemberEstimate(robot.name, Estimates(value, deviation, half), _std(T, single[1]),
                            belongs, reasons[k], float(sorting.chances[k]))
         )  # fmt: skip
-    spreads = sorting.spreads.of_unknown_sizes(square)
     return Population(
         coordinates,
         Estimates(p, std, NORMAL * std),
         square,
         np.mean([drawn.variance for drawn in every], axis=0),
-        *spreads.of_parameters(T),
         members=tuple(estimates),
-        spreads=spreads,
+        spreads=sorting.spreads.of_unknown_sizes(square),
         moved=tuple(adjusted),
     )
 

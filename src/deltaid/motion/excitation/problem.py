@@ -33,7 +33,6 @@ from deltaid.sensors.planning.knowledge import Knowledge, unknowns
 from deltaid.sensors.planning.rows import Scene, planned_along, torque_rows, torques
 from deltaid.sensors.planning.shopping import BODIES, goal
 from deltaid.sensors.planning.uses import described_rows
-from deltaid.sensors.weighings import weighings
 
 Judge = Callable[[FourierMotion], float]
 
@@ -89,14 +88,13 @@ def by_bodies(dynamics: Dynamics, noise: Float[np.ndarray, " dof"], samples: flo
             cure="describe them under `sensors`, or omit --for sensors",
         )
     p, entries = prior_parameters(dynamics.robot), unknowns(dynamics.robot)
-    weighed = weighings(dynamics.robot)
 
     def judge(motion: FourierMotion) -> float:
         planned = planned_along(dynamics, motion, _SAMPLES, "", motion.period)
         scene = Scene(dynamics, p, planned, samples / _SAMPLES, noise)
         rows = torque_rows(scene, torques(dynamics, p, planned))
         known = Knowledge(np.eye(len(entries.names))).and_rows(rows @ entries.W)
-        known = known.and_rows(described_rows(scene, weighed)[0] @ entries.W)
+        known = known.and_rows(described_rows(scene)[0] @ entries.W)
         return goal(BODIES, entries, scene, _ENOUGH).left(known)
 
     return judge

@@ -40,7 +40,6 @@ from deltaid.sensors.planning.shopping import (
 )
 from deltaid.sensors.planning.shopping import goal as goal_called
 from deltaid.sensors.planning.uses import Use, described_rows, uses
-from deltaid.sensors.weighings import weighings
 from deltaid.shown import Plotted, Reported, Shown, Tabled
 
 
@@ -205,7 +204,7 @@ def sensor_plan(
         scene = Scene(dynamics, p, planned, count, noise)
         rows = torque_rows(scene, Y)
         say("looking at what could be bought")
-        likely, sure = described_rows(scene, weighings(dynamics.robot))
+        likely, sure = described_rows(scene)
         possible, left_out = uses(scene, offers)
         aim = goal_called(goal, entries, scene, settings.enough)
         alone = Knowledge(np.eye(len(entries.names))).and_rows(rows @ entries.W)

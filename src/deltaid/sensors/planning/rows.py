@@ -141,7 +141,7 @@ def torque_rows(scene: Scene, Y: Float[np.ndarray, "samples dof parameters"]) ->
     return triangle(scaled.reshape(-1, scene.width))
 
 
-def sensor_rows(scene: Scene, sensor: SensorRows) -> tuple[Extended, Extended]:
+def planned_rows(scene: Scene, sensor: SensorRows) -> tuple[Extended, Extended]:
     """A sensor's rows over w with its unknowns eliminated: with all of their priors, and with
     stated tolerances alone, which shows what is identifiable at all."""
     motion, n, unknowns = scene.motion, len(scene.p), sensor.parameters

@@ -13,10 +13,9 @@ from deltaid.robot.measured import Measured, Placed
 from deltaid.robot.part import Axis, Vector
 from deltaid.robot.sensors import BaseWrench, JointTorque, Sensor, StrutForce
 from deltaid.sensors.planning.offers import ACROSS, ALONG, CENTRE, EACH, LIMB, Offer, Offers, Weigh
-from deltaid.sensors.planning.rows import Extended, Scene, sensor_rows, weighing_row
-from deltaid.sensors.robot_sensors import all_sensor_rows
-from deltaid.sensors.robot_sensors import sensor_rows as rows_of
-from deltaid.sensors.weighings import Weighing, weighing
+from deltaid.sensors.planning.rows import Extended, Scene, planned_rows, weighing_row
+from deltaid.sensors.robot_sensors import all_sensor_rows, sensor_rows
+from deltaid.sensors.weighings import Weighing, weighing, weighings
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,10 +64,11 @@ def uses(scene: Scene, offers: Offers) -> tuple[tuple[Use, ...], tuple[str, ...]
     return tuple(possible), tuple(left_out)
 
 
-def described_rows(scene: Scene, weighed: Sequence[Weighing]) -> tuple[Extended, Extended]:
+def described_rows(scene: Scene) -> tuple[Extended, Extended]:
     """Rows of the description's measured values and sensors, likely and sure."""
+    weighed = weighings(scene.dynamics.robot)
     rows = [np.zeros((0, scene.width)), *(weighing_row(scene, row) for row in weighed)]
-    shown = [sensor_rows(scene, sensor) for sensor in all_sensor_rows(scene.dynamics)]
+    shown = [planned_rows(scene, sensor) for sensor in all_sensor_rows(scene.dynamics)]
     likely, sure = zip(*shown, strict=True) if shown else ((), ())
     return np.vstack([*rows, *likely]), np.vstack([*rows, *sure])
 
@@ -175,7 +175,7 @@ def _of_sensors(scene: Scene, offers: Offers, key: str, offer: Offer) -> Use:
             "the robot has no place for it", where=f"offers.{key}.sensors", cure="leave it out"
         )
     count = len(fitted) / len(offer.sensors)
-    rows = [sensor_rows(scene, rows_of(dynamics, *each)) for each in fitted]
+    rows = [planned_rows(scene, sensor_rows(dynamics, *each)) for each in fitted]
     likely, sure = (triangle(np.vstack(parts)) for parts in zip(*rows, strict=True))
     paid = key, offer.group or key, count * offer.price, count * offer.hours * offers.hourly
     return Use(key, offer.title, *paid, likely, sure)
