@@ -136,6 +136,7 @@ class Calibration(Shown, Plotted, Tabled, Reported):
         """Numbers that are farther from the description than it allows, noise that is larger or
         smaller than stated, and what checks of recordings doubt."""
         far = np.abs(self.values) / [number.spread or np.inf for number in self.known.numbers]
+        torques = self.known.torques
         rows = [
             (f"{self.names[k]} is {far[k]:.2g} standard deviations from its description",
              "a tolerance that is too small for the part",
@@ -153,12 +154,14 @@ class Calibration(Shown, Plotted, Tabled, Reported):
              "state how well it reads with --columns")
             for x in self.sessions if x.quiet
         ]  # fmt: skip
-        torques = self.known.torques
-        doubts = [Doubt(what, cause=cause, cure=cure) for what, cause, cure in rows]
         if torques and torques.grown > GROWN:
-            what = f"torques contradict the poses, {torques.grown:.2g}× their noise"
-            cause, cure = "a fault of this recording", "run deltaid check on it"
-            doubts.append(Doubt(f"{torques.source}: {what}", cause=cause, cure=cure))
+            rows.append(
+                (f"{torques.source}: torques contradict the poses, {torques.grown:.2g}× their "
+                 "noise",
+                 "a fault of this recording",
+                 "run deltaid check on it")
+            )  # fmt: skip
+        doubts = [Doubt(what, cause=cause, cure=cure) for what, cause, cure in rows]
         return (*doubts, *(torques.doubts if torques else ()))
 
     def save(self, path: str | Path) -> None:
@@ -277,12 +280,18 @@ def _sessions(solution: GeometryFit) -> tuple[MeasuringSession, ...]:
     made = []
     for part in solution.readings:
         square, freedom = part.chance(solution.knowledge)
-        quiet = freedom >= 1 and square * GROWN**2 < chi2.ppf(CHANCE, freedom)
-        excluded = tuple(_excluded(part, int(k)) for k in np.flatnonzero(~part.used))
-        residual = part.rms * part.noise
-        kind, source, count = part.instrument.kind, part.instrument.source, len(part.used)
-        numbers = residual, part.noise, part.grown, bool(quiet)
-        made.append(MeasuringSession(kind, source, count, excluded, *numbers))
+        made.append(
+            MeasuringSession(
+                kind=part.instrument.kind,
+                source=part.instrument.source,
+                readings=len(part.used),
+                excluded=tuple(_excluded(part, int(k)) for k in np.flatnonzero(~part.used)),
+                residual=part.rms * part.noise,
+                noise=part.noise,
+                grown=part.grown,
+                quiet=bool(freedom >= 1 and square * GROWN**2 < chi2.ppf(CHANCE, freedom)),
+            )
+        )
     return tuple(made)
 
 

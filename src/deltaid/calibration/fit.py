@@ -257,9 +257,9 @@ def _without_outliers(solution: GeometryFit) -> GeometryFit:
         ])  # fmt: skip
     for part, far in pairs:
         if _outliers(far, part.used, robust=True, every=True).any():
-            readings = part.instrument.readings
             raise part.misfit(
-                f"more than {LITTLE:.0%} of the {readings} fit no geometry near the described one"
+                f"more than {LITTLE:.0%} of the {part.instrument.readings} fit no geometry near "
+                "the described one"
             )
     return solution
 

@@ -42,8 +42,11 @@ def require_plausible(loops: Loops, known: Unknowns, instrument: Instrument) -> 
     mirrored frame, points in another order, exchanged drives."""
     count, own = len(instrument.values), len(instrument.unknowns)
     if count < own / instrument.values.shape[1] + 1:
-        what = f"has {count} rows; too few to fix the {own} unknowns of the instrument itself"
-        raise RecordingError(what, where=instrument.source, cure="measure more poses")
+        raise RecordingError(
+            f"has {count} rows; too few to fix the {own} unknowns of the instrument itself",
+            where=instrument.source,
+            cure="measure more poses",
+        )
     x = _described(loops, instrument.q)
     with np.errstate(over="ignore"):  # absurd numbers overflow
         _require_spread(instrument, x)
@@ -79,8 +82,11 @@ def require_new_readings(instrument: Instrument, earlier: Sequence[Instrument]) 
         rows = {row.tobytes() for row in longer}
         same = sum(row.tobytes() in rows for row in shorter)
         if other.kind == instrument.kind and same > _COPIED * len(shorter):
-            what = f"{same} rows are the same as in {other.source}, and would count twice"
-            raise RecordingError(what, where=instrument.source, cure="give each reading once")
+            raise RecordingError(
+                f"{same} rows are the same as in {other.source}, and would count twice",
+                where=instrument.source,
+                cure="give each reading once",
+            )
 
 
 def _described(loops: Loops, q: Float[np.ndarray, "rows ends drives"]) -> Tools:
@@ -92,18 +98,21 @@ def _require_spread(instrument: Instrument, x: Tools) -> None:
     if isinstance(instrument, DistanceReadings):
         none = (lengths(x) < LENGTH) | (instrument.values[:, 0] <= 0)
         if none.any():
-            what, row = "is a distance between equal poses, or not positive", none.argmax()
-            where = f"{instrument.source}, row {instrument.rows[row]}"
-            cure = "remove the row, or correct its poses and distance"
-            raise RecordingError(what, where=where, cure=cure)
+            raise RecordingError(
+                "is a distance between equal poses, or not positive",
+                where=f"{instrument.source}, row {instrument.rows[none.argmax()]}",
+                cure="remove the row, or correct its poses and distance",
+            )
         return
     probed = isinstance(instrument, ProbeReadings)
     parts = (x[:, 0, :2],) if probed else (x[:, 0], instrument.values)
     wide = [np.linalg.svd(part - part.mean(axis=0), compute_uv=False)[1] for part in parts]
     if min(wide) < LENGTH * np.sqrt(len(x)):
-        what = f"{instrument.readings} lie on a line, or in one place"
-        cure = "measure poses that spread over the workspace"
-        raise RecordingError(what, where=instrument.source, cure=cure)
+        raise RecordingError(
+            f"{instrument.readings} lie on a line, or in one place",
+            where=instrument.source,
+            cure="measure poses that spread over the workspace",
+        )
 
 
 def _require_unit(instrument: Instrument, x: Tools) -> None:
@@ -151,13 +160,19 @@ def _reading_hypotheses(instrument: Instrument, x: Tools, allowed: float) -> Hyp
             more = ", …" if len(wrong) > 6 else ""
             another, sort = f"points stand in another order (rows {rows}{more})", "sort the points"
             yield _misfit(instrument, x[order]), another, sort
-            both = f"{another} and {handed}", f"{sort} and {turned}"
-            yield _misfit(instrument, x[order], mirrored=True), *both
+            yield (
+                _misfit(instrument, x[order], mirrored=True),
+                f"{another} and {handed}",
+                f"{sort} and {turned}",
+            )
         return
     probed = isinstance(instrument, ProbeReadings)
     if probed and np.ptp(values):
-        below = _misfit(replace(instrument, values=-values), x)
-        yield below, "blocks stand below the plane", "give heights above the lowest block"
+        yield (
+            _misfit(replace(instrument, values=-values), x),
+            "blocks stand below the plane",
+            "give heights above the lowest block",
+        )
     what, sizes = ("blocks", x[:, 0, 2]) if probed else ("distances", lengths(x))
     ranks = np.argsort(np.argsort(sizes))
     left = _misfit(replace(instrument, values=np.sort(values, axis=0)[ranks]), x)

@@ -210,8 +210,11 @@ def read(
     source, instrument = as_source(given, kind), KINDS[kind]
     table = source.table if isinstance(source, Recording) else open_table(source)
     if kind == "probe" and set(PointReadings.read) <= set(table.header):
-        what = "has px, py, pz: these are points, no touches"
-        raise RecordingError(what, where=str(table.path), cure="give the file with --points")
+        raise RecordingError(
+            "has px, py, pz: these are points, no touches",
+            where=str(table.path),
+            cure="give the file with --points",
+        )
     where, length = str(table.path), si_factor(columns.unit, "m", where=f"{kind}.unit")
     needed = [name for name in instrument.read if name != "block" or columns.has(name, table)]
     values = [_column(table, columns, name, length) for name in needed]
@@ -249,8 +252,9 @@ def _drives(
         what = "the described robot cannot stand at these drive positions"
         cure = "check the drives' unit, sign, zero and order, and the description's lengths"
     if bad.any():
-        where = table.row_place(table.first_row + int(bad.argmax()))
-        raise RecordingError(what, where=where, cure=cure)
+        raise RecordingError(
+            what, where=table.row_place(table.first_row + int(bad.argmax())), cure=cure
+        )
     return q
 
 
@@ -290,9 +294,11 @@ def _column(
     pieces = [(np.asarray(x.numbers[0], dtype=float), x.written[0]) for x in table.rows([column])]
     numbers = np.concatenate([part for part, _ in pieces] or [np.zeros(0)])
     if len(numbers) > _MOST:
-        what = f"has {len(numbers)} readings; at most {_MOST} are fitted"
-        cure = "keep some hundred that are spread over the workspace"
-        raise RecordingError(what, where=str(table.path), cure=cure)
+        raise RecordingError(
+            f"has {len(numbers)} readings; at most {_MOST} are fitted",
+            where=str(table.path),
+            cure="keep some hundred that are spread over the workspace",
+        )
     bad = np.flatnonzero(~np.isfinite(numbers))
     if bad.size:
         written = [text for _, part in pieces for text in part]

@@ -118,8 +118,10 @@ def torque_rows(
     except np.linalg.LinAlgError:
         raise refused("no model fits these torques, as where drives stand still") from None
     if contest is None:
-        cure = "record longer, without loads that come and go"
-        raise refused("no torques are left to calibrate with", cure=cure)
+        raise refused(
+            "no torques are left to calibrate with",
+            cure="record longer, without loads that come and go",
+        )
     for noise, drive in zip(contest.shrunk.sigma, contest.shrunk.blocks, strict=True):
         if not noise <= LITTLE * drive.largest:  # true for NaN too
             raise refused(f"{noise / drive.largest:.0%} of a drive's torque is unmodelled")
@@ -138,17 +140,20 @@ def _doubts(
     places = [str(record.table.path) for record in records]
     for record, where in zip(records, places, strict=True):
         if not record.moved.any():
-            cure = "record a motion of all drives"
-            raise RecordingError("no drive moves", where=where, cure=cure)
+            raise RecordingError(
+                "no drive moves", where=where, cure="record a motion of all drives"
+            )
     common, each = checked_wirings(records)
     doubts = dict[str, None]()
     for record, where, wiring in zip(records, places, each, strict=True):
         verdicts = (*common, *wiring, *checked_signals(record))
         wrong = [verdict for verdict in verdicts if verdict.grade is Grade.WRONG]
         if wrong:
-            cure = "; ".join(dict.fromkeys(verdict.cure for verdict in wrong))
-            finding = "; ".join(verdict.finding for verdict in wrong)
-            raise RecordingError(finding, where=where, cure=cure)
+            raise RecordingError(
+                "; ".join(verdict.finding for verdict in wrong),
+                where=where,
+                cure="; ".join(dict.fromkeys(verdict.cure for verdict in wrong)),
+            )
         doubts |= {
             f"{where}: {verdict.sentence}": None
             for verdict in verdicts

@@ -277,8 +277,9 @@ def _changed(limbs: Limbs, each: Sequence[dict[str, float]]) -> dict[str, object
         "tilt_deg": tuple(tilts.tolist()),
     }
     for kind in ("strut", "upper_arm") if rotary else ("strut",):
-        pairs = zip(geometry, each, strict=True)
-        changed[kind] = tuple(getattr(limb, kind) + x[kind] for limb, x in pairs)
+        changed[kind] = tuple(
+            getattr(limb, kind) + x[kind] for limb, x in zip(geometry, each, strict=True)
+        )
     return changed
 
 

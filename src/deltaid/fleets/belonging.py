@@ -170,8 +170,10 @@ class Sorted:
 
     def with_rows(self, rows: RobotRows) -> "Sorted":
         """Spreads and mean of other rows, with the same p-values."""
-        fitted = Sorted.fitted_to(self.coordinates, self.freedom, rows, self.spreads)
-        return replace(fitted, chances=self.chances)
+        return replace(
+            Sorted.fitted_to(self.coordinates, self.freedom, rows, self.spreads),
+            chances=self.chances,
+        )
 
     def against_others(self, k: int, anything: U) -> AgainstOthers:
         """Robot k compared with the others, as in `leave_one_out`."""

@@ -129,13 +129,15 @@ class RecordingBlock:
             A = np.zeros((*R.shape[:2], columns + len(quantities) + 1))
             A[..., [*range(columns), *(columns + k for k in place), -1]] = R
             wide.append(A)
-        sizes = geometry.samples, geometry.torque_max
-        return FactorGroups.of_rows(geometry.names, wide, *sizes).rounded
+        return FactorGroups.of_rows(
+            geometry.names, wide, geometry.samples, geometry.torque_max
+        ).rounded
 
     def information(self, merging: Merging, groups: FactorGroups) -> list[Information]:
         """Information of some groups over all active columns."""
-        wide = _expanded(groups, merging.drives)
-        each = zip(wide, groups.samples, groups.torque_max, strict=True)
+        each = zip(
+            _expanded(groups, merging.drives), groups.samples, groups.torque_max, strict=True
+        )
         return [Information(merging.active, *group) for group in each]
 
     def by_place(self, merging: Merging) -> Float[np.ndarray, "places drives augmented augmented"]:

@@ -68,9 +68,16 @@ class Coordinates:
         visible = np.array([i for i, name in enumerate(names) if name in shown], dtype=int)
         reduction = build_reduction(robot, visible, (), settings.prior_spread)
         reduction = replace(reduction, widened=_widened(members))
-        quantities = tuple(dict.fromkeys(name for member in members for name in member.quantities))
-        kinds = tuple(_kind(variable) for variable in reduction.variables)
-        return cls(robot, reduction, kinds, quantities, reduction.scale, settings.prior_spread)
+        return cls(
+            robot=robot,
+            reduction=reduction,
+            kinds=tuple(_kind(variable) for variable in reduction.variables),
+            quantities=tuple(
+                dict.fromkeys(name for member in members for name in member.quantities)
+            ),
+            sizes=reduction.scale,
+            spread=settings.prior_spread,
+        )
 
     def resized(self, p: Float[np.ndarray, " parameters"]) -> "Coordinates":
         """The coordinates with the sizes of parameters p: spreads are shares of real sizes."""
@@ -112,8 +119,7 @@ class Coordinates:
 
     @cached_property
     def is_friction(self) -> np.ndarray:
-        friction = [kind in FRICTION for kind in self.kinds]
-        return np.array([*friction, *[False] * len(self.quantities)], dtype=bool)
+        return np.isin([*self.kinds, *self.quantities], FRICTION)
 
     @property
     def worn(self) -> U:

@@ -126,8 +126,13 @@ def whitened_sums(
             some = white[:, :, : k + 1]
             products += some[..., :width].swapaxes(2, 3) @ some
             squares += np.einsum("ksta,ksta->ksa", some[..., width:], some[..., width:])
-    recordings = known.sum(axis=1).astype(float)
-    return Sums(products[..., :width], products[..., width:], squares, log_det, recordings)
+    return Sums(
+        base=products[..., :width],
+        cross=products[..., width:],
+        own=squares,
+        log_det=log_det,
+        count=known.sum(axis=1).astype(float),
+    )
 
 
 # Prior of σ: degrees of freedom, and size [%].
@@ -281,10 +286,11 @@ def evidence(
         log_factor = gain + np.log(2.0 * up) + np.log(kinds)[:, None, None]
     log = log_factor + log_none[None, :, :, None]
     R = logsumexp(log, axis=(0, 1, 3)) - logsumexp(log_none, axis=0) + np.log(changes.years)
-    covariance, sigma = inverse * (r / nu)[..., None, None], np.sqrt(r / nu)
     return ChangeEvidence(
-        log_none, log_factor, size, deviation, nu, plain, per_size, covariance, sigma,
-        np.exp(np.minimum(R, 600.0)),
+        log_none, log_factor, size, deviation, nu, plain, per_size,
+        covariance=inverse * (r / nu)[..., None, None],
+        sigma=np.sqrt(r / nu),
+        R=np.exp(np.minimum(R, 600.0)),
     )  # fmt: skip
 
 

@@ -146,8 +146,10 @@ def explained(
     z = y - start[:, None]
     variance = 1.0 + (std / SIZE) ** 2 + (unknown / SIZE) ** 2
     changes = Changes.over(days)
-    evidence = evidence_of(days, z, variance, X, changes, first.scale, first.unlike, drives)
-    return Explained(days, z, start, first, changes, evidence)
+    return Explained(
+        days, z, start, first, changes,
+        evidence_of(days, z, variance, X, changes, first.scale, first.unlike, drives),
+    )  # fmt: skip
 
 
 def evidence_of(

@@ -169,8 +169,9 @@ def _details(drift: RobotDrift, finding: DriftFinding) -> str:
         and finding.horizon.low is not None
         and finding.limit is not None
     ):
-        when = _between(drift, finding.horizon)
-        parts.append(f"friction of {number(finding.limit)} is reached on {when}")
+        parts.append(
+            f"friction of {number(finding.limit)} is reached on {_between(drift, finding.horizon)}"
+        )
     return "; ".join([*parts, *([finding.reason] if finding.reason else [])])
 
 

@@ -42,10 +42,7 @@ class FactorGroups:
         samples: Float[np.ndarray, "groups drives"],
         torque_max: Float[np.ndarray, "groups drives"],
     ) -> "FactorGroups":
-        missing = (max(A.shape[2] - A.shape[1], 0) for A in rows)
-        padded = (
-            np.pad(A, ((0, 0), (0, count), (0, 0))) for A, count in zip(rows, missing, strict=True)
-        )
+        padded = (np.pad(A, ((0, 0), (0, max(A.shape[2] - A.shape[1], 0)), (0, 0))) for A in rows)
         return cls(tuple(names), tuple(map(triangle, padded)), samples, torque_max)
 
     def __len__(self) -> int:
@@ -54,8 +51,12 @@ class FactorGroups:
     def named(self, first: str) -> "FactorGroups":
         """Groups whose names begin with a word."""
         kept = [k for k, name in enumerate(self.names) if name.startswith(first)]
-        factors, names = tuple(R[kept] for R in self.factors), tuple(self.names[k] for k in kept)
-        return FactorGroups(names, factors, self.samples[kept], self.torque_max[kept])
+        return FactorGroups(
+            tuple(self.names[k] for k in kept),
+            tuple(R[kept] for R in self.factors),
+            self.samples[kept],
+            self.torque_max[kept],
+        )
 
     def joined(self, other: "FactorGroups") -> "FactorGroups":
         """Its groups, then the other's."""
@@ -73,16 +74,19 @@ class FactorGroups:
             [R[k[0]] if len(k) == 1 else triangle(R[k].reshape(-1, R.shape[2])) for k in each]
             for R in self.factors
         )
-        samples = [self.samples[places].sum(axis=0) for places in each]
-        largest = [self.torque_max[places].max(axis=0) for places in each]
-        stacked = tuple(map(np.stack, factors)), np.stack(samples), np.stack(largest)
-        return FactorGroups(tuple(map(str, members)), *stacked)
+        return FactorGroups(
+            tuple(map(str, members)),
+            tuple(map(np.stack, factors)),
+            samples=np.stack([self.samples[places].sum(axis=0) for places in each]),
+            torque_max=np.stack([self.torque_max[places].max(axis=0) for places in each]),
+        )
 
     @property
     def rounded(self) -> "FactorGroups":
         """The same with seven digits."""
-        factors = (R.astype(np.float32).astype(float) for R in self.factors)
-        return replace(self, factors=tuple(factors))
+        return replace(
+            self, factors=tuple(R.astype(np.float32).astype(float) for R in self.factors)
+        )
 
 
 class KnownLag(Part):
@@ -200,5 +204,7 @@ class RecordingBrief(RecordingFacts):
     @property
     def held(self) -> float:
         """Largest held mass [kg]; for a load without a declared mass, the identified one."""
-        masses = [self.masses.get(load.load.name, load.load.mass or 0.0) for load in self.loads]
-        return max(masses, default=0.0)
+        return max(
+            (self.masses.get(load.load.name, load.load.mass or 0.0) for load in self.loads),
+            default=0.0,
+        )

@@ -138,8 +138,9 @@ def gathered_columns(problem: FittedProblem, recording: PreparedRecording) -> Ga
     columns = GatheredColumns.for_robot(problem.dynamics.robot, _plain_values(problem), extra)
     p = np.zeros(len(columns.names))  # loads are in the recording's gear loads
     p[columns.kept] = map_to(columns, problem.dynamics) @ problem.p
-    groups = alone(problem.dynamics.dof)
-    lags = LagColumns(columns.dynamics, columns.additions, p, recording, groups)
+    lags = LagColumns(
+        columns.dynamics, columns.additions, p, recording, alone(problem.dynamics.dof)
+    )
     return replace(columns, additions=(*columns.additions, lags))
 
 
@@ -172,8 +173,10 @@ def condensed(
         for i, places in enumerate(with_tau)
     )
     none = np.zeros((len(visited), rows.dof))
-    by_place = FactorGroups(tuple(visited), tuple(roots), none, none)
-    return groups(["whole"], [merge(blocks)]), times.joined(by_place)
+    return (
+        groups(["whole"], [merge(blocks)]),
+        times.joined(FactorGroups(tuple(visited), tuple(roots), none, none)),
+    )
 
 
 def geometry_of(

@@ -184,8 +184,9 @@ def _once(outcomes: Iterable[GatherResult]) -> list[GatherResult]:
         if original == log:
             kept.append(outcome)
         elif log.stamp:
-            copied = f"is a copy of {original.path} of {original.robot}"
-            reason = f"{copied}\n  → give each recording once"
+            reason = (
+                f"is a copy of {original.path} of {original.robot}\n  → give each recording once"
+            )
             kept.append(replace(outcome, key="", file="", reason=reason))
     return sorted(kept, key=lambda outcome: outcome.recorded)
 
@@ -233,8 +234,9 @@ def _gathered_now(job: GatherJob) -> FactorFile:
                     how.robot, path, columns=how.mapping, settings=how.settings, force=how.force
                 )
             except RecordingError as error:  # names the local copy instead of the user's file
-                where = error.where.replace(str(path), recorded.path)
-                raise RecordingError(error.what, where=where, cure=error.cure) from None
+                raise RecordingError(
+                    error.what, where=error.where.replace(str(path), recorded.path), cure=error.cure
+                ) from None
     except FileNotFoundError:
         raise StoreError(
             "is no longer there", where=recorded.path, cure="check the manifest"

@@ -50,8 +50,13 @@ class How:
     @cached_property
     def digest(self) -> str:
         """Checksum of all inputs, and of the version of deltaid."""
-        inputs = gathering_digest(self.robot, self.mapping, self.settings)
-        return digest([inputs, self.force, version("deltaid")])
+        return digest(
+            [
+                gathering_digest(self.robot, self.mapping, self.settings),
+                self.force,
+                version("deltaid"),
+            ]
+        )
 
 
 @dataclass(frozen=True)

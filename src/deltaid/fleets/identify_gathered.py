@@ -90,9 +90,11 @@ def validate_gathered(model: ModelLike, file: FactorFile) -> TorqueError:
         for columns in merging.additions
         if isinstance(columns, LoadColumns) and columns.parameters
     }
-    information = merging.part(file).information
-    values = np.append(identified.p, merging.of_loads(loads))
-    return _torque_errors(information, values, [file.brief])
+    return _torque_errors(
+        merging.part(file).information,
+        np.append(identified.p, merging.of_loads(loads)),
+        [file.brief],
+    )
 
 
 def _torque_errors(

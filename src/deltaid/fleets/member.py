@@ -91,16 +91,18 @@ def member(name: str, recordings: RobotRecordings, settings: Settings) -> TypeMe
     """
     chosen = recordings.merging.dynamics.robot
     estimate = _of_problem(name, fitted(recordings, unmeasured(chosen), settings))
-    facts = tuple(
-        MeasuredFact(
-            f"{row.where} {row.name} {row.value:.9g} {row.std:.9g}",
-            row.coefficients,
-            row.value,
-            row.std,
-        )
-        for row in weighings(chosen)
+    return replace(
+        estimate,
+        facts=tuple(
+            MeasuredFact(
+                f"{row.where} {row.name} {row.value:.9g} {row.std:.9g}",
+                row.coefficients,
+                row.value,
+                row.std,
+            )
+            for row in weighings(chosen)
+        ),
     )
-    return replace(estimate, facts=facts)
 
 
 def _of_problem(name: str, problem: FittedProblem) -> TypeMember:

@@ -151,9 +151,10 @@ def types_table(name: str, population: Population) -> pl.DataFrame:
     for k in np.flatnonzero(population.free).tolist():
         parameter = population.layout.parameters[k]
         ends = (float(value) if np.isfinite(value) else None for value in spreads[:, k])
-        mean = population.mean.entry(k, parameter.low)
-        known = parameter.unit, parameter.prior, population.count
-        rows.append((name, parameter.name, *mean, *ends, *known, notes))
+        rows.append(
+            (name, parameter.name, *population.mean.entry(k, parameter.low), *ends,
+             parameter.unit, parameter.prior, population.count, notes)
+        )  # fmt: skip
     return pl.DataFrame(rows, schema=TYPES, orient="row")
 
 

@@ -80,8 +80,10 @@ def recorded(
         RecordingError: the time of one is unknown.
     """
     stamps = [_time(file) for file in files] if times is None else times
-    recordings = [DriftRecording(file, time) for file, time in zip(files, stamps, strict=True)]
-    return sorted(recordings, key=lambda recording: recording.time)
+    return sorted(
+        (DriftRecording(file, time) for file, time in zip(files, stamps, strict=True)),
+        key=lambda recording: recording.time,
+    )
 
 
 def _time(file: FactorFile) -> datetime:

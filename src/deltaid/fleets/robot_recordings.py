@@ -151,8 +151,9 @@ def fitted(
     rows = recordings.block.geometric_rows(merging, np.sqrt(problem.information.weights))
     if rows is not None:
         geometry = shifted([rows], problem.base, problem.information, additions)
-        estimate = problem.estimate.with_shifts(geometry.shifts)
-        problem = replace(problem, estimate=estimate, geometry=geometry)
+        problem = replace(
+            problem, estimate=problem.estimate.with_shifts(geometry.shifts), geometry=geometry
+        )
     return widened(problem)
 
 

@@ -147,8 +147,8 @@ def fleet(
             return stack.enter_context(open_workers(scheduler, workers, shared))
 
         plan = with_cutoffs(plan, manifest, place, started)
-        of_call = (manifest, place, plan, tables, reasons, started, say, drop_absent, regather)
-        return _run(Call(*of_call), drift or DriftSettings())
+        call = Call(manifest, place, plan, tables, reasons, started, say, drop_absent, regather)
+        return _run(call, drift or DriftSettings())
 
 
 def _run(call: Call, drift: DriftSettings) -> FleetRun:
@@ -167,9 +167,12 @@ def _run(call: Call, drift: DriftSettings) -> FleetRun:
         step: tuple(result for result in done if result.job.step.name == step.name)
         for step in STEPS
     }
-    quarantine = tuple(_quarantine(call.fleet, outcomes, results))
     finished = FleetRun(
-        tuple(outcomes), results[FITS], results[DRIFTS], results[TYPE_FITS], quarantine
+        outcomes=tuple(outcomes),
+        fits=results[FITS],
+        studies=results[DRIFTS],
+        types=results[TYPE_FITS],
+        quarantine=tuple(_quarantine(call.fleet, outcomes, results)),
     )
     call.say("writing tables")
     tables = _write(call, finished, results)
@@ -223,9 +226,11 @@ def _write(
     tables[RECORDINGS] = recordings_table(run.outcomes)
     for name, table in tables.items():
         place.save(f"{name}.parquet", table)
-    schema = dict.fromkeys((entry.name for entry in fields(Quarantined)), pl.String)
-    lines = [astuple(line) for line in run.quarantine]
-    tables["quarantine"] = pl.DataFrame(lines, schema=schema, orient="row")
+    tables["quarantine"] = pl.DataFrame(
+        [astuple(line) for line in run.quarantine],
+        schema=dict.fromkeys((entry.name for entry in fields(Quarantined)), pl.String),
+        orient="row",
+    )
     place.write(QUARANTINE, tables["quarantine"].write_csv().encode())
     used = {robot.job.file for robot in results[ROBOTS]}
     place.remove({**place.listing(JOURNAL), **place.listing(MEMBERS_FOLDER)}.keys() - used)

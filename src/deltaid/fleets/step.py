@@ -240,8 +240,10 @@ def run_chains(call: Call, chains: Sequence[Chain], words: tuple[str, str]) -> l
 
     def failed(chain: Chain, why: str) -> list[JobResult]:
         """Results from before the workers died, and failures of the rest."""
-        died = partial(JobResult, reason=why, lasting=False)
-        return _in_turn(chain, lambda job: _finished(job, call.place) or died(job))
+        return _in_turn(
+            chain,
+            lambda job: _finished(job, call.place) or JobResult(job, reason=why, lasting=False),
+        )
 
     for done in call.done(words, work_chain, [chain for chain in unfinished if chain], failed):
         results |= {result.job.key: result for result in done}

@@ -91,10 +91,12 @@ def _drift(job: FleetJob, given: tuple[RobotRecordings, IdentifiedModel], _: Pla
     )
     sums = recordings.block.friction.only(np.array([number[log.brief.sha256] for log in kept]))
     drift = drift_of(kept, series_of(sums, recordings.merging, model), model, job.drift, job.robot)
-    table = drift_table(drift).with_columns(
-        bound=pl.col("false_alarms"), false_alarms=pl.lit(job.drift.false_alarms)
-    )
-    return {"friction": friction_table(drift), "drift": table}
+    return {
+        "friction": friction_table(drift),
+        "drift": drift_table(drift).with_columns(
+            bound=pl.col("false_alarms"), false_alarms=pl.lit(job.drift.false_alarms)
+        ),
+    }
 
 
 def _member(job: FleetJob, recordings: RobotRecordings, place: Place) -> Tables:
@@ -221,8 +223,16 @@ def type_chains(robots: Iterable[JobResult]) -> list[Chain]:
     chains = list[Chain]()
     for kind, members in sorted(types.items()):
         key = digest([version("deltaid"), kind, sorted(job.key for job in members)])
-        files, first = tuple(job.file for job in members), members[0]
-        file = f"types/{safe(kind.removesuffix('.yaml'))}.yaml"
-        of_type = ("", kind, (kind,), files, key, file)
-        chains.append((FleetJob(TYPE_FITS, *of_type, first.description, first.settings),))
+        of_type = FleetJob(
+            TYPE_FITS,
+            robot="",
+            type=kind,
+            names=(kind,),
+            files=tuple(job.file for job in members),
+            key=key,
+            file=f"types/{safe(kind.removesuffix('.yaml'))}.yaml",
+            description=members[0].description,
+            settings=members[0].settings,
+        )
+        chains.append((of_type,))
     return chains

@@ -72,8 +72,9 @@ def _sorted(coordinates: Coordinates, members: Sequence[TypeMember]) -> Sorted:
         nothing = replace(first, rows=first.rows[:0], values=first.values[:0],
                           shared=first.shared[:0])  # fmt: skip
         rows.append(coordinates.rows(nothing, list(common.values())))
-    freedom = np.array([member.freedom for member in members])
-    return fit_members(RobotRows.stacked(rows), coordinates, freedom)
+    return fit_members(
+        RobotRows.stacked(rows), coordinates, np.array([member.freedom for member in members])
+    )
 
 
 def _reasons(sorting: Sorted) -> tuple[Sorted, list[str]]:

@@ -120,8 +120,11 @@ class BaseWrenchRows(SensorRows):
             def column(shown: Shown, k: int = k, l: int = l) -> np.ndarray:
                 return np.vstack([row for s in starts for row in (shown[s + l], -shown[s + k])])
 
-            channels = tuple(moved + s + i for s in starts for i in (k, l))
-            yield Unknown(self.unknown(f"{symbol}_{axis}", unit, std), channels, column)
+            yield Unknown(
+                self.unknown(f"{symbol}_{axis}", unit, std),
+                channels=tuple(moved + s + i for s in starts for i in (k, l)),
+                column=column,
+            )
 
     def _rotors(self) -> ca.SX:
         """Columns over p of the moments on the base, in the world, by rotors whose n is known."""

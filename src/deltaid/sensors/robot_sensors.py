@@ -128,10 +128,15 @@ def sensor_errors(
             used.
     """
     robot, width = rows.dynamics.robot, len(rows.dynamics.layout.names) + len(rows.moving)
-    rates, gravity = np.hstack([qd, qdd]), np.array(robot.gravity)
-    return errors_by(
-        robot, _SensorSlopes(grown_torques(robot), z, rates, gravity, rows, values[:width])
+    slopes = _SensorSlopes(
+        grown_torques(robot),
+        z,
+        np.hstack([qd, qdd]),
+        np.array(robot.gravity),
+        rows,
+        values[:width],
     )
+    return errors_by(robot, slopes)
 
 
 @dataclass(frozen=True, eq=False)

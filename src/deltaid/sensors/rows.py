@@ -171,8 +171,8 @@ class SensorRows(ABC):
     def _sum(self, columns: np.ndarray, values: np.ndarray, shown: Shown) -> Shown:
         """[C, D(shown)] values."""
         total = np.zeros_like(shown)
-        entries = self._entries(columns, shown) * values[self.pattern[1]][:, None]
-        np.add.at(total, self.pattern[0], entries)
+        rows, places = self.pattern
+        np.add.at(total, rows, self._entries(columns, shown) * values[places][:, None])
         return total
 
     def _feedback(self, values: np.ndarray, symbol: str = "") -> Float[np.ndarray, "n n"]:
@@ -206,22 +206,28 @@ class SensorRows(ABC):
 
     def unknown(self, symbol: str, unit: str, std: float, prior: float = 0.0) -> PriorParameter:
         """A parameter of this sensor with the standard deviation of its prior."""
-        scale, spread = std / self.prior_spread, self.prior_spread
         return PriorParameter(
-            "sensor", self.name, symbol, unit, -np.inf, np.inf, prior, scale, spread=spread
-        )
+            "sensor", self.name, symbol, unit, -np.inf, np.inf, prior, std / self.prior_spread,
+            spread=self.prior_spread,
+        )  # fmt: skip
 
     def bias(self, channel: int, symbol: str, std: float) -> Iterator[Unknown]:
         """The offset of one channel; none where it is zero."""
         if std:
-            parameter = self.unknown(symbol, self.channels[channel].unit, std)
-            yield Unknown(parameter, (channel,), lambda shown: np.ones((1, shown.shape[1])))
+            yield Unknown(
+                self.unknown(symbol, self.channels[channel].unit, std),
+                channels=(channel,),
+                column=lambda shown: np.ones((1, shown.shape[1])),
+            )
 
     def gain(self, tolerance: float) -> Iterator[Unknown]:
         """The relative error that all channels share; none where its tolerance is zero."""
         if tolerance:
-            every = tuple(range(len(self.channels)))
-            yield Unknown(self.unknown("gain", "", tolerance), every, lambda shown: shown)
+            yield Unknown(
+                self.unknown("gain", "", tolerance),
+                channels=tuple(range(len(self.channels))),
+                column=lambda shown: shown,
+            )
 
 
 def is_of_pose(parameter: PriorParameter) -> bool:

@@ -170,9 +170,11 @@ def drive_tables(drives: Sequence[Row], caption: str = "") -> tuple[Table, Table
         )
         for drive in drives
     )
-    marked = {k for k, drive in enumerate(drives) if drive["state"] not in ("steady", "unknown")}
+    marked = frozenset(
+        k for k, drive in enumerate(drives) if drive["state"] not in ("steady", "unknown")
+    )
     return (
-        Table(columns, rows, caption, marked=frozenset(marked)),
+        Table(columns, rows, caption, marked=marked),
         Table(("drive", "level", "limit", "reached on", "between", "remarks"), limits),
     )
 
@@ -199,8 +201,12 @@ def friction_panel(title: str, seen: pl.DataFrame, drift: Row | None) -> Panel:
         }
         traces, value = [_dots(seen, "value", "as recorded") | faint], "cooled"
         name = f"{_NAME}, at one temperature"
-    half = numbers(NORMAL * seen["std"].fill_null(0.0))
-    error = {"type": "data", "array": half, "width": 0, "thickness": 1}
+    error = {
+        "type": "data",
+        "array": numbers(NORMAL * seen["std"].fill_null(0.0)),
+        "width": 0,
+        "thickness": 1,
+    }
     traces.append(_dots(seen, value, name) | {"error_y": error})
     if drift is None:
         return Panel(title, tuple(traces), unit=unit)
@@ -257,8 +263,11 @@ def _trend(row: Row, seen: pl.DataFrame) -> list[Data]:
         "opacity": 0.25,
         "hoverinfo": "skip",
     }
-    line = _line("rate", [begin, end], [level, middle], style.PREDICTED, "solid")
-    return [band, line, *_limit(row, first, end)]
+    return [
+        band,
+        _line("rate", [begin, end], [level, middle], style.PREDICTED, "solid"),
+        *_limit(row, first, end),
+    ]
 
 
 def _step(row: Row, seen: pl.DataFrame) -> list[Data]:
@@ -266,8 +275,10 @@ def _step(row: Row, seen: pl.DataFrame) -> list[Data]:
     on, before = row["change"], row["level"]
     after = before * (1 + row["step"])
     y = [before, before, after, after]
-    level = _line("level", [first, on, on, last], y, style.PREDICTED, "solid")
-    return [level, *_limit(row, first, last)]
+    return [
+        _line("level", [first, on, on, last], y, style.PREDICTED, "solid"),
+        *_limit(row, first, last),
+    ]
 
 
 def _limit(row: Row, first: datetime, last: datetime) -> list[Data]:

@@ -113,8 +113,11 @@ def _temperature(friction: pl.DataFrame) -> tuple[Chart, ...]:
         "marker": {"color": style.SERIES[4], "size": 4},
         "line": {"color": style.SERIES[4], "width": 1},
     }
-    layout = {"height": 240, "yaxis": {"title": {"text": "temperature [°C]"}}}
-    return (Chart({"data": [trace], "layout": layout}, "Temperature of each recording."),)
+    figure = {
+        "data": [trace],
+        "layout": {"height": 240, "yaxis": {"title": {"text": "temperature [°C]"}}},
+    }
+    return (Chart(figure, "Temperature of each recording."),)
 
 
 def _recordings(recordings: pl.DataFrame) -> Section:
@@ -147,8 +150,9 @@ def _recordings(recordings: pl.DataFrame) -> Section:
         marked=frozenset(range(min(bad, len(kept)))),
         choices=(1,),
     )
-    about = f"{len(ordered)}, {bad} of them in quarantine"
-    return Section("Recordings", (table,) if rows else (), about)
+    return Section(
+        "Recordings", (table,) if rows else (), f"{len(ordered)}, {bad} of them in quarantine"
+    )
 
 
 def _parameters(parameters: pl.DataFrame) -> Section:
@@ -261,5 +265,9 @@ def _beside_type(robot: Robot, members: pl.DataFrame) -> Section:
     if reasons := dict.fromkeys(filter(None, members["reason"].to_list())):
         said = "It does not belong to its type" if foreign else "It belongs to its type, but"
         blocks.insert(0, Text(ended(f"{said}: {'; '.join(reasons)}")))
-    about = "how far it is from others of its type"
-    return Section("Beside its type", tuple(blocks), about, unfolded=foreign)
+    return Section(
+        "Beside its type",
+        tuple(blocks),
+        "how far it is from others of its type",
+        unfolded=foreign,
+    )

@@ -253,8 +253,8 @@ def _rising(tables: Tables, urgent: Sequence[Robot]) -> tuple[Block, ...]:
         + f" {more} more drives are on the pages of their robots."
         * (more > 0)
     )
-    axis = {"type": "date", "matches": "x"}
-    return (Chart(grid(panels, min(3, len(panels)), x=axis, legend=True), said),)
+    figure = grid(panels, min(3, len(panels)), x={"type": "date", "matches": "x"}, legend=True)
+    return (Chart(figure, said),)
 
 
 def _robots(robots: Sequence[Robot], links: Mapping[str, str], labels: Mapping[str, str]) -> Table:
@@ -309,8 +309,10 @@ def _quarantine(bad: pl.DataFrame) -> tuple[Section, ...]:
         (str(len(whose)), ", ".join(_few(list(dict.fromkeys(whose)))), said)
         for said, whose in sorted(reasons.items(), key=lambda item: -len(item[1]))[:50]
     )
-    text = "The pages of robots have the recordings one by one, each with its reason."
-    blocks = (Text(text), Table(("how many", "of robots", "reason"), rows))
+    blocks = (
+        Text("The pages of robots have the recordings one by one, each with its reason."),
+        Table(("how many", "of robots", "reason"), rows),
+    )
     return (Section("Quarantine", blocks, f"{len(bad)} that could not be used"),) if rows else ()
 
 

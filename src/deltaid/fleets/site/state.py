@@ -225,8 +225,10 @@ def _doubted(rows: Sequence[Row]) -> list[Concern]:
     it, so it may pass for a body."""
     checks = [row["verdicts"].split(", ") for row in reversed(rows) if not row["reason"]]
     count = len([*takewhile(lambda keys: _GAIN_CHECK in keys, checks)])
-    what = f"its last {count} recordings show a wrong torque constant of a drive"
-    text = f"{what} (deltaid check names it)"
+    text = (
+        f"its last {count} recordings show a wrong torque constant of a drive (deltaid check names "
+        "it)"
+    )
     return [Concern(Urgency.LOOK, text)] if count >= _IN_A_ROW else []
 
 
@@ -266,8 +268,12 @@ def _refused(quarantine: pl.DataFrame, last: str, *, recorded: bool) -> list[Con
         concerns.append(Concern(Urgency.LOOK, f"{said}: {_short(row['reason'])}"))
     absent = quarantine.filter(what == "recording").tail(0 if recorded else 1)
     for row in absent.iter_rows(named=True):
-        why = f"no recording of it is there: {row['which']}: {_short(row['reason'])}"
-        concerns.append(Concern(Urgency.ACT, why))
+        concerns.append(
+            Concern(
+                Urgency.ACT,
+                f"no recording of it is there: {row['which']}: {_short(row['reason'])}",
+            )
+        )
     return concerns
 
 

@@ -44,8 +44,9 @@ def _levels(tables: Tables, robots: Sequence[Robot], kind: str, title: str) -> P
         for row in robot.drives
         if robot.type == kind and row["level"] is not None
     ]
-    schema = {"robot": pl.String, "drive": pl.String, "y": pl.Float64}
-    rows = pl.DataFrame(levels, schema=schema, orient="row")
+    rows = pl.DataFrame(
+        levels, schema={"robot": pl.String, "drive": pl.String, "y": pl.Float64}, orient="row"
+    )
     trace = _dots(rows, "y") | {
         "x": rows["drive"].to_list(),
         "hovertemplate": "%{text}: %{y:.3g}<extra></extra>",
@@ -81,8 +82,11 @@ def type_section(
     means = Counter(tables["types"]["type"])
     foreign = {x: foreign_count([robot for robot in robots if robot.type == x]) for x in types}
     rows = tuple((labels[x], str(count[x]), foreign[x], str(means[x])) for x in types)
-    columns = ("type", "robots", "do not belong", "parameters with a type's mean")
-    table = Table(columns, rows, links=tuple(types.values()))
+    table = Table(
+        ("type", "robots", "do not belong", "parameters with a type's mean"),
+        rows,
+        links=tuple(types.values()),
+    )
     return (Section("Types", (table,), "what the fleet knows of each"),)
 
 
@@ -182,8 +186,12 @@ def _means(types: pl.DataFrame) -> Section:
                "prior", "robots")  # fmt: skip
     said = "The spread is the standard deviation between robots, in the same unit."
     notes = dict.fromkeys(text for text in types["told"].to_list() if text)
-    blocks = (*map(Text, notes), Table(columns, rows, said))
-    return Section("Mean and spread", blocks, "what robots have in common", unfolded=True)
+    return Section(
+        "Mean and spread",
+        (*map(Text, notes), Table(columns, rows, said)),
+        "what robots have in common",
+        unfolded=True,
+    )
 
 
 def _robots(robots: Sequence[Robot], members: pl.DataFrame, links: Mapping[str, str]) -> Table:

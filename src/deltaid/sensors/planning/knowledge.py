@@ -119,10 +119,9 @@ def unknowns(
     sizes = np.where(sized, np.abs(reduction.prior), reduction.scale)
     W[:-dof, : len(variables)] = reduction.A * (spread * sizes)
     W[-dof:, len(variables) :] = gain_spread * np.eye(dof)[:, : len(gains)]
-    owners = [v.owner if v.kind == "inertia" else "" for v in variables]
     return PlanUnknowns(
         names=(*reduction.names, *(f"gain.{drive}" for drive in gains)),
-        owners=(*owners, *[""] * len(gains)),
+        owners=(*(v.owner if v.kind == "inertia" else "" for v in variables), *[""] * len(gains)),
         units=(*(variable.unit for variable in variables), *[""] * len(gains)),
         sizes=np.append(sizes, np.ones(len(gains))),
         prior=np.append(reduction.prior, np.ones(len(gains))),

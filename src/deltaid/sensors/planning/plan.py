@@ -213,8 +213,14 @@ def sensor_plan(
         def outlook(
             name: str, title: str, known: Knowledge, before: Knowledge, cost: float = 0.0
         ) -> Outlook:
-            gain = aim.left(before) - aim.left(known)
-            return Outlook(name, title, cost, known.std * entries.spread, aim.std(known), gain)
+            return Outlook(
+                name=name,
+                title=title,
+                cost=cost,
+                shares=known.std * entries.spread,
+                goal=aim.std(known),
+                gain=aim.left(before) - aim.left(known),
+            )
 
         def after(together: Sequence[Use]) -> Outlook:
             known = start.and_rows(np.vstack([use.likely for use in together]) @ entries.W)

@@ -62,8 +62,13 @@ def generic_motion(dynamics: Dynamics, duration: float, seed: int) -> PlannedMot
         KinematicsError: the description's limits leave no room for a motion.
     """
     motion = random_motion(dynamics.kinematics, np.random.default_rng(seed))
-    words = f"a random motion within the robot's limits, {duration:g} s (seed {seed})"
-    return planned_along(dynamics, motion, _SAMPLES, words, duration)
+    return planned_along(
+        dynamics,
+        motion,
+        _SAMPLES,
+        f"a random motion within the robot's limits, {duration:g} s (seed {seed})",
+        duration,
+    )
 
 
 def planned_along(

@@ -55,8 +55,10 @@ def uses(scene: Scene, offers: Offers) -> tuple[tuple[Use, ...], tuple[str, ...]
             if offer.sensors:
                 possible.append(_of_sensors(scene, offers, key, offer))
         except DescriptionError as error:
-            sensors = offer.sensors.values()
-            places = {getattr(s, "strut", getattr(s, "drive", EACH)) for s in sensors}
+            places = {
+                getattr(sensor, "strut", getattr(sensor, "drive", EACH))
+                for sensor in offer.sensors.values()
+            }
             if places != {EACH}:  # it names something of a certain robot
                 raise
             left_out.append(f"{offer.title}: {error.what}")
