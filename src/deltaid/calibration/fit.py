@@ -157,8 +157,8 @@ class GeometryFit:
         """The fit to other readings, started here, with the noise of torques times `noise`."""
         known, rows = self.known, self.known.torques
         if rows is not None:
-            grown = {"A": rows.A / noise, "b": rows.b / noise, "grown": rows.grown * noise}
-            known = replace(known, torques=replace(rows, **grown))
+            rows = replace(rows, A=rows.A / noise, b=rows.b / noise, grown=rows.grown * noise)
+            known = replace(known, torques=rows)
         return _solved(self.loops, known, readings, self.u)
 
 

@@ -216,8 +216,11 @@ def next_readings(
         DescriptionError: the list has no instrument for that money.
     """
     offers = offers or shipped_offers()
-    sold = [(name, offer) for name, offer in offers.offers.items() if offer.reads]
-    plans = [_plan(found, name, offer, offers.hourly, count) for name, offer in sold]
+    plans = [
+        _plan(found, name, offer, offers.hourly, count)
+        for name, offer in offers.offers.items()
+        if offer.reads
+    ]
     plans = [plan for plan in plans if budget is None or plan.cost <= budget]
     if not plans:
         raise DescriptionError(
@@ -278,8 +281,9 @@ def _plan(
 def _is_like(instrument: Instrument, reads: PoseReadings) -> bool:
     """Whether an instrument in use reads as well as an offer, on blocks of the same heights."""
     stood = instrument.values if instrument.kind == "probe" else np.zeros((1, 1))
-    on = [np.abs(stood - block).min() < _SAME_BLOCK for block in reads.blocks]
-    return 1 / _ALIKE <= instrument.noise / reads.noise <= _ALIKE and all(on)
+    return 1 / _ALIKE <= instrument.noise / reads.noise <= _ALIKE and all(
+        np.abs(stood - block).min() < _SAME_BLOCK for block in reads.blocks
+    )
 
 
 def _candidates(

@@ -12,6 +12,7 @@ from deltaid.estimation.information import triangle
 from deltaid.estimation.objective import prior_scale
 from deltaid.estimation.reduction import Reduction, build_reduction
 from deltaid.fleets.member import MeasuredFact, TypeMember, eliminated
+from deltaid.grouping import grouped
 from deltaid.model.record import Settings
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.inertia import PSEUDO_INERTIA_ENTRIES, pseudo_inertia
@@ -128,19 +129,19 @@ class Coordinates:
 
     def kind_of(self) -> Int[np.ndarray, " u"]:
         """Index of each variable's kind among those present; −1 for geometry."""
-        indices = [self.present.index(kind) for kind in self.kinds]
-        return np.array([*indices, *[-1] * len(self.quantities)], dtype=int)
+        return np.array(
+            [*map(self.present.index, self.kinds), *[-1] * len(self.quantities)], dtype=int
+        )
 
     @property
     def present(self) -> tuple[str, ...]:
         return tuple(kind for kind in KINDS if kind in self.kinds)
 
     def owners(self) -> dict[str, list[int]]:
-        variables: dict[str, list[int]] = {}
-        for k, variable in enumerate(self.reduction.variables):
-            word = "" if variable.kind == "inertia" else f"{variable.kind} of "
-            variables.setdefault(f"{word}{variable.owner}", []).append(k)
-        return variables
+        return grouped(
+            (x.owner if x.kind == "inertia" else f"{x.kind} of {x.owner}", k)
+            for k, x in enumerate(self.reduction.variables)
+        )
 
     def rows(
         self, member: TypeMember, facts: Sequence[MeasuredFact]
@@ -166,10 +167,7 @@ class Coordinates:
 
 
 def _widened(members: Sequence[TypeMember]) -> dict[str, float]:
-    factors: dict[str, list[float]] = {}
-    for member in members:
-        for name, factor in (member.widened or {}).items():
-            factors.setdefault(name, []).append(factor)
+    factors = grouped(entry for member in members for entry in (member.widened or {}).items())
     return {
         name: float(np.median(values))
         for name, values in factors.items()

@@ -197,9 +197,13 @@ class Changes:
     def steps(cls, days: Float[np.ndarray, " n"]) -> "Changes":
         """Steps at each recording, for steps large enough to determine the day."""
         onsets = days[1:]
-        columns = (days[:, None] >= onsets).astype(float)
-        years = float(days[-1] - days[0]) / len(onsets) / YEAR
-        return cls(onsets, columns, np.full(len(onsets), STEP), np.ones(len(onsets)), years)
+        return cls(
+            onsets=onsets,
+            columns=(days[:, None] >= onsets).astype(float),
+            scale=np.full(len(onsets), STEP),
+            share=np.ones(len(onsets)),
+            years=float(days[-1] - days[0]) / len(onsets) / YEAR,
+        )
 
     @property
     def is_ramp(self) -> np.ndarray:

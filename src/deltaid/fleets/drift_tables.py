@@ -149,12 +149,12 @@ def sentences(drift: RobotDrift) -> list[str]:
         for drive, finding in zip(drift.drives, drift.findings, strict=True)
         if finding.state != "steady" and (text := _details(drift, finding))
     ]
-    for tool in drift.tools:
-        word = "heavier" if tool.mass > 0 else "lighter"
-        lines.append(
-            f"what the robot holds became {word} by {abs(tool.mass):.3g} ± {2 * tool.std:.1g} kg "
-            f"on {_date(drift.date(tool.day))}, undeclared; it is not counted as friction"
-        )
+    lines += [
+        f"what the robot holds became {'heavier' if tool.mass > 0 else 'lighter'} by "
+        f"{abs(tool.mass):.3g} ± {2 * tool.std:.1g} kg on {_date(drift.date(tool.day))}, "
+        "undeclared; it is not counted as friction"
+        for tool in drift.tools
+    ]
     if drift.common is not None:
         lines.append(drift.common)
     return [*lines, f"false alarms: {drift.bound}"]

@@ -181,8 +181,9 @@ def _groups(table: pl.DataFrame, sizes: tuple[int, ...], column: str) -> FactorG
 
 def digest(content: Any) -> str:
     """Checksum of JSON data."""
-    text = json.dumps(content, sort_keys=True, separators=(",", ":"))
-    return hashlib.sha256(text.encode()).hexdigest()
+    return hashlib.sha256(
+        json.dumps(content, sort_keys=True, separators=(",", ":")).encode()
+    ).hexdigest()
 
 
 def safe(name: str) -> str:
@@ -195,9 +196,14 @@ def gathering_digest(
 ) -> str:
     """Checksum of how a recording is gathered: mechanism, mapping of columns, settings of filter,
     masks and corrections, version of the file."""
-    fixed = settings.model_dump(mode="json", exclude=FIT_SETTINGS)
-    columns = (mapping or ColumnMapping()).model_dump(mode="json")
-    return digest([FORMAT, _mechanism(robot), columns, fixed])
+    return digest(
+        [
+            FORMAT,
+            _mechanism(robot),
+            (mapping or ColumnMapping()).model_dump(mode="json"),
+            settings.model_dump(mode="json", exclude=FIT_SETTINGS),
+        ]
+    )
 
 
 def require_alike(files: Sequence[FactorFile], robot: RobotDescription) -> None:

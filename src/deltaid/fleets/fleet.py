@@ -113,8 +113,9 @@ def find_fleet(manifest: str, period: Period | None = None) -> Fleet:
             matches = {pattern: single[pattern]} if pattern in single else {}
             why = "no such file"
         if not matches:
-            reason = f"{why}\n  → check the manifest"
-            absent.append(Quarantined("recording", robot, pattern, reason))
+            absent.append(
+                Quarantined("recording", robot, pattern, f"{why}\n  → check the manifest")
+            )
         mapping = beside(columns, manifest) if columns else ""
         mappings.add(mapping)
         for path, stamp in matches.items():

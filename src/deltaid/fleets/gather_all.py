@@ -17,6 +17,7 @@ from deltaid.fleets.place import Place
 from deltaid.fleets.step import RECORDINGS, Call
 from deltaid.fleets.store import StoreError, has_pattern, local_file
 from deltaid.fleets.workers import ALONE
+from deltaid.grouping import grouped
 from deltaid.parallel import threads
 
 # Columns of the table: fields of the recording and of its outcome.
@@ -107,9 +108,11 @@ def _require_kept(call: Call, lost: Counter[str]) -> None:
     allowed = {_OTHERWISE: call.regather}
     kept = {why: n for why, n in (+lost).items() if not allowed.get(why, call.drop_absent)}
     if kept:
-        cures = ["put back what is away, or ask as before"]
-        cures += ["--regather gathers anew"] * (_OTHERWISE in kept)
-        cures += ["--drop-absent forgets them"] * (set(kept) != {_OTHERWISE})
+        cures = [
+            "put back what is away, or ask as before",
+            *["--regather gathers anew"] * (_OTHERWISE in kept),
+            *["--drop-absent forgets them"] * (set(kept) != {_OTHERWISE}),
+        ]
         raise DeltaidError(
             "would lose what was gathered of " + "; of ".join(
                 f"{n} recording{'s' if n > 1 else ''} {why}" for why, n in kept.items()
@@ -130,8 +133,12 @@ def gather_again(
     known = dict[Recorded, GatherResult]()
     for outcome in outcomes:
         if outcome.file in files:
-            reason = f"{outcome.file} is damaged, and the recording is no longer there"
-            known[outcome.recorded] = replace(outcome, key="", file="", reason=reason)
+            known[outcome.recorded] = replace(
+                outcome,
+                key="",
+                file="",
+                reason=f"{outcome.file} is damaged, and the recording is no longer there",
+            )
     _require_kept(call, Counter({_DAMAGED: sum(not log.stamp for log in known)}))
     jobs = [GatherJob(log, call.plan.how(log)) for log in known if log.stamp]
     known |= {outcome.recorded: outcome for outcome in _gathered(call, jobs)}
@@ -160,10 +167,12 @@ def _naming(fleet: Fleet) -> Callable[[Recorded], bool]:
     """A function that tests whether a manifest names a recording, even a missing one."""
     from fsspec.utils import glob_translate
 
-    single, patterns = set(fleet.entries), dict[str, list[re.Pattern[str]]]()
-    for robot, pattern in fleet.entries:
-        if has_pattern(pattern):
-            patterns.setdefault(robot, []).append(re.compile(glob_translate(pattern)))
+    single = set(fleet.entries)
+    patterns = grouped(
+        (robot, re.compile(glob_translate(pattern)))
+        for robot, pattern in fleet.entries
+        if has_pattern(pattern)
+    )
     return lambda log: (
         (log.robot, log.path) in single
         or any(pattern.fullmatch(log.path) for pattern in patterns.get(log.robot, ()))

@@ -16,6 +16,7 @@ from deltaid.fleets.factor_file import FactorFile, require_alike
 from deltaid.fleets.factor_record import RecordingBrief
 from deltaid.fleets.merged import holding, merging_of, ordered, terms_of
 from deltaid.fleets.robot_recordings import RobotRecordings, fitted, merged_files
+from deltaid.grouping import grouped
 from deltaid.identification.assembly import assembled
 from deltaid.identification.friction_constants import freed
 from deltaid.identification.judgement import judged_parameters
@@ -172,11 +173,12 @@ def _torque_constants(briefs: Sequence[RecordingBrief]) -> list[Correction]:
     """Torque constants that were corrected consistently in all recordings, each from the most
     certain one. Raises a RecordingError if one was corrected in some only, or by incompatible
     factors."""
-    gains: dict[str, list[tuple[RecordingBrief, Correction]]] = {}
-    for brief in briefs:
-        for correction in brief.corrections:
-            if correction.kind == "gain":
-                gains.setdefault(correction.subject, []).append((brief, correction))
+    gains = grouped(
+        (correction.subject, (brief, correction))
+        for brief in briefs
+        for correction in brief.corrections
+        if correction.kind == "gain"
+    )
     surest = list[Correction]()
     for drive, corrections in sorted(gains.items()):
         (first, gain), *others = corrections

@@ -27,6 +27,7 @@ from deltaid.fleets.robot_drift import DriftRecording, drift_of, kept_since
 from deltaid.fleets.robot_recordings import RobotRecordings, merged_recordings
 from deltaid.fleets.step import RECORDINGS, Chain, FleetJob, FleetStep, JobResult, Tables
 from deltaid.fleets.type_fit import fitted
+from deltaid.grouping import grouped
 from deltaid.model.options import Period
 from deltaid.model.record import IdentifiedModel, Settings
 from deltaid.robot.description import RobotDescription
@@ -150,20 +151,20 @@ def fit_jobs(
     settings: Settings,
 ) -> list[FleetJob]:
     """All fits, by robot: its periods in order, then all of them."""
-    robots: dict[tuple[str, str], dict[str, list[GatherResult]]] = {}
-    for outcome in sorted(outcomes, key=lambda outcome: outcome.recorded):
-        if outcome.file:
-            recorded = outcome.recorded
-            periods = robots.setdefault((recorded.robot, recorded.type), {})
-            periods.setdefault(recorded.time.strftime(PERIODS[period]), []).append(outcome)
+    robots = grouped(
+        ((outcome.recorded.robot, outcome.recorded.type), outcome)
+        for outcome in sorted(outcomes, key=lambda outcome: outcome.recorded)
+        if outcome.file
+    )
     fit = settings.model_dump(mode="json", include=FIT_SETTINGS)
     common = {
         kind: digest([version("deltaid"), description.model_dump(mode="json"), fit])
         for kind, description in descriptions.items()
     }
     jobs = list[FleetJob]()
-    for (robot, kind), periods in robots.items():
-        for names, used in _with_all(periods):
+    for (robot, kind), recordings in robots.items():
+        periods = grouped((x.recorded.time.strftime(PERIODS[period]), x) for x in recordings)
+        for names, used in _with_all(periods, recordings):
             sources = sorted((outcome.sha256, outcome.file) for outcome in used)
             is_all = ALL in names
             jobs.append(
@@ -186,10 +187,9 @@ def fit_jobs(
 
 
 def _with_all(
-    periods: dict[str, list[GatherResult]],
+    periods: dict[str, list[GatherResult]], every: list[GatherResult]
 ) -> list[tuple[tuple[str, ...], list[GatherResult]]]:
     """Periods, then all of them together; a single period is both."""
-    every = [outcome for used in periods.values() for outcome in used]
     if len(periods) == 1:
         return [(tuple(dict.fromkeys((*periods, ALL))), every)]
     return [*(((name,), used) for name, used in periods.items()), ((ALL,), every)]
@@ -216,10 +216,7 @@ def robot_chains(fits: Iterable[FleetJob], drift: DriftSettings) -> list[Chain]:
 
 def type_chains(robots: Iterable[JobResult]) -> list[Chain]:
     """One chain for each type with robots; it writes the description of the type's next robot."""
-    types: dict[str, list[FleetJob]] = {}
-    for robot in robots:
-        if not robot.reason:
-            types.setdefault(robot.job.type, []).append(robot.job)
+    types = grouped((robot.job.type, robot.job) for robot in robots if not robot.reason)
     chains = list[Chain]()
     for kind, members in sorted(types.items()):
         key = digest([version("deltaid"), kind, sorted(job.key for job in members)])

@@ -19,6 +19,7 @@ from typing import Any, TypeVar
 
 from deltaid.errors import DeltaidError
 from deltaid.files import write_bytes
+from deltaid.grouping import grouped
 
 _MAGIC = "*?["
 # Number of attempts of a request, and wait before the second one [s].
@@ -61,9 +62,10 @@ def stamps_of(paths: Iterable[str]) -> dict[str, str]:
     Raises:
         DeltaidError: the store cannot be reached.
     """
-    folders, stamps = dict[str, list[str]](), dict[str, str]()
-    for path in dict.fromkeys(paths):
-        folders.setdefault(path.rpartition("/")[0] if is_address(path) else "", []).append(path)
+    stamps = dict[str, str]()
+    folders = grouped(
+        (path.rpartition("/")[0] if is_address(path) else "", path) for path in dict.fromkeys(paths)
+    )
     for folder, files in folders.items():
         if folder and len(files) > 1:
             with suppress(FileNotFoundError):

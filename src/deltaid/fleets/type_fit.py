@@ -214,9 +214,13 @@ def _causes(robot: AgainstOthers, coordinates: Coordinates, m: U) -> Iterator[_C
     """Causes: a factor of torques, single entries, and whole bodies; platform and tool last."""
     variables, rigid = coordinates.reduction.variables, ~coordinates.is_friction
     yield _Cause((), "", robot.along(torques(robot, coordinates, m)[:, None]))
-    single = [(k,) for k in range(coordinates.size) if rigid[k]]
-    single.sort(key=lambda places: (variables[places[0]].owner in _CARRIERS,
-                                coordinates.kinds[places[0]] == "mass"))  # fmt: skip
+    single = sorted(
+        ((k,) for k in range(coordinates.size) if rigid[k]),
+        key=lambda places: (
+            variables[places[0]].owner in _CARRIERS,
+            coordinates.kinds[places[0]] == "mass",
+        ),
+    )
     bodies = [
         tuple(places)
         for places in coordinates.owners().values()
@@ -238,18 +242,17 @@ def _described(cause: _Cause, coordinates: Coordinates) -> str:
 
 def _friction_reason(robot: AgainstOthers, coordinates: Coordinates, m: U) -> tuple[list[int], str]:
     """Variables and text of the joint whose friction deviates most; none if not significant."""
-    joints: dict[str, list[int]] = {}
-    for k in np.flatnonzero(coordinates.is_friction):
-        joints.setdefault(coordinates.reduction.variables[k].owner, []).append(int(k))
+    owners, is_friction = coordinates.owners().values(), coordinates.is_friction
+    joints = [places for places in owners if is_friction[places[0]]]
     candidates: list[tuple[float, list[int], str]] = []
-    for joint, places in joints.items():
+    for places in joints:
         off = robot.along(robot.H[:, places])
         k = int(np.argmax(np.abs(off.values)))
-        times, name = (
+        variable, times = (
+            coordinates.reduction.variables[places[k]],
             1 + off.values[k] / m[places[k]],
-            coordinates.reduction.variables[places[k]].symbol,
         )
-        text = f"{name} friction of {joint} is {times:.2f} times the type's"
+        text = f"{variable.symbol} friction of {variable.owner} is {times:.2f} times the type's"
         candidates.append((len(joints) * robot.chance(off.gain, off.rank), places, text))
     chance, places, text = min(candidates, default=(1.0, [], ""), key=lambda entry: entry[0])
     return (places, text) if chance < CHANCE else ([], "")

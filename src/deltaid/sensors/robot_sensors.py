@@ -103,9 +103,8 @@ def simulated_sensors(
     """
     columns: dict[str, np.ndarray] = {}
     for rows in all_sensor_rows(dynamics):
-        u = drawn_unknowns(rows)
-        if rng is None:
-            u = np.array([parameter.prior for parameter in rows.parameters])
+        prior = np.array([parameter.prior for parameter in rows.parameters])
+        u = prior if rng is None else drawn_unknowns(rows)
         shown = rows.shown(np.append(p, u), z, qd, qdd)
         for channel, values in zip(rows.channels, shown, strict=True):
             noise = 0.0 if rng is None else channel.noise * rng.standard_normal(len(values))

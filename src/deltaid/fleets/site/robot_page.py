@@ -124,28 +124,27 @@ def _recordings(recordings: pl.DataFrame) -> Section:
     ordered = recordings.with_columns(bad=pl.col("reason") != "").sort(
         ["bad", "time"], descending=[True, True]
     )
-    kept, bad, folders = ordered.head(_RECORDINGS), int(ordered["bad"].sum()), dict[str, None]()
-    rows = list[tuple[str, ...]]()
-    for row in kept.iter_rows(named=True):
-        folder, _, name = row["path"].replace("\\", "/").rpartition("/")
-        folders[folder] = None
-        rows.append(
-            (
-                cell("{:%Y-%m-%d %H:%M}".format, row["time"]),
-                "quarantine" if row["bad"] else "used",
-                name,
-                cell(number, row["load"]),
-                cell(number, row["temperature"]),
-                cell(str, row["samples"]),
-                row["reason"] or row["verdicts"] or "",
-            )
+    kept, bad = ordered.head(_RECORDINGS), int(ordered["bad"].sum())
+    places = [path.replace("\\", "/").rpartition("/") for path in kept["path"]]
+    folders = list(dict.fromkeys(folder for folder, _, _ in places))
+    rows = tuple(
+        (
+            cell("{:%Y-%m-%d %H:%M}".format, row["time"]),
+            "quarantine" if row["bad"] else "used",
+            name,
+            cell(number, row["load"]),
+            cell(number, row["temperature"]),
+            cell(str, row["samples"]),
+            row["reason"] or row["verdicts"] or "",
         )
+        for row, (_, _, name) in zip(kept.iter_rows(named=True), places, strict=True)
+    )
     left = len(ordered) - len(kept)
     said = f"{left} older ones are in recordings.parquet. " * (left > 0)
-    said += f"They lie in {', '.join(list(folders)[:3])}" + ", and others." * (len(folders) > 3)
+    said += f"They lie in {', '.join(folders[:3])}" + ", and others." * (len(folders) > 3)
     table = Table(
         ("time", "state", "file", "load [kg]", "temperature [°C]", "samples", "not good"),
-        tuple(rows),
+        rows,
         said,
         marked=frozenset(range(min(bad, len(kept)))),
         choices=(1,),
@@ -176,25 +175,24 @@ def _parameters(parameters: pl.DataFrame) -> Section:
 def _values(fit: pl.DataFrame, ordered: pl.DataFrame, said: str) -> Table:
     is_seen = pl.col("decided_by").is_in(SEEN)
     periods = ordered.group_by("parameter").agg(is_seen.sum(), pl.len()).rows_by_key("parameter")
-    rows, grey = list[tuple[str, ...]](), set[int]()
-    for k, row in enumerate(fit.iter_rows(named=True)):
-        ((seen, many),) = periods.get(row["parameter"], [(0, 0)])
-        rows.append(
-            (
-                row["parameter"],
-                *known(row["value"], row["std"]),
-                row["unit"],
-                cell(span, row["low"], row["high"]),
-                cell(number, row["prior"]),
-                row["decided_by"],
-                f"{seen} of {many}",
-            )
+    rows = tuple(
+        (
+            row["parameter"],
+            *known(row["value"], row["std"]),
+            row["unit"],
+            cell(span, row["low"], row["high"]),
+            cell(number, row["prior"]),
+            row["decided_by"],
+            f"{seen} of {many}",
         )
-        grey |= set() if row["decided_by"] in SEEN else {k}
+        for row in fit.iter_rows(named=True)
+        for seen, many in periods.get(row["parameter"], [(0, 0)])
+    )
+    grey = frozenset(k for k, by in enumerate(fit["decided_by"]) if by not in SEEN)
     columns = ("parameter", "value", "±", "unit", "95 % interval", "prior", "decided by",
                "periods by data")  # fmt: skip
     caption = f"{said} Grey: taken from the prior, not identifiable."
-    return Table(columns, tuple(rows), caption, muted=frozenset(grey))
+    return Table(columns, rows, caption, muted=grey)
 
 
 def _over_periods(ordered: pl.DataFrame) -> tuple[Chart, ...]:

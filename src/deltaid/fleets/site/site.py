@@ -33,6 +33,7 @@ from deltaid.fleets.site.type_page import (
     type_page,
     type_section,
 )
+from deltaid.grouping import grouped
 from deltaid.view.html import contents, environment, part
 from deltaid.view.numbers import number, percent
 from deltaid.view.page import Block, Chart, Fact, Page, Section, Summary, Table, Text, Trust
@@ -290,10 +291,7 @@ def _robots(robots: Sequence[Robot], links: Mapping[str, str], labels: Mapping[s
 
 def _changed(robot: Robot) -> str:
     """Drives whose friction changes, or the state of all."""
-    kinds = dict[str, list[str]]()
-    for row in robot.changed:
-        kinds.setdefault(row["state"], []).append(row["drive"])
-    if kinds:
+    if kinds := grouped((row["state"], row["drive"]) for row in robot.changed):
         return "; ".join(f"{state} in {' and '.join(names)}" for state, names in kinds.items())
     if not robot.drives:
         return NOTHING
@@ -302,9 +300,10 @@ def _changed(robot: Robot) -> str:
 
 def _quarantine(bad: pl.DataFrame) -> tuple[Section, ...]:
     """Reasons of the quarantine, the most frequent first."""
-    reasons = dict[str, list[str]]()
-    for row in bad.iter_rows(named=True):
-        reasons.setdefault(_without_name(row["reason"], row["which"]), []).append(row["robot"])
+    reasons = grouped(
+        (_without_name(row["reason"], row["which"]), row["robot"])
+        for row in bad.iter_rows(named=True)
+    )
     rows = tuple(
         (str(len(whose)), ", ".join(_few(list(dict.fromkeys(whose)))), said)
         for said, whose in sorted(reasons.items(), key=lambda item: -len(item[1]))[:50]

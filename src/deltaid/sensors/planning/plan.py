@@ -199,9 +199,13 @@ def sensor_plan(
             )
         p = prior_parameters(dynamics.robot)
         Y = torques(dynamics, p, planned)
-        noise = settings.torque_noise * np.abs(Y @ p).max(axis=0)
-        count = settings.rate * planned.duration / len(planned.z)
-        scene = Scene(dynamics, p, planned, count, noise)
+        scene = Scene(
+            dynamics=dynamics,
+            p=p,
+            motion=planned,
+            count=settings.rate * planned.duration / len(planned.z),
+            torque_noise=settings.torque_noise * np.abs(Y @ p).max(axis=0),
+        )
         rows = torque_rows(scene, Y)
         say("looking at what could be bought")
         likely, sure = described_rows(scene)
