@@ -161,8 +161,10 @@ class Calibration(Shown, Plotted, Tabled, Reported):
                  "a fault of this recording",
                  "run deltaid check on it")
             )  # fmt: skip
-        doubts = [Doubt(what, cause=cause, cure=cure) for what, cause, cure in rows]
-        return (*doubts, *(torques.doubts if torques else ()))
+        return (
+            *(Doubt(what, cause=cause, cure=cure) for what, cause, cure in rows),
+            *(torques.doubts if torques else ()),
+        )
 
     def save(self, path: str | Path) -> None:
         """Write the calibrated robot file, or raise a DeltaidError."""
@@ -265,10 +267,10 @@ def _result(description: RobotDescription, solution: GeometryFit) -> Calibration
     A = triangle(np.vstack([part.used_slopes for part in solution.rows]))
     A[:, len(solution.u) :] *= LENGTH
     lost = np.where(kept, 0.0, theta)
-    left = np.linalg.norm(over.moved @ lost) / np.sqrt(len(over.x))
     return Calibration(
         described=description, robot=robot, zeros=zeros, scales=scales, known=known, fit=solution,
-        lost=in_words(known, lost), left=float(left), values=theta, std=std,
+        lost=in_words(known, lost), values=theta, std=std,
+        left=float(np.linalg.norm(over.moved @ lost) / np.sqrt(len(over.x))),
         decided=tuple(kinds[k] for k in np.argmax(shares, axis=0)), shares=shares,
         sessions=_sessions(solution), rank=int(np.sum(np.linalg.svd(A, compute_uv=False) > 1)),
         before=over.knows(known.G), after=over.knows(known.G @ solution.root), places=over,

@@ -92,8 +92,14 @@ class UsedReadings(WeightedRows):
     @classmethod
     def begun(cls, instrument: Instrument, used: Used, state: np.ndarray) -> "UsedReadings":
         """Readings without any rows yet."""
-        slopes, errors = np.zeros((len(used), 1, 0)), np.zeros((len(used), 1))
-        return cls(slopes, errors, used, instrument, state, instrument.noise)
+        return cls(
+            slopes=np.zeros((len(used), 1, 0)),
+            errors=np.zeros((len(used), 1)),
+            used=used,
+            instrument=instrument,
+            state=state,
+            noise=instrument.noise,
+        )
 
     @property
     def grown(self) -> float:
@@ -196,8 +202,9 @@ def _solved(loops: Loops, known: Unknowns, readings: Sequence[UsedReadings], u: 
         problem = LinearProblem(A, error, np.zeros(len(error), dtype=int))
         step = problem.with_known(D, np.pad(-u, (0, width - n))).x
         if np.abs(step[:n]).max() < _STILL:
-            knowledge = Knowledge(D).and_rows(A)
-            return GeometryFit(loops, known, tuple(readings), tuple(rows), u, knowledge)
+            return GeometryFit(
+                loops, known, tuple(readings), tuple(rows), u, knowledge=Knowledge(D).and_rows(A)
+            )
         u = u + step[:n]
         readings = [
             replace(part, state=part.instrument.moved(part.state, step[places]))
@@ -271,8 +278,13 @@ def _with_predicted(solution: GeometryFit) -> GeometryFit:
         readings = []
         for part, far, more in zip(solution.readings, solution.residuals, grown, strict=False):
             explained = np.abs(far).max(axis=1) < OUTLIER * more
-            used = part.used | (part.instrument.is_first & explained)
-            readings.append(replace(part, used=used, noise=part.noise * more))
+            readings.append(
+                replace(
+                    part,
+                    used=part.used | (part.instrument.is_first & explained),
+                    noise=part.noise * more,
+                )
+            )
         pairs = zip(readings, solution.readings, strict=True)
         same = all(np.array_equal(now.used, before.used) for now, before in pairs)
         if same and max(grown, default=1.0) <= 1.0:

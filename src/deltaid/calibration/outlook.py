@@ -144,10 +144,12 @@ def open_directions(fit: GeometryFit, over: Places) -> tuple[Direction, ...]:
         what = "shape stays uncertain"
         if grows * reach > np.sqrt(_HALF) * error:
             what = f"sizes stay uncertain by {100 * grows:.2g} %"
-        words = f"{what}, positions by {1e3 * error:.2g} mm: {_in_words(known, theta)}"
         directions.append(
             Direction(
-                words, error, grows, numbers=dict(zip(known.names, theta.tolist(), strict=True))
+                words=f"{what}, positions by {1e3 * error:.2g} mm: {_in_words(known, theta)}",
+                error=error,
+                size=grows,
+                numbers=dict(zip(known.names, theta.tolist(), strict=True)),
             )
         )
     return tuple(directions)

@@ -223,8 +223,13 @@ def read(
     if not len(q):
         raise RecordingError("has no rows", where=where, cure="give at least one measured pose")
     read_values = np.column_stack(values) if values else np.zeros((len(q), 1))
-    noise = instrument.usual if columns.noise is None else columns.noise * length
-    return instrument(where, q, read_values, noise, table.first_row + np.arange(len(q)))
+    return instrument(
+        source=where,
+        q=q,
+        values=read_values,
+        noise=instrument.usual if columns.noise is None else columns.noise * length,
+        rows=table.first_row + np.arange(len(q)),
+    )
 
 
 def _drives(
@@ -302,6 +307,7 @@ def _column(
     bad = np.flatnonzero(~np.isfinite(numbers))
     if bad.size:
         written = [text for _, part in pieces for text in part]
-        place = table.row_place(table.first_row + int(bad[0]))
-        raise table.bad_value(column, written[bad[0]], place)
+        raise table.bad_value(
+            column, written[bad[0]], table.row_place(table.first_row + int(bad[0]))
+        )
     return numbers * factor

@@ -227,13 +227,17 @@ def calibrated_robot(
     zeros, scales = (by_drive, {}) if lacking == "zero" else ({}, by_drive)
     said = f"; this file holds {none}" if (none := unwritten(zeros, scales)) else ""
     sources = {k: v for k, v in robot.sources.items() if not k.startswith("limbs.")}
-    changed = robot.changed(
-        limbs=limbs.changed(**_changed(limbs, each)),
-        platform=platform,
-        tolerances=_tolerances(robot, known, std),
-        sources=sources | {"limbs": f"deltaid calibrate{said}"},
+    return (
+        robot.changed(
+            limbs=limbs.changed(**_changed(limbs, each)),
+            platform=platform,
+            tolerances=_tolerances(robot, known, std),
+            sources=sources | {"limbs": f"deltaid calibrate{said}"},
+        ),
+        zeros,
+        scales,
+        np.array([x.kind not in unheld for x in known.numbers]),
     )
-    return changed, zeros, scales, np.array([x.kind not in unheld for x in known.numbers])
 
 
 def unwritten(zeros: dict[str, float], scales: dict[str, float]) -> str:

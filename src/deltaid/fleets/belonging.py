@@ -165,8 +165,14 @@ class Sorted:
     ) -> "Sorted":
         """Spreads and mean of marked rows."""
         spreads = fitted_spreads(rows, coordinates, start)
-        type_mean = mean(rows, spreads.variance(), coordinates.precision, coordinates.prior)
-        return cls(coordinates, freedom, rows, spreads, type_mean, np.ones(len(freedom)))
+        return cls(
+            coordinates=coordinates,
+            freedom=freedom,
+            rows=rows,
+            spreads=spreads,
+            mean=mean(rows, spreads.variance(), coordinates.precision, coordinates.prior),
+            chances=np.ones(len(freedom)),
+        )
 
     def with_rows(self, rows: RobotRows) -> "Sorted":
         """Spreads and mean of other rows, with the same p-values."""
@@ -177,8 +183,9 @@ class Sorted:
 
     def against_others(self, k: int, anything: U) -> AgainstOthers:
         """Robot k compared with the others, as in `leave_one_out`."""
-        freedom = (float(self.freedom[k]), self.spreads.freedom)
-        return leave_one_out(self.rows, k, self.mean, freedom, anything)
+        return leave_one_out(
+            self.rows, k, self.mean, (float(self.freedom[k]), self.spreads.freedom), anything
+        )
 
 
 def fit_members(

@@ -97,7 +97,6 @@ class RecordingBlock:
             groups = groups.summed({k: part.tolist() for k, part in enumerate(members)}).rounded
         places = self.places.joined(other.places)
         names, which = np.unique(places.names, return_inverse=True)
-        same = {str(name): np.flatnonzero(which == k).tolist() for k, name in enumerate(names)}
         quantities = tuple(dict.fromkeys(self.quantities + other.quantities))
         shifted = [block.over(quantities) for block in (self, other) if block.geometry]
         geometry = shifted[0] if shifted else None
@@ -111,7 +110,9 @@ class RecordingBlock:
             tuple(coarse),
             self.whole.joined(other.whole).summed({_WHOLE: [0, 1]}),
             groups,
-            places.summed(same).rounded,
+            places.summed(
+                {str(name): np.flatnonzero(which == k).tolist() for k, name in enumerate(names)}
+            ).rounded,
             geometry,
             quantities,
         )

@@ -304,8 +304,11 @@ def first_prior(
     """Prior of any drive, from standard deviations of coefficients in units of σ."""
     p = len(scale)
     precision = np.broadcast_to(np.diag(scale**-2.0), (series, p, p))
-    log = np.repeat(np.log(scatter.usual)[:, None], series, axis=1)
-    return Prior(np.zeros((series, p)), precision, log)
+    return Prior(
+        mean=np.zeros((series, p)),
+        precision=precision,
+        log_kinds=np.repeat(np.log(scatter.usual)[:, None], series, axis=1),
+    )
 
 
 def with_others(

@@ -126,8 +126,11 @@ def _constants(joint: str, symbols: list[str], unit: str) -> tuple[PriorParamete
 
 def plain(robot: RobotDescription) -> RobotDescription:
     """The robot with viscous and Coulomb friction only."""
-    laws = {joint: law.plain for joint, law in robot.friction.items()}
-    return robot.changed(friction=laws, measured=(), sensors={})
+    return robot.changed(
+        friction={joint: law.plain for joint, law in robot.friction.items()},
+        measured=(),
+        sensors={},
+    )
 
 
 _generic_base = lru_cache(maxsize=8)(random_motion_base)
@@ -162,8 +165,14 @@ class GatheredColumns:
             SpeedColumns(dynamics, joint, _reference_speed(dynamics.robot, joint))
             for joint in dynamics.robot.friction_joints
         )
-        carried = CarriedColumns(dynamics, p)
-        return cls(dynamics, (*speeds, carried, *(addition.on(dynamics) for addition in others)))
+        return cls(
+            dynamics,
+            (
+                *speeds,
+                CarriedColumns(dynamics, p),
+                *(addition.on(dynamics) for addition in others),
+            ),
+        )
 
     @cached_property
     def regressor(self) -> Extended:

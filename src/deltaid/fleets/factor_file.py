@@ -110,8 +110,11 @@ def write(file: FactorFile, path: Path, key: str = "") -> None:
             exact = (numbers, None) if groups is file.whole else (None, numbers.astype("f4"))
             rows.append((groups.names[k], i, *sizes, *exact))
     table, buffer = pl.DataFrame(rows, schema=_SCHEMA, orient="row"), BytesIO()
-    metadata = {_KEY: file.record.model_dump_json(), _FROM: key, "checksum": EMPTY}
-    table.write_parquet(buffer, compression="zstd", metadata=metadata)
+    table.write_parquet(
+        buffer,
+        compression="zstd",
+        metadata={_KEY: file.record.model_dump_json(), _FROM: key, "checksum": EMPTY},
+    )
     write_bytes(path, sealed(buffer.getvalue()))
 
 

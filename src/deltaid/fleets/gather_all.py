@@ -108,17 +108,14 @@ def _require_kept(call: Call, lost: Counter[str]) -> None:
     allowed = {_OTHERWISE: call.regather}
     kept = {why: n for why, n in (+lost).items() if not allowed.get(why, call.drop_absent)}
     if kept:
-        cures = [
-            "put back what is away, or ask as before",
-            *["--regather gathers anew"] * (_OTHERWISE in kept),
-            *["--drop-absent forgets them"] * (set(kept) != {_OTHERWISE}),
-        ]
         raise DeltaidError(
             "would lose what was gathered of " + "; of ".join(
                 f"{n} recording{'s' if n > 1 else ''} {why}" for why, n in kept.items()
             ),
             where=call.place.root,
-            cure="; ".join(cures),
+            cure="put back what is away, or ask as before"
+            + "; --regather gathers anew" * (_OTHERWISE in kept)
+            + "; --drop-absent forgets them" * (set(kept) != {_OTHERWISE}),
         )  # fmt: skip
 
 
@@ -193,10 +190,15 @@ def _once(outcomes: Iterable[GatherResult]) -> list[GatherResult]:
         if original == log:
             kept.append(outcome)
         elif log.stamp:
-            reason = (
-                f"is a copy of {original.path} of {original.robot}\n  → give each recording once"
+            kept.append(
+                replace(
+                    outcome,
+                    key="",
+                    file="",
+                    reason=f"is a copy of {original.path} of {original.robot}\n"
+                    "  → give each recording once",
+                )
             )
-            kept.append(replace(outcome, key="", file="", reason=reason))
     return sorted(kept, key=lambda outcome: outcome.recorded)
 
 

@@ -159,13 +159,16 @@ def _corrections(
     for joint, law in chosen.friction.items():
         if law != described.friction[joint]:
             terms = [terms_of(brief.friction[joint]) for brief in briefs]
-            text = (
-                f"the law is now {law_in_words(law)}, no longer "
-                f"{law_in_words(described.friction[joint])}: "
-                f"{terms.count(terms_of(law))} of {len(briefs)} recordings ask for its terms by "
-                "themselves"
+            corrections.append(
+                Correction(
+                    kind="friction",
+                    subject=joint,
+                    text=f"the law is now {law_in_words(law)}, no longer "
+                    f"{law_in_words(described.friction[joint])}: "
+                    f"{terms.count(terms_of(law))} of {len(briefs)} recordings ask for its terms "
+                    "by themselves",
+                )
             )
-            corrections.append(Correction(kind="friction", subject=joint, text=text))
     return corrections
 
 

@@ -147,8 +147,10 @@ def eliminated(
 
 
 def unmeasured(robot: RobotDescription) -> RobotDescription:
-    bodies = {name: body.changed(measured=()) for name, body in robot.bodies.items()}
-    return robot.changed(bodies=bodies, measured=())
+    return robot.changed(
+        bodies={name: body.changed(measured=()) for name, body in robot.bodies.items()},
+        measured=(),
+    )
 
 
 def member_bytes(member: TypeMember) -> bytes:

@@ -177,8 +177,12 @@ class Merging:
             view[places] -= span.inverse @ (span.Q.T @ A)
             views.append(view)
 
-        group, everything = file.whole, triangle(_stacked(whole))
-        information = Information(self.active, everything, group.samples[0], group.torque_max[0])
+        information = Information(
+            self.active,
+            triangle(_stacked(whole)),
+            file.whole.samples[0],
+            file.whole.torque_max[0],
+        )
         return MergedPart(file, information, tuple(views))
 
     def geometry(self, file: FactorFile) -> list[Rows]:

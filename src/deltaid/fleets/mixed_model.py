@@ -269,5 +269,6 @@ def fitted_spreads(
     there = np.array([top - type_mean(without).evidence > _THERE for without in none])
     values, vectors = np.linalg.eigh((H + H.T) / (4 * _STEP))
     values = np.maximum(values, VAGUE**-2)
-    covariance = (vectors / values) @ vectors.T
-    return replace(before, log=log, covariance=covariance, known=True, there=there)
+    return replace(
+        before, log=log, covariance=(vectors / values) @ vectors.T, known=True, there=there
+    )

@@ -164,11 +164,10 @@ def members_table(name: str, population: Population) -> pl.DataFrame:
     for robot in population.members:
         for k in free:
             parameter = population.layout.parameters[k]
-            deviation = robot.within.value[k] - population.mean.value[k]
             rows.append(
                 (robot.name, name, parameter.name, *robot.within.entry(k, parameter.low),
-                 robot.alone_std[k], deviation, parameter.unit, robot.belongs, robot.reason,
-                 robot.chance)
+                 robot.alone_std[k], robot.within.value[k] - population.mean.value[k],
+                 parameter.unit, robot.belongs, robot.reason, robot.chance)
             )  # fmt: skip
     return pl.DataFrame(rows, schema=MEMBERS, orient="row")
 

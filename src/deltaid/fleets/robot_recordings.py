@@ -55,8 +55,9 @@ class RobotRecordings:
         merging, block = self.merging, self.block
         groups = block.information(merging, block.groups)
         (whole,) = block.information(merging, block.whole)
-        parts = self.stretches or tuple((group,) for group in groups)
-        return Gathered(parts, block.by_place(merging), whole)
+        return Gathered(
+            self.stretches or tuple((group,) for group in groups), block.by_place(merging), whole
+        )
 
 
 def merged_files(
