@@ -162,8 +162,13 @@ def unknowns(
     if not keys:
         raise DescriptionError("nothing is left to estimate", where=robot.name, cure="hold less")
     columns = dict.fromkeys(keys.values())
-    G = [[x.spread * (keys.get(x.name) == column) for column in columns] for x in numbers]
-    return Unknowns(tuple(numbers), np.array(G), apart)
+    return Unknowns(
+        numbers=tuple(numbers),
+        G=np.array(
+            [[x.spread * (keys.get(x.name) == column) for column in columns] for x in numbers]
+        ),
+        apart=apart,
+    )
 
 
 def _spread(

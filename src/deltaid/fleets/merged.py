@@ -157,8 +157,14 @@ class Merging:
             for added in self.additions
             if isinstance(added, LoadColumns)
         }
-        of_map = sha256(np.ascontiguousarray(self._map).tobytes()).hexdigest()
-        return digest([list(self.columns.place), of_map, self.dynamics.layout.names, taken])
+        return digest(
+            [
+                list(self.columns.place),
+                sha256(np.ascontiguousarray(self._map).tobytes()).hexdigest(),
+                self.dynamics.layout.names,
+                taken,
+            ]
+        )
 
     def part(self, file: FactorFile) -> MergedPart:
         whole, views = list[Rows](), list[Rows]()

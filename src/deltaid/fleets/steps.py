@@ -203,8 +203,10 @@ def robot_chains(fits: Iterable[FleetJob], drift: DriftSettings) -> list[Chain]:
     for fit in fits:
         chain: Chain = (fit,)
         if ALL in fit.names:
-            logs = [outcome.recorded for outcome in fit.recordings]
-            known = [(str(x.time), x.load, x.temperature, x.path) for x in logs]
+            known = [
+                (str(log.time), log.load, log.temperature, log.path)
+                for log in (outcome.recorded for outcome in fit.recordings)
+            ]
             key = digest([version("deltaid"), fit.key, known, asked])
             study = replace(fit, step=DRIFTS, names=(fit.type,), key=key, file="", drift=drift)
             of_robot = digest([key, ROBOTS.name])

@@ -135,8 +135,7 @@ class BaseWrenchRows(SensorRows):
             n = self._turns(drive)
             if n is not None:
                 speed = 2 * np.pi * n if robot.is_linear(drive) else n
-                axis = fixed(self._axis(drive)) / speed
-                columns[:, k] = axis * accelerations[self._index(drive)]
+                columns[:, k] = fixed(self._axis(drive)) / speed * accelerations[self._index(drive)]
         return columns
 
     @cached_property

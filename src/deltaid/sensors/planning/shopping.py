@@ -58,8 +58,9 @@ def goal(name: str, unknowns: PlanUnknowns, scene: Scene, enough: float) -> Goal
         DescriptionError: forces of a mechanism of the user's own.
     """
     if name == FORCES:
-        weight = 1.0 / len(scene.motion.few)
-        return Goal("constraint forces", _forces(unknowns, scene), weight, enough)
+        return Goal(
+            "constraint forces", _forces(unknowns, scene), 1.0 / len(scene.motion.few), enough
+        )
     gains = [k for k, entry in enumerate(unknowns.names) if entry.startswith("gain.")]
     chosen = {body: (f"body {body}", unknowns.of_bodies(body)) for body in unknowns.bodies}
     chosen |= {BODIES: ("all bodies", unknowns.of_bodies()), GAINS: ("gains of the drives", gains)}
