@@ -63,8 +63,6 @@ def _surrogate(folder: Path, say: Progress, quick: bool, given: dict[str, int]) 
     result = reproduce_surrogate(settings, progress=say)
     value = _written(result, view.surrogate_page, folder, say)
     fewest = min(result.fits, key=lambda fit: fit.accuracy.definite).accuracy
-    title = "Sec. VII, largest errors along the motion; certified optimum (conic)"
-    table = Finished(view.comparison_columns(result), view.comparison_rows(result), title=title)
     notes = (
         "ID1 and ID2 start from regularisations below and above the truth",
         "clean recordings have no noise",
@@ -72,7 +70,7 @@ def _surrogate(folder: Path, say: Progress, quick: bool, given: dict[str, int]) 
         f"M has a Cholesky factor at {fewest.definite} of {fewest.samples} samples, in the worst "
         "of all fits",
     )
-    return value, table, notes
+    return value, view.comparison_table(result), notes
 
 
 def _irb360(folder: Path, say: Progress, quick: bool, given: dict[str, int]) -> Reproduced:
@@ -85,10 +83,8 @@ def _irb360(folder: Path, say: Progress, quick: bool, given: dict[str, int]) -> 
     settings = replace(QUICK if quick else RecordingSettings(), **given)
     result = reproduce_irb360(settings, progress=say)
     value = _written(result, view.irb360_page, folder, say)
-    title = "Sec. VIII with a simulated stand-in for the machine"
-    table = Finished(view.rms_columns(result), view.rms_rows(result), title=title)
     notes = ("rows “the paper” hold numbers of its own machine; all others are simulated here",)
-    return value, table, notes
+    return value, view.rms_table(result), notes
 
 
 def _written(

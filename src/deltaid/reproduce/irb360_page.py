@@ -28,8 +28,6 @@ from deltaid.view.friction_laws import law
 from deltaid.view.numbers import number, percent
 from deltaid.view.page import Fact, Figure, Page, Section, Table, Text
 
-Rows = tuple[tuple[str, ...], ...]
-
 _COLORS = {
     BASE: style.SERIES[5],
     GEOM: style.IDENTIFIED,
@@ -51,27 +49,30 @@ def irb360_page(result: Irb360) -> Page:
             Section(
                 "Verification on a slow motion (Fig. 7)",
                 (
-                    Table(
-                        rms_columns(result),
-                        rms_rows(result),
-                        "Root mean square of measured minus predicted torque, after the filter. "
-                        "The paper's errors are of its own machine and its own slow motion.",
-                    ),
+                    rms_table(result),
                     _figure_7(result),
                 ),
             ),
             _friction(result),
-            Section("To go on from here", (Text(_FILES_TEXT),)),
+            Section(
+                "To go on from here",
+                (
+                    Text(
+                        "Beside this page: the recordings (identify.csv, slow.csv, fast.csv), the "
+                        "priors (rg-simple.yaml, rg-geom.yaml), the models (id-simple.yaml, "
+                        "id-geom.yaml, id-geom-law-chosen.yaml) and all numbers (results.json). "
+                        "Each step again by hand:\n\n"
+                        "deltaid identify rg-geom.yaml identify.csv --verify slow.csv --friction "
+                        "described\n\n"
+                        "deltaid identify rg-geom.yaml identify.csv --verify slow.csv"
+                    ),
+                ),
+            ),
         ),
     )
 
 
-def rms_columns(result: Irb360) -> tuple[str, ...]:
-    """Columns of `rms_rows`."""
-    return ("torque error, rms [N m]", "motion", *result.dynamics.robot.drives)
-
-
-def rms_rows(result: Irb360) -> Rows:
+def rms_table(result: Irb360) -> Table:
     """The paper's errors (slow motion) beside those of the stand-in, on both motions."""
     paper = [
         ("the paper: base parameters", RMS_BASE),
@@ -85,7 +86,13 @@ def rms_rows(result: Irb360) -> Rows:
     for motion, track in result.tracks.items():
         for name, rms in (track.rms | {"noise alone": track.noise}).items():
             rows.append((name, motion, *(number(v, 3) for v in rms)))
-    return tuple(rows)
+    return Table(
+        ("torque error, rms [N m]", "motion", *result.dynamics.robot.drives),
+        tuple(rows),
+        "Root mean square of measured minus predicted torque, after the filter. The paper's errors "
+        "are of its own machine and its own slow motion.",
+        title="Sec. VIII with a simulated stand-in for the machine",
+    )
 
 
 def _facts(result: Irb360) -> tuple[Fact, ...]:
@@ -164,7 +171,14 @@ def _table_one(result: Irb360) -> Section:
                 "the same. This is why the paper's two columns of identified values differ, and "
                 "ours."
             ),
-            Table(columns, tuple(rows), _DETERMINED_TEXT),
+            Table(
+                columns,
+                tuple(rows),
+                "Entries with * follow from the text of Sec. VIII A; the catalogue's shapes "
+                "reproduce them, and with the radii assumed there all of RG simple. The masses and "
+                "radii behind the upper arm and the strut of RG geom are not in the text, so that "
+                "column is the paper's own numbers.",
+            ),
             *_doubts(models),
             _friction_table(result),
         ),
@@ -174,31 +188,14 @@ def _table_one(result: Irb360) -> Section:
 def _doubts(models: dict[str, IdentifiedModel]) -> tuple[Text, ...]:
     """Doubts of the fits, which the stand-in's strut justifies."""
     warnings = [f"{name}: {text}." for name, m in models.items() for text in m.warnings]
-    text = "\n\n".join(["The fits give these warnings.", *warnings, _STRUT_TEXT])
+    strut = (
+        "The longitudinal inertia of the strut that the paper identified, 0.0246 kg m², is "
+        "hundreds of times its regularisation; a tube of its mass would need a radius of 0.3 m. "
+        "Where a fit sees this beyond doubt, the prior of that entry is widened, which is listed "
+        "among its corrections."
+    )
+    text = "\n\n".join(["The fits give these warnings.", *warnings, strut])
     return (Text(text),) if warnings else ()
-
-
-_STRUT_TEXT = (
-    "The longitudinal inertia of the strut that the paper identified, 0.0246 kg m², is hundreds of "
-    "times its regularisation; a tube of its mass would need a radius of 0.3 m. Where a fit sees "
-    "this beyond doubt, the prior of that entry is widened, which is listed among its corrections."
-)
-
-_FILES_TEXT = (
-    "Beside this page: the recordings (identify.csv, slow.csv, fast.csv), the priors "
-    "(rg-simple.yaml, rg-geom.yaml), the models (id-simple.yaml, id-geom.yaml, "
-    "id-geom-law-chosen.yaml) and all numbers (results.json). Each step again by hand:"
-    "\n\n"
-    "deltaid identify rg-geom.yaml identify.csv --verify slow.csv --friction described"
-    "\n\n"
-    "deltaid identify rg-geom.yaml identify.csv --verify slow.csv"
-)
-
-_DETERMINED_TEXT = (
-    "Entries with * follow from the text of Sec. VIII A; the catalogue's shapes reproduce them, "
-    "and with the radii assumed there all of RG simple. The masses and radii behind the upper arm "
-    "and the strut of RG geom are not in the text, so that column is the paper's own numbers."
-)
 
 
 def _friction_table(result: Irb360) -> Table:
@@ -225,18 +222,7 @@ def _friction_table(result: Irb360) -> Table:
 def _friction(result: Irb360) -> Section:
     choice, robot = result.models[CHOSEN].friction_choice, result.models[CHOSEN].robot
     assert choice is not None
-    laws = tuple((joint, law_in_words(law)) for joint, law in robot.friction.items())
-    steps = tuple(
-        (
-            s.joint,
-            s.addition,
-            percent(s.gain),
-            number(s.significance, 2),
-            "yes" if s.useful else "no",
-        )
-        for s in choice.steps
-    )
-    blocks = [
+    blocks = (
         Text(
             "The paper retunes drive 4 by hand on the motion it verifies with and concludes that "
             "an improved friction model is required. Here the law is extended by what the fast "
@@ -244,29 +230,40 @@ def _friction(result: Irb360) -> Section:
             f"as a share of the largest torque: {100 * choice.plain_error:.2g} % with viscous and "
             f"Coulomb friction, {100 * choice.chosen_error:.2g} % with the chosen laws."
         ),
-        Table(("joint", "law"), laws, "The chosen laws."),
+        Table(
+            ("joint", "law"),
+            tuple((joint, law_in_words(law)) for joint, law in robot.friction.items()),
+            "The chosen laws.",
+        ),
         Table(
             ("joint", "term", "gain", "significance", "kept"),
-            steps,
+            tuple(
+                (
+                    s.joint,
+                    s.addition,
+                    percent(s.gain),
+                    number(s.significance, 2),
+                    "yes" if s.useful else "no",
+                )
+                for s in choice.steps
+            ),
             "What was added one after the other: by what share the squared error falls, and the "
             "multiple of what chance would explain.",
         ),
         _friction_curve(result),
         _figure_8(result),
-    ]
-    return Section("The friction law that the paper asks for (Fig. 8)", tuple(blocks))
+    )
+    return Section("The friction law that the paper asks for (Fig. 8)", blocks)
 
 
 def _figure_7(result: Irb360) -> Figure:
     drives = result.dynamics.robot.drives
-    figure = make_subplots(rows=len(drives), cols=1, shared_xaxes=True, vertical_spacing=0.04)
-    for i, drive in enumerate(drives):
+    titles = [f"{drive} [N m]" for drive in drives]
+    figure = style.stacked(titles, height=180 * len(drives) + 100, spacing=0.04)
+    for i in range(len(drives)):
         _traces(figure, result, "slow", (BASE, GEOM), drive=i, row=i + 1)
-        figure.update_yaxes(title_text=f"{drive} [N m]", row=i + 1, col=1)
-    figure.update_xaxes(title_text="time [s]", row=len(drives), col=1)
-    figure.update_layout(height=180 * len(drives) + 100, hovermode="closest")
     return Figure(
-        figure,
+        figure.update_layout(hovermode="closest"),
         "Fig. 7 with the stand-in: torques on the slow verification motion, measured and predicted "
         "by base parameters and by the consistent fit. Three drives fit; drive 4 does not, for "
         "either method.",

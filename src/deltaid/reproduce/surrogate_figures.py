@@ -1,6 +1,7 @@
 """Figures 3 to 6 of the paper for our surrogate, the minimisers' runs, and the sweep over γ."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from typing import Any
 
 import numpy as np
 import plotly.graph_objects as go
@@ -72,11 +73,11 @@ def mass_figure(result: Reproduction) -> Figure:
     n = result.dynamics.dof
     entries = [(i, i) for i in range(n)] + [(i, j) for i in range(n) for j in range(i + 1, n)]
     rows = -(-len(entries) // 2)
-    figure = make_subplots(
-        rows=rows,
-        cols=2,
+    figure = _panels(
+        rows,
+        [f"M{i + 1}{j + 1}" for i, j in entries],
+        height=170 * rows + 120,
         shared_xaxes=True,
-        subplot_titles=[f"M{i + 1}{j + 1}" for i, j in entries],
         horizontal_spacing=0.12,
         vertical_spacing=0.2 / rows,
     )
@@ -87,8 +88,6 @@ def mass_figure(result: Reproduction) -> Figure:
             _line(figure, result, fit, error, k // 2 + 1, k % 2 + 1, first=k == 0)
     figure.update_yaxes(title_text="[%]", col=1)
     figure.update_xaxes(title_text="time [s]", row=rows)
-    figure.update_layout(height=170 * rows + 120)
-    _above_titles(figure)
     return Figure(
         figure,
         "Fig. 4 of the paper for our surrogate: error of each entry of the mass matrix over one "
@@ -103,13 +102,13 @@ def torque_figure(
 ) -> Figure:
     """Figs. 5 and 6: one term of (1) over one period, and its difference to the nominal one."""
     drives = result.dynamics.robot.drives
-    figure = make_subplots(
-        rows=len(drives),
-        cols=2,
+    figure = _panels(
+        len(drives),
+        ["torque [N m]", "difference [N m]"],
+        height=210 * len(drives) + 120,
         shared_xaxes=True,
         horizontal_spacing=0.19,
         vertical_spacing=0.2 / len(drives),
-        subplot_titles=["torque [N m]", "difference [N m]"],
     )
     for i, drive in enumerate(drives):
         figure.add_scatter(
@@ -131,18 +130,16 @@ def torque_figure(
         figure.update_yaxes(title_text=drive, row=i + 1, col=1)
     figure.update_xaxes(title_text="time [s]", row=len(drives))
     figure.update_yaxes(exponentformat="power")
-    figure.update_layout(height=210 * len(drives) + 120)
-    _above_titles(figure)
     return Figure(figure, caption)
 
 
 def sweep_figure(result: Reproduction) -> Figure:
     """Errors over γ, with the γ of the maximum-a-posteriori rule and the paper's errors."""
-    figure = make_subplots(
-        rows=len(CLAIMS),
-        cols=2,
+    figure = _panels(
+        len(CLAIMS),
+        ["without noise", "with noise"],
+        height=210 * len(CLAIMS) + 120,
         shared_xaxes=True,
-        subplot_titles=["without noise", "with noise"],
         horizontal_spacing=0.1,
         vertical_spacing=0.025,
     )
@@ -174,8 +171,6 @@ def sweep_figure(result: Reproduction) -> Figure:
     figure.update_xaxes(type="log", exponentformat="power")
     figure.update_yaxes(type="log", exponentformat="power", title_font_size=11)
     figure.update_xaxes(title_text="γ_p/γ_τ", row=len(CLAIMS))
-    figure.update_layout(height=210 * len(CLAIMS) + 120)
-    _above_titles(figure)
     return Figure(
         figure,
         "Largest errors of the global optimum over γ_p/γ_τ. Stars: the γ that maximum a posteriori "
@@ -187,10 +182,10 @@ def sweep_figure(result: Reproduction) -> Figure:
 
 def descent_figure(result: Reproduction) -> Figure:
     """J over steps and over time for all minimisers, with the certified bound."""
-    figure = make_subplots(
-        rows=2,
-        cols=2,
-        subplot_titles=[f"from {prior}" for prior in result.descents] * 2,
+    figure = _panels(
+        2,
+        [f"from {prior}" for prior in result.descents] * 2,
+        height=780,
         shared_yaxes=True,
         horizontal_spacing=0.06,
         vertical_spacing=0.16,
@@ -236,8 +231,6 @@ def descent_figure(result: Reproduction) -> Figure:
     figure.update_xaxes(title_text="time [ms]", row=2)
     figure.update_yaxes(type="log", exponentformat="power")
     figure.update_yaxes(title_text="J", col=1)
-    figure.update_layout(height=780)
-    _above_titles(figure)
     return Figure(
         figure,
         f"J of (15) on the recording without noise with γ_p/γ_τ = {DESCENT_GAMMA:.0e}, over steps "
@@ -275,6 +268,8 @@ def _line(
     )
 
 
-def _above_titles(figure: go.Figure) -> None:
+def _panels(rows: int, titles: Sequence[str], height: int, **apart: Any) -> go.Figure:
+    """Panels, two in a row, below a legend that stands above their titles."""
+    figure = make_subplots(rows=rows, cols=2, subplot_titles=titles, **apart)
     figure.update_annotations(font_size=12)
-    figure.update_layout(legend=style.LEGEND_ON_TOP, margin={"t": 115})
+    return figure.update_layout(height=height, legend=style.LEGEND_ON_TOP, margin={"t": 115})

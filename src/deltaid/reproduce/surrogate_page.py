@@ -20,6 +20,13 @@ from deltaid.view.page import Fact, Page, Section, Table, Text
 
 Rows = tuple[tuple[str, ...], ...]
 
+# Measures of an `Accuracy` in tables of all fits, and of where methods end.
+_ALL = (
+    "mass_diagonal", "mass_off_diagonal", "coriolis", "acceleration", "friction",
+    "friction_coefficients",
+)  # fmt: skip
+_MAIN = ("mass_diagonal", "mass_off_diagonal", "friction_coefficients")
+
 
 def surrogate_page(result: Reproduction) -> Page:
     """The page, with all tables and figures."""
@@ -50,20 +57,19 @@ def surrogate_page(result: Reproduction) -> Page:
     )
 
 
-def comparison_columns(result: Reproduction) -> tuple[str, ...]:
-    """Columns of `comparison_rows`."""
-    return ("largest error", "the paper", *(_name(fit) for fit in result.certified))
-
-
-def comparison_rows(result: Reproduction) -> Rows:
+def comparison_table(result: Reproduction) -> Table:
     """The paper's numbers beside those of the certified fits, the largest of all drives."""
-    return tuple(
-        (
-            claim.quantity,
-            claim.words,
-            *(percent(claim.value_of(fit.accuracy)) for fit in result.certified),
-        )
-        for claim in CLAIMS
+    return Table(
+        ("largest error", "the paper", *(_name(fit) for fit in result.certified)),
+        tuple(
+            (
+                claim.quantity,
+                claim.words,
+                *(percent(claim.value_of(fit.accuracy)) for fit in result.certified),
+            )
+            for claim in CLAIMS
+        ),
+        title="Sec. VII, largest errors along the motion; certified optimum (conic)",
     )
 
 
@@ -72,17 +78,16 @@ def _name(fit: SurrogateFit) -> str:
 
 
 def _facts(result: Reproduction) -> tuple[Fact, ...]:
-    clean = [result.fit(prior, noisy=False) for prior in result.priors]
-    noisy = [result.fit(prior, noisy=True) for prior in result.priors]
+    def worst(measure: str, *, noisy: bool = True) -> str:
+        fits = [result.fit(prior, noisy=noisy) for prior in result.priors]
+        return percent(max(getattr(fit.accuracy, measure) for fit in fits))
 
-    def worst(fits: list[SurrogateFit], of: str) -> str:
-        return percent(max(getattr(fit.accuracy, of) for fit in fits))
-
+    clean = worst("mass_diagonal", noisy=False)
     return (
-        Fact("M without noise", worst(clean, "mass_diagonal"), "on the diagonal; paper: 1 %"),
-        Fact("M with noise", worst(noisy, "mass_diagonal"), "on the diagonal"),
-        Fact("M with noise", worst(noisy, "mass_off_diagonal"), "off the diagonal; paper: 2 %"),
-        Fact("Friction with noise", worst(noisy, "friction_coefficients"), "paper: 2.2 %"),
+        Fact("M without noise", clean, "on the diagonal; paper: 1 %"),
+        Fact("M with noise", worst("mass_diagonal"), "on the diagonal"),
+        Fact("M with noise", worst("mass_off_diagonal"), "off the diagonal; paper: 2 %"),
+        Fact("Friction with noise", worst("friction_coefficients"), "paper: 2.2 %"),
     )
 
 
@@ -119,17 +124,17 @@ def _setting(result: Reproduction) -> Section:
 def _comparison(result: Reproduction) -> Section:
     largest = np.abs(result.terms.coriolis).max(axis=0)
     places = [*(claim.place for claim in CLAIMS), "at Fig. 6"]
-    judged = [(f.accuracy.definite, f.accuracy.samples) for f in result.certified]
     counts = (
-        f"{samples} (all)" if definite == samples else f"{definite} of {samples}"
-        for definite, samples in judged
+        f"{a.samples} (all)" if a.definite == a.samples else f"{a.definite} of {a.samples}"
+        for a in (fit.accuracy for fit in result.certified)
     )
-    rows = (*comparison_rows(result), ("Cholesky factor of M", "at all samples", *counts))
+    table = comparison_table(result)
+    rows = (*table.rows, ("Cholesky factor of M", "at all samples", *counts))
     return Section(
         "The paper's numbers beside ours",
         (
             Table(
-                (*comparison_columns(result), "in Sec. VII"),
+                (*table.columns, "in Sec. VII"),
                 tuple((*row, place) for row, place in zip(rows, places, strict=True)),
                 "Largest errors at any time along the motion of the data, largest of all drives; "
                 "certified optimum (conic), from recordings without noise (clean) and with it. "
@@ -143,13 +148,13 @@ def _comparison(result: Reproduction) -> Section:
             ),
             Table(
                 ("fit", "method", "M on", "M off", "C q̇", "M q̈", "f", "coefficients"),
-                tuple((_name(f), f.method, *_shares(f.accuracy)) for f in result.fits),
+                tuple((_name(f), f.method, *_shares(f.accuracy, *_ALL)) for f in result.fits),
                 "All fits along the motion of the data, both solvers. “Coefficients” are those of "
                 "friction, f its torque.",
             ),
             Table(
                 ("fit", "method", "M on", "M off", "C q̇", "M q̈", "f", "coefficients"),
-                tuple((_name(f), f.method, *_shares(f.verified)) for f in result.fits),
+                tuple((_name(f), f.method, *_shares(f.verified, *_ALL)) for f in result.fits),
                 "The same along the verification motion, which no fit has used.",
             ),
             Table(
@@ -162,16 +167,8 @@ def _comparison(result: Reproduction) -> Section:
     )
 
 
-def _shares(a: Accuracy) -> tuple[str, ...]:
-    shares = (
-        a.mass_diagonal,
-        a.mass_off_diagonal,
-        a.coriolis.max(),
-        a.acceleration.max(),
-        a.friction.max(),
-        a.friction_coefficients,
-    )
-    return tuple(percent(float(share)) for share in shares)
+def _shares(a: Accuracy, *measures: str) -> tuple[str, ...]:
+    return tuple(percent(float(np.max(getattr(a, measure)))) for measure in measures)
 
 
 def _effort(fit: SurrogateFit) -> tuple[str, ...]:
@@ -294,10 +291,7 @@ def _efforts(prior: str, descents: Descents) -> Rows:
 
 
 def _judged(a: Accuracy | None) -> tuple[str, ...]:
-    if a is None:
-        return ("—",) * 3
-    errors = (a.mass_diagonal, a.mass_off_diagonal, a.friction_coefficients)
-    return tuple(percent(error) for error in errors)
+    return ("—",) * len(_MAIN) if a is None else _shares(a, *_MAIN)
 
 
 def _sweep_text(result: Reproduction) -> Text:
