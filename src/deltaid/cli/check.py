@@ -2,7 +2,8 @@
 recording."""
 
 import textwrap
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -32,7 +33,7 @@ from deltaid.cli.output import (
     styled,
     write_files,
 )
-from deltaid.errors import DeltaidError, DescriptionError, visible
+from deltaid.errors import DeltaidError, visible
 
 if TYPE_CHECKING:
     from deltaid.model.verdict import File
@@ -40,6 +41,8 @@ if TYPE_CHECKING:
 # Exit codes by the most severe verdict; 1 and 2 have their usual meaning.
 EXIT = {"good": 0, "cannot tell": 3, "doubtful": 3, "wrong": 4}
 _BELONGS: dict["File", str] = {"robot": "the robot file", "mapping": "the mapping (--columns)"}
+# Endings of the names of both files.
+_ENDS: dict["File", str] = {"robot": "robot", "mapping": "columns"}
 _COLOURS = {"wrong": "bold red", "doubtful": "yellow", "cannot tell": "cyan", "good": "green"}
 
 
@@ -190,12 +193,15 @@ def check(
     """
     from deltaid.checks.verdicts import as_written
     from deltaid.recording.mapping import FOUND, as_words
-    from deltaid.view.check import tally, verdict_table
+    from deltaid.view import check as view
+    from deltaid.view.html import write_page
 
-    logs, targets = logs or [], dict["File", Path]()
-    if write is not None:  # destination of each file if both have proposals
-        targets["robot"] = write.with_name(f"{write.stem}-robot{write.suffix}")
-        targets["mapping"] = write.with_name(f"{write.stem}-columns{write.suffix}")
+    # Destination of each file if both have proposals.
+    logs, targets = logs or [], {
+        file: write.with_name(f"{write.stem}-{end}{write.suffix}")
+        for file, end in _ENDS.items()
+        if write is not None
+    }  # fmt: skip
     for path in (write, *targets.values()):
         require_outputs([robot, *logs, *(columns or ())], {"--write": path, "--report": report})
     with progress(as_json) as say:
@@ -206,17 +212,21 @@ def check(
             remark("note", f"{log}: {as_words(mapping)}; `deltaid columns {log} {robot}` says why")
     with progress(as_json):
         cures = _cures(robot, columns or [], logs, verdicts)
+        data = as_written(robot)
+    lines = {_BELONGS[file]: shown for file, (shown, _) in cures.items()}
+    title = str(data.get("title") or data.get("name") or robot)
+    page = partial(view.check_page, title, verdicts, [log.name for log in logs], lines)
     if write is not None and len(cures) == 1:
         targets = dict.fromkeys(cures, write)
     write_files(
         *((targets.get(file), text) for file, (_, text) in cures.items()),
-        (report, lambda path: _write_report(robot, verdicts, logs, cures, path)),
+        (report, lambda path: write_page(page(verdicts.robot), path)),
     )
     if as_json:
         keys = ("key", "grade", "subject", "seen", "number", "unit", "cause", "cure")
         print_json(
             {
-                "robot": as_written(robot).get("name"),
+                "robot": data.get("name"),
                 "grade": verdicts.grade,
                 "verdicts": [
                     {key: getattr(verdict, key) for key in keys}
@@ -232,18 +242,17 @@ def check(
         )
         raise typer.Exit(EXIT[verdicts.grade])
     if listed := verdicts if full else verdicts.poor:  # the most severe first
-        console.print(_verdicts_shown(verdict_table(listed)))
+        console.print(_verdicts_shown(view.verdict_table(listed)))
         console.print()
-    console.print(tally(verdicts))
-    for file, (lines, _) in cures.items():
+    console.print(view.tally(verdicts))
+    for file, changed in lines.items():
         console.print()
-        console.print(styled(f"into {_BELONGS[file]}:"))
-        console.print(lines)
+        console.print(styled(f"into {file}:"))
+        console.print(changed)
     for file in cures if write else ():
-        path = targets[file]
-        with_it = f"give it with --columns {path}"
+        with_it = f"give it with --columns {targets[file]}"
         use = "use it in place of the robot" if file == "robot" else with_it
-        console.print(f"wrote {path}; {use}")
+        console.print(f"wrote {targets[file]}; {use}")
     if write is not None and not cures:
         console.print("nothing was written: no verdict proposes a line of robot file or mapping")
     print_written(report)
@@ -288,28 +297,3 @@ def _cures(
             data, text = record.written_mapping, checks.mapping_text(record, wanted, path)
         cures[file] = checks.pasted(data, wanted), text
     return cures
-
-
-def _write_report(
-    robot: str,
-    verdicts: "deltaid.Verdicts",
-    logs: Sequence[Path],
-    cures: Mapping["File", tuple[str, str]],
-    path: Path,
-) -> None:
-    """Write the page, which names files; `Verdicts.report` would need a robot."""
-    from deltaid.checks.verdicts import as_written
-    from deltaid.dynamics.dynamics import compiled
-    from deltaid.robot.load import described
-    from deltaid.view import check as view
-    from deltaid.view import drawing, html
-
-    try:
-        description = described(robot)
-        picture = drawing.drawing(description, compiled(description).kinematics)
-    except DescriptionError:  # which the verdicts report
-        picture = None
-    lines, data = {_BELONGS[file]: shown for file, (shown, _) in cures.items()}, as_written(robot)
-    title = str(data.get("title") or data.get("name") or robot)
-    page = view.check_page(title, verdicts, [log.name for log in logs], lines, picture)
-    html.write_page(page, path)

@@ -102,10 +102,8 @@ def in_folders(logs: Sequence[Path]) -> list[Path]:
     """Recordings and factor files; a folder stands for the factor files in it, if there are any."""
     from deltaid.fleets.factor_file import ENDING
 
-    files = list[Path]()
-    for log in logs:
-        files += (sorted(log.glob(f"*{ENDING}")) if os.path.isdir(log) else []) or [log]
-    return files
+    inside = (sorted(log.glob(f"*{ENDING}")) if os.path.isdir(log) else [] for log in logs)
+    return [file for log, files in zip(logs, inside, strict=True) for file in files or [log]]
 
 
 def are_factor_files(logs: Sequence[Path]) -> bool:

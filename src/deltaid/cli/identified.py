@@ -103,28 +103,20 @@ def print_result(
         truth: of a simulated robot.
         full: whether to print all tables.
     """
-    from deltaid.view.corrections import correction_table, put_right_tables
-    from deltaid.view.model_tables import (
-        choice_sentence,
-        choice_table,
-        error_table,
-        parameter_table,
-        sums,
-    )
+    from deltaid.view import corrections, model_tables
     from deltaid.view.summary import summary, without_doubts
 
     model, choice = result.model, result.model.friction_choice
     said = without_doubts(summary(result, verification, log))
-    errors = error_table(deltaid.load(model), verification)
-    corrections = correction_table(model.corrections)
-    tables = [table for table in (errors, corrections) if table is not None]
-    further = [parameter_table(model, truth and truth.values)]
-    details = [*sums(model), *fit_lines(result)]
+    tables = [model_tables.error_table(deltaid.load(model), verification)]
+    further = [model_tables.parameter_table(model, truth and truth.values)]
+    details = [*model_tables.sums(model), *fit_lines(result)]
     if choice is not None and choice.steps:
-        further.append(choice_table(choice, model.robot))
-        details.append(choice_sentence(choice))
-    put_right = put_right_tables(model, SCREEN)
-    further += put_right if full or corrections is None else put_right[1:]
+        further.append(model_tables.choice_table(choice, model.robot))
+        details.append(model_tables.choice_sentence(choice))
+    put_right = corrections.put_right_tables(model, SCREEN)
+    if not full and model.corrections:  # their table comes first
+        tables, put_right = [*tables, put_right[0]], put_right[1:]
     title = model.robot.title or model.robot.name
     print_found(
         [
@@ -133,8 +125,8 @@ def print_result(
             *said.lines,
             *([truth.text] if truth else []),
         ],
-        [errors] if full else [table.without(*_WIDE) for table in tables],
-        further,
+        tables if full else [table.without(*_WIDE) for table in tables],
+        [*further, *put_right],
         details,
         full=full,
     )

@@ -229,11 +229,8 @@ def validate(
     as_json: AsJson = False,
 ) -> None:
     """Compare a model's torques with a recording."""
-    from deltaid.identification.prediction import remarks
-    from deltaid.identification.sources import left_out, model_filtered
-    from deltaid.view.corrections import left_out_table
-    from deltaid.view.model_tables import error_table
-    from deltaid.view.summary import summary
+    from deltaid.identification import prediction, sources
+    from deltaid.view import corrections, model_tables, summary
 
     require_outputs((model, log, columns), {"--report": report})
     if are_factor_files([log]):
@@ -245,8 +242,8 @@ def validate(
         error, seen = comparison
         if isinstance(comparison, deltaid.Validation):
             about: dict[str, Any] = {"log": log.name, "sha256": comparison.log.sha256}
-            about["clock"] = asdict(model_filtered(known, comparison.log).clock)
-            missing = left_out(comparison.log, known.robot.drives, error)
+            about["clock"] = asdict(sources.model_filtered(known, comparison.log).clock)
+            missing = sources.left_out(comparison.log, known.robot.drives, error)
             write_files((report, comparison.report))
         else:
             _, record = comparison
@@ -254,13 +251,14 @@ def validate(
             missing = record.model.sources[0].left_out
     if known.identified is None:
         note_prior(known)
-    remark("warning", *(f"{log}: {text}" for text in remarks(known, seen, error)))
-    said, excluded = summary(known, error, seen), left_out_table([(log.name, missing)])
+    remark("warning", *(f"{log}: {text}" for text in prediction.remarks(known, seen, error)))
+    said = summary.summary(known, error, seen)
+    excluded = corrections.left_out_table([(log.name, missing)])
     print_outcome(
         as_json,
         about | error_dictionary(error) | {"left_out": [span.model_dump() for span in missing]},
         [said.sentence, *said.lines],
-        [error_table(known, error)],
+        [model_tables.error_table(known, error)],
         [excluded] if excluded is not None else [],
         full=full,
         files=(report,),

@@ -56,19 +56,16 @@ def show(
     Without options it prints tables.
     """
     from deltaid.dynamics.at_rest import AtRest
-    from deltaid.view import robots
-    from deltaid.view.reach import reach, require_space, survey
+    from deltaid.view import own_page, reach, robots
+    from deltaid.view.live import DEFAULT_PORT, LiveView, require_viser
 
     require_outputs([robot], {"--report": report})
     if live:
-        from deltaid.view.live import require_viser
-        from deltaid.view.own_page import free_port
-
         require_viser()
         if port is not None:
-            free_port((port,))
+            own_page.free_port((port,))
     model = deltaid.load(robot)
-    require_space(model.robot)
+    reach.require_space(model.robot)
     with used(model, force=True, as_prior=False), progress(False) as say:
         say("compiling")
         at_rest = AtRest(model.dynamics, model.p)
@@ -76,11 +73,10 @@ def show(
         known = "identified" if model.identified else "prior"
         write_robot(at_rest, report, f"Robot at rest, with its {known} parameters")
     elif not live:
-        reached, surveyed = reach(at_rest), survey(at_rest)
+        reached, surveyed = reach.reach(at_rest), reach.survey(at_rest)
         remark("warning", *robots.rest_warnings(at_rest, surveyed))
-        drives = robots.rest_table(at_rest, surveyed).without("held at home")
         tables = {
-            "drives": drives,
+            "drives": robots.rest_table(at_rest, surveyed).without("held at home"),
             "limits in the workspace": robots.use_table(at_rest, surveyed),
             "limits that end straight moves from home": robots.end_table(at_rest, reached),
         }
@@ -90,14 +86,11 @@ def show(
             full=full,
         )
     if live:
-        from deltaid.view.live import DEFAULT_PORT, LiveView
-        from deltaid.view.own_page import POLL
-
         shown = LiveView(at_rest, DEFAULT_PORT if port is None else port)
         try:
             console.print(f"{at_rest.robot.name} is shown at {shown.url} until Ctrl-C")
             closed = threading.Event()
-            while not closed.wait(POLL):
+            while not closed.wait(own_page.POLL):
                 pass
         except KeyboardInterrupt:
             console.print("closed")

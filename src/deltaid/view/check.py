@@ -8,9 +8,10 @@ from deltaid.checks.verdicts import Verdicts, files_of
 from deltaid.dynamics.dynamics import compiled
 from deltaid.errors import DeltaidError
 from deltaid.model.verdict import Grade, Verdict, worst
+from deltaid.robot.description import RobotDescription
 from deltaid.view.drawing import drawing
 from deltaid.view.numbers import FEW, in_words
-from deltaid.view.page import Drawing, Fact, Lines, Page, Section, Summary, Table, Text, Trust
+from deltaid.view.page import Fact, Lines, Page, Section, Summary, Table, Text, Trust
 from deltaid.view.show import Card
 
 COLUMNS = ("verdict", "check", "about", "seen", "likeliest cause", "next step")
@@ -72,14 +73,14 @@ def check_page(
     verdicts: Sequence[Verdict],
     logs: Sequence[str],
     lines: Mapping[str, str],
-    picture: Drawing | None = None,
+    robot: RobotDescription | None = None,
 ) -> Page:
     """All verdicts on a robot and its recordings.
 
     Args:
         logs: names of the recordings.
         lines: what to paste, by the file where it belongs, in words.
-        picture: of the robot, where its description can be read.
+        robot: to be drawn, where its description can be read.
     """
     (poor, good), grades = _parted(verdicts), [verdict.grade for verdict in verdicts]
     grade = worst(verdicts)
@@ -95,7 +96,7 @@ def check_page(
         title=title,
         subtitle=f"Checked: the description{''.join(f', {log}' for log in logs)}",
         verdict=_summary(grade, grades.count(grade)),
-        drawing=picture,
+        drawing=drawing(robot, compiled(robot).kinematics) if robot else None,
         facts=tuple(Fact(grade, str(grades.count(grade))) for grade in _ORDER),
         sections=tuple(section for section in sections if section.blocks),
     )
@@ -145,11 +146,9 @@ def verdicts_frame(value: Verdicts) -> pl.DataFrame:
 
 
 def verdicts_page(value: Verdicts) -> Page:
-    robot, proposed = value.robot, _proposed(value)
-    lines = {"the files that it names": proposed} if proposed else {}
-    drawn = drawing(robot, compiled(robot).kinematics) if robot else None
+    lines = {"the files that it names": proposed} if (proposed := _proposed(value)) else {}
     logs = [_name(source) for source in value.sources]
-    return check_page(_title(value, "robot"), value, logs, lines, drawn)
+    return check_page(_title(value, "robot"), value, logs, lines, value.robot)
 
 
 def _title(value: Verdicts, otherwise: str) -> str:
