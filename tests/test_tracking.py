@@ -25,7 +25,7 @@ from deltaid.dynamics.parameters import prior_parameters
 from deltaid.model.model import Model, load
 from deltaid.robot.limits import NAMES, Task
 from deltaid.robot.load import load_robot
-from deltaid.view.page import Table, Text
+from deltaid.view.page import Figure, Table, Text
 from deltaid.view.tracking import comparison_page
 from test_controllers import ROBOT, motion
 
@@ -170,6 +170,13 @@ def test_page_of_a_comparison_counts_nobody_who_was_lost() -> None:
     [text] = [block for block in page.sections[0].blocks if isinstance(block, Text)]
     assert "12 Hz" in text.text
     assert "a delay of 2 samples" in text.text
+
+
+def test_page_of_a_comparison_shows_a_model_whose_load_is_known() -> None:
+    run = ControllerRun("pd-feedforward", "identified, load known", made_up(0.001, 0.0))
+    page = comparison_page(load_robot("irb360-6-1600"), (run,), "a on b", Drives(), 12.0)
+    [bars] = [b.figure for b in page.sections[0].blocks if isinstance(b, Figure)]
+    assert [bar.name for bar in bars.data] == ["identified, load known"]
 
 
 def test_all_controllers_are_tuned_with_the_mass_matrix_of_the_last_model() -> None:

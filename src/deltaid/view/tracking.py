@@ -21,7 +21,8 @@ from deltaid.view.page import Fact, Figure, Page, Section, Summary, Table, Text,
 from deltaid.view.show import Card
 
 NO_MODEL = "no model"
-COLOURS = {
+# Colours by model; others are models with a known load.
+_COLOURS = {
     "": style.LIMIT,
     "prior": style.PRIOR,
     "base parameters": style.MEASURED,
@@ -48,7 +49,7 @@ def comparison_page(
     lines = dict[str, list[tuple[str, str, Tracking]]]()
     for run in runs:
         if run.tracking is not None:
-            line = run.model or NO_MODEL, COLOURS[run.model], run.tracking
+            line = run.model or NO_MODEL, _COLOURS.get(run.model, style.RESIDUAL), run.tracking
             lines.setdefault(run.controller, []).append(line)
     verdict, best = _verdict(runs, problems)
     content = (
@@ -263,7 +264,7 @@ def error_bars(runs: Sequence[ControllerRun]) -> Figure:
             x=list(errors),
             y=list(errors.values()),
             name=model or NO_MODEL,
-            marker={"color": COLOURS[model], "line": {"width": 0}},
+            marker={"color": _COLOURS.get(model, style.RESIDUAL), "line": {"width": 0}},
             text=[f"{x:.2g}" if x < 99.5 else f"{x:.0f}" for x in errors.values()],
             textposition="outside",
             cliponaxis=False,
