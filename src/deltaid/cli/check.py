@@ -5,7 +5,7 @@ import textwrap
 from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 from rich.table import Table
@@ -34,15 +34,13 @@ from deltaid.cli.output import (
     write_files,
 )
 from deltaid.errors import DeltaidError, visible
-
-if TYPE_CHECKING:
-    from deltaid.model.verdict import File
+from deltaid.model.verdict import File
 
 # Exit codes by the most severe verdict; 1 and 2 have their usual meaning.
 EXIT = {"good": 0, "cannot tell": 3, "doubtful": 3, "wrong": 4}
-_BELONGS: dict["File", str] = {"robot": "the robot file", "mapping": "the mapping (--columns)"}
+_BELONGS: dict[File, str] = {"robot": "the robot file", "mapping": "the mapping (--columns)"}
 # Endings of the names of both files.
-_ENDS: dict["File", str] = {"robot": "robot", "mapping": "columns"}
+_ENDS: dict[File, str] = {"robot": "robot", "mapping": "columns"}
 _COLOURS = {"wrong": "bold red", "doubtful": "yellow", "cannot tell": "cyan", "good": "green"}
 
 
@@ -274,7 +272,7 @@ def _verdicts_shown(finished: Finished) -> Table:
 
 def _cures(
     robot: str, columns: Sequence[Path], logs: Sequence[Path], verdicts: "deltaid.Verdicts"
-) -> dict["File", tuple[str, str]]:
+) -> dict[File, tuple[str, str]]:
     """Proposals for each file: changed keys to paste, and the whole text.
 
     Of several mappings it is nothing, for they differ.
@@ -283,7 +281,7 @@ def _cures(
     from deltaid.checks.evidence import evidence
     from deltaid.robot.load import described
 
-    cures = dict["File", tuple[str, str]]()
+    cures = dict[File, tuple[str, str]]()
     for file in checks.files_of(verdicts):
         wanted = checks.changes(verdicts, file)
         if file == "robot":

@@ -14,7 +14,6 @@ from deltaid.cli.options import (
     Report,
     UsePoor,
     bounded,
-    lag_of,
     names,
     output_file,
 )
@@ -29,6 +28,7 @@ from deltaid.cli.output import (
 )
 from deltaid.errors import DeltaidError, within
 from deltaid.exports.options import FURTHER, FmiVersion, TargetName
+from deltaid.model.options import lag_of
 
 
 def export(

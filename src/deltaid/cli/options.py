@@ -9,7 +9,7 @@ from typing import Annotated, Any
 import typer
 
 from deltaid.errors import DeltaidError, positive, within
-from deltaid.model.options import LARGEST_LAG, ComplianceChoice, LagChoice
+from deltaid.model.options import ComplianceChoice, lag_of
 
 
 def output_file(*names: str, help: str) -> Any:
@@ -49,23 +49,6 @@ def bounded(
         return value
 
     return typer.Option(*names, help=help, callback=checked, rich_help_panel=panel)
-
-
-def lag_of(text: str) -> LagChoice | tuple[float, ...]:
-    """Value of `--lag`: a word, or lags in s from milliseconds."""
-    words: dict[str, LagChoice] = {"estimate": "estimate", "none": "none"}
-    if text in words:
-        return words[text]
-    try:
-        lags = tuple(float(part) for part in text.split(","))
-    except ValueError:
-        raise DeltaidError(
-            f"must be estimate, none, or milliseconds such as 2 or 2,2,-1.5, not {text!r}",
-            where="--lag",
-        ) from None
-    for lag in lags:
-        within("--lag", lag, (-1e3 * LARGEST_LAG, 1e3 * LARGEST_LAG))
-    return tuple(1e-3 * lag for lag in lags)
 
 
 # Arguments of all commands with a robot, with parameters or without.

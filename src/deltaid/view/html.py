@@ -154,8 +154,8 @@ def numeric(table: Table, column: int) -> bool:
 
 def paragraphs(text: str) -> list[str]:
     """Paragraphs of a text; a per cent sign stays on the line of its number."""
-    parts = text.replace(" %", "\N{NO-BREAK SPACE}%").split("\n\n")
-    return [part for part in parts if part.strip()]
+    text = text.replace(" %", "\N{NO-BREAK SPACE}%")
+    return [paragraph for paragraph in text.split("\n\n") if paragraph.strip()]
 
 
 def heading(text: str) -> str:

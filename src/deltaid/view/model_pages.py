@@ -61,9 +61,7 @@ def identification_page(result: Identification, verification: Validation | None 
     ]
     if verified:
         sections.append(_torque_section(model.robot, seen, "Verification", front=True))
-    checks, about = (), f"all verdicts: {tally(verdicts)}"
-    if verdicts:
-        checks = (Section("Checks", (page_table(verdicts),), about),)
+    checks = Section("Checks", (page_table(verdicts),), f"all verdicts: {tally(verdicts)}")
     whence = f"identified from {file_names(model)}{f', verified on {verified}' if verified else ''}"
     return Page(
         title=model.robot.title or model.robot.name,
@@ -84,7 +82,7 @@ def identification_page(result: Identification, verification: Validation | None 
             friction_section(model, comparisons),
             animation.body_section(model, dynamics.kinematics),
             parameters.information_section(result),
-            *checks,
+            *((checks,) if verdicts else ()),
             provenance_section(load(model), "Data and settings"),
         ),
         warnings=tuple(warnings),
@@ -130,12 +128,10 @@ def _facts(
         if grade is Grade.GOOD:
             value, note = "all good", tally(verdicts)
         facts.append(Fact("checks", value, note))
-    certified = "not certified", "this regulariser is not convex"
-    if model.fit.duality_gap is not None:
-        certified = certificate(model.fit)
     bodies = "all bodies" if model.consistent else "violated"
     note = f"{len(model.consistency)} bodies, friction positive"
-    return (*facts, Fact("optimum", *certified), Fact("physical consistency", bodies, note))
+    optimum = Fact("optimum", *certificate(model.fit))
+    return (*facts, optimum, Fact("physical consistency", bodies, note))
 
 
 def validation_page(value: Validation) -> Page:

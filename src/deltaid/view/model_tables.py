@@ -120,9 +120,8 @@ def estimate_table(
     formulas: Sequence[str], units: Sequence[str], estimate: "BaseEstimate | None"
 ) -> Table:
     """Formula, value and interval of an estimate; without one, formulas alone."""
-    if estimate is None:
-        return _base(formulas, None)
-    return _base(formulas, list(zip(estimate.values, estimate.interval, units, strict=True)))
+    values = estimate and list(zip(estimate.values, estimate.interval, units, strict=True))
+    return _base(formulas, values)
 
 
 def _base(formulas: Sequence[str], values: list[tuple[float, float, str]] | None) -> Table:

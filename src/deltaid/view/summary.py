@@ -23,6 +23,11 @@ GOOD_WITHIN, FAIR_WITHIN = 0.05, 0.15
 _Errors = TorqueError | Verification
 _DOUBT = "Doubtful: "
 _ONLY = "only within"
+# Origin of the absolute scale where only torques are known in N m.
+_SCALE = (
+    "The absolute scale of masses and friction rests on the drives' torque constants: no known "
+    "load, force plate or weighed body confirms it."
+)
 _CAUSE = re.compile(r"[;.] +(?:likeliest|deltaid check|identify |take |weigh )", re.IGNORECASE)
 
 
@@ -53,14 +58,15 @@ def summary(
         doubts += known.verification.remarks
     missed = unseen is not None and bool(misfit(model, unseen))
     bad = bool(wrong) or missed or known.unexplained > FAIR_WITHIN
-    grade = _grade(known.fit, unseen, bad=bad, doubtful=bool(doubts))
+    nrmse = known.fit.nrmse if unseen is None else unseen.nrmse
+    grade = _grade(nrmse, unseen=unseen is not None, bad=bad, doubtful=bool(doubts))
     return Summary(
         grade,
         f"{grade.capitalize()}: {_verdict(model, unseen, len(doubts), wrong)}.",
         (
             _numbers(known),
             corrected(known.corrections),
-            *_scale(known),
+            *((_SCALE,) if known.absolute == () else ()),
             *(pair.text for pair in known.inseparable),
             *_doubts(doubts),
         ),
@@ -72,11 +78,14 @@ def without_doubts(said: Summary) -> Summary:
     return replace(said, lines=tuple(line for line in said.lines if not line.startswith(_DOUBT)))
 
 
-def _grade(fit: Fit, unseen: _Errors | None, *, bad: bool, doubtful: bool) -> Trust:
-    worst = float(np.max(fit.nrmse if unseen is None else unseen.nrmse))
+def _grade(
+    nrmse: Sequence[float] | np.ndarray, *, unseen: bool = True, bad: bool = False,
+    doubtful: bool = False,
+) -> Trust:  # fmt: skip
+    worst = float(np.max(nrmse))
     if bad or not worst <= FAIR_WITHIN:
         return Trust.POOR
-    if unseen is None:
+    if not unseen:
         return Trust.UNTESTED
     return Trust.GOOD if worst <= GOOD_WITHIN and not doubtful else Trust.FAIR
 
@@ -103,9 +112,7 @@ def _of_prior(model: Model, error: TorqueError | None) -> Summary:
     line = ("All numbers are those of the description: nothing has been identified.",)
     if error is None:
         return Summary(Trust.UNTESTED, "Untested: no recording has been predicted.", line)
-    worst = float(np.max(error.nrmse))
-    fair = Trust.FAIR if worst <= FAIR_WITHIN else Trust.POOR
-    grade = Trust.GOOD if worst <= GOOD_WITHIN else fair
+    grade = _grade(error.nrmse)
     said = f"the description alone predicts {_efforts(model)} {_within(model, error.nrmse)}"
     return Summary(grade, f"{grade.capitalize()}: {said}.", line)
 
@@ -134,16 +141,6 @@ def _numbers(model: IdentifiedModel) -> str:
         f"{known} of {kinds.total() - kinds['structure']} numbers "
         f"{'comes' if known == 1 else 'come'} from the recording"
         f"{'s' if len(model.sources) > 1 else ''}{shares}, {at_bound} bound."
-    )
-
-
-def _scale(model: IdentifiedModel) -> tuple[str, ...]:
-    """Origin of the absolute scale, where only torques are known in N m."""
-    if model.absolute != ():
-        return ()
-    return (
-        "The absolute scale of masses and friction rests on the drives' torque constants: no known "
-        "load, force plate or weighed body confirms it.",
     )
 
 
@@ -218,7 +215,9 @@ def file_names(model: IdentifiedModel) -> str:
 
 def certificate(fit: Fit) -> tuple[str, str]:
     """Optimality of the fit: in a word or two, and its distance to the certified bound."""
-    gap = (fit.duality_gap or 0.0) / fit.objective if fit.objective else 0.0
+    if fit.duality_gap is None:
+        return "not certified", "this regulariser is not convex"
+    gap = fit.duality_gap / fit.objective if fit.objective else 0.0
     if gap < _ROUNDING:
         return "certified", "no consistent model fits better by 0.01 %"
     return f"within {percent(gap)}", "of the best fit that is possible"

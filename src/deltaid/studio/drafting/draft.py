@@ -10,11 +10,10 @@ import numpy as np
 
 from deltaid.errors import DeltaidError, DescriptionError
 from deltaid.robot.description import RobotDescription
-from deltaid.robot.limits import Cylinder
-from deltaid.robot.platform import H4Platform, I4Platform, Par4Platform
+from deltaid.robot.limits import Cylinder, DriveLimits
+from deltaid.robot.platform import Par4Platform, RigidPlatform
 from deltaid.studio.drafting.questions import (
     QUESTIONS,
-    TELESCOPE,
     Question,
     platform_of,
     questions_of,
@@ -224,13 +223,12 @@ def answers(robot: RobotDescription) -> dict[str, float]:
     Raises:
         DescriptionError: it is of no kind that can be asked for.
     """
-    kind, limb, space, platform = (
-        kind_of(robot), robot.limb_geometry[0], robot.workspace, robot.platform
-    )  # fmt: skip
+    kind, limb, platform = kind_of(robot), robot.limb_geometry[0], robot.platform
     tilt = robot.limbs.tilt_deg if robot.limbs else 0.0
     mass = {name: float(body.prior_parameters()[0]) for name, body in robot.bodies.items()}
     driven, strut = robot.limb_bodies(0)
     inertia, law = robot.rotor_inertia.get("drive1"), robot.friction.get("drive1")
+    limits, turning = (robot.drive_limits.get(name, DriveLimits()) for name in ("drive1", _TOOL))
     values: dict[str, float | None] = {
         "arm": limb.upper_arm,
         "strut": limb.strut,
@@ -246,34 +244,35 @@ def answers(robot: RobotDescription) -> dict[str, float]:
         "strut_mass": mass[strut],
         "platform_mass": sum(n * mass[part] for part, n in _PARTS[platform_of(kind)].items()),
         "tool_mass": mass.get("EE"),
+        "telescope_mass": mass.get("TU", 0.0) + mass.get("TL", 0.0),
         "gear": 1.0,
         "rotor": inertia,
         "rotor_mass": inertia,
+        "coulomb": law and law.coulomb,
+        "rail_coulomb": law and law.coulomb,
+        "viscous": law and law.viscous,
+        "rail_viscous": law and law.viscous,
+        **dict(zip(("rail_low", "rail_high"), limits.position or (), strict=False)),
+        **dict(zip(("angle_low", "angle_high"), limits.angle_deg or (), strict=False)),
+        "rail_speed": limits.speed,
+        "speed": limits.speed_deg_s,
+        "rail_force": limits.effort,
+        "torque": limits.effort,
+        "tool_speed": turning.speed_deg_s,
+        "tool_torque": turning.torque,
+        "tool_rotor": robot.rotor_inertia.get(_TOOL),
     }
-    if kind in TELESCOPE:
-        values["telescope_mass"] = mass["TU"] + mass["TL"]
-    if isinstance(space, Cylinder):
-        values |= {"radius": space.radius, "low": space.z[0], "high": space.z[1]}
-    if law is not None:
-        values |= {"coulomb": law.coulomb, "rail_coulomb": law.coulomb}
-        values |= {"viscous": law.viscous, "rail_viscous": law.viscous}
-    if (limits := robot.drive_limits.get("drive1")) is not None:
-        values |= zip(("rail_low", "rail_high"), limits.position or (), strict=False)
-        values |= zip(("angle_low", "angle_high"), limits.angle_deg or (), strict=False)
-        values |= {"rail_speed": limits.speed, "speed": limits.speed_deg_s}
-        values |= {"rail_force": limits.effort, "torque": limits.effort}
-    if isinstance(platform, H4Platform | Par4Platform):
-        values["bar"] = (
-            platform.half_length if isinstance(platform, H4Platform) else platform.length
-        )
-        values["ratio"] = abs(platform.ratio)
-    if isinstance(platform, H4Platform | Par4Platform | I4Platform):
-        values["pinion"] = 0.5 / abs(platform.ratio)
-        values["tool_turn"] = max(abs(angle) for angle in platform.angle_deg)
-        values["tool_speed"] = platform.speed_deg_s
-    turning = robot.drive_limits.get(_TOOL)
-    if kind in TELESCOPE and turning is not None:
-        values |= {"tool_speed": turning.speed_deg_s, "tool_torque": turning.torque}
-        values["tool_rotor"] = robot.rotor_inertia.get(_TOOL)
+    if isinstance(robot.workspace, Cylinder):
+        radius, (low, high) = robot.workspace.radius, robot.workspace.z
+        values |= {"radius": radius, "low": low, "high": high}
+    if not isinstance(platform, RigidPlatform):
+        values |= {
+            "bar": platform.length if isinstance(platform, Par4Platform) else platform.arm,
+            "ratio": abs(platform.ratio),
+            "pinion": 0.5 / abs(platform.ratio),
+            "tool_turn": max(abs(angle) for angle in platform.angle_deg),
+            "tool_speed": platform.speed_deg_s,
+        }
+    # Of all these its kind is asked for some.
     numbers = {question.key: values.get(question.key) for question in questions_of(kind)}
     return {key: float(f"{value:.12g}") for key, value in numbers.items() if value is not None}

@@ -153,7 +153,7 @@ def _with_space(draft: Draft) -> Draft:
         # The assumed stroke follows from the workspace, not the reverse.
         robot = robot.changed(telescope=robot.telescope.changed(stroke=None))
     space = find_space(robot, middle, a["strut"])
-    return replace(_with_found_space(draft, space.radius, space.low, space.high), found_for=poses)
+    return replace(_with_found_space(draft, space.radius, *space.z), found_for=poses)
 
 
 # Numbers without effect on the reach.

@@ -267,14 +267,13 @@ def _rotors(draft: Draft) -> list[_Row]:
         value, keys = _product(rotor, gear**2), ("rotor", "gear")
         note = f"kg m², {number(rotor)} times {number(gear)}²"
     first = _Row("rotor_inertia.drive1", number(value), keys, note)
-    rows = [
+    turning = draft.kind in TELESCOPE
+    return [
         _Row("rotor_inertia", note="of motor and gear, referred to the joint"),
         first,
         *_other_drives(draft, first),
+        *([_Row.answer(draft, "rotor_inertia.drive4", "tool_rotor", "kg m²")] if turning else []),
     ]
-    if draft.kind in TELESCOPE:
-        rows.append(_Row.answer(draft, "rotor_inertia.drive4", "tool_rotor", "kg m²"))
-    return rows
 
 
 def _limits(draft: Draft) -> list[_Row | str]:

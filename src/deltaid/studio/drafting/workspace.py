@@ -1,7 +1,6 @@
 """Largest workspace of a robot with given lengths: a cylinder within its reach."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Float
@@ -12,6 +11,7 @@ from deltaid.dynamics.limits import torque_limits
 from deltaid.dynamics.parameters import prior_parameters
 from deltaid.errors import DeltaidError, KinematicsError
 from deltaid.robot.description import RobotDescription
+from deltaid.robot.limits import Cylinder
 from deltaid.studio.drafting.questions import LINEAR
 
 # Ratio of the cylinder's height to its radius; radii to try, as shares of the struts' length;
@@ -25,15 +25,6 @@ _SHIFTS = (0.0, 0.05, -0.05, 0.1, -0.1, 0.15, -0.15, 0.2, -0.2, 0.25, 0.3)
 # their joints.
 _ANGLES, _SPARE = (30.0, 45.0, 60.0, 75.0), 1.02
 _LENGTHS = ("--arm", "--strut", "--base-radius", "--platform-radius")
-
-
-@dataclass(frozen=True)
-class Space:
-    """A cylinder about world z [m]."""
-
-    radius: float
-    low: float
-    high: float
 
 
 def height(kind: str, a: Mapping[str, float]) -> float:
@@ -75,7 +66,7 @@ def _angle(a: Mapping[str, float]) -> float:
     return next(fits, tried[0])
 
 
-def find_space(robot: RobotDescription, middle: float, strut: float) -> Space:
+def find_space(robot: RobotDescription, middle: float, strut: float) -> Cylinder:
     """The widest cylinder about height −`middle` that lies within reach and limits at rest.
 
     Raises:
@@ -94,7 +85,7 @@ def find_space(robot: RobotDescription, middle: float, strut: float) -> Space:
     while radius > _SMALLEST * strut:
         for shift in _SHIFTS:
             space = _cylinder(-middle - shift * strut, radius)
-            if space.high < 0 and _holds(at_rest, space):
+            if space.z[1] < 0 and _holds(at_rest, space):
                 return _rounded(_taller(at_rest, space, _GROWN * strut))
         radius *= _STEP
     raise DeltaidError(
@@ -105,17 +96,17 @@ def find_space(robot: RobotDescription, middle: float, strut: float) -> Space:
     )
 
 
-def _cylinder(middle: float, radius: float) -> Space:
+def _cylinder(middle: float, radius: float) -> Cylinder:
     low = middle - 0.5 * _TALL * radius
-    return Space(radius, low, low + _TALL * radius)
+    return Cylinder(shape="cylinder", radius=radius, z=(low, low + _TALL * radius))
 
 
-def _taller(at_rest: AtRest, space: Space, step: float) -> Space:
+def _taller(at_rest: AtRest, space: Cylinder, step: float) -> Cylinder:
     """The same radius with the largest height: rails reach farther than arms."""
     for down, up in ((step, 0.0), (0.0, step)):
         for _ in range(_GROWTHS):
-            grown = replace(space, low=space.low - down, high=space.high + up)
-            if grown.high >= 0 or not _holds(at_rest, grown):
+            grown = space.changed(z=(space.z[0] - down, space.z[1] + up))
+            if grown.z[1] >= 0 or not _holds(at_rest, grown):
                 break
             space = grown
     return space
@@ -131,15 +122,18 @@ def _cure(robot: RobotDescription) -> str:
     )
 
 
-def _rounded(space: Space) -> Space:
+def _rounded(space: Cylinder) -> Cylinder:
     """Rounded inwards to millimetres, or to thousandths of smaller values."""
     unit = 10.0 ** min(-3, np.floor(np.log10(space.radius)) - 2)
-    digits = round(-np.log10(unit))
-    return Space(
-        radius=round(float(np.floor(space.radius / unit) * unit), digits),
-        low=round(float(np.ceil(space.low / unit) * unit), digits),
-        high=round(float(np.floor(space.high / unit) * unit), digits),
+    radius, low, high = (
+        round(float(inwards(value / unit) * unit), round(-np.log10(unit)))
+        for inwards, value in (
+            (np.floor, space.radius),
+            (np.ceil, space.z[0]),
+            (np.floor, space.z[1]),
+        )
     )
+    return space.changed(radius=radius, z=(low, high))
 
 
 def _pose_limits(at_rest: AtRest) -> list[int]:
@@ -148,13 +142,13 @@ def _pose_limits(at_rest: AtRest) -> list[int]:
     return [i for i in range(at_rest.of_workspace, last) if at_rest.limits[i] != "tool angle"]
 
 
-def _holds(at_rest: AtRest, space: Space) -> bool:
+def _holds(at_rest: AtRest, space: Cylinder) -> bool:
     """Whether the robot reaches the whole cylinder within its limits of pose."""
     poses = at_rest(_points(at_rest, space))
     return bool(poses.stands.all() and (poses.shares[:, _pose_limits(at_rest)] <= _SHARE).all())
 
 
-def _worst(at_rest: AtRest, space: Space) -> str:
+def _worst(at_rest: AtRest, space: Cylinder) -> str:
     poses = at_rest(_points(at_rest, space))
     if not poses.stands.all():
         return at_rest.why_not(poses.z[int(np.argmin(poses.stands))])
@@ -163,12 +157,12 @@ def _worst(at_rest: AtRest, space: Space) -> str:
     return f"the limit “{at_rest.limits[limits[int(shares.argmax())]]}” is at {shares.max():.0%}"
 
 
-def _points(at_rest: AtRest, space: Space) -> Float[np.ndarray, "samples dof"]:
+def _points(at_rest: AtRest, space: Cylinder) -> Float[np.ndarray, "samples dof"]:
     """Points of the cylinder's axis, rim and halfway, with the tool's extreme and middle angles."""
     angles = np.arange(_AROUND) * 2 * np.pi / _AROUND
     circle = np.stack([np.cos(angles), np.sin(angles)], axis=1)
     flat = np.concatenate([np.zeros((1, 2)), 0.5 * circle, circle]) * space.radius
-    levels = np.linspace(space.low, space.high, _LEVELS)
+    levels = np.linspace(*space.z, _LEVELS)
     points = np.array([[*xy, z] for xy in flat for z in levels])
     if at_rest.robot.task.turn is None:
         return points

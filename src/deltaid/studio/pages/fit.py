@@ -5,7 +5,7 @@ from typing import Any, Literal, get_args, get_origin
 
 from nicegui import ui
 
-from deltaid.errors import DeltaidError
+from deltaid.model.options import lag_of
 from deltaid.model.record import Settings
 from deltaid.studio.pages import parts
 from deltaid.studio.session import Session
@@ -82,7 +82,7 @@ def _settings(session: Session) -> None:
 
     def read(key: str, text: str) -> None:
         default = getattr(Settings(), key)
-        take(key, _lag(text) if key == "lag" else parts.number(text, key, default, "such as 30"))
+        take(key, lag_of(text) if key == "lag" else parts.number(text, key, default, "such as 30"))
 
     with parts.panel("Settings"):
         changed = settings != Settings()
@@ -110,17 +110,3 @@ def _text(value: float | str | tuple[float, ...] | None) -> str:
     if isinstance(value, tuple):
         return ",".join(f"{1e3 * lag:.10g}" for lag in value)
     return value or "" if value is None or isinstance(value, str) else f"{value:.10g}"
-
-
-def _lag(text: str) -> Any:
-    """Value of the option --lag."""
-    if text.strip() in ("estimate", "none"):
-        return text.strip()
-    try:
-        return tuple(1e-3 * float(number) for number in text.split(","))
-    except ValueError:
-        raise DeltaidError(
-            f"'{text}' is no lag",
-            where="lag",
-            cure="write estimate, none, or ms such as 2 or 2,2,1",
-        ) from None

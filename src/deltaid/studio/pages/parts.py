@@ -43,20 +43,19 @@ def shown() -> Generator[None, None, None]:
         problem(error)
 
 
-def note(text: str, kind: str = "") -> None:
-    """A permanent remark; kind is '', 'good', 'doubt' or 'bad'."""
+def note(text: str, kind: str = "", cure: str = "") -> None:
+    """A permanent remark with its fix; kind is '', 'good', 'doubt' or 'bad'."""
     role = "alert" if kind == "bad" else "note"
     with ui.element("div").classes(f"note {kind}").props(f"role={role}"):
         ui.label(page_words(text))
+        if cure:
+            ui.label(f"→ {page_words(cure)}").classes("cure")
 
 
 def problem(error: DeltaidError) -> None:
     """What is wrong, where, and the fix."""
     what, cure = _words(error)
-    with ui.element("div").classes("note bad").props("role=alert"):
-        ui.label(what)
-        if cure:
-            ui.label(f"→ {cure}").classes("cure")
+    note(what, "bad", cure)
 
 
 def warn(error: Exception) -> None:
@@ -162,7 +161,7 @@ def progress(session: Session, kind: str) -> None:
         note("Cancelled: nothing was written.", "doubt")
     if job.state == "failed":
         what, _, cure = job.error.partition("\n  → ")
-        problem(DeltaidError(what, where="", cure=cure))
+        note(what, "bad", cure)
     if job.state != "running":
         return
     with ui.element("div").classes("note").props("role=status aria-live=polite"):

@@ -12,7 +12,6 @@ from deltaid.studio.edits import named, read, written
 from deltaid.studio.pages import parts
 from deltaid.studio.pages.figures import preview, signals
 from deltaid.studio.pages.mapping import Form, form
-from deltaid.studio.pages.parts import upload
 from deltaid.studio.plan import Plan, Used
 from deltaid.studio.session import Session, mapping_name
 
@@ -38,7 +37,7 @@ def _files(session: Session, robot: RobotDescription) -> None:
         session.store.change(without)
 
     with parts.panel("Recordings"):
-        upload(session, "a recording", count_columns, partial(_add, session, robot))
+        parts.upload(session, "a recording", count_columns, partial(_add, session, robot))
         ui.label(
             "CSV, Parquet, MATLAB, NumPy, HDF5, TwinCAT scopes, ROS bags; any names of columns."
         ).classes("dim")
@@ -82,8 +81,8 @@ async def _add(session: Session, robot: RobotDescription, name: str) -> None:
 
 
 async def _contents(session: Session, robot: RobotDescription, name: str) -> Contents:
-    linear = robot.linear_drives
-    return await session.look(read_contents, str(session.folder.path(name)), linear)
+    path = str(session.folder.path(name))
+    return await session.look(read_contents, path, robot.linear_drives)
 
 
 async def _has_columns_of(session: Session, robot: RobotDescription, used: Used, name: str) -> bool:

@@ -16,17 +16,16 @@ from deltaid.studio.edits import own_copy
 from deltaid.studio.folder import ConflictError
 from deltaid.studio.pages import parts
 from deltaid.studio.pages.figures import live
-from deltaid.studio.pages.parts import note, panel, problem, report, upload
 from deltaid.studio.runs import FinishedRun
 from deltaid.studio.session import FileEdit, Session
-from deltaid.studio.steps import Step, show_step
+from deltaid.studio.steps import show_step
 
 
 async def body(session: Session) -> None:
     robot, name = session.robot(), session.plan.robot or ""
     _pick(session, robot)
     if robot is None:
-        note(
+        parts.note(
             "Begin with the robot of the catalogue that is most like yours and edit a copy, "
             "or describe your own by a few numbers."
         )
@@ -35,12 +34,12 @@ async def body(session: Session) -> None:
     if isinstance(robot, RobotDescription):
         await _show_robot(session, name)
     elif not edited:  # shown by the editor
-        problem(robot)
+        parts.problem(robot)
 
 
 def _pick(session: Session, robot: RobotDescription | DeltaidError | None) -> None:
     take = partial(_take, session)
-    with panel("Pick a robot"):
+    with parts.panel("Pick a robot"):
         options = {name: f"{name} (file of this folder)" for name in session.folder.robots()}
         options |= {name: f"{name}: {_title(name)}" for name in catalogue()}
         chosen = session.plan.robot
@@ -60,7 +59,7 @@ def _pick(session: Session, robot: RobotDescription | DeltaidError | None) -> No
                     on_click=lambda: take(own_copy(session.folder, chosen or "")),
                 )
         # The editor shows what is wrong with the text of a file.
-        upload(session, "a robot file", read_text, take, YAML_ENDINGS)
+        parts.upload(session, "a robot file", read_text, take, YAML_ENDINGS)
         describe(session)
         if isinstance(robot, RobotDescription):
             drives = (
@@ -92,9 +91,9 @@ def _take(session: Session, name: str | None) -> None:
 
 
 async def _show_robot(session: Session, name: str) -> None:
-    with panel("See it, and its limits"):
+    with parts.panel("See it, and its limits"):
         await live(session, name)
-    with panel("What it can reach, and what holds it"):
+    with parts.panel("What it can reach, and what holds it"):
         ui.label(
             "A page of the robot at rest: reach, limits that end it, condition and torques all "
             "over the workspace."
@@ -102,12 +101,11 @@ async def _show_robot(session: Session, name: str) -> None:
 
         def below(run: FinishedRun) -> None:
             if (run.robot, run.of) == (name, session.stamped(name)):
-                report(session, run.file(_PAGE), f"{name}: picture, reach, limits")
+                parts.report(session, run.file(_PAGE), f"{name}: picture, reach, limits")
 
-        def make(at: str) -> Step:
-            return show_step(name, f"{at}/{_PAGE}")
-
-        parts.step(session, "show", "Draw it", make, below=below)
+        parts.step(
+            session, "show", "Draw it", lambda at: show_step(name, f"{at}/{_PAGE}"), below=below
+        )
 
 
 _FILE, _PAGE = "my-robot.yaml", "robot.html"
@@ -178,7 +176,7 @@ def editor(session: Session, name: str) -> bool:
         now = session.folder.text(name)
     except DeltaidError:  # the stage shows why
         return False
-    with panel(f"Describe it: {name}"):
+    with parts.panel(f"Describe it: {name}"):
         ui.label(
             "Lengths in m, masses in kg, angles in degrees where the key ends in _deg. "
             "Keys are explained in the documentation under Command line, The robot file."
@@ -192,7 +190,7 @@ def editor(session: Session, name: str) -> bool:
 
 def _changed_meanwhile(session: Session, name: str, draft: FileEdit, now: str) -> None:
     """Choice about an edited text whose file has changed meanwhile."""
-    note(
+    parts.note(
         f"{name} has been changed meanwhile, by another tab or program. Below is what you have "
         "written; it is not saved.",
         "doubt",
@@ -241,7 +239,7 @@ class _Editor:
         with self.said, parts.shown():
             described_in(text, self.name)
             if text != self.before:
-                note("Valid; not saved yet.", "good")
+                parts.note("Valid; not saved yet.", "good")
 
     def _keep(self) -> None:
         text = self.field.value
