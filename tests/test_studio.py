@@ -8,10 +8,11 @@ import numpy as np
 import pytest
 
 from command import refused, run
+from deltaid.checks.verdicts import robot_text
 from deltaid.errors import DeltaidError
 from deltaid.model.record import Settings
-from deltaid.robot.load import catalogue_text, load_robot
-from deltaid.studio.edits import difference, own_copy, robot_cured
+from deltaid.robot.load import catalogue_text, described_in, load_robot
+from deltaid.studio.edits import difference, own_copy
 from deltaid.studio.folder import ConflictError, Folder
 from deltaid.studio.jobs import Job, error_in
 from deltaid.studio.look import MinMax
@@ -218,15 +219,16 @@ def test_cures_of_a_robot_leave_its_comments(folder: Folder) -> None:
     name = own_copy(folder, "clavel-delta3")
     assert name == "clavel-delta3.yaml"
     before = folder.text(name)
-    after = robot_cured(before, [("limbs.strut", 1.05), ("gravity", [0.0, 0.1, -9.8])], name)
+    path = folder.path(name)
+    after = robot_text(path, {"limbs.strut": 1.05, "gravity": [0.0, 0.1, -9.8]})
     assert after.count("#") == before.count("#")
     folder.write(name, after, instead_of=before)
-    assert load_robot(folder.path(name)).limbs.strut == 1.05
+    assert load_robot(path).limbs.strut == 1.05
     changed = difference(name, before, after).splitlines()
     assert "-  strut: 1.055" in changed
     assert "+  strut: 1.05" in changed
     with pytest.raises(DeltaidError, match="strut"):
-        robot_cured(before, [("limbs.strut", 0.1)], name)
+        described_in(robot_text(path, {"limbs.strut": 0.1}), name)
 
 
 def test_thinning_keeps_every_peak() -> None:

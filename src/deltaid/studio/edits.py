@@ -18,8 +18,7 @@ from deltaid.recording.mapped_columns import (
     Quantity,
 )
 from deltaid.recording.mapping import ColumnMapping
-from deltaid.robot.load import catalogue, catalogue_text, described_in, parse, plain_data, yaml_text
-from deltaid.robot.yaml_edit import edited, mended
+from deltaid.robot.load import catalogue, catalogue_text, parse, plain_data, yaml_text
 from deltaid.studio.folder import Folder
 
 Data = dict[str, Any]
@@ -197,18 +196,6 @@ def proposed_changes(verdict: Mapping[str, Any], file: str) -> list[tuple[str, o
     """Changes of one file that a verdict, as JSON has it, proposes."""
     proposals = [proposal for proposal in verdict["proposals"] if proposal["file"] == file]
     return [(key, value) for proposal in proposals for key, value in proposal["changes"].items()]
-
-
-def robot_cured(text: str, changes: Sequence[tuple[str, object]], where: str) -> str:
-    """A robot file with changed values; comments and everything else stay.
-
-    Raises:
-        DescriptionError: the text is no description, or what comes out is none.
-    """
-    data, proposed = plain_data(text, where), dict(changes)
-    written = edited(text, proposed, mended(data, proposed), where)
-    described_in(written, where)
-    return written
 
 
 def own_copy(folder: Folder, robot: str) -> str:

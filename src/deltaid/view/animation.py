@@ -14,7 +14,6 @@ from deltaid.mechanism.skeleton import Skeleton
 from deltaid.model.record import IdentifiedModel
 from deltaid.recording.recording import PreparedRecording
 from deltaid.robot.inertia import RigidBody
-from deltaid.robot.limits import Box, Cylinder, Hemisphere
 from deltaid.view import style
 from deltaid.view.comparison import even_rows
 from deltaid.view.drawing import members, outline, outline_points
@@ -59,10 +58,13 @@ def animation(
     skeleton, shown = Skeleton(kinematics.robot, kinematics.mechanism), time[chosen]
     shapes = skeleton.evaluate(z[chosen])
     lines = robot_lines(skeleton, shapes[0])
-    dots = {"color": style.PRIOR, "width": 2, "dash": "dot"}
+    thin, dots = (
+        {"color": style.PRIOR, "width": 1},
+        {"color": style.PRIOR, "width": 2, "dash": "dot"},
+    )
     still = [
         *([lines.pop("base")] if "base" in lines else []),
-        workspace_line(workspace, {"color": style.PRIOR, "width": 1}).update(showlegend=False),
+        still_line("workspace", outline(workspace), thin).update(showlegend=False),
         still_line("path", path[even_rows(len(path), _PATH)], dots),
         still_line("path shown", path[seen][::5], {"color": style.SERIES[1], "width": 3}),
     ]
@@ -89,11 +91,6 @@ def _liveliest(time: Float[np.ndarray, " samples"], path: Float[np.ndarray, "sam
     length = min(len(time), int(_SECONDS / interval) + 1) if interval > 0 else 1
     start = int(np.argmax(travelled[length - 1 :] - travelled[: len(travelled) - length + 1]))
     return slice(start, start + length)
-
-
-def workspace_line(workspace: Cylinder | Hemisphere | Box, line: dict[str, Any]) -> go.Scatter3d:
-    """Circles and edges of a workspace."""
-    return still_line("workspace", outline(workspace), line)
 
 
 def still_line(

@@ -48,13 +48,12 @@ def page_table(verdicts: Sequence[Verdict]) -> Table:
 
 def short_table(verdicts: Sequence[Verdict]) -> Table:
     """Verdicts that are not good, and all good ones in one row, for the head of a page."""
-    poor, keys = _parted(verdicts)[0], [verdict.key for verdict in _parted(verdicts)[1]]
-    table, rows = page_table(poor), ()
-    if keys:
-        count = f"all {'others' if poor else 'checks'} ({len(keys)})"
-        rows = ((Grade.GOOD, count, ", ".join(dict.fromkeys(keys)), "")[: len(table.columns)],)
+    poor, good = _parted(verdicts)
+    table, keys = page_table(poor), ", ".join(dict.fromkeys(verdict.key for verdict in good))
+    others = Grade.GOOD, f"all {'others' if poor else 'checks'} ({len(good)})", keys, ""
+    rows = (*table.rows, *([others[: len(table.columns)]] if good else []))
     caption = "What the checks say of description, recordings and fit."
-    return Table(table.columns, (*table.rows, *rows), caption, marked=table.marked)
+    return Table(table.columns, rows, caption, marked=table.marked)
 
 
 def _parted(verdicts: Sequence[Verdict]) -> tuple[list[Verdict], list[Verdict]]:

@@ -27,12 +27,6 @@ def excitation_page(result: Excitation) -> Page:
     robot, settings = exciter.dynamics.robot, exciter.settings
     fullest, periods = _fullest(result), f"{run.repeats} period{'s' * (run.repeats > 1)}"
     drawn = f"{number(result.criterion_before)} as drawn at random"
-    facts = [
-        Fact("duration", f"{run.duration:.4g} s", f"{periods} of {run.motion.period:.3g} s"),
-        Fact(f"criterion {settings.criterion}", number(result.criterion_after), drawn),
-    ]
-    if fullest is not None:
-        facts.append(Fact("fullest limit", f"{100 * fullest.share:.1f} %", fullest.name))
     noise = percent(settings.torque_noise)
     condition = Text(
         "Standard deviations of least squares on this motion, if the prior is right. Torque noise: "
@@ -66,7 +60,11 @@ def excitation_page(result: Excitation) -> Page:
         subtitle="Motion for identification, from rest to rest within all limits",
         verdict=verdict(result),
         drawing=drawing(robot, exciter.dynamics.kinematics),
-        facts=tuple(facts),
+        facts=(
+            Fact("duration", f"{run.duration:.4g} s", f"{periods} of {run.motion.period:.3g} s"),
+            Fact(f"criterion {settings.criterion}", number(result.criterion_after), drawn),
+            *([Fact("fullest limit", _in_use(fullest), fullest.name)] if fullest else []),
+        ),
         sections=(
             Section(
                 "Motion", (moving, _over_time(result)), "the robot moving, and its drives over time"
@@ -85,10 +83,14 @@ def verdict(result: Excitation) -> Summary:
     if beyond:
         return Summary(Trust.POOR, f"Poor: {lasts}, and beyond a limit of {', '.join(beyond)}.")
     fullest = _fullest(result)
-    used = f"; {fullest.name} comes nearest, {100 * fullest.share:.1f} %" if fullest else ""
+    used = f"; {fullest.name} comes nearest, {_in_use(fullest)}" if fullest else ""
     line = f"It shows {len(result.predictions)} combinations of the robot's numbers."
     said = f"Good: {lasts}, within all {len(result.limits)} limits{used}."
     return Summary(Trust.GOOD, said, (line,))
+
+
+def _in_use(limit: LimitUse) -> str:
+    return f"{100 * limit.share:.1f} %"
 
 
 def _fullest(result: Excitation) -> LimitUse | None:
@@ -175,18 +177,17 @@ def _limit_bars(result: Excitation) -> Figure:
 
 
 def excitation_card(value: Excitation) -> Card:
-    robot, settings, run = value.exciter.dynamics.robot, value.exciter.settings, value.run
-    facts = [
-        ("duration", f"{number(run.duration)} s"),
-        ("criterion", f"{number(value.criterion_after)} ({settings.criterion}), "
-         f"{number(value.criterion_before)} before"),
-        ("base parameters", f"{len(value.predictions)} made visible"),
-    ]  # fmt: skip
-    if (fullest := _fullest(value)) is not None:
-        facts.append(("fullest limit", f"{percent(fullest.share)} ({fullest.name})"))
+    robot, settings, fullest = value.exciter.dynamics.robot, value.exciter.settings, _fullest(value)
+    most = f"{percent(fullest.share)} ({fullest.name})" if fullest else ""
+    before = f"{number(value.criterion_before)} before"
     return Card(
         f"Motion of {robot.title or robot.name} from rest to rest, within all limits",
-        facts=tuple(facts),
+        facts=(
+            ("duration", f"{number(value.run.duration)} s"),
+            ("criterion", f"{number(value.criterion_after)} ({settings.criterion}), {before}"),
+            ("base parameters", f"{len(value.predictions)} made visible"),
+            *([("fullest limit", most)] if most else []),
+        ),
         more=(("limits", limit_table(value)), ("predicted deviations", prediction_table(value))),
         methods=(".plot()", ".to_frame()", '.save("motion.csv")', '.report("x.html")'),
     )
@@ -228,7 +229,7 @@ def run_card(value: Run | FourierMotion) -> Card:
 
 def limit_table(result: Excitation) -> Table:
     """Largest use of every limit over the whole run."""
-    rows = tuple((limit.name, f"{100 * limit.share:.1f} %") for limit in result.limits)
+    rows = tuple((limit.name, _in_use(limit)) for limit in result.limits)
     return Table(("limit", "in use"), rows, title="limits")
 
 

@@ -16,8 +16,8 @@ from deltaid.errors import KinematicsError
 from deltaid.mechanism.skeleton import Skeleton
 from deltaid.robot.description import RobotDescription
 from deltaid.view import style
-from deltaid.view.animation import fix_scene, robot_lines, workspace_line
-from deltaid.view.drawing import outline_points
+from deltaid.view.animation import fix_scene, robot_lines, still_line
+from deltaid.view.drawing import outline, outline_points
 from deltaid.view.page import Figure
 
 # Angle between directions of the rays [deg].
@@ -212,7 +212,7 @@ def picture(robot: AtRest, reached: Reach) -> Figure:
     """The robot at home, the described workspace, and the region it reaches."""
     skeleton = Skeleton(robot.robot, robot.dynamics.kinematics.mechanism)
     shape, space = skeleton.evaluate(robot.home[None])[0], robot.robot.workspace
-    edges = workspace_line(space, {"color": style.MEASURED, "width": 3})
+    edges = still_line("workspace", outline(space), {"color": style.MEASURED, "width": 3})
     figure, colors = go.Figure([*robot_lines(skeleton, shape).values(), edges]), limit_kinds(robot)
     for name, (points, faces) in patches(robot, reached).items():
         figure.add_mesh3d(

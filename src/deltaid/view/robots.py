@@ -14,8 +14,8 @@ from deltaid.model.model import load
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.load import yaml_text
 from deltaid.view import style
-from deltaid.view.animation import fix_scene, robot_lines, workspace_line
-from deltaid.view.drawing import outline_points
+from deltaid.view.animation import fix_scene, robot_lines, still_line
+from deltaid.view.drawing import outline, outline_points
 from deltaid.view.numbers import number, percent
 from deltaid.view.page import Fact, Page, Section, Table, Text
 from deltaid.view.reach import (
@@ -85,7 +85,8 @@ def robot_figure(value: _Robot) -> go.Figure:
     robot = value if isinstance(value, RobotDescription) else value.robot
     skeleton = Skeleton(robot, compiled(robot).kinematics.mechanism)
     shape = skeleton.evaluate(robot.home[None])[0]
-    edges = workspace_line(robot.workspace, {"color": style.PRIOR, "width": 3, "dash": "dot"})
+    dots = {"color": style.PRIOR, "width": 3, "dash": "dot"}
+    edges = still_line("workspace", outline(robot.workspace), dots)
     figure = go.Figure([*robot_lines(skeleton, shape).values(), edges])
     fix_scene(figure, shape.reshape(-1, 3), outline_points(robot.workspace), height=460, below=0)
     return figure.update_layout(margin_t=30)

@@ -46,6 +46,7 @@ class _Row(NamedTuple):
             find out what is assumed.
         note: begins the comment.
         source: where it comes from, if that is not where the answers come from.
+        below: lines that follow.
     """
 
     path: str
@@ -53,6 +54,7 @@ class _Row(NamedTuple):
     questions: tuple[str, ...] = ()
     note: str = ""
     source: str = ""
+    below: str = ""
 
     @classmethod
     def answer(cls, draft: Draft, path: str, question: str, unit: str = "") -> "_Row":
@@ -65,10 +67,7 @@ def written(draft: Draft) -> str:
     lines, sources = [f"name: {_scalar(draft.name)}", f"title: {_scalar(draft.title)}"], {}
     for chapter in (_limbs, _telescope, _platform, _bodies, _friction, _rotors, _limits):
         for row in chapter(draft):
-            if isinstance(row, str):
-                lines.append(row)
-                continue
-            path, value, questions, note, source = row
+            path, value, questions, note, source, below = row
             origins = [draft.origins[key] for key in questions]
             comment = [note] if note else []
             if ASSUMED in origins:
@@ -78,7 +77,7 @@ def written(draft: Draft) -> str:
             lines += [""] if not value and "." not in path else []
             said = f" # {'; '.join(comment)}" if comment else ""
             key = f"{path.rpartition('.')[2]}: {value}".rstrip()
-            lines.append(f"{'  ' * path.count('.')}{key}{said}")
+            lines += [f"{'  ' * path.count('.')}{key}{said}", *([below] if below else [])]
             source = source or _together(draft, questions)
             if source and path.partition(".")[0] not in sources:
                 sources[path] = source
@@ -214,21 +213,20 @@ def _platform(draft: Draft) -> list[_Row]:
     ]
 
 
-def _bodies(draft: Draft) -> list[_Row | str]:
+def _bodies(draft: Draft) -> list[_Row]:
     shapes = "solids of the right mass; shapes are assumed: better ones are worth minutes"
-    rows: list[_Row | str] = [_Row("bodies", note=shapes)]
+    rows = [_Row("bodies", note=shapes)]
     for body in bodies(draft.kind, draft.values):
         origin, length = draft.origins[body.mass], {"U": "arm", "S": "strut"}.get(body.name)
         how = f"; {_HOW[body.mass]}" if origin == ASSUMED else ""
         long = f", length {draft.origins[length]}" if length else ""
-        rows += [
-            _Row(
-                f"bodies.{body.name}",
-                note=f"{body.comment}; mass: {origin}{how}",
-                source=f"mass {origin}{long}; shape {ASSUMED}",
-            ),
-            f"    prior:\n      - {body.shape}\n    free: {body.free}",
-        ]
+        row = _Row(
+            f"bodies.{body.name}",
+            note=f"{body.comment}; mass: {origin}{how}",
+            source=f"mass {origin}{long}; shape {ASSUMED}",
+            below=f"    prior:\n      - {body.shape}\n    free: {body.free}",
+        )
+        rows.append(row)
     return rows
 
 
@@ -276,7 +274,7 @@ def _rotors(draft: Draft) -> list[_Row]:
     ]
 
 
-def _limits(draft: Draft) -> list[_Row | str]:
+def _limits(draft: Draft) -> list[_Row]:
     a = draft.values
     if draft.kind in LINEAR:
         keys = ("rail_low", "rail_high", "rail_speed", "rail_force")
@@ -290,25 +288,22 @@ def _limits(draft: Draft) -> list[_Row | str]:
     limits = f"{{{names[0]}: [{low}, {high}], {names[1]}: {speed}, {names[2]}: {effort}}}"
     said = [f"{key.replace('_', ' ')} {draft.origins[key]}" for key in keys if key != "gear"]
     singular = "assumed: how near to a singularity motions may come"
-    rows: list[_Row | str] = [
+    turning = []
+    if draft.kind in TELESCOPE:
+        of_tool = "tool_speed", "tool_torque"
+        rest = "{{speed_deg_s: {}, torque: {}}}".format(*(number(a[key]) for key in of_tool))
+        turning = [_Row("drive_limits.drive4", rest, of_tool)]
+    return [
         _Row("workspace", source=_together(draft, ("radius", "low", "high"))),
         _Row("workspace.shape", "cylinder"),
         _Row.answer(draft, "workspace.radius", "radius", "m"),
         _Row("workspace.z", f"[{number(a['low'])}, {number(a['high'])}]", ("low", "high")),
-        _Row("drive_limits"),
-        f"  # {', '.join(said)}",
-    ]
-    rows += [
-        _Row(f"drive_limits.drive{i + 1}", limits, source=_together(draft, keys))
-        for i in range(limbs_of(draft.kind))
-    ]
-    if draft.kind in TELESCOPE:
-        turning = "tool_speed", "tool_torque"
-        speed, torque = (number(a[key]) for key in turning)
-        rest = f"{{speed_deg_s: {speed}, torque: {torque}}}"
-        rows.append(_Row("drive_limits.drive4", rest, turning))
-    return [
-        *rows,
+        _Row("drive_limits", below=f"  # {', '.join(said)}"),
+        *(
+            _Row(f"drive_limits.drive{i + 1}", limits, source=_together(draft, keys))
+            for i in range(limbs_of(draft.kind))
+        ),
+        *turning,
         _Row.answer(draft, "platform_speed", "top_speed", "m/s"),
         _Row.answer(draft, "platform_acceleration", "top_acceleration", "m/s²"),
         _Row.answer(draft, "strut_swing_deg", "swing"),

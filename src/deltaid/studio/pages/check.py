@@ -5,11 +5,12 @@ from typing import Any
 
 from nicegui import ui
 
+from deltaid.checks.verdicts import robot_text
 from deltaid.errors import DeltaidError
 from deltaid.model.verdict import Grade
 from deltaid.robot.description import RobotDescription
-from deltaid.robot.load import catalogue, catalogue_text
-from deltaid.studio.edits import difference, proposed_changes, robot_cured
+from deltaid.robot.load import catalogue, catalogue_text, described_in
+from deltaid.studio.edits import difference, proposed_changes
 from deltaid.studio.look import mapping_cured
 from deltaid.studio.pages import parts
 from deltaid.studio.plan import Plan, Used
@@ -106,7 +107,9 @@ async def _offer(
     else:
         name = folder.free_name(f"{robot}.yaml") if robot in catalogue() else robot
         before = catalogue_text(robot) if robot in catalogue() else folder.text(robot)
-        after = robot_cured(before, changes, name)
+        with folder.called_by_name():
+            after = robot_text(session.place(robot), dict(changes))
+        described_in(after, name)  # raises where the changes do not fit
     instead_of = before if folder.has(name) else None
 
     def write() -> None:
