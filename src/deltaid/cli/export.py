@@ -190,8 +190,7 @@ def online(
     looks like one.
     """
     from deltaid.fleets.drift_tables import require_table, save
-    from deltaid.online import contact, replay, settings
-    from deltaid.online.watch import watch
+    from deltaid.online import contact, replay, settings, watch
     from deltaid.view import html
     from deltaid.view import online as view
 
@@ -209,7 +208,7 @@ def online(
         asked = deltaid.OnlineSettings(
             largest_mass=payload_max, false_alarms=false_alarms, grip_time=grip_time
         )
-        watched = watch(known, replayed, asked, say)
+        watched = watch.watch(known, replayed, asked, say)
         title = f"{watched.log} with {known.source}"
         write_files(
             (output, lambda path: save(watched.series, path)),

@@ -154,11 +154,10 @@ def compared(
     """A model compared with a recording, or with what a factor file keeps of it."""
     if not are_factor_files([log]):
         return deltaid.validate(model, log, columns=columns, keep_all=keep_all)
-    from deltaid.fleets.factor_file import read
-    from deltaid.fleets.identify_gathered import validate_gathered
+    from deltaid.fleets import factor_file, identify_gathered
 
-    file = read(log)
-    return validate_gathered(model, file), file.record
+    file = factor_file.read(log)
+    return identify_gathered.validate_gathered(model, file), file.record
 
 
 _LIMIT = re.compile(r"(\d+(?:\.\d+)?)\s*(N\s*·?\s*m|N)?")
@@ -244,8 +243,7 @@ def drift(
 
     Temperature and load are taken out. docs/drift.md says what alarms rest on.
     """
-    from deltaid.fleets import drift_tables, factor_file, robot_drift
-    from deltaid.fleets.identify_gathered import identify_gathered
+    from deltaid.fleets import drift_tables, factor_file, identify_gathered, robot_drift
 
     settings = drift_settings(limit, false_alarms, since)
     paths = in_folders(factors)
@@ -265,7 +263,7 @@ def drift(
             say(f"reading {k + 1} of {len(paths)}")
             files.append(factor_file.read(path))
         say("looking for drift")
-        known = model.identified or identify_gathered(model.robot, files).model
+        known = model.identified or identify_gathered.identify_gathered(model.robot, files).model
         result = robot_drift.robot_drift(robot_drift.recorded(files), known, settings)
     for path, table in writers.items():
         drift_tables.save(table(result), path)

@@ -136,8 +136,7 @@ def fit_lines(result: "deltaid.Identification") -> list[str]:
     """Sentences about the fit: filter, optimum, rank, consistency."""
     from deltaid.estimation.conic import SOLVERS
     from deltaid.recording.repairs import WHY_REPAIRED
-    from deltaid.view.corrections import reversals
-    from deltaid.view.parameters import shares_sentence
+    from deltaid.view import corrections, parameters
 
     fit, model = result.model.fit, result.model
     lines = []
@@ -153,7 +152,7 @@ def fit_lines(result: "deltaid.Identification") -> list[str]:
         )
         lines.append(
             f"{source.log}: {source.samples} samples at {source.rate_hz:.6g} Hz, {filtered}"
-            f"{reversals(source.left_out)}"
+            f"{corrections.reversals(source.left_out)}"
         )
     if fit.duality_gap is None:
         certificate = "no certificate: this regulariser is not convex"
@@ -170,7 +169,7 @@ def fit_lines(result: "deltaid.Identification") -> list[str]:
         f"{fit.optimization_variables} free parameters, {fit.base_parameters} base parameters, "
         f"condition {fit.base_condition:.0f}; torque noise {100 * fit.noise_level:.2g} % of the "
         "largest torque",
-        shares_sentence(model),
+        parameters.shares_sentence(model),
         "all bodies physically consistent",
     ]
     return [line for line in lines if line]

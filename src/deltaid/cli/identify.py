@@ -186,11 +186,11 @@ def identify(
         require_open({}, report)
     with progress(as_json) as say:
         if from_factors:
-            from deltaid.fleets.factor_file import read
-            from deltaid.fleets.identify_gathered import identify_gathered
+            from deltaid.fleets import factor_file, identify_gathered
 
             say(f"merging {len(logs)} factor files")
-            result = identify_gathered(robot, [read(log) for log in logs], settings)
+            files = [factor_file.read(log) for log in logs]
+            result = identify_gathered.identify_gathered(robot, files, settings)
         else:
             result = run(
                 model, logs, columns=mappings, settings=settings, force=force, progress=say

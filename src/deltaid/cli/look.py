@@ -3,7 +3,7 @@
 import threading
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import Annotated, Any, Literal
 
 import typer
 
@@ -21,10 +21,6 @@ from deltaid.cli.output import (
     used,
 )
 from deltaid.model.options import LeastSquaresMethod
-
-if TYPE_CHECKING:
-    from deltaid.dynamics.at_rest import AtRest
-    from deltaid.view.reach import Reach, WorkspaceSurvey
 
 Kind = Literal["robot", "columns", "model", "sensors", "fleet", "measurements"]
 
@@ -56,7 +52,7 @@ def show(
     Without options it prints tables.
     """
     from deltaid.dynamics.at_rest import AtRest
-    from deltaid.view import own_page, reach, robots
+    from deltaid.view import html, own_page, reach, robots
     from deltaid.view.live import DEFAULT_PORT, LiveView, require_viser
 
     require_outputs([robot], {"--report": report})
@@ -71,7 +67,9 @@ def show(
         at_rest = AtRest(model.dynamics, model.p)
     if report is not None:
         known = "identified" if model.identified else "prior"
-        write_robot(at_rest, report, f"Robot at rest, with its {known} parameters")
+        page = robots.rest_page(at_rest, f"Robot at rest, with its {known} parameters")
+        html.write_page(page, report)
+        print_written(report)
     elif not live:
         reached, surveyed = reach.reach(at_rest), reach.survey(at_rest)
         remark("warning", *robots.rest_warnings(at_rest, surveyed))
@@ -81,7 +79,7 @@ def show(
             "limits that end straight moves from home": robots.end_table(at_rest, reached),
         }
         print_found(
-            fact_lines(at_rest, reached, surveyed),
+            robots.rest_lines(at_rest, reached, surveyed),
             [replace(table, title=title) for title, table in tables.items()],
             full=full,
         )
@@ -96,27 +94,6 @@ def show(
             console.print("closed")
         finally:
             shown.close()
-
-
-def write_robot(robot: "AtRest", path: Path, origin: str) -> None:
-    from deltaid.view.html import write_page
-    from deltaid.view.robots import rest_page
-
-    write_page(rest_page(robot, origin), path)
-    print_written(path)
-
-
-def fact_lines(robot: "AtRest", reached: "Reach", surveyed: "WorkspaceSurvey") -> list[str]:
-    """A robot's title and its key figures at rest, a line each."""
-    from deltaid.view.robots import rest_facts
-
-    return [
-        robot.robot.title or robot.robot.name,
-        *(
-            f"{fact.label}: {fact.value}" + (f" ({fact.note})" if fact.note else "")
-            for fact in rest_facts(robot, reached, surveyed)
-        ),
-    ]
 
 
 def base(
@@ -139,8 +116,7 @@ def base(
     Recordings are needed for their values.
     """
     from deltaid.dynamics.dynamics import compiled
-    from deltaid.estimation.information import active_columns
-    from deltaid.estimation.reduction import build_reduction
+    from deltaid.estimation import information, reduction
     from deltaid.identification.generic_motion import measured_base
     from deltaid.view.model_tables import estimate_table
 
@@ -158,7 +134,8 @@ def base(
         else:
             say("trying a random motion")
             result = measured_base(dynamics, seed)
-    layout, free = result.layout, build_reduction(description, active_columns(dynamics)).size
+    columns_seen = information.active_columns(dynamics)
+    layout, free = result.layout, reduction.build_reduction(description, columns_seen).size
     invisible = [layout.names[i] for i in result.invisible]
     visible = len(layout.names) - len(invisible)
     value: dict[str, Any] = {

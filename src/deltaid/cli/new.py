@@ -17,6 +17,7 @@ from deltaid.cli.output import (
     console,
     print_found,
     print_next,
+    print_written,
     remark,
     require_outputs,
     styled,
@@ -207,30 +208,29 @@ def _line(prompt: str) -> str:
 def _write(draft: "Draft", file: Path, report: Path | None) -> None:
     """Write the description, the schema of its first line, if there is none beside it, and the
     page; print the state of knowledge and the robot at rest."""
-    from deltaid.cli.look import fact_lines, write_robot
     from deltaid.dynamics.at_rest import AtRest
+    from deltaid.studio.drafting import interview, text
     from deltaid.studio.drafting.draft import ASSUMED
-    from deltaid.studio.drafting.interview import unusual
-    from deltaid.studio.drafting.text import SCHEMA_FILE, written
-    from deltaid.view.reach import reach, survey
-    from deltaid.view.robots import rest_warnings
+    from deltaid.view import html, reach, robots
 
-    schema = file.with_name(SCHEMA_FILE)
+    schema = file.with_name(text.SCHEMA_FILE)
     keys = json.dumps(deltaid.RobotDescription.model_json_schema(), indent=2, ensure_ascii=False)
-    write_files((file, written(draft)), (None if schema.exists() else schema, f"{keys}\n"))
+    write_files((file, text.written(draft)), (None if schema.exists() else schema, f"{keys}\n"))
     model = deltaid.load(str(file))
     at_rest = AtRest(model.dynamics, model.p)
-    surveyed, doubts = survey(at_rest), unusual(draft)
-    remark("warning", *doubts, *rest_warnings(at_rest, surveyed))
+    surveyed, doubts = reach.survey(at_rest), interview.unusual(draft)
+    remark("warning", *doubts, *robots.rest_warnings(at_rest, surveyed))
     assumed = [key.replace("_", " ") for key, origin in draft.origins.items() if origin == ASSUMED]
     lines = [
         f"wrote {file}, {'in doubt' if doubts else 'good'} by `deltaid check`",
         f"{len(draft.values) - len(assumed)} numbers are known, {len(assumed)} are assumed"
         + (f": {', '.join(assumed)}" if assumed else ""),
         "",
-        *fact_lines(at_rest, reach(at_rest), surveyed),
+        *robots.rest_lines(at_rest, reach.reach(at_rest), surveyed),
     ]
     print_found(lines, full=False)
     print_next(f"`deltaid show {file}` prints drives and limits")
     if report is not None:
-        write_robot(at_rest, report, "Robot at rest, with its prior parameters")
+        page = robots.rest_page(at_rest, "Robot at rest, with its prior parameters")
+        html.write_page(page, report)
+        print_written(report)

@@ -54,14 +54,12 @@ def reproduce(
 
 
 def _surrogate(folder: Path, say: Progress, quick: bool, given: dict[str, int]) -> Reproduced:
-    from deltaid.reproduce import files
-    from deltaid.reproduce import surrogate_page as view
-    from deltaid.reproduce.surrogate import QUICK, SurrogateSettings, reproduce_surrogate
+    from deltaid.reproduce import files, surrogate, surrogate_page
 
     files.require_folder(folder, files.SURROGATE_FILES)
-    settings = replace(QUICK if quick else SurrogateSettings(), **given)
-    result = reproduce_surrogate(settings, progress=say)
-    value = _written(result, view.surrogate_page, folder, say)
+    settings = replace(surrogate.QUICK if quick else surrogate.SurrogateSettings(), **given)
+    result = surrogate.reproduce_surrogate(settings, progress=say)
+    value = _written(result, surrogate_page.surrogate_page, folder, say)
     fewest = min(result.fits, key=lambda fit: fit.accuracy.definite).accuracy
     notes = (
         "ID1 and ID2 start from regularisations below and above the truth",
@@ -70,21 +68,18 @@ def _surrogate(folder: Path, say: Progress, quick: bool, given: dict[str, int]) 
         f"M has a Cholesky factor at {fewest.definite} of {fewest.samples} samples, in the worst "
         "of all fits",
     )
-    return value, view.comparison_table(result), notes
+    return value, surrogate_page.comparison_table(result), notes
 
 
 def _irb360(folder: Path, say: Progress, quick: bool, given: dict[str, int]) -> Reproduced:
-    from deltaid.reproduce import files
-    from deltaid.reproduce import irb360_page as view
-    from deltaid.reproduce.irb360 import QUICK, reproduce_irb360
-    from deltaid.reproduce.surrogate import RecordingSettings
+    from deltaid.reproduce import files, irb360, irb360_page
 
     files.require_folder(folder, files.IRB360_FILES)
-    settings = replace(QUICK if quick else RecordingSettings(), **given)
-    result = reproduce_irb360(settings, progress=say)
-    value = _written(result, view.irb360_page, folder, say)
+    settings = replace(irb360.QUICK if quick else irb360.RecordingSettings(), **given)
+    result = irb360.reproduce_irb360(settings, progress=say)
+    value = _written(result, irb360_page.irb360_page, folder, say)
     notes = ("rows “the paper” hold numbers of its own machine; all others are simulated here",)
-    return value, view.rms_table(result), notes
+    return value, irb360_page.rms_table(result), notes
 
 
 def _written(

@@ -146,6 +146,13 @@ def rest_facts(robot: AtRest, reached: Reach, surveyed: WorkspaceSurvey) -> tupl
     )
 
 
+def rest_lines(robot: AtRest, reached: Reach, surveyed: WorkspaceSurvey) -> list[str]:
+    """A robot's title and its key figures at rest, a line each."""
+    facts = rest_facts(robot, reached, surveyed)
+    lines = (f"{x.label}: {x.value}" + (f" ({x.note})" if x.note else "") for x in facts)
+    return [robot.robot.title or robot.robot.name, *lines]
+
+
 def rest_warnings(robot: AtRest, surveyed: WorkspaceSurvey) -> tuple[str, ...]:
     """Parts of the described workspace that the machine's limits forbid."""
     if surveyed.within == 1.0:
