@@ -55,12 +55,10 @@ def identification_page(result: Identification, verification: Validation | None 
         seen, verified = compare(dynamics, model.p, model_filtered(model, log)), log.path.name
         warnings += [f"{verified}: {text}" for text in verification.remarks]
     titles = [f"Torques: {x.path.name}" for x in recordings] if recordings[1:] else ["Torques"]
-    sections = [
-        _torque_section(model.robot, comparison, title, front=comparison is seen)
-        for comparison, title in zip(comparisons, titles, strict=True)
+    shown = [
+        *zip(comparisons, titles, strict=True),
+        *([(seen, "Verification")] if verified else []),
     ]
-    if verified:
-        sections.append(_torque_section(model.robot, seen, "Verification", front=True))
     checks = Section("Checks", (page_table(verdicts),), f"all verdicts: {tally(verdicts)}")
     whence = f"identified from {file_names(model)}{f', verified on {verified}' if verified else ''}"
     return Page(
@@ -76,7 +74,7 @@ def identification_page(result: Identification, verification: Validation | None 
         ),
         sections=(
             *corrections.put_right_sections(model),
-            *sections,
+            *(_torque_section(model.robot, x, title, front=x is seen) for x, title in shown),
             _motion_section(dynamics, recordings[0]),
             parameters.parameter_section(model),
             friction_section(model, comparisons),
@@ -138,13 +136,10 @@ def validation_page(value: Validation) -> Page:
     """The page of `deltaid validate`: a model's errors on a recording, and its origin."""
     model, (error, log) = value.model, value
     dynamics, known, recording = model.dynamics, model.identified, model_filtered(model, log)
-    comparison, chapters = compare(dynamics, model.p, recording), list[Section]()
-    if known:
-        chapters.append(parameters.parameter_section(known))
+    comparison, base = compare(dynamics, model.p, recording), ()
     if known and known.base_parameters:  # missing in models of earlier versions
         tables = (model_tables.base_table(known.base_parameters),)
-        about = "combinations that the torques determine"
-        chapters.append(Section("Base parameters", tables, about))
+        base = (Section("Base parameters", tables, "combinations that the torques determine"),)
     missing = corrections.left_out_table(
         [(log.path.name, left_out(log, model.robot.drives, error))]
     )
@@ -171,7 +166,8 @@ def validation_page(value: Validation) -> Page:
             replace(torques, blocks=(*((missing,) if missing else ()), *torques.blocks)),
             _motion_section(dynamics, recording),
             friction_section(model, (comparison,)),
-            *chapters,
+            *([parameters.parameter_section(known)] if known else []),
+            *base,
             *corrections.put_right_sections(model.identified),
             provenance_section(model, "The model"),
         ),

@@ -38,16 +38,9 @@ def plan_page(plan: SensorPlan, entries: Sequence[str] | None = None) -> Page:
     if entries is None:
         entries = chosen_entries(plan)
     robot, now = plan.model.robot, plan.described
-    opened = {opening.name: opening for opening in plan.openings}
-    open_now = opened[DESCRIBED if plan.has_described else TORQUES].null
-    facts = [
-        Fact("directions that stay open", str(len(open_now.directions)), now.title),
-        Fact(plan.goal, percent(now.goal), "typical standard deviation now"),
-        *(Fact(*fact) for fact in bought(plan)),
-    ]
-    entries_known: tuple[Block, ...] = (entry_table(plan),)
-    if hidden := untold(plan):
-        entries_known += (Text(f"Nothing of the list determines much of {', '.join(hidden)}."),)
+    known = DESCRIBED if plan.has_described else TORQUES
+    open_now = next(opening for opening in plan.openings if opening.name == known).null
+    hidden = Text(f"Nothing of the list determines much of {', '.join(untold(plan))}.")
     settings = plan.settings
     chosen = (
         ("torque noise, share of each drive's largest torque", percent(settings.torque_noise)),
@@ -61,7 +54,11 @@ def plan_page(plan: SensorPlan, entries: Sequence[str] | None = None) -> Page:
         subtitle=f"What sensors and scales would determine, planned for {plan.motion}",
         verdict=_verdict(plan, len(open_now.directions)),
         drawing=drawing(robot, plan.model.dynamics.kinematics),
-        facts=tuple(facts),
+        facts=(
+            Fact("directions that stay open", str(len(open_now.directions)), now.title),
+            Fact(plan.goal, percent(now.goal), "typical standard deviation now"),
+            *(Fact(*fact) for fact in bought(plan)),
+        ),
         sections=(
             Section(
                 f"What to buy next for {plan.goal}",
@@ -75,7 +72,11 @@ def plan_page(plan: SensorPlan, entries: Sequence[str] | None = None) -> Page:
                 "now, and with what is bought",
                 unfolded=True,
             ),
-            Section("The same in numbers", entries_known, "standard deviations of all entries"),
+            Section(
+                "The same in numbers",
+                (entry_table(plan), *([hidden] if untold(plan) else [])),
+                "standard deviations of all entries",
+            ),
             Section(
                 "What each would make of it",
                 (_gains(plan), use_table(plan, entries)),

@@ -11,7 +11,7 @@ from deltaid.identification.identify import Identification
 from deltaid.identification.prediction import Compared, misfit, remarks
 from deltaid.identification.torque_error import TorqueError
 from deltaid.model.model import Model, load
-from deltaid.model.record import Fit, IdentifiedModel, Verification
+from deltaid.model.record import Fit, IdentifiedModel
 from deltaid.view.corrections import corrected
 from deltaid.view.numbers import FEW, in_words, number, percent
 from deltaid.view.page import Section, Summary, Table, Text, Trust
@@ -20,7 +20,6 @@ from deltaid.view.page import Section, Summary, Table, Text, Trust
 # twentieth left over is as good as drives' torque constants are known; where a sixth is left, as
 # much as friction or a load usually is, something is missing in the model.
 GOOD_WITHIN, FAIR_WITHIN = 0.05, 0.15
-_Errors = TorqueError | Verification
 _DOUBT = "Doubtful: "
 _ONLY = "only within"
 # Origin of the absolute scale where only torques are known in N m.
@@ -60,9 +59,15 @@ def summary(
     bad = bool(wrong) or missed or known.unexplained > FAIR_WITHIN
     nrmse = known.fit.nrmse if unseen is None else unseen.nrmse
     grade = _grade(nrmse, unseen=unseen is not None, bad=bad, doubtful=bool(doubts))
+    said = f"predicts {_efforts(model)} of an unseen motion {_within(model, nrmse)}"
+    if unseen is None:
+        said = (
+            f"fits {_efforts(model)} of its own recording {_within(model, nrmse)}, and no unseen "
+            "motion has shown how well it predicts"
+        )
     return Summary(
         grade,
-        f"{grade.capitalize()}: {_verdict(model, unseen, len(doubts), wrong)}.",
+        f"{grade.capitalize()}: {_with_faults(said, len(doubts), wrong)}.",
         (
             _numbers(known),
             corrected(known.corrections),
@@ -90,16 +95,7 @@ def _grade(
     return Trust.GOOD if worst <= GOOD_WITHIN and not doubtful else Trust.FAIR
 
 
-def _verdict(model: Model, unseen: _Errors | None, doubts: int, wrong: Sequence[str]) -> str:
-    known = model.identified
-    said = ""
-    if unseen is not None:
-        said = f"predicts {_efforts(model)} of an unseen motion {_within(model, unseen.nrmse)}"
-    elif known is not None:
-        said = (
-            f"fits {_efforts(model)} of its own recording {_within(model, known.fit.nrmse)}, and "
-            "no unseen motion has shown how well it predicts"
-        )
+def _with_faults(said: str, doubts: int, wrong: Sequence[str]) -> str:
     if wrong:
         return f"{said}; found wrong: {', '.join(dict.fromkeys(wrong))}"
     if not doubts:

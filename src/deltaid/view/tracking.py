@@ -29,6 +29,11 @@ _COLOURS = {
     "identified": style.IDENTIFIED,
 }
 
+_NO_ROBOT = (
+    "no robot with these limits runs this motion, so the comparison ranks no controller; take a "
+    "slower or smaller one, such as `deltaid excite` plans"
+)
+
 Signal = Float[np.ndarray, " samples"]
 
 
@@ -166,12 +171,7 @@ def infeasible_lines(
     problems: Sequence[MotionProblem], runs: Sequence[ControllerRun]
 ) -> tuple[str, ...]:
     """Why a comparison is invalid or limited: faults of the motion, then of the runs."""
-    lines = [problem.text for problem in problems]
-    if lines:
-        lines.append(
-            "no robot with these limits runs this motion, so the comparison ranks no controller; "
-            "take a slower or smaller one, such as `deltaid excite` plans"
-        )
+    lines = [*(problem.text for problem in problems), *[_NO_ROBOT] * bool(problems)]
     done = [run for run in runs if run.tracking is not None]
     spoilt = [run for run in done if run.problems]
     every = len(spoilt) == len(done)
@@ -217,10 +217,7 @@ def simulation_page(value: Simulation | Comparison) -> Page:
         return comparison_page(on.model.robot, value.runs, *rest)
     result, robot, error = value.tracking, on.plant.model.robot, value.tracking.error
     rms, most = (f"{1e3 * x:.3g} mm" for x in (error.platform_rms, error.platform_max))
-    facts = [Fact("platform error", rms, "rms"), Fact("largest platform error", most)]
-    if error.turn_rms is not None:
-        facts.append(Fact("error of the tool's turn", f"{np.rad2deg(error.turn_rms):.3g}°", "rms"))
-    facts.append(Fact("at a torque limit", percent(float(error.saturated.max())), "of the time"))
+    turn = f"{np.rad2deg(error.turn_rms or 0.0):.3g}°"
     said = (
         f"the platform follows within {rms} (rms; {most} at most), and no drive stands at a limit"
     )
@@ -236,7 +233,12 @@ def simulation_page(value: Simulation | Comparison) -> Page:
     return Page(
         title=robot.title or robot.name,
         subtitle=f"Simulated tracking: {title}",
-        facts=tuple(facts),
+        facts=(
+            Fact("platform error", rms, "rms"),
+            Fact("largest platform error", most),
+            *([] if error.turn_rms is None else [Fact("error of the tool's turn", turn, "rms")]),
+            Fact("at a torque limit", percent(float(error.saturated.max())), "of the time"),
+        ),
         sections=(
             Section("Tracking", tracking),
             Section("Torques", (torque_figure(robot, result), drive_table(robot, result))),

@@ -1,6 +1,6 @@
 """The form of a mapping: time, and for each quantity and drive its column, unit and sign."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import partial
 from typing import Any
 
@@ -121,18 +121,17 @@ class Form:
 def form(state: Form) -> None:
     kept = f"Kept in {state.name}. " if state.name else ""
     ui.label(f"{kept}joint value = sign · unit · (number − zero) / gear").classes("dim")
-    columns, data = [*state.names], state.data
-    _time(state, columns)
+    _time(state)
     parts.remembered(
         state.session, "alike", ui.switch("All drives have the same unit and gear", value=True)
     )
     for quantity in QUANTITIES:
         title = quantity if quantity in NEEDED_OF_DRIVES else f"{quantity} (if recorded)"
-        shown = ui.expansion(title, value=quantity in data or quantity in NEEDED_OF_DRIVES)
-        listed = zip(state.drives, entries(data, quantity, state.dof), strict=True)
+        shown = ui.expansion(title, value=quantity in state.data or quantity in NEEDED_OF_DRIVES)
+        listed = zip(state.drives, entries(state.data, quantity, state.dof), strict=True)
         with shown.classes("w-full").props("dense"), ui.element("div").classes("grid drives"):
             for drive, (name, entry) in enumerate(listed):
-                _row(state, quantity, drive, name, entry, columns)
+                _row(state, quantity, drive, name, entry)
 
     def say() -> None:
         if state.missing:
@@ -143,12 +142,12 @@ def form(state: Form) -> None:
     state.changed += [state.refresh, missing.refresh]
 
 
-def _time(state: Form, columns: list[str]) -> None:
+def _time(state: Form) -> None:
     given = state.data.get("time", {})
     with ui.row().classes("items-center w-full"):
         column = ui.select(
-            columns, value=_listed(given.get("column"), columns), label="Time column",
-            clearable=True,
+            _with(state.names, given.get("column")), value=given.get("column"),
+            label="Time column", clearable=True,
         ).classes("grow time")  # fmt: skip
         unit = ui.select(
             _with(TIME_UNITS, given.get("unit", "s")), value=given.get("unit", "s"), label="Unit",
@@ -166,9 +165,7 @@ def _time(state: Form, columns: list[str]) -> None:
     parts.on_leaving(rate, lambda _: take())
 
 
-def _row(
-    state: Form, quantity: Quantity, drive: int, name: str, entry: Data, columns: list[str]
-) -> None:
+def _row(state: Form, quantity: Quantity, drive: int, name: str, entry: Data) -> None:
     def label(of: str) -> str:
         return f'stack-label label="{of}" aria-label="{quantity} of {name}: {of}"'
 
@@ -182,8 +179,8 @@ def _row(
     ui.label(name).classes("drive")
     fields: dict[str, ValueElement[Any]] = {
         "column": ui.select(
-            columns, value=_listed(entry.get("column"), columns), with_input=True, clearable=True,
-            on_change=setter("column"),
+            _with(state.names, entry.get("column")), value=entry.get("column"), with_input=True,
+            clearable=True, on_change=setter("column"),
         ).props(label("column")).classes("of"),
         "unit": ui.select(
             _with(UNITS[quantity], entry.get("unit")), value=entry.get("unit"),
@@ -207,12 +204,6 @@ def _text(value: float | None) -> str:
     return "" if value is None else f"{value:.10g}"
 
 
-def _listed(value: Any, columns: list[str]) -> Any:
-    """A column of the recording; others are added, because the file has them."""
-    if value is not None and value not in columns:
-        columns.append(value)
-    return value
-
-
-def _with(units: tuple[str, ...], own: str | None) -> list[str]:
-    return [*units, *([own] if own and own not in units else [])]
+def _with(choices: Sequence[str], own: str | None) -> list[str]:
+    """Columns or units to choose from, and another one that the file has."""
+    return [*choices, *([own] if own and own not in choices else [])]
