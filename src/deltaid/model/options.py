@@ -1,4 +1,4 @@
-"""Options of a fit by name, and their limits; imports nothing slow."""
+"""Options of a fit by name, their limits, and how lags are read; imports nothing slow."""
 
 from typing import Literal
 
