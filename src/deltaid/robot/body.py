@@ -25,8 +25,6 @@ from deltaid.robot.part import (
     Vector,
 )
 
-_AXES = {"x": 0, "y": 1, "z": 2}
-
 
 class HollowCylinder(Part):
     """A tube (or, with `inner_radius: 0`, a solid cylinder) along one axis of the link frame.
@@ -55,13 +53,10 @@ class HollowCylinder(Part):
     def parameters(self) -> Float[np.ndarray, " 10"]:
         """The ten inertia parameters about the link frame."""
         radii = self.outer_radius**2 + self.inner_radius**2
-        mass = self.mass
-        if mass is None:
-            assert self.density is not None
-            area = np.pi * (self.outer_radius**2 - self.inner_radius**2)
-            mass = self.density * area * self.length
+        area = np.pi * (self.outer_radius**2 - self.inner_radius**2)
+        mass = self.mass or (self.density or 0.0) * area * self.length
         second_moments = np.full(3, mass * radii / 4)  # ∫x² dm across the axis
-        second_moments[_AXES[self.axis]] = mass * self.length**2 / 12
+        second_moments["xyz".index(self.axis)] = mass * self.length**2 / 12
         return RigidBody.centred(mass, np.array(self.centre), np.diag(second_moments)).p
 
 

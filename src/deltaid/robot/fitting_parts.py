@@ -2,13 +2,12 @@
 
 import difflib
 import re
-from collections.abc import Collection, Iterator, Mapping
-from typing import TYPE_CHECKING, get_args
+from collections.abc import Collection, Mapping
+from typing import TYPE_CHECKING
 
 from deltaid.robot.body import Body
 from deltaid.robot.limits import Box
 from deltaid.robot.measured import Measured
-from deltaid.robot.part import Axis, Vector
 from deltaid.robot.platform import RigidPlatform
 from deltaid.robot.sensors import BaseWrench, JointTorque, StrutForce
 from deltaid.robot.tolerances import LENGTHS
@@ -161,10 +160,11 @@ def _check_sensors(robot: "RobotDescription") -> None:
         if isinstance(sensor, BaseWrench):
             _check_turns(robot, name, sensor)
         elif isinstance(sensor, StrutForce):
-            if robot.limbs is not None:
-                _require_known(
-                    f"sensors.{name}.strut", "strut", sensor.strut, tuple(_struts(robot))
-                )
+            sides = ("", "a", "b") if robot.limbs and robot.limbs.struts_per_limb == 2 else ("",)
+            count = len(robot.limb_geometry)
+            struts = tuple(f"strut{i + 1}{side}" for i in range(count) for side in sides)
+            if struts:
+                _require_known(f"sensors.{name}.strut", "strut", sensor.strut, struts)
         else:
             assert isinstance(sensor, JointTorque)
             _require_known(f"sensors.{name}.drive", "drive", sensor.drive, robot.drives)
@@ -183,20 +183,15 @@ def _check_value(where: str, measured: Measured, bodies: Mapping[str, Body]) -> 
     ((name, body),) = bodies.items()
     if any(any(placed.turned_deg) for placed in getattr(measured, "placed", ())):
         return
-    along = _axes_along(measured.axis)
+    axis = measured.axis or (0.0, 0.0, 0.0)  # a letter, or a direction
+    parts = [letter == axis for letter in "xyz"] if isinstance(axis, str) else axis
+    along = [letter for letter, part in zip("xyz", parts, strict=True) if part]
     held = [f"mc{axis}" for axis in along if f"mc{axis}" not in body.free]
     if held:
         raise ValueError(
             f"{where} is along {', '.join(along)}, but bodies.{name}.free "
             f"excludes {' and '.join(held)}, which says that it is zero; name it there"
         )
-
-
-def _axes_along(axis: Axis | Vector | None) -> list[str]:
-    """Axes of the link frame along which a direction has a component."""
-    if axis is None or isinstance(axis, str):
-        return [axis] if axis else []
-    return [letter for letter, part in zip(get_args(Axis), axis, strict=True) if part]
 
 
 def _check_name(robot: "RobotDescription", name: str) -> None:
@@ -233,14 +228,6 @@ def _check_turns(robot: "RobotDescription", name: str, sensor: BaseWrench) -> No
                 f"{f'{where}.{drive}'.rstrip('.')} is 0, but a motor turns with its drive; give "
                 "the ratio of its gear, 1 for a direct drive, or leave it out"
             )
-
-
-def _struts(robot: "RobotDescription") -> Iterator[str]:
-    """Names of places of a gauge: a strut, or both struts of a limb."""
-    for i, limb in enumerate(robot.limb_geometry):
-        yield f"strut{i + 1}"
-        if limb.struts == 2:
-            yield from (f"strut{i + 1}a", f"strut{i + 1}b")
 
 
 def _require_known(where: str, what: str, name: str, names: tuple[str, ...]) -> None:

@@ -20,7 +20,6 @@ from deltaid.robot.part import (
     Positive,
     Range,
     Speed,
-    require_increasing,
 )
 
 TaskName = Literal["x", "y", "z", "psi"]
@@ -68,11 +67,6 @@ class Cylinder(Part):
     shape: Literal["cylinder"] = Field(description="about world z")
     radius: Length = Field(description="m")
     z: Range = Field(description="lowest and highest platform point, m")
-
-    @model_validator(mode="after")
-    def _check(self) -> "Cylinder":
-        require_increasing(self, "z")
-        return self
 
     @property
     def inner_box(self) -> tuple[Float[np.ndarray, " 3"], Float[np.ndarray, " 3"]]:
@@ -126,31 +120,21 @@ class Box(Part):
     y: Range | None = Field(default=None, description="m; the same")
     z: Range | None = Field(default=None, description="m; the same")
 
-    @model_validator(mode="after")
-    def _check(self) -> "Box":
-        require_increasing(self, "x", "y", "z")
-        return self
-
     @property
     def inner_box(self) -> tuple[Float[np.ndarray, " 3"], Float[np.ndarray, " 3"]]:
         """Centre and half extents: the box itself."""
-        bounds = self.bounds
-        return bounds.mean(axis=1), 0.5 * (bounds[:, 1] - bounds[:, 0])
+        low, high = self.bounding_box
+        return 0.5 * (low + high), 0.5 * (high - low)
 
     @property
     def bounding_box(self) -> Float[np.ndarray, "2 3"]:
-        """Lowest and highest corner of a box around [m]."""
-        return self.bounds.T
+        """Lowest and highest corner [m]; the point stays at 0 where it does not move."""
+        return np.array([axis or (0.0, 0.0) for axis in (self.x, self.y, self.z)]).T
 
     def contains(self, points: Float[np.ndarray, "samples 3"]) -> Bool[np.ndarray, " samples"]:
         """Which platform points lie inside."""
-        bounds = self.bounds
-        return np.all((points >= bounds[:, 0]) & (points <= bounds[:, 1]), axis=1)
-
-    @property
-    def bounds(self) -> Float[np.ndarray, "3 2"]:
-        """Lowest and highest coordinate; the point stays at 0 where it does not move."""
-        return np.array([self.x or (0.0, 0.0), self.y or (0.0, 0.0), self.z or (0.0, 0.0)])
+        low, high = self.bounding_box
+        return np.all((points >= low) & (points <= high), axis=1)
 
 
 Workspace = Annotated[Cylinder | Hemisphere | Box, Field(discriminator="shape")]
@@ -182,7 +166,6 @@ class DriveLimits(Part):
 
     @model_validator(mode="after")
     def _check(self) -> "DriveLimits":
-        require_increasing(self, "angle_deg", "position")
         if self._given(_ROTARY) and self._given(_LINEAR):
             raise ValueError("has limits of a motor and of a rail; a drive is one or the other")
         return self

@@ -5,7 +5,7 @@ Bounds of numbers keep products far from overflow and detect wrong units, such a
 
 import json
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from typing import Annotated, Any, Literal, TypeVar
 
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError
@@ -18,13 +18,6 @@ from deltaid.shown import Named
 JointKind = Literal["rotary", "linear"]
 Axis = Literal["x", "y", "z"]
 _Part = TypeVar("_Part", bound="Part")
-_Init = TypeVar("_Init", bound=Callable[..., None])
-
-
-def _only_when_called(init: _Init) -> _Init:
-    """Let pydantic build nested parts itself, so that its errors have their place."""
-    vars(init)["__pydantic_base_init__"] = True
-    return init
 
 
 class Part(Named, BaseModel):
@@ -32,7 +25,6 @@ class Part(Named, BaseModel):
 
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
-    @_only_when_called
     def __init__(self, /, **values: Any) -> None:
         """Keys and values as in a file.
 
@@ -43,6 +35,9 @@ class Part(Named, BaseModel):
             super().__init__(**values)
         except ValidationError as error:
             raise _refusal(error, values, type(self), type(self).__name__) from None
+
+    # pydantic builds nested parts itself, so that its errors have their place
+    vars()["__init__"].__pydantic_base_init__ = True
 
     @classmethod
     def from_dict(cls: type[_Part], values: Mapping[str, Any], where: str) -> _Part:
@@ -138,16 +133,11 @@ def limited(low: float, high: float, refusal: str) -> AfterValidator:
     return AfterValidator(check)
 
 
-def require_increasing(part: Part, *names: str) -> None:
-    """Refuse ranges that do not rise, which a schema cannot express.
-
-    Raises:
-        ValueError: with the key.
-    """
-    for name in names:
-        bounds = getattr(part, name)
-        if bounds is not None and bounds[0] >= bounds[1]:
-            raise ValueError(f"{name} must be given as [lowest, highest]")
+def _increasing(value: tuple[float, float]) -> tuple[float, float]:
+    """Refuse a range that does not rise, which a schema cannot express."""
+    if value[0] >= value[1]:
+        raise ValueError("must be given as [lowest, highest]")
+    return value
 
 
 def _gravity(value: tuple[float, float, float]) -> tuple[float, float, float]:
@@ -156,7 +146,7 @@ def _gravity(value: tuple[float, float, float]) -> tuple[float, float, float]:
     return value
 
 
-def _limits(**limits: Any) -> Any:
+def schema_limits(**limits: Any) -> Any:
     """Limits of validators as JSON Schema, for editors."""
     return Field(json_schema_extra=limits)
 
@@ -167,40 +157,40 @@ Positive = Annotated[
     float,
     Field(gt=0, le=LARGEST),
     limited(_SMALLEST, math.inf, "{:g} is next to nothing; is its unit right?"),
-    _limits(minimum=_SMALLEST),
+    schema_limits(minimum=_SMALLEST),
 ]
 NotNegative = Annotated[float, Field(ge=0, le=LARGEST)]
 Coordinate = Annotated[float, Field(ge=-LARGEST, le=LARGEST)]
-Length = Annotated[float, Field(gt=0), _LENGTH, _limits(minimum=_SHORTEST, maximum=_LONGEST)]
+Length = Annotated[float, Field(gt=0), _LENGTH, schema_limits(minimum=_SHORTEST, maximum=_LONGEST)]
 # May be zero.
 Radius = Annotated[
     float,
     Field(ge=0),
     _LENGTH,
-    _limits(maximum=_LONGEST, anyOf=[{"const": 0}, {"minimum": _SHORTEST}]),
+    schema_limits(maximum=_LONGEST, anyOf=[{"const": 0}, {"minimum": _SHORTEST}]),
 ]
 Mass = Annotated[
     float,
     Field(gt=0),
     limited(_LIGHTEST, _HEAVIEST, "{:g} kg cannot be; masses are in kilograms"),
-    _limits(minimum=_LIGHTEST, maximum=_HEAVIEST),
+    schema_limits(minimum=_LIGHTEST, maximum=_HEAVIEST),
 ]
 Position = Annotated[
     float,
     limited(-_LONGEST, _LONGEST, "{:g} m cannot be; positions are in metres"),
-    _limits(minimum=-_LONGEST, maximum=_LONGEST),
+    schema_limits(minimum=-_LONGEST, maximum=_LONGEST),
 ]
 Speed = Annotated[
     Positive,
     limited(0.0, _FASTEST, "{:g} m/s cannot be; speeds are in metres per second"),
-    _limits(minimum=_SMALLEST, maximum=_FASTEST),
+    schema_limits(minimum=_SMALLEST, maximum=_FASTEST),
 ]
 Vector = tuple[Coordinate, Coordinate, Coordinate]
 Point = tuple[Position, Position, Position]
 # Lowest and highest.
-Range = tuple[Position, Position]
-AngleRange = tuple[Coordinate, Coordinate]
-_Pull = Annotated[Coordinate, _limits(minimum=-_STRONGEST, maximum=_STRONGEST)]
+Range = Annotated[tuple[Position, Position], AfterValidator(_increasing)]
+AngleRange = Annotated[tuple[Coordinate, Coordinate], AfterValidator(_increasing)]
+_Pull = Annotated[Coordinate, schema_limits(minimum=-_STRONGEST, maximum=_STRONGEST)]
 Gravity = Annotated[tuple[_Pull, _Pull, _Pull], AfterValidator(_gravity)]
 ToolAngles = Annotated[AngleRange, Field(description="lowest and highest tool angle ψ, degrees")]
 ToolSpeed = Annotated[Positive, Field(description="largest tool speed, degrees/s")]

@@ -3,11 +3,11 @@
 Every number is one standard deviation: about a third of all machines are further off.
 """
 
-from typing import Annotated, Any
+from typing import Annotated
 
 from pydantic import Field
 
-from deltaid.robot.part import Part, limited
+from deltaid.robot.part import Part, limited, schema_limits
 
 # Larger tolerances are in a wrong unit: millimetres, degrees, per cent.
 _LONG, _WIDE, _UNSURE = 0.05, 0.2, 0.5
@@ -16,25 +16,20 @@ _LONG, _WIDE, _UNSURE = 0.05, 0.2, 0.5
 _LENGTH, _ZERO, _TILT = 5e-5, 1e-4, 2e-4
 
 
-def _within(most: float) -> Any:
-    """Limits as JSON Schema, for editors."""
-    return Field(json_schema_extra={"minimum": 0.0, "maximum": most})
-
-
 LengthTolerance = Annotated[
     float,
     limited(0.0, _LONG, "{:g} m is no tolerance of a length; it is in metres"),
-    _within(_LONG),
+    schema_limits(minimum=0.0, maximum=_LONG),
 ]
 AngleTolerance = Annotated[
     float,
     limited(0.0, _WIDE, "{:g} is no tolerance of an angle in rad, or of a rail in m"),
-    _within(_WIDE),
+    schema_limits(minimum=0.0, maximum=_WIDE),
 ]
 ShareTolerance = Annotated[
     float,
     limited(0.0, _UNSURE, "{:g} is no tolerance of a torque constant; 0.03 stands for 3 %"),
-    _within(_UNSURE),
+    schema_limits(minimum=0.0, maximum=_UNSURE),
 ]
 
 # Kinds of lengths that may have a tolerance of their own.

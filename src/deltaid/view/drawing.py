@@ -154,7 +154,7 @@ def outline(workspace: Cylinder | Hemisphere | Box) -> Line:
             low, high = (_circle(workspace.radius, height) for height in workspace.z)
             lines = [low, high, *(np.stack([low[k], high[k]]) for k in range(0, 72, 18))]
         case _:
-            (x0, x1), (y0, y1), z = workspace.bounds
+            (x0, x1), (y0, y1), z = workspace.bounding_box.T
             corners = np.array([(x0, y0), (x1, y0), (x1, y1), (x0, y1), (x0, y0)])
             low, high = (np.column_stack([corners, np.full(5, height)]) for height in z)
             lines = [low, high, *(np.stack([low[k], high[k]]) for k in range(4))]
