@@ -9,12 +9,13 @@ from the whole workspace and beyond, up to a condition of the Jacobian of `CONDI
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, partial
 
 import casadi as ca
 import numpy as np
 from jaxtyping import Float
 
+from deltaid.kernel.llvm_ir import steps_of
 from deltaid.model.model import Model
 
 # Largest condition of the Jacobian with accurate results, and largest effect of one rounding as a
@@ -132,6 +133,10 @@ def _poses(subject: Model, rng: np.random.Generator) -> Float[np.ndarray, "state
     return z[same & ~(np.abs(again - z) > 1e-6).any(axis=1)]
 
 
+# Zero where an operation is undefined.
+_finite = partial(np.nan_to_num, posinf=0.0, neginf=0.0)
+
+
 @dataclass(frozen=True)
 class _RoundedStep:
     """An instruction at some states.
@@ -153,12 +158,11 @@ def _evaluated(
 ) -> tuple[list[_RoundedStep], dict[int, int]]:
     """All steps of a graph, and the step behind each entry of the output."""
     steps, writer, out = list[_RoundedStep](), dict[int, int](), dict[int, int]()
-    for k in range(f.n_instructions()):
-        op, read, to = f.instruction_id(k), f.instruction_input(k), f.instruction_output(k)
+    for k, (op, read, to, constant) in enumerate(steps_of(f)):
         value = rounding = np.zeros(states[0].shape[1])
         reads = list[tuple[int, np.ndarray]]()
         if op == ca.OP_CONST:
-            value = value + f.instruction_constant(k)
+            value = value + constant
             rounding = value - value.astype(np.float32)
         elif op == ca.OP_INPUT:
             value = states[read[0]][read[1]]
@@ -196,11 +200,6 @@ def _shares(
         for i, slope in steps[k].reads:
             bars[i] = bars[i] + bar * slope if i in bars else bar * slope
     return own, read
-
-
-def _finite(x: np.ndarray) -> np.ndarray:
-    """Zero where an operation is undefined."""
-    return np.where(np.isfinite(x), x, 0.0)
 
 
 def _operation(op: int, args: list[np.ndarray]) -> list[np.ndarray]:

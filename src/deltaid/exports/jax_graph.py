@@ -19,13 +19,11 @@ import numpy as np
 from jax.typing import ArrayLike
 
 from deltaid.errors import KinematicsError
-from deltaid.kernel.llvm_ir import LIBM_BINARY, LIBM_UNARY, operation_name
+from deltaid.kernel.llvm_ir import LIBM_BINARY, LIBM_UNARY, operation_name, steps_of
 from deltaid.mechanism.forward import AT_THE_END, CLOSED, COARSE, ON_THE_WAY, OTHER_MODE
 from deltaid.mechanism.mechanism import ClosedForm, Mechanism
 
 Operation = Callable[..., jax.Array]
-# An instruction: operation, slots that it reads and writes, and its constant.
-Step = tuple[int, list[int], list[int], float]
 
 
 def _truth(condition: Operation) -> Operation:
@@ -92,7 +90,10 @@ def as_jax(inputs: Sequence[ca.SX], output: ca.SX) -> Callable[..., jax.Array]:
     dense = ca.densify(output)
     rows, columns = dense.shape
     graph = ca.Function("f", list(inputs), [ca.cse(ca.vec(dense))])
-    steps = [_step(graph, k) for k in range(graph.n_instructions())]
+    steps = steps_of(graph)
+    known = (*_OPERATIONS, ca.OP_CONST, ca.OP_INPUT, ca.OP_OUTPUT)
+    if strange := [op for op, *_ in steps if op not in known]:
+        raise NotImplementedError(f"CasADi's {operation_name(strange[0])} has no JAX form here")
 
     def function(*args: ArrayLike) -> jax.Array:
         given = [jnp.asarray(arg) for arg in args]
@@ -122,14 +123,6 @@ def as_jax(inputs: Sequence[ca.SX], output: ca.SX) -> Callable[..., jax.Array]:
         return stacked if columns == 1 else stacked.reshape(columns, rows).T
 
     return function
-
-
-def _step(graph: ca.Function, k: int) -> Step:
-    op = graph.instruction_id(k)
-    if op not in (*_OPERATIONS, ca.OP_CONST, ca.OP_INPUT, ca.OP_OUTPUT):
-        raise NotImplementedError(f"CasADi's {operation_name(op)} has no JAX form here")
-    constant = graph.instruction_constant(k) if op == ca.OP_CONST else 0.0
-    return op, graph.instruction_input(k), graph.instruction_output(k), constant
 
 
 # Residual below which loops are closed where numbers are shorter than doubles, in their roundings.

@@ -247,9 +247,6 @@ class StructuredText(Dialect):
     def number(self, x: float) -> str:
         return literal(self.precision, x)
 
-    def set(self, target: str, text: str) -> list[str]:
-        return [f"{target} := {text};"]
-
     def operation(self, target: str, op: int, args: list[str], needed: bool) -> list[str]:
         a, b = args[0], args[-1]
         if op in _FORMS:

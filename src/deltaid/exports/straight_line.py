@@ -15,7 +15,7 @@ import casadi as ca
 
 from deltaid.exports.digits import Care, OutputPart
 from deltaid.exports.text import DOUBLE, Precision, split
-from deltaid.kernel.llvm_ir import LIBM_BINARY, LIBM_UNARY, operation_name
+from deltaid.kernel.llvm_ir import LIBM_BINARY, LIBM_UNARY, operation_name, steps_of
 
 _LOGIC = {ca.OP_LT: "<", ca.OP_LE: "<=", ca.OP_EQ: "==", ca.OP_NE: "!="}
 _ONE = {**LIBM_UNARY, ca.OP_SQRT: "sqrt", ca.OP_FABS: "fabs", ca.OP_FLOOR: "floor",
@@ -84,10 +84,6 @@ class Dialect(ABC):
         """A constant in the text."""
 
     @abstractmethod
-    def set(self, target: str, text: str) -> list[str]:
-        """Statements that assign a value to a variable."""
-
-    @abstractmethod
     def operation(self, target: str, op: int, args: list[str], needed: bool) -> list[str]:
         """Statements that assign the result of an operation to a variable.
 
@@ -123,18 +119,16 @@ def body(
     # Content of a slot: its own name, an input's entry or a number, and its rest.
     value: dict[int, tuple[str, str]] = {}
     lines, used, slots, needed = list[str](), set[str](), set[str](), _needed(f)
-    for k in range(f.n_instructions()):
-        op, read, written = f.instruction_id(k), f.instruction_input(k), f.instruction_output(k)
+    for k, (op, read, written, x) in enumerate(steps_of(f)):
         to, args = written[0], [] if op == ca.OP_INPUT else [value[i] for i in read]
         if op == ca.OP_CONST:
-            x = f.instruction_constant(k)
             rest = split(x)[1] if k in twice else 0.0
             value[to] = dialect.number(x), dialect.number(rest) if rest else ""
         elif op == ca.OP_INPUT:
             used.add(names[read[0]])
             value[to] = f"{names[read[0]]}[{read[1]}]", ""
         elif op == ca.OP_OUTPUT:
-            lines += dialect.set(f"{out}[{written[1]}]", args[0][0])
+            lines += dialect.operation(f"{out}[{written[1]}]", ca.OP_ASSIGN, [args[0][0]], True)
         elif k in twice:
             value[to] = f"w{to}", f"r{to}"
             lines += dialect.doubled(value[to], op, args, needed[k])
@@ -155,8 +149,7 @@ def _needed(f: ca.Function) -> list[bool]:
     """Whether the result of each instruction matters in every branch of the graph, from the last
     one on."""
     needed, slots = [False] * f.n_instructions(), dict[int, bool]()
-    for k in reversed(range(f.n_instructions())):
-        op, read, written = f.instruction_id(k), f.instruction_input(k), f.instruction_output(k)
+    for k, (op, read, written, _) in reversed(list(enumerate(steps_of(f)))):
         if op in (ca.OP_CONST, ca.OP_INPUT):
             slots.pop(written[0], None)
             continue
@@ -215,16 +208,13 @@ class _C(Dialect):
     def number(self, x: float) -> str:
         return self.precision.c_number(x)
 
-    def set(self, target: str, text: str) -> list[str]:
-        return [f"    {target} = {text};"]
-
     def operation(self, target: str, op: int, args: list[str], needed: bool) -> list[str]:
         real, f = self.precision.c_type, self.precision.suffix
         sign = self.sign.replace("double", real).replace("0.0", f"0.0{f}")
         form = sign if op == ca.OP_SIGN else _C_FORMS.get(op)
         if form is None:
             raise NotImplementedError(f"CasADi's {operation_name(op)} has no C form here")
-        return self.set(target, form.format(a=args[0], b=args[-1], real=real, f=f))
+        return [f"    {target} = {form.format(a=args[0], b=args[-1], real=real, f=f)};"]
 
     def doubled(
         self, targets: tuple[str, str], op: int, args: list[tuple[str, str]], needed: bool
@@ -233,10 +223,10 @@ class _C(Dialect):
         (a, r), (b, s) = ((high, low or zero) for high, low in (args[0], args[-1]))
         named = {"a": a, "r": r, "b": b, "s": s, "zero": zero}
         if op in _PAIRED:
-            return self.set(target, f"{_PAIRED[op].format(**named)}, &{rest})")
+            return [f"    {target} = {_PAIRED[op].format(**named)}, &{rest});"]
         first, second = (part.format(**named) for part in _C_EXACT[op])
         # The rest first: the target may be what is read.
-        return [*self.set(rest, second), *self.set(target, first)]
+        return [f"    {rest} = {second};", f"    {target} = {first};"]
 
 
 def wrapped(text: str) -> list[str]:

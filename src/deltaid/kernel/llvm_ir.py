@@ -72,6 +72,20 @@ attributes #0 = {{ nounwind "prefer-vector-width"="{bits}" "min-legal-vector-wid
 """
 
 
+# An instruction: operation, slots that it reads and writes, and its constant.
+Step = tuple[int, list[int], list[int], float]
+
+
+def steps_of(f: ca.Function) -> list[Step]:
+    """The instructions of an SX function, in their order."""
+    steps = [(f.instruction_id(k), k) for k in range(f.n_instructions())]
+    constants = {k: f.instruction_constant(k) for op, k in steps if op == ca.OP_CONST}
+    return [
+        (op, f.instruction_input(k), f.instruction_output(k), constants.get(k, 0.0))
+        for op, k in steps
+    ]
+
+
 def vector_ir(function: ca.Function, width: int, *, apart: bool = True) -> str:
     """LLVM assembly of `void kernel(out, out_stride, in, in_stride, uniform, n)`.
 
@@ -100,8 +114,8 @@ class _Emitter:
         self._declared: set[str] = set()
 
     def text(self, apart: bool) -> str:
-        for k in range(self._function.n_instructions()):
-            self._instruction(k)
+        for step in steps_of(self._function):
+            self._instruction(step)
         return _TEMPLATE.format(
             declarations="\n".join(sorted(self._declared)),
             name=KERNEL_NAME,
@@ -112,11 +126,10 @@ class _Emitter:
             bits=64 * self._width,
         )
 
-    def _instruction(self, k: int) -> None:
-        f = self._function
-        op, inputs, outputs = f.instruction_id(k), f.instruction_input(k), f.instruction_output(k)
+    def _instruction(self, step: Step) -> None:
+        op, inputs, outputs, constant = step
         if op == ca.OP_CONST:
-            self._slots[outputs[0]] = self._constant(f.instruction_constant(k))
+            self._slots[outputs[0]] = self._constant(constant)
         elif op == ca.OP_INPUT:
             self._slots[outputs[0]] = self._input(*inputs)
         elif op == ca.OP_OUTPUT:
@@ -245,5 +258,5 @@ def operation_name(op: int) -> str:
 
 def operations_unknown(function: ca.Function) -> tuple[str, ...]:
     """Names of the operations of an SX function that have no vector form here."""
-    present = {function.instruction_id(k) for k in range(function.n_instructions())}
+    present = {op for op, *_ in steps_of(function)}
     return tuple(sorted(operation_name(op) for op in present - _KNOWN))
