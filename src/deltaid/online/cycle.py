@@ -125,17 +125,16 @@ def contact_of(cycle: Cycle) -> None:
     learnt = excess + settings.period / memory * learns * (found - excess)
     of_drives = "N" if all(robot.linear_drives) else "N m"
     fields.following |= {"contact_time": lasts, "contact_rests": pauses, "excess": learnt}
-    for name, value, doc, unit in (
-        ("contact", seen.found, "1 while there is a contact", ""),
-        ("contact_size", seen.size, "size of the residual, 1 at the threshold", ""),
+    fields.give(
+        ("contact", seen.found, "1 while there is a contact"),
+        ("contact_size", seen.size, "size of the residual, 1 at the threshold"),
         ("contact_limb", seen.limb,
-         "drive whose limb is touched, 0 the platform, -1 no contact", ""),
+         "drive whose limb is touched, 0 the platform, -1 no contact"),
         ("contact_force", seen.force, "force on the platform point", "N"),
         ("contact_effort", seen.effort, "torque from outside on each drive", of_drives),
         ("contact_information", ca.vec(seen.information),
-         "A: along a unit vector n a force of (u + 1.645) / sqrt(n' A n) is found", ""),
-    ):  # fmt: skip
-        fields.give(name, value, doc, unit)
+         "A: along a unit vector n a force of (u + 1.645) / sqrt(n' A n) is found"),
+    )  # fmt: skip
 
 
 def _residual(cycle: Cycle, larger: ca.SX) -> ContactResidual:

@@ -141,19 +141,18 @@ def estimates(
     most = ca.fmin(1.0, settings.alarm / ca.sqrt(information + 1e-12)) * known.load_scales[0]
     unnoticed = ca.if_else(open_, most, 0.0)
     names = ", ".join(known.entries.names)
-    for name, value, doc, unit in (
-        ("held", change.held, "1 while a load is held", ""),
-        ("changed", change.changed, "1 in the cycle in which that changed", ""),
-        ("load", load, f"entries of the load: {names}", ""),
-        ("load_std", std, "their standard deviations", ""),
+    fields.give(
+        ("held", change.held, "1 while a load is held"),
+        ("changed", change.changed, "1 in the cycle in which that changed"),
+        ("load", load, f"entries of the load: {names}"),
+        ("load_std", std, "their standard deviations"),
         ("grip_offset", grip.offset,
          "by which the gripper's last signal came after what torques show, -1 unknown", "s"),
-        ("change_score", seen.score, "deviations by which the mass looks changed", ""),
+        ("change_score", seen.score, "deviations by which the mass looks changed"),
         ("unnoticed", unnoticed, "mass that may have been taken without being noticed", "kg"),
-        ("residual", s.residual, "torque that the empty model lacks", ""),
-        ("unexplained", innovations, "what load and model leave of it", ""),
-    ):  # fmt: skip
-        fields.give(name, value, doc, unit)
+        ("residual", s.residual, "torque that the empty model lacks"),
+        ("unexplained", innovations, "what load and model leave of it"),
+    )  # fmt: skip
     return CycleEstimates(before, behind, change, differs, grip, size)
 
 
@@ -196,4 +195,4 @@ def give_friction(
     x = ca.fmin(ca.fmax(x, ca.SX(bounds[0])), ca.SX(bounds[1]))
     names = ", ".join(model.layout.names[k] for k in known.followed)
     value = ca.SX(model.p[list(known.followed)]) + ca.SX(np.array(known.friction_std)) * x
-    fields.give("friction", value, f"coefficients: {names}")
+    fields.give(("friction", value, f"coefficients: {names}"))

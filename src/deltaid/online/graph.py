@@ -136,9 +136,11 @@ class CycleFields:
         self.before |= {field.name: x for field, x in zip(fields, symbols, strict=True)}
         return symbols
 
-    def give(self, name: str, value: ca.SX, doc: str, unit: str = "") -> None:
-        """Add an output."""
-        self._given.append((Field(name, value.numel(), doc, unit), value))
+    def give(self, *outputs: tuple[str, ca.SX, str] | tuple[str, ca.SX, str, str]) -> None:
+        """Add outputs: name, expressions, description and unit of each."""
+        self._given += [
+            (Field(name, value.numel(), doc, *unit), value) for name, value, doc, *unit in outputs
+        ]
 
     def graph(self, inputs: Layout, u: dict[str, ca.SX], good: ca.SX, period: float) -> StepGraph:
         """One graph of all fields.
@@ -148,7 +150,7 @@ class CycleFields:
             u: their symbols.
             good: 1 where the inputs can be used.
         """
-        self.give("status", 1 - good, "0 for a good cycle, 1 for one that could not be used")
+        self.give(("status", 1 - good, "0 for a good cycle, 1 for one that could not be used"))
         state, outputs = Layout(*self._kept), Layout(*(field for field, _ in self._given))
         following = self.following | {
             name: chosen(good, self.following[name], spoilt) for name, spoilt in self.spoilt.items()

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import casadi as ca
 import numpy as np
 
-from deltaid.dynamics.joint_columns import JointMotion, joint_columns
+from deltaid.dynamics.joint_columns import JointMotion, columns_of_drives
 from deltaid.model.model import Model
 from deltaid.online.graph import CycleFields, Field, Layout, all_finite, chosen, only_if
 from deltaid.online.instant import even_rows, inputs_of, instant, line, pose, waits
@@ -152,7 +152,7 @@ def signals(
     dry, rest = steady("dry", dry), steady("rest", rest)
     at_rest = steady("smooth_rest", rest)
     slow = steady("slow", 1 / (1 + (qd / ca.SX(known.slow_speed)) ** 2))
-    fields.give("skipped", skipped, "1 for a row that is not new or cannot be, and is not used")
+    fields.give(("skipped", skipped, "1 for a row that is not new or cannot be, and is not used"))
     counts = [len(known.entries.shown), known.directions.shape[1], len(known.followed)]
     ends = np.cumsum([0, *counts, lacked.shape[1]]).tolist()
     return Signals(
@@ -200,14 +200,12 @@ def _columns(
 def _carried(model: Model, qd: ca.SX, tau: ca.SX) -> ca.SX:
     """Load x of the gears from torques, τ = x + f + μ sign(q̇) |x|, without the rotors' share."""
     robot, none, x, share = model.robot, ca.SX(0), ca.SX(tau), ca.SX.zeros(tau.numel())
-    for k, column in enumerate(joint_columns(robot), start=model.layout.coefficients.start):
-        if column.joint in robot.drives and column.parameter.kind == "friction":
-            i = robot.drives.index(column.joint)
+    for k, i, column in columns_of_drives(robot):
+        if column.parameter.symbol == "load":
+            share[i] += model.p[k] * ca.sign(qd[i])
+        elif column.parameter.kind == "friction":
             motion = JointMotion(none, qd[i], none, ca.SX(1))
-            if column.parameter.symbol == "load":
-                share[i] += model.p[k] * ca.sign(qd[i])
-            else:
-                x[i] -= model.p[k] * column.effort(motion)
+            x[i] -= model.p[k] * column.effort(motion)
     return x / (1 + share * ca.sign(x))
 
 

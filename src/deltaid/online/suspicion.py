@@ -134,13 +134,12 @@ def measured_of(cycle: Cycle) -> None:
     share = cycle.model.p[list(known.followed)] / np.array(known.friction_std)
     rubs = s.columns[:, s.at_friction] @ ca.DM(share)
     a_kilogram = s.columns[:, s.at_load][:, 0] / known.load_scales[0]
-    for name, value, doc in (
+    cycle.fields.give(
         ("torque", s.torque, "filtered torque, as measured"),
         ("rubs", rubs, "filtered friction of the drives, as the model has it"),
         ("lifted", a_kilogram, "filtered torque of one kilogram"),
         ("dry_friction", s.dry, "filtered size of torques that no speed determines"),
-    ):
-        cycle.fields.give(name, ca.densify(value), doc)
+    )
 
 
 @dataclass(frozen=True, eq=False)
