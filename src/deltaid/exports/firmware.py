@@ -11,11 +11,9 @@ triggers (nozzle at p_i were all towers like it),
     Marlin          M665 H is the least p, M666 is H − p_i: how far a carriage backs off
 """
 
-from dataclasses import dataclass
 from importlib.metadata import version
 
 import numpy as np
-from jaxtyping import Float
 
 from deltaid.calibration.calibrate import Calibration
 from deltaid.calibration.outlook import drawn
@@ -27,23 +25,12 @@ _UPRIGHT = 0.02
 _KINDS = ("rail_across", "zero", "strut")
 
 
-@dataclass(frozen=True)
-class Printer:
-    """Numbers of a firmware: R (radius of the towers minus that of the platform), l_i, p_i [m],
-    azimuths [degrees], their deviations from the description, and the residual of positions [m]."""
+def firmware_text(calibration: Calibration, firmware: str) -> tuple[str, float]:
+    """Lines for klipper, marlin or reprap, and the residual of their model of a printer [m].
 
-    radius: float
-    rods: Float[np.ndarray, " 3"]
-    endstops: Float[np.ndarray, " 3"]
-    azimuths: Float[np.ndarray, " 3"]
-    corrections: Float[np.ndarray, " 3"]
-    left: float
-    title: str
-    reach: float
-
-
-def printer(calibration: Calibration) -> Printer:
-    """The best firmware model of a calibrated printer; errors as of `firmware_text`."""
+    Raises:
+        DeltaidError: it is no linear Delta that a firmware could run, or its bed was not probed.
+    """
     robot, known, limbs = (
         calibration.described,
         calibration.known,
@@ -85,19 +72,17 @@ def printer(calibration: Calibration) -> Printer:
         np.array([limb.strut for limb in limbs]) + strut,
         np.rad2deg(across / radius),
     )
-    return Printer(
-        radius, rods, (joints[:, 2] - zero - h) - np.sqrt(rods**2 - radius**2),
-        np.array(robot.limbs.azimuth_deg) + corrections, corrections, left,
-        robot.title or robot.name, float(np.abs(robot.workspace.bounding_box[:, :2]).max()),
-    )  # fmt: skip
-
-
-def firmware_text(calibration: Calibration, firmware: str) -> tuple[str, float]:
-    """Lines for klipper, marlin or reprap, and the residual of their model of a printer [m].
-
-    Raises:
-        DeltaidError: it is no linear Delta that a firmware could run, or its bed was not probed.
-    """
-    p = printer(calibration)
-    text = rendered("firmware.jinja", p=p, firmware=firmware, version=version("deltaid"))
-    return text, p.left
+    text = rendered(
+        "firmware.jinja",
+        firmware=firmware,
+        version=version("deltaid"),
+        title=robot.title or robot.name,
+        left=left,
+        radius=radius,
+        rods=rods,
+        endstops=(joints[:, 2] - zero - h) - np.sqrt(rods**2 - radius**2),
+        azimuths=np.array(robot.limbs.azimuth_deg) + corrections,
+        corrections=corrections,
+        reach=float(np.abs(robot.workspace.bounding_box[:, :2]).max()),
+    )
+    return text, left

@@ -245,8 +245,7 @@ class PosteriorRecord(Part):
     def root(self) -> Float[np.ndarray, "rows rows"]:
         """L, the factor of the covariance of b."""
         L = np.zeros((len(self.values), len(self.values)))
-        for row, numbers in zip(L, self.factor, strict=True):
-            row[: len(numbers)] = numbers
+        L[np.tril_indices(len(L))] = [x for row in self.factor for x in row]
         return L
 
     def combination(self, names: tuple[str, ...]) -> Float[np.ndarray, "rows parameters"]:

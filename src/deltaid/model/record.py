@@ -208,9 +208,7 @@ class IdentifiedModel(Shown, Plotted, Tabled, Reported, Part):
         """
         return float(self.p[place(self.layout, name, self.robot.name)])
 
-    def __getitem__(self, name: str) -> float:
-        """The same as `value`."""
-        return self.value(name)
+    __getitem__ = value
 
     def parameter(self, name: str) -> Parameter:
         """One parameter with its interval, its prior and what decided it.
@@ -224,8 +222,7 @@ class IdentifiedModel(Shown, Plotted, Tabled, Reported, Part):
         self, n: int, seed: int = 0, limb_tolerance: float = 0.0, *, progress: Watch = None
     ) -> "Samples":
         """Consistent models drawn from the posterior, as of `Model.sample`."""
-        whole = above("model.model", "load")(self)
-        return whole.sample(n, seed, limb_tolerance, progress=progress)
+        return above("model.model", "load")(self).sample(n, seed, limb_tolerance, progress=progress)
 
     def save(self, path: str | Path) -> None:
         """Write as YAML with a checksum in its last line; numbers keep every bit.

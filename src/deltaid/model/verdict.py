@@ -92,7 +92,7 @@ class Fault:
 
     def good(self, seen: str, number: float | None = None) -> Verdict:
         """A verdict without a fault."""
-        return Verdict(self.key, Grade.GOOD, seen, number=number, unit=self._unit(number))
+        return self.judged(seen, number=number, grade=Grade.GOOD)
 
     def judged(
         self,
@@ -106,14 +106,11 @@ class Fault:
         proposals: tuple[Proposal, ...] = (),
     ) -> Verdict:
         """A verdict of this grade; a good one has neither subject, cause nor cure."""
+        unit = "" if number is None else self.unit
         if grade is Grade.GOOD:
-            return self.good(seen, number)
+            return Verdict(self.key, grade, seen, number=number, unit=unit)
         words = cause or self.cause, cure or self.cure
-        unit = self._unit(number)
         return Verdict(self.key, grade, seen, subject, *words, proposals, number, unit)
-
-    def _unit(self, number: float | None) -> str:
-        return "" if number is None else self.unit
 
 
 def graded(number: float, doubtful: float, wrong: float = math.inf) -> Grade:
