@@ -25,7 +25,8 @@ from jaxtyping import Bool, Float, Int
 from deltaid.control.controllers import ControlModel
 from deltaid.control.plant import loaded
 from deltaid.control.simulation import time_steps
-from deltaid.dynamics.forward_dynamics import compiled_forward
+from deltaid.dynamics.dynamics import compiled_as
+from deltaid.dynamics.forward_dynamics import ForwardDynamics
 from deltaid.dynamics.limits import effort_limits
 from deltaid.dynamics.task_dynamics import TaskDynamics
 from deltaid.kernel.batch import BatchKernel
@@ -74,7 +75,7 @@ class _Plants:
     """Kernels in which every robot has parameters of its own."""
 
     def __init__(self, robot: RobotDescription) -> None:
-        forward = compiled_forward(robot)
+        forward = compiled_as(ForwardDynamics, robot)
         e, known = forward.equations, forward._step_kernel  # pyright: ignore[reportPrivateUsage]
         x, p = ca.SX.sym("x", known.n_in), ca.SX.sym("p", known.n_uniform)
         self.step = BatchKernel(ca.vertcat(x, p), known.function(x, p))

@@ -22,7 +22,7 @@ import numpy as np
 from _table import leave
 from _timing import options
 
-from deltaid.control.controllers import Controller, ControlModel, Desired, MeasuredState
+from deltaid.control.controllers import Controller, ControlModel, Desired
 from deltaid.control.infeasible import of_motion
 from deltaid.control.plant import Held, Plant, point_mass
 from deltaid.control.tracking import Drives, Knowledge, MotionTrajectory, Tracking, gains, track
@@ -123,7 +123,7 @@ class Estimating:
         self._online, self._cycle = Online(model, settings), 0
         self._last: tuple[np.ndarray, ...] | None = None
 
-    def torque(self, model: ControlModel, measured: MeasuredState, desired: Desired) -> Samples:
+    def torque(self, model: ControlModel, q: Samples, qd: Samples, desired: Desired) -> Samples:
         """The law's, with the load as it is estimated now."""
         time = self._cycle * self._period
         gripper = any(held.start <= time < held.end for held in self._picks.held(0.0))
@@ -132,8 +132,8 @@ class Estimating:
             now = self._online.step(*self._last, gripper=gripper)
             if now.held and now.mass > 0:
                 model = model.holding(float(now.mass))
-        tau = self._law.torque(model, measured, desired)
-        self._last = measured.q[0], measured.qd[0], tau[0]
+        tau = self._law.torque(model, q, qd, desired)
+        self._last = q[0], qd[0], tau[0]
         return tau
 
 

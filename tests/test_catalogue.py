@@ -12,7 +12,7 @@ from scipy.stats import qmc
 from deltaid.control.controllers import ControlModel
 from deltaid.control.infeasible import of_motion, of_tracking
 from deltaid.control.tracking import Drives, MotionTrajectory, gains, track
-from deltaid.dynamics.at_rest import AtRest
+from deltaid.dynamics.limits import AtRest
 from deltaid.model.model import Model, load
 from deltaid.motion.random_motion import random_motion, tamed
 from deltaid.robot.body import HollowCylinder, PointMass

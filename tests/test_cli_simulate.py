@@ -70,7 +70,7 @@ def test_base_parameters_have_the_torques_of_the_truth(folder: Path) -> None:
     expected = dynamics.torque(z, qd, qdd, truth)
     found = dynamics.torque(z, qd, qdd, base_vector(model))
     np.testing.assert_allclose(found, expected, atol=2e-3 * np.abs(expected).max())
-    assert [c.name for c in candidates(model)] == ["prior", "base parameters", "identified"]
+    assert [*candidates(model)] == ["prior", "base parameters", "identified"]
 
 
 def test_comparison_tells_what_identification_buys(folder: Path) -> None:

@@ -9,13 +9,12 @@ from deltaid.control.controllers import (
     Controller,
     ControlModel,
     Desired,
-    MeasuredState,
     tuned,
 )
 from deltaid.control.simulation import integrate
 from deltaid.control.tracking import MotionTrajectory
-from deltaid.dynamics.dynamics import compiled
-from deltaid.dynamics.forward_dynamics import ForwardDynamics, compiled_forward
+from deltaid.dynamics.dynamics import compiled, compiled_as
+from deltaid.dynamics.forward_dynamics import ForwardDynamics
 from deltaid.dynamics.parameters import parameter_layout, prior_parameters
 from deltaid.motion.random_motion import random_motion
 from deltaid.robot.description import RobotDescription
@@ -82,7 +81,11 @@ def test_storage_grows_by_supplied_work_less_what_the_law_dissipates(law: str, n
     p[layout.coulomb] = 0
     if law in ("pd", "feed-forward", "computed"):
         p[layout.viscous] = 0
-    forward, model, dynamics = compiled_forward(robot), ControlModel(robot, p), compiled(robot)
+    forward, model, dynamics = (
+        compiled_as(ForwardDynamics, robot),
+        ControlModel(robot, p),
+        compiled(robot),
+    )
     trajectory = motion(forward)
     # Gains of every drive another share of its inertia.
     mass = model.mass_diagonal(trajectory.desired(np.zeros(1)).q)
@@ -99,7 +102,7 @@ def test_storage_grows_by_supplied_work_less_what_the_law_dissipates(law: str, n
 
     def torque(t: float, q: np.ndarray, qd: np.ndarray) -> np.ndarray:
         at = np.array([t])
-        return controller.torque(model, MeasuredState(q, qd), desired(at)) + disturbance(at)
+        return controller.torque(model, q, qd, desired(at)) + disturbance(at)
 
     time = np.linspace(0, 0.3, 301)
     first = desired(time[:1])
@@ -149,7 +152,7 @@ def _viscous(dynamics, q: np.ndarray, p: np.ndarray) -> np.ndarray:
 def test_what_the_model_gives_is_inverse_dynamics_and_finds_the_pose_itself() -> None:
     robot = load_robot("irb360-6-1600")
     p, dynamics = prior_parameters(robot), compiled(robot)
-    d = motion(compiled_forward(robot)).desired(np.linspace(0, 2, 20))
+    d = motion(compiled_as(ForwardDynamics, robot)).desired(np.linspace(0, 2, 20))
     near = d.z + 0.01 * np.random.default_rng(0).uniform(-1, 1, d.z.shape)
     found = ControlModel(robot, p).torque(near, d.q, d.qd, d.qd, d.qdd, d.qd)
     expected = dynamics.torque(d.z, d.qd, d.qdd, p)
@@ -163,13 +166,13 @@ def test_all_laws_are_one_linear_feedback_near_the_motion() -> None:
     p[:10] *= 1e-6
     p[10:30] *= 1e-6  # carriages, struts and platform weigh nothing, so that rotors are all of M
     model = ControlModel(robot, p)
-    d = motion(compiled_forward(robot)).desired(np.array([0.3]))
+    d = motion(compiled_as(ForwardDynamics, robot)).desired(np.array([0.3]))
     e, ed = 1e-6 * np.array([[1.0, -2.0, 3.0]]), 1e-4 * np.array([[2.0, 1.0, -1.0]])
     mass = model.mass_diagonal(d.q)
-    at = [MeasuredState(d.q + k * e, d.qd + k * ed) for k in (0, 1)]
+    at = [(d.q + k * e, d.qd + k * ed) for k in (0, 1)]
     viscous = np.array([40.0, 40.0, 40.0])
     answers = {
-        name: np.subtract(*(tuned(name, mass, 5.0).torque(model, m, d) for m in reversed(at)))
+        name: np.subtract(*(tuned(name, mass, 5.0).torque(model, *m, d) for m in reversed(at)))
         for name in CONTROLLERS
     }
     # The friction that Slotine-Li compensates is that of q̇_r.

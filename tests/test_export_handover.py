@@ -58,11 +58,13 @@ def test_what_drives_are_commanded_is_said_where_it_is_not_the_torque(
 def test_vectors_are_states_with_their_torques(name: str) -> None:
     chosen = subject(name)
     found = reference_states(chosen, DOUBLE)
-    assert found.z.shape == (100, chosen.dynamics.dof)
-    assert_close(found.tau, model(chosen, found.z, found.qd, found.qdd).tau, 1e-12)
-    assert_close(chosen.dynamics.kinematics.forward(found.q), found.z, 1e-9)
-    table = pl.read_csv(found.csv.encode())
-    np.testing.assert_array_equal(table["tau1"], found.tau[:, 0])
+    z, q, qd, qdd, tau = found.values()
+    assert z.shape == (100, chosen.dynamics.dof)
+    assert_close(tau, model(chosen, z, qd, qdd).tau, 1e-12)
+    assert_close(chosen.dynamics.kinematics.forward(q), z, 1e-9)
+    texts = handover(chosen, "npz", "robot", (), DOUBLE)
+    table = pl.read_csv(texts["robot_vectors.csv"].encode())
+    np.testing.assert_array_equal(table["tau1"], tau[:, 0])
 
 
 @needs_compiler

@@ -8,8 +8,8 @@ import pytest
 
 from composed import Make, label, random_states, twin
 from deltaid.control.simulation import integrate
-from deltaid.dynamics.dynamics import Dynamics
-from deltaid.dynamics.forward_dynamics import ForwardDynamics, compiled_forward
+from deltaid.dynamics.dynamics import Dynamics, compiled_as
+from deltaid.dynamics.forward_dynamics import ForwardDynamics
 from deltaid.dynamics.parameters import parameter_layout, prior_parameters
 from deltaid.errors import DeltaidError, KinematicsError
 from deltaid.mechanism.kinematics import Kinematics
@@ -69,7 +69,7 @@ def test_identity_in_drive_coordinates_with_every_friction_term() -> None:
 @every_robot
 def test_mass_matrix_is_symmetric_and_positive_definite(name: str) -> None:
     robot = load_robot(name)
-    e = compiled_forward(robot).equations
+    e = compiled_as(ForwardDynamics, robot).equations
     of = ca.Function("M", [e.z, e.p], [e.M])
     for z in states(Kinematics(robot), 10)[0]:
         M = np.asarray(of(z, prior_parameters(robot)))
@@ -110,7 +110,7 @@ def frictionless(name: str) -> tuple[ForwardDynamics, np.ndarray]:
     robot = load_robot(name)
     p = prior_parameters(robot)
     p[parameter_layout(robot).friction] = 0
-    return compiled_forward(robot), p
+    return compiled_as(ForwardDynamics, robot), p
 
 
 @pytest.mark.parametrize("name", swept(["irb360-6-1600", "par4", "linear-delta"], "irb360-6-1600"))

@@ -8,8 +8,8 @@ import pytest
 
 from command import refused, run
 from deltaid import libraries
-from deltaid.dynamics.at_rest import AtRest
 from deltaid.dynamics.dynamics import compiled
+from deltaid.dynamics.limits import AtRest
 from deltaid.dynamics.parameters import prior_parameters
 from deltaid.model.model import load
 from deltaid.robot.load import load_robot

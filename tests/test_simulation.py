@@ -5,8 +5,8 @@ import numpy as np
 import pytest
 
 from deltaid.control.simulation import integrate, step_through
-from deltaid.dynamics.dynamics import compiled
-from deltaid.dynamics.forward_dynamics import ForwardDynamics, compiled_forward
+from deltaid.dynamics.dynamics import compiled, compiled_as
+from deltaid.dynamics.forward_dynamics import ForwardDynamics
 from deltaid.dynamics.parameters import prior_parameters
 from deltaid.dynamics.task_dynamics import friction_impulses
 from deltaid.errors import KinematicsError
@@ -29,7 +29,7 @@ def poses(forward: ForwardDynamics, n: int) -> np.ndarray:
 
 def started(robot: RobotDescription | str) -> tuple[ForwardDynamics, np.ndarray, np.ndarray]:
     """Its forward dynamics, its prior and its home pose."""
-    forward = compiled_forward(load_robot(robot) if isinstance(robot, str) else robot)
+    forward = compiled_as(ForwardDynamics, load_robot(robot) if isinstance(robot, str) else robot)
     return forward, prior_parameters(forward.robot), forward.kinematics.home[None]
 
 

@@ -7,20 +7,20 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from deltaid.control.comparison import ControllerRun, ModelCandidate, compare
+from deltaid.control.comparison import ControllerRun, compare
 from deltaid.control.controllers import (
     CONTROLLERS,
     Controller,
     ControlModel,
     Desired,
-    MeasuredState,
     tuned,
 )
 from deltaid.control.infeasible import of_tracking
 from deltaid.control.plant import Plant
 from deltaid.control.simulate import Conditions
 from deltaid.control.tracking import Drives, Tracking, gains, track
-from deltaid.dynamics.forward_dynamics import ForwardDynamics, compiled_forward
+from deltaid.dynamics.dynamics import compiled_as
+from deltaid.dynamics.forward_dynamics import ForwardDynamics
 from deltaid.dynamics.parameters import prior_parameters
 from deltaid.model.model import Model, load
 from deltaid.robot.limits import NAMES, Task
@@ -34,7 +34,7 @@ from test_controllers import ROBOT, motion
 def tracked(controller: str, drives: Drives, share: float = 1.0, duration: float = 0.3) -> Tracking:
     """A second on the robot whose masses the model knows to a share."""
     robot = load_robot(ROBOT)
-    forward, p = compiled_forward(robot), prior_parameters(robot)
+    forward, p = compiled_as(ForwardDynamics, robot), prior_parameters(robot)
     known = p.copy()
     known[:30] *= share
     model = ControlModel(robot, known)
@@ -74,15 +74,17 @@ class Overheard:
     law: Controller
     told: list[tuple[np.ndarray, ...]] = field(default_factory=list)
 
-    def torque(self, model: ControlModel, measured: MeasuredState, desired: Desired) -> np.ndarray:
-        self.told.append((measured.q[0], measured.qd[0], desired.q[0], desired.qd[0]))
-        return self.law.torque(model, measured, desired)
+    def torque(
+        self, model: ControlModel, q: np.ndarray, qd: np.ndarray, desired: Desired
+    ) -> np.ndarray:
+        self.told.append((q[0], qd[0], desired.q[0], desired.qd[0]))
+        return self.law.torque(model, q, qd, desired)
 
 
 @pytest.mark.parametrize("delay", [0, 1, 3])
 def test_a_law_is_told_the_late_error_and_the_motion_in_the_middle_of_its_hold(delay: int) -> None:
     robot = load_robot(ROBOT)
-    p, trajectory = prior_parameters(robot), motion(compiled_forward(robot), 0.1)
+    p, trajectory = prior_parameters(robot), motion(compiled_as(ForwardDynamics, robot), 0.1)
     drives = Drives(rate=400.0, encoder_step=0.0, delay=delay, velocity_cutoff=0.1)
     law = Overheard(
         tuned("pd", ControlModel(robot, p).mass_diagonal(trajectory.desired(np.zeros(1)).q), 8.0)
@@ -181,10 +183,10 @@ def test_page_of_a_comparison_shows_a_model_whose_load_is_known() -> None:
 
 def test_all_controllers_are_tuned_with_the_mass_matrix_of_the_last_model() -> None:
     robot = load_robot(ROBOT)
-    forward, p = compiled_forward(robot), prior_parameters(robot)
+    forward, p = compiled_as(ForwardDynamics, robot), prior_parameters(robot)
     trajectory, drives = motion(forward, 0.1), Drives(encoder_step=0.0)
     light, right = ControlModel(robot, 0.5 * p), ControlModel(robot, p)
-    models = (ModelCandidate("half", light), ModelCandidate("right", right))
+    models = {"half": light, "right": right}
     plant = Model(forward.robot, p)
     on = Conditions(plant, Plant(plant), trajectory, "", drives, 10.0, None, ())
     runs = compare(on, models)

@@ -15,7 +15,6 @@ from deltaid.control.controllers import (
     Controller,
     ControlModel,
     Desired,
-    MeasuredState,
 )
 from deltaid.control.tracking import Drives, SampledTrajectory, track
 from deltaid.dynamics.dynamics import compiled
@@ -45,7 +44,7 @@ class Noisy:
     last: Array = field(default_factory=lambda: np.zeros(0))
     slope: Array = field(default_factory=lambda: np.zeros(0))
 
-    def torque(self, model: ControlModel, measured: MeasuredState, desired: Desired) -> Samples:
+    def torque(self, model: ControlModel, q: Samples, qd: Samples, desired: Desired) -> Samples:
         """The law's, of angles with noise and of their low-passed difference."""
         now = self.noise[self.sample]
         last = self.last if self.sample else now
@@ -53,8 +52,8 @@ class Noisy:
         share = 1 - np.exp(-2 * np.pi * _CUTOFF)
         self.slope = self.slope + share * (slope - self.slope) if self.sample else slope
         self.last, self.sample = now, self.sample + 1
-        seen = MeasuredState(measured.q + now, measured.qd + self.slope)
-        return self.law.torque(model, seen, desired) + self.more[self.sample - 1]
+        seen = q + now, qd + self.slope
+        return self.law.torque(model, *seen, desired) + self.more[self.sample - 1]
 
 
 def followed(

@@ -10,9 +10,8 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
-from deltaid.dynamics.at_rest import AtRest, Poses
 from deltaid.dynamics.dynamics import compiled
-from deltaid.dynamics.limits import kind_of_limit, torque_limits
+from deltaid.dynamics.limits import AtRest, Poses, kind_of_limit, torque_limits
 from deltaid.dynamics.parameters import prior_parameters
 from deltaid.errors import KinematicsError
 from deltaid.model.verdict import Fault, Grade, Proposal, Verdict, listed, percent

@@ -51,7 +51,7 @@ def show(
 
     Without options it prints tables.
     """
-    from deltaid.dynamics.at_rest import AtRest
+    from deltaid.dynamics.limits import AtRest
     from deltaid.view import html, own_page, reach, robots
     from deltaid.view.live import DEFAULT_PORT, LiveView, require_viser
 

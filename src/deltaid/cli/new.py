@@ -208,7 +208,7 @@ def _line(prompt: str) -> str:
 def _write(draft: "Draft", file: Path, report: Path | None) -> None:
     """Write the description, the schema of its first line, if there is none beside it, and the
     page; print the state of knowledge and the robot at rest."""
-    from deltaid.dynamics.at_rest import AtRest
+    from deltaid.dynamics.limits import AtRest
     from deltaid.studio.drafting import interview, text
     from deltaid.studio.drafting.draft import ASSUMED
     from deltaid.view import html, reach, robots

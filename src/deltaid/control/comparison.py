@@ -1,6 +1,6 @@
 """Comparison of models in control: each controller with each model of a robot, on one plant."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -25,14 +25,6 @@ from deltaid.shown import Reported, Shown
 # Least eigenvalue, as a share of M's own diagonal, of a positive definite M: below it the feedback
 # of a computed torque is a hundred times weaker in one direction than tuned.
 _POSITIVE = 0.01
-
-
-@dataclass(frozen=True)
-class ModelCandidate:
-    """A model by name: 'prior', 'base parameters', 'identified'."""
-
-    name: str
-    model: ControlModel
 
 
 @dataclass(frozen=True)
@@ -68,7 +60,7 @@ class Comparison(Shown, Reported):
     """
 
     conditions: Conditions
-    candidates: tuple[ModelCandidate, ...]
+    candidates: dict[str, ControlModel]
     runs: tuple[ControllerRun, ...]
     problems: tuple[MotionProblem, ...]
 
@@ -104,8 +96,9 @@ def compare_controllers(
     return Comparison(on, models, runs, problems)
 
 
-def candidates(model: ModelLike) -> tuple[ModelCandidate, ...]:
-    """Prior of the description, base parameters (if the file has them) and consistent model.
+def candidates(model: ModelLike) -> dict[str, ControlModel]:
+    """Prior of the description, base parameters (if the file has them) and consistent model, by
+    name: 'prior', 'base parameters', 'identified'.
 
     A robot at its prior has only that.
     """
@@ -115,7 +108,7 @@ def candidates(model: ModelLike) -> tuple[ModelCandidate, ...]:
         if model.identified.base_parameters:
             vectors["base parameters"] = base_vector(model.identified)
         vectors["identified"] = model.p
-    return tuple(ModelCandidate(name, ControlModel(model.robot, p)) for name, p in vectors.items())
+    return {name: ControlModel(model.robot, p) for name, p in vectors.items()}
 
 
 def base_vector(model: IdentifiedModel) -> Parameters:
@@ -139,7 +132,7 @@ def base_vector(model: IdentifiedModel) -> Parameters:
 
 def compare(
     on: Conditions,
-    models: Sequence[ModelCandidate],
+    models: dict[str, ControlModel],
     progress: Callable[[str], None] = lambda _: None,
 ) -> tuple[ControllerRun, ...]:
     """Run all controllers with all models, tuned alike by the mass matrix of the last model.
@@ -152,23 +145,21 @@ def compare(
     Raises:
         KinematicsError: the trajectory is out of reach.
     """
-    last, known = models[-1], models[-1]
+    last, tuned = list(models.items())[-1]
+    known = tuned
     if on.payload is not None:
-        known = ModelCandidate(f"{last.name}, load known", last.model.holding(on.payload.mass))
-        models = (*models, known)
+        known = tuned.holding(on.payload.mass)
+        models = {**models, f"{last}, load known": known}
     runs = []
     for name in CONTROLLERS:
-        law = gains(name, last.model, on.motion, on.bandwidth)
-        for candidate in (known,) if name == "pd" else models:
-            label = "" if name == "pd" else candidate.name
+        law = gains(name, tuned, on.motion, on.bandwidth)
+        for label, model in ({"": known} if name == "pd" else models).items():
             progress(f"{name} {label}")
-            why_not = ""
-            if name in NEED_MASS_MATRIX:
-                why_not = _lack(candidate.model.least_eigenvalue(poses(on.motion)))
-            if why_not:
-                runs.append(ControllerRun(name, label, None, why_not))
+            needs = name in NEED_MASS_MATRIX
+            if needs and (why := _lack(model.least_eigenvalue(poses(on.motion)))):
+                runs.append(ControllerRun(name, label, None, why))
                 continue
-            done, ends = on.tracked(law, candidate.model)
+            done, ends = on.tracked(law, model)
             problems = of_tracking(on.plant.model, done)
             runs.append(ControllerRun(name, label, done, "", problems, ends))
     return tuple(runs)

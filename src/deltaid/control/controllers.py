@@ -30,7 +30,7 @@ from deltaid.control.plant import loaded, point_mass
 from deltaid.dynamics.dynamics import Parameters, compiled
 from deltaid.dynamics.joint_columns import with_load_friction
 from deltaid.dynamics.task_dynamics import ROUNDS
-from deltaid.kernel.batch import BatchKernel
+from deltaid.kernel.batch import RowKernel
 from deltaid.mechanism.kinematics import Samples
 from deltaid.mechanism.one_or_many import real_numbers
 from deltaid.robot.description import RobotDescription
@@ -68,8 +68,8 @@ class ControlModel:
             acceleration: a.
             rubbing: w.
         """
-        x = np.hstack([near, q, qd, along, acceleration, rubbing]).T
-        return self._kernel(x, uniform=self.p).T
+        motion = near, q, qd, along, acceleration, rubbing
+        return self._kernel.rows(*motion, uniform=self.p)[0]
 
     def mass_diagonal(self, q: Samples) -> Float[np.ndarray, " dof"]:
         """Mean diagonal of M over drive coordinates.
@@ -92,7 +92,7 @@ class ControlModel:
 
 
 @lru_cache(maxsize=8)
-def _law(description: str) -> BatchKernel:
+def _law(description: str) -> RowKernel:
     robot = RobotDescription.model_validate_json(description)
     dynamics, mechanism = compiled(robot), compiled(robot).kinematics.mechanism
     e = dynamics.equations
@@ -107,8 +107,8 @@ def _law(description: str) -> BatchKernel:
     pose, move = near, ca.Function("move", [mechanism.z, q], [step])
     for _ in range(ROUNDS):
         pose = move(pose, q)
-    x = ca.vertcat(near, q, e.qd, along, acceleration, rubbing)
-    return BatchKernel(x, law(pose, e.qd, along, acceleration, rubbing, e.p), uniform=e.p)
+    torque = law(pose, e.qd, along, acceleration, rubbing, e.p)
+    return RowKernel((near, q, e.qd, along, acceleration, rubbing), [torque], e.p)
 
 
 CONTROLLERS: tuple[ControllerName, ...] = get_args(ControllerName)
@@ -134,14 +134,6 @@ class Desired:
 
 
 @dataclass(frozen=True)
-class MeasuredState:
-    """Measured drive coordinates and velocities, one sample a row."""
-
-    q: Samples
-    qd: Samples
-
-
-@dataclass(frozen=True)
 class Controller:
     """A control law by name, with the numbers of its formula.
 
@@ -156,10 +148,10 @@ class Controller:
     damping: Gains | float = 0.0
     bandwidth: float = 0.0
 
-    def torque(self, model: ControlModel, measured: MeasuredState, desired: Desired) -> Samples:
-        """Drive torques [N m or N], one sample a row."""
-        m, d, w = measured, desired, self.bandwidth
-        error, error_rate = m.q - d.q, m.qd - d.qd
+    def torque(self, model: ControlModel, q: Samples, qd: Samples, desired: Desired) -> Samples:
+        """Drive torques [N m or N] for measured coordinates and velocities, one sample a row."""
+        d, w = desired, self.bandwidth
+        error, error_rate = q - d.q, qd - d.qd
         feedback = -self.stiffness * error - self.damping * error_rate
         match self.name:
             case "pd":
@@ -168,13 +160,13 @@ class Controller:
                 return model.torque(d.z, d.q, d.qd, d.qd, d.qdd, d.qd) + feedback
             case "computed-torque":
                 acceleration = d.qdd - 2 * w * error_rate - w**2 * error
-                return model.torque(d.z, m.q, m.qd, m.qd, acceleration, d.qd)
+                return model.torque(d.z, q, qd, qd, acceleration, d.qd)
             case "augmented-pd":
-                return model.torque(d.z, m.q, m.qd, d.qd, d.qdd, d.qd) + feedback
+                return model.torque(d.z, q, qd, d.qd, d.qdd, d.qd) + feedback
             case "slotine-li":
                 velocity, acceleration = d.qd - w * error, d.qdd - w * error_rate
-                along = model.torque(d.z, m.q, m.qd, velocity, acceleration, velocity)
-                return along - self.damping * (m.qd - velocity)
+                along = model.torque(d.z, q, qd, velocity, acceleration, velocity)
+                return along - self.damping * (qd - velocity)
 
 
 def tuned(name: ControllerName, mass: Gains, bandwidth: float) -> Controller:

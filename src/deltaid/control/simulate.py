@@ -25,6 +25,7 @@ from deltaid.control.tracking import (
 )
 from deltaid.dynamics.dynamics import compiled
 from deltaid.errors import DeltaidError, positive, unknown, with_options
+from deltaid.mechanism.one_or_many import numbered
 from deltaid.model.model import Model, ModelLike, load
 from deltaid.motion.surrogate import Motion
 from deltaid.progress import Progress, Watch, watched
@@ -127,11 +128,8 @@ class Simulation(Shown, Plotted, Tabled, Reported):
         It ends where the robot was lost, so that it can be read as a log.
         """
         result, task = self.tracking, self.tracking.task.names
-        columns = {"t": result.time}
-        for name, values in (
-            ("q{}", result.q), ("tau{}", result.tau), ("q{}_desired", result.q_desired)
-        ):  # fmt: skip
-            columns |= {name.format(i + 1): x for i, x in enumerate(values.T)}
+        columns = {"t": result.time} | numbered(q=result.q, tau=result.tau)
+        columns |= {f"{q}_desired": x for q, x in numbered(q=result.q_desired).items()}
         columns |= dict(zip(task, result.z.T, strict=True))
         columns |= {f"{name}_desired": x for name, x in zip(task, result.z_desired.T, strict=True)}
         plant = self.conditions.loaded.model_at(0.0)

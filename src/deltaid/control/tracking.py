@@ -20,7 +20,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 from scipy.interpolate import make_interp_spline
 
-from deltaid.control.controllers import Controller, ControlModel, Desired, MeasuredState, tuned
+from deltaid.control.controllers import Controller, ControlModel, Desired, tuned
 from deltaid.control.options import ControllerName
 from deltaid.control.plant import Plant, Running
 from deltaid.dynamics.limits import effort_limits
@@ -273,8 +273,8 @@ def track(
             rates[k] = rates[k - 1] + share * (slope - rates[k - 1])
         now = Desired(*(x[k : k + 1] for x in (desired.z, desired.q, desired.qd, desired.qdd)))
         late = max(k - drives.delay, 0)
-        measured = MeasuredState(now.q + errors[late], now.qd + rates[late])
-        wanted[k] = controller.torque(known(float(time[k])), measured, now)[0]
+        measured = now.q + errors[late], now.qd + rates[late]
+        wanted[k] = controller.torque(known(float(time[k])), *measured, now)[0]
         torques[k] = np.clip(wanted[k], -limits, limits)
         running.hold(torques[k : k + 1], float(time[k]))
     # A controller may lose the robot one sample earlier, because its model has lengths of its own.

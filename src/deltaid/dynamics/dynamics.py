@@ -17,7 +17,7 @@ from deltaid.dynamics.parameters import (
     prior_parameters,
 )
 from deltaid.errors import DescriptionError
-from deltaid.kernel.batch import BatchKernel
+from deltaid.kernel.batch import BatchKernel, row_kernel
 from deltaid.mechanism.kinematics import Kinematics, Samples
 from deltaid.mechanism.one_or_many import one_or_many, real_numbers
 from deltaid.robot.description import RobotDescription
@@ -56,27 +56,22 @@ class Regressor(Protocol):
     @property
     def kinematics(self) -> Kinematics:
         """Kinematics of the robot, with its mechanism."""
-        ...
 
     @property
     def dof(self) -> int:
         """Number of drives δ."""
-        ...
 
     @property
     def regressor_pattern(self) -> tuple[np.ndarray, np.ndarray]:
         """Drive and column of every structurally nonzero entry, drive by drive."""
-        ...
 
     def sparse_regressor(
         self, z: Samples, qd: Samples, qdd: Samples, load: Samples | None = None
     ) -> SparseRegressor:
         """Nonzero entries of the columns; load-dependent friction needs the load."""
-        ...
 
     def carried(self, z: Samples, qd: Samples, qdd: Samples, p: Parameters) -> Samples:
         """Torques that the robot's gears carry."""
-        ...
 
 
 _Self = TypeVar("_Self", bound="WithParameters")
@@ -207,13 +202,9 @@ class Dynamics(WithParameters, Plotted):
         values = self._regressor_kernel(np.hstack(parts).T)
         return SparseRegressor(values, *self.regressor_pattern)
 
-    @property
+    @cached_property
     def regressor_pattern(self) -> tuple[np.ndarray, np.ndarray]:
         """Drive and parameter of every entry of Y that can be nonzero, drive by drive."""
-        return self._pattern
-
-    @cached_property
-    def _pattern(self) -> tuple[np.ndarray, np.ndarray]:
         columns, rows = self.equations.Y.T.sparsity().get_triplet()
         return np.array(rows)[self._nonzero], np.array(columns)[self._nonzero]
 
@@ -243,7 +234,7 @@ class Dynamics(WithParameters, Plotted):
     @one_or_many("z", "qd", "qdd")
     def torque(self, z: Samples, qd: Samples, qdd: Samples, p: Parameters | None = None) -> Samples:
         """Drive torques at task coordinates z."""
-        return self._torque_kernel(np.hstack([z, qd, qdd]).T, uniform=self._parameters(p)).T
+        return self._torque_kernel.rows(z, qd, qdd, uniform=self._parameters(p))[0]
 
     @one_or_many("z", "qd", "qdd")
     def carried(
@@ -251,7 +242,7 @@ class Dynamics(WithParameters, Plotted):
     ) -> Samples:
         """Torques that the gears carry at task coordinates z: drive torques without the motors' own
         friction and rotors."""
-        return self._carried_kernel(np.hstack([z, qd, qdd]).T, uniform=self._parameters(p)).T
+        return self._carried_kernel.rows(z, qd, qdd, uniform=self._parameters(p))[0]
 
     @one_or_many("q")
     def mass_matrix(
@@ -262,8 +253,7 @@ class Dynamics(WithParameters, Plotted):
         Raises:
             KinematicsError: q closes no loop or is singular.
         """
-        out = self._mass_kernel(self.kinematics.forward(q).T, uniform=self._parameters(p)).T
-        return out.reshape(-1, self.dof, self.dof)  # symmetric, so rows may be columns
+        return self._mass_kernel.rows(self.kinematics.forward(q), uniform=self._parameters(p))[0]
 
     @one_or_many("q", "qd")
     def terms(self, q: Samples, qd: Samples, p: Parameters | None = None) -> Terms:
@@ -275,11 +265,8 @@ class Dynamics(WithParameters, Plotted):
         Raises:
             KinematicsError: q closes no loop or is singular.
         """
-        x, d = np.hstack([self.kinematics.forward(q), qd]).T, self.dof
-        out = self._terms_kernel(x, uniform=self._parameters(p)).T
-        M, C, g, f = np.split(out, np.cumsum([d * d, d * d, d]), axis=1)
-        M, C = (columns.reshape(-1, d, d).swapaxes(1, 2) for columns in (M, C))
-        return Terms(M, C, g, f)
+        z = self.kinematics.forward(q)
+        return Terms(*self._terms_kernel.rows(z, qd, uniform=self._parameters(p)))
 
     @cached_property
     def _regressor_kernel(self) -> BatchKernel:
@@ -288,23 +275,10 @@ class Dynamics(WithParameters, Plotted):
         entries = e.Y.T.nz[self._nonzero.tolist()]
         return BatchKernel(ca.vertcat(e.z, e.qd, e.qdd, *load), entries)
 
-    @cached_property
-    def _torque_kernel(self) -> BatchKernel:
-        e = self.equations
-        return BatchKernel(ca.vertcat(e.z, e.qd, e.qdd), e.torque, uniform=e.p)
-
-    @cached_property
-    def _carried_kernel(self) -> BatchKernel:
-        e = self.equations
-        return BatchKernel(ca.vertcat(e.z, e.qd, e.qdd), e.carried, uniform=e.p)
-
-    @cached_property
-    def _mass_kernel(self) -> BatchKernel:
-        e = self.equations
-        return BatchKernel(e.z, e.M, uniform=e.p)
-
-    @cached_property
-    def _terms_kernel(self) -> BatchKernel:
-        e = self.equations
-        terms = [ca.vec(ca.densify(term)) for term in (e.M, e.C, e.g, e.f)]
-        return BatchKernel(ca.vertcat(e.z, e.qd), ca.vertcat(*terms), uniform=e.p)
+    _torque_kernel = row_kernel("equations", lambda e: ((e.z, e.qd, e.qdd), [e.torque], e.p))
+    _carried_kernel = row_kernel("equations", lambda e: ((e.z, e.qd, e.qdd), [e.carried], e.p))
+    _mass_kernel = row_kernel("equations", lambda e: ([e.z], [ca.horzsplit(e.M)], e.p))
+    _terms_kernel = row_kernel(
+        "equations",
+        lambda e: ((e.z, e.qd), (ca.horzsplit(e.M), ca.horzsplit(e.C), e.g, e.f), e.p),
+    )

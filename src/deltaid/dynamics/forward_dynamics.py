@@ -18,7 +18,7 @@ import casadi as ca
 import numpy as np
 from jaxtyping import Float
 
-from deltaid.dynamics.dynamics import WithParameters, compiled_as
+from deltaid.dynamics.dynamics import WithParameters
 from deltaid.dynamics.joint_columns import carried, columns_of_drives, losses, rotor_inertia
 from deltaid.dynamics.parameters import Parameters, parameter_layout
 from deltaid.dynamics.task_dynamics import (
@@ -29,7 +29,7 @@ from deltaid.dynamics.task_dynamics import (
     cholesky_solve,
     friction_impulses,
 )
-from deltaid.kernel.batch import BatchKernel
+from deltaid.kernel.batch import RowKernel, row_kernel
 from deltaid.mechanism.kinematics import Samples
 from deltaid.mechanism.one_or_many import one_or_many
 from deltaid.robot.description import RobotDescription
@@ -60,7 +60,7 @@ class ForwardDynamics(WithParameters, Plotted):
 
         A joint at rest has no friction here but its offset: sign(0) = 0, as in inverse dynamics.
         """
-        return self._acceleration_kernel(np.hstack([z, zd, tau]).T, uniform=self._parameters(p)).T
+        return self._acceleration_kernel.rows(z, zd, tau, uniform=self._parameters(p))[0]
 
     @one_or_many("q", "qd", "tau")
     def drive_acceleration(
@@ -71,29 +71,29 @@ class ForwardDynamics(WithParameters, Plotted):
         Raises:
             KinematicsError: q closes no loop or is singular.
         """
-        states = np.hstack([self.kinematics.forward(q), qd, tau])
-        return self._drive_kernel(states.T, self._parameters(p)).T
+        z = self.kinematics.forward(q)
+        return self._drive_kernel.rows(z, qd, tau, uniform=self._parameters(p))[0]
 
     @one_or_many("z", "zd")
     def energy(
         self, z: Samples, zd: Samples, p: Parameters | None = None
     ) -> tuple[Float[np.ndarray, " samples"], Float[np.ndarray, " samples"]]:
         """Kinetic and potential energy [J]; the latter has an arbitrary constant."""
-        kinetic, potential = self._energy_kernel(np.hstack([z, zd]).T, uniform=self._parameters(p))
-        return kinetic, potential
+        kinetic, potential = self._energy_kernel.rows(z, zd, uniform=self._parameters(p))
+        return kinetic[:, 0], potential[:, 0]
 
     def drive_coordinates(self, z: Samples) -> Samples:
         """q(z); NaN out of reach."""
-        return self._drive_coordinates_kernel(z.T).T
+        return self._drive_coordinates_kernel.rows(z)[0]
 
     def drive_motion(self, z: Samples, zd: Samples) -> tuple[Samples, Samples]:
         """q(z) and q̇ = J ż; NaN out of reach."""
-        out = self._drive_motion_kernel(np.hstack([z, zd]).T).T
-        return out[:, : self.dof], out[:, self.dof :]
+        q, qd = self._drive_motion_kernel.rows(z, zd)
+        return q, qd
 
     def task_velocity(self, z: Samples, qd: Samples) -> Samples:
         """ż = J⁻¹ q̇."""
-        return self._task_velocity_kernel(np.hstack([z, qd]).T).T
+        return self._task_velocity_kernel.rows(z, qd)[0]
 
     def step(
         self, z: Samples, qd: Samples, tau: Samples, p: Parameters, duration: float
@@ -104,13 +104,13 @@ class ForwardDynamics(WithParameters, Plotted):
         `task_dynamics.friction_impulses`. Where nothing sticks or lets go it is of second order.
         Drives that rest keep q̇ = 0 to rounding. NaN out of reach, and where J is singular.
         """
-        x = np.concatenate([z, qd, tau], axis=1).T
-        out = self._step_kernel(x, uniform=np.append(self._parameters(p), duration)).T
-        return out[:, : self.dof], out[:, self.dof :]
+        given = np.append(self._parameters(p), duration)
+        z_end, qd_end = self._step_kernel.rows(z, qd, tau, uniform=given)
+        return z_end, qd_end
 
     def reach(self, z: Samples) -> Float[np.ndarray, " samples"]:
         """Distance of each pose from the nearest edge of a limb's reach [m]; NaN out of it."""
-        return self._reach_kernel(z.T)[0]
+        return self._reach_kernel.rows(z)[0][:, 0]
 
     def is_smooth(self, p: Parameters) -> bool:
         """Whether friction is continuous at rest with these coefficients."""
@@ -130,42 +130,28 @@ class ForwardDynamics(WithParameters, Plotted):
         return zdd - G @ losses(self.robot, x, e.J @ G, qd, e.p)
 
     @cached_property
-    def _acceleration_kernel(self) -> BatchKernel:
+    def _acceleration_kernel(self) -> RowKernel:
         e = self.equations
-        return BatchKernel(ca.vertcat(e.z, e.zd, e.tau), self._acceleration, uniform=e.p)
+        return RowKernel((e.z, e.zd, e.tau), [self._acceleration], e.p)
 
     @cached_property
-    def _drive_kernel(self) -> BatchKernel:
+    def _drive_kernel(self) -> RowKernel:
         e, qd = self.equations, ca.SX.sym("qd", self.dof)
         qdd = ca.substitute(e.J @ self._acceleration + e.J_dot_zd, e.zd, e.T @ qd)
-        return BatchKernel(ca.vertcat(e.z, qd, e.tau), qdd, uniform=e.p)
+        return RowKernel((e.z, qd, e.tau), [qdd], e.p)
 
     @cached_property
-    def _energy_kernel(self) -> BatchKernel:
-        e = self.equations
-        return BatchKernel(ca.vertcat(e.z, e.zd), ca.vertcat(e.kinetic, e.potential), uniform=e.p)
-
-    @cached_property
-    def _drive_coordinates_kernel(self) -> BatchKernel:
-        return BatchKernel(self.equations.z, self.equations.q)
-
-    @cached_property
-    def _reach_kernel(self) -> BatchKernel:
-        m = self.kinematics.mechanism
-        return BatchKernel(m.z, ca.mmin(m.reach))
-
-    @cached_property
-    def _drive_motion_kernel(self) -> BatchKernel:
-        e = self.equations
-        return BatchKernel(ca.vertcat(e.z, e.zd), ca.vertcat(e.q, e.J @ e.zd))
-
-    @cached_property
-    def _task_velocity_kernel(self) -> BatchKernel:
+    def _task_velocity_kernel(self) -> RowKernel:
         e, qd = self.equations, ca.SX.sym("qd", self.dof)
-        return BatchKernel(ca.vertcat(e.z, qd), e.T @ qd)
+        return RowKernel((e.z, qd), [e.T @ qd])
+
+    _energy_kernel = row_kernel("equations", lambda e: ((e.z, e.zd), (e.kinetic, e.potential), e.p))
+    _drive_coordinates_kernel = row_kernel("equations", lambda e: ([e.z], [e.q]))
+    _reach_kernel = row_kernel("kinematics.mechanism", lambda m: ([m.z], [ca.mmin(m.reach)]))
+    _drive_motion_kernel = row_kernel("equations", lambda e: ((e.z, e.zd), (e.q, e.J @ e.zd)))
 
     @cached_property
-    def _step_kernel(self) -> BatchKernel:
+    def _step_kernel(self) -> RowKernel:
         e, z, qd = self.equations, ca.SX.sym("z0", self.dof), ca.SX.sym("qd0", self.dof)
         h = ca.SX.sym("h")
         change = ca.Function("change", *self.velocity_change())
@@ -175,8 +161,7 @@ class ForwardDynamics(WithParameters, Plotted):
         qd_end = qd + change(middle, qd_middle, qd, e.tau, e.p, h)
         z_end = z + 0.5 * h * T(middle) @ (qd + qd_end)
         z_end = ca.if_else(self.ahead(middle, T(middle) @ qd_middle, h) > 0, z_end, np.nan)
-        x = ca.vertcat(z, qd, e.tau)
-        return BatchKernel(x, ca.vertcat(z_end, qd_end), uniform=ca.vertcat(e.p, h))
+        return RowKernel((z, qd, e.tau), (z_end, qd_end), ca.vertcat(e.p, h))
 
     def ahead(self, z: ca.SX, zd: ca.SX, h: ca.SX) -> ca.SX:
         """Negative where a limb would be stretched within h.
@@ -236,11 +221,6 @@ class ForwardDynamics(WithParameters, Plotted):
         return loads
 
 
-def compiled_forward(robot: RobotDescription) -> ForwardDynamics:
-    """Forward dynamics of a robot, cached with its compiled kernels."""
-    return compiled_as(ForwardDynamics, robot)
-
-
 def link_side(robot: RobotDescription, p: Parameters) -> Parameters:
     """p without the drives' friction and rotors."""
     p = p.copy()
@@ -266,12 +246,12 @@ def motor_speeds(
     duration: float,
 ) -> Samples:
     """θ̇ one time step later, under motor torques τ and what gears carry, one state a row."""
-    x = np.hstack([speeds, tau, carried]).T
-    return _motor_kernel(robot.model_dump_json())(x, uniform=np.append(p, duration)).T
+    kernel = _motor_kernel(robot.model_dump_json())
+    return kernel.rows(speeds, tau, carried, uniform=np.append(p, duration))[0]
 
 
 @lru_cache(maxsize=8)
-def _motor_kernel(description: str) -> BatchKernel:
+def _motor_kernel(description: str) -> RowKernel:
     robot = RobotDescription.model_validate_json(description)
     drives, joints = robot.drives, robot.friction_joints
     v, tau, load = (ca.SX.sym(name, len(drives)) for name in ("v", "tau", "x"))
@@ -287,4 +267,4 @@ def _motor_kernel(description: str) -> BatchKernel:
     for j, i in places:
         impulse = ca.fmax(h * low[j], ca.fmin(h * high[j], -inertia[i] * end[i]))
         end[i] += impulse / inertia[i]
-    return BatchKernel(ca.vertcat(v, tau, load), end, uniform=ca.vertcat(p, h))
+    return RowKernel((v, tau, load), [end], ca.vertcat(p, h))

@@ -1,18 +1,19 @@
-"""Limits of a robot along a motion, as numbers within [−1, 1], and their use."""
+"""Limits of a robot as numbers within [−1, 1], their use along a motion, and a robot at rest."""
 
 import re
-from dataclasses import dataclass
-from functools import cached_property
+from dataclasses import dataclass, replace
 
 import casadi as ca
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 
 from deltaid.dynamics.dynamics import Dynamics, Parameters
 from deltaid.dynamics.equations import TaskMotion, build_task_motion
-from deltaid.kernel.batch import BatchKernel
+from deltaid.errors import KinematicsError
+from deltaid.kernel.batch import RowKernel
 from deltaid.mechanism.kinematics import Samples
 from deltaid.mechanism.mechanism import Mechanism
+from deltaid.mechanism.regularity import SINGULAR_CONDITION
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.limits import Box, Cylinder, Hemisphere
 
@@ -158,10 +159,12 @@ class LimitsAlong:
         self._limits = kinematic_limits(robot, mechanism, self._motion)
         self.names: tuple[str, ...] = tuple(limit.name for limit in self._limits)
         self.efforts: tuple[str, ...] = effort_names(robot)
+        m, shares = self._motion, [limit.u for limit in self._limits]
+        self._kernel = RowKernel((m.z, m.zd, m.zdd), [ca.vertcat(*shares)])
 
     def kinematic(self, z: Samples, zd: Samples, zdd: Samples) -> Shares:
         """Use of speeds, accelerations, ranges, workspace and distance from singularities."""
-        u = self._kernel(np.hstack([z, zd, zdd]).T).T
+        (u,) = self._kernel.rows(z, zd, zdd)
         return np.where([limit.two_sided for limit in self._limits], np.abs(u), u)
 
     def effort(self, z: Samples, zd: Samples, zdd: Samples, p: Parameters) -> Shares:
@@ -170,9 +173,89 @@ class LimitsAlong:
         tau, largest = self.dynamics.torque(z, qd, qdd, p), torque_limits(self.dynamics.robot)
         return np.abs(tau[:, list(largest)]) / np.array(list(largest.values()))
 
-    @cached_property
-    def _kernel(self) -> BatchKernel:
-        m = self._motion
-        return BatchKernel(
-            ca.vertcat(m.z, m.zd, m.zdd), ca.vertcat(*[limit.u for limit in self._limits])
+
+@dataclass(frozen=True)
+class Poses:
+    """A robot at rest at many poses, one a row.
+
+    Attributes:
+        z: task coordinates [m; rad].
+        q: drive coordinates [rad or m].
+        torque: what the drives hold it with: gravity, springs, offsets of friction [N m or N].
+        condition: ‖J‖_F ‖J⁻¹‖_F / δ.
+        shares: use |u| of each limit, 1 at the limit, in the order of `AtRest.limits`.
+        stands: whether the pose exists: every limb reaches it, and it lies on the home pose's side
+            of singularities. All numbers but z are NaN where it does not.
+    """
+
+    z: Samples
+    q: Samples
+    torque: Samples
+    condition: Float[np.ndarray, " samples"]
+    shares: Float[np.ndarray, "samples limits"]
+    stands: Bool[np.ndarray, " samples"]
+
+    def only(self, chosen: Bool[np.ndarray, " samples"]) -> "Poses":
+        """A subset of the poses."""
+        arrays = {name: getattr(self, name)[chosen] for name in self.__dataclass_fields__}
+        return replace(self, **arrays)
+
+
+class AtRest:
+    """A robot with parameters p, evaluated at rest.
+
+    Attributes:
+        limits: names of all limits that a pose alone can break: those of the workspace first, then
+            the machine's own.
+        of_workspace: how many are the workspace's.
+
+    Raises:
+        KinematicsError: the robot cannot stand in the middle of its own workspace.
+    """
+
+    def __init__(self, dynamics: Dynamics, p: Parameters) -> None:
+        self.dynamics, self.p = dynamics, p
+        self.robot: RobotDescription = dynamics.robot
+        mechanism = dynamics.kinematics.mechanism
+        posed = kinematic_limits(self.robot, mechanism)
+        names = (*(limit.name for limit in posed), *effort_names(self.robot))
+        self.limits: tuple[str, ...] = names
+        self.of_workspace = len(workspace_limits(self.robot, mechanism.z))
+        # q, torque, condition, shares, det J and reach of z; p is uniform
+        e, still = dynamics.equations, ca.SX.zeros(2 * mechanism.dof)
+        torque = ca.substitute(ca.densify(e.torque), ca.vertcat(e.qd, e.qdd), still)
+        shares = [limit.u for limit in posed]
+        shares += [torque[i] / largest for i, largest in torque_limits(self.robot).items()]
+        judged = mechanism.condition, ca.vertcat(*shares), ca.det(mechanism.scaled_jacobian)
+        self._kernel = RowKernel([e.z], (mechanism.q, torque, *judged, mechanism.reach), e.p)
+        self.home = dynamics.kinematics.home
+        dynamics.kinematics.inverse(self.home[None])  # raises with the limb that does not reach
+        dynamics.kinematics.require_regular(self.home[None])
+        self._side = np.sign(dynamics.kinematics.regularity(self.home[None]).determinant[0])
+
+    def __call__(self, z: Samples) -> Poses:
+        """The robot at rest at some poses."""
+        z = np.asarray(z, dtype=float)
+        parts = self._kernel.rows(z, uniform=self.p)
+        q, torque, condition, shares, determinant, reach = parts
+        stands = np.all(reach > 0, axis=1) & (np.sign(determinant[:, 0]) == self._side)
+        stands &= (condition[:, 0] < SINGULAR_CONDITION) & np.all(np.isfinite(q), axis=1)
+        gone = ~stands[:, None]
+        return Poses(
+            z=z,
+            q=np.where(gone, np.nan, q),
+            torque=np.where(gone, np.nan, torque),
+            condition=np.where(stands, condition[:, 0], np.nan),
+            shares=np.where(gone, np.nan, np.abs(shares)),
+            stands=stands,
         )
+
+    def why_not(self, z: Float[np.ndarray, " dof"]) -> str:
+        """Why a pose does not exist."""
+        kinematics = self.dynamics.kinematics
+        try:
+            kinematics.inverse(z[None])
+            kinematics.require_regular(z[None])
+        except KinematicsError as error:
+            return error.what
+        return "every limb reaches the pose, but it lies beyond a singularity from the home pose"

@@ -20,6 +20,25 @@ from deltaid.robot.load import RobotLike, catalogue, described, holds_a_model, p
 from deltaid.robot.parameter import ADDED, ParameterKind, PriorParameter
 
 
+def _places(kind: ParameterKind, symbol: str | None = None) -> "cached_property[slice]":
+    """Slice of a layout's coefficients of a kind, or of one of its symbols."""
+
+    def found(layout: "ParameterLayout") -> slice:
+        at = [
+            k
+            for k, parameter in enumerate(layout.parameters)
+            if parameter.kind == kind and symbol in (None, parameter.symbol)
+        ]
+        if at:
+            return slice(at[0], at[-1] + 1)
+        order = ("inertia", "friction", "spring", "rotor")
+        before = order[: order.index(kind)]
+        end = sum(parameter.kind in before for parameter in layout.parameters)
+        return slice(end, end)
+
+    return cached_property(found)
+
+
 @dataclass(frozen=True)
 class ParameterLayout:
     """Names and places of the entries of p (Sec. III B, V C).
@@ -28,6 +47,7 @@ class ParameterLayout:
         parameters: one for each entry of p: ten a body, then the coefficients of joints: friction
             terms by kind and joint, springs, rotor inertias; behind these what a fit adds to them.
         bodies: body names; body b has the ten entries from 10 b on.
+        friction, viscous, coulomb, spring, rotor: slices of the coefficients of these kinds.
     """
 
     parameters: tuple[PriorParameter, ...]
@@ -59,43 +79,11 @@ class ParameterLayout:
         """Slice of the coefficients of joints."""
         return slice(10 * len(self.bodies), len(self.parameters) - self.added)
 
-    @property
-    def friction(self) -> slice:
-        """Coefficients of all friction terms, p_f."""
-        return self._places("friction")
-
-    @property
-    def viscous(self) -> slice:
-        """Viscous coefficients, one for each joint with friction."""
-        return self._places("friction", "viscous")
-
-    @property
-    def coulomb(self) -> slice:
-        """Coulomb coefficients, one for each joint with friction."""
-        return self._places("friction", "coulomb")
-
-    @property
-    def spring(self) -> slice:
-        """Spring stiffnesses, one for each spring."""
-        return self._places("spring")
-
-    @property
-    def rotor(self) -> slice:
-        """Rotor inertias, one for each drive with one."""
-        return self._places("rotor")
-
-    def _places(self, kind: ParameterKind, symbol: str | None = None) -> slice:
-        at = [
-            k
-            for k, parameter in enumerate(self.parameters)
-            if parameter.kind == kind and symbol in (None, parameter.symbol)
-        ]
-        if at:
-            return slice(at[0], at[-1] + 1)
-        order = ("inertia", "friction", "spring", "rotor")
-        before = order[: order.index(kind)]
-        end = sum(parameter.kind in before for parameter in self.parameters)
-        return slice(end, end)
+    friction = _places("friction")  # all terms, p_f
+    viscous = _places("friction", "viscous")  # one for each joint with friction
+    coulomb = _places("friction", "coulomb")
+    spring = _places("spring")  # one for each spring
+    rotor = _places("rotor")  # one for each drive with a rotor
 
     @property
     def signed(self) -> dict[int, float]:

@@ -2,7 +2,6 @@
 runs them."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 import polars as pl
@@ -12,40 +11,20 @@ from deltaid.exports.options import TargetName
 from deltaid.exports.structured_text import quantities, st_test
 from deltaid.exports.text import SINGLE, Precision, plain_letters, rendered
 from deltaid.kernel.batch import BLOCK
+from deltaid.mechanism.one_or_many import numbered
 from deltaid.model.model import Model
 
 # Number of vectors, largest distance from the middle of the workspace as a share of it, and largest
 # condition of the Jacobian.
 _COUNT, _SHARE, _CONDITION = 100, 0.7, 30.0
+States = Float[np.ndarray, "states dof"]
 # Largest speeds and accelerations [rad/s, rad/s² or m/s, m/s²].
 _SPEED, _ACCELERATION = 2.0, 10.0
 
 
-@dataclass(frozen=True)
-class ReferenceStates:
-    """States of a robot with the package's own torques, one state a row.
-
-    Attributes:
-        z: task coordinates.
-        q, qd, qdd, tau: of the drives.
-    """
-
-    z: Float[np.ndarray, "states dof"]
-    q: Float[np.ndarray, "states dof"]
-    qd: Float[np.ndarray, "states dof"]
-    qdd: Float[np.ndarray, "states dof"]
-    tau: Float[np.ndarray, "states dof"]
-
-    @property
-    def csv(self) -> str:
-        """The states as CSV: z1, …, q1, …, qd1, …, qdd1, …, tau1, …."""
-        arrays = {name: getattr(self, name) for name in ("z", "q", "qd", "qdd", "tau")}
-        columns = {f"{name}{i + 1}": x for name, a in arrays.items() for i, x in enumerate(a.T)}
-        return pl.DataFrame(columns).write_csv()
-
-
-def reference_states(subject: Model, precision: Precision) -> ReferenceStates:
-    """Reproducible states all over the workspace, in the precision of the code."""
+def reference_states(subject: Model, precision: Precision) -> dict[str, States]:
+    """z, q, qd, qdd and the package's own tau of reproducible states all over the workspace, in the
+    precision of the code, one state a row."""
     kinematics, rng, turn = (
         subject.dynamics.kinematics,
         np.random.default_rng(0),
@@ -61,7 +40,7 @@ def reference_states(subject: Model, precision: Precision) -> ReferenceStates:
     sizes = np.array([_SPEED, _ACCELERATION])[:, None, None]
     qd, qdd = _rounded(sizes * rng.uniform(-1, 1, (2, *z.shape)), precision)
     tau = subject.dynamics.torque(z, qd, qdd, _rounded(subject.p, precision))
-    return ReferenceStates(z, kinematics.inverse(z), qd, qdd, tau)
+    return {"z": z, "q": kinematics.inverse(z), "qd": qd, "qdd": qdd, "tau": tau}
 
 
 def _rounded(x: np.ndarray, precision: Precision) -> np.ndarray:
@@ -78,11 +57,10 @@ def handover(
         files: these names.
         precision: of code.
     """
-    vectors = reference_states(subject, precision)
-    made, count = {f"{stem}_vectors.csv": vectors.csv}, len(vectors.z)
-    states = vectors.z, vectors.qd, vectors.qdd, vectors.tau
+    states = reference_states(subject, precision)
+    made = {f"{stem}_vectors.csv": pl.DataFrame(numbered(**states)).write_csv()}
     if to == "c":
-        rows = np.hstack([vectors.z, vectors.q, *states[1:]]).tolist()
+        rows = np.hstack([*states.values()]).tolist()
         program = rendered(
             "test.c.jinja",
             prefix=stem,
@@ -102,6 +80,6 @@ def handover(
         quantities=quantities(subject),
         to=to,
         stem=stem,
-        count=count,
+        count=len(states["z"]),
     )
     return {f"README_{stem}_{to}.md": readme, **made}

@@ -7,7 +7,7 @@ refused, and divisors and radicands are checked.
 """
 
 import re
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
@@ -117,11 +117,8 @@ class Writer:
         own = [Variable("i", "INT")] if zeros else []
         return Unit(name, "INT", [note], (), [self.array("entries", len(values))], own, text)
 
-    def unit(self, f: ExportedFunction) -> Unit:
-        """One function, or a function block where a pose is kept."""
-        return self._block(f) if f.after else self._function(f)
-
-    def _function(self, f: ExportedFunction) -> Unit:
+    def function(self, f: ExportedFunction) -> Unit:
+        """One function that keeps nothing."""
         given, scratch, own = list(f.inputs), set[str](), [Variable("i", "INT")]
         sizes = {argument.name: argument.symbols.numel() for argument in f.arguments}
         tables = {x.name: x.symbols.numel() for x in f.inputs if x.is_table and x.symbols.numel()}
@@ -178,7 +175,7 @@ class Writer:
         scratch.update(slots)
         return lines
 
-    def _block(self, f: ExportedFunction) -> Unit:
+    def block(self, f: ExportedFunction) -> Unit:
         """A function block of q: the pose first, which is kept, then a function of z."""
         name, n = f"{self.prefix}_{f.name}", self.subject.dynamics.dof
         names = [argument.name for argument in f.arguments]
@@ -305,7 +302,7 @@ def plc_program(
         writer.table("parameters", what, subject.p[subject.p != 0].tolist(), notes),
         writer.table("home", "A pose z in the middle of the workspace.", subject.home.tolist()),
         *(writer.pairs() if precision is SINGLE else ()),
-        *map(writer.unit, functions),
+        *(writer.block(f) if f.after else writer.function(f) for f in functions),
         *(unit for cycle in cycles for unit in writer.cycle(cycle)),
     ]
     conventions = (
@@ -339,18 +336,19 @@ def st_test(
     subject: Model,
     prefix: str,
     precision: Precision,
-    vectors: tuple[Float[np.ndarray, "states dof"], ...],
+    states: Mapping[str, Float[np.ndarray, "states dof"]],
 ) -> str:
     """PREFIX_test, which calls PREFIX_inverse_dynamics_at once for each vector.
 
     Torques at some states beside those of Python.
 
     Args:
-        vectors: z, q̇, q̈ and τ, one state a row.
+        states: z, qd, qdd and tau, one state a row.
     """
-    writer, numbers = Writer(subject, prefix, precision), np.hstack(vectors)
-    (count, dof), share = vectors[0].shape, 1e-5 if precision is SINGLE else 1e-12
-    note, name = "z, qd, qdd, tau of each state.", f"{prefix}_test"
+    writer, names = Writer(subject, prefix, precision), ("z", "qd", "qdd", "tau")
+    numbers, note = np.hstack([states[x] for x in names]), f"{', '.join(names)} of each state."
+    (count, dof), share = states["z"].shape, 1e-5 if precision is SINGLE else 1e-12
+    name = f"{prefix}_test"
     block = Unit(
         name,
         "",

@@ -8,10 +8,10 @@ from jaxtyping import Float
 
 from deltaid.dynamics.dynamics import WithParameters
 from deltaid.dynamics.force_equations import ForceEquations, build_forces, splits, unknown_joints
-from deltaid.dynamics.parameters import Parameters, known_parameters, parameter_layout
+from deltaid.dynamics.parameters import Parameters
 from deltaid.errors import Doubt, unknown
-from deltaid.kernel.batch import BatchKernel
-from deltaid.mechanism.kinematics import Kinematics, Samples
+from deltaid.kernel.batch import RowKernel
+from deltaid.mechanism.kinematics import Samples
 from deltaid.mechanism.one_or_many import one_or_many
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.load import RobotLike, described
@@ -40,18 +40,16 @@ class ConstraintForces(WithParameters, Shown):
     """
 
     def __init__(self, robot: RobotLike) -> None:
-        self._p = known_parameters(robot)
-        robot = described(robot)
-        if robot.mechanism is not None or robot.limbs is None:
+        limbs = described(robot).limbs
+        if limbs is None:
             raise unknown_joints("constraint forces", "mechanism")
-        self.robot, self.layout = robot, parameter_layout(robot)
-        self.kinematics = Kinematics(robot)
-        self.equations: ForceEquations = build_forces(robot, self.kinematics.mechanism)
+        super().__init__(robot)
+        self.equations: ForceEquations = build_forces(self.robot, self.kinematics.mechanism)
         channels = self.equations.channels
         self.names, self.units = (tuple(getattr(c, k) for c in channels) for k in ("name", "unit"))
         self._values = ca.vertcat(*(channel.value for channel in channels))
-        self.struts, self.note = self.equations.struts, _why_sums(robot)
-        self.socket_force = robot.limbs.socket_force if splits(robot) else None
+        self.struts, self.note = self.equations.struts, _why_sums(self.robot)
+        self.socket_force = limbs.socket_force if splits(self.robot) else None
 
     def index(self, name: str) -> int:
         """Position of a channel.
@@ -63,18 +61,13 @@ class ConstraintForces(WithParameters, Shown):
             raise unknown(name, self.names, "channel", self.robot.name)
         return self.names.index(name)
 
-    @property
-    def dof(self) -> int:
-        """Number of drives δ."""
-        return self.kinematics.dof
-
     @one_or_many("z", "qd", "qdd")
     def evaluate(
         self, z: Samples, qd: Samples, qdd: Samples, p: Parameters | None = None
     ) -> Float[np.ndarray, "samples channels"]:
         """All channels at some samples of a motion, without p with the parameters of the model that
         it was made with, or the prior."""
-        return self._kernel(np.hstack([z, qd, qdd]).T, uniform=self._parameters(p)).T
+        return self._kernel.rows(z, qd, qdd, uniform=self._parameters(p))[0]
 
     @one_or_many("z", "qd", "qdd")
     def coefficients(
@@ -85,9 +78,9 @@ class ConstraintForces(WithParameters, Shown):
         return np.stack([np.array(C(*row)) for row in rows])
 
     @cached_property
-    def _kernel(self) -> BatchKernel:
+    def _kernel(self) -> RowKernel:
         e = self.equations
-        return BatchKernel(ca.vertcat(e.z, e.qd, e.qdd), self._values, uniform=e.p)
+        return RowKernel((e.z, e.qd, e.qdd), [self._values], e.p)
 
     @cached_property
     def _coefficients(self) -> ca.Function:

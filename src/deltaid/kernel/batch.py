@@ -16,10 +16,13 @@ import ctypes
 import ctypes.util
 import functools
 import os
+from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from importlib.metadata import version
+from operator import attrgetter
 from pathlib import Path
+from typing import Any
 
 import casadi as ca
 import llvmlite.binding as llvm
@@ -169,6 +172,47 @@ class BatchKernel:
                 padded,
             )
             out[:, start:stop] = outputs[:, :n]
+
+
+class RowKernel(BatchKernel):
+    """The same for several vectors of inputs and several outputs, with one sample a row.
+
+    Args:
+        inputs: vectors that differ from sample to sample.
+        outputs: vectors, and matrices as lists of their columns (`ca.horzsplit`).
+        uniform: as of `BatchKernel`.
+    """
+
+    def __init__(
+        self,
+        inputs: Sequence[ca.SX],
+        outputs: Sequence[ca.SX | list[ca.SX]],
+        uniform: ca.SX | None = None,
+    ) -> None:
+        parts = [x if isinstance(x, ca.SX) else ca.vertcat(*x) for x in outputs]
+        self._shapes = [() if isinstance(x, ca.SX) else (len(x), x[0].numel()) for x in outputs]
+        self._ends = np.cumsum([part.numel() for part in parts])[:-1]
+        super().__init__(ca.vertcat(*inputs), ca.vertcat(*parts), uniform)
+
+    def rows(
+        self, *inputs: np.ndarray, uniform: Float[np.ndarray, " n_uniform"] | None = None
+    ) -> tuple[np.ndarray, ...]:
+        """Each output for all samples: (samples, entries), of a matrix (samples, rows, columns)."""
+        out = self(np.hstack(inputs).T, uniform=uniform).T
+        parts = zip(np.split(out, self._ends, axis=1), self._shapes, strict=True)
+        return tuple(x.reshape(-1, *shape).swapaxes(1, 2) if shape else x for x, shape in parts)
+
+
+def row_kernel(
+    part: str, graph: Callable[[Any], tuple[Any, ...]]
+) -> functools.cached_property[RowKernel]:
+    """An attribute of a class: a kernel of the symbols in a `part` of it, compiled on first use.
+
+    Args:
+        graph: arguments of `RowKernel` from these symbols.
+    """
+    symbols = attrgetter(part)
+    return functools.cached_property(lambda owner: RowKernel(*graph(symbols(owner))))
 
 
 class CompiledKernel:

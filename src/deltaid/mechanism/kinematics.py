@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from deltaid.errors import KinematicsError
-from deltaid.kernel.batch import BatchKernel
+from deltaid.kernel.batch import RowKernel, row_kernel
 from deltaid.mechanism.composition import build_mechanism
 from deltaid.mechanism.forward import CLOSED, ForwardKinematics, forward_kinematics
 from deltaid.mechanism.mechanism import Mechanism
@@ -62,8 +62,7 @@ class Kinematics(Shown, Plotted):
             KinematicsError: a limb cannot reach; names the sample, the limb and the distance.
                 Or its arm and strut are in line.
         """
-        out = self._inverse_kernel(z.T)
-        q, reach = out[: self.dof].T, out[self.dof :].T
+        q, reach = self._inverse_kernel.rows(z)
         self._require_reach(z, reach)
         return q
 
@@ -129,21 +128,19 @@ class Kinematics(Shown, Plotted):
     @one_or_many("z")
     def jacobian(self, z: Samples) -> Float[np.ndarray, "samples dof dof"]:
         """J = ∂q/∂z, so that q̇ = J ż."""
-        return _matrices(self._jacobian_kernel(z.T), self.dof)
+        return self._jacobian_kernel.rows(z)[0]
 
     @one_or_many("z")
     def platform_jacobian(self, z: Samples) -> Float[np.ndarray, "samples 3 dof"]:
         """∂x/∂q of the platform point x in the world, so that ẋ = (∂x/∂q) q̇."""
-        axes = list(self.robot.task.axes)
-        moved = self._platform_kernel(z.T).T.reshape(-1, self.dof, len(axes)).swapaxes(1, 2)
         J_x = np.zeros((len(z), 3, self.dof))
-        J_x[:, axes] = moved
+        J_x[:, self.robot.task.axes] = self._platform_kernel.rows(z)[0]
         return J_x
 
     @one_or_many("z", "zd")
     def jacobian_rate(self, z: Samples, zd: Samples) -> Float[np.ndarray, "samples dof dof"]:
         """J̇, so that q̈ = J z̈ + J̇ ż."""
-        return _matrices(self._jacobian_rate_kernel(np.hstack([z, zd]).T), self.dof)
+        return self._jacobian_rate_kernel.rows(z, zd)[0]
 
     @one_or_many("z")
     def condition(self, z: Samples) -> Float[np.ndarray, " samples"]:
@@ -153,7 +150,7 @@ class Kinematics(Shown, Plotted):
     @one_or_many("z")
     def regularity(self, z: Samples) -> Regularity:
         """Condition, determinant and gain of the Jacobian."""
-        return Regularity(*self._regularity_kernel(z.T))
+        return Regularity(*(part[:, 0] for part in self._regularity_kernel.rows(z)))
 
     def passages(self, z: Samples) -> Int[np.ndarray, " passages"]:
         """Samples i of a motion z(t) such that it passes through a singularity between i and i + 1.
@@ -172,19 +169,14 @@ class Kinematics(Shown, Plotted):
         """
         q = self.inverse(z)
         self.require_regular(z)
-        rates = self._motion_kernel(np.hstack([z, zd, zdd]).T).T
-        return q, rates[:, : self.dof], rates[:, self.dof :]
+        return q, *self._motion_kernel.rows(z, zd, zdd)
 
     @one_or_many("z")
     def poses(self, z: Samples) -> tuple[BodyPoses, ...]:
         """Poses of all moving bodies, limb by limb as in `Mechanism.bodies`."""
-        out = self._pose_kernel(z.T)
-        result = []
-        for i, body in enumerate(self.mechanism.bodies):
-            block = out[12 * i : 12 * i + 12].T
-            R_LB = block[:, :9].reshape(-1, 3, 3).swapaxes(1, 2)  # CasADi stores columns
-            result.append(BodyPoses(body.name, body.R_WL @ R_LB, block[:, 9:] @ body.R_WL.T))
-        return tuple(result)
+        out, bodies = self._pose_kernel.rows(z), self.mechanism.bodies
+        poses = zip(bodies, out[::2], out[1::2], strict=True)
+        return tuple(BodyPoses(b.name, b.R_WL @ R_LB, r @ b.R_WL.T) for b, R_LB, r in poses)
 
     @one_or_many("q", "qd")
     def joint_states(self, q: Samples, qd: Samples | None = None) -> JointStates:
@@ -243,10 +235,8 @@ class Kinematics(Shown, Plotted):
                 cure="platform positions are in metres with z up, so they have z < 0",
             )
 
-    @cached_property
-    def _inverse_kernel(self) -> BatchKernel:
-        m = self.mechanism
-        return BatchKernel(m.z, ca.vertcat(m.q, m.reach))
+    _inverse_kernel = row_kernel("mechanism", lambda m: ([m.z], (m.q, m.reach)))
+    _jacobian_kernel = row_kernel("mechanism", lambda m: ([m.z], [ca.horzsplit(m.speeds.jacobian)]))
 
     @cached_property
     def _forward(self) -> ForwardKinematics:
@@ -272,42 +262,31 @@ class Kinematics(Shown, Plotted):
         return PassiveJoints(self.mechanism, names)
 
     @cached_property
-    def _jacobian_kernel(self) -> BatchKernel:
-        return BatchKernel(self.mechanism.z, self.mechanism.speeds.jacobian)
-
-    @cached_property
-    def _platform_kernel(self) -> BatchKernel:
+    def _platform_kernel(self) -> RowKernel:
         T = self.mechanism.speeds.inverse_jacobian[self.robot.task.moves, :]
-        return BatchKernel(self.mechanism.z, ca.vec(ca.densify(T)))
+        return RowKernel([self.mechanism.z], [ca.horzsplit(T)])
 
     @cached_property
-    def _motion_kernel(self) -> BatchKernel:
+    def _motion_kernel(self) -> RowKernel:
         speeds = self.mechanism.speeds
         rates = speeds.by_task()(ca.vertcat(speeds.q.u, speeds.q.ud))
-        return BatchKernel(ca.vertcat(self.mechanism.z, speeds.z.u, speeds.z.ud), rates)
+        return RowKernel((self.mechanism.z, speeds.z.u, speeds.z.ud), ca.vertsplit(rates, self.dof))
 
     @cached_property
-    def _jacobian_rate_kernel(self) -> BatchKernel:
+    def _jacobian_rate_kernel(self) -> RowKernel:
         m, zd = self.mechanism, ca.SX.sym("zd", self.dof)
         J = ca.vec(ca.densify(m.speeds.jacobian))
-        return BatchKernel(ca.vertcat(m.z, zd), ca.jtimes(J, m.z, zd))
+        rate = ca.vertsplit(ca.jtimes(J, m.z, zd), self.dof)
+        return RowKernel((m.z, zd), [rate])
 
     @cached_property
-    def _regularity_kernel(self) -> BatchKernel:
+    def _regularity_kernel(self) -> RowKernel:
         m, J = self.mechanism, self.mechanism.scaled_jacobian
         gain = ca.sqrt(ca.sumsqr(inverse(J)))
         condition = ca.sqrt(ca.sumsqr(J)) * gain / self.dof
-        return BatchKernel(m.z, ca.vertcat(condition, ca.det(J), gain, m.hold_condition))
+        return RowKernel([m.z], (condition, ca.det(J), gain, m.hold_condition))
 
     @cached_property
-    def _pose_kernel(self) -> BatchKernel:
-        m = self.mechanism
-        columns = [
-            ca.vertcat(ca.vec(ca.densify(body.rotation.R)), ca.densify(body.origin.at))
-            for body in m.bodies
-        ]
-        return BatchKernel(m.z, ca.vertcat(*columns))
-
-
-def _matrices(out: Float[np.ndarray, "entries samples"], dof: int) -> np.ndarray:
-    return out.T.reshape(-1, dof, dof).swapaxes(1, 2)  # CasADi stores columns
+    def _pose_kernel(self) -> RowKernel:
+        poses = [(ca.horzsplit(b.rotation.R), b.origin.at) for b in self.mechanism.bodies]
+        return RowKernel([self.mechanism.z], [part for pose in poses for part in pose])

@@ -81,6 +81,11 @@ def as_rows(dof: int, **given: Any) -> tuple[np.ndarray, ...]:
     return tuple(rows.values())
 
 
+def numbered(**arrays: np.ndarray) -> dict[str, np.ndarray]:
+    """Columns q1, q2, … of arrays with one sample a row."""
+    return {f"{name}{i}": x for name, rows in arrays.items() for i, x in enumerate(rows.T, 1)}
+
+
 def one_or_many_times(method: Callable[_P, _R]) -> Callable[_P, _R]:
     """Let a method of times (samples,) accept a single time."""
 

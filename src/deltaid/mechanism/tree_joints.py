@@ -23,7 +23,7 @@ import numpy as np
 from jaxtyping import Float
 
 from deltaid.errors import DeltaidError
-from deltaid.kernel.batch import BatchKernel
+from deltaid.kernel.batch import RowKernel
 from deltaid.mechanism.mechanism import Mechanism
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.platform import I4Platform, Platform, RigidPlatform, Telescope
@@ -55,29 +55,23 @@ class TreeJoints:
         names: of the joints.
         z, qd: δ symbols each.
         position: ϑ [rad or m].
-        inverse_jacobian: T = ∂z/∂q.
+        velocity: ϑ̇ = ∂ϑ/∂z T q̇ [rad/s or m/s], T = ∂z/∂q.
     """
 
     names: tuple[str, ...]
     z: ca.SX
     qd: ca.SX
     position: ca.SX
-    inverse_jacobian: ca.SX
-
-    @cached_property
-    def velocity(self) -> ca.SX:
-        """ϑ̇ = ∂ϑ/∂z T q̇ as a function of z and q̇ [rad/s or m/s]."""
-        return ca.jacobian(self.position, self.z) @ (self.inverse_jacobian @ self.qd)
+    velocity: ca.SX
 
     def states(self, z: Samples, qd: Samples | None) -> JointStates:
         """Joint states at samples of a motion."""
-        out = self._states(np.hstack([z, np.zeros_like(z) if qd is None else qd]).T).T
-        position, velocity = np.hsplit(out, 2)
+        position, velocity = self._states.rows(z, np.zeros_like(z) if qd is None else qd)
         return JointStates(self.names, position, None if qd is None else velocity)
 
     @cached_property
-    def _states(self) -> BatchKernel:
-        return BatchKernel(ca.vertcat(self.z, self.qd), ca.vertcat(self.position, self.velocity))
+    def _states(self) -> RowKernel:
+        return RowKernel((self.z, self.qd), (self.position, self.velocity))
 
 
 def tree_joints(
@@ -92,8 +86,8 @@ def tree_joints(
     others = [name for name in coordinates if name not in robot.drives]
     names = (*(() if passive else robot.drives), *others)
     position = ca.vertcat(*(coordinates[name] for name in names))
-    speeds = mechanism.speeds
-    return TreeJoints(names, mechanism.z, speeds.q.u, position, speeds.inverse_jacobian)
+    z, qd, T = mechanism.z, mechanism.speeds.q.u, mechanism.speeds.inverse_jacobian
+    return TreeJoints(names, z, qd, position, ca.jacobian(position, z) @ (T @ qd))
 
 
 def tree_coordinates(robot: RobotDescription, mechanism: Mechanism) -> dict[str, ca.SX]:
@@ -188,9 +182,7 @@ class PassiveJoints:
         state, rates = ca.vertcat(mechanism.z, s.q.u), (s.inverse_jacobian @ s.q.u, s.q.ud)
         acceleration = ca.jtimes(speed, state, ca.vertcat(*rates))
         self.moved_by = np.array(ca.DM(slope.sparsity(), 1.0)) != 0
-        self._kernel = BatchKernel(
-            ca.vertcat(state, s.q.ud), ca.vertcat(speed, acceleration, ca.vec(ca.densify(slope)))
-        )
+        self._kernel = RowKernel((state, s.q.ud), (speed, acceleration, ca.horzsplit(slope)))
 
     def rates(
         self,
@@ -199,7 +191,4 @@ class PassiveJoints:
         qdd: Float[np.ndarray, "samples dof"],
     ) -> JointRates:
         """Joint motion at samples of a motion."""
-        n = len(self.names)
-        out = self._kernel(np.hstack([z, qd, qdd]).T).T
-        slope = out[:, 2 * n :].reshape(len(out), -1, n).swapaxes(1, 2)  # CasADi stores columns
-        return JointRates(out[:, :n], out[:, n : 2 * n], slope)
+        return JointRates(*self._kernel.rows(z, qd, qdd))

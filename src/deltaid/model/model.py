@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING, Any, Protocol, runtime_checkable
 import numpy as np
 from jaxtyping import Float
 
-from deltaid.dynamics.dynamics import Dynamics, Parameters, compiled
-from deltaid.dynamics.forward_dynamics import ForwardDynamics, compiled_forward
+from deltaid.dynamics.dynamics import Dynamics, Parameters, compiled, compiled_as
+from deltaid.dynamics.forward_dynamics import ForwardDynamics
 from deltaid.dynamics.parameters import (
     ParameterLayout,
     parameter_layout,
@@ -107,7 +107,7 @@ class Model(Shown, Plotted, Tabled, Reported):
     @cached_property
     def forward(self) -> ForwardDynamics:
         """The robot's forward dynamics with these parameters, compiled on first use."""
-        return compiled_forward(self.robot).with_parameters(self.p)
+        return compiled_as(ForwardDynamics, self.robot).with_parameters(self.p)
 
     @property
     def prior_spread(self) -> float:
@@ -247,7 +247,6 @@ class HasModel(Protocol):
     @property
     def model(self) -> IdentifiedModel:
         """The identified model."""
-        ...
 
 
 # Inputs that become a model: a catalogue name, a file of a robot or a model, a value, or the

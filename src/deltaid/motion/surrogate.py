@@ -14,6 +14,7 @@ from deltaid.dynamics.parameters import parameter_layout, prior_parameters
 from deltaid.errors import positive
 from deltaid.files import written_whole
 from deltaid.mechanism.kinematics import Samples
+from deltaid.mechanism.one_or_many import numbered
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.inertia import RigidBody
 from deltaid.sensors.robot_sensors import simulated_sensors
@@ -33,7 +34,6 @@ class Motion(Protocol):
         self, time: Float[np.ndarray, " samples"]
     ) -> tuple[Float[np.ndarray, "samples coordinates"], ...]:
         """z, ż, z̈ at times [s]."""
-        ...
 
 
 @dataclass(frozen=True)
@@ -112,8 +112,7 @@ def simulate_recording(
     if noise is not None:
         noisy = tau + noise.torque * np.abs(tau).max(axis=0) * rng.standard_normal(tau.shape)
         shown = {"q": np.round(q / noise.encoder_step) * noise.encoder_step, "tau": noisy}
-    columns = {"t": time}
-    columns |= {f"{name}{i + 1}": x for name, xs in shown.items() for i, x in enumerate(xs.T)}
+    columns = {"t": time} | numbered(**shown)
     if dynamics.robot.sensors:
         columns |= simulated_sensors(dynamics, p, z, qd, qdd, None if noise is None else rng)
     return pl.DataFrame(columns)

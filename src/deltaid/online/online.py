@@ -11,7 +11,7 @@ from jaxtyping import Float
 
 from deltaid.errors import DeltaidError
 from deltaid.estimation.scatter import NORMAL
-from deltaid.kernel.batch import BatchKernel, Recurrence
+from deltaid.kernel.batch import Recurrence, RowKernel
 from deltaid.mechanism.one_or_many import as_rows, real_numbers
 from deltaid.model.model import Model, ModelLike, load
 from deltaid.online.cycle import MorePart, standard_parts, step_graph
@@ -141,13 +141,13 @@ class CommandTorques:
         Raises:
             KinematicsError: q closes no loop or is singular.
         """
-        x = np.concatenate([self._kinematics.forward(q), qd, qdd])[:, None]
-        return self._kernel(x, uniform=np.concatenate([load, friction]))[:, 0]
+        motion = np.concatenate([self._kinematics.forward(q), qd, qdd])[None]
+        return self._kernel.rows(motion, uniform=np.concatenate([load, friction]))[0][0]
 
     @cached_property
-    def _kernel(self) -> BatchKernel:
-        motion = ca.vertcat(self.z, self.qd, self.qdd)
-        return BatchKernel(motion, self.tau, uniform=ca.vertcat(self.load, self.friction))
+    def _kernel(self) -> RowKernel:
+        uniform = ca.vertcat(self.load, self.friction)
+        return RowKernel((self.z, self.qd, self.qdd), [self.tau], uniform)
 
 
 class Online(Named):

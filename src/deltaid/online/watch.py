@@ -9,6 +9,7 @@ import polars as pl
 from jaxtyping import Float
 
 from deltaid.errors import DescriptionError, Doubt
+from deltaid.mechanism.one_or_many import numbered
 from deltaid.model.model import Model
 from deltaid.online.contact import least_force, threshold
 from deltaid.online.doubts import doubts
@@ -180,7 +181,7 @@ def _thinned(
     }
     names = online.model.robot.task.names
     columns |= {f"force_{name}": x for name, x in zip(names, force.T, strict=False)}
-    columns |= {f"effort{i + 1}": x for i, x in enumerate(out["contact_effort"][peak].T)}
+    columns |= numbered(effort=out["contact_effort"][peak])
     return pl.DataFrame(columns | {"least_force_best": best, "least_force_worst": worst})
 
 

@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Float
 from scipy.spatial.transform import Rotation
 
-from deltaid.dynamics.at_rest import AtRest
+from deltaid.dynamics.limits import AtRest
 from deltaid.mechanism.skeleton import Skeleton
 from deltaid.model.model import load
 from deltaid.view.at_pose import View, home_view, moved

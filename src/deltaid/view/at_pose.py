@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Float
 
-from deltaid.dynamics.at_rest import AtRest
+from deltaid.dynamics.limits import AtRest
 from deltaid.view import style
 from deltaid.view.html import environment
 

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
-from deltaid.dynamics.at_rest import AtRest
+from deltaid.dynamics.limits import AtRest
 from deltaid.libraries import require
 from deltaid.mechanism.skeleton import Skeleton
 from deltaid.view import style

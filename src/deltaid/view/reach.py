@@ -10,8 +10,7 @@ from jaxtyping import Bool, Float, Int
 from plotly.subplots import make_subplots
 from scipy.stats import qmc
 
-from deltaid.dynamics.at_rest import AtRest, Poses
-from deltaid.dynamics.limits import kind_of_limit
+from deltaid.dynamics.limits import AtRest, Poses, kind_of_limit
 from deltaid.errors import KinematicsError
 from deltaid.mechanism.skeleton import Skeleton
 from deltaid.robot.description import RobotDescription

@@ -3,9 +3,9 @@
 import numpy as np
 import plotly.graph_objects as go
 
-from deltaid.dynamics.at_rest import AtRest
 from deltaid.dynamics.dynamics import Dynamics, compiled
 from deltaid.dynamics.forward_dynamics import ForwardDynamics
+from deltaid.dynamics.limits import AtRest
 from deltaid.errors import Doubt
 from deltaid.joint_forces.constraint_forces import ConstraintForces
 from deltaid.mechanism.kinematics import Kinematics

@@ -17,7 +17,7 @@ from jaxtyping import Float
 from deltaid.errors import DeltaidError
 from deltaid.files import written_whole
 from deltaid.mechanism.kinematics import Kinematics
-from deltaid.mechanism.one_or_many import one_or_many_times
+from deltaid.mechanism.one_or_many import numbered, one_or_many_times
 from deltaid.motion.excitation.problem import ExcitationProblem
 from deltaid.motion.fourier import FourierMotion
 from deltaid.shown import Shown
@@ -117,11 +117,9 @@ def sample_run(
     """
     time = np.array(range(run_rows(run, rate)) if rows is None else rows) / rate
     z, zd, zdd = run.evaluate(np.minimum(time, run.duration))
-    drives = kinematics.drive_motion(z, zd, zdd)
-    columns = {"t": time}
-    for name, values in zip(("q", "qd", "qdd"), drives, strict=True):
-        columns |= {f"{name}{i + 1}": x for i, x in enumerate(values.T)}
-    return pl.DataFrame(columns | dict(zip(kinematics.robot.task.names, z.T, strict=True)))
+    q, qd, qdd = kinematics.drive_motion(z, zd, zdd)
+    task = dict(zip(kinematics.robot.task.names, z.T, strict=True))
+    return pl.DataFrame({"t": time} | numbered(q=q, qd=qd, qdd=qdd) | task)
 
 
 def write_run(kinematics: Kinematics, run: Run, rate: float, path: Path) -> None:

@@ -5,9 +5,8 @@ from collections.abc import Mapping
 import numpy as np
 from jaxtyping import Float
 
-from deltaid.dynamics.at_rest import AtRest
 from deltaid.dynamics.dynamics import compiled
-from deltaid.dynamics.limits import torque_limits
+from deltaid.dynamics.limits import AtRest, torque_limits
 from deltaid.dynamics.parameters import prior_parameters
 from deltaid.errors import DeltaidError, KinematicsError
 from deltaid.robot.description import RobotDescription
