@@ -56,22 +56,27 @@ class Regressor(Protocol):
     @property
     def kinematics(self) -> Kinematics:
         """Kinematics of the robot, with its mechanism."""
+        ...
 
     @property
     def dof(self) -> int:
         """Number of drives δ."""
+        ...
 
     @property
     def regressor_pattern(self) -> tuple[np.ndarray, np.ndarray]:
         """Drive and column of every structurally nonzero entry, drive by drive."""
+        ...
 
     def sparse_regressor(
         self, z: Samples, qd: Samples, qdd: Samples, load: Samples | None = None
     ) -> SparseRegressor:
         """Nonzero entries of the columns; load-dependent friction needs the load."""
+        ...
 
     def carried(self, z: Samples, qd: Samples, qdd: Samples, p: Parameters) -> Samples:
         """Torques that the robot's gears carry."""
+        ...
 
 
 _Self = TypeVar("_Self", bound="WithParameters")
@@ -202,9 +207,13 @@ class Dynamics(WithParameters, Plotted):
         values = self._regressor_kernel(np.hstack(parts).T)
         return SparseRegressor(values, *self.regressor_pattern)
 
-    @cached_property
+    @property
     def regressor_pattern(self) -> tuple[np.ndarray, np.ndarray]:
         """Drive and parameter of every entry of Y that can be nonzero, drive by drive."""
+        return self._pattern
+
+    @cached_property
+    def _pattern(self) -> tuple[np.ndarray, np.ndarray]:
         columns, rows = self.equations.Y.T.sparsity().get_triplet()
         return np.array(rows)[self._nonzero], np.array(columns)[self._nonzero]
 

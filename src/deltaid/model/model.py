@@ -247,6 +247,7 @@ class HasModel(Protocol):
     @property
     def model(self) -> IdentifiedModel:
         """The identified model."""
+        ...
 
 
 # Inputs that become a model: a catalogue name, a file of a robot or a model, a value, or the

@@ -34,6 +34,7 @@ class Motion(Protocol):
         self, time: Float[np.ndarray, " samples"]
     ) -> tuple[Float[np.ndarray, "samples coordinates"], ...]:
         """z, ż, z̈ at times [s]."""
+        ...
 
 
 @dataclass(frozen=True)

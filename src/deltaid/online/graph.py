@@ -139,7 +139,8 @@ class CycleFields:
     def give(self, *outputs: tuple[str, ca.SX, str] | tuple[str, ca.SX, str, str]) -> None:
         """Add outputs: name, expressions, description and unit of each."""
         self._given += [
-            (Field(name, value.numel(), doc, *unit), value) for name, value, doc, *unit in outputs
+            (Field(name, value.numel(), doc, "".join(unit)), value)
+            for name, value, doc, *unit in outputs
         ]
 
     def graph(self, inputs: Layout, u: dict[str, ca.SX], good: ca.SX, period: float) -> StepGraph:

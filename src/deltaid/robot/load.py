@@ -66,6 +66,7 @@ class HasRobot(Protocol):
     @property
     def robot(self) -> RobotDescription:
         """Description of the robot."""
+        ...
 
 
 # A robot: its description, by value or as a dictionary; an object that has one; a catalogue name; a
