@@ -133,11 +133,16 @@ def limited(low: float, high: float, refusal: str) -> AfterValidator:
     return AfterValidator(check)
 
 
-def _increasing(value: tuple[float, float]) -> tuple[float, float]:
-    """Refuse a range that does not rise, which a schema cannot express."""
-    if value[0] >= value[1]:
-        raise ValueError("must be given as [lowest, highest]")
-    return value
+def require_increasing(part: Part, *names: str) -> None:
+    """Refuse ranges that do not rise, which a schema cannot express.
+
+    Raises:
+        ValueError: with the key.
+    """
+    for name in names:
+        bounds = getattr(part, name)
+        if bounds is not None and bounds[0] >= bounds[1]:
+            raise ValueError(f"{name} must be given as [lowest, highest]")
 
 
 def _gravity(value: tuple[float, float, float]) -> tuple[float, float, float]:
@@ -188,8 +193,8 @@ Speed = Annotated[
 Vector = tuple[Coordinate, Coordinate, Coordinate]
 Point = tuple[Position, Position, Position]
 # Lowest and highest.
-Range = Annotated[tuple[Position, Position], AfterValidator(_increasing)]
-AngleRange = Annotated[tuple[Coordinate, Coordinate], AfterValidator(_increasing)]
+Range = tuple[Position, Position]
+AngleRange = tuple[Coordinate, Coordinate]
 _Pull = Annotated[Coordinate, schema_limits(minimum=-_STRONGEST, maximum=_STRONGEST)]
 Gravity = Annotated[tuple[_Pull, _Pull, _Pull], AfterValidator(_gravity)]
 ToolAngles = Annotated[AngleRange, Field(description="lowest and highest tool angle ψ, degrees")]

@@ -26,6 +26,7 @@ from deltaid.robot.part import (
     ToolAcceleration,
     ToolAngles,
     ToolSpeed,
+    require_increasing,
 )
 
 # JSON Schema, for editors, of what `_check` below refuses.
@@ -79,6 +80,7 @@ class _Articulated(Part, ABC):
             raise ValueError("first must name limbs by number, 1 to 4, each once")
         if len(self.first) != 2:
             raise ValueError("first must name two of the four limbs; the others hold the second")
+        require_increasing(self, "angle_deg")
         return self
 
     @property
