@@ -208,7 +208,9 @@ class IdentifiedModel(Shown, Plotted, Tabled, Reported, Part):
         """
         return float(self.p[place(self.layout, name, self.robot.name)])
 
-    __getitem__ = value
+    def __getitem__(self, name: str) -> float:
+        """The same as `value`."""
+        return self.value(name)
 
     def parameter(self, name: str) -> Parameter:
         """One parameter with its interval, its prior and what decided it.
