@@ -75,6 +75,11 @@ def gain_rows(model: IdentifiedModel) -> Iterator[tuple[object, ...]]:
             yield f"gain.{gain.subject}", gain.value, std, gain.low, gain.high, "", 1.0, "data"
 
 
+def _with_model(job: FleetJob, place: Place) -> tuple[RobotRecordings, IdentifiedModel]:
+    """A function with a name, which other processes can be given."""
+    return merged_recordings(job, place), place.model(_model_file(job.robot))
+
+
 def _model_file(robot: str) -> str:
     """File of a robot's model from all of its recordings."""
     return f"models/{robot}.yaml"
@@ -126,7 +131,7 @@ FITS = FleetStep(
 DRIFTS = FleetStep(
     "drift",
     "drift",
-    lambda job, place: (merged_recordings(job, place), place.model(_model_file(job.robot))),
+    _with_model,
     _drift,
     {  # the bound of false alarms as a number, and in words
         "friction": FRICTION | _KEY,
