@@ -168,15 +168,6 @@ def test_noise_of_a_short_recording_is_no_gear_that_winds_up(seed: int) -> None:
 
 
 @pytest.mark.slow
-def test_gears_count_that_bring_more_noise_into_rows_than_there_was() -> None:
-    """Links of an H4 behind gears of 1,700 N m/rad have 1.35 times the torques' noise."""
-    made = case("late-gear", "h4", 0)
-    result = identified(made)
-    assert "compliance" in {correction.kind for correction in result.model.corrections}
-    assert judge(made, result).M < 0.005
-
-
-@pytest.mark.slow
 def test_gears_that_only_take_noise_away_do_not_hide_what_acts() -> None:
     """Play, torque constants that fall and Stribeck's friction: gears of 9,500 N m/rad left a third
     of the noise, and the model's masses were 6 % off, its friction 45 %."""

@@ -60,8 +60,9 @@ def compliances(
     """Those of gears that measurably wind up, and those that are stated.
 
     Noise of the torques is in the links' motion with the opposite sign: rows lose it where M s ω²
-    is about one, whatever the gear, and have more of it above. So rows have to become better by
-    more than that, in the band of the motion and in the whole band of a fit.
+    is about one, whatever the gear, so they have to become better by more than that. Few rows may
+    detect nothing else; in the whole band of a fit, where M s ω² is more, such gears make all rows
+    worse.
 
     Args:
         traces: of recordings of the same machine, in the band of the motion.
@@ -87,8 +88,11 @@ def compliances(
             return nothing
         S = gears.groups[:, significant]
         gears = fit.swept(S, S @ gears.sizes[significant], gears.p)
+    if not fit.better(gears):
+        return nothing
     whole = replace(fit, traces=tuple(wide))
-    return gears if fit.better(gears) and whole.better(gears) else nothing
+    with_it, without = (_size(whole.residuals(s, gears.p)[0]) for s in (gears.values, fit.known))
+    return gears if with_it < without else nothing
 
 
 @dataclass(frozen=True, eq=False)
@@ -200,7 +204,8 @@ class _Fit:
         """Whether these compliances fit most stretches of time better, by at least so many
         standard deviations, and by more than rows lose of noise."""
         residuals = [self.residuals(s, gears.p)[0] for s in (gears.values, self.known)]
-        left = self.left_of_noise(gears, residuals[1])[:, None]
+        # More noise excuses nothing, for what is left may be no noise of torques.
+        left = np.minimum(self.left_of_noise(gears, residuals[1]), 1.0)[:, None]
         gains = list[np.ndarray]()
         for ours, theirs in zip(*residuals, strict=True):
             ours = ours / left
