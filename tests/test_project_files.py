@@ -8,6 +8,7 @@ import importlib.util
 import re
 import subprocess
 import sys
+import tomllib
 from functools import cache
 from pathlib import Path
 from types import ModuleType
@@ -175,6 +176,22 @@ def test_a_room_imports_only_from_those_above_it() -> None:
         here = order.index(room(path_in_package(path)))
         for other in set(re.findall(r"^\s*from deltaid\.([\w.]+)", text, re.M)):
             assert order.index(room(other.replace(".", "/"))) <= here, f"{path} imports {other}"
+
+
+def test_a_fleet_on_one_machine_needs_no_library_of_an_extra() -> None:
+    """A module that imports one refuses what needs it; all others come with the package."""
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    come = {re.match(r"[\w-]+", line)[0].replace("-", "_") for line in project["dependencies"]}
+    for path in (path for path in MODULES if room(path_in_package(path)).startswith("fleets")):
+        text = path.read_text(encoding="utf-8")
+        steps = list(ast.walk(ast.parse(text)))
+        names = [step.module or "" for step in steps if isinstance(step, ast.ImportFrom)]
+        names += [
+            name.name for step in steps if isinstance(step, ast.Import) for name in step.names
+        ]
+        used = {name.partition(".")[0] for name in names}
+        extra = used - come - sys.stdlib_module_names - {"deltaid"}
+        assert not extra or "require(" in text, f"{path} imports {extra}"
 
 
 TABLES = {path.stem: path.read_text(encoding="utf-8") for path in _table.TABLES.glob("*.md")}
