@@ -23,20 +23,20 @@ from deltaid.robot.parameter import ADDED, ParameterKind, PriorParameter
 def _places(kind: ParameterKind, symbol: str | None = None) -> "cached_property[slice]":
     """Slice of a layout's coefficients of a kind, or of one of its symbols."""
 
-    def found(layout: "ParameterLayout") -> slice:
-        at = [
+    def places(layout: "ParameterLayout") -> slice:
+        numbers = [
             k
             for k, parameter in enumerate(layout.parameters)
             if parameter.kind == kind and symbol in (None, parameter.symbol)
         ]
-        if at:
-            return slice(at[0], at[-1] + 1)
+        if numbers:
+            return slice(numbers[0], numbers[-1] + 1)
         order = ("inertia", "friction", "spring", "rotor")
         before = order[: order.index(kind)]
         end = sum(parameter.kind in before for parameter in layout.parameters)
         return slice(end, end)
 
-    return cached_property(found)
+    return cached_property(places)
 
 
 @dataclass(frozen=True)

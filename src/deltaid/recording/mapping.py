@@ -272,8 +272,10 @@ class Known:
 
 def as_words(mapping: ColumnMapping) -> str:
     """A proposed mapping in words: 'columns are found: time t [s]; position a, b, c [deg]'."""
-    groups: list[tuple[str, Any]] = [("time", (mapping.time,))]
-    groups += [(quantity, getattr(mapping, quantity) or ()) for quantity in QUANTITIES]
-    columns = [(name, [c.column for c in group], [c.unit for c in group]) for name, group in groups]
-    parts = [f"{k} {', '.join(x)} [{', '.join(dict.fromkeys(u))}]" for k, x, u in columns if x]
+    parts = [f"time {mapping.time.column} [{mapping.time.unit}]"]
+    for quantity in QUANTITIES:
+        if drives := getattr(mapping, quantity) or ():
+            names = ", ".join(drive.column for drive in drives)
+            units = ", ".join(dict.fromkeys(drive.unit for drive in drives))
+            parts.append(f"{quantity} {names} [{units}]")
     return f"columns are found: {'; '.join(parts)}"

@@ -187,7 +187,8 @@ def to_si(
     shown[~(np.abs(shown) <= LARGEST)] = np.nan
     finite = np.isfinite(values)
     finite[:, columns.sensor_places] = True
-    for i, k in np.argwhere(~finite)[:1].tolist():
+    if not finite.all():
+        i, k = (int(index) for index in np.argwhere(~finite)[0])
         raise table.bad_value(channels[k].column, rows.written[k][i], table.row_place(row + i))
     return values
 

@@ -132,7 +132,9 @@ class ScopeTable(LogTable):
                 texts = [frame[str(k)].gather(there) for k in (time, *values)]
                 numbers = decimals.numbers(texts)
                 block = np.column_stack([self._seconds(texts[0], numbers[0]), *numbers[1:]])
-                for i, k in np.argwhere(~np.isfinite(block))[:1].tolist():
+                bad = np.argwhere(~np.isfinite(block))
+                if bad.size:
+                    i, k = (int(index) for index in bad[0])
                     place = f"{self.path}, row {row + int(there[i])}"
                     raise self.bad_value(self._named((time, *values)[k]), texts[k][i], place)
                 parts[time].append(Signal(block[:, 0], block[:, 1:]))
@@ -197,7 +199,9 @@ class ScopeTable(LogTable):
         ends = line_ends(block)
         marks = np.flatnonzero(np.frombuffer(block, np.uint8) == ord(self.data.separator))
         fields = per_line(marks, ends) + 1
-        for i in np.flatnonzero(fields > self.columns + self.ends_on_separator)[:1].tolist():
+        long = np.flatnonzero(fields > self.columns + self.ends_on_separator)
+        if long.size:
+            i = int(long[0])
             raise RecordingError(
                 f"has {fields[i]} fields, but the header has {self.columns}",
                 where=f"{self.path}, row {row + i}",
