@@ -39,7 +39,8 @@ class ControlSettings:
 
     def __post_init__(self) -> None:
         positive("--rate", self.rate, (10.0, 1e5))
-        if self.rate / 10 < self.bandwidth == ControlSettings.bandwidth:
+        is_usual = self.bandwidth == ControlSettings.bandwidth
+        if is_usual and self.rate < 10 * self.bandwidth:
             raise DeltaidError(
                 f"must be ten times the bandwidth of the feedback, {10 * self.bandwidth:g} Hz, or "
                 f"more, not {self.rate:g}",
