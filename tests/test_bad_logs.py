@@ -15,6 +15,8 @@ from deltaid.recording.survey_checks import off_course
 from deltaid.recording.time.clock import doubts_about_holes
 from logs import comma, read, recorded, refusal, text, write
 
+# Two runs under one time, as a logger writes them that counts rows.
+JOINED = pl.concat([recorded(1500).head(150), recorded(1500).slice(900, 150)])
 COMMAS = text(recorded(ROWS), ";", number=comma)
 LINE_150 = GOOD.split("\n")[149]
 FIELDS_150 = LINE_150.split(",")
@@ -130,6 +132,12 @@ BAD_TEXT = {
         reduce(lambda log, row: with_field(row, "q1", "0", log), (90, 91, 92, 150), GOOD),
         "row 90: column q1 is 0 rad for 3 rows, between ",
         "no motion, and so in 1 more places of ",
+    ),
+    "joined runs": (
+        text(JOINED.with_columns(t=recorded(ROWS)["t"])),
+        "row 152: column q2 jumps by ",
+        "recordings were joined",
+        "split the log there",
     ),
     "out of reach": (
         reduce(lambda log, row: with_field(row, "q1", "-2.5", log), range(150, 154), GOOD),

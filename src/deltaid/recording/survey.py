@@ -17,6 +17,7 @@ from deltaid.recording.survey_checks import (
     Bounds,
     ClockCheck,
     DerivativeCheck,
+    joints,
     off_course,
     require_rate,
 )
@@ -164,6 +165,23 @@ class Survey:
                 where=self.table.row_place(row + i),
                 cure="was the encoder set anew there? Split the log, or declare the column's unit "
                 "and gear with --columns MAPPING.yaml",
+            )
+        if self.search is not None:
+            self._refuse_joint(steps, row)
+
+    def _refuse_joint(self, steps: Float[np.ndarray, "rows dof"], row: int) -> None:
+        for i, drive in islice(places := [*joints(steps)], 1):
+            rows = len({place[0] for place in places})
+            more = f", and others at {rows - 1} more rows" if rows > 1 else ""
+            name, size = self.columns.position[drive].column, float(steps[i, drive])
+            unit = "m" if self.kinematics.robot.linear_drives[drive] else "rad"
+            raise RecordingError(
+                f"column {name} jumps by {size:.3g} {unit} from one row to the next and goes on "
+                f"from there, which is no motion{more}; likeliest cause: recordings were joined, "
+                "or rows are missing there that the time does not show",
+                where=self.table.row_place(row + i),
+                cure="split the log there and give its parts as several recordings, or give the "
+                "time that the controller recorded",
             )
 
     def _compare(

@@ -50,6 +50,8 @@ _LIKELY = {"degrees": 180 / np.pi, "rpm": 30 / np.pi}
 # Up to so many rows are off their course if the position goes there and back by so many times its
 # largest change within so many rows before or after, and its smallest change of all.
 _LOST, _OFF, _AROUND = 3, 12.0, 16
+# A motion is slower in all but so few of its steps.
+_FAST = 0.99
 # A step is uneven if it differs from the usual one by more than this share.
 _JITTER = 0.05
 
@@ -171,6 +173,29 @@ def off_course(steps: Float[np.ndarray, "steps drives"]) -> Iterator[tuple[int, 
             )
             if jump[i, drive] > _OFF * max(most, least[drive]):
                 yield i, drive, rows
+
+
+def joints(steps: Float[np.ndarray, "steps drives"]) -> Iterator[tuple[int, int]]:
+    """Steps that no motion makes, and after which numbers stay, as (row, column): recordings were
+    joined there, or rows are missing.
+
+    Where rows repeat the one before them, a robot only catches up.
+
+    Args:
+        steps: changes of numbers from row to row; 0 where time jumps.
+    """
+    size = np.abs(steps)
+    if len(size) < 3:
+        return
+    least = np.min(size, axis=0, where=size > 0, initial=np.inf)
+    usual = np.maximum(np.quantile(size, _FAST, axis=0), _OFF * least)
+    sudden = np.minimum(size[1:-1] - _OFF * size[:-2], size[1:-1] - _OFF * size[2:]) > 0
+    sudden &= (size[1:-1] > usual) & size[:-2].any(axis=1, keepdims=True)
+    for i, drive in np.argwhere(sudden).tolist():
+        row = i + 1
+        around = size[max(0, row - _AROUND) : row + 1 + _AROUND, drive]
+        if size[row, drive] > _OFF * np.sort(around)[-2]:
+            yield row, drive
 
 
 class ClockCheck:
