@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from deltaid.checks.identify import identify as judged_identify
 from deltaid.dynamics.dynamics import compiled
 from deltaid.identification.demo import demonstrate, mass_matrix_error
 from deltaid.identification.fit import with_geometry
@@ -13,8 +14,10 @@ from deltaid.identification.identify import identify
 from deltaid.identification.least_squares import identify_base
 from deltaid.identification.prediction import validate
 from deltaid.model.record import IdentifiedModel, Settings
+from deltaid.motion.surrogate import surrogate_parameters
 from deltaid.robot.load import load_robot
 from identified import identified
+from logs import tabled
 from recordings import KnownRobot, oracle_motion, record, stored_robot, typical_robot
 
 slow = pytest.mark.slow
@@ -158,3 +161,22 @@ def test_other_metrics_fit_as_well(plain: IdentifiedModel, regularizer) -> None:
     other = identify(made.robot, [made.log], settings=settings).model
     assert np.allclose(other.fit.rms, plain.fit.rms, rtol=0.01)
     assert other.consistent
+
+
+@pytest.mark.filterwarnings("error")
+def test_drives_that_rest_keep_their_prior_and_are_named(tmp_path: Path) -> None:
+    """Their positions are constant to the last bit, as of drives on brakes."""
+    dynamics, rng = compiled(load_robot("irb360-6-1600")), np.random.default_rng(3)
+    p, t = surrogate_parameters(dynamics.robot, rng), np.arange(4000) / 500
+    q, qd, qdd = np.zeros((3, len(t), dynamics.dof))
+    q[:] = dynamics.kinematics.inverse(dynamics.robot.home[None])
+    for drive, (f, a) in enumerate(((0.7, 0.3), (1.1, 0.25))):
+        w = 2 * np.pi * f
+        q[:, drive] += a * np.sin(w * t)
+        qd[:, drive], qdd[:, drive] = a * w * np.cos(w * t), -a * w**2 * np.sin(w * t)
+    tau = dynamics.inverse_dynamics(q, qd, qdd, p) + rng.normal(scale=0.1, size=q.shape)
+    tabled(t=t, q=q, tau=tau).write_csv(tmp_path / "log.csv")
+    result = judged_identify(dynamics.robot, [tmp_path / "log.csv"])
+    assert any("drive3 and drive4 hardly move" in warning for warning in result.model.warnings)
+    assert result.model.fit.nrmse[3] == 0.0
+    assert max(result.model.fit.nrmse[:2]) < 0.05

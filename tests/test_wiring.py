@@ -253,6 +253,20 @@ def test_a_position_column_copied_from_another_drive_is_refused() -> None:
     checked_wiring(seen("clavel-delta3", columns | alike | {"tau": alike["tau"] + noise}))
 
 
+def test_drives_that_rest_are_no_copies() -> None:
+    columns = recorded("irb360-6-1600")
+    q = np.where([True, False, False, True], columns["q"], columns["q"][0])
+    checked_wiring(seen("irb360-6-1600", {"t": columns["t"], "q": q, "tau": columns["tau"]}))
+
+
+def test_a_robot_that_stands_still_is_refused_as_one() -> None:
+    columns, rng = recorded("irb360-6-1600"), np.random.default_rng(0)
+    q = columns["q"][0] + 1e-5 * rng.normal(size=columns["q"].shape)
+    tau = columns["tau"][0] + 0.1 * rng.normal(size=columns["tau"].shape)
+    with pytest.raises(RecordingError, match="the robot stands still: no position changes by more"):
+        checked_wiring(seen("irb360-6-1600", {"t": columns["t"], "q": q, "tau": tau}))
+
+
 def test_one_outlier_changes_no_unit() -> None:
     columns = recorded("irb360-6-1600")
     tau = columns["tau"].copy()

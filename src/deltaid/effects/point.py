@@ -28,6 +28,8 @@ from deltaid.robot.description import RobotDescription
 
 # Sweeps of a fit with a factor for each drive; directions below this share are excluded.
 _SWEEPS, _SHOWN = 3, 0.05
+# Speeds of a drive that rests are rounding below this [rad/s or m/s].
+_RESTS = 1e-9
 # What nobody described makes some such share of a drive's torque, before any recording [rms].
 SIZE = 0.05
 
@@ -91,7 +93,8 @@ class TracePoint:
 
     @cached_property
     def largest(self) -> Float[np.ndarray, " dof"]:
-        return np.maximum(np.abs(self.model).max(axis=1), np.finfo(float).tiny)
+        largest = np.abs(self.model).max(axis=1)
+        return np.where(largest > 0, largest, 1.0)  # any, of a drive that rests all the time
 
     @cached_property
     def speeds(self) -> dict[str, float]:
@@ -103,7 +106,7 @@ class TracePoint:
     def joints(self) -> tuple[FrictionJoint, ...]:
         speeds = self.fastest or self.speeds
         joints = [replace(joint, fastest=speeds[joint.name]) for joint in joints_of(self.dynamics)]
-        return tuple(joint for joint in joints if joint.fastest > 0)
+        return tuple(joint for joint in joints if joint.fastest > _RESTS)
 
     @property
     def driven(self) -> tuple[FrictionJoint, ...]:

@@ -140,7 +140,7 @@ def _linear(rows: TraceRows, trace: Trace, timing: Timing, free: FreeTiming) -> 
     warm = _warm(rows, trace, timing) if free.clock else np.zeros((*part.tau.shape, 0))
     # Coefficients of friction that warms up are about such that it is of the size of torques.
     rms = np.sqrt(np.mean(warm**2, axis=(0, 1)))
-    sizes = np.sqrt(np.mean(part.tau**2)) / np.maximum(rms, np.finfo(float).tiny)
+    sizes = np.sqrt(np.mean(part.tau**2)) / np.where(rms > 0, rms, 1.0)  # zero for a resting drive
     return rows.problem(
         [part.beside(steps, warm)],
         np.concatenate([-timing.values[free.columns], np.zeros(len(sizes))]),

@@ -151,8 +151,9 @@ def is_unexplained(name: str) -> bool:
 
 
 def shares_of_torque(point: TracePoint, torques: OfDrives) -> Float[np.ndarray, " dof"]:
-    """What torques vary by as a share of what those of the drives do."""
-    return torques.std(axis=1) / np.maximum(point.model.std(axis=1), np.finfo(float).tiny)
+    """What torques vary by as a share of what those of the drives do; 0 for a drive that rests."""
+    usual = point.model.std(axis=1)
+    return np.divide(torques.std(axis=1), usual, out=np.zeros_like(usual), where=usual > 0)
 
 
 def in_words(share: float, drive: str, varies: str) -> str:

@@ -175,6 +175,7 @@ def free_friction(trace: Trace, p: Parameters) -> ColumnsOfDrives:
     """Friction of each drive beside Coulomb's and viscous, in columns of its own: a
     free curve, what grows with what its gear carries, by p, and what changes while it warms up."""
     fastest = np.max([np.abs(w.qd).max(axis=0) for w in trace.stretches], axis=0)
+    fastest = np.where(fastest > 0, fastest, 1.0)  # any, of a drive that rests all the time
     first, last = trace.stretches[0].time[0], trace.stretches[-1].time[-1]
 
     def shapes(w: SampleBlock) -> np.ndarray:

@@ -76,8 +76,8 @@ class PlaceSums:
 
     def visits(self, r: Float[np.ndarray, "samples 3"], drives: Iterable[Chunk]) -> list[Visits]:
         """Some samples by place: the platform point r there, and each drive's rows of [Y, τ]."""
-        parts = ((r - self._low) / self._size * self._parts).astype(int)
-        place = np.clip(parts, 0, self._parts - 1) @ np.cumprod([1, *self._parts[:-1]])
+        parts = (r - self._low) / self._size * self._parts
+        place = np.clip(parts, 0, self._parts - 1).astype(int) @ np.cumprod([1, *self._parts[:-1]])
         order, count = np.argsort(place, kind="stable"), self._shape[0]
         ends = np.searchsorted(place[order], np.arange(count + 1))
         visits = []

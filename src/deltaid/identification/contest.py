@@ -100,7 +100,7 @@ class Contest:
         for unknown in unknowns:
             own = [unknown.columns(point) for point in self.points]
             columns = [drive for recording in own for drive in recording]
-            candidates.append((unknown.name, columns, unknown.deviations(self.points[0], own[0])))
+            candidates.append((unknown.name, columns, _usual(unknown, self.points, own)))
         shrunk = self.shrunk.with_groups(candidates)
         return replace(self, unknowns=(*self.unknowns, *unknowns), shrunk=shrunk)
 
@@ -201,7 +201,7 @@ def contest(
         width = own[0].shape[2]
         if not width:
             continue
-        usual = unknown.deviations(points[0], own[0])
+        usual = _usual(unknown, points, own)
         deviation = np.maximum(usual, unknown.stated(rows.dynamics.robot))
         may_be_dropped = bool(np.all(deviation == usual))
         if unknown.is_own:
@@ -230,6 +230,19 @@ def contest(
     ]  # fmt: skip
     shrunk = Shrunk.fitted(blocks, *rows.prior(first), groups)
     return Contest(rows, tuple(points), tuple(unknowns), shrunk)
+
+
+def _usual(
+    unknown: UnknownEffect, points: Sequence[TracePoint], own: Sequence[ColumnsOfRecording]
+) -> Deviations:
+    """Deviations by the first recording that shows a coefficient: of a drive that rests in one,
+    nothing is known there, and where it rests in all, any will do."""
+    usual = np.ones(own[0].shape[2])
+    for point, columns in zip(points[::-1], own[::-1], strict=True):
+        is_shown = np.any(columns != 0, axis=(0, 1))
+        if is_shown.any():
+            usual = np.where(is_shown, unknown.deviations(point, columns), usual)
+    return usual
 
 
 def _side_by_side(own: Sequence[ColumnsOfRecording]) -> list[ColumnsOfRecording]:

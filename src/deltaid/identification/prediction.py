@@ -52,6 +52,11 @@ _LIKELIEST = (
         "identify from both recordings, or record under the same conditions",
     ),
 )
+# Of a drive that the identification left no rows of.
+_RESTED = (
+    "it did not move in the identification, whose model has its prior",
+    "identify from a motion of all drives",
+)
 # Of rows without torques.
 _CURE = "begin and end the motion at rest, or say --periodic if it goes on as it begins"
 
@@ -168,6 +173,8 @@ def misfit(model: ModelLike, error: TorqueError | Verification) -> tuple[str, ..
     worst = int(bad[np.argmax(nrmse[bad])])
     drive, now, then = model.robot.drives[worst], nrmse[worst], fit.nrmse[worst]
     how_much, cause, cure = next(texts for least, *texts in _LIKELIEST if now > least)
+    if not fit.rms[worst]:
+        cause, cure = _RESTED
     text = (
         f"the model does not predict {drives}: the error of {drive} is {100 * now:.0f} % of its "
         f"{model.robot.units(drive).effort}, {how_much}, and was {100 * then:.2g} % in the "

@@ -34,6 +34,8 @@ _PART = {"longest": 6.0, "oversampled": 10.0}
 # different torques, if that of their positions exceeds the second. Torques of drives that move
 # alike, up and down, have a larger ρ² than the third.
 _COPIED, _UNLIKE, _APART = 1e-9, 1e-5, 0.75
+# A robot whose drives all move less stands still [rad or m]; noise of encoders is smaller.
+_STILL = 1e-3
 
 
 def checked_wiring(evidence: Evidence) -> tuple[Verdict, ...]:
@@ -43,7 +45,8 @@ def checked_wiring(evidence: Evidence) -> tuple[Verdict, ...]:
 
     Raises:
         RecordingError: the torque of a drive is a copy of another's, times a factor, though the two
-            drives move in different ways; or its position, though their torques differ.
+            drives move in different ways; or its position, though their torques differ. Or the
+            robot stands still.
     """
     return checked_wirings([evidence])[1][0]
 
@@ -57,10 +60,11 @@ def checked_wirings(
     Recordings with one mapping are judged together, with one verdict for all of them. Raises what
     `checked_wiring` raises.
     """
+    _refuse_rest(records)
     cases, over_time = dict[int, RemappedRecording](), dict[int, tuple[Verdict, ...]]()
     for k, record in enumerate(records):
         _refuse_copies(record)
-        fine = motion(record.rows)
+        fine = None if _stands(record) else motion(record.rows)
         if fine is not None and len(fine.tau) >= _FEWEST:
             part = motion(record.rows, **_PART)
             coarse = fine if part is None or len(part.tau) < _FEW else part
@@ -82,6 +86,22 @@ def checked_wirings(
         for k in range(len(records))
     ]
     return common or (), each
+
+
+def _stands(evidence: Evidence) -> bool:
+    return evidence.rows.q.size > 0 and float(evidence.moved.max()) < _STILL
+
+
+def _refuse_rest(records: Sequence[Evidence]) -> None:
+    """Refuse recordings that all are of a robot at rest: noise is no motion to judge columns by."""
+    if records and all(map(_stands, records)):
+        moved = max(float(record.moved.max()) for record in records)
+        raise RecordingError(
+            f"the robot stands still: no position changes by more than {moved:.2g} rad or m",
+            where=str(records[0].table.path),
+            cure="record a motion of all drives, such as `deltaid excite` plans; if it did move, "
+            "map the columns that hold its positions, with their unit",
+        )
 
 
 def _refuse_copies(evidence: Evidence) -> None:
@@ -111,6 +131,8 @@ def _refuse_copies(evidence: Evidence) -> None:
 def _correlations(numbers: np.ndarray) -> np.ndarray:
     """Correlations of columns; 0 for constant ones."""
     centred = numbers - numbers.mean(axis=0) if len(numbers) else numbers
+    if len(numbers):  # which rounding of the mean leaves
+        centred[:, np.ptp(numbers, axis=0) == 0] = 0.0
     unit = centred / lengths(centred)
     return unit.T @ unit
 
