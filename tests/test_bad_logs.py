@@ -42,6 +42,11 @@ BAD_TEXT = {
         "semicolons",
     ),
     "thousands": (with_field(150, "q2", "1.000,5", COMMAS), "is '1.000,5'", "no thousands sign"),
+    "English thousands": (
+        with_field(150, "t", '"1,000.5"'),
+        "is '1,000.5'",
+        "→ write numbers without a thousands sign",
+    ),
     "date": (
         with_field(2, "t", "03/01/2026 10:59:57.000"),
         "2: column t is '03/01",
@@ -116,6 +121,11 @@ BAD_TEXT = {
         changed(t=1000 * pl.col("t")),
         "log.csv: column t makes a sampling rate of 1 Hz",
         "unit: ms",
+    ),
+    "time in days, as a spreadsheet's dates": (
+        changed(t=45352.0 + pl.col("t") / 86400),
+        "log.csv: column t makes a sampling rate of 8.64e+07 Hz; at most 1e+06 Hz can be",
+        "unit: 86400 s",
     ),
     "constant torque": (changed(tau2=pl.lit(0.0)), "log.csv: column tau2 is constant; no torque"),
     "degrees": (

@@ -55,6 +55,14 @@ def test_motor_side_of_a_gear() -> None:
                for quantity in ("position", "velocity", "torque") for i in range(3))  # fmt: skip
 
 
+def test_counts_of_an_encoder_are_named() -> None:
+    columns = recorded("clavel-delta3")
+    q = np.round(columns["q"] * 33 * 65536 / (2 * np.pi))
+    (verdict,) = bad(checked_wiring(seen("clavel-delta3", columns | {"q": q})))
+    assert "counts of encoders" in verdict.cause
+    assert "360/65536 deg" in verdict.cure
+
+
 def test_spindle_of_a_linear_drive() -> None:
     turns = 2 * np.pi / 0.02
     verdict = only_verdict("linear-delta", times(recorded("linear-delta"), q=turns, qd=turns))

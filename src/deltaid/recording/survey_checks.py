@@ -45,6 +45,8 @@ _TOGETHER, _APART = 0.9, 0.3
 _SCALE = (0.8, 1.25)
 # Rms of Δq below which a drive counts as resting [rad, rad/s].
 _SLIGHT = 1e-3
+# Unit of times that are days, as a spreadsheet writes dates, and the other cure.
+_OF_DAYS = ("86400 s", "give the sampling rate in its place (time: {rate: 1000})")
 # Factors of wrong units.
 _LIKELY = {"degrees": 180 / np.pi, "rpm": 30 / np.pi}
 # Up to so many rows are off their course if the position goes there and back by so many times its
@@ -285,9 +287,10 @@ def require_rate(table: LogTable, column: str, rate: float, *, differentiated: b
     slow = differentiated and rate < LOWEST_RATE
     if slow or rate > HIGHEST_RATE:
         limit = f"at least {LOWEST_RATE:g}" if slow else f"at most {HIGHEST_RATE:g}"
+        unit, otherwise = ("ms", "record faster") if slow else _OF_DAYS
         raise RecordingError(
             f"column {column} makes a sampling rate of {rate:.4g} Hz; {limit} Hz can be",
             where=str(table.path),
             cure="declare the unit of time with --columns MAPPING.yaml (time: {column: "
-            f"{column}, unit: ms}}), or record faster",
+            f"{column}, unit: {unit}}}), or {otherwise}",
         )

@@ -199,13 +199,29 @@ def _senseless(case: RemappedRecording) -> Verdict:
 def _out_of_reach(evidence: Evidence) -> Verdict:
     linear = evidence.robot.linear_drives
     units = "millimetres" if all(linear) else "degrees" if not any(linear) else "degrees or mm"
+    cause = "lengths of the description that are not the robot's, or zeros of several drives"
+    cure = (
+        "check the lengths, and where the drives have their zero (rotary: arm horizontal and "
+        "outwards, positive = down)"
+    )
+    if _are_counts(evidence):
+        cause = "positions are counts of encoders: all their numbers are whole"
+        cure = (
+            "declare the unit of the position columns, a turn over its counts, and the gear, such "
+            "as {unit: 360/65536 deg, gear: 33}"
+        )
     return Verdict(
         "homing-or-tilt",
         Grade.WRONG,
         "the loops do not close along the recording, whatever is tried: neither numbers in "
         f"{units}, nor positions of the motor behind a gear, nor another sign of a drive, nor "
         "another order of the drives makes them close",
-        cause="lengths of the description that are not the robot's, or zeros of several drives",
-        cure="check the lengths, and where the drives have their zero (rotary: arm horizontal and "
-        "outwards, positive = down)",
+        cause=cause,
+        cure=cure,
     )
+
+
+def _are_counts(evidence: Evidence) -> bool:
+    scales = np.array([channel.scale for channel in evidence.columns.position])
+    numbers = evidence.rows.q / scales
+    return bool(np.array_equal(numbers, np.round(numbers)) and np.any(evidence.moved))

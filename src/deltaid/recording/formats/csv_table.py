@@ -86,6 +86,8 @@ class CsvTable(LogTable):
         return f"{self.path}, row {row + bisect_right(self.comments, row)}"
 
     def cure(self, written: str) -> str:
+        if re.fullmatch(r"[+-]?\d{1,3}(,\d{3})+\.\d*", written):
+            return "write numbers without a thousands sign"
         if "," in written and self.data.separator == ",":
             return "decimal commas need semicolons or tabs between the columns"
         if re.fullmatch(r"[\d.,eE+-]+", written):
