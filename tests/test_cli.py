@@ -166,6 +166,22 @@ def test_a_drive_is_badly_predicted_by_both_measures(
     assert [("drive2" in text) for text in misfit(model, error)] == ([True] if told else [])
 
 
+@pytest.mark.parametrize(("rms", "speed", "cause"), [(1.0, 0.0, "stands"), (0.0, 1.0, "did not")])
+def test_a_prediction_that_rest_spoils_accuses_no_wiring(
+    rms: float, speed: float, cause: str
+) -> None:
+    """Rest of the recording, or of a drive in those of the identification."""
+    model = IdentifiedModel.load(Path(__file__).parent / "data" / "model-format-1.yaml")
+    fit = model.fit.changed(rms=(rms,) * 3)
+    error = TorqueError(
+        np.full(3, 99.0), np.full(3, 2.0), np.full(3, 99.0), np.eye(3), np.zeros(3),
+        cutoff=None, fastest=np.full(3, speed),
+    )  # fmt: skip
+    (text,) = misfit(model.changed(fit=fit), error)
+    assert cause in text
+    assert "sign, unit or order" not in text
+
+
 def test_torque_of_a_planned_motion(folder: Path, tmp_path: Path, clavel: Dynamics) -> None:
     out = tmp_path / "torque.csv"
     outcome = run("torque", folder / "model.yaml", folder / "motion.csv", "-o", out)

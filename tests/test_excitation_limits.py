@@ -82,3 +82,10 @@ def test_a_middle_of_the_workspace_that_is_out_of_bounds_is_no_dead_end() -> Non
     result = Exciter(compiled(robot), ExcitationSettings(starts=1)).optimise()
     assert np.isfinite(result.criterion_after)
     assert all(limit.share <= 1.0 for limit in result.limits)
+
+
+def test_limits_that_allow_no_motion_are_named() -> None:
+    robot = load_robot("irb360-6-1600").changed(platform_speed=1e-6, platform_acceleration=1e-5)
+    with pytest.raises(DeltaidError, match="although it uses the description's limits") as caught:
+        Exciter(compiled(robot), ExcitationSettings(starts=1))
+    assert "raise the limits" in str(caught.value)

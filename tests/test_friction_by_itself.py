@@ -296,6 +296,8 @@ def test_a_warm_up_changes_both_directions_of_a_law() -> None:
     back = (drives == 0) & (columns == names.index("coulomb_back_change.drive1"))
     expected = -1.0 * (w.qd[:, 0] < 0) * (np.exp(-w.time / 4.0) - 0.2)
     np.testing.assert_allclose(warmth.entries(w, own, one)[back][0], expected, atol=1e-12)
+    # A clock that passes midnight comes before it began.
+    assert np.all(Course(one, 1e5, 4.0, 0.2, -0.9).values(w) == 0.8)
 
 
 def test_friction_follows_a_temperature_that_is_recorded() -> None:

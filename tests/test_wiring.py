@@ -55,12 +55,15 @@ def test_motor_side_of_a_gear() -> None:
                for quantity in ("position", "velocity", "torque") for i in range(3))  # fmt: skip
 
 
-def test_counts_of_an_encoder_are_named() -> None:
+@pytest.mark.parametrize("scale", [33 * 65536 / (2 * np.pi), 500.0])
+def test_counts_of_an_encoder_are_named(scale: float) -> None:
+    """Whatever gear their size looks like."""
     columns = recorded("clavel-delta3")
-    q = np.round(columns["q"] * 33 * 65536 / (2 * np.pi))
+    q = np.round(columns["q"] * scale)
     (verdict,) = bad(checked_wiring(seen("clavel-delta3", columns | {"q": q})))
     assert "counts of encoders" in verdict.cause
     assert "360/65536 deg" in verdict.cure
+    assert not verdict.proposals
 
 
 def test_spindle_of_a_linear_drive() -> None:

@@ -127,6 +127,13 @@ class Evidence:
         """Range of each drive in these rows [rad or m]."""
         return np.ptp(self.rows.q, axis=0)
 
+    @cached_property
+    def are_counts(self) -> bool:
+        """Whether all positions of these rows are whole numbers in the file."""
+        scales = np.array([channel.scale for channel in self.columns.position])
+        numbers = self.rows.q / scales
+        return bool(np.array_equal(numbers, np.round(numbers)) and np.any(self.moved))
+
     @property
     def written_mapping(self) -> dict[str, Any]:
         """Plain data of the mapping, with columns that are read under their default names."""

@@ -7,6 +7,7 @@ import numpy as np
 
 from deltaid.dynamics.dynamics import Dynamics, compiled
 from deltaid.dynamics.parameters import ParameterLayout, prior_parameters
+from deltaid.errors import IdentificationError
 from deltaid.estimation.base_parameters import BaseParameters, base_parameters
 from deltaid.estimation.information import (
     ExplainingColumns,
@@ -91,7 +92,13 @@ def _base(
     if known:
         facts = [np.append(fact.over(information.columns), 0.0) for fact in known]
         information = replace(information, facts=np.array(facts))
-    layout = dynamics.layout
-    return base_parameters(
-        information, ParameterLayout((*layout.parameters, *added), layout.bodies)
-    )
+    layout = ParameterLayout((*dynamics.layout.parameters, *added), dynamics.layout.bodies)
+    try:
+        return base_parameters(information, layout)
+    except IdentificationError as error:
+        raise IdentificationError(
+            f"{error.what}, although it uses the description's limits",
+            where=dynamics.robot.name,
+            cure="raise the limits of drives or platform, or widen the workspace: likeliest one is "
+            "in another unit",
+        ) from None

@@ -57,6 +57,12 @@ _RESTED = (
     "it did not move in the identification, whose model has its prior",
     "identify from a motion of all drives",
 )
+# A robot whose drives all are slower stands still [rad/s or m/s].
+_SLOW = 0.01
+_STANDS = (
+    "the robot stands still, where friction balances whatever there is",
+    "compare with a recording of a motion",
+)
 # Of rows without torques.
 _CURE = "begin and end the motion at rest, or say --periodic if it goes on as it begins"
 
@@ -165,8 +171,7 @@ def misfit(model: ModelLike, error: TorqueError | Verification) -> tuple[str, ..
         return ()
     fit = model.identified.fit
     rms, nrmse = np.asarray(error.rms), np.asarray(error.nrmse)
-    times = rms / np.maximum(fit.rms, np.finfo(float).tiny)
-    bad = np.flatnonzero((times > _WORSE) & (nrmse > _SHARE))
+    bad = np.flatnonzero((rms > _WORSE * np.asarray(fit.rms)) & (nrmse > _SHARE))
     if not bad.size:
         return ()
     drives = ", ".join(model.robot.drives[i] for i in bad)
@@ -175,6 +180,8 @@ def misfit(model: ModelLike, error: TorqueError | Verification) -> tuple[str, ..
     how_much, cause, cure = next(texts for least, *texts in _LIKELIEST if now > least)
     if not fit.rms[worst]:
         cause, cure = _RESTED
+    if isinstance(error, TorqueError) and not np.any(error.fastest > _SLOW):
+        cause, cure = _STANDS
     text = (
         f"the model does not predict {drives}: the error of {drive} is {100 * now:.0f} % of its "
         f"{model.robot.units(drive).effort}, {how_much}, and was {100 * then:.2g} % in the "

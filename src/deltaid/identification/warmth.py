@@ -53,7 +53,8 @@ class Course:
     def values(self, w: SampleBlock) -> Float[np.ndarray, " samples"]:
         if self.constant is None:
             return temperature(self.recording, w) - self.mean
-        return np.exp(-(w.time - self.start) / self.constant) - self.mean
+        since = np.maximum(w.time - self.start, 0.0)  # a clock may pass midnight
+        return np.exp(-since / self.constant) - self.mean
 
 
 @dataclass(frozen=True, eq=False)

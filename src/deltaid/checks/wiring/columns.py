@@ -22,6 +22,12 @@ from deltaid.recording.mapped_columns import Quantity
 _SURE = 0.08
 # For hypotheses that explain a recording equally well.
 _UNDECIDED = "the recording does not show which"
+# Likeliest cause of positions that are whole numbers, and the cure.
+COUNTS = (
+    "counts of encoders, or parts of a degree: all their numbers are whole",
+    "declare the unit of the position columns, such as a turn over its counts, and the gear: "
+    "{unit: 360/65536 deg, gear: 33}",
+)
 # Thousandths of the torque unit, for rotary and linear drives.
 _MILLI = "mN m", "mN"
 # Negative inertia of a lone drive, as a share of the prior's, that determines its sign.
@@ -59,7 +65,9 @@ def _scaled(case: RemappedRecording, drives: list[int], factor: float) -> Verdic
         for quantity in _follow(case, drives)
     }
     cause, cure = f"in {name}", f"declare the unit of the position columns: {name}"
-    if name is None:
+    if name is None and record.are_counts:
+        (cause, cure), changes = COUNTS, {}
+    elif name is None:
         gear = f"a gear of about {ratio:.3g}"
         if case.linear(drives[0]):
             gear = f"a lead of about {1e3 * 2 * np.pi * factor:.3g} mm per revolution"

@@ -15,7 +15,7 @@ from threadpoolctl import threadpool_limits
 
 from deltaid.checks.evidence import UNRELATED, Evidence, forget
 from deltaid.checks.wiring.candidate import SENSIBLE
-from deltaid.checks.wiring.columns import column_verdicts
+from deltaid.checks.wiring.columns import COUNTS, column_verdicts
 from deltaid.checks.wiring.explained import RemappedRecording, overall
 from deltaid.checks.wiring.over_time import over_time_verdicts
 from deltaid.checks.wiring.residual import motion, residual
@@ -204,12 +204,8 @@ def _out_of_reach(evidence: Evidence) -> Verdict:
         "check the lengths, and where the drives have their zero (rotary: arm horizontal and "
         "outwards, positive = down)"
     )
-    if _are_counts(evidence):
-        cause = "positions are counts of encoders: all their numbers are whole"
-        cure = (
-            "declare the unit of the position columns, a turn over its counts, and the gear, such "
-            "as {unit: 360/65536 deg, gear: 33}"
-        )
+    if evidence.are_counts:
+        cause, cure = f"positions are {COUNTS[0]}", COUNTS[1]
     return Verdict(
         "homing-or-tilt",
         Grade.WRONG,
@@ -219,9 +215,3 @@ def _out_of_reach(evidence: Evidence) -> Verdict:
         cause=cause,
         cure=cure,
     )
-
-
-def _are_counts(evidence: Evidence) -> bool:
-    scales = np.array([channel.scale for channel in evidence.columns.position])
-    numbers = evidence.rows.q / scales
-    return bool(np.array_equal(numbers, np.round(numbers)) and np.any(evidence.moved))
