@@ -127,6 +127,17 @@ def test_rounded_stamps_are_even(rate: float, clavel: Dynamics) -> None:
     np.testing.assert_allclose(np.diff(values[:, 0]), 1 / rate, rtol=1e-4)
 
 
+@pytest.mark.parametrize("start", [10_000.0, 20_000.0])
+@pytest.mark.parametrize("gap", [0.0, 0.05])
+def test_seconds_of_single_precision_are_even_after_hours(start: float, gap: float) -> None:
+    """Their steps are about as long as one or two periods: no row is lost every 42 rows."""
+    rows = even(1000.0).gap(3.0, gap)
+    time = (rows.log["t"].to_numpy() + start).astype(np.float32).astype(float)
+    clock = study(iter([rows.log.with_columns(t=pl.Series(time)).to_numpy()]), 3)
+    assert clock.rate == pytest.approx(1000.0, rel=2e-4)
+    np.testing.assert_allclose(clock.lost, [*rows.holes.values()], atol=1)
+
+
 @pytest.mark.parametrize(("rate", "step"), [(2000.0, 1e-3), (2700.0, 1e-3), (1000.0, 15.6e-3)])
 def test_positions_know_where_rows_are_missing(rate: float, step: float) -> None:
     """Several rows share a stamp, whose clock drifts: stamps alone see a row too much or too few

@@ -31,6 +31,10 @@ FAR, _AGREE = 20.0, 64
 # Rows about a place whose median is its level, up to so much jitter; rounds of the search for extra
 # rows.
 ABOUT, _CLEAR, _TRIES = 33, 0.6, 4
+# Distance over which rounded stamps pass as much time everywhere, share of such distances at either
+# end that may have lost rows, how whole steps are, and how long [periods], in units of the
+# shortest, and least number of steps over that distance that differ from the usual one.
+_STEADY, _SOME, _WHOLE, _COARSE, _OFTEN = 1024, 0.05, 0.01, (0.3, 3.0), 8
 # Fewest rows that determine a phase, and fewest rows of a stretch of constant phase.
 FEWEST, _STRETCH = 16, 256
 
@@ -127,6 +131,11 @@ def _placed(time: Times, period: float, sharing: float) -> Grid:
     rows = np.arange(len(time))
     if len(time) < FEWEST:
         return _counted(time, rows, period)
+    if (rounded := _rounded_period(time)) is not None:
+        level = (time - time[0]) / rounded - rows
+        level -= _phase(level, _STRETCH)
+        stairs = np.maximum.accumulate(np.round(_mean(level, _STRETCH)).astype(int))
+        return _fitted(time, rows, level, stairs)
     noise = _noise(time / period, sharing)
     kept = np.flatnonzero(~_extra(time / period, noise, sharing))
     if len(kept) < FEWEST:
@@ -138,13 +147,38 @@ def _placed(time: Times, period: float, sharing: float) -> Grid:
             break
         kept = np.delete(kept, falls)
         period, level, width = _level(time[kept], period, noise, sharing)
-    time = time[kept]
-    stairs = _stairs(level, noise, sharing, width)
+    return _fitted(time[kept], kept, level, _stairs(level, noise, sharing, width))
+
+
+def _fitted(
+    time: Times, kept: Int[np.ndarray, " kept"], level: Times, stairs: Int[np.ndarray, " kept"]
+) -> Grid:
     lost = np.diff(stairs, prepend=stairs[:1])
     index = np.arange(len(time)) + stairs
     index = index - index.mean()
     fitted = float(index @ time / (index @ index))
     return Grid(max(fitted, FASTEST), kept, lost, level - stairs)
+
+
+def _rounded_period(time: Times) -> float | None:
+    """Period [s] of even rows with stamps in long steps, as seconds in single precision have after
+    hours; None for others.
+
+    Over as many rows the same time passes then, but for one step, while lost rows come at random.
+    """
+    apart, steps = min(_STEADY, len(time) // 4), np.diff(time)
+    quantum = float(np.min(steps, where=steps > 0, initial=np.inf))
+    shares = quantum * len(steps) / max(float(time[-1] - time[0]), FASTEST)
+    if apart < _AGREE or steps.min() < 0 or not _COARSE[0] < shares < _COARSE[1]:
+        return None
+    times = steps / quantum
+    others = np.count_nonzero(np.abs(times - np.median(times)) > 0.5)
+    passed = time[apart:] - time[:-apart]
+    low, high = np.quantile(passed, [_SOME, 1 - _SOME])
+    is_whole = np.abs(times - np.round(times)).max() < _WHOLE
+    if not is_whole or high - low > (1 + _WHOLE) * quantum or others * apart < _OFTEN * len(steps):
+        return None
+    return float(passed[(passed >= low) & (passed <= high)].mean()) / apart
 
 
 def _counted(time: Times, kept: Int[np.ndarray, " kept"], period: float) -> Grid:
