@@ -18,7 +18,7 @@ from deltaid.checks.sensing.sensors import checked_sensors
 from deltaid.checks.signal import checked_signals
 from deltaid.checks.verdicts import KEYS, Verdicts, changes, files_of, pasted
 from deltaid.checks.wiring.wiring import checked_wirings
-from deltaid.checks.wiring.zeros import Shifts
+from deltaid.checks.wiring.zeros import LEVELLED, Shifts
 from deltaid.dynamics.parameters import parameter_layout
 from deltaid.errors import DescriptionError, RecordingError
 from deltaid.estimation.additions import extended
@@ -43,10 +43,9 @@ from deltaid.robot.tolerances import Tolerances
 # Verdicts on excluded rows, whose spans the table of masks reports.
 _MASKED = {"standing", "saturation"}
 
-# Zeros and tilts beyond this [rad or m] are no likelier than another friction law; smaller ones are
-# accepted unless the law explains more than chance: twice a log likelihood ratio, which coloured
-# noise raises several times.
-_FAR, _CERTAIN = 0.05, 25.0
+# Zeros and tilts of a usual size are accepted unless a friction law explains more than chance:
+# twice a log likelihood ratio, which coloured noise raises several times.
+_CERTAIN = 25.0
 
 # Verdicts that explain why a fit contradicts the recording or the prior.
 _EXPLAIN_A_FIT = {
@@ -233,7 +232,7 @@ def _zero_seen(
     value, _ = bare.estimate(likeliest)
     instead = bare.left * (1.0 - bare.gain(likeliest))
     chance = bare.rows * np.log(max(instead, 1e-300) / max(fitted.left, 1e-300))
-    return bool(np.linalg.norm(value) < _FAR and chance < _CERTAIN)
+    return bool(np.linalg.norm(value) < LEVELLED and chance < _CERTAIN)
 
 
 def _shifts_after(

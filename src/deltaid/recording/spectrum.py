@@ -24,7 +24,7 @@ SEGMENT = 4096
 # steps to that in the upper half of the band, from which its noise counts as coloured.
 _ABOVE, _COLOURED = 100.0, 4.0
 # Share of the speeds' power within the bandwidth; bins by which the window widens a single wave.
-_NEARLY_ALL, _WIDENED = 0.999, 2
+NEARLY_ALL, _WIDENED = 0.999, 2
 # A drive rests whose power is below this share of the largest: 0.1 % of its travel.
 _RESTS = 1e-6
 _BLACKMAN_HARRIS = np.array([0.35875, -0.48829, 0.14128, -0.01168])  # of cos 0, 2πk/n, 4πk/n, …
@@ -204,7 +204,7 @@ class SpectrumEstimate:
         speed = np.where(self._above_noise, self.power, 0.0) * frequency**2
         total = speed.sum(axis=1, keepdims=True)
         share = np.cumsum((speed / np.where(total > 0, total, 1.0)).sum(axis=0))
-        most = int(np.searchsorted(share, _NEARLY_ALL * share[-1]))
+        most = int(np.searchsorted(share, NEARLY_ALL * share[-1]))
         return float(frequency[max(most - _WIDENED, 1)])
 
     @property

@@ -14,8 +14,10 @@ import numpy as np
 from jaxtyping import Bool, Float
 from scipy.linalg import eigh
 
+from deltaid.checks.evidence import UNRELATED
 from deltaid.checks.wiring.residual import (
     AT_REST,
+    FEWEST,
     LEAST,
     OFFSET,
     UNIT,
@@ -37,26 +39,21 @@ from deltaid.robot.description import RobotDescription
 
 # Share of the samples whose loops must close, and of those tried first.
 CLOSED, MOSTLY_CLOSED = 0.98, 0.9
-# Units need no search within this distance of the prior, with this residual share, and with such
-# correlations with the prior's torques, for drives that are tied to others and loose ones.
-_NEAR, LITTLE, _ALONG, ALONG_LOOSE = 10.0, 0.05, 0.85, 0.6
+# Units need no search with this residual share, and with such correlations with the prior's
+# torques, for drives that are tied to others and loose ones.
+LITTLE, ALONG, ALONG_LOOSE = 0.05, 0.85, 0.6
 # Least correlation with the prior's torques and largest residual of a hypothesis to consider, and
 # of one with factors of positions.
 SENSIBLE, _SENSIBLE_SCALED = (0.5, 0.5), (0.75, 0.25)
 # Hypotheses whose likelihoods are within this factor per row, or this log likelihood, are equally
-# good: noise is not white, and no model exact.
+# good: noise is not white, and no model exact. A robot within this distance of the prior is as
+# described.
 _AS_GOOD, _CERTAIN = 1.1, 10.0
-# With a larger residual than this, a hypothesis must halve that of the mapping.
-_DOUBTED = 0.03
-# Least correlation between residuals of drives that share a platform.
-_TIED = 0.25
-# γ of the prior; rounds of fit and noise level, and change of the latter that ends them.
-_GAMMA, _ROUNDS, _SETTLED = 1.0, 4, 0.05
+# Rounds of fit and noise level, and change of the latter that ends them.
+_ROUNDS, _SETTLED = 4, 0.05
 _SOLVER = Conic(tolerance=1e-7, largest_gap=1e-2)
-# A gain so far from the others' is no calibration error; least ratio of residuals that shows it.
-_GAIN, _SHOWN_FAR = UNIT, 3.0
-# Samples whose loops are tried first, and torque patterns per map that are judged.
-_FEW, _JUDGED = 40, 4
+# Torque patterns per map that are judged.
+_JUDGED = 4
 
 # Possible units of position columns, by their factor to the joint's unit.
 TURNING = {np.pi / 180: "degrees", 2 * np.pi: "revolutions", 180 / np.pi: "radians"}
@@ -140,7 +137,7 @@ class WiringHypothesis:
             constant = 1 - 1 / np.sqrt(1 + samples * (OFFSET / noise) ** 2)
             data = Quadratic.from_rows(self._without_constant(constant) / noise)
             try:
-                solution = _SOLVER.solve(Objective(reduction, data, regularizer, _GAMMA))
+                solution = _SOLVER.solve(Objective(reduction, data, regularizer, gamma=1.0))
             except IdentificationError:
                 return IMPOSSIBLE
             misfit, before = data.evaluate(solution.x)[0], noise
@@ -170,7 +167,7 @@ class WiringHypothesis:
         share a platform correlate by 0.5 at least, a telescope's drive by 0.1 at most."""
         S = self.left_by_any
         size = np.sqrt(np.maximum(np.diag(S), np.finfo(float).tiny))
-        return (np.abs(S / np.outer(size, size)) - np.eye(len(S))).max(axis=0) < _TIED
+        return (np.abs(S / np.outer(size, size)) - np.eye(len(S))).max(axis=0) < UNRELATED
 
     @property
     def along(self) -> Float[np.ndarray, " drives"]:
@@ -184,7 +181,7 @@ class WiringHypothesis:
     @property
     def clear(self) -> bool:
         """Whether units need no search."""
-        near = self._goes_along(_ALONG, ALONG_LOOSE) and self.fit.distance < _NEAR
+        near = self._goes_along(ALONG, ALONG_LOOSE) and self.fit.distance < _CERTAIN
         return near and self.closes and self.left < LITTLE
 
     @property
@@ -214,7 +211,7 @@ class WiringHypothesis:
 
     def beats(self, as_mapped: "WiringHypothesis") -> bool:
         """Whether its residual rules out the columns as mapped."""
-        doubted = self.left > _DOUBTED and as_mapped.left < 2 * self.left
+        doubted = as_mapped.left < 2 * self.left
         return self is as_mapped or not (doubted or as_mapped.as_likely_as(self))
 
     def as_likely_as(self, best: "WiringHypothesis") -> bool:
@@ -247,7 +244,7 @@ def _prior(dynamics: Dynamics, columns: tuple[int, ...]) -> tuple[Reduction, Reg
 
 def closed_share(dynamics: Dynamics, motion: FilteredMotion, map: Map) -> float:
     """Share of samples whose loops close, estimated from a few."""
-    chosen = np.linspace(0, len(motion.q) - 1, _FEW).astype(int)
+    chosen = np.linspace(0, len(motion.q) - 1, FEWEST).astype(int)
     return float(poses(dynamics, map.values(motion.q[chosen]))[1].mean())
 
 
@@ -291,17 +288,17 @@ def _far_gains(residual: MapResidual) -> WiringHypothesis | None:
         return None
     squares = np.sum(as_is.columns[:, tied] ** 2, axis=0)
     values, vectors = eigh(as_is.left_by_any[np.ix_(tied, tied)], np.diag(squares))
-    if values[1] < _SHOWN_FAR**2 * max(values[0], 0.0):
+    if values[1] < UNIT**2 * max(values[0], 0.0):
         return None
     u = vectors[:, 0] * np.sign(np.sum(vectors[:, 0] * as_is.along[tied]))
     u = u / np.median(np.abs(u))
-    far = (np.abs(u) > _GAIN) | (np.abs(u) < 1 / _GAIN)
+    far = (np.abs(u) > UNIT) | (np.abs(u) < 1 / UNIT)
     gains[tied] = np.where(far, u, np.sign(u))
     # Rows are divided by gains; otherwise a large gain would only weight a drive less.
     by = np.repeat(np.abs(gains), residual.rows.samples)
     better = _share(residual.span, as_is.columns @ np.sign(gains))
     better /= _share(Span.of_columns(residual.Y / by[:, None]), as_is.columns @ gains / by)
-    if better < _SHOWN_FAR or not np.any(far):
+    if better < UNIT or not np.any(far):
         return None
     evidence = float(residual.evidences.max()) + len(residual.Y) * float(np.log(better))
     return WiringHypothesis(residual, as_is.order, gains, evidence)

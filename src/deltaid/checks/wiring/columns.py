@@ -5,6 +5,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from deltaid.checks.evidence import Values
+from deltaid.checks.wiring.candidate import LITTLE
 from deltaid.checks.wiring.explained import (
     DOUBTFUL_SCALE,
     INERTIA,
@@ -18,8 +19,6 @@ from deltaid.checks.wiring.velocity import rates
 from deltaid.model.verdict import Grade, Verdict, listed
 from deltaid.recording.mapped_columns import Quantity
 
-# With a larger residual share of the torques, a factor of positions is doubtful.
-_SURE = 0.08
 # For hypotheses that explain a recording equally well.
 _UNDECIDED = "the recording does not show which"
 # Likeliest cause of positions that are whole numbers, and the cure.
@@ -30,8 +29,6 @@ COUNTS = (
 )
 # Thousandths of the torque unit, for rotary and linear drives.
 _MILLI = "mN m", "mN"
-# Negative inertia of a lone drive, as a share of the prior's, that determines its sign.
-_MIRRORED = 0.3
 
 
 def _follow(case: RemappedRecording, drives: list[int]) -> tuple[Quantity, ...]:
@@ -79,13 +76,13 @@ def _scaled(case: RemappedRecording, drives: list[int], factor: float) -> Verdic
             changes["torque"] = {i: change("torque", best.order[i], ratio) for i in drives}
     return Verdict(
         "gear" if name is None else "angle-unit",
-        Grade.WRONG if best.left < _SURE else Grade.DOUBTFUL,
+        Grade.WRONG if best.left < LITTLE else Grade.DOUBTFUL,
         f"positions of {whose} make sense only times {factor:.3g}: the loops then close, which "
         f"{case.fits}",
         case.whose(drives),
         f"positions of {whose} are {cause}",
         cure,
-        record.proposal(changes) if best.left < _SURE else (),
+        record.proposal(changes) if best.left < LITTLE else (),
         number=factor,
     )
 
@@ -93,7 +90,7 @@ def _scaled(case: RemappedRecording, drives: list[int], factor: float) -> Verdic
 def _signs(case: RemappedRecording) -> Iterator[Verdict]:
     best, n = case.best, len(case.names)
     angles, torques = (np.flatnonzero(np.less(x, 0)) for x in (best.map.scale, best.gains))
-    if n == 1 and not angles.size and case.ratios[0][INERTIA] < -_MIRRORED < best.gains[0]:
+    if n == 1 and not angles.size and case.ratios[0][INERTIA] < -1 / WRONG_SCALE < best.gains[0]:
         # No loop determines a lone drive's sign, and gravity may be even: negative inertia does.
         yield _angle_sign(case, 0)
     if len(torques) == n > 1 and not angles.size:

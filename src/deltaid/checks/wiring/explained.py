@@ -12,17 +12,13 @@ from jaxtyping import Bool, Float
 
 from deltaid.checks.evidence import Evidence
 from deltaid.checks.wiring.candidate import ALONG_LOOSE, WiringHypothesis, named_units
-from deltaid.checks.wiring.residual import UNIT, FilteredMotion, Map
+from deltaid.checks.wiring.residual import LEAST, OFFSET, UNIT, FilteredMotion, Map
 from deltaid.dynamics.dynamics import Dynamics
 from deltaid.identification.fit import row_at_home
 from deltaid.model.verdict import listed, percent
 
 # Torques so many times larger or smaller than the prior's are in another unit, or may be.
 WRONG_SCALE, DOUBTFUL_SCALE = 4.0, UNIT
-# A component below the first share of a drive's largest torque, expected or estimated, is too small
-# to compare: next to bodies described far too heavy, friction looks small. For an untied drive, and
-# for expected torques at least, the second share.
-_SMALL, _SMALLEST = 0.1, 0.003
 # Cost of an additional explanation, in natural logarithms of ratios.
 _MORE = 0.3
 # A unit changes friction and the other components by at least this share of the median logarithm.
@@ -63,7 +59,9 @@ class RemappedRecording:
     @cached_property
     def ratios(self) -> Float[np.ndarray, "drives components"]:
         """Estimated torques of inertia, gravity, viscous and Coulomb friction over those of the
-        prior; NaN for small components."""
+        prior; NaN for components below the usual offset, expected or estimated: next to bodies
+        described far too heavy, friction looks small. For an untied drive, and for expected
+        torques, small is what no model explains."""
         best, dynamics, motion = self.best, self.evidence.dynamics, self.motion
         residual, out = best.residual, np.full((dynamics.dof, 4), np.nan)
         p = residual.span.coefficients(best.torques)
@@ -71,8 +69,8 @@ class RemappedRecording:
         for i, (speed, acceleration) in enumerate(zip(*pace, strict=True)):
             rows = _components(dynamics, i, speed, acceleration)[:, residual.columns]
             estimated, expected = rows @ p, rows @ residual.prior
-            share = _SMALLEST if best.loose[i] else _SMALL
-            both = _large(estimated, _SMALL) & _large(expected, _SMALLEST)
+            share = LEAST if best.loose[i] else OFFSET
+            both = _large(estimated, OFFSET) & _large(expected, LEAST)
             large = _large(expected, share) | both
             out[i, large] = estimated[large] / expected[large]
         return out
@@ -128,7 +126,7 @@ class RemappedRecording:
     def of_motors(self, factor: float) -> bool:
         """Whether torques are too small by the gear that positions are too large by."""
         size = overall(self.ratios)
-        return size < 1 / DOUBTFUL_SCALE and 0.25 < size / factor < 4
+        return size < 1 / DOUBTFUL_SCALE and 1 / WRONG_SCALE < size / factor < WRONG_SCALE
 
 
 def _large(torques: Float[np.ndarray, " components"], share: float) -> Bool[np.ndarray, " _"]:

@@ -12,22 +12,20 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Float, Int
 
-from deltaid.checks.wiring.candidate import SENSIBLE
+from deltaid.checks.wiring.candidate import ALONG, LITTLE, SENSIBLE
 from deltaid.checks.wiring.explained import WRONG_SCALE, RemappedRecording
-from deltaid.checks.wiring.residual import Map, MapResidual, motion, residual
+from deltaid.checks.wiring.residual import FEWEST, LEAST, Map, MapResidual, motion, residual
 from deltaid.estimation.problem import DEPENDENT, lengths
 from deltaid.model.verdict import Grade, Verdict, listed
 
 # Rows that are compared; of more, some are skipped.
 _MOST = 20_000
-# No drive's torque is so late [s]; no lag is searched where the best columns leave so little of the
-# torques, and one must leave so much less of the prior's than none does.
-_DELAY, _EXPLAINED, _CLEARER = 0.15, 0.1, 0.5
-# Ends of stretches that are tried; least length [s] of a stretch and of the rest, and correlation
-# with the fitted torques in both. So many samples about an end have something of both, by filters.
-_ENDS, _SHORTEST, _ALONG, _BLURRED = 300, 1.0, 0.9, 6
-# Rounds of the fit, and least scale of its errors as a share of the prior's torques.
-_ROUNDS, _CLOSE = 10, 0.01
+# No drive's torque is so late [s]; a lag must leave so much less of the prior's than none does.
+_DELAY, _CLEARER = 0.15, 0.5
+# Ends of stretches that are tried.
+_ENDS = 300
+# Rounds of the fit.
+_ROUNDS = 10
 _TINY = np.finfo(float).tiny
 
 Torques = Float[np.ndarray, "moving samples"]
@@ -44,6 +42,7 @@ class _Course:
     prior: Torques
     fitted: Torques
     recorded: Torques
+    blurred: int  # samples on either side of one that filters mix with it
 
     @property
     def step(self) -> float:
@@ -80,7 +79,8 @@ def _course(case: RemappedRecording) -> _Course | None:
     for k, p in enumerate((under.prior, _of_most_rows(under))):
         torques[k][:, under.keep] = under.rows.of_drives(under.Y @ p)
     prior, fitted = torques[0, drives], torques[1, drives]
-    return _Course(drives, moved.time, prior, fitted, moved.tau.T[drives])
+    blurred = moved.low_pass.half // moved.low_pass.decimation
+    return _Course(drives, moved.time, prior, fitted, moved.tau.T[drives], blurred)
 
 
 def _of_most_rows(under: MapResidual) -> Float[np.ndarray, " columns"]:
@@ -89,14 +89,14 @@ def _of_most_rows(under: MapResidual) -> Float[np.ndarray, " columns"]:
     tau, p, scale = under.rows.stack(under.tau.T), under.prior, lengths(under.Y)
     for _ in range(_ROUNDS):
         errors = np.abs(tau - under.Y @ p)
-        weights = 1.0 / np.hypot(1.0, errors / max(float(np.median(errors)), _CLOSE))
+        weights = 1.0 / np.hypot(1.0, errors / max(float(np.median(errors)), LEAST))
         A = weights[:, None] * under.Y / scale
         p = np.linalg.lstsq(A, weights * tau, rcond=DEPENDENT)[0] / scale
     return p
 
 
 def _joined(case: RemappedRecording, course: _Course) -> Iterator[Verdict]:
-    if case.best.left < _EXPLAINED:
+    if case.best.left < LITTLE:
         return
     half = len(course.time) // 2
     along = np.array([course.along(lag) for lag in range(-half, half + 1)])
@@ -135,15 +135,15 @@ def _stretch(case: RemappedRecording, course: _Course) -> Iterator[Verdict]:
     explained = np.sum(fu**2 / np.maximum(ff, _TINY), axis=0) / powers
     # A stretch and the rest change places at the ends: the shorter one is reported.
     k = int(np.argmax(explained.sum(axis=0) - 1e-6 * (last - first)))
-    if min(last[k] - first[k], n - last[k] + first[k]) * course.step < _SHORTEST:
-        return
-    blurred, place = _BLURRED + n // _ENDS, np.arange(n)
+    blurred, place = course.blurred + n // _ENDS, np.arange(n)
     inner = (place >= first[k] + blurred) & (place < last[k] - blurred)
     outer = (place < first[k] - blurred) | (place >= last[k] + blurred)
+    if min(inner.sum(), outer.sum()) < FEWEST:
+        return
     (g, along), (h, elsewhere) = (_gain(f[:, part], u[:, part]) for part in (inner, outer))
     times = g / np.where(h, h, _TINY)
     other = (times < 1 / WRONG_SCALE) | (times > WRONG_SCALE)
-    drives = np.flatnonzero(other & (np.minimum(np.abs(along), np.abs(elsewhere)) > _ALONG))
+    drives = np.flatnonzero(other & (np.minimum(np.abs(along), np.abs(elsewhere)) > ALONG))
     if not drives.size:
         return
     record, turned = case.evidence, bool(times[drives].max() < 0)

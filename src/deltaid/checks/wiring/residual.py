@@ -20,7 +20,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 from scipy.signal import detrend
 
-from deltaid.checks.evidence import RawRows
+from deltaid.checks.evidence import RESTS, RawRows
 from deltaid.dynamics.dynamics import Dynamics
 from deltaid.dynamics.parameters import prior_parameters
 from deltaid.estimation.drive_rows import DriveRows, of_own_drives
@@ -29,33 +29,40 @@ from deltaid.estimation.problem import Span
 from deltaid.mechanism.regularity import SINGULAR_CONDITION
 from deltaid.recording.filter import LowPass, design_low_pass, samples_needed
 from deltaid.recording.masks.masks import runs_of
-from deltaid.recording.spectrum import HIGHEST, LOWEST_CUTOFF, SpectrumEstimate, apply, spectrum_of
+from deltaid.recording.spectrum import (
+    HIGHEST,
+    LOWEST_CUTOFF,
+    NEARLY_ALL,
+    SpectrumEstimate,
+    apply,
+    spectrum_of,
+)
 from deltaid.recording.survey_checks import off_course
 from deltaid.recording.time.clock import HIGHEST_RATE
+from deltaid.robot.parameter import PRIOR_SPREAD
 
 # The highest cut-off [Hz]: enough to distinguish columns.
 _HIGHEST_CUTOFF = 30.0
-# Share of the speeds' power below a frequency, and the cut-off as a multiple of that.
-_MOST_POWER, _ABOVE = 0.999, 3.0
+# The cut-off as a multiple of the frequency below which nearly all of the speeds' power lies.
+_ABOVE = 3.0
 # Steps of friction need a grid that is fine whatever the cut-off [Hz].
 _SLOWEST = 20.0
-# A drive slower than this share of its largest speed for so long [s] stands still; all samples are
-# used unless so many remain without that.
-_STILL, _REST, _AWAKE = 0.01, 0.1, 100
+# A drive that is slow for so long [s] stands still.
+_REST = 0.1
+# Fewest samples that decide between hypotheses.
+FEWEST = 40
 # Consecutive missing rows that are bridged by straight lines; more end a stretch.
 _BRIDGED = 10
 # Weight of a drive at rest, whose torque static friction makes arbitrary.
 AT_REST = 1e-3
-# Least share of samples with poses, and least number.
-_POSED, _FEWEST = 0.2, 30
 # Least residual share of a machine's torques under any model, and usual offset of a drive's torque
 # as a share of its torques.
 LEAST, OFFSET = 0.003, 0.1
 # Numbers larger or smaller by this factor are in another unit.
 UNIT = 2.5
-# Usual relative deviation of parameters from their prior, a median and the spread of its logarithm;
-# grid of α²/σ².
-_SPREAD, _FACTOR, _RATIOS = 0.7, 1.0, np.geomspace(1e-2, 1e8, 41)
+# Grid of α²/σ², the squared deviation of parameters from their prior over that of noise; the usual
+# deviation is known to a factor of e.
+_RATIOS = np.geomspace(1e-2, 1e8, 41)
 
 Values = Float[np.ndarray, "_ _"]
 
@@ -139,11 +146,11 @@ def _awake(qd: Values, rate: float, low_pass: LowPass, count: int) -> Bool[np.nd
     """Kept samples whose filter window contains no rest of any drive."""
     asleep = np.zeros(len(qd))
     for speed in np.abs(qd).T:
-        for first, last in runs_of(speed < _STILL * speed.max()):
+        for first, last in runs_of(speed < RESTS * speed.max()):
             if last + 1 - first > _REST * rate:
                 asleep[first : last + 1] = 1.0
     awake = apply(np.ones(len(low_pass.smooth)), asleep[None], low_pass.decimation)[0, :count] < 0.5
-    return awake if awake.sum() > _AWAKE else np.ones(count, bool)
+    return awake if awake.sum() >= FEWEST else np.ones(count, bool)
 
 
 def _cutoff(q: Values, rate: float) -> float:
@@ -153,7 +160,7 @@ def _cutoff(q: Values, rate: float) -> float:
     level = detrend(q, axis=0) * np.hanning(len(q))[:, None]
     frequency = np.fft.rfftfreq(len(q), 1 / rate)
     power = np.cumsum(np.abs(np.fft.rfft(level, axis=0) * frequency[:, None]) ** 2, axis=0)
-    fastest = frequency[np.argmax(power >= _MOST_POWER * power[-1], axis=0)]
+    fastest = frequency[np.argmax(power >= NEARLY_ALL * power[-1], axis=0)]
     # A resting drive has only noise, with its speeds at high frequencies.
     moving = max(fastest[fastest < _HIGHEST_CUTOFF], default=_HIGHEST_CUTOFF)
     highest = min(HIGHEST * rate, _HIGHEST_CUTOFF, _ABOVE * moving)
@@ -286,10 +293,10 @@ class MapResidual:
         across = np.maximum(total - np.sum(along**2, axis=0), 0.0)
         spread = 1 + _RATIOS[:, None] * s**2
         share = (across + (1 / spread) @ along**2) / (size * by) ** 2 + LEAST**2
-        wide = 0.5 * np.log(_RATIOS[:, None] * (share * (size * by) ** 2 / rows)) - np.log(_SPREAD)
+        wide = _RATIOS[:, None] * (share * (size * by) ** 2 / rows) / PRIOR_SPREAD**2
         level = np.log(share * size**2 / rows)
         values = -0.5 * rows * level - 0.5 * np.log(spread).sum(axis=1)[:, None]
-        values = np.max(values - 0.5 * (wide / _FACTOR) ** 2, axis=0)
+        values = np.max(values - 0.5 * (0.5 * np.log(wide)) ** 2, axis=0)
         # Likelihood of torques relative to their size, independent of row weights under this map.
         sizes = rms_torques(self.tau.T)
         return values + self.rows.samples * float(np.log(sizes / self.rows.scale).sum())
@@ -316,9 +323,9 @@ def residual(dynamics: Dynamics, motion: FilteredMotion, map: Map) -> MapResidua
     """None where too few samples have poses."""
     z, good = poses(dynamics, map.values(motion.q))
     keep, share = motion.awake, float(good.mean())
-    if not good.all() and share >= _POSED:
+    if not good.all():
         keep = keep & (motion.filtered(good[None].astype(float))[0] > 1 - 1e-6)
-    if share < _POSED or keep.sum() < _FEWEST:
+    if keep.sum() < FEWEST:
         return None
     qd, qdd = map.rates(motion.qd), map.rates(motion.qdd)
     values = np.where(good, entries_at(dynamics, z, qd, qdd, motion.load), 0.0)

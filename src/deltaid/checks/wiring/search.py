@@ -30,9 +30,9 @@ from deltaid.dynamics.dynamics import Dynamics
 
 # Samples that hypotheses are tried on, number of fitted ones, and of those fitted again on all
 # samples.
-_SAMPLES, _FITTED, _DECIDED = 120, 16, 6
-# Range of motor position factors, number of them whose loops are tried, and points of the grid.
-_SMALLEST, _LARGEST, _CLOSING, _GRID = 1 / 3000, 1 / 1.5, 48, 16
+SAMPLES, _FITTED, _DECIDED = 120, 16, 6
+# Range of motor position factors, and number of them whose loops are tried.
+_SMALLEST, _LARGEST, _CLOSING = 1 / 3000, 1 / 1.5, 48
 # The longest lead of a linear drive [m per rad]: half a metre per revolution.
 _LONGEST = 0.5 / (2 * np.pi)
 # Range of named units about the best factor, and the step of its refinement.
@@ -53,7 +53,7 @@ def explained(
     identity = Map.identity(dynamics.dof)
     as_is = residual(dynamics, fine, identity)
     mapped = [WiringHypothesis(as_is, identity.order, np.ones(dynamics.dof))] if as_is else []
-    likely = _searched(dynamics, fine, coarse.few(_SAMPLES), settled=any(c.clear for c in mapped))
+    likely = _searched(dynamics, fine, coarse.few(SAMPLES), settled=any(c.clear for c in mapped))
     if likely is None:
         return tuple(mapped)
     maps = dict.fromkeys(trial.map for trial in likely)
@@ -150,7 +150,7 @@ def _likely(candidates: Iterable[WiringHypothesis]) -> list[WiringHypothesis]:
 def _ranked(dynamics: Dynamics, candidates: Collection[WiringHypothesis]) -> list[WiringHypothesis]:
     """Hypotheses by likelihood, without those whose upper bound is below the best: these need no
     fit."""
-    margin, best = as_good(dynamics.dof * _SAMPLES), -np.inf
+    margin, best = as_good(dynamics.dof * SAMPLES), -np.inf
     for trial in sorted(candidates, key=lambda candidate: -candidate.highest):
         if trial.highest < best - margin:
             break
@@ -207,7 +207,7 @@ def _best_factor(
     closing = [factor for factor, share in zip(grid, shares, strict=True) if share >= CLOSED]
     if not closing:
         return None
-    grid = np.geomspace(max(closing[0], closing[-1] / 30), closing[-1], _GRID).tolist()
+    grid = np.geomspace(max(closing[0], closing[-1] / 30), closing[-1], _FITTED).tolist()
     trials = (identity.times(factor, drives) for factor in grid)
     rough = next(iter(_likely(tried(dynamics, motion, trials, as_is=True))), None)
     best = rough and _narrowed(dynamics, motion, rough, grid[1] / grid[0])

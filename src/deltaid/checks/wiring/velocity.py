@@ -9,18 +9,17 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from deltaid.checks.evidence import Values
+from deltaid.checks.evidence import CLEAR_LAG, Values
 from deltaid.checks.wiring.explained import RemappedRecording
-from deltaid.checks.wiring.residual import FilteredMotion, Map
+from deltaid.checks.wiring.residual import UNIT, FilteredMotion, Map
 from deltaid.checks.wiring.zeros import BLOCKS
+from deltaid.effects.lag_columns import APART
 from deltaid.model.verdict import Fault, Grade, Verdict
 
 # Correlation above which a column is a drive's velocity, and by which another drive's is better.
 _TOGETHER, _BETTER = 0.9, 0.05
-# A scale so far from 1 is another unit, wrong, doubtful; it is a named unit if it is so near.
-_UNIT, _WRONG, _DOUBTFUL, _NAMED = 2.2, 1.2, 1.02, 0.05
-# A lag [s] is doubtful beyond this, this share of a sample, and so many standard deviations.
-_LAG, _OF_SAMPLE, _CERTAIN = 0.3e-3, 0.05, 6.0
+# A scale so far from 1 is wrong, doubtful.
+_WRONG, _DOUBTFUL = 1.2, 1.02
 _TURNING = {180 / np.pi: "degrees per second", 30 / np.pi: "rpm",
             np.pi / 180: "rad/s, and not in degrees", np.pi / 30: "rad/s, and not rpm"}  # fmt: skip
 _SLIDING = {1e3: "mm/s", 1e-3: "m/s, and not in mm/s"}
@@ -103,7 +102,9 @@ def velocity_verdicts(case: RemappedRecording) -> Iterator[Verdict]:
     for rate in matched:
         if not 1 / _DOUBTFUL < rate.scale < _DOUBTFUL:
             units = (_SLIDING if case.linear(rate.drive) else _TURNING).items()
-            named = (u for factor, u in units if abs(abs(rate.scale) / factor - 1) < _NAMED)
+            named = (
+                u for factor, u in units if 1 / _DOUBTFUL < abs(rate.scale) / factor < _DOUBTFUL
+            )
             groups.setdefault((next(named, ""), rate.scale < 0), []).append(rate)
     for (name, reversed_), group in groups.items():
         yield _scale(case, group, name, reversed_=reversed_)
@@ -113,8 +114,7 @@ def velocity_verdicts(case: RemappedRecording) -> Iterator[Verdict]:
             f"(correlation {rate.correlation:.2g})"
         )
         yield _NOISE.judged(seen, names[rate.drive], rate.correlation)
-    least_lag = max(_LAG, _OF_SAMPLE * case.evidence.rows.step)
-    late = [rate for rate in matched if abs(rate.lag) > max(least_lag, _CERTAIN * rate.lag_std)]
+    late = [rate for rate in matched if abs(rate.lag) > max(APART, CLEAR_LAG * rate.lag_std)]
     latest = max(late or recorded, key=lambda rate: abs(rate.lag))
     lag = 1e3 * latest.lag
     if late and not lost:
@@ -164,12 +164,12 @@ def _scale(case: RemappedRecording, scaled: list[Rate], name: str, *, reversed_:
         changes[rate.drive] = record.turned("velocity", rate.drive) if reversed_ else {}
         if name:
             changes[rate.drive] |= record.in_unit("velocity", rate.drive, 1 / factor)
-        elif ratio > _UNIT:
+        elif ratio > UNIT:
             changes[rate.drive] |= record.of_motor("velocity", rate.drive, 1 / abs(rate.scale))
     cure = "declare unit, sign and gear of the velocity columns"
     if name:
         cause = f"{velocities} are in {name}"
-    elif ratio > _UNIT:
+    elif ratio > UNIT:
         cause = f"{velocities} are in another unit, or those of a motor behind a gear"
     else:
         cause = "" if reversed_ else f"{velocities} have a wrong scale, or those of another time"
@@ -177,7 +177,7 @@ def _scale(case: RemappedRecording, scaled: list[Rate], name: str, *, reversed_:
     if reversed_:
         cause = f"{velocities} count the other way" + (f", and {cause}" if cause else "")
     return Verdict(
-        "velocity-unit" if name or ratio > _UNIT else "velocity",
+        "velocity-unit" if name or ratio > UNIT else "velocity",
         Grade.WRONG if reversed_ or ratio > _WRONG else Grade.DOUBTFUL,
         f"{velocities} are {scale:.4g} times the rate at which positions change",
         whose,

@@ -18,8 +18,8 @@ from deltaid.checks.wiring.candidate import SENSIBLE
 from deltaid.checks.wiring.columns import COUNTS, column_verdicts
 from deltaid.checks.wiring.explained import RemappedRecording, overall
 from deltaid.checks.wiring.over_time import over_time_verdicts
-from deltaid.checks.wiring.residual import motion, residual
-from deltaid.checks.wiring.search import explained, together
+from deltaid.checks.wiring.residual import FEWEST, motion, residual
+from deltaid.checks.wiring.search import SAMPLES, explained, together
 from deltaid.checks.wiring.velocity import velocity_verdicts
 from deltaid.checks.wiring.zeros import zero_verdicts
 from deltaid.dynamics.dynamics import compiled
@@ -27,8 +27,7 @@ from deltaid.errors import RecordingError
 from deltaid.estimation.problem import lengths
 from deltaid.model.verdict import Grade, Proposal, Verdict, worst
 
-# Part of the stretch to search on, if it has so many samples; least samples to judge.
-_FEW, _FEWEST = 150, 40
+# Part of the stretch to search on, if it has enough samples.
 _PART = {"longest": 6.0, "oversampled": 10.0}
 # Two columns are one signal if 1 − ρ² is below the first; drives move differently, and must have
 # different torques, if that of their positions exceeds the second. Torques of drives that move
@@ -65,9 +64,9 @@ def checked_wirings(
     for k, record in enumerate(records):
         _refuse_copies(record)
         fine = None if _stands(record) else motion(record.rows)
-        if fine is not None and len(fine.tau) >= _FEWEST:
+        if fine is not None and len(fine.tau) >= FEWEST:
             part = motion(record.rows, **_PART)
-            coarse = fine if part is None or len(part.tau) < _FEW else part
+            coarse = fine if part is None or len(part.tau) < SAMPLES else part
             case = RemappedRecording(record, fine, explained(record.dynamics, fine, coarse))
             cases[k], over_time[k] = case, tuple(over_time_verdicts(case))
         if len(records) > 1:

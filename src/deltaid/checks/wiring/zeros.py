@@ -17,8 +17,9 @@ from itertools import pairwise
 
 import numpy as np
 from jaxtyping import Float
+from scipy.special import stdtrit
 
-from deltaid.checks.evidence import Evidence
+from deltaid.checks.evidence import CHANCE, Evidence
 from deltaid.checks.wiring.candidate import WiringHypothesis
 from deltaid.checks.wiring.explained import RemappedRecording
 from deltaid.checks.wiring.residual import FilteredMotion, residual
@@ -27,24 +28,23 @@ from deltaid.dynamics.geometry import across, torque_slopes
 from deltaid.dynamics.parameters import prior_parameters
 from deltaid.estimation.problem import DEPENDENT, LinearProblem, Span
 from deltaid.model.verdict import Grade, Proposal, Verdict, listed
+from deltaid.robot.parameter import PRIOR_SPREAD
 
-# Blocks of time, and relative spread of the prior.
-BLOCKS, _SPREAD = 24, 0.5
-# Standard deviations from zero of a reported cause, and below which a cause is not needed.
-_SEEN, _NEEDED = 4.2, 3.5
+# Blocks of time.
+BLOCKS = 24
+# Standard deviations from zero below which a cause is not needed.
+_NEEDED = float(stdtrit(BLOCKS - 1, 1 - CHANCE / 2))
 # Least share of the residual that zeros or gravity must explain.
 _LITTLE = 0.005
-# Another drive's zero is a rival if it explains this share of what the first one explains.
-_RIVAL = 0.7
 # Difference of explained shares by noise, times the number of rows, and least ratio between causes.
 _CHANCE, _MORE = 6.0, 1.05
-# Largest errors of zeros [rad or m] that slopes determine, and largest standard deviations.
-_FARTHEST, _VAGUE = 0.5, 0.05
-# Gauss–Newton steps for a zero, and the largest step [rad or m].
-_STEPS, _LARGEST = 3, 0.2
-# A base is level within this [rad]: a larger tilt is a wrongly described mounting, or a force that
-# pulls at the platform, and is not written without inspection.
-_LEVELLED = 0.05
+# Largest errors of zeros [rad or m] that slopes determine.
+_FARTHEST = 0.5
+# Gauss–Newton steps for a zero.
+_STEPS = 3
+# Drives are homed and bases are level within this [rad or m]: a larger tilt is a wrongly described
+# mounting, or a force that pulls at the platform, and is not written without inspection.
+LEVELLED = 0.05
 
 
 @dataclass(frozen=True, eq=False)
@@ -103,7 +103,7 @@ class Shifts:
 
         def is_determined(drive: int) -> bool:
             (value,), ((variance,),) = self.estimate([drive])
-            small = abs(value) < _FARTHEST and variance < _VAGUE**2
+            small = abs(value) < _FARTHEST and variance < LEVELLED**2
             return bool(small and self.certainty([drive]) > 0)
 
         return list(filter(is_determined, range(self.drives)))
@@ -118,7 +118,8 @@ class Shifts:
     def seen(self) -> bool:
         """Whether the likeliest zero, or a tilt, is significant and explains enough."""
         certainty = max((self.certainty(cause) for cause in self.causes), default=0.0)
-        return certainty >= _SEEN and max(map(self.gain, self.causes)) >= _LITTLE
+        clear = stdtrit(len(self.scores) - 1, 1 - 0.5 * CHANCE / (self.drives + self.angles))
+        return certainty >= clear and max(map(self.gain, self.causes)) >= _LITTLE
 
     @property
     def tilted(self) -> tuple[float, float]:
@@ -167,7 +168,7 @@ def shifts(dynamics: Dynamics, motion: FilteredMotion, best: WiringHypothesis) -
     p = prior_parameters(dynamics.robot)
     noise = np.linalg.norm(residual.span.without(tau)) / np.sqrt(len(tau))
     Y, rest = residual.Y / noise, (tau - residual.Y @ residual.prior) / noise
-    known = np.diag(1.0 / (_SPREAD * residual.scale)), np.zeros(Y.shape[1])
+    known = np.diag(1.0 / (PRIOR_SPREAD * residual.scale)), np.zeros(Y.shape[1])
     p[residual.columns] += LinearProblem(Y, rest, residual.rows.groups).with_known(*known).x
     # Slopes at the kept samples are smooth enough to need no filter.
     kept, low_pass = np.flatnonzero(residual.keep), motion.low_pass
@@ -197,9 +198,8 @@ def zero_verdicts(case: RemappedRecording) -> Iterator[Verdict]:
     either, zero = (instead < _NEEDED) == (beside < _NEEDED), beside >= _NEEDED
     if either and shift.tilt:
         zero = shift.gain([drive]) > shift.gain(shift.tilt)
-    least = _RIVAL * shift.gain([drive])
-    rivals = [i for i in shift.zeros if i != drive and shift.gain([i]) > least]
-    rivals = [drive, *(i for i in rivals if shift.certainty([drive], [i]) < _NEEDED)]
+    others = (i for i in shift.zeros if i != drive)
+    rivals = [drive, *(i for i in others if shift.certainty([drive], [i]) < _NEEDED)]
     error = _zero(case.evidence, motion, best, shift, drive)
     grade = Grade.DOUBTFUL if best.closes else Grade.WRONG
     yield _verdict(case.evidence, shift, rivals, error, grade=grade, zero=zero, either=either)
@@ -232,7 +232,7 @@ def _zero(
     for _ in range(_STEPS):
         (step,), ((variance,),) = shift.estimate([drive])
         zeros = list(map.shift)
-        zeros[drive] += float(np.clip(step, -_LARGEST, _LARGEST))
+        zeros[drive] += float(np.clip(step, -_FARTHEST, _FARTHEST))
         moved = residual(evidence.dynamics, motion, replace(map, shift=tuple(zeros)))
         if moved is None or moved.share < share:
             break
@@ -270,13 +270,13 @@ def _verdict(
         share, number, text, rival, unit = shift.gain(shift.tilt), angle, of_tilt, of_zero, "mrad"
         cause = f"a tilted base: {of_tilt}"
         cure = "level the base, or describe gravity as it is"
-        if angle > _LEVELLED:
+        if angle > LEVELLED:
             cause += ", or a force that pulls at the platform, as of a hose or a spring"
             cure = (
                 "look at the mounting and at what pulls at the platform; measure the base's angle "
                 "with a level, and describe gravity by it"
             )
-        proposals = _gravity(evidence, shift, is_written=angle <= _LEVELLED) if shift.tilt else ()
+        proposals = _gravity(evidence, shift, is_written=angle <= LEVELLED) if shift.tilt else ()
     if either:
         cause = f"one of both, the motion does not show which: {text}, or {rival}"
         cure = "home the drives anew and check the level of the base; then correct what was wrong"
