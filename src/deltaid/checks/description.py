@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
+from deltaid.checks.evidence import WRONG_SCALE
 from deltaid.dynamics.dynamics import compiled
 from deltaid.dynamics.limits import AtRest, Poses, kind_of_limit, torque_limits
 from deltaid.dynamics.parameters import prior_parameters
@@ -45,8 +46,8 @@ _CUT = Fault(
 _HOLDS = Fault("torque-limit", "of the limit")
 # m. The largest Deltas have arms and struts of some 4 m together, the smallest of 20 mm.
 _GIANT, _DWARF = 10.0, 0.005
-# Largest ratio of a part's length to a limb's, and of a limb's to that of a part that matters.
-_OUT_OF_SCALE, _SMALL = 4.0, 250.0
+# Largest ratio of a limb's length to that of a part that matters.
+_SMALL = 250.0
 _METRES = Fault("length-unit", "m")
 # Sizes of a gravity that is given in g, not in m/s²: no place on a planet or moon has them.
 _IN_G = (0.9, 1.1)
@@ -83,7 +84,7 @@ def checked_lengths(data: dict[str, Any]) -> Verdict:
     factor, unit = (1e3, "divided by 1000 once too often") if small else (1e-3, "in millimetres")
     size *= factor if small or large else 1.0
     groups = [group for group in groups if _longest(group) > 0] + [[length] for length in limbs]
-    low, high = (size / _SMALL, np.inf) if small else (0.0, _OUT_OF_SCALE * size)
+    low, high = (size / _SMALL, np.inf) if small else (0.0, WRONG_SCALE * size)
     wrong = [length for group in groups if not low <= _longest(group) <= high for length in group]
     if not wrong:
         return _METRES.good(f"limbs of {size:.3g} m; all lengths go with it", size)

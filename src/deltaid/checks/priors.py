@@ -4,6 +4,7 @@ import re
 
 import numpy as np
 
+from deltaid.checks.evidence import WRONG_SCALE
 from deltaid.dynamics.parameters import parameter_layout, stated_spreads
 from deltaid.model.verdict import Fault, Grade, Proposal, Verdict, graded
 from deltaid.robot.body import ExplicitInertia, HollowCylinder, PointMass
@@ -15,8 +16,8 @@ from deltaid.sensors.weighings import Weighing, weighings
 # kg/m³. Osmium has 22,600; foam some 30.
 _DENSEST, _LIGHTEST = 23_000.0, 10.0
 # Largest mass over the cube of arm and strut together [kg/m³]: a solid steel block with a side of a
-# sixth of their length is doubtful, one of four times its mass is wrong.
-_HEAVY, _FAR = 7850.0 / 6**3, 4.0
+# sixth of their length is doubtful.
+_HEAVY = 7850.0 / 6**3
 # Shares of a body's extent: no centre of mass or radius of gyration lies farther out, and that of
 # an arm or a strut never so near to its first joint.
 _OUTSIDE, _INSIDE = 1.5, 0.02
@@ -124,7 +125,7 @@ def _massive(path: str, name: str, mass: float, size: float, *, alone: bool) -> 
         f"{path} is {mass:.3g} kg; with limbs of {size:.3g} m few bodies have {largest:.3g} kg",
         name,
         mass,
-        grade=graded(mass, largest, _FAR * largest),
+        grade=graded(mass, largest, WRONG_SCALE * largest),
         cure="give kilograms" if alone else "give kilograms, and moments in kg m and kg m²",
         proposals=_proposed((path, mass / 1000)) if fits else (),
     )

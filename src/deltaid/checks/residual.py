@@ -14,13 +14,14 @@ from scipy.special import chdtrc, chdtri
 from threadpoolctl import threadpool_limits
 
 from deltaid.checks.evidence import Evidence
+from deltaid.checks.wiring.residual import LEAST
 from deltaid.effects.all import effect_of
 from deltaid.effects.effect import Cause, DescribedEffect, causes_of
 from deltaid.effects.lag_columns import APART, UnknownLag
 from deltaid.effects.unexplained import FreeTorque, in_words
 from deltaid.estimation.spectra import bandwidth, density
 from deltaid.identification.loads import load_change
-from deltaid.identification.study import Study, longest, rests, spoilt, unexplained
+from deltaid.identification.study import ADEQUATE, Study, longest, rests, spoilt, unexplained
 from deltaid.model.verdict import Fault, Grade, Verdict, graded, listed, percent
 from deltaid.recording.recording import PreparedRecording
 
@@ -28,26 +29,23 @@ from deltaid.recording.recording import PreparedRecording
 _SPOILT = 0.05
 # A lag that biases no inertia by this share is not reported.
 _HARMS = 0.003
-# A lag is unknown with an interval beyond the first [s]; beyond the second the lag must be so many
-# times as large: a slow motion determines it at reversals alone, where encoder steps and friction
-# near rest interfere.
-_UNKNOWN, _WIDE, _CLEAR = 1e-3, 3e-4, 4.0
+# A lag is unknown with an interval beyond this [s]. With one that is wider than what lags differ by
+# the lag must be so many times as large: a slow motion determines it at reversals alone, where
+# encoder steps and friction near rest interfere.
+_UNKNOWN, _CLEAR = 1e-3, 4.0
 _LAG = Fault("torque-lag", "ms")
 # A cause is wrong instead of doubtful where it makes this share of a drive's torque.
 _MUCH = 0.1
-# Lines are searched above so many times the motion's bandwidth and so many Hz: below, model errors
-# have lines too.
-_ABOVE, _LOWEST = 3.0, 6.0
-# A line exceeds its neighbours within a quarter of its frequency so many times, is narrower than a
-# tenth of it, and makes this share of the largest torque.
-_STANDS, _NEAR, _NARROW, _LEAST = 12.0, 0.25, 0.1, 0.004
+# Lines are searched above so many times the motion's bandwidth: below, model errors have some too.
+_ABOVE = 3.0
+# Lines are searched above so many times the motion's bandwidth: below, model errors have some.
+# a tenth of it.
+_STANDS, _NEAR, _NARROW = 12.0, 0.25, 0.1
 # Seconds of a spectrum's segment; segments at least.
 _SECONDS, _SEGMENTS = 2.0, 6
 _DECLARE = (
     "declare it in the mapping (load: {spans: …}, or the gripper's column), which says exactly when"
 )
-# An unexplained residual is doubtful above this share of a drive's torque, a good drive's ripple.
-_LITTLE = 0.01
 # A residual comes in bursts if the share of its largest tenth is nearer to 1 than to that of normal
 # noise, whose squares have one degree of freedom, and three when weighted by themselves.
 _BURSTS = 0.5 * (1.0 + chdtrc(3.0, chdtri(1.0, 0.1)))
@@ -138,13 +136,13 @@ def _resonance(study: Study) -> Verdict:
     rate, q = trace.low_pass.rate, trace.dynamics.kinematics.inverse(longest(study).z)
     length = int(min(_SECONDS * rate, 2 * len(residual) / (_SEGMENTS + 1)))
     frequency, power = density(residual, rate, max(length, 16))
-    lowest = max(_ABOVE * bandwidth(q, rate), _LOWEST)
+    lowest = _ABOVE * bandwidth(q, rate)
     peaks, powers = np.array([_line(frequency, spectrum, lowest) for spectrum in power.T]).T
     shares = np.sqrt(powers) / np.maximum(np.abs(study.fit.model).max(axis=1), 1e-300)
     k = int(np.argmax(shares))
-    if shares[k] < _LEAST:
+    if shares[k] < LEAST:
         return _RINGS.good("no line in what the model leaves of the torques")
-    same = (shares >= _LEAST) & (np.abs(peaks / peaks[k] - 1) < _NARROW)
+    same = (shares >= LEAST) & (np.abs(peaks / peaks[k] - 1) < _NARROW)
     seen = f"a line at {peaks[k]:.3g} Hz with {percent(shares[k])} of {drives[k]}'s largest torque"
     subject = "" if same.all() else listed(np.array(drives)[same].tolist())
     return _RINGS.judged(seen, subject, float(peaks[k]))
@@ -191,7 +189,7 @@ def _rest(study: Study, *, rings: bool) -> Verdict:
         words = "it varies with neither speed, place, time nor load", "", cure
     varies, cause, cure = words
     seen = in_words(rest.part, drive, varies)
-    grade = Grade.DOUBTFUL if rest.part > _LITTLE else Grade.CANNOT_TELL
+    grade = Grade.DOUBTFUL if rest.part > ADEQUATE else Grade.CANNOT_TELL
     return _REST.judged(seen, drive, 100 * rest.part, grade=grade, cause=cause, cure=cure)
 
 
@@ -204,7 +202,7 @@ def checked_lag(study: Study, why: str, *, unknown: bool) -> Verdict:
     """
     lag, half = 1e3 * float(study.common.values[0]), 1e3 * float(study.common.interval[0])
     harm, shown = spoilt(study), study.common if study.alike else study.each
-    widest = shown.interval * np.where(shown.interval > _WIDE, _CLEAR, 1.0)
+    widest = shown.interval * np.where(shown.interval > APART, _CLEAR, 1.0)
     clear, cost = bool(np.any(np.abs(shown.values) > widest)), _cost(study, harm, why)
     if study.hidden:
         return _LAG.judged(
@@ -241,7 +239,7 @@ def checked_lag(study: Study, why: str, *, unknown: bool) -> Verdict:
             "friction that determine a lag best",
             cure="give the lag if it is known (--lag), or record with lower gains",
         )
-    if half > 1e3 * (_WIDE if study.late else _UNKNOWN):
+    if half > 1e3 * (APART if study.late else _UNKNOWN):
         return _LAG.judged(
             f"the lag of torques behind positions is known to ±{half:.2g} ms only",
             "",

@@ -12,24 +12,21 @@ from deltaid.recording.filter import LowPass, design_low_pass, samples_needed
 from deltaid.recording.log import Log
 from deltaid.recording.masks.masks import Reason, kept
 from deltaid.recording.opening import NO_RATE, OTHER_RATE
-from deltaid.recording.time.clock import HIGHEST_RATE, RESTARTED, places_of, rows_are
+from deltaid.recording.time.clock import HIGHEST_RATE, JITTER, RESTARTED, places_of, rows_are
 
 # Samples per period of the motion's bandwidth below which a recording is doubtful, and wrong.
 # Differentiated signals need more: the filter passes six hundredths of the rate.
 _DIFFERENTIATED, _TAKEN = (16.0, 10.0), (5.0, 2.5)
-# Share of the accelerations that the encoder's steps make.
-_ROUGH, _USELESS = 0.1, 1.0
+# Steps as a share of what they are of: the encoder's of accelerations, a torque's of its root mean
+# square.
+_COARSE, _USELESS = 0.1, 1.0
 # Steps of the encoder over a stroke below which it is too coarse, whatever the filter does.
 _FEW = 250.0
-# Least reported jitter of the stamps, as a share of the period.
-_JITTER = 0.005
 # Share of the rows at a torque's largest or smallest number, and at rest, that is reported.
 _CLIPPED, _RESTING = 0.002, 0.2
 # Noise as a share of the largest torque (drives have 0.3 to 3 %), and share of a channel's power
 # above which it is noise only.
 _NOISY, _NOTHING_ELSE = 0.06, 0.9
-# Step of a torque as a share of its root mean square.
-_COARSE, _BLIND = 0.1, 1.0
 
 _AT_REST: tuple[Reason, ...] = ("standing still", "on brakes", "emergency stop")
 _RATE = Fault("rate", "samples", "the recording is too slow for this motion")
@@ -136,7 +133,7 @@ def _encoder(evidence: Evidence) -> Iterator[Verdict]:
         size = np.std(windows[:: low_pass.thinned] @ response[::-1])
         shares[i] = rough[i] / np.sqrt(max(size**2 - rough[i] ** 2, (0.1 * size) ** 2, 1e-300))
     counts = np.ptp(q, axis=0) / np.maximum(steps, 1e-300)
-    bad = moves & ((shares > _ROUGH) | ((counts < _FEW) & (counts > 0)))
+    bad = moves & ((shares > _COARSE) | ((counts < _FEW) & (counts > 0)))
     k, seen = int(np.argmax(shares)), "positions show no steps"
     if steps[k] > 0:
         seen = (
@@ -185,14 +182,14 @@ def _clock(evidence: Evidence, log: Log) -> Verdict:
         f"time starts again in {places_of(restarts)}": restarts,
         f"{rows_are(twice)} there twice or without a place": twice,
         f"{rows_are(stale)} copies of the one before while the robot moves": stale,
-        f"stamps jitter by {percent(scatter)} of the {period}": scatter > _JITTER,
+        f"stamps jitter by {percent(scatter)} of the {period}": scatter > JITTER,
     }
     seen = "; ".join(words for words, present in faults.items() if present)
     if log.other_rate:
         return _CLOCK.judged(log.other_rate, cause=OTHER_RATE, cure=NO_RATE)
     if not seen and clock.steady:
         uneven = jitter(evidence.rows.q, clock.period) / clock.period
-        if uneven > _JITTER:
+        if uneven > JITTER:
             scatter = uneven
             seen = (
                 f"positions scatter with speed as if rows were taken {percent(uneven)} of the "
@@ -201,7 +198,7 @@ def _clock(evidence: Evidence, log: Log) -> Verdict:
     if not seen:
         return _CLOCK.good(f"{clock.rows} rows, one every {period}", 100 * scatter)
     cause = RESTARTED if restarts and not (lost or twice or stale) else ""
-    if scatter > _JITTER and not (lost or restarts or twice or stale):
+    if scatter > JITTER and not (lost or restarts or twice or stale):
         cause = "stamps are made when rows are written, and not when they are sampled"
         if clock.even is False or clock.steady:
             cause = "rows are sampled when the logger gets round to it, not by a clock"
@@ -266,4 +263,6 @@ def _torque(evidence: Evidence) -> Iterator[Verdict]:
             f"{drives[i]}'s torque comes in steps of {steps[i]:.3g} "
             f"{evidence.robot.units(drives[i]).force}, {percent(parts[i])} of its usual size"
         )
-        yield _STEP.judged(seen, drives[i], 100 * parts[i], grade=graded(parts[i], -np.inf, _BLIND))
+        yield _STEP.judged(
+            seen, drives[i], 100 * parts[i], grade=graded(parts[i], -np.inf, _USELESS)
+        )

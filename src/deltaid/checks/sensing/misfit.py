@@ -29,17 +29,15 @@ from deltaid.robot.parameter import PRIOR_SPREAD
 from deltaid.sensors.robot_sensors import all_sensor_rows
 from deltaid.sensors.rows import SensorRows
 
-# Least residual of torques, as a share of each, and number of independent samples.
-_LEFT, _OF_TORQUES = 0.02, 1000.0
 # Fixed parameters are known to this share of their size.
 _KNOWN = 1e-4
 # Deviations of real bodies from entries that symmetry makes zero unless they are free.
 _STRAIGHT = 0.02
 # Evaluated windows of a recording, and their samples together after the filter.
 _WINDOWS, _MOST = 6, 4000
-# Independent samples of a sensor.
+# Independent samples of a drive or a sensor.
 _COUNTED = 200.0
-# Errors of a good model: as shares of a channel's motion, of that of its group, of its mean.
+# Errors of a good model: as shares of a channel's motion, of that of a drive or group, of its mean.
 _OF_CHANNEL, _OF_GROUP, _OF_MEAN = 0.08, 0.02, 0.005
 # Gauss–Newton steps for a delay, and its prior deviation [s].
 _ROUNDS, _DELAY = 4, 0.05
@@ -291,7 +289,7 @@ def _by_torques(dynamics: Dynamics, torques: Information) -> LinearProblem:
         free, symbol = robot.bodies[entry.owner].free, entry.symbol.replace("I", "S")
         if not free or (symbol in ZERO_UNLESS_FREE and symbol not in free):
             std[k] = (_STRAIGHT if free else _KNOWN) * entry.scale
-    size, counted = torques.torque_rms(), np.minimum(_OF_TORQUES / torques.samples, 1.0)
+    size, counted = torques.torque_rms(), np.minimum(_COUNTED / torques.samples, 1.0)
 
     def weighted(noise: Float[np.ndarray, " drives"]) -> LinearProblem:
         problem = LinearProblem.of_triangle(torques.weighted(counted / noise**2), torques.rows)
@@ -299,5 +297,5 @@ def _by_torques(dynamics: Dynamics, torques: Information) -> LinearProblem:
 
     noise = np.maximum(size, 1e-12)
     for _ in range(2):  # the residual sets each drive's weight
-        noise = np.maximum(torques.rms(weighted(noise).x), _LEFT * size + 1e-12)
+        noise = np.maximum(torques.rms(weighted(noise).x), _OF_GROUP * size + 1e-12)
     return weighted(noise)

@@ -9,21 +9,21 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from deltaid.checks.evidence import UNRELATED, Evidence
+from deltaid.checks.evidence import CLEAR_LAG, UNRELATED, Evidence
 from deltaid.checks.sensing.guesses import Guess, best_guess, mapped, verdict_of
 from deltaid.checks.sensing.misfit import MapFit, Misfit, SensorLag, lag_of, misfits
 from deltaid.model.verdict import Grade, Proposal, Verdict, percent
 from deltaid.robot.sensors import BaseWrench, Sensor
 
 # Misfit from which guesses are tried, and from which a sensor contradicts the torques even if no
-# guess explains it; share of a misfit that a guess may leave, and of a large one.
-_DOUBTED, _CONTRADICTS, _EXPLAINS, _LEAVES = 0.15, 1.0, 0.2, 0.04
+# guess explains it; share of a misfit that a guess may leave.
+_DOUBTED, _CONTRADICTS, _EXPLAINS = 0.15, 1.0, 0.2
+# Share that is left of a misfit without a delay.
+_BETTER = 0.9
 # Standard deviations that a stated tolerance or noise allows.
 _ALLOWED = 3.0
 # Clipped: so many rows, and this share of all, at the largest or the smallest number.
 _CLIPPED, _OFTEN = 20, 0.005
-# Late: by so many rows and standard deviations, with the misfit reduced to this share.
-_ROWS, _SURE, _BETTER = 1.5, 6.0, 0.9
 
 
 @threadpool_limits.wrap(limits=1, user_api="blas")  # for small matrices, threads only wait
@@ -46,7 +46,7 @@ def _of_sensor(misfit: Misfit, sensors: Sequence[Misfit]) -> list[Verdict]:
             return [*verdicts, _late(misfit, late, as_mapped.Q)]
         if (against := _contradiction(misfit, sensors, as_mapped)) is not None:
             return [*verdicts, against]
-    least = np.inf if late is None else max(_ROWS * misfit.row, _SURE * late.std)
+    least = np.inf if late is None else max(misfit.row, CLEAR_LAG * late.std)
     if late is not None and late.Q < _BETTER * as_mapped.Q and abs(late.delay) > least:
         verdicts.append(_late(misfit, late, as_mapped.Q))
     rms = misfit.residual_rms(as_mapped)
@@ -68,7 +68,7 @@ def _contradiction(misfit: Misfit, sensors: Sequence[Misfit], as_mapped: MapFit)
     guess = best_guess(misfit, others if len(misfit.units) == 1 else ())
     described, name = misfit.rows.sensor, misfit.name
     rest = misfit.unexplained(as_mapped)
-    share = _EXPLAINS if guess.Q < _CONTRADICTS else _LEAVES
+    share = _EXPLAINS if guess.Q < _CONTRADICTS else _EXPLAINS**2
     if share * as_mapped.Q > guess.Q:
         return None if _is_allowed(guess, described) else verdict_of(guess, misfit, rest)
     if as_mapped.Q < _CONTRADICTS:

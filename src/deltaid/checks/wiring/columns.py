@@ -4,17 +4,15 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from deltaid.checks.evidence import Values
+from deltaid.checks.evidence import WRONG_SCALE, Values
 from deltaid.checks.wiring.candidate import LITTLE
 from deltaid.checks.wiring.explained import (
-    DOUBTFUL_SCALE,
     INERTIA,
-    WRONG_SCALE,
     RemappedRecording,
     in_unit,
     overall,
 )
-from deltaid.checks.wiring.residual import Map
+from deltaid.checks.wiring.residual import UNIT, Map
 from deltaid.checks.wiring.velocity import rates
 from deltaid.model.verdict import Grade, Verdict, listed
 from deltaid.recording.mapped_columns import Quantity
@@ -190,7 +188,7 @@ def _torques(case: RemappedRecording) -> Iterator[Verdict]:
     size = overall(ratios[~best.loose] if not best.loose.all() else ratios)
     if best.map.scaled and case.of_motors(abs(best.map.scale[best.map.scaled[0]])):
         return
-    common = max(size, 1 / size) > DOUBTFUL_SCALE
+    common = max(size, 1 / size) > UNIT
     if common:
         yield _all_torques(case, size)
     for i in case.untied:

@@ -10,15 +10,13 @@ from functools import cached_property
 import numpy as np
 from jaxtyping import Bool, Float
 
-from deltaid.checks.evidence import Evidence
+from deltaid.checks.evidence import WRONG_SCALE, Evidence
 from deltaid.checks.wiring.candidate import ALONG_LOOSE, WiringHypothesis, named_units
 from deltaid.checks.wiring.residual import LEAST, OFFSET, UNIT, FilteredMotion, Map
 from deltaid.dynamics.dynamics import Dynamics
 from deltaid.identification.fit import row_at_home
 from deltaid.model.verdict import listed, percent
 
-# Torques so many times larger or smaller than the prior's are in another unit, or may be.
-WRONG_SCALE, DOUBTFUL_SCALE = 4.0, UNIT
 # Cost of an additional explanation, in natural logarithms of ratios.
 _MORE = 0.3
 # A unit changes friction and the other components by at least this share of the median logarithm.
@@ -126,7 +124,7 @@ class RemappedRecording:
     def of_motors(self, factor: float) -> bool:
         """Whether torques are too small by the gear that positions are too large by."""
         size = overall(self.ratios)
-        return size < 1 / DOUBTFUL_SCALE and 1 / WRONG_SCALE < size / factor < WRONG_SCALE
+        return size < 1 / UNIT and 1 / WRONG_SCALE < size / factor < WRONG_SCALE
 
 
 def _large(torques: Float[np.ndarray, " components"], share: float) -> Bool[np.ndarray, " _"]:

@@ -12,8 +12,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Float, Int
 
+from deltaid.checks.evidence import WRONG_SCALE
 from deltaid.checks.wiring.candidate import ALONG, LITTLE, SENSIBLE
-from deltaid.checks.wiring.explained import WRONG_SCALE, RemappedRecording
+from deltaid.checks.wiring.explained import RemappedRecording
 from deltaid.checks.wiring.residual import FEWEST, LEAST, Map, MapResidual, motion, residual
 from deltaid.estimation.problem import DEPENDENT, lengths
 from deltaid.model.verdict import Grade, Verdict, listed
