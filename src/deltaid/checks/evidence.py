@@ -56,10 +56,9 @@ _OVERFLOWS = np.finfo(float).max ** 0.25
 CHANCE = 1e-3
 # A drive rests that moves less than this share of its usual range, or of the others'.
 RESTS = 0.01
-# What is so many times larger or smaller than described is wrong.
-WRONG_SCALE = 4.0
-# Standard deviations of a clear lag: its noise may have any colour.
-CLEAR_LAG = 6.0
+# What is so many times larger or smaller than described is wrong; standard deviations of a clear
+# lag, whose noise may have any colour.
+WRONG_SCALE, CLEAR_LAG = 4.0, 6.0
 # Correlation with the expected signal below which a column holds another one.
 UNRELATED = 0.2
 

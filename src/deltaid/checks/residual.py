@@ -38,7 +38,7 @@ _LAG = Fault("torque-lag", "ms")
 _MUCH = 0.1
 # Lines are searched above so many times the motion's bandwidth: below, model errors have some too.
 _ABOVE = 3.0
-# Lines are searched above so many times the motion's bandwidth: below, model errors have some.
+# A line exceeds its neighbours within a quarter of its frequency so many times, is narrower than
 # a tenth of it.
 _STANDS, _NEAR, _NARROW = 12.0, 0.25, 0.1
 # Seconds of a spectrum's segment; segments at least.

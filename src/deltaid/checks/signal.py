@@ -22,8 +22,9 @@ _DIFFERENTIATED, _TAKEN = (16.0, 10.0), (5.0, 2.5)
 _COARSE, _USELESS = 0.1, 1.0
 # Steps of the encoder over a stroke below which it is too coarse, whatever the filter does.
 _FEW = 250.0
-# Share of the rows at a torque's largest or smallest number, and at rest, that is reported.
-_CLIPPED, _RESTING = 0.002, 0.2
+# Share of the rows that are lost, such as at a torque's largest or smallest number, and of those at
+# rest, that is reported.
+CLIPPED, _RESTING = 0.002, 0.2
 # Noise as a share of the largest torque (drives have 0.3 to 3 %), and share of a channel's power
 # above which it is noise only.
 _NOISY, _NOTHING_ELSE = 0.06, 0.9
@@ -213,12 +214,12 @@ def _excluded(log: Log, reasons: tuple[Reason, ...]) -> list[float]:
 
 def _saturation(evidence: Evidence, log: Log) -> Iterator[Verdict]:
     shares = _excluded(log, ("saturated torque",))
-    if max(shares) <= _CLIPPED:
+    if max(shares) <= CLIPPED:
         yield _SATURATION.good(
             "no torque stays on its largest or smallest number", 100 * max(shares)
         )
     for drive, share in zip(evidence.robot.drives, shares, strict=True):
-        if share > _CLIPPED:
+        if share > CLIPPED:
             seen = (
                 f"{percent(share)} of {drive}'s rows are on the largest or smallest number of the "
                 "torque; these are excluded"

@@ -12,8 +12,8 @@ from deltaid.mechanism.kinematics import Kinematics
 from deltaid.motion.fourier import FourierMotion
 from deltaid.robot.description import RobotDescription
 
-# Samples of a period at which limits are checked.
-_GRID = 400
+# Samples of a period at which limits are checked, and those of a path that is to keep every limit.
+_GRID, INSTANTS = 400, 1000
 # Motions that are tried.
 _ATTEMPTS = 100
 
@@ -87,8 +87,8 @@ def _scaled(
 
 # Share of a torque limit that may be used: noise and a controller's feedback come on top.
 _EFFORT = 0.8
-# Samples of a period at which every limit is checked, and steps of slowing down at most.
-_INSTANTS, _STEPS = 1000, 60
+# Steps of slowing down at most.
+_STEPS = 60
 # How much slower each step, and how much smaller the tool's turns.
 _LESS = 0.93
 
@@ -134,7 +134,7 @@ def _kept(limits: LimitsAlong, p: Parameters, motion: FourierMotion) -> bool:
 
 
 def _use(limits: LimitsAlong, p: Parameters, motion: FourierMotion) -> dict[str, float]:
-    z, zd, zdd = motion.evaluate(np.linspace(0.0, 2 * np.pi, _INSTANTS) / motion.base_frequency)
+    z, zd, zdd = motion.evaluate(np.linspace(0.0, 2 * np.pi, INSTANTS) / motion.base_frequency)
     kinematic = limits.kinematic(z, zd, zdd).max(axis=0)
     efforts = limits.effort(z, zd, zdd, p).max(axis=0) / _EFFORT
     names = (*limits.names, *limits.efforts)

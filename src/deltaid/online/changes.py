@@ -22,15 +22,13 @@ import casadi as ca
 import numpy as np
 
 from deltaid.online.graph import CycleFields, Field, every
-from deltaid.online.kalman import Estimate, Update
+from deltaid.online.kalman import UNMODELLED, Estimate, Update
 from deltaid.online.momentum import Lowpass
-from deltaid.online.settings import OnlineSettings
+from deltaid.online.settings import SOON, OnlineSettings
 
-# Spacing of candidate onsets and their lifetime [s], which covers the largest delay of a gripper's
-# signal and the time in which the load shows after an early one (`grips`).
-_EVERY, _LIFE = 0.01, 0.35
-# Without a gripper's signal, one in so many onsets is used, for so long [s].
-_SPARSE, _SHORT_LIFE = 5, 0.15
+# Spacing of candidate onsets, and time for which a load shows after one [s]. Onsets live as long as
+# the largest delay of a gripper's signal in addition.
+EVERY, _SHORT_LIFE = 0.01, 0.15
 
 
 class Onset(NamedTuple):
@@ -118,14 +116,14 @@ class Onsets:
         Args:
             stays: share of each estimate that is kept over a cycle.
         """
-        count, doc = round(_LIFE / _EVERY), "times at which the load may have changed"
+        count, doc = round((SOON + _SHORT_LIFE) / EVERY), "times at which the load may have changed"
         sizes = zip(Onset._fields, (stays.numel(), 1, 1, dof, dof), strict=True)
         *parts, clock = fields.keep(
             *(Field(f"onset_{name}", size * (count + 1), doc) for name, size in sizes),
             Field("onset_clock", 1, doc),
         )
         symbols = Onset(*(ca.reshape(part, -1, count + 1) for part in parts))
-        turn = max(1, int(np.ceil(_EVERY / period - 1e-6)))
+        turn = max(1, int(np.ceil(EVERY / period - 1e-6)))
         later = ca.if_else(clock + 1.5 > turn * count, 0.0, clock + 1)
         cycles = clock - turn * ca.DM(range(count)).T
         ages = ca.if_else(cycles > 0.5, cycles, cycles + turn * count) * period
@@ -139,8 +137,9 @@ class Onsets:
 
     @property
     def unsignalled(self) -> list[tuple[Onset, ca.SX]]:
-        """Onsets of a change without a gripper's signal, each with 1 if it is recent."""
-        places = range(0, self.ages.numel(), _SPARSE)
+        """Onsets of a change without a gripper's signal, apart by the memory of unmodelled torques,
+        each with 1 if it is recent."""
+        places = range(0, self.ages.numel(), round(UNMODELLED / EVERY))
         return [(self.each.candidate(j), self.ages[j] < _SHORT_LIFE) for j in places]
 
     @property

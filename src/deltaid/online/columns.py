@@ -14,9 +14,12 @@ from itertools import chain
 import numpy as np
 from jaxtyping import Float
 
-from deltaid.checks.evidence import evidence
+from deltaid.checks.evidence import CLEAR_LAG, evidence
+from deltaid.checks.wiring.candidate import ALONG
 from deltaid.checks.wiring.wiring import checked_wiring
+from deltaid.effects.lag_columns import APART
 from deltaid.errors import Doubt, RecordingError
+from deltaid.estimation.drive_rows import STRETCHES
 from deltaid.estimation.spectra import white_noise
 from deltaid.identification.loads import declared_loads
 from deltaid.identification.setup import Setup
@@ -28,12 +31,11 @@ from deltaid.recording.log import Log
 from deltaid.recording.mapping import ColumnMapping
 from deltaid.recording.memory import RecordingLike
 from deltaid.recording.recording import with_filter
+from deltaid.recording.source import BATCH_ROWS
+from deltaid.recording.survey_checks import STRETCH
 
 # Harmless lag [s] and noise of a velocity [rad/s or m/s].
 _HARMLESS, _QUIET = 1e-4, 3e-3
-# Inspected rows, averaging time [s], parts whose scatter gives the deviation of a lag, and
-# deviations of a significant one.
-_ROWS, _MEAN, _PARTS, _CLEAR = 1 << 16, 0.02, 20, 4.0
 
 
 def speeds_of(log: Log, model: Model) -> tuple[bool, tuple[float, ...], tuple[Doubt, ...]]:
@@ -72,8 +74,8 @@ def _first(log: Log) -> Float[np.ndarray, "rows channels"]:
     """The longest block among the first rows."""
     longest, read = np.zeros((0, len(log.columns.all))), 0
     for rows in chain.from_iterable(log.segments(None)):
-        longest, read = max(longest, rows[:_ROWS], key=len), read + len(rows)
-        if read > _ROWS:
+        longest, read = max(longest, rows[:BATCH_ROWS], key=len), read + len(rows)
+        if read > BATCH_ROWS:
             break
     return longest
 
@@ -86,26 +88,25 @@ def _lag(
     Averages of velocities over some hundredths of a second, and differences of positions over the
     same time, have hardly any noise.
     """
-    n, q, v = max(1, round(_MEAN * rate)), rows[:, 1 : 1 + dof], rows[:, 1 + dof : 1 + 2 * dof]
-    if len(q) < 4 * n + _PARTS:
+    n, q, v = max(1, round(STRETCH * rate)), rows[:, 1 : 1 + dof], rows[:, 1 + dof : 1 + 2 * dof]
+    if len(q) < 4 * n + STRETCHES:
         return np.zeros(dof)
     area = np.vstack([np.zeros(dof), np.cumsum(0.5 * (v[1:] + v[:-1]), axis=0)])
     means, true = (area[n:] - area[:-n]) / n, (q[n:] - q[:-n]) * rate / n
     change, late = (true[2 * n :] - true[: -2 * n]) * rate / (2 * n), (true - means)[n:-n]
-    starts = np.linspace(0, len(late), _PARTS, endpoint=False).astype(int)
+    starts = np.linspace(0, len(late), STRETCHES, endpoint=False).astype(int)
     power, moment = (np.add.reduceat(x, starts) for x in (change**2, change * late))
     total = np.maximum(power.sum(axis=0), np.finfo(float).tiny)
     lag = moment.sum(axis=0) / total
     deviation = np.sqrt(np.sum((moment - lag * power) ** 2, axis=0)) / total
-    return np.where(np.abs(lag) > _CLEAR * deviation, lag, 0.0)
+    return np.where(np.abs(lag) > CLEAR_LAG * deviation, lag, 0.0)
 
 
 # Judged elsewhere: the size of torques by the run, whose model knows it better than the prior, and
 # velocities (`speeds_of`).
 _ELSEWHERE = {"torque-unit", "velocity"}
-# Least correlation of torques with the model's for a correct wiring, which undeclared loads reduce,
-# and evaluated windows.
-_ALONG, _WINDOWS = 0.85, 4
+# Evaluated windows.
+_WINDOWS = 4
 
 
 def judged_wiring(
@@ -119,7 +120,7 @@ def judged_wiring(
     Raises:
         RecordingError: they are surely wrong.
     """
-    if np.all(_along(model, opened) > _ALONG):
+    if np.all(_along(model, opened) > ALONG):
         return ()
     doubts = list[Doubt]()
     for verdict in checked_wiring(evidence(model.robot, log, mapping)):
@@ -149,9 +150,9 @@ def _along(model: Model, opened: Log) -> Float[np.ndarray, " drives"]:
     return np.sum(np.prod(both, axis=0), axis=1) / np.maximum(scale, np.finfo(float).tiny)
 
 
-# A lag is reported beyond this [s], and beyond so many half widths of its interval, or so many
-# where other causes explain more.
-_LAG, _CLEAR_LAG, _HIDDEN_LAG = 3e-4, 2.0, 4.0
+# A lag is reported beyond so many half widths of its interval, or so many where other causes
+# explain more.
+_SURELY, _HIDDEN = 2.0, 4.0
 
 Delay = Float[np.ndarray, " drives"]
 
@@ -174,8 +175,8 @@ def judged_lag(model: Model, log: Log, delay: Delay) -> tuple[Doubt, ...]:
     if study is None:
         return ()
     lag, drives = study.common if study.alike else study.each, model.robot.drives
-    surely = lag.interval * (_HIDDEN_LAG if study.hidden else _CLEAR_LAG)
-    clear = np.abs(lag.values - delay) > np.maximum(_LAG, surely)
+    surely = lag.interval * (_HIDDEN if study.hidden else _SURELY)
+    clear = np.abs(lag.values - delay) > np.maximum(APART, surely)
     if not clear.any():
         return ()
     lags, off = np.where(clear, lag.values, delay), np.flatnonzero(clear).tolist()

@@ -24,9 +24,9 @@ from deltaid.online.estimates import CycleEstimates, estimates, friction_bounds,
 from deltaid.online.graph import CycleFields, Field, StepGraph, every
 from deltaid.online.grips import chosen_estimate
 from deltaid.online.instant import waits
-from deltaid.online.kalman import LARGEST_STEP
+from deltaid.online.kalman import LARGEST_STEP, LEARNT
 from deltaid.online.settings import OnlineKnowledge, OnlineSettings, knowledge
-from deltaid.online.signals import Signals, signals
+from deltaid.online.signals import SETTLED, Signals, signals
 
 
 @dataclass(frozen=True, eq=False)
@@ -81,12 +81,12 @@ def step_graph(
 _HANGS_ON = 0.02
 # Moments of an unsignalled load, as shares of the largest.
 _ASIDE = 0.2
-# While the robot is pushed, and filters remember it [s], nothing is learnt, up to this time [s]: a
+# While the robot is pushed, and filters remember it, nothing is learnt, up to this time [s]: a
 # lasting residual is no push but a model error, which estimates absorb.
-_REMEMBERED, _LONGEST = 0.03, 1.0
-# Time constants of learning a larger and a smaller scale of residuals [s], largest χ² per drive,
-# and scale that chance explains.
-_GROWS, _FALLS, _MOST, _TOLERATED = 2.0, 10.0, 25.0, 2.0
+LONGEST = 1.0
+# Scale of residuals that chance explains; memory of residuals that become smaller, and of speeds'
+# noise while drives move [s].
+_TOLERATED, _MEMORY = 2.0, 10.0
 
 
 def standard_parts(model: Model) -> tuple[MorePart, ...]:
@@ -114,13 +114,15 @@ def contact_of(cycle: Cycle) -> None:
         every(s.settled, ca.logic_or(s.calm, since > 0)),
     )
     seen = contact(residual, touched, u, judged)
-    lasts = ca.if_else(seen.found > 0.5, ca.fmin(since + settings.period, _LONGEST), 0.0)
-    pushed = ca.logic_and(seen.found > 0.5, lasts < _LONGEST)
-    pauses = ca.if_else(pushed, _REMEMBERED, ca.fmax(rests - settings.period, 0.0))
+    lasts = ca.if_else(seen.found > 0.5, ca.fmin(since + settings.period, LONGEST), 0.0)
+    pushed = ca.logic_and(seen.found > 0.5, lasts < LONGEST)
+    pauses = ca.if_else(
+        pushed, 2 * SETTLED / settings.corner, ca.fmax(rests - settings.period, 0.0)
+    )
     # Filters restart with the gripper's signal, and a contact before may have been the load.
     pauses = ca.if_else(cycle.estimates.change.signalled, 0.0, pauses)
-    found = ca.fmin((seen.size * u) ** 2 * larger / dof, _MOST)
-    memory = ca.if_else(found > excess, _GROWS, _FALLS)
+    found = ca.fmin((seen.size * u) ** 2 * larger / dof, LARGEST_STEP)
+    memory = ca.if_else(found > excess, LEARNT, _MEMORY)
     learns = every(s.settled, s.calm, seen.found < 0.5)
     learnt = excess + settings.period / memory * learns * (found - excess)
     of_drives = "N" if all(robot.linear_drives) else "N m"
@@ -208,8 +210,8 @@ def of_speeds(cycle: Cycle, x: ca.SX, spread: ca.SX, noise: ca.SX) -> ca.SX:
     return sum((share * part @ ca.diag(noise) @ part.T for part, share in shares), ca.SX(*M.shape))
 
 
-# Order of the difference of speeds, and memory of its variance in seconds of motion.
-_ORDER, _MEMORY = 5, 10.0
+# Order of the difference of speeds.
+_ORDER = 5
 
 
 def learn_speed_noise(cycle: Cycle) -> ca.SX:

@@ -6,28 +6,29 @@ from statistics import median_low
 
 import numpy as np
 
+from deltaid.checks.signal import CLIPPED
 from deltaid.errors import Doubt
 from deltaid.model.model import Model
 from deltaid.model.verdict import listed, percent
 from deltaid.online.columns import judged_lag
+from deltaid.online.cycle import LONGEST
 from deltaid.online.events import Touch, WeighedLoad
 from deltaid.online.instant import EMPTY, HOLDS
 from deltaid.online.replay import Replay
 from deltaid.online.settings import OnlineSettings
-from deltaid.online.suspicion import RunEvidence
+from deltaid.online.suspicion import STEP, RunEvidence
 from deltaid.recording.carried import Load
 from deltaid.recording.log import Log
 
 # Contacts below this many thresholds are slight; so many of them, and half of all, are suspicious.
 _SLIGHT, _STRANGE = 2.0, 5
-# Share of the time in contact, and seconds of it, that are not pushes.
-_ALWAYS, _LONG = 0.2, 1.0
+# Share of the time in contact that is no push.
+_ALWAYS = 0.2
 # Relative deviation of one drive's torques from the model's, that of all drives, and number of
 # standard deviations, beyond which torques are scaled differently.
 _GAIN, _COMMON, _CLEAR = 0.06, 0.03, 3.0
-# Drives agree within so many deviations; without a gripper's signal, torques may be larger by this
-# share.
-_APART, _UNSIGNALLED = 2.5, 0.2
+# Without a gripper's signal, torques may be larger by this share.
+_UNSIGNALLED = 0.2
 # Ratio of torques to the model's that no unsignalled load reaches.
 _FAR = 2.0
 # A torque that is constant for so long [s] while its drive moves is not measured.
@@ -38,8 +39,8 @@ _NOISY = 0.015
 _BLIND = {"stuck", "encoder", "standing"}
 # Rows per second that are few.
 _SLOW = 200.0
-# Shares of rows that are reported.
-_STALE, _ENDS, _RESTING = 0.005, 0.001, 0.9
+# Share of rows at rest that is reported.
+_RESTING = 0.9
 
 
 def doubts(
@@ -94,7 +95,7 @@ def _of_rows(replay: Replay, settings: OnlineSettings, seen: RunEvidence) -> Ite
             cure="leave these rows out",
             key="stuck",
         )
-    if (share := replay.share("stale rows")) > _STALE:
+    if (share := replay.share("stale rows")) > CLIPPED:
         yield Doubt(
             f"{percent(share)} of the rows repeat the one before them while the robot moves; these "
             "are not used, and filters begin anew behind them",
@@ -102,7 +103,7 @@ def _of_rows(replay: Replay, settings: OnlineSettings, seen: RunEvidence) -> Ite
             cure="record in the controller's own cycle",
             key="clock",
         )
-    if (share := replay.share("saturated torque")) > _ENDS:
+    if (share := replay.share("saturated torque")) > CLIPPED:
         ended = [
             drive.column for drive, end in zip(drives, replay.ends, strict=True) if end < np.inf
         ]
@@ -142,7 +143,7 @@ def _of_rows(replay: Replay, settings: OnlineSettings, seen: RunEvidence) -> Ite
 
 def _of_contacts(seen: RunEvidence, touches: Sequence[Touch]) -> Iterator[Doubt]:
     share = seen.touched / max(seen.touched + seen.untouched, 1e-9)
-    if share > _ALWAYS and seen.touched > _LONG:
+    if share > _ALWAYS and seen.touched > LONGEST:
         yield Doubt(
             f"torques are beyond what the model may lack for {percent(share)} of the time, which "
             "is no contact: the model and this recording do not belong together",
@@ -164,7 +165,7 @@ def _of_contacts(seen: RunEvidence, touches: Sequence[Touch]) -> Iterator[Doubt]
 def _of_scale(replay: Replay, seen: RunEvidence) -> Iterator[Doubt]:
     (common, deviation), drives = seen.common, replay.log.columns.torque
     most = 0.0 if replay.has_gripper else _UNSIGNALLED  # an undetected load makes torques larger
-    apart = np.abs(seen.gain - common) > np.maximum(_COMMON, _APART * seen.deviation)
+    apart = np.abs(seen.gain - common) > np.maximum(_COMMON, _CLEAR * seen.deviation)
     gains, sure = np.append(seen.gain, common), np.append(seen.deviation, deviation)
     least = np.append([_GAIN] * len(drives), _COMMON)
     *each, alike = np.maximum(1.0 - gains, gains - 1.0 - most) > np.maximum(least, _CLEAR * sure)
@@ -193,10 +194,6 @@ def _too_heavy(settings: OnlineSettings, loads: Sequence[WeighedLoad]) -> Iterat
             cause="the largest mass is too small, or torques are in another unit",
             cure="say by --payload-max how much is held at most",
         )
-
-
-# Least reported error of signals [s], and largest difference between both kinds that are equal.
-_OFF, _ALIKE = 0.008, 0.011
 
 
 def gripper_doubts(
@@ -241,11 +238,11 @@ def _apart(seen: RunEvidence, grip_time: float) -> Iterator[Doubt]:
     shown = {word: offset for word, offset in kinds.items() if offset.low or offset.high}
     # Least error of each.
     least = {w: np.clip(grip_time, o.low, o.high) - grip_time for w, o in shown.items()}
-    off = {w: o for w, o in shown.items() if abs(least[w]) > _OFF}
+    off = {w: o for w, o in shown.items() if abs(least[w]) > 1.5 * STEP}
     if not off:
         return
     low, high = max(o.low for o in off.values()), min(o.high for o in off.values())
-    alike = len(off) == 2 and high > low - _ALIKE
+    alike = len(off) == 2 and high > low - 2.5 * STEP
     if alike:
         low, high = min(low, high), max(low, high)
         said = f"{_span_in_words(low, high, grip_time)} loads are taken, and left"
@@ -272,6 +269,6 @@ def _span_in_words(low: float, high: float, grip_time: float) -> str:
     """'50 ms before', '40 to 60 ms after'."""
     first, last = sorted((abs(low - grip_time), abs(high - grip_time)))
     word = "before" if low + high > 2 * grip_time else "after"
-    span = f"{1e3 * first:.0f} to " if last - first > _ALIKE else ""
+    span = f"{1e3 * first:.0f} to " if last - first > 2.5 * STEP else ""
     value = last if span else 0.5 * (first + last)
     return f"{span}{1e3 * value:.0f} ms {word}"

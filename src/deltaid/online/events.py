@@ -7,11 +7,10 @@ from jaxtyping import Float
 
 from deltaid.estimation.scatter import NORMAL
 from deltaid.online.online import Online, OnlineEstimate
+from deltaid.online.settings import SOON
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.inertia import INERTIA_NAMES, INERTIA_UNITS
 
-# Time of the first reported mass after a load is taken [s].
-SOON = 0.2
 # An entry is identifiable if half of its interval is below this share of what such a load may have.
 _SHOWN = 0.25
 # Delay of the detection of a change without a gripper's signal [s]: the load is the estimate before

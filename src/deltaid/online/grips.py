@@ -20,17 +20,17 @@ from dataclasses import dataclass
 import casadi as ca
 import numpy as np
 
-from deltaid.online.changes import Change, Onsets
+from deltaid.online.changes import EVERY, Change, Onsets
 from deltaid.online.graph import CycleFields
 from deltaid.online.instant import UNKNOWN
 from deltaid.online.kalman import Estimate
+from deltaid.online.settings import SOON
 
-# Typical error of a signal, and longest wait for its load [s]; prior weight of a signal in time,
-# relative to one step of the other times.
-_TYPICAL, _LATEST, _IN_TIME = 0.05, 0.2, 3.0
-# A time is decided with this spread [s], after this time [s], and with this probability that the
-# load came.
-_TIMED, _AFTER, _SURE = 0.01, 0.04, 0.99
+# Typical error of a signal [s]; prior weight of a signal in time, relative to one step of the other
+# times.
+_TYPICAL, _IN_TIME = 0.05, 3.0
+# A time is decided after this time [s], and with this probability that the load came.
+_AFTER, _SURE = 0.04, 0.99
 # If the load surely came, but torques do not determine when, the mixture is used after so long [s].
 _SETTLED = 0.1
 # Least share of a load released before the signal that estimates contain, and relative deviation of
@@ -108,8 +108,8 @@ def grip_before(
     offset = ca.sum2(weight * off) / came
     spread = ca.sum2(weight * (off - offset) ** 2) / came
     sure = ca.logic_and(came > _SURE, since + ca.fmin(offset, 0) > _AFTER)
-    timed = ca.logic_and(was_open, ca.logic_and(sure, spread < _TIMED**2))
-    late = since > ca.if_else(sure, _SETTLED, _LATEST)
+    timed = ca.logic_and(was_open, ca.logic_and(sure, spread < EVERY**2))
+    late = since > ca.if_else(sure, _SETTLED, SOON)
     over = ca.logic_or(late, ca.logic_or(gripper <= -0.5, differs))
     closes = ca.logic_and(was_open, ca.logic_or(timed, over))
     mass = ca.sum2(weight * masses) / came
@@ -149,7 +149,7 @@ def _times(
     signal = off.numel() - 1
     prior = ca.horzcat(
         ca.exp(-ca.fabs(off[:signal]) / _TYPICAL),
-        _TYPICAL / onsets.step * ca.exp(-since / _TYPICAL) * (since < _LATEST),
+        _TYPICAL / onsets.step * ca.exp(-since / _TYPICAL) * (since < SOON),
         _IN_TIME,
     )
     A = C + (1 + F) ** 2 / P

@@ -37,7 +37,7 @@ from deltaid.identification.sources import delays_of
 from deltaid.mechanism.mechanism import Mechanism
 from deltaid.model.model import Model
 from deltaid.online.graph import CycleFields, Field, Layout, chosen, every, only_if
-from deltaid.online.settings import OnlineKnowledge, OnlineSettings
+from deltaid.online.settings import MOST_STALE, OnlineKnowledge, OnlineSettings
 
 # Values of a gripper's signal.
 UNKNOWN, EMPTY, HOLDS = -1.0, 0.0, 1.0
@@ -204,15 +204,15 @@ def pose(mechanism: Mechanism, near: ca.SX, q: ca.SX) -> tuple[ca.SX, ca.SX]:
 
 # Impossible torques, in units of a drive's largest, and longest time of skipped rows [s].
 _BEYOND, _LONGEST_SKIP = 10.0, 0.02
-# Repeated rows are new, because nothing changes, if more than this share of so many repeat.
-_REPEATS, _ROWS = 0.2, 20
+# Repeated rows are new, because nothing changes, if more than `MOST_STALE` of so many repeat.
+_ROWS = 20
 # Least jump of an impossible position, above the steps of coarse encoders [rad or m].
 _COARSE = 1e-3
 # Time constant in which the drift between the clocks of stamps and cycles is forgotten [s].
 _CLOCKS = 1.0
-# Rows of the past that a motion is extrapolated from, and rows after a skipped one whose
-# differences and means still contain it.
-_PAST, _BEHIND = 3, 3
+# Rows of the past that a motion is extrapolated from; as many after a skipped one have differences
+# and means that contain it.
+_PAST = 3
 
 
 def even_rows(
@@ -258,7 +258,7 @@ def even_rows(
     bend = ((u["q"] - q1) / (h + at) - (q1 - q2) / h) / (2 * h + at)
     q = chosen(new, 2 * q1 - q2 + 2 * h**2 * bend, u["q"])
     repeats = ca.sumsqr(u["q"] - read) + ca.sumsqr(u["tau"] - tau1) <= 0
-    stale = every(has_past, repeats, repeating < _REPEATS)
+    stale = every(has_past, repeats, repeating < MOST_STALE)
     old = ca.logic_and(finite, ca.if_else(stamped, elapsed <= 0, stale))
     torque, jump = _bounds(model, known, settings)
     beyond = ca.logic_or(
@@ -289,7 +289,7 @@ def even_rows(
         qd = chosen(new, qd1 + (u["qd"] - qd1) * (h / (h + at)), u["qd"])
         even["qd"] = chosen(skipped, 2 * qd1 - qd2, qd)
         following |= {"qd1": even["qd"], "qd2": qd1}
-    bridged = ca.if_else(skipped, float(waiting + _BEHIND), ca.fmax(rests - 1, 0))
+    bridged = ca.if_else(skipped, float(waiting + _PAST), ca.fmax(rests - 1, 0))
     numbers = {  # a repeated row is not extrapolated from
         "rows": ca.if_else(anew, ca.if_else(old, 0, 1), ca.fmin(rows + 1, _PAST)),
         "missed": ca.if_else(skipped, missed + 1, 0),

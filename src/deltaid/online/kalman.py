@@ -24,8 +24,8 @@ import numpy as np
 
 from deltaid.online.graph import CycleFields, Field
 
-# Memory [s] of a load, of the model's errors, and of unmodelled torques.
-_LOAD, _MODEL, UNMODELLED = 1e6, 300.0, 0.05
+# Memory [s] of the model's errors, and of unmodelled torques.
+_MODEL, UNMODELLED = 300.0, 0.05
 
 
 @dataclass(frozen=True, eq=False)
@@ -92,7 +92,7 @@ class States:
 
     def __init__(self, kinds: np.ndarray, period: float, friction_time: float) -> None:
         self._loads, self.wander = kinds == 0, ca.SX((kinds == 3).astype(float))
-        memory = np.array([_LOAD, _MODEL, friction_time, UNMODELLED])[kinds]
+        memory = np.array([np.inf, _MODEL, friction_time, UNMODELLED])[kinds]
         self.stays = ca.SX(np.exp(-period / memory))
 
     def before(self, fields: CycleFields) -> Estimate:
@@ -117,7 +117,7 @@ class States:
 
 # Time constant of learnt sizes [s], their bounds, and the largest squared deviation that one cycle
 # may contribute, in units of the variance.
-_LEARNT, _LEVELS, LARGEST_STEP = 2.0, (0.15, 20.0), 10.0
+LEARNT, _LEVELS, LARGEST_STEP = 2.0, (0.15, 20.0), 10.0
 # States of a drive with sizes of their own, in units of the initial ones.
 DRIVES = ("moving", "slow")
 
@@ -135,5 +135,5 @@ def learn_levels(
     beyond = ca.fmin(d.x**2 + ca.diag(d.P) - 1, LARGEST_STEP)
     for kind, part in zip(DRIVES, parts, strict=True):
         share = (part / (parts[0] + parts[1])) ** 2
-        grown = fields.before[f"{kind}_level"] * (1 + period / _LEARNT * calm * beyond * share)
+        grown = fields.before[f"{kind}_level"] * (1 + period / LEARNT * calm * beyond * share)
         fields.following[f"{kind}_level"] = ca.fmin(ca.fmax(grown, _LEVELS[0]), _LEVELS[1])

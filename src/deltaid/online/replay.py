@@ -18,7 +18,7 @@ from deltaid.model.model import Model
 from deltaid.model.verdict import percent
 from deltaid.online.columns import judged_wiring, speeds_of
 from deltaid.online.instant import EMPTY, HOLDS, UNKNOWN
-from deltaid.online.settings import OnlineSettings
+from deltaid.online.settings import MOST_STALE, OnlineSettings
 from deltaid.recording.carried import Load
 from deltaid.recording.log import Log
 from deltaid.recording.mapping import ColumnMapping
@@ -31,8 +31,8 @@ from deltaid.recording.source import BATCH_ROWS
 _LEAST_RATE = 100.0
 # Least time that brakes hold [s]: a robot that rests for a moment may need hardly any torque.
 _BRAKED, _BRAKES = 0.5, ("on brakes", "emergency stop")
-# Least duration of a recording [s], and largest share of rows that repeat the previous one.
-_LEAST_TIME, _MOST_STALE = 0.5, 0.2
+# Least duration of a recording [s].
+_LEAST_TIME = 0.5
 
 
 @dataclass(frozen=True, eq=False)
@@ -173,7 +173,7 @@ def open_replay(
             cure="give a whole recording",
         )
     share = float(np.max(1.0 - kept(stale, 1, opened.samples)))
-    if share > _MOST_STALE:
+    if share > MOST_STALE:
         raise RecordingError(
             f"{percent(share)} of its rows repeat the one before them while the robot moves",
             where=str(opened.path),

@@ -20,13 +20,16 @@ from deltaid.dynamics.parameters import stated_spreads
 from deltaid.errors import DeltaidError, positive, typed, within
 from deltaid.estimation.posterior_density import density
 from deltaid.model.model import Model
-from deltaid.motion.random_motion import random_motion
+from deltaid.motion.random_motion import INSTANTS, random_motion
 from deltaid.online.entries import LoadEntries, load_entries
 
 # Fix of a model that does not say how far its torques may be off.
 IDENTIFY_FIRST = "identify a model from a recording first, `deltaid identify`"
 # Longest time from the gripper's signal to the load [s].
 LONGEST_GRIP = 10.0
+# Largest share of rows that repeat the previous one, and time [s] by which the mass is known after
+# a load is taken, whatever its signal says.
+MOST_STALE, SOON = 0.2, 0.2
 # Least number of cycles in the filter's time constant if it follows from the rate.
 _CYCLES = 5.0
 # Settings with a number for each drive, and those that are positive.
@@ -138,13 +141,11 @@ class OnlineSettings:
 _DIRECTIONS, _SMALLEST = 3, 0.1
 # Default torque noise and unmodelled torque, as shares of a drive's largest torque.
 _NOISE, _UNMODELLED = 0.02, 0.01
-# Unmodelled torque as a share of the fit's residual; that of slow drives in addition as a share of
-# their dry friction; slow as a share of the largest speed.
-_OF_FIT, _OF_FRICTION, _SLOW = 1.0, 0.25, 0.05
+# Unmodelled torque of slow drives in addition as a share of their dry friction; slow as a share of
+# the largest speed.
+_OF_FRICTION, _SLOW = 0.25, 0.05
 # Followed friction.
 _FOLLOWED = ("viscous", "coulomb", "viscous_back", "coulomb_back", "offset")
-# Typical motion: seconds and samples.
-_PERIOD, _SAMPLES = 8.0, 800
 # Default largest load, in masses of the body that carries it.
 _LOAD_SHARE = 3.0
 # Deviation of the carrying body's mass in addition to its interval, as a share of the largest load:
@@ -192,15 +193,15 @@ def knowledge(model: Model, settings: OnlineSettings) -> OnlineKnowledge:
     """
     dynamics, layout, identified = model.dynamics, model.layout, model.identified
     entries, root = load_entries(dynamics, settings.body), _root(model)
-    motion = random_motion(dynamics.kinematics, np.random.default_rng(0), period=_PERIOD)
-    pose = motion.evaluate(np.linspace(0, _PERIOD, _SAMPLES, endpoint=False))
+    motion = random_motion(dynamics.kinematics, np.random.default_rng(0))
+    pose = motion.evaluate(np.linspace(0, motion.period, INSTANTS, endpoint=False))
     q, qd, qdd = dynamics.kinematics.drive_motion(*pose)
     Y = dynamics.regressor(q, qd, qdd, np.zeros_like(q))
     largest = np.abs(Y @ model.p).max(axis=0)
     noise, unmodelled = largest * _NOISE, largest * _UNMODELLED
     if identified is not None:
         noise = np.array(identified.fit.rms_unfiltered) * model.gains
-        unmodelled = _OF_FIT * np.array(identified.fit.rms) * model.gains
+        unmodelled = np.array(identified.fit.rms) * model.gains
     noise = _each(settings.noise, "noise", model, noise)
     unmodelled = _each(settings.unmodelled, "unmodelled", model, unmodelled)
     followed = tuple(
@@ -214,7 +215,7 @@ def knowledge(model: Model, settings: OnlineSettings) -> OnlineKnowledge:
     rest[places] = 0.0
     std = np.sqrt(np.sum(root[places] ** 2, axis=1))
     std = np.maximum(std, settings.friction_range / 2 * np.abs(model.p[places]))
-    seen = (Y @ rest) / noise[:, None] / np.sqrt(_SAMPLES)
+    seen = (Y @ rest) / noise[:, None] / np.sqrt(INSTANTS)
     _, sizes, V = np.linalg.svd(seen.reshape(-1, rest.shape[1]), full_matrices=False)
     count = min(_DIRECTIONS, int(np.sum(sizes > _SMALLEST)))
     dropped = np.sqrt(np.mean(np.sum((Y @ (rest @ V[count:].T)) ** 2, axis=2), axis=0))

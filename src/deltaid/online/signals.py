@@ -13,7 +13,7 @@ from deltaid.online.momentum import Lowpass, Momentum, build_momentum
 from deltaid.online.settings import OnlineKnowledge, OnlineSettings
 
 # Time constants after which filters have forgotten their initial state.
-_SETTLED = 3.0
+SETTLED = 3.0
 # Unmodelled load friction, as a share of the gears' load.
 _CARRIED = 0.03
 
@@ -89,7 +89,7 @@ def signals(
     needed = wait.cycles + (1 if settings.speed == "measured" else 2)
     finite, most = (
         all_finite(inputs.vector(u)),
-        needed + round(_SETTLED * settings.rate / settings.corner),
+        needed + round(SETTLED * settings.rate / settings.corner),
     )
     (near,) = fields.keep(Field("z", dof, "pose [x, y, z, psi]", initial=tuple(home.tolist())))
     even = even_rows(fields, u, finite, model, known, settings, wait.cycles)

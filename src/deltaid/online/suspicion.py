@@ -26,15 +26,16 @@ from deltaid.online.instant import EMPTY, HOLDS
 from deltaid.online.kalman import UNMODELLED
 from deltaid.online.online import OnlineEstimate
 from deltaid.online.replay import Cycles
+from deltaid.online.settings import SOON
 
-# Time about a signal, and grid of its offset [s].
-_AROUND, _STEP = 0.25, 0.005
+# Grid of a signal's offset, and time about it [s].
+STEP, _AROUND = 0.005, SOON + UNMODELLED
 # Largest contribution of one signal to G, least difference of G that matters, number and share of
 # signals that must exceed it, and least sum of all.
 _MOST, _SOME, _FEWEST, _SHARE, _SURE = 12.0, 2.0, 2, 0.2, 20.0
 # Delay of the filters [s].
 _FILTERED = 0.005
-_GRID = _STEP * np.arange(-round(0.2 / _STEP), round(0.2 / _STEP) + 1)
+_GRID = STEP * np.arange(-round(SOON / STEP), round(SOON / STEP) + 1)
 
 
 @dataclass(frozen=True)
@@ -124,8 +125,8 @@ class GripTiming:
         return Offset(float(low), float(high), len(better), saying)
 
 
-# Least deviation of a gain, and memory of the filters [s].
-_KNOWN, _REMEMBERED = 0.004, 0.05
+# Least deviation of a gain.
+_KNOWN = 0.004
 
 
 def measured_of(cycle: Cycle) -> None:
@@ -202,7 +203,7 @@ class Suspicion:
         self._timing.add(rows.gripper, found.residual, out["lifted"], lacking)
         live = found.good & (out["torque"] != 0).any(axis=1)
         cut = np.any(np.abs(rows.tau) >= 0.999 * self._ends, axis=1)
-        memory = np.ones(max(1, round(_REMEMBERED / self._period)))
+        memory = np.ones(max(1, round(UNMODELLED / self._period)))
         cut = np.convolve(cut, memory)[: len(rows.time)] > 0.5
         empty = live & ~found.held & (rows.gripper < HOLDS) & ~cut
         touched, free = live & (out["contact"][:, 0] > 0.5), live & (rows.gripper == EMPTY)

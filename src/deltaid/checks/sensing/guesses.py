@@ -7,6 +7,7 @@ from typing import Literal
 
 import numpy as np
 from jaxtyping import Float
+from scipy.optimize import minimize_scalar
 
 from deltaid.checks.priors import size_of
 from deltaid.checks.sensing.misfit import Map, Misfit
@@ -19,8 +20,8 @@ Kind = Literal["unit", "sign", "order", "exchanged", "turned", "rotated", "origi
 
 # Scales tried, as powers of ten, and how near to a unit, or to one, a scale counts as that.
 _POWERS, _NEAR = np.linspace(-4.5, 4.5, 46), 0.2
-# Rounds of alternate rotation and fit, and of narrowing a scale down.
-_TURNS, _NARROWER = 6, 24
+# Rounds of alternate rotation and fit.
+_TURNS = 6
 # Factor by which a guess with more freedom must leave less.
 _FREEDOM: dict[Kind, float] = {
     "sign": 1.0, "unit": 1.1, "turned": 1.1, "order": 1.2, "exchanged": 1.2, "rotated": 1.6,
@@ -112,11 +113,8 @@ def _gain(misfit: Misfit, group: list[int]) -> float:
         return misfit.judge(sign * 10.0**power * np.eye(len(misfit.noise)), group).Q
 
     _, power, sign = min((misfit_of(power, s), power, s) for power in _POWERS for s in (1.0, -1.0))
-    low, high = power - 0.2, power + 0.2
-    for _ in range(_NARROWER):  # golden section
-        a, b = high - 0.618 * (high - low), low + 0.618 * (high - low)
-        low, high = (low, b) if misfit_of(a, sign) < misfit_of(b, sign) else (a, high)
-    gain = sign * 10.0 ** (0.5 * (low + high))
+    near = minimize_scalar(misfit_of, (power - _NEAR, power + _NEAR), args=(sign,))
+    gain = sign * 10.0**near.x
     return sign if abs(abs(gain) - 1) < _NEAR else float(gain)
 
 

@@ -29,6 +29,7 @@ from deltaid.errors import DescriptionError
 from deltaid.motion.excitation.graph import ExcitationGraph
 from deltaid.motion.excitation.settings import CriterionName
 from deltaid.motion.fourier import FourierMotion, Series, Vector
+from deltaid.motion.random_motion import INSTANTS
 from deltaid.sensors.planning.knowledge import Knowledge, unknowns
 from deltaid.sensors.planning.rows import Scene, planned_along, torque_rows, torques
 from deltaid.sensors.planning.shopping import BODIES, goal
@@ -67,8 +68,8 @@ def criterion(
     return float(value), (V * slope) @ V.T
 
 
-# Samples of a period, and the share of an entry that is known well enough with.
-_SAMPLES, _ENOUGH = 1000, 1e-4
+# Share of an entry that is known well enough with.
+_ENOUGH = 1e-4
 
 
 def by_bodies(dynamics: Dynamics, noise: Float[np.ndarray, " dof"], samples: float) -> Judge:
@@ -90,8 +91,8 @@ def by_bodies(dynamics: Dynamics, noise: Float[np.ndarray, " dof"], samples: flo
     p, entries = prior_parameters(dynamics.robot), unknowns(dynamics.robot)
 
     def judge(motion: FourierMotion) -> float:
-        planned = planned_along(dynamics, motion, _SAMPLES, "", motion.period)
-        scene = Scene(dynamics, p, planned, samples / _SAMPLES, noise)
+        planned = planned_along(dynamics, motion, INSTANTS, "", motion.period)
+        scene = Scene(dynamics, p, planned, samples / INSTANTS, noise)
         rows = torque_rows(scene, torques(dynamics, p, planned))
         known = Knowledge(np.eye(len(entries.names))).and_rows(rows @ entries.W)
         known = known.and_rows(described_rows(scene)[0] @ entries.W)
