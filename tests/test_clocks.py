@@ -153,7 +153,7 @@ def test_blocks_change_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
     rng = np.random.default_rng(4)
     rows = even(1000.0).gap(2.0, 0.05).losing(5e-3, rng).jittering(0.3, rng).doubling(9, rng)
     whole = clock_of(rows)
-    monkeypatch.setattr("deltaid.recording.time.study._SIZE", 1500)
+    monkeypatch.setattr("deltaid.recording.time.study.BATCH_ROWS", 1500)
     monkeypatch.setattr("deltaid.recording.time.study._EDGE", 300)
     parts = study(iter(np.array_split(rows.log.to_numpy(), 17)), 3)
     for name in ("holes", "lost", "since", "until", "extra"):

@@ -24,7 +24,7 @@ PLAIN = Settings(friction="described", lag="none")
 def short(monkeypatch) -> None:
     """Excerpts of some seconds."""
     monkeypatch.setattr(surveyed, "_WINDOWS", 0)
-    monkeypatch.setattr(surveyed, "_SECONDS", 3.2)
+    monkeypatch.setattr(surveyed, "SECONDS", 3.2)
 
 
 @pytest.mark.usefixtures("short")

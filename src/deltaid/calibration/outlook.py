@@ -34,6 +34,7 @@ from deltaid.calibration.readings import KINDS, Instrument, ProbeReadings
 from deltaid.calibration.unknowns import WORDS, Unknowns
 from deltaid.errors import DescriptionError
 from deltaid.mechanism.kinematics import Kinematics
+from deltaid.model.verdict import FEW
 from deltaid.sensors.planning.knowledge import Knowledge
 from deltaid.sensors.planning.offers import Offer, Offers, PoseKind, PoseReadings, shipped_offers
 
@@ -45,8 +46,8 @@ PLACES, _SEED = 200, 1
 # A combination that matters is undetermined where readings decide less than half of it, or where it
 # moves positions by more than this many times the noise.
 _HALF, _WEAK = 0.5, 5.0
-# Most kinds of numbers that a sentence lists, and the units they are shown in.
-_LISTED, _SHOWN = 3, {"m": (1e3, "mm"), "rad": (1e3, "mrad"), "": (100, "%")}
+# Units that kinds of numbers are shown in.
+_SHOWN = {"m": (1e3, "mm"), "rad": (1e3, "mrad"), "": (100, "%")}
 
 
 @dataclass(frozen=True)
@@ -169,7 +170,7 @@ def _in_words(known: Unknowns, theta: Float[np.ndarray, " numbers"]) -> str:
         text = f"{WORDS[kind]} {factor * peak:+.2g} {unit}{most}"
         named.append((abs(peak) / (number.spread or np.inf), text))
     named.sort(key=lambda entry: -entry[0])
-    return ", ".join([text for share, text in named if share > LITTLE * named[0][0]][:_LISTED])
+    return ", ".join([text for share, text in named if share > LITTLE * named[0][0]][:FEW])
 
 
 # Candidate poses of each reading, and the seed that draws them.

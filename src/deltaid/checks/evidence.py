@@ -54,8 +54,6 @@ _MOST = 1 << 18
 _OVERFLOWS = np.finfo(float).max ** 0.25
 # Significance level of a test: how often it finds a difference where there is only noise.
 CHANCE = 1e-3
-# A drive rests that moves less than this share of its usual range, or of the others'.
-RESTS = 0.01
 # What is so many times larger or smaller than described is wrong; standard deviations of a clear
 # lag, whose noise may have any colour.
 WRONG_SCALE, CLEAR_LAG = 4.0, 6.0

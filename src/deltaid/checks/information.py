@@ -17,7 +17,7 @@ from functools import lru_cache
 import numpy as np
 from jaxtyping import Bool, Float
 
-from deltaid.checks.evidence import RESTS, Evidence
+from deltaid.checks.evidence import Evidence
 from deltaid.dynamics.dynamics import Dynamics
 from deltaid.dynamics.parameters import prior_parameters
 from deltaid.errors import IdentificationError, KinematicsError
@@ -25,9 +25,10 @@ from deltaid.estimation.base_parameters import base_parameters
 from deltaid.estimation.information import NOISE_FLOOR, Information, gather_samples, merge
 from deltaid.identification.fit import FittedProblem
 from deltaid.identification.gathering import gather_all
-from deltaid.model.verdict import Fault, Grade, Verdict, listed
+from deltaid.model.verdict import FEW, Fault, Grade, Verdict, listed
 from deltaid.motion.random_motion import random_motion
 from deltaid.motion.surrogate import SensorNoise
+from deltaid.recording.masks.masks import RESTS
 
 # A base parameter is identifiable below the first share of the prior's standard deviation, and not
 # above the second.
@@ -35,8 +36,6 @@ _WELL, _NOT = 0.3, 0.9
 # An excitation is poor if a quarter of the parameters are so many times less certain than after a
 # motion of the same length within the robot's limits.
 _POOR = 6.0
-# Parameters that a message names before it counts the others.
-_SHOWN = 4
 # Samples and period [s] of motions that a recording is compared with, factor of the slow one, and
 # number of random motions that make the usual one.
 _SAMPLES, _PERIOD, _SLOWER, _USUAL = 400, 10.0, 20.0, 3
@@ -67,8 +66,8 @@ class _Certainty:
 
     def named(self, chosen: Bool[np.ndarray, " base"]) -> str:
         names = [name for name, named in zip(self.names, chosen, strict=True) if named]
-        more = f" and {len(names) - _SHOWN} more" if len(names) > _SHOWN else ""
-        return ", ".join(names[:_SHOWN]) + more
+        more = f" and {len(names) - FEW} more" if len(names) > FEW else ""
+        return ", ".join(names[:FEW]) + more
 
     def cure(self, chosen: Bool[np.ndarray, " base"]) -> str:
         """Motions to record, the most useful first."""

@@ -7,6 +7,7 @@ import numpy as np
 from deltaid.checks.evidence import WRONG_SCALE
 from deltaid.dynamics.parameters import parameter_layout, stated_spreads
 from deltaid.model.verdict import Fault, Grade, Proposal, Verdict, graded
+from deltaid.recording.survey_checks import FACTOR
 from deltaid.robot.body import ExplicitInertia, HollowCylinder, PointMass
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.inertia import RigidBody
@@ -21,9 +22,9 @@ _HEAVY = 7850.0 / 6**3
 # Shares of a body's extent: no centre of mass or radius of gyration lies farther out, and that of
 # an arm or a strut never so near to its first joint.
 _OUTSIDE, _INSIDE = 1.5, 0.02
-# A measured value so many times larger or smaller than the prior's, and so many of the prior's
-# standard deviations away, is in another unit.
-_FACTOR, _SPREADS = 100.0, 30.0
+# A measured value so many of the prior's standard deviations away is in another unit, where it is
+# also so many times larger or smaller that a recording would be refused.
+_SPREADS = 30.0
 _UNITS = {"kg": "grams", "kg m²": "kg mm², kg cm² or g m²"}
 _MASS = Fault("prior-scale", "kg", "a mass in grams")
 _DENSITY = Fault("prior-scale", "kg/m³")
@@ -158,7 +159,7 @@ def checked_measured(robot: RobotDescription) -> tuple[Verdict, ...]:
             if lever > _OUTSIDE * size_of(robot):
                 seen = f"{row.name} would lie {lever:.3g} m from where the prior has it"
                 poor.append(_CENTRE.judged(seen, row.where, lever, grade=Grade.WRONG))
-        elif ratio < 1 / _FACTOR or (ratio > _FACTOR and not likely):
+        elif ratio < 1 / FACTOR or (ratio > FACTOR and not likely):
             poor.append(_scaled(row, expected, ratio))
     if poor or not rows:
         return tuple(poor)

@@ -5,12 +5,12 @@ from collections.abc import Iterator
 import numpy as np
 from jaxtyping import Bool
 
-from deltaid.checks.evidence import RESTS, Evidence
+from deltaid.checks.evidence import Evidence
 from deltaid.estimation.spectra import bandwidth, jitter, step_of, white_noise
 from deltaid.model.verdict import Fault, Grade, Verdict, graded, listed, percent
 from deltaid.recording.filter import LowPass, design_low_pass, samples_needed
 from deltaid.recording.log import Log
-from deltaid.recording.masks.masks import Reason, kept
+from deltaid.recording.masks.masks import RESTS, Reason, kept
 from deltaid.recording.opening import NO_RATE, OTHER_RATE
 from deltaid.recording.time.clock import HIGHEST_RATE, JITTER, RESTARTED, places_of, rows_are
 

@@ -23,6 +23,7 @@ from deltaid.dynamics.dynamics import Dynamics
 from deltaid.estimation.additions import Addition, Own, Values, of_each, torques_of
 from deltaid.model.corrections import Correction, FittedEffect, Kind
 from deltaid.model.parameter_record import Parameter
+from deltaid.recording.masks.masks import RESTS
 from deltaid.recording.recording import PreparedRecording
 from deltaid.recording.windows import SampleBlock
 from deltaid.robot.description import RobotDescription
@@ -264,7 +265,7 @@ class Drag(AtPlatform):
     units = ("N", "N s/m")
 
     def forces(self, x: InWorld, v: InWorld) -> Forces:
-        speed = np.hypot(np.linalg.norm(v, axis=1), _STILL * self.fastest)
+        speed = np.hypot(np.linalg.norm(v, axis=1), RESTS * self.fastest)
         return -np.stack([v / speed[:, None], v])
 
     def to_corrections(self, judged: Sequence[Parameter]) -> tuple[Correction, ...]:

@@ -23,11 +23,10 @@ from deltaid.fleets.belonging import LEAST
 from deltaid.fleets.coordinates import Coordinates
 from deltaid.fleets.member import unmeasured
 from deltaid.fleets.mixed_model import ENOUGH, Spreads
+from deltaid.model.verdict import FEW
 from deltaid.robot.body import ExplicitInertia
 from deltaid.robot.description import RobotDescription
 
-# Largest number of listed names.
-_SHOWN = 5
 _NUMBER, _TEXT = pl.Float64, pl.String
 TYPES = {
     **dict.fromkeys(("type", "parameter"), _TEXT),
@@ -122,7 +121,7 @@ class Population:
     @property
     def notes(self) -> tuple[str, ...]:
         """Remarks, in words."""
-        notes, moved = [], ", ".join(self.moved[:_SHOWN])
+        notes, moved = [], ", ".join(self.moved[:FEW])
         if not self.spreads.known:
             notes.append(
                 f"{self.count} robot{'s' if self.count > 1 else ''} cannot show how much robots "
@@ -133,8 +132,8 @@ class Population:
             if len(self.members) < LEAST
             else f"a robot that belongs is named with a chance of 1 in {round(1 / CHANCE)}"
         )
-        if len(self.moved) > _SHOWN:
-            moved += f" and {len(self.moved) - _SHOWN} more"
+        if len(self.moved) > FEW:
+            moved += f" and {len(self.moved) - FEW} more"
         if moved:
             notes.append(
                 f"no bodies have the most likely values of {moved}; the nearest that "

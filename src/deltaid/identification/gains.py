@@ -32,7 +32,7 @@ from deltaid.identification.setup import Progress, Setup
 from deltaid.identification.uncertainty import uncertainty
 from deltaid.model.corrections import Correction
 from deltaid.model.parameter_record import Parameter
-from deltaid.model.verdict import percent
+from deltaid.model.verdict import FEW, percent
 from deltaid.recording.recording import PreparedRecording
 from deltaid.recording.windows import SampleBlock
 from deltaid.robot.parameter import PriorParameter
@@ -43,8 +43,8 @@ SPREAD, _TOLD = 0.1, 0.5
 # Rounds at most, and the step below which gains have settled.
 _ROUNDS, _SETTLED = 8, 1e-5
 # A change by torque constants that are 1 % off counts beyond so many standard deviations of a
-# parameter beside measured values; so many are named.
-_MOVED, _NAMED = 0.5, 3
+# parameter beside measured values.
+_MOVED = 0.5
 
 
 @dataclass(frozen=True, eq=False)
@@ -238,7 +238,7 @@ def torque_scale(problem: FittedProblem) -> tuple[str, ...]:
     more = 0.01 * slopes @ errors.follows[:, :count]
     moved = np.abs(more) / np.where(errors.std[:count] > 0, errors.std[:count], np.inf)
     inertial = np.array([entry.kind == "inertia" for entry in problem.layout.parameters[:count]])
-    order = [k for k in np.argsort(-moved) if inertial[k] and moved[k] > _MOVED][:_NAMED]
+    order = [k for k in np.argsort(-moved) if inertial[k] and moved[k] > _MOVED][:FEW]
     if not order:
         return ()
     names = ", ".join(

@@ -39,12 +39,13 @@ from deltaid.estimation.problem import Explanation, Rows, Span, independent, len
 from deltaid.estimation.scatter import surprise
 from deltaid.estimation.spectra import white_noise
 from deltaid.estimation.traces import Trace, trace
+from deltaid.recording.log import SECONDS
 from deltaid.recording.recording import PreparedRecording
 from deltaid.recording.windows import WINDOW, SampleBlock
 from deltaid.robot.parameter import PRIOR_SPREAD
 
-# Seconds of a log that are studied, and the cut-off of rows [Hz]; more hardly help.
-_SECONDS, _CUTOFF = 24.0, 30.0
+# Largest cut-off of rows [Hz]; a higher one hardly helps.
+HIGHEST_CUTOFF = 30.0
 LOAD_CHANGE = "load-change"  # the kind of an effect that hides others
 # Drives whose lags differ do so by so many times `SMALL`.
 _AT_ONCE = 2.0
@@ -87,7 +88,7 @@ def studied(
     recording: PreparedRecording,
     p: Parameters | None = None,
     beside: Sequence[Addition] = (),
-    seconds: float = _SECONDS,
+    seconds: float = SECONDS,
 ) -> Study | None:
     """Study some seconds of a recording that has been fitted with additions `beside`; None where
     nothing can be differentiated. By p friction that depends on load knows what gears carry, by the
@@ -129,7 +130,7 @@ def _surprise(values: Float[np.ndarray, " dof"], lag: Lag) -> float:
 
 
 def studied_trace(
-    dynamics: Dynamics, recording: PreparedRecording, load: Parameters, seconds: float = _SECONDS
+    dynamics: Dynamics, recording: PreparedRecording, load: Parameters, seconds: float = SECONDS
 ) -> Trace | None:
     """So many seconds of a recording in memory, `load` as of `Trace`; None where nothing can be
     differentiated."""
@@ -137,7 +138,7 @@ def studied_trace(
     cutoff = recording.motion_cutoff or log.motion_cutoff
     if cutoff is None:
         return None
-    cutoff = min(cutoff, _CUTOFF)
+    cutoff = min(cutoff, HIGHEST_CUTOFF)
     if repairs.gears is not None and recording.cutoff is not None:
         # Links behind gears that wind up are known from torques, whose noise they have, the more
         # of it the faster.

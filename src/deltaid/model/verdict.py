@@ -9,6 +9,8 @@ from typing import Literal, get_args
 from deltaid.errors import sentence
 from deltaid.shown import Shown
 
+# Names that a sentence lists before it counts the rest.
+FEW = 3
 # What proposals may change: a robot's description, a recording's mapping.
 File = Literal["robot", "mapping"]
 FILES: tuple[File, ...] = get_args(File)

@@ -26,7 +26,7 @@ from deltaid.recording.columns import Columns, Rows
 from deltaid.recording.delay import TORQUE_SIDE
 from deltaid.recording.table import padded, recut
 from deltaid.recording.time.signals import weights_at
-from deltaid.recording.windows import WINDOW
+from deltaid.recording.windows import CERTAIN, WINDOW
 
 # Updates of a group, fewest groups, and the least share of groups with regular updates.
 _GROUP, _GROUPS, _MOST = 16, 6, 0.8
@@ -34,9 +34,8 @@ _GROUP, _GROUPS, _MOST = 16, 6, 0.8
 _SHORTEST = 1.25
 # Longest hold of a log with noise [s]; prime factors of its rows, of which any hold has one.
 _LONGEST, _PRIMES = 0.012, (2, 3, 5, 7, 11, 13, 17, 19, 23)
-# Probability of a false hold; standard deviations, and the share of an update's rise, that rises of
-# other rows stay below.
-_SEEN, _SURE, _LEFT = 1e-6, 3.0, 0.5
+# Probability of a false hold; share of an update's rise that rises of other rows stay below.
+_SEEN, _LEFT = 1e-6, 0.5
 # Share of rows without a step of friction, and of rises of a phase without a jump.
 _USUAL = 0.9
 # Parts of a recording that must agree.
@@ -223,7 +222,7 @@ def _phase_of(stretches: Sequence[Stretch], k: int) -> int | None:
     common = float(np.sum(c / variance) / np.sum(1 / variance))
     distance = float(np.sum((c - common) ** 2 / variance))
     update = int(np.argmax(c))
-    others = np.delete(np.abs(c) + _SURE * np.sqrt(variance), update)
+    others = np.delete(np.abs(c) + CERTAIN * np.sqrt(variance), update)
     if chi2.sf(distance, k - 1) > _SEEN ** (1 / _PARTS) or np.any(others > _LEFT * c[update]):
         return None
     return update

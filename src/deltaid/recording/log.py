@@ -28,7 +28,7 @@ from deltaid.recording.windows import WINDOW
 from deltaid.shown import Shown
 
 # An excerpt: its stretches, fewest windows and seconds together, and most windows.
-_STRETCHES, _WINDOWS, _SECONDS, MOST_WINDOWS = 4, 3, 24.0, 32
+_STRETCHES, _WINDOWS, SECONDS, MOST_WINDOWS = 4, 3, 24.0, 32
 # Least length of a stretch, in lengths of the filter.
 _LONG = 8
 # A log of no more than so many lengths of an excerpt is its own excerpt.
@@ -217,7 +217,7 @@ class Log(Shown):
             low_pass: the recording's filter, whose length both ends of a stretch lose.
         """
         lost, segments = low_pass.reach, self.segments(cutoff)
-        wanted = min(max(_WINDOWS * WINDOW, round(_SECONDS * self.rate)), MOST_WINDOWS * WINDOW)
+        wanted = min(max(_WINDOWS * WINDOW, round(SECONDS * self.rate)), MOST_WINDOWS * WINDOW)
         count = max(1, min(_STRETCHES, wanted // max(1, _LONG * lost)))
         length = -(-wanted // count) + lost
         if self.samples <= _WHOLE * count * length:

@@ -22,7 +22,7 @@ from deltaid.recording.resolution import extra_drives, resolve_columns
 from deltaid.recording.source import LogTable
 from deltaid.recording.spectrum import spectrum_of
 from deltaid.recording.survey import Survey
-from deltaid.recording.survey_checks import STRETCH, require_rate
+from deltaid.recording.survey_checks import STRETCH, UNEVEN, require_rate
 from deltaid.recording.table import open_table, read_batches
 from deltaid.recording.time.clock import Clock
 from deltaid.recording.time.counts import doubts_about_rounds, in_seconds, unwrappers
@@ -35,7 +35,6 @@ from deltaid.robot.sensors import channels_of
 # ones: more than a clock's error, less than one row of ten that is not logged.
 OTHER_RATE = "the rate is that of another recording, or only some of its rows were logged"
 NO_RATE = "leave `rate` out of the mapping, so that the column is the time, unless that is wrong"
-_SAME_RATE = 0.05
 
 
 def open_log(
@@ -137,7 +136,7 @@ def _contradicted_rate(table: LogTable, columns: Columns) -> str:
         return ""
     steps = np.diff(start[np.isfinite(start)]) * si_factor(unit, "s", where=name)
     usual, period = float(np.median(steps[steps > 0])), columns.time.scale
-    if any(abs(step / period - 1) < _SAME_RATE for step in (usual, float(steps.mean()))):
+    if any(abs(step / period - 1) < UNEVEN for step in (usual, float(steps.mean()))):
         return ""
     return (
         f"column {name} makes a rate of {1 / usual:.4g} Hz, but the mapping states "

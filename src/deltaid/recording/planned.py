@@ -17,6 +17,8 @@ from deltaid.mechanism.kinematics import Kinematics
 from deltaid.recording.columns import Rows
 from deltaid.recording.filter import LowPass, design_low_pass
 from deltaid.recording.log import Log
+from deltaid.recording.masks.masks import RESTS
+from deltaid.recording.masks.stuck import FEWEST, STIFF
 from deltaid.recording.recording import PreparedRecording, with_filter
 from deltaid.recording.spectrum import HIGHEST, SEGMENT, SpectrumEstimate, spectrum_of
 from deltaid.recording.windows import SampleBlock
@@ -26,11 +28,9 @@ End = Literal["first", "last"]
 
 # Rows at an end that are inspected.
 _ROWS = SEGMENT // 2
-# An end rests if its speed is below this share of the plan's largest speed, plus so many standard
-# deviations, which are this share of it at most: an error of the torque of a few percent.
-_RESTS, _SIGMAS, _UNSURE = 0.01, 4.0, 0.1
-# Degree of the polynomial that gives the speed at an end, and fewest rows under it.
-_DEGREE, _FEWEST = 3, 6
+# An end that rests has at most so many standard deviations of speed in addition, which are this
+# share of the plan's largest speed at most: an error of the torque of a few percent.
+_SIGMAS, _UNSURE = 4.0, 0.1
 
 
 @dataclass(frozen=True)
@@ -83,15 +83,15 @@ class PlanEnds:
         if c.velocity:
             n = len(c.position)
             return q[0], rows[0, 1 + n : 1 + 2 * n], np.zeros(n)
-        count = min(len(q), max(_FEWEST, round(rate / (2 * cutoff))))
+        count = min(len(q), max(FEWEST, round(rate / (2 * cutoff))))
         time = np.arange(count) / rate * (1 if end == "first" else -1)
-        fit = np.linalg.pinv(np.vander(time, min(_DEGREE, count - 1) + 1, increasing=True))
+        fit = np.linalg.pinv(np.vander(time, min(STIFF, count - 1) + 1, increasing=True))
         return fit[0] @ q[:count], fit[1] @ q[:count], np.linalg.norm(fit[1]) * self.noise
 
     def rests(self, end: End, cutoff: float) -> bool:
         """Whether no drive moves at an end."""
         _, speed, spread = self.state(end, cutoff)
-        limit = _RESTS * self.speed + np.minimum(_SIGMAS * spread, _UNSURE * self.speed)
+        limit = RESTS * self.speed + np.minimum(_SIGMAS * spread, _UNSURE * self.speed)
         return not np.any((np.abs(speed) > limit) & (self.speed > 0))
 
     def period(self, cutoff: float) -> int:
@@ -110,7 +110,7 @@ class PlanEnds:
         }
         closing = {rows: gap - _UNSURE * largest - 2 * unsure for rows, gap in apart.items()}
         period = min(closing, key=lambda rows: closing[rows].max())
-        jump = np.abs(v_last - v) - 2 * _RESTS * self.speed - _SIGMAS * (spread + spread_last)
+        jump = np.abs(v_last - v) - 2 * RESTS * self.speed - _SIGMAS * (spread + spread_last)
         if closing[period].max() > 0:
             k = int(np.argmax(closing[period]))
             what = f"the drive is at {q_last[k]:.6g} in the last row and at {q[k]:.6g} in the first"

@@ -28,7 +28,7 @@ from deltaid.robot.description import RobotDescription
 from deltaid.robot.part import LARGEST
 
 # Factor by which a described limit may be exceeded.
-_FACTOR = 100.0
+FACTOR = 100.0
 # Largest magnitudes of a turning drive and of a sliding one, in SI units.
 _HIGHEST: dict[Quantity, tuple[float, float]] = {
     "position": (1e5, 100.0),
@@ -55,7 +55,7 @@ _LOST, _OFF, _AROUND = 3, 12.0, 16
 # A motion is slower in all but so few of its steps.
 _FAST = 0.99
 # A step is uneven if it differs from the usual one by more than this share.
-_JITTER = 0.05
+UNEVEN = 0.05
 
 
 class DerivativeCheck:
@@ -134,7 +134,7 @@ class Bounds:
                     "torque": described.effort,
                 }.get(quantity)
                 most = highest[slides]
-                largest.append(min(most, _FACTOR * stated) if stated else most)
+                largest.append(min(most, FACTOR * stated) if stated else most)
                 units.append(SI_UNITS[quantity][slides].replace("^2", "²"))
         self._largest, self._units = np.array(largest), units
 
@@ -243,7 +243,7 @@ class ClockCheck:
         self.last_time = float(time[-1])
         self.backward += int(np.count_nonzero(known < 0))
         self.forward += int(np.count_nonzero(known > 0))
-        self.uneven += int(np.count_nonzero(np.abs(known - self.step) > _JITTER * self.step))
+        self.uneven += int(np.count_nonzero(np.abs(known - self.step) > UNEVEN * self.step))
         self.uneven += int(self.step <= 0 < known.size)
         self.samples += len(time)
         return np.flatnonzero(np.abs(steps) > self._apart)

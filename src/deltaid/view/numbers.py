@@ -2,12 +2,12 @@
 
 import math
 
+from deltaid.model.verdict import FEW as FEW
+
 _WORDS = (
     "no", "one", "two", "three", "four", "five", "six", "seven", "eight", "nine", "ten", "eleven",
     "twelve",
 )  # fmt: skip
-# Names that a line lists before it counts the rest.
-FEW = 3
 # Range of numbers without a power of ten.
 _SMALL, _LARGE = 1e-4, 1e6
 

@@ -20,15 +20,16 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 from scipy.signal import detrend
 
-from deltaid.checks.evidence import RESTS, RawRows
+from deltaid.checks.evidence import RawRows
 from deltaid.dynamics.dynamics import Dynamics
 from deltaid.dynamics.parameters import prior_parameters
 from deltaid.estimation.drive_rows import DriveRows, of_own_drives
 from deltaid.estimation.information import entries_at
 from deltaid.estimation.problem import Span
+from deltaid.identification.study import HIGHEST_CUTOFF
 from deltaid.mechanism.regularity import SINGULAR_CONDITION
 from deltaid.recording.filter import LowPass, design_low_pass, samples_needed
-from deltaid.recording.masks.masks import runs_of
+from deltaid.recording.masks.masks import RESTS, runs_of
 from deltaid.recording.spectrum import (
     HIGHEST,
     LOWEST_CUTOFF,
@@ -41,8 +42,6 @@ from deltaid.recording.survey_checks import off_course
 from deltaid.recording.time.clock import HIGHEST_RATE
 from deltaid.robot.parameter import PRIOR_SPREAD
 
-# The highest cut-off [Hz]: enough to distinguish columns.
-_HIGHEST_CUTOFF = 30.0
 # The cut-off as a multiple of the frequency below which nearly all of the speeds' power lies.
 _ABOVE = 3.0
 # Steps of friction need a grid that is fine whatever the cut-off [Hz].
@@ -156,14 +155,14 @@ def _awake(qd: Values, rate: float, low_pass: LowPass, count: int) -> Bool[np.nd
 def _cutoff(q: Values, rate: float) -> float:
     """The usual cut-off, or less: three times the frequency below which 99.9 % of the speeds' power
     lies. Noise of coarse encoders is not white and makes the usual one too high."""
-    general = spectrum_of(q).cutoff(rate) or _HIGHEST_CUTOFF
+    general = spectrum_of(q).cutoff(rate) or HIGHEST_CUTOFF
     level = detrend(q, axis=0) * np.hanning(len(q))[:, None]
     frequency = np.fft.rfftfreq(len(q), 1 / rate)
     power = np.cumsum(np.abs(np.fft.rfft(level, axis=0) * frequency[:, None]) ** 2, axis=0)
     fastest = frequency[np.argmax(power >= NEARLY_ALL * power[-1], axis=0)]
     # A resting drive has only noise, with its speeds at high frequencies.
-    moving = max(fastest[fastest < _HIGHEST_CUTOFF], default=_HIGHEST_CUTOFF)
-    highest = min(HIGHEST * rate, _HIGHEST_CUTOFF, _ABOVE * moving)
+    moving = max(fastest[fastest < HIGHEST_CUTOFF], default=HIGHEST_CUTOFF)
+    highest = min(HIGHEST * rate, HIGHEST_CUTOFF, _ABOVE * moving)
     return float(min(max(LOWEST_CUTOFF, min(general, highest)), HIGHEST * rate))
 
 

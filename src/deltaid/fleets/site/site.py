@@ -35,7 +35,7 @@ from deltaid.fleets.site.type_page import (
 )
 from deltaid.grouping import grouped
 from deltaid.view.html import contents, environment, part
-from deltaid.view.numbers import number, percent
+from deltaid.view.numbers import FEW, number, percent
 from deltaid.view.page import Block, Chart, Fact, Page, Section, Summary, Table, Text, Trust
 
 SITE, ROBOTS, TYPES = "site", "robots", "types"
@@ -122,8 +122,8 @@ def type_labels(types: Iterable[str]) -> Mapping[str, str]:
     return {name: short[name] if count[short[name]] == 1 else name for name in given}
 
 
-# Robots named in the verdict, robots in the table below it, panels of friction.
-_NAMED, _LISTED, _PANELS = 3, 20, 12
+# Robots in the table below the verdict, panels of friction.
+_LISTED, _PANELS = 20, 12
 
 
 def overview(
@@ -184,10 +184,10 @@ def overview(
 
 def _verdict(robots: Sequence[Robot], urgent: Sequence[Robot]) -> Summary:
     """Number of robots that need attention, then their names and reasons."""
-    act, more = sum(robot.urgency is Urgency.ACT for robot in urgent), len(urgent) - _NAMED
+    act, more = sum(robot.urgency is Urgency.ACT for robot in urgent), len(urgent) - FEW
     lines = [
         ended(f"{robot.name}: {'; '.join(concern.text for concern in robot.concerns)}")
-        for robot in urgent[:_NAMED]
+        for robot in urgent[:FEW]
     ]
     lines += [f"And {more} more, listed below."] if more > 0 else []
     lines += _undecided(robots)

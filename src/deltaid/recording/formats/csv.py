@@ -13,6 +13,7 @@ from deltaid.recording.address import RecordedField
 from deltaid.recording.column_meanings import unit_of
 from deltaid.recording.formats.csv_lines import (
     COMMENT,
+    SEARCHED_LINES,
     SEPARATORS,
     HeadLines,
     as_text,
@@ -30,8 +31,6 @@ from deltaid.recording.mapping import ColumnMapping
 from deltaid.recording.source import LogTable, content
 from deltaid.recording.units import is_unit
 
-# Lines in which names are searched for, and most consecutive comments.
-_SEARCHED_LINES = 200
 _DEFAULT_NAME = re.compile(r"t|time|(?:q|qd|qdd|tau)(?:\d+|\[\d+\])")
 
 
@@ -105,7 +104,7 @@ def _header(lines: HeadLines, path: Path, mapping: ColumnMapping) -> tuple[_Name
     numbered = all(name.isdecimal() for names in needed for name in names)
     row = mapping.header_row if given else None
     if row is None and not numbered:
-        texts = ((k, as_text(line)) for k, line in lines.first(_SEARCHED_LINES))
+        texts = ((k, as_text(line)) for k, line in lines.first(SEARCHED_LINES))
         named = (k for k, text in texts for x in (text, _bare(text)) if _has_names(x, needed))
         row = next(named, None)
     if row is None:
@@ -147,7 +146,7 @@ def _bare(text: str) -> str:
 def _row_above_numbers(lines: HeadLines) -> int | None:
     """The first line of words above as many numbers, or above a row of units and numbers: foreign
     names below a preamble."""
-    for row, line in lines.first(_SEARCHED_LINES):
+    for row, line in lines.first(SEARCHED_LINES):
         separator = separator_of(as_text(line))
         names, *below = (cells_of(as_text(lines[row + k]), separator) for k in range(3))
         if len(names) < len(NEEDED) or any(is_number(name) for name in names):
@@ -173,7 +172,7 @@ def _after_comments(lines: HeadLines, row: int) -> int:
     start = row
     while is_comment(lines[row]):
         row += 1
-        if row - start > _SEARCHED_LINES:
+        if row - start > SEARCHED_LINES:
             return start
     return row
 

@@ -21,6 +21,8 @@ from deltaid.recording.time.counts import is_clock
 
 # Longest line [bytes]; files without line breaks are refused early.
 _LONGEST_LINE = 1 << 20
+# Lines in which names, or the first data, are searched for.
+SEARCHED_LINES = 500
 # Bytes that are read at once.
 _BLOCK_BYTES = 4 << 20
 SEPARATORS = ("\t", ";", ",")
@@ -32,8 +34,8 @@ NO_LINE_BREAK = Doubt(
     cause="the file was copied while it was being written, or the disk was full",
     cure="nothing is to be done if the file is whole; else remove the line",
 )
-# Bytes at the end in which lines of text are searched for, and most such lines.
-_TAIL, _LINES = 1 << 16, 3
+# Most lines of text at the end.
+_LINES = 3
 
 
 class HeadLines:
@@ -69,10 +71,10 @@ class HeadLines:
         size = len(tail)
         if self._file.seekable():
             size = self._file.seek(0, io.SEEK_END) - start
-            self._file.seek(start + max(0, size - _TAIL))
+            self._file.seek(start + max(0, size - _LONGEST_LINE))
             tail = self._file.read()
-        while part := self._file.read(_TAIL):
-            size, tail = size + len(part), (tail + part)[-_TAIL:]
+        while part := self._file.read(_LONGEST_LINE):
+            size, tail = size + len(part), (tail + part)[-_LONGEST_LINE:]
         stop, tag = len(tail), ""
         for _ in range(_LINES):
             filled = len(tail[:stop].rstrip())

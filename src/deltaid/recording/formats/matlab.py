@@ -20,7 +20,7 @@ import numpy as np
 from deltaid.recording.address import Pick, RecordedField
 from deltaid.recording.formats.arrays import DEFLATE_RATIO, Arrays, ArrayTable
 from deltaid.recording.mapping import ColumnMapping
-from deltaid.recording.source import BATCH_ROWS, LogTable, damage, opened
+from deltaid.recording.source import BATCH_ROWS, CHUNK, LogTable, damage, opened
 
 # Mark of the byte order, with which the header ends [bytes].
 _ORDER = slice(126, 128)
@@ -31,12 +31,12 @@ _TYPES = {
     1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 9: "f8", 12: "i8", 13: "u8",
 }  # fmt: skip
 # Classes of matrices: those of numbers are 6 to 15.
-_CELL, _STRUCT, _OBJECT, _TEXT, _SPARSE, _FUNCTION, _OPAQUE = 1, 2, 3, 4, 5, 16, 17
-_HOLDS = {_TEXT: "text", _SPARSE: "a sparse matrix", _FUNCTION: "a function"}
+_CELL, _STRUCT, _OBJECT, _OPAQUE = 1, 2, 3, 17
+_HOLDS = {4: "text", 5: "a sparse matrix", 16: "a function"}
 # Flags of a matrix that has an imaginary part, and of one of truth values.
 _COMPLEX, _LOGICAL = 0x800, 0x200
-# Levels of structs and fields of a variable that are read; bytes that contain its headers.
-DEEPEST, MOST_FIELDS, _HEAD = 16, 2000, 1 << 14
+# Levels of structs and fields of a variable that are read.
+DEEPEST, MOST_FIELDS = 16, 2000
 _CURES = {
     "timetable": "s.t = seconds(x.Time - x.Time(1)); s.q = x.Variables",
     "timeseries": "s.t = x.Time; s.q = squeeze(x.Data)",
@@ -69,7 +69,7 @@ class MatVariable:
         try:
             start = zlib.decompressobj().decompress(held, 8)
             size = 8 + int(np.frombuffer(start, f"{self.order}u4", 2)[1])
-            if size > _HEAD + DEFLATE_RATIO * len(held):
+            if size > CHUNK + DEFLATE_RATIO * len(held):
                 raise DamagedMatError(f"{where} claims {size} bytes")
             size = min(size, most or size)
             whole = zlib.decompressobj().decompress(held, size)
@@ -189,7 +189,7 @@ class _Reader:
 
     def __init__(self, file: memoryview, variable: MatVariable) -> None:
         self._file, self._variable = file, variable
-        self._data, self._order, self._at = variable.unpacked(file, _HEAD), variable.order, 0
+        self._data, self._order, self._at = variable.unpacked(file, CHUNK), variable.order, 0
         self._where = f"the variable at byte {variable.start}"
 
     def matrix(self, name: str, depth: int) -> Iterator[_Held]:

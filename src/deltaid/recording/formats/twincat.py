@@ -19,13 +19,19 @@ from pathlib import Path
 
 from deltaid.errors import RecordingError, visible
 from deltaid.recording.address import RecordedField
-from deltaid.recording.formats.csv_lines import HeadLines, as_text, cells_of, is_number
+from deltaid.recording.formats.csv_lines import (
+    SEARCHED_LINES,
+    HeadLines,
+    as_text,
+    cells_of,
+    is_number,
+)
 from deltaid.recording.formats.twincat_table import NEUTRAL, TIME, ScopeChannel, ScopeTable
 from deltaid.recording.mapping import ColumnMapping
 from deltaid.recording.source import LogTable, content
 
-# Lines in which the first data is searched for, and lines of data that determine the columns.
-_SEARCHED_LINES, _SHOWING_LINES = 500, 50
+# Lines of data that determine the columns.
+_SHOWING_LINES = 50
 _NAMES = ("Name", "SymbolName")
 _WORDS = {*_NAMES, *NEUTRAL, "Unit"}
 _FIRST = re.compile(rb'\A(?:\xef\xbb\xbf)?"?Name"?(?P<separator>[^\w"\r\n])')
@@ -103,7 +109,7 @@ def _rows(lines: HeadLines, separator: str, path: Path) -> tuple[dict[str, list[
     several lines.
     """
     rows: dict[str, list[str]] = {}
-    for row, line in lines.first(_SEARCHED_LINES):
+    for row, line in lines.first(SEARCHED_LINES):
         cells = _cells(line, separator)
         if cells[0] in _WORDS:
             last = max(k for k, cell in enumerate(cells) if cell)

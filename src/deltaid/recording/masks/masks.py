@@ -16,6 +16,8 @@ from deltaid.errors import RecordingError
 Runs = Int[np.ndarray, "_ 2"]
 
 NONE: Runs = np.zeros((0, 2), dtype=np.int64)
+# A drive or robot rests that moves less than this share of what is usual.
+RESTS = 0.01
 # A recording is refused if less than this share of the rows remains for a drive.
 _LEAST = 0.02
 Reason = Literal[

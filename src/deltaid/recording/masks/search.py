@@ -31,16 +31,16 @@ from deltaid.recording.masks.stuck import Extreme, StaleSearch
 from deltaid.recording.source import LogTable
 from deltaid.recording.time.clock import Clock
 
-# Least duration of rest, also on brakes [s], and fewest rows of rest.
+# Least duration of rest, also on brakes [s], and fewest rows of rest and of torque that is off.
 _LASTS, _ROWS = 0.04, 5
 # In that time positions stay within so many encoder steps plus so many times the drive's narrowest
 # band; over a whole rest within so many times that, or within that per second.
 _STEPS, _BANDS, _WANDER = 1.5, 2.0, 3.0
 # A robot at rest is slower than this share of its drives' largest speeds.
 _SLOW = 0.005
-# Torque is off where for so long [s] and so many rows its mean and range stay below these shares of
-# the largest torque, or where it is constant.
-_OFF_LASTS, _OFF_ROWS, _OFF, _OFF_RANGE = 0.01, 5, 0.04, 0.2
+# Torque is off where for so long [s] its mean and range stay below these shares of the largest
+# torque, or where it is constant.
+_OFF_LASTS, _OFF, _OFF_RANGE = 0.01, 0.04, 0.2
 # A channel has noise if so large a share of its changes reverses the one before; of white noise two
 # thirds do, of a smooth torque hardly any.
 _NOISY = 0.2
@@ -159,7 +159,7 @@ class RestSearch:
         return bool(np.all((slow & steady) | ~moves) and moves.any())
 
     def _add_torque(self, torque: Rows, row: int) -> None:
-        length = max(_OFF_ROWS, round(_OFF_LASTS / self.period))
+        length = max(_ROWS, round(_OFF_LASTS / self.period))
         if len(torque) < length:
             return
         self._torque = np.maximum(self._torque, np.abs(torque).max(axis=0))

@@ -34,7 +34,7 @@ _CLOSE = 1e-3
 _STEPS, _FARTHER = 3.0, 1.5
 # Fewest and most rows on either side of a bridge, which are half its length; degree of the
 # polynomial through them, and over bridges much longer than these rows.
-_FEWEST, _BESIDE, DEGREE, _STIFF = 6, 32, 5, 3
+FEWEST, _BESIDE, DEGREE, STIFF = 6, 32, 5, 3
 
 
 @dataclass
@@ -173,12 +173,12 @@ def bridge(values: Float[np.ndarray, "rows channels"], runs: Runs) -> None:
     good = np.setdiff1d(rows, np.concatenate([rows[first : last + 1] for first, last in runs]))
     for first, last in runs:
         at = np.searchsorted(good, first)
-        side = int(np.clip((last - first + 1) // 2, _FEWEST, _BESIDE))
+        side = int(np.clip((last - first + 1) // 2, FEWEST, _BESIDE))
         near = good[max(0, at - side) : at + side]
         if not len(near):
             continue
         middle, half = 0.5 * (near[0] + near[-1]), max(0.5 * (near[-1] - near[0]), 1.0)
-        highest = _STIFF if last - first > 3 * side else DEGREE
+        highest = STIFF if last - first > 3 * side else DEGREE
         degree = 0 if at in (0, len(good)) else min(highest, len(near) - 1)
         level, there = values[near].mean(axis=0), rows[first : last + 1]
         powers = np.vander((near - middle) / half, degree + 1)

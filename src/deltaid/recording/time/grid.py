@@ -19,8 +19,8 @@ Times = Float[np.ndarray, " rows"]
 
 # Jitter [periods, rms] above which single stamps do not determine a row's place.
 SHARP = 0.1
-# Jitter above which angles are averaged, and jitter after averaging.
-_BLURRED, _AVERAGED = 0.17, 0.1
+# Jitter above which angles are averaged, until they are sharp.
+_BLURRED = 0.17
 # Mean number of rows per stamp above which stamps count as rounded.
 ROUNDED = 1.05
 # Shortest usual step [s]: keeps places finite; so high a rate is refused.
@@ -246,7 +246,7 @@ def _lowest(x: Times, count: int) -> Times:
 def _width(noise: float, sharing: float, rows: int) -> int:
     if noise < _BLURRED:
         return 1
-    wide = 8 * sharing if sharing > ROUNDED else (noise / _AVERAGED) ** 2
+    wide = 8 * sharing if sharing > ROUNDED else (noise / SHARP) ** 2
     return max(1, min(int(np.ceil(wide)), rows // 4))
 
 

@@ -15,6 +15,7 @@ from jaxtyping import Bool, Float, Int
 
 from deltaid.recording.columns import Rows
 from deltaid.recording.masks.stuck import DEGREE
+from deltaid.recording.source import BATCH_ROWS
 from deltaid.recording.table import recut
 from deltaid.recording.time.clock import JITTER, Clock
 from deltaid.recording.time.grid import (
@@ -32,8 +33,8 @@ from deltaid.recording.time.grid import (
 from deltaid.recording.time.signals import GAP, are_later, weights_at
 from deltaid.recording.units import SIDE
 
-# Rows that are placed at once, and rows at either end whose places are ignored.
-_SIZE, _EDGE = 1 << 16, 1024
+# Rows at either end of a block whose places are ignored.
+_EDGE = 1024
 # Times explain positions if these are less rough over them, by this factor.
 _CLEAR = 0.7
 # Positions are without noise if they are rough by less than this [rad or m].
@@ -42,7 +43,7 @@ Places = Int[np.ndarray, " _"]
 # Distance within which a hole is searched: least rows, multiple of the jitter, most rows.
 _NEAR, _REACH, _FARTHEST = 8, 4.0, 128
 # Longest hole that is searched for; stamps determine longer ones.
-_LONGEST = 3
+_LONGEST = int(GAP)
 
 
 def study(batches: Iterable[Rows], dof: int) -> Clock:
@@ -52,7 +53,7 @@ def study(batches: Iterable[Rows], dof: int) -> Clock:
     """
     notes, start = _ClockStudy(dof), 0
     before: Rows | None = None
-    for rows in chain(recut(batches, _SIZE), [None]):
+    for rows in chain(recut(batches, BATCH_ROWS), [None]):
         if before is not None:
             notes.add(before, start, last=rows is None)
             start += len(before) - 2 * _EDGE
