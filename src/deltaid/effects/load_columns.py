@@ -34,7 +34,7 @@ Ten = Float[np.ndarray, " 10"]
 
 # An unknown load is about as heavy as the body that carries it, and as dense as water [kg/m³];
 # deviations are compared with so many times this.
-_DENSITY, _WIDE = 1000.0, 20.0
+_DENSITY, WIDE = 1000.0, 20.0
 # Entries of M̄ that are unknown where a load does not declare this.
 _ENTRIES = {
     "mass": ("m",),
@@ -79,7 +79,7 @@ class LoadColumns(Addition):
             return ()
         mass, tolerance = float(self.prior[0]), self.load.mass_tolerance
         radius, names = _radius(mass), zip(INERTIA_NAMES, INERTIA_UNITS, strict=True)
-        sizes = _WIDE * mass * np.array([1.0, *[radius] * 3, *[radius**2] * 6])
+        sizes = WIDE * mass * np.array([1.0, *[radius] * 3, *[radius**2] * 6])
         if tolerance is not None:
             sizes[0] = tolerance / self.prior_spread
         low = np.where(np.isin(INERTIA_NAMES, POSITIVE_NAMES), -self.taken, -np.inf)

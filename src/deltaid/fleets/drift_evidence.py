@@ -144,12 +144,13 @@ RAMP, STEP = 2.5, 6.0
 # The same of a steep ramp, the only one that few recordings can determine, and the share of ramps
 # that are steep: drives seldom fail within weeks.
 STEEP, SELDOM = 25.0, 0.1
-# Mean lengths of a month and a year [days].
-MONTH, YEAR = 30.4375, 365.25
+# Lengths of a week, a year and a month on average [days].
+WEEK, YEAR = 7.0, 365.25
+MONTH = YEAR / 12
 # With fewer recordings σ has no prior, and a change may begin with any of them.
 FEWEST = 12
-# Spacing of onsets [days], and their largest number.
-_APART, _MOST = 7.0, 60
+# Largest number of onsets, which are a week apart at least.
+_MOST = 60
 # Expected changes of a drive per year.
 _A_YEAR = 0.2
 # Exponent of the other drives' evidence on scatter, whose disturbances are correlated.
@@ -178,7 +179,7 @@ class Changes:
     def over(cls, days: Float[np.ndarray, " n"]) -> "Changes":
         """Changes that recordings on these days can determine."""
         span = float(days[-1] - days[0])
-        spacing = max(_APART, span / _MOST)
+        spacing = max(WEEK, span / _MOST)
         onsets = days[0] + np.arange(0.0, max(span, spacing), spacing)
         ramps = {RAMP: 1.0 - SELDOM, STEEP: SELDOM}
         if len(days) < FEWEST:

@@ -11,20 +11,21 @@ from typing import Literal
 
 import numpy as np
 from jaxtyping import Float, Int
-from scipy.special import stdtr, stdtrit
+from scipy.special import ndtr, stdtr, stdtrit
 
 from deltaid.errors import DeltaidError
-from deltaid.fleets.drift_evidence import FEWEST, KINDS, MONTH, YEAR
+from deltaid.estimation.scatter import NORMAL
+from deltaid.fleets.drift_evidence import FEWEST, KINDS, MONTH, WEEK, YEAR
 from deltaid.fleets.drift_series import Explained
 
 State = Literal["steady", "rising", "falling", "stepped", "unknown"]
 # Least time for the finding steady, with `FEWEST` recordings, and for an alarm [days]: over less
 # time gears that warm up look like a change.
-_STEADY, _WARMING = 21.0, 3.0
+_STEADY, _WARMING = 3 * WEEK, 3.0
 # A rate with a wider interval [% a month] is unknown.
 _VAGUE = 5.0
-# Number of draws, and tail probability of an interval.
-_DRAWS, _TAIL = 4000, 0.025
+# Number of draws.
+_DRAWS = 4000
 # Longest reported horizon [years].
 _FAR = 20.0
 
@@ -199,7 +200,7 @@ def _coefficients(series: Explained, drive: int, draws: _Draws) -> Float[np.ndar
 
 
 def _between(values: Float[np.ndarray, " draws"]) -> list[float]:
-    return np.quantile(values, [0.5, _TAIL, 1.0 - _TAIL]).tolist()
+    return np.quantile(values, ndtr([0.0, -NORMAL, NORMAL])).tolist()
 
 
 def _horizon(

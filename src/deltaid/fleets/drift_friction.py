@@ -17,7 +17,7 @@ from functools import cached_property, reduce
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from deltaid.effects.load_columns import LoadColumns
+from deltaid.effects.load_columns import WIDE, LoadColumns
 from deltaid.errors import DeltaidError
 from deltaid.estimation.information import triangle
 from deltaid.estimation.problem import LinearProblem, Span
@@ -29,8 +29,8 @@ from deltaid.robot.parameter import PriorParameter
 # Standard deviation of an undeclared load: share of the carrier's mass, distance off its axis [m].
 _HELD, _ARM = 0.3, 0.03
 _HELD_SYMBOLS = {"m": 1.0, "mcx": _ARM, "mcy": _ARM, "Izz": _ARM**2}
-# Relative prior spread of declared loads, and factor of the scales of their parameters.
-_DECLARED, _WIDE = 0.3, 20.0
+# Relative prior spread of declared loads.
+_DECLARED = 0.3
 
 # Mean and precision.
 Prior = tuple[float, float]
@@ -235,7 +235,7 @@ def _prior(
     for load, k, _, entry in _of_loads(merging):
         identified = known.get(load.load.name)
         mean = identified[k].value - float(load.taken[k]) if identified else entry.prior
-        priors[entry.name] = (mean, (_DECLARED * entry.scale / _WIDE) ** -2)
+        priors[entry.name] = (mean, (_DECLARED * entry.scale / WIDE) ** -2)
     mean, precision = zip(*(priors.get(name, (0.0, 0.0)) for name in unknowns.names), strict=True)
     return np.array(mean), np.array(precision)
 

@@ -15,6 +15,7 @@ from deltaid.fleets.drift_evidence import (
     FEWEST,
     SIZE,
     STEP,
+    WEEK,
     YEAR,
     ChangeEvidence,
     Changes,
@@ -30,9 +31,9 @@ from deltaid.fleets.drift_evidence import (
 # known temperature, of a step at a tool change.
 _TEMPERATURE, _CURVE, _LOAD, _SEASON, _TOOL = 1.5, 0.02, 10.0, 6.0, 0.4
 _UNLIKE_TEMPERATURE, _UNLIKE_CURVE = 0.2, 0.003
-# Daily errors of a sensor make the slope too small; that of the temperature over weeks [days] may
+# Daily errors of a sensor make the slope too small; that of the temperature over weeks may
 # differ by so much, and between drives.
-_WEEKS, _SLOW, _UNLIKE_SLOW = 7.0, 0.4, 0.02
+_SLOW, _UNLIKE_SLOW = 0.4, 0.02
 # Prior standard deviation of an unknown level.
 FLAT = 1e4
 # Outliers: neighbours on each side, robust deviations that are still usual, least deviation [%].
@@ -112,7 +113,7 @@ class Explained:
 def _slow(
     days: Float[np.ndarray, " n"], T: Float[np.ndarray, " n"], known: Bool[np.ndarray, " n"]
 ) -> Float[np.ndarray, " n"]:
-    weights = np.exp(-0.5 * ((days[:, None] - days[known]) / _WEEKS) ** 2)
+    weights = np.exp(-0.5 * ((days[:, None] - days[known]) / WEEK) ** 2)
     size = weights.sum(axis=1)
     return np.where(size > 0.0, weights @ T[known] / np.where(size > 0.0, size, 1.0), 0.0)
 

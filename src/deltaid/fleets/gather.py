@@ -52,9 +52,9 @@ from deltaid.robot.load import RobotLike, described
 # Groups of a recording: stretches of time, and places of the platform, the last of which collects
 # rarely visited ones. Together at most 40.
 _STRETCHES, _PLACES, _FEWEST_PLACES = 26, 14, 6
-# Largest size of a file and of its record, and size of a number in a group [bytes]; size of all
-# other triangles, those of the whole and of tolerances, in groups.
-_BYTES, _BESIDE, _GROUP, _WHOLES = 950_000, 90_000, 4, 3.5
+# Largest size of a file and of its record [bytes]; size of all other triangles, those of the whole
+# and of tolerances, in groups.
+_BYTES, _BESIDE, _WHOLES = 950_000, 90_000, 3.5
 # Deviation of a lag that is exactly as corrected [s].
 _EXACT = 1e-7
 # Windows of a recording that determine its temperature.
@@ -155,7 +155,10 @@ def condensed(
     with_tau = [column[np.append(places, -1)] for places in columns.felt]
     sizes = [len(places) for places in with_tau]
     # As many stretches and places as fit into a file.
-    room = int((_BYTES - _BESIDE) / (_GROUP * sum(n * (n + 1) // 2 for n in sizes)) - _WHOLES)
+    room = int(
+        (_BYTES - _BESIDE) / (np.float32().itemsize * sum(n * (n + 1) // 2 for n in sizes))
+        - _WHOLES
+    )
     most_places = min(max(room - _STRETCHES, _FEWEST_PLACES), _PLACES)
     stretches = max(min(_STRETCHES, room - most_places), 2)
     blocks = gather(rows, recording, places, count=stretches)

@@ -12,7 +12,7 @@ import numpy as np
 from jaxtyping import Float
 
 from deltaid.errors import RecordingError
-from deltaid.fleets.drift_evidence import Changes
+from deltaid.fleets.drift_evidence import FEWEST, Changes
 from deltaid.fleets.drift_findings import Between, DriftFinding, DriftSettings, finding
 from deltaid.fleets.drift_friction import FrictionSeries, friction_series
 from deltaid.fleets.drift_series import (
@@ -107,8 +107,8 @@ def _time(file: FactorFile) -> datetime:
     )
 
 
-# Largest number of tool changes, and least number of recordings for the search.
-_MOST, _FEWEST = 8, 12
+# Largest number of tool changes.
+_MOST = 8
 
 
 @dataclass(frozen=True)
@@ -257,7 +257,7 @@ def tool_changes(
     """
     known = np.isfinite(mass) & np.isfinite(std) & (std > 0)
     days, mass, std = days[known], mass[known], std[known]
-    if len(days) < _FEWEST:
+    if len(days) < FEWEST:
         return ()
     daily = ROBUST * float(np.median(np.abs(np.diff(mass)))) / np.sqrt(2.0)
     unit = max(daily, float(np.median(std)))

@@ -18,11 +18,10 @@ from deltaid.fleets.coordinates import ANYTHING, Coordinates, Square, U
 from deltaid.fleets.member import TypeMember
 from deltaid.fleets.mixed_model import RobotRows, alone, mean, within
 from deltaid.fleets.population import Estimates, MemberEstimate, Population
+from deltaid.identification.widening import CLOSE
 from deltaid.model.record import Settings
 from deltaid.robot.load import RobotLike, described
 
-# Difference of gains between equally good explanations, and cost of each additional coefficient.
-_CLOSE, _COST = 2.0, 4.0
 # Bodies that hold tools and loads.
 _CARRIERS = ("P", "EE")
 
@@ -182,8 +181,8 @@ class _Cause:
 
     @property
     def gain(self) -> float:
-        """Reduction of the squared distance minus the cost of the coefficients."""
-        return self.part.gain - _COST * self.part.rank
+        """Reduction of the squared distance minus what chance gives each coefficient (95 %)."""
+        return self.part.gain - NORMAL**2 * self.part.rank
 
 
 def _reason(robot: AgainstOthers, coordinates: Coordinates, m: U) -> str:
@@ -195,7 +194,7 @@ def _reason(robot: AgainstOthers, coordinates: Coordinates, m: U) -> str:
     """
     causes = list(_causes(robot, coordinates, m))
     best = max(causes, key=lambda cause: cause.gain)
-    close = [cause for cause in causes if cause.gain >= best.gain - _CLOSE]
+    close = [cause for cause in causes if cause.gain >= best.gain - CLOSE]
     chosen = close[-1] if best.at else best
     others = [cause for cause in close if cause.owner != chosen.owner]
     text = _described(chosen, coordinates)

@@ -42,7 +42,7 @@ from deltaid.recording.recording import PreparedRecording
 # A factor counts when twice the logarithm of the evidence grows by so much. Entries that gain less
 # than the best by so little explain a recording as well; and that a body is off as a whole is so
 # much more likely than that one of its entries is (odds of e⁵).
-_SIGNIFICANT, _CLOSE, _LIKELIER = 15.0, 2.0, 10.0
+_SIGNIFICANT, CLOSE, _LIKELIER = 15.0, 2.0, 10.0
 # No prior is widened more, in all and in so many steps.
 _WIDEST, _STEPS = 1e5, 100
 # Factors that are tried for a body as a whole.
@@ -163,7 +163,7 @@ def _least(candidates: Iterable[_Wider]) -> _Wider:
     """Of those that gain nearly the most, the one that needs the least widening."""
     candidates = list(candidates)
     best = max((wider.gain for wider in candidates), default=0.0)
-    close = (wider for wider in candidates if wider.gain >= best - _CLOSE)
+    close = (wider for wider in candidates if wider.gain >= best - CLOSE)
     return min(close, key=lambda wider: wider.factor, default=_Wider([], 1.0, -np.inf))
 
 

@@ -19,7 +19,7 @@ NOTHING = "—"
 # Whether a robot is like its type.
 LIKE = {True: "yes", False: "no", None: NOTHING}
 WORDS = {Urgency.ACT: "act", Urgency.LOOK: "look", Urgency.NONE: "good"}
-# Largest number of parameters in a figure, or of panels.
+# Largest number of parameters in a figure, of panels, or of robots in a table.
 MOST = 24
 # The quantity with findings of drift.
 MAIN = "friction"

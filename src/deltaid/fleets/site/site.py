@@ -16,6 +16,7 @@ from deltaid.files import DEVICES, together, written_whole
 from deltaid.fleets.site.parts import (
     LIKE,
     MAIN,
+    MOST,
     NOTHING,
     WORDS,
     bounds,
@@ -122,10 +123,6 @@ def type_labels(types: Iterable[str]) -> Mapping[str, str]:
     return {name: short[name] if count[short[name]] == 1 else name for name in given}
 
 
-# Robots in the table below the verdict, panels of friction.
-_LISTED, _PANELS = 20, 12
-
-
 def overview(
     tables: Tables,
     robots: Sequence[Robot],
@@ -221,7 +218,7 @@ def _undecided(robots: Sequence[Robot]) -> list[str]:
 
 
 def _attention(urgent: Sequence[Robot], links: Mapping[str, str]) -> tuple[Block, ...]:
-    listed, more = urgent[:_LISTED], len(urgent) - _LISTED
+    listed, more = urgent[:MOST], len(urgent) - MOST
     rows = tuple(
         (robot.name, WORDS[robot.urgency], "; ".join(concern.text for concern in robot.concerns))
         for robot in listed
@@ -242,7 +239,7 @@ def _rising(tables: Tables, urgent: Sequence[Robot]) -> tuple[Block, ...]:
     main = tables["friction"].filter(quantity=MAIN)
     panels = [
         friction_panel(f"{name}, {row['drive']}", seen.sort("time"), row)
-        for name, row in changed[:_PANELS]
+        for name, row in changed[:MOST]
         if len(seen := main.filter(robot=name, drive=row["drive"]))
     ]
     if not panels:

@@ -10,6 +10,7 @@ from typing import Any
 
 import polars as pl
 
+from deltaid.errors import quoted
 from deltaid.estimation.scatter import NORMAL
 from deltaid.fleets.belonging import LEAST
 from deltaid.fleets.fleet import ALL
@@ -26,8 +27,6 @@ _SILENT, _PAUSES = timedelta(days=14), 4
 # Text of failed steps, by name in the quarantine.
 _CANNOT = {"drift": "drift cannot be searched", "type": "cannot be compared with its type"}
 _CHANGED = {"rising": "rises", "falling": "falls", "stepped": "has stepped"}
-# Longest quoted reason [characters].
-_LONGEST = 160
 # Start of the concern about a robot that is unlike the others.
 FOREIGN = "does not belong to its type: "
 # Text of an undetermined state.
@@ -278,8 +277,7 @@ def _refused(quarantine: pl.DataFrame, last: str, *, recorded: bool) -> list[Con
 
 
 def _short(reason: str) -> str:
-    line = (reason.strip().splitlines() or [""])[0]
-    return line if len(line) <= _LONGEST else f"{line[: _LONGEST - 1]}…"
+    return quoted((reason.strip().splitlines() or [""])[0])
 
 
 def day(time: datetime | None) -> str:
