@@ -24,7 +24,7 @@ from deltaid.model.verdict import Fault, Verdict, graded, percent
 from deltaid.recording.recording import PreparedRecording
 
 # Rows of a segment of the spectra, and least number of segments.
-_LENGTH, _SEGMENTS = 512, 8
+_LENGTH, SEGMENTS = 512, 8
 # Band inspected: multiple of the positions' cut-off, and share of the rate.
 _ABOVE, _BELOW = 2.0, 0.4
 # A controller's gain is below this share of M ω².
@@ -78,7 +78,7 @@ def encoder_feedback(
 ) -> Shake | None:
     """Speeds and torques by fed-back noise; None with too few rows or too low a rate."""
     rate, dynamics = 1.0 / rows.step, fitted.dynamics
-    if len(rows.q) - 2 < _SEGMENTS * _LENGTH:
+    if len(rows.q) - 2 < SEGMENTS * _LENGTH:
         return None
     # Second differences keep the motion from leaking upwards; their gain is divided out below.
     differences = (np.diff(x, 2, axis=0) for x in (rows.q, rows.tau))

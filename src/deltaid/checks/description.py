@@ -16,6 +16,7 @@ from deltaid.dynamics.limits import AtRest, Poses, kind_of_limit, torque_limits
 from deltaid.dynamics.parameters import prior_parameters
 from deltaid.errors import KinematicsError
 from deltaid.model.verdict import Fault, Grade, Proposal, Verdict, listed, percent
+from deltaid.recording.proposed_mapping import MOST_METRES
 from deltaid.robot.description import GRAVITY, RobotDescription
 
 # Start values of unmeasured friction: Coulomb friction as a share of the gravity torque, and the
@@ -44,8 +45,8 @@ _CUT = Fault(
     "is wrong",
 )
 _HOLDS = Fault("torque-limit", "of the limit")
-# m. The largest Deltas have arms and struts of some 4 m together, the smallest of 20 mm.
-_GIANT, _DWARF = 10.0, 0.005
+# m. The smallest Deltas have arms and struts of some 20 mm together, the largest of 4 m.
+_DWARF = 0.005
 # Largest ratio of a limb's length to that of a part that matters.
 _SMALL = 250.0
 _METRES = Fault("length-unit", "m")
@@ -80,7 +81,7 @@ def checked_lengths(data: dict[str, Any]) -> Verdict:
     # A user's own mechanism has no limbs.
     space = _lengths(data.get("workspace"), _OTHERS["workspace"], "workspace")
     size = _longest(arms) + _longest(struts) or _longest(space)
-    small, large = size < _DWARF, size > _GIANT
+    small, large = size < _DWARF, size > MOST_METRES
     factor, unit = (1e3, "divided by 1000 once too often") if small else (1e-3, "in millimetres")
     size *= factor if small or large else 1.0
     groups = [group for group in groups if _longest(group) > 0] + [[length] for length in limbs]

@@ -48,6 +48,8 @@ _UNITS = {
     ("N*m", 1e-3): "mN*m",
     ("N", 1e-3): "mN",
 }
+# Rounds of fits that are repeated until they settle.
+ROUNDS = 4
 # Rows that hypotheses are tried on: enough for any motion, few enough to try a hundred.
 _MOST = 1 << 18
 # Squares of larger numbers' slopes may overflow; a recording is refused for them.

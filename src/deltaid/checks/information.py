@@ -26,7 +26,7 @@ from deltaid.estimation.information import NOISE_FLOOR, Information, gather_samp
 from deltaid.identification.fit import FittedProblem
 from deltaid.identification.gathering import gather_all
 from deltaid.model.verdict import FEW, Fault, Grade, Verdict, listed
-from deltaid.motion.random_motion import random_motion
+from deltaid.motion.random_motion import INSTANTS, random_motion
 from deltaid.motion.surrogate import SensorNoise
 from deltaid.recording.masks.masks import RESTS
 
@@ -36,9 +36,9 @@ _WELL, _NOT = 0.3, 0.9
 # An excitation is poor if a quarter of the parameters are so many times less certain than after a
 # motion of the same length within the robot's limits.
 _POOR = 6.0
-# Samples and period [s] of motions that a recording is compared with, factor of the slow one, and
-# number of random motions that make the usual one.
-_SAMPLES, _PERIOD, _SLOWER, _USUAL = 400, 10.0, 20.0, 3
+# How much slower the slow motion is that a recording is compared with, and number of random motions
+# that make the usual one.
+_SLOWER, _USUAL = 20.0, 3
 _HIDDEN = Fault(
     "base-parameters",
     "base parameters",
@@ -193,8 +193,9 @@ def _motions(dynamics: Dynamics) -> tuple[dict[str, Information], Float[np.ndarr
         KinematicsError: the description's limits leave no room for a motion.
     """
     task, kinematics, every = dynamics.robot.task, dynamics.kinematics, range(dynamics.dof)
-    rng, time = np.random.default_rng(0), np.linspace(0.0, _PERIOD, _SAMPLES)
-    states = [random_motion(kinematics, rng, period=_PERIOD).evaluate(time) for _ in range(_USUAL)]
+    rng = np.random.default_rng(0)
+    usual = (random_motion(kinematics, rng) for _ in range(_USUAL))
+    states = [motion.evaluate(np.linspace(0.0, motion.period, INSTANTS)) for motion in usual]
     z, zd, zdd = (np.concatenate(parts) for parts in zip(*states, strict=True))
     # Which coordinates move, and how fast; the others rest in the middle.
     moving: dict[str, tuple[Sequence[int], float]] = {

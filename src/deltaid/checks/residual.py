@@ -13,6 +13,7 @@ from jaxtyping import Float
 from scipy.special import chdtrc, chdtri
 from threadpoolctl import threadpool_limits
 
+from deltaid.checks.closed_loop import SEGMENTS
 from deltaid.checks.evidence import Evidence
 from deltaid.checks.wiring.residual import LEAST
 from deltaid.effects.all import effect_of
@@ -32,7 +33,7 @@ _HARMS = 0.003
 # A lag is unknown with an interval beyond this [s]. With one that is wider than what lags differ by
 # the lag must be so many times as large: a slow motion determines it at reversals alone, where
 # encoder steps and friction near rest interfere.
-_UNKNOWN, _CLEAR = 1e-3, 4.0
+_UNKNOWN, CLEAR = 1e-3, 4.0
 _LAG = Fault("torque-lag", "ms")
 # A cause is wrong instead of doubtful where it makes this share of a drive's torque.
 _MUCH = 0.1
@@ -41,8 +42,8 @@ _ABOVE = 3.0
 # A line exceeds its neighbours within a quarter of its frequency so many times, is narrower than
 # a tenth of it.
 _STANDS, _NEAR, _NARROW = 12.0, 0.25, 0.1
-# Seconds of a spectrum's segment; segments at least.
-_SECONDS, _SEGMENTS = 2.0, 6
+# Seconds of a spectrum's segment.
+_SECONDS = 2.0
 _DECLARE = (
     "declare it in the mapping (load: {spans: …}, or the gripper's column), which says exactly when"
 )
@@ -134,7 +135,7 @@ def _resonance(study: Study) -> Verdict:
     """The highest line of all drives; drives that show it are named."""
     trace, drives, residual = study.fit.trace, study.fit.drives, unexplained(study)
     rate, q = trace.low_pass.rate, trace.dynamics.kinematics.inverse(longest(study).z)
-    length = int(min(_SECONDS * rate, 2 * len(residual) / (_SEGMENTS + 1)))
+    length = int(min(_SECONDS * rate, 2 * len(residual) / (SEGMENTS + 1)))
     frequency, power = density(residual, rate, max(length, 16))
     lowest = _ABOVE * bandwidth(q, rate)
     peaks, powers = np.array([_line(frequency, spectrum, lowest) for spectrum in power.T]).T
@@ -202,7 +203,7 @@ def checked_lag(study: Study, why: str, *, unknown: bool) -> Verdict:
     """
     lag, half = 1e3 * float(study.common.values[0]), 1e3 * float(study.common.interval[0])
     harm, shown = spoilt(study), study.common if study.alike else study.each
-    widest = shown.interval * np.where(shown.interval > APART, _CLEAR, 1.0)
+    widest = shown.interval * np.where(shown.interval > APART, CLEAR, 1.0)
     clear, cost = bool(np.any(np.abs(shown.values) > widest)), _cost(study, harm, why)
     if study.hidden:
         return _LAG.judged(

@@ -15,6 +15,7 @@ import numpy as np
 from jaxtyping import Float
 
 from deltaid.checks.evidence import CLEAR_LAG, evidence
+from deltaid.checks.residual import CLEAR
 from deltaid.checks.wiring.candidate import ALONG
 from deltaid.checks.wiring.wiring import checked_wiring
 from deltaid.effects.lag_columns import APART
@@ -150,9 +151,8 @@ def _along(model: Model, opened: Log) -> Float[np.ndarray, " drives"]:
     return np.sum(np.prod(both, axis=0), axis=1) / np.maximum(scale, np.finfo(float).tiny)
 
 
-# A lag is reported beyond so many half widths of its interval, or so many where other causes
-# explain more.
-_SURELY, _HIDDEN = 2.0, 4.0
+# A lag is reported beyond so many half widths of its interval where no other cause explains more.
+_SURELY = 2.0
 
 Delay = Float[np.ndarray, " drives"]
 
@@ -175,7 +175,7 @@ def judged_lag(model: Model, log: Log, delay: Delay) -> tuple[Doubt, ...]:
     if study is None:
         return ()
     lag, drives = study.common if study.alike else study.each, model.robot.drives
-    surely = lag.interval * (_HIDDEN if study.hidden else _SURELY)
+    surely = lag.interval * (CLEAR if study.hidden else _SURELY)
     clear = np.abs(lag.values - delay) > np.maximum(APART, surely)
     if not clear.any():
         return ()

@@ -18,7 +18,7 @@ from deltaid.recording.mapping import FoundColumns, Known, MappingProposal
 from deltaid.recording.units import SI_UNITS, Signal, derivative_factor, fitting_units, time_unit
 
 # A carriage hardly travels 10 m; numbers of millimetres mostly exceed that.
-_MOST_METRES = 10.0
+MOST_METRES = 10.0
 # Drives of a parallel robot at most.
 _MOST_DRIVES = 8
 # Columns that one array may hold: the time and all quantities of all drives; wider ones are images.
@@ -224,7 +224,7 @@ def _by_size(
         return "A", "ampere are assumed, for no unit is stated"
     if quantity == "position" and not slides and largest > 2 * np.pi:
         return "deg", f"numbers go up to {largest:.3g}, so degrees are assumed"
-    if quantity == "position" and slides and largest > _MOST_METRES:
+    if quantity == "position" and slides and largest > MOST_METRES:
         return "mm", f"numbers go up to {largest:.3g}, so millimetres are assumed"
     unit = SI_UNITS[quantity][slides]
     return unit, f"{unit} is assumed, for no unit is stated"

@@ -9,6 +9,7 @@ import numpy as np
 from jaxtyping import Float
 from scipy.optimize import minimize_scalar
 
+from deltaid.checks.evidence import ROUNDS
 from deltaid.checks.priors import size_of
 from deltaid.checks.sensing.misfit import Map, Misfit
 from deltaid.checks.wiring.residual import UNIT
@@ -20,8 +21,6 @@ Kind = Literal["unit", "sign", "order", "exchanged", "turned", "rotated", "origi
 
 # Scales tried, as powers of ten, and how near to a unit, or to one, a scale counts as that.
 _POWERS, _NEAR = np.linspace(-4.5, 4.5, 46), 0.2
-# Rounds of alternate rotation and fit.
-_TURNS = 6
 # Factor by which a guess with more freedom must leave less.
 _FREEDOM: dict[Kind, float] = {
     "sign": 1.0, "unit": 1.1, "turned": 1.1, "order": 1.2, "exchanged": 1.2, "rotated": 1.6,
@@ -130,7 +129,7 @@ def _orders() -> list[tuple[int, ...]]:
 def _rotation(misfit: Misfit) -> Float[np.ndarray, "3 3"]:
     """Any rotation of the axes: alternately the best rotation and the best parameters."""
     theta, R, y = misfit.by_torques, np.eye(3), misfit.moving
-    for _ in range(_TURNS):
+    for _ in range(ROUNDS):
         expected = misfit.expected(theta)
         expected = expected - expected.mean(axis=1, keepdims=True)
         cross = sum(

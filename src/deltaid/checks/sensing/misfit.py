@@ -16,6 +16,7 @@ import numpy as np
 from jaxtyping import Float, Int
 from scipy.linalg import block_diag
 
+from deltaid.checks.evidence import ROUNDS
 from deltaid.dynamics.dynamics import Dynamics
 from deltaid.dynamics.parameters import stated_spreads
 from deltaid.estimation.information import Information, entries_at, triangle
@@ -39,8 +40,8 @@ _WINDOWS, _MOST = 6, 4000
 _COUNTED = 200.0
 # Errors of a good model: as shares of a channel's motion, of that of a drive or group, of its mean.
 _OF_CHANNEL, _OF_GROUP, _OF_MEAN = 0.08, 0.02, 0.005
-# Gauss–Newton steps for a delay, and its prior deviation [s].
-_ROUNDS, _DELAY = 4, 0.05
+# Prior deviation of a delay [s].
+_DELAY = 0.05
 
 Map = Float[np.ndarray, "channels channels"]
 Values = Float[np.ndarray, "channels samples"]
@@ -204,7 +205,7 @@ def lag_of(misfit: Misfit, unshifted: MapFit) -> SensorLag | None:
     if np.ptp(misfit.samples) > 1e-6:
         return None
     T, theta, delay, std = np.eye(len(misfit.noise)), unshifted.theta, 0.0, np.inf
-    for _ in range(_ROUNDS):
+    for _ in range(ROUNDS):
         expected = misfit.expected(theta)
         slope = np.zeros_like(expected)
         for part in misfit.stretches():

@@ -14,7 +14,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 from scipy.linalg import eigh
 
-from deltaid.checks.evidence import UNRELATED
+from deltaid.checks.evidence import ROUNDS, UNRELATED
 from deltaid.checks.wiring.residual import (
     AT_REST,
     FEWEST,
@@ -49,11 +49,11 @@ SENSIBLE, _SENSIBLE_SCALED = (0.5, 0.5), (0.75, 0.25)
 # good: noise is not white, and no model exact. A robot within this distance of the prior is as
 # described.
 _AS_GOOD, _CERTAIN = 1.1, 10.0
-# Rounds of fit and noise level, and change of the latter that ends them.
-_ROUNDS, _SETTLED = 4, 0.05
+# Change of the noise level that ends rounds of fit and level.
+_SETTLED = 0.05
 _SOLVER = Conic(tolerance=1e-7, largest_gap=1e-2)
-# Torque patterns per map that are judged.
-_JUDGED = 4
+# Torque patterns per map that are judged, and hypotheses that are fitted on all samples.
+JUDGED = 6
 
 # Possible units of position columns, by their factor to the joint's unit.
 TURNING = {np.pi / 180: "degrees", 2 * np.pi: "revolutions", 180 / np.pi: "radians"}
@@ -132,7 +132,7 @@ class WiringHypothesis:
     def fit(self) -> Consistent:
         residual, (_, samples, _), noise, best = self.residual, self._rows.shape, 0.02, IMPOSSIBLE
         reduction, regularizer = _prior(residual.dynamics, tuple(residual.columns.tolist()))
-        for _ in range(_ROUNDS):
+        for _ in range(ROUNDS):
             # A constant torque has a prior of the usual size of offsets.
             constant = 1 - 1 / np.sqrt(1 + samples * (OFFSET / noise) ** 2)
             data = Quadratic.from_rows(self._without_constant(constant) / noise)
@@ -272,7 +272,7 @@ def tried(
         values[np.any((moved | (signs < 0))[:, solved.still], axis=1)] = -np.inf
         if as_is:
             values[np.any(moved, axis=1)] = -np.inf
-        ranked = np.argsort(-values, kind="stable")[: 1 if as_is else _JUDGED]
+        ranked = np.argsort(-values, kind="stable")[: 1 if as_is else JUDGED]
         for k in ranked[np.isfinite(values[ranked])]:
             yield WiringHypothesis(solved, tuple(orders[k].tolist()), signs[k], float(values[k]))
         if not as_is and (far := _far_gains(solved)) is not None:

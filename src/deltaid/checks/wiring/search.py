@@ -14,6 +14,7 @@ from jaxtyping import Bool
 
 from deltaid.checks.wiring.candidate import (
     CLOSED,
+    JUDGED,
     LITTLE,
     MOSTLY_CLOSED,
     SLIDING,
@@ -28,9 +29,8 @@ from deltaid.checks.wiring.candidate import (
 from deltaid.checks.wiring.residual import FilteredMotion, Map, residual
 from deltaid.dynamics.dynamics import Dynamics
 
-# Samples that hypotheses are tried on, number of fitted ones, and of those fitted again on all
-# samples.
-SAMPLES, _FITTED, _DECIDED = 120, 16, 6
+# Samples that hypotheses are tried on, and number of fitted ones.
+SAMPLES, _FITTED = 120, 16
 # Range of motor position factors, and number of them whose loops are tried.
 _SMALLEST, _LARGEST, _CLOSING = 1 / 3000, 1 / 1.5, 48
 # The longest lead of a linear drive [m per rad]: half a metre per revolution.
@@ -91,7 +91,7 @@ def _searched(
         if trials and trials[0].map.scaled:
             trials = _ranked(dynamics, [*trials, *_refined(dynamics, coarse, trials[0])])
     return sorted((t for t in trials if t.as_likely_as(trials[0])), key=attrgetter("complexity"))[
-        :_DECIDED
+        :JUDGED
     ]
 
 

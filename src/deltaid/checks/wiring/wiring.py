@@ -32,7 +32,7 @@ _PART = {"longest": 6.0, "oversampled": 10.0}
 # Two columns are one signal if 1 − ρ² is below the first; drives move differently, and must have
 # different torques, if that of their positions exceeds the second. Torques of drives that move
 # alike, up and down, have a larger ρ² than the third.
-_COPIED, _UNLIKE, _APART = 1e-9, 1e-5, 0.75
+_COPIED, _UNLIKE, _APART = np.finfo(float).eps ** 0.5, 1e-5, 0.75
 # A robot whose drives all move less stands still [rad or m]; noise of encoders is smaller.
 _STILL = 1e-3
 

@@ -17,9 +17,9 @@ from itertools import pairwise
 
 import numpy as np
 from jaxtyping import Float
-from scipy.special import stdtrit
+from scipy.special import chdtri, stdtrit
 
-from deltaid.checks.evidence import CHANCE, Evidence
+from deltaid.checks.evidence import CHANCE, ROUNDS, Evidence
 from deltaid.checks.wiring.candidate import WiringHypothesis
 from deltaid.checks.wiring.explained import RemappedRecording
 from deltaid.checks.wiring.residual import FilteredMotion, residual
@@ -36,12 +36,8 @@ BLOCKS = 24
 _NEEDED = float(stdtrit(BLOCKS - 1, 1 - CHANCE / 2))
 # Least share of the residual that zeros or gravity must explain.
 _LITTLE = 0.005
-# Difference of explained shares by noise, times the number of rows, and least ratio between causes.
-_CHANCE, _MORE = 6.0, 1.05
 # Largest errors of zeros [rad or m] that slopes determine.
 _FARTHEST = 0.5
-# Gauss–Newton steps for a zero.
-_STEPS = 3
 # Drives are homed and bases are level within this [rad or m]: a larger tilt is a wrongly described
 # mounting, or a force that pulls at the platform, and is not written without inspection.
 LEVELLED = 0.05
@@ -215,7 +211,7 @@ def _better_explained(shift: Shifts, loose: list[int]) -> bool:
             for cause in shift.causes
         ):
             return True
-    needed = _MORE * max(map(shift.gain, shift.causes)) + _CHANCE / shift.rows
+    needed = max(map(shift.gain, shift.causes)) + chdtri(1.0, CHANCE) / shift.rows
     return any(
         shift.gain([column]) > needed
         for columns in (shift.offsets, shift.gains)
@@ -229,7 +225,7 @@ def _zero(
 ) -> tuple[float, float]:
     """Error of one drive's zero and half its interval, by Gauss–Newton steps."""
     map, share = best.map, best.residual.share
-    for _ in range(_STEPS):
+    for _ in range(ROUNDS):
         (step,), ((variance,),) = shift.estimate([drive])
         zeros = list(map.shift)
         zeros[drive] += float(np.clip(step, -_FARTHEST, _FARTHEST))

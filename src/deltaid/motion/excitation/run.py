@@ -20,6 +20,7 @@ from deltaid.mechanism.kinematics import Kinematics
 from deltaid.mechanism.one_or_many import numbered, one_or_many_times
 from deltaid.motion.excitation.problem import ExcitationProblem
 from deltaid.motion.fourier import FourierMotion
+from deltaid.recording.source import BATCH_ROWS
 from deltaid.shown import Shown
 
 # Ramps are tried as shares of the period, the shortest first, from so many phases of the motion.
@@ -99,8 +100,6 @@ def run_use(
 
 # The longest run [s], ten hours, and the most rows of a file, some ten gigabytes.
 LONGEST, MOST_ROWS = 36_000.0, 3e7
-# Rows that are computed and written at once.
-_BLOCK = 1 << 16
 
 
 def run_rows(run: Run, rate: float) -> int:
@@ -130,6 +129,6 @@ def write_run(kinematics: Kinematics, run: Run, rate: float, path: Path) -> None
     """
     rows = run_rows(run, rate)
     with written_whole(path) as file:
-        for start in range(0, rows, _BLOCK):
-            part = sample_run(kinematics, run, rate, range(start, min(start + _BLOCK, rows)))
+        for start in range(0, rows, BATCH_ROWS):
+            part = sample_run(kinematics, run, rate, range(start, min(start + BATCH_ROWS, rows)))
             file.write(part.write_csv(include_header=start == 0))
