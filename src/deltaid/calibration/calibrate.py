@@ -14,7 +14,7 @@ from deltaid.calibration.mistakes import require_new_readings, require_plausible
 from deltaid.calibration.outlook import Direction, Knows, Places, open_directions, places
 from deltaid.calibration.readings import Measurements, ProbeReadings, ReadingsLike, read
 from deltaid.calibration.unknowns import (
-    LENGTH,
+    TOLERANCE,
     Unknowns,
     calibrated_robot,
     in_words,
@@ -265,7 +265,7 @@ def _result(description: RobotDescription, solution: GeometryFit) -> Calibration
     shares = solution.shares()
     kinds = ["description", *(part.instrument.kind for part in solution.readings), "torques"]
     A = triangle(np.vstack([part.used_slopes for part in solution.rows]))
-    A[:, len(solution.u) :] *= LENGTH
+    A[:, len(solution.u) :] *= TOLERANCE
     lost = np.where(kept, 0.0, theta)
     return Calibration(
         described=description, robot=robot, zeros=zeros, scales=scales, known=known, fit=solution,

@@ -20,15 +20,15 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 from scipy.stats import chi2, norm
 
-from deltaid.calibration.loops import Loops
+from deltaid.calibration.loops import STEPS, Loops
 from deltaid.calibration.readings import Instrument
 from deltaid.calibration.unknowns import Unknowns
 from deltaid.errors import IdentificationError, KinematicsError
 from deltaid.estimation.problem import LinearProblem
 from deltaid.sensors.planning.knowledge import Knowledge
 
-# Most steps, and the change of a number, in units of its prior, that ends them.
-_STEPS, _STILL = 40, 1e-7
+# Change of a number, in units of its prior, that ends the steps.
+_STILL = 1e-7
 # Prior of an instrument's unknowns [m or rad]: they move less in a step.
 FAR = 10.0
 # Number of standard deviations beyond noise: chance makes one of two million.
@@ -187,7 +187,7 @@ def _solved(loops: Loops, known: Unknowns, readings: Sequence[UsedReadings], u: 
     n, columns = len(u), instrument_columns(len(u), [part.instrument for part in readings])
     width = n + sum(map(len, columns))
     D = np.diag(np.where(np.arange(width) < n, 1.0, 1 / FAR))
-    for _ in range(_STEPS):
+    for _ in range(STEPS):
         readings = [
             part.weighted(loops, known, u, places, width)
             for part, places in zip(readings, columns, strict=True)

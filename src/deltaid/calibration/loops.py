@@ -26,9 +26,9 @@ from deltaid.mechanism.rotation import Path, Turn, fixed, rotation, skew
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.limbs import LimbGeometry
 
-# Newton's method doubles its digits a step: five from a centimetre to rounding, more near
-# singularities.
-_STEPS = 20
+# Most steps: Newton's method doubles its digits a step, five from a centimetre to rounding, more
+# near singularities.
+STEPS = 40
 
 Drives = Float[np.ndarray, "samples drives"]
 Poses = Float[np.ndarray, "samples coordinates"]
@@ -93,7 +93,7 @@ class Loops:
         a KinematicsError with the sample where loops do not close."""
         y, size = self.start(q), self._size
         c = np.full(y.shape, np.inf)
-        for _ in range(_STEPS):
+        for _ in range(STEPS):
             out = self._newton(np.hstack([y, q]).T, theta).T
             c, C_y = out[:, :size], out[:, size:].reshape(-1, size, size).swapaxes(1, 2)
             try:

@@ -24,7 +24,7 @@ from deltaid.calibration.readings import (
     aligned,
     lengths,
 )
-from deltaid.calibration.unknowns import LENGTH, Unknowns
+from deltaid.calibration.unknowns import TOLERANCE, Unknowns
 from deltaid.errors import RecordingError
 from deltaid.model.verdict import listed
 
@@ -96,7 +96,7 @@ def _described(loops: Loops, q: Float[np.ndarray, "rows ends drives"]) -> Tools:
 
 def _require_spread(instrument: Instrument, x: Tools) -> None:
     if isinstance(instrument, DistanceReadings):
-        none = (lengths(x) < LENGTH) | (instrument.values[:, 0] <= 0)
+        none = (lengths(x) < TOLERANCE) | (instrument.values[:, 0] <= 0)
         if none.any():
             raise RecordingError(
                 "is a distance between equal poses, or not positive",
@@ -107,7 +107,7 @@ def _require_spread(instrument: Instrument, x: Tools) -> None:
     probed = isinstance(instrument, ProbeReadings)
     parts = (x[:, 0, :2],) if probed else (x[:, 0], instrument.values)
     wide = [np.linalg.svd(part - part.mean(axis=0), compute_uv=False)[1] for part in parts]
-    if min(wide) < LENGTH * np.sqrt(len(x)):
+    if min(wide) < TOLERANCE * np.sqrt(len(x)):
         raise RecordingError(
             f"{instrument.readings} lie on a line, or in one place",
             where=instrument.source,

@@ -23,7 +23,7 @@ from pydantic import Field
 from scipy.spatial.transform import Rotation
 
 from deltaid.calibration.loops import Loops
-from deltaid.calibration.unknowns import LENGTH
+from deltaid.calibration.unknowns import TOLERANCE
 from deltaid.errors import KinematicsError, RecordingError
 from deltaid.recording.mapping import ColumnMapping
 from deltaid.recording.memory import Recording, RecordingLike, as_source
@@ -239,7 +239,7 @@ def _drives(
     if not columns.has(names[0], table) and columns.has(f"{end}x", table):
         x = np.column_stack([_column(table, columns, f"{end}{axis}", length) for axis in "xyz"])
         q = _inverse(x, loops, str(table.path))
-        bad = ~(np.linalg.norm(loops.start(q)[:, :3] - x, axis=1) < LENGTH)
+        bad = ~(np.linalg.norm(loops.start(q)[:, :3] - x, axis=1) < TOLERANCE)
         what = "the described robot does not stand at this point"
         cure = "z points up, so most robots work below zero; check signs and axes of x, y, z"
     else:

@@ -23,7 +23,7 @@ from deltaid.robot.tolerances import LENGTHS, Tolerances
 
 # Default tolerances of a printer or prototype, one standard deviation: a millimetre, a milliradian,
 # a thousandth of a belt's pitch.
-LENGTH, ANGLE, SCALE = 1e-3, 1e-3, 1e-3
+TOLERANCE = 1e-3
 
 Unit = Literal["m", "rad", ""]
 # Unit and name of each kind.
@@ -184,7 +184,7 @@ def _spread(
         return known.of_drive(robot.drives[limb])
     if unit == "m" and "lengths" in stated:
         return known.of_length(_length_kind(kind))
-    return {"m": LENGTH, "rad": ANGLE, "": SCALE}[unit]
+    return TOLERANCE
 
 
 def _length_kind(kind: str) -> str:

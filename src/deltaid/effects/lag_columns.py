@@ -37,8 +37,6 @@ _FILTER = (
     "friction at reversals have its tails"
 )
 _PURE = "; it is all that makes them late"
-# Rates of clocks are reported in parts per million.
-_PPM = 1e6
 # Lags that differ by more [s] are reported to do so.
 APART = 3e-4
 
@@ -209,13 +207,13 @@ class LagColumns(TimingColumns):
             yield self.correction("filter", T.value, (T.low, T.high), "s", _FILTER, names[i])
         if rate := timing.rate:
             clock = next(judged).moved(rate)
-            low, high = (None if end is None else _PPM * end for end in (clock.low, clock.high))
+            low, high = (None if end is None else 1e6 * end for end in (clock.low, clock.high))
             text = (
                 f"the clock of torques runs {'slow' if rate > 0 else 'fast'} against that of "
                 "positions, so their lag grows: torques are read so much later or earlier as time "
                 "goes on"
             )
-            yield self.correction("clock", _PPM * clock.value, (low, high), "ppm", text)
+            yield self.correction("clock", 1e6 * clock.value, (low, high), "ppm", text)
 
 
 @dataclass(frozen=True, eq=False)

@@ -38,8 +38,6 @@ _SHRUNK = 0.5
 # A positive parameter below this share of its prior has fallen to its bound, and one whose body
 # leaves less room than this share of the prior below it is at the edge of consistency.
 _FELL = 1e-3
-# Measured values have decided what they leave more than this share of open.
-_MOSTLY = 0.5
 # A share of a value that is rounding.
 _ROUNDING = 1e-9
 # How far a body may be from the symmetry of its description: its centre as a share of its radius of
@@ -153,7 +151,7 @@ class _Judge:
         half = 0.5 * (high - low)
         if half < NORMAL * enough or (ended and std < enough and not on):
             share = self._ranges.share(unit, low, high)
-            by = "measured" if share.measured > _MOSTLY else "data"
+            by = "measured" if share.measured > 0.5 else "data"
             return self._parameter(i, by, min(std, half / NORMAL), low, high, share=share)
         if ended and std < enough:
             names = tuple(self._parameters[k].name for k in on)

@@ -23,8 +23,6 @@ POINTS = 4000
 # Points of a comparison over time, which allow to zoom in.
 _SHOWN = 20_000
 _SEGMENT = 1024  # samples of a spectrum's segment
-# Least share of its noise's power with which a filtered torque is shown.
-_MOSTLY = 0.5
 
 
 @dataclass(frozen=True)
@@ -89,7 +87,7 @@ def _thinned(
     for part in predict(dynamics, p, recording):
         spectrum.add(part)
         time = np.repeat(part.time[:, None], dynamics.dof, axis=1)
-        gain = np.where(part.counted > _MOSTLY, part.gain, np.nan)
+        gain = np.where(part.counted > 0.5, part.gain, np.nan)
         filtered = np.stack([part.filtered_measured, part.filtered_predicted]) / gain
         yield np.stack([time[::step], *filtered[:, :: step // apart], part.speed[::step]], axis=1)
 

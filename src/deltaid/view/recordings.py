@@ -13,14 +13,14 @@ from deltaid.recording.mapped_columns import QUANTITIES, TIMES, AllDrives, Drive
 from deltaid.recording.mapping import ColumnMapping
 from deltaid.recording.memory import Recording
 from deltaid.view import style
-from deltaid.view.comparison import extreme_rows, stretch_length
+from deltaid.view.comparison import POINTS, extreme_rows, stretch_length
 from deltaid.view.models import warned
 from deltaid.view.numbers import number
 from deltaid.view.page import Table
 from deltaid.view.show import Card
 
-# Most groups of columns of a figure, and points of a curve.
-_GROUPS, _POINTS = 5, 4000
+# Most groups of columns of a figure.
+_GROUPS = 5
 _INDEX = re.compile(r"^(.*?)(?:\[?(\d+)\]?)$")
 
 
@@ -68,8 +68,8 @@ def recording_figure(value: Recording) -> go.Figure:
     for row, (_, names) in enumerate(shown, 1):
         for k, name in enumerate(names):
             values, rows = _numbers(table[name]), slice(None)
-            if len(values) > _POINTS:
-                rows = extreme_rows(values, stretch_length(2 * len(values), _POINTS))
+            if len(values) > POINTS:
+                rows = extreme_rows(values, stretch_length(2 * len(values), POINTS))
             figure.add_scatter(
                 x=time[rows].astype(np.float32),
                 y=values[rows].astype(np.float32),

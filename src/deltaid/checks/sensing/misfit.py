@@ -213,8 +213,6 @@ def lag_of(misfit: Misfit, unshifted: MapFit) -> SensorLag | None:
         fit = misfit.earlier(delay).with_columns(slope[:, None, :], _DELAY).judge(T)
         theta, step, std = fit.theta[:-1], float(fit.theta[-1]), fit.last_std
         delay += step
-        if abs(step) < 0.1 * std:
-            break
     return SensorLag(delay, std, misfit.earlier(delay).judge(T).Q)
 
 

@@ -18,10 +18,9 @@ from deltaid.robot.sensors import BaseWrench, Sensor
 # Misfit from which guesses are tried, and from which a sensor contradicts the torques even if no
 # guess explains it; share of a misfit that a guess may leave.
 _DOUBTED, _CONTRADICTS, _EXPLAINS = 0.15, 1.0, 0.2
-# Share that is left of a misfit without a delay.
-_BETTER = 0.9
-# Standard deviations that a stated tolerance or noise allows.
-_ALLOWED = 3.0
+# Share that is left of a misfit without a delay; standard deviations that a stated tolerance or
+# noise allows.
+_BETTER, _ALLOWED = 0.9, 3.0
 # Clipped: so many rows, and this share of all, at the largest or the smallest number.
 _CLIPPED, _OFTEN = 20, 0.005
 

@@ -49,11 +49,10 @@ SENSIBLE, _SENSIBLE_SCALED = (0.5, 0.5), (0.75, 0.25)
 # good: noise is not white, and no model exact. A robot within this distance of the prior is as
 # described.
 _AS_GOOD, _CERTAIN = 1.1, 10.0
-# Change of the noise level that ends rounds of fit and level.
-_SETTLED = 0.05
 _SOLVER = Conic(tolerance=1e-7, largest_gap=1e-2)
-# Torque patterns per map that are judged, and hypotheses that are fitted on all samples.
-JUDGED = 6
+# Change of the noise level that ends rounds of fit and level; torque patterns per map that are
+# judged, and hypotheses that are fitted on all samples.
+_SETTLED, JUDGED = 0.05, 6
 
 # Possible units of position columns, by their factor to the joint's unit.
 TURNING = {np.pi / 180: "degrees", 2 * np.pi: "revolutions", 180 / np.pi: "radians"}

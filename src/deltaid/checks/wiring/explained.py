@@ -19,8 +19,6 @@ from deltaid.model.verdict import listed, percent
 
 # Cost of an additional explanation, in natural logarithms of ratios.
 _MORE = 0.3
-# A unit changes friction and the other components by at least this share of the median logarithm.
-_AGREED = 0.5
 # A speed at which only Coulomb friction acts, as a share of the usual one.
 _CREEP = np.finfo(float).eps ** 0.5
 # Components: inertia, gravity, viscous and Coulomb friction.
@@ -147,14 +145,14 @@ def _components(
 def overall(ratios: Float[np.ndarray, "..."]) -> float:
     """The median ratio: a prior is rarely wrong by one factor in most of its components.
 
-    Friction and the other components must agree: the result is the ratio nearer to 1, and 1 where
-    they lie on different sides of it.
+    Friction and the other components must agree to a half of its logarithm: the result is then the
+    median, else the ratio nearer to 1, and 1 where they lie on different sides of it.
     """
     parts = ratios[..., :VISCOUS], ratios[..., VISCOUS:]
     logs = [float(np.median(_logs(part))) for part in parts if np.any(part > 0)]
     usual = float(np.median(_logs(ratios)))
     nearest = min(logs, key=abs, default=usual)
-    if len(logs) < 2 or abs(nearest) > _AGREED * abs(usual):
+    if len(logs) < 2 or 2 * abs(nearest) > abs(usual):
         nearest = usual
     elif np.sign(logs[0]) != np.sign(logs[1]):
         nearest = 0.0

@@ -23,10 +23,8 @@ from deltaid.model.verdict import Grade, Verdict, listed
 _MOST = 20_000
 # No drive's torque is so late [s]; a lag must leave so much less of the prior's than none does.
 _DELAY, _CLEARER = 0.15, 0.5
-# Ends of stretches that are tried.
-_ENDS = 300
-# Rounds of the fit.
-_ROUNDS = 10
+# Ends of stretches that are tried; rounds of the fit.
+_ENDS, _ROUNDS = 300, 10
 _TINY = np.finfo(float).tiny
 
 Torques = Float[np.ndarray, "moving samples"]

@@ -46,10 +46,8 @@ from deltaid.robot.parameter import PRIOR_SPREAD
 _ABOVE = 3.0
 # Steps of friction need a grid that is fine whatever the cut-off [Hz].
 _SLOWEST = 20.0
-# A drive that is slow for so long [s] stands still.
-_REST = 0.1
-# Fewest samples that decide between hypotheses.
-FEWEST = 40
+# A drive that is slow for so long [s] stands still; fewest samples that decide between hypotheses.
+_REST, FEWEST = 0.1, 40
 # Consecutive missing rows that are bridged by straight lines; more end a stretch.
 _BRIDGED = 10
 # Weight of a drive at rest, whose torque static friction makes arbitrary.

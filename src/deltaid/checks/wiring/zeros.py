@@ -36,11 +36,10 @@ BLOCKS = 24
 _NEEDED = float(stdtrit(BLOCKS - 1, 1 - CHANCE / 2))
 # Least share of the residual that zeros or gravity must explain.
 _LITTLE = 0.005
-# Largest errors of zeros [rad or m] that slopes determine.
-_FARTHEST = 0.5
-# Drives are homed and bases are level within this [rad or m]: a larger tilt is a wrongly described
-# mounting, or a force that pulls at the platform, and is not written without inspection.
-LEVELLED = 0.05
+# Largest errors of zeros [rad or m] that slopes determine. Drives are homed and bases are level
+# within the second: a larger tilt is a wrongly described mounting, or a force that pulls at the
+# platform, and is not written without inspection.
+_FARTHEST, LEVELLED = 0.5, 0.05
 
 
 @dataclass(frozen=True, eq=False)
