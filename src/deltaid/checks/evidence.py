@@ -12,6 +12,7 @@ from jaxtyping import Float
 
 from deltaid.dynamics.dynamics import Dynamics, compiled
 from deltaid.errors import IdentificationError, RecordingError
+from deltaid.estimation.scatter import CHANCE as CHANCE
 from deltaid.identification.fit import FittedProblem, fit
 from deltaid.identification.loads import declared_loads
 from deltaid.identification.setup import Setup
@@ -54,8 +55,6 @@ ROUNDS = 4
 _MOST = 1 << 18
 # Squares of larger numbers' slopes may overflow; a recording is refused for them.
 _OVERFLOWS = np.finfo(float).max ** 0.25
-# Significance level of a test: how often it finds a difference where there is only noise.
-CHANCE = 1e-3
 # What is so many times larger or smaller than described is wrong; standard deviations of a clear
 # lag, whose noise may have any colour.
 WRONG_SCALE, CLEAR_LAG = 4.0, 6.0

@@ -19,12 +19,12 @@ from scipy.special import fdtri
 from deltaid.dynamics.dynamics import Dynamics, Parameters
 from deltaid.estimation.drive_rows import STRETCHES
 from deltaid.estimation.problem import LinearProblem
+from deltaid.estimation.scatter import CHANCE
 from deltaid.estimation.traces import Delay, Trace
 from deltaid.recording.delay import LagGrowth
 
-# How often it is rejected, if true, that there is no lag or that all drives have the same; and what
-# else is equal or zero by chance only.
-_REJECTED, _UNLIKELY, _SELDOM = 1e-3, 0.2, 0.01
+# How often what is equal or zero is taken to be so by chance only.
+_UNLIKELY, _SELDOM = 0.2, 0.01
 # Lags [s] that need not be corrected; and that hardly matter, where twice as much does harm. Good
 # recordings of 15 s determine a lag to 5–20 µs, those of a few seconds to 0.1 ms.
 HARMLESS, SMALL = 2e-5, 1.5e-4
@@ -139,9 +139,9 @@ def _contradicted(labels: tuple[int, ...], distance: float, together: float) -> 
     """Whether T² rejects a hypothesis, by what it leaves and what one lag for all leaves."""
     free = len(labels) - max(labels)
     if not any(labels):
-        common = distance - together > limit(1, 0.5 * _REJECTED)
-        return common or distance > limit(free, 0.5 * _REJECTED)
-    share = _REJECTED if len(set(labels)) == 1 else _UNLIKELY
+        common = distance - together > limit(1, 0.5 * CHANCE)
+        return common or distance > limit(free, 0.5 * CHANCE)
+    share = CHANCE if len(set(labels)) == 1 else _UNLIKELY
     return free > 0 and distance > limit(free, share)
 
 

@@ -28,6 +28,7 @@ from deltaid.effects.lag_columns import timing_slopes
 from deltaid.effects.lag_groups import FreeTiming, Timing, exceeded
 from deltaid.estimation.drive_rows import ColumnsOfDrives, OfDrives, TraceRows, of_own_drives
 from deltaid.estimation.problem import LinearProblem
+from deltaid.estimation.scatter import CHANCE
 from deltaid.estimation.traces import Delay, Trace
 from deltaid.recording.masks.masks import least_about
 from deltaid.recording.windows import SampleBlock
@@ -38,10 +39,6 @@ _MOST, _SHORTEST = (0.03, 0.02, 5e-3), 0.5
 _SWEEPS, _SETTLED = 15, 1e-5
 # So many time constants after a reversal nothing is left of a step.
 _TAIL = 5.0
-# How often what is true is rejected: that clocks agree, before they are looked at closely; that
-# clocks of drives are alike, that rows far from reversals agree with the tails, that a lag there
-# is no filter's.
-_SELDOM = 1e-3
 # Standard deviations within which a time constant lies mostly, and by which it may exceed a lag,
 # beside the sample by which torques may be ahead.
 _LIKELY, _SURE = 2.0, 3.0
@@ -83,7 +80,7 @@ def other_than_delays(
 def _simplest(rows: TraceRows, trace: Trace, timing: Timing, free: FreeTiming) -> Timing:
     """The same without dead times where all filters do without: their T is known as well as L."""
     dead, covariance = _dead_times(timing, free.filters)
-    if not len(dead) or exceeded(dead, covariance, _SELDOM):
+    if not len(dead) or exceeded(dead, covariance, CHANCE):
         return timing
     start = replace(timing, constants=np.where(free.filters, timing.lags, 0.0))
     return _swept(rows, trace, start, replace(free, pure=True))
@@ -102,7 +99,7 @@ def _may_be_clock(rows: TraceRows, trace: Trace, none: Timing) -> bool:
     """Whether torques with lags corrected may have a clock of their own."""
     free = FreeTiming(np.zeros(len(none.lags), bool), clock=True)
     step, covariance = free.steps(_linear(rows, none.beside(trace), none, free), rows.size)
-    return exceeded(step[-1:], covariance[-1:, -1:], _SELDOM)
+    return exceeded(step[-1:], covariance[-1:, -1:], CHANCE)
 
 
 def _swept(rows: TraceRows, trace: Trace, start: Timing, free: FreeTiming) -> Timing:
@@ -176,16 +173,16 @@ def _filtered(rows: TraceRows, trace: Trace, timing: Timing, free: FreeTiming) -
     lags, constants = np.flatnonzero(kept), dof + np.flatnonzero(kept)
     of_constants, more = errors[np.ix_(constants, constants)], step[constants]
     T = timing.constants[kept]
-    if exceeded(more, of_constants, _SELDOM):
+    if exceeded(more, of_constants, CHANCE):
         return np.zeros(dof, bool)
     # v = T² of these rows alone, which is 0 for a delay; its slope by T is 2 T.
     slope = np.diag(2 * T)
-    wide = exceeded(T**2 + 2 * T * more, slope @ of_constants @ slope, _SELDOM)
+    wide = exceeded(T**2 + 2 * T * more, slope @ of_constants @ slope, CHANCE)
     # A lag that is the T of the tails is a coincidence for anything but a filter.
     dead = timing.lags[kept] + step[lags] - T
     variances = errors[np.ix_(lags, lags)] + timing.covariance[np.ix_(constants, constants)]
     known = np.all(np.sqrt(np.diag(variances)) < _KNOWN * T)
-    pure = known and not exceeded(dead, variances, _SELDOM)
+    pure = known and not exceeded(dead, variances, CHANCE)
     return kept if wide or pure else np.zeros(dof, bool)
 
 
@@ -201,7 +198,7 @@ def _seen(timing: Timing, chosen: Drives) -> Drives:
     for k, drive in enumerate(drives.tolist()):
         own = variance[k].reshape(1, 1)
         alone = exceeded(T[[k]], own, 10**-SEEN)
-        seen[drive] = alone or not exceeded(T[[k]] - common, own, _SELDOM)
+        seen[drive] = alone or not exceeded(T[[k]] - common, own, CHANCE)
     return seen
 
 
@@ -215,4 +212,4 @@ def _is_clock(rows: TraceRows, trace: Trace, timing: Timing) -> bool:
     beside = lags, _warm(rows, corrected, timing), growths
     problem = rows.problem([rows.of_trace(corrected).beside(*beside)])
     last = slice(problem.A.shape[1] - dof, None)
-    return not exceeded(problem.x[last], problem.covariance(last), _SELDOM)
+    return not exceeded(problem.x[last], problem.covariance(last), CHANCE)

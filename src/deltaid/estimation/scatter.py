@@ -32,6 +32,8 @@ from deltaid.estimation.information import Chunk
 _NO_SCATTER = 1e-6
 # Shares of ‖u‖² below this are rounding; degrees of freedom where facts alone determine.
 _ROUNDING, _SURE = 1e-9, 1e9
+# Significance level of a test: how often it finds a difference where there is only noise.
+CHANCE = 1e-3
 # Share of a variance that is rounding.
 ROUNDING = 1e-12
 # Half the width of a 95 % interval in standard deviations, where these are known: `quantile` of ∞.

@@ -21,16 +21,16 @@ from deltaid.recording.masks.masks import RESTS
 from deltaid.recording.masks.stuck import FEWEST, STIFF
 from deltaid.recording.recording import PreparedRecording, with_filter
 from deltaid.recording.spectrum import HIGHEST, SEGMENT, SpectrumEstimate, spectrum_of
-from deltaid.recording.windows import SampleBlock
+from deltaid.recording.windows import CERTAIN, SampleBlock
 
 Drives = Float[np.ndarray, " drives"]
 End = Literal["first", "last"]
 
 # Rows at an end that are inspected.
 _ROWS = SEGMENT // 2
-# An end that rests has at most so many standard deviations of speed in addition, which are this
-# share of the plan's largest speed at most: an error of the torque of a few percent.
-_SIGMAS, _UNSURE = 4.0, 0.1
+# Standard deviations of the speed at an end are this share of the plan's largest at most: an error
+# of the torque of a few percent.
+_UNSURE = 0.1
 
 
 @dataclass(frozen=True)
@@ -91,7 +91,7 @@ class PlanEnds:
     def rests(self, end: End, cutoff: float) -> bool:
         """Whether no drive moves at an end."""
         _, speed, spread = self.state(end, cutoff)
-        limit = RESTS * self.speed + np.minimum(_SIGMAS * spread, _UNSURE * self.speed)
+        limit = RESTS * self.speed + np.minimum(CERTAIN * spread, _UNSURE * self.speed)
         return not np.any((np.abs(speed) > limit) & (self.speed > 0))
 
     def period(self, cutoff: float) -> int:
@@ -103,14 +103,14 @@ class PlanEnds:
         (q, v, spread), (q_last, v_last, spread_last) = (
             self.state(end, cutoff) for end in ("first", "last")
         )
-        largest, unsure = self.speed / self.log.rate, _SIGMAS * self.noise
+        largest, unsure = self.speed / self.log.rate, CERTAIN * self.noise
         apart = {
             self.log.samples - 1: np.abs(q_last - q),
             self.log.samples: np.abs(q_last + v_last / self.log.rate - q),
         }
         closing = {rows: gap - _UNSURE * largest - 2 * unsure for rows, gap in apart.items()}
         period = min(closing, key=lambda rows: closing[rows].max())
-        jump = np.abs(v_last - v) - 2 * RESTS * self.speed - _SIGMAS * (spread + spread_last)
+        jump = np.abs(v_last - v) - 2 * RESTS * self.speed - CERTAIN * (spread + spread_last)
         if closing[period].max() > 0:
             k = int(np.argmax(closing[period]))
             what = f"the drive is at {q_last[k]:.6g} in the last row and at {q[k]:.6g} in the first"
@@ -209,7 +209,7 @@ def still_speed(recording: PreparedRecording) -> Drives:
     ends = _ends(recording.log, _ROWS + 1)
     largest = np.abs(ends.positions(np.vstack([ends.head, ends.tail]))).max(axis=0)
     rounding = np.finfo(float).eps * largest * np.abs(low_pass.first).sum()
-    return np.maximum(rounding, _SIGMAS * ends.noise * low_pass.speed_gain)
+    return np.maximum(rounding, CERTAIN * ends.noise * low_pass.speed_gain)
 
 
 def _too_short(log: Log, needed: int, end: End) -> RecordingError:

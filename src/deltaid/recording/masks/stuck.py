@@ -22,8 +22,8 @@ from deltaid.recording.masks.masks import NONE, Mask, Runs, as_runs, joined, run
 
 # Levels next to the extreme that it is compared with, and the factor by which it is more frequent.
 _NEXT_TO, _OFTEN = 4, 8
-# Fewest equal samples at an extreme, and at a limit of the description.
-_EQUAL, _AT_LIMIT = 4, 2
+# Fewest equal samples at an extreme.
+_EQUAL = 4
 # Share of rows off the extremes in which the torque may repeat.
 _STAYS = 0.25
 # Least extreme at the end of a channel, as a share of the largest torque.
@@ -85,7 +85,7 @@ class Extreme:
         neighbours = max((n for _, n in others), default=count)
         often = count >= _EQUAL + _OFTEN * (neighbours - 1) and self._stayed <= _STAYS * self._moved
         near = np.isfinite(self.limit) and abs(abs(top) - self.limit) <= _CLOSE * self.limit
-        limited = near and count >= max(_AT_LIMIT, neighbours + 1)
+        limited = near and count > neighbours
         is_end = abs(top) >= _SMALL * torque_max and (often or limited)
         return joined(np.concatenate(self._runs)) if is_end else NONE
 

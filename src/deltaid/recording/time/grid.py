@@ -28,9 +28,8 @@ FASTEST = 0.5 / HIGHEST_RATE
 # A step of this many periods, times rows per stamp, is a gap across which the grid may change its
 # phase. Rows on either side that must agree on its place.
 FAR, _AGREE = 20.0, 64
-# Rows about a place whose median is its level, up to so much jitter; rounds of the search for extra
-# rows.
-ABOUT, _CLEAR, _TRIES = 33, 0.6, 4
+# Rows about a place whose median is its level, up to so much jitter.
+ABOUT, _CLEAR = 33, 0.6
 # Distance over which rounded stamps pass as much time everywhere, share of such distances at either
 # end that may have lost rows, how whole steps are, and how long [periods], in units of the
 # shortest, and least number of steps over that distance that differ from the usual one.
@@ -141,10 +140,7 @@ def _placed(time: Times, period: float, sharing: float) -> Grid:
     if len(kept) < FEWEST:
         return _counted(time, kept, period)
     period, level, width = _level(time[kept], period, noise, sharing)
-    for _ in range(_TRIES):
-        falls = _falls(level, noise, sharing)
-        if not falls.size or len(kept) - len(falls) < FEWEST:
-            break
+    while (falls := _falls(level, noise, sharing)).size and len(kept) - len(falls) >= FEWEST:
         kept = np.delete(kept, falls)
         period, level, width = _level(time[kept], period, noise, sharing)
     return _fitted(time[kept], kept, level, _stairs(level, noise, sharing, width))
