@@ -46,6 +46,21 @@ def test_a_stretch_in_another_unit_is_named_with_both_ends() -> None:
     assert "correct column tau1, tau2 and tau3 in these rows" in verdict.cure
 
 
+@pytest.mark.parametrize(("first", "last"), [(1250, 2500), (0, 1000), (800, 1600)])
+@pytest.mark.parametrize("exchange", [(1, 0, 2), (1, 2, 0)])
+def test_columns_that_change_places_while_recording_are_named_with_their_rows(
+    first: int, last: int, exchange: tuple[int, ...]
+) -> None:
+    columns = recorded(NAME)
+    tau = columns["tau"].copy()
+    tau[first:last] = tau[first:last, exchange]
+    verdict = verdict_on(columns | {"tau": tau})
+    moved = [f"tau{i + 1}" for i, k in enumerate(exchange) if i != k]
+    assert verdict.key == "drive-order"
+    assert all(name in verdict.cure for name in moved)
+    assert rows_in(verdict) == pytest.approx([first, last][first == 0 : 1 + (last < 2500)], abs=60)
+
+
 @pytest.mark.parametrize("rows", [125, -200])
 def test_torques_of_other_rows_are_named_as_joined_wrongly(rows: int) -> None:
     columns = recorded(NAME)

@@ -1,34 +1,38 @@
 """Torques over time: columns that were joined at another row, and stretches whose torques have
-another sign or unit than the rest.
+another sign, unit or order than the rest.
 
 Torques u(t) that were joined at another row go with those of the prior at a lag. In a stretch with
 another sign or unit u ≈ g f, and in the rest u ≈ h f, with the torques f(t) of a fit that follows
-the larger part; the stretch for which these leave least is judged by g/h.
+the larger part; the stretch for which these leave least is judged by g/h. Where columns have other
+drives' torques in a stretch, f is in another order there.
 """
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from itertools import permutations
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int
 
-from deltaid.checks.evidence import WRONG_SCALE
+from deltaid.checks.evidence import WRONG_SCALE, Evidence
 from deltaid.checks.wiring.candidate import ALONG, LITTLE, SENSIBLE
 from deltaid.checks.wiring.explained import RemappedRecording
-from deltaid.checks.wiring.residual import FEWEST, LEAST, Map, MapResidual, motion, residual
+from deltaid.checks.wiring.residual import LEAST, Map, MapResidual, motion, residual
 from deltaid.estimation.problem import DEPENDENT, lengths
 from deltaid.model.verdict import Grade, Verdict, listed
 
 # Rows that are compared; of more, some are skipped.
 _MOST = 20_000
-# No drive's torque is so late [s]; a lag must leave so much less of the prior's than none does.
+# No drive's torque is so late [s]; a lag, or another order, must leave so much less than none.
 _DELAY, _CLEARER = 0.15, 0.5
-# Ends of stretches that are tried; rounds of the fit.
-_ENDS, _ROUNDS = 300, 10
+# Ends of stretches that are tried; least length of a stretch and of the rest [s]; rounds of the
+# fit.
+_ENDS, _SHORTEST, _ROUNDS = 300, 1.0, 10
 _TINY = np.finfo(float).tiny
 
 Torques = Float[np.ndarray, "moving samples"]
 OfDrives = Float[np.ndarray, " moving"]
+Inside = Bool[np.ndarray, " samples"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,7 +45,7 @@ class _Course:
     prior: Torques
     fitted: Torques
     recorded: Torques
-    blurred: int  # samples on either side of one that filters mix with it
+    blurred: int  # samples on either side of one that filters mix with it, most of it
 
     @property
     def step(self) -> float:
@@ -78,7 +82,7 @@ def _course(case: RemappedRecording) -> _Course | None:
     for k, p in enumerate((under.prior, _of_most_rows(under))):
         torques[k][:, under.keep] = under.rows.of_drives(under.Y @ p)
     prior, fitted = torques[0, drives], torques[1, drives]
-    blurred = moved.low_pass.half // moved.low_pass.decimation
+    blurred = moved.low_pass.half // (2 * moved.low_pass.decimation)
     return _Course(drives, moved.time, prior, fitted, moved.tau.T[drives], blurred)
 
 
@@ -122,48 +126,119 @@ def _joined(case: RemappedRecording, course: _Course) -> Iterator[Verdict]:
     )
 
 
+@dataclass(frozen=True, eq=False)
+class _Stretch:
+    """Part of a course: its first sample and the one behind its last, and the drive of the course
+    whose torque each column has there, where the rest has them in order."""
+
+    course: _Course
+    first: int
+    last: int
+    order: tuple[int, ...]
+
+    @classmethod
+    def best(cls, course: _Course) -> "_Stretch":
+        """The one for which scaled torques of the fit leave least, drives in any order."""
+        n, f = len(course.time), course.fitted
+        u = np.where(f, course.recorded, 0.0)
+        ends = np.linspace(0, n, min(n, _ENDS) + 1).astype(int)
+        powers = np.maximum(np.sum(u**2, axis=1), _TINY)[:, None, None]
+        products = np.array([u[:, None] * f, np.broadcast_to(f**2, (len(u), *f.shape))])
+        sums = np.cumsum(np.add.reduceat(products, ends[:-1], axis=3), axis=3)
+        sums = np.pad(sums, ((0, 0), (0, 0), (0, 0), (1, 0)))
+        first, last = np.triu_indices(len(ends), 2)
+        inside = sums[..., last] - sums[..., first]
+        of_stretch, of_rest = (
+            fu**2 / np.maximum(ff, _TINY) / powers for fu, ff in (inside, sums[..., -1:] - inside)
+        )
+        columns = np.arange(len(u))
+        # A stretch and the rest change places at the ends: the shorter one is reported.
+        rest = of_rest[columns, columns].sum(axis=0) - 1e-6 * (ends[last] - ends[first])
+        orders = list(permutations(range(len(u))))
+        explained = [of_stretch[columns, order].sum(axis=0) + rest for order in orders]
+        order, k = np.unravel_index(np.argmax(explained), np.shape(explained))
+        return cls(course, int(ends[first[k]]), int(ends[last[k]]), orders[order])
+
+    @property
+    def is_long(self) -> bool:
+        """Whether both parts are long enough to be judged."""
+        length, whole = self.last - self.first, len(self.course.time)
+        enough = min(length, whole - length) * self.course.step >= _SHORTEST
+        return enough and all(part.any() for part in self.parts)
+
+    @property
+    def parts(self) -> tuple[Inside, Inside]:
+        """Its samples and those of the rest which filters do not mix."""
+        n = len(self.course.time)
+        blurred, place = self.course.blurred + n // _ENDS, np.arange(n)
+        inner = (place >= self.first + blurred) & (place < self.last - blurred)
+        outer = (place < self.first - blurred) | (place >= self.last + blurred)
+        return inner, outer
+
+    @property
+    def moved(self) -> Int[np.ndarray, " columns"]:
+        """Columns that have another drive's torque, where these go with that alone."""
+        f, u, order = self.course.fitted, self.course.recorded, np.array(self.order)
+        inner, outer = self.parts
+        moved = np.flatnonzero(order != np.arange(len(order)))
+        _, along = _gain(f[order][:, inner], u[:, inner])
+        (_, in_order), (_, elsewhere) = (_gain(f[:, part], u[:, part]) for part in (inner, outer))
+        sure = (np.minimum(along, elsewhere) > ALONG) & (
+            1 - along**2 < _CLEARER * (1 - in_order**2)
+        )
+        return moved[: len(moved) * bool(sure[moved].all())]
+
+    def rows(self, record: Evidence) -> str:
+        """From where to where in words."""
+        rows = np.searchsorted(record.rows.time, self.course.time[[self.first, self.last - 1]])
+        start, end = (record.table.row_name(record.table.first_row + int(row)) for row in rows)
+        start = f"about {start}" if self.course.fitted[:, : self.first].any() else "the first row"
+        end = f"about {end}" if self.course.fitted[:, self.last :].any() else "the last row"
+        return f"from {start} to {end}"
+
+
 def _stretch(case: RemappedRecording, course: _Course) -> Iterator[Verdict]:
-    n, f = len(course.time), course.fitted
-    u = np.where(f, course.recorded, 0.0)
-    ends = np.linspace(0, n, min(n, _ENDS) + 1).astype(int)
-    first, last = ends[np.array(np.triu_indices(len(ends), 2))]
-    sums = np.cumsum(np.pad([f * u, f**2], ((0, 0), (0, 0), (1, 0))), axis=2)
-    inside = sums[:, :, last] - sums[:, :, first]
-    fu, ff = np.array([inside, sums[:, :, -1:] - inside]).swapaxes(0, 1)
-    powers = np.maximum(np.sum(u**2, axis=1), _TINY)[:, None]
-    explained = np.sum(fu**2 / np.maximum(ff, _TINY), axis=0) / powers
-    # A stretch and the rest change places at the ends: the shorter one is reported.
-    k = int(np.argmax(explained.sum(axis=0) - 1e-6 * (last - first)))
-    blurred, place = course.blurred + n // _ENDS, np.arange(n)
-    inner = (place >= first[k] + blurred) & (place < last[k] - blurred)
-    outer = (place < first[k] - blurred) | (place >= last[k] + blurred)
-    if min(inner.sum(), outer.sum()) < FEWEST:
+    stretch = _Stretch.best(course)
+    if not stretch.is_long:
         return
-    (g, along), (h, elsewhere) = (_gain(f[:, part], u[:, part]) for part in (inner, outer))
+    columns = [case.evidence.columns.torque[i].column for i in course.drives]
+    rows, cure = stretch.rows(case.evidence), "or give the parts as recordings with a mapping each"
+    if stretch.moved.size:
+        moved = course.drives[stretch.moved].tolist()
+        pairs = [
+            f"{columns[i]} has that of {case.names[course.drives[stretch.order[i]]]}"
+            for i in stretch.moved
+        ]
+        yield Verdict(
+            "drive-order",
+            Grade.WRONG,
+            f"torques are in another order {rows} than in the rest of the recording: "
+            f"{listed(pairs)} if the rest is right",
+            case.whose(moved),
+            cause="two recordings with columns in different orders were joined",
+            cure=f"put columns {listed([columns[i] for i in stretch.moved])} in order in these "
+            f"rows, {cure}",
+        )
+        return
+    f, u = course.fitted, course.recorded
+    (g, along), (h, elsewhere) = (_gain(f[:, part], u[:, part]) for part in stretch.parts)
     times = g / np.where(h, h, _TINY)
     other = (times < 1 / WRONG_SCALE) | (times > WRONG_SCALE)
-    drives = np.flatnonzero(other & (np.minimum(np.abs(along), np.abs(elsewhere)) > ALONG))
-    if not drives.size:
+    changed = np.flatnonzero(other & (np.minimum(np.abs(along), np.abs(elsewhere)) > ALONG))
+    if not changed.size:
         return
-    record, turned = case.evidence, bool(times[drives].max() < 0)
-    rows = np.searchsorted(record.rows.time, course.time[[first[k], last[k] - 1]])
-    start, end = (record.table.row_name(record.table.first_row + int(row)) for row in rows)
-    start = f"about {start}" if f[:, : first[k]].any() else "the first row"
-    end = f"about {end}" if f[:, last[k] :].any() else "the last row"
-    names = case.all_or(course.drives[drives].tolist())
-    columns = listed([record.columns.torque[course.drives[i]].column for i in drives])
-    changed = "sign" if turned else "unit or sign"
-    size = listed(list(dict.fromkeys(f"{ratio:.2g}" for ratio in times[drives])))
+    drives, turned = course.drives[changed].tolist(), bool(times[changed].max() < 0)
+    what = "sign" if turned else "unit or sign"
+    size = listed(list(dict.fromkeys(f"{ratio:.2g}" for ratio in times[changed])))
     yield Verdict(
         "torque-sign" if turned else "torque-unit",
         Grade.WRONG,
-        f"the torque of {names} has another {changed} from {start} to {end} than in the rest "
-        f"of the recording: it is {size} times what it should be if the rest is right",
-        case.whose(course.drives[drives].tolist()),
-        cause=f"the {changed} changed in drive or logger, or two recordings were joined",
-        cure=f"correct column {columns} in these rows, or give the parts as recordings with a "
-        "mapping each",
-        number=float(times[drives[0]]),
+        f"the torque of {case.all_or(drives)} has another {what} {rows} than in the rest of the "
+        f"recording: it is {size} times what it should be if the rest is right",
+        case.whose(drives),
+        cause=f"the {what} changed in drive or logger, or two recordings were joined",
+        cure=f"correct column {listed([columns[i] for i in changed])} in these rows, {cure}",
+        number=float(times[changed[0]]),
     )
 
 
