@@ -179,4 +179,5 @@ def test_drives_that_rest_keep_their_prior_and_are_named(tmp_path: Path) -> None
     result = judged_identify(dynamics.robot, [tmp_path / "log.csv"])
     assert any("drive3 and drive4 hardly move" in warning for warning in result.model.warnings)
     assert result.model.fit.nrmse[3] == 0.0
+    assert not any("of drive4's torque" in warning for warning in result.model.warnings)
     assert max(result.model.fit.nrmse[:2]) < 0.05

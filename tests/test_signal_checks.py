@@ -135,6 +135,16 @@ def test_a_channel_of_noise_only_is_wrong() -> None:
     assert "noise only" in verdict.seen
 
 
+def test_torques_of_a_robot_that_stands_still_are_no_noise_of_channels() -> None:
+    rng, still = np.random.default_rng(0), {"t": np.arange(8000) / 500.0}
+    for drive in (1, 2, 3):
+        for name, size in ((f"q{drive}", 1e-5), (f"tau{drive}", 0.1)):
+            still[name] = column(name)[0] + rng.normal(scale=size, size=8000)
+    table = pl.DataFrame(still)
+    verdicts = [*checked_signals(evidence(load_robot("clavel-delta3"), table))]
+    assert {v.key for v in verdicts if v.grade in (Grade.DOUBTFUL, Grade.WRONG)} == {"standing"}
+
+
 def test_a_torque_in_coarse_steps_is_told_by_its_step() -> None:
     step = 0.3 * np.std(column("tau2"))
     said_of = said(frame().with_columns((pl.col("tau2") / step).round() * step))

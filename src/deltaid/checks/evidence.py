@@ -58,6 +58,8 @@ _OVERFLOWS = np.finfo(float).max ** 0.25
 # What is so many times larger or smaller than described is wrong; standard deviations of a clear
 # lag, whose noise may have any colour.
 WRONG_SCALE, CLEAR_LAG = 4.0, 6.0
+# A robot whose drives all move less stands still [rad or m]; noise of encoders is smaller.
+_STILL = 1e-3
 # Correlation with the expected signal below which a column holds another one.
 UNRELATED = 0.2
 
@@ -128,6 +130,11 @@ class Evidence:
     def moved(self) -> Float[np.ndarray, " drives"]:
         """Range of each drive in these rows [rad or m]."""
         return np.ptp(self.rows.q, axis=0)
+
+    @property
+    def stands(self) -> bool:
+        """Whether no drive moves by more than the noise of an encoder."""
+        return self.rows.q.size > 0 and float(self.moved.max()) < _STILL
 
     @cached_property
     def are_counts(self) -> bool:

@@ -225,6 +225,9 @@ def rests(study: Study) -> tuple[Rest, ...]:
     first_order = SHARE * np.sum([np.zeros(len(largest)), *(c.rms**2 for c in causes)], axis=0)
     rests = list[Rest]()
     for drive, power in enumerate(np.mean(residual**2, axis=1).tolist()):
+        if not study.fit.model[drive].any():  # it rests all the time
+            rests.append(Rest(drive, 0.0, 0.0, 0.0, None, False))
+            continue
         trend = max(
             _trends(study, drive), key=lambda trend: trend.share, default=Trend("", 0.0, 0.0)
         )

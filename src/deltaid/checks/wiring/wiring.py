@@ -33,8 +33,6 @@ _PART = {"longest": 6.0, "oversampled": 10.0}
 # different torques, if that of their positions exceeds the second. Torques of drives that move
 # alike, up and down, have a larger ρ² than the third.
 _COPIED, _UNLIKE, _APART = np.finfo(float).eps ** 0.5, 1e-5, 0.75
-# A robot whose drives all move less stands still [rad or m]; noise of encoders is smaller.
-_STILL = 1e-3
 
 
 def checked_wiring(evidence: Evidence) -> tuple[Verdict, ...]:
@@ -63,7 +61,7 @@ def checked_wirings(
     cases, over_time = dict[int, RemappedRecording](), dict[int, tuple[Verdict, ...]]()
     for k, record in enumerate(records):
         _refuse_copies(record)
-        fine = None if _stands(record) else motion(record.rows)
+        fine = None if record.stands else motion(record.rows)
         if fine is not None and len(fine.tau) >= FEWEST:
             part = motion(record.rows, **_PART)
             coarse = fine if part is None or len(part.tau) < SAMPLES else part
@@ -87,13 +85,9 @@ def checked_wirings(
     return common or (), each
 
 
-def _stands(evidence: Evidence) -> bool:
-    return evidence.rows.q.size > 0 and float(evidence.moved.max()) < _STILL
-
-
 def _refuse_rest(records: Sequence[Evidence]) -> None:
     """Refuse recordings that all are of a robot at rest: noise is no motion to judge columns by."""
-    if records and all(map(_stands, records)):
+    if records and all(record.stands for record in records):
         moved = max(float(record.moved.max()) for record in records)
         raise RecordingError(
             f"the robot stands still: no position changes by more than {moved:.2g} rad or m",
