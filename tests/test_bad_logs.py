@@ -241,6 +241,11 @@ def test_row_numbers_in_large_files(tmp_path) -> None:
     assert f"row {copies * ROWS + 150}: column q2 is 'x'" in refusal(read, path)
 
 
+@pytest.mark.filterwarnings("error")
+def test_no_rows_are_off_no_course() -> None:
+    assert not [*off_course(np.zeros((0, 3)))]
+
+
 @pytest.mark.parametrize("times", [11.0, 13.0])
 @pytest.mark.parametrize("place", [40, 5, 90])
 def test_a_reading_counts_as_lost_beyond_all_steps_about_it(times: float, place: int) -> None:

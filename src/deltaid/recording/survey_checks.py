@@ -162,6 +162,8 @@ def off_course(steps: Float[np.ndarray, "steps drives"]) -> Iterator[tuple[int, 
     Args:
         steps: changes of numbers from row to row; 0 where time jumps.
     """
+    if not len(steps):
+        return
     size = np.abs(steps)
     least = np.min(size, axis=0, where=size > 0, initial=np.inf)
     usual = _OFF * np.maximum(np.median(size, axis=0), least)
