@@ -49,10 +49,9 @@ _UNITS = {
     ("N*m", 1e-3): "mN*m",
     ("N", 1e-3): "mN",
 }
-# Rounds of fits that are repeated until they settle.
-ROUNDS = 4
-# Rows that hypotheses are tried on: enough for any motion, few enough to try a hundred.
-_MOST = 1 << 18
+# Rows that hypotheses are tried on: enough for any motion, few enough to try a hundred; rounds of
+# fits that are repeated until they settle.
+_MOST, ROUNDS = 1 << 18, 4
 # Squares of larger numbers' slopes may overflow; a recording is refused for them.
 _OVERFLOWS = np.finfo(float).max ** 0.25
 # What is so many times larger or smaller than described is wrong; standard deviations of a clear

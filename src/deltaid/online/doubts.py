@@ -27,10 +27,9 @@ _ALWAYS = 0.2
 # Relative deviation of one drive's torques from the model's, that of all drives, and number of
 # standard deviations, beyond which torques are scaled differently.
 _GAIN, _COMMON, _CLEAR = 0.06, 0.03, 3.0
-# Without a gripper's signal, torques may be larger by this share.
-_UNSIGNALLED = 0.2
-# Ratio of torques to the model's that no unsignalled load reaches.
-_FAR = 2.0
+# Without a gripper's signal, torques may be larger by this share, and reach no such ratio to the
+# model's.
+_UNSIGNALLED, _FAR = 0.2, 2.0
 # A torque that is constant for so long [s] while its drive moves is not measured.
 _STUCK = 0.05
 # Noise of a speed [rad/s or m/s] beyond which loads look lighter than they are.
