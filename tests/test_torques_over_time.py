@@ -5,8 +5,10 @@ import re
 import numpy as np
 import pytest
 
+from deltaid.checks.evidence import evidence
 from deltaid.checks.wiring.wiring import checked_wiring, checked_wirings
 from deltaid.model.verdict import Grade, Verdict
+from drives import case
 from wired import RATE, Columns, bad, recorded, seen
 
 NAME = "clavel-delta3"
@@ -73,6 +75,13 @@ def test_torques_of_other_rows_are_named_as_joined_wrongly(rows: int) -> None:
     (shift,) = re.findall(r"by some (\S+) rows", verdict.cure)
     assert int(shift) == pytest.approx(-rows, abs=5)
     assert "joined" in verdict.cause
+
+
+def test_torques_that_go_along_a_period_later_as_well_were_not_joined_there() -> None:
+    """A motion of 6.4 s is repeated, and a load comes in between."""
+    made = case("load-half-undeclared", "delta3", 0)
+    verdicts = checked_wiring(evidence(made.robot, made.logs[0]))
+    assert "torque-lag" not in [verdict.key for verdict in bad(verdicts)]
 
 
 def test_the_other_recordings_are_judged_without_one_that_is_joined_wrongly() -> None:

@@ -93,6 +93,19 @@ def with_events(recording: PreparedRecording) -> PreparedRecording:
     return recording.repaired(left_out=kept)
 
 
+def is_play(recording: PreparedRecording) -> bool:
+    """Whether anything of a recording is excluded because gears have play."""
+    return any(span.reason == BACKLASH for span in recording.repairs.left_out)
+
+
+def without_play(setup: Setup) -> Setup:
+    """The same with what is excluded because gears have play."""
+    for k, recording in enumerate(setup.recordings):
+        spans = (span for span in recording.repairs.left_out if span.reason != BACKLASH)
+        setup = setup.with_recording(k, recording.repaired(left_out=tuple(spans)))
+    return setup.reported((), "backlash")
+
+
 def _is_excerpt_quiet(expected: Expectation) -> bool:
     """Whether a model fits, and an excerpt that omits rows has no outliers."""
     source, excerpt = expected.source, expected.source.recording.excerpt

@@ -23,7 +23,7 @@ from deltaid.identification.column_stages import (
     sensors_settled,
 )
 from deltaid.identification.contest_stage import contested
-from deltaid.identification.events import without_events
+from deltaid.identification.events import is_play, without_events, without_play
 from deltaid.identification.fit import FittedProblem
 from deltaid.identification.friction_choice import chosen_friction
 from deltaid.identification.friction_constants import freed
@@ -41,6 +41,32 @@ def recordings_studied(setup: Setup, progress: Progress) -> Setup:
     """Which causes the residual of each recording has, before lags and friction are corrected."""
     progress("looking at what the description leaves")
     return setup.studied()
+
+
+def gears_searched(setup: Setup, progress: Progress) -> Setup:
+    """Gears turned back; those that were taken for play stay, for another search misses them
+    without the rows that are excluded behind them."""
+    is_known = any(recording.repairs.gears for recording in setup.recordings)
+    return setup if is_known else gears_turned_back(setup, progress)
+
+
+def wound_up_instead_of_play(setup: Setup, progress: Progress) -> Setup:
+    """Without play where gears that wind up leave none: a motor runs ahead of its link with either,
+    most of all where the torque that the gear carries changes its sign.
+
+    Gears that wind up look like lags as well, so these are known again once the gears are.
+    """
+    if not any(is_play(recording) for recording in setup.recordings):
+        return setup
+    whole = without_play(setup)
+    for start in (whole.all_repaired(delay=()), whole):
+        wound = gears_turned_back(start, progress)
+        if not any(recording.repairs.gears for recording in wound.recordings):
+            continue
+        judged = without_events(wound, progress)
+        if not any(is_play(recording) for recording in judged.recordings):
+            return judged
+    return setup
 
 
 def sharpened(setup: Setup, progress: Progress) -> Setup:
@@ -71,10 +97,11 @@ STAGES: tuple[Stage, ...] = (
     late_rates_left_out,
     declared_loads,
     without_events,
+    wound_up_instead_of_play,
     recordings_studied,
     gains,
     lags_corrected,
-    gears_turned_back,
+    gears_searched,
     undeclared_loads,
     contested,
     changing_friction,

@@ -38,8 +38,8 @@ _NOISY = 0.015
 _BLIND = {"stuck", "encoder", "standing"}
 # Rows per second that are few.
 _SLOW = 200.0
-# Share of rows at rest that is reported.
-_RESTING = 0.9
+# Shares of rows, stale and at rest, that are reported.
+_STALE, _RESTING = 0.005, 0.9
 
 
 def doubts(
@@ -94,7 +94,7 @@ def _of_rows(replay: Replay, settings: OnlineSettings, seen: RunEvidence) -> Ite
             cure="leave these rows out",
             key="stuck",
         )
-    if (share := replay.share("stale rows")) > CLIPPED:
+    if (share := replay.share("stale rows")) > _STALE:
         yield Doubt(
             f"{percent(share)} of the rows repeat the one before them while the robot moves; these "
             "are not used, and filters begin anew behind them",

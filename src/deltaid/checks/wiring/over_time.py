@@ -15,7 +15,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from deltaid.checks.evidence import WRONG_SCALE, Evidence
-from deltaid.checks.wiring.candidate import ALONG, LITTLE, SENSIBLE
+from deltaid.checks.wiring.candidate import ALONG, SENSIBLE
 from deltaid.checks.wiring.explained import RemappedRecording
 from deltaid.checks.wiring.residual import LEAST, Map, MapResidual, motion, residual
 from deltaid.estimation.problem import DEPENDENT, lengths
@@ -23,8 +23,9 @@ from deltaid.model.verdict import Grade, Verdict, listed
 
 # Rows that are compared; of more, some are skipped.
 _MOST = 20_000
-# No drive's torque is so late [s]; a lag, or another order, must leave so much less than none.
-_DELAY, _CLEARER = 0.15, 0.5
+# No drive's torque is so late [s]; no lag is searched where the best columns leave so little; it, or
+# another order, must leave so much less than none.
+_DELAY, _EXPLAINED, _CLEARER = 0.15, 0.1, 0.5
 # Ends of stretches that are tried; least length of a stretch and of the rest [s]; rounds of the
 # fit.
 _ENDS, _SHORTEST, _ROUNDS = 300, 1.0, 10
@@ -99,7 +100,7 @@ def _of_most_rows(under: MapResidual) -> Float[np.ndarray, " columns"]:
 
 
 def _joined(case: RemappedRecording, course: _Course) -> Iterator[Verdict]:
-    if case.best.left < LITTLE:
+    if case.best.left < _EXPLAINED:
         return
     half = len(course.time) // 2
     along = np.array([course.along(lag) for lag in range(-half, half + 1)])
@@ -108,6 +109,8 @@ def _joined(case: RemappedRecording, course: _Course) -> Iterator[Verdict]:
     before, peak, after = mean[k - 1 : k + 2].tolist()
     place = k - half + 0.5 * (before - after) / min(before - 2 * peak + after, -_TINY)  # a parabola
     late, least = place * course.step, along[k].min()
+    if mean[half] > ALONG:
+        return  # at the end of a period of the motion torques go along as well
     if abs(late) < _DELAY or least < SENSIBLE[0] or 1 - peak**2 > _CLEARER * (1 - mean[half] ** 2):
         return
     count = round(late / case.evidence.rows.step)

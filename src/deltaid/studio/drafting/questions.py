@@ -9,7 +9,6 @@ from dataclasses import dataclass
 from typing import Literal
 
 from deltaid.errors import DeltaidError
-from deltaid.robot.part import GRAVITY
 
 Answers = Mapping[str, float]
 Group = Literal["lengths", "masses", "motors", "tool", "friction", "workspace"]
@@ -117,6 +116,8 @@ class Question:
         return value
 
 
+# Standard gravity [m/s²].
+GRAVITY = 9.81  # not imported: help would read the whole room of robots
 # Platform acceleration of assumed motors [m/s²], and their strength as a multiple of one limb's
 # need.
 _ACCELERATION, _MORE = 40.0, 2.0
