@@ -15,6 +15,7 @@ from deltaid.dynamics.parameters import prior_parameters
 from deltaid.errors import RecordingError
 from deltaid.model.verdict import Grade
 from deltaid.motion.random_motion import random_motion
+from deltaid.recording.mapping import ColumnMapping
 from deltaid.robot.load import load_robot
 from drives.cycles import cycling
 from drives.happening import Happening
@@ -30,6 +31,24 @@ def test_nothing_is_said_of_right_columns(name: str) -> None:
     verdicts = checked_wiring(seen(name, recorded(name)))
     assert {verdict.grade for verdict in verdicts} == {Grade.GOOD}
     assert {verdict.key for verdict in verdicts} == {"drive-order", "homing-or-tilt", "velocity"}
+
+
+def test_columns_of_a_drive_that_the_robot_lacks_are_named() -> None:
+    columns = recorded("clavel-delta3")
+    more = {"q4": columns["q"][:, 0], "tau4": columns["tau"][:, 0]}
+    (verdict,) = bad(checked_wiring(seen("clavel-delta3", columns | more)))
+    assert (verdict.key, verdict.grade) == ("drive-count", Grade.DOUBTFUL)
+    assert "(q4, tau4), but the robot has 3" in verdict.seen
+
+
+def test_columns_beside_the_drives_are_nobody_s_business() -> None:
+    columns = recorded("clavel-delta3")
+    beside = dict.fromkeys(("q_4", "temperature4", "quality", "tau_sum"), columns["t"])
+    assert not bad(checked_wiring(seen("clavel-delta3", columns | beside)))
+    named = [{"column": f"q{i}", "unit": "rad"} for i in (1, 2, 3)]
+    mapping = ColumnMapping.model_validate({"position": named})
+    more = {"q4": columns["q"][:, 0]}
+    assert not bad(checked_wiring(seen("clavel-delta3", columns | more, mapping)))
 
 
 @pytest.mark.parametrize(

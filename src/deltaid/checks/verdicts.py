@@ -40,8 +40,8 @@ KEYS = {
         "workspace", "torque-limit",
     ),
     "units and wiring": (
-        "angle-unit", "torque-unit", "velocity-unit", "gear", "angle-sign", "torque-sign",
-        "drive-order", "homing-or-tilt", "velocity",
+        "drive-count", "angle-unit", "torque-unit", "velocity-unit", "gear", "angle-sign",
+        "torque-sign", "drive-order", "homing-or-tilt", "velocity",
     ),
     "the signals": (
         "rate", "encoder-step", "clock", "saturation", "standing", "torque-noise", "torque-step",

@@ -35,6 +35,12 @@ from deltaid.robot.sensors import channels_of
 # ones: more than a clock's error, less than one row of ten that is not logged.
 OTHER_RATE = "the rate is that of another recording, or only some of its rows were logged"
 NO_RATE = "leave `rate` out of the mapping, so that the column is the time, unless that is wrong"
+# Cause and fix of columns of more drives than the robot has.
+OTHER_ROBOT = "the log is of another robot, or of an axis beside it as well"
+ITS_ROBOT = (
+    "give the robot that was recorded; an axis beside it does no harm, and a mapping of the robot's "
+    "own columns says so"
+)
 
 
 def open_log(
@@ -76,15 +82,8 @@ def open_log(
     survey.warnings += table.warnings
     if other_rate := _contradicted_rate(table, columns):
         survey.warnings.append(Doubt(other_rate, cause=OTHER_RATE, cure=NO_RATE, key="clock"))
-    if extra := extra_drives(table, columns, kinematics.dof):
-        survey.warnings.append(
-            Doubt(
-                f"has columns of another drive ({', '.join(extra)}), but the robot has "
-                f"{kinematics.dof}",
-                cause="the log is of another robot, or of an axis beside it as well",
-                cure="give the robot that was recorded; an axis beside it does no harm",
-            )
-        )
+    if extra := extra_drives(table, columns, mapping, kinematics.dof):
+        survey.warnings.append(Doubt(extra, cause=OTHER_ROBOT, cure=ITS_ROBOT, key="drive-count"))
     with ThreadPoolExecutor(1) as thread:
         digest = thread.submit(table.checksum, [channel.column for channel in columns.recorded])
         unwrapping, kept = unwrappers(columns), list[Rows]()

@@ -79,13 +79,19 @@ def resolve_columns(
     return columns
 
 
-def extra_drives(table: LogTable, columns: Columns, dof: int) -> list[str]:
-    """Columns with default names of drives that the robot lacks."""
+def extra_drives(table: LogTable, columns: Columns, mapping: ColumnMapping, dof: int) -> str:
+    """Which columns have default names of a drive that the robot lacks, in words; empty if none
+    has, or if a mapping names the column of each drive's position."""
+    if isinstance(mapping.position, tuple):
+        return ""
     used = {channel.column for channel in columns.all}
     names = [f"{SHORT_NAMES[quantity]}{dof + 1}" for quantity in QUANTITIES]
     extra = [name for name in names if name in table.header and name not in used]
     arrays = [f"{short}[{dof}]" for short in SHORT_NAMES.values() if f"{short}[0]" in used]
-    return extra + [name for name in arrays if _is_there(table, columns.time.column, name)]
+    extra += [name for name in arrays if _is_there(table, columns.time.column, name)]
+    if not extra:
+        return ""
+    return f"has columns of another drive ({', '.join(extra)}), but the robot has {dof}"
 
 
 def _is_there(table: LogTable, *names: str) -> bool:

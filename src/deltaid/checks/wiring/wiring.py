@@ -26,6 +26,8 @@ from deltaid.dynamics.dynamics import compiled
 from deltaid.errors import RecordingError
 from deltaid.estimation.problem import lengths
 from deltaid.model.verdict import Grade, Proposal, Verdict, worst
+from deltaid.recording.opening import ITS_ROBOT, OTHER_ROBOT
+from deltaid.recording.resolution import extra_drives
 
 # Part of the stretch to search on, if it has enough samples.
 _PART = {"longest": 6.0, "oversampled": 10.0}
@@ -79,8 +81,9 @@ def checked_wirings(
         clearest = min((cases[k] for k in shown if cases[k].good), key=lambda case: case.best.left)
         common = column_verdicts(clearest)
     each = [
-        over_time[k] or _of_recording(cases[k], common) if k in cases else ()
-        for k in range(len(records))
+        (*_other_drives(record), *judged)
+        for k, record in enumerate(records)
+        for judged in [over_time[k] or _of_recording(cases[k], common) if k in cases else ()]
     ]
     return common or (), each
 
@@ -119,6 +122,14 @@ def _refuse_copies(evidence: Evidence) -> None:
                 cure=f"map each drive's own {quantity}; if only one of them was recorded, record "
                 "again",
             )
+
+
+def _other_drives(evidence: Evidence) -> tuple[Verdict, ...]:
+    extra = extra_drives(evidence.table, evidence.columns, evidence.mapping, evidence.dynamics.dof)
+    if not extra:
+        return ()
+    seen = f"the log {extra}"
+    return (Verdict("drive-count", Grade.DOUBTFUL, seen, "", OTHER_ROBOT, ITS_ROBOT),)
 
 
 def _correlations(numbers: np.ndarray) -> np.ndarray:
