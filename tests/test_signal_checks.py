@@ -1,6 +1,8 @@
 """Checks on signals: each fault by its number, and drives that noise shakes."""
 
+import re
 from functools import cache
+from pathlib import Path
 
 import numpy as np
 import polars as pl
@@ -36,7 +38,7 @@ def column(name: str) -> np.ndarray:
     return frame()[name].to_numpy()
 
 
-def said(table: pl.DataFrame) -> dict[str, list[Verdict]]:
+def said(table: pl.DataFrame | Path) -> dict[str, list[Verdict]]:
     """Verdicts that are not good, by key."""
     found: dict[str, list[Verdict]] = {}
     for verdict in checked_signals(evidence(load_robot("clavel-delta3"), table)):
@@ -91,8 +93,28 @@ def test_lost_rows_are_counted(lost: slice) -> None:
 def test_a_clock_that_passes_midnight_is_no_logger_that_falls_behind() -> None:
     clock = (pl.col("t") + 86397.0) % 86400.0
     (verdict,) = said(frame().with_columns(clock.alias("t")))["clock"]
-    assert verdict.seen == "time starts again in 1 place"
+    assert re.fullmatch(r"time starts again in 1 place, the first in row \d+", verdict.seen)
     assert "passed midnight" in verdict.cause
+
+
+@pytest.mark.parametrize("robots", [("left", "right"), (17, 23)])
+def test_robots_below_one_another_are_to_be_split_by_the_column_that_names_them(
+    robots: tuple[str, str] | tuple[int, int], tmp_path: Path
+) -> None:
+    half = len(frame()) // 2
+    parts = [frame().slice(start, half) for start in (0, half)]
+    stacked = pl.concat(
+        part.with_columns(t=frame()["t"][:half], index=pl.Series(range(half)), robot=pl.lit(robot))
+        for part, robot in zip(parts, robots, strict=True)
+    )
+    stacked.write_csv(log := tmp_path / "stacked.csv")
+    (verdict,) = said(log)["clock"]
+    first, second = robots
+    assert verdict.seen == (
+        f"time starts again in 1 place, the first in row {half + 2}, and column robot changes "
+        f"there only, first from {first} to {second}"
+    )
+    assert "split it by column robot" in verdict.cure
 
 
 def test_jitter_is_a_share_of_the_period() -> None:

@@ -12,7 +12,7 @@ from deltaid.recording.filter import LowPass, design_low_pass, samples_needed
 from deltaid.recording.log import Log
 from deltaid.recording.masks.masks import RESTS, Reason, kept
 from deltaid.recording.opening import NO_RATE, OTHER_RATE
-from deltaid.recording.time.clock import HIGHEST_RATE, JITTER, RESTARTED, places_of, rows_are
+from deltaid.recording.time.clock import HIGHEST_RATE, JITTER, places_of, restarted, rows_are
 
 # Samples per period of the motion's bandwidth below which a recording is doubtful, and wrong.
 # Differentiated signals need more: the filter passes six hundredths of the rate.
@@ -175,12 +175,13 @@ def _moving(evidence: Evidence) -> Bool[np.ndarray, " drives"]:
 
 def _clock(evidence: Evidence, log: Log) -> Verdict:
     clock, period = log.clock, f"{1e3 * log.clock.period:.4g} ms"
-    lost, restarts = int(clock.lost[clock.lost > 0].sum()), int(np.sum(clock.lost < 0))
+    lost = int(clock.lost[clock.lost > 0].sum())
+    restarts, cause, cure = restarted(clock, log.table, log.columns.time.column)
     stale = sum(m.last - m.first + 1 for m in log.masks if m.reason == "stale rows")
     twice, scatter = len(clock.extra), clock.jitter / clock.period
     faults = {
         f"{rows_are(lost)} missing in {places_of(int(np.sum(clock.lost > 0)))}": lost,
-        f"time starts again in {places_of(restarts)}": restarts,
+        restarts: bool(restarts),
         f"{rows_are(twice)} there twice or without a place": twice,
         f"{rows_are(stale)} copies of the one before while the robot moves": stale,
         f"stamps jitter by {percent(scatter)} of the {period}": scatter > JITTER,
@@ -198,13 +199,14 @@ def _clock(evidence: Evidence, log: Log) -> Verdict:
             )
     if not seen:
         return _CLOCK.good(f"{clock.rows} rows, one every {period}", 100 * scatter)
-    cause = RESTARTED if restarts and not (lost or twice or stale) else ""
+    if lost or twice or stale:
+        cause = cure = ""
     if scatter > JITTER and not (lost or restarts or twice or stale):
         cause = "stamps are made when rows are written, and not when they are sampled"
         if clock.even is False or clock.steady:
             cause = "rows are sampled when the logger gets round to it, not by a clock"
     number = 100 * ((lost + twice + stale) / clock.rows if lost or stale else scatter)
-    return _CLOCK.judged(seen, "", number, cause=cause)
+    return _CLOCK.judged(seen, "", number, cause=cause, cure=cure)
 
 
 def _excluded(log: Log, reasons: tuple[Reason, ...]) -> list[float]:

@@ -241,6 +241,7 @@ class Log(Shown):
         """
         if self.laid.steady:
             return self
-        doubts = doubts_about_holes(self.laid, self.table, self.bridged(cutoff), shortest)
+        places = self.laid, self.table, self.columns.time.column
+        doubts = doubts_about_holes(*places, self.bridged(cutoff), shortest)
         doubts = [doubt for doubt in doubts if doubt not in self.warnings]
         return replace(self, warnings=(*self.warnings, *doubts))

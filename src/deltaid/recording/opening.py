@@ -38,8 +38,8 @@ NO_RATE = "leave `rate` out of the mapping, so that the column is the time, unle
 # Cause and fix of columns of more drives than the robot has.
 OTHER_ROBOT = "the log is of another robot, or of an axis beside it as well"
 ITS_ROBOT = (
-    "give the robot that was recorded; an axis beside it does no harm, and a mapping of the robot's "
-    "own columns says so"
+    "give the robot that was recorded; an axis beside it does no harm, and a mapping of the "
+    "robot's own columns says so"
 )
 
 

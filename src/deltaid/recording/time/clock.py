@@ -9,12 +9,11 @@ from jaxtyping import Bool, Float, Int
 from deltaid.errors import Doubt, RecordingError
 from deltaid.recording.masks.masks import Runs
 from deltaid.recording.source import LogTable
+from deltaid.recording.time.restarts import part_column
 from deltaid.recording.units import MOST_WRONG
 
 # Highest rate of drives [Hz]; a higher one is a wrong unit of time.
 HIGHEST_RATE = 1e6
-# Likeliest cause of a time that starts again.
-RESTARTED = "several recordings stand in one file, or the clock was set or passed midnight"
 NO_TIME = (
     "map the column of the time with --columns MAPPING.yaml (time: {column: NAME}), or give the "
     "sampling rate in its place (time: {rate: 1000})"
@@ -231,12 +230,38 @@ def doubts_about_stamps(clock: Clock, table: LogTable, column: str) -> Iterator[
         )
 
 
+def restarted(clock: Clock, table: LogTable, column: str) -> tuple[str, str, str]:
+    """Where time starts again, the likeliest cause, and the fix; empty where it does not.
+
+    Args:
+        column: of the time.
+    """
+    rows = clock.holes[clock.lost < 0]
+    if not rows.size:
+        return "", "", ""
+    seen = f"time starts again in {places_of(rows.size)}, the first in {_row(table, rows)}"
+    if (part := part_column(table, column, rows.tolist())) is None:
+        return (
+            seen,
+            "several recordings stand in one file, or the clock was set or passed midnight",
+            "split it if load or wiring were others; else nothing is to be done",
+        )
+    return (
+        f"{seen}, and column {part.name} changes there only, first from {part.before} to "
+        f"{part.after}",
+        "recordings of several robots or runs stand in one file",
+        f"split it by column {part.name}, unless all of it is of one robot with the same load and "
+        "wiring",
+    )
+
+
 def doubts_about_holes(
-    clock: Clock, table: LogTable, longest: int, shortest: int
+    clock: Clock, table: LogTable, column: str, longest: int, shortest: int
 ) -> Iterator[Doubt]:
     """Doubts about bridged holes, gaps, and segments that are too short.
 
     Args:
+        column: of the time.
         longest: most missing rows that are bridged.
         shortest: fewest samples of a usable segment.
 
@@ -256,14 +281,8 @@ def doubts_about_holes(
             key="clock",
         )
     if report.restarts:
-        where = _row(table, clock.holes[clock.lost < 0])
-        yield Doubt(
-            f"time starts again in {places_of(report.restarts)}, the first in {where}: a new "
-            "segment begins there",
-            cause=RESTARTED,
-            cure="split it if load or wiring were others; else nothing is to be done",
-            key="clock",
-        )
+        seen, cause, cure = restarted(clock, table, column)
+        yield Doubt(f"{seen}: a new segment begins there", cause=cause, cure=cure, key="clock")
     if gaps := report.gaps:
         spans = [f"{since:.6g} to {until:.6g} s" for since, until in gaps[:5]]
         shown = ", ".join(spans) + (" …" if len(gaps) > 5 else "")
