@@ -327,3 +327,22 @@ def test_a_hint_at_the_separator_is_no_preamble(tmp_path: Path, hint: str) -> No
     path.write_bytes((hint + recorded(300).write_csv()).encode())
     table = open_table(path)
     assert (table.warnings, table.first_row) == ((), 3)
+
+
+def test_counts_and_per_mille_are_not_certain_under_any_name() -> None:
+    counts = [(pl.col(f"q{i}") * 1e5).round() for i in (1, 2, 3)]
+    mille = [(pl.col(f"tau{i}") * 50).round() for i in (1, 2, 3)]
+    table, counted = recorded(), recorded().with_columns(*counts, *mille)
+    stated = {"position": "360/65536 deg", "torque": "0.02 N*m"}
+    assert deltaid.columns(counted, "clavel-delta3", units=stated).certain
+    found = deltaid.columns(counted, "clavel-delta3")
+    assert "unit of position" in found.missing
+    assert any("counts of an encoder" in doubt for doubt in found.doubts)
+    assert any("per mille" in doubt for doubt in found.doubts)
+    degrees = [pl.col(f"q{i}").degrees() for i in (1, 2, 3)]
+    found = deltaid.columns(table.with_columns(*degrees), "clavel-delta3")
+    assert found.data["position"][0] == {"column": "q1", "unit": "deg"}
+    assert not found.certain
+    assert deltaid.columns(table, "clavel-delta3").certain
+    turning = pl.lit(np.linspace(0.0, 20.0, table.height)).alias("q3")  # of a shaft
+    assert deltaid.columns(table.with_columns(turning), "clavel-delta3").certain

@@ -41,6 +41,11 @@ EXIT = {"good": 0, "cannot tell": 3, "doubtful": 3, "wrong": 4}
 _BELONGS: dict[File, str] = {"robot": "the robot file", "mapping": "the mapping (--columns)"}
 # Endings of the names of both files.
 _ENDS: dict[File, str] = {"robot": "robot", "mapping": "columns"}
+# Units that no log states, as an example each.
+_UNITS = {
+    "position": "'360/65536 deg' for 65536 counts a turn, and --gear if there is one",
+    "torque": "'0.0235 N*m' for a per mille of 23.5 N m",
+}
 _COLOURS = {"wrong": "bold red", "doubtful": "yellow", "cannot tell": "cyan", "good": "green"}
 
 
@@ -146,7 +151,7 @@ def _print(proposal: "deltaid.MappingProposal", log: Path) -> None:
     console.print()
     units = [text.removeprefix("unit of ") for text in proposal.missing if text.startswith("unit")]
     if units:
-        step = f"give the unit: --unit {units[0]}='0.0235 N*m' for a per mille of 23.5 N m"
+        step = f"give the unit: --unit {units[0]}={_UNITS.get(units[0], _UNITS['torque'])}"
     elif "torque_constant" in proposal.missing:
         step = "give --torque-constant in N m per A at the motor, and --gear if there is one"
     elif proposal.missing:

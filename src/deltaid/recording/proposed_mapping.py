@@ -15,10 +15,19 @@ from deltaid.recording.column_meanings import QUANTITIES as WORDS
 from deltaid.recording.column_meanings import Group, Reading, groups_of, kind_of, read_name, unit_of
 from deltaid.recording.mapped_columns import NEEDED, QUANTITIES, SHORT_NAMES, Quantity
 from deltaid.recording.mapping import FoundColumns, Known, MappingProposal
-from deltaid.recording.units import SI_UNITS, Signal, derivative_factor, fitting_units, time_unit
+from deltaid.recording.units import (
+    SI_UNITS,
+    Signal,
+    derivative_factor,
+    fitting_units,
+    si_factor,
+    time_unit,
+)
 
 # A carriage hardly travels 10 m; numbers of millimetres mostly exceed that.
 MOST_METRES = 10.0
+# No arm turns further than once; numbers of degrees mostly exceed that.
+_DEGREES = ("deg", 2 * np.pi, "degrees")
 # Drives of a parallel robot at most.
 _MOST_DRIVES = 8
 # Columns that one array may hold: the time and all quantities of all drives; wider ones are images.
@@ -187,11 +196,11 @@ def _drives(
     )
     for column, slides in zip(members, linear, strict=True):
         unit, reason = _stated(quantity, column, read_name(column.address), known)
-        if unit is None and is_default:
-            unit = SI_UNITS[quantity][slides]
-            reason = f"{unit} is what default names are in"
         if unit is None:
-            unit, assumed = _by_size(quantity, reading, members, slides=slides)
+            unit, assumed = _by_size(
+                quantity, reading, members, slides=slides, is_default=is_default
+            )
+            reason = "" if assumed else f"{unit} is what default names are in"
         elif not unit:
             reason = "their unit depends on a rated value or an encoder, which no log states"
         units.append(unit)
@@ -215,19 +224,37 @@ def _stated(
 
 
 def _by_size(
-    quantity: Quantity, reading: Reading, members: Sequence[Column], *, slides: bool
+    quantity: Quantity,
+    reading: Reading,
+    members: Sequence[Column],
+    *,
+    slides: bool,
+    is_default: bool,
 ) -> tuple[str, str]:
-    """The unit assumed if none is stated, and the doubt."""
-    ends = [end or 0.0 for column in members for end in (column.low, column.high)]
-    largest = max(map(abs, ends))
+    """The unit assumed if none is stated, and the doubt; empty where default names settle it."""
+    ends = [max(abs(column.low or 0.0), abs(column.high or 0.0)) for column in members]
+    # A shaft may turn several times, but the arms beside it do not.
+    largest = min(ends) if is_default else max(ends)
     if reading.quantity == "current":
         return "A", "ampere are assumed, for no unit is stated"
-    if quantity == "position" and not slides and largest > 2 * np.pi:
-        return "deg", f"numbers go up to {largest:.3g}, so degrees are assumed"
-    if quantity == "position" and slides and largest > MOST_METRES:
-        return "mm", f"numbers go up to {largest:.3g}, so millimetres are assumed"
-    unit = SI_UNITS[quantity][slides]
-    return unit, f"{unit} is assumed, for no unit is stated"
+    si = SI_UNITS[quantity][slides]
+    unit, most, words = ("mm", MOST_METRES, "millimetres") if slides else _DEGREES
+    if quantity == "position" and largest > most:
+        seen = f"numbers go up to {largest:.3g}"
+        if _are_whole(members) and largest > most / si_factor(unit, si, where=unit):
+            return "", f"{seen} and are whole, as counts of an encoder are"
+        return unit, f"{seen}, so {words} are assumed"
+    if quantity == "torque" and _are_whole(members):
+        why = "though all numbers are whole, as per mille of a rated torque are"
+        return si, f"{si} is assumed, {why}"
+    return si, "" if is_default else f"{si} is assumed, for no unit is stated"
+
+
+def _are_whole(columns: Sequence[Column]) -> bool:
+    """Whether the first numbers of all columns are whole, and some of them change."""
+    starts = [column.start for column in columns if column.start is not None]
+    whole = all(np.array_equal(start, np.round(start), equal_nan=True) for start in starts)
+    return whole and bool(starts) and not _are_constant(columns)
 
 
 def _settle_units(
