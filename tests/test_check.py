@@ -16,7 +16,7 @@ from deltaid.checks.verdicts import as_written, changes, mended
 from deltaid.errors import DescriptionError
 from deltaid.model.verdict import Grade, Verdict, worst
 from deltaid.robot.load import catalogue, described_in, load_robot, yaml_text
-from logs import recorded
+from logs import recorded, tabled
 from poor_priors import PLAIN
 from sweeps import swept
 
@@ -266,3 +266,16 @@ def test_missing_limits_are_said_of_a_description_not_of_every_recording(tmp_pat
     robot = written(data, tmp_path / "robot.yaml")
     assert verdict_of(check(robot), "limits").grade is Grade.DOUBTFUL
     assert "limits" not in {verdict.key for verdict in check(robot, recorded(3000)).poor}
+
+
+def test_a_recording_at_rest_beside_a_good_one_is_named_as_one() -> None:
+    moving, rng = recorded(6000), np.random.default_rng(0)
+    noise = rng.normal(0.0, 1e-6, (13_000, 3))
+    still = tabled(t=1e-3 * np.arange(len(noise)), q=0.3 + noise, tau=1.0 + 1e3 * noise)
+    found = check("clavel-delta3", [moving, still])
+    (verdict,) = [verdict for verdict in found if verdict.grade is not Grade.GOOD]
+    assert (verdict.key, verdict.grade) == ("standing", Grade.DOUBTFUL)
+    assert "the robot stands still" in verdict.seen
+    assert any(verdict.key == "base-parameters" for verdict in found)
+    fitted = deltaid.identify("clavel-delta3", [moving, still])
+    assert any("the robot stands still" in warning for warning in fitted.model.warnings)

@@ -96,10 +96,10 @@ def check(
             on_log = confirmed(record, on_log)
             of_logs += named_verdicts(record, on_log, several=several)
             wrong = Grade.WRONG in (worst(common), worst(on_log))
-            if several and not wrong and (known := information_of(record)):
+            if several and not (wrong or record.stands) and (known := information_of(record)):
                 informations.append(known)
                 strokes.append(record.moved)
-        if several and len(informations) == len(sources):
+        if informations and len(informations) == sum(not record.stands for record in records):
             say("checking what they determine together")
             of_logs += judged_information(compiled(description), merge(informations), strokes)
         return Verdicts((*judged, *common, *of_logs), description, sources, mappings)
@@ -139,10 +139,10 @@ def of_recording(record: Evidence, wiring: Sequence[Verdict], several: bool) -> 
     """
     is_lost = isinstance(record.setup, LostReadingError)
     judged = [] if is_lost else [*wiring, *checked_signals(record)]
-    if worst(judged) is not Grade.WRONG and record.surveyed is not None:
+    if worst(judged) is not Grade.WRONG and not record.stands and record.surveyed is not None:
         judged += checked_sensors(record)
         judged += () if several else checked_information(record)
-    if worst(judged) is Grade.WRONG:  # later checks would only repeat it
+    if worst(judged) is Grade.WRONG or record.stands:  # later checks would only repeat it
         return tuple(judged)
     if isinstance(error := record.fitted, DeltaidError):
         return (*judged, Verdict("refused", Grade.WRONG, error.what, error.where, "", error.cure))

@@ -130,9 +130,9 @@ class Evidence:
         """Range of each drive in these rows [rad or m]."""
         return np.ptp(self.rows.q, axis=0)
 
-    @property
+    @cached_property
     def stands(self) -> bool:
-        """Whether no drive moves by more than the noise of an encoder."""
+        """Whether no drive moves in these rows."""
         return self.rows.q.size > 0 and float(self.moved.max()) < _STILL
 
     @cached_property
@@ -266,7 +266,7 @@ def evidence(
 
 def forget(evidence: Evidence) -> None:
     """Drop cached rows and surveys: all recordings might not fit into memory."""
-    _ = evidence.moved
+    _ = evidence.moved, evidence.stands
     for key in ("rows", "setup", "surveyed"):
         vars(evidence).pop(key, None)
 
@@ -276,7 +276,9 @@ def with_fit(
 ) -> Evidence:
     """The evidence with an existing survey, fit and study."""
     fitted = replace(evidence, dynamics=problem.dynamics, problem=problem)
-    known: dict[str, object] = {k: v for k, v in vars(evidence).items() if k in ("rows", "moved")}
+    known: dict[str, object] = {
+        k: v for k, v in vars(evidence).items() if k in ("rows", "moved", "stands")
+    }
     if study is not None:
         known["study"] = study
     vars(fitted).update(known, surveyed=recording)  # where cached properties are kept

@@ -40,7 +40,7 @@ from deltaid.robot.description import RobotDescription
 from deltaid.robot.load import RobotLike, described
 from deltaid.robot.tolerances import Tolerances
 
-# Verdicts on excluded rows, whose spans the table of masks reports.
+# Verdicts on some excluded rows, whose spans the table of masks reports.
 _MASKED = {"standing", "saturation"}
 
 # Zeros and tilts of a usual size are accepted unless a friction law explains more than chance:
@@ -120,8 +120,7 @@ def identify(
         result = fitted(description, sources, columns=mappings, settings=settings, progress=say)
         say("judging the result")
         after_fit = _after_fit(result, opened, before_fit, description)
-        kept = (v for v in after_fit if settings.keep_all or v.key not in _MASKED)
-        verdicts = Verdicts((*judged, *common, *kept), description, sources, mappings)
+        verdicts = Verdicts((*judged, *common, *after_fit), description, sources, mappings)
         poor = (verdict.sentence for verdict in verdicts if verdict.grade is not Grade.GOOD)
         model = result.model.changed(warnings=(*poor, *_warnings(result, verdicts)))
         model = verdicts.noted(model)
@@ -188,6 +187,8 @@ def _after_fit(
             *checked_feedback(fitted),
             *(detected_load(before) for before in detected if before is not None),
         )
+        if not (fitted.settings.keep_all or fitted.stands):
+            judged = tuple(verdict for verdict in judged if verdict.key not in _MASKED)
         yield from named_verdicts(record, confirmed(record, judged), several=several)
 
 

@@ -84,6 +84,11 @@ def checked_signals(evidence: Evidence) -> Iterator[Verdict]:
     """All verdicts on the recorded signals."""
     if len(evidence.rows.time) < 2 or evidence.rows.step < 1 / HIGHEST_RATE:  # a survey refuses it
         return
+    if evidence.stands:
+        most = evidence.moved.max()
+        seen = f"the robot stands still: no position changes by more than {most:.2g} rad or m"
+        yield _STANDING.judged(seen, "", 100.0)
+        return
     rate, recording = _rate(evidence), evidence.surveyed
     yield rate
     if rate.grade is Grade.WRONG:  # a motion sampled too slowly looks like noise
