@@ -4,6 +4,7 @@ from dataclasses import dataclass, field
 from functools import cache
 
 import numpy as np
+import polars as pl
 import pytest
 from scipy.signal import lfilter
 
@@ -18,15 +19,17 @@ from deltaid.control.controllers import (
 from deltaid.control.infeasible import of_tracking
 from deltaid.control.plant import Plant
 from deltaid.control.simulate import Conditions
-from deltaid.control.tracking import Drives, Tracking, gains, track
-from deltaid.dynamics.dynamics import compiled_as
+from deltaid.control.tracking import Drives, Tracking, gains, open_trajectory, track
+from deltaid.dynamics.dynamics import compiled, compiled_as
 from deltaid.dynamics.forward_dynamics import ForwardDynamics
 from deltaid.dynamics.parameters import prior_parameters
+from deltaid.errors import RecordingError
 from deltaid.model.model import Model, load
 from deltaid.robot.limits import NAMES, Task
 from deltaid.robot.load import load_robot
 from deltaid.view.page import Figure, Table, Text
 from deltaid.view.tracking import comparison_page
+from logs import recorded
 from test_controllers import ROBOT, motion
 
 
@@ -194,3 +197,9 @@ def test_all_controllers_are_tuned_with_the_mass_matrix_of_the_last_model() -> N
     alone = track(plant, law, right, trajectory, drives)
     pd = next(run.tracking for run in runs if run.controller == "pd")
     np.testing.assert_allclose(pd.error.platform_rms, alone.error.platform_rms, rtol=1e-9)
+
+
+def test_a_file_whose_time_starts_again_is_no_motion_to_follow() -> None:
+    table = recorded().with_columns(t=pl.col("t") % 1.0)
+    with pytest.raises(RecordingError, match="starts again in 1 place, the first in row 1001"):
+        open_trajectory(table, compiled(load_robot("clavel-delta3")).kinematics)

@@ -43,7 +43,8 @@ def require_plausible(loops: Loops, known: Unknowns, instrument: Instrument) -> 
     count, own = len(instrument.values), len(instrument.unknowns)
     if count < own / instrument.values.shape[1] + 1:
         raise RecordingError(
-            f"has {count} rows; too few to fix the {own} unknowns of the instrument itself",
+            f"has {count} row{'s' * (count > 1)}; too few to fix the {own} unknowns of the "
+            "instrument itself",
             where=instrument.source,
             cure="measure more poses",
         )

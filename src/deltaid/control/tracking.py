@@ -36,6 +36,7 @@ from deltaid.recording.mapping import ColumnMapping
 from deltaid.recording.memory import RecordingLike
 from deltaid.recording.opening import open_log
 from deltaid.recording.planned import motion_of, planned
+from deltaid.recording.time.clock import restarted
 from deltaid.robot.limits import Task
 
 # Spline degree: q̈ is smooth.
@@ -106,9 +107,16 @@ def open_trajectory(
     end at rest goes on at rest; one that moves is shorter by the filter's length.
 
     Raises:
-        RecordingError: the file cannot be used, or has too few samples.
+        RecordingError: the file cannot be used, its time starts again, or it has too few samples.
     """
     log = open_log(path, kinematics, mapping, need_torque=False)
+    seen, cause, _ = restarted(log.clock, log.table, log.columns.time.column)
+    if seen:
+        raise RecordingError(
+            f"{seen}, so these are several motions; likeliest cause: {cause}",
+            where=str(path),
+            cure="give a file with one of them",
+        )
     recording = planned(log)
     parts = [(part.time, kinematics.inverse(part.z)) for part in motion_of(recording, kinematics)]
     time, q = (np.concatenate(part) for part in zip(*parts, strict=True))
