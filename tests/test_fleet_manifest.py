@@ -43,6 +43,15 @@ def test_names_that_no_file_can_have_are_of_none(tmp_path: Path, name: str) -> N
     assert absent.reason.startswith("no such file\n  → ")
 
 
+def test_a_folder_in_place_of_its_files_is_named_as_one(tmp_path: Path) -> None:
+    own = plant(tmp_path)
+    own.path("north/undated").parent.mkdir()
+    own.manifest.write_text(MANIFEST.replace("north/*.parquet", "north"))
+    (absent,) = find_fleet(str(own.manifest)).absent
+    assert absent.reason.startswith("is a folder\n  → ")
+    assert "north/*.csv" in absent.reason
+
+
 def test_what_two_patterns_refuse_is_reported_once(tmp_path: Path) -> None:
     own = plant(tmp_path)
     own.path("north/undated").parent.mkdir()

@@ -1,12 +1,14 @@
 """What a description says was measured, and lists of what sensors and scales would tell."""
 
+from pathlib import Path
+
 import pytest
 
 from deltaid.checks.check import of_robot
 from deltaid.dynamics.parameters import stated_spreads
 from deltaid.errors import DeltaidError, DescriptionError
 from deltaid.robot.description import RobotDescription
-from deltaid.robot.load import catalogue_text, load_robot, parse
+from deltaid.robot.load import catalogue_text, load_robot, parse, yaml_text
 from deltaid.sensors.planning.offers import Offers
 from deltaid.sensors.planning.plan import PlanSettings, sensor_plan
 from descriptions import CLAVEL, refusal, replaced
@@ -167,10 +169,15 @@ def test_bad_lists_are_refused(old: str, new: str, said: str) -> None:
         ({"quantity": "first_moment", "of": "P", "axis": "x", "share": 0.01}, "is zero at the"),
     ],
 )
-def test_lists_that_do_not_fit_the_robot_are_refused(weigh: dict, said: str) -> None:
+def test_lists_that_do_not_fit_the_robot_are_refused(
+    weigh: dict, said: str, tmp_path: Path
+) -> None:
     listed = Offers.model_validate({"offers": {"a": {"title": "a", "price": 1, "weigh": weigh}}})
     with pytest.raises(DescriptionError, match=said):
         sensor_plan(DELTA, offers=listed)
+    (path := tmp_path / "list.yaml").write_text(yaml_text(listed.model_dump(exclude_unset=True)))
+    with pytest.raises(DescriptionError, match=r"list\.yaml, offers\.a"):
+        sensor_plan(DELTA, offers=path)
 
 
 def test_gains_that_are_known_are_no_goal() -> None:

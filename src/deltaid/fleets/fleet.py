@@ -8,7 +8,7 @@ from pathlib import Path
 
 from deltaid.errors import DescriptionError
 from deltaid.fleets.manifest import RecordedFile, beside, read_manifest
-from deltaid.fleets.store import has_pattern, matching, stamps_of
+from deltaid.fleets.store import has_pattern, is_folder, matching, stamps_of
 from deltaid.model.options import Period
 from deltaid.robot.load import catalogue
 
@@ -26,6 +26,7 @@ _UNDATED = (
 ALL = "all"
 PERIODS = {"day": "%Y-%m-%d", "week": "%G-W%V", "month": "%Y-%m", ALL: ALL}
 # Folders such as year=2026/month=01/day=31.
+_CHECK = "\n  → check the manifest"
 _KEYS = re.compile(r"\b(?:year|month|day|date|hour)=", re.IGNORECASE)
 
 
@@ -108,14 +109,13 @@ def find_fleet(manifest: str, period: Period | None = None) -> Fleet:
     for pattern, (robot, kind, file, columns) in named:
         types[kind] = kind if kind in catalogue() else beside(kind, manifest)
         if has_pattern(pattern):
-            matches, why = matching(pattern), "no file answers to it"
+            matches, why = matching(pattern), f"no file answers to it{_CHECK}"
         else:
             matches = {pattern: single[pattern]} if pattern in single else {}
-            why = "no such file"
+            files = f"\n  → name the files in it by a pattern, such as {pattern}/*.csv"
+            why = f"is a folder{files}" if is_folder(pattern) else f"no such file{_CHECK}"
         if not matches:
-            absent.append(
-                Quarantined("recording", robot, pattern, f"{why}\n  → check the manifest")
-            )
+            absent.append(Quarantined("recording", robot, pattern, why))
         mapping = beside(columns, manifest) if columns else ""
         mappings.add(mapping)
         for path, stamp in matches.items():

@@ -13,7 +13,7 @@ from jaxtyping import Float
 
 from deltaid.dynamics.dynamics import compiled
 from deltaid.dynamics.parameters import prior_parameters
-from deltaid.errors import DeltaidError, unknown
+from deltaid.errors import DeltaidError, DescriptionError, unknown
 from deltaid.identification.gains import SPREAD
 from deltaid.model.model import Model, ModelLike, load
 from deltaid.progress import Watch, watched
@@ -180,6 +180,7 @@ def sensor_plan(
     """
     model, mapping, settings = load(robot), as_mapping(columns), settings or PlanSettings()
     with watched(progress, "sensor plan") as say:
+        place = f"{offers}, " if isinstance(offers, str | Path) else ""
         if not isinstance(offers, Offers):
             offers = shipped_offers() if offers is None else load_offers(offers)
         dynamics = compiled(model.as_description())
@@ -209,7 +210,12 @@ def sensor_plan(
         rows = torque_rows(scene, Y)
         say("looking at what could be bought")
         likely, sure = described_rows(scene)
-        possible, left_out = uses(scene, offers)
+        try:
+            possible, left_out = uses(scene, offers)
+        except DescriptionError as error:
+            raise DescriptionError(
+                error.what, where=f"{place}{error.where}", cure=error.cure
+            ) from None
         aim = goal_called(goal, entries, scene, settings.enough)
         alone = Knowledge(np.eye(len(entries.names))).and_rows(rows @ entries.W)
         start = alone.and_rows(likely @ entries.W) if len(likely) else alone
