@@ -23,8 +23,8 @@ from deltaid.model.verdict import Grade, Verdict, listed
 
 # Rows that are compared; of more, some are skipped.
 _MOST = 20_000
-# No drive's torque is so late [s]; no lag is searched where the best columns leave so little; it, or
-# another order, must leave so much less than none.
+# No drive's torque is so late [s]; no lag is searched where the best columns leave so little; a lag
+# or another order must leave so much less than none.
 _DELAY, _EXPLAINED, _CLEARER = 0.15, 0.1, 0.5
 # Ends of stretches that are tried; least length of a stretch and of the rest [s]; rounds of the
 # fit.
