@@ -138,10 +138,15 @@ def _by_all_rows(bare: Setup, end: _Sweeps) -> _Sweeps:
 def _beside_unexplained(bare: Setup, end: _Sweeps) -> _Sweeps:
     """Sweeps with free functions of the drives' torques, where the rows need these, leave less
     noise and are more probable so, or the others alone are refuted; intervals count the other
-    end."""
+    end.
+
+    These sweeps begin with stiff gears: what was searched before may be a part of what is
+    unexplained, and takes more sweeps to vanish than to appear.
+    """
     if not (free := end.full.unexplained()):
         return end
-    beside = _sweeps(bare, free=free)
+    stiff = bare if bare.robot.gear_stiffness else bare.all_repaired(gears=None)
+    beside = _sweeps(stiff, free=free)
     beside = replace(beside, why_not=beside.why_not or overtaken(end.last, beside.last))
     if bool(end.why_not) == bool(beside.why_not):
         is_better = end.full.prefers(beside.last, end.last)
