@@ -113,7 +113,7 @@ class Shifts:
     def seen(self) -> bool:
         """Whether the likeliest zero, or a tilt, is significant and explains enough."""
         certainty = max((self.certainty(cause) for cause in self.causes), default=0.0)
-        clear = stdtrit(len(self.scores) - 1, 1 - 0.5 * CHANCE / (self.drives + self.angles))
+        clear = float(stdtrit(len(self.scores) - 1, 1 - 0.5 * CHANCE / (self.drives + self.angles)))
         return certainty >= clear and max(map(self.gain, self.causes)) >= _LITTLE
 
     @property
