@@ -16,7 +16,8 @@ from jaxtyping import Float
 from scipy.special import ndtr
 from threadpoolctl import threadpool_limits
 
-from deltaid.checks.evidence import CHANCE, Evidence, RawRows
+from deltaid.checks.evidence import Evidence, RawRows
+from deltaid.estimation.scatter import CHANCE
 from deltaid.estimation.spectra import segments
 from deltaid.identification.fit import FittedProblem
 from deltaid.identification.study import Study

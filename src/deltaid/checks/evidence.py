@@ -12,7 +12,6 @@ from jaxtyping import Float
 
 from deltaid.dynamics.dynamics import Dynamics, compiled
 from deltaid.errors import IdentificationError, RecordingError
-from deltaid.estimation.scatter import CHANCE as CHANCE
 from deltaid.identification.fit import FittedProblem, fit
 from deltaid.identification.loads import declared_loads
 from deltaid.identification.setup import Setup

@@ -21,7 +21,7 @@ from scipy.linalg import solve
 from scipy.special import stdtrit
 from threadpoolctl import threadpool_limits
 
-from deltaid.checks.evidence import CHANCE, Evidence, evidence
+from deltaid.checks.evidence import Evidence, evidence
 from deltaid.checks.verdicts import Verdicts, files_of
 from deltaid.dynamics.parameters import prior_parameters
 from deltaid.effects.compliance import LITTLE
@@ -39,6 +39,7 @@ from deltaid.estimation.drive_rows import (
 )
 from deltaid.estimation.information import active_columns
 from deltaid.estimation.problem import Columns, Rows, Span, lengths
+from deltaid.estimation.scatter import CHANCE
 from deltaid.estimation.traces import Trace
 from deltaid.identification.study import studied_trace
 from deltaid.model.verdict import Grade, Verdict

@@ -19,8 +19,8 @@ import numpy as np
 from jaxtyping import Float
 from scipy.special import chdtri, fdtrc
 
-from deltaid.checks.evidence import CHANCE
 from deltaid.estimation.problem import DEPENDENT
+from deltaid.estimation.scatter import CHANCE
 from deltaid.fleets.coordinates import Coordinates, U
 from deltaid.fleets.mixed_model import (
     ENOUGH,

@@ -16,9 +16,8 @@ import polars as pl
 from jaxtyping import Bool, Float
 from scipy.linalg import inv
 
-from deltaid.checks.evidence import CHANCE
 from deltaid.dynamics.parameters import ParameterLayout, inertia_scale, with_prior
-from deltaid.estimation.scatter import ROUNDING
+from deltaid.estimation.scatter import CHANCE, ROUNDING
 from deltaid.fleets.belonging import LEAST
 from deltaid.fleets.coordinates import Coordinates
 from deltaid.fleets.member import unmeasured

@@ -7,12 +7,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Float
 
-from deltaid.checks.evidence import CHANCE
 from deltaid.errors import IdentificationError
 from deltaid.estimation.conic import Conic
 from deltaid.estimation.information import triangle
 from deltaid.estimation.objective import Objective, Quadratic, Regularizer
-from deltaid.estimation.scatter import NORMAL, ROUNDING, half_width
+from deltaid.estimation.scatter import CHANCE, NORMAL, ROUNDING, half_width
 from deltaid.fleets.belonging import LEAST, AgainstOthers, Along, Sorted, fit_members, torques
 from deltaid.fleets.coordinates import ANYTHING, Coordinates, Square, U
 from deltaid.fleets.member import TypeMember

@@ -7,7 +7,7 @@ the larger part; the stretch for which these leave least is judged by g/h. Where
 drives' torques in a stretch, f is in another order there.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import permutations
 
@@ -140,8 +140,8 @@ class _Stretch:
     order: tuple[int, ...]
 
     @classmethod
-    def best(cls, course: _Course) -> "_Stretch":
-        """The one for which scaled torques of the fit leave least, drives in any order."""
+    def best(cls, course: _Course, orders: Sequence[tuple[int, ...]]) -> "_Stretch":
+        """The one for which scaled torques of the fit leave least, drives in one of some orders."""
         n, f = len(course.time), course.fitted
         u = np.where(f, course.recorded, 0.0)
         ends = np.linspace(0, n, min(n, _ENDS) + 1).astype(int)
@@ -157,10 +157,9 @@ class _Stretch:
         columns = np.arange(len(u))
         # A stretch and the rest change places at the ends: the shorter one is reported.
         rest = of_rest[columns, columns].sum(axis=0) - 1e-6 * (ends[last] - ends[first])
-        orders = list(permutations(range(len(u))))
         explained = [of_stretch[columns, order].sum(axis=0) + rest for order in orders]
         order, k = np.unravel_index(np.argmax(explained), np.shape(explained))
-        return cls(course, int(ends[first[k]]), int(ends[last[k]]), orders[order])
+        return cls(course, int(ends[first[k]]), int(ends[last[k]]), orders[int(order)])
 
     @property
     def is_long(self) -> bool:
@@ -201,27 +200,27 @@ class _Stretch:
 
 
 def _stretch(case: RemappedRecording, course: _Course) -> Iterator[Verdict]:
-    stretch = _Stretch.best(course)
-    if not stretch.is_long:
-        return
     columns = [case.evidence.columns.torque[i].column for i in course.drives]
-    rows, cure = stretch.rows(case.evidence), "or give the parts as recordings with a mapping each"
-    if stretch.moved.size:
-        moved = course.drives[stretch.moved].tolist()
+    cure = "or give the parts as recordings with a mapping each"
+    orders = list(permutations(range(len(columns))))
+    stretch = _Stretch.best(course, orders)
+    if stretch.is_long and (moved := stretch.moved).size:
         pairs = [
-            f"{columns[i]} has that of {case.names[course.drives[stretch.order[i]]]}"
-            for i in stretch.moved
+            f"{columns[i]} has that of {case.names[course.drives[stretch.order[i]]]}" for i in moved
         ]
         yield Verdict(
             "drive-order",
             Grade.WRONG,
-            f"torques are in another order {rows} than in the rest of the recording: "
-            f"{listed(pairs)} if the rest is right",
-            case.whose(moved),
+            f"torques are in another order {stretch.rows(case.evidence)} than in the rest of the "
+            f"recording: {listed(pairs)} if the rest is right",
+            case.whose(course.drives[moved].tolist()),
             cause="two recordings with columns in different orders were joined",
-            cure=f"put columns {listed([columns[i] for i in stretch.moved])} in order in these "
-            f"rows, {cure}",
+            cure=f"put columns {listed([columns[i] for i in moved])} in order in these rows, "
+            f"{cure}",
         )
+        return
+    stretch = _Stretch.best(course, orders[:1])
+    if not stretch.is_long:
         return
     f, u = course.fitted, course.recorded
     (g, along), (h, elsewhere) = (_gain(f[:, part], u[:, part]) for part in stretch.parts)
@@ -236,8 +235,9 @@ def _stretch(case: RemappedRecording, course: _Course) -> Iterator[Verdict]:
     yield Verdict(
         "torque-sign" if turned else "torque-unit",
         Grade.WRONG,
-        f"the torque of {case.all_or(drives)} has another {what} {rows} than in the rest of the "
-        f"recording: it is {size} times what it should be if the rest is right",
+        f"the torque of {case.all_or(drives)} has another {what} {stretch.rows(case.evidence)} "
+        f"than in the rest of the recording: it is {size} times what it should be if the rest is "
+        "right",
         case.whose(drives),
         cause=f"the {what} changed in drive or logger, or two recordings were joined",
         cure=f"correct column {listed([columns[i] for i in changed])} in these rows, {cure}",

@@ -19,7 +19,7 @@ import numpy as np
 from jaxtyping import Float
 from scipy.special import chdtri, stdtrit
 
-from deltaid.checks.evidence import CHANCE, ROUNDS, Evidence
+from deltaid.checks.evidence import ROUNDS, Evidence
 from deltaid.checks.wiring.candidate import WiringHypothesis
 from deltaid.checks.wiring.explained import RemappedRecording
 from deltaid.checks.wiring.residual import FilteredMotion, residual
@@ -27,6 +27,7 @@ from deltaid.dynamics.dynamics import Dynamics
 from deltaid.dynamics.geometry import across, torque_slopes
 from deltaid.dynamics.parameters import prior_parameters
 from deltaid.estimation.problem import DEPENDENT, LinearProblem, Span
+from deltaid.estimation.scatter import CHANCE
 from deltaid.model.verdict import Grade, Proposal, Verdict, listed
 from deltaid.robot.parameter import PRIOR_SPREAD
 
