@@ -63,6 +63,17 @@ def test_columns_that_change_places_while_recording_are_named_with_their_rows(
     assert rows_in(verdict) == pytest.approx([first, last][first == 0 : 1 + (last < 2500)], abs=60)
 
 
+def test_torques_that_hardly_go_along_in_another_order_are_not_called_exchanged() -> None:
+    columns, rng = recorded(NAME), np.random.default_rng(3)
+    tau = columns["tau"].copy()
+    tau[1500:] = tau[1500:, (1, 0, 2)]
+    tau[1500:] += (
+        2.0 * tau.std(axis=0) * np.sin(3.0 * columns["t"][1500:, None] + rng.normal(size=3))
+    )
+    verdicts = bad(checked_wiring(seen(NAME, columns | {"tau": tau})))
+    assert "drive-order" not in [verdict.key for verdict in verdicts]
+
+
 @pytest.mark.parametrize("rows", [125, -200])
 def test_torques_of_other_rows_are_named_as_joined_wrongly(rows: int) -> None:
     columns = recorded(NAME)
