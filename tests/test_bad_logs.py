@@ -12,7 +12,7 @@ from deltaid.errors import DeltaidError
 from deltaid.recording.formats import csv_lines
 from deltaid.recording.recording import with_filter
 from deltaid.recording.survey_checks import off_course
-from deltaid.recording.time.clock import doubts_about_holes
+from deltaid.recording.time.doubts import doubts_about_holes
 from logs import comma, read, recorded, refusal, text, write
 
 # Two runs under one time, as a logger writes them that counts rows.

@@ -12,7 +12,8 @@ from deltaid.recording.filter import LowPass, design_low_pass, samples_needed
 from deltaid.recording.log import Log
 from deltaid.recording.masks.masks import RESTS, Reason, kept
 from deltaid.recording.opening import NO_RATE, OTHER_RATE
-from deltaid.recording.time.clock import HIGHEST_RATE, JITTER, places_of, restarted, rows_are
+from deltaid.recording.time.clock import HIGHEST_RATE, JITTER
+from deltaid.recording.time.doubts import places_of, restarted, rows_are
 
 # Samples per period of the motion's bandwidth below which a recording is doubtful, and wrong.
 # Differentiated signals need more: the filter passes six hundredths of the rate.

@@ -36,7 +36,7 @@ from deltaid.recording.mapping import ColumnMapping
 from deltaid.recording.memory import RecordingLike
 from deltaid.recording.opening import open_log
 from deltaid.recording.planned import motion_of, planned
-from deltaid.recording.time.clock import restarted
+from deltaid.recording.time.doubts import restarted
 from deltaid.robot.limits import Task
 
 # Spline degree: q̈ is smooth.

@@ -22,7 +22,8 @@ from deltaid.recording.masks.masks import Mask, as_runs, left_out, within
 from deltaid.recording.masks.stuck import bridged
 from deltaid.recording.source import LogTable
 from deltaid.recording.table import read_batches
-from deltaid.recording.time.clock import Clock, doubts_about_holes
+from deltaid.recording.time.clock import Clock
+from deltaid.recording.time.doubts import doubts_about_holes
 from deltaid.recording.time.signals import longest_hole, segments
 from deltaid.recording.windows import WINDOW
 from deltaid.shown import Shown

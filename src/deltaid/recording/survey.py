@@ -22,7 +22,8 @@ from deltaid.recording.survey_checks import (
     require_rate,
 )
 from deltaid.recording.table import recut
-from deltaid.recording.time.clock import Clock, doubts_about_stamps
+from deltaid.recording.time.clock import Clock
+from deltaid.recording.time.doubts import doubts_about_stamps
 
 # No rotary arm turns half a revolution from the middle of its range; larger numbers are degrees.
 _LARGEST_ARM_ANGLE = np.pi
