@@ -21,6 +21,7 @@ from jaxtyping import Float
 from scipy.ndimage import maximum_filter1d
 
 from deltaid.dynamics.dynamics import compiled
+from deltaid.grouping import grouped
 from deltaid.recording.carried import carrier
 from deltaid.recording.columns import Columns, Readings, Rows
 from deltaid.recording.delay import LagGrowth, Shift, delayed
@@ -322,9 +323,7 @@ class Repairs:
     @cached_property
     def _by_drives(self) -> dict[tuple[int, ...], np.ndarray]:
         """Excluded stretches by their drives, disjoint and ascending."""
-        by_drives: dict[tuple[int, ...], list[tuple[float, float]]] = {}
-        for span in self.left_out:
-            by_drives.setdefault(span.drives, []).append((span.first, span.last))
+        by_drives = grouped((span.drives, (span.first, span.last)) for span in self.left_out)
         return {drives: joined_times(np.array(spans)) for drives, spans in by_drives.items()}
 
 

@@ -199,10 +199,13 @@ def damage(
     """Turn errors of a library about the content of a file into a message.
 
     Raises:
-        RecordingError: with what is damaged, and the error's first line.
+        RecordingError: with what is damaged, and the error's first line; or one that is a message
+            already.
     """
     try:
         yield
+    except RecordingError:
+        raise
     except errors as error:
         reason = first_line(error) or type(error).__name__
         raise RecordingError(f"{what}: {reason}", where=str(where), cure=cure) from None
@@ -210,7 +213,7 @@ def damage(
 
 def first_line(error: BaseException) -> str:
     """First line of an error's text, shortened."""
-    return quoted(str(error).strip().split("\n", 1)[0])
+    return visible(quoted(str(error).strip().split("\n", 1)[0]))
 
 
 def library(name: str, kind: str, path: Path, or_else: str = "") -> Any:

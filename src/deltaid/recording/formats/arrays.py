@@ -17,6 +17,7 @@ from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 
+from deltaid.grouping import grouped
 from deltaid.recording.address import Pick, RecordedField
 from deltaid.recording.mapping import ColumnMapping
 from deltaid.recording.source import BATCH_ROWS, LogTable, Rows, damage, opened
@@ -119,9 +120,7 @@ def parts_of(name: str, array: np.ndarray) -> dict[str, np.ndarray]:
 def _cut(
     arrays: Mapping[str, Sliceable], picks: Sequence[Pick], start: int, stop: int
 ) -> Iterable[np.ndarray]:
-    together: dict[tuple[str, int], list[Pick]] = {}
-    for pick in picks:
-        together.setdefault((pick.field.name, pick.axis), []).append(pick)
+    together = grouped(((pick.field.name, pick.axis), pick) for pick in picks)
     blocks: dict[tuple[str, int], tuple[np.ndarray, list[int]]] = {}
     for (name, axis), same in together.items():
         places = [[i or 0 for i in numbers] for numbers in zip(*(p.at for p in same), strict=True)]
@@ -174,9 +173,7 @@ def open_npz(path: Path, mapping: ColumnMapping) -> LogTable:
 @contextmanager
 def _members(path: Path, picks: Sequence[Pick]) -> Generator[Arrays, None, None]:
     """Arrays of an archive; those with one sample per row are streamed, others are loaded."""
-    axes: dict[str, set[int]] = {}
-    for pick in picks:
-        axes.setdefault(pick.field.name, set()).add(pick.axis)
+    axes = grouped((pick.field.name, pick.axis) for pick in picks)
     with _archive(path) as archive, ExitStack() as members:
         arrays: dict[str, Sliceable] = {}
         for member in _arrays_of(archive):
@@ -184,7 +181,7 @@ def _members(path: Path, picks: Sequence[Pick]) -> Generator[Arrays, None, None]
             if not any(f"{name}.".startswith(f"{base}.") for name in axes):
                 continue
             stream = _Stream(members.enter_context(archive.open(member)))
-            if axes.get(base) == {0} and stream.is_by_rows:
+            if {*axes.get(base, ())} == {0} and stream.is_by_rows:
                 arrays.setdefault(base, stream)
                 continue
             with archive.open(member) as file:

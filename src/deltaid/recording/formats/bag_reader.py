@@ -6,7 +6,7 @@ folder each time they are read.
 
 import shutil
 from collections.abc import Generator, Iterator, Sequence
-from contextlib import ExitStack, contextmanager
+from contextlib import AbstractContextManager, ExitStack, contextmanager
 from dataclasses import dataclass
 from itertools import islice
 from pathlib import Path
@@ -18,7 +18,7 @@ import numpy as np
 from deltaid.errors import RecordingError, visible
 from deltaid.recording.address import RecordedField
 from deltaid.recording.formats.ros_messages import TYPES, MessageError, decoded, layout_of
-from deltaid.recording.source import ZSTD, content, first_line, library, packed_by, unzstd
+from deltaid.recording.source import ZSTD, content, damage, library, packed_by, unzstd
 
 _ROS_1, _MCAP, _SQLITE = b"#ROSBAG V", b"\x89MCAP0\r\n", b"SQLite format 3\0"
 _SUFFIXES = {_ROS_1: ".bag", _MCAP: ".mcap", _SQLITE: ".db3"}
@@ -134,25 +134,15 @@ def storage(folder: Path) -> list[Path]:
     return sorted(path for path in folder.iterdir() if path.name.endswith(ends))
 
 
-@contextmanager
-def _reporting(path: Path) -> Generator[None, None, None]:
+def _reporting(path: Path) -> AbstractContextManager[None]:
     """Turn any error of the libraries that unpack a bag into one message.
 
     On damaged bytes they raise assertions, lookup, type, struct, codec and memory errors, and those
     of libraries below, which change with versions. So all exceptions are caught, around calls of
     these libraries only.
     """
-    try:
-        yield
-    except RecordingError:
-        raise
-    except Exception as error:
-        reason = visible(first_line(error)) or type(error).__name__
-        raise RecordingError(
-            f"cannot be read as a ROS bag: {reason}",
-            where=str(path),
-            cure=_CURES.get(path.suffix, _FOLDER_CURE),
-        ) from None
+    cure = _CURES.get(path.suffix, _FOLDER_CURE)
+    return damage(path, Exception, "cannot be read as a ROS bag", cure)
 
 
 @dataclass(frozen=True)

@@ -22,7 +22,7 @@ import polars as pl
 from deltaid.errors import RecordingError
 from deltaid.recording.address import Pick, RecordedField
 from deltaid.recording.mapping import ColumnMapping
-from deltaid.recording.source import BATCH_ROWS, POLARS_ERRORS, LogTable, Rows, first_line, readable
+from deltaid.recording.source import BATCH_ROWS, POLARS_ERRORS, LogTable, Rows, damage, readable
 from deltaid.recording.time.counts import PER_SECOND, in_seconds, is_clock
 
 # A type of polars; the run-time check of types cannot resolve its class.
@@ -146,24 +146,16 @@ def _decoding(path: Path) -> Generator[None, None, None]:
     Its threads print their panic to file descriptor 2 before the exception arrives.
     """
     kept, nowhere = os.dup(2), os.open(os.devnull, os.O_WRONLY)
+    what, cure = "is no Parquet file, or a damaged one", "copy or export it again"
+    end = RecordingError(f"{what}: polars cannot go on", where=str(path), cure=cure)
     try:
         os.dup2(nowhere, 2)
-        with last_words(str(_damaged(path, "polars cannot go on")), kept), readable(path):
+        with last_words(str(end), kept), readable(path), damage(path, POLARS_ERRORS, what, cure):
             yield
-    except POLARS_ERRORS as error:
-        raise _damaged(path, first_line(error)) from None
     finally:
         os.dup2(kept, 2)
         os.close(kept)
         os.close(nowhere)
-
-
-def _damaged(path: Path, reason: str) -> RecordingError:
-    return RecordingError(
-        f"is no Parquet file, or a damaged one: {reason}",
-        where=str(path),
-        cure="copy or export it again",
-    )
 
 
 @contextmanager

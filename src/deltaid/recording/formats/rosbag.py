@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from deltaid.errors import Doubt, RecordingError
+from deltaid.grouping import grouped
 from deltaid.recording.address import Pick, RecordedField, listing
 from deltaid.recording.formats.bag_reader import (
     JOINT_STATE,
@@ -103,10 +104,7 @@ class BagTable(LogTable):
     def rows(self, columns: Sequence[str]) -> Iterator[Rows]:
         """As in `LogTable.rows`; messages that lack a column are excluded and counted."""
         places = [self._place(pick) for pick in self.picks(columns)]
-        wanted: dict[str, list[Number]] = {}
-        for place in places:
-            if isinstance(place, tuple):
-                wanted.setdefault(place[0], []).append(place[1])
+        wanted = grouped(place for place in places if isinstance(place, tuple))
         if not wanted:  # times of receipt alone are of one topic
             wanted = {next(iter(self.topics)): []}
         self.doubts.clear()
