@@ -37,8 +37,6 @@ CHUNK = 1 << 14
 _GZIP = b"\x1f\x8b"
 ZSTD = b"\x28\xb5\x2f\xfd"
 _UTF_16 = (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)
-# Decompressor of a gzip member or a zstd frame.
-_Unpacker = Any
 
 
 @dataclass(frozen=True)
@@ -297,7 +295,7 @@ def _unpacked(
     file: io.BufferedReader,
     path: Path,
     kind: str,
-    new: Callable[[], _Unpacker],
+    new: Callable[[], Any],
     damaged: type[Exception],
 ) -> Iterator[bytes]:
     """Decompressed data of all members or frames."""
@@ -316,7 +314,7 @@ def _unpacked(
         )
 
 
-def _zstd(path: Path) -> tuple[Callable[[], _Unpacker], type[Exception]]:
+def _zstd(path: Path) -> tuple[Callable[[], Any], type[Exception]]:
     if sys.version_info >= (3, 14):
         from compression import zstd
 

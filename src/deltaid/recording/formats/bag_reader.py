@@ -225,7 +225,7 @@ def _topic(bag: Bag, name: str) -> Topic | None:
 def damaged(bag: Bag, topic: str, error: MessageError, before: int) -> RecordingError:
     """Error of a message that does not fit its type, after `before` others of the topic."""
     return RecordingError(
-        f"message {before + error.index + 1} of {visible(topic)} {visible(error.what)}",
+        f"message {before + error.index + 1} of {visible(topic)} {visible(str(error))}",
         where=str(bag.path),
         cure="the bag is damaged there, or was not written as ROS does; copy or record it again",
     )

@@ -17,11 +17,13 @@ Number = tuple[str, str]
 
 
 class MessageError(ValueError):
-    """A message does not fit its type."""
+    """A message does not fit its type.
 
-    def __init__(self, what: str, index: int = 0) -> None:
-        self.what, self.index = what, index
-        super().__init__(what, index)
+    Attributes:
+        index: of the message among those that are decoded together.
+    """
+
+    index = 0
 
 
 @dataclass(frozen=True, eq=False)

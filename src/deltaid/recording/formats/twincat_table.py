@@ -173,7 +173,7 @@ class ScopeTable(LogTable):
         # The first line determines the number of columns for polars.
         above = (self.data.separator * (self.columns - 1)).encode() + b"\n"
         for block in self.data.blocks():
-            lines = self._require_fields(block, row)
+            self._require_fields(block, row)
             frame = pl.read_csv(
                 io.BytesIO(above + block),
                 has_header=False,
@@ -184,18 +184,11 @@ class ScopeTable(LogTable):
                 encoding="utf8-lossy",
             )
             frame = frame[1:].select(pl.col(names).str.strip_chars().fill_null(""))
-            if frame.height != lines:
-                last = row + lines - 1
-                raise RecordingError(
-                    "are not lines of an export of TwinCAT Scope",
-                    where=f"{self.path}, rows {row} to {last}",
-                    cure="export it again",
-                )
             yield row, frame
-            row += lines
+            row += frame.height
 
-    def _require_fields(self, block: bytes, row: int) -> int:
-        """Number of lines of a block, none with more fields than columns."""
+    def _require_fields(self, block: bytes, row: int) -> None:
+        """Refuse lines with more fields than columns."""
         ends = line_ends(block)
         marks = np.flatnonzero(np.frombuffer(block, np.uint8) == ord(self.data.separator))
         fields = per_line(marks, ends) + 1
@@ -208,7 +201,6 @@ class ScopeTable(LogTable):
                 cure="export it again with tabs or semicolons between the columns; decimal commas "
                 "do not go with commas between them",
             )
-        return len(ends)
 
     def _named(self, column: int) -> str:
         names = [trace.name for trace in self.channels if trace.values == column]
