@@ -127,15 +127,12 @@ def gather_again(
     Raises:
         DeltaidError: some of these recordings are missing, and may not be dropped.
     """
-    known = dict[Recorded, GatherResult]()
-    for outcome in outcomes:
-        if outcome.file in files:
-            known[outcome.recorded] = replace(
-                outcome,
-                key="",
-                file="",
-                reason=f"{outcome.file} is damaged, and the recording is no longer there",
-            )
+    why = "is damaged, and the recording is no longer there"
+    known = {
+        outcome.recorded: replace(outcome, key="", file="", reason=f"{outcome.file} {why}")
+        for outcome in outcomes
+        if outcome.file in files
+    }
     _require_kept(call, Counter({_DAMAGED: sum(not log.stamp for log in known)}))
     jobs = [GatherJob(log, call.plan.how(log)) for log in known if log.stamp]
     known |= {outcome.recorded: outcome for outcome in _gathered(call, jobs)}

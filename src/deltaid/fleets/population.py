@@ -144,29 +144,29 @@ class Population:
 def types_table(name: str, population: Population) -> pl.DataFrame:
     """A row for each free parameter: the type's mean, and the spread between robots, null if
     undetermined."""
-    rows, notes = [], "; ".join(population.notes)
     spreads = np.stack(population.spreads.of_parameters(population.coordinates.to_p))
-    for k in np.flatnonzero(population.free).tolist():
-        parameter = population.layout.parameters[k]
-        ends = (float(value) if np.isfinite(value) else None for value in spreads[:, k])
-        rows.append(
-            (name, parameter.name, *population.mean.entry(k, parameter.low), *ends,
-             parameter.unit, parameter.prior, population.count, notes)
-        )  # fmt: skip
+    free, notes = population.free, "; ".join(population.notes)
+    rows = [
+        (name, parameter.name, *population.mean.entry(k, parameter.low),
+         *(float(value) if np.isfinite(value) else None for value in spreads[:, k]),
+         parameter.unit, parameter.prior, population.count, notes)
+        for k, parameter in enumerate(population.layout.parameters)
+        if free[k]
+    ]  # fmt: skip
     return pl.DataFrame(rows, schema=TYPES, orient="row")
 
 
 def members_table(name: str, population: Population) -> pl.DataFrame:
     """A row for each robot and parameter; values of outliers are from their recordings alone."""
-    rows, free = [], np.flatnonzero(population.free).tolist()
-    for robot in population.members:
-        for k in free:
-            parameter = population.layout.parameters[k]
-            rows.append(
-                (robot.name, name, parameter.name, *robot.within.entry(k, parameter.low),
-                 robot.alone_std[k], robot.within.value[k] - population.mean.value[k],
-                 parameter.unit, robot.belongs, robot.reason, robot.chance)
-            )  # fmt: skip
+    free = population.free
+    rows = [
+        (robot.name, name, parameter.name, *robot.within.entry(k, parameter.low),
+         robot.alone_std[k], robot.within.value[k] - population.mean.value[k],
+         parameter.unit, robot.belongs, robot.reason, robot.chance)
+        for robot in population.members
+        for k, parameter in enumerate(population.layout.parameters)
+        if free[k]
+    ]  # fmt: skip
     return pl.DataFrame(rows, schema=MEMBERS, orient="row")
 
 

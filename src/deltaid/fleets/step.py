@@ -50,18 +50,16 @@ def tables_of(place: Place, schemas: Mapping[str, Mapping[str, Any]]) -> Tables:
     """
     tables = Tables()
     for name, schema in schemas.items():
-        cure = {"cure": _PUT_BACK} if name == RECORDINGS else {}
-        table = place.table(f"{name}.parquet", **cure)
-        if table is not None and table.schema != pl.Schema(schema):
-            if name == RECORDINGS:
-                raise DeltaidError(
-                    "has other columns than this version writes",
-                    where=place.path_to(f"{name}.parquet"),
-                    cure="remove it, and it is made again; recordings that have been thrown away "
-                    "since are then forgotten",
-                )
-            table = None
-        tables[name] = pl.DataFrame(schema=schema) if table is None else table
+        table = place.table(f"{name}.parquet", _PUT_BACK if name == RECORDINGS else MADE_AGAIN)
+        is_other = table is not None and table.schema != pl.Schema(schema)
+        if is_other and name == RECORDINGS:
+            raise DeltaidError(
+                "has other columns than this version writes",
+                where=place.path_to(f"{name}.parquet"),
+                cure="remove it, and it is made again; recordings that have been thrown away "
+                "since are then forgotten",
+            )
+        tables[name] = pl.DataFrame(schema=schema) if table is None or is_other else table
     return tables
 
 

@@ -81,7 +81,6 @@ def _with_model(job: FleetJob, place: Place) -> tuple[RobotRecordings, Identifie
 
 
 def _model_file(robot: str) -> str:
-    """File of a robot's model from all of its recordings."""
     return f"models/{robot}.yaml"
 
 
@@ -166,35 +165,33 @@ def fit_jobs(
         kind: digest([version("deltaid"), description.model_dump(mode="json"), fit])
         for kind, description in descriptions.items()
     }
-    jobs = list[FleetJob]()
-    for (robot, kind), recordings in robots.items():
-        periods = grouped((x.recorded.time.strftime(PERIODS[period]), x) for x in recordings)
-        for names, used in _with_all(periods, recordings):
-            sources = sorted((outcome.sha256, outcome.file) for outcome in used)
-            is_all = ALL in names
-            jobs.append(
-                FleetJob(
-                    FITS,
-                    robot,
-                    kind,
-                    names,
-                    tuple(outcome.file for outcome in used),
-                    digest([common[kind], robot, names, sources]),
-                    _model_file(robot) if is_all else "",
-                    descriptions[kind],
-                    settings,
-                    tuple(used),
-                    common[kind],
-                    f"{BLOCKS}/{safe(robot)}/{ALL if is_all else 'period'}",
-                )
-            )
-    return jobs
+    return [
+        FleetJob(
+            FITS,
+            robot,
+            kind,
+            names,
+            tuple(outcome.file for outcome in used),
+            digest([common[kind], robot, names, sorted((x.sha256, x.file) for x in used)]),
+            _model_file(robot) if ALL in names else "",
+            descriptions[kind],
+            settings,
+            tuple(used),
+            common[kind],
+            f"{BLOCKS}/{safe(robot)}/{ALL if ALL in names else 'period'}",
+        )
+        for (robot, kind), recordings in robots.items()
+        for names, used in _periods(recordings, period)
+    ]
 
 
-def _with_all(
-    periods: dict[str, list[GatherResult]], every: list[GatherResult]
+def _periods(
+    every: list[GatherResult], period: Period
 ) -> list[tuple[tuple[str, ...], list[GatherResult]]]:
     """Periods, then all of them together; a single period is both."""
+    periods = grouped(
+        (outcome.recorded.time.strftime(PERIODS[period]), outcome) for outcome in every
+    )
     if len(periods) == 1:
         return [(tuple(dict.fromkeys((*periods, ALL))), every)]
     return [*(((name,), used) for name, used in periods.items()), ((ALL,), every)]
@@ -224,19 +221,18 @@ def robot_chains(fits: Iterable[FleetJob], drift: DriftSettings) -> list[Chain]:
 def type_chains(robots: Iterable[JobResult]) -> list[Chain]:
     """One chain for each type with robots; it writes the description of the type's next robot."""
     types = grouped((robot.job.type, robot.job) for robot in robots if not robot.reason)
-    chains = list[Chain]()
-    for kind, members in sorted(types.items()):
-        key = digest([version("deltaid"), kind, sorted(job.key for job in members)])
-        of_type = FleetJob(
+    jobs = (
+        FleetJob(
             TYPE_FITS,
             robot="",
             type=kind,
             names=(kind,),
             files=tuple(job.file for job in members),
-            key=key,
+            key=digest([version("deltaid"), kind, sorted(job.key for job in members)]),
             file=f"types/{safe(kind.removesuffix('.yaml'))}.yaml",
             description=members[0].description,
             settings=members[0].settings,
         )
-        chains.append((of_type,))
-    return chains
+        for kind, members in sorted(types.items())
+    )
+    return [(job,) for job in jobs]
