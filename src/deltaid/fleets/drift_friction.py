@@ -199,17 +199,17 @@ def unknowns_of(merging: Merging) -> FrictionUnknowns:
     """Unknowns of a recording: friction of drives, the carrier's change, and loads."""
     robot, layout = merging.dynamics.robot, merging.dynamics.layout
     place = {k: column for column, k in enumerate(merging.active.tolist())}
-    rows = list[tuple[str, int, str, int]]()
-    for term in robot.friction_terms:
-        k = layout.names.index(term.name)
-        if term.joint in robot.drives and k in place:
-            rows.append((term.name, robot.drives.index(term.joint), term.unit, place[k]))
-    if carrier := robot.load_carrier:
-        for symbol in _HELD_SYMBOLS:
-            k = layout.names.index(f"{carrier}.{symbol}")
-            if k in place:
-                rows.append((f"held.{symbol}", -1, "", place[k]))
-    rows += [(entry.name, -1, "", place[k]) for *_, k, entry in _of_loads(merging) if k in place]
+    every = [
+        (term.name, robot.drives.index(term.joint), term.unit, layout.names.index(term.name))
+        for term in robot.friction_terms
+        if term.joint in robot.drives
+    ]
+    every += [
+        (f"held.{symbol}", -1, "", layout.names.index(f"{robot.load_carrier}.{symbol}"))
+        for symbol in (_HELD_SYMBOLS if robot.load_carrier else ())
+    ]
+    every += [(entry.name, -1, "", k) for *_, k, entry in _of_loads(merging)]
+    rows = [(*row, place[k]) for *row, k in every if k in place]
     names, drives, units, at = zip(*rows, strict=True) if rows else ((), (), (), ())
     return FrictionUnknowns(names, np.array(drives, dtype=int), units, np.array(at, dtype=int))
 
@@ -230,8 +230,7 @@ def _prior(
     known, priors = {load.name: load.parameters for load in model.loads}, dict[str, Prior]()
     if carrier := merging.dynamics.robot.load_carrier:
         mass = _HELD * abs(model.value(f"{carrier}.m")) + 1e-3
-        for symbol, arm in _HELD_SYMBOLS.items():
-            priors[f"held.{symbol}"] = (0.0, (mass * arm) ** -2)
+        priors |= {f"held.{x}": (0.0, (mass * arm) ** -2) for x, arm in _HELD_SYMBOLS.items()}
     for load, k, _, entry in _of_loads(merging):
         identified = known.get(load.load.name)
         mean = identified[k].value - float(load.taken[k]) if identified else entry.prior
