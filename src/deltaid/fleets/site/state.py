@@ -124,10 +124,17 @@ def robots_of(tables: Tables) -> tuple[Robot, ...]:
         for key, frame in tables.items()
         if key != "types"
     }
-    robots = list[Robot]()
-    for name, kind in types.items():
-        own = {key: part.get((name,), tables[key].clear()) for key, part in parts.items()}
-        robots += [_robot(name, kind, {**tables, **own}, now)] if name else []
+    robots = [
+        _robot(
+            name,
+            kind,
+            {"types": tables["types"]}
+            | {key: part.get((name,), tables[key].clear()) for key, part in parts.items()},
+            now,
+        )
+        for name, kind in types.items()
+        if name
+    ]
     return tuple(
         sorted(robots, key=lambda robot: (robot.urgency, robot.until or datetime.max, robot.name))
     )
@@ -185,8 +192,8 @@ def _friction(row: Row, now: datetime | None) -> Concern | None:
     text = f"friction of {row['drive']} {_CHANGED[row['state']]}"
     size = row["step"] if stepped else row["rate"]
     sign = "+" * (stepped and size > 0) + "−" * (stepped and size < 0)
-    text += f" by {sign}{percent(abs(size))}{' about' if stepped else ' a month since'}"
-    text += f" {day(row['change'])}"
+    when = f"{'about' if stepped else 'a month since'} {day(row['change'])}"
+    text += f" by {sign}{percent(abs(size))} {when}"
     if row["state"] == "falling" or row["horizon"] is None:
         return Concern(Urgency.LOOK, text)
     soonest = row["horizon_low"] or row["horizon"]
@@ -259,21 +266,18 @@ def _foreign(rows: Sequence[Row]) -> list[Concern]:
 
 def _refused(quarantine: pl.DataFrame, last: str, *, recorded: bool) -> list[Concern]:
     """Quarantined steps and absent recordings; no period before the last fit."""
-    what, concerns = pl.col("what"), list[Concern]()
+    what, together = pl.col("what"), {ALL: "all of its recordings together"}
     others = quarantine.filter((what != "recording") & ((what != "fit") | (pl.col("which") > last)))
-    for row in others.tail(1).iter_rows(named=True):
-        which = "all of its recordings together" if row["which"] == ALL else row["which"]
-        said = _CANNOT.get(row["what"], f"no fit of {which}")
-        concerns.append(Concern(Urgency.LOOK, f"{said}: {_short(row['reason'])}"))
     absent = quarantine.filter(what == "recording").tail(0 if recorded else 1)
-    for row in absent.iter_rows(named=True):
-        concerns.append(
-            Concern(
-                Urgency.ACT,
-                f"no recording of it is there: {row['which']}: {_short(row['reason'])}",
-            )
-        )
-    return concerns
+    said = [
+        (Urgency.LOOK, _CANNOT.get(what, f"no fit of {together.get(which, which)}"), reason)
+        for what, which, reason in others.tail(1).select("what", "which", "reason").iter_rows()
+    ]
+    said += [
+        (Urgency.ACT, f"no recording of it is there: {which}", reason)
+        for which, reason in absent.select("which", "reason").iter_rows()
+    ]
+    return [Concern(urgency, f"{text}: {_short(reason)}") for urgency, text, reason in said]
 
 
 def _short(reason: str) -> str:
