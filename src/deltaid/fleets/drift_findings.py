@@ -238,14 +238,15 @@ def _reason(
             f"not enough data: no change in {count} recording{'s' * (count != 1)} over "
             f"{span:.0f} days; steady needs {FEWEST} over {_STEADY:.0f} days"
         )
-    parts = list[str]()
-    if state == "unknown":
-        parts.append("not enough data: its trend is not known well enough")
-    if state == "steady" and rate.low is not None and rate.high is not None:
-        parts.append(
-            f"no change; a trend over all the time lies between {100 * rate.low:+.2g} and "
-            f"{100 * rate.high:+.2g} % a month"
-        )
-    if "season" in series.regressors.names:
-        parts.append("no temperature is known, so seasons are not taken out")
-    return "; ".join([*parts, *([note] if note else [])])
+    parts = (
+        "not enough data: its trend is not known well enough" if state == "unknown" else "",
+        f"no change; a trend over all the time lies between {100 * rate.low:+.2g} and "
+        f"{100 * rate.high:+.2g} % a month"
+        if state == "steady" and rate.low is not None and rate.high is not None
+        else "",
+        "no temperature is known, so seasons are not taken out"
+        if "season" in series.regressors.names
+        else "",
+        note,
+    )
+    return "; ".join(filter(None, parts))

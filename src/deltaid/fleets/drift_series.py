@@ -80,13 +80,14 @@ class Regressors:
         if known.any():
             T = np.where(known, temperature - temperature[known].mean(), 0.0)
             unknown[~known] = _TEMPERATURE * SIZE * temperature[known].std()
-            rows.append(("temperature", T, _TEMPERATURE, _UNLIKE_TEMPERATURE))
-            rows.append(("temperature²", T**2, _CURVE, _UNLIKE_CURVE))
-            rows.append(("slow temperature", _slow(days, T, known), _SLOW, _UNLIKE_SLOW))
+            rows += [
+                ("temperature", T, _TEMPERATURE, _UNLIKE_TEMPERATURE),
+                ("temperature²", T**2, _CURVE, _UNLIKE_CURVE),
+                ("slow temperature", _slow(days, T, known), _SLOW, _UNLIKE_SLOW),
+            ]
         else:
-            angle = 2.0 * np.pi * days / YEAR
-            rows.append(("season", np.sin(angle), _SEASON, np.inf))
-            rows.append(("season'", np.cos(angle), _SEASON, np.inf))
+            waves = (("season", np.sin), ("season'", np.cos))
+            rows += [(x, wave(2.0 * np.pi * days / YEAR), _SEASON, np.inf) for x, wave in waves]
         if np.ptp(load) > 0:
             rows.append(("load", load / np.max(np.abs(load)), _LOAD, np.inf))
         rows += [("tool", (days >= day).astype(float), _TOOL, np.inf) for day in tools]

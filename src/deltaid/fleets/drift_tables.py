@@ -58,18 +58,23 @@ def friction_table(robot: RobotDrift) -> pl.DataFrame:
     std = np.sqrt(np.maximum(np.einsum("nuu->un", friction.covariance), 0.0))
     means = zip(robot.drives, friction.mean, friction.std, robot.units, strict=True)
     series = [(drive, "friction", *values) for drive, *values in means]
-    for name, drive, *values, unit in zip(
+    terms = zip(
         unknowns.names, unknowns.drives, friction.values.T, std, unknowns.units, strict=True
-    ):
-        if drive >= 0:
-            series.append((robot.drives[drive], name.partition(".")[0], *values, unit))
+    )
+    series += [
+        (robot.drives[drive], name.partition(".")[0], *values, unit)
+        for name, drive, *values, unit in terms
+        if drive >= 0
+    ]
     rows = [
         (robot.robot, drive, recording.time, recording.label, quantity, value[n], std[n], unit,
-         _known(recording.degrees), recording.held)
+         recording.degrees, recording.held)
         for n, recording in enumerate(robot.recordings)
         for drive, quantity, value, std, unit in series
     ]  # fmt: skip
-    return pl.DataFrame(rows, schema=FRICTION, orient="row")
+    return pl.DataFrame(rows, schema=FRICTION, orient="row").with_columns(
+        pl.col("temperature").fill_nan(None)
+    )
 
 
 def drift_table(robot: RobotDrift) -> pl.DataFrame:
@@ -77,16 +82,14 @@ def drift_table(robot: RobotDrift) -> pl.DataFrame:
     rows = [
         (robot.robot, drive, finding.state, *robot.dates(finding.change),
          *astuple(finding.rate), *astuple(finding.step), finding.limit,
-         *robot.dates(finding.horizon), *astuple(finding.temperature), _known(finding.level),
+         *robot.dates(finding.horizon), *astuple(finding.temperature), finding.level,
          unit, finding.recordings, finding.scatter, finding.R, finding.threshold, robot.bound,
          *tool, finding.reason)
         for drive, unit, finding in zip(robot.drives, robot.units, robot.findings, strict=True)
     ]  # fmt: skip
-    return pl.DataFrame(rows, schema=DRIFT, orient="row")
-
-
-def _known(value: float) -> float | None:
-    return value if value == value else None
+    return pl.DataFrame(rows, schema=DRIFT, orient="row").with_columns(
+        pl.col("level").fill_nan(None)
+    )
 
 
 def require_table(path: Path) -> None:
@@ -161,18 +164,15 @@ def sentences(drift: RobotDrift) -> list[str]:
 
 
 def _details(drift: RobotDrift, finding: DriftFinding) -> str:
-    parts = list[str]()
-    if finding.change.value is not None:
-        parts.append(f"since {_between(drift, finding.change)}")
-    if (
-        finding.horizon.value is not None
-        and finding.horizon.low is not None
-        and finding.limit is not None
-    ):
-        parts.append(
-            f"friction of {number(finding.limit)} is reached on {_between(drift, finding.horizon)}"
-        )
-    return "; ".join([*parts, *([finding.reason] if finding.reason else [])])
+    horizon, limit = finding.horizon, finding.limit
+    parts = (
+        "" if finding.change.value is None else f"since {_between(drift, finding.change)}",
+        ""
+        if horizon.value is None or horizon.low is None or limit is None
+        else f"friction of {number(limit)} is reached on {_between(drift, horizon)}",
+        finding.reason,
+    )
+    return "; ".join(filter(None, parts))
 
 
 def _between(drift: RobotDrift, days: Between) -> str:

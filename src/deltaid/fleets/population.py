@@ -120,25 +120,22 @@ class Population:
     @property
     def notes(self) -> tuple[str, ...]:
         """Remarks, in words."""
-        notes, moved = [], ", ".join(self.moved[:FEW])
-        if not self.spreads.known:
-            notes.append(
-                f"{self.count} robot{'s' if self.count > 1 else ''} cannot show how much robots "
-                f"differ: from {ENOUGH} on spreads are known; likely ones were assumed"
-            )
-        notes.append(
+        left = len(self.moved) - FEW
+        moved = ", ".join(self.moved[:FEW]) + f" and {left} more" * (left > 0)
+        notes = (
+            ""
+            if self.spreads.known
+            else f"{self.count} robot{'s' if self.count > 1 else ''} cannot show how much robots "
+            f"differ: from {ENOUGH} on spreads are known; likely ones were assumed",
             f"fewer than {LEAST} robots cannot show which of them does not belong"
             if len(self.members) < LEAST
-            else f"a robot that belongs is named with a chance of 1 in {round(1 / CHANCE)}"
+            else f"a robot that belongs is named with a chance of 1 in {round(1 / CHANCE)}",
+            f"no bodies have the most likely values of {moved}; the nearest that "
+            "some have are given: the description's prior does not fit these robots"
+            if moved
+            else "",
         )
-        if len(self.moved) > FEW:
-            moved += f" and {len(self.moved) - FEW} more"
-        if moved:
-            notes.append(
-                f"no bodies have the most likely values of {moved}; the nearest that "
-                "some have are given: the description's prior does not fit these robots"
-            )
-        return tuple(notes)
+        return tuple(filter(None, notes))
 
 
 def types_table(name: str, population: Population) -> pl.DataFrame:
