@@ -8,7 +8,7 @@ as loads, are eliminated.
 
 import json
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass
 from io import BytesIO
 from typing import Any
 
@@ -23,7 +23,6 @@ from deltaid.estimation.problem import DEPENDENT
 from deltaid.estimation.scatter import inverse
 from deltaid.fleets.place import MADE_AGAIN
 from deltaid.fleets.robot_recordings import RobotRecordings, fitted
-from deltaid.identification.fit import FittedProblem
 from deltaid.model.record import Settings
 from deltaid.robot.description import RobotDescription
 from deltaid.sensors.weighings import weighings
@@ -90,27 +89,9 @@ def member(name: str, recordings: RobotRecordings, settings: Settings) -> TypeMe
         IdentificationError: the fit cannot be posed or did not converge.
     """
     chosen = recordings.merging.dynamics.robot
-    estimate = _of_problem(name, fitted(recordings, unmeasured(chosen), settings))
-    return replace(
-        estimate,
-        facts=tuple(
-            MeasuredFact(
-                f"{row.where} {row.name} {row.value:.9g} {row.std:.9g}",
-                row.coefficients,
-                row.value,
-                row.std,
-            )
-            for row in weighings(chosen)
-        ),
-    )
-
-
-def _of_problem(name: str, problem: FittedProblem) -> TypeMember:
-    """The member from a fit without measured values.
-
-    The error of least squares is R⁻¹ s, with the deviations of s from intervals. For white noise s
-    is uncorrelated, and groups are too few to estimate correlations.
-    """
+    problem = fitted(recordings, unmeasured(chosen), settings)
+    # The error of least squares is R⁻¹ s, with the deviations of s from intervals. For white noise
+    # s is uncorrelated, and groups are too few to estimate correlations.
     estimate, count, shifts = problem.estimate, len(problem.p), problem.geometry.shifts
     noise = estimate.noise
     half = inverse(noise.root) * noise.deviations(np.eye(len(noise.root)))[0]
@@ -131,6 +112,15 @@ def _of_problem(name: str, problem: FittedProblem) -> TypeMember:
         shared=rows[:, count:-1],
         quantities=tuple(np.array(names, dtype=str)[common].tolist()),
         freedom=float(np.median(estimate.by_noise[1])),
+        facts=tuple(
+            MeasuredFact(
+                f"{row.where} {row.name} {row.value:.9g} {row.std:.9g}",
+                row.coefficients,
+                row.value,
+                row.std,
+            )
+            for row in weighings(chosen)
+        ),
         widened=dict(problem.reduction.widened),
     )
 

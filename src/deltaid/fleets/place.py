@@ -89,13 +89,6 @@ class Place:
                 cure=cure,
             ) from None
 
-    def finished(self, name: str) -> pl.DataFrame | None:
-        """A finished table of a task; None if it is missing or damaged."""
-        try:
-            return self.table(name)
-        except DeltaidError:
-            return None
-
     def save(self, name: str, frame: pl.DataFrame) -> None:
         """Write a Parquet table with its checksum."""
         buffer = BytesIO()

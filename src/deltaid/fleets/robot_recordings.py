@@ -234,15 +234,10 @@ def _spans(
 def _read(
     job: FleetJob, place: Place, leaves: Sequence[GatherResult], numbers: Sequence[int]
 ) -> dict[int, FactorFile]:
-    files, damaged = dict[int, FactorFile](), list[str]()
-    for k in numbers:
-        file = place.factors(leaves[k].file)
-        if file is None:
-            damaged.append(leaves[k].file)
-        else:
-            files[k] = file
-    if damaged:
-        raise DamagedFactorsError(damaged)
+    found = {k: place.factors(leaves[k].file) for k in numbers}
+    files = {k: file for k, file in found.items() if file is not None}
+    if len(files) < len(found):
+        raise DamagedFactorsError([leaves[k].file for k in found if k not in files])
     for file in files.values():
         require_mechanism(file, job.description)
     return files

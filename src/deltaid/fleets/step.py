@@ -265,7 +265,10 @@ def _known(call: Call, jobs: Sequence[FleetJob]) -> dict[str, JobResult]:
 
 def _finished(job: FleetJob, place: Place) -> JobResult | None:
     """Result of a job from the journal of an interrupted call; None if it is not finished."""
-    journals = {name: place.finished(job.journal(name)) for name in job.step.tables}
+    try:
+        journals = {name: place.table(job.journal(name)) for name in job.step.tables}
+    except DeltaidError:  # one is damaged
+        return None
     whole = {name: table for name, table in journals.items() if table is not None}
     is_there = not job.file or place.size(job.file) > 0
     return JobResult(job, whole) if len(whole) == len(journals) and is_there else None

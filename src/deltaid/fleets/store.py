@@ -13,7 +13,7 @@ from collections.abc import Callable, Generator, Iterable, Mapping
 from contextlib import contextmanager, suppress
 from functools import partial
 from pathlib import Path
-from stat import S_ISDIR, S_ISREG
+from stat import S_ISREG
 from tempfile import TemporaryDirectory
 from typing import Any, TypeVar
 
@@ -98,10 +98,7 @@ def stamp_of(path: str) -> str:
 
 def is_folder(path: str) -> bool:
     """Whether there is a folder of this machine."""
-    try:
-        return not is_address(path) and S_ISDIR(os.stat(path).st_mode)
-    except (OSError, ValueError):  # nothing, or a name that nothing can have
-        return False
+    return not is_address(path) and os.path.isdir(path)
 
 
 @contextmanager
