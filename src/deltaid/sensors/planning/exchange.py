@@ -188,16 +188,17 @@ def exchanges(
     proposed = [exchange for a, b in pairs for exchange in _between(layout, a, b)]
     proposed += [exchange for a, b in pairs for exchange in _alike(layout, a, b)]
     resting = {name: _resting(layout, bodies, instances[-1]) for name, bodies in by_name.items()}
-    for a, b in combinations([name for name, moments in resting.items() if moments], 2):
-        # Mass at rest may pass from one body to another wherever the base carries both.
-        words = f"mass at rest in the base {_passes(a, b)}"
-        proposed.append(Exchange(words, resting[a][0][1] - resting[b][0][1]))
-    for name, moments in resting.items():
-        for kind, direction in moments:
-            words = f"the {body_in_words(name)}'s {kind} at rest in the base"
-            proposed.append(Exchange(words, direction))
-    moving = [exchange for a, b in pairs for exchange in _between(layout, a, b, move_alike)]
-    return (*proposed, *moving, *_rotors(robot, layout), *_geared(robot, layout))
+    proposed += [  # mass at rest may pass from one body to another wherever the base carries both
+        Exchange(f"mass at rest in the base {_passes(a, b)}", resting[a][0][1] - resting[b][0][1])
+        for a, b in combinations([name for name, moments in resting.items() if moments], 2)
+    ]
+    proposed += [
+        Exchange(f"the {body_in_words(name)}'s {kind} at rest in the base", direction)
+        for name, moments in resting.items()
+        for kind, direction in moments
+    ]
+    proposed += [exchange for a, b in pairs for exchange in _between(layout, a, b, move_alike)]
+    return (*proposed, *_rotors(robot, layout), *_geared(robot, layout))
 
 
 def _between(
