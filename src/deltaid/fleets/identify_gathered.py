@@ -156,19 +156,18 @@ def _corrections(
         for correction in brief.corrections
         if correction.kind not in _OF_FIT
     ]
-    for joint, law in chosen.friction.items():
-        if law != described.friction[joint]:
-            terms = [terms_of(brief.friction[joint]) for brief in briefs]
-            corrections.append(
-                Correction(
-                    kind="friction",
-                    subject=joint,
-                    text=f"the law is now {law_in_words(law)}, no longer "
-                    f"{law_in_words(described.friction[joint])}: "
-                    f"{terms.count(terms_of(law))} of {len(briefs)} recordings ask for its terms "
-                    "by themselves",
-                )
-            )
+    corrections += [
+        Correction(
+            kind="friction",
+            subject=joint,
+            text=f"the law is now {law_in_words(law)}, no longer "
+            f"{law_in_words(described.friction[joint])}: "
+            f"{sum(terms_of(brief.friction[joint]) == terms_of(law) for brief in briefs)} of "
+            f"{len(briefs)} recordings ask for its terms by themselves",
+        )
+        for joint, law in chosen.friction.items()
+        if law != described.friction[joint]
+    ]
     return corrections
 
 

@@ -105,16 +105,17 @@ def _temperature(friction: pl.DataFrame) -> tuple[Chart, ...]:
     rows = friction.filter(pl.col("temperature").is_not_null()).unique("time").sort("time")
     if rows.is_empty():
         return ()
-    trace = {
-        "type": "scatter",
-        "x": dates(rows["time"]),
-        "y": numbers(rows["temperature"]),
-        "mode": "lines+markers",
-        "marker": {"color": style.SERIES[4], "size": 4},
-        "line": {"color": style.SERIES[4], "width": 1},
-    }
     figure = {
-        "data": [trace],
+        "data": [
+            {
+                "type": "scatter",
+                "x": dates(rows["time"]),
+                "y": numbers(rows["temperature"]),
+                "mode": "lines+markers",
+                "marker": {"color": style.SERIES[4], "size": 4},
+                "line": {"color": style.SERIES[4], "width": 1},
+            }
+        ],
         "layout": {"height": 240, "yaxis": {"title": {"text": "temperature [°C]"}}},
     }
     return (Chart(figure, "Temperature of each recording."),)
@@ -189,24 +190,28 @@ def _values(fit: pl.DataFrame, ordered: pl.DataFrame, said: str) -> Table:
         for seen, many in periods.get(row["parameter"], [(0, 0)])
     )
     grey = frozenset(k for k, by in enumerate(fit["decided_by"]) if by not in SEEN)
-    columns = ("parameter", "value", "±", "unit", "95 % interval", "prior", "decided by",
-               "periods by data")  # fmt: skip
-    caption = f"{said} Grey: taken from the prior, not identifiable."
-    return Table(columns, rows, caption, muted=grey)
+    return Table(
+        ("parameter", "value", "±", "unit", "95 % interval", "prior", "decided by",
+         "periods by data"),
+        rows,
+        f"{said} Grey: taken from the prior, not identifiable.",
+        muted=grey,
+    )  # fmt: skip
 
 
 def _over_periods(ordered: pl.DataFrame) -> tuple[Chart, ...]:
-    """Identified parameters over the periods; open symbols where the prior decided."""
     seen = ordered.filter(pl.col("decided_by").is_in(SEEN))
     names = list(dict.fromkeys(seen["parameter"].to_list()))
     if not names or ordered["period"].n_unique() < 2:
         return ()
-    said = (
-        "Parameters that data shows, by period, with 95 % intervals; open where the prior "
-        "decided." + f" {len(names) - MOST} more are in the table." * (len(names) > MOST)
-    )
     panels = [_panel(ordered.filter(parameter=name)) for name in names[:MOST]]
-    return (Chart(grid(panels, columns=3, row=130, x={"type": "category", "nticks": 4}), said),)
+    return (
+        Chart(
+            grid(panels, columns=3, row=130, x={"type": "category", "nticks": 4}),
+            "Parameters that data shows, by period, with 95 % intervals; open where the prior "
+            "decided." + f" {len(names) - MOST} more are in the table." * (len(names) > MOST),
+        ),
+    )
 
 
 def _panel(rows: pl.DataFrame) -> Panel:

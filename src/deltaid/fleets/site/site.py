@@ -143,9 +143,8 @@ def overview(
     bad = tables["quarantine"]
     # Contents of the quarantine, such as 'recording: 2, fit: 1'.
     refused = bad.group_by("what", maintain_order=True).len().iter_rows()
-    firsts = [robot.first for robot in robots if robot.first is not None]
-    lasts = [robot.last for robot in robots if robot.last is not None]
-    span = f", {day(min(firsts))} to {day(max(lasts))}" if firsts else ""
+    times = [time for robot in robots for time in (robot.first, robot.last) if time is not None]
+    span = f", {day(min(times))} to {day(max(times))}" if times else ""
     # Types whose fits failed.
     lost = bad.filter((pl.col("what") == "type") & (pl.col("robot") == ""))
     return Page(
@@ -245,14 +244,15 @@ def _rising(tables: Tables, urgent: Sequence[Robot]) -> tuple[Block, ...]:
     if not panels:
         return ()
     more = len(changed) - len(panels)
-    said = (
-        "Friction over time of drives where it changes. Dotted: the day of the change, with "
-        "the days it may have been."
-        + f" {more} more drives are on the pages of their robots."
-        * (more > 0)
+    return (
+        Chart(
+            grid(panels, min(3, len(panels)), x={"type": "date", "matches": "x"}, legend=True),
+            "Friction over time of drives where it changes. Dotted: the day of the change, with "
+            "the days it may have been."
+            + f" {more} more drives are on the pages of their robots."
+            * (more > 0),
+        ),
     )
-    figure = grid(panels, min(3, len(panels)), x={"type": "date", "matches": "x"}, legend=True)
-    return (Chart(figure, said),)
 
 
 def _robots(robots: Sequence[Robot], links: Mapping[str, str], labels: Mapping[str, str]) -> Table:
@@ -272,18 +272,16 @@ def _robots(robots: Sequence[Robot], links: Mapping[str, str], labels: Mapping[s
         )
         for robot in robots
     )
-    columns = ("robot", "state", "type", "friction", "limit on", "like its type",
-               "last recording", "recordings", "in quarantine", "noise",
-               "torque error")  # fmt: skip
     return Table(
-        columns,
+        ("robot", "state", "type", "friction", "limit on", "like its type", "last recording",
+         "recordings", "in quarantine", "noise", "torque error"),
         rows,
         "Noise and torque error, the worst drive's, are those of the last fit. A click on a head "
         "sorts.",
         marked=frozenset(k for k, robot in enumerate(robots) if robot.urgency < Urgency.NONE),
         links=tuple(links[robot.name] for robot in robots),
         choices=(1, 2, 5),
-    )
+    )  # fmt: skip
 
 
 def _changed(robot: Robot) -> str:

@@ -182,13 +182,16 @@ def _means(types: pl.DataFrame) -> Section:
         )
         for row in types.iter_rows(named=True)
     )
-    columns = ("parameter", "mean", "±", "unit", "95 % interval", "spread", "its 95 % interval",
-               "prior", "robots")  # fmt: skip
-    said = "The spread is the standard deviation between robots, in the same unit."
+    table = Table(
+        ("parameter", "mean", "±", "unit", "95 % interval", "spread", "its 95 % interval", "prior",
+         "robots"),
+        rows,
+        "The spread is the standard deviation between robots, in the same unit.",
+    )  # fmt: skip
     notes = dict.fromkeys(text for text in types["told"].to_list() if text)
     return Section(
         "Mean and spread",
-        (*map(Text, notes), Table(columns, rows, said)),
+        (*map(Text, notes), table),
         "what robots have in common",
         unfolded=True,
     )
@@ -211,10 +214,8 @@ def _robots(robots: Sequence[Robot], members: pl.DataFrame, links: Mapping[str, 
         )
         for robot in robots
     )
-    columns = ("robot", "belongs", "differs most in", "by [spreads]", "last recording",
-               "recordings")  # fmt: skip
     return Table(
-        columns,
+        ("robot", "belongs", "differs most in", "by [spreads]", "last recording", "recordings"),
         rows,
         marked=frozenset(k for k, robot in enumerate(robots) if robot.belongs is False),
         links=tuple(links[robot.name] for robot in robots),
