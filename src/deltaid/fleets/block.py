@@ -20,7 +20,7 @@ from deltaid.checksum import is_intact, sealed_archive
 from deltaid.estimation.information import Information
 from deltaid.fleets.drift_friction import FrictionSums, friction_sums
 from deltaid.fleets.factor_record import FactorGroups, RecordingBrief
-from deltaid.fleets.merged import Independent, MergedPart, Merging, Rows
+from deltaid.fleets.merged import Independent, MergedPart, Merging
 from deltaid.identification.geometric_rows import GeometricRows
 
 # With so many groups Student's t is within 2 % of a normal distribution. Uneven halves make more
@@ -152,12 +152,13 @@ class RecordingBlock:
         """Rows with the effects of tolerances, weighted as in the fit; None without tolerances."""
         if self.geometry is None:
             return None
-        rows = list[Rows]()
-        for R, drive, weight in zip(self.geometry.factors, merging.drives, weights, strict=True):
-            n = len(drive.at)
-            rows.append(weight * np.column_stack([R[0, :, :n] @ drive.combinations, R[0, :, n:]]))
+        each = zip(self.geometry.factors, merging.drives, weights, strict=True)
+        rows = [
+            weight
+            * np.column_stack([R[:, : len(drive.at)] @ drive.combinations, R[:, len(drive.at) :]])
+            for (R,), drive, weight in each
+        ]
         Y, D, tau = np.split(np.vstack(rows), [len(merging.active), -1], axis=1)
-
         return GeometricRows(Y, tau[:, 0], D, self.quantities)
 
 

@@ -148,22 +148,23 @@ class Coordinates:
     ) -> Float[np.ndarray, "rows augmented"]:
         """Rows of a member and some of its facts: over u, over p_0, and the right side."""
         names, count = self.reduction.layout.names, len(self.quantities)
-        place = {name: i for i, name in enumerate(member.names)}
-        both = [i for i, name in enumerate(names) if name in place]
-        columns = [place[names[i]] for i in both]
-        # Terms of friction that are not the type's.
-        strange = [place[name] for name in member.names if name not in names]
-        H, shared = np.zeros((len(member.rows), len(names))), np.zeros((len(member.rows), count))
-        H[:, both] = member.rows[:, columns]
-        shared[:, [self.quantities.index(name) for name in member.quantities]] = member.shared
+        to_names, to_shared = _same(member.names, names), _same(member.quantities, self.quantities)
+        strange = ~to_names.any(axis=1)  # terms of friction that are not the type's
+        H, shared = member.rows @ to_names, member.shared @ to_shared
         data = np.column_stack([member.rows[:, strange], H, shared, member.values])
-        weighed = np.zeros((len(facts), len(names) + count + 1))
-        for row, fact in zip(weighed, facts, strict=True):
-            row[both], row[-1] = (fact.coefficients[columns] / fact.std, fact.value / fact.std)
-        wide = np.vstack([eliminated(data, len(strange)), weighed])
+        weighed = [
+            np.array([*(fact.coefficients @ to_names), *np.zeros(count), fact.value]) / fact.std
+            for fact in facts
+        ]
+        wide = np.vstack([eliminated(data, int(strange.sum())), *weighed])
         H, shared, b = np.split(wide, [len(names), len(names) + count], axis=1)
         over, constant = H @ (self.reduction.A * self.sizes), H @ self.reduction.p_0
         return triangle(np.column_stack([over, shared, constant, b[:, 0] - constant]))
+
+
+def _same(names: Sequence[str], others: Sequence[str]) -> Float[np.ndarray, "names others"]:
+    """1 where a name is the other."""
+    return (np.array(names, dtype=str)[:, None] == np.array(others, dtype=str)).astype(float)
 
 
 def _widened(members: Sequence[TypeMember]) -> dict[str, float]:

@@ -136,11 +136,8 @@ def read(path: Path) -> FactorFile:
         raise _refusal(f"cannot be read as a factor file: {error}", where) from None
     if table.schema != pl.Schema(_SCHEMA):
         raise _refusal("is no factor file: its columns are others", where)
-    text = metadata.get(_KEY)
-    if text is None:
-        raise _refusal("is no factor file", where)
     try:
-        record = FactorRecord.model_validate_json(text)
+        record = FactorRecord.model_validate_json(metadata[_KEY])
     except ValidationError as error:
         first = error.errors()[0]
         why = f"{'.'.join(map(str, first['loc']))}: {first['msg']}"
@@ -159,7 +156,6 @@ def _refusal(reason: str, where: str) -> RecordingError:
 def _groups_of(
     table: pl.DataFrame, record: FactorRecord
 ) -> tuple[FactorGroups, FactorGroups, FactorGroups | None]:
-    """The groups of a file, as in `FactorFile`."""
     drives, shifts = len(record.felt), len(record.quantities)
     whole, geometry, rest = (table[drives * k :] for k in (0, 1, 1 + bool(shifts)))
     sizes = tuple(len(places) + 1 for places in record.felt)

@@ -114,7 +114,6 @@ def _members(job: FleetJob, place: Place) -> list[TypeMember]:
 
 
 def _type(job: FleetJob, members: list[TypeMember], place: Place) -> Tables:
-    """The type's mean and spreads, its robots, and the next robot's description."""
     population = fitted(members, job.description, job.settings)
     robot = next_robot(population, place.name)
     place.save_file(job.file, lambda path: save_yaml(robot, path))

@@ -179,7 +179,6 @@ def overview(
 
 
 def _verdict(robots: Sequence[Robot], urgent: Sequence[Robot]) -> Summary:
-    """Number of robots that need attention, then their names and reasons."""
     act, more = sum(robot.urgency is Urgency.ACT for robot in urgent), len(urgent) - FEW
     lines = [
         ended(f"{robot.name}: {'; '.join(concern.text for concern in robot.concerns)}")

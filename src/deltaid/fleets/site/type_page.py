@@ -239,7 +239,6 @@ def _dots(rows: pl.DataFrame, value: str) -> Data:
 
 
 def _deviation_figure(members: pl.DataFrame, parameters: Sequence[str]) -> Data:
-    """Deviations from the type's mean, a box per parameter; outliers are marked."""
     chosen = members.filter(
         pl.col("parameter").is_in(list(parameters)) & pl.col("spreads").is_not_null()
     ).rename({"spreads": "x"})
