@@ -299,8 +299,10 @@ def _rotors(robot: RobotDescription, layout: ParameterLayout) -> Iterator[Exchan
             entry = f"{arm}.Iyy" if limb.drive == "rotary" else f"{arm}.m"
             by_arm.setdefault(entry, {entry: 1.0})[f"rotor.{drive}"] = -1.0
     passing = {f"rotors and {entry}": changes for entry, changes in by_arm.items()}
-    for drive in robot.rotor_drives if "EE.Izz" in layout.names else ():
-        passing[f"the rotor of {drive} and the tool"] = {"EE.Izz": 1.0, f"rotor.{drive}": -1.0}
+    passing |= {
+        f"the rotor of {drive} and the tool": {"EE.Izz": 1.0, f"rotor.{drive}": -1.0}
+        for drive in (robot.rotor_drives if "EE.Izz" in layout.names else ())
+    }
     for pair, changes in passing.items():
         yield Exchange(f"inertia may pass between {pair}", _of_entries(layout, changes))
 

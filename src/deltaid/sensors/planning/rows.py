@@ -21,7 +21,6 @@ from deltaid.recording.mapping import ColumnMapping
 from deltaid.recording.memory import RecordingLike
 from deltaid.recording.opening import open_log
 from deltaid.recording.planned import motion_of, planned
-from deltaid.recording.windows import SampleBlock
 from deltaid.robot.parameter import PriorParameter
 from deltaid.robot.sensors import BaseWrench
 from deltaid.sensors.rows import SensorRows, is_of_pose
@@ -91,14 +90,11 @@ def motion_of_file(
     log = open_log(given, dynamics.kinematics, columns, need_torque=False)
     recording = model_filtered(model, log, planned)
     thin = slice(None, None, max(1, log.samples // _SAMPLES))
-    parts, samples = list[SampleBlock](), 0
-    for part in motion_of(recording, dynamics.kinematics):
-        parts.append(part.part(thin))
-        samples += len(part.z)
+    parts = [(part.part(thin), len(part.z)) for part in motion_of(recording, dynamics.kinematics)]
     z, qd, qdd = (
-        np.concatenate([getattr(part, name) for part in parts]) for name in ("z", "qd", "qdd")
+        np.concatenate([getattr(part, name) for part, _ in parts]) for name in ("z", "qd", "qdd")
     )
-    duration = samples / log.rate
+    duration = sum(samples for _, samples in parts) / log.rate
     return PlannedMotion(f"{log.path.name}, {duration:.3g} s", duration, z, qd, qdd)
 
 
