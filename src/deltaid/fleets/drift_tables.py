@@ -147,20 +147,19 @@ def drift_shown(drift: RobotDrift) -> Table:
 
 def sentences(drift: RobotDrift) -> list[str]:
     """Reasons of findings, tool changes, and the bound of false alarms."""
-    lines = [
+    changes = [
         f"{drive}: {text}"
         for drive, finding in zip(drift.drives, drift.findings, strict=True)
         if finding.state != "steady" and (text := _details(drift, finding))
     ]
-    lines += [
+    tools = [
         f"what the robot holds became {'heavier' if tool.mass > 0 else 'lighter'} by "
         f"{abs(tool.mass):.3g} ± {2 * tool.std:.1g} kg on {_date(drift.date(tool.day))}, "
         "undeclared; it is not counted as friction"
         for tool in drift.tools
     ]
-    if drift.common is not None:
-        lines.append(drift.common)
-    return [*lines, f"false alarms: {drift.bound}"]
+    common = [] if drift.common is None else [drift.common]
+    return [*changes, *tools, *common, f"false alarms: {drift.bound}"]
 
 
 def _details(drift: RobotDrift, finding: DriftFinding) -> str:

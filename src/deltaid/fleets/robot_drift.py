@@ -56,10 +56,8 @@ class DriftRecording:
     @property
     def degrees(self) -> float:
         """Temperature [°C]; NaN if unknown."""
-        if self.temperature is not None:
-            return float(self.temperature)
-        degrees = self.brief.degrees
-        return float("nan") if degrees is None else degrees
+        known = self.brief.degrees if self.temperature is None else self.temperature
+        return float("nan") if known is None else float(known)
 
     @property
     def held(self) -> float:

@@ -181,11 +181,12 @@ def _of_blocks(job: FleetJob, place: Place) -> RobotRecordings:
     if len(keys) <= FEW:
         files = _read(job, place, leaves, range(len(keys)))
         return merged_as(_merging(job, [file.brief for file in files.values()]), files, keys)
-    names, kept = dict[_Span, str](), set[str]()
-    for span, is_kept in _spans(keys, len(keys)):
-        members = [(leaf.sha256, leaf.file) for leaf in leaves[slice(*span)]]
-        names[span] = f"{job.blocks}/{digest([FORMAT, job.common, members])[:32]}{ENDING}"
-        kept |= {names[span]} if is_kept else set()
+    members, spans = [(leaf.sha256, leaf.file) for leaf in leaves], dict(_spans(keys, len(keys)))
+    names = {
+        span: f"{job.blocks}/{digest([FORMAT, job.common, members[slice(*span)]])[:32]}{ENDING}"
+        for span in spans
+    }
+    kept = {names[span] for span, is_kept in spans.items() if is_kept}
     there, blocks = place.listing(job.blocks), dict[_Span, RecordingBlock]()
     reached, missing = 0, list[int]()
     for (first, last), name in names.items():

@@ -180,25 +180,24 @@ def overview(
 
 def _verdict(robots: Sequence[Robot], urgent: Sequence[Robot]) -> Summary:
     act, more = sum(robot.urgency is Urgency.ACT for robot in urgent), len(urgent) - FEW
-    lines = [
+    named = (
         ended(f"{robot.name}: {'; '.join(concern.text for concern in robot.concerns)}")
         for robot in urgent[:FEW]
-    ]
-    lines += [f"And {more} more, listed below."] if more > 0 else []
-    lines += _undecided(robots)
+    )
+    lines = (*named, *[f"And {more} more, listed below."] * (more > 0), *_undecided(robots))
     many = f"{len(urgent)} of {len(robots)} robots {'needs' if len(urgent) == 1 else 'need'}"
     if act:
         now = " now" if act == len(urgent) else f", {act} of them now"
-        return Summary(Trust.POOR, f"{many} attention{now}.", tuple(lines))
+        return Summary(Trust.POOR, f"{many} attention{now}.", lines)
     if urgent:
-        return Summary(Trust.FAIR, f"{many} attention.", tuple(lines))
+        return Summary(Trust.FAIR, f"{many} attention.", lines)
     if unsure := sum(not robot.is_known for robot in robots):
         said = (
             "No robot is known to need attention, but there is not enough data on "
             f"{unsure} of {len(robots)}."
         )
-        return Summary(Trust.UNTESTED, said, tuple(lines))
-    return Summary(Trust.GOOD, f"None of {len(robots)} robots needs attention.", tuple(lines))
+        return Summary(Trust.UNTESTED, said, lines)
+    return Summary(Trust.GOOD, f"None of {len(robots)} robots needs attention.", lines)
 
 
 def _undecided(robots: Sequence[Robot]) -> list[str]:

@@ -153,7 +153,7 @@ def _robot(name: str, kind: str, tables: Tables, now: Any) -> Robot:
     quarantine = tables["quarantine"]
     period = last["period"] if last and last["period"] != ALL else ""
     concerns = [
-        *filter(None, (_friction(row, now) for row in drives)),
+        *(_friction(row, now) for row in drives if row["state"] in _CHANGED),
         *_gains(parameters if last is None else last_period(parameters)),
         *_doubted(rows),
         *_recorded(rows, usable, now),
@@ -185,9 +185,7 @@ def last_period(parameters: pl.DataFrame) -> pl.DataFrame:
     return rows.filter(pl.col("period") == rows["period"].max())
 
 
-def _friction(row: Row, now: datetime | None) -> Concern | None:
-    if row["state"] not in _CHANGED:
-        return None
+def _friction(row: Row, now: datetime | None) -> Concern:
     stepped = row["state"] == "stepped"
     text = f"friction of {row['drive']} {_CHANGED[row['state']]}"
     size = row["step"] if stepped else row["rate"]
@@ -257,11 +255,9 @@ def _recorded(rows: Sequence[Row], usable: Sequence[datetime], now: Any) -> list
 
 
 def _foreign(rows: Sequence[Row]) -> list[Concern]:
-    if not rows:
-        return []
     reasons = list(dict.fromkeys(row["reason"] for row in rows if row["reason"]))
     why = "; ".join(reasons[:2]) or ", ".join(row["parameter"] for row in rows[:4])
-    return [Concern(Urgency.LOOK, f"{FOREIGN}{why}")]
+    return [Concern(Urgency.LOOK, f"{FOREIGN}{why}")] if rows else []
 
 
 def _refused(quarantine: pl.DataFrame, last: str, *, recorded: bool) -> list[Concern]:
