@@ -219,8 +219,7 @@ def _between(
         return
     a, b = bodies[0].name, others[0].name
     counter = _moments([pair.b for pair in met], [pair.along_b for pair in met])
-    counts = np.array([body.count for body in bodies], dtype=float)
-    counts /= sum(body.count for body in others)
+    counts = np.array([body.count for body in bodies]) / sum(body.count for body in others)
     first, second = sorted((a, b), key=layout.bodies.index)
     place = _place(first, second) if partner is shared else "by points that move together"
     for (what, gives), (_, takes) in zip(

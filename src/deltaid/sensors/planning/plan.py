@@ -243,12 +243,8 @@ def sensor_plan(
         if len(likely):
             described = outlook(DESCRIBED, TITLES[DESCRIBED], start, alone)
         say("comparing")
-        steps = shopping(start, aim, possible, entries.W, budget, settings.steps)
-        beyond = None
-        if budget is None:
-            greedy, steps = steps, enough(start, aim, steps, entries.W)
-            bought = {step.use.name for step in steps}
-            beyond = next((step for step in greedy if step.use.name not in bought), None)
+        greedy = shopping(start, aim, possible, entries.W, budget, settings.steps)
+        steps = enough(start, aim, greedy, entries.W) if budget is None else greedy
         bought = [step.use for step in steps]
         tried = [_find(names, possible, offers) for names in (*combinations, *offers.combinations)]
         return SensorPlan(
@@ -266,7 +262,7 @@ def sensor_plan(
             steps=tuple((step, after(bought[: k + 1])) for k, step in enumerate(steps)),
             openings=openings(dynamics, planned, rows, sure, possible, bought),
             notes=(*_notes(entries, goal, gain_spread), *left_out),
-            beyond=beyond,
+            beyond=next((step for step in greedy if step.use not in bought), None),
         )
 
 

@@ -120,30 +120,31 @@ def shopping(
         budget: largest total cost; None for no bound.
         most: largest number of steps.
     """
-    rows = [use.likely @ W for use in uses]
-    steps, spent, done = list[PurchaseStep](), 0.0, set[int]()
-    owned = dict[str, str]()  # by group
+    rows = {use: use.likely @ W for use in uses}  # of those that are not bought yet
+    steps, spent, owned = list[PurchaseStep](), 0.0, dict[str, str]()  # offers by group
     least = _LEAST * len(goal.rows) * goal.weight
     while len(steps) < most:
-        before, best, worth = goal.left(known), None, (0.0, 0.0)
-        for k, use in enumerate(uses):
-            has = owned.get(use.group, use.offer)
-            cost = use.work + (0.0 if use.group in owned else use.price)
-            if k in done or has != use.offer or (budget is not None and spent + cost > budget):
-                continue
-            gain = before - goal.left(known.and_rows(rows[k]))
-            # Free uses come first, the one with the largest gain before others.
-            value = (gain / cost if cost else np.inf, gain)
-            if gain >= least and value > worth:
-                best, worth = (k, cost, gain), value
-        if best is None:
+        left = [use for use in rows if owned.get(use.group, use.offer) == use.offer]
+        costs = [use.work + (0.0 if use.group in owned else use.price) for use in left]
+        before = goal.left(known)
+        possible = [
+            PurchaseStep(use, cost, spent + cost, before - goal.left(known.and_rows(rows[use])))
+            for use, cost in zip(left, costs, strict=True)
+            if budget is None or spent + cost <= budget
+        ]
+        worthwhile = [step for step in possible if step.gain >= least > 0.0]
+        if not worthwhile:
             break
-        k, cost, gain = best
-        known, spent = known.and_rows(rows[k]), spent + cost
-        owned[uses[k].group] = uses[k].offer
-        done.add(k)
-        steps.append(PurchaseStep(uses[k], cost, spent, gain))
+        best = max(worthwhile, key=_worth)
+        known, spent = known.and_rows(rows.pop(best.use)), best.spent
+        owned[best.use.group] = best.use.offer
+        steps.append(best)
     return tuple(steps)
+
+
+def _worth(step: PurchaseStep) -> tuple[float, float]:
+    """Free uses come first, the one with the largest gain before others."""
+    return (step.gain / step.cost if step.cost else np.inf, step.gain)
 
 
 def enough(
