@@ -219,14 +219,15 @@ def map_to(
 ) -> Float[np.ndarray, "kept columns"]:
     """T for a robot of the same mechanism with any friction law, and for additions: gathered loads,
     and constants of the robot's laws."""
-    plain_names, place = columns.dynamics.layout.names, columns.place
+    plain_names = columns.dynamics.layout.names
     shares: dict[str, dict[str, float]] = {}
     for group in columns.base.groups:
         representative = plain_names[group.representative]
         for member, share in {group.representative: 1.0, **group.members}.items():
             shares.setdefault(plain_names[member], {})[representative] = share
-    for term in dynamics.robot.friction_terms:
-        shares[term.name] = _friction(columns, term, term.values)
+    shares |= {
+        term.name: _friction(columns, term, term.values) for term in dynamics.robot.friction_terms
+    }
     every = [shares.get(name, {}) for name in dynamics.layout.names]
     for extra in additions:
         if isinstance(extra, LawConstants):
@@ -236,12 +237,10 @@ def map_to(
             ]
         else:
             every += [{parameter.name: 1.0} for parameter in extra.parameters]
-    T = np.zeros((len(place), len(every)))
-    for k, combination in enumerate(every):
-        for name, share in combination.items():
-            if name in place:  # others have no effect on torques
-                T[place[name], k] = share
-    return T
+    # Names that have no place have no effect on torques.
+    return np.array(
+        [[combination.get(name, 0.0) for combination in every] for name in columns.place]
+    )
 
 
 def _friction(

@@ -297,13 +297,16 @@ def _temperature(recording: PreparedRecording, kinematics: Kinematics) -> Temper
 def _lags(result: Judged) -> tuple[KnownLag, ...]:
     drives = result.model.robot.drives
     delays = result.recordings[0].repairs.lag or (0.0,) * len(drives)
-    known = [
-        KnownLag(drive=drive, delay=delay, deviation=_EXACT)
-        for drive, delay in zip(drives, delays, strict=True)
-    ]
-    columns = [lags for lags in result.problem.additions if isinstance(lags, LagColumns)]
-    for group in (group for lags in columns for group in lags.groups if group.free):
-        deviation = group.deviation if np.isfinite(group.deviation) else None
-        for i in group.drives:
-            known[i] = known[i].changed(beside=group.beside, deviation=deviation)
-    return tuple(known)
+    free = {
+        i: (group.beside, group.deviation if np.isfinite(group.deviation) else None)
+        for lags in result.problem.additions
+        if isinstance(lags, LagColumns)
+        for group in lags.groups
+        if group.free
+        for i in group.drives
+    }
+    known = (free.get(i, (0.0, _EXACT)) for i in range(len(drives)))
+    return tuple(
+        KnownLag(drive=drive, delay=delay, beside=beside, deviation=deviation)
+        for drive, delay, (beside, deviation) in zip(drives, delays, known, strict=True)
+    )
