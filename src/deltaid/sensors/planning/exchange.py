@@ -21,6 +21,7 @@ import numpy as np
 from jaxtyping import Float
 
 from deltaid.dynamics.parameters import ParameterLayout
+from deltaid.grouping import grouped
 from deltaid.mechanism.mechanism import Mechanism
 from deltaid.robot.body import body_in_words
 from deltaid.robot.description import RobotDescription
@@ -283,21 +284,20 @@ def _resting(
 
 
 def _of_entries(layout: ParameterLayout, changes: dict[str, float]) -> np.ndarray:
-    direction = np.zeros(len(layout.names))
-    for name, value in changes.items():
-        direction[layout.names.index(name)] = value
-    return direction
+    return np.array([changes.get(name, 0.0) for name in layout.names])
 
 
 def _rotors(robot: RobotDescription, layout: ParameterLayout) -> Iterator[Exchange]:
     """Rotors against the inertia that they turn: that of an arm, or of the tool."""
-    by_arm: dict[str, dict[str, float]] = {}
-    for i, limb in enumerate(robot.limb_geometry):
-        drive, arm = f"drive{i + 1}", robot.limb_bodies(i)[0]
-        if drive in robot.rotor_drives:
-            entry = f"{arm}.Iyy" if limb.drive == "rotary" else f"{arm}.m"
-            by_arm.setdefault(entry, {entry: 1.0})[f"rotor.{drive}"] = -1.0
-    passing = {f"rotors and {entry}": changes for entry, changes in by_arm.items()}
+    by_arm = grouped(
+        (f"{robot.limb_bodies(i)[0]}.{'Iyy' if limb.drive == 'rotary' else 'm'}", f"drive{i + 1}")
+        for i, limb in enumerate(robot.limb_geometry)
+        if f"drive{i + 1}" in robot.rotor_drives
+    )
+    passing = {
+        f"rotors and {entry}": {entry: 1.0} | {f"rotor.{drive}": -1.0 for drive in drives}
+        for entry, drives in by_arm.items()
+    }
     passing |= {
         f"the rotor of {drive} and the tool": {"EE.Izz": 1.0, f"rotor.{drive}": -1.0}
         for drive in (robot.rotor_drives if "EE.Izz" in layout.names else ())

@@ -99,13 +99,10 @@ def null_space(
             basis = np.column_stack([basis, rest / np.linalg.norm(rest)])
             chosen.append(_open(exchange.words, exchange.direction, seen, layout))
     named = [free.direction[seen] / to_p for free in chosen]
-    for d in _remaining(Vt[rank:], np.array(named).reshape(-1, len(to_p))):
-        direction = np.zeros(len(scale))
-        direction[seen] = d * to_p
-        chosen.append(_open("", direction, seen, layout))
-    whole = np.zeros((len(scale), len(scale) - rank))
-    whole[seen, : len(to_p) - rank] = Vt[rank:].T / norms[seen, None]
-    whole[~seen, len(to_p) - rank :] = np.eye(int(np.sum(~seen)))
+    left = _remaining(Vt[rank:], np.array(named).reshape(-1, len(to_p)))
+    each = np.eye(len(scale))
+    chosen += [_open("", each[:, seen] @ (d * to_p), seen, layout) for d in left]
+    whole = np.hstack([each[:, seen] @ (Vt[rank:].T / norms[seen, None]), each[:, ~seen]])
     invisible = tuple(np.array(layout.names)[~seen].tolist())
     return NullSpace(rank, tuple(chosen), invisible, seen, scale, whole)
 
