@@ -20,7 +20,7 @@ from deltaid.checksum import is_intact, sealed_archive
 from deltaid.estimation.information import Information
 from deltaid.fleets.drift_friction import FrictionSums, friction_sums
 from deltaid.fleets.factor_record import FactorGroups, RecordingBrief
-from deltaid.fleets.merged import Independent, MergedPart, Merging
+from deltaid.fleets.merged import Independent, MergedPart, Merging, stacked
 from deltaid.identification.geometric_rows import GeometricRows
 
 # With so many groups Student's t is within 2 % of a normal distribution. Uneven halves make more
@@ -181,13 +181,10 @@ def _expanded(
     groups: FactorGroups, drives: Sequence[Independent]
 ) -> Float[np.ndarray, "groups drives augmented augmented"]:
     """Triangles over all columns, padded with zero rows."""
-    wide = drives[0].combinations.shape[1] + 1
-    every = np.zeros((len(groups), len(drives), wide, wide))
-    for i, (R, drive) in enumerate(zip(groups.factors, drives, strict=True)):
-        n = len(drive.at)
-        every[:, i, : n + 1, :-1] = R[..., :-1] @ drive.combinations
-        every[:, i, : n + 1, -1] = R[..., -1]
-    return every
+    each = zip(groups.factors, drives, strict=True)
+    return stacked(
+        [np.dstack([R[..., :-1] @ drive.combinations, R[..., -1:]]) for R, drive in each]
+    )
 
 
 ENDING = ".block.npz"

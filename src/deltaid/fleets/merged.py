@@ -83,7 +83,7 @@ class MergedPart:
 
     def rows(self, groups: FactorGroups) -> Float[np.ndarray, "groups drives _ augmented"]:
         """[Y, τ] of each group and drive."""
-        return _stacked([R @ view for R, view in zip(groups.factors, self.views, strict=True)])
+        return stacked([R @ view for R, view in zip(groups.factors, self.views, strict=True)])
 
 
 @dataclass(frozen=True, eq=False)
@@ -173,8 +173,7 @@ class Merging:
             places, lag = list(local.values()), file.record.lags[i]
             weight = file.record.noise[i] / lag.deviation if lag.deviation else 0.0
             is_lag = np.array([name == f"lag.{lag.drive}" for name in local], dtype=bool)
-            prior = np.zeros(view.shape[1])
-            prior[-1] = weight * lag.beside
+            prior = np.append(np.zeros(view.shape[1] - 1), weight * lag.beside)
             span, A = (
                 Span.of_columns(np.vstack([R[:, places], weight * is_lag])),
                 np.vstack([R @ view, prior]),
@@ -185,7 +184,7 @@ class Merging:
 
         information = Information(
             self.active,
-            triangle(_stacked(whole)),
+            triangle(stacked(whole)),
             file.whole.samples[0],
             file.whole.torque_max[0],
         )
@@ -227,7 +226,7 @@ class Merging:
         return np.concatenate([np.zeros(0), *values])
 
 
-def _stacked(
+def stacked(
     rows: Sequence[Float[np.ndarray, "*many _ augmented"]],
 ) -> Float[np.ndarray, "*many drives _ augmented"]:
     """Rows of all drives, padded with zero rows to triangles of one size."""
