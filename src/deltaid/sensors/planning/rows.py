@@ -134,11 +134,8 @@ def torques(dynamics: Dynamics, p: Parameters, motion: PlannedMotion) -> np.ndar
 
 def torque_rows(scene: Scene, Y: Float[np.ndarray, "samples dof parameters"]) -> Extended:
     """Rows of recorded torques τ_i / c_i: the gains' logarithms have the columns −τ_i."""
-    rows = np.zeros((*Y.shape[:2], scene.width))
-    rows[:, :, : len(scene.p)] = Y
-    drives = np.arange(Y.shape[1])
-    rows[:, drives, len(scene.p) + drives] = -(Y @ scene.p)
-    scaled = rows * (np.sqrt(scene.count) / scene.torque_noise)[None, :, None]
+    gains = -(Y @ scene.p)[:, :, None] * np.eye(scene.dynamics.dof)
+    scaled = np.dstack([Y, gains]) * (np.sqrt(scene.count) / scene.torque_noise)[None, :, None]
     return triangle(scaled.reshape(-1, scene.width))
 
 
@@ -177,6 +174,4 @@ def _is_open(parameter: PriorParameter, sensor: SensorRows) -> bool:
 
 def weighing_row(scene: Scene, weighing: Weighing) -> Extended:
     """A measured value as a row over w, in units of its standard deviation."""
-    row = np.zeros((1, scene.width))
-    row[0, : len(scene.p)] = weighing.coefficients / weighing.std
-    return row
+    return np.append(weighing.coefficients / weighing.std, np.zeros(scene.dynamics.dof))[None]
