@@ -230,7 +230,9 @@ def _prior(
     known, priors = {load.name: load.parameters for load in model.loads}, dict[str, Prior]()
     if carrier := merging.dynamics.robot.load_carrier:
         mass = _HELD * abs(model.value(f"{carrier}.m")) + 1e-3
-        priors |= {f"held.{x}": (0.0, (mass * arm) ** -2) for x, arm in _HELD_SYMBOLS.items()}
+        priors |= {
+            f"held.{symbol}": (0.0, (mass * arm) ** -2) for symbol, arm in _HELD_SYMBOLS.items()
+        }
     for load, k, _, entry in _of_loads(merging):
         identified = known.get(load.load.name)
         mean = identified[k].value - float(load.taken[k]) if identified else entry.prior

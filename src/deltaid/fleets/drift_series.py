@@ -87,7 +87,8 @@ class Regressors:
             ]
         else:
             waves = (("season", np.sin), ("season'", np.cos))
-            rows += [(x, wave(2.0 * np.pi * days / YEAR), _SEASON, np.inf) for x, wave in waves]
+            angle = 2.0 * np.pi * days / YEAR
+            rows += [(name, wave(angle), _SEASON, np.inf) for name, wave in waves]
         if np.ptp(load) > 0:
             rows.append(("load", load / np.max(np.abs(load)), _LOAD, np.inf))
         rows += [("tool", (days >= day).astype(float), _TOOL, np.inf) for day in tools]

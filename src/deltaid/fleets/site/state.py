@@ -266,8 +266,8 @@ def _refused(quarantine: pl.DataFrame, last: str, *, recorded: bool) -> list[Con
     others = quarantine.filter((what != "recording") & ((what != "fit") | (pl.col("which") > last)))
     absent = quarantine.filter(what == "recording").tail(0 if recorded else 1)
     said = [
-        (Urgency.LOOK, _CANNOT.get(what, f"no fit of {together.get(which, which)}"), reason)
-        for what, which, reason in others.tail(1).select("what", "which", "reason").iter_rows()
+        (Urgency.LOOK, _CANNOT.get(step, f"no fit of {together.get(which, which)}"), reason)
+        for step, which, reason in others.tail(1).select("what", "which", "reason").iter_rows()
     ]
     said += [
         (Urgency.ACT, f"no recording of it is there: {which}", reason)
