@@ -134,8 +134,8 @@ def read(path: Path) -> FactorFile:
         table = pl.read_parquet(BytesIO(data))
     except POLARS_ERRORS as error:
         raise _refusal(f"cannot be read as a factor file: {error}", where) from None
-    if table.schema != pl.Schema(_SCHEMA):
-        raise _refusal("is no factor file: its columns are others", where)
+    if table.schema != pl.Schema(_SCHEMA) or _KEY not in metadata:
+        raise _refusal("is no factor file: its columns or its record are missing", where)
     try:
         record = FactorRecord.model_validate_json(metadata[_KEY])
     except ValidationError as error:
