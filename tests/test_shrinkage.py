@@ -138,18 +138,22 @@ def test_without_a_group_its_coefficients_are_the_mean_of_their_prior() -> None:
     assert dropped.groups[0].columns.tolist() == [2, 3]
 
 
-def test_of_two_that_look_alike_the_right_one_is_kept() -> None:
-    rng = np.random.default_rng(3)
-    right = rng.standard_normal(800)
-    wrong = np.stack([right + 0.2 * rng.standard_normal(800) for _ in range(3)], axis=1)
-    A, noisy = np.column_stack([right, wrong]), right + 0.05 * rng.standard_normal(800)
+@pytest.mark.parametrize(("wrong", "more"), [("wrong", 0.0), ("unexplained its torque", 0.5)])
+def test_of_two_that_look_alike_the_right_one_is_kept(wrong: str, more: float) -> None:
+    """Also where the wrong one is a free function, and another leaves more than is its own."""
+    rng, time = np.random.default_rng(3), "unexplained time"
+    right, slow = rng.standard_normal((2, 800))
+    alike = np.stack([right + 0.2 * rng.standard_normal(800) for _ in range(3)], axis=1)
+    noisy = right + more * slow + 0.05 * rng.standard_normal(800)
+    A = np.column_stack([right, alike, slow])
     block = NoiseBlock(A, noisy, np.repeat(np.arange(40), 20), 3.0)
     groups = [
         CauseColumns("right", np.array([0]), np.array([0.1]), np.zeros(1)),
-        CauseColumns("wrong", np.array([1, 2, 3]), np.full(3, 1.0), np.zeros(3)),
+        CauseColumns(wrong, np.array([1, 2, 3]), np.full(3, 1.0), np.zeros(3)),
+        CauseColumns(time, np.array([4]), np.ones(1), np.zeros(1)),
     ]
-    full = Shrunk.fitted([block], np.zeros((0, 4)), np.zeros(0), groups)
-    assert reduced(full, LEAST).candidates == ("right",)
+    full = Shrunk.fitted([block], np.zeros((0, 5)), np.zeros(0), groups)
+    assert reduced(full, LEAST).candidates == (("right", time) if more else ("right",))
 
 
 def test_slow_errors_count_as_noise() -> None:

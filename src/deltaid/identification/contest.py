@@ -257,12 +257,24 @@ def reduced(full: Shrunk, least: float) -> Shrunk:
 
     The least surprising is dropped first, until all exceed `least` [decades]; then others take
     the places of what is kept, one for one, where rows are more probable so. What is smaller than
-    that which no effect explains may be a part of it, and is dropped.
+    that which no effect explains may be a part of it, and is dropped; where rows are more probable
+    so, not before all that is kept is surprising, for free functions explain others as well.
     """
-    now = full
+    now = _eliminated(full, least, by_size=True)
+    if any(map(is_unexplained, full.candidates)):
+        size_last = _eliminated(_eliminated(full, least, by_size=False), least, by_size=True)
+        now = max(now, size_last, key=lambda fit: fit.evidence)
+    while better := rivals(full, now, least, 0.0):
+        now = max(better.values(), key=lambda fit: fit.evidence)
+    return now
+
+
+def _eliminated(now: Shrunk, least: float, *, by_size: bool) -> Shrunk:
+    """Drops the least surprising until all exceed `least`, first what errors of positions may be,
+    and `by_size` what is smaller than that which no effect explains."""
     while now.droppable:
         unexplained = [now.size(group) for group in now.groups if is_unexplained(group.name)]
-        least_named = max(POSITION_ERROR, float(np.linalg.norm(unexplained)))
+        least_named = max(POSITION_ERROR, by_size * float(np.linalg.norm(unexplained)))
         prices = dict[str, float]()
         for group in now.droppable:
             least_size = POSITION_ERROR if is_unexplained(group.name) else least_named
@@ -272,8 +284,6 @@ def reduced(full: Shrunk, least: float) -> Shrunk:
         if prices[cheapest] >= least:
             break
         now = now.of_candidates([name for name in now.candidates if name != cheapest])
-    while better := rivals(full, now, least, 0.0):
-        now = max(better.values(), key=lambda fit: fit.evidence)
     return now
 
 
