@@ -99,12 +99,18 @@ class UnsettledFrictionError(IdentificationError):
 
 def nearest(name: str, known: Iterable[str], cutoff: float = 0.6) -> str:
     """'did you mean P.m? ', or nothing where no known name is like it."""
+    near = closest(name, known, cutoff)
+    return f"did you mean {near}? " if near else ""
+
+
+def closest(name: str, known: Iterable[str], cutoff: float = 0.6) -> str:
+    """The known name that is most like another one, if only in other letters; empty if none is."""
     names = list(known)
     near = difflib.get_close_matches(name, names, n=1, cutoff=cutoff)
-    if not near:  # perhaps only in other letters
+    if not near:
         lower = {name.lower(): name for name in names}
-        near = [lower[match] for match in difflib.get_close_matches(name.lower(), lower, n=1)]
-    return f"did you mean {near[0]}? " if near else ""
+        near = [lower[match] for match in difflib.get_close_matches(name.lower(), lower, 1, cutoff)]
+    return near[0] if near else ""
 
 
 def unknown(

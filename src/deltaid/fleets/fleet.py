@@ -144,14 +144,13 @@ def find_fleet(manifest: str, period: Period | None = None) -> Fleet:
     )
 
 
-def datetime_of(match: re.Match[str]) -> datetime:
-    """The date, and perhaps time, that `DATE` matches.
-
-    Raises:
-        ValueError: there is no such day, such as the 31st of February.
-    """
-    year, month, day, hour, minute, second = (int(part or 0) for part in match.groups())
-    return datetime(year, month, day, hour, minute, second)
+def date_within(name: str) -> datetime | None:
+    """The last date, perhaps with a time, within a name; None where it has none that exists."""
+    for match in reversed(list(DATE.finditer(name))):
+        with suppress(ValueError):  # such as the 31st of February
+            year, month, day, hour, minute, second = (int(part or 0) for part in match.groups())
+            return datetime(year, month, day, hour, minute, second)
+    return None
 
 
 def _time(file: RecordedFile, path: str) -> datetime | None:
@@ -161,8 +160,4 @@ def _time(file: RecordedFile, path: str) -> datetime | None:
         time = given if is_time else datetime(given.year, given.month, given.day)
         return time.astimezone(UTC).replace(tzinfo=None) if time.tzinfo else time
     folders = _KEYS.sub("", path.replace("\\", "/")).replace("/", "-")
-    for text in (Path(path).name, folders):
-        for match in reversed(list(DATE.finditer(text))):
-            with suppress(ValueError):
-                return datetime_of(match)
-    return None
+    return date_within(Path(path).name) or date_within(folders)

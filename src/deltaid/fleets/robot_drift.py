@@ -26,7 +26,7 @@ from deltaid.fleets.drift_series import (
 )
 from deltaid.fleets.factor_file import FactorFile
 from deltaid.fleets.factor_record import RecordingBrief
-from deltaid.fleets.fleet import DATE, datetime_of
+from deltaid.fleets.fleet import DATE, date_within
 from deltaid.model.record import IdentifiedModel
 
 # Larger stamps are seconds since 1970, not since the start of a recording.
@@ -88,17 +88,13 @@ def _time(file: FactorFile) -> datetime:
     record = file.record
     if record.first > _SINCE_1970:
         return datetime.fromtimestamp(record.first, UTC).replace(tzinfo=None)
-    reason = (
-        f"nothing says when {record.log} was made: its stamps do not count from 1970, and its name "
-        "has no date"
-    )
-    if match := DATE.search(record.log):
-        try:
-            return datetime_of(match)
-        except ValueError:
-            reason = f"the date in {record.log} is none"
+    if (time := date_within(record.log)) is not None:
+        return time
     raise RecordingError(
-        reason,
+        f"the date in {record.log} is none"
+        if DATE.search(record.log)
+        else f"nothing says when {record.log} was made: its stamps do not count from 1970, and its "
+        "name has no date",
         where=file.path or record.log,
         cure="name recordings by their date, such as line1-2026-01-31.csv, and gather them again; "
         "or give times",

@@ -4,12 +4,11 @@ One syntax for all kinds of files. `name[i]` is a column of an array or an eleme
 counted from 0, whichever axis has the samples; `name[:,i]` and `name[i,:]` select that axis.
 """
 
-import difflib
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from deltaid.errors import RecordingError, quoted, visible
+from deltaid.errors import RecordingError, closest, quoted, visible
 
 _INDEXED = re.compile(r"(?s)(?P<base>.+)\[(?P<inner>[^\[\]]*)\]")
 
@@ -142,8 +141,8 @@ def near(fields: Sequence[RecordedField], address: str) -> str:
         return inside[0]
     last = {re.split(r"[./]", key)[-1]: whole for key, whole in reversed(names.items())}
     for known in (names, last):
-        if close := difflib.get_close_matches(name, known, n=1, cutoff=0.7):
-            return known[close[0]]
+        if alike := closest(name, known, cutoff=0.7):
+            return known[alike]
     return ""
 
 

@@ -1,6 +1,5 @@
 """Turns validation errors of pydantic into sentences with the line and key of a YAML file."""
 
-import difflib
 import json
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -8,6 +7,7 @@ from typing import Any
 
 from pydantic import BaseModel, ValidationError
 
+from deltaid.errors import nearest
 from deltaid.robot.yaml_tree import Entry, child
 
 # Complaints listed in one message.
@@ -135,8 +135,8 @@ def _value(item: dict[str, Any]) -> str:
 
 def _suggestion(key: str, model: type[BaseModel]) -> str:
     known = set(_keys(model.model_json_schema())) - {key}  # valid in another place
-    near = difflib.get_close_matches(key, known, n=1, cutoff=0.75)
-    return f"; did you mean {near[0]}?" if near else ""
+    hint = nearest(key, known, cutoff=0.75)
+    return f"; {hint.strip()}" if hint else ""
 
 
 def _keys(schema: Any) -> Iterator[str]:

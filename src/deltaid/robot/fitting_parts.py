@@ -1,10 +1,10 @@
 """Checks that the parts of a description fit together, and that limbs of its lengths close."""
 
-import difflib
 import re
 from collections.abc import Collection, Mapping
 from typing import TYPE_CHECKING
 
+from deltaid.errors import nearest
 from deltaid.robot.body import Body
 from deltaid.robot.limits import Box
 from deltaid.robot.measured import Measured
@@ -233,8 +233,8 @@ def _check_turns(robot: "RobotDescription", name: str, sensor: BaseWrench) -> No
 def _require_known(where: str, what: str, name: str, names: tuple[str, ...]) -> None:
     if name in names:
         return
-    near = difflib.get_close_matches(name, names, n=1)
-    hint = f"; did you mean {near[0]}?" if near else ""
+    hint = nearest(name, names)
     raise ValueError(
-        f"{where} names an unknown {what} '{name[:40]}'; choose from {', '.join(names)}{hint}"
+        f"{where} names an unknown {what} '{name[:40]}'; choose from {', '.join(names)}"
+        + (f"; {hint.strip()}" if hint else "")
     )
