@@ -30,7 +30,6 @@ from deltaid.cli import (
     identify,
     look,
     new,
-    reproduce,
     sensors,
     start,
     use,
@@ -66,7 +65,7 @@ COMMANDS = {
         export.online,
         export.export,
     ),
-    "Look": (look.show, look.base, look.schema, reproduce.reproduce),
+    "Look": (look.show, look.base, look.schema, look.reproduce),
     "Fleet": (gather.gather, fleet.fleet, gather.drift),
 }
 for group, commands in COMMANDS.items():

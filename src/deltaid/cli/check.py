@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Annotated
 
 import typer
-from rich.table import Table
+from rich.table import Column, Table
 
 import deltaid
 from deltaid.cli.options import (
@@ -23,7 +23,6 @@ from deltaid.cli.options import (
 )
 from deltaid.cli.output import (
     WIDEST,
-    Finished,
     console,
     print_json,
     print_written,
@@ -245,7 +244,7 @@ def check(
         )
         raise typer.Exit(EXIT[verdicts.grade])
     if listed := verdicts if full else verdicts.poor:  # the most severe first
-        console.print(_verdicts_shown(view.verdict_table(listed)))
+        console.print(_verdicts_shown(view.by_severity(listed)))
         console.print()
     console.print(view.tally(verdicts))
     for file, changed in lines.items():
@@ -262,16 +261,19 @@ def check(
     raise typer.Exit(EXIT[verdicts.grade])
 
 
-def _verdicts_shown(finished: Finished) -> Table:
+def _verdicts_shown(verdicts: "Sequence[deltaid.Verdict]") -> Table:
     """A table of verdicts, with cause and next step below the finding, whatever the width."""
-    result = Table(box=None, pad_edge=False, show_header=False)
-    result.add_column(no_wrap=True)
-    result.add_column(no_wrap=True)
-    result.add_column(max_width=WIDEST, overflow="fold")
-    for grade, key, about, seen, cause, cure in finished.rows:
-        lines = [seen if about in seen else f"{about}: {seen}"]
-        lines += [f"likely: {cause}"] * bool(cause) + [f"→ {cure}"] * bool(cure)
-        result.add_row(styled(grade, _COLOURS[grade]), visible(key), visible("\n".join(lines)))
+    from deltaid.view.check import seen_of
+
+    result = Table(
+        Column(no_wrap=True), Column(no_wrap=True), Column(max_width=WIDEST, overflow="fold"),
+        box=None, pad_edge=False, show_header=False,
+    )  # fmt: skip
+    for verdict in verdicts:
+        lines = [seen_of(verdict), *[f"likely: {verdict.cause}"] * bool(verdict.cause)]
+        lines += [f"→ {verdict.cure}"] * bool(verdict.cure)
+        grade = styled(verdict.grade, _COLOURS[verdict.grade])
+        result.add_row(grade, visible(verdict.key), visible("\n".join(lines)))
     return result
 
 
@@ -284,7 +286,6 @@ def _cures(
     """
     from deltaid.checks import verdicts as checks
     from deltaid.checks.evidence import evidence
-    from deltaid.robot.load import described
 
     cures = dict[File, tuple[str, str]]()
     for file in checks.files_of(verdicts):
@@ -296,7 +297,9 @@ def _cures(
             continue
         else:
             path = columns[0] if columns else None
-            record = evidence(described(robot), logs[0], path and deltaid.load_mapping(path))
+            record = evidence(
+                deltaid.load_robot(robot), logs[0], path and deltaid.load_mapping(path)
+            )
             data, text = record.written_mapping, checks.mapping_text(record, wanted, path)
         cures[file] = checks.pasted(data, wanted), text
     return cures

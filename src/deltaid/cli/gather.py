@@ -57,12 +57,11 @@ def gather(
     cost: a recording that has been gathered before is not read again.
     """
     from deltaid.fleets.gather import gather_into
-    from deltaid.robot.load import described
 
     settings = deltaid.Settings(
         cutoff=cutoff, lag=lag, compliance=compliance, keep_all=keep_all, events=events
     )
-    description = described(robot)
+    description = deltaid.load_robot(robot)
     gathered = []
     with progress(as_json) as say:
         for recording in gather_into(

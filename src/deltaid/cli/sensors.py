@@ -93,8 +93,7 @@ def sensors(
     from deltaid.sensors.planning.null_space import DESCRIBED, PLAN, TORQUES
     from deltaid.sensors.planning.offers import shipped_text
     from deltaid.view import sensor_plan as view
-    from deltaid.view.html import write_page
-    from deltaid.view.sensors import plan_page
+    from deltaid.view import show
 
     if print_list:
         if offers is not None:
@@ -128,7 +127,7 @@ def sensors(
     shown = view.chosen_entries(plan) if entries is None else names(entries)
     for name in shown:
         plan.entry(name)  # raises for an unknown one
-    write_files((report, lambda path: write_page(plan_page(plan, shown), path)))
+    write_files((report, lambda path: show.report(plan, path, shown)))
     if not as_json:
         note_planned(plan.model)
     hidden, card = view.untold(plan), view.plan_card(plan)

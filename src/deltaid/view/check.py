@@ -14,36 +14,36 @@ from deltaid.view.numbers import FEW, in_words
 from deltaid.view.page import Fact, Lines, Page, Section, Summary, Table, Text, Trust
 from deltaid.view.show import Card
 
-COLUMNS = ("verdict", "check", "about", "seen", "likeliest cause", "next step")
-
 # The most severe first.
 _ORDER = tuple(reversed(Grade))
+_CAUSE = "likeliest cause → next step"
 
 
-def verdict_table(verdicts: Sequence[Verdict]) -> Table:
-    """Verdicts with finding, cause and cure; the most severe first."""
-    rows = sorted(verdicts, key=lambda verdict: _ORDER.index(verdict.grade))
-    good = frozenset(i for i, verdict in enumerate(rows) if verdict.grade is Grade.GOOD)
-    return Table(
-        COLUMNS,
-        tuple((v.grade, v.key, v.subject, v.seen, v.cause, v.cure) for v in rows),
-        muted=good,
-        marked=frozenset(range(len(rows))) - good,
-    )
+def by_severity(verdicts: Sequence[Verdict]) -> list[Verdict]:
+    return sorted(verdicts, key=lambda verdict: _ORDER.index(verdict.grade))
+
+
+def seen_of(verdict: Verdict) -> str:
+    """What was seen, with what it is about."""
+    about = verdict.subject
+    return verdict.seen if about in verdict.seen else f"{about}: {verdict.seen}"
 
 
 def page_table(verdicts: Sequence[Verdict]) -> Table:
-    """The same for a page, which is narrower than a terminal's table."""
-    table = verdict_table(verdicts)
-    rows = [  # good verdicts have neither cause nor cure
-        (grade, key, seen if about in seen else f"{about}: {seen}",
-         f"{cause} → {cure}" if cause or cure else "")
-        for grade, key, about, seen, cause, cure in table.rows
-    ]  # fmt: skip
-    columns = ("verdict", "check", "seen", "likeliest cause → next step")
-    if all(grade == Grade.GOOD for grade, *_ in rows):  # good verdicts have neither
-        rows, columns = [row[:3] for row in rows], columns[:3]
-    return Table(columns, tuple(rows), muted=table.muted, marked=table.marked)
+    """Verdicts with finding, cause and cure; the most severe first."""
+    ordered = by_severity(verdicts)
+    good = frozenset(i for i, verdict in enumerate(ordered) if verdict.grade is Grade.GOOD)
+    marked = frozenset(range(len(ordered))) - good
+    table = Table(
+        ("verdict", "check", "seen", _CAUSE),
+        tuple(
+            (v.grade, v.key, seen_of(v), f"{v.cause} → {v.cure}" if v.cause or v.cure else "")
+            for v in ordered
+        ),
+        muted=good,
+        marked=marked,
+    )
+    return table if marked else table.without(_CAUSE)  # good ones have neither
 
 
 def short_table(verdicts: Sequence[Verdict]) -> Table:
