@@ -47,16 +47,9 @@ class Folder:
         Raises:
             DeltaidError: it cannot be made or written to, or is a file.
         """
-        try:
+        with refusing(str(path), cure="give the name of a folder that you may write to"):
             path.mkdir(parents=True, exist_ok=True)
-            with tempfile.TemporaryFile(dir=path):
-                pass
-        except OSError as error:
-            raise DeltaidError(
-                f"cannot be used: {error.strerror or error}",
-                where=str(path),
-                cure="give the name of a folder that you may write to",
-            ) from None
+            tempfile.TemporaryFile(dir=path).close()
         return Folder(path.resolve())
 
     def path(self, name: str) -> Path:
@@ -178,7 +171,10 @@ def stamp(path: Path) -> tuple[int, int] | None:
 
 
 @contextmanager
-def refusing(where: str) -> Generator[None, None, None]:
+def refusing(
+    where: str, what: str = "cannot be used",
+    cure: str = "see whether the folder is still there, may be written to, and has room",
+) -> Generator[None, None, None]:  # fmt: skip
     """Raise refusals of the system as errors of the program.
 
     Raises:
@@ -187,8 +183,4 @@ def refusing(where: str) -> Generator[None, None, None]:
     try:
         yield
     except OSError as error:
-        raise DeltaidError(
-            f"cannot be used: {error.strerror or error}",
-            where=where,
-            cure="see whether the folder is still there, may be written to, and has room",
-        ) from None
+        raise DeltaidError(f"{what}: {error.strerror or error}", where=where, cure=cure) from None

@@ -77,10 +77,13 @@ class Job:
         """
         inputs = await asyncio.to_thread(keep_inputs, self.folder, self.place, self.step)
         more = ("--json",) if self.step.kind in _WITH_JSON else ()
+        # Valid from any folder.
+        places = filter(None, os.environ.get("PYTHONPATH", "").split(os.pathsep))
+        modules = {"PYTHONPATH": os.pathsep.join(map(os.path.abspath, places))}
         self._process = await asyncio.create_subprocess_exec(
             sys.executable, "-P", "-c", _ENTRY, *self.step.arguments, *more,
             cwd=self.folder.root,
-            env=os.environ | {PROGRESS: "lines", "PYTHONIOENCODING": "utf-8"} | _paths(),
+            env=os.environ | {PROGRESS: "lines", "PYTHONIOENCODING": "utf-8"} | modules,
             stdin=asyncio.subprocess.DEVNULL,
             stdout=asyncio.subprocess.PIPE,
             stderr=asyncio.subprocess.PIPE,
@@ -137,12 +140,6 @@ class Job:
                 self._process.kill()
             else:
                 os.killpg(self._process.pid, number)
-
-
-def _paths() -> dict[str, str]:
-    """Module search path, valid from any folder."""
-    places = filter(None, os.environ.get("PYTHONPATH", "").split(os.pathsep))
-    return {"PYTHONPATH": os.pathsep.join(map(os.path.abspath, places))}
 
 
 def error_in(said: str) -> str:

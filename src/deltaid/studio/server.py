@@ -10,7 +10,6 @@ is useless. Websockets need an Origin, which browsers always send.
 import asyncio
 import html
 import logging
-import os
 import secrets
 import tempfile
 import webbrowser
@@ -171,10 +170,11 @@ async def _tell(guard: Guard, say: Callable[[str], None], page: Path | None) -> 
 def _opening(guard: Guard, folder: Path) -> Generator[Path, None, None]:
     """A page readable by this account only that leads to the studio: a browser's command line,
     which all accounts can read, then contains no key."""
-    handle, name = tempfile.mkstemp(dir=folder, prefix="open-studio-", suffix=".html")
-    os.close(handle)
-    page = Path(name)
-    page.write_text(leading_to(guard.address), encoding="utf-8")
+    with tempfile.NamedTemporaryFile(
+        "w", dir=folder, prefix="open-studio-", suffix=".html", encoding="utf-8", delete=False
+    ) as file:
+        file.write(leading_to(guard.address))
+    page = Path(file.name)
     try:
         yield page
     finally:

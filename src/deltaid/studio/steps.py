@@ -258,9 +258,14 @@ def _option(key: str, value: Any) -> list[str]:
             return [name]
         case list():
             return [word for each in value for word in (name, str(each))]
-        case tuple():  # lags in ms
-            return [f"{name}={','.join(f'{1e3 * x:.10g}' for x in value)}"]
-        case float():
-            return [name, f"{value:.10g}"]
+        case tuple():  # may begin with a minus
+            return [f"{name}={typed(value)}"]
         case _:
-            return [name, str(value)]
+            return [name, typed(value)]
+
+
+def typed(value: Any) -> str:
+    """A value as a user types it: lags in ms, nothing for None."""
+    if isinstance(value, tuple):
+        return ",".join(f"{1e3 * lag:.10g}" for lag in value)
+    return "" if value is None else f"{value:.10g}" if isinstance(value, float) else str(value)

@@ -2,17 +2,16 @@
 dimensions that follows sliders or the dragged ball."""
 
 from collections.abc import Awaitable, Callable, Mapping, Sequence
-from typing import Any, Literal
+from typing import Any, Literal, TypeVar
 
 import numpy as np
-import plotly.graph_objects as go
 from nicegui import background_tasks, events, ui
 
 from deltaid.recording.contents import Contents
 from deltaid.recording.mapped_columns import NEEDED_OF_DRIVES
 from deltaid.studio import look
 from deltaid.studio.edits import Data, named
-from deltaid.studio.look import Beside, Preview
+from deltaid.studio.look import Beside, Curve, Preview
 from deltaid.studio.pages import parts
 from deltaid.studio.plan import Used
 from deltaid.studio.session import Session
@@ -20,6 +19,7 @@ from deltaid.studio.stand import Axis, Stage, Stand, stage, stand
 from deltaid.view.at_pose import panel
 from deltaid.view.style import stacked
 
+_Seen = TypeVar("_Seen")
 Options = dict[str, Any]
 Span = tuple[float, float]
 
@@ -28,7 +28,6 @@ _MEASURED = "#8a949e"
 _GRID = "rgba(128,128,128,.25)"
 # Height of a row of curves [px], and length of the title beside it.
 _HEIGHT, _LETTERS = 190, 26
-_CONFIG = {"config": {"displaylogo": False}}
 
 
 def curves(seen: Preview, time: str = "time [s]") -> Options:
@@ -37,20 +36,18 @@ def curves(seen: Preview, time: str = "time [s]") -> Options:
         c.quantity: f"{c.quantity} [{c.unit}]" if c.unit else c.quantity[-_LETTERS:]
         for c in seen.curves
     }
-    plot, rows = _panels(list(titles.values()), time), list(titles)
-    for curve in seen.curves:
-        row = rows.index(curve.quantity) + 1
-        plot.add_scatter(
-            x=curve.time,
-            y=curve.values,
-            name=f"drive {curve.drive + 1}" if curve.unit else curve.name,
-            legendgroup=str(curve.drive),
-            showlegend=row == 1 and bool(curve.unit),
-            line={"color": _COLOURS[curve.drive % len(_COLOURS)], "width": 1},
-            row=row,
-            col=1,
-        )
-    return plot.to_plotly_json() | _CONFIG
+    rows = {quantity: row for row, quantity in enumerate(titles, 1)}
+    traces = [
+        {
+            "name": f"drive {curve.drive + 1}" if curve.unit else curve.name,
+            "legendgroup": str(curve.drive),
+            "showlegend": rows[curve.quantity] == 1 and bool(curve.unit),
+            "line": {"color": _COLOURS[curve.drive % len(_COLOURS)], "width": 1},
+            "row": rows[curve.quantity],
+        }
+        for curve in seen.curves
+    ]
+    return _panels(list(titles.values()), seen.curves, traces, time)
 
 
 def compared_curves(compared: Beside, names: Sequence[str], shown: str) -> Options:
@@ -61,31 +58,35 @@ def compared_curves(compared: Beside, names: Sequence[str], shown: str) -> Optio
         names: of the models.
         shown: 'torques' or 'errors'.
     """
+    known = {None: ("measured", {"color": _MEASURED, "width": 2.5})} | {
+        model: (name, {"color": _COLOURS[model % len(_COLOURS)], "width": 1.2})
+        for model, name in enumerate(names)
+    }
     curves = [curve for curve in compared.curves if curve.quantity == shown]
-    plot = _panels(list({c.drive: f"{c.name} [{c.unit}]" for c in curves}.values()))
-    for curve in curves:
-        name, drawn = "measured", {"color": _MEASURED, "width": 2.5}
-        if curve.model is not None:
-            name = names[curve.model]
-            drawn = {"color": _COLOURS[curve.model % len(_COLOURS)], "width": 1.2}
-        plot.add_scatter(
-            x=curve.time,
-            y=curve.values,
-            name=name,
-            legendgroup=name,
-            showlegend=curve.drive == 0,
-            line=drawn,
-            row=curve.drive + 1,
-            col=1,
-        )
-    return plot.to_plotly_json() | _CONFIG
+    traces = [
+        {
+            "name": known[curve.model][0],
+            "legendgroup": known[curve.model][0],
+            "showlegend": curve.drive == 0,
+            "line": known[curve.model][1],
+            "row": curve.drive + 1,
+        }
+        for curve in curves
+    ]
+    return _panels(list({c.drive: f"{c.name} [{c.unit}]" for c in curves}.values()), curves, traces)
 
 
-def _panels(titles: Sequence[str], time: str = "time [s]") -> go.Figure:
+def _panels(
+    titles: Sequence[str], curves: Sequence[Curve], traces: Sequence[Options],
+    time: str = "time [s]",
+) -> Options:  # fmt: skip
+    """Curves in rows with these titles, each with its name, line and row."""
     plot = stacked(titles, height=_HEIGHT * len(titles) + 60, spacing=0.04, time=time)
     plot.update_xaxes(gridcolor=_GRID, zeroline=False)
     plot.update_yaxes(gridcolor=_GRID, zeroline=False)
-    return plot.update_layout(
+    for curve, trace in zip(curves, traces, strict=True):
+        plot.add_scatter(x=curve.time, y=curve.values, col=1, **trace)
+    plot.update_layout(
         margin={"l": 60, "r": 10, "t": 10, "b": 40},
         legend={"orientation": "h", "y": 1.08},
         paper_bgcolor="rgba(0,0,0,0)",
@@ -95,26 +96,30 @@ def _panels(titles: Sequence[str], time: str = "time [s]") -> go.Figure:
         hoversubplots="axis",
         uirevision="same",  # the view stays when more detailed curves arrive
     )
+    return plot.to_plotly_json() | {"config": {"displaylogo": False}}
 
 
-def zoomable(
-    figure: Options, label: str, again: Callable[[Span | None], Awaitable[Options]]
-) -> None:
-    """A figure that is redrawn in more detail when its view of time changes.
+async def zoomable(
+    label: str, see: Callable[[Span | None], Awaitable[_Seen]], draw: Callable[[_Seen], Options]
+) -> _Seen:
+    """A figure that is redrawn in more detail when its view of time changes; returns what it shows.
 
     Args:
-        figure: with one time axis for all rows.
         label: what it shows, for screen readers.
-        again: gives the figure of a span [s], or of all time for None.
+        see: reads what is to be drawn of a span [s], or of all time for None.
+        draw: gives the figure, with one time axis for all rows.
     """
-    plot = ui.plotly(figure).classes("w-full").props(f'role=img aria-label="{label}"')
+    with parts.waiting():
+        seen = await see(None)
+    plot = ui.plotly(draw(seen)).classes("w-full").props(f'role=img aria-label="{label}"')
 
     async def zoomed(event: events.GenericEventArguments) -> None:
         asked = _span(event.args)
         if asked is not False:
-            plot.update_figure(await again(asked))
+            plot.update_figure(draw(await see(asked)))
 
     plot.on("plotly_relayout", zoomed)
+    return seen
 
 
 def _span(said: Mapping[str, Any]) -> Span | Literal[False] | None:
@@ -171,16 +176,12 @@ async def _preview_plot(
     session: Session, used: Used, see: Callable[..., Preview], given: tuple[Any, ...],
     time: str = "time [s]",
 ) -> Preview:  # fmt: skip
-    """The figure of a preview, redrawn in more detail on zoom."""
     path = str(session.folder.path(used.file))
-    with parts.waiting():
-        seen = await session.look(see, path, *given)
-
-    async def again(span: Span | None) -> Options:
-        return curves(await session.look(see, path, *given, span), time)
-
-    zoomable(curves(seen, time), f"Preview of {used.file}", again)
-    return seen
+    return await zoomable(
+        f"Preview of {used.file}",
+        lambda span: session.look(see, path, *given, span),
+        lambda seen: curves(seen, time),
+    )
 
 
 # Colours of the ground and the workspace's edges, on light and dark pages.

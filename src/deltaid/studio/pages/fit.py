@@ -9,7 +9,7 @@ from deltaid.model.options import lag_of
 from deltaid.model.record import Settings
 from deltaid.studio.pages import parts
 from deltaid.studio.session import Session
-from deltaid.studio.steps import fit_step
+from deltaid.studio.steps import fit_step, typed
 from deltaid.studio.words import INSIST
 
 # Settings in the page's order, with the names of their fields.
@@ -97,16 +97,9 @@ def _settings(session: Session) -> None:
                 elif get_origin(kind) is Literal:
                     field = ui.select(list(get_args(kind)), value=value, label=label)
                 else:
-                    parts.on_leaving(ui.input(label, value=_text(value)), partial(read, key))
+                    parts.on_leaving(ui.input(label, value=typed(value)), partial(read, key))
                     continue
                 field.on_value_change(lambda event, key=key: take(key, event.value))
         if changed:
             reset = partial(parts.change, session, settings=Settings())
             ui.button("Back to the defaults", on_click=reset).props("flat")
-
-
-def _text(value: float | str | tuple[float, ...] | None) -> str:
-    """Text of a field; lags in ms."""
-    if isinstance(value, tuple):
-        return ",".join(f"{1e3 * lag:.10g}" for lag in value)
-    return value or "" if value is None or isinstance(value, str) else f"{value:.10g}"

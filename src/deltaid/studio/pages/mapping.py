@@ -26,6 +26,7 @@ from deltaid.studio.edits import (
 from deltaid.studio.pages import parts
 from deltaid.studio.plan import Used
 from deltaid.studio.session import FileEdit, Session, draft_key
+from deltaid.studio.steps import typed
 
 # Numeric keys of an entry, with the names of their fields.
 _NUMBERS = {"zero": "zero", "gear": "gear", "torque_constant": "N m per A"}
@@ -91,7 +92,7 @@ class Form:
         """Text of the field of an entry's value."""
         entry = entries(self.data, quantity, self.dof)[drive]
         value = entry.get(key, DEFAULTS.get(key))
-        return _text(value) if key in _NUMBERS else value
+        return typed(value) if key in _NUMBERS else value
 
     def refresh(self) -> None:
         """Update each field from the data."""
@@ -153,7 +154,7 @@ def _time(state: Form) -> None:
             _with(TIME_UNITS, given.get("unit", "s")), value=given.get("unit", "s"), label="Unit",
             new_value_mode="add-unique", with_input=True,
         ).classes("w-32")  # fmt: skip
-        rate = ui.input("or samples a second", value=_text(given.get("rate")))
+        rate = ui.input("or samples a second", value=typed(given.get("rate")))
         rate.classes("w-48")
 
     def take() -> None:
@@ -194,14 +195,10 @@ def _row(state: Form, quantity: Quantity, drive: int, name: str, entry: Data) ->
         if key == "torque_constant" and quantity != "torque":
             ui.label("")
             continue
-        field = ui.input(value=_text(entry.get(key, DEFAULTS[key]))).props(label(shown))
+        field = ui.input(value=typed(entry.get(key, DEFAULTS[key]))).props(label(shown))
         parts.on_leaving(field, partial(number, key))
         fields[key] = field
     state.fields |= {(quantity, drive, key): field for key, field in fields.items()}
-
-
-def _text(value: float | None) -> str:
-    return "" if value is None else f"{value:.10g}"
 
 
 def _with(choices: Sequence[str], own: str | None) -> list[str]:

@@ -11,7 +11,7 @@ from nicegui import events, ui
 from nicegui.elements.mixins.value_element import ValueElement
 
 from deltaid.errors import DeltaidError
-from deltaid.studio.folder import Folder
+from deltaid.studio.folder import Folder, refusing
 from deltaid.studio.plan import Used
 from deltaid.studio.runs import FinishedRun, next_run
 from deltaid.studio.session import Session, unmapped
@@ -223,20 +223,17 @@ def upload(
 
     async def received(event: events.UploadEventArguments) -> None:
         name = session.folder.free_name(event.file.name)
-        try:
-            with tempfile.TemporaryDirectory(prefix=".dropped-", dir=session.folder.root) as place:
-                part = Path(place) / name
-                await event.file.save(part)
-                with Folder(Path(part.parent.name)).called_by_name():
-                    await session.glance(look, part)
-                name = session.folder.free_name(name)
-                part.replace(session.folder.path(name))
-        except OSError as error:
-            raise DeltaidError(
-                f"cannot be written: {error.strerror or error}",
-                where=name,
-                cure="make room in the folder, or the right to write to it",
-            ) from None
+        cure = "make room in the folder, or the right to write to it"
+        with (
+            refusing(name, "cannot be written", cure),
+            tempfile.TemporaryDirectory(prefix=".dropped-", dir=session.folder.root) as place,
+        ):
+            part = Path(place) / name
+            await event.file.save(part)
+            with Folder(Path(part.parent.name)).called_by_name():
+                await session.glance(look, part)
+            name = session.folder.free_name(name)
+            part.replace(session.folder.path(name))
         if name != event.file.name:
             ui.notify(f"{event.file.name} is kept as {name}")
         if (after := then(name)) is not None:

@@ -137,20 +137,16 @@ async def _look(session: Session, runs: list[FinishedRun], used: Used, span: Any
 
 
 async def _along(session: Session, runs: list[FinishedRun], used: Used, shown: str) -> None:
-    with parts.waiting():
-        compared = await _look(session, runs, used)
-    names = [_name(session, run) for run in runs]
-    rows = [
-        (name, *map(percent, nrmse))
-        for name, nrmse in zip(names, compared.nrmse.tolist(), strict=True)
-    ]
-    parts.table(("error, as a share of the torque", *compared.drives), rows)
-
-    async def again(span: tuple[float, float] | None) -> Any:
-        return compared_curves(await _look(session, runs, used, span), names, shown)
-
-    label = f"{shown.capitalize()} of models along {used.file}"
-    zoomable(compared_curves(compared, names, shown), label, again)
+    names, place = [_name(session, run) for run in runs], ui.column().classes("w-full")
+    compared = await zoomable(
+        f"{shown.capitalize()} of models along {used.file}",
+        partial(_look, session, runs, used),
+        lambda compared: compared_curves(compared, names, shown),
+    )
+    errors = zip(names, compared.nrmse.tolist(), strict=True)
+    rows = [(name, *map(percent, nrmse)) for name, nrmse in errors]
+    with place:
+        parts.table(("error, as a share of the torque", *compared.drives), rows)
 
 
 def _everywhere(session: Session, runs: list[FinishedRun], known: dict[str, Used]) -> None:
