@@ -215,7 +215,6 @@ def compare_controllers(
 
 
 def _on_what(result: "deltaid.Simulation | deltaid.Comparison", **held: object) -> dict[str, Any]:
-    """Conditions of a simulation for JSON, including a known load."""
     on, drives = result.conditions, result.conditions.drives
     return {
         "bandwidth_hz": on.bandwidth,
@@ -229,7 +228,6 @@ def _on_what(result: "deltaid.Simulation | deltaid.Comparison", **held: object) 
 
 
 def _errors(result: "Tracking") -> dict[str, Any]:
-    """Tracking errors for JSON, SI units."""
     error = result.error
     return {
         "samples": len(result.time),

@@ -250,7 +250,6 @@ def online(
 
 
 def _delay(text: str, drives: int) -> tuple[float, ...]:
-    """Lags in s from `--lag`."""
     lags = (0.0,) if text == "none" else lag_of(text)
     if isinstance(lags, str) or len(lags) not in (1, drives):
         raise DeltaidError(

@@ -1,7 +1,7 @@
 """Results of `deltaid identify`: tables and sentences, JSON, a page."""
 
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict
 from typing import TYPE_CHECKING, Any
 
 import deltaid
@@ -13,14 +13,6 @@ if TYPE_CHECKING:
 
 # Columns too wide for a screen.
 _WIDE = ("unfiltered", "why")
-
-
-@dataclass(frozen=True)
-class Truth:
-    """Parameters of a simulated robot, and a sentence on a result's distance from them."""
-
-    values: Sequence[float]
-    text: str
 
 
 def as_dictionary(
@@ -93,14 +85,15 @@ def print_result(
     verification: "TorqueError | None",
     log: "Compared | None" = None,
     *,
-    truth: "Truth | None" = None,
+    truth: Sequence[float] | None = None,
+    against: str = "",
     full: bool,
 ) -> None:
     """The verdict, and as many tables as fit a screen.
 
     Args:
         verification, log: torque errors on a recording of another motion, and that.
-        truth: of a simulated robot.
+        truth, against: parameters of a simulated robot, and a sentence on the distance from them.
         full: whether to print all tables.
     """
     from deltaid.view import corrections, model_tables
@@ -109,7 +102,7 @@ def print_result(
     model, choice = result.model, result.model.friction_choice
     said = without_doubts(summary(result, verification, log))
     tables = [model_tables.error_table(deltaid.load(model), verification)]
-    further = [model_tables.parameter_table(model, truth and truth.values)]
+    further = [model_tables.parameter_table(model, truth)]
     details = [*model_tables.sums(model), *fit_lines(result)]
     if choice is not None and choice.steps:
         further.append(model_tables.choice_table(choice, model.robot))
@@ -120,10 +113,10 @@ def print_result(
     title = model.robot.title or model.robot.name
     print_found(
         [
-            f"{title}{', simulated' if truth else ''}",
+            f"{title}{', simulated' if against else ''}",
             said.sentence,
             *said.lines,
-            *([truth.text] if truth else []),
+            *([against] if against else []),
         ],
         tables if full else [table.without(*_WIDE) for table in tables],
         [*further, *put_right],

@@ -194,7 +194,6 @@ def print_next(text: str) -> None:
 
 
 def _name(finished: Finished) -> str:
-    """Name of a table: its title, or its first column."""
     return re.split("[:;,]", finished.title or finished.columns[0])[0]
 
 

@@ -218,7 +218,6 @@ def as_dictionary(plan: "deltaid.SensorPlan") -> dict[str, Any]:
 
 
 def _outlook(plan: "deltaid.SensorPlan", outlook: "Outlook") -> dict[str, Any]:
-    """Entries with standard deviations as shares of their size."""
     return {
         "name": outlook.name,
         "title": outlook.title,

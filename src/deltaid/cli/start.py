@@ -32,7 +32,7 @@ def demo(
     The truth is up to 30 % away from the prior; the log has encoder steps and torque noise. The
     motions keep the robot's limits.
     """
-    from deltaid.cli.identified import Truth, print_result
+    from deltaid.cli.identified import print_result
     from deltaid.identification.demo import FILES, demonstrate
 
     description = deltaid.load_robot(robot)
@@ -45,14 +45,16 @@ def demo(
         with together():
             for path in kept:
                 write_bytes(path, (folder / path.name).read_bytes())
-    truth = Truth(
-        result.truth.tolist(),
+    against = (
         "Against the truth: mass matrix within "
         f"{percent(result.mass_error_diagonal)} on and {percent(result.mass_error_off_diagonal)} "
         f"off the diagonal, friction within {percent(result.friction_error)}; a single body's own "
-        "numbers are less certain than what the drives feel of them.",
+        "numbers are less certain than what the drives feel of them."
     )
-    print_result(result.identification, result.verification, truth=truth, full=full)
+    print_result(
+        result.identification, result.verification,
+        truth=result.truth.tolist(), against=against, full=full,
+    )  # fmt: skip
     if kept:
         console.print(f"{', '.join(FILES[:-1])} and {FILES[-1]} are in {keep}")
 

@@ -214,7 +214,6 @@ def legend(table: Table) -> tuple[tuple[str, str], ...]:
 
 
 def _body_of(name: re.Match[str]) -> str:
-    """U of a `_NAME`."""
     return name["body"] or name["of"] or name["key"] or name["on"]
 
 

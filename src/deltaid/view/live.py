@@ -202,12 +202,10 @@ def cylinder() -> Float[np.ndarray, "corners 3"]:
 
 
 def _silence() -> contextlib.redirect_stdout[io.StringIO]:
-    """Suppress viser's messages on standard output."""
     return contextlib.redirect_stdout(io.StringIO())
 
 
 def _paint(color: str) -> tuple[int, ...]:
-    """A colour for lit surfaces."""
     return tuple(round(_SHADE * part) for part in _rgb(color))
 
 

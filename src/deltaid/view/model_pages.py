@@ -24,7 +24,6 @@ from deltaid.view.numbers import measured, percent
 from deltaid.view.page import Fact, Page, Section
 from deltaid.view.summary import (
     certificate,
-    file_names,
     provenance_section,
     summary,
     without_doubts,
@@ -60,7 +59,8 @@ def identification_page(result: Identification, verification: Validation | None 
         *([(seen, "Verification")] if verified else []),
     ]
     checks = Section("Checks", (page_table(verdicts),), f"all verdicts: {tally(verdicts)}")
-    whence = f"identified from {file_names(model)}{f', verified on {verified}' if verified else ''}"
+    logs = ", ".join(source.log for source in model.sources)
+    whence = f"identified from {logs}{f', verified on {verified}' if verified else ''}"
     return Page(
         title=model.robot.title or model.robot.name,
         subtitle=f"Dynamic model {whence}",

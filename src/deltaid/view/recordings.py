@@ -93,14 +93,15 @@ def _numbers(column: pl.Series) -> np.ndarray:
 
 
 def _ranges(table: pl.DataFrame) -> Table:
-    rows = list[tuple[str, str, str]]()
-    for column in table:
-        low, high = str(column.dtype), ""
-        if column.dtype.is_numeric() and len(column.drop_nulls()):
-            numbers = column.cast(pl.Float64)
-            low, high = f"{numbers.min():.4g}", f"{numbers.max():.4g}"
-        rows.append((column.name, low, high))
+    rows = [(column.name, *_range(column)) for column in table]
     return Table(("column", "least", "largest"), tuple(rows))
+
+
+def _range(column: pl.Series) -> tuple[str, str]:
+    if not column.dtype.is_numeric() or not len(column.drop_nulls()):
+        return str(column.dtype), ""
+    numbers = column.cast(pl.Float64)
+    return f"{numbers.min():.4g}", f"{numbers.max():.4g}"
 
 
 def log_card(value: Log | recording.PreparedRecording) -> Card:

@@ -201,12 +201,17 @@ def rest_table(robot: AtRest, surveyed: WorkspaceSurvey) -> Table:
 
 def use_table(robot: AtRest, surveyed: WorkspaceSurvey) -> Table:
     """Largest use of each limit within the workspace, with its place."""
-    poses, rows = surveyed.poses, list[tuple[str, ...]]()
-    for k in range(robot.of_workspace, len(robot.limits)):
-        worst = int(np.argmax(poses.shares[:, k]))
-        place = ", ".join(f"{value:.3f}" for value in poses.z[worst, :3])
-        angles = (f"{np.rad2deg(psi):.0f}" for psi in poses.z[worst, 3:])
-        rows.append((robot.limits[k], f"{100 * poses.shares[worst, k]:.1f}", place, *angles))
+    shares = surveyed.poses.shares
+    places = surveyed.poses.z[shares.argmax(axis=0)]
+    rows = [
+        (
+            robot.limits[k],
+            f"{100 * shares[:, k].max():.1f}",
+            ", ".join(f"{value:.3f}" for value in places[k, :3]),
+            *(f"{np.rad2deg(psi):.0f}" for psi in places[k, 3:]),
+        )
+        for k in range(robot.of_workspace, len(robot.limits))
+    ]
     turned = ("tool [deg]",) if robot.dynamics.dof > 3 else ()
     return Table(
         ("limit", "largest use [%]", "at x, y, z [m]", *turned),

@@ -205,10 +205,6 @@ def provenance_section(model: Model, title: str) -> Section:
     return Section(title, tables, "recordings, what the fit reached, settings")
 
 
-def file_names(model: IdentifiedModel) -> str:
-    return ", ".join(source.log for source in model.sources)
-
-
 def certificate(fit: Fit) -> tuple[str, str]:
     """Optimality of the fit: in a word or two, and its distance to the certified bound."""
     if fit.duality_gap is None:

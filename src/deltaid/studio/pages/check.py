@@ -96,7 +96,6 @@ def _card(session: Session, verdict: dict[str, Any]) -> None:
 async def _offer(
     session: Session, verdict: dict[str, Any], file: str, changes: list[tuple[str, object]]
 ) -> None:
-    """Show the changed file, and write it on request."""
     folder, plan, robot = session.folder, session.plan, session.plan.robot or ""
     used = None if file == "robot" else _used(plan, verdict)
     if used is not None:

@@ -158,18 +158,16 @@ async def signals(
         chosen = [*dict.fromkeys((*chosen, *moving))][: len(NEEDED_OF_DRIVES) * dof]
     picked = ui.select(known, value=chosen, label="Signals as recorded", multiple=True)
     picked.props("use-chips").classes("w-full")
-    place = ui.column().classes("w-full")
 
     async def draw() -> None:
-        place.clear()
-        with place, parts.shown():
-            if picked.value:
-                given = time, tuple(picked.value)
-                await _preview_plot(session, used, look.signals, given, time or "row")
+        if picked.value:
+            given = time, tuple(picked.value)
+            await _preview_plot(session, used, look.signals, given, time or "row")
 
+    again = parts.redrawn(draw)
     parts.remembered(session, f"signals of {used.file}", picked)
-    picked.on_value_change(draw)
-    await draw()
+    picked.on_value_change(again)
+    await again()
 
 
 async def _preview_plot(
@@ -199,8 +197,6 @@ async def live(session: Session, name: str) -> None:
 
 
 class _Live:
-    """A scene, and the last requested pose."""
-
     def __init__(self, session: Session, robot: tuple[str, str], stage: Stage) -> None:
         self.session, self.robot, self.stage = session, robot, stage
         self.place = session.poses.get(robot, stage.home)

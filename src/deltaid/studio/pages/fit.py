@@ -72,7 +72,6 @@ def _gate(session: Session) -> bool:
 
 
 def _settings(session: Session) -> None:
-    """A field for each setting, by the kind of its values."""
     settings = session.plan.settings
 
     def take(key: str, value: Any) -> None:

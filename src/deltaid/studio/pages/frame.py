@@ -91,8 +91,11 @@ def _stage(session: Session, stage: str, client: Client) -> None:
                 seen = session.store.revision
                 nav.refresh()
                 content.clear()
-                with content:
-                    await _body(session, stage)
+                with content, parts.shown():
+                    if not session.folder.is_there:
+                        where = str(session.folder.root)
+                        raise DeltaidError("is no longer there", where=where, cure="put it back")
+                    await _BODIES[stage].body(session)
         finally:
             drawing = False
 
@@ -116,15 +119,6 @@ def _stage(session: Session, stage: str, client: Client) -> None:
     client.on_exception(parts.warn)
     ui.timer(POLL, session.store.look)
     again()
-
-
-async def _body(session: Session, stage: str) -> None:
-    """A stage, or why it cannot be shown."""
-    with parts.shown():
-        if not session.folder.is_there:
-            where = str(session.folder.root)
-            raise DeltaidError("is no longer there", where=where, cure="put it back")
-        await _BODIES[stage].body(session)
 
 
 def _header(session: Session) -> None:

@@ -52,6 +52,18 @@ def note(text: str, kind: str = "", cure: str = "") -> None:
             ui.label(f"→ {page_words(cure)}").classes("cure")
 
 
+def redrawn(draw: Callable[[], Awaitable[None]]) -> Callable[[], Awaitable[None]]:
+    """A place for what a function draws, anew at each call of the one that is returned."""
+    place = ui.column().classes("w-full")
+
+    async def again() -> None:
+        place.clear()
+        with place, shown():
+            await draw()
+
+    return again
+
+
 def problem(error: DeltaidError) -> None:
     """What is wrong, where, and the fix."""
     what, cure = _words(error)

@@ -104,25 +104,23 @@ def _over_time(session: Session, models: list[FinishedRun], chosen: FinishedRun)
             shown = ui.toggle(_SHOWN, value=_SHOWN[0]).props('no-caps aria-label="What is shown"')
         parts.remembered(session, "models along", along)
         parts.remembered(session, "models shown", shown)
-        place = ui.column().classes("w-full")
 
         async def draw() -> None:
-            place.clear()
             runs = [run for run in models if run.folder in (picked.value or [])]
             used = known.get(str(along.value))
-            with place, parts.shown():
-                if not runs or not used:
-                    return
-                await _along(session, runs, used, str(shown.value))
-                if len(runs) > 1:
-                    title = "Settings, errors and parameters side by side"
-                    with ui.expansion(title).classes("w-full"):
-                        parts.table(("", *(r.name for r in runs)), comparison(session.folder, runs))
-                _everywhere(session, runs, known)
+            if not runs or not used:
+                return
+            await _along(session, runs, used, str(shown.value))
+            if len(runs) > 1:
+                title = "Settings, errors and parameters side by side"
+                with ui.expansion(title).classes("w-full"):
+                    parts.table(("", *(r.name for r in runs)), comparison(session.folder, runs))
+            _everywhere(session, runs, known)
 
+        again = parts.redrawn(draw)
         for field in (picked, along, shown):
-            field.on_value_change(draw)
-        ui.timer(0.05, draw, once=True)
+            field.on_value_change(again)
+        ui.timer(0.05, again, once=True)
 
 
 def _name(session: Session, run: FinishedRun) -> str:
@@ -154,14 +152,12 @@ def _everywhere(session: Session, runs: list[FinishedRun], known: dict[str, Used
         return
 
     async def draw() -> None:
-        place.clear()
-        with place:
-            with parts.waiting():
-                rows = [(file, *await _shares(session, runs, used)) for file, used in known.items()]
-            parts.table(("largest error of a drive", *(_name(session, run) for run in runs)), rows)
+        with parts.waiting():
+            rows = [(file, *await _shares(session, runs, used)) for file, used in known.items()]
+        parts.table(("largest error of a drive", *(_name(session, run) for run in runs)), rows)
 
-    ui.button("On every recording", on_click=draw).props("outline dense")
-    place = ui.column().classes("w-full")
+    button = ui.button("On every recording").props("outline dense")
+    button.on_click(parts.redrawn(draw))
 
 
 async def _shares(session: Session, runs: list[FinishedRun], used: Used) -> list[str]:

@@ -126,19 +126,16 @@ def describe(session: Session) -> None:
         ).classes("dim")
         fields = ui.refreshable(lambda: _fields(str(kind.value), answers))
         fields()
-        said = ui.column().classes("w-full")
 
         async def write() -> None:
-            said.clear()
-            with said, parts.shown():
-                with parts.waiting():
-                    stem = name.partition(".")[0]
-                    text = await session.glance(drafted, kind.value, stem, dict(answers))
-                session.folder.write(name, text)
-                answers.clear()
-                parts.change(session, robot=name)
+            with parts.waiting():
+                stem = name.partition(".")[0]
+                text = await session.glance(drafted, kind.value, stem, dict(answers))
+            session.folder.write(name, text)
+            answers.clear()
+            parts.change(session, robot=name)
 
-        ui.button(f"Write {name}", on_click=write)
+        ui.button(f"Write {name}", on_click=parts.redrawn(write))
         parts.commands(lambda: new_step(str(kind.value), name, answers))
         kind.on_value_change(lambda: fields.refresh())
 
