@@ -13,6 +13,7 @@ import typer
 import deltaid
 from command import run
 from deltaid.cli.app import app
+from deltaid.fleets.drift_findings import DriftSettings
 from deltaid.view.page import made
 
 COMMANDS = sorted(typer.main.get_command(app).commands)
@@ -31,6 +32,29 @@ def test_help(arguments: list[str]) -> None:
     assert commands[arguments[0]].help
     for parameter in commands[arguments[0]].params:
         assert parameter.name == "help" or parameter.help, parameter.name
+
+
+@pytest.mark.parametrize(
+    ("command", "settings"),
+    [
+        ("identify", deltaid.Settings()),
+        ("gather", deltaid.Settings()),
+        ("fleet", deltaid.Settings()),
+        ("check", deltaid.Settings()),
+        ("excite", deltaid.ExcitationSettings()),
+        ("sensors", deltaid.PlanSettings()),
+        ("simulate", deltaid.ControlSettings()),
+        ("compare-controllers", deltaid.ControlSettings()),
+        ("online", deltaid.OnlineSettings()),
+        ("drift", DriftSettings()),
+        ("fleet", DriftSettings()),
+    ],
+)
+def test_an_option_has_the_default_of_its_setting(command: str, settings: object) -> None:
+    options = {p.name: p.default for p in typer.main.get_command(app).commands[command].params}
+    defaults = {name: vars(settings)[name] for name in vars(settings) if name in options}
+    assert len(defaults) > 1
+    assert {name: options[name] for name in defaults} == defaults
 
 
 def test_version() -> None:

@@ -156,7 +156,8 @@ def test_in_a_terminal_it_asks(tmp_path: Path) -> None:
     shell.say("0.5")
     for _ in range(40):
         shell.say("")
-    assert "good by `deltaid check`" in shell.until("`deltaid check`")
+    said = shell.until("`deltaid check`")  # broken where the folder's name is long
+    assert "good by `deltaid check`" in " ".join(said.split())
     assert shell.ended() == 0
     robot = load_robot(tmp_path / "mine.yaml")
     assert (robot.limbs.strut, robot.strut_swing_deg) == (0.5, 45)

@@ -97,8 +97,7 @@ def simulate(
     """
     from deltaid.view.tracking import drive_table
 
-    inputs = (model, trajectory, plant, columns)
-    require_outputs(inputs, {"--output": output, "--report": report})
+    require_outputs((model, trajectory, plant, columns), {"--output": output, "--report": report})
     with used(deltaid.load(model), force=force), progress(as_json) as say:
         result = deltaid.simulate(
             model, trajectory, controller=controller, plant=plant, payload_known=payload_known,

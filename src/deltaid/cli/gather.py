@@ -211,8 +211,9 @@ def drift_settings(limit: str | None, false_alarms: float, since: str | None) ->
             since=day,
         )
     except DeltaidError as error:
-        option = f"--{error.where.replace('_', '-')}"
-        raise DeltaidError(error.what, where=option, cure=error.cure) from None
+        raise DeltaidError(
+            error.what, where=f"--{error.where.replace('_', '-')}", cure=error.cure
+        ) from None
 
 
 def drift(

@@ -155,8 +155,9 @@ def identify(
         effects=effects,
         intervals=intervals,
     )
-    inputs = [robot, *logs, verify, *(columns or ())]
-    require_outputs(inputs, {"--output": output, "--report": report})
+    require_outputs(
+        [robot, *logs, verify, *(columns or ())], {"--output": output, "--report": report}
+    )
     if verify is not None:
         with opened(verify):
             pass  # raises before the fit
@@ -189,8 +190,9 @@ def identify(
             from deltaid.fleets import factor_file, identify_gathered
 
             say(f"merging {len(logs)} factor files")
-            files = [factor_file.read(log) for log in logs]
-            result = identify_gathered.identify_gathered(robot, files, settings)
+            result = identify_gathered.identify_gathered(
+                robot, [factor_file.read(log) for log in logs], settings
+            )
         else:
             result = run(
                 model, logs, columns=mappings, settings=settings, force=force, progress=say

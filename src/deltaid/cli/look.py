@@ -75,8 +75,9 @@ def show(
         at_rest = AtRest(model.dynamics, model.p)
     if report is not None:
         known = "identified" if model.identified else "prior"
-        page = robots.rest_page(at_rest, f"Robot at rest, with its {known} parameters")
-        html.write_page(page, report)
+        html.write_page(
+            robots.rest_page(at_rest, f"Robot at rest, with its {known} parameters"), report
+        )
         print_written(report)
     elif not live:
         reached, surveyed = reach.reach(at_rest), reach.survey(at_rest)
@@ -176,8 +177,9 @@ def base(
         f"{', '.join(invisible)}",
     ]
     units = [layout.units[group.representative] for group in result.groups]
-    estimated = estimate_table(result.formulas, units, estimate)
-    print_outcome(as_json, value, lines, [estimated], full=full)
+    print_outcome(
+        as_json, value, lines, [estimate_table(result.formulas, units, estimate)], full=full
+    )
 
 
 def schema(
@@ -232,8 +234,7 @@ def reproduce(
     from deltaid.view.html import write_page
 
     of_surrogate = example == "surrogate"
-    names = files.SURROGATE_FILES if of_surrogate else files.IRB360_FILES
-    files.require_folder(output, names)
+    files.require_folder(output, files.SURROGATE_FILES if of_surrogate else files.IRB360_FILES)
     run = _surrogate if of_surrogate else _irb360
     with progress(as_json) as say:
         result, page, table, notes = run(say, quick, {"seed": seed, "starts": starts})

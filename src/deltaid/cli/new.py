@@ -231,6 +231,7 @@ def _write(draft: "Draft", file: Path, report: Path | None) -> None:
     print_found(lines, full=False)
     print_next(f"`deltaid show {file}` prints drives and limits")
     if report is not None:
-        page = robots.rest_page(at_rest, "Robot at rest, with its prior parameters")
-        html.write_page(page, report)
+        html.write_page(
+            robots.rest_page(at_rest, "Robot at rest, with its prior parameters"), report
+        )
         print_written(report)

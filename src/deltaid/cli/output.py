@@ -169,8 +169,7 @@ def print_found(
         used += max(1, math.ceil(cell_len(str(line)) / console.width))
     hidden = [] if full else [_name(finished) for finished in further]
     for finished in (*tables, *further) if full else tables:
-        left = None if full else SCREEN - used - 2 - bool(hidden)
-        rows, height = _fitting(finished, left)
+        rows, height = _fitting(finished, None if full else SCREEN - used - 2 - bool(hidden))
         if rows:
             console.print()
             console.print(table(replace(finished, rows=finished.rows[:rows])))

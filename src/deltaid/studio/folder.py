@@ -103,8 +103,9 @@ class Folder:
                 what = "has been removed meanwhile"
             elif instead_of is None:
                 what = "is there already"
-            cure = "look at it as it is now, and make the change again"
-            raise ConflictError(what, where=name, cure=cure)
+            raise ConflictError(
+                what, where=name, cure="look at it as it is now, and make the change again"
+            )
         with written_whole(path) as file:
             file.write(text)
 
@@ -138,8 +139,7 @@ class Folder:
 
     def robots(self) -> list[str]:
         """Files that describe a robot."""
-        texts = self._texts()
-        return [n for n, text in texts if _ROBOT.search(text) and not holds_a_model(text)]
+        return [n for n, text in self._texts() if _ROBOT.search(text) and not holds_a_model(text)]
 
     def mappings(self) -> list[str]:
         """Files that map columns."""

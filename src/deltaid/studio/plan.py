@@ -122,8 +122,7 @@ class Store:
         return _parsed(self.folder.text(FILE) if self.folder.has(FILE) else "")
 
     def _stamp(self) -> tuple[object, ...]:
-        files = self.folder.files()
-        return self.folder.is_there, *((path.name, stamp(path)) for path in files)
+        return self.folder.is_there, *((path.name, stamp(path)) for path in self.folder.files())
 
 
 _HEADER = "# What `deltaid studio` remembers of this folder. It may be edited, or deleted.\n"

@@ -122,10 +122,9 @@ def write_record(folder: Folder, run: FinishedRun, out: str, messages: str) -> N
 
 def runs(folder: Folder) -> list[FinishedRun]:
     """All finished runs, the last one first."""
-    paths = sorted((folder.root / RUNS).glob(f"*/{RECORD}"), reverse=True)
     finished = [
         _record(path, path.stat().st_mtime_ns)
-        for path in paths
+        for path in sorted((folder.root / RUNS).glob(f"*/{RECORD}"), reverse=True)
         if path.is_file() and _NAME.fullmatch(path.parent.name)
     ]
     return [run for run in finished if run is not None]
@@ -135,8 +134,9 @@ def runs(folder: Folder) -> list[FinishedRun]:
 def _record(path: Path, changed: int) -> FinishedRun | None:
     """A run, cached until its file changes; None for another version."""
     try:
-        run = parse(path.read_text(encoding="utf-8"), FinishedRun, where=str(path))
-        return run.changed(folder=f"{RUNS}/{path.parent.name}")
+        return parse(path.read_text(encoding="utf-8"), FinishedRun, where=str(path)).changed(
+            folder=f"{RUNS}/{path.parent.name}"
+        )
     except (DeltaidError, OSError):
         return None
 

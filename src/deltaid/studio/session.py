@@ -109,8 +109,7 @@ class Session:
 
     def last(self, kind: Kind) -> FinishedRun | None:
         """The last successful run of a kind."""
-        done = (run for run in runs(self.folder) if run.kind == kind and run.succeeded)
-        return next(done, None)
+        return next((run for run in runs(self.folder) if run.kind == kind and run.succeeded), None)
 
     def grade(self) -> str:
         """Grade of the last check, if it is of the present plan; else empty."""

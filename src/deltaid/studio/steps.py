@@ -41,8 +41,9 @@ class Step:
 
 def show_step(robot: str, report: str) -> Step:
     """The robot to look at, with what it reaches and its limits."""
-    python = f"deltaid.load({robot!r}).robot.report({report!r})\n"
-    return _step("show", (robot,), {"report": report}, python)
+    return _step(
+        "show", (robot,), {"report": report}, f"deltaid.load({robot!r}).robot.report({report!r})\n"
+    )
 
 
 def check_step(plan: Plan, folder: str) -> Step:
@@ -80,10 +81,10 @@ result.model.save({model!r})
 
 def validate_step(model: str, used: Used, folder: str, *, keep_all: bool = False) -> Step:
     """Compare a model with a recording."""
-    report = f"{folder}/report.html"
-    asked = {"columns": used.mapping, "keep_all": keep_all, "report": report}
-    python = _test(repr(model), used, keep_all=keep_all or None)
-    return _step("validate", (model, used.file), asked, python)
+    asked = {"columns": used.mapping, "keep_all": keep_all, "report": f"{folder}/report.html"}
+    return _step(
+        "validate", (model, used.file), asked, _test(repr(model), used, keep_all=keep_all or None)
+    )
 
 
 def excite_step(

@@ -78,5 +78,6 @@ def _standing(robot: AtRest, z: Float[np.ndarray, " dof"]) -> View:
 
 def panel(view: View) -> str:
     """HTML of a view's readings."""
-    template = environment().get_template("panel.html.jinja")
-    return template.render(view=view, colors=_COLORS, near=_NEAR)
+    return (
+        environment().get_template("panel.html.jinja").render(view=view, colors=_COLORS, near=_NEAR)
+    )

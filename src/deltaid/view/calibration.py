@@ -88,8 +88,9 @@ def number_table(calibration: Calibration) -> Table:
         label = "tool x, y, z" if kind in tools else WORDS[kind]
         unit = _SHOWN[calibration.known.numbers[at[0]].unit]
         rows.append((f"{label}, {unit}", *cells, *[""] * (limbs - len(at)), decided))
-    head = ("more than described", *(f"limb {i + 1}" for i in range(limbs)), "from")
-    return Table(head, tuple(rows))
+    return Table(
+        ("more than described", *(f"limb {i + 1}" for i in range(limbs)), "from"), tuple(rows)
+    )
 
 
 def calibration_card(calibration: Calibration) -> Card:
@@ -113,8 +114,9 @@ def _not_known(calibration: Calibration) -> tuple[str, ...]:
 def _summary(calibration: Calibration) -> Summary:
     grade, _, said = calibration.verdict.partition(": ")
     lines = tuple(f"Not known: {text}." for text in _not_known(calibration))
-    trust = Trust.GOOD if grade == "good" else Trust.FAIR
-    return Summary(trust, f"{grade.capitalize()}: {said}.", lines)
+    return Summary(
+        Trust.GOOD if grade == "good" else Trust.FAIR, f"{grade.capitalize()}: {said}.", lines
+    )
 
 
 def calibration_frame(calibration: Calibration) -> pl.DataFrame:

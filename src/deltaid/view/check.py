@@ -85,11 +85,12 @@ def check_page(
     grade = worst(verdicts)
     first = page_table(poor) if poor else Text("All that was checked is good.")
     pasted = tuple(Lines(text, f"Goes into {file}.") for file, text in lines.items())
-    about = "what was checked and is as it should be"
     sections = (
         Section("To be corrected" if poor else "Verdict", (first,), unfolded=True),
         Section("Lines to paste", pasted, "the fix, as text", unfolded=True),
-        Section("Good", (page_table(good),) if good else (), about),
+        Section(
+            "Good", (page_table(good),) if good else (), "what was checked and is as it should be"
+        ),
     )
     return Page(
         title=title,

@@ -65,7 +65,6 @@ def compare(dynamics: Dynamics, p: Parameters, recording: PreparedRecording) -> 
         worst.append(rows[np.arange(len(rows)), residual.max(axis=2).argmax(axis=1)])
         first.append(rows[:, 0])
     shown, counted = np.concatenate(worst), np.concatenate(first)
-    events = [(span.first, span.last) for span in recording.repairs.left_out]
     return TorqueComparison(
         shown[:, 0, 0],
         shown[:, 1],
@@ -75,7 +74,7 @@ def compare(dynamics: Dynamics, p: Parameters, recording: PreparedRecording) -> 
         counted[:, 1] - counted[:, 2],
         *spectrum.densities(),
         recording.cutoff,
-        np.array(events).reshape(-1, 2),
+        np.array([(span.first, span.last) for span in recording.repairs.left_out]).reshape(-1, 2),
     )
 
 

@@ -85,8 +85,9 @@ def verdict(result: Excitation) -> Summary:
     fullest = _fullest(result)
     used = f"; {fullest.name} comes nearest, {_in_use(fullest)}" if fullest else ""
     line = f"It shows {len(result.predictions)} combinations of the robot's numbers."
-    said = f"Good: {lasts}, within all {len(result.limits)} limits{used}."
-    return Summary(Trust.GOOD, said, (line,))
+    return Summary(
+        Trust.GOOD, f"Good: {lasts}, within all {len(result.limits)} limits{used}.", (line,)
+    )
 
 
 def _in_use(limit: LimitUse) -> str:

@@ -120,8 +120,9 @@ def estimate_table(
     formulas: Sequence[str], units: Sequence[str], estimate: "BaseEstimate | None"
 ) -> Table:
     """Formula, value and interval of an estimate; without one, formulas alone."""
-    values = estimate and list(zip(estimate.values, estimate.interval, units, strict=True))
-    return _base(formulas, values)
+    return _base(
+        formulas, estimate and list(zip(estimate.values, estimate.interval, units, strict=True))
+    )
 
 
 def _base(formulas: Sequence[str], values: list[tuple[float, float, str]] | None) -> Table:

@@ -83,8 +83,9 @@ def recording_figure(value: Recording) -> go.Figure:
 
 
 def _clock(table: pl.DataFrame) -> np.ndarray | None:
-    clocks = (name for name in TIMES if name in table.columns and table[name].dtype.is_numeric())
-    name = next(clocks, None)
+    name = next(
+        (name for name in TIMES if name in table.columns and table[name].dtype.is_numeric()), None
+    )
     return None if name is None else _numbers(table[name])
 
 
@@ -93,8 +94,9 @@ def _numbers(column: pl.Series) -> np.ndarray:
 
 
 def _ranges(table: pl.DataFrame) -> Table:
-    rows = [(column.name, *_range(column)) for column in table]
-    return Table(("column", "least", "largest"), tuple(rows))
+    return Table(
+        ("column", "least", "largest"), tuple((column.name, *_range(column)) for column in table)
+    )
 
 
 def _range(column: pl.Series) -> tuple[str, str]:

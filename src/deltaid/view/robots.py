@@ -85,8 +85,9 @@ def robot_figure(value: _Robot) -> go.Figure:
     robot = value if isinstance(value, RobotDescription) else value.robot
     skeleton = Skeleton(robot, compiled(robot).kinematics.mechanism)
     shape = skeleton.evaluate(robot.home[None])[0]
-    dots = {"color": style.PRIOR, "width": 3, "dash": "dot"}
-    edges = still_line("workspace", outline(robot.workspace), dots)
+    edges = still_line(
+        "workspace", outline(robot.workspace), {"color": style.PRIOR, "width": 3, "dash": "dot"}
+    )
     figure = go.Figure([*robot_lines(skeleton, shape).values(), edges])
     fix_scene(figure, shape.reshape(-1, 3), outline_points(robot.workspace), height=460, below=0)
     return figure.update_layout(margin_t=30)

@@ -191,8 +191,10 @@ def _steps(plan: SensorPlan) -> tuple[Block, ...]:
             "yaxis": {"title": "left [%]", "type": "log"},
         },
     )
-    caption = "Typical standard deviation (geometric mean) after each step."
-    return (Figure(figure, caption, paper=240), step_table(plan))
+    return (
+        Figure(figure, "Typical standard deviation (geometric mean) after each step.", paper=240),
+        step_table(plan),
+    )
 
 
 def _open(plan: SensorPlan) -> tuple[Block, ...]:

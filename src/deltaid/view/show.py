@@ -117,9 +117,11 @@ class Card:
                 verdict = rest
         table = self.table or (Table(("", ""), self.facts) if self.facts else None)
         colour = _COLOURS.get(self.grade, _OTHER)
-        environment = import_module("deltaid.view.html").environment()
-        return environment.get_template("card.html.jinja").render(
-            card=self, lines=lines, verdict=verdict, table=table, colour=colour
+        return (
+            import_module("deltaid.view.html")
+            .environment()
+            .get_template("card.html.jinja")
+            .render(card=self, lines=lines, verdict=verdict, table=table, colour=colour)
         )
 
 

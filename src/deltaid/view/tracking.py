@@ -54,20 +54,23 @@ def comparison_page(
     lines = dict[str, list[tuple[str, str, Tracking]]]()
     for run in runs:
         if run.tracking is not None:
-            line = run.model or NO_MODEL, _COLOURS.get(run.model, style.RESIDUAL), run.tracking
-            lines.setdefault(run.controller, []).append(line)
+            lines.setdefault(run.controller, []).append(
+                (run.model or NO_MODEL, _COLOURS.get(run.model, style.RESIDUAL), run.tracking)
+            )
     verdict, best = _verdict(runs, problems)
-    content = (
-        error_bars(runs),
-        comparison_table(robot, runs),
-        _conditions(drives, bandwidth, conditions),
-    )
     return Page(
         title=robot.title or robot.name,
         subtitle=f"Simulated tracking: {title}",
         facts=(best, *(() if problems else _gains(runs))),
         sections=(
-            Section("What identification buys", content),
+            Section(
+                "What identification buys",
+                (
+                    error_bars(runs),
+                    comparison_table(robot, runs),
+                    _conditions(drives, bandwidth, conditions),
+                ),
+            ),
             *(Section(name, error_figures(group)) for name, group in lines.items()),
         ),
         verdict=verdict,

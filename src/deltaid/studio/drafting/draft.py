@@ -78,8 +78,9 @@ class Draft:
                     where=f"{named(question)} {text}",
                     cure="leave it out, or choose another --kind",
                 )
-            value = read_answer(question, text, named(question))
-            draft = draft.answered(question.key, value, GIVEN)
+            draft = draft.answered(
+                question.key, read_answer(question, text, named(question)), GIVEN
+            )
         return draft
 
     def offer(self, question: Question) -> tuple[float, str] | None:
@@ -162,8 +163,9 @@ def quantity(text: str, unit: str, where: str = "the answer") -> float:
     match = _GRAMMAR.fullmatch(text) if len(text) <= LONGEST else None
     if match is None:
         comma = ", with a point and no comma" if "," in text else ""
-        what = f"{text[:LONGEST]!r} is not a number{comma}"
-        raise DeltaidError(what, where=where, cure=f"write {example}")
+        raise DeltaidError(
+            f"{text[:LONGEST]!r} is not a number{comma}", where=where, cure=f"write {example}"
+        )
     number, words = float(match[1]), match[2].strip()
     if not words:
         return number

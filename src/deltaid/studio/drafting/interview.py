@@ -72,8 +72,7 @@ def _answered(draft: Draft, question: Question, asker: Asker) -> Draft:
         if not text and offer is not None:
             return draft.answered(question.key, *offer)
         try:
-            value = read_answer(question, text, question.option)
-            return draft.answered(question.key, value, GIVEN)
+            return draft.answered(question.key, read_answer(question, text, question.option), GIVEN)
         except DeltaidError as error:
             asker.tell(error)
 
@@ -93,8 +92,9 @@ def description(draft: Draft) -> RobotDescription:
     try:
         return described_in(written(draft), draft.name)
     except DescriptionError as error:  # it refers to lines of an unwritten file
-        what = re.sub(r"^line \d+, ", "", error.what)
-        raise DeltaidError(what, where="the answers", cure=_reach(draft)) from None
+        raise DeltaidError(
+            re.sub(r"^line \d+, ", "", error.what), where="the answers", cure=_reach(draft)
+        ) from None
 
 
 def unusual(draft: Draft) -> tuple[str, ...]:
@@ -250,5 +250,4 @@ from deltaid.studio.drafting.interview import drafted
 text = drafted({kind!r}, {file.partition(".")[0]!r}, {known!r})
 Path({file!r}).write_text(text, encoding="utf-8")
 """
-    arguments = ("new", file, "--kind", kind, *options, "--yes")
-    return Step("new", arguments, python)
+    return Step("new", ("new", file, "--kind", kind, *options, "--yes"), python)

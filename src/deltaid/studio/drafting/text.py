@@ -143,7 +143,6 @@ def _limbs(draft: Draft) -> list[_Row]:
     tilt = [_Row.answer(draft, "limbs.tilt_deg", "tilt", "0 upright, 90 flat")] if rail else []
     arm = [] if rail else [_Row.answer(draft, "limbs.upper_arm", "arm", "m, axis to elbow")]
     laid = "assumed: world axes are laid that way"
-    apart = "m; forces in single struts depend on it"
     return [
         _Row("limbs"),
         _Row("limbs.drive", "linear" if rail else "rotary"),
@@ -153,7 +152,9 @@ def _limbs(draft: Draft) -> list[_Row]:
         *arm,
         _Row.answer(draft, "limbs.strut", "strut", "m, between joints"),
         _Row("limbs.struts_per_limb", "2", source=ASSUMED),
-        _Row.answer(draft, "limbs.strut_spacing", "spacing", apart),
+        _Row.answer(
+            draft, "limbs.strut_spacing", "spacing", "m; forces in single struts depend on it"
+        ),
     ]
 
 

@@ -43,8 +43,7 @@ async def body(session: Session) -> None:
                 "check again.",
                 "doubt",
             )
-        make = partial(check_step, plan)
-        parts.step(session, "check", "Check", make, ready=ready, looks="")
+        parts.step(session, "check", "Check", partial(check_step, plan), ready=ready, looks="")
     if last is not None and not session.busy:
         _verdicts(session, last, seen)
 
@@ -53,8 +52,7 @@ def _verdicts(session: Session, run: FinishedRun, seen: bool) -> None:
     result = output(session.folder, run)
     grade = str(result.get("grade", ""))
     verdicts: list[dict[str, Any]] = result.get("verdicts", [])
-    kind = {"wrong": "bad", "good": "good"}.get(grade, "doubt")
-    parts.note(_SENTENCES.get(grade, grade), kind)
+    parts.note(_SENTENCES.get(grade, grade), {"wrong": "bad", "good": "good"}.get(grade, "doubt"))
     if not seen:
         ui.label("These verdicts are of what was there before the last change.").classes("dim")
     verdicts = sorted(verdicts, key=lambda verdict: _ORDER.index(verdict["grade"]))
@@ -87,8 +85,7 @@ def _card(session: Session, verdict: dict[str, Any]) -> None:
         for file, name in (("robot", "the robot file"), ("mapping", "the mapping")):
             if changes := proposed_changes(verdict, file):
                 label = f"Show the change to {name}"
-                offer = partial(_offer, session, verdict, file, changes)
-                ui.button(label, on_click=offer).props(
+                ui.button(label, on_click=partial(_offer, session, verdict, file, changes)).props(
                     f'outline aria-label="{label} for {verdict["key"]}"'
                 )
 

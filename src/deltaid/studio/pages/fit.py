@@ -65,8 +65,9 @@ def _gate(session: Session) -> bool:
         return False
     if grade == "wrong":
         parts.note("The check calls something wrong, and a fit would refuse it.", "bad")
-        insist = ui.switch(INSIST, value=plan.force)
-        insist.on_value_change(lambda event: parts.change(session, force=bool(event.value)))
+        ui.switch(INSIST, value=plan.force).on_value_change(
+            lambda event: parts.change(session, force=bool(event.value))
+        )
         return plan.force
     return True
 
@@ -100,5 +101,6 @@ def _settings(session: Session) -> None:
                     continue
                 field.on_value_change(lambda event, key=key: take(key, event.value))
         if changed:
-            reset = partial(parts.change, session, settings=Settings())
-            ui.button("Back to the defaults", on_click=reset).props("flat")
+            ui.button(
+                "Back to the defaults", on_click=partial(parts.change, session, settings=Settings())
+            ).props("flat")

@@ -93,8 +93,9 @@ def _stage(session: Session, stage: str, client: Client) -> None:
                 content.clear()
                 with content, parts.shown():
                     if not session.folder.is_there:
-                        where = str(session.folder.root)
-                        raise DeltaidError("is no longer there", where=where, cure="put it back")
+                        raise DeltaidError(
+                            "is no longer there", where=str(session.folder.root), cure="put it back"
+                        )
                     await _BODIES[stage].body(session)
         finally:
             drawing = False

@@ -90,8 +90,7 @@ class Form:
 
     def shown(self, quantity: Quantity, drive: int, key: str) -> Any:
         """Text of the field of an entry's value."""
-        entry = entries(self.data, quantity, self.dof)[drive]
-        value = entry.get(key, DEFAULTS.get(key))
+        value = entries(self.data, quantity, self.dof)[drive].get(key, DEFAULTS.get(key))
         return typed(value) if key in _NUMBERS else value
 
     def refresh(self) -> None:

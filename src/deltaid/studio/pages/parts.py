@@ -79,8 +79,7 @@ def warn(error: Exception) -> None:
 
 def _words(error: DeltaidError) -> tuple[str, str]:
     where = page_words(error.where)
-    what = f"{where}: {error.what}" if where else error.what
-    return page_words(what), page_words(error.cure)
+    return page_words(f"{where}: {error.what}" if where else error.what), page_words(error.cure)
 
 
 def number(
@@ -252,8 +251,9 @@ def upload(
             await after
 
     def rejected() -> None:
-        cure = f"give a file that ends with {' or '.join(endings)}"
-        raise DeltaidError("is not taken", where=what, cure=cure)
+        raise DeltaidError(
+            "is not taken", where=what, cure=f"give a file that ends with {' or '.join(endings)}"
+        )
 
     field = ui.upload(on_upload=received, on_rejected=rejected, auto_upload=True, multiple=True)
     field.props(f'aria-label="Drop {what} here"').style("display: none")
@@ -290,8 +290,9 @@ def step(
         below: shows the last run.
     """
     with row or nullcontext():
-        begin = ui.button(label, on_click=lambda: session.begin(kind, make)).props(looks)
-        begin.set_enabled(ready and not session.busy)
+        ui.button(label, on_click=lambda: session.begin(kind, make)).props(looks).set_enabled(
+            ready and not session.busy
+        )
     progress(session, kind)
     if (run := session.last(kind)) is not None:
         below(run)

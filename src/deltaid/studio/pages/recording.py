@@ -81,8 +81,7 @@ async def _add(session: Session, robot: RobotDescription, name: str) -> None:
 
 
 async def _contents(session: Session, robot: RobotDescription, name: str) -> Contents:
-    path = str(session.folder.path(name))
-    return await session.look(read_contents, path, robot.linear_drives)
+    return await session.look(read_contents, str(session.folder.path(name)), robot.linear_drives)
 
 
 async def _has_columns_of(session: Session, robot: RobotDescription, used: Used, name: str) -> bool:
@@ -110,8 +109,9 @@ async def _recording(session: Session, used: Used, robot: RobotDescription) -> N
             await _proposal(session, used, contents, robot)
             return
         _another(session, used)
-        data = read(session.folder.text(used.mapping), used.mapping)
-        state = Form(session, used, contents, robot, data)
+        state = Form(
+            session, used, contents, robot, read(session.folder.text(used.mapping), used.mapping)
+        )
         form(state)
         await _figure(state, used, contents, ui.column().classes("w-full figure"))
 
@@ -185,10 +185,10 @@ def _another(session: Session, used: Used) -> None:
     with ui.row().classes("items-center"):
         if others:
             ui.label(f"{used.mapping} is the mapping of {', '.join(others)} too.")
-        point = partial(parts.change_use, session, used, mapping=None)
-        ui.button("Choose another mapping", on_click=point).props(
-            f'flat dense aria-label="Choose another mapping for {used.file}"'
-        )
+        ui.button(
+            "Choose another mapping",
+            on_click=partial(parts.change_use, session, used, mapping=None),
+        ).props(f'flat dense aria-label="Choose another mapping for {used.file}"')
 
 
 async def _take(state: Form, used: Used, name: str) -> None:

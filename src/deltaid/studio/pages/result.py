@@ -24,8 +24,9 @@ async def body(session: Session) -> None:
     if not models:
         parts.note("There is no model yet: fit one first.")
         return
-    used = (run for run in models if run.file("model.yaml") == session.plan.model)
-    chosen = next(used, models[0])
+    chosen = next(
+        (run for run in models if run.file("model.yaml") == session.plan.model), models[0]
+    )
     with parts.panel(f"{chosen.name}: {session.plan.names.get(chosen.folder, 'the model')}"):
         for sentence, kind in describe_fit(session.folder, chosen):
             parts.note(sentence, kind)
@@ -156,8 +157,7 @@ def _everywhere(session: Session, runs: list[FinishedRun], known: dict[str, Used
             rows = [(file, *await _shares(session, runs, used)) for file, used in known.items()]
         parts.table(("largest error of a drive", *(_name(session, run) for run in runs)), rows)
 
-    button = ui.button("On every recording").props("outline dense")
-    button.on_click(parts.redrawn(draw))
+    ui.button("On every recording").props("outline dense").on_click(parts.redrawn(draw))
 
 
 async def _shares(session: Session, runs: list[FinishedRun], used: Used) -> list[str]:

@@ -116,8 +116,9 @@ def describe(session: Session) -> None:
     answers: dict[str, str] = session.choices.setdefault("own robot", {})
     with ui.expansion("Describe one of your own by a few numbers").classes("w-full") as whole:
         whole.set_value(bool(answers))
-        kinds = {key: f"{key}: {text}" for key, text in KINDS.items()}
-        kind = ui.select(kinds, value="delta", label="Kind").classes("w-full")
+        kind = ui.select(
+            {key: f"{key}: {text}" for key, text in KINDS.items()}, value="delta", label="Kind"
+        ).classes("w-full")
         parts.remembered(session, "own kind", kind)
         name = session.folder.free_name(_FILE)
         ui.label(
@@ -129,8 +130,9 @@ def describe(session: Session) -> None:
 
         async def write() -> None:
             with parts.waiting():
-                stem = name.partition(".")[0]
-                text = await session.glance(drafted, kind.value, stem, dict(answers))
+                text = await session.glance(
+                    drafted, kind.value, name.partition(".")[0], dict(answers)
+                )
             session.folder.write(name, text)
             answers.clear()
             parts.change(session, robot=name)

@@ -76,8 +76,9 @@ def _model(session: Session, model: str) -> None:
         for sentence, kind in describe_fit(session.folder, run) if run else ():
             if kind == "bad":
                 parts.note(sentence, kind)
-                insist = parts.remembered(session, _POOR, ui.switch(INSIST, value=False))
-                insist.on_value_change(lambda: session.store.tell())
+                parts.remembered(session, _POOR, ui.switch(INSIST, value=False)).on_value_change(
+                    lambda: session.store.tell()
+                )
         with ui.row():
             ui.button(
                 "Download the model", on_click=lambda: ui.download(f"/files/{model}?download=true")
@@ -96,8 +97,9 @@ def _step(
         insists = kind != "excite" and session.choices.get(_POOR)
         return insisting(make(at)) if insists else make(at)
 
-    below = partial(_downloads, session)
-    parts.step(session, kind, label, chosen, *fields.values(), row=row, below=below)
+    parts.step(
+        session, kind, label, chosen, *fields.values(), row=row, below=partial(_downloads, session)
+    )
 
 
 def _downloads(session: Session, run: FinishedRun) -> None:
@@ -124,8 +126,7 @@ def _excite(session: Session, model: str) -> None:
         with ui.row().classes("items-center") as row:
             duration = ui.number("Seconds", value=10, min=0.1, max=3600)
             count = ui.number("Starts", value=4, min=1, max=100)
-        fields = {"seconds": duration, "starts": count}
-        _step(session, row, "excite", "Excite", fields, make)
+        _step(session, row, "excite", "Excite", {"seconds": duration, "starts": count}, make)
 
 
 def _along(
@@ -151,8 +152,9 @@ def _along(
             if kind == "torque":
                 option = ui.checkbox("The motion goes on as it begins (periodic)")
             elif kind == "simulate":
-                names = list(get_args(ControllerName))
-                option = ui.select(names, value="computed-torque", label="Controller")
+                option = ui.select(
+                    list(get_args(ControllerName)), value="computed-torque", label="Controller"
+                )
             else:
                 option = ui.number("Distance of a limb's struts [m], if not described")
                 option.classes("w-96")
