@@ -9,6 +9,7 @@ import casadi as ca
 import numpy as np
 import plotly.graph_objects as go
 import pytest
+from scipy.spatial.transform import Rotation
 
 from deltaid.mechanism.kinematics import Kinematics
 from deltaid.mechanism.skeleton import Skeleton
@@ -184,9 +185,10 @@ def test_a_drawing_is_a_picture_of_the_lines(name: str) -> None:
 def test_cylinders_on_a_stage_join_the_ends_of_lines() -> None:
     robot, _, skeleton = drawn("clavel-delta3")
     z = poses(robot, 1)[0]
-    found = stand("clavel-delta3", "", z.tolist(), z.tolist())
-    half = 0.5 * found.lengths[:, None] * found.turns[:, :, 2]
-    ends = np.stack([found.middles - half, found.middles + half], axis=1)
+    _, cylinders = stand("clavel-delta3", "", z.tolist(), z.tolist())
+    turns = Rotation.from_quat(cylinders.wxyz[:, [1, 2, 3, 0]])
+    half = turns.apply([0.0, 0.0, 1.0]) * 0.5 * cylinders.scales[:, 2:]
+    ends = np.stack([cylinders.positions - half, cylinders.positions + half], axis=1)
     np.testing.assert_allclose(ends, skeleton.evaluate(z[None])[0], atol=1e-8)
 
 

@@ -245,16 +245,16 @@ def test_a_folder_that_may_not_be_written_to_is_said(tmp_path: Path) -> None:
 def test_a_robot_that_does_not_reach_stays_and_says_why(tmp_path: Path) -> None:
     found = stage("clavel-delta3", "")
     assert [axis.name for axis in found.axes] == ["x", "y", "z"]
-    home = stand("clavel-delta3", "", found.home, found.home)
-    assert home.view.message == ""
-    assert home.middles.shape == (len(found.colors), 3)
+    view, home = stand("clavel-delta3", "", found.home, found.home)
+    assert view.message == ""
+    assert home.positions.shape == (len(found.colors), 3)
     struts = [k for k, color in enumerate(found.colors) if color == found.legend["struts"]]
-    assert home.lengths[struts] == pytest.approx(1.055)
-    far = stand("clavel-delta3", "", (5.0, 0.0, -1.0), found.home)
-    assert "stays where it was" in far.view.message
-    assert far.middles == pytest.approx(home.middles)
-    low = stand("clavel-delta3", "", (0.0, 0.0, found.axes[2].low), found.home)
-    assert "workspace height" in low.view.message
+    assert home.scales[struts, 2] == pytest.approx(1.055)
+    view, far = stand("clavel-delta3", "", (5.0, 0.0, -1.0), found.home)
+    assert "stays where it was" in view.message
+    assert far.positions == pytest.approx(home.positions)
+    view, _ = stand("clavel-delta3", "", (0.0, 0.0, found.axes[2].low), found.home)
+    assert "workspace height" in view.message
 
 
 def test_a_robot_file_that_changes_is_shown_as_it_is(tmp_path: Path) -> None:
@@ -272,5 +272,5 @@ def test_a_robot_file_that_changes_is_shown_as_it_is(tmp_path: Path) -> None:
 def test_turns_are_asked_for_in_degrees() -> None:
     found = stage("irb360-6-1600", "")
     assert found.axes[3].unit == "deg"
-    turned = stand("irb360-6-1600", "", (*found.home[:3], 30.0), found.home)
-    assert turned.view.z[3] == pytest.approx(0.5236, abs=1e-4)
+    turned, _ = stand("irb360-6-1600", "", (*found.home[:3], 30.0), found.home)
+    assert turned.z[3] == pytest.approx(0.5236, abs=1e-4)

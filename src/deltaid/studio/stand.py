@@ -6,13 +6,12 @@ from functools import lru_cache
 
 import numpy as np
 from jaxtyping import Float
-from scipy.spatial.transform import Rotation
 
 from deltaid.dynamics.limits import AtRest
 from deltaid.mechanism.skeleton import Skeleton
 from deltaid.model.model import load
 from deltaid.view.at_pose import View, home_view, moved
-from deltaid.view.drawing import along, members, outline_points, outline_segments
+from deltaid.view.drawing import Placement, along, members, outline_points, outline_segments
 from deltaid.view.reach import require_space
 
 # Range of requested poses beyond the workspace, as a share of it.
@@ -51,22 +50,6 @@ class Stage:
     home: tuple[float, ...]
 
 
-@dataclass(frozen=True)
-class Stand:
-    """A robot at a pose: readings, and poses of all segments.
-
-    Attributes:
-        middles: of the segments [m].
-        turns: rotations that take z along them.
-        lengths: [m].
-    """
-
-    view: View
-    middles: Float[np.ndarray, "segments 3"]
-    turns: Float[np.ndarray, "segments 3 3"]
-    lengths: Float[np.ndarray, " segments"]
-
-
 def stage(robot: str, changed: str) -> Stage:
     """The static part of a robot's picture.
 
@@ -92,8 +75,11 @@ def stage(robot: str, changed: str) -> Stage:
     )
 
 
-def stand(robot: str, changed: str, wanted: Sequence[float], before: Sequence[float]) -> Stand:
-    """A robot at a pose; out of reach it keeps the pose before, with a message.
+def stand(
+    robot: str, changed: str, wanted: Sequence[float], before: Sequence[float]
+) -> tuple[View, Placement]:
+    """Readings of a robot at a pose, and where its segments are; out of reach it keeps the pose
+    before, with a message.
 
     Args:
         robot: name or file.
@@ -108,9 +94,7 @@ def stand(robot: str, changed: str, wanted: Sequence[float], before: Sequence[fl
     units = _units(rest)
     view = moved(rest, home_view(rest), np.asarray(before, dtype=float) / units)
     view = moved(rest, view, np.asarray(wanted, dtype=float) / units)
-    placed = along(skeleton.evaluate(view.z[None])[0], 1.0)
-    turns = Rotation.from_quat(placed.wxyz[:, [1, 2, 3, 0]]).as_matrix()
-    return Stand(view, placed.positions, turns, placed.scales[:, 2])
+    return view, along(skeleton.evaluate(view.z[None])[0], 1.0)
 
 
 @lru_cache(2)

@@ -6,6 +6,7 @@ from typing import Any, Literal, TypeVar
 
 import numpy as np
 from nicegui import background_tasks, events, ui
+from scipy.spatial.transform import Rotation
 
 from deltaid.recording.contents import Contents
 from deltaid.recording.mapped_columns import NEEDED_OF_DRIVES
@@ -15,8 +16,9 @@ from deltaid.studio.look import Beside, Curve, Preview
 from deltaid.studio.pages import parts
 from deltaid.studio.plan import Used
 from deltaid.studio.session import Session
-from deltaid.studio.stand import Axis, Stage, Stand, stage, stand
-from deltaid.view.at_pose import panel
+from deltaid.studio.stand import Axis, Stage, stage, stand
+from deltaid.view.at_pose import View, panel
+from deltaid.view.drawing import Placement
 from deltaid.view.style import stacked
 
 _Seen = TypeVar("_Seen")
@@ -271,20 +273,21 @@ class _Live:
             asked = None
             while asked != self.wanted:
                 asked = self.wanted
-                self._draw(await self.session.glance(stand, *self.robot, asked, self.place))
+                self._draw(*await self.session.glance(stand, *self.robot, asked, self.place))
         finally:
             self.going = False
 
-    def _draw(self, pose: Stand) -> None:
+    def _draw(self, view: View, placed: Placement) -> None:
         units = np.array([1.0 if axis.unit == "m" else np.rad2deg(1.0) for axis in self.stage.axes])
-        self.place = tuple((pose.view.z * units).tolist())
+        self.place = tuple((view.z * units).tolist())
         self.session.poses = {self.robot: self.place}
+        turns = Rotation.from_quat(placed.wxyz[:, [1, 2, 3, 0]]).as_matrix() @ _Y_TO_Z
         for k, (bar, radius) in enumerate(zip(self.bars, self.stage.radii, strict=True)):
-            bar.move(*pose.middles[k].tolist())
-            bar.rotate_R((pose.turns[k] @ _Y_TO_Z).tolist())
-            bar.scale(radius, float(pose.lengths[k]), radius)
+            bar.move(*placed.positions[k].tolist())
+            bar.rotate_R(turns[k].tolist())
+            bar.scale(radius, float(placed.scales[k, 2]), radius)
         self.ball.move(*self.place[:3])
-        self.readings.set_content(panel(pose.view))
+        self.readings.set_content(panel(view))
 
 
 def _text(value: float, axis: Axis) -> str:
