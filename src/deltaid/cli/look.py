@@ -165,8 +165,9 @@ def base(
             "low": (estimate.values - estimate.interval).tolist(),
             "high": (estimate.values + estimate.interval).tolist(),
         }
-    bodies = description.bodies.values()
-    measured = len(description.measured) + sum(len(body.measured) for body in bodies)
+    measured = len(description.measured) + sum(
+        len(body.measured) for body in description.bodies.values()
+    )
     beside = [*description.sensors, *([f"{measured} measured values"] if measured else [])]
     lines = [
         description.title or description.name,

@@ -25,8 +25,10 @@ def _file(text: str) -> Path:
 
 def _complete(incomplete: str) -> list[str]:
     """Files and folders that begin with the typed text."""
-    paths = sorted(glob.glob(f"{glob.escape(incomplete)}*"))
-    return [path + "/" * os.path.isdir(path) for path in paths]
+    return [
+        path + "/" * os.path.isdir(path)
+        for path in sorted(glob.glob(f"{glob.escape(incomplete)}*"))
+    ]
 
 
 # Panel of `--help` for rarely needed options.

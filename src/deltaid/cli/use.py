@@ -103,8 +103,10 @@ def forces(
     """
     from deltaid.view.forces import tables, verdict, what_is_open
 
-    inputs = (model, motion, *(logs or ()), columns, *(log_columns or ()))
-    require_outputs(inputs, {"--output": output, "--report": report})
+    require_outputs(
+        (model, motion, *(logs or ()), columns, *(log_columns or ())),
+        {"--output": output, "--report": report},
+    )
     with used(deltaid.load(model), force=force), progress(as_json) as say:
         result = deltaid.forces(
             model, motion, logs=logs or (), strut_spacing=strut_spacing, socket_force=socket_force,

@@ -69,8 +69,9 @@ def entries(data: Data, quantity: Quantity, dof: int) -> list[Data]:
     """Entries of all drives; empty ones where the quantity is not mapped."""
     given = data.get(quantity)
     if isinstance(given, dict):
-        tuples = {k: tuple(v) if isinstance(v, list) else v for k, v in given.items()}
-        listed = AllDrives.model_validate(tuples).entries(dof, quantity)
+        listed = AllDrives.model_validate(
+            {k: tuple(v) if isinstance(v, list) else v for k, v in given.items()}
+        ).entries(dof, quantity)
         return [entry.model_dump(mode="json", exclude_unset=True) for entry in listed]
     listed = [dict(entry) for entry in given or ()]
     return listed + [{} for _ in range(dof - len(listed))]

@@ -162,8 +162,10 @@ def describe_fit(folder: Folder, run: FinishedRun) -> list[tuple[str, str]]:
     summary = output(folder, run).get("summary")
     if not isinstance(summary, dict):
         return []
-    kind = _KINDS.get(str(summary["grade"]), "doubt")
-    return [(str(summary["sentence"]), kind), ("\n".join(summary["lines"]), "")]
+    return [
+        (str(summary["sentence"]), _KINDS.get(str(summary["grade"]), "doubt")),
+        ("\n".join(summary["lines"]), ""),
+    ]
 
 
 def comparison(folder: Folder, pair: Sequence[FinishedRun]) -> list[tuple[str, ...]]:

@@ -113,9 +113,10 @@ def _not_known(calibration: Calibration) -> tuple[str, ...]:
 
 def _summary(calibration: Calibration) -> Summary:
     grade, _, said = calibration.verdict.partition(": ")
-    lines = tuple(f"Not known: {text}." for text in _not_known(calibration))
     return Summary(
-        Trust.GOOD if grade == "good" else Trust.FAIR, f"{grade.capitalize()}: {said}.", lines
+        Trust.GOOD if grade == "good" else Trust.FAIR,
+        f"{grade.capitalize()}: {said}.",
+        tuple(f"Not known: {text}." for text in _not_known(calibration)),
     )
 
 

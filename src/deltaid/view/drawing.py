@@ -51,8 +51,10 @@ def drawing(robot: RobotDescription, kinematics: Kinematics) -> Drawing:
             labels=list(zip([label for side in sides for label in side], heights, strict=True)),
         )
     )
-    names = dict.fromkeys([*shown, *robot.body_names])
-    return Drawing(Markup(svg), tuple((name, body_in_words(name)) for name in names))
+    return Drawing(
+        Markup(svg),
+        tuple((name, body_in_words(name)) for name in dict.fromkeys([*shown, *robot.body_names])),
+    )
 
 
 def _projected(

@@ -84,9 +84,10 @@ def verdict(result: Excitation) -> Summary:
         return Summary(Trust.POOR, f"Poor: {lasts}, and beyond a limit of {', '.join(beyond)}.")
     fullest = _fullest(result)
     used = f"; {fullest.name} comes nearest, {_in_use(fullest)}" if fullest else ""
-    line = f"It shows {len(result.predictions)} combinations of the robot's numbers."
     return Summary(
-        Trust.GOOD, f"Good: {lasts}, within all {len(result.limits)} limits{used}.", (line,)
+        Trust.GOOD,
+        f"Good: {lasts}, within all {len(result.limits)} limits{used}.",
+        (f"It shows {len(result.predictions)} combinations of the robot's numbers.",),
     )
 
 

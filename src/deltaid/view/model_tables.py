@@ -129,10 +129,9 @@ def _base(formulas: Sequence[str], values: list[tuple[float, float, str]] | None
     cells: Sequence[tuple[str, ...]] = [()] * len(formulas)
     if values is not None:
         cells = [(*with_uncertainty(value, half), unit) for value, half, unit in values]
-    rows = zip(formulas, cells, strict=True)
     return Table(
         ("", "base parameter", *(() if values is None else ("value", _HALF_WIDTH, "unit"))),
-        tuple((f"{i}", formula, *numbers) for i, (formula, numbers) in enumerate(rows, 1)),
+        tuple((f"{i + 1}", formula, *cells[i]) for i, formula in enumerate(formulas)),
         "Combinations of parameters that the torques determine, each named by its first term.",
         title="base parameters",
     )

@@ -199,8 +199,9 @@ def made() -> Made:
     """By this process, now."""
     typed = bool(sys.argv) and Path(sys.argv[0]).stem == _COMMAND
     command = shlex.join([_COMMAND, *sys.argv[1:]]) if typed else ""
-    now = datetime.now().astimezone()
-    return Made(command, now.strftime("%Y-%m-%d %H:%M %z"), version("deltaid"))
+    return Made(
+        command, datetime.now().astimezone().strftime("%Y-%m-%d %H:%M %z"), version("deltaid")
+    )
 
 
 @dataclass(frozen=True)

@@ -46,11 +46,13 @@ _KINDS: dict[type, tuple[str, tuple[str, ...]]] = {
 def robot_card(value: _Robot) -> Card:
     robot = value if isinstance(value, RobotDescription) else value.robot
     title, methods = next(both for kind, both in _KINDS.items() if isinstance(value, kind))
-    home = zip(robot.task.names, robot.home, strict=True)
     facts = {
         "drives": f"{len(robot.drives)} ({robot.units(robot.drives[0]).force})",
         "bodies": ", ".join(robot.body_names),
-        "home": ", ".join(f"{name} {number(float(x), 3)}" for name, x in home),
+        "home": ", ".join(
+            f"{name} {number(float(x), 3)}"
+            for name, x in zip(robot.task.names, robot.home, strict=True)
+        ),
         "parameters": str(len(value.layout.names)) if isinstance(value, Dynamics) else "",
         "channels": str(len(value.names)) if isinstance(value, ConstraintForces) else "",
     }
@@ -149,9 +151,13 @@ def rest_facts(robot: AtRest, reached: Reach, surveyed: WorkspaceSurvey) -> tupl
 
 def rest_lines(robot: AtRest, reached: Reach, surveyed: WorkspaceSurvey) -> list[str]:
     """A robot's title and its key figures at rest, a line each."""
-    facts = rest_facts(robot, reached, surveyed)
-    lines = (f"{x.label}: {x.value}" + (f" ({x.note})" if x.note else "") for x in facts)
-    return [robot.robot.title or robot.robot.name, *lines]
+    return [
+        robot.robot.title or robot.robot.name,
+        *(
+            f"{fact.label}: {fact.value}" + (f" ({fact.note})" if fact.note else "")
+            for fact in rest_facts(robot, reached, surveyed)
+        ),
+    ]
 
 
 def rest_warnings(robot: AtRest, surveyed: WorkspaceSurvey) -> tuple[str, ...]:

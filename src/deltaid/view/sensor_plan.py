@@ -182,14 +182,16 @@ def plan_card(value: SensorPlan) -> Card:
     """Uncertainty of the goal now and with all purchases, and the first purchase."""
     robot, joined = value.model.robot, (" for ", ", ")
     goal = f"Goal: {value.goal}, as a typical standard deviation; planned for {value.motion}."
-    more = zip(bought(value), joined, strict=False)
     return Card(
         f"What to measure of {robot.title or robot.name}",
         (goal, stopped(value)),
         "",
         (
             ("now", percent(value.described.goal)),
-            *((name, f"{what}{between}{price}") for (name, what, price), between in more),
+            *(
+                (name, f"{what}{between}{price}")
+                for (name, what, price), between in zip(bought(value), joined, strict=False)
+            ),
         ),
         more=(("what to buy next", step_table(value)), ("what stays open", count_table(value))),
         methods=(".steps", ".plot()", ".to_frame()", '.report("x.html")'),

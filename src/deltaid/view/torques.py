@@ -25,9 +25,11 @@ def residual_blocks(c: TorqueComparison, drives: Drives) -> tuple[Figure, ...]:
 def over_time(c: TorqueComparison, drives: Drives) -> Figure:
     """Measured and predicted torque, and below each the residual, with one time axis."""
     n = len(drives)
-    titles = [t for drive, u in drives.items() for t in (f"{drive} [{u.force}]", "residual")]
     figure = style.stacked(
-        titles, height=280 * n + 90, spacing=0.22 / (2 * n), row_heights=[2.2, 1.0] * n
+        [t for drive, u in drives.items() for t in (f"{drive} [{u.force}]", "residual")],
+        height=280 * n + 90,
+        spacing=0.22 / (2 * n),
+        row_heights=[2.2, 1.0] * n,
     )
     figure.update_layout(dragmode="zoom", hovermode="closest")
     # Seconds since 1970 need double precision.

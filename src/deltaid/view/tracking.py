@@ -216,8 +216,9 @@ def simulation_page(value: Simulation | Comparison) -> Page:
     """The page of `deltaid simulate`: one controller on one plant, or one run of a comparison."""
     on, problems, title = value.conditions, value.problems, _title(value)
     if isinstance(value, Comparison):
-        rest = title, on.drives, on.bandwidth, problems, value.remarks
-        return comparison_page(on.model.robot, value.runs, *rest)
+        return comparison_page(
+            on.model.robot, value.runs, title, on.drives, on.bandwidth, problems, value.remarks
+        )
     result, robot, error = value.tracking, on.plant.model.robot, value.tracking.error
     rms, most = (f"{1e3 * x:.3g} mm" for x in (error.platform_rms, error.platform_max))
     turn = f"{np.rad2deg(error.turn_rms or 0.0):.3g}°"

@@ -163,8 +163,9 @@ async def signals(
 
     async def draw() -> None:
         if picked.value:
-            given = time, tuple(picked.value)
-            await _preview_plot(session, used, look.signals, given, time or "row")
+            await _preview_plot(
+                session, used, look.signals, (time, tuple(picked.value)), time or "row"
+            )
 
     again = parts.redrawn(draw)
     parts.remembered(session, f"signals of {used.file}", picked)

@@ -153,8 +153,10 @@ async def _proposal(
     fitting = _fitting(session, contents, state.dof)
     with ui.row():
         for mapping, sharing in fitting.items():
-            point = partial(parts.change_use, session, used, mapping=mapping)
-            ui.button(f"Use {mapping}{sharing}", on_click=point)
+            ui.button(
+                f"Use {mapping}{sharing}",
+                on_click=partial(parts.change_use, session, used, mapping=mapping),
+            )
     figure = ui.column().classes("w-full figure")
     form(state)
     take = ui.button(f"Use these, write {name}", on_click=partial(_take, state, used, name))

@@ -86,8 +86,10 @@ def _provenance(session: Session, run: FinishedRun) -> None:
             if path.is_file():
                 ui.link(path.name, f"/files/{run.file(path.name)}", new_tab=True)
     if run.kind == "fit" and run.succeeded:
-        use = partial(parts.change, session, model=run.file("model.yaml"))
-        ui.button("Show and use this model", on_click=use).props("outline")
+        ui.button(
+            "Show and use this model",
+            on_click=partial(parts.change, session, model=run.file("model.yaml")),
+        ).props("outline")
 
 
 def _over_time(session: Session, models: list[FinishedRun], chosen: FinishedRun) -> None:

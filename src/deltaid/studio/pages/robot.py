@@ -62,13 +62,12 @@ def _pick(session: Session, robot: RobotDescription | DeltaidError | None) -> No
         parts.upload(session, "a robot file", read_text, take, YAML_ENDINGS)
         describe(session)
         if isinstance(robot, RobotDescription):
-            drives = (
-                f"{drive} ({'slides' if robot.is_linear(drive) else 'turns'})"
-                for drive in robot.drives
-            )
             facts = {
                 "robot": robot.title or robot.name,
-                "drives, in the order of q": ", ".join(drives),
+                "drives, in the order of q": ", ".join(
+                    f"{drive} ({'slides' if robot.is_linear(drive) else 'turns'})"
+                    for drive in robot.drives
+                ),
                 "bodies": ", ".join(robot.bodies),
                 "friction": ", ".join(robot.friction) or "none described",
             }
