@@ -110,6 +110,7 @@ MISTAKES = [
     ("strut: 1.055", "strut: 1055", "line 10, limbs.strut: 1055 m cannot be; lengths are in met"),
     ("strut: 1.055", "strut: .nan", "line 10, limbs.strut: must be a finite number"),
     ("strut: 1.055", "struts: 1.055", "line 10, limbs.struts: unknown key; did you mean strut?"),
+    ("strut: 1.055", "STRUT: 1.055", "line 10, limbs.STRUT: unknown key; did you mean strut?"),
     ("friction:", "fricton:", "fricton: unknown key; did you mean friction?"),
     ("name: clavel-delta3", "name: a\n3: b", "line 3, 3: unknown key"),
     ("name: clavel-delta3", "name: ''", "line 2, name: must not be empty"),

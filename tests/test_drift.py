@@ -149,6 +149,20 @@ def test_times_come_from_names_or_stamps(file: FactorFile, months) -> None:
         recorded([file])
 
 
+def test_of_several_dates_in_a_name_the_last_that_exists_counts_as_in_a_fleet(
+    file: FactorFile,
+) -> None:
+    def named(name: str) -> FactorFile:
+        model = file.record.model
+        model = model.changed(sources=(model.sources[0].changed(log=name),))
+        return replace(file, record=file.record.changed(model=model))
+
+    found = recorded([named("2025-02-01 copy 2025-03-01 of 2026-02-30")])
+    assert found[0].time == datetime(2025, 3, 1)
+    with pytest.raises(RecordingError, match="the date in 2026-02-30 is none"):
+        recorded([named("2026-02-30")])
+
+
 @pytest.fixture(scope="module")
 def folder(months: list[DriftRecording], tmp_path_factory: pytest.TempPathFactory) -> Path:
     path = tmp_path_factory.mktemp("factors")
