@@ -25,6 +25,10 @@ def changed(**columns: pl.Expr) -> Callable[[pl.DataFrame], pl.DataFrame]:
     return lambda frame: frame.with_columns(**columns)
 
 
+def in_row(row: int, name: str, value: float) -> Callable[[pl.DataFrame], pl.DataFrame]:
+    return changed(**{name: pl.when(pl.int_range(pl.len()) == row).then(value).otherwise(name)})
+
+
 def exchanged(a: str, b: str) -> Callable[[pl.DataFrame], pl.DataFrame]:
     return lambda frame: frame.rename({a: b, b: a})
 
@@ -90,7 +94,13 @@ DAMAGE = {
     "below": ("gauge", changed(block=-pl.col("block")), "blocks stand below the plane"),
     "no block": ("gauge", lambda frame: frame.drop("block"), "misfit every geometry"),
     "negative": ("parts", changed(distance=-pl.col("distance")), "not positive"),
-    "huge": ("points", changed(py=1e300 * pl.col("py")), "times those of the robot's poses"),
+    "huge": ("points", changed(py=1e300 * pl.col("py")), "wrong.csv, row 2: column py is "),
+    "huge block": ("gauge", in_row(9, "block", 1e199), "row 11: column block is 1e+199 m, which"),
+    "huge pose": ("bed", in_row(3, "x", 1e199), "wrong.csv, row 5: column x is 1e+199 m, which"),
+    "huge drive": ("points", in_row(3, "q2", -1e199), "row 5: column q2 is -1e+199 rad, which"),
+    "counts": ("points", changed(q1=3e4 * pl.col("q1")), "rad; more than an arm turns"),
+    "out of reach": ("bed", in_row(3, "x", 9.0), "wrong.csv, row 5: limb "),
+    "one axis in mm": ("points", thousandfold("pz"), "not in all directions"),
 }  # fmt: skip
 
 
@@ -125,6 +135,10 @@ def test_what_cannot_be_is_refused(files: Path, tmp_path: Path) -> None:
     own.write_text("points: {noize: 1}\n", encoding="utf-8")
     below = tmp_path / "below.yaml"
     below.write_text("points: {noise: -1}\n", encoding="utf-8")
+    misspelt, heavy, doubled = (tmp_path / f"{name}.yaml" for name in ("misspelt", "kg", "doubled"))
+    misspelt.write_text("probe: {columns: {blok: block}}\n", encoding="utf-8")
+    heavy.write_text("probe: {unit: kg}\n", encoding="utf-8")
+    doubled.write_text("points: {columns: {px: py}}\n", encoding="utf-8")
     bed = ("--probe", files / "bed.csv")
     for arguments, said in {
         (): "nothing was measured",
@@ -132,6 +146,9 @@ def test_what_cannot_be_is_refused(files: Path, tmp_path: Path) -> None:
         (*bed, "--tool", "1"): "must be three numbers",
         (*bed, "--columns", own): "did you mean noise?",
         (*bed, "--columns", below): "deltaid schema measurements",
+        (*bed, "--columns", misspelt): "did you mean block?",
+        (*bed, "--columns", heavy): "unit 'kg' is not known",
+        ("--points", files / "points.csv", "--columns", doubled): "px and py are one column",
     }.items():
         assert said in refused("calibrate", CLAVEL, *arguments, folder=tmp_path)
 
@@ -187,3 +204,11 @@ def test_units_and_names_of_columns(files: Path, tmp_path: Path) -> None:
     plain = deltaid.calibrate(CLAVEL, points=files / "points.csv")
     mapped = deltaid.calibrate(CLAVEL, points=tmp_path / "mm.csv", columns=own)
     assert mapped.values == pytest.approx(plain.values, abs=1e-8)
+
+
+def test_a_reading_far_away_is_an_outlier(files: Path, tmp_path: Path) -> None:
+    """One of 50 km is excluded by its row, as one of 2 mm is, and hides no unit."""
+    far = tmp_path / "far.csv"
+    in_row(3, "py", 5e4)(pl.read_csv(files / "points.csv")).write_csv(far)
+    (session,) = deltaid.calibrate(CLAVEL, points=far).sessions
+    assert [words.partition(":")[0] for words in session.excluded] == ["row 5"]

@@ -3,7 +3,7 @@
 from deltaid.calibration.calibrate import Calibration as Calibration
 from deltaid.calibration.calibrate import calibrate as calibrate
 from deltaid.calibration.outlook import next_readings as next_readings
-from deltaid.calibration.readings import Measurements as Measurements
+from deltaid.calibration.tables import Measurements as Measurements
 from deltaid.checks.check import check as check
 from deltaid.checks.identify import identify as identify
 from deltaid.checks.verdicts import Verdicts as Verdicts

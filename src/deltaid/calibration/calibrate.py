@@ -12,7 +12,8 @@ from deltaid.calibration.fit import CHANCE, GROWN, OUTLIER, GeometryFit, UsedRea
 from deltaid.calibration.loops import Loops
 from deltaid.calibration.mistakes import require_new_readings, require_plausible
 from deltaid.calibration.outlook import Direction, Knows, Places, open_directions, places
-from deltaid.calibration.readings import Measurements, ProbeReadings, ReadingsLike, read
+from deltaid.calibration.readings import ProbeReadings
+from deltaid.calibration.tables import Measurements, ReadingsLike, read
 from deltaid.calibration.unknowns import (
     TOLERANCE,
     Unknowns,

@@ -117,10 +117,10 @@ def _require_spread(instrument: Instrument, x: Tools) -> None:
 
 
 def _require_unit(instrument: Instrument, x: Tools) -> None:
-    ratio = 1.0
+    ratio, alike = 1.0, True
     if isinstance(instrument, PointReadings):
-        spreads = [np.linalg.norm(np.std(part, axis=0)) for part in (instrument.values, x[:, 0])]
-        ratio = spreads[0] / spreads[1]
+        sizes = _sizes(instrument.values) / _sizes(x[:, 0])
+        ratio, alike = float(np.sqrt(np.prod(sizes))), bool(sizes.max() < 2 * sizes.min())
     elif isinstance(instrument, DistanceReadings):
         ratio = float(np.median(instrument.values[:, 0] / lengths(x)))
     elif np.ptp(instrument.values) > 0:
@@ -134,10 +134,18 @@ def _require_unit(instrument: Instrument, x: Tools) -> None:
     likely = f"; likely they are in {NAMED_UNITS[unit]}" if 0.5 < ratio / unit < 2 else ""
     cure = f"say so: unit: {NAMED_UNITS[unit]} under {instrument.kind}, with --columns FILE.yaml"
     raise RecordingError(
-        f"lengths are {ratio:.4g} times those of the robot's poses{likely}",
+        f"lengths are {ratio:.4g} times those of the robot's poses"
+        + (likely if alike else ", but not in all directions"),
         where=instrument.source,
-        cure=cure if likely else "check units and columns",
+        cure=cure if likely and alike else "check units and columns",
     )
+
+
+def _sizes(points: Float[np.ndarray, "rows 3"]) -> Float[np.ndarray, " 2"]:
+    """Extent along the two main directions, which a plane has too, without what is far away."""
+    away = np.linalg.norm(points - np.median(points, axis=0), axis=1)
+    near = points[away <= OUTLIER * np.median(away)]
+    return np.linalg.svd(near - near.mean(axis=0), compute_uv=False)[:2] / np.sqrt(len(near))
 
 
 def _misfit(instrument: Instrument, x: Tools, mirrored: bool = False) -> float:

@@ -116,7 +116,7 @@ def si_factor(
     import pint
 
     if (parsed := _parsed(unit)) is None:
-        if unit.strip() in _MASSES:
+        if unit.strip() in _MASSES and target in SI_UNITS["torque"]:
             raise RecordingError(
                 f"unit '{unit.strip()}' is one of mass, not of force",
                 where=where,
