@@ -10,6 +10,7 @@ import pytest
 
 import deltaid
 from damaged_times import DAMAGE, damaged
+from deltaid.checks.wiring.wiring import checked_wiring
 from deltaid.dynamics.dynamics import Dynamics
 from deltaid.errors import RecordingError
 from deltaid.recording.log import Log
@@ -17,6 +18,7 @@ from deltaid.recording.opening import open_log
 from deltaid.recording.recording import with_filter
 from deltaid.recording.time.study import study
 from test_clocks import even
+from wired import bad, recorded, seen
 
 # A step of the number that stands for a row, in the column of the first torque.
 _MARK = 1e-3
@@ -227,3 +229,13 @@ def test_masks_are_timed_by_holes() -> None:
     assert len(clock.holes) == 1
     at = np.array([0, 2000, len(rows.at) - 1, *(clock.holes - 1), *clock.holes])
     np.testing.assert_allclose(clock.stamps(at), rows.time[at], rtol=0, atol=1.1e-3)
+
+
+@pytest.mark.parametrize("back", [0.1, 1.0, 3.0])
+def test_a_clock_that_is_set_back_is_no_fault_of_columns(back: float) -> None:
+    """Rows of the same seconds before and after are two stretches, not one that leaps."""
+    columns = recorded("clavel-delta3")
+    half = np.arange(len(columns["t"])) >= len(columns["t"]) // 2
+    assert not bad(
+        checked_wiring(seen("clavel-delta3", columns | {"t": columns["t"] - back * half}))
+    )

@@ -177,7 +177,8 @@ def _even(rows: RawRows, longest: float) -> tuple[Float[np.ndarray, " samples"],
     step = float(np.median(np.diff(time)))
     if step < 1 / HIGHEST_RATE:  # the survey refuses it, whatever its columns are
         return None
-    ends = np.flatnonzero(np.diff(time) > _BRIDGED * step)
+    # Rows that stand behind in time are left out, and so many of them are no late packets.
+    ends = np.flatnonzero((np.diff(time) > _BRIDGED * step) | (np.diff(keep) > _BRIDGED))
     starts, stops = np.append(0, ends + 1), np.append(ends + 1, len(time))
     part = keep[_liveliest(rows.q[keep], starts, stops, int(longest / step))]
     time, data = rows.time[part], data[part]
