@@ -279,3 +279,8 @@ def test_a_recording_at_rest_beside_a_good_one_is_named_as_one() -> None:
     assert any(verdict.key == "base-parameters" for verdict in found)
     fitted = deltaid.identify("clavel-delta3", [moving, still])
     assert any("the robot stands still" in warning for warning in fitted.model.warnings)
+
+
+def test_one_row_is_no_robot_at_rest() -> None:
+    (verdict,) = check("clavel-delta3", recorded(1)).poor
+    assert "fewer than two rows" in verdict.seen

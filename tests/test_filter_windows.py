@@ -153,3 +153,16 @@ def test_logs_that_no_filter_fits(tmp_path, clavel: Dynamics, samples, cutoff, r
     with pytest.raises(RecordingError) as caught:
         with_filter(log, cutoff)
     assert str(caught.value).startswith(f"{path}: {reason}")
+
+
+@pytest.mark.parametrize(("resting", "rows"), [(200, 200), (3900, 4000)])
+def test_rest_is_no_lack_of_rows(tmp_path, clavel: Dynamics, resting: int, rows: int) -> None:
+    """A longer recording of the same kind would not do."""
+    frame = recorded(rows).with_columns(
+        pl.when(pl.int_range(rows) < resting).then(pl.first(k)).otherwise(k).alias(k)
+        for k in names("q")
+    )
+    with pytest.raises(RecordingError) as caught:
+        with_filter(open_log(write(tmp_path / "log.parquet", frame), clavel.kinematics))
+    assert f"has {rows} samples, {resting} of them at rest, too few" in str(caught.value)
+    assert "record a motion" in str(caught.value)

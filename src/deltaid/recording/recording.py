@@ -215,6 +215,14 @@ def open_recordings(
     return list(recordings.values())
 
 
+def _resting(log: Log) -> int:
+    """Rows in which no drive moves, as far as it shows: the reach shows no turning tool."""
+    low, high = log.reach
+    if len(log.columns.position) == len(low) and np.array_equal(low, high):
+        return log.samples
+    return sum(m.last - m.first + 1 for m in log.masks if m.reason == "standing still")
+
+
 def with_filter(log: Log, cutoff: float | None = None) -> PreparedRecording:
     """A log with its filter; without a cut-off, none if velocities and accelerations are recorded.
 
@@ -229,12 +237,15 @@ def with_filter(log: Log, cutoff: float | None = None) -> PreparedRecording:
     else:
         log.cut_at(None, needed)
     if not cutoff or log.samples < needed:
-        at = f" at {cutoff:.4g} Hz" if cutoff else ""
+        at, cure = f" at {cutoff:.4g} Hz" if cutoff else "", "record longer"
+        samples = f"{log.samples} samples"
+        if resting := _resting(log):
+            samples += f", {resting} of them at rest"
+            cure = "record a motion, such as `deltaid excite` plans"
         raise RecordingError(
-            f"has {log.samples} samples, too few to filter and differentiate{at} (at least "
-            f"{needed:g})",
+            f"has {samples}, too few to filter and differentiate{at} (at least {needed:g})",
             where=str(log.path),
-            cure="record longer, or record velocities and accelerations as well",
+            cure=f"{cure}, or record velocities and accelerations as well",
         )
     low_pass = design_low_pass(cutoff, log.rate, motion_cutoff=log.motion_cutoff or 0.0)
     log = replace(log, masks=before_stops(log.masks, low_pass.motion_cutoff, log.rate))
