@@ -90,6 +90,14 @@ def test_lost_rows_are_counted(lost: slice) -> None:
     assert f"{lost.stop - lost.start} rows are missing in 1 place" in verdict.seen
 
 
+@pytest.mark.parametrize("leap", [3600.0, 1.7e9])
+def test_a_clock_that_leaps_ahead_is_no_logger_that_falls_behind(leap: float) -> None:
+    late = pl.when(pl.int_range(pl.len()) < 1500).then(0.0).otherwise(leap)
+    (verdict,) = said(frame().with_columns(pl.col("t") + late))["clock"]
+    assert verdict.seen == f"time leaps ahead by up to {leap:.4g} s in 1 place"
+    assert "the clock was set" in verdict.cause
+
+
 def test_a_clock_that_passes_midnight_is_no_logger_that_falls_behind() -> None:
     clock = (pl.col("t") + 86397.0) % 86400.0
     (verdict,) = said(frame().with_columns(clock.alias("t")))["clock"]

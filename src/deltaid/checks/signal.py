@@ -181,12 +181,16 @@ def _moving(evidence: Evidence) -> Bool[np.ndarray, " drives"]:
 
 def _clock(evidence: Evidence, log: Log) -> Verdict:
     clock, period = log.clock, f"{1e3 * log.clock.period:.4g} ms"
-    lost = int(clock.lost[clock.lost > 0].sum())
+    leaps = clock.lost[clock.lost > clock.rows]  # no logger loses more than it keeps
+    holes = clock.lost[(clock.lost > 0) & (clock.lost <= clock.rows)]
+    lost = int(holes.sum())
     restarts, cause, cure = restarted(clock, log.table, log.columns.time.column)
     stale = sum(m.last - m.first + 1 for m in log.masks if m.reason == "stale rows")
     twice, scatter = len(clock.extra), clock.jitter / clock.period
     faults = {
-        f"{rows_are(lost)} missing in {places_of(int(np.sum(clock.lost > 0)))}": lost,
+        f"time leaps ahead by up to {clock.period * leaps.max(initial=0):.4g} s in "
+        f"{places_of(leaps.size)}": bool(leaps.size),
+        f"{rows_are(lost)} missing in {places_of(holes.size)}": lost,
         restarts: bool(restarts),
         f"{rows_are(twice)} there twice or without a place": twice,
         f"{rows_are(stale)} copies of the one before while the robot moves": stale,
@@ -205,9 +209,12 @@ def _clock(evidence: Evidence, log: Log) -> Verdict:
             )
     if not seen:
         return _CLOCK.good(f"{clock.rows} rows, one every {period}", 100 * scatter)
+    if leaps.size and not restarts:
+        cause = "logging stopped and went on later, or the clock was set meanwhile"
+        cure = "split it if load or wiring were others; else nothing is to be done"
     if lost or twice or stale:
         cause = cure = ""
-    if scatter > JITTER and not (lost or restarts or twice or stale):
+    if scatter > JITTER and not (cause or lost or twice or stale):
         cause = "stamps are made when rows are written, and not when they are sampled"
         if clock.even is False or clock.steady:
             cause = "rows are sampled when the logger gets round to it, not by a clock"
