@@ -103,3 +103,13 @@ def test_the_other_recordings_are_judged_without_one_that_is_joined_wrongly() ->
     assert [[verdict.key for verdict in bad(verdicts)] for verdicts in each] == [
         ["torque-lag"], [], []
     ]  # fmt: skip
+
+
+def test_one_recording_of_several_may_have_another_sign() -> None:
+    columns = recorded(NAME)
+    turned = columns | {"tau": columns["tau"] * [1, -1, 1]}
+    common, each = checked_wirings([seen(NAME, columns), seen(NAME, turned)])
+    assert not common
+    assert [[(verdict.key, verdict.subject) for verdict in bad(verdicts)] for verdicts in each] == [
+        [], [("torque-sign", "drive2")]
+    ]  # fmt: skip

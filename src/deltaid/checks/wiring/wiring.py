@@ -77,15 +77,26 @@ def checked_wirings(
     if len(drives) > 1 and all(columns == drives[0] for columns in drives):
         motions, goods = zip(*((case.motion, case.good) for case in shown.values()), strict=True)
         goods = together(records[0].dynamics, motions, goods)
-        cases |= {k: replace(cases[k], good=good) for k, good in zip(shown, goods, strict=True)}
-        clearest = min((cases[k] for k in shown if cases[k].good), key=lambda case: case.best.left)
-        common = column_verdicts(clearest)
+        joint = {k: replace(cases[k], good=good) for k, good in zip(shown, goods, strict=True)}
+        if all(_goes_with_others(joint[k], cases[k]) for k in shown):
+            cases |= joint
+            clearest = min((case for case in joint.values() if case.good), key=_left)
+            common = column_verdicts(clearest)
     each = [
         (*_other_drives(record), *judged)
         for k, record in enumerate(records)
         for judged in [over_time[k] or _of_recording(cases[k], common) if k in cases else ()]
     ]
     return common or (), each
+
+
+def _left(case: RemappedRecording) -> float:
+    return case.best.left
+
+
+def _goes_with_others(joint: RemappedRecording, alone: RemappedRecording) -> bool:
+    """Whether columns as all recordings share them best make sense in one that does so alone."""
+    return not joint.good or joint.along >= SENSIBLE[0] or alone.along < SENSIBLE[0]
 
 
 def _refuse_rest(records: Sequence[Evidence]) -> None:
