@@ -59,6 +59,15 @@ def test_a_table_of_pandas(frame: pl.DataFrame) -> None:
     assert "table: has several columns called q1" in refusal(samples, twice)
 
 
+def test_an_index_of_pandas_that_is_the_time_is_a_column(frame: pl.DataFrame) -> None:
+    pandas = pytest.importorskip("pandas")
+    table = pandas.DataFrame({name: frame[name].to_numpy() for name in frame.columns})
+    np.testing.assert_array_equal(samples(table.set_index("t")), frame.to_numpy())
+    lapse = pandas.to_timedelta(1e9 * table.pop("t").round(6), unit="ns")
+    np.testing.assert_allclose(samples(table.set_index(lapse.to_numpy())), frame.to_numpy())
+    assert "has no time" in refusal(samples, table)
+
+
 def test_a_recording_is_a_value(frame: pl.DataFrame) -> None:
     pandas = pytest.importorskip("pandas")
     given = {key: np.array(value, order="F") for key, value in arrays(frame).items()}

@@ -11,12 +11,13 @@ from checked import Data, mended_file, moved, scaled, verdict_of, written
 from deltaid.checks.check import check, of_robot
 from deltaid.checks.description import checked_lengths
 from deltaid.checks.evidence import evidence
+from deltaid.checks.identify import _refuse
 from deltaid.checks.information import checked_information
 from deltaid.checks.verdicts import as_written, changes, mended
 from deltaid.errors import DescriptionError
 from deltaid.model.verdict import Grade, Verdict, worst
 from deltaid.robot.load import catalogue, described_in, load_robot, yaml_text
-from logs import recorded, tabled
+from logs import recorded, tabled, write
 from poor_priors import PLAIN
 from sweeps import swept
 
@@ -284,3 +285,17 @@ def test_a_recording_at_rest_beside_a_good_one_is_named_as_one() -> None:
 def test_one_row_is_no_robot_at_rest() -> None:
     (verdict,) = check("clavel-delta3", recorded(1)).poor
     assert "fewer than two rows" in verdict.seen
+
+
+def test_a_refusal_that_proposes_nothing_offers_nothing_to_write() -> None:
+    wrong = Verdict("limits", Grade.WRONG, "what was seen", "", "a cause", "a cure")
+    with pytest.raises(DescriptionError) as caught:
+        _refuse([wrong], load_robot("clavel-delta3"), False)
+    assert "`deltaid check` shows more, --force goes on" in str(caught.value)
+
+
+def test_a_refused_recording_of_several_is_named_once(tmp_path: Path) -> None:
+    logs = [write(tmp_path / f"{rows}.csv", recorded(rows)) for rows in (4000, 100)]
+    (verdict,) = check("clavel-delta3", logs).poor
+    assert verdict.key == "refused"
+    assert verdict.finding.count("100.csv") == 1

@@ -45,6 +45,8 @@ def test_no_message_names_an_option_on_a_page() -> None:
         ("check these with `deltaid check`", "check these with the page Check"),
         ("give --payload MASS too", "give “payload” MASS too"),
         ("12 -- 14 rows", "12 -- 14 rows"),
+        ("repair it; `deltaid check` shows more, --force goes on as it is",
+         "repair it; the page Check shows more"),
     ],
 )  # fmt: skip
 def test_a_message_is_in_the_words_of_a_page(said: str, shown: str) -> None:

@@ -38,7 +38,9 @@ def test_columns_of_a_drive_that_the_robot_lacks_are_named() -> None:
     more = {"q4": columns["q"][:, 0], "tau4": columns["tau"][:, 0]}
     (verdict,) = bad(checked_wiring(seen("clavel-delta3", columns | more)))
     assert (verdict.key, verdict.grade) == ("drive-count", Grade.DOUBTFUL)
-    assert "(q4, tau4), but the robot has 3" in verdict.seen
+    assert "another drive (q4, tau4), but the robot has 3" in verdict.seen
+    (verdict,) = bad(checked_wiring(seen("clavel-delta3", columns | more | {"q5": more["q4"]})))
+    assert "2 more drives (q4, tau4, q5), but the robot has 3" in verdict.seen
 
 
 def test_columns_beside_the_drives_are_nobody_s_business() -> None:

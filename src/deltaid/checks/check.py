@@ -155,8 +155,10 @@ def named_verdicts(
     """Verdicts that name their recording if it is one of several."""
     if not several:
         return tuple(judged)
-    name = record.table.path.name
+    path = record.table.path
     return tuple(
-        replace(verdict, subject=f"{name}: {verdict.subject}" if verdict.subject else name)
+        verdict  # of a refusal, whose place has the file
+        if verdict.subject.startswith(str(path))
+        else replace(verdict, subject=": ".join(filter(None, (path.name, verdict.subject))))
         for verdict in judged
     )

@@ -146,7 +146,7 @@ def _refuse(verdicts: Iterable[Verdict], subject: RobotDescription | Evidence, f
         if verdict.grade is not Grade.WRONG:
             continue
         robot = isinstance(subject, RobotDescription)
-        lines = ""
+        lines, writes = "", " and --write writes what it proposes" if verdict.proposals else ""
         for file in files_of([verdict]):
             proposed = changes([verdict], file)
             if file == "mapping" and not robot:
@@ -158,8 +158,8 @@ def _refuse(verdicts: Iterable[Verdict], subject: RobotDescription | Evidence, f
         raise (DescriptionError if robot else RecordingError)(
             verdict.finding,
             where=subject.name if robot else str(subject.table.path),
-            cure=f"{verdict.cure}; `deltaid check` shows more and --write writes what it "
-            f"proposes, --force goes on as it is{lines}",
+            cure=f"{verdict.cure}; `deltaid check` shows more{writes}, --force goes on as it is"
+            f"{lines}",
         )
 
 

@@ -36,6 +36,8 @@ class PandasTable(Protocol):
     def columns(self) -> Any: ...
     @property
     def iloc(self) -> Any: ...
+    @property
+    def index(self) -> Any: ...
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -64,9 +66,9 @@ class Recording(Shown, Plotted, Tabled):
         """A table under a name for messages and reports.
 
         Columns are named as in a log file: t, q1…, tau1…, or as the mapping says. A lazy table is
-        computed; the columns of a pandas table are copied, without its index. A dictionary of
-        arrays or a structured array of NumPy is a table too; columns of an array such as q of shape
-        (samples, drives) are q[0], q[1], ….
+        computed; the columns of a pandas table are copied, and its index where it has a name or
+        holds times. A dictionary of arrays or a structured array of NumPy is a table too; columns
+        of an array such as q of shape (samples, drives) are q[0], q[1], ….
 
         Raises:
             RecordingError: two columns have one name, their lengths differ, they hold no numbers,
@@ -195,7 +197,19 @@ def _from_pandas(table: PandasTable, name: str) -> pl.DataFrame:
                 f"has several columns called {key}", where=name, cure="rename all but one"
             )
         columns[key] = _series(key, table.iloc[:, k])
+    key = _index_name(table)
+    if key and key not in columns:
+        columns = {key: _series(key, table.index.to_series())} | columns
     return pl.DataFrame(columns)
+
+
+def _index_name(table: PandasTable) -> str:
+    """Under which name the index is a column: its own, or that of the time; empty for none."""
+    index, names = table.index, {*map(str, table.columns)}
+    if index.name is not None:
+        return str(index.name)
+    times = index.nlevels == 1 and index.dtype.kind in "mM" and not names & {"t", "time"}
+    return "t" if times else ""
 
 
 def _series(key: str, column: Any) -> pl.Series:

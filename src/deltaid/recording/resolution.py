@@ -3,6 +3,7 @@
 import math
 from collections import Counter
 from collections.abc import Mapping
+from itertools import chain, count, takewhile
 
 from deltaid.errors import RecordingError, nearest
 from deltaid.recording.address import Pick, find, listing
@@ -85,13 +86,21 @@ def extra_drives(table: LogTable, columns: Columns, mapping: ColumnMapping, dof:
     if isinstance(mapping.position, tuple):
         return ""
     used = {channel.column for channel in columns.all}
-    names = [f"{SHORT_NAMES[quantity]}{dof + 1}" for quantity in QUANTITIES]
-    extra = [name for name in names if name in table.header and name not in used]
-    arrays = [f"{short}[{dof}]" for short in SHORT_NAMES.values() if f"{short}[0]" in used]
-    extra += [name for name in arrays if _is_there(table, columns.time.column, name)]
-    if not extra:
+    arrays = [short for short in SHORT_NAMES.values() if f"{short}[0]" in used]
+
+    def extra_names(drive: int) -> list[str]:
+        names = [f"{SHORT_NAMES[quantity]}{drive + 1}" for quantity in QUANTITIES]
+        return [name for name in names if name in table.header and name not in used] + [
+            name
+            for name in (f"{short}[{drive}]" for short in arrays)
+            if _is_there(table, columns.time.column, name)
+        ]
+
+    drives = list(takewhile(len, map(extra_names, count(dof))))
+    if not drives:
         return ""
-    return f"has columns of another drive ({', '.join(extra)}), but the robot has {dof}"
+    which = "another drive" if len(drives) == 1 else f"{len(drives)} more drives"
+    return f"has columns of {which} ({', '.join(chain(*drives))}), but the robot has {dof}"
 
 
 def _is_there(table: LogTable, *names: str) -> bool:
