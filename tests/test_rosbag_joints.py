@@ -110,6 +110,7 @@ def test_several_topics_of_joints_are_listed(clavel: Dynamics, tmp_path: Path) -
         open_log(path, clavel.kinematics)
     both = "/joint_states (joint_1, joint_2, joint_3); /left/joint_states (joint_1"
     assert both in str(caught.value)
+    assert "m/s and N); `deltaid columns" in str(caught.value)
     dynamic = [
         replace(message, topic="/dynamic_joint_states", dynamic=True) for message in MESSAGES
     ]

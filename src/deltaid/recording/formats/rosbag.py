@@ -57,8 +57,10 @@ def open_bag(path: Path, mapping: ColumnMapping) -> LogTable:
     several = f" ({'; '.join(map(str, of_joints))})" if len(of_joints) > 1 else ""
     cure = (
         f"say with --columns MAPPING.yaml which joint is which drive{several}, in order of q "
-        f"(units of drives that slide are m, m/s and N):\n    {mapping_lines(topics)}"
+        "(units of drives that slide are m, m/s and N)"
     )
+    if lines := mapping_lines(topics):  # of one topic
+        cure += f":\n    {lines}"
     return BagTable(
         path,
         (RecordedField(_STAMPED), *map(RecordedField, names), *arrays, RecordedField(_RECEIVED)),
