@@ -190,7 +190,7 @@ def readable(path: Path) -> Generator[None, None, None]:
 @contextmanager
 def damage(
     where: Path | str,
-    errors: type[Exception] | tuple[type[Exception], ...],
+    errors: type[BaseException] | tuple[type[BaseException], ...],
     what: str,
     cure: str = "copy or export it again",
 ) -> Generator[None, None, None]:
