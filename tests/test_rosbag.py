@@ -22,11 +22,15 @@ from bags import (
     refused,
     states,
 )
+from deltaid.checks.evidence import evidence
+from deltaid.checks.signal import checked_signals
 from deltaid.dynamics.dynamics import Dynamics
 from deltaid.errors import RecordingError
 from deltaid.recording.formats.ros_messages import decoded
 from deltaid.recording.opening import open_log
 from deltaid.recording.table import open_table
+from deltaid.robot.load import load_robot
+from test_lag import frame
 
 
 @pytest.mark.parametrize("kind", KINDS)
@@ -72,9 +76,29 @@ def test_a_message_without_a_joint_is_a_lost_row(tmp_path: Path) -> None:
     table = open_table(KINDS["mcap"](tmp_path, messages))
     kept = np.delete(ALL, [0, 7, 499], axis=0)
     assert np.array_equal(read(table, ["t", *NAMES]), kept)
-    assert "3 of 500 messages of /joint_states do not have a number" in table.doubts[0]
+    lacks = "no position of joint_3, no velocity of joint_3, no effort of joint_3"
+    said = f"3 of 500 messages of /joint_states have {lacks}, the first is message 1"
+    assert said in table.doubts[0]
     assert np.array_equal(read(table, ["t", "q1", "q2"]), ALL[:, :3])
     assert not table.doubts
+
+
+def test_messages_without_torques_are_no_logger_that_falls_behind(tmp_path: Path) -> None:
+    table = frame(np.zeros(3))
+    columns = {
+        key: table.select(f"{short}{k}" for k in (1, 2, 3)).to_numpy()
+        for key, short in (("position", "q"), ("effort", "tau"))
+    }
+    messages = states(table["t"].to_numpy(), columns, JOINTS)
+    for k in (7, 60, 61, 300):
+        del messages[k].numbers["effort"]
+    found = evidence(load_robot("clavel-delta3"), KINDS["mcap"](tmp_path, messages))
+    (verdict,) = (verdict for verdict in checked_signals(found) if verdict.key == "clock")
+    assert verdict.seen == "4 rows are missing in 3 places"
+    assert verdict.cause == "rows that lack a number in a used column are excluded (see warnings)"
+    assert found.surveyed is not None
+    lacks = "have no effort of joint_1, joint_2, joint_3, the first is message 8; they are excluded"
+    assert any(lacks in warning for warning in found.surveyed.log.warnings)
 
 
 def test_a_second_publisher_without_torques_is_left_out(tmp_path: Path) -> None:

@@ -12,6 +12,7 @@ from deltaid.recording.filter import LowPass, design_low_pass, samples_needed
 from deltaid.recording.log import Log
 from deltaid.recording.masks.masks import RESTS, Reason, kept
 from deltaid.recording.opening import NO_RATE, OTHER_RATE
+from deltaid.recording.source import INCOMPLETE
 from deltaid.recording.time.clock import HIGHEST_RATE, JITTER
 from deltaid.recording.time.doubts import places_of, restarted, rows_are
 
@@ -48,6 +49,10 @@ _CLOCK = Fault(
     "the logger or the network did not keep up",
     "log with the controller's own cycle and its counter as time; meanwhile holes are cut out or "
     "bridged, and rows put on an even grid",
+)
+_INCOMPLETE_ROWS = (
+    "rows that lack a number in a used column are excluded (see warnings)",
+    "record all columns in each row or message",
 )
 _SATURATION = Fault(
     "saturation",
@@ -214,6 +219,8 @@ def _clock(evidence: Evidence, log: Log) -> Verdict:
         cure = "split it if load or wiring were others; else nothing is to be done"
     if lost or twice or stale:
         cause = cure = ""
+    if lost and any(doubt.key == INCOMPLETE for doubt in log.warnings):
+        cause, cure = _INCOMPLETE_ROWS
     if scatter > JITTER and not (cause or lost or twice or stale):
         cause = "stamps are made when rows are written, and not when they are sampled"
         if clock.even is False or clock.steady:

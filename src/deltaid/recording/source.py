@@ -29,6 +29,8 @@ Column = pl.Series | np.ndarray
 # What polars raises for tables that it cannot read.
 POLARS_ERRORS = (pl.exceptions.PolarsError, pl.exceptions.PanicException)
 RENAME = "rename one"  # of several columns that have one name
+# Key of doubts about rows that are excluded because the file has not all their numbers.
+INCOMPLETE = "incomplete-rows"
 # Rows of a batch.
 BATCH_ROWS = 1 << 16
 # Bytes read at once: few, because a chunk may unpack to a thousand times its size. The first ones

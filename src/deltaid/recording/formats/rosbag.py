@@ -23,7 +23,7 @@ from deltaid.recording.formats.bag_reader import (
 )
 from deltaid.recording.formats.ros_messages import MessageError, Number, decoded
 from deltaid.recording.mapping import ColumnMapping
-from deltaid.recording.source import LogTable, Rows, opened
+from deltaid.recording.source import INCOMPLETE, LogTable, Rows, opened
 from deltaid.recording.time.signals import Signal, merged
 
 # Names of the times of headers and of receipt.
@@ -141,6 +141,8 @@ class BagTable(LogTable):
         used = [self.topics[name] for name in wanted]
         start = min(topic.received if received else topic.first for topic in used)
         kept, lost = dict.fromkeys(wanted, 0), dict.fromkeys(wanted, 0)
+        lacks = {name: np.zeros(len(numbers), dtype=bool) for name, numbers in wanted.items()}
+        first = dict[str, int]()
         with opened_bag(self.path) as bag:
             for chunk in bag.messages(list(wanted)):
                 for name, numbers in wanted.items():
@@ -152,7 +154,11 @@ class BagTable(LogTable):
                         raise damaged(bag, name, error, before) from None
                     if received:
                         stamps = np.array([time for time, _ in messages], dtype=np.int64)
-                    whole = ~np.isnan(values).any(axis=1)
+                    absent = np.isnan(values)
+                    whole = ~absent.any(axis=1)
+                    lacks[name] |= absent.any(axis=0)
+                    if not whole.all():
+                        first.setdefault(name, before + int(np.argmin(whole)) + 1)
                     kept[name] += int(whole.sum())
                     lost[name] += int((~whole).sum())
                     if whole.any():
@@ -165,14 +171,9 @@ class BagTable(LogTable):
                     cure="map joints and quantities that come in the same message",
                 )
             if lost[name]:
-                self.doubts.append(
-                    Doubt(
-                        f"{lost[name]} of {kept[name] + lost[name]} messages of {name} do not have "
-                        "a number in each of the columns in use; they are excluded",
-                        cause="a second node publishes there",
-                        cure="nothing is to be done, unless it is the wrong topic",
-                    )
-                )
+                total = kept[name] + lost[name]
+                numbers = [wanted[name][k] for k in np.flatnonzero(lacks[name])]
+                self.doubts.append(_incomplete(name, lost[name], total, first[name], numbers))
 
     def _merged(self, pieces: list[_Piece], wanted: dict[str, list[Number]]) -> Signal:
         names = list(wanted)
@@ -190,6 +191,18 @@ class BagTable(LogTable):
                 )
             )
         return signal
+
+
+def _incomplete(topic: str, lost: int, total: int, first: int, lacks: Sequence[Number]) -> Doubt:
+    joints_of = grouped(lacks)
+    absent = [f"{quantity} of {', '.join(joints)}" for quantity, joints in joints_of.items()]
+    return Doubt(
+        f"{lost} of {total} messages of {topic} have no {', no '.join(absent)}, the first is "
+        f"message {first}; they are excluded",
+        cause="a second node publishes there, or the driver does not fill in all of each message",
+        cure="nothing is to be done for a second node, unless it is the wrong topic",
+        key=INCOMPLETE,
+    )
 
 
 def default_columns(topics: Sequence[Topic]) -> dict[str, tuple[str, Number]]:
