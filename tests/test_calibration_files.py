@@ -74,7 +74,28 @@ MISTAKES = {
     "noise and limbs": ("points", lambda frame: exchanged("q1", "q2")(ten_times_noisier(frame)),
                         "or two drives are exchanged"),
 }  # fmt: skip
-DAMAGE = {
+THIRD = pl.int_range(pl.len()) % 3 == 1
+HALF = pl.int_range(pl.len()) < pl.len() // 2
+TOGETHER = {
+    "some rows in mm": (
+        "points",
+        changed(**{name: pl.when(THIRD).then(1e3).otherwise(1.0) * pl.col(name) for name in POINT}),
+        "rows 3, 6, 9, 12, 15, 18, … are 1000 times too large, the others are not; likely these "
+        "are in mm",
+    ),
+    "some distances in mm": (
+        "parts",
+        changed(distance=pl.when(THIRD).then(1e3).otherwise(1.0) * pl.col("distance")),
+        "are 1000 times too large",
+    ),
+    "frame": (
+        "points",
+        changed(px=pl.when(HALF).then(pl.col("px")).otherwise(pl.col("py") + 0.3),
+                py=pl.when(HALF).then(pl.col("py")).otherwise(-pl.col("px"))),
+        "if points up to row 21 are in one frame and those from row 22 in another",
+    ),
+}  # fmt: skip
+DAMAGE = TOGETHER | {
     "degrees": ("points", changed(q1=57.3 * pl.col("q1")), "likely degrees"),
     "hole": ("points", changed(px=pl.when(pl.int_range(pl.len()) != 9).then(pl.col("px"))),
              "is empty"),
@@ -144,6 +165,8 @@ def test_what_cannot_be_is_refused(files: Path, tmp_path: Path) -> None:
         (): "nothing was measured",
         (*bed, "--struts-apart"): "strut_spacing",
         (*bed, "--tool", "1"): "must be three numbers",
+        (*bed, "--budget", "100"): "--budget: has no effect without --next",
+        (*bed, "--sensors", files / "shop.yaml"): "--sensors: has no effect without --next",
         (*bed, "--columns", own): "did you mean noise?",
         (*bed, "--columns", below): "deltaid schema measurements",
         (*bed, "--columns", misspelt): "did you mean block?",

@@ -51,10 +51,12 @@ def require_plausible(loops: Loops, known: Unknowns, instrument: Instrument) -> 
     x = _described(loops, instrument.q)
     with np.errstate(over="ignore"):  # absurd numbers overflow
         _require_spread(instrument, x)
+        _, slopes = tool_slopes(loops, known, instrument, np.zeros(known.G.shape[1]))
+        explained = float(np.median(np.linalg.norm(slopes[:, :3], axis=(1, 2))))
+        allowed = OUTLIER * (explained + instrument.noise)
+        _require_one_unit(instrument, x, allowed)
         _require_unit(instrument, x)
-    _, slopes = tool_slopes(loops, known, instrument, np.zeros(known.G.shape[1]))
-    explained = float(np.median(np.linalg.norm(slopes[:, :3], axis=(1, 2))))
-    here, allowed = _misfit(instrument, x), OUTLIER * (explained + instrument.noise)
+    here = _misfit(instrument, x)
     if here <= allowed:
         return
     hypotheses = *_reading_hypotheses(instrument, x, allowed), *_drive_hypotheses(loops, instrument)
@@ -116,6 +118,32 @@ def _require_spread(instrument: Instrument, x: Tools) -> None:
         )
 
 
+def _require_one_unit(instrument: Instrument, x: Tools, allowed: float) -> None:
+    """Refuse more rows in another unit than the fit excludes, where all fit in one unit."""
+    if isinstance(instrument, ProbeReadings) or len(instrument.values) < 2:
+        return
+    sizes = np.linalg.norm(instrument.values, axis=1)
+    steps = np.sort(np.maximum(sizes, np.finfo(float).tiny))
+    large = sizes > steps[np.argmax(steps[1:] / steps[:-1])]
+    if large.mean() <= LITTLE:
+        return
+    for factor, unit in NAMED_UNITS.items():
+        values = np.where(large[:, None], instrument.values / factor, instrument.values)
+        error = np.linalg.norm(_errors(replace(instrument, values=values), x), axis=1)
+        if max(np.median(error[large]), np.median(error[~large])) <= allowed:
+            raise RecordingError(
+                f"rows {_first_rows(instrument, large)} are {factor:.4g} times too large, the "
+                f"others are not; likely these are in {unit}",
+                where=instrument.source,
+                cure="write all rows in one unit",
+            )
+
+
+def _first_rows(instrument: Instrument, chosen: np.ndarray) -> str:
+    rows = instrument.rows[chosen]
+    return ", ".join(map(str, rows[:6])) + (", …" if len(rows) > 6 else "")
+
+
 def _require_unit(instrument: Instrument, x: Tools) -> None:
     ratio, alike = 1.0, True
     if isinstance(instrument, PointReadings):
@@ -148,6 +176,11 @@ def _sizes(points: Float[np.ndarray, "rows 3"]) -> Float[np.ndarray, " 2"]:
     return np.linalg.svd(near - near.mean(axis=0), compute_uv=False)[:2] / np.sqrt(len(near))
 
 
+def _errors(instrument: Instrument, x: Tools, used: slice = slice(None)) -> np.ndarray:
+    """Errors of all readings, with the instrument's unknowns from those used [m]."""
+    return instrument.slopes(x, instrument.start(x, used))[0]
+
+
 def _misfit(instrument: Instrument, x: Tools, mirrored: bool = False) -> float:
     """Median error of readings at tool points [m]."""
     state = aligned(x[:, 0], instrument.values, mirrored=True) if mirrored else instrument.start(x)
@@ -157,23 +190,23 @@ def _misfit(instrument: Instrument, x: Tools, mirrored: bool = False) -> float:
 
 def _reading_hypotheses(instrument: Instrument, x: Tools, allowed: float) -> Hypotheses:
     """Hypotheses on readings. A few sorted numbers resemble any others, so blocks and distances in
-    another order have to fit."""
+    another order have to fit, as points in two frames."""
     values = instrument.values
     if isinstance(instrument, PointReadings):
         handed, turned = "the frame is left-handed", "change the sign of one axis of the points"
         yield _misfit(instrument, x, mirrored=True), handed, turned
         order = _matched_order(x[:, 0], values)
-        wrong = np.flatnonzero(order != np.arange(len(order)))
-        if wrong.size:
-            rows = ", ".join(str(instrument.rows[k]) for k in wrong[:6])
-            more = ", …" if len(wrong) > 6 else ""
-            another, sort = f"points stand in another order (rows {rows}{more})", "sort the points"
+        wrong = order != np.arange(len(order))
+        if wrong.any():
+            rows = _first_rows(instrument, wrong)
+            another, sort = f"points stand in another order (rows {rows})", "sort the points"
             yield _misfit(instrument, x[order]), another, sort
             yield (
                 _misfit(instrument, x[order], mirrored=True),
                 f"{another} and {handed}",
                 f"{sort} and {turned}",
             )
+        yield from _frame_hypotheses(instrument, x, allowed)
         return
     probed = isinstance(instrument, ProbeReadings)
     if probed and np.ptp(values):
@@ -187,6 +220,28 @@ def _reading_hypotheses(instrument: Instrument, x: Tools, allowed: float) -> Hyp
     left = _misfit(replace(instrument, values=np.sort(values, axis=0)[ranks]), x)
     if left <= allowed:
         yield left, f"{what} stand in another order", "write each beside its own pose"
+
+
+def _frame_hypotheses(instrument: PointReadings, x: Tools, allowed: float) -> Hypotheses:
+    """That the frame jumps once, between rows that leave each part more rows than a frame fits."""
+    count, fewest = len(x), len(instrument.unknowns)
+    if not 2 * fewest <= count <= _ORDERED:
+        return
+
+    def errors(start: int) -> list[np.ndarray]:
+        parts = (slice(None, start), slice(start, None))
+        return [np.linalg.norm(_errors(instrument, x, part)[part], axis=1) for part in parts]
+
+    starts = range(fewest, count - fewest + 1)
+    start = min(starts, key=lambda start: sum(part.sum() for part in errors(start)))
+    # of both, as one part with a point far away fits nothing
+    if (left := max(float(np.median(part)) for part in errors(start))) <= allowed:
+        last, first = instrument.rows[start - 1], instrument.rows[start]
+        yield (
+            left,
+            f"points up to row {last} are in one frame and those from row {first} in another",
+            "give both parts as files of their own, each with --points",
+        )
 
 
 def _drive_hypotheses(loops: Loops, instrument: Instrument) -> Hypotheses:

@@ -34,6 +34,7 @@ class Instrument(ABC):
     `read`, their standard deviation [m] (`usual` by default), and rows of the file."""
 
     kind: ClassVar[PoseKind]
+    reading: ClassVar[str]
     readings: ClassVar[str]
     read: ClassVar[tuple[str, ...]]
     usual: ClassVar[float]
@@ -75,6 +76,7 @@ class PointReadings(Instrument):
     """3-D points, of a good tracker or camera with a tag; the state is a 3 × 4 matrix [R t]."""
 
     kind = readings = "points"
+    reading = "point"
     read, usual = ("px", "py", "pz"), 2e-5
     unknowns = ("frame turn x", "frame turn y", "frame turn z", "frame x", "frame y", "frame z")
 
@@ -98,7 +100,7 @@ class ProbeReadings(Instrument):
     on it. The state is h, a, b."""
 
     kind = "probe"
-    readings = "touches"
+    reading, readings = "touch", "touches"
     read, usual = ("block",), 1e-5
     unknowns = ("plane height", "plane slope x", "plane slope y")
 
@@ -117,6 +119,7 @@ class DistanceReadings(Instrument):
     """Distances between two tool points each, by calliper or ballbar."""
 
     kind = readings = "distances"
+    reading = "distance"
     read, usual = ("distance",), 2e-5
 
     def start(self, x: Tools, used: np.ndarray | slice = slice(None)) -> np.ndarray:

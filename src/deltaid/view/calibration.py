@@ -11,6 +11,7 @@ from deltaid.calibration.outlook import NextReadings
 from deltaid.calibration.readings import KINDS
 from deltaid.calibration.unknowns import TOOL, WORDS
 from deltaid.estimation.scatter import NORMAL
+from deltaid.sensors.planning.offers import PoseKind
 from deltaid.view import style
 from deltaid.view.drawing import drawing
 from deltaid.view.numbers import FEW, percent, with_uncertainty
@@ -27,7 +28,7 @@ def session_lines(calibration: Calibration) -> list[str]:
     for x in calibration.sessions:
         grown = f", {x.grown:.2g}× what was stated" if x.grown > 1 else ""
         left = f"residual {1e3 * x.residual:.2g} mm (noise {1e3 * x.noise:.2g} mm{grown})"
-        lines.append(f"{x.source}: {x.readings} {KINDS[x.kind].readings}, {left}")
+        lines.append(f"{x.source}: {_count(x.readings, x.kind)}, {left}")
         if x.excluded:
             more = f"; and {len(x.excluded) - FEW} more" if len(x.excluded) > FEW else ""
             lines.append(f"  excluded {'; '.join(x.excluded[:FEW])}{more}")
@@ -42,6 +43,11 @@ def session_lines(calibration: Calibration) -> list[str]:
     return lines
 
 
+def _count(number: int, kind: PoseKind) -> str:
+    """Such as '1 distance' or '40 touches'."""
+    return f"{number} {KINDS[kind].reading if number == 1 else KINDS[kind].readings}"
+
+
 def next_line(plan: NextReadings, currency: str) -> str:
     """The instrument that is worth its price most, and where to take its first readings."""
     places = [
@@ -52,7 +58,7 @@ def next_line(plan: NextReadings, currency: str) -> str:
     more = ", …" if len(plan.poses) > FEW else ""
     return (
         f"best for its price, {plan.cost:.0f} {currency}: {plan.name}, "
-        f"{len(plan.poses)} {KINDS[plan.kind].readings} at {', '.join(places)}{more} mm"
+        f"{_count(len(plan.poses), plan.kind)} at {', '.join(places)}{more} mm"
     )
 
 
