@@ -128,8 +128,9 @@ class Calibration(Shown, Plotted, Tabled, Reported):
         if "points" in kinds or limbs is None or not limbs.identical:
             return ()
         return (
-            "whether x and y of commanded points, or two drives, are exchanged: equal limbs mirror "
-            "each other, and residuals would be as small; move along x and look",
+            "whether x and y of commanded points, or two drives, are exchanged (equal limbs mirror "
+            "each other), or the points' origin is shifted: residuals would be as small; move to "
+            "the middle and along x, and look",
         )
 
     @property
