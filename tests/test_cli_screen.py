@@ -118,3 +118,11 @@ def test_no_row_alone_is_left(capsys: pytest.CaptureFixture) -> None:
     table = Table(("entry", "unit"), (("x", "m"), ("y", "m"), ("z", "m")), title="entries")
     print_found([f"line {k}" for k in range(18)], [table], full=False)
     assert capsys.readouterr().out.splitlines()[18:] == ["→ --full prints also: entries"]
+
+
+@pytest.mark.usefixtures("folder")
+def test_a_comparison_with_a_load_fits_a_screen() -> None:
+    given = ("model.yaml", "start.csv", "--plant", ROBOT, "--payload", "0.5+-0.1")
+    lines = run("compare-controllers", *given, terminal=True).out.splitlines()
+    assert "worst load" in lines[1]
+    assert max(map(cell_len, lines)) <= 80

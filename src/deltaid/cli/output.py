@@ -33,7 +33,7 @@ _TEXT_COLUMNS = (
 # Columns that wrap in a narrow terminal.
 _WRAPPED_COLUMNS = (
     "robot", "mechanism", "base parameter", "chosen law", "why", "of", "may change unnoticed",
-    "entries", "parted by any of",
+    "entries", "parted by any of", "model", "remark",
 )  # fmt: skip
 # Width of a progress bar [characters].
 _BAR = 16

@@ -217,8 +217,8 @@ def _too_short(log: Log, needed: int, end: End) -> RecordingError:
         f"has {log.samples} samples, too few to filter and differentiate (at least {needed:g}), "
         f"because it does not rest at its {end} row",
         where=str(log.path),
-        cure="begin and end at rest, add --periodic if it goes on as it begins, or write "
-        "velocities and accelerations as well",
+        cure="begin and end at rest, or write velocities and accelerations as well; "
+        "deltaid torque also takes a motion that goes on as it begins, with --periodic",
     )
 
 

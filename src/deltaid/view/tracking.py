@@ -155,16 +155,15 @@ def comparison_table(robot: RobotDescription, runs: Sequence[ControllerRun]) -> 
             ]
         rows.append((run.controller, run.model or NO_MODEL, *cells))
     table = Table(
-        ("controller", "model", "rms [mm]", "max [mm]", "rms, worst load [mm]", "turn rms [°]",
-         "at a limit", "remark"),
+        ("controller", "model", "rms", "max", "worst load", "turn [°]", "at a limit", "remark"),
         tuple(rows),
-        "Share of time at a torque limit.",
-        title=f"{robot.title or robot.name}: platform error",
+        "Rms of distance and turn, also with the worst load; share of time at a torque limit.",
+        title=f"{robot.title or robot.name}: platform error [mm]",
     )  # fmt: skip
     turns = any(run.tracking is not None and run.tracking.turn_error is not None for run in runs)
     needed = {
-        "rms, worst load [mm]": any(run.ends for run in runs),
-        "turn rms [°]": turns,
+        "worst load": any(run.ends for run in runs),
+        "turn [°]": turns,
         "remark": any(row[-1] for row in rows),
     }
     return table.without(*(name for name, there in needed.items() if not there))
