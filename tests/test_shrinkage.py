@@ -156,6 +156,22 @@ def test_of_two_that_look_alike_the_right_one_is_kept(wrong: str, more: float) -
     assert reduced(full, LEAST).candidates == (("right", time) if more else ("right",))
 
 
+@pytest.mark.parametrize(("size", "kept"), [(0.3, ()), (0.7, ("small",))])
+def test_what_is_smaller_than_all_that_no_effect_explains_is_dropped(
+    size: float, kept: tuple[str, ...]
+) -> None:
+    rng, time = np.random.default_rng(3), "unexplained time"
+    A = rng.standard_normal((800, 2))
+    b = A @ [size, 0.5] + 0.05 * rng.standard_normal(800)
+    block = NoiseBlock(A, b, np.repeat(np.arange(40), 20), 3.0)
+    groups = [
+        CauseColumns(name, np.array([k]), np.ones(1), np.zeros(1))
+        for k, name in enumerate(("small", time))
+    ]
+    full = Shrunk.fitted([block], np.zeros((0, 2)), np.zeros(0), groups)
+    assert reduced(full, LEAST).candidates == (*kept, time)
+
+
 def test_slow_errors_count_as_noise() -> None:
     rng = np.random.default_rng(4)
     slow = np.repeat(rng.standard_normal(40), 20)
