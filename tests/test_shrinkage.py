@@ -1,31 +1,15 @@
-"""Least squares over groups that are shrunk by evidence, and terms of friction that end at zero."""
+"""Least squares over groups that are shrunk by evidence, and which of them are kept."""
 
-from collections.abc import Iterable
 from dataclasses import replace
-from functools import cache
 from unittest.mock import Mock
 
 import numpy as np
 import pytest
 
-from deltaid.dynamics.dynamics import compiled
-from deltaid.effects.along_motion import AtPlatform, RippleColumns, platform_forces
 from deltaid.estimation.drive_rows import TraceRows
 from deltaid.estimation.problem import CauseColumns, NoiseBlock
 from deltaid.estimation.shrinkage import _ALIKE, Shrunk
 from deltaid.identification.contest import Contest, reduced, rivals, suspects
-from deltaid.identification.fit import FittedProblem, fit
-from deltaid.identification.friction_choice import choose_friction
-from deltaid.identification.friction_rows import friction_rows
-from deltaid.identification.judgement import judged_parameters
-from deltaid.identification.setup import Setup
-from deltaid.identification.stages import idle
-from deltaid.model.parameter_record import FrictionChoice, FrictionTrial
-from deltaid.model.record import Settings
-from deltaid.recording.recording import open_recordings
-from drives import case
-from drives.identify import identified as cause_identified
-from identified import identified
 
 LEAST = 6.0
 
@@ -314,81 +298,3 @@ def test_a_cause_that_looks_like_another_is_its_rival(apart: float) -> None:
     kept = reduced(both, LEAST)
     pairs = {frozenset(pair) for pair in rivals(both, kept, LEAST)}
     assert pairs == ({frozenset({"cause", "double"})} if apart < 0.1 else set())
-
-
-LOG = "clavel-delta3"
-PLAIN = Settings(friction="described")
-
-
-def chosen_loads(drives: Iterable[str]) -> FrictionChoice:
-    """The record of a choice that gave these drives losses by load."""
-    trial = {"addition": "load", "error": 0.1, "gain": 0.1, "significance": 5, "useful": True}
-    steps = tuple(FrictionTrial(joint=drive, **trial) for drive in drives)
-    return FrictionChoice(folds=40, plain_error=0.1, chosen_error=0.1, steps=steps, trials=())
-
-
-@cache
-def with_loads() -> tuple[Setup, FittedProblem]:
-    """A fit whose laws have got losses by load that the robot does not have."""
-    found = identified(LOG)
-    friction = found.robot.friction
-    laws = {drive: friction[drive].changed(load=0.02) for drive in ("drive1", "drive2")}
-    robot = found.robot.changed(friction=dict(friction) | laws)
-    recordings = open_recordings(found.frames[0], compiled(robot).kinematics)
-    choice = chosen_loads(laws)
-    setup = Setup(robot, tuple(recordings), PLAIN, friction_choice=choice)
-    return setup, fit(setup.dynamics, setup.recordings, PLAIN)
-
-
-def test_a_term_at_zero_is_idle() -> None:
-    setup, problem = with_loads()
-    assert ("drive1", "load") in idle(setup, problem).terms
-    assert not idle(replace(setup, friction_choice=None), problem).terms
-
-
-def test_a_term_that_the_recording_asks_for_is_not() -> None:
-    made = case("load-friction", "delta3", 1)
-    law = {drive: law.changed(load=0.02) for drive, law in made.robot.friction.items()}
-    robot = made.robot.changed(friction=law)
-    recordings = open_recordings(made.logs[0], compiled(robot).kinematics)
-    choice = chosen_loads(robot.drives)
-    setup = Setup(robot, tuple(recordings), PLAIN, friction_choice=choice)
-    assert not idle(setup, fit(setup.dynamics, setup.recordings, PLAIN)).terms
-
-
-def test_a_force_that_nothing_pulls_with_is_idle_and_a_ripple_is_searched() -> None:
-    result = identified(LOG).result
-    dynamics = compiled(result.robot)
-    force = platform_forces(dynamics, 1.0)[0]
-    ripple = RippleColumns(dynamics, (0,), (1.0, 1.0), (12.5,))
-    setup = Setup(result.robot, result.recordings, PLAIN, additions=(force, ripple))
-    problem = fit(dynamics, setup.recordings, PLAIN, additions=setup.additions)
-    assert idle(setup, problem) == (frozenset(), {force.name})
-
-
-def test_a_force_that_pulls_is_not_idle() -> None:
-    result = cause_identified(case("hose", "delta3", 1))
-    problem = result.problem
-    setup = Setup(result.robot, result.recordings, PLAIN)
-    assert {a.name for a in problem.additions if isinstance(a, AtPlatform)}
-    assert not idle(setup, problem).effects
-
-
-def test_barred_terms_are_not_chosen() -> None:
-    made = case("load-friction", "delta3", 1)
-    dynamics = compiled(made.robot)
-    rows = friction_rows(dynamics, open_recordings(made.logs[0], dynamics.kinematics))
-    barred = frozenset((drive, "load") for drive in made.robot.drives)
-    _, free = choose_friction(rows)
-    _, choice = choose_friction(rows, barred=barred)
-    assert any(step.addition == "load" for step in free.steps)
-    assert not any(step.addition == "load" for step in choice.steps)
-
-
-def test_an_estimate_lies_inside_of_its_interval() -> None:
-    # What a fit holds may put it far from what the recording has without.
-    problem = identified(LOG).result.problem
-    moved = replace(problem.solution, x=1.1 * problem.solution.x)
-    for parameter in judged_parameters(replace(problem, solution=moved)):
-        if parameter.std:
-            assert parameter.low < parameter.value < parameter.high, parameter.name
