@@ -132,7 +132,7 @@ class Evidence:
     @cached_property
     def stands(self) -> bool:
         """Whether no drive moves in these rows."""
-        return self.rows.q.size > 0 and len(self.rows.q) > 1 and float(self.moved.max()) < _STILL
+        return len(self.rows.q) > 1 and float(self.moved.max()) < _STILL
 
     @cached_property
     def are_counts(self) -> bool:

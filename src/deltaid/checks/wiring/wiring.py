@@ -80,7 +80,8 @@ def checked_wirings(
         joint = {k: replace(cases[k], good=good) for k, good in zip(shown, goods, strict=True)}
         if all(_goes_with_others(joint[k], cases[k]) for k in shown):
             cases |= joint
-            clearest = min((case for case in joint.values() if case.good), key=_left)
+            sensible = [case for case in joint.values() if case.good]
+            clearest = min(sensible, key=lambda case: case.best.left)
             common = column_verdicts(clearest)
     each = [
         (*_other_drives(record), *judged)
@@ -88,10 +89,6 @@ def checked_wirings(
         for judged in [over_time[k] or _of_recording(cases[k], common) if k in cases else ()]
     ]
     return common or (), each
-
-
-def _left(case: RemappedRecording) -> float:
-    return case.best.left
 
 
 def _goes_with_others(joint: RemappedRecording, alone: RemappedRecording) -> bool:
