@@ -106,6 +106,18 @@ def test_each_joint_gets_the_law_it_has_and_no_other(tmp_path):
     assert type(result.model).load(saved).friction_choice == choice
 
 
+def test_a_weak_term_is_that_of_other_drives_of_the_same_make(tmp_path: Path) -> None:
+    stribeck = {"speed": 0.3, "exponent": 2.0}
+    sizes = {"drive1": 2.0, "drive2": 2.0, "drive3": 0.05}
+    laws = {drive: {"stribeck": {"coefficient": size, **stribeck}} for drive, size in sizes.items()}
+    values = {f"stribeck.{drive}": size for drive, size in sizes.items()}
+    result, _ = chosen(tmp_path, laws, "irb360-6-1600", values)
+    friction = result.robot.friction
+    speeds = [friction[drive].stribeck.speed for drive in sizes if friction[drive].stribeck]
+    assert speeds == pytest.approx([0.3, 0.3, 0.3], rel=0.3)
+    assert friction["drive4"].stribeck is None  # of another make
+
+
 @pytest.mark.parametrize("noise_seed", swept([1, 2], 1))
 def test_plain_friction_stays_plain(tmp_path, noise_seed):
     result, _ = chosen(tmp_path, {}, "clavel-delta3", {}, noise_seed)

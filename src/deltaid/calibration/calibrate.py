@@ -124,8 +124,8 @@ class Calibration(Shown, Plotted, Tabled, Reported):
     @property
     def unseen(self) -> tuple[str, ...]:
         """Mistakes of measuring that these readings cannot show."""
-        limbs, kinds = self.described.limbs, {session.kind for session in self.sessions}
-        if "points" in kinds or limbs is None or not limbs.identical:
+        kinds = {session.kind for session in self.sessions}
+        if "points" in kinds or not self.described.identical_drives:
             return ()
         return (
             "whether x and y of commanded points, or two drives, are exchanged (equal limbs mirror "

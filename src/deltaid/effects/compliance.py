@@ -155,8 +155,7 @@ class _Fit:
 
     def _of_limbs(self, S: Groups) -> Bool[np.ndarray, " groups"]:
         """Which groups are of drives of identical limbs."""
-        limbs = self.rows.dynamics.robot.limbs
-        count = limbs.count if limbs is not None and limbs.identical else 0
+        count = len(self.rows.dynamics.robot.identical_drives)
         return np.asarray(S[:count].any(axis=0))
 
     def swept(self, S: Groups, start: Compliance, p: Parameters, most: int = _SWEEPS) -> Windup:

@@ -36,8 +36,7 @@ class Gain(UnknownEffect, DescribedEffect):
     )
 
     def columns(self, point: TracePoint) -> ColumnsOfDrives:
-        limbs = point.dynamics.robot.limbs
-        count = limbs.count if limbs is not None and limbs.identical else 1
+        count = max(len(point.dynamics.robot.identical_drives), 1)
         ratios = np.zeros((point.dof, count - 1))
         ratios[:count] = null_space(np.ones((1, count)))
         return of_own_drives(point.model[:, :, None]) @ ratios

@@ -67,13 +67,13 @@ def decided(before: ContestOutcome, last: Contest, *, may_wind_up: bool) -> Cont
 def _wound(robot: RobotDescription, last: Contest, compliance: Coefficients) -> Coefficients:
     """Compliances of gears: the same for identical limbs unless these contradict it, and none that
     is within its standard deviation."""
-    group, limbs = last.group(WIND_UP), robot.limbs
-    if limbs is not None and limbs.identical:
-        own = group.columns[: limbs.count]
+    group, count = last.group(WIND_UP), len(robot.identical_drives)
+    if count:
+        own = group.columns[:count]
         covariance = last.shrunk.covariance[np.ix_(own, own)] * last.shrunk.level(group)
-        if agree(compliance[: limbs.count], covariance):
-            common = common_lag(compliance[: limbs.count], covariance)[0]
-            compliance = np.append(np.full(limbs.count, common), compliance[limbs.count :])
+        if agree(compliance[:count], covariance):
+            common = common_lag(compliance[:count], covariance)[0]
+            compliance = np.append(np.full(count, common), compliance[count:])
     return np.where(compliance > last.shrunk.deviation(group), compliance, 0.0)
 
 

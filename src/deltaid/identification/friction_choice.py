@@ -4,7 +4,8 @@
    explain (`friction_rows`). If no further term of any joint explains more of them than chance,
    everything stays as described.
 2. The term that is least likely by chance is added, and again to what it leaves. Terms of the
-   description stay: they are part of what the rows are without.
+   description stay: they are part of what the rows are without. Drives of identical limbs are of
+   one make: what one of them got need only be probable for the others (95 %).
 3. The constants of the terms that were added are refined together with all coefficients, positive
    as they must be, by Gauss–Newton (`friction_constants`).
 4. What the refined laws can do without is dropped again. There is no second round: it would only
@@ -114,6 +115,7 @@ class _Step:
 
     variant: Variant
     judged: JudgedColumns
+    is_shared: bool = False  # drives of the same make have such a term
 
     @property
     def joint(self) -> str:
@@ -122,7 +124,12 @@ class _Step:
     @property
     def is_useful(self) -> bool:
         """Whether it is beyond chance, and large enough to matter."""
-        return self.judged.surprise > _SEEN and self.judged.is_large
+        is_large = self.judged.is_large or self.is_shared
+        return self.judged.surprise > self.least_surprise and is_large
+
+    @property
+    def least_surprise(self) -> float:
+        return _PROBABLE if self.is_shared else _SEEN
 
     def trial(self, *, useful: bool) -> FrictionTrial:
         return FrictionTrial(
@@ -155,8 +162,9 @@ class _TermSearch:
         bare = {variant: A - U @ (U.T @ A) for variant, A in self.bare.items()}
         return _TermSearch(self.rows, bare, self.residual - U @ (U.T @ self.residual))
 
-    def step(self, option: Sequence[Variant]) -> _Step | None:
-        """The variant of an addition that explains most; None where none is identifiable."""
+    def step(self, option: Sequence[Variant], others: Iterable[_Step] = ()) -> _Step | None:
+        """The variant of an addition that explains most beside other steps; None where none is
+        identifiable."""
         most, best = -1.0, None
         for variant in option:
             A = self.bare[variant]
@@ -168,7 +176,18 @@ class _TermSearch:
         if best is None:
             return None
         variant, U = best
-        return _Step(variant, self.rows.judged(U, self.residual, variant.constants))
+        is_shared = variant.term in _of_their_make(self.rows.dynamics.robot, others)
+        return _Step(variant, self.rows.judged(U, self.residual, variant.constants), is_shared)
+
+
+def _of_their_make(robot: RobotDescription, steps: Iterable[_Step]) -> set[JointTerm]:
+    """Terms of steps, for all other drives of identical limbs."""
+    drives = robot.identical_drives
+    return {
+        (drive, step.variant.kind)
+        for step in steps if step.joint in drives
+        for drive in drives if drive != step.joint
+    }  # fmt: skip
 
 
 @threadpool_limits.wrap(limits=1, user_api="blas")  # for narrow matrices, threads only wait
@@ -198,14 +217,14 @@ def _extended(rows: FrictionRows, barred: Collection[JointTerm]) -> tuple[list[_
     search = _TermSearch.begun(rows, [variant for option in left for variant in option])
     steps, first = list[_Step](), list[_Step]()
     for _ in range(_MOST):
-        trials = [step for option in left if (step := search.step(option))]
+        trials = [step for option in left if (step := search.step(option, steps))]
         first = first or trials
         useful = [step for step in trials if step.is_useful]
         if not useful:
             break
         best = max(useful, key=lambda step: step.judged.surprise)
         if best.variant.kind == "both_ways":
-            best = _simplest(best, useful, search)
+            best = _simplest(best, useful, search, steps)
         steps.append(best)
         added = {best.variant.term}
         if best.variant.kind == "both_ways":  # laws for both directions include an offset
@@ -215,11 +234,13 @@ def _extended(rows: FrictionRows, barred: Collection[JointTerm]) -> tuple[list[_
     return steps, first
 
 
-def _simplest(both: _Step, useful: Sequence[_Step], search: _TermSearch) -> _Step:
+def _simplest(
+    both: _Step, useful: Sequence[_Step], search: _TermSearch, steps: Sequence[_Step]
+) -> _Step:
     """An offset in place of a law for each direction, if what that has more is chance."""
     for offset in useful:
         if offset.variant.term == (both.joint, "offset"):
-            more = search.without(offset.judged.directions).step([both.variant])
+            more = search.without(offset.judged.directions).step([both.variant], steps)
             return both if more is not None and more.is_useful else offset
     return both
 
@@ -268,10 +289,8 @@ def _with_constants(rows: FrictionRows, kept: Sequence[_Step], refit: Refined) -
 def missing_offsets(rows: FrictionRows, laws: Mapping[str, Friction]) -> list[Variant]:
     """Offsets of those drives of identical limbs that have no constant, where chosen laws of others
     have."""
-    robot, limbs = rows.dynamics.robot, rows.dynamics.robot.limbs
-    if limbs is None or not limbs.identical:
-        return []
-    drives, now = robot.drives[: limbs.count], dict(robot.friction) | dict(laws)
+    robot = rows.dynamics.robot
+    drives, now = robot.identical_drives, dict(robot.friction) | dict(laws)
     missing = {drive for drive in drives if drive in now and not now[drive].has_constant}
     if not set(drives) & laws.keys() - missing:
         return []
@@ -291,7 +310,7 @@ def _imitated(rows: FrictionRows, steps: Sequence[_Step], refit: Refined) -> _St
             less = refined(rows, _laws(rows, others))
             surprises[step] = surprise_of_more(rows, refit, less, 1 + step.variant.constants)
     worst = min(surprises, key=lambda step: surprises[step], default=None)
-    return worst if worst is not None and surprises[worst] <= _SEEN else None
+    return worst if worst is not None and surprises[worst] <= worst.least_surprise else None
 
 
 def _spare(rows: FrictionRows, steps: Sequence[_Step], refit: Refined) -> _Step | None:
@@ -306,7 +325,8 @@ def _spare(rows: FrictionRows, steps: Sequence[_Step], refit: Refined) -> _Step 
     search, surprises = _TermSearch.begun(rows, list(forms.values())), dict[_Step, float]()
     for step, form in forms.items():
         others = np.hstack([A * (variant is not form) for variant, A in search.bare.items()])
-        now = search.without(others @ independent(others)).step([form])
+        beside = search.without(others @ independent(others))
+        now = beside.step([form], (other for other in steps if other is not step))
         if now is None or not now.is_useful:
             surprises[step] = now.judged.surprise if now is not None else 0.0
     return min(surprises, key=lambda step: surprises[step], default=None)

@@ -15,7 +15,7 @@ they were refined to (δx = 0), for a hardly known constant would leave the line
 range; whoever judges the fit takes δx as free (`freed`).
 """
 
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -47,6 +47,8 @@ _STEPS, _LARGEST, _SETTLED = 12, 0.4, 1e-3
 SELDOM = 3.5
 # Standard deviation of a logarithm about its value by the grid.
 _SPREAD = 1.0
+# The same of its difference from the mean of drives of one make.
+_UNLIKE = 0.25
 # Stribeck's speed stays within these shares of the joint's fastest.
 _SPEEDS = (0.003, 3.0)
 # Weight of the prior at columns of unit length: it only affects dependent ones.
@@ -150,7 +152,7 @@ def _fit(
     priors = np.array([t.parameter.prior for t in terms])
     first = _bounded(columns, tau, low, high, priors)
     coefficients, residual = dict(zip(terms, first.tolist(), strict=True)), tau - columns @ first
-    constants = {
+    constants: dict[_Constant, FrictionTerm] = {
         (t.joint, t.kind, name): t for t in terms if t.joint in laws for name in t.constants
         if not (name == "exponent" and t.kind == "stribeck" and t.joint in usual)
     }  # fmt: skip
@@ -159,12 +161,23 @@ def _fit(
     shapes = [(joints[joint], of_slope(t, name)) for (joint, _, name), t in constants.items()]
     sizes, n = np.array([coefficients[t] for t in constants.values()]), len(constants)
     slopes = rows.rigid.without(rows.columns(shapes) * sizes)
-    prior = np.hstack([np.zeros((n, len(terms))), np.eye(n) / _SPREAD])
-    A = np.vstack([np.hstack([columns, slopes]), prior])
-    b = np.append(tau, [-travel.get(constant, 0.0) / _SPREAD for constant in constants])
+    travelled = np.array([travel.get(constant, 0.0) for constant in constants])
+    values = np.log([getattr(t, name) for (_, _, name), t in constants.items()])
+    unlike = _unlike(list(constants), described.identical_drives)
+    prior = np.vstack([np.eye(n) / _SPREAD, unlike / _UNLIKE])
+    A = np.vstack([np.hstack([columns, slopes]), np.hstack([np.zeros((2 * n, len(terms))), prior])])
+    b = np.concatenate([tau, -travelled / _SPREAD, -unlike @ values / _UNLIKE])
     bounds = np.append(low, np.full(n, -_LARGEST)), np.append(high, np.full(n, _LARGEST))
     x = _bounded(A, b, *bounds, np.append(priors, np.zeros(n)))
     return coefficients, dict(zip(constants, x[len(terms) :].tolist(), strict=True)), residual
+
+
+def _unlike(constants: Sequence[_Constant], drives: Collection[str]) -> Float[np.ndarray, "n n"]:
+    """Differences of each constant from the mean of those that drives of one make have in its
+    place."""
+    places = [(kind, name, joint if joint not in drives else "") for joint, kind, name in constants]
+    alike = np.array([[other == place for other in places] for place in places])
+    return np.eye(len(places)) - alike / alike.sum(axis=1, keepdims=True)
 
 
 def _bounded(

@@ -146,11 +146,10 @@ def gains(setup: Setup, progress: Progress) -> Setup:
     """
     setup = setup.without(Gains).all_repaired(gain=())
     dynamics, settings, others = setup.dynamics, setup.settings, setup.additions
-    limbs, alike = setup.robot.limbs, ()
     absolute = any(addition.witness for addition in others)
-    if not absolute and limbs is not None and limbs.identical:
-        uneven = setup.outcome is not None and "gain" in setup.outcome.kept
-        alike = tuple(range(limbs.count)) if uneven else ()
+    is_uneven = setup.outcome is not None and "gain" in setup.outcome.kept
+    count = len(setup.robot.identical_drives) if is_uneven and not absolute else 0
+    alike = tuple(range(count))
     if not (absolute or alike):
         return setup
     progress("comparing drives with what is known in N m" if absolute else "comparing drives")

@@ -144,6 +144,12 @@ class RobotDescription(Shown, Plotted, Reported, Part):
         return tuple(f"drive{i + 1}" for i in range(n))
 
     @property
+    def identical_drives(self) -> tuple[str, ...]:
+        """Names of the drives of identical limbs, which are of one make; they come first."""
+        is_alike = self.limbs is not None and self.limbs.identical
+        return self.drives[: self.limbs.count] if is_alike else ()
+
+    @property
     def body_names(self) -> tuple[str, ...]:
         """Names of the bodies, in the order of p."""
         if self.mechanism is not None:
