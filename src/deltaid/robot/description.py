@@ -146,8 +146,9 @@ class RobotDescription(Shown, Plotted, Reported, Part):
     @property
     def identical_drives(self) -> tuple[str, ...]:
         """Names of the drives of identical limbs, which are of one make; they come first."""
-        is_alike = self.limbs is not None and self.limbs.identical
-        return self.drives[: self.limbs.count] if is_alike else ()
+        if self.limbs is None or not self.limbs.identical:
+            return ()
+        return self.drives[: self.limbs.count]
 
     @property
     def body_names(self) -> tuple[str, ...]:
