@@ -113,6 +113,11 @@ DAMAGE = TOGETHER | {
     "line": ("bed", changed(x=pl.lit(0.0)), "lie on a line"),
     "z down": ("bed", changed(z=-pl.col("z")), "does not stand at this point"),
     "below": ("gauge", changed(block=-pl.col("block")), "blocks stand below the plane"),
+    "homing": (
+        "points",
+        changed(**{name: pl.col(name) + 0.02 for name in ("q1", "q2", "q3")}),
+        ".zero off by 18 times what the description allows",
+    ),
     "no block": ("gauge", lambda frame: frame.drop("block"), "misfit every geometry"),
     "negative": ("parts", changed(distance=-pl.col("distance")), "not positive"),
     "huge": ("points", changed(py=1e300 * pl.col("py")), "wrong.csv, row 2: column py is "),

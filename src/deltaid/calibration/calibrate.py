@@ -8,11 +8,12 @@ import numpy as np
 from jaxtyping import Float
 from scipy.stats import chi2
 
-from deltaid.calibration.fit import CHANCE, GROWN, OUTLIER, GeometryFit, UsedReadings, fit
+from deltaid.calibration.fit import GROWN, GeometryFit, UsedReadings, fit
 from deltaid.calibration.loops import Loops
 from deltaid.calibration.mistakes import require_new_readings, require_plausible
 from deltaid.calibration.outlook import Direction, Knows, Places, open_directions, places
 from deltaid.calibration.readings import ProbeReadings
+from deltaid.calibration.rows import CHANCE, OUTLIER
 from deltaid.calibration.tables import Measurements, ReadingsLike, read
 from deltaid.calibration.unknowns import (
     TOLERANCE,
@@ -108,7 +109,7 @@ class Calibration(Shown, Plotted, Tabled, Reported):
         after, before, worst = (
             f"{1e3 * x:.2g}" for x in (self.after.position, self.before.position, self.after.worst)
         )
-        grade = "doubtful" if self.open or any(x.grown > GROWN for x in self.sessions) else "good"
+        grade = "doubtful" if self.open or self.doubts else "good"
         return (
             f"{grade}: positions to {after} mm ({before} before, {worst} at worst); "
             f"sizes to {percent(self.after.size)}"
@@ -137,12 +138,11 @@ class Calibration(Shown, Plotted, Tabled, Reported):
     def doubts(self) -> tuple[str, ...]:
         """Numbers that are farther from the description than it allows, noise that is larger or
         smaller than stated, and what checks of recordings doubt."""
-        far = np.abs(self.values) / [number.spread or np.inf for number in self.known.numbers]
-        torques = self.known.torques
+        far, torques = self.fit.far, self.known.torques
         rows = [
             (f"{self.names[k]} is {far[k]:.2g} standard deviations from its description",
              "a tolerance that is too small for the part",
-             "measure it, or state its tolerance in the robot file")
+             "measure it, or state how far it may be off with --lengths and --angles")
             for k in np.argsort(-far)[:3] if far[k] > OUTLIER
         ] + [
             (f"{x.source}: residuals are {x.grown:.2g}× the stated noise",

@@ -17,22 +17,26 @@ from functools import cached_property
 from itertools import pairwise
 
 import numpy as np
-from jaxtyping import Bool, Float, Int
-from scipy.stats import chi2, norm
+from jaxtyping import Float, Int
+from scipy.stats import norm
 
 from deltaid.calibration.loops import STEPS, Loops
 from deltaid.calibration.readings import Instrument
+from deltaid.calibration.rows import (
+    OUTLIER,
+    Residuals,
+    U,
+    Used,
+    WeightedRows,
+    noise_levels,
+    step_of,
+)
 from deltaid.calibration.unknowns import Unknowns
 from deltaid.errors import IdentificationError, KinematicsError
-from deltaid.estimation.problem import LinearProblem
 from deltaid.sensors.planning.knowledge import Knowledge
 
 # Change of a number, in units of its prior, that ends the steps.
 _STILL = 1e-7
-# Prior of an instrument's unknowns [m or rad]: they move less in a step.
-FAR = 10.0
-# Number of standard deviations beyond noise: chance makes one of two million.
-OUTLIER = 5.0
 # Smaller shares are little: of outliers, of unmodelled torque, of a misfit, of the remaining error.
 LITTLE = 0.2
 # Noise above this multiple of the stated one, together with residuals above this multiple of what
@@ -42,42 +46,6 @@ _CURE = (
     "check that the description is of this robot, units, columns, and the drives' zeros; "
     "or state how far its numbers may be off with --lengths and --angles"
 )
-# Probability of calling the noise larger or smaller than stated by chance.
-CHANCE = 0.01
-
-U = Float[np.ndarray, " free"]
-Used = Bool[np.ndarray, " readings"]
-Residuals = Float[np.ndarray, "readings values"]
-
-
-@dataclass(frozen=True, eq=False)
-class WeightedRows:
-    """Linearised rows of an instrument, or of torques, in units of their noise: slopes by u and all
-    v, measured minus predicted, and which readings the fit uses."""
-
-    slopes: Float[np.ndarray, "readings values variables"]
-    errors: Residuals
-    used: Used
-
-    @cached_property
-    def used_slopes(self) -> Float[np.ndarray, "rows variables"]:
-        return self.slopes[self.used].reshape(-1, self.slopes.shape[2])
-
-    @property
-    def rms(self) -> float:
-        """Root mean square of the errors that the fit uses."""
-        return float(np.sqrt(np.mean(self.errors[self.used] ** 2)))
-
-    def chance(self, knowledge: Knowledge) -> tuple[float, float]:
-        """Sum of squared errors, and its expectation."""
-        square, taken = self.errors[self.used] ** 2, (self.used_slopes @ knowledge.inverse) ** 2
-        return float(square.sum()), square.size - float(taken.sum())
-
-    def level(self, knowledge: Knowledge) -> float:
-        """Factor by which noise exceeds the assumed one; 1 where chance explains the squares."""
-        square, freedom = self.chance(knowledge)
-        explained = freedom < 1 or square <= chi2.ppf(1 - CHANCE, freedom)
-        return 1.0 if explained else float(np.sqrt(square / freedom))
 
 
 @dataclass(frozen=True, eq=False)
@@ -145,6 +113,12 @@ class GeometryFit:
         return tuple(residuals)
 
     @property
+    def far(self) -> Float[np.ndarray, " numbers"]:
+        """Distance of each number from its description, in units of what that allows."""
+        spreads = [number.spread or np.inf for number in self.known.numbers]
+        return np.abs(self.known.G @ self.u) / spreads
+
+    @property
     def root(self) -> Float[np.ndarray, "free variables"]:
         """L with Cov u = L Lᵀ."""
         return self.knowledge.inverse[: len(self.u)]
@@ -186,7 +160,6 @@ def tool_slopes(
 def _solved(loops: Loops, known: Unknowns, readings: Sequence[UsedReadings], u: U) -> GeometryFit:
     n, columns = len(u), instrument_columns(len(u), [part.instrument for part in readings])
     width = n + sum(map(len, columns))
-    D = np.diag(np.where(np.arange(width) < n, 1.0, 1 / FAR))
     for _ in range(STEPS):
         readings = [
             part.weighted(loops, known, u, places, width)
@@ -197,14 +170,9 @@ def _solved(loops: Loops, known: Unknowns, readings: Sequence[UsedReadings], u: 
             by_u, every = known.torques.A @ known.G, np.ones(len(known.torques.b), dtype=bool)
             slopes = np.pad(by_u, ((0, 0), (0, width - n)))[:, None]
             rows.append(WeightedRows(slopes, (known.torques.b - by_u @ u)[:, None], every))
-        A = np.vstack([part.used_slopes for part in rows])
-        error = np.concatenate([part.errors[part.used].ravel() for part in rows])
-        problem = LinearProblem(A, error, np.zeros(len(error), dtype=int))
-        step = problem.with_known(D, np.pad(-u, (0, width - n))).x
+        step, knowledge = step_of(rows, u)
         if np.abs(step[:n]).max() < _STILL:
-            return GeometryFit(
-                loops, known, tuple(readings), tuple(rows), u, knowledge=Knowledge(D).and_rows(A)
-            )
+            return GeometryFit(loops, known, tuple(readings), tuple(rows), u, knowledge)
         u = u + step[:n]
         readings = [
             replace(part, state=part.instrument.moved(part.state, step[places]))
@@ -274,7 +242,7 @@ def _without_outliers(solution: GeometryFit) -> GeometryFit:
 def _with_predicted(solution: GeometryFit) -> GeometryFit:
     """The fit with the noise that residuals show, and with all readings that the others predict."""
     while True:
-        grown = [rows.level(solution.knowledge) for rows in solution.rows]
+        grown = noise_levels(solution.rows, solution.u)
         readings = []
         for part, far, more in zip(solution.readings, solution.residuals, grown, strict=False):
             explained = np.abs(far).max(axis=1) < OUTLIER * more
@@ -296,6 +264,13 @@ def _with_predicted(solution: GeometryFit) -> GeometryFit:
             raise part.misfit(
                 f"{part.instrument.readings} misfit every geometry near the described one by "
                 f"{1e3 * part.rms * part.noise:.3g} mm"
+            )
+        most = int(np.argmax(solution.far))
+        if solution.far[most] > OUTLIER and part.level(solution.knowledge) > 1.0:
+            number, times = solution.known.names[most], solution.far[most]
+            raise part.misfit(
+                f"{part.instrument.readings} misfit every geometry near the described one; the "
+                f"best has {number} off by {times:.0f} times what the description allows"
             )
     return solution
 

@@ -12,7 +12,7 @@ import numpy as np
 from jaxtyping import Float
 from scipy.optimize import linear_sum_assignment
 
-from deltaid.calibration.fit import LITTLE, OUTLIER, tool_slopes
+from deltaid.calibration.fit import LITTLE, tool_slopes
 from deltaid.calibration.loops import Loops
 from deltaid.calibration.readings import (
     NAMED_UNITS,
@@ -24,6 +24,7 @@ from deltaid.calibration.readings import (
     aligned,
     lengths,
 )
+from deltaid.calibration.rows import OUTLIER
 from deltaid.calibration.unknowns import TOLERANCE, Unknowns
 from deltaid.errors import RecordingError
 from deltaid.model.verdict import listed

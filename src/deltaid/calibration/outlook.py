@@ -22,7 +22,6 @@ import numpy as np
 from jaxtyping import Float
 
 from deltaid.calibration.fit import (
-    FAR,
     LITTLE,
     GeometryFit,
     UsedReadings,
@@ -31,6 +30,7 @@ from deltaid.calibration.fit import (
 )
 from deltaid.calibration.loops import Loops
 from deltaid.calibration.readings import KINDS, Instrument, ProbeReadings
+from deltaid.calibration.rows import FAR
 from deltaid.calibration.unknowns import WORDS, Unknowns
 from deltaid.errors import DescriptionError
 from deltaid.mechanism.kinematics import Kinematics
