@@ -75,6 +75,7 @@ MISTAKES = {
                         "or two drives are exchanged"),
 }  # fmt: skip
 THIRD = pl.int_range(pl.len()) % 3 == 1
+DRIVES = ("q1", "q2", "q3")
 HALF = pl.int_range(pl.len()) < pl.len() // 2
 TOGETHER = {
     "some rows in mm": (
@@ -115,7 +116,7 @@ DAMAGE = TOGETHER | {
     "below": ("gauge", changed(block=-pl.col("block")), "blocks stand below the plane"),
     "homing": (
         "points",
-        changed(**{name: pl.col(name) + 0.02 for name in ("q1", "q2", "q3")}),
+        changed(**{q: pl.col(q) + 0.02 for q in DRIVES}),
         ".zero off by 18 times what the description allows",
     ),
     "no block": ("gauge", lambda frame: frame.drop("block"), "misfit every geometry"),
@@ -126,6 +127,10 @@ DAMAGE = TOGETHER | {
     "huge drive": ("points", in_row(3, "q2", -1e199), "row 5: column q2 is -1e+199 rad, which"),
     "counts": ("points", changed(q1=3e4 * pl.col("q1")), "rad; more than an arm turns"),
     "out of reach": ("bed", in_row(3, "x", 9.0), "wrong.csv, row 5: limb "),
+    "stated in mm": ("points", changed(**{name: pl.col(name) / 1e3 for name in POINT}),
+                     "times those of the robot's poses → check units and columns"),
+    "drives stated in degrees": ("points", changed(**{q: pl.col(q) / 57.3 for q in DRIVES}),
+                                 "check units and columns"),
     "one axis in mm": ("points", thousandfold("pz"), "not in all directions"),
 }  # fmt: skip
 

@@ -141,6 +141,9 @@ def test_faults_of_recordings_are_named(recorded: Machine, tmp_path: Path) -> No
         said = refused(*given, tmp_path / "log.csv", folder=tmp_path)
         assert named in " ".join(said.split()), fault
         assert "log.csv" in said
+    recorded.recording.head(0).write_csv(tmp_path / "log.csv")
+    empty = refused(*given, tmp_path / "log.csv", folder=tmp_path)
+    assert "log.csv: has fewer than two rows of data" in empty
     alone = ("calibrate", CLAVEL, "--torques", tmp_path / "log.csv")
     assert "no poses were measured" in refused(*alone, folder=tmp_path)
 

@@ -146,8 +146,9 @@ class Calibration(Shown, Plotted, Tabled, Reported):
             for k in np.argsort(-far)[:3] if far[k] > OUTLIER
         ] + [
             (f"{x.source}: residuals are {x.grown:.2g}× the stated noise",
-             "rows beside other poses, or numbers held or shared that differ",
-             "compare the rows with their poses, or state the noise with --columns")
+             "noise that is stated too small, rows beside other poses, or numbers held or shared "
+             "that differ",
+             "state the noise with --columns, or compare the rows with their poses")
             for x in self.sessions if x.grown > GROWN
         ] + [
             (f"{x.source}: residuals are {x.residual / x.noise:.2g}× the stated noise, so "
@@ -160,8 +161,8 @@ class Calibration(Shown, Plotted, Tabled, Reported):
             rows.append(
                 (f"{torques.source}: torques contradict the poses, {torques.grown:.2g}× their "
                  "noise",
-                 "a fault of this recording",
-                 "run deltaid check on it")
+                 "drives that were homed in between, or a fault of this recording",
+                 "record and measure without homing, and run deltaid check on the recording")
             )  # fmt: skip
         return (
             *(Doubt(what, cause=cause, cure=cure) for what, cause, cure in rows),

@@ -198,7 +198,7 @@ def fit(loops: Loops, known: Unknowns, instruments: Sequence[Instrument]) -> Geo
         raise IdentificationError(
             f"no geometry near the described one explains the readings: {error.what}",
             where=", ".join(instrument.source for instrument in instruments),
-            cure="check the drives' signs, zeros and order, and the readings' signs",
+            cure="check units, the drives' signs, zeros and order, and the readings' signs",
         ) from None
 
 

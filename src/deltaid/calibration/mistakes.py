@@ -111,7 +111,9 @@ def _require_spread(instrument: Instrument, x: Tools) -> None:
     probed = isinstance(instrument, ProbeReadings)
     parts = (x[:, 0, :2],) if probed else (x[:, 0], instrument.values)
     wide = [np.linalg.svd(part - part.mean(axis=0), compute_uv=False)[1] for part in parts]
-    if min(wide) < TOLERANCE * np.sqrt(len(x)):
+    # readings may be in a unit that is too small
+    least = np.array([1.0, 1 / max(NAMED_UNITS)])[: len(parts)] * TOLERANCE * np.sqrt(len(x))
+    if np.any(wide < least):
         raise RecordingError(
             f"{instrument.readings} lie on a line, or in one place",
             where=instrument.source,
@@ -160,7 +162,7 @@ def _require_unit(instrument: Instrument, x: Tools) -> None:
     if 1 / metre < ratio < metre:
         return
     unit = min(NAMED_UNITS, key=lambda factor: abs(np.log(ratio / factor)))
-    likely = f"; likely they are in {NAMED_UNITS[unit]}" if 0.5 < ratio / unit < 2 else ""
+    likely = f"; likely they are in {NAMED_UNITS[unit]}" if abs(ratio / unit - 1) < LITTLE else ""
     cure = f"say so: unit: {NAMED_UNITS[unit]} under {instrument.kind}, with --columns FILE.yaml"
     raise RecordingError(
         f"lengths are {ratio:.4g} times those of the robot's poses"
