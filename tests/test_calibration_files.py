@@ -175,6 +175,8 @@ def test_what_cannot_be_is_refused(files: Path, tmp_path: Path) -> None:
         (): "nothing was measured",
         (*bed, "--struts-apart"): "strut_spacing",
         (*bed, "--tool", "1"): "must be three numbers",
+        (*bed, "--tool", "0,0,-0.05"): "--tool: has no effect without --struts-apart",
+        (*bed, "--struts-apart", "--tool", "0,0,-50"): "tool: must lie between",
         (*bed, "--budget", "100"): "--budget: has no effect without --next",
         (*bed, "--sensors", files / "shop.yaml"): "--sensors: has no effect without --next",
         (*bed, "--columns", own): "did you mean noise?",
@@ -184,6 +186,13 @@ def test_what_cannot_be_is_refused(files: Path, tmp_path: Path) -> None:
         ("--points", files / "points.csv", "--columns", doubled): "px and py are one column",
     }.items():
         assert said in refused("calibrate", CLAVEL, *arguments, folder=tmp_path)
+
+
+def test_of_several_files_the_one_at_fault_is_named(files: Path, tmp_path: Path) -> None:
+    wrong = tmp_path / "wrong.csv"
+    exchanged("b_x", "b_y")(pl.read_csv(files / "parts.csv")).write_csv(wrong)
+    given = ("--probe", files / "gauge.csv", "--distances", wrong)
+    assert "gauge.csv" not in refused("calibrate", CLAVEL, *given, folder=tmp_path)
 
 
 def test_arguments_that_cannot_be_are_refused_in_python(files: Path) -> None:

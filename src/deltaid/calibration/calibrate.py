@@ -222,6 +222,10 @@ def calibrate(
     within("angles", angles or 0.0, (0.0, _STEEPEST))
     if len(tool) != 3:
         raise DeltaidError(f"must be three numbers, not {len(tool)}", where="tool")
+    if description.limbs is not None:  # in mm it would be longer than a strut
+        longest = float(np.max(description.limbs.strut))
+        for part in tool:
+            within("tool", part, (-longest, longest))
     shared, hold = ((x,) if isinstance(x, str) else x for x in (shared, hold))
     known = unknowns(
         description, apart=struts_apart, length=lengths, angle=angles, shared=shared, held=hold

@@ -195,6 +195,8 @@ def fit(loops: Loops, known: Unknowns, instruments: Sequence[Instrument]) -> Geo
         solution = _solved(loops, known, readings, np.zeros(known.G.shape[1]))
         return _with_predicted(_without_outliers(solution))
     except KinematicsError as error:
+        for instrument in instruments if len(instruments) > 1 else ():
+            fit(loops, replace(known, torques=None), [instrument])  # names the file at fault
         raise IdentificationError(
             f"no geometry near the described one explains the readings: {error.what}",
             where=", ".join(instrument.source for instrument in instruments),

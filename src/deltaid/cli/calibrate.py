@@ -120,14 +120,17 @@ def calibrate(
         raise DeltaidError(
             f"must be three numbers such as 0,0,-0.05, not {tool!r}", where="--tool"
         ) from None
-    if not following:
-        for option, value in {"--sensors": offers, "--budget": budget}.items():
-            if value is not None:
-                raise DeltaidError(
-                    "has no effect without --next",
-                    where=option,
-                    cure="add --next 6, or leave it out",
-                )
+    for option, idle, needs in (
+        ("--sensors", offers is not None and not following, "--next 6"),
+        ("--budget", budget is not None and not following, "--next 6"),
+        ("--tool", any((x, y, z)) and not struts_apart, "--struts-apart"),
+    ):
+        if idle:
+            raise DeltaidError(
+                f"has no effect without {needs.split()[0]}",
+                where=option,
+                cure=f"add {needs}, or leave it out",
+            )
     shop = shipped_offers() if offers is None else deltaid.load_offers(offers)
     with progress(as_json) as say:
         say("fitting the geometry")
