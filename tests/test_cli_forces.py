@@ -98,6 +98,8 @@ def test_without_spacing_it_says_what_is_missing(folder: Path) -> None:
 def test_what_cannot_be_is_refused(folder: Path) -> None:
     command = ("forces", folder / "model.yaml", folder / "verify.csv")
     assert "--strut-spacing" in refused(*command, "--strut-spacing", -1, folder=folder)
+    millimetres = refused(*command, "--strut-spacing", 80, folder=folder)
+    assert "--strut-spacing: must lie between" in millimetres
     assert "would overwrite" in refused(*command, "-o", folder / "verify.csv", folder=folder)
     page = folder / "a.html"
     assert "--output" in refused(*command, "-o", page, "--report", page, folder=folder)

@@ -233,3 +233,10 @@ def test_a_comparison_with_a_load(folder: Path) -> None:
     known = runs["pd-feedforward", "identified, load known"]
     assert known["platform_rms"] < 0.2 * blind["platform_rms"]
     assert [end["mass"] for end in known["ends"]] == pytest.approx([0.8, 1.2])
+
+
+def test_a_motion_out_of_reach_of_rails_says_nothing_of_arms(tmp_path: Path) -> None:
+    rows = "".join(f"{k / 100},-2,{k / 1000},0.5\n" for k in range(400))
+    (tmp_path / "motion.csv").write_text(f"t,q1,q2,q3\n{rows}", encoding="utf-8")
+    said = refused("simulate", "linear-delta", tmp_path / "motion.csv", folder=tmp_path)
+    assert "check sign, zero, unit and order of the drives and the robot's lengths" in said

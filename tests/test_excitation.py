@@ -11,6 +11,7 @@ import pytest
 from command import refused, run
 from deltaid.control.options import ControllerName
 from deltaid.dynamics.dynamics import compiled
+from deltaid.errors import DeltaidError
 from deltaid.exports.options import TargetName
 from deltaid.model.options import Method
 from deltaid.motion.excitation.excite import Excitation, ExcitationSettings, Exciter
@@ -217,6 +218,11 @@ def test_prior_and_recording_weigh_as_in_a_posterior(exciters, optima) -> None:
         rtol=1e-7,
         atol=1e-7,
     )
+
+
+def test_a_rate_that_does_not_show_the_motion_is_refused() -> None:
+    with pytest.raises(DeltaidError, match="1 Hz does not show a motion of up to 2 Hz"):
+        Exciter("clavel-delta3", ExcitationSettings(rate=1.0))
 
 
 def test_a_picture_without_matplotlib_is_refused_before_any_work(tmp_path, monkeypatch) -> None:

@@ -198,6 +198,7 @@ def test_a_strut_that_cannot_be(value: object) -> None:
     ("part", "updates", "fragment"),
     [
         (LIMBS, {"strut_spacing": -0.5}, "Limbs: strut_spacing: must be greater than"),
+        (LIMBS, {"strut_spacing": 80.0}, "strut_spacing: is 80 m, no less than the struts'"),
         (LIMBS, {"strut_spacing": math.nan}, "Limbs: strut_spacing: must be a finite number"),
         (LIMBS, {"strut": 1e20}, "Limbs: strut: 1e+20 m cannot be; lengths are in metres"),
         (LIMBS, {"strut_spacings": 0.1}, "Limbs: strut_spacings: unknown key"),

@@ -148,9 +148,9 @@ def excite(
             described.title or described.name,
             view.verdict(result).sentence,
             f"{exciter.settings.criterion} {number(result.criterion_before)} before, "
-            f"{number(result.criterion_after)} after; {run.repeats} periods of "
-            f"{run.motion.period:.3g} s between ramps of {run.ramp:.3g} s, "
-            f"{run.duration:.4g} s in all",
+            f"{number(result.criterion_after)} after; {run.repeats} "
+            f"period{'s' * (run.repeats > 1)} of {run.motion.period:.3g} s between ramps "
+            f"of {run.ramp:.3g} s, {run.duration:.4g} s in all",
             f"largest {efforts} at the prior: {largest}",
         ],
         [view.prediction_table(result)],

@@ -118,8 +118,8 @@ def worst_cases(forces: ConstraintForces, extreme: Extremes) -> tuple[Worst, ...
     return (*cases, *(extreme.worst(x, "load", x) for x in loads if not x.endswith(".drive")))
 
 
-# Valid distances of struts [m] and forces of springs [N].
-_SPACINGS, _SPRINGS = (1e-6, 100.0), (1e-6, 1e7)
+# Least distance of struts [m], whose most is their length; valid forces of springs [N].
+_NEAREST, _SPRINGS = 1e-6, (1e-6, 1e7)
 
 _WITHOUT_LOADS = Doubt(
     "forces are those without the loads that the mapping declares",
@@ -222,7 +222,6 @@ def forces(
         RecordingError: a recording cannot be used, or the motion has no samples.
         IdentificationError: the recordings determine no base parameters, or a range was not found.
     """
-    positive("--strut-spacing", strut_spacing, _SPACINGS)
     positive("--socket-force", socket_force, _SPRINGS)
     known = with_struts(model, strut_spacing, socket_force)
     computed, given = ConstraintForces(known.robot), not isinstance(logs, Sequence) or bool(logs)
@@ -268,6 +267,7 @@ def with_struts(model: ModelLike, spacing: float | None, socket_force: float | N
 
     Raises:
         DescriptionError: limbs of one strut have neither.
+        DeltaidError: struts are farther apart than they are long.
     """
     model = load(model)
     limbs, asked = model.robot.limbs, {"strut_spacing": spacing, "socket_force": socket_force}
@@ -280,4 +280,5 @@ def with_struts(model: ModelLike, spacing: float | None, socket_force: float | N
             where="limbs",
             cure="leave --strut-spacing and --socket-force out, or set limbs.struts_per_limb to 2",
         )
+    positive("--strut-spacing", spacing, (_NEAREST, float(np.min(limbs.strut))))
     return replace(model, robot=model.robot.changed(limbs=limbs.changed(**given)))

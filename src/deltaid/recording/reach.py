@@ -28,10 +28,8 @@ _KEEP_AWAY = (
     "check zero and sign of the drives and the robot's lengths; a robot that does this cannot be "
     "held by its drives there, so keep the motion away from it"
 )
-_CHECK = (
-    "check sign, zero, unit and order of the drives (angle 0 = arm horizontal and outwards, "
-    "positive = down) and the robot's lengths"
-)
+_CHECK = "check sign, zero, unit and order of the drives{} and the robot's lengths"
+_ANGLES = " (angle 0 = arm horizontal and outwards, positive = down)"
 
 
 @dataclass(frozen=True, eq=False)
@@ -154,7 +152,8 @@ class ReachCheck:
         q, time, carried = stretch.q, stretch.time[bad], self.branch.carried
         before = float(carried.regular.worst[-1]) if carried else 0.0
         reason = f"{self.kinematics.why_not(q[bad : bad + 1])} at {self._angles(q[bad])}"
-        what, cure = f"{reason}, {time:.6g} s", _CHECK
+        rails = all(self.kinematics.robot.linear_drives[:3])
+        what, cure = f"{reason}, {time:.6g} s", _CHECK.format("" if rails else _ANGLES)
         if before > self.kinematics.robot.largest_condition:
             cure = _KEEP_AWAY
             what = (

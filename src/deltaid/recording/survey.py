@@ -147,7 +147,7 @@ class Survey:
             more = f", and so in {count - 1} more places of {len(q)} rows" if count > 1 else ""
             raise LostReadingError(
                 f"column {name} is {there:.5g} {unit} for {lasts}, between {before:.5g} and "
-                f" {after:.5g} {unit}, which is a wrong reading and no "
+                f"{after:.5g} {unit}, which is a wrong reading and no "
                 f"motion{more}",
                 where=self.table.row_place(row + i),
                 cure="remove such rows, which are then bridged, and inspect encoder and bus",

@@ -144,6 +144,11 @@ class Limbs(Part):
         for name in ("strut_spacing", "socket_force"):
             if self.struts_per_limb == 1 and getattr(self, name) is not None:
                 raise ValueError(f"{name} is given, but limbs of one strut have no pair of struts")
+        widest = np.max(self.strut_spacing or 0.0)
+        if widest >= np.min(self.strut):
+            raise ValueError(
+                f"strut_spacing is {widest:g} m, no less than the struts' length; it is in metres"
+            )
         self._check_places()
         return self
 

@@ -12,7 +12,7 @@ from jaxtyping import Float
 from deltaid.dynamics.dynamics import Dynamics, compiled
 from deltaid.dynamics.limits import torque_limits
 from deltaid.dynamics.parameters import prior_parameters
-from deltaid.errors import with_options
+from deltaid.errors import DeltaidError, with_options
 from deltaid.estimation.base_parameters import BaseParameters
 from deltaid.estimation.objective import parameter_scale
 from deltaid.identification.generic_motion import random_motion_base
@@ -147,6 +147,13 @@ class Exciter(Shown, Plotted):
         dof, n, turn = dynamics.dof, len(heads), dynamics.robot.turn
         slowest, reach = 2 * np.pi / settings.duration, min(_TURN, 0.5 * (turn.high - turn.low))
         centre, half = dynamics.robot.within(0.5 * (turn.low + turn.high), reach)
+        fastest = settings.harmonics * _SHORTER / settings.duration
+        if settings.rate < 2 * fastest:
+            raise DeltaidError(
+                f"{settings.rate:g} Hz does not show a motion of up to {fastest:.3g} Hz",
+                where="rate",
+                cure=f"give {2 * fastest:.3g} Hz or more, or a longer duration",
+            )
         series = Series(settings.harmonics, slowest, _SHORTER * slowest, centre, half)
         shape = ExcitationProblem(
             self._graph, series, settings.criterion, np.ones(dof), np.ones(n),

@@ -74,7 +74,7 @@ class Draft:
                 continue
             if self.kind not in question.of:
                 raise DeltaidError(
-                    f"a {self.kind} has none ({question.text})",
+                    f"{self.kind} has none ({question.text})",
                     where=f"{named(question)} {text}",
                     cure="leave it out, or choose another --kind",
                 )
