@@ -128,7 +128,7 @@ FAULTS = {
     "degrees": ([pl.col("q1", "q2", "q3") * 180 / np.pi], "make sense only times 0.0175"),
     "N mm": ([pl.col("tau1", "tau2", "tau3") * 1e3], "torques are in mN m"),
     "copied": ([pl.col("tau1").alias("tau2")], "are one signal"),
-    "noise": ([pl.col("tau2").shuffle(seed=1)], ""),
+    "noise": ([pl.col("tau2").shuffle(seed=1)], " % of a drive's torque is unmodelled"),
     "at rest": ([pl.lit(0.3).alias(f"q{i + 1}") for i in range(3)], "no drive moves"),
 }  # fmt: skip
 

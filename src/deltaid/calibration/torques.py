@@ -31,7 +31,7 @@ from deltaid.identification.setup import Progress, Setup
 from deltaid.identification.stages import before_contest
 from deltaid.mechanism.growth import mounting_symbols
 from deltaid.model.settings import Settings
-from deltaid.model.verdict import Grade
+from deltaid.model.verdict import Grade, percent
 from deltaid.recording.mapping import ColumnMapping
 from deltaid.recording.memory import RecordingLike
 from deltaid.recording.recording import open_recordings
@@ -124,7 +124,7 @@ def torque_rows(
         )
     for noise, drive in zip(contest.shrunk.sigma, contest.shrunk.blocks, strict=True):
         if not noise <= LITTLE * drive.largest:  # true for NaN too
-            raise refused(f"{noise / drive.largest:.0%} of a drive's torque is unmodelled")
+            raise refused(f"{percent(noise / drive.largest)} of a drive's torque is unmodelled")
     A, b = contest.shrunk.rows_of(contest.group(numbers.name), len(known.numbers))
     return TorqueRows(source, A, b, doubts=doubts)
 
