@@ -12,6 +12,9 @@ Errors are of positions over the workspace after a rigid motion is taken out: pr
 machines drawn and measured by `tests/oracle`, which shares no code with the package. The last
 columns are the share of 95 % intervals that hold and the time of a calibration.
 
+One plane with distances leaves a few combinations of numbers that make most of the error, so 20
+machines differ from the prediction by a fifth: of 400, 0.097 mm are predicted and 0.098 mm true.
+
 `--times` leaves processor time of one calibration of 42 numbers, the robot with its struts apart,
 from 60 and 10,000 points, in the first call of a process and in later ones.
 """
