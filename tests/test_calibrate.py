@@ -159,7 +159,7 @@ def test_noise_larger_than_stated_widens_intervals_and_excludes_nothing(seed: in
     assert found.sessions[0].grown == pytest.approx(10, rel=0.2)
     assert found.verdict.startswith("doubtful: ")
     (doubt,) = found.doubts
-    assert "× the stated noise; likeliest cause: rows beside other poses" in doubt
+    assert "× the stated noise; likeliest cause: noise that is stated too small" in doubt
 
 
 @pytest.fixture(scope="module")

@@ -33,6 +33,7 @@ from deltaid.calibration.rows import (
 )
 from deltaid.calibration.unknowns import Unknowns
 from deltaid.errors import IdentificationError, KinematicsError
+from deltaid.model.verdict import percent
 from deltaid.sensors.planning.knowledge import Knowledge
 
 # Change of a number, in units of its prior, that ends the steps.
@@ -183,7 +184,8 @@ def _solved(loops: Loops, known: Unknowns, readings: Sequence[UsedReadings], u: 
         "description",
         where=", ".join(part.instrument.source for part in readings),
         cure="check that these are readings of this robot by this instrument; or hold numbers "
-        "that they cannot know, such as --hold upper_arm",
+        "that they cannot know, such as --hold upper_arm"
+        + ("; or state where the tool is, with --tool" if known.apart else ""),
     )
 
 
@@ -235,8 +237,8 @@ def _without_outliers(solution: GeometryFit) -> GeometryFit:
     for part, far in pairs:
         if _outliers(far, part.used, robust=True, every=True).any():
             raise part.misfit(
-                f"more than {LITTLE:.0%} of the {part.instrument.readings} fit no geometry near "
-                "the described one"
+                f"more than {percent(LITTLE)} of the {part.instrument.readings} fit no geometry "
+                "near the described one"
             )
     return solution
 

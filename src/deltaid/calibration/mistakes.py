@@ -60,7 +60,10 @@ def require_plausible(loops: Loops, known: Unknowns, instrument: Instrument) -> 
     here = _misfit(instrument, x)
     if here <= allowed:
         return
-    hypotheses = *_reading_hypotheses(instrument, x, allowed), *_drive_hypotheses(loops, instrument)
+    hypotheses = (
+        *_reading_hypotheses(instrument, x, allowed),
+        *_drive_hypotheses(loops, instrument, allowed),
+    )
     better = [entry for entry in hypotheses if entry[0] < LITTLE * here]
     if better:
         least = min(left for left, _, _ in better)
@@ -148,16 +151,7 @@ def _first_rows(instrument: Instrument, chosen: np.ndarray) -> str:
 
 
 def _require_unit(instrument: Instrument, x: Tools) -> None:
-    ratio, alike = 1.0, True
-    if isinstance(instrument, PointReadings):
-        sizes = _sizes(instrument.values) / _sizes(x[:, 0])
-        ratio, alike = float(np.sqrt(np.prod(sizes))), bool(sizes.max() < 2 * sizes.min())
-    elif isinstance(instrument, DistanceReadings):
-        ratio = float(np.median(instrument.values[:, 0] / lengths(x)))
-    elif np.ptp(instrument.values) > 0:
-        A = np.column_stack([np.ones(len(x)), x[:, 0, :2], instrument.values])
-        slope = np.linalg.lstsq(A, x[:, 0, 2], rcond=None)[0][3]
-        ratio = 1 / slope if slope > 0 else 1.0
+    ratio, alike = _ratio(instrument, x)
     metre = np.sqrt(min(NAMED_UNITS))  # Within this factor the metre is the nearest unit.
     if 1 / metre < ratio < metre:
         return
@@ -170,6 +164,21 @@ def _require_unit(instrument: Instrument, x: Tools) -> None:
         where=instrument.source,
         cure=cure if likely and alike else "check units and columns",
     )
+
+
+def _ratio(instrument: Instrument, x: Tools) -> tuple[float, bool]:
+    """How many times the readings are those of the described robot, and whether this is so in all
+    directions."""
+    if isinstance(instrument, PointReadings):
+        sizes = _sizes(instrument.values) / _sizes(x[:, 0])
+        return float(np.sqrt(np.prod(sizes))), bool(sizes.max() < 2 * sizes.min())
+    if isinstance(instrument, DistanceReadings):
+        return float(np.median(instrument.values[:, 0] / lengths(x))), True
+    slope = 0.0
+    if np.ptp(instrument.values) > 0:
+        A = np.column_stack([np.ones(len(x)), x[:, 0, :2], instrument.values])
+        slope = np.linalg.lstsq(A, x[:, 0, 2], rcond=None)[0][3]
+    return (1 / slope if slope > 0 else 1.0), True
 
 
 def _sizes(points: Float[np.ndarray, "rows 3"]) -> Float[np.ndarray, " 2"]:
@@ -194,7 +203,11 @@ def _misfit(instrument: Instrument, x: Tools, mirrored: bool = False) -> float:
 def _reading_hypotheses(instrument: Instrument, x: Tools, allowed: float) -> Hypotheses:
     """Hypotheses on readings. A few sorted numbers resemble any others, so blocks and distances in
     another order have to fit, as points in two frames."""
-    values = instrument.values
+    values, (ratio, _) = instrument.values, _ratio(instrument, x)
+    left = _misfit(replace(instrument, values=values / ratio), x)
+    if left <= allowed:
+        what = f"lengths are {ratio:.3g} times what they should be"
+        yield left, what, "check their unit, and what was measured"
     if isinstance(instrument, PointReadings):
         handed, turned = "the frame is left-handed", "change the sign of one axis of the points"
         yield _misfit(instrument, x, mirrored=True), handed, turned
@@ -247,7 +260,7 @@ def _frame_hypotheses(instrument: PointReadings, x: Tools, allowed: float) -> Hy
         )
 
 
-def _drive_hypotheses(loops: Loops, instrument: Instrument) -> Hypotheses:
+def _drive_hypotheses(loops: Loops, instrument: Instrument, allowed: float) -> Hypotheses:
     n = instrument.q.shape[2]
     as_read, straight = tuple(range(n)), (1,) * n
     exchanged = [(order, straight) for order in permutations(as_read)][1:]
@@ -264,7 +277,8 @@ def _drive_hypotheses(loops: Loops, instrument: Instrument) -> Hypotheses:
         if signs == straight:
             what = f"drives {other} are exchanged"
             cure = "name the columns of q in the order of the description's limbs"
-        yield _misfit(instrument, x), what, cure
+        if (left := _misfit(instrument, x)) <= allowed:
+            yield left, what, cure
 
 
 def _matched_order(x: Float[np.ndarray, "rows 3"], m: Float[np.ndarray, "rows 3"]) -> np.ndarray:
