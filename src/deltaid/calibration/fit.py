@@ -8,7 +8,7 @@ u are the free numbers in units of their prior, v the unknowns of the instrument
 any geometry near the description are excluded first, then outliers of the fit, the worst first.
 Excluded readings that the final fit predicts are used again, because outliers may hide each other
 and make others look like outliers. Where residuals of an instrument exceed its noise by more than
-chance, they define its noise.
+chance, they define its noise, unless a number far from its description explains them better.
 """
 
 from collections.abc import Sequence
@@ -44,8 +44,8 @@ LITTLE = 0.2
 # the description's uncertainty explains, means another robot or instrument.
 GROWN, _BEYOND = 2.0, 3.0
 _CURE = (
-    "check that the description is of this robot, units, columns, and the drives' zeros; "
-    "or state how far its numbers may be off with --lengths and --angles"
+    "check that the description is of this robot, units, columns, the drives' zeros, and that the "
+    "instrument stood still; or state how far its numbers may be off with --lengths and --angles"
 )
 
 
