@@ -183,6 +183,20 @@ def test_friction_of_what_rests_has_no_sign(step: float) -> None:
     assert (np.sign(friction) == np.sign(plan.qd[goes])).all()
 
 
+@pytest.mark.parametrize(("rate", "given"), [(RATE, 2), (RATE, 1), (50, 0)])
+def test_an_end_at_rest_has_no_friction_whatever_the_plan_gives(rate: int, given: int) -> None:
+    """Neither by the filter, which takes speed from beside an end, nor by rounding of speeds."""
+    plan, every = point_to_point(0.8, 0.1), RATE // rate
+    frame = plan.frame().with_columns(
+        pl.Series(f"{kind}{k + 1}", x[:, k])
+        for kind, x in (("qd", plan.qd + 1e-15), ("qdd", plan.qdd))[:given]
+        for k in range(3)
+    )
+    found = deltaid.torque(robot(), frame.gather_every(every)).table().select(names("tau"))
+    at_ends = (found.to_numpy() - plan.torque[::every])[[0, -1]]
+    assert np.abs(at_ends).max() < 0.01 * np.abs(plan.torque).max()
+
+
 def test_one_end_may_rest() -> None:
     plan = point_to_point(0.8)
     half = Plan(*(x[:400] for x in (plan.time, plan.q, plan.qd, plan.qdd)))

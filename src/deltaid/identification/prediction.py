@@ -2,7 +2,7 @@
 a planned motion."""
 
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import NamedTuple, Protocol, runtime_checkable
@@ -23,7 +23,7 @@ from deltaid.recording.log import Log
 from deltaid.recording.mapping import MappingLike, as_mapping
 from deltaid.recording.memory import RecordingLike, as_source
 from deltaid.recording.opening import open_log
-from deltaid.recording.planned import planned, still_speed, unknown_ends
+from deltaid.recording.planned import planned, stilled, unknown_ends
 from deltaid.recording.recording import PreparedRecording
 from deltaid.recording.windows import Window
 from deltaid.shown import Plotted, Reported, Shown, Tabled
@@ -249,11 +249,10 @@ class FeedForward(Shown, Tabled):
 
     def _computed(self) -> Iterator[pl.DataFrame]:
         dynamics, p, gains = self.model.dynamics, self.model.p, self.model.gains
-        still = still_speed(self.recording)
+        samples = stilled(self.recording)
 
         def torques(window: Window) -> tuple[np.ndarray, np.ndarray]:
-            own = window.own
-            own = replace(own, qd=np.where(np.abs(own.qd) > still, own.qd, 0.0))
+            own = samples(window)
             return own.time, (predicted_torques(dynamics, p, own) + own.carried) / gains
 
         log, done = self.recording.log, self.without[0]

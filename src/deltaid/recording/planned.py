@@ -4,7 +4,7 @@ A plan that rests at an end rests beyond it, and a periodic one repeats; rows ar
 Beyond an end at which the plan moves nothing is known, and the filter's length is lost.
 """
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from itertools import chain
 from typing import Literal
@@ -21,7 +21,7 @@ from deltaid.recording.masks.masks import RESTS
 from deltaid.recording.masks.stuck import FEWEST, STIFF
 from deltaid.recording.recording import PreparedRecording, with_filter
 from deltaid.recording.spectrum import HIGHEST, SEGMENT, SpectrumEstimate, spectrum_of
-from deltaid.recording.windows import CERTAIN, SampleBlock
+from deltaid.recording.windows import CERTAIN, SampleBlock, Window
 
 Drives = Float[np.ndarray, " drives"]
 End = Literal["first", "last"]
@@ -178,11 +178,11 @@ def motion_of(recording: PreparedRecording, kinematics: Kinematics) -> Iterator[
 
     Drives that rest have no speed.
     """
-    still, left = still_speed(recording), recording.log.samples - sum(recording.without)
-    for part in recording.evaluate(kinematics, lambda window: window.own):
-        own = part.part(slice(max(0, left))) if recording.after else part
-        left -= len(own.time)
-        yield replace(own, qd=np.where(np.abs(own.qd) > still, own.qd, 0.0))
+    left = recording.log.samples - sum(recording.without)
+    for own in recording.evaluate(kinematics, stilled(recording)):
+        part = own.part(slice(max(0, left))) if recording.after else own
+        left -= len(part.time)
+        yield part
 
 
 def unknown_ends(recording: PreparedRecording, quantity: str, cure: str) -> list[str]:
@@ -198,17 +198,37 @@ def unknown_ends(recording: PreparedRecording, quantity: str, cure: str) -> list
     return [Doubt(seen, cause="the motion does not rest at that end", cure=cure)]
 
 
-def still_speed(recording: PreparedRecording) -> Drives:
-    """Speed of each drive below which it counts as resting.
+def stilled(recording: PreparedRecording) -> Callable[[Window], SampleBlock]:
+    """Own samples of a window, in which drives that rest have no speed.
 
-    Below, the sign of the speed, and so friction, would follow rounding and steps of positions.
+    Else the sign of the speed, and so friction, would follow rounding and steps of positions, and
+    at an end at rest what the filter takes from the motion beside it.
     """
-    low_pass, c = recording.filter, recording.log.columns
-    if c.velocity:
-        return np.zeros(len(c.position))
-    ends = _ends(recording.log, _ROWS + 1)
+    still, last = _still_speed(recording), recording.log.samples - 1
+    ends = [row for row, rows in ((0, recording.before), (last, recording.after)) if _rest(rows)]
+
+    def own(window: Window) -> SampleBlock:
+        qd = np.where(np.abs(window.own.qd) > still, window.own.qd, 0.0)
+        qd[[row - window.start for row in ends if 0 <= row - window.start < len(qd)]] = 0.0
+        return replace(window.own, qd=qd)
+
+    return own
+
+
+def _rest(rows: tuple[Rows, ...]) -> bool:
+    """Whether a plan goes on at rest in rows beyond an end."""
+    return bool(rows) and not np.ptp(rows[0][:, 1:], axis=0).any()
+
+
+def _still_speed(recording: PreparedRecording) -> Drives:
+    """Speed of each drive below which it counts as resting."""
+    low_pass, log = recording.filter, recording.log
+    ends = _ends(log, _ROWS + 1)
     largest = np.abs(ends.positions(np.vstack([ends.head, ends.tail]))).max(axis=0)
-    rounding = np.finfo(float).eps * largest * np.abs(low_pass.first).sum()
+    digit = np.finfo(float).eps * largest
+    if recording.low_pass is None:  # a speed that changes no digit of a position in one row
+        return digit * log.rate
+    rounding = digit * np.abs(low_pass.first).sum()
     return np.maximum(rounding, CERTAIN * ends.noise * low_pass.speed_gain)
 
 
