@@ -179,8 +179,8 @@ def motion_of(recording: PreparedRecording, kinematics: Kinematics) -> Iterator[
     Drives that rest have no speed.
     """
     left = recording.log.samples - sum(recording.without)
-    for own in recording.evaluate(kinematics, stilled(recording)):
-        part = own.part(slice(max(0, left))) if recording.after else own
+    for samples in recording.evaluate(kinematics, stilled(recording)):
+        part = samples.part(slice(max(0, left))) if recording.after else samples
         left -= len(part.time)
         yield part
 
