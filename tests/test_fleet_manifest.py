@@ -91,7 +91,8 @@ def test_a_time_in_yaml_is_that_of_the_recording(tmp_path: Path, time: str) -> N
         ),
         (MANIFEST + "period: year\n", "line 5, period: "),
         (MANIFEST + "  - robot: south\n    recordings: north/*05.parquet\n", "is given twice, for"),
-        (MANIFEST + "  - robot: north\n    type: par4\n    recordings: n/*\n", "has two types"),
+        (MANIFEST + "  - robot: north\n    type: par4\n    recordings: n/*\n", "robot north is there twice"),
+        (MANIFEST + "  - robot: North\n    recordings: n/*\n", "differ in capital letters only"),
     ],
 )
 def test_a_mistake_of_the_manifest_is_one_message(tmp_path: Path, text: str, words: str) -> None:
@@ -110,6 +111,9 @@ def test_a_mistake_of_the_manifest_is_one_message(tmp_path: Path, text: str, wor
         ("robot,recording,time\nn,a.csv,31/01/2026\n", "row 2: time: must be a day as 2026-"),
         ("robot,recording,time\nn,a.csv,20260131\n", "row 2: time: must be a day as 2026-"),
         ("robot,recording\n", "has no rows"),
+        ("robot;recording;load\nn;a.csv;much\n", "row 2: load: must be a number"),
+        ("robot,recording,type\nn,a.csv,h4\nN,b.csv,h4\n", "differ in capital letters only"),
+        ("robot,recording,type\nn,a.csv,h4\nn,b.csv,i4\n", "has two types"),
     ],
 )
 def test_a_mistake_in_a_row_is_one_message(tmp_path: Path, text: str, words: str) -> None:

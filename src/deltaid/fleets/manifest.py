@@ -7,7 +7,7 @@ s3://plant/line1/*.parquet.
 
 import os
 import re
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from datetime import UTC, date, datetime
 from io import BytesIO
 from pathlib import Path
@@ -128,13 +128,33 @@ def read_manifest(name: str) -> Manifest:
         raise DescriptionError("no such file", where=name, cure=cure)
     ending = f".{name.rpartition('.')[2].lower()}"
     if ending in _TABLES:
-        return _of_table(data, ending, name)
+        manifest = _of_table(data, ending, name)
+        _require_apart(dict.fromkeys(robot.robot for robot in manifest.robots), name)
+        return manifest
     try:
-        return parse(data.decode("utf-8-sig"), Manifest, where=name)
+        manifest = parse(data.decode("utf-8-sig"), Manifest, where=name)
     except UnicodeDecodeError:
         raise DescriptionError(
             "is not text in UTF-8", where=name, cure="a fleet is a YAML, CSV or Parquet file"
         ) from None
+    _require_apart([robot.robot for robot in manifest.robots], name)
+    return manifest
+
+
+def _require_apart(robots: Iterable[str], where: str) -> None:
+    """Two robots of one name would be fitted as one, and many disks hold one file of both."""
+    names = dict[str, str]()
+    for robot in robots:
+        if same := names.get(robot.casefold()):
+            raise DescriptionError(
+                f"robot {same} is there twice"
+                if same == robot
+                else f"robots {same} and {robot} differ in capital letters only",
+                where=where,
+                cure="list all recordings of a robot at one place, under one spelling, or give "
+                "two robots names of their own",
+            )
+        names[robot.casefold()] = robot
 
 
 def beside(name: str, manifest: str) -> str:
@@ -150,7 +170,7 @@ def beside(name: str, manifest: str) -> str:
 def _of_table(data: bytes, ending: str, where: str) -> Manifest:
     try:
         table = (
-            pl.read_csv(data, infer_schema_length=None)
+            pl.read_csv(data, separator=_separator(data), infer_schema_length=None)
             if ending == ".csv"
             else pl.read_parquet(BytesIO(data))
         )
@@ -180,6 +200,11 @@ def _of_table(data: bytes, ending: str, where: str) -> Manifest:
     if not robots:
         raise DescriptionError("has no rows", where=where, cure="give a row a recording")
     return Manifest(robots=tuple(robots))
+
+
+def _separator(data: bytes) -> str:
+    header = data.partition(b"\n")[0].decode("utf-8", "replace")
+    return max(",;\t", key=header.count)
 
 
 def _require_columns(table: pl.DataFrame, where: str) -> None:
