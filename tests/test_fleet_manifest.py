@@ -91,7 +91,10 @@ def test_a_time_in_yaml_is_that_of_the_recording(tmp_path: Path, time: str) -> N
         ),
         (MANIFEST + "period: year\n", "line 5, period: "),
         (MANIFEST + "  - robot: south\n    recordings: north/*05.parquet\n", "is given twice, for"),
-        (MANIFEST + "  - robot: north\n    type: par4\n    recordings: n/*\n", "robot north is there twice"),
+        (
+            MANIFEST + "  - robot: north\n    type: par4\n    recordings: n/*\n",
+            "north is there twice",
+        ),
         (MANIFEST + "  - robot: North\n    recordings: n/*\n", "differ in capital letters only"),
     ],
 )
