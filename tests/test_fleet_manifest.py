@@ -125,6 +125,13 @@ def test_a_mistake_in_a_row_is_one_message(tmp_path: Path, text: str, words: str
     assert words in refused(*command, folder=tmp_path)
 
 
+def test_a_fleet_needs_a_folder_with_a_name(tmp_path: Path) -> None:
+    """An unset variable of a script would fill the current folder."""
+    own = plant(tmp_path).record(*FIRST)
+    said = refused("fleet", own.manifest, "-o", "", folder=tmp_path)
+    assert "output: is an empty name" in said
+
+
 @pytest.mark.parametrize(
     ("name", "time"),
     [

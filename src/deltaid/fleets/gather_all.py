@@ -113,7 +113,7 @@ def _require_kept(call: Call, lost: Counter[str]) -> None:
                 f"{n} recording{'s' if n > 1 else ''} {why}" for why, n in kept.items()
             ),
             where=call.place.root,
-            cure="put back what is away, or ask as before"
+            cure="put back what is away, ask as before, or give another fleet a folder of its own"
             + "; --regather gathers anew" * (_OTHERWISE in kept)
             + "; --drop-absent forgets them" * (set(kept) != {_OTHERWISE}),
         )  # fmt: skip

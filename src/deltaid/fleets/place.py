@@ -38,13 +38,17 @@ class Place:
         """The folder of a path or address.
 
         Raises:
-            DeltaidError: it is neither text nor a path, or does not resolve.
+            DeltaidError: it is neither text nor a path, is empty, or does not resolve.
         """
         if not isinstance(folder, str | Path):  # pyright: ignore[reportUnnecessaryIsInstance]
             raise DeltaidError(
                 f"a {type(folder).__name__} is no folder", where="output", cure="give a path"
             )
         text = str(folder)
+        if not text.strip():
+            raise DeltaidError(
+                "is an empty name", where="output", cure="give a folder; . is this one"
+            )
         return cls(text.rstrip("/") if store.is_address(text) else str(resolved(Path(text))))
 
     @property
