@@ -188,6 +188,13 @@ def test_signals_that_are_early_or_late_are_timed(off: float) -> None:
     assert ("--grip-time" in doubt) == (off > 0)
 
 
+@pytest.mark.parametrize("way", [1, -1])
+def test_a_signal_at_the_end_of_the_search_may_be_farther_off(way: int) -> None:
+    low, high = sorted((0.17 * way, 0.195 * way))
+    (doubt,) = gripper_doubts(replace(NOTHING, left=Offset(low, high, 9, 8)), [load()], 0.0)
+    assert f"signals at least 170 ms {'before' if way > 0 else 'after'} loads are left" in doubt
+
+
 def test_signals_in_time_are_not_doubted() -> None:
     found = timing(0.0)
     assert found.offset(taken=True).low == found.offset(taken=False).high == 0.0

@@ -15,7 +15,7 @@ from deltaid.online.cycle import LONGEST
 from deltaid.online.events import Touch, WeighedLoad
 from deltaid.online.instant import EMPTY, HOLDS
 from deltaid.online.replay import Replay
-from deltaid.online.settings import OnlineSettings
+from deltaid.online.settings import SOON, OnlineSettings
 from deltaid.online.suspicion import STEP, RunEvidence
 from deltaid.recording.carried import Load
 from deltaid.recording.log import Log
@@ -265,9 +265,11 @@ def _apart(seen: RunEvidence, grip_time: float) -> Iterator[Doubt]:
 
 
 def _span_in_words(low: float, high: float, grip_time: float) -> str:
-    """'50 ms before', '40 to 60 ms after'."""
+    """'50 ms before', '40 to 60 ms after', 'at least 190 ms after' where the search ends."""
     first, last = sorted((abs(low - grip_time), abs(high - grip_time)))
     word = "before" if low + high > 2 * grip_time else "after"
+    if max(abs(low), abs(high)) > SOON - 2.5 * STEP:
+        return f"at least {1e3 * first:.0f} ms {word}"
     span = f"{1e3 * first:.0f} to " if last - first > 2.5 * STEP else ""
     value = last if span else 0.5 * (first + last)
     return f"{span}{1e3 * value:.0f} ms {word}"
