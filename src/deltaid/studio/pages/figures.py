@@ -90,7 +90,7 @@ def _panels(
         plot.add_scatter(x=curve.time, y=curve.values, col=1, **trace)
     plot.update_layout(
         margin={"l": 60, "r": 10, "t": 10, "b": 40},
-        legend={"orientation": "h", "y": 1.08},
+        legend={"orientation": "h", "y": 1.02, "yanchor": "bottom"},  # of two rows grows upwards
         paper_bgcolor="rgba(0,0,0,0)",
         plot_bgcolor="rgba(0,0,0,0)",
         font={"color": "#7a8691"},
