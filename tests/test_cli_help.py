@@ -29,7 +29,9 @@ def test_help(arguments: list[str]) -> None:
     if not arguments:
         assert all(name in outcome.out for name in COMMANDS)
         return
-    assert commands[arguments[0]].help
+    paragraphs = commands[arguments[0]].help.split("\n\n")
+    assert all(paragraphs)
+    assert "\n" not in "".join(paragraphs)  # a line of the source is no line of a terminal
     for parameter in commands[arguments[0]].params:
         assert parameter.name == "help" or parameter.help, parameter.name
 

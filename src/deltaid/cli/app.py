@@ -12,6 +12,7 @@ import sys
 import threading
 from collections.abc import Generator
 from contextlib import contextmanager, suppress
+from inspect import cleandoc
 from io import TextIOWrapper
 from pathlib import Path
 from typing import Annotated
@@ -68,9 +69,17 @@ COMMANDS = {
     "Look": (look.show, look.base, look.schema, look.reproduce),
     "Fleet": (gather.gather, fleet.fleet, gather.drift),
 }
+
+
+def _paragraphs(text: str) -> str:
+    """One line a paragraph: the terminal breaks them, where the lines of a source would be kept."""
+    return "\n\n".join(" ".join(part.split()) for part in cleandoc(text).split("\n\n"))
+
+
 for group, commands in COMMANDS.items():
     for command in commands:
-        app.command(command.__name__.replace("_", "-"), rich_help_panel=group)(command)
+        name, text = command.__name__.replace("_", "-"), _paragraphs(command.__doc__ or "")
+        app.command(name, help=text, rich_help_panel=group)(command)
 
 
 @app.callback(invoke_without_command=True)
