@@ -118,6 +118,17 @@ def test_positions_in_coarse_steps() -> None:
     assert "loads look lighter" in doubt
 
 
+def test_stale_rows_are_no_noise_of_positions() -> None:
+    """Their steps had made loads a fifth lighter, with coarse encoders as the likeliest cause."""
+    table, rows = picked().table, np.arange(picked().table.height)
+    fresh = np.random.default_rng(1).uniform(size=len(rows)) > 0.02
+    stale = table[np.maximum.accumulate(np.where(fresh, rows, 0))].with_columns(t=table["t"])
+    found = watched(stale)
+    assert [load.mass.value for load in found.loads] == pytest.approx(2 * [0.8], rel=0.02)
+    (doubt,) = found.doubts
+    assert "repeat the one before them" in doubt
+
+
 def test_a_gripper_that_tells_the_other_way() -> None:
     (doubt,) = watched(changed({"gripper": 1 - pl.col("gripper")})).doubts
     assert "0 while something is held, and 1 while not" in doubt

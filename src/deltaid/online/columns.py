@@ -33,6 +33,7 @@ from deltaid.recording.mapping import ColumnMapping
 from deltaid.recording.memory import RecordingLike
 from deltaid.recording.recording import with_filter
 from deltaid.recording.source import BATCH_ROWS
+from deltaid.recording.spectrum import spectrum_of
 from deltaid.recording.survey_checks import STRETCH
 
 # Harmless lag [s] and noise of a velocity [rad/s or m/s].
@@ -44,7 +45,7 @@ def speeds_of(log: Log, model: Model) -> tuple[bool, tuple[float, ...], tuple[Do
     positions; standard deviation of one cycle's speed, drive by drive; why velocities are not
     used."""
     dof, known = model.dynamics.dof, model.identified.corrections if model.identified else ()
-    made, velocity = log.position_noise[:dof] * log.rate * np.sqrt(2.0), log.columns.velocity
+    made, velocity = _position_noise(log, dof) * log.rate * np.sqrt(2.0), log.columns.velocity
     if not velocity or any(correction.kind == "velocity" for correction in known):
         return False, tuple(made.tolist()), ()
     rows = _first(log)
@@ -69,6 +70,13 @@ def speeds_of(log: Log, model: Model) -> tuple[bool, tuple[float, ...], tuple[Do
         key="velocity",
     )
     return False, tuple(made.tolist()), (doubt,)
+
+
+def _position_noise(log: Log, dof: int) -> Float[np.ndarray, " drives"]:
+    """Of rows as they are replayed: stale ones are bridged, whose steps would be noise."""
+    if all(mask.reason != "stale rows" for mask in log.masks):
+        return log.position_noise[:dof]
+    return spectrum_of(_first(log)[:, 1 : 1 + dof]).noise
 
 
 def _first(log: Log) -> Float[np.ndarray, "rows channels"]:
