@@ -239,3 +239,27 @@ def test_a_clock_that_is_set_back_is_no_fault_of_columns(back: float) -> None:
     assert not bad(
         checked_wiring(seen("clavel-delta3", columns | {"t": columns["t"] - back * half}))
     )
+
+
+@pytest.mark.parametrize("rows", [3000, 30_000, 140_000])
+@pytest.mark.parametrize("filled", ["zeros", "last row", "motion"])
+def test_rows_in_which_time_stands_count_for_no_rate(
+    filled: str, rows: int, clavel: Dynamics
+) -> None:
+    """An array longer than its recording, or a clock that hangs: such rows shortened the period."""
+    whole = even(1000.0, 4.0).frame
+    assert len(whole) == 4000
+    time = whole["t"].to_numpy()
+    at = np.append(np.arange(4000), np.full(rows, 3999))
+    if filled == "motion":
+        at = np.append(np.arange(4000), np.resize(np.arange(3999, 0, -1), rows))
+    log = opened(whole, np.append(time, np.full(rows, time[-1])), at, clavel)
+    if filled == "zeros":
+        end = pl.DataFrame({name: np.zeros(rows) for name in whole.columns})
+        log = open_log(deltaid.Recording.from_table(pl.concat([whole, end])), clavel.kinematics)
+    assert log.clock.period == pytest.approx(time[1] - time[0], rel=1e-6)
+    said = next(doubt for doubt in log.warnings if "stands still" in str(doubt))
+    assert "the first row 4001" in str(said) or "the first row 4002" in str(said)
+    assert "longer than the recording" in str(said)
+    (usable,) = [size for size in log.clock.segments(1) if size > 100]
+    assert usable == pytest.approx(4000, abs=64)

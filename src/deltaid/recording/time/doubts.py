@@ -9,6 +9,7 @@ from jaxtyping import Int
 from deltaid.errors import Doubt, RecordingError, quoted, visible
 from deltaid.recording.source import LogTable
 from deltaid.recording.time.clock import JITTER, NO_TIME, Clock
+from deltaid.recording.time.grid import AGREE
 from deltaid.recording.units import MOST_WRONG
 
 
@@ -53,7 +54,10 @@ def doubts_about_stamps(clock: Clock, table: LogTable, column: str) -> Iterator[
             + ("" if clock.even else "; if rows are known to be even, declare `rate:`"),
             key="clock",
         )
-    if clock.doubled:
+    stands, cause, cure = stood(clock, table, column)
+    if stands:
+        yield Doubt(stands, cause=cause, cure=cure, key="clock")
+    if clock.doubled and not stands:
         yield Doubt(
             f"{rows_are(clock.doubled)} there twice and excluded once, the first in "
             f"{_row(table, clock.extra)}",
@@ -61,7 +65,7 @@ def doubts_about_stamps(clock: Clock, table: LogTable, column: str) -> Iterator[
             cure="nothing is lost; to avoid it, log once a cycle of the controller",
             key="clock",
         )
-    if others := clock.late:
+    if (others := clock.late) and not stands:
         yield Doubt(
             f"{rows_are(others)} late or stamped like another one, and excluded"
             + ("" if clock.doubled else f", the first in {_row(table, clock.extra)}"),
@@ -69,6 +73,23 @@ def doubts_about_stamps(clock: Clock, table: LogTable, column: str) -> Iterator[
             cure="log with the controller's own stamps, sorted by them",
             key="clock",
         )
+
+
+def stood(clock: Clock, table: LogTable, column: str) -> tuple[str, str, str]:
+    """Where time stands still, the likeliest cause, and the fix; empty where it does not.
+
+    Args:
+        column: of the time.
+    """
+    runs = np.split(clock.extra, np.flatnonzero(np.diff(clock.extra) > 1) + 1)
+    longest = max(runs, key=len)
+    if len(longest) <= AGREE:
+        return "", "", ""
+    return (
+        f"{column} stands still in {len(longest)} rows, the first {_row(table, longest)}: excluded",
+        "an array that was made longer than the recording, or a logger that hung",
+        "write the file without such rows; else nothing is to be done",
+    )
 
 
 def restarted(clock: Clock, table: LogTable, column: str) -> tuple[str, str, str]:

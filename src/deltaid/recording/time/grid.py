@@ -27,7 +27,7 @@ ROUNDED = 1.05
 FASTEST = 0.5 / HIGHEST_RATE
 # A step of this many periods, times rows per stamp, is a gap across which the grid may change its
 # phase. Rows on either side that must agree on its place.
-FAR, _AGREE = 20.0, 64
+FAR, AGREE = 20.0, 64
 # Rows about a place whose median is its level, up to so much jitter.
 ABOUT, _CLEAR = 33, 0.6
 # Distance over which rounded stamps pass as much time everywhere, share of such distances at either
@@ -67,7 +67,7 @@ def place(time: Times) -> Grid:
     period, sharing = usual_step(time)
     pieces = np.split(np.arange(len(time)), far_steps(time, period, sharing))
     placed = [_placed(time[rows], period, sharing) for rows in pieces]
-    enough = [piece for piece in placed if len(piece.kept) >= FEWEST]
+    enough = [piece for piece in placed if len(piece.kept) >= FEWEST and piece.period > FASTEST]
     rates = np.array([[len(piece.kept), piece.period] for piece in enough])
     if len(rates):
         period = float(rates[:, 0] @ rates[:, 1] / rates[:, 0].sum())
@@ -99,13 +99,20 @@ def repaired(time: Times, period: float, sharing: float) -> tuple[Times, Bool[np
         return time, np.zeros(len(time), dtype=bool)
     rows = np.arange(len(time))
     level = time / period - rows
-    usual = medians(level, 2 * _AGREE + 1)
+    usual = medians(level, 2 * AGREE + 1)
     wild = np.abs(level - usual) > far
     return np.where(wild, period * (usual + rows), time), wild
 
 
 def usual_step(time: Times) -> tuple[float, float]:
-    """Estimate of the period [s], and mean number of rows per stamp."""
+    """Estimate of the period [s], 0 if unknown, and mean number of rows per stamp, where time runs.
+
+    Time stands still where far more rows share a stamp than elsewhere.
+    """
+    shared = np.diff(np.flatnonzero(np.diff(time, prepend=np.nan)), append=len(time))
+    time = time[np.repeat(shared <= FAR * np.quantile(shared, 0.5, method="lower"), shared)]
+    if len(time) < 2:
+        return 0.0, 1.0
     steps = np.diff(time)
     sharing = max(1.0, len(steps) / max(1, np.count_nonzero(steps)))
     apart = min(int(np.ceil((16 if sharing > ROUNDED else 4) * sharing)), len(time) - 1)
@@ -165,7 +172,7 @@ def _rounded_period(time: Times) -> float | None:
     apart, steps = min(_STEADY, len(time) // 4), np.diff(time)
     quantum = float(np.min(steps, where=steps > 0, initial=np.inf))
     shares = quantum * len(steps) / max(float(time[-1] - time[0]), FASTEST)
-    if apart < _AGREE or steps.min() < 0 or not _COARSE[0] < shares < _COARSE[1]:
+    if apart < AGREE or steps.min() < 0 or not _COARSE[0] < shares < _COARSE[1]:
         return None
     times = steps / quantum
     others = np.count_nonzero(np.abs(times - np.median(times)) > 0.5)
@@ -199,7 +206,7 @@ def _falls(level: Times, noise: float, sharing: float) -> Int[np.ndarray, " fall
         return np.zeros(0, dtype=int)
     stairs = np.round(medians(level, ABOUT))
     # Below all before it, because a level that falls after a late row only comes back.
-    return np.flatnonzero(stairs[1:] < _lowest(stairs, _AGREE)[:-1]) + 1
+    return np.flatnonzero(stairs[1:] < _lowest(stairs, AGREE)[:-1]) + 1
 
 
 def _noise(place_: Times, sharing: float) -> float:
@@ -222,7 +229,7 @@ def _extra(place_: Times, noise: float, sharing: float) -> Bool[np.ndarray, " ro
     late = (back < 0) & (level < usual - (0.5 if noise < SHARP else 3 + 6 * noise))
     if noise < SHARP:
         # Runs that belong before earlier rows, and single rows that belong after later ones.
-        highest = _lowest(-medians(place_, 5), _AGREE)
+        highest = _lowest(-medians(place_, 5), AGREE)
         late[1:] |= place_[1:] < -highest[:-1] - 0.5
         late[:-1] |= (back[1:] < 0) & (level[:-1] > usual[:-1] + 1.5)
         late[0] = False
@@ -230,7 +237,7 @@ def _extra(place_: Times, noise: float, sharing: float) -> Bool[np.ndarray, " ro
         return late
     low = medians(level, 5)
     # Lowest before and after, so that late stamps that are caught up are no extra rows.
-    before, after = _lowest(low, _AGREE)[:-1], _lowest(low[::-1], _AGREE)[::-1][1:]
+    before, after = _lowest(low, AGREE)[:-1], _lowest(low[::-1], AGREE)[::-1][1:]
     falls = np.append(False, after - before < -0.5)
     return late | (falls & (np.abs(back) < (0.4 if noise < SHARP else 1e-9)))
 
@@ -287,9 +294,7 @@ def _stairs(level: Times, noise: float, sharing: float, width: int) -> Int[np.nd
 
 
 def _mean(x: Times, width: int) -> Times:
-    if width == 1:
-        return x
-    return uniform_filter1d(x, width, mode="nearest")
+    return x if width == 1 else uniform_filter1d(x, width, mode="nearest")
 
 
 def medians(x: Times, width: int) -> Times:

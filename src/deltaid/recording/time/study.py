@@ -121,8 +121,8 @@ class _ClockStudy:
         self, block: Rows, single: Places, wild: Bool[np.ndarray, " rows"], own: range, start: int
     ) -> None:
         time = block[:, 0]
-        if not np.ptp(time[single]) > 0:  # stamps do not differ
-            self.even.add(time, single, np.zeros_like(single), own, start)
+        if not np.ptp(time[single]) > 0:  # time stands
+            self.even.add(time, single[:1], np.zeros(1, dtype=int), own, start)
             return
         grid = place(time[single])
         kept = single[grid.kept]
@@ -228,7 +228,7 @@ def _doubled(block: Rows) -> Bool[np.ndarray, " rows"]:
     doubled = equal & (np.diff(block[:, 0], prepend=-np.inf) < 0.5 * usual)
     alone = equal & ~(np.append(equal[1:], False) | np.append(False, equal[:-1]))
     if sharing > ROUNDED:
-        return doubled & alone
+        return doubled & alone if usual else equal  # all of them where time stands
     # With new stamps: more rows in the same time.
     level = medians(block[:, 0] / usual - np.arange(len(block)), ABOUT)
     rows = np.flatnonzero(alone & ~doubled)
