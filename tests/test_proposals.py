@@ -1,10 +1,12 @@
 """Lines that verdicts propose for files: refitted, and kept where rows held out agree."""
 
+from dataclasses import replace
 from functools import cache
 from typing import Literal
 
 import numpy as np
 import polars as pl
+import pytest
 
 import deltaid
 from checked import verdict_of
@@ -13,6 +15,8 @@ from deltaid.checks.proposals import HeldOut, confirmed, held_out, not_refuted
 from deltaid.model.verdict import Grade, Proposal, Verdict
 from drives import case
 from identified import identified, simulated
+from logs import tabled
+from wired import recorded
 
 LOG = "clavel-delta3"
 
@@ -35,6 +39,16 @@ def test_friction_by_load_is_no_zero_that_is_off() -> None:
     assert homing.grade is Grade.DOUBTFUL
     assert not homing.proposals
     assert "no change of the files explains this" in homing.cure
+
+
+def test_a_unit_that_rows_refute_hides_no_lag(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A proposal that rows refute is a doubt, beside which all other checks are made."""
+    columns, of = recorded(LOG), "deltaid.checks.check.checked_wirings"
+    refuted = replace(proposing("mapping", "torque[0].sign", -1), key="angle-unit")
+    monkeypatch.setattr(of, lambda _: ((), [(refuted,)]))
+    found = deltaid.check(LOG, tabled(**columns | {"tau": np.roll(columns["tau"], 3, axis=0)}))
+    assert verdict_of(found, "angle-unit").grade is Grade.DOUBTFUL
+    assert verdict_of(found, "torque-lag").grade is Grade.WRONG
 
 
 def test_a_zero_that_is_off_is_proposed() -> None:

@@ -5,10 +5,13 @@ import re
 import numpy as np
 import pytest
 
+import deltaid
 from deltaid.checks.evidence import evidence
 from deltaid.checks.wiring.wiring import checked_wiring, checked_wirings
+from deltaid.errors import RecordingError
 from deltaid.model.verdict import Grade, Verdict
 from drives import case
+from logs import tabled
 from wired import RATE, Columns, bad, recorded, seen
 
 NAME = "clavel-delta3"
@@ -113,3 +116,18 @@ def test_one_recording_of_several_may_have_another_sign() -> None:
     assert [[(verdict.key, verdict.subject) for verdict in bad(verdicts)] for verdicts in each] == [
         [], [("torque-sign", "drive2")]
     ]  # fmt: skip
+
+
+@pytest.mark.parametrize("noisy", [False, True])
+def test_torques_that_have_nothing_to_do_with_the_motion_show_no_gear(noisy: bool) -> None:
+    """Noise looked like torques of motors behind a gear; those of another run like errors of the
+    geometry, after a fit."""
+    columns = recorded(NAME)
+    tau = columns["tau"][::-1]
+    if noisy:
+        tau = np.random.default_rng(5).normal(0.0, 5.0, tau.shape)
+    (verdict,) = bad(checked_wiring(seen(NAME, columns | {"tau": tau})))
+    assert (verdict.key, verdict.grade) == ("drive-order", Grade.WRONG)
+    assert "nothing to do with the motion" in verdict.seen
+    with pytest.raises(RecordingError, match="nothing to do with the motion"):
+        deltaid.identify(NAME, tabled(**columns | {"tau": tau}))

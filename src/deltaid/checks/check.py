@@ -92,7 +92,7 @@ def check(
             if worst(common) is Grade.WRONG:  # later checks would only repeat it
                 on_log = (*wiring, *checked_signals(record))
             else:
-                on_log = of_recording(record, wiring, several)
+                on_log = of_recording(record, confirmed(record, wiring), several)
             on_log = confirmed(record, on_log)
             of_logs += named_verdicts(record, on_log, several=several)
             wrong = Grade.WRONG in (worst(common), worst(on_log))

@@ -37,7 +37,10 @@ def _follow(case: RemappedRecording, drives: list[int]) -> tuple[Quantity, ...]:
 
 
 def column_verdicts(case: RemappedRecording) -> tuple[Verdict, ...]:
-    """Verdicts on positions and torques; later ones depend on earlier ones."""
+    """Verdicts on positions and torques; later ones depend on earlier ones. None if these are
+    unrelated: what explains no torque shows no unit."""
+    if case.unrelated:
+        return ()
     return (*_positions(case), *_signs(case), *_order(case), *_torques(case))
 
 

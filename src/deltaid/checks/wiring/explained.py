@@ -11,7 +11,13 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from deltaid.checks.evidence import WRONG_SCALE, Evidence
-from deltaid.checks.wiring.candidate import ALONG_LOOSE, WiringHypothesis, named_units
+from deltaid.checks.wiring.candidate import (
+    ALONG,
+    ALONG_LOOSE,
+    SENSIBLE,
+    WiringHypothesis,
+    named_units,
+)
 from deltaid.checks.wiring.residual import LEAST, OFFSET, UNIT, FilteredMotion, Map
 from deltaid.dynamics.dynamics import Dynamics
 from deltaid.identification.fit import row_at_home
@@ -51,6 +57,12 @@ class RemappedRecording:
     def along(self) -> float:
         """Least correlation of a moving drive's torque with that of the prior."""
         return float(self.best.along[~self.best.residual.still].min(initial=1.0))
+
+    @property
+    def unrelated(self) -> bool:
+        """Whether no drive's torque goes with its motion, whatever the robot's masses."""
+        most = float(self.best.along[~self.best.residual.still].max(initial=-1.0))
+        return self.best.left > SENSIBLE[1] and self.along < SENSIBLE[0] and most < ALONG
 
     @cached_property
     def ratios(self) -> Float[np.ndarray, "drives components"]:

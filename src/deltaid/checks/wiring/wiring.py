@@ -155,7 +155,7 @@ def _of_recording(
     if not case.good:
         return (_out_of_reach(case.evidence),)
     verdicts = list(column_verdicts(case) if common is None else common)
-    senseless = case.best.left > SENSIBLE[1] or case.along < UNRELATED
+    senseless = case.unrelated or case.best.left > SENSIBLE[1] or case.along < UNRELATED
     if case.best.closes and not verdicts:
         verdicts += _upside_down(case) or ([_senseless(case)] if senseless else [])
     verdicts += zero_verdicts(case) if worst(verdicts) is not Grade.WRONG else ()
@@ -195,6 +195,17 @@ def _upside_down(case: RemappedRecording) -> list[Verdict]:
 
 
 def _senseless(case: RemappedRecording) -> Verdict:
+    if case.unrelated:
+        return Verdict(
+            "drive-order",
+            Grade.WRONG,
+            f"the torques have nothing to do with the motion: the best robot {case.fits}, and no "
+            "unit, sign or order helps",
+            cause="they are of another recording, at other rows than the positions, or no torques",
+            cure="check by name which signals the torque columns hold, and that positions and "
+            "torques are of one run",
+            number=case.along,
+        )
     i = int(np.argmin(np.where(case.best.residual.still, 1.0, case.best.along)))
     return Verdict(
         "drive-order",
