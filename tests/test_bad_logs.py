@@ -122,6 +122,22 @@ BAD_TEXT = {
         "log.csv: column t makes a sampling rate of 1 Hz",
         "unit: ms",
     ),
+    "time in nanoseconds": (
+        changed(t=(1e9 * pl.col("t")).round()),
+        "log.csv: column t makes a sampling rate of 1e-06 Hz",
+        "unit: ns",
+    ),
+    "time in microseconds": (changed(t=1e6 * pl.col("t")), "rate of 0.001 Hz", "unit: us"),
+    "milliseconds since 1970": (
+        changed(t=1.772e12 + (1e3 * pl.col("t")).round()),
+        "row 2: column t is 1.772e+12 s",
+        "declare the column's unit (ms, us, ns)",
+    ),
+    "exponents of Fortran": (
+        text(recorded(ROWS), number=lambda x: f"{float(x):.9e}".replace("e", "D")),
+        "row 2: column t is '0.000000000D+00'",
+        "write exponents with E",
+    ),
     "time in days, as a spreadsheet's dates": (
         changed(t=45352.0 + pl.col("t") / 86400),
         "log.csv: column t makes a sampling rate of 8.64e+07 Hz; at most 1e+06 Hz can be",

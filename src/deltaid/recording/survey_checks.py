@@ -21,6 +21,7 @@ from deltaid.recording.filter import LOWEST_RATE
 from deltaid.recording.mapped_columns import Quantity
 from deltaid.recording.source import LogTable
 from deltaid.recording.time.clock import HIGHEST_RATE, NO_TIME, Clock
+from deltaid.recording.time.counts import PER_SECOND
 from deltaid.recording.time.grid import FASTEST, FEWEST, usual_step
 from deltaid.recording.time.signals import GAP
 from deltaid.recording.units import MOST_WRONG, SI_UNITS
@@ -152,7 +153,7 @@ class Bounds:
                 f"beyond {self._largest[k]:.4g} {unit}",
                 where=self._table.row_place(row + i),
                 cure="repair or remove the row; if all rows are like it, declare the column's unit "
-                "and gear with --columns MAPPING.yaml",
+                f"{'and gear' if k else '(ms, us, ns)'} with --columns MAPPING.yaml",
             )
 
 
@@ -289,7 +290,8 @@ def require_rate(table: LogTable, column: str, rate: float, *, differentiated: b
     slow = differentiated and rate < LOWEST_RATE
     if slow or rate > HIGHEST_RATE:
         limit = f"at least {LOWEST_RATE:g}" if slow else f"at most {HIGHEST_RATE:g}"
-        unit, otherwise = ("ms", "record faster") if slow else _OF_DAYS
+        likely = [unit for unit, ticks in PER_SECOND.items() if rate * ticks >= LOWEST_RATE]
+        unit, otherwise = ((likely or ["ns"])[-1], "record faster") if slow else _OF_DAYS
         raise RecordingError(
             f"column {column} makes a sampling rate of {rate:.4g} Hz; {limit} Hz can be",
             where=str(table.path),

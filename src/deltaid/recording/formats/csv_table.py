@@ -26,6 +26,8 @@ from deltaid.recording.formats.csv_lines import (
 )
 from deltaid.recording.source import POLARS_ERRORS, LogTable, Rows
 
+_FORTRAN = re.compile(r"[+-]?[\d.]+[dD][+-]?\d+")
+
 
 @dataclass(frozen=True)
 class CsvTable(LogTable):
@@ -55,7 +57,7 @@ class CsvTable(LogTable):
             fields = _fields(self, block, row)
             texts = [fields.to_series(k).str.strip_chars() for k in places]
             numbers = decimals.numbers(texts)
-            if row == self.first_row and not any(x[0] and is_number(x[0]) for x in texts):
+            if row == self.first_row and not any(map(_is_figure, (x[0] for x in texts))):
                 raise RecordingError(
                     "holds no numbers, as if it were a row of units",
                     where=self.row_place(row),
@@ -94,9 +96,15 @@ class CsvTable(LogTable):
             return "write all numbers in one way, with point or comma, and no thousands sign"
         if re.match(r"\d+[:/.-]\d+[:/.-]\d", written):
             return "write times in seconds, or as 2026-01-31T14:30:00.000, with or without the date"
+        if _FORTRAN.fullmatch(written):
+            return "write exponents with E, as in 1.5E+00"
         if "−" in written:
             return "write the minus sign as on the keyboard (-)"
         return super().cure(written)
+
+
+def _is_figure(written: str | None) -> bool:
+    return bool(written) and (is_number(written) or _FORTRAN.fullmatch(written) is not None)
 
 
 def _blocks(table: CsvTable) -> Iterator[tuple[int, bytes]]:
