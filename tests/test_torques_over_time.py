@@ -131,3 +131,14 @@ def test_torques_that_have_nothing_to_do_with_the_motion_show_no_gear(noisy: boo
     assert "nothing to do with the motion" in verdict.seen
     with pytest.raises(RecordingError, match="nothing to do with the motion"):
         deltaid.identify(NAME, tabled(**columns | {"tau": tau}))
+
+
+def test_magnitudes_of_torques_are_no_change_of_their_sign() -> None:
+    columns = recorded(NAME)
+    for tau in (np.abs(columns["tau"]), np.where([0, 1, 0], -1, 1) * np.abs(columns["tau"])):
+        verdict = verdict_on(columns | {"tau": tau})
+        assert (verdict.key, verdict.subject) == ("torque-sign", "")
+        assert "holds magnitudes" in verdict.cause
+    shifted = columns | {"tau": 20.0 + columns["tau"]}  # of one sign by an offset
+    verdicts = bad(checked_wiring(seen(NAME, shifted)))
+    assert not any("magnitudes" in verdict.cause for verdict in verdicts)

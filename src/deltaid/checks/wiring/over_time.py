@@ -1,5 +1,5 @@
-"""Torques over time: columns that were joined at another row, and stretches whose torques have
-another sign, unit or order than the rest.
+"""Torques over time: columns that were joined at another row, magnitudes in place of torques, and
+stretches whose torques have another sign, unit or order than the rest.
 
 Torques u(t) that were joined at another row go with those of the prior at a lag. In a stretch with
 another sign or unit u ≈ g f, and in the rest u ≈ h f, with the torques f(t) of a fit that follows
@@ -61,12 +61,13 @@ class _Course:
 
 
 def over_time_verdicts(case: RemappedRecording) -> Iterator[Verdict]:
-    """Verdicts on torques that were joined at another row, or have another sign or unit for some
-    time."""
+    """Verdicts on torques that were joined at another row, have no sign, or have another sign or
+    unit for some time."""
     course = _course(case) if case.good else None
     if course is None or not course.drives.size:
         return
-    yield from tuple(_stretch(case, course)) or _joined(case, course)
+    magnitudes = tuple(_magnitudes(case, course))
+    yield from magnitudes or tuple(_stretch(case, course)) or _joined(case, course)
 
 
 def _course(case: RemappedRecording) -> _Course | None:
@@ -97,6 +98,23 @@ def _of_most_rows(under: MapResidual) -> Float[np.ndarray, " columns"]:
         A = weights[:, None] * under.Y / scale
         p = np.linalg.lstsq(A, weights * tau, rcond=DEPENDENT)[0] / scale
     return p
+
+
+def _magnitudes(case: RemappedRecording, course: _Course) -> Iterator[Verdict]:
+    tau, f = case.evidence.rows.tau[:, course.drives], course.prior
+    one_sided = (tau >= 0).all(axis=0) | (tau <= 0).all(axis=0)
+    signed, sizes = (1.0 - _gain(g, course.recorded)[1] ** 2 for g in (f, np.abs(f)))
+    drives = course.drives[one_sided & (sizes < _CLEARER * signed)].tolist()
+    if drives:
+        yield Verdict(
+            "torque-sign",
+            Grade.WRONG,
+            f"the torque of {case.all_or(drives)} never changes its sign, where the motion asks "
+            "for both",
+            case.whose(drives),
+            "the column holds magnitudes, such as those of an rms current",
+            "record the torque or current with its sign",
+        )
 
 
 def _joined(case: RemappedRecording, course: _Course) -> Iterator[Verdict]:
