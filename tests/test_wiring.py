@@ -100,6 +100,8 @@ def test_scale_of_torques() -> None:
     motor = only_verdict("clavel-delta3", times(columns, tau=1 / 30), cured=False)
     assert (motor.key, motor.subject) == ("gear", "")
     assert only_verdict("clavel-delta3", times(columns, tau=1e3)).key == "torque-unit"
+    signal = only_verdict("clavel-delta3", times(columns, tau=1e-5), cured=False)
+    assert (signal.key, "gear" in signal.cause) == ("torque-unit", False)
     alone = only_verdict("clavel-delta3", times(columns, tau=[1, 1 / 25, 1]))
     assert (alone.key, alone.subject) == ("gear", "drive2")
     assert alone.number == pytest.approx(25, rel=0.02)

@@ -13,6 +13,7 @@ from deltaid.checks.wiring.explained import (
     overall,
 )
 from deltaid.checks.wiring.residual import UNIT, Map
+from deltaid.checks.wiring.search import SMALLEST
 from deltaid.checks.wiring.velocity import rates
 from deltaid.model.verdict import Grade, Verdict, listed
 from deltaid.recording.mapped_columns import Quantity
@@ -230,7 +231,10 @@ def _one_torque(case: RemappedRecording, i: int, gain: float, *, rough: bool = F
 def _all_torques(case: RemappedRecording, size: float) -> Verdict:
     """Torques of all drives that are `size` times those of the prior."""
     doubtful, linear, changes = max(size, 1 / size) <= WRONG_SCALE, case.linear(0), Values()
-    if size < 1:
+    if size < SMALLEST:
+        cause = "the columns hold another signal, or torques in a far larger unit"
+        cure = "check by name which signals they hold, and declare their unit"
+    elif size < 1:
         gear = "a gear or spindle" if linear else f"a gear of about {1 / size:.2g}"
         cause = f"torques are those of the motors, behind {gear}"
         cause += ", or currents without their torque_constant"
@@ -254,7 +258,7 @@ def _all_torques(case: RemappedRecording, size: float) -> Verdict:
             "0.0235 N*m for per mille of 23.5 N m"
         )
     return Verdict(
-        "gear" if size < 1 else "torque-unit",
+        "gear" if SMALLEST <= size < 1 else "torque-unit",
         Grade.DOUBTFUL if doubtful else Grade.WRONG,
         f"torques are {size:.3g} times those that the prior leads to, in all drives",
         "",

@@ -32,7 +32,7 @@ from deltaid.dynamics.dynamics import Dynamics
 # Samples that hypotheses are tried on, and number of fitted ones.
 SAMPLES, _FITTED = 120, 16
 # Range of motor position factors, and number of them whose loops are tried.
-_SMALLEST, _LARGEST, _CLOSING = 1 / 3000, 1 / 1.5, 48
+SMALLEST, _LARGEST, _CLOSING = 1 / 3000, 1 / 1.5, 48
 # The longest lead of a linear drive [m per rad]: half a metre per revolution.
 _LONGEST = 0.5 / (2 * np.pi)
 # Range of named units about the best factor, and the step of its refinement.
@@ -202,7 +202,7 @@ def _best_factor(
     any lead."""
     identity = Map.identity(dynamics.dof)
     longest = _LONGEST if named_units(dynamics.robot, drives[0]) is SLIDING else np.inf
-    grid = np.geomspace(_SMALLEST, min(longest, _LARGEST), _CLOSING).tolist()
+    grid = np.geomspace(SMALLEST, min(longest, _LARGEST), _CLOSING).tolist()
     shares = [closed_share(dynamics, motion, identity.times(f, drives)) for f in grid]
     closing = [factor for factor, share in zip(grid, shares, strict=True) if share >= CLOSED]
     if not closing:
