@@ -55,6 +55,10 @@ def test_a_table_of_pandas(frame: pl.DataFrame) -> None:
     nullable.loc[5, "q1"] = pandas.NA
     assert "table, row 6: column q1 is 'nan'" in refusal(samples, nullable)
     assert "column tau1 holds String, not numbers" in refusal(samples, table.assign(tau1="low"))
+    objects = table.astype({"q1": object})
+    np.testing.assert_array_equal(samples(objects), frame.to_numpy())
+    objects.loc[5, "q1"] = "low"
+    assert "table, row 6: column q1 is 'nan'" in refusal(samples, objects)
     twice = pandas.concat([table, table[["q1"]]], axis=1)
     assert "table: has several columns called q1" in refusal(samples, twice)
 

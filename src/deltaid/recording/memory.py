@@ -3,6 +3,7 @@
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from numbers import Real
 from pathlib import Path
 from typing import Any, Protocol, runtime_checkable
 
@@ -225,7 +226,8 @@ def _series(key: str, column: Any) -> pl.Series:
         if getattr(column.dtype, "tz", None) is not None:
             column = column.dt.tz_convert("UTC").dt.tz_localize(None)
         return pl.Series(key, column.to_numpy(dtype=f"{kind}8[ns]"))
-    first = column.iloc[0] if kind == "O" and len(column) else None
+    objects = column if kind == "O" else ()
+    first = next((value for value in objects if value is not None), None)
     if isinstance(first, list | tuple | np.ndarray):
         try:
             return pl.Series(key, np.stack([numbers_of(row, key) for row in column]))
@@ -234,4 +236,7 @@ def _series(key: str, column: Any) -> pl.Series:
     elif isinstance(first, str):
         texts = [text if isinstance(text, str) else None for text in column]
         return pl.Series(key, texts, dtype=pl.String)
+    if isinstance(first, Real):
+        numbers = [float(x) if isinstance(x, Real) else math.nan for x in column]
+        return pl.Series(key, numbers, dtype=pl.Float64)
     return pl.repeat(None, len(column), dtype=pl.String, eager=True)
