@@ -263,3 +263,16 @@ def test_rows_in_which_time_stands_count_for_no_rate(
     assert "longer than the recording" in str(said)
     (usable,) = [size for size in log.clock.segments(1) if size > 100]
     assert usable == pytest.approx(4000, abs=64)
+
+
+def test_a_rate_that_changes_is_no_lost_row(clavel: Dynamics) -> None:
+    whole = even(1000.0, 4.0).frame
+    at = np.append(np.arange(2000), np.arange(2000, 4000, 2))
+    log = opened(whole, whole["t"].to_numpy()[at], at, clavel)
+    (said,) = with_filter(log, 20.0).log.warnings
+    assert str(said).startswith("1000 rows from row 2001 on come at 500 Hz, others at 1000 Hz; ")
+    assert "the rate was changed while recording" in str(said)
+    few = np.delete(np.arange(4000), np.arange(2001, 2101, 2))  # every second of 100 rows
+    log = opened(whole, whole["t"].to_numpy()[few], few, clavel)
+    (said,) = with_filter(log, 20.0).log.warnings
+    assert str(said).startswith("50 rows are missing in 50 places ")

@@ -14,7 +14,7 @@ from deltaid.recording.masks.masks import RESTS, Reason, kept
 from deltaid.recording.opening import NO_RATE, OTHER_RATE
 from deltaid.recording.source import INCOMPLETE
 from deltaid.recording.time.clock import HIGHEST_RATE, JITTER
-from deltaid.recording.time.doubts import places_of, restarted, rows_are, stood
+from deltaid.recording.time.doubts import places_of, restarted, rows_are, slowed, stood
 
 # Samples per period of the motion's bandwidth below which a recording is doubtful, and wrong.
 # Differentiated signals need more: the filter passes six hundredths of the rate.
@@ -190,14 +190,15 @@ def _clock(evidence: Evidence, log: Log) -> Verdict:
     holes = clock.lost[(clock.lost > 0) & (clock.lost <= clock.rows)]
     lost = int(holes.sum())
     restarts, cause, cure = restarted(clock, log.table, log.columns.time.column)
-    stands, why, fix = stood(clock, log.table, log.columns.time.column)
+    stands, *of_stand = stood(clock, log.table, log.columns.time.column)
+    slower, *of_rate = slowed(clock, log.table)
     stale = sum(m.last - m.first + 1 for m in log.masks if m.reason == "stale rows")
     stale *= not stands
     twice, scatter = len(clock.extra), clock.jitter / clock.period
     faults = {
         f"time leaps ahead by up to {clock.period * leaps.max(initial=0):.4g} s in "
         f"{places_of(leaps.size)}": bool(leaps.size),
-        f"{rows_are(lost)} missing in {places_of(holes.size)}": lost,
+        slower or f"{rows_are(lost)} missing in {places_of(holes.size)}": lost,
         restarts: bool(restarts),
         stands or f"{rows_are(twice)} there twice or without a place": twice,
         f"{rows_are(stale)} copies of the one before while the robot moves": stale,
@@ -221,8 +222,8 @@ def _clock(evidence: Evidence, log: Log) -> Verdict:
         cure = "split it if load or wiring were others; else nothing is to be done"
     if lost or twice or stale:
         cause = cure = ""
-    if stands:
-        cause, cure = why, fix
+    if stands or slower:
+        cause, cure = of_stand if stands else of_rate
     if lost and any(doubt.key == INCOMPLETE for doubt in log.warnings):
         cause, cure = _INCOMPLETE_ROWS
     if scatter > JITTER and not (cause or lost or twice or stale):

@@ -92,6 +92,22 @@ def stood(clock: Clock, table: LogTable, column: str) -> tuple[str, str, str]:
     )
 
 
+def slowed(clock: Clock, table: LogTable) -> tuple[str, str, str]:
+    """Where rows come at a lower rate than the rest, the likeliest cause, and the fix; empty where
+    they do not."""
+    breaks = np.flatnonzero((np.diff(clock.holes) != 1) | np.diff(clock.lost).astype(bool)) + 1
+    longest = max(np.split(np.arange(len(clock.holes)), breaks), key=len)
+    if len(longest) <= AGREE or clock.lost[longest[0]] < 1:
+        return "", "", ""
+    first, slower = clock.holes[longest[0]] - 1, clock.rate / (1 + clock.lost[longest[0]])
+    return (
+        f"{len(longest) + 1} rows from {_row(table, np.array([first]))} on come at "
+        f"{slower:.6g} Hz, others at {clock.rate:.6g} Hz",
+        "the rate was changed while recording, or recordings of two rates are in one file",
+        "record at one rate, or split the file there; else nothing is to be done",
+    )
+
+
 def restarted(clock: Clock, table: LogTable, column: str) -> tuple[str, str, str]:
     """Where time starts again, the likeliest cause, and the fix; empty where it does not.
 
@@ -133,13 +149,24 @@ def doubts_about_holes(
     report, sizes = clock.report(longest, shortest), clock.segments(longest)
     if report.bridged:
         holes = clock.holes[~clock.cuts(longest)]
+        slower, *of_rate = slowed(clock, table)
+        cause, cure = (
+            of_rate
+            if slower
+            else (
+                "packets were lost on their way to the logger",
+                "nothing is to be done for a few; else log on the controller itself",
+            )
+        )
         yield Doubt(
-            f"{rows_are(report.bridged)} missing in {places_of(holes.size)} "
+            f"{slower}; "
+            * bool(slower)
+            + f"{rows_are(report.bridged)} missing in {places_of(holes.size)} "
             f"({100 * report.bridged / clock.rows:.2g} % of the recording), the first before "
             f"{_row(table, holes)}: bridged by the motion about them, torques there do not "
             "count",
-            cause="packets were lost on their way to the logger",
-            cure="nothing is to be done for a few; else log on the controller itself",
+            cause=cause,
+            cure=cure,
             key="clock",
         )
     if report.restarts:
