@@ -15,7 +15,7 @@ from deltaid.identification import fit as fit_module
 from deltaid.identification import identify as identify_module
 from deltaid.identification import stages
 from deltaid.identification.fit import FittedProblem
-from deltaid.identification.friction_choice import missing_offsets
+from deltaid.identification.friction_choice import missing_offsets, shared_terms
 from deltaid.identification.friction_rows import FrictionRows
 from deltaid.identification.identify import Identification, identify
 from deltaid.model.record import Settings
@@ -116,6 +116,12 @@ def test_a_weak_term_is_that_of_other_drives_of_the_same_make(tmp_path: Path) ->
     speeds = [friction[drive].stribeck.speed for drive in sizes if friction[drive].stribeck]
     assert speeds == pytest.approx([0.3, 0.3, 0.3], rel=0.3)
     assert friction["drive4"].stribeck is None  # of another make
+
+
+def test_terms_are_shared_by_drives_of_identical_limbs_alone() -> None:
+    robot = load_robot("irb360-6-1600")
+    terms = shared_terms(robot, [("drive2", "load"), ("drive4", "power"), ("platform", "stribeck")])
+    assert terms == {("drive1", "load"), ("drive3", "load")}
 
 
 @pytest.mark.parametrize("noise_seed", swept([1, 2], 1))

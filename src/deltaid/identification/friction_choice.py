@@ -176,17 +176,18 @@ class _TermSearch:
         if best is None:
             return None
         variant, U = best
-        is_shared = variant.term in _of_their_make(self.rows.dynamics.robot, others)
+        is_shared = variant.term in shared_terms(
+            self.rows.dynamics.robot, (other.variant.term for other in others)
+        )
         return _Step(variant, self.rows.judged(U, self.residual, variant.constants), is_shared)
 
 
-def _of_their_make(robot: RobotDescription, steps: Iterable[_Step]) -> set[JointTerm]:
-    """Terms of steps, for all other drives of identical limbs."""
+def shared_terms(robot: RobotDescription, terms: Iterable[JointTerm]) -> set[JointTerm]:
+    """Terms of drives of identical limbs, for the other drives of these."""
     drives = robot.identical_drives
     return {
-        (drive, step.variant.kind)
-        for step in steps if step.joint in drives
-        for drive in drives if drive != step.joint
+        (drive, kind) for joint, kind in terms if joint in drives
+        for drive in drives if drive != joint
     }  # fmt: skip
 
 

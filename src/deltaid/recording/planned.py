@@ -207,12 +207,12 @@ def stilled(recording: PreparedRecording) -> Callable[[Window], SampleBlock]:
     still, last = _still_speed(recording), recording.log.samples - 1
     ends = [row for row, rows in ((0, recording.before), (last, recording.after)) if _rest(rows)]
 
-    def own(window: Window) -> SampleBlock:
+    def samples(window: Window) -> SampleBlock:
         qd = np.where(np.abs(window.own.qd) > still, window.own.qd, 0.0)
         qd[[row - window.start for row in ends if 0 <= row - window.start < len(qd)]] = 0.0
         return replace(window.own, qd=qd)
 
-    return own
+    return samples
 
 
 def _rest(rows: tuple[Rows, ...]) -> bool:
