@@ -51,10 +51,9 @@ import time
 from deltaid.fleets.workers import open_workers
 from test_fleet_pool import wait
 
-if __name__ == "__main__":
-    with open_workers(count=2) as pool:
-        for pid in pool.done(wait, [0.0, 0.0, 60.0, 60.0], lambda item, why: why):
-            print(pid, flush=True)
+with open_workers(count=2) as pool:
+    for pid in pool.done(wait, [0.0, 0.0, 60.0, 60.0], lambda item, why: why):
+        print(pid, flush=True)
 """
 
 
@@ -66,6 +65,7 @@ def wait(seconds: float) -> int:
 @pytest.mark.skipif(sys.platform == "win32", reason="Windows ends a process without asking it")
 @pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGINT])
 def test_workers_open_no_port_and_end_with_their_call(tmp_path: Path, number: int) -> None:
+    """The script has no guard: workers do not import it."""
     script = tmp_path / "call.py"
     script.write_text(WAITING)
     environment = {**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)}
@@ -73,15 +73,16 @@ def test_workers_open_no_port_and_end_with_their_call(tmp_path: Path, number: in
         [sys.executable, script], stdout=subprocess.PIPE, stderr=subprocess.PIPE, env=environment
     ) as call:
         assert call.stdout is not None
-        call.stdout.readline()
-        call.stdout.readline()
+        assert call.stdout.readline()
+        assert call.stdout.readline()
         parent = psutil.Process(call.pid)
         workers = parent.children(recursive=True)
         assert len(workers) >= 2
         assert all(not process.net_connections(kind="all") for process in (parent, *workers))
         began = time.monotonic()
         call.send_signal(number)
-        call.communicate(timeout=30)
+        _, said = call.communicate(timeout=30)
+        assert b"bootstrapping" not in said
         assert call.returncode != 0
         assert not psutil.wait_procs(workers, timeout=20)[1]
         assert time.monotonic() - began < 30

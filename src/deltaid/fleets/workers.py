@@ -7,6 +7,7 @@ give them work.
 import logging
 import os
 import signal
+import sys
 from collections import deque
 from collections.abc import Callable, Generator, Iterator, Sequence
 from concurrent.futures import CancelledError, Executor, Future, ProcessPoolExecutor
@@ -20,6 +21,7 @@ from pathlib import Path
 from queue import SimpleQueue
 from tempfile import TemporaryDirectory
 from threading import Lock, Thread
+from types import ModuleType
 from typing import TYPE_CHECKING, Any, TypeVar, cast
 from uuid import uuid4
 
@@ -137,6 +139,19 @@ def defect(error: object) -> str:
     return f"a defect of deltaid, please report it: {type(error).__name__}: {first}"
 
 
+class _Processes(ProcessPoolExecutor):
+    """Processes that do not import the script of this one, which would call for workers of its own
+    where it has no guard: all that they do lies in deltaid."""
+
+    def submit(self, *task: Any, **options: Any) -> Future[Any]:
+        script = sys.modules["__main__"]
+        sys.modules["__main__"] = ModuleType("__main__")
+        try:
+            return super().submit(*task, **options)  # starts a process if none is idle
+        finally:
+            sys.modules["__main__"] = script
+
+
 @contextmanager
 def _processes(count: int) -> Generator[ProcessPoolExecutor, None, None]:
     """Processes that end at once if the block raises, or if this process is killed.
@@ -146,7 +161,7 @@ def _processes(count: int) -> Generator[ProcessPoolExecutor, None, None]:
     context = get_context("spawn")
     lives, ours = context.Pipe(duplex=False)
     begin: tuple[Any, ...] = (lives, named_path())
-    executor = ProcessPoolExecutor(count, context, _begin, begin)
+    executor = _Processes(count, context, _begin, begin)
     try:
         yield executor
     except BaseException:
