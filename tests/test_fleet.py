@@ -91,7 +91,13 @@ def test_what_is_no_recording_is_told_and_stops_nothing(whole: Plant) -> None:
 def test_nothing_is_done_again(whole: Plant, monkeypatch: pytest.MonkeyPatch) -> None:
     before = (whole.output / "parameters.parquet").read_bytes()
     monkeypatch.setattr("deltaid.fleets.run.open_workers", lambda *_: pytest.fail("were started"))
-    assert whole.run().computed == (0, 0, 0)
+    run = whole.run()
+    assert run.computed == (0, 0, 0)
+    assert repr(run).startswith(
+        "Fleet\n2 robots, 4 recordings (0 processed now), 4 fits (0 made now).\n1 in quarantine\n"
+        "recording of south: "
+    )
+    assert run.to_frame().height == 5
     assert (whole.output / "parameters.parquet").read_bytes() == before
 
 

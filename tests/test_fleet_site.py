@@ -285,6 +285,20 @@ def test_a_torque_constant_that_the_last_recordings_doubt_is_named_before_a_body
     assert "1 of 8 robots needs attention." in said
 
 
+@pytest.mark.parametrize(
+    ("days", "which"), [(1, "only recording shows"), (2, "last 2 recordings show")]
+)
+def test_a_robot_with_few_recordings_shows_a_wrong_torque_constant_by_all_of_them(
+    days: int, which: str, tmp_path: Path
+) -> None:
+    folder = write_tables(tmp_path, 3, days, rising=(), foreign=())
+    changed(folder, "recordings", "R001", verdicts="drive-gain")
+    write(folder)
+    said = words(folder / "site" / "index.html")
+    assert f"R001: its {which} a wrong torque constant of a drive" in said
+    assert "1 of 3 robots needs attention." in said
+
+
 def test_a_robots_page_dates_the_recordings_that_were_used(tmp_path: Path) -> None:
     folder = write_tables(tmp_path, 2, 4, rising=(), foreign=(), silent=(1,))
     changed(folder, "recordings", "R001", reason="")

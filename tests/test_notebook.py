@@ -54,6 +54,7 @@ def values(result, motion) -> dict[str, object]:
         "a surveyed recording": result.recordings[0],
         "a log": result.recordings[0].log,
         "a mapping": deltaid.ColumnMapping(position={"column": "q", "unit": "deg"}),
+        "a fleet": deltaid.FleetRun((), (), (), (), ()),
         "checks": deltaid.check(NAME, wrong, progress=False),
         "a check": result.verdicts[0],
         "a comparison": deltaid.validate(result, unseen),

@@ -1,6 +1,5 @@
 """`deltaid fleet`: hundreds of robots and all their recordings, from a manifest to tables."""
 
-from collections.abc import Sized
 from dataclasses import asdict
 from pathlib import Path
 from typing import Annotated
@@ -101,6 +100,7 @@ def fleet(
     """
     from deltaid.fleets import place
     from deltaid.fleets.fleet import find_fleet
+    from deltaid.view.fleets import summary
 
     if scheduler is not None and workers is not None:
         raise DeltaidError(
@@ -166,12 +166,7 @@ def fleet(
             }
         )
     else:
-        robots_used = {outcome.recorded.robot for outcome in used}
-        console.print(
-            f"{_count(robots_used, 'robot')}, {_count(used, 'recording')} "
-            f"({run.computed[0]} processed now), {_count(fits, 'fit')} "
-            f"({run.computed[1]} made now); in {output}"
-        )
+        console.print(f"{summary(run)}; in {output}")
         if site:
             console.print(f"pages: {site}")
         if run.quarantine:
@@ -187,7 +182,3 @@ def fleet(
             where=manifest,
             cure="see what is in quarantine, and why" if run.quarantine else "list recordings",
         )
-
-
-def _count(things: Sized, what: str) -> str:
-    return f"{len(things)} {what}{'' if len(things) == 1 else 's'}"

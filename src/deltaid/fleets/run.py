@@ -48,10 +48,11 @@ from deltaid.forked import require_threads
 from deltaid.model.options import Period
 from deltaid.model.settings import Settings, settings_of
 from deltaid.progress import Watch, watched
+from deltaid.shown import Shown, Tabled
 
 
-@dataclass(frozen=True)
-class FleetRun:
+@dataclass(frozen=True, repr=False)
+class FleetRun(Shown, Tabled):
     """Results of a call.
 
     Attributes:

@@ -40,6 +40,7 @@ _KINDS = {
     "dynamics.dynamics.Dynamics": ("robot", "robots", "robots"),
     "dynamics.dynamics.Terms": ("fields", "show", "show"),
     "dynamics.forward_dynamics.ForwardDynamics": ("robot", "robots", "robots"),
+    "fleets.run.FleetRun": ("fleet_run", "fleets", "fleets"),
     "motion.excitation.excite.Excitation": ("excitation", "excitation", "excitation"),
     "motion.excitation.excite.Exciter": ("exciter", "excitation", "excitation"),
     "motion.excitation.run.Run": ("run", "excitation", "excitation"),

@@ -229,11 +229,9 @@ def _doubted(rows: Sequence[Row]) -> list[Concern]:
     it, so it may pass for a body."""
     checks = [row["verdicts"].split(", ") for row in reversed(rows) if not row["reason"]]
     count = len([*takewhile(lambda keys: _GAIN_CHECK in keys, checks)])
-    text = (
-        f"its last {count} recordings show a wrong torque constant of a drive (deltaid check names "
-        "it)"
-    )
-    return [Concern(Urgency.LOOK, text)] if count >= _IN_A_ROW else []
+    which = f"last {count} recordings show" if len(checks) > 1 else "only recording shows"
+    text = f"its {which} a wrong torque constant of a drive (deltaid check names it)"
+    return [Concern(Urgency.LOOK, text)] if count >= min(_IN_A_ROW, len(checks)) > 0 else []
 
 
 def _recorded(rows: Sequence[Row], usable: Sequence[datetime], now: Any) -> list[Concern]:

@@ -1,0 +1,36 @@
+"""A call of a fleet: its card and its table."""
+
+from collections.abc import Sized
+
+import polars as pl
+
+from deltaid.fleets.gather_all import recordings_table
+from deltaid.fleets.run import FleetRun
+from deltaid.view.show import Card
+
+
+def fleet_run_card(run: FleetRun) -> Card:
+    lines = [f"{line.what} of {line.robot}: {line.reason}" for line in run.quarantine]
+    put = [f"{len(run.quarantine)} in quarantine"] * bool(run.quarantine)
+    return Card("Fleet", (f"{summary(run)}.", *put, *lines), methods=(".quarantine", ".to_frame()"))
+
+
+def fleet_run_frame(run: FleetRun) -> pl.DataFrame:
+    """A row a recording, as in `recordings.parquet`."""
+    return recordings_table(run.outcomes)
+
+
+def summary(run: FleetRun) -> str:
+    """How many robots, recordings and fits there are, and what this call has made of them."""
+    used = [outcome for outcome in run.outcomes if outcome.file]
+    robots = {outcome.recorded.robot for outcome in used}
+    fits = [fit for fit in run.fits if not fit.reason]
+    gathered, fitted, _ = run.computed
+    return (
+        f"{_count(robots, 'robot')}, {_count(used, 'recording')} ({gathered} processed now), "
+        f"{_count(fits, 'fit')} ({fitted} made now)"
+    )
+
+
+def _count(things: Sized, what: str) -> str:
+    return f"{len(things)} {what}{'' if len(things) == 1 else 's'}"
