@@ -100,7 +100,7 @@ def fleet(
     """
     from deltaid.fleets import place
     from deltaid.fleets.fleet import find_fleet
-    from deltaid.view.fleets import summary
+    from deltaid.fleets.run_card import summary
 
     if scheduler is not None and workers is not None:
         raise DeltaidError(

@@ -28,8 +28,8 @@ _OTHER = "#57606a"
 _WRITTEN, _CHARACTERS = 16, 60
 
 
-# Class, by the module that it lives in: its kind, and the modules here of the functions that make
-# its card and frame, and its figure and page, such as 'run_card'.
+# Class, by the module that it lives in: its kind, and the modules of the functions that make its
+# card and frame, and its figure and page, such as 'run_card': here, or in a room above this one.
 _KINDS = {
     "calibration.calibrate.Calibration": ("calibration", "calibration", "calibration"),
     "model.verdict.Verdict": ("verdicts", "check", "check"),
@@ -40,7 +40,7 @@ _KINDS = {
     "dynamics.dynamics.Dynamics": ("robot", "robots", "robots"),
     "dynamics.dynamics.Terms": ("fields", "show", "show"),
     "dynamics.forward_dynamics.ForwardDynamics": ("robot", "robots", "robots"),
-    "fleets.run.FleetRun": ("fleet_run", "fleets", "fleets"),
+    "fleets.run.FleetRun": ("fleet_run", "fleets.run_card", "fleets.run_card"),
     "motion.excitation.excite.Excitation": ("excitation", "excitation", "excitation"),
     "motion.excitation.excite.Exciter": ("exciter", "excitation", "excitation"),
     "motion.excitation.run.Run": ("run", "excitation", "excitation"),
@@ -197,5 +197,6 @@ def _function(value: object, act: str) -> Callable[..., Any]:
         if name in _KINDS:
             title, of_cards, of_pages = _KINDS[name]
             module = of_cards if act in ("card", "frame") else of_pages
-            return getattr(import_module(f"deltaid.view.{module}"), f"{title}_{act}")
+            room = "deltaid" if "." in module else "deltaid.view"
+            return getattr(import_module(f"{room}.{module}"), f"{title}_{act}")
     raise TypeError(f"nothing shows a {type(value).__name__}")
