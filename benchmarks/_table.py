@@ -27,7 +27,7 @@ Size = Mapping[str, int]
 STATED: dict[str, Size] = {
     "belt_picks": {"rows": 14, "picks": 40},
     "bodies_weighed": {"rows": 24, "seeds": 100},
-    "calibrate": {"rows": 13, "machines": 20},
+    "calibrate": {"rows": 13, "machines": 40},
     "calibrate_times": {"rows": 2},
     "calibrated_identify": {"rows": 3, "machines": 8},
     "coverage_of_intervals": {"rows": 6, "seeds": 200},
