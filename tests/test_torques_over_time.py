@@ -3,6 +3,7 @@
 import re
 
 import numpy as np
+import polars as pl
 import pytest
 
 import deltaid
@@ -10,8 +11,11 @@ from deltaid.checks.evidence import evidence
 from deltaid.checks.wiring.wiring import checked_wiring, checked_wirings
 from deltaid.errors import RecordingError
 from deltaid.model.verdict import Grade, Verdict
+from deltaid.robot.load import load_robot
 from drives import case
+from identified import simulated
 from logs import tabled
+from plants import true_parameters
 from wired import RATE, Columns, bad, recorded, seen
 
 NAME = "clavel-delta3"
@@ -142,3 +146,15 @@ def test_magnitudes_of_torques_are_no_change_of_their_sign() -> None:
     shifted = columns | {"tau": 20.0 + columns["tau"]}  # of one sign by an offset
     verdicts = bad(checked_wiring(seen(NAME, shifted)))
     assert not any("magnitudes" in verdict.cause for verdict in verdicts)
+
+
+def test_a_torque_that_keeps_its_sign_is_no_magnitude() -> None:
+    """Of a robot unlike its description, whose prior asks for both."""
+    robot = load_robot(NAME)
+    p = true_parameters(robot, np.random.default_rng([13, 5]))
+    table = simulated(robot, p, 13, duration=12.0)
+    assert (table["tau2"] < 0).all()
+    assert not bad(checked_wiring(evidence(robot, table, None)))
+    magnitudes = table.with_columns(pl.col("tau1", "tau2", "tau3").abs())
+    (verdict,) = bad(checked_wiring(evidence(robot, magnitudes, None)))
+    assert "holds magnitudes" in verdict.cause

@@ -38,14 +38,16 @@ Inside = Bool[np.ndarray, " samples"]
 
 @dataclass(frozen=True, eq=False)
 class _Course:
-    """Torques of moving drives over time, as recorded; those of the prior and of a fit are zero
-    where they are unknown."""
+    """Torques of moving drives over time, as recorded; those of the prior, of a fit and of one to
+    torques that are recorded without their signs are zero where they are unknown."""
 
     drives: Int[np.ndarray, " moving"]
     time: Float[np.ndarray, " samples"]
     prior: Torques
     fitted: Torques
+    unsigned: Torques
     recorded: Torques
+    one_sided: Bool[np.ndarray, " moving"]  # whether all recorded ones have the same sign
     blurred: int  # samples on either side of one that filters mix with it, most of it
 
     @property
@@ -80,20 +82,37 @@ def _course(case: RemappedRecording) -> _Course | None:
     under = residual(dynamics, moved, Map.identity(dynamics.dof))
     if under is None:
         return None
-    torques, drives = np.zeros((2, *moved.tau.T.shape)), np.flatnonzero(~under.still)
-    for k, p in enumerate((under.prior, _of_most_rows(under))):
+    one_sided = np.all(rows.tau >= 0, axis=0) | np.all(rows.tau <= 0, axis=0)
+    none = np.zeros_like(one_sided)
+    known = under.prior, *(_of_most_rows(under, drives) for drives in (none, one_sided))
+    torques, drives = np.zeros((len(known), *moved.tau.T.shape)), np.flatnonzero(~under.still)
+    for k, p in enumerate(known):
         torques[k][:, under.keep] = under.rows.of_drives(under.Y @ p)
-    prior, fitted = torques[0, drives], torques[1, drives]
     blurred = moved.low_pass.half // (2 * moved.low_pass.decimation)
-    return _Course(drives, moved.time, prior, fitted, moved.tau.T[drives], blurred)
+    prior, fitted, unsigned = torques[:, drives]
+    return _Course(
+        drives=drives,
+        time=moved.time,
+        prior=prior,
+        fitted=fitted,
+        unsigned=unsigned,
+        recorded=moved.tau.T[drives],
+        one_sided=one_sided[drives],
+        blurred=blurred,
+    )
 
 
-def _of_most_rows(under: MapResidual) -> Float[np.ndarray, " columns"]:
+def _of_most_rows(
+    under: MapResidual, unsigned: Bool[np.ndarray, " drives"]
+) -> Float[np.ndarray, " columns"]:
     """Parameters of the larger part of the rows: those of errors with Cauchy's distribution, whose
-    scale is their median, from the prior on."""
+    scale is their median, from the prior on. Torques of `unsigned` drives have the model's sign."""
     tau, p, scale = under.rows.stack(under.tau.T), under.prior, lengths(under.Y)
+    turned = np.repeat(unsigned, len(tau) // len(unsigned))
     for _ in range(_ROUNDS):
-        errors = np.abs(tau - under.Y @ p)
+        predicted = under.Y @ p
+        tau = np.where(turned, np.copysign(tau, predicted), tau)
+        errors = np.abs(tau - predicted)
         weights = 1.0 / np.hypot(1.0, errors / max(float(np.median(errors)), LEAST))
         A = weights[:, None] * under.Y / scale
         p = np.linalg.lstsq(A, weights * tau, rcond=DEPENDENT)[0] / scale
@@ -101,10 +120,11 @@ def _of_most_rows(under: MapResidual) -> Float[np.ndarray, " columns"]:
 
 
 def _magnitudes(case: RemappedRecording, course: _Course) -> Iterator[Verdict]:
-    tau, f = case.evidence.rows.tau[:, course.drives], course.prior
-    one_sided = (tau >= 0).all(axis=0) | (tau <= 0).all(axis=0)
-    signed, sizes = (1.0 - _gain(g, course.recorded)[1] ** 2 for g in (f, np.abs(f)))
-    drives = course.drives[one_sided & (sizes < _CLEARER * signed)].tolist()
+    known = np.where(course.fitted, course.recorded, 0.0)
+    signed, sizes = (
+        1.0 - _gain(f, known)[1] ** 2 for f in (course.fitted, np.abs(course.unsigned))
+    )
+    drives = course.drives[course.one_sided & (sizes < _CLEARER * signed)].tolist()
     if drives:
         yield Verdict(
             "torque-sign",
