@@ -111,6 +111,33 @@ def test_a_plan_of_few_rows_a_second_and_one_with_a_hole_need_no_rate_of_recordi
     assert rows["tau1"].is_not_null().sum() > 900
 
 
+def thinned(plan: Plan, every: int) -> Plan:
+    return Plan(*(x[::every] for x in (plan.time, plan.q, plan.qd, plan.qdd)))
+
+
+def jump() -> Plan:
+    """From one place to another in one row."""
+    time = np.arange(500) / RATE
+    q = start() + WAY * (time > 0.25)[:, None]
+    return Plan(time, q, 0 * q, 0 * q)
+
+
+@pytest.mark.parametrize("every", [1, 10])
+def test_accelerations_that_the_filter_takes_are_said(every: int) -> None:
+    """Of a jump all; of rows far apart a part. Rows that are near enough are not."""
+    fine = deltaid.torque(smooth(), thinned(point_to_point(0.5), every).frame())
+    assert (fine.without, fine.warnings) == ((0, 0), ())
+    coarse = thinned(point_to_point(0.3), 20)
+    found = deltaid.torque(smooth(), coarse.frame())
+    assert found.without == (0, 0)
+    assert coarse.error(found.table()).max() > 0.1
+    (said,) = found.warnings
+    assert "the filter, 5 Hz for rows at 50 Hz, leaves out" in said
+    (said,) = deltaid.torque(smooth(), thinned(jump(), every).frame()).warnings
+    assert "leaves out 100 % of drive" in said
+    assert "or it jumps" in said
+
+
 @pytest.mark.parametrize("whose", ["prior", "identified"])
 def test_forces_reach_from_the_first_row_of_a_plan_to_its_last(whose: str) -> None:
     """The worst force may be at an end, and of a motion faster than the model's recordings."""

@@ -23,7 +23,8 @@ from deltaid.recording.log import Log
 from deltaid.recording.mapping import MappingLike, as_mapping
 from deltaid.recording.memory import RecordingLike, as_source
 from deltaid.recording.opening import open_log
-from deltaid.recording.planned import planned, stilled, unknown_ends
+from deltaid.recording.plan_doubts import smoothed_away, unknown_ends
+from deltaid.recording.planned import planned, stilled
 from deltaid.recording.recording import PreparedRecording
 from deltaid.recording.windows import Window
 from deltaid.shown import Plotted, Reported, Shown, Tabled
@@ -300,6 +301,7 @@ def torque(
         recording = as_known(model_filtered(known, log, partial(planned, periodic=periodic)), known)
     warnings = [f"{source}: {text}" for text in recording.log.warnings]
     warnings += unknown_ends(recording, "torque", _CURE)
+    warnings += smoothed_away(recording, known.dynamics.kinematics)
     return FeedForward(known, recording, recording.without, tuple(warnings))
 
 

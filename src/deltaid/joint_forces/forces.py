@@ -22,7 +22,8 @@ from deltaid.recording.filter import TOO_SHORT
 from deltaid.recording.mapping import ColumnMappings, MappingLike, as_mapping
 from deltaid.recording.memory import RecordingLike, as_source
 from deltaid.recording.opening import open_log
-from deltaid.recording.planned import motion_of, planned, unknown_ends
+from deltaid.recording.plan_doubts import smoothed_away, unknown_ends
+from deltaid.recording.planned import motion_of, planned
 from deltaid.recording.recording import PreparedRecording
 from deltaid.recording.windows import SampleBlock
 from deltaid.shown import Plotted, Reported, Shown, Tabled
@@ -257,6 +258,7 @@ def forces(
     aside = _ASIDE.format(sensors) if given and sensors else ""
     warnings = [*(f"{source}: {text}" for text in seen), computed.note, aside]
     warnings += unknown_ends(recording, "forces", _CURE)
+    warnings += smoothed_away(recording, kinematics)
     return Forces(
         known, computed, recording, tuple(findings), extreme, tuple(filter(None, warnings))
     )

@@ -12,7 +12,7 @@ from typing import Literal
 import numpy as np
 from jaxtyping import Float
 
-from deltaid.errors import Doubt, RecordingError
+from deltaid.errors import RecordingError
 from deltaid.mechanism.kinematics import Kinematics
 from deltaid.recording.columns import Rows
 from deltaid.recording.filter import LowPass, design_low_pass
@@ -30,7 +30,7 @@ End = Literal["first", "last"]
 _ROWS = SEGMENT // 2
 # Standard deviations of the speed at an end are this share of the plan's largest at most: an error
 # of the torque of a few percent.
-_UNSURE = 0.1
+UNSURE = 0.1
 
 
 @dataclass(frozen=True)
@@ -91,8 +91,15 @@ class PlanEnds:
     def rests(self, end: End, cutoff: float) -> bool:
         """Whether no drive moves at an end."""
         _, speed, spread = self.state(end, cutoff)
-        limit = RESTS * self.speed + np.minimum(CERTAIN * spread, _UNSURE * self.speed)
-        return not np.any((np.abs(speed) > limit) & (self.speed > 0))
+        # A parabola through three rows of a smooth start turns round behind its end, also where
+        # rows are too far apart for a cubic.
+        rows = self.positions(self.head if end == "first" else self.tail[::-1])
+        first, second = np.diff(rows[:3], axis=0) * self.log.rate
+        speed = np.minimum(
+            np.abs(speed), np.maximum(np.sign(first) * (1.5 * first - 0.5 * second), 0)
+        )
+        limit = RESTS * self.speed + np.minimum(CERTAIN * spread, UNSURE * self.speed)
+        return not np.any((speed > limit) & (self.speed > 0))
 
     def period(self, cutoff: float) -> int:
         """Rows of a period: the plan's last row equals the first one, or the next row would.
@@ -108,7 +115,7 @@ class PlanEnds:
             self.log.samples - 1: np.abs(q_last - q),
             self.log.samples: np.abs(q_last + v_last / self.log.rate - q),
         }
-        closing = {rows: gap - _UNSURE * largest - 2 * unsure for rows, gap in apart.items()}
+        closing = {rows: gap - UNSURE * largest - 2 * unsure for rows, gap in apart.items()}
         period = min(closing, key=lambda rows: closing[rows].max())
         jump = np.abs(v_last - v) - 2 * RESTS * self.speed - CERTAIN * (spread + spread_last)
         if closing[period].max() > 0:
@@ -183,19 +190,6 @@ def motion_of(recording: PreparedRecording, kinematics: Kinematics) -> Iterator[
         part = samples.part(slice(max(0, left))) if recording.after else samples
         left -= len(part.time)
         yield part
-
-
-def unknown_ends(recording: PreparedRecording, quantity: str, cure: str) -> list[str]:
-    """A warning about the rows at ends for which nothing is computed; none if there are none."""
-    first, last = recording.without
-    spans = [f"the first {first}"] * bool(first) + [f"the last {last}"] * bool(last)
-    if not spans:
-        return []
-    seen = (
-        f"{recording.path}: {' and '.join(spans)} of {recording.log.samples} rows have no "
-        f"{quantity}: the filter needs rows beyond"
-    )
-    return [Doubt(seen, cause="the motion does not rest at that end", cure=cure)]
 
 
 def stilled(recording: PreparedRecording) -> Callable[[Window], SampleBlock]:
