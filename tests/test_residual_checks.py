@@ -222,3 +222,21 @@ def test_noise_is_no_part_of_what_is_unexplained() -> None:
 
     quiet, noisy = (said(added, noise=noise)["residual"].number for noise in (0.01, 0.03))
     assert noisy == pytest.approx(quiet, rel=0.06)
+
+
+def test_torques_that_a_model_explains_without_any_noise_were_computed() -> None:
+    verdict = said(noise=0.0)["residual"]
+    assert (verdict.grade, verdict.subject) == (Grade.DOUBTFUL, "")
+    assert verdict.seen.startswith("the model explains all torques to 0.00")
+    assert "computed" in verdict.cause
+    assert said(noise=0.001)["residual"].grade is Grade.GOOD  # as measured ones at their best
+
+
+def test_one_column_of_computed_torques_is_named() -> None:
+    verdict = said(lambda t, q, qd, tau: np.array([0.0, 0.0, 1.0]) * noise_of(tau), noise=0.0)
+    assert verdict["residual"].subject == "drive1 and drive2"
+
+
+def noise_of(tau: np.ndarray) -> np.ndarray:
+    noise = np.random.default_rng(0).standard_normal(tau.shape)
+    return 0.01 * np.abs(tau).max(axis=0) * noise

@@ -14,6 +14,7 @@ from scipy.special import chdtrc, chdtri
 from threadpoolctl import threadpool_limits
 
 from deltaid.checks.closed_loop import SEGMENTS
+from deltaid.checks.computed import computed_torques
 from deltaid.checks.evidence import Evidence
 from deltaid.checks.wiring.residual import LEAST
 from deltaid.effects.all import effect_of
@@ -172,7 +173,10 @@ def _line(
 
 def _rest(study: Study, *, rings: bool) -> Verdict:
     """Residual that neither parameters nor effects explain, for the drive with most of it; a
-    resonance (`rings`) explains it."""
+    resonance (`rings`) explains it. Where there is less of it than of any measurement, a model made
+    the torques."""
+    if (computed := computed_torques(study)) is not None:
+        return computed
     every = sorted(rests(study), key=lambda rest: rest.systematic, reverse=True)
     rest = next((rest for rest in every if rest.is_unexplained), None)
     if rings or rest is None:
