@@ -102,6 +102,17 @@ def test_torques_that_go_along_a_period_later_as_well_were_not_joined_there() ->
     assert "torque-lag" not in [verdict.key for verdict in bad(verdicts)]
 
 
+def test_a_period_later_is_not_where_torques_belong_that_something_disturbs_from_then_on() -> None:
+    """Torques a period early would leave out the rows that are disturbed."""
+    made = case("clean", "delta3", 0)
+    log, names = made.logs[0], [f"tau{i}" for i in (1, 2, 3)]
+    t, tau = log["t"].to_numpy(), log.select(names).to_numpy()
+    more = 1.5 * tau.std(axis=0) * np.sin(3.0 * t[:, None] + [0.0, 1.0, 2.0])
+    disturbed = log.with_columns(tabled(tau=tau + (t > 0.55 * t[-1])[:, None] * more))
+    verdicts = checked_wiring(evidence(made.robot, disturbed))
+    assert "torque-lag" not in [verdict.key for verdict in bad(verdicts)]
+
+
 def test_the_other_recordings_are_judged_without_one_that_is_joined_wrongly() -> None:
     columns = recorded(NAME)
     joined = columns | {"tau": np.roll(columns["tau"], 150, axis=0)}

@@ -58,8 +58,17 @@ class _Course:
         """Correlations where recorded torques come so many samples late."""
         n = len(self.time)
         f = self.prior[:, max(0, -lag) : n - max(0, lag)]
-        u = self.recorded[:, max(0, lag) : n + min(0, lag)]
-        return _gain(f, u)[1]
+        return _gain(f, self.recorded[:, self._shared(lag)])[1]
+
+    def as_recorded(self, lag: int) -> OfDrives:
+        """Correlations without a lag, of the torques that a lag compares: a motion that is repeated
+        goes along a period later as well, of rows that nothing disturbs."""
+        rows = self._shared(lag)
+        return _gain(self.prior[:, rows], self.recorded[:, rows])[1]
+
+    def _shared(self, lag: int) -> slice:
+        """Torques whose positions were recorded as well if they come so many samples late."""
+        return slice(max(0, lag), len(self.time) + min(0, lag))
 
 
 def over_time_verdicts(case: RemappedRecording) -> Iterator[Verdict]:
@@ -147,9 +156,8 @@ def _joined(case: RemappedRecording, course: _Course) -> Iterator[Verdict]:
     before, peak, after = mean[k - 1 : k + 2].tolist()
     place = k - half + 0.5 * (before - after) / min(before - 2 * peak + after, -_TINY)  # a parabola
     late, least = place * course.step, along[k].min()
-    if mean[half] > ALONG:
-        return  # at the end of a period of the motion torques go along as well
-    if abs(late) < _DELAY or least < SENSIBLE[0] or 1 - peak**2 > _CLEARER * (1 - mean[half] ** 2):
+    without = max(float(course.as_recorded(k - half).mean()), float(mean[half]))
+    if abs(late) < _DELAY or least < SENSIBLE[0] or 1 - peak**2 > _CLEARER * (1 - without**2):
         return
     count = round(late / case.evidence.rows.step)
     yield Verdict(
@@ -157,7 +165,7 @@ def _joined(case: RemappedRecording, course: _Course) -> Iterator[Verdict]:
         Grade.WRONG,
         f"torques come {abs(late):.2f} s {'late' if late > 0 else 'early'} against positions, some "
         f"{abs(count)} rows, more than any drive delays them: {peak:.2g} is then their correlation "
-        f"with the prior's, and {mean[half]:.2g} as recorded",
+        f"with the prior's, and {without:.2g} as recorded",
         cause="positions and torques were recorded apart and joined at another row, or by clocks "
         "that differ",
         cure=f"join them by stamps of one clock, which shifts the torque columns by some "
