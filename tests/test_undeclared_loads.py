@@ -7,7 +7,9 @@ from unittest.mock import Mock
 import numpy as np
 import pytest
 
+from deltaid.checks.evidence import evidence
 from deltaid.checks.identify import Judged
+from deltaid.checks.residual import checked_residual
 from deltaid.effects.effect import causes_of
 from deltaid.effects.load import LoadChange
 from deltaid.effects.load_columns import LoadColumns
@@ -20,9 +22,11 @@ from deltaid.model.verdict import Grade
 from deltaid.recording.recording import PreparedRecording
 from deltaid.recording.repairs import LeftSpan, Repairs
 from drives import Case, case
-from drives.happening import within
+from drives.happening import Load, within
 from drives.identify import identified
 from drives.judge import judge
+from oracle.tree import Array
+from plants import Truth
 
 
 @cache
@@ -78,6 +82,31 @@ def test_when_it_is_held_is_known_from_all_of_a_recording_only() -> None:
     for study, is_known in ((whole, True), (some, False)):
         (cause,) = (c for c in causes_of(study.fit, study.account) if c.kind == "load-change")
         assert (LoadChange().held(cause, recording) is not None) == is_known
+
+
+@pytest.mark.parametrize("kind", ["delta4", "par4"])
+def test_a_tool_that_shifts_is_named_and_is_no_load(kind: str) -> None:
+    """Its mass stays, so it is no body that is picked up: a load in its place is 0.5 to 0.9 kg."""
+    made, tool = case("clean", kind), Load(1.0, np.array([0.02, -0.01, -0.05]))
+    moved = replace(tool, centre=np.array([0.05, 0.01, -0.07]))
+    (h,), (sensors,) = made.happenings, made.sensors
+
+    class Shift:
+        def torque(self, truth: Truth) -> Array:
+            gravity = h.machine.plant.oracle.gravity
+            more = moved.torque(truth, gravity) - tool.torque(truth, gravity)
+            return more * (truth.time > 0.5 * h.duration)[:, None]
+
+    log = sensors.recorded(replace(h, pulls=(Shift(),)))
+    looked_at = evidence(made.robot, log)
+    (cause,) = (c for c in causes_of(looked_at.study.fit, looked_at.study.account))
+    assert LoadChange().held(cause, looked_at.surveyed) is None
+    (verdict,) = (v for v in checked_residual(looked_at) if v.key == "load-change")
+    assert f"EE's centre or inertia changes, and its mass does not, at {h.duration / 2:.1f}" in (
+        verdict.seen
+    )
+    assert "loose" in verdict.cause
+    assert "declare" not in verdict.cure
 
 
 @pytest.mark.slow

@@ -107,8 +107,8 @@ def _verdict(cause: Cause, recording: PreparedRecording) -> Verdict | None:
     size = share[drives.index(subject) if subject in drives else int(np.argmax(share))]
     number, unit, seen = effect.seen(cause, subject, size)
     proposals, grade = effect.proposals(cause, recording), graded(size, -np.inf, _MUCH)
-    why = effect.why(cause)
-    return Verdict(effect.key, grade, seen, subject, why, effect.fix, proposals, number, unit)
+    why, cure = effect.why(cause), effect.cure(cause)
+    return Verdict(effect.key, grade, seen, subject, why, cure, proposals, number, unit)
 
 
 def _why_left(evidence: Evidence, study: Study, recording: PreparedRecording) -> str:

@@ -299,6 +299,9 @@ class DescribedEffect(Effect):
     def why(self, cause: Cause) -> str:
         return self.likeliest
 
+    def cure(self, cause: Cause) -> str:
+        return self.fix
+
     def proposals(self, cause: Cause, recording: PreparedRecording) -> tuple[Proposal, ...]:
         return ()
 

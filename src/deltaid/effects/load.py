@@ -11,6 +11,7 @@ from deltaid.estimation.problem import Columns, Rows
 from deltaid.model.verdict import Proposal
 from deltaid.recording.carried import Load
 from deltaid.recording.recording import PreparedRecording
+from deltaid.robot.inertia import INERTIA_NAMES
 
 # What may be missing of a completely inspected recording at once [s].
 _GONE = 1.0
@@ -26,11 +27,19 @@ class LoadChange(DescribedEffect):
     """
 
     kind = "load-change"
-    likeliest = "a load is picked up or put down while recording goes on"
-    fix = (
-        "declare it in the mapping (load: {spans: …}, or the gripper's column), and it is "
-        "identified with the robot; else record without load"
-    )
+
+    def why(self, cause: Cause) -> str:
+        if _shifts(cause):
+            return f"something on {cause.first.words} is loose, or opens, turns or slides"
+        return "a load is picked up or put down while recording goes on"
+
+    def cure(self, cause: Cause) -> str:
+        if _shifts(cause):
+            return "fasten it, or identify the parts before and after as recordings of two robots"
+        return (
+            "declare it in the mapping (load: {spans: …}, or the gripper's column), and it is "
+            "identified with the robot; else record without load"
+        )
 
     def search(self, fit: RigidFit) -> Callable[[Rows], Iterable[EffectCandidate]]:
         holders = _holders(fit)
@@ -60,14 +69,19 @@ class LoadChange(DescribedEffect):
         when = ", ".join(f"{t:.2f}" for t in times[:4]) + (
             f" s and {len(times) - 4} times more" if len(times) > 4 else " s"
         )
+        if _shifts(cause):
+            words = f"{first.words}'s centre or inertia changes, and its mass does not, at {when}"
+            return mass, "kg", words
         return mass, "kg", f"the mass of {first.words} changes by {mass:.2g} kg, at {when}"
 
     def held(self, cause: Cause, recording: PreparedRecording) -> Load | None:
-        """The load and when it is held; None where not all of the recording was inspected, or where
-        a load is declared already."""
+        """The load and when it is held; None where not all of the recording was inspected, where a
+        load is declared already, or where it is none."""
         first, time, log = cause.first, cause.fit.motion.time, recording.log
         start, end = log.clock.stamps(np.array([0, log.samples - 1])).tolist()
         if log.columns.loads or np.diff(time, prepend=start, append=end).max() > _GONE:
+            return None
+        if _shifts(cause):
             return None
         is_held = first.columns.reshape(cause.fit.dof, len(time), -1).any(axis=(0, 2))
         changes = np.array(first.detail)
@@ -99,15 +113,37 @@ def _holders(fit: RigidFit) -> dict[str, Columns]:
     limbs = 0 if robot.limbs is None else robot.limbs.count
     arms = {name for i in range(limbs) for name in robot.limb_bodies(i)}
     free = ["EE"] if "EE" in layout.bodies else [body for body in layout.bodies if body not in arms]
-    shown = [entry for entry in layout.parameters if fit.shows(entry.name)]
     return {
-        body: np.stack([fit.rows.stack(fit.column(e.name)) for e in shown if e.owner == body], 1)
+        body: np.stack([fit.rows.stack(fit.column(f"{body}.{x}")) for x in _shown(fit, body)], 1)
         for body in free
         if fit.shows(f"{body}.m")
     }
 
 
+def _shown(fit: RigidFit, body: str) -> list[str]:
+    """Those of a body's ten parameters that torques show."""
+    return [name for name in INERTIA_NAMES if fit.shows(f"{body}.{name}")]
+
+
+def _change(cause: Cause) -> dict[str, float]:
+    """How much more each parameter of the carrier is in the second of a load's two states."""
+    alone = cause.fit.span.without(cause.first.columns)
+    change = np.linalg.lstsq(alone, cause.fit.tau, rcond=1e-6)[0].tolist()
+    return dict(zip(_shown(cause.fit, cause.first.words), change, strict=False))
+
+
 def _mass(cause: Cause) -> float:
     """How much heavier the robot is in the second of a load's two states [kg]."""
-    alone = cause.fit.span.without(cause.first.columns)
-    return float(np.linalg.lstsq(alone, cause.fit.tau, rcond=1e-6)[0][0])
+    return _change(cause)["m"]
+
+
+def _shifts(cause: Cause) -> bool:
+    """Whether what changes is no body that comes and goes: its mass would have to be farther away
+    than a limb reaches."""
+    change, limbs = _change(cause), cause.fit.dynamics.robot.limbs
+    if limbs is None:
+        return False
+    reach = max(limb.strut for limb in limbs.geometry())
+    moment = np.linalg.norm([change.get(name, 0.0) for name in INERTIA_NAMES[1:4]])
+    inertia = max(abs(change.get(name, 0.0)) for name in INERTIA_NAMES[4:])
+    return bool(max(moment, inertia / reach) > reach * abs(change["m"]))
