@@ -3,6 +3,7 @@
 import re
 from collections.abc import Callable
 from dataclasses import replace
+from unittest.mock import Mock
 
 import numpy as np
 import polars as pl
@@ -11,10 +12,12 @@ import pytest
 from bad_logs import GOOD, ROWS, changed, with_field
 from deltaid.dynamics.dynamics import Dynamics, compiled
 from deltaid.dynamics.parameters import prior_parameters
+from deltaid.effects.unexplained import FreeTorque
 from deltaid.errors import IdentificationError
 from deltaid.estimation.conic import minimise
 from deltaid.estimation.information import gather_samples
 from deltaid.estimation.objective import Objective, Solution, Solver
+from deltaid.identification.doubts import doubts
 from deltaid.identification.fit import against_motion, contradiction, fit
 from deltaid.identification.identify import identify
 from deltaid.model.record import Settings
@@ -70,6 +73,18 @@ def test_a_mass_that_had_to_grow_is_named_where_nothing_better_is_known() -> Non
     (told,) = warnings_of(lambda tau, _: tau, light="U")
     assert re.match(r"U\.m had to grow from 0\.\d+ to \d", told)
     assert "the prior is too light" in told
+
+
+def test_a_mass_that_grew_beside_what_is_unexplained_is_no_wrong_prior() -> None:
+    frame = recorded(1500, derivatives=True)
+    data = load_robot("clavel-delta3").model_dump(mode="json", exclude_none=True)
+    for shape in data["bodies"]["U"]["prior"]:
+        shape["mass"] *= 0.1
+    problem = identify(RobotDescription.model_validate(data), frame).problem
+    (doubt,) = doubts(replace(problem, additions=(Mock(spec=FreeTorque),)))
+    assert "U.m had to grow" in doubt
+    assert "unexplained passes for these moments" in doubt
+    assert "prior" not in doubt
 
 
 SWAPPED = recorded(1500, derivatives=True).rename({"qd1": "qd2", "qd2": "qd1"})

@@ -10,6 +10,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from deltaid.effects.unexplained import FreeTorque
 from deltaid.estimation.information import NOISE_FLOOR
 from deltaid.estimation.scatter import inverse, quantile
 from deltaid.identification.fit import CURE, FittedProblem, against_motion, contradiction
@@ -82,11 +83,13 @@ def _grown(problem: FittedProblem) -> Iterator[str]:
         f"{reduction.layout.units[i]}"
         for i in grown
     )
+    cause = "the prior is too light or too small; weigh the body, or describe its size"
+    if any(isinstance(addition, FreeTorque) for addition in problem.additions):
+        cause = "a part of what is unexplained passes for these moments; look for that first"
     if names:
         yield (
             f"{names} to keep its body consistent, whose moments in the torques are too large for "
-            "the described mass. Likeliest the prior is too light or too small; weigh the body, or "
-            "describe its size"
+            f"the described mass. Likeliest {cause}"
         )
 
 
