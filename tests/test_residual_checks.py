@@ -11,6 +11,7 @@ import pytest
 from deltaid.checks.evidence import evidence, with_fit
 from deltaid.checks.residual import checked_residual
 from deltaid.identification.fit import FittedProblem
+from deltaid.model.options import EffectsChoice
 from deltaid.model.settings import Settings
 from deltaid.model.verdict import Grade, Verdict
 from deltaid.recording.recording import PreparedRecording
@@ -235,6 +236,24 @@ def test_torques_that_a_model_explains_without_any_noise_were_computed() -> None
 def test_one_column_of_computed_torques_is_named() -> None:
     verdict = said(lambda t, q, qd, tau: np.array([0.0, 0.0, 1.0]) * noise_of(tau), noise=0.0)
     assert verdict["residual"].subject == "drive1 and drive2"
+
+
+@pytest.mark.parametrize(("effects", "is_in_doubt"), [("correct", True), ("none", False)])
+def test_a_cause_that_was_not_corrected_may_be_something_else(
+    effects: EffectsChoice, is_in_doubt: bool
+) -> None:
+    """An identification corrects such causes, and leaves those that do not explain the torques."""
+    table, (_, _, q, _, _) = frame(np.zeros(3), noise=0.01), truth()
+    tau = table.select(["tau1", "tau2", "tau3"]).to_numpy() + 3.0 * np.sin(2 * np.pi * 9 * q)
+    robot, table = load_robot("clavel-delta3"), table.with_columns(tabled(tau=tau))
+    record = evidence(robot, table, settings=Settings(effects=effects))
+    before = {v.key: v.cause for v in checked_residual(record)}
+    assert isinstance(record.fitted, FittedProblem)
+    assert isinstance(record.surveyed, PreparedRecording)
+    fitted = with_fit(record, record.fitted, record.surveyed, record.study)
+    after = {v.key: v.cause for v in checked_residual(fitted)}
+    assert before["geometry-or-cogging"] == "cogging of the motor, or teeth of the gear"
+    assert ("something unknown that looks like it" in after["geometry-or-cogging"]) == is_in_doubt
 
 
 def noise_of(tau: np.ndarray) -> np.ndarray:

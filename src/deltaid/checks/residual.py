@@ -51,6 +51,9 @@ _DECLARE = (
 # A residual comes in bursts if the share of its largest tenth is nearer to 1 than to that of normal
 # noise, whose squares have one degree of freedom, and three when weighted by themselves.
 _BURSTS = 0.5 * (1.0 + chdtrc(3.0, chdtri(1.0, 0.1)))
+_NOT_CORRECTED = (
+    "or something unknown that looks like it, for correcting it would not explain the torques"
+)
 _LOOK = "look at the residual over time in the report"
 _RINGS = Fault(
     "resonance",
@@ -82,7 +85,15 @@ def checked_residual(evidence: Evidence) -> Iterator[Verdict]:
     is_unexplained = any(isinstance(term, FreeTorque) for term in added)
     if is_unexplained:  # beside which the contest named its effects, and reported the rest
         causes = tuple(cause for cause in causes if not effect_of(cause).is_contested)
-    yield from filter(None, (_verdict(cause, recording) for cause in causes))
+    # An identification corrects such causes where they explain the torques.
+    is_weighed = evidence.problem is not None and evidence.settings.effects == "correct"
+    is_weighed = is_weighed and not study.is_disturbed
+    for cause in causes:
+        verdict = _verdict(cause, recording)
+        if verdict is not None and is_weighed and effect_of(cause).is_contested:
+            verdict = replace(verdict, cause=f"{verdict.cause}; {_NOT_CORRECTED}")
+        if verdict is not None:
+            yield verdict
     if not is_unexplained:
         yield _rest(study, rings=ringing.grade is not Grade.GOOD)
 
