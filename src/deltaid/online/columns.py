@@ -15,7 +15,7 @@ import numpy as np
 from jaxtyping import Float
 
 from deltaid.checks.evidence import CLEAR_LAG, evidence
-from deltaid.checks.residual import CLEAR
+from deltaid.checks.lag import CLEAR
 from deltaid.checks.wiring.candidate import ALONG
 from deltaid.checks.wiring.wiring import checked_wiring
 from deltaid.effects.lag_columns import APART
