@@ -303,5 +303,7 @@ def test_a_refused_recording_of_several_is_named_once(tmp_path: Path) -> None:
 
 def noisy(table: pl.DataFrame) -> pl.DataFrame:
     """With torques as sensors give them: without noise they look computed."""
-    rng, torques = np.random.default_rng(1), [pl.col(f"tau{i}") for i in (1, 2, 3)]
-    return table.with_columns(tau + pl.Series(0.02 * rng.normal(size=len(table))) for tau in torques)
+    rng = np.random.default_rng(1)
+    return table.with_columns(
+        pl.col(f"tau{i}") + pl.Series(0.02 * rng.normal(size=len(table))) for i in (1, 2, 3)
+    )
