@@ -185,6 +185,7 @@ def test_models_with_impossible_numbers(folder: Path, tmp_path: Path, key, numbe
     harmless = {("prior", "-1e9"), ("std", "1e300")}
     assert (outcome.code == 0) == ((key, number) in harmless)
     assert outcome.errors == (outcome.code == 2)
+    assert "top level" not in outcome.err
 
 
 @pytest.mark.parametrize("share", [0.0, 0.1, 0.5, 0.9, 0.99])

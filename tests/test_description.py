@@ -115,7 +115,7 @@ MISTAKES = [
     ("name: clavel-delta3", "name: a\n3: b", "line 3, 3: unknown key"),
     ("name: clavel-delta3", "name: ''", "line 2, name: must not be empty"),
     ("name: clavel-delta3", "name: a\ngravity: [0, 0, -9810]", "gravity: 9810 m/s² cannot be; gr"),
-    ("name: clavel-delta3", "name: a\ngravity: [0, 0, 0]", "gravity: is zero; give the vector"),
+    ("name: clavel-delta3", "name: a\ngravity: [0, 0, 0]", "line 3, gravity: is zero; give the"),
     ("  strut: 1.055\n", "", "line 5, limbs.strut: is missing"),
     ("0.420\n", "0.042\n", "line 5, limbs: the limbs cannot close", "strut: 1.055", "strut: 0.12"),
     ("[0, 120, 240]", "[0, 120]", "has 2 limbs, but a platform of kind rigid needs 3"),

@@ -211,6 +211,11 @@ def test_a_strut_that_cannot_be(value: object) -> None:
         (CLAVEL, {"gravity": (0.0, 0.0, 0.0)}, "RobotDescription: gravity: is zero"),
         (CLAVEL.bodies["U"], {"free": ("m", "m")}, "names an entry twice"),
         (CLAVEL.friction["drive1"], {"viscous": -1.0}, "viscous: must be greater than"),
+        (
+            CLAVEL.friction["drive1"],
+            {"viscous_back": 1.0, "coulomb_back": 1.0, "offset": 0.1},
+            "Friction: offset: says the same as coulomb_back",
+        ),
         (MECHANISM, {"angle_deg": (1.0, 0.0)}, "OwnMechanism: angle_deg: must be given as"),
         (MECHANISM, {"bodies": ("a", "a")}, "OwnMechanism: bodies: has a name twice"),
         (ColumnMapping(), {"header_row": 0}, "ColumnMapping: header_row: must be greater than"),

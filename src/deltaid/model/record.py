@@ -275,7 +275,7 @@ class IdentifiedModel(Shown, Plotted, Tabled, Reported, Part):
             raise ValueError(f"posterior names {min(strange)}, which is no parameter of the robot")
         worst, margin = least_margin(self.layout, self.p)
         if margin <= 0:
-            raise ValueError(f"parameters: {_why_inconsistent(self.layout, self.p, worst)}")
+            raise ValueError(f"parameters {_why_inconsistent(self.layout, self.p, worst)}")
         return self
 
 

@@ -79,7 +79,7 @@ def _check_drives(robot: "RobotDescription") -> None:
                 "telescope is given, but the platform turns its tool itself; leave one of them out"
             )
         if not any(robot.gravity):
-            raise ValueError("gravity: is zero; give the vector in the world frame, in m/s²")
+            raise ValueError("gravity is zero; give the vector in the world frame, in m/s²")
     elif robot.telescope is not None or robot.platform != RigidPlatform():
         raise ValueError("mechanism is in place of limbs, platform and telescope")
     for drive, limits in robot.drive_limits.items():

@@ -85,7 +85,7 @@ class Friction(Part):
             raise ValueError("give viscous_back and coulomb_back together")
         if self.coulomb_back is not None and self.offset is not None:
             raise ValueError(
-                "offset and coulomb_back say the same; a law with both directions has no offset"
+                "offset says the same as coulomb_back; a law with both directions has none"
             )
         return self
 
