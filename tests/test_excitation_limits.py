@@ -10,6 +10,7 @@ from deltaid.errors import DeltaidError
 from deltaid.motion.excitation.excite import ExcitationSettings, Exciter
 from deltaid.robot.limits import Box, Cylinder, Hemisphere
 from deltaid.robot.load import load_robot
+from deltaid.view.excitation import verdict
 from sweeps import slow, swept
 
 
@@ -21,6 +22,15 @@ def test_limits_that_fight_are_named() -> None:
     with pytest.raises(DeltaidError, match=r"drive\d leaves its angle range") as caught:
         Exciter(compiled(robot), ExcitationSettings(starts=1)).optimise()
     assert "workspace" in str(caught.value)
+
+
+def test_a_motion_that_determines_next_to_nothing_is_poor() -> None:
+    robot = load_robot("clavel-delta3").changed(platform_speed=1e-4)
+    result = Exciter(compiled(robot), ExcitationSettings(starts=1, duration=3.0)).optimise()
+    determined = sum(p.std < p.prior_std for p in result.predictions)
+    sentence = verdict(result).sentence
+    assert sentence.startswith("Poor")
+    assert f"determines {determined} of {len(result.predictions)} combinations" in sentence
 
 
 @given(

@@ -195,7 +195,13 @@ def _as_dictionary(result: "deltaid.Excitation") -> dict[str, Any]:
         "limits": {limit.name: limit.share for limit in result.limits},
         "torque_max": result.torque_max.tolist(),
         "predictions": [
-            {"parameter": p.formula, "prior": p.value, "std": p.std, "unit": p.unit}
+            {
+                "parameter": p.formula,
+                "prior": p.value,
+                "prior_std": p.prior_std,
+                "std": p.std,
+                "unit": p.unit,
+            }
             for p in result.predictions
         ],
         "starts": [

@@ -77,17 +77,26 @@ def excitation_page(result: Excitation) -> Page:
 
 
 def verdict(result: Excitation) -> Summary:
-    """Whether the motion keeps its limits."""
+    """Whether the motion keeps its limits, and determines most base parameters at all."""
     beyond = [limit.name for limit in result.limits if limit.share > 1 + _ROUNDING]
     lasts = f"{result.run.duration:.1f} s from rest to rest"
     if beyond:
         return Summary(Trust.POOR, f"Poor: {lasts}, and beyond a limit of {', '.join(beyond)}.")
+    count = len(result.predictions)
+    determined = sum(p.std < p.prior_std for p in result.predictions)
+    shows = f"determines {determined} of {count} combinations of the robot's numbers"
+    if determined < count / 2:
+        return Summary(
+            Trust.POOR,
+            f"Poor: {lasts}, and {shows} better than the prior does; check units of limits and "
+            "workspace, or give a longer --duration.",
+        )
     fullest = _fullest(result)
     used = f"; {fullest.name} comes nearest, {_in_use(fullest)}" if fullest else ""
     return Summary(
         Trust.GOOD,
         f"Good: {lasts}, within all {len(result.limits)} limits{used}.",
-        (f"It shows {len(result.predictions)} combinations of the robot's numbers.",),
+        (f"It {shows} better than the prior does.",),
     )
 
 

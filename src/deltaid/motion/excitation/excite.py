@@ -54,12 +54,14 @@ class Prediction:
         formula: the base parameter.
         value: at the prior.
         std: standard deviation that least squares will have with the given torque noise.
-        unit: of both.
+        prior_std: standard deviation of the prior.
+        unit: of all three.
     """
 
     formula: str
     value: float
     std: float
+    prior_std: float
     unit: str
 
 
@@ -144,6 +146,8 @@ class Exciter(Shown, Plotted):
         self._graph = ExcitationGraph(dynamics, heads)
         self._p = prior_parameters(dynamics.robot)
         self._values = self.base.values(self._p)
+        spread = settings.prior_spread * parameter_scale(self.base.layout, self._p)
+        self._prior_std = np.linalg.norm(self.base.combination() * spread, axis=1)
         dof, n, turn = dynamics.dof, len(heads), dynamics.robot.turn
         slowest, reach = 2 * np.pi / settings.duration, min(_TURN, 0.5 * (turn.high - turn.low))
         centre, half = dynamics.robot.within(0.5 * (turn.low + turn.high), reach)
@@ -168,9 +172,7 @@ class Exciter(Shown, Plotted):
         # scaled columns and normalised torques, or prior and noise as units of both
         weights, scales, prior = self.torque_reference**-2.0, 1 / rms, np.zeros((n, n))
         if settings.weigh_prior:
-            spread = settings.prior_spread * parameter_scale(self.base.layout, self._p)
-            scales = np.linalg.norm(self.base.combination() * spread, axis=1)
-            weights, prior = noise**-2.0, np.eye(n) / samples
+            scales, weights, prior = self._prior_std, noise**-2.0, np.eye(n) / samples
         self.problem = replace(shape, row_weights=weights, scales=scales, prior=prior, speed=speed)
         self._judge: Judge | None = None
         if settings.by == "sensors":
@@ -242,8 +244,9 @@ class Exciter(Shown, Plotted):
         R = np.linalg.qr(A / norms, mode="r")
         std = np.linalg.norm(np.linalg.solve(R, np.eye(len(norms))), axis=1) / norms
         units = [self.dynamics.layout.units[group.representative] for group in self.base.groups]
-        rows = zip(self.base.formulas, self._values, std, units, strict=True)
-        return tuple(Prediction(f, float(v), float(s), u) for f, v, s, u in rows)
+        columns = (column.tolist() for column in (self._values, std, self._prior_std))
+        rows = zip(self.base.formulas, *columns, units, strict=True)
+        return tuple(Prediction(*row) for row in rows)
 
     def _references(self, shape: ExcitationProblem) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Largest torques and speeds, and column sizes, over random motions within the limits."""

@@ -26,7 +26,7 @@ class ExcitationSettings:
         repeats: how often all of that is run, for averaging.
         velocity_weight: w of (9), which asks for speed so that friction shows.
         weigh_prior: excite what is uncertain by the prior, in units of the torque noise.
-        prior_spread: relative standard deviation of the prior, for that.
+        prior_spread: relative standard deviation of the prior, for that and for the verdict.
         torque_noise: standard deviation of the torque noise, as a share of each drive's largest
             torque on random motions.
         rate: sampling rate of the recording [Hz].
