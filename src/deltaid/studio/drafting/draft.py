@@ -171,10 +171,12 @@ def quantity(text: str, unit: str, where: str = "the answer") -> float:
         return number
     for sign, name in (("°", "degree"), ("·", "*"), ("²", "**2"), ("³", "**3"), ("^", "**")):
         words = words.replace(sign, name)
+    words = re.sub(r"(?<=[A-Za-z])([23])\b", r"**\1", words)  # cm2, as on a keyboard without ²
     # Spaces between names are products.
     words = re.sub(r"(?<=[A-Za-zµμ\d])\s+(?=[A-Za-zµμ])", "*", words)
     try:
-        return float(_registry().Quantity(number, _registry().parse_units(words)).m_as(unit))
+        value = _registry().Quantity(number, _registry().parse_units(words)).m_as(unit)
+        return float(f"{value:.12g}")  # without the conversion's rounding
     except (pint.PintError, ValueError, TypeError, AttributeError):
         raise DeltaidError(
             f"{match[2].strip()!r} is no unit for this",
