@@ -125,7 +125,7 @@ def unknown(
     hint = f"did you mean {also}? " if also else nearest(text, names)
     alike = [name for name in names if name.startswith(f"{text.partition('.')[0]}.")]
     shown = alike or names
-    listed = ", ".join(shown[:_LISTED]) + (", …" if len(shown) > _LISTED else "")
+    listed = ", ".join(shown[:_LISTED] or ["none"]) + (", …" if len(shown) > _LISTED else "")
     return UnknownNameError(
         f"has no {what} '{text}'", where=where, cure=f"{hint}there are: {listed}"
     )

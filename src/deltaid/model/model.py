@@ -163,7 +163,7 @@ class Model(Shown, Plotted, Tabled, Reported):
         if isinstance(load, str):
             known = {held.name: held for held in self.identified.loads} if self.identified else {}
             if load not in known:
-                raise unknown(load, known or ("none",), "load", self.source or self.robot.name)
+                raise unknown(load, known, "load", self.source or self.robot.name)
             body, ten = known[load].body, known[load].p
         else:
             ten = load

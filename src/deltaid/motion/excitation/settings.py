@@ -2,9 +2,10 @@
 
 import math
 from dataclasses import dataclass
+from numbers import Integral
 from typing import Literal, get_args
 
-from deltaid.errors import DeltaidError, unknown
+from deltaid.errors import DeltaidError, positive, typed, unknown, within
 
 CriterionName = Literal["logdet", "cond", "a-optimal", "e-optimal"]
 PurposeName = Literal["torques", "sensors"]
@@ -58,9 +59,11 @@ class ExcitationSettings:
         ):
             if value not in known:
                 raise unknown(value, known, name, _HERE)
-        counts, sizes = ("harmonics", "repeats", "starts"), ("duration", "torque_noise", "rate")
-        for name in (*counts, *sizes, "prior_spread"):
-            value, whole = getattr(self, name), name in counts
-            if not (value >= 1 if whole else 0 < value < math.inf):
-                cure = "at least 1" if whole else "give more than zero"
-                raise DeltaidError(f"{name} is {value:g}", where=_HERE, cure=cure)
+        for name in ("harmonics", "repeats", "starts", "seed"):
+            value = getattr(self, name)
+            typed(f"{_HERE}.{name}", value, Integral, "a whole number")
+            if value < 1 and name != "seed":
+                raise DeltaidError(f"{name} is {value:g}", where=_HERE, cure="at least 1")
+        for name in ("duration", "torque_noise", "rate", "prior_spread"):
+            positive(f"{_HERE}.{name}", getattr(self, name))
+        within(f"{_HERE}.velocity_weight", self.velocity_weight, (0.0, math.inf))
