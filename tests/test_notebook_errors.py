@@ -58,6 +58,8 @@ MISTAKES: dict[str, tuple[Callable[[], object], str, str]] = {
                           "method: must be 'conic' or 'log-cholesky', not \"ols\"", "its keys are"),
     "a key of a mapping": (lambda: deltaid.ColumnMapping(tme="t"), "did you mean time?", "keys"),
     "a key of a description": (lambda: ROBOT.changed(nme="x"), "did you mean name?", "schema"),
+    "a description changed in place": (
+        lambda: ROBOT.rotor_inertia.update(drive1=5.0), "cannot be changed in place", "changed("),
     "half a robot": (lambda: deltaid.load({"name": "x"}), "robot: ", "is missing"),
     "a robot that no file could hold": (
         lambda: deltaid.load({"name": object()}), "no file could hold", "use text, numbers"),
@@ -117,6 +119,22 @@ def test_a_column_that_is_asked_for_itself_is_not_meant() -> None:
     with pytest.raises(deltaid.DeltaidError, match="has no column tau2") as caught:
         deltaid.validate(NAME, FRAME.rename({"tau2": "torque2"}))
     assert "did you mean" not in str(caught.value)
+
+
+def test_parameters_of_a_model_do_not_change_in_place() -> None:
+    given = deltaid.prior_parameters(ROBOT)
+    model = deltaid.Model(ROBOT, given)
+    given[0] = 7.0
+    assert model.p[0] != 7.0
+    for p in (model.p, model.dynamics.p):
+        with pytest.raises(ValueError, match="read-only"):
+            p[0] = 7.0
+
+
+def test_dictionaries_of_a_description_are_copied_like_others() -> None:
+    laws = ROBOT.friction
+    assert pickle.loads(pickle.dumps(laws)) == copy.deepcopy(laws) == dict(laws)
+    assert (laws | {"drive1": None})["drive1"] is None
 
 
 def test_the_nearest_name() -> None:

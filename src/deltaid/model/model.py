@@ -68,7 +68,9 @@ class Model(Shown, Plotted, Tabled, Reported):
     altered: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
-        where = self.source or self.robot.name
+        p, where = np.array(self.p), self.source or self.robot.name
+        p.flags.writeable = False
+        object.__setattr__(self, "p", p)
         if self.p.shape != (len(self.layout.names),):
             raise DescriptionError(
                 f"has {self.p.size} parameters, but the robot has {len(self.layout.names)}",

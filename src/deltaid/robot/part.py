@@ -6,7 +6,7 @@ Bounds of numbers keep products far from overflow and detect wrong units, such a
 import json
 import math
 from collections.abc import Mapping
-from typing import Annotated, Any, Literal, TypeVar
+from typing import Annotated, Any, Literal, NoReturn, TypeVar
 
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError
 
@@ -18,6 +18,22 @@ from deltaid.shown import Named
 JointKind = Literal["rotary", "linear"]
 Axis = Literal["x", "y", "z"]
 _Part = TypeVar("_Part", bound="Part")
+
+
+class _Fixed(dict[str, Any]):
+    """A dictionary of a description, which refuses changes: nothing computed would follow them."""
+
+    def _refuse(self: Any, *_: Any, **__: Any) -> NoReturn:
+        raise DescriptionError(
+            "cannot be changed in place",
+            where="a dictionary of a description",
+            cure="make a copy, such as robot.changed(friction=robot.friction | {…})",
+        )
+
+    __setitem__ = __delitem__ = __ior__ = clear = pop = popitem = setdefault = update = _refuse
+
+    def __reduce__(self) -> tuple[type["_Fixed"], tuple[dict[str, Any]]]:
+        return _Fixed, (dict(self),)
 
 
 class Part(Named, BaseModel):
@@ -38,6 +54,12 @@ class Part(Named, BaseModel):
 
     # pydantic builds nested parts itself, so that its errors have their place
     vars()["__init__"].__pydantic_base_init__ = True
+
+    def model_post_init(self, _context: Any, /) -> None:
+        """Fix the dictionaries, as pydantic does not."""
+        for key, value in vars(self).items():
+            if isinstance(value, dict):
+                vars(self)[key] = _Fixed(value)
 
     @classmethod
     def from_dict(cls: type[_Part], values: Mapping[str, Any], where: str) -> _Part:
