@@ -128,6 +128,7 @@ def test_names_from_files_are_only_text(folder: Path, tmp_path: Path) -> None:
         "identify clavel-delta3 log.csv --method newton",
         "identify clavel-delta3 log.csv --nothing",
         "base clavel-delta3 --seed -1",
+        "sensors clavel-delta3 --steps 0",
     ],
 )
 def test_wrong_usage(folder: Path, monkeypatch, line: str) -> None:

@@ -73,7 +73,7 @@ def sensors(
         float,
         bounded(help="Share of a value that is known well enough with.", limits=(1e-9, 1.0)),
     ] = 0.01,
-    steps: Annotated[int, typer.Option(help="Most things to buy.", min=0, max=100)] = 10,
+    steps: Annotated[int, typer.Option(help="Most things to buy.", min=1, max=100)] = 10,
     seed: Annotated[int, typer.Option(help="Seed of the random motion.", min=0)] = 0,
     print_list: Annotated[
         bool, typer.Option("--list", help="Print the list of what could be bought and stop.")
