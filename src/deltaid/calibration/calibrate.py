@@ -13,7 +13,6 @@ from deltaid.calibration.loops import Loops
 from deltaid.calibration.mistakes import require_new_readings, require_plausible
 from deltaid.calibration.outlook import Direction, Knows, Places, open_directions, places
 from deltaid.calibration.readings import ProbeReadings
-from deltaid.calibration.rows import CHANCE, OUTLIER
 from deltaid.calibration.tables import Measurements, ReadingsLike, read
 from deltaid.calibration.unknowns import (
     TOLERANCE,
@@ -25,6 +24,7 @@ from deltaid.calibration.unknowns import (
 )
 from deltaid.errors import DeltaidError, Doubt, RecordingError, within
 from deltaid.estimation.information import triangle
+from deltaid.levels import CERTAIN, UNLIKELY
 from deltaid.model.verdict import percent
 from deltaid.recording.memory import RecordingLike
 from deltaid.robot.description import RobotDescription
@@ -143,7 +143,7 @@ class Calibration(Shown, Plotted, Tabled, Reported):
             (f"{self.names[k]} is {far[k]:.2g} standard deviations from its description",
              "a tolerance that is too small for the part",
              "measure it, or state how far it may be off with --lengths and --angles")
-            for k in np.argsort(-far)[:3] if far[k] > OUTLIER
+            for k in np.argsort(-far)[:3] if far[k] > CERTAIN
         ] + [
             (f"{x.source}: residuals are {x.grown:.2g}× the stated noise",
              "noise that is stated too small, rows beside other poses, or numbers held or shared "
@@ -298,7 +298,7 @@ def _sessions(solution: GeometryFit) -> tuple[MeasuringSession, ...]:
                 residual=part.rms * part.noise,
                 noise=part.noise,
                 grown=part.grown,
-                quiet=bool(freedom >= 1 and square * GROWN**2 < chi2.ppf(CHANCE, freedom)),
+                quiet=bool(freedom >= 1 and square * GROWN**2 < chi2.ppf(UNLIKELY, freedom)),
             )
         )
     return tuple(made)

@@ -20,10 +20,9 @@ import numpy as np
 from jaxtyping import Float, Int
 from scipy.stats import norm
 
-from deltaid.calibration.loops import STEPS, Loops
+from deltaid.calibration.loops import Loops
 from deltaid.calibration.readings import Instrument
 from deltaid.calibration.rows import (
-    OUTLIER,
     Residuals,
     U,
     Used,
@@ -33,11 +32,10 @@ from deltaid.calibration.rows import (
 )
 from deltaid.calibration.unknowns import Unknowns
 from deltaid.errors import IdentificationError, KinematicsError
+from deltaid.levels import CERTAIN, FAINT, ROUNDS
 from deltaid.model.verdict import percent
 from deltaid.sensors.planning.knowledge import Knowledge
 
-# Change of a number, in units of its prior, that ends the steps.
-_STILL = 1e-7
 # Smaller shares are little: of outliers, of unmodelled torque, of a misfit, of the remaining error.
 LITTLE = 0.2
 # Noise above this multiple of the stated one, together with residuals above this multiple of what
@@ -161,7 +159,7 @@ def tool_slopes(
 def _solved(loops: Loops, known: Unknowns, readings: Sequence[UsedReadings], u: U) -> GeometryFit:
     n, columns = len(u), instrument_columns(len(u), [part.instrument for part in readings])
     width = n + sum(map(len, columns))
-    for _ in range(STEPS):
+    for _ in range(ROUNDS):
         readings = [
             part.weighted(loops, known, u, places, width)
             for part, places in zip(readings, columns, strict=True)
@@ -172,7 +170,7 @@ def _solved(loops: Loops, known: Unknowns, readings: Sequence[UsedReadings], u: 
             slopes = np.pad(by_u, ((0, 0), (0, width - n)))[:, None]
             rows.append(WeightedRows(slopes, (known.torques.b - by_u @ u)[:, None], every))
         step, knowledge = step_of(rows, u)
-        if np.abs(step[:n]).max() < _STILL:
+        if np.abs(step[:n]).max() < FAINT:
             return GeometryFit(loops, known, tuple(readings), tuple(rows), u, knowledge)
         u = u + step[:n]
         readings = [
@@ -249,7 +247,7 @@ def _with_predicted(solution: GeometryFit) -> GeometryFit:
         grown = noise_levels(solution.rows, solution.u)
         readings = []
         for part, far, more in zip(solution.readings, solution.residuals, grown, strict=False):
-            explained = np.abs(far).max(axis=1) < OUTLIER * more
+            explained = np.abs(far).max(axis=1) < CERTAIN * more
             readings.append(
                 replace(
                     part,
@@ -270,7 +268,7 @@ def _with_predicted(solution: GeometryFit) -> GeometryFit:
                 f"{1e3 * part.rms * part.noise:.3g} mm"
             )
         most = int(np.argmax(solution.far))
-        if solution.far[most] > OUTLIER and part.level(solution.knowledge) > 1.0:
+        if solution.far[most] > CERTAIN and part.level(solution.knowledge) > 1.0:
             number, times = solution.known.names[most], solution.far[most]
             raise part.misfit(
                 f"{part.instrument.readings} misfit every geometry near the described one; the "
@@ -286,4 +284,4 @@ def _outliers(residuals: Residuals, used: Used, *, robust: bool, every: bool = F
     spread = float(np.median(np.abs(residuals[used])) / norm.ppf(0.75)) if robust else 0.0
     spared = len(used) if every else int(used.sum() - np.ceil((1 - LITTLE) * len(used)))
     among = np.argsort(np.argsort(-size)) < spared
-    return among & (size > max(OUTLIER * max(1.0, spread), 0.5 * size.max(initial=0.0)))
+    return among & (size > max(CERTAIN * max(1.0, spread), 0.5 * size.max(initial=0.0)))

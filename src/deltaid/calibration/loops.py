@@ -19,16 +19,13 @@ from jaxtyping import Float
 from deltaid.calibration.unknowns import TOOL, Unknowns, mounting_axes
 from deltaid.errors import KinematicsError
 from deltaid.kernel.batch import BatchKernel
+from deltaid.levels import ROUNDS
 from deltaid.mechanism.forward import CLOSED
 from deltaid.mechanism.kinematics import Kinematics
 from deltaid.mechanism.platform import build_platform
 from deltaid.mechanism.rotation import Path, Turn, fixed, rotation, skew
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.limbs import LimbGeometry
-
-# Most steps: Newton's method doubles its digits a step, five from a centimetre to rounding, more
-# near singularities.
-STEPS = 40
 
 Drives = Float[np.ndarray, "samples drives"]
 Poses = Float[np.ndarray, "samples coordinates"]
@@ -93,7 +90,7 @@ class Loops:
         a KinematicsError with the sample where loops do not close."""
         y, size = self.start(q), self._size
         c = np.full(y.shape, np.inf)
-        for _ in range(STEPS):
+        for _ in range(ROUNDS):
             out = self._newton(np.hstack([y, q]).T, theta).T
             c, C_y = out[:, :size], out[:, size:].reshape(-1, size, size).swapaxes(1, 2)
             try:

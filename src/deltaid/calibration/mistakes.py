@@ -24,9 +24,9 @@ from deltaid.calibration.readings import (
     aligned,
     lengths,
 )
-from deltaid.calibration.rows import OUTLIER
 from deltaid.calibration.unknowns import TOLERANCE, Unknowns
 from deltaid.errors import RecordingError
+from deltaid.levels import CERTAIN
 from deltaid.model.verdict import listed
 
 # A larger share of identical rows is a copy; chance makes fewer, however coarse the readings are.
@@ -54,7 +54,7 @@ def require_plausible(loops: Loops, known: Unknowns, instrument: Instrument) -> 
         _require_spread(instrument, x)
         _, slopes = tool_slopes(loops, known, instrument, np.zeros(known.G.shape[1]))
         explained = float(np.median(np.linalg.norm(slopes[:, :3], axis=(1, 2))))
-        allowed = OUTLIER * (explained + instrument.noise)
+        allowed = CERTAIN * (explained + instrument.noise)
         _require_one_unit(instrument, x, allowed)
         _require_unit(instrument, x)
     here = _misfit(instrument, x)
@@ -184,7 +184,7 @@ def _ratio(instrument: Instrument, x: Tools) -> tuple[float, bool]:
 def _sizes(points: Float[np.ndarray, "rows 3"]) -> Float[np.ndarray, " 2"]:
     """Extent along the two main directions, which a plane has too, without what is far away."""
     away = np.linalg.norm(points - np.median(points, axis=0), axis=1)
-    near = points[away <= OUTLIER * np.median(away)]
+    near = points[away <= CERTAIN * np.median(away)]
     return np.linalg.svd(near - near.mean(axis=0), compute_uv=False)[:2] / np.sqrt(len(near))
 
 

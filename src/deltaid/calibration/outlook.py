@@ -41,11 +41,9 @@ from deltaid.sensors.planning.offers import Offer, Offers, PoseKind, PoseReading
 if TYPE_CHECKING:
     from deltaid.calibration.calibrate import Calibration
 
-# Sampled poses of the workspace, and the seed that draws them.
-PLACES, _SEED = 200, 1
 # A combination that matters is undetermined where readings decide less than half of it, or where it
 # moves positions by more than this many times the noise.
-_HALF, _WEAK = 0.5, 5.0
+_WEAK = 5.0
 # Units that kinds of numbers are shown in.
 _SHOWN = {"m": (1e3, "mm"), "rad": (1e3, "mrad"), "": (100, "%")}
 
@@ -110,7 +108,7 @@ def places(loops: Loops, known: Unknowns, theta: Float[np.ndarray, " numbers"]) 
 
 
 def drawn(
-    kinematics: Kinematics, limbs: int, count: int = PLACES, seed: int = _SEED
+    kinematics: Kinematics, limbs: int, count: int = 200, seed: int = 1
 ) -> Float[np.ndarray, "places drives"]:
     """Drive coordinates of random poses of the workspace, away from singularities."""
     rng, robot = np.random.default_rng(seed), kinematics.robot
@@ -137,13 +135,13 @@ def open_directions(fit: GeometryFit, over: Places) -> tuple[Direction, ...]:
     for size, u in zip(s, (L @ Vt.T).T, strict=True):
         # with the posterior's metric uᵀC⁻¹u = 1 = |u|² (the description's share) + data's
         error = float(size / np.sqrt(len(over.x)))
-        if size < LITTLE * np.linalg.norm(s) or (u @ u < _HALF and error < _WEAK * noise):
+        if size < LITTLE * np.linalg.norm(s) or (u @ u < 0.5 and error < _WEAK * noise):
             continue
         theta = known.G @ u
         grows = float(_across(over.x) @ over.moved @ theta)
         theta, grows = theta * (np.sign(grows) or 1.0), abs(grows)
         what = "shape stays uncertain"
-        if grows * reach > np.sqrt(_HALF) * error:
+        if grows * reach > np.sqrt(0.5) * error:
             what = f"sizes stay uncertain by {100 * grows:.2g} %"
         directions.append(
             Direction(
@@ -164,7 +162,7 @@ def _in_words(known: Unknowns, theta: Float[np.ndarray, " numbers"]) -> str:
         own, mean, number = theta[at], float(np.mean(theta[at])), known.numbers[at[0]]
         largest = int(np.argmax(np.abs(own)))
         # common to all limbs where their mean makes most of it
-        alike = abs(mean) * np.sqrt(len(at)) > np.sqrt(_HALF) * np.linalg.norm(own)
+        alike = abs(mean) * np.sqrt(len(at)) > np.sqrt(0.5) * np.linalg.norm(own)
         peak, most = (mean, "") if alike else (float(own[largest]), f" (limb {largest + 1} most)")
         factor, unit = _SHOWN[number.unit]
         text = f"{WORDS[kind]} {factor * peak:+.2g} {unit}{most}"

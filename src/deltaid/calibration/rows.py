@@ -9,14 +9,11 @@ from jaxtyping import Bool, Float
 from scipy.stats import chi2
 
 from deltaid.estimation.problem import LinearProblem
+from deltaid.levels import CERTAIN, UNLIKELY
 from deltaid.sensors.planning.knowledge import Knowledge
 
 # Prior of an instrument's unknowns [m or rad]: they move less in a step.
 FAR = 10.0
-# Number of standard deviations beyond noise: chance makes one of two million.
-OUTLIER = 5.0
-# Probability of calling the noise larger or smaller than stated by chance.
-CHANCE = 0.01
 
 U = Float[np.ndarray, " free"]
 Used = Bool[np.ndarray, " readings"]
@@ -49,7 +46,7 @@ class WeightedRows:
     def level(self, knowledge: Knowledge) -> float:
         """Factor by which noise exceeds the assumed one; 1 where chance explains the squares."""
         square, freedom = self.chance(knowledge)
-        explained = freedom < 1 or square <= chi2.ppf(1 - CHANCE, freedom)
+        explained = freedom < 1 or square <= chi2.ppf(1 - UNLIKELY, freedom)
         return 1.0 if explained else float(np.sqrt(square / freedom))
 
     def changed(self, step: Float[np.ndarray, " variables"], noise: float = 1.0) -> "WeightedRows":
@@ -77,7 +74,7 @@ def noise_levels(rows: Sequence[WeightedRows], u: U) -> list[float]:
     a wider one, whichever makes the rows more probable.
     """
     choices = []
-    for spread in (1.0, OUTLIER):
+    for spread in (1.0, CERTAIN):
         step, knowledge = step_of(rows, u, spread)
         levels = [part.changed(step).level(knowledge) for part in rows]
         choices.append((_surprise(rows, u, levels, spread), levels))

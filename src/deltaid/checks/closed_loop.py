@@ -28,8 +28,6 @@ from deltaid.recording.recording import PreparedRecording
 _LENGTH, SEGMENTS = 512, 8
 # Band inspected: multiple of the positions' cut-off, and share of the rate.
 _ABOVE, _BELOW = 2.0, 0.4
-# A controller's gain is below this share of M ω².
-_GAIN = 0.5
 # Share of samples with an undetected friction reversal that biases parameters: 0.8 % biased
 # friction by 0.4 %, 2.4 % by 5 %.
 _DOUBTFUL, _WRONG = 0.007, 0.02
@@ -96,7 +94,7 @@ def encoder_feedback(
     answer = np.abs(np.linalg.inv(dynamics.mass_matrix(home, fitted.p)[0]))
     tiny = np.finfo(float).tiny
     coherence = np.abs(qt) ** 2 / np.maximum(qq * tt, tiny)
-    weak = np.abs(qt) / np.maximum(qq, tiny) < _GAIN * omega**2 / np.diag(answer)[:, None]
+    weak = np.abs(qt) / np.maximum(qq, tiny) < 0.5 * omega**2 / np.diag(answer)[:, None]
     # γ² of independent noise is exponential with the mean 1/K for K segments.
     torque = np.where(weak & (coherence > -np.log(CHANCE) / len(q)), coherence * tt, 0.0)
     speed = np.sqrt(frequency[1] * answer**2 @ np.sum(torque / omega**2, axis=1))

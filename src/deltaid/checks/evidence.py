@@ -48,14 +48,12 @@ _UNITS = {
     ("N*m", 1e-3): "mN*m",
     ("N", 1e-3): "mN",
 }
-# Rows that hypotheses are tried on: enough for any motion, few enough to try a hundred; rounds of
-# fits that are repeated until they settle.
-_MOST, ROUNDS = 1 << 18, 4
+# Rows that hypotheses are tried on: enough for any motion, few enough to try a hundred.
+_MOST = 1 << 18
 # Squares of larger numbers' slopes may overflow; a recording is refused for them.
 _OVERFLOWS = np.finfo(float).max ** 0.25
-# What is so many times larger or smaller than described is wrong; standard deviations of a clear
-# lag, whose noise may have any colour.
-WRONG_SCALE, CLEAR_LAG = 4.0, 6.0
+# What is so many times larger or smaller than described is wrong.
+WRONG_SCALE = 4.0
 # A robot whose drives all move less stands still [rad or m]; noise of encoders is smaller.
 _STILL = 1e-3
 # Correlation with the expected signal below which a column holds another one.

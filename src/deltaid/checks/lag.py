@@ -7,6 +7,7 @@ from jaxtyping import Float
 
 from deltaid.checks.evidence import Evidence
 from deltaid.effects.lag_columns import APART, UnknownLag
+from deltaid.identification.lags_and_gears import UNKNOWN
 from deltaid.identification.study import Study, spoilt
 from deltaid.model.verdict import Fault, Grade, Verdict, graded, listed, percent
 from deltaid.recording.recording import PreparedRecording
@@ -15,10 +16,9 @@ from deltaid.recording.recording import PreparedRecording
 _SPOILT = 0.05
 # A lag that biases no inertia by this share is not reported.
 _HARMS = 0.003
-# A lag is unknown with an interval beyond this [s]. With one that is wider than what lags differ by
-# the lag must be so many times as large: a slow motion determines it at reversals alone, where
-# encoder steps and friction near rest interfere.
-_UNKNOWN, CLEAR = 1e-3, 4.0
+# With an interval wider than what lags differ by, a lag must be so many times as large: slow
+# motions determine it at reversals alone, where encoder steps and friction near rest interfere.
+CLEAR = 4.0
 _LAG = Fault("torque-lag", "ms")
 
 
@@ -66,7 +66,7 @@ def checked_lag(evidence: Evidence, study: Study, recording: PreparedRecording) 
             "friction that determine a lag best",
             cure="give the lag if it is known (--lag), or record with lower gains",
         )
-    if half > 1e3 * (APART if study.late else _UNKNOWN):
+    if half > 1e3 * (APART if study.late else UNKNOWN):
         return _LAG.judged(
             f"the lag of torques behind positions is known to ±{half:.2g} ms only",
             "",

@@ -42,13 +42,12 @@ from deltaid.estimation.problem import Columns, Rows, Span, lengths
 from deltaid.estimation.scatter import CHANCE
 from deltaid.estimation.traces import Trace
 from deltaid.identification.study import studied_trace
+from deltaid.levels import HARDLY, WIDER
 from deltaid.model.verdict import Grade, Verdict
 
-# Errors whose ratio is nearer to one than this are equal: only the prior changed.
-_SAME = 1e-3
-# Prior deviation of what a column explains, as a share of the torques: for the robot, whose columns
-# cancel each other, and for corrections, such as a torque constant.
-_OF_ROBOT, _CORRECTED = 10.0, 0.1
+# Prior deviation of what a column explains, as a share of the torques, for corrections, such as a
+# torque constant; columns of the robot cancel each other.
+_CORRECTED = 0.1
 _NO_CHANGE = (
     "no change of the files explains this: with the lines that would correct it, errors of torques "
     "that were held out do not fall"
@@ -80,7 +79,7 @@ class HeldOut:
     def same(self, other: "HeldOut") -> bool:
         """Whether both explain the torques equally well but for rounding."""
         plain, of_other = (each.of_causes(()).mean(axis=1) for each in (self, other))
-        return bool(np.all(np.abs(plain / of_other - 1.0) < _SAME))
+        return bool(np.all(np.abs(plain / of_other - 1.0) < HARDLY))
 
     def as_good(self, other: "HeldOut") -> bool:
         """Whether its errors are not larger than another's beyond chance."""
@@ -145,7 +144,7 @@ class _Halves:
         robot, *others = np.split(np.arange(self.columns.shape[1]), self.ends)
         used = np.concatenate([robot, *(others[cause] for cause in causes)])
         # Rows have a noise of one, and a column's coefficient is the length of what it explains.
-        prior = np.where(used < len(robot), _OF_ROBOT, _CORRECTED) * np.linalg.norm(self.b)
+        prior = np.where(used < len(robot), WIDER, _CORRECTED) * np.linalg.norm(self.b)
         A, residual, odd = self.columns[:, used], np.empty_like(self.b), self.rows.groups % 2 == 1
         for half in (odd, ~odd):
             H = A[half].T @ A[half] + np.diag(prior**-2.0)

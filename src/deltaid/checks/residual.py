@@ -17,7 +17,7 @@ from deltaid.checks.closed_loop import SEGMENTS
 from deltaid.checks.computed import computed_torques
 from deltaid.checks.evidence import Evidence
 from deltaid.checks.lag import checked_lag
-from deltaid.checks.wiring.residual import LEAST
+from deltaid.checks.wiring.residual import ABOVE, LEAST
 from deltaid.effects.all import effect_of
 from deltaid.effects.effect import Cause, DescribedEffect, causes_of
 from deltaid.effects.unexplained import FreeTorque, in_words
@@ -29,8 +29,6 @@ from deltaid.recording.recording import PreparedRecording
 
 # A cause is wrong instead of doubtful where it makes this share of a drive's torque.
 _MUCH = 0.1
-# Lines are searched above so many times the motion's bandwidth: below, model errors have some too.
-_ABOVE = 3.0
 # A line exceeds its neighbours within a quarter of its frequency so many times, is narrower than
 # a tenth of it.
 _STANDS, _NEAR, _NARROW = 12.0, 0.25, 0.1
@@ -118,7 +116,7 @@ def _resonance(study: Study) -> Verdict:
     rate, q = trace.low_pass.rate, trace.dynamics.kinematics.inverse(longest(study).z)
     length = int(min(_SECONDS * rate, 2 * len(residual) / (SEGMENTS + 1)))
     frequency, power = density(residual, rate, max(length, 16))
-    lowest = _ABOVE * bandwidth(q, rate)
+    lowest = ABOVE * bandwidth(q, rate)
     peaks, powers = np.array([_line(frequency, spectrum, lowest) for spectrum in power.T]).T
     shares = np.sqrt(powers) / np.maximum(np.abs(study.fit.model).max(axis=1), 1e-300)
     k = int(np.argmax(shares))

@@ -19,9 +19,9 @@ from deltaid.recording.time.doubts import places_of, restarted, rows_are, slowed
 # Samples per period of the motion's bandwidth below which a recording is doubtful, and wrong.
 # Differentiated signals need more: the filter passes six hundredths of the rate.
 _DIFFERENTIATED, _TAKEN = (16.0, 10.0), (5.0, 2.5)
-# Steps as a share of what they are of: the encoder's of accelerations, a torque's of its root mean
-# square.
-_COARSE, _USELESS = 0.1, 1.0
+# Steps as a share of what they are of, which as large ones hide: the encoder's of accelerations, a
+# torque's of its root mean square.
+_COARSE = 0.1
 # Steps of the encoder over a stroke below which it is too coarse, whatever the filter does.
 _FEW = 250.0
 # Share of the rows that are lost, such as at a torque's largest or smallest number, and of those at
@@ -152,7 +152,7 @@ def _encoder(evidence: Evidence) -> Iterator[Verdict]:
             f"steps of {steps[k]:.2g} {evidence.robot.units(drives[k]).coordinate} make "
             f"{percent(shares[k])} of {drives[k]}'s acceleration below {low_pass.cutoff:.3g} Hz"
         )
-    grade = graded(shares[k], -np.inf, _USELESS) if bad.any() else Grade.GOOD
+    grade = graded(shares[k], -np.inf, 1.0) if bad.any() else Grade.GOOD
     subject, number = listed(drives[bad].tolist()), 100 * float(shares[k])
     yield _ENCODER.judged(seen, subject, number, grade=grade)
 
@@ -293,6 +293,4 @@ def _torque(evidence: Evidence) -> Iterator[Verdict]:
             f"{drives[i]}'s torque comes in steps of {steps[i]:.3g} "
             f"{evidence.robot.units(drives[i]).force}, {percent(parts[i])} of its usual size"
         )
-        yield _STEP.judged(
-            seen, drives[i], 100 * parts[i], grade=graded(parts[i], -np.inf, _USELESS)
-        )
+        yield _STEP.judged(seen, drives[i], 100 * parts[i], grade=graded(parts[i], -np.inf, 1.0))

@@ -147,10 +147,6 @@ def _online(
     )
 
 
-# Default rate of false alarms [1/h].
-_FALSE_ALARMS = 1.0
-
-
 def online(
     model: Annotated[str, typer.Argument(help="A saved model of this robot.")],
     log: Annotated[Path, typer.Argument(help="A recording at the controller's rate.")],
@@ -173,7 +169,7 @@ def online(
     ] = None,
     false_alarms: Annotated[
         float, typer.Option(help="False alarms of contact that are accepted in an hour.")
-    ] = _FALSE_ALARMS,
+    ] = 1.0,
     output: Annotated[
         Path | None, output_file("--output", "-o", help="Table over time (.parquet or .csv).")
     ] = None,

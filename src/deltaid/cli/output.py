@@ -35,8 +35,6 @@ _WRAPPED_COLUMNS = (
     "robot", "mechanism", "base parameter", "chosen law", "why", "of", "may change unnoticed",
     "entries", "parted by any of", "model", "remark",
 )  # fmt: skip
-# Width of a progress bar [characters].
-_BAR = 16
 # Lines of a result on a usual screen, without those that name written files.
 SCREEN = 22
 # Grades that begin a verdict on a model.
@@ -275,7 +273,7 @@ def progress(silent: bool) -> Generator[Callable[[str], None], None, None]:
 
     from deltaid.progress import share_of
 
-    columns = (BarColumn(_BAR), TimeElapsedColumn(), TextColumn("left"), Left(),
+    columns = (BarColumn(bar_width=16), TimeElapsedColumn(), TextColumn("left"), Left(),
                TextColumn("{task.description}", markup=False))  # fmt: skip
     with Progress(*columns, console=error_console, transient=True) as bars:
         task, stage = bars.add_task("starting", total=None), ""

@@ -16,6 +16,7 @@ from scipy.integrate import solve_ivp
 from deltaid.dynamics.dynamics import Parameters
 from deltaid.dynamics.forward_dynamics import ForwardDynamics
 from deltaid.errors import DeltaidError, KinematicsError, within
+from deltaid.levels import ROUNDING
 from deltaid.mechanism.forward import CLOSED
 from deltaid.mechanism.kinematics import Samples
 from deltaid.mechanism.one_or_many import as_rows, real_numbers
@@ -25,10 +26,10 @@ from deltaid.shown import Shown
 Torque = Callable[[float, Samples, Samples], Samples]
 History = Float[np.ndarray, "times states dof"]
 
-# Relative and absolute (m, rad, and per s) error of a step: energy stays within 1e-10 over ten
-# seconds. Measured for 10 s of a Delta: DOP853 0.2 s, LSODA 0.2 to 0.6 s and less accurate, CVODES
-# (Adams) 0.08 s, but with neither batches nor torques from Python.
-_RELATIVE, _ABSOLUTE = 1e-10, 1e-12
+# Relative error of a step, and absolute (m, rad, and per s) but for rounding: energy stays within
+# 1e-10 over ten seconds. Measured for 10 s of a Delta: DOP853 0.2 s, LSODA 0.2 to 0.6 s and less
+# accurate, CVODES (Adams) 0.08 s, but with neither batches nor torques from Python.
+_RELATIVE = 1e-10
 # Longest time step [s]: half a millimetre at the speed of a fast robot, below what any drive's
 # controller resolves.
 LONGEST_STEP = 2.5e-4
@@ -92,7 +93,7 @@ def integrate(
     span, start = (float(time[0]), float(time[-1])), np.concatenate([z.ravel(), zd.ravel()])
     solved = solve_ivp(
         rate, span, start, method="DOP853", t_eval=time, events=margin, rtol=_RELATIVE,
-        atol=_ABSOLUTE,
+        atol=ROUNDING,
     )  # fmt: skip
     if solved.status != 0:
         at = solved.t_events[0][0] if solved.status == 1 else solved.t[-1]

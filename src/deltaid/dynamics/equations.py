@@ -14,15 +14,15 @@ from jaxtyping import Int
 from deltaid.dynamics.joint_columns import Sign, carried, joint_columns, with_load_friction
 from deltaid.dynamics.parameters import prior_parameters
 from deltaid.dynamics.speed_forces import SpeedForces
+from deltaid.levels import ROUNDING
 from deltaid.mechanism.kinematics import Kinematics
 from deltaid.mechanism.mechanism import Mechanism
 from deltaid.mechanism.rotation import skew
 from deltaid.mechanism.speeds import Along
 from deltaid.robot.description import RobotDescription
 
-# Number of generic states for the test of zero entries, and the share of the largest value that
-# counts as rounding, which leaves 1e-15.
-_GENERIC, ROUNDING = 64, 1e-12
+# Number of generic states for the test of zero entries.
+_GENERIC = 64
 
 
 @dataclass(frozen=True)

@@ -36,10 +36,10 @@ from dataclasses import dataclass
 
 import casadi as ca
 
-from deltaid.dynamics.equations import ROUNDING
 from deltaid.dynamics.joint_columns import JointMotion, Sign, friction_columns, joint_columns
 from deltaid.dynamics.parameters import parameter_layout
 from deltaid.dynamics.speed_forces import SpeedForces
+from deltaid.levels import ROUNDING
 from deltaid.mechanism.mechanism import Mechanism
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.friction_terms import FrictionTerm

@@ -30,8 +30,6 @@ from deltaid.robot.description import RobotDescription
 from deltaid.robot.parameter import PRIOR_SPREAD, PriorParameter
 
 WITHOUT = "the model is of the robot without it"
-# Velocities below this share of the largest have no direction yet.
-_STILL = 0.01
 
 InTask = Float[np.ndarray, "samples dof"]
 Position = Float[np.ndarray, " samples"]

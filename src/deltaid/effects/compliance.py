@@ -37,14 +37,14 @@ from deltaid.effects.windings import (
 )
 from deltaid.estimation.drive_rows import RecordingRows, TraceRows, stretch_starts
 from deltaid.estimation.traces import Trace
+from deltaid.levels import LIKELY, NEAR, SWEEPS
 from deltaid.recording.windows import SampleBlock
 
-# Sweeps at most, and steps that are small enough, in standard deviations. Only compliances count
-# that make the rows of most stretches of time better by so many: for those that are there, these
-# are half as many as their sizes are.
-_SWEEPS, _SETTLED, _BETTER = 8, 0.3, 2.5
-# The search stops after a first step below these.
-_HOPEFUL, _HOPEFULLY_BETTER = 2.0, 0.5 * _BETTER
+# Only compliances count that make the rows of most stretches of time better by so many standard
+# deviations: for those that are there, these are half as many as their sizes are.
+_BETTER = 2.5
+# The search stops after a first step below this, or of no likely size.
+_HOPEFULLY_BETTER = 0.5 * _BETTER
 # How far gears wind up at most, as a share of a drive's range, to begin with.
 _SHARES = 1e-3 * 2.0 ** np.arange(7)
 # The same for any gear: beyond that the linearised winding means nothing.
@@ -137,7 +137,7 @@ class _Fit:
         """Whether one step away from stiff gears, equal for identical limbs, may become
         significant."""
         gears = self.swept(_together(S, self._of_limbs(S)), self.known, p, 1)
-        likely = bool(np.any(gears.sizes > _HOPEFUL * gears.deviation))
+        likely = bool(np.any(gears.sizes > LIKELY * gears.deviation))
         return likely and self.better(gears, _HOPEFULLY_BETTER)
 
     def pooled(self, gears: Windup) -> Windup:
@@ -158,7 +158,7 @@ class _Fit:
         count = len(self.rows.dynamics.robot.identical_drives)
         return np.asarray(S[:count].any(axis=0))
 
-    def swept(self, S: Groups, start: Compliance, p: Parameters, most: int = _SWEEPS) -> Windup:
+    def swept(self, S: Groups, start: Compliance, p: Parameters, most: int = SWEEPS) -> Windup:
         """s = known + S ε with the best ε, from a start on, in at most `most` sweeps."""
         dof, count = S.shape
         sizes = np.linalg.lstsq(S, np.where(S.any(axis=1), start - self.known, 0.0), rcond=None)[0]
@@ -172,7 +172,7 @@ class _Fit:
             step = np.clip(sizes + problem.x[first : first + count], 0.0, softest) - sizes
             sizes, p = sizes + step, parameters(self.rows, parts)
             covariance = problem.covariance(slice(first, first + count + dof))
-            if np.all(np.abs(step) < _SETTLED * np.sqrt(np.diag(covariance)[:count])):
+            if np.all(np.abs(step) < NEAR * np.sqrt(np.diag(covariance)[:count])):
                 break
         scale = np.sqrt(np.maximum(np.diag(covariance), np.finfo(float).tiny))
         correlation = np.abs(covariance / np.outer(scale, scale))[:count, count:]

@@ -25,8 +25,8 @@ from deltaid.recording.recording import PreparedRecording
 SEEN = 6.0
 # A preferred candidate is taken where it explains nearly as much as the best; one that bends with
 # the place, such as a zero, only where the best has more columns and, unless that bends too, does
-# not leave much less: to first order zeros may look like a drive's factor or offset.
-_NEARLY, _MUCH_LESS = 0.9, 0.5
+# not leave less than half: to first order zeros may look like a drive's factor or offset.
+_NEARLY = 0.9
 # Of so many candidates the scatter is computed, and so many are taken at most.
 _CLOSE, _ROUNDS = 4, 5
 # The share that a single drive explains of what all do, where it is about this one.
@@ -179,7 +179,7 @@ def _is_taken_before(trial: _Trial, best: _Trial) -> bool:
         return False
     if not trial.candidate.bends:
         return True
-    much_more = trial.total - trial.gain > max(best.total - best.gain, 0.0) / _MUCH_LESS
+    much_more = trial.total - trial.gain > 2.0 * max(best.total - best.gain, 0.0)
     return trial.rank < best.rank and (best.candidate.bends or not much_more)
 
 

@@ -10,11 +10,12 @@ from deltaid.effects.effect import Cause, DescribedEffect
 from deltaid.effects.point import EffectCandidate, RigidFit, TracePoint, UnknownEffect
 from deltaid.estimation.drive_rows import ColumnsOfDrives, of_own_drives
 from deltaid.estimation.problem import scatter
+from deltaid.levels import SURE
 from deltaid.model.verdict import listed, percent
 
-# A drive's factor is odd where it is so many standard deviations, this much, and this share of the
+# A drive's factor is odd where it is surely, this much, and this share of the
 # oddest one's away from the middle of all.
-_CLEAR, _ODD, _BESIDE = 3.0, 0.01, 0.25
+_ODD, _BESIDE = 0.01, 0.25
 # Directions of factors below this share are excluded: one common to all is not identifiable.
 _SHOWN = 1e-4
 
@@ -69,7 +70,7 @@ def odd_gains(cause: Cause) -> dict[str, float]:
     named = {part.candidate.subject for part in cause.found}
     factor, deviation = _factors(cause)
     apart = np.abs(factor / np.median(factor) - 1.0)
-    least = np.maximum(_CLEAR * deviation, max(_ODD, _BESIDE * float(apart.max())))
+    least = np.maximum(SURE * deviation, max(_ODD, _BESIDE * float(apart.max())))
     odd = [drives.index(drive) for drive in named] if named != {""} and len(named) == 1 else []
     odd = odd or np.flatnonzero(apart > least).tolist() or [int(np.argmax(apart))]
     if len(odd) == 1:
@@ -77,7 +78,7 @@ def odd_gains(cause: Cause) -> dict[str, float]:
         return {drives[odd[0]]: float(factor[odd[0]] / np.median(others) - 1.0)}
     limbs = fit.dynamics.robot.limbs
     gains = factor / np.mean(factor[: limbs.count if limbs else None]) - 1.0
-    clear = np.flatnonzero(np.abs(gains) > np.maximum(_CLEAR * deviation, _ODD))
+    clear = np.flatnonzero(np.abs(gains) > np.maximum(SURE * deviation, _ODD))
     return {drives[i]: float(gains[i]) for i in clear}
 
 

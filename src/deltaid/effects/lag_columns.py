@@ -18,7 +18,7 @@ import numpy as np
 from jaxtyping import Bool
 
 from deltaid.dynamics.dynamics import Parameters
-from deltaid.effects.lag_groups import LagGroup, Timing, common_lag
+from deltaid.effects.lag_groups import LAG, LagGroup, Timing, common_lag
 from deltaid.estimation.additions import Addition, OfTorques, Own, Values
 from deltaid.estimation.drive_rows import ColumnsOfDrives, OfDrives, of_own_drives
 from deltaid.estimation.scatter import NORMAL
@@ -29,8 +29,6 @@ from deltaid.recording.recording import PreparedRecording
 from deltaid.recording.windows import SampleBlock
 from deltaid.robot.parameter import PRIOR_SPREAD, PriorParameter
 
-# What a lag may be about the one that has been applied already: a standard deviation of half [s].
-_SIZE = 0.02
 _UNSURE = "; a first-order filter of this time constant would look the same here"
 _FILTER = (
     "torques passed a first-order filter of this time constant, which is inverted: steps of "
@@ -137,7 +135,7 @@ class LagColumns(TimingColumns):
                 "+".join(group.subjects(self.dynamics)) or "torques",
                 "s",
                 lambda w, late, rise: late,
-                min(group.deviation, PRIOR_SPREAD * _SIZE),
+                min(group.deviation, LAG),
                 group.beside,
             )
             for group in self.groups

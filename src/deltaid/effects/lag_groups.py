@@ -21,17 +21,18 @@ from deltaid.estimation.drive_rows import STRETCHES
 from deltaid.estimation.problem import LinearProblem
 from deltaid.estimation.scatter import CHANCE
 from deltaid.estimation.traces import Delay, Trace
+from deltaid.levels import UNLIKELY
 from deltaid.recording.delay import LagGrowth
 
-# How often what is equal or zero is taken to be so by chance only.
-_UNLIKELY, _SELDOM = 0.2, 0.01
+# How often what is zero is taken to be so by chance only.
+_PROBABLE = 0.2
 # Lags [s] that need not be corrected; and that hardly matter, where twice as much does harm. Good
 # recordings of 15 s determine a lag to 5–20 µs, those of a few seconds to 0.1 ms.
 HARMLESS, SMALL = 2e-5, 1.5e-4
 # Drives beyond which only common lags and lags of single drives are distinguished.
 _MANY = 6
 # Standard deviations of what lags [s], time constants [s] and rates of clocks may be.
-_LAG, _CONSTANT, _RATE = 0.01, 0.005, 1e-3
+LAG, _CONSTANT, _RATE = 0.01, 0.005, 1e-3
 
 Estimates = Float[np.ndarray, " n"]
 Covariance = Float[np.ndarray, "n n"]
@@ -93,7 +94,7 @@ def delays_of(groups: Sequence[LagGroup], dof: int) -> tuple[float, ...]:
 def agree(values: Estimates, covariance: Covariance) -> bool:
     """Whether estimates do not contradict that all are of the same size."""
     _, distance = _fitted(values, covariance, np.ones((len(values), 1)))
-    return distance <= limit(len(values) - 1, _SELDOM)
+    return distance <= limit(len(values) - 1, UNLIKELY)
 
 
 def exceeded(values: Estimates, covariance: Covariance, rejected: float) -> bool:
@@ -141,7 +142,7 @@ def _contradicted(labels: tuple[int, ...], distance: float, together: float) -> 
     if not any(labels):
         common = distance - together > limit(1, 0.5 * CHANCE)
         return common or distance > limit(free, 0.5 * CHANCE)
-    share = CHANCE if len(set(labels)) == 1 else _UNLIKELY
+    share = CHANCE if len(set(labels)) == 1 else _PROBABLE
     return free > 0 and distance > limit(free, share)
 
 
@@ -228,7 +229,7 @@ class FreeTiming:
     @property
     def deviation(self) -> Float[np.ndarray, " free"]:
         dof = len(self.filters)
-        return np.repeat([_LAG, _CONSTANT, _RATE], [dof, dof, 1])[self.columns]
+        return np.repeat([LAG, _CONSTANT, _RATE], [dof, dof, 1])[self.columns]
 
     def steps(self, problem: LinearProblem, first: int) -> tuple[All, Covariance]:
         """Steps of all values that a problem has from some column on, and their covariance; zero

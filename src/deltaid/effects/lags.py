@@ -18,21 +18,19 @@ from threadpoolctl import threadpool_limits
 
 from deltaid.dynamics.dynamics import Parameters
 from deltaid.effects.lag_columns import late
-from deltaid.effects.lag_groups import LagGroup, chosen_groups, common_lag
+from deltaid.effects.lag_groups import HARMLESS, LAG, LagGroup, chosen_groups, common_lag
 from deltaid.effects.reversals import lags_of_reversals
 from deltaid.effects.windings import free_friction
 from deltaid.estimation.additions import Addition
 from deltaid.estimation.drive_rows import STRETCHES, TraceRows
 from deltaid.estimation.scatter import quantile
 from deltaid.estimation.traces import Delay, Trace
+from deltaid.levels import ROUNDS, SURE
 
 # Lags that can be estimated [s].
 REACH = 0.02
-# Sweeps at most, and the step [s] below which the rest is linear enough.
-_SWEEPS, _SETTLED = 12, 1e-4
-# Standard deviation of what a lag may be, and of one that reversals show and other rows contradict
-# [s], and how many standard deviations a contradiction is.
-_PRIOR, _HELD, _AGREE = 0.01, 1e-7, 3.0
+# Standard deviation of a lag that reversals show and other rows contradict [s].
+HELD = 1e-7
 
 Delays = Float[np.ndarray, "recordings dof"]
 Covariances = Float[np.ndarray, "recordings dof dof"]
@@ -113,21 +111,21 @@ def estimate_lags(
     rows = TraceRows.for_dynamics(traces[0].dynamics, additions, spread)
     nothing = np.zeros((len(traces), rows.dynamics.dof))
     start = nothing if start is None else start
-    values, covariance, p = _swept(rows, traces, start, nothing, np.full_like(nothing, _PRIOR))
+    values, covariance, p = _swept(rows, traces, start, nothing, np.full_like(nothing, LAG))
     reversals = [
         lags_of_reversals(trace, additions, p, lags)
         for trace, lags in zip(turning or traces, values, strict=True)
     ]
     steps, step_std, filtered, doubtful = (np.array(part) for part in zip(*reversals, strict=True))
     deviation = np.sqrt(np.diagonal(covariance, axis1=1, axis2=2))
-    agrees = np.abs(steps - values) < _AGREE * np.hypot(step_std, deviation)
+    agrees = np.abs(steps - values) < SURE * np.hypot(step_std, deviation)
     # A filter and friction that yields look alike; one that no other rows confirm does not count.
     yields = filtered & ~agrees
     step_std = np.where(yields, np.inf, step_std)
     known, own = np.isfinite(step_std), np.eye(rows.dynamics.dof)
     agrees |= ~known
     if known.any():
-        held = np.where(known, np.where(agrees, step_std, _HELD), _PRIOR)
+        held = np.where(known, np.where(agrees, step_std, HELD), LAG)
         remaining, errors, p = _swept(rows, traces, steps, np.where(known, steps, 0.0), held, p)
         # Both ways are independent: they share no row.
         by_steps, by_rows = step_std**-2.0, agrees * deviation**-2.0
@@ -139,7 +137,7 @@ def estimate_lags(
         # Steps contradict the law of friction, by which other rows may imitate a lag: the mean of
         # what steps and rows beside any law say, which is known by how far these are apart.
         freely, errors, _ = _swept(
-            rows, traces, values, nothing, np.full_like(nothing, _PRIOR), p, any_friction=True
+            rows, traces, values, nothing, np.full_like(nothing, LAG), p, any_friction=True
         )
         values = np.where(unsure, 0.5 * (freely + steps), values)
         errors = errors + 0.25 * ((freely - steps) ** 2)[:, :, None] * own
@@ -180,6 +178,6 @@ def _swept(
         own = slice(rows.size, rows.size + delays.size)
         p, step = rows.parameters(problem.x), problem.x[own].reshape(delays.shape)
         delays, sweep = np.clip(delays + step, -REACH, REACH), sweep + 1
-        if np.abs(step).max() < _SETTLED or sweep == _SWEEPS:
+        if np.abs(step).max() < HARMLESS or sweep == ROUNDS:
             covariance = problem.covariance(own)
             return delays, np.array([covariance[np.ix_(places, places)] for places in every]), p

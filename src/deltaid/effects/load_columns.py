@@ -43,8 +43,6 @@ _ENTRIES = {
 }
 # A mass or gain that is known no better than this determines torques worse than torque constants.
 SURE = 0.02
-# A mass whose interval is wider than so many times itself is hardly known.
-_VAGUE = 1.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -168,7 +166,7 @@ class LoadColumns(Addition):
         origin = "is known" if known else "was identified with the robot"
         without = "the model is of the robot without it"
         text = f"{body} holds it {when}, and its mass {origin}; {without}"
-        if low is not None and high is not None and high - low > _VAGUE * mass.value:
+        if low is not None and high is not None and high - low > mass.value:
             text += (
                 f"; torques hardly separate it from {body} itself: record a part without it, or "
                 "give its mass"

@@ -5,13 +5,14 @@ from jaxtyping import Float, Int
 
 from deltaid.effects.point import RigidFit
 from deltaid.estimation.problem import Columns, Rows
+from deltaid.levels import ROUNDS
 
 # Length of the windows in which a load is searched [s], and their largest number.
 _WINDOW, _WINDOWS = 0.1, 4000
 # A load is held for so long at least [s]; shorter ones are knocks.
 _HELD = 0.4
-# Shares of the windows that the search begins with as the lower level, and its rounds.
-_SPLITS, _ROUNDS = (0.02, 0.2, 0.5, 0.8, 0.98), 4
+# Shares of the windows that the search begins with as the lower level.
+_SPLITS = (0.02, 0.2, 0.5, 0.8, 0.98)
 
 # For each sample or window 0 or 1: the lower or higher of two levels.
 Held = Int[np.ndarray, " samples"]
@@ -20,7 +21,7 @@ Held = Int[np.ndarray, " samples"]
 def refined(fit: RigidFit, columns: Columns, residual: Rows, held: Held) -> Held | None:
     """The course of a load and its coefficients by turns; None where it is not held long enough."""
     count = len(held)
-    for _ in range(_ROUNDS):
+    for _ in range(ROUNDS):
         is_held = np.tile(held, fit.dof)
         bare = fit.span.without(columns * is_held[:, None])
         theta = np.linalg.lstsq(bare, residual, rcond=1e-6)[0]
@@ -56,11 +57,13 @@ def two_levels(fit: RigidFit, column: Rows, residual: Rows) -> Held | None:
     best, lowest = None, np.inf
     for split in _SPLITS:
         course, errors = (share > split).astype(int), np.zeros((2, count))
-        for _ in range(_ROUNDS):
+        for _ in range(ROUNDS):
             parts = course == 0, course == 1
             levels = [np.sum(u[part]) / max(np.sum(d[part]), 1e-300) for part in parts]
             errors = np.stack([d * level**2 - 2 * u * level for level in levels])
-            course = _course(errors, cost)
+            before, course = course, _course(errors, cost)
+            if np.array_equal(course, before):
+                break
         changes = int(np.sum(np.diff(course) != 0))
         total = float(errors[course, np.arange(count)].sum()) + cost * changes
         if changes and total < lowest and _is_long(course, length * step):

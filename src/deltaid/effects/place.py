@@ -4,12 +4,8 @@ from collections.abc import Iterable
 
 import numpy as np
 
-from deltaid.effects.effect import DescribedEffect
+from deltaid.effects.effect import SEEN, DescribedEffect
 from deltaid.effects.point import EffectCandidate, RigidFit
-
-# Decades that torques over the place must be more surprising: so many shapes bend to noise that is
-# not quite white.
-_BENDS = 6.0
 
 
 class PlaceDependence(DescribedEffect):
@@ -32,5 +28,5 @@ class PlaceDependence(DescribedEffect):
         words = "it bends with the place of the platform"
         for i, drive in enumerate(fit.drives):
             columns = np.stack([block[:, i] for block in blocks], axis=1)
-            yield EffectCandidate(self.kind, drive, columns, words, _BENDS / dof, bends=True)
-        yield EffectCandidate(self.kind, "", np.hstack(blocks), words, _BENDS, bends=True)
+            yield EffectCandidate(self.kind, drive, columns, words, SEEN / dof, bends=True)
+        yield EffectCandidate(self.kind, "", np.hstack(blocks), words, SEEN, bends=True)

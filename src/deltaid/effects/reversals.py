@@ -32,6 +32,7 @@ from deltaid.effects.lag_columns import slope
 from deltaid.estimation.additions import Addition, torques_of
 from deltaid.estimation.problem import lengths
 from deltaid.estimation.traces import Delay, Trace
+from deltaid.levels import SURE
 from deltaid.recording.windows import WINDOW, SampleBlock
 
 # Samples to either side of a reversal that are used beyond what may be lagged by; those nearer
@@ -49,9 +50,8 @@ _LEAST, _SEEN = 4, 0.3
 _NEXT, _EXCESS = 3, 4.0
 # Time constants of filters in samples, and how many of these and of lags are tried.
 _CONSTANTS, _GRID = (0.1, 4.0), (8, 61)
-# How much of a step may be missing next to it, or so many standard deviations; sum of squares
-# of a step of 1 over these samples that is none of a slope.
-_MOSTLY, _SURE, _OWN = 0.5, 3.0, 0.35
+# Sum of squares of a step of 1 over these samples that is none of a slope.
+_OWN = 0.35
 _TINY = np.finfo(float).tiny
 
 Around = Float[np.ndarray, "reversals around"]
@@ -241,7 +241,7 @@ def is_abrupt(local: Local, steps: Steps, place: float) -> bool:
     near = locally(few, sharp(few.after, place))
     # Of a step and a slope: so much of a step is none of the slope's.
     scatter = np.sqrt(np.mean(near.left**2) / (_OWN * np.sum(steps.jump**2)))
-    return local.seen - near.seen < max(_MOSTLY * local.seen, _SURE * float(scatter))
+    return local.seen - near.seen < max(0.5 * local.seen, SURE * float(scatter))
 
 
 def locally(steps: Steps, shape: Around) -> Local:

@@ -14,9 +14,9 @@ from deltaid.estimation.shrinkage import Shrunk
 # Waves over the stroke from which torque over the position is no spring, for it bends, and to which
 # it is searched; and how far apart orders are that are searched, in waves over the stroke.
 _LEAST, _MOST, _APART = 0.5, 160.0, 0.25
-# Orders about the largest that are searched more finely; filtered columns of so many are computed,
-# between which those of all others are interpolated to 1e-6: their phases differ by π/4 at most.
-_NEAR, _NODES = 41, 7
+# Of so many orders about the largest filtered columns are computed, between which those of all
+# others are interpolated to 1e-6: their phases differ by π/4 at most.
+_NODES = 7
 # Orders that pass the filter at a drive's usual speed by less than this share cannot be seen.
 _PASSED = 0.1
 
@@ -51,7 +51,7 @@ def nearest_order(
     spring, with coefficients as large as that part is small.
     """
     step = orders[1] - orders[0]
-    near = np.linspace(max(order - step, orders[0]), order + step, _NEAR)
+    near = np.linspace(max(order - step, orders[0]), order + step, num=41)
     pairs = [waves_near(point, i, near) for point in points]
     return float(near[np.argmax(fit.explained(_blocks(points, i), pairs))])
 

@@ -15,9 +15,6 @@ from deltaid.model.verdict import percent
 from deltaid.recording.columns import LEAST_SLOPE
 from deltaid.robot.description import RobotDescription
 
-# Currents at which a torque has to grow.
-_CURRENTS = 21
-
 
 class Saturation(UnknownEffect, DescribedEffect):
     """A recorded torque τ_r of which the joint gets τ = τ_r (1 − β (τ_r/τ_max)²).
@@ -63,7 +60,7 @@ class Saturation(UnknownEffect, DescribedEffect):
 
     def possible(self, values: Deviations) -> Deviations:
         """Torques grow with current, up to the largest."""
-        u = np.linspace(0.0, 1.0, _CURRENTS)
+        u = np.linspace(0.0, 1.0, num=21)
         pairs = values.reshape(-1, 2)
         falls = (pairs @ np.stack([3.0 * u**2, 5.0 * u**4])).max(axis=1)
         share = (1.0 - LEAST_SLOPE) / np.maximum(falls, 1.0 - LEAST_SLOPE)

@@ -25,23 +25,19 @@ from jaxtyping import Bool, Float
 from deltaid.dynamics.dynamics import Parameters
 from deltaid.effects.effect import SEEN
 from deltaid.effects.lag_columns import timing_slopes
-from deltaid.effects.lag_groups import FreeTiming, Timing, exceeded
+from deltaid.effects.lag_groups import HARMLESS, FreeTiming, Timing, exceeded
 from deltaid.estimation.drive_rows import ColumnsOfDrives, OfDrives, TraceRows, of_own_drives
 from deltaid.estimation.problem import LinearProblem
 from deltaid.estimation.scatter import CHANCE
 from deltaid.estimation.traces import Delay, Trace
+from deltaid.levels import LIKELY, ROUNDS, SURE
 from deltaid.recording.masks.masks import least_about
 from deltaid.recording.windows import SampleBlock
 
 # Largest of each that is estimated [s, s, 1]; shortest time constant, in samples.
 _MOST, _SHORTEST = (0.03, 0.02, 5e-3), 0.5
-# Sweeps at most, and steps of a lag and a time constant that are small enough [s].
-_SWEEPS, _SETTLED = 15, 1e-5
 # So many time constants after a reversal nothing is left of a step.
 _TAIL = 5.0
-# Standard deviations within which a time constant lies mostly, and by which it may exceed a lag,
-# beside the sample by which torques may be ahead.
-_LIKELY, _SURE = 2.0, 3.0
 # Share of a time constant to which it and a lag must be known to say that they are equal.
 _KNOWN = 0.25
 
@@ -71,7 +67,7 @@ def other_than_delays(
         )
         if np.array_equal(kept.columns, free.columns):
             return _simplest(rows, trace, timing, free), unsure & ~free.filters
-        long = timing.constants + _LIKELY * timing.deviation > 0.5 * timing.lags
+        long = timing.constants + LIKELY * timing.deviation > 0.5 * timing.lags
         unsure |= free.filters & ~kept.filters & long
         free = kept
     return None, unsure
@@ -107,7 +103,7 @@ def _swept(rows: TraceRows, trace: Trace, start: Timing, free: FreeTiming) -> Ti
     timing, dof, own = start, len(start.lags), np.flatnonzero(free.filters)
     low = _SHORTEST / trace.low_pass.rate
     duration = float(trace.stretches[-1].time[-1] - trace.stretches[0].time[0])
-    for _ in range(_SWEEPS):
+    for _ in range(ROUNDS):
         problem = _linear(rows, timing.beside(trace), timing, free)
         step, covariance = free.steps(problem, rows.size)
         lags, constants, rate = np.split(timing.values + step, [dof, 2 * dof])
@@ -121,7 +117,7 @@ def _swept(rows: TraceRows, trace: Trace, start: Timing, free: FreeTiming) -> Ti
             rows.parameters(problem.x),
         )  # fmt: skip
         moved = np.abs(timing.values - before.values)
-        if max(moved[:-1].max(), moved[-1] * duration) < _SETTLED:
+        if max(moved[:-1].max(), moved[-1] * duration) < HARMLESS:
             break
     return timing
 
@@ -162,7 +158,7 @@ def _filtered(rows: TraceRows, trace: Trace, timing: Timing, free: FreeTiming) -
     dof, row = len(timing.lags), 1.0 / trace.low_pass.rate
     kept = free.filters & (timing.constants > row)
     dead, errors = _dead_times(timing, np.ones(dof, bool))
-    kept &= -dead < row + _SURE * np.sqrt(np.diag(errors))
+    kept &= -dead < row + SURE * np.sqrt(np.diag(errors))
     kept &= _seen(timing, kept)
     if not kept.any():
         return kept

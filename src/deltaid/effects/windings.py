@@ -22,6 +22,7 @@ from deltaid.estimation.drive_rows import (
 )
 from deltaid.estimation.scatter import quantile
 from deltaid.estimation.traces import Trace
+from deltaid.levels import CERTAIN
 from deltaid.model.corrections import Correction
 from deltaid.recording.repairs import Gears, convolved
 from deltaid.recording.spectrum import HIGHEST
@@ -38,8 +39,8 @@ _CAUSES = (len(SHAPES), 1, 2, 2)
 _FREE = sum(_CAUSES)
 # What gears usually wind up by at a drive's largest torque, as a share of the drive's range.
 _USUAL = 1e-3
-# A compliance counts that is so many standard deviations, and looks like a lag from a correlation.
-_SIGNIFICANT, _ALIKE = 5.0, 0.9
+# A compliance looks like a lag from this correlation.
+_ALIKE = 0.9
 
 Compliance = Float[np.ndarray, " dof"]
 Groups = Float[np.ndarray, "dof groups"]
@@ -216,7 +217,7 @@ class Windup:
     @property
     def significant(self) -> Bool[np.ndarray, " groups"]:
         """Which sizes are none by chance."""
-        return self.sizes > _SIGNIFICANT * self.deviation
+        return self.sizes > CERTAIN * self.deviation
 
     def estimated(self, deviation: Compliance) -> "Windup":
         """The same with compliances that were estimated elsewhere, drive by drive, those of which

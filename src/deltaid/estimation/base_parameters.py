@@ -13,17 +13,13 @@ from jaxtyping import Float
 from deltaid.dynamics.parameters import ParameterLayout
 from deltaid.errors import IdentificationError
 from deltaid.estimation.information import Information
-from deltaid.estimation.problem import DEPENDENT, Span
+from deltaid.estimation.problem import Span
+from deltaid.levels import NEGLIGIBLE, ROUNDING
 from deltaid.robot.parameter import ADDED
 from deltaid.shown import Shown
 
-# Dependences of the mechanism come out at 1e-15, the weakest parameters of the shipped robots at
-# 1e-3; `DEPENDENT` lies between.
-_NEGLIGIBLE = 1e-8
 # Additional columns may nearly depend on the robot's: below this share they are undetermined.
 _HARDLY = 1e-5
-# A sum that is smaller than this share of its terms is zero but for rounding.
-_CANCELLED = 1e-12
 _PREFERENCE = ("P", "SB", "MP", "HP", "EE", "MB", "R", "U", "C", "TL", "TU", "S")
 
 
@@ -87,7 +83,7 @@ class BaseParameters(Shown):
         """The base parameters of p; zero where terms cancel up to rounding."""
         terms = self.combination() * p
         values, sizes = terms.sum(axis=1), np.abs(terms).sum(axis=1)
-        return np.where(np.abs(values) > _CANCELLED * sizes, values, 0.0)
+        return np.where(np.abs(values) > ROUNDING * sizes, values, 0.0)
 
 
 def base_parameters(information: Information, layout: ParameterLayout) -> BaseParameters:
@@ -101,7 +97,7 @@ def base_parameters(information: Information, layout: ParameterLayout) -> BasePa
     if information.facts is not None:
         Y = np.vstack([Y, information.facts[:, :-1]])
     norms = np.linalg.norm(Y, axis=0)
-    shown = norms > DEPENDENT * norms.max()
+    shown = norms > NEGLIGIBLE * norms.max()
     columns, norms, scaled = information.columns[shown], norms[shown], Y[:, shown] / norms[shown]
     is_robots = columns < len(layout.names) - layout.added
     rank = Span.of_columns(scaled[:, is_robots]).rank
@@ -116,7 +112,7 @@ def base_parameters(information: Information, layout: ParameterLayout) -> BasePa
     others = np.setdiff1d(np.arange(len(columns)), chosen)
     K, *_ = np.linalg.lstsq(scaled[:, chosen], scaled[:, others], rcond=None)
     # A coefficient counts by what it does to the torque, so in scaled columns.
-    counts, K = np.abs(K) > _NEGLIGIBLE, K * norms[others] / norms[chosen, None]
+    counts, K = np.abs(K) > NEGLIGIBLE, K * norms[others] / norms[chosen, None]
     order = np.argsort(chosen)
     groups = (
         BaseGroup(
@@ -155,7 +151,7 @@ def _representatives(
         for _ in range(2):  # twice, so that rounding leaves it orthogonal
             rest = rest - basis @ (basis.T @ rest)
         length = np.linalg.norm(rest)
-        if length > (_HARDLY if parameters[k].kind in ADDED else DEPENDENT):
+        if length > (_HARDLY if parameters[k].kind in ADDED else NEGLIGIBLE):
             basis = np.column_stack([basis, rest / length])
             chosen.append(k)
     return chosen

@@ -12,9 +12,10 @@ from deltaid.dynamics.dynamics import Dynamics, Parameters
 from deltaid.estimation.additions import Addition, extended
 from deltaid.estimation.information import NOISE_FLOOR, active_columns
 from deltaid.estimation.objective import regularizer
-from deltaid.estimation.problem import DEPENDENT, Columns, LinearProblem, Rows, Span, lengths
+from deltaid.estimation.problem import Columns, LinearProblem, Rows, Span, lengths
 from deltaid.estimation.reduction import Reduction, build_reduction
 from deltaid.estimation.traces import Trace
+from deltaid.levels import NEGLIGIBLE
 
 # Stretches of time that a recording is cut into: enough to judge by their scatter, each still much
 # longer than the filter's memory.
@@ -43,7 +44,7 @@ class DriveRows:
         for columns, right in zip(A, b, strict=True):
             active = columns[:, np.any(columns != 0, axis=0)]
             active = active / lengths(active)
-            residual = right - active @ np.linalg.lstsq(active, right, rcond=DEPENDENT)[0]
+            residual = right - active @ np.linalg.lstsq(active, right, rcond=NEGLIGIBLE)[0]
             floor = NOISE_FLOOR * max(float(np.abs(right).max()), np.finfo(float).tiny)
             noise.append(max(float(np.sqrt(np.mean(residual**2))), floor))
         return cls(np.array(noise), b.shape[1])

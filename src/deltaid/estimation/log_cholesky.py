@@ -19,12 +19,12 @@ import numpy as np
 from deltaid.errors import IdentificationError
 from deltaid.estimation.objective import Matrix, Objective, Solution, Vector
 from deltaid.estimation.reduction import INTERIOR, Reduction
+from deltaid.levels import FAINT
 from deltaid.robot.inertia import PSEUDO_INERTIA_ENTRIES, pseudo_inertia
 from deltaid.robot.parameter import PriorParameter
 
-# γ where the relaxation starts; iterations of Newton's method for each of its steps and for the
-# last one; gradient of J/γ at which a step ends.
-_STRONG, _ITERATIONS, _LAST_ITERATIONS, _GRADIENT = 1e-2, 15, 500, 1e-6
+# γ where the relaxation starts.
+_STRONG = 1e-2
 
 
 @dataclass(frozen=True)
@@ -57,7 +57,7 @@ class LogCholesky:
                 jac=problem.gradient,
                 hess=problem.hessian,
                 callback=self.visit,
-                options={"gtol": _GRADIENT, "maxiter": _ITERATIONS if k else _LAST_ITERATIONS},
+                options={"gtol": FAINT, "maxiter": 15 if k else 500},
             )
             pi, iterations, message = result.x, iterations + int(result.nit), str(result.message)
         x = chart.x(pi)

@@ -19,14 +19,10 @@ import numpy as np
 from jaxtyping import Float, Int
 from threadpoolctl import threadpool_limits
 
-# Singular values of columns of unit length below this share of the largest are zero.
-DEPENDENT = 1e-9
-# Directions that other columns explain up to this share of their length are dropped.
-_EXPLAINED = 1e-3
+from deltaid.levels import FAINT, HARDLY, NEGLIGIBLE
+
 # The group of the prior's rows.
 KNOWN = -1
-# Share of its prior that is left to a coefficient at its bound.
-_HELD = 1e-6
 # Rows whose sums show noise that is not white, and by how much it may exceed white noise.
 _SLOW, _REDDEST = 8, 30.0
 
@@ -49,7 +45,7 @@ class Span:
         norms = lengths(A)
         Q, R = np.linalg.qr(A / norms)
         U, s, Vt = np.linalg.svd(R, full_matrices=False)
-        used = s > DEPENDENT * s.max(initial=0.0)
+        used = s > NEGLIGIBLE * s.max(initial=0.0)
         return cls(Q @ U[:, used], Vt[used].T / s[used] / norms[:, None])
 
     @property
@@ -72,7 +68,7 @@ class Span:
     def with_columns(self, A: Columns) -> "Span":
         """The same with additional columns, as far as they are not explained yet."""
         U, s, _ = np.linalg.svd(self.without(A), full_matrices=False)
-        return self.with_directions(U[:, s > DEPENDENT * np.linalg.norm(A)])
+        return self.with_directions(U[:, s > NEGLIGIBLE * np.linalg.norm(A)])
 
 
 def lengths(A: Columns) -> Float[np.ndarray, " columns"]:
@@ -85,7 +81,7 @@ def independent(A: Columns) -> Float[np.ndarray, "columns rank"]:
     """Orthonormal combinations of unit columns that others are projected out of, without directions
     of nearly zero length."""
     values, vectors = np.linalg.eigh(A.T @ A)
-    used = values > _EXPLAINED**2
+    used = values > HARDLY**2
     return vectors[:, used] / np.sqrt(values[used])
 
 
@@ -148,7 +144,7 @@ class LinearProblem:
         if self.Z is None:
             return self.span.inverse
         norms = lengths(self.A)
-        return np.linalg.pinv(self.span.Q.T @ (self.A / norms), rcond=DEPENDENT) / norms[:, None]
+        return np.linalg.pinv(self.span.Q.T @ (self.A / norms), rcond=NEGLIGIBLE) / norms[:, None]
 
     @cached_property
     def x(self) -> Float[np.ndarray, " columns"]:
@@ -285,7 +281,7 @@ class CauseColumns:
     def held(self, x: Float[np.ndarray, " n"]) -> "CauseColumns":
         """With coefficients at zero where physics allows no less than x has."""
         below = self.is_positive & (x[self.columns] < self.mean)
-        return replace(self, deviation=np.where(below, _HELD * self.deviation, self.deviation))
+        return replace(self, deviation=np.where(below, FAINT * self.deviation, self.deviation))
 
 
 @dataclass(frozen=True, eq=False)

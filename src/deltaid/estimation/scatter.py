@@ -23,27 +23,22 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float, Int
 from scipy.linalg import solve_triangular
-from scipy.special import gammaincc, gammaln, stdtrit
+from scipy.special import gammaincc, gammaln, ndtri, stdtrit
 
 from deltaid.estimation.information import Chunk
+from deltaid.levels import FAINT, NEGLIGIBLE, ROUNDING
 
-# A combination that nearly all comes from one group has no scatter: below this share of ‖u‖² the
-# white level is taken with the widest t there is.
-_NO_SCATTER = 1e-6
-# Shares of ‖u‖² below this are rounding; degrees of freedom where facts alone determine.
-_ROUNDING, _SURE = 1e-9, 1e9
+# Degrees of freedom where facts alone determine.
+_SURE = 1e9
 # Significance level of a test: how often it finds a difference where there is only noise.
 CHANCE = 1e-3
-# Share of a variance that is rounding.
-ROUNDING = 1e-12
 # Half the width of a 95 % interval in standard deviations, where these are known: `quantile` of ∞.
 NORMAL = 1.959963984540054
+# Standard deviation of a normal distribution over its median magnitude.
+ROBUST = 1.0 / ndtri(0.75)
 # Noise that is so many times smaller than the standard deviation does not matter.
 _HARDLY = 100.0
 
-# Each coordinate of the platform point is cut into so many parts of its range. Finer places part
-# errors that belong together, coarser ones are too few to see a scatter.
-_PARTS = 3
 
 # Columns of a chunk, and its product with itself at each place.
 Visits = tuple[Int[np.ndarray, " _"], Float[np.ndarray, "places _ _"]]
@@ -61,7 +56,8 @@ class PlaceSums:
     wrong alike. Samples of the same place, whenever it was visited, keep such errors together.
 
     Places are parts of a box [m], lowest and highest corner, along each axis. A sample has a row
-    for each drive (or channel), and [Y, τ] so many augmented columns.
+    for each drive (or channel), and [Y, τ] so many augmented columns. Finer places than thirds of
+    the box part errors that belong together, coarser ones are too few to see a scatter.
     """
 
     def __init__(
@@ -69,7 +65,7 @@ class PlaceSums:
         box: Float[np.ndarray, "2 3"],
         drives: int,
         augmented: int,
-        parts: tuple[int, int, int] = (_PARTS, _PARTS, _PARTS),
+        parts: tuple[int, int, int] = (3, 3, 3),
     ) -> None:
         self._low, self._parts = box[0], np.array(parts)
         self._size = np.maximum(box[1] - box[0], np.finfo(float).tiny)
@@ -120,15 +116,15 @@ class Scatter:
         HU = np.moveaxis(self.shares @ U, 2, 0)  # combinations, groups, n
         own = np.einsum("cgn,nc->cg", HU, U)
         whole, size = np.sum(U**2, axis=0), own.sum(axis=1)
-        by_facts = whole - size > _ROUNDING * whole
+        by_facts = whole - size > NEGLIGIBLE * whole
         facts = self.sigma**2 * np.where(by_facts, whole - size, 0.0)
         size = np.where(by_facts, size, whole)
         omega = -HU @ np.swapaxes(HU, 1, 2)
         diagonal = np.arange(len(self.shares))
         omega[:, diagonal, diagonal] += own
         t = np.trace(omega, axis1=1, axis2=2)
-        t = np.where(t > _NO_SCATTER * size, t, np.nan)
-        hardly = size <= _NO_SCATTER * whole  # is by groups
+        t = np.where(t > FAINT * size, t, np.nan)
+        hardly = size <= FAINT * whole  # is by groups
         v = np.where(hardly, 0.0, size * np.sum((self.scores @ U) ** 2, axis=0) / t)
         nu = np.where(hardly, 1.0, np.maximum(t**2 / np.sum(omega**2, axis=(1, 2)), 1.0))
         if not facts.any():

@@ -19,12 +19,11 @@ from scipy.linalg import cho_solve, solve_triangular
 from deltaid.estimation.information import NOISE_FLOOR
 from deltaid.estimation.problem import CauseColumns, Columns, NoiseBlock, Rows, group_sums
 from deltaid.estimation.scatter import surprise
+from deltaid.levels import FAINT, LEVEL, ROUNDING, ROUNDS
 
 # Columns of one of several groups, whose numbers differ.
 OfGroup = Float[np.ndarray, "_ _"]
 
-# Sweeps of evidence at most, and the change of a logarithm of α below which they end.
-_SWEEPS, _SETTLED = 40, 0.02
 # Scales of priors: a group that is not needed shrinks towards the lowest; none is much larger than
 # it usually is, or groups that look alike grow against each other.
 _LOW, _HIGH = 1e-2, 3.0
@@ -32,10 +31,6 @@ _LOW, _HIGH = 1e-2, 3.0
 _PULL = 1e-2
 # Of the square of a column that is tried, the share that stays its own where others explain all.
 _ALIKE = 1e-2
-# Columns of unit length that others explain up to this share of their square are dependent.
-_DEPENDENT = 1e-12
-# Of a direction rows say nothing that they know to less than this share of its prior precision.
-_NOTHING = 1e-6
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,13 +73,13 @@ class Shrunk:
     def _settled(self, *, noise: bool = True) -> "Shrunk":
         """With scales, and the noise unless that is kept, at their fixed point."""
         now = self
-        for _ in range(_SWEEPS):
+        for _ in range(ROUNDS):
             sigma = now._noise if noise else now.sigma
             after = replace(now, alpha=now._scales, sigma=sigma, given=now._normal)
             change = np.abs(np.log(after.alpha / now.alpha)).max(initial=0.0)
             change = max(change, float(np.abs(np.log(after.sigma / now.sigma)).max()))
             now = after
-            if change < _SETTLED:
+            if change < LEVEL:
                 break
         return now
 
@@ -118,7 +113,7 @@ class Shrunk:
         """L with L Lᵀ = the precision of x in units of `size`, and these."""
         size = 1.0 / np.sqrt(np.diag(self._precision))
         scaled = self._precision * np.outer(size, size)
-        return np.linalg.cholesky(scaled + _DEPENDENT * np.eye(len(size))), size
+        return np.linalg.cholesky(scaled + ROUNDING * np.eye(len(size))), size
 
     @cached_property
     def _root(self) -> Float[np.ndarray, "n n"]:
@@ -214,7 +209,7 @@ class Shrunk:
         others = np.setdiff1d(np.arange(len(r)), own)
         size = 1.0 / np.sqrt(np.diag(K)[others])
         L = np.linalg.cholesky(
-            K[np.ix_(others, others)] * np.outer(size, size) + _DEPENDENT * np.eye(len(size))
+            K[np.ix_(others, others)] * np.outer(size, size) + ROUNDING * np.eye(len(size))
         )
         half = solve_triangular(L, K[np.ix_(others, own)] * size[:, None], lower=True)
         right = solve_triangular(L, r[others] * size, lower=True)
@@ -222,7 +217,7 @@ class Shrunk:
         unit = group.deviation[:count]
         S = (K[np.ix_(own, own)] - half.T @ half) * np.outer(unit, unit)
         w, V = np.linalg.eigh(S)
-        w, V = w[w > _NOTHING], V[:, w > _NOTHING]
+        w, V = w[w > FAINT], V[:, w > FAINT]
         level = max(self.level(group), self._unfitted)
         s = V.T @ ((r[own] - half.T @ right) * unit)
         return np.sqrt(w / level)[:, None] * V.T / unit, s / np.sqrt(w * level)
@@ -337,7 +332,7 @@ class Shrunk:
         own = self.covariance[np.ix_(columns, columns)]
         size = np.sqrt(np.diag(own))
         by_scatter = np.concatenate([np.zeros(0), *(self.deviation(group) for group in groups)])
-        half = np.linalg.cholesky(own / np.outer(size, size) + _DEPENDENT * np.eye(len(size)))
+        half = np.linalg.cholesky(own / np.outer(size, size) + ROUNDING * np.eye(len(size)))
         moves = cho_solve((half, True), (self.covariance[:, columns] / size).T).T
         return moves @ (half * (by_scatter / size)[:, None])
 

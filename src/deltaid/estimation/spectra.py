@@ -20,8 +20,8 @@ _ON_GRID, _OFF = 0.98, 0.05
 _FINEST = 1e7
 # Distances are compared with the least one as long as they are so many times larger at most.
 _FEW = 20.0
-# Samples of a stretch for jitter, and stretches at least; by how much noise must grow with speed.
-_STRETCH, _FEWEST, _GROWS = 64, 10, 1.0
+# Samples of a stretch for jitter, and stretches at least.
+_STRETCH, _FEWEST = 64, 10
 
 Signals = Float[np.ndarray, "rows channels"]
 
@@ -114,7 +114,7 @@ def jitter(q: Signals, period: float) -> float:
         slow, quick = order[: len(order) // 5], order[len(order) // 2 :]
         still = float(np.median(power[slow]))
         excess = power[quick] - still
-        if not speeds[quick].all() or np.median(excess) < max(_GROWS * still, step_of(angle) ** 2):
+        if not speeds[quick].all() or np.median(excess) < max(still, step_of(angle) ** 2):
             return 0.0
         jitters.append(np.sqrt(max(float(np.median(excess / speeds[quick])), 0.0)))
     return float(min(jitters))

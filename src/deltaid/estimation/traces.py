@@ -15,13 +15,12 @@ from deltaid.estimation.additions import Addition, extended
 from deltaid.estimation.information import active_columns, entries_at
 from deltaid.recording.delay import LagGrowth, Shift
 from deltaid.recording.filter import LowPass
+from deltaid.recording.log import MOST_WINDOWS
 from deltaid.recording.masks.masks import least_about
 from deltaid.recording.recording import PreparedRecording
 from deltaid.recording.spectrum import apply
 from deltaid.recording.windows import WINDOW, SampleBlock
 
-# Windows that are kept at most: 256 s at 1 kHz.
-_MOST = 32
 # Time constants after which a filter has forgotten its beginning.
 _FORGOTTEN = 10.0
 # A time step this much longer than the usual one ends a stretch.
@@ -180,7 +179,7 @@ def trace(
     # What a log masks stays masked either way; this is about its reversals only.
     recording = recording.brief.changed(cutoff, columns=columns, keep_all=False)
     assert recording.low_pass is not None  # positions alone are always filtered
-    windows_kept = recording.spread(dynamics.kinematics, windows or _MOST)
+    windows_kept = recording.spread(dynamics.kinematics, windows or MOST_WINDOWS)
     joined = _joined([window.own for window in windows_kept])
     gaps = np.flatnonzero(np.diff(joined.time) > GAP / log.rate) + 1
     stretches = tuple(

@@ -19,7 +19,6 @@ import numpy as np
 from jaxtyping import Float
 from scipy.special import chdtri, fdtrc
 
-from deltaid.estimation.problem import DEPENDENT
 from deltaid.estimation.scatter import CHANCE
 from deltaid.fleets.coordinates import Coordinates, U
 from deltaid.fleets.mixed_model import (
@@ -31,6 +30,7 @@ from deltaid.fleets.mixed_model import (
     mean,
     prior_spreads,
 )
+from deltaid.levels import NEGLIGIBLE
 
 # Up to so many robots, the tested one is excluded from the spreads too.
 _FEW = 16
@@ -88,7 +88,7 @@ class AgainstOthers:
         M = HF.T @ solved
         size = np.sqrt(np.maximum(np.diag(M), np.finfo(float).tiny))
         values, vectors = np.linalg.eigh(M / np.outer(size, size))
-        used = values > DEPENDENT
+        used = values > NEGLIGIBLE
         half = vectors[:, used] / np.sqrt(values[used]) / size[:, None]
         g = half.T @ (solved.T @ self.e)
         return Along(float(g @ g), int(used.sum()), half @ g, np.linalg.norm(half, axis=1))
@@ -108,12 +108,12 @@ def leave_one_out(
         (A,), (c,), _ = rows.only(slice(k, k + 1)).whitened(mean.variance)
         information, right = information - A.T @ A, right - A.T @ c
     size = np.linalg.norm(rows.H[k], axis=1)
-    used = size > DEPENDENT * size.max(initial=0.0)  # rows beyond a triangle's rank are zero
+    used = size > NEGLIGIBLE * size.max(initial=0.0)  # rows beyond a triangle's rank are zero
     H, b, constant = rows.H[k][used], rows.b[k][used], rows.constant[k][used]
     variance = mean.variance + rows.extra[k] + anything
     V = np.eye(len(H)) + (H * variance) @ H.T + H @ np.linalg.solve(information, H.T)
     e = b - H @ np.linalg.solve(information, right)
-    aside = int(np.sum(np.any(np.abs(H[:, anything > 0]) > DEPENDENT, axis=0)))
+    aside = int(np.sum(np.any(np.abs(H[:, anything > 0]) > NEGLIGIBLE, axis=0)))
     # Satterthwaite's degrees of freedom; the share of the noise in V is 1 over the eigenvalues.
     shares = np.sort(1.0 / np.linalg.eigvalsh(V))[aside:]
     if not shares.size:  # all of its rows are free

@@ -13,6 +13,7 @@ from deltaid.estimation.objective import prior_scale
 from deltaid.estimation.reduction import Reduction, build_reduction
 from deltaid.fleets.member import MeasuredFact, TypeMember, eliminated
 from deltaid.grouping import grouped
+from deltaid.levels import WIDER
 from deltaid.model.record import Settings
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.inertia import PSEUDO_INERTIA_ENTRIES, pseudo_inertia
@@ -33,8 +34,6 @@ KINDS = {
 }
 # Prior standard deviation of the logarithm of a spread: a factor of 4.5 either way.
 VAGUE = 1.5
-# Largest ratio of a size to the described one, and of that to a size.
-_OTHER = 10.0
 # Factor by which friction's prior is wider than described.
 _VAGUE_FRICTION = 20.0
 FRICTION = ("viscous", "coulomb", "friction")
@@ -91,7 +90,7 @@ class Coordinates:
                 times = np.prod([_times(now, before, entry) for entry in entries])
             else:
                 times = abs(p[layout.names.index(variable.name)]) / sizes[k]
-            sizes[k] *= np.clip(times, 1.0 / _OTHER, _OTHER)
+            sizes[k] *= np.clip(times, 1.0 / WIDER, WIDER)
         return replace(self, sizes=sizes)
 
     @cached_property

@@ -9,8 +9,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Bool, Float
 from numpy.lib.stride_tricks import sliding_window_view
-from scipy.special import ndtri
 
+from deltaid.estimation.scatter import ROBUST
 from deltaid.fleets.drift_evidence import (
     FEWEST,
     SIZE,
@@ -25,6 +25,7 @@ from deltaid.fleets.drift_evidence import (
     whitened_sums,
     with_others,
 )
+from deltaid.levels import SURE
 
 # Prior standard deviations of coefficients in units of σ (about 1 %), and between drives of one
 # robot: of temperature [1/K], of its square [1/K²], of the heaviest load, of seasons without a
@@ -36,10 +37,8 @@ _UNLIKE_TEMPERATURE, _UNLIKE_CURVE = 0.2, 0.003
 _SLOW, _UNLIKE_SLOW = 0.4, 0.02
 # Prior standard deviation of an unknown level.
 FLAT = 1e4
-# Outliers: neighbours on each side, robust deviations that are still usual, least deviation [%].
-_SIDE, USUAL, _LEAST = 7, 3.0, 0.2
-# Standard deviation of a normal distribution over its median magnitude.
-ROBUST = 1.0 / ndtri(0.75)
+# Outliers: neighbours on each side, least deviation [%].
+_SIDE, _LEAST = 7, 0.2
 # Friction with a larger relative deviation is not used.
 _VAGUE = 0.3
 
@@ -204,7 +203,7 @@ def inflation(
     wide = np.pad(z, ((0, 0), (_SIDE, _SIDE)), constant_values=np.nan)
     residual = np.abs(z - _median(sliding_window_view(wide, 2 * _SIDE + 1, axis=1)))
     scale = np.maximum(ROBUST * _median(residual)[:, None], _LEAST)
-    return np.nan_to_num(np.maximum(residual / (USUAL * scale), 1.0) ** 2, nan=1.0)
+    return np.nan_to_num(np.maximum(residual / (SURE * scale), 1.0) ** 2, nan=1.0)
 
 
 def _median(values: Float[np.ndarray, "*rows n"]) -> Float[np.ndarray, "*rows"]:

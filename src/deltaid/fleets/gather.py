@@ -13,6 +13,7 @@ from deltaid.checks.identify import Judged, identify
 from deltaid.dynamics.parameters import parameter_layout, prior_parameters
 from deltaid.effects.lag_columns import LagColumns
 from deltaid.effects.lag_groups import alone
+from deltaid.effects.lags import HELD
 from deltaid.effects.load_columns import LoadColumns
 from deltaid.errors import DeltaidError
 from deltaid.estimation.information import Information, merge, triangle
@@ -55,8 +56,6 @@ _STRETCHES, _PLACES, _FEWEST_PLACES = 26, 14, 6
 # Largest size of a file and of its record [bytes]; size of all other triangles, those of the whole
 # and of tolerances, in groups.
 _BYTES, _BESIDE, _WHOLES = 950_000, 90_000, 3.5
-# Deviation of a lag that is exactly as corrected [s].
-_EXACT = 1e-7
 # Windows of a recording that determine its temperature.
 _WINDOWS = 12
 # Least number of places along the range of an axis.
@@ -305,7 +304,7 @@ def _lags(result: Judged) -> tuple[KnownLag, ...]:
         if group.free
         for i in group.drives
     }
-    known = (free.get(i, (0.0, _EXACT)) for i in range(len(drives)))
+    known = (free.get(i, (0.0, HELD)) for i in range(len(drives)))
     return tuple(
         KnownLag(drive=drive, delay=delay, beside=beside, deviation=deviation)
         for drive, delay, (beside, deviation) in zip(drives, delays, known, strict=True)

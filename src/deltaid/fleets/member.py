@@ -19,10 +19,10 @@ from scipy.linalg import solve_triangular
 from deltaid.checksum import require_intact, sealed_archive
 from deltaid.errors import RecordingError
 from deltaid.estimation.information import triangle
-from deltaid.estimation.problem import DEPENDENT
 from deltaid.estimation.scatter import inverse
 from deltaid.fleets.place import MADE_AGAIN
 from deltaid.fleets.robot_recordings import RobotRecordings, fitted
+from deltaid.levels import NEGLIGIBLE
 from deltaid.model.record import Settings
 from deltaid.robot.description import RobotDescription
 from deltaid.sensors.weighings import weighings
@@ -99,7 +99,7 @@ def member(name: str, recordings: RobotRecordings, settings: Settings) -> TypeMe
     common = np.array([not any(word in name for word in _OWN) for name in names], dtype=bool)
     covariance = half @ half.T + shifts[:, ~common] @ shifts[:, ~common].T
     size = np.sqrt(np.diag(covariance))
-    L = np.linalg.cholesky(covariance / np.outer(size, size) + DEPENDENT * np.eye(len(size)))
+    L = np.linalg.cholesky(covariance / np.outer(size, size) + NEGLIGIBLE * np.eye(len(size)))
     K = problem.base.combination()
     wide = np.column_stack([K[:, count:], K[:, :count], shifts[:, common], estimate.values])
     rows = solve_triangular(L, wide / size[:, None], lower=True)
@@ -132,7 +132,7 @@ def eliminated(
     if not count or not len(rows):
         return rows[:, count:]
     U, singular, _ = np.linalg.svd(rows[:, :count])
-    rank = int(np.sum(singular > DEPENDENT * max(singular[0], 1.0)))
+    rank = int(np.sum(singular > NEGLIGIBLE * max(singular[0], 1.0)))
     return triangle(U[:, rank:].T @ rows[:, count:])
 
 

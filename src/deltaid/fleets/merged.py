@@ -16,13 +16,13 @@ from deltaid.dynamics.parameters import prior_parameters
 from deltaid.effects.load_columns import LoadColumns
 from deltaid.estimation.additions import Addition
 from deltaid.estimation.information import Information, triangle
-from deltaid.estimation.problem import DEPENDENT, Span, lengths
-from deltaid.estimation.scatter import ROUNDING
+from deltaid.estimation.problem import Span, lengths
 from deltaid.fleets.factor_columns import GatheredColumns, map_to, plain
 from deltaid.fleets.factor_file import FactorFile, digest
 from deltaid.fleets.factor_record import FactorGroups, RecordingBrief
 from deltaid.identification.friction_constants import LawConstants
 from deltaid.identification.loads import Held, joined
+from deltaid.levels import NEGLIGIBLE, ROUNDING
 from deltaid.model.record import Settings
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.friction import Friction
@@ -103,7 +103,7 @@ class Independent:
         """Independent columns of a matrix, by QR with pivoting of columns of unit length."""
         R, order = qr(Y / lengths(Y), mode="r", pivoting=True)
         size = np.abs(np.diag(R))
-        rank = int(np.count_nonzero(size > DEPENDENT * size.max(initial=0.0)))
+        rank = int(np.count_nonzero(size > NEGLIGIBLE * size.max(initial=0.0)))
         at = np.sort(order[:rank])
         C = np.linalg.lstsq(Y[:, at], Y, rcond=None)[0]
         C[np.abs(C) < ROUNDING * np.abs(C).max(initial=0.0)] = 0.0

@@ -17,11 +17,12 @@ from jaxtyping import Bool, Float
 from scipy.linalg import inv
 
 from deltaid.dynamics.parameters import ParameterLayout, inertia_scale, with_prior
-from deltaid.estimation.scatter import CHANCE, ROUNDING
+from deltaid.estimation.scatter import CHANCE
 from deltaid.fleets.belonging import LEAST
 from deltaid.fleets.coordinates import Coordinates
 from deltaid.fleets.member import unmeasured
 from deltaid.fleets.mixed_model import ENOUGH, Spreads
+from deltaid.levels import NEGLIGIBLE, ROUNDING, ROUNDS
 from deltaid.model.verdict import FEW
 from deltaid.robot.body import ExplicitInertia
 from deltaid.robot.description import RobotDescription
@@ -39,8 +40,8 @@ MEMBERS = {
 }
 # Digits of a spread.
 _DIGITS = 3
-# Weights of the barrier, Newton steps with each, and change that ends them.
-_BARRIER, _STEPS, _SETTLED = np.geomspace(1.0, 1e-4, 9), 60, 1e-9
+# Weights of the barrier.
+_BARRIER = np.geomspace(1.0, 1e-4, 9)
 
 
 @dataclass(frozen=True, eq=False)
@@ -227,14 +228,14 @@ def widest(
     of_rows = np.linalg.solve(np.linalg.cholesky(Q), rows.T)  # in which Q is 1
     log = np.log(0.5 / np.linalg.eigvalsh(of_rows @ of_rows.T)[-1]) * np.ones(len(rows))
     for t in _BARRIER.tolist():
-        for _ in range(_STEPS):
+        for _ in range(ROUNDS):
             step, now = _newton(of_rows, log, t), _value(of_rows, log, t)
             size = max(float(np.abs(step).max()), 1e-12)
             shares = min(1.0, 3.0 / size) * 0.5 ** np.arange(40)
             gaining = (x for x in shares.tolist() if _value(of_rows, log + x * step, t) > now)
             share = next(gaining, 0.0)
             log = log + share * step
-            if share * size < _SETTLED:
+            if share * size < NEGLIGIBLE:
                 break
     return np.exp(log)
 

@@ -12,13 +12,12 @@ import numpy as np
 from jaxtyping import Float
 
 from deltaid.errors import RecordingError
+from deltaid.estimation.scatter import ROBUST
 from deltaid.fleets.drift_evidence import FEWEST, Changes
 from deltaid.fleets.drift_findings import Between, DriftFinding, DriftSettings, finding
 from deltaid.fleets.drift_friction import FrictionSeries, friction_series
 from deltaid.fleets.drift_series import (
     FLAT,
-    ROBUST,
-    USUAL,
     Regressors,
     evidence_of,
     explained,
@@ -27,6 +26,7 @@ from deltaid.fleets.drift_series import (
 from deltaid.fleets.factor_file import FactorFile
 from deltaid.fleets.factor_record import RecordingBrief
 from deltaid.fleets.fleet import DATE, date_within
+from deltaid.levels import SURE
 from deltaid.model.record import IdentifiedModel
 
 # Larger stamps are seconds since 1970, not since the start of a recording.
@@ -266,7 +266,7 @@ def tool_changes(
         before, after = (days >= first) & (days < day), (days >= day) & (days < last)
         size = float(np.median(mass[after]) - np.median(mass[before]))
         spread = 1.25 * unit * float(np.sqrt(1.0 / before.sum() + 1.0 / after.sum()))
-        if abs(size) > max(USUAL * spread, 0.5 * unit):
+        if abs(size) > max(SURE * spread, 0.5 * unit):
             changes.append(ToolChange(day, size, spread))
     return tuple(changes)
 

@@ -11,13 +11,14 @@ from deltaid.errors import IdentificationError
 from deltaid.estimation.conic import Conic
 from deltaid.estimation.information import triangle
 from deltaid.estimation.objective import Objective, Quadratic, Regularizer
-from deltaid.estimation.scatter import CHANCE, NORMAL, ROUNDING, half_width
+from deltaid.estimation.scatter import CHANCE, NORMAL, half_width
 from deltaid.fleets.belonging import LEAST, AgainstOthers, Along, Sorted, fit_members, torques
 from deltaid.fleets.coordinates import ANYTHING, Coordinates, Square, U
 from deltaid.fleets.member import TypeMember
 from deltaid.fleets.mixed_model import RobotRows, alone, mean, within
 from deltaid.fleets.population import Estimates, MemberEstimate, Population
 from deltaid.identification.widening import CLOSE
+from deltaid.levels import ROUNDING
 from deltaid.model.record import Settings
 from deltaid.robot.load import RobotLike, described
 

@@ -33,26 +33,23 @@ from deltaid.estimation.problem import group_sums
 from deltaid.identification.fit import fit
 from deltaid.identification.measured_rows import MeasuredRows, SensorAddition
 from deltaid.identification.setup import Progress, Setup
+from deltaid.levels import ROUNDS, SETTLED
 from deltaid.mechanism.kinematics import Kinematics
 from deltaid.model.corrections import Correction
 from deltaid.recording.hold import holds
+from deltaid.recording.log import FEW_WINDOWS
 from deltaid.recording.recording import PreparedRecording
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.inertia import PSEUDO_INERTIA_ENTRIES, entry_map
 from deltaid.sensors.weighings import weighings
 
-# Windows of a recording that are compared, at most.
-_WINDOWS = 8
-# Half widths of its interval that a lag of a sensor is larger than.
-_CLEAR = 2.0
+# Half widths of its interval that a clear lag is larger than.
+CLEAR_LAG = 2.0
 
 _HELD = (
     "drives update their torques so seldom and hold them in the rows between, which come late: "
     "torques there are interpolated between updates"
 )
-# Rounds at most until gain and pose of sensors stay, and the step, as a share of their priors'
-# deviations, below which they do.
-_ROUNDS, _SETTLED = 10, 1e-3
 
 
 def holds_filled(setup: Setup, progress: Progress) -> Setup:
@@ -116,7 +113,7 @@ def late_rate(recording: PreparedRecording, kinematics: Kinematics) -> Lag | Non
     windows = zip(recorded.windows(kinematics), derived.windows(kinematics), strict=True)
     rows = [
         (x.own.qd, x.own.qdd, y.own.qd, y.own.qdd, y.own.weights)
-        for x, y in islice(windows, _WINDOWS)
+        for x, y in islice(windows, FEW_WINDOWS)
     ]
     qd, qdd, qd_derived, qdd_derived, weights = map(np.concatenate, zip(*rows, strict=True))
     counts, acceleration = weights.min(axis=1) > 0, 0.5 * (qdd + qdd_derived)
@@ -125,7 +122,7 @@ def late_rate(recording: PreparedRecording, kinematics: Kinematics) -> Lag | Non
         lags.append(_lag(qd, qd_derived, acceleration, counts))
     if columns.acceleration:
         lags.append(_lag(qdd, qdd_derived, rate * np.gradient(acceleration, axis=0), counts))
-    shown = (np.abs(lag.values) > np.maximum(_CLEAR * lag.interval, HARMLESS) for lag in lags)
+    shown = (np.abs(lag.values) > np.maximum(CLEAR_LAG * lag.interval, HARMLESS) for lag in lags)
     return next((lag for lag, harmful in zip(lags, shown, strict=True) if harmful.any()), None)
 
 
@@ -212,7 +209,7 @@ def sensors_settled(setup: Setup, progress: Progress) -> Setup:
     if not any(sensor.is_bilinear for sensor in sensors):
         return setup
     progress("settling gain and pose of sensors")
-    for _ in range(_ROUNDS):
+    for _ in range(ROUNDS):
         problem = fit(setup.dynamics, setup.recordings, setup.settings, additions=setup.additions)
         known = dict(zip(problem.layout.names, problem.values.tolist(), strict=True))
         steps, additions = list[float](), list[Addition]()
@@ -227,6 +224,6 @@ def sensors_settled(setup: Setup, progress: Progress) -> Setup:
                 addition = SensorAddition.for_sensor(setup.dynamics, name, spread, known)
             additions.append(addition)
         setup = setup.changed(additions=tuple(additions))
-        if max(steps) < _SETTLED:
+        if max(steps) < SETTLED:
             break
     return setup

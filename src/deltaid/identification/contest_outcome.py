@@ -25,14 +25,13 @@ from deltaid.identification.setup import (
     Setup,
 )
 from deltaid.identification.study import ADEQUATE, beside_any_friction, left_of_a_drive
+from deltaid.levels import NEAR
 from deltaid.model.corrections import Inseparable, cause_in_words
 from deltaid.model.verdict import listed, percent
 from deltaid.robot.description import RobotDescription
 
 # Key of the doubt that more effects than are corrected may act.
 SUSPECTED = "suspected"
-# The step of what is applied, in standard deviations, below which sweeps end.
-_SETTLED = 0.2
 
 
 def decided(before: ContestOutcome, last: Contest, *, may_wind_up: bool) -> ContestOutcome:
@@ -80,7 +79,7 @@ def _wound(robot: RobotDescription, last: Contest, compliance: Coefficients) -> 
 def is_settled(before: ContestOutcome, after: ContestOutcome) -> bool:
     same = before.kept == after.kept and before.values.keys() == after.values.keys()
     return same and all(
-        np.all(np.abs(values - before.values[name]) <= _SETTLED * after.deviations[name])
+        np.all(np.abs(values - before.values[name]) <= NEAR * after.deviations[name])
         for name, values in after.values.items()
     )
 

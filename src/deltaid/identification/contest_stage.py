@@ -36,13 +36,9 @@ from deltaid.identification.lags_and_gears import (
 )
 from deltaid.identification.passive_turns import OfPassive, speed_errors, without_turns
 from deltaid.identification.setup import WIND_UP, ContestOutcome, Progress, Setup
+from deltaid.levels import SWEEPS, WIDER
 from deltaid.recording.repairs import Gears
 
-# Sweeps at most.
-_SWEEPS = 8
-# Priors of bodies are so many times wider here: otherwise effects would explain what contradicts a
-# prior, which the fit widens and reports.
-_WIDER = 10.0
 # Sweeps after which nothing more is added.
 _DECIDED = 2
 
@@ -201,7 +197,7 @@ def _sweeps(
         sweep += 1
         if after.doubts != before.doubts:
             dismissed, sweep = (*dismissed, last.p - plain), 0  # others may take part instead
-        elif sweep == _SWEEPS or is_settled(before, after):
+        elif sweep == SWEEPS or is_settled(before, after):
             break
         try:
             now = with_readings(without, after, last.p)
@@ -258,7 +254,8 @@ def _start(setup: Setup) -> Parameters:
 
 
 def _rows(setup: Setup) -> TraceRows:
-    spread = _WIDER * setup.settings.prior_spread
+    # Otherwise effects would explain what contradicts a prior, which the fit widens and reports.
+    spread = WIDER * setup.settings.prior_spread
     return TraceRows.for_dynamics(setup.dynamics, without_lags(setup.additions), spread)
 
 

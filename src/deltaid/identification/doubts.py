@@ -14,18 +14,11 @@ from deltaid.effects.unexplained import FreeTorque
 from deltaid.estimation.information import NOISE_FLOOR
 from deltaid.estimation.scatter import inverse, quantile
 from deltaid.identification.fit import CURE, FittedProblem, against_motion, contradiction
+from deltaid.identification.study import ADEQUATE, FAR
+from deltaid.levels import WIDER
 from deltaid.model.corrections import Inseparable
 from deltaid.sensors.weighings import weighings
 
-# A consistent fit contradicts the data when it leaves so many times the torque error of parameters
-# without constraints and more than this share of the largest torque, or when a mass that torques
-# do not determine had to grow to so many times its prior.
-_WORSE, _SHARE, _GREW = 3.0, 0.01, 3.0
-# A base parameter of the fit contradicts the recording when it lies so many half widths of its 95 %
-# interval away from what the recording alone gives.
-_APART = 3.0
-# A prior that has to be so many times as wide is no estimate of this body.
-_OTHER = 10.0
 # Standard deviations between a measured value and all else that are no chance, and what is left of
 # its row where all else determines it too.
 _NO_CHANCE, _REDUNDANT = 4.0, 1e-4
@@ -50,7 +43,7 @@ def doubts(problem: FittedProblem) -> tuple[str, ...]:
         prior = rows.A @ problem.reduction.p_reg[problem.information.columns]
         square = float(prior @ prior)
         scale = float(prior @ rows.b) / square if square > 0 else np.nan
-        if of_data and np.isfinite(scale) and not 1 / _GREW < scale < _GREW:
+        if of_data and np.isfinite(scale) and not 1 / FAR < scale < FAR:
             of_data = [
                 f"torques are {scale:.3g} times what the described robot would need. Likeliest "
                 "their unit, torque constant or gear is not declared, else masses and lengths of "
@@ -64,7 +57,7 @@ def _misfit(problem: FittedProblem) -> Iterator[str]:
     noise = max(problem.noise, NOISE_FLOOR)
     rows = problem.information.rows / problem.information.mean_samples
     rms = np.sqrt(problem.objective.data.evaluate(problem.solution.x)[0] / rows)
-    if rms > max(_WORSE * noise, _SHARE):
+    if rms > max(FAR * noise, ADEQUATE):
         yield (
             f"the consistent fit leaves {rms / noise:.3g} times the torque error that is possible "
             "without physical consistency: only negative masses or friction would explain these "
@@ -77,7 +70,7 @@ def _grown(problem: FittedProblem) -> Iterator[str]:
     """Entries that no torque shows and that consistency has made much larger than the prior."""
     reduction, p = problem.reduction, problem.values
     held = ~np.any(reduction.A, axis=1)
-    grown = np.flatnonzero(held & (reduction.p_reg > 0) & (p > _GREW * reduction.p_reg))
+    grown = np.flatnonzero(held & (reduction.p_reg > 0) & (p > FAR * reduction.p_reg))
     names = ", ".join(
         f"{reduction.layout.names[i]} had to grow from {reduction.p_reg[i]:.3g} to {p[i]:.3g} "
         f"{reduction.layout.units[i]}"
@@ -98,7 +91,7 @@ def _of_priors(problem: FittedProblem) -> Iterator[str]:
     owners: dict[str, float] = {}
     for parameter in problem.layout.parameters:
         factor = problem.reduction.widened.get(parameter.name, 1.0)
-        if factor > _OTHER and parameter.kind != "sensor":
+        if factor > WIDER and parameter.kind != "sensor":
             owners[parameter.owner] = max(factor, owners.get(parameter.owner, 0.0))
     for owner, factor in owners.items():
         yield (
@@ -123,7 +116,7 @@ def _contradictions(problem: FittedProblem) -> Iterator[str]:
     excess = max(1.0, float(assumed / max(problem.noise, np.finfo(float).tiny)))
     fitted, half = base.values(problem.values), excess * quantile(freedom) * by_noise
     apart = np.abs(fitted - estimate.values) / np.maximum(half, np.finfo(float).tiny)
-    k, count = int(np.argmax(apart)), int(np.sum(apart > _APART))
+    k, count = int(np.argmax(apart)), int(np.sum(apart > FAR))
     if not count:
         return
     unit = base.layout.units[base.representatives[k]]

@@ -25,6 +25,7 @@ from deltaid.identification.outliers import (
     without_recurring,
 )
 from deltaid.identification.setup import Progress, Setup
+from deltaid.levels import FEW_ROUNDS
 from deltaid.mechanism.kinematics import Kinematics
 from deltaid.model.corrections import Correction
 from deltaid.recording.masks.masks import joined_times
@@ -46,10 +47,8 @@ _TEXT = {
 # Time that is excluded before and after an outlier [s]; stretches of a contact may be so far apart
 # [s].
 _BESIDE, _ONE = 4e-3, 0.02
-# What the low-pass of the positions spreads a jump over, to either side, as a share of its period.
-_PERIOD = 0.5
-# What lasts longer [s] is no event, nor what fills this share of the time about it [s].
-_LONGEST, _DENSE, _ABOUT = 1.0, 0.5, 1.0
+# What lasts longer [s] is no event, nor what fills half of so long about it.
+_LONGEST = 1.0
 # Nor is anything where contacts fill this share of a recording.
 _MOST = 0.2
 # At a jolt the low-pass took so much off the motion that torques change by this share of the
@@ -58,8 +57,8 @@ _SHARP, _JOLTS = 0.25, 0.05
 # A drive below this share of its usual speed hardly moves; others' outliers below this share of its
 # own do not count.
 _SLOW, _ALONE = 0.15, 0.4
-# Lags below this [s] do no harm, others are allowed for: between these [s], in so many rounds.
-_ON_TIME, _LAGS, _ROUNDS = 1e-3, (-0.012, 0.022), 3
+# Lags below this [s] do no harm, others are allowed for: between these [s].
+_ON_TIME, _LAGS = 1e-3, (-0.012, 0.022)
 # A model fits where the residual scatters less than so many times what noise would.
 _MISFIT = 4.0
 # A stop ends within so much [s] of standing still.
@@ -179,7 +178,7 @@ def events(expected: Expectation) -> tuple[LeftSpan, ...]:
     outliers, recording = detected_outliers(expected), expected.source.recording
     log, low_pass, delay = recording.log, recording.filter, recording.repairs.delay
     duration, margin = log.samples / log.rate, max(_BESIDE, 1.0 / log.rate)
-    spread = _PERIOD / low_pass.motion_cutoff
+    spread = 0.5 / low_pass.motion_cutoff  # half a period to either side of a jump
     lasting = [run for run in outliers.stretches if not _is_friction(run, expected)]
     remaining, spoilt = without_recurring(outliers, lasting, low_pass, margin + spread)
     course = JoinedStretches(_ONE)
@@ -213,7 +212,7 @@ def on_time(source: ExplainedRecording) -> Expectation | None:
     No lag is allowed for where that leaves a model that does not fit. None without enough data.
     """
     expected = first = expect(source)
-    for _ in range(_ROUNDS):
+    for _ in range(FEW_ROUNDS):
         if expected is None or np.all(np.abs(expected.lags) < _ON_TIME):
             break
         recording = source.recording
@@ -239,9 +238,9 @@ def _brief(stretches: Sequence[OutlierStretch], duration: float) -> list[Outlier
     sums = np.append(0.0, np.cumsum(length))
     if sums[-1] > _MOST * duration:
         return []
-    about = sums[np.searchsorted(middle, middle + 0.5 * _ABOUT, side="right")]
-    about -= sums[np.searchsorted(middle, middle - 0.5 * _ABOUT, side="left")]
-    kept = (length <= _LONGEST) & (about <= np.maximum(_DENSE * _ABOUT, length))
+    about = sums[np.searchsorted(middle, middle + 0.5 * _LONGEST, side="right")]
+    about -= sums[np.searchsorted(middle, middle - 0.5 * _LONGEST, side="left")]
+    kept = (length <= _LONGEST) & (about <= np.maximum(0.5 * _LONGEST, length))
     return [stretch for stretch, good in zip(stretches, kept, strict=True) if good]
 
 

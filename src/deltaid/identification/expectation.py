@@ -15,6 +15,7 @@ from scipy.linalg import solve_triangular
 from threadpoolctl import threadpool_limits
 
 from deltaid.estimation.drive_rows import ColumnsOfDrives, of_own_drives
+from deltaid.estimation.scatter import ROBUST
 from deltaid.identification.expectation_source import (
     ExplainedRecording,
     Nuisance,
@@ -22,24 +23,21 @@ from deltaid.identification.expectation_source import (
     joint_rates,
     of_torques,
 )
+from deltaid.levels import HARDLY, ROUNDS, SETTLED
+from deltaid.recording.log import MOST_WINDOWS
 from deltaid.recording.windows import SampleBlock
 
-# Time over which torques are averaged [s]; windows and blocks that are fitted to, at most.
-_MEAN, _MOST, _BLOCKS = 0.009, 32, 1500
+# Time over which torques are averaged [s], and blocks that are fitted to, at most.
+_MEAN, _BLOCKS = 0.009, 1500
 # Scatter more than so many times that of noise is misfit.
 NOISE = 1.5
-# Sweeps: with Huber's weights, then with Tukey's, at most; and the constants of both.
-_CONVEX, _SWEEPS, _HUBER, _TUKEY = 6, 20, 1.345, 6.0
+# Sweeps with Huber's weights, before Tukey's; and the constants of both.
+_CONVEX, _HUBER, _TUKEY = 6, 1.345, 6.0
 # How the prior pulls in the first sweep, with the usual torque as noise; leverage that a row
 # has at most is 1 less this.
 _START, _LEAST = 0.1, 0.05
-# The largest change of the scales between sweeps that have settled.
-_SETTLED = 1e-3
-# Share of the samples below a drive's usual torque and speed; no residual is taken to be known
-# better than this share of that torque.
-_LARGE, _FLOOR = 0.9, 1e-3
-# The deviation of a normal distribution for its median size.
-_NORMAL = 1.4826
+# Share of the samples below a drive's usual torque and speed.
+_LARGE = 0.9
 # Priors are drawn to with so many of their standard deviations, or with what makes this share of
 # the usual torque.
 _PRIOR, _EFFECT = 4.0, 0.1
@@ -110,7 +108,7 @@ class Expectation:
 def expect(source: ExplainedRecording) -> Expectation | None:
     """Fit a recording; of a long one its excerpt. None without enough data."""
     recording, size = source.recording, _length(source.recording.log.rate)
-    parts = [w.own for w in recording.brief.spread(source.dynamics.kinematics, _MOST)]
+    parts = [w.own for w in recording.brief.spread(source.dynamics.kinematics, MOST_WINDOWS)]
     parts = [w for w in parts if len(w.time) >= size]
     blocks = _Blocks.cut(source, parts, size) if parts else None
     if blocks is None or not np.any(blocks.counts.sum(axis=1) >= _FEWEST * _SPEEDS):
@@ -120,13 +118,13 @@ def expect(source: ExplainedRecording) -> Expectation | None:
     fit = Expectation(source, p, blocks.nuisance, x, speeds, scale, np.zeros(len(scale)))
     steps = [np.diff(fit.compared(w)[0], axis=1) for w in parts]
     noise = deviation(np.concatenate(steps, axis=1)) / np.sqrt(2)
-    return replace(fit, noise=np.maximum(noise, _FLOOR * np.sqrt(size) * blocks.nuisance.torque))
+    return replace(fit, noise=np.maximum(noise, HARDLY * np.sqrt(size) * blocks.nuisance.torque))
 
 
 def deviation(values: Float[np.ndarray, "drives samples"]) -> Float[np.ndarray, " drives"]:
     """Standard deviation by the median size, without NaN; zero of a drive without any value."""
     sizes = (np.abs(row[np.isfinite(row)]) for row in values)
-    return np.array([_NORMAL * np.median(row) if row.size else 0.0 for row in sizes])
+    return np.array([ROBUST * np.median(row) if row.size else 0.0 for row in sizes])
 
 
 def _length(rate: float) -> int:
@@ -199,20 +197,20 @@ def _fitted(b: _Blocks, source: ExplainedRecording) -> tuple[np.ndarray, np.ndar
     spread = np.append(spread, b.nuisance.deviations)
     target, p, x = b.tau - b.Y @ prior, prior, np.zeros(len(spread))
     scale, root = np.full(len(torque), np.nan), b.counts / torque[:, None]
-    for sweep in range(_SWEEPS):
+    for sweep in range(ROUNDS):
         A = np.concatenate([b.Y, b.beside(p)], axis=2) * spread
         y, h = _ridge(A, target, root, 1.0 if sweep else _START)
         x = spread * y
         p = prior + x[:columns]
         judged = (target - A @ y) / np.sqrt(np.maximum(1.0 - h, _LEAST))
         before, scale = scale, deviation(np.where(b.counts, judged, np.nan))
-        scale = np.maximum(scale, _FLOOR * torque)
+        scale = np.maximum(scale, HARDLY * torque)
         size = np.abs(judged) / scale[:, None]
         weights = np.clip(1.0 - (size / _TUKEY) ** 2, 0.0, None) ** 2
         if sweep < _CONVEX:
             weights = _HUBER / np.maximum(size, _HUBER)
         root = np.sqrt(b.counts * weights) / scale[:, None]
-        if sweep > _CONVEX and np.all(np.abs(scale - before) <= _SETTLED * scale):
+        if sweep > _CONVEX and np.all(np.abs(scale - before) <= SETTLED * scale):
             break
     return p, x[columns:], scale
 

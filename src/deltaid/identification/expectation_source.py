@@ -28,7 +28,7 @@ _APART = 5e-3
 _OF_JOINT, _OF_TORQUE = len(SHAPES) + 2, 3
 # Standard deviations that nuisance coefficients are drawn to zero with: friction and offsets as
 # shares of the usual torque, lags [ms], load friction and gains.
-_FRICTION, _LAG, _SHARE = 0.1, 4.0, 0.1
+_LAG, _SHARE = 4.0, 0.1
 
 Torques = Float[np.ndarray, "dof samples"]
 
@@ -93,7 +93,7 @@ class Nuisance:
     @property
     def deviations(self) -> Float[np.ndarray, " columns"]:
         of_torque = np.tile([_LAG, _SHARE, _SHARE], len(self.torque))
-        return np.append(np.full(_OF_JOINT * len(self.speed), _FRICTION), of_torque)
+        return np.append(np.full(_OF_JOINT * len(self.speed), _SHARE), of_torque)
 
     def friction(self, w: SampleBlock) -> Float[np.ndarray, "dof columns samples"]:
         """What offset and shapes of friction of each joint make at the drives."""

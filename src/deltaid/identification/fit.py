@@ -19,22 +19,19 @@ from deltaid.estimation.reduction import Reduction, build_reduction
 from deltaid.identification.gathering import Gathered, gather_balanced
 from deltaid.identification.geometric_rows import Geometry, geometry
 from deltaid.identification.least_squares import BaseEstimate, estimate_base
+from deltaid.levels import CERTAIN, ROUNDS
 from deltaid.model.record import Settings
 from deltaid.progress import Progress
 from deltaid.recording.recording import PreparedRecording
 from deltaid.robot.description import RobotDescription
 
-# A drive contradicts itself when the more certain of inertia and friction is negative by so many of
-# its standard deviations. Right signs are some fifty on the other side.
-_CERTAIN = 5.0
+# The change of shares of the load below which they have settled: where loads change their sign from
+# one round to the next, shares do so to some hundred-thousandths.
+_SETTLED = 1e-4
 CURE = (
     "likeliest a column counts the other way: check the sign of these torques and positions, then "
     "the order of the columns; deltaid check finds which"
 )
-
-# How often load-dependent friction is fitted again at most, and when its shares have settled: where
-# loads change their sign from one round to the next, they do so to some hundred-thousandths.
-_LOAD_ROUNDS, _LOAD_SETTLED = 30, 1e-4
 
 
 @dataclass(frozen=True)
@@ -71,7 +68,7 @@ def against_motion(dynamics: Dynamics, information: Information) -> tuple[Negati
         values = probes @ problem.x
         stds = problem.noise * np.linalg.norm(probes @ problem.inverse, axis=1)
         certain = values / np.maximum(stds, np.finfo(float).tiny)
-        if certain[np.argmax(np.abs(certain))] < -_CERTAIN:
+        if certain[np.argmax(np.abs(certain))] < -CERTAIN:
             friction = float(values[1]) if np.any(probes[1]) else np.nan
             negatives.append(Negative(drive, float(values[0]), friction))
     return tuple(negatives)
@@ -214,9 +211,9 @@ def settled(
         shares = np.flatnonzero([term.of_load for term in problem.dynamics.robot.friction_terms])
         shares = shares + problem.dynamics.layout.friction.start
         before, step = step, problem.p[shares] - load[shares]
-        if np.all(np.abs(step) <= _LOAD_SETTLED):
+        if np.all(np.abs(step) <= _SETTLED):
             return problem, True
-        if rounds == _LOAD_ROUNDS:
+        if rounds == ROUNDS:
             return problem, False
         # Half of a step back, for |x| bends, and whole ones might go to and fro.
         load = 0.5 * (load + problem.p) if np.sum(step * before) < 0 else problem.p

@@ -45,6 +45,7 @@ from deltaid.identification.friction_rows import (
 from deltaid.identification.gains import shown_by_torques
 from deltaid.identification.lags_and_gears import without_lags
 from deltaid.identification.setup import Progress, Setup
+from deltaid.levels import ROUNDS
 from deltaid.model.corrections import Correction
 from deltaid.model.parameter_record import FrictionChoice, FrictionTrial, JointTerm
 from deltaid.robot.description import RobotDescription
@@ -53,11 +54,9 @@ from deltaid.robot.friction_terms import law_in_words
 
 # A term is added where chance seldom explains as much to one of all that were tried; the number of
 # joints and kinds of terms takes 1.3 decades more.
-_SEEN = SELDOM + 1.3
+SEEN = SELDOM + 1.3
 # What chance explains in fewer than one of twenty recordings, in decades.
 _PROBABLE = surprise(NORMAL**2, 1)
-# Terms that are added at most.
-_MOST = 25
 
 
 def rows_for_friction(setup: Setup, progress: Progress, clause: str) -> FrictionRows | None:
@@ -129,7 +128,7 @@ class _Step:
 
     @property
     def least_surprise(self) -> float:
-        return _PROBABLE if self.is_shared else _SEEN
+        return _PROBABLE if self.is_shared else SEEN
 
     def trial(self, *, useful: bool) -> FrictionTrial:
         return FrictionTrial(
@@ -217,7 +216,7 @@ def _extended(rows: FrictionRows, barred: Collection[JointTerm]) -> tuple[list[_
     left = [option for option in options(rows) if option[0].term not in barred]
     search = _TermSearch.begun(rows, [variant for option in left for variant in option])
     steps, first = list[_Step](), list[_Step]()
-    for _ in range(_MOST):
+    for _ in range(ROUNDS):
         trials = [step for option in left if (step := search.step(option, steps))]
         first = first or trials
         useful = [step for step in trials if step.is_useful]

@@ -33,6 +33,7 @@ from deltaid.identification.doubts import constants
 from deltaid.identification.fit import FittedProblem
 from deltaid.identification.friction_rows import FORMS, FrictionRows
 from deltaid.identification.uncertainty import uncertainty
+from deltaid.levels import FAINT, ROUNDS, SETTLED
 from deltaid.model.parameter_record import FrictionCurve
 from deltaid.recording.recording import PreparedRecording
 from deltaid.recording.windows import SampleBlock
@@ -40,23 +41,19 @@ from deltaid.robot.friction import EXPONENTS, Friction
 from deltaid.robot.friction_terms import FrictionTerm
 from deltaid.robot.parameter import PriorParameter
 
-# Steps at most, the largest of a logarithm, and the one below which constants have settled.
-_STEPS, _LARGEST, _SETTLED = 12, 0.4, 1e-3
+# The largest step of a logarithm.
+_LARGEST = 0.4
 # Once in so many decades of recordings chance may explain as much as what is then believed, such as
 # an exponent that is none of the usual ones.
 SELDOM = 3.5
-# Standard deviation of a logarithm about its value by the grid.
-_SPREAD = 1.0
-# The same of its difference from the mean of drives of one make.
+# Standard deviation of a logarithm about the mean of drives of one make; about its value by the
+# grid it is 1.
 _UNLIKE = 0.25
 # Stribeck's speed stays within these shares of the joint's fastest.
 _SPEEDS = (0.003, 3.0)
-# Weight of the prior at columns of unit length: it only affects dependent ones.
-_PULL = 1e-6
-# A term's prior is at least this share of Coulomb's.
+# Speeds of a curve begin at this share of the fastest, the least size of a term's prior at this
+# share of Coulomb's.
 _SMALL = 0.02
-# Speeds of a curve each way: so many, from this share of the fastest.
-_POINTS, _SLOWEST = 15, 0.02
 
 # Joint, kind of term, name of the constant.
 _Constant = tuple[str, str, str]
@@ -112,8 +109,8 @@ def _refined(rows: FrictionRows, laws: Mapping[str, Friction], usual: Collection
     """Laws with the constants that fit best; Stribeck's exponents of `usual` joints stay."""
     current, travel = dict(laws), dict[_Constant, float]()
     coefficients, steps, residual = _fit(rows, current, travel, usual)
-    for _ in range(_STEPS):
-        if max((abs(step) for step in steps.values()), default=0.0) < _SETTLED:
+    for _ in range(ROUNDS):
+        if max((abs(step) for step in steps.values()), default=0.0) < SETTLED:
             break
         for constant, step in steps.items():
             joint, kind, name = constant
@@ -164,9 +161,9 @@ def _fit(
     travelled = np.array([travel.get(constant, 0.0) for constant in constants])
     values = np.log([getattr(t, name) for (_, _, name), t in constants.items()])
     unlike = _unlike(list(constants), described.identical_drives)
-    prior = np.vstack([np.eye(n) / _SPREAD, unlike / _UNLIKE])
+    prior = np.vstack([np.eye(n), unlike / _UNLIKE])
     A = np.vstack([np.hstack([columns, slopes]), np.hstack([np.zeros((2 * n, len(terms))), prior])])
-    b = np.concatenate([tau, -travelled / _SPREAD, -unlike @ values / _UNLIKE])
+    b = np.concatenate([tau, -travelled, -unlike @ values / _UNLIKE])
     bounds = np.append(low, np.full(n, -_LARGEST)), np.append(high, np.full(n, _LARGEST))
     x = _bounded(A, b, *bounds, np.append(priors, np.zeros(n)))
     return coefficients, dict(zip(constants, x[len(terms) :].tolist(), strict=True)), residual
@@ -192,8 +189,8 @@ def _bounded(
     from scipy.optimize import lsq_linear  # slow to load, and seldom needed
 
     norms = lengths(A)
-    pulled = np.vstack([A / norms, _PULL * np.eye(A.shape[1])])
-    R = triangle(np.column_stack([pulled, np.append(b, _PULL * norms * prior)]))
+    pulled = np.vstack([A / norms, FAINT * np.eye(A.shape[1])])
+    R = triangle(np.column_stack([pulled, np.append(b, FAINT * norms * prior)]))
     return lsq_linear(R[:, :-1], R[:, -1], (low * norms, high * norms)).x / norms
 
 
@@ -275,7 +272,7 @@ def friction_curves(
         top = tops.get(joint, robot.platform_speed)
         if top <= 0:
             continue
-        v = np.geomspace(_SLOWEST * top, top, _POINTS)
+        v = np.geomspace(_SMALL * top, top, num=15)
         v = np.concatenate([-v[::-1], v])
         rows = curve_rows(problem, joint, v)
         half = uncertainty(problem, rows).interval + abs(offsets.get(joint, 0.0))

@@ -35,14 +35,15 @@ from deltaid.estimation.problem import Columns, Explanation, Rows, Span
 from deltaid.estimation.scatter import surprise
 from deltaid.estimation.traces import Trace, trace
 from deltaid.model.parameter_record import AdditionKind, JointTerm
+from deltaid.recording.log import SECONDS
 from deltaid.recording.recording import PreparedRecording
 from deltaid.recording.windows import WINDOW
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.friction import Friction, PowerLaw, Stribeck
 from deltaid.robot.friction_terms import friction_terms
 
-# Windows of all recordings together at least, and seconds of each, that are used.
-_WINDOWS, _SECONDS = 6, 20.0
+# Windows of all recordings together at least that are used.
+_WINDOWS = 6
 # Rows keep what positions hold up to this frequency [Hz]: laws differ where joints turn round, and
 # in quick motions that is above what masses need.
 _CUTOFF = 50.0
@@ -156,7 +157,7 @@ def friction_rows(
     """
     prior, share, traces = prior_parameters(dynamics.robot), 1.0 / len(recordings), list[Trace]()
     for recording in recordings:
-        long = _SECONDS * recording.log.rate / WINDOW
+        long = SECONDS * recording.log.rate / WINDOW
         windows = max(2, round(_WINDOWS * share), round(long * share))
         cutoff = cutoff_of(recording)
         traces.append(trace(dynamics, recording, prior, cutoff=cutoff, windows=windows))

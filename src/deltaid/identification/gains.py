@@ -30,6 +30,7 @@ from deltaid.estimation.scatter import quantile
 from deltaid.identification.fit import FittedProblem, fit
 from deltaid.identification.setup import Progress, Setup
 from deltaid.identification.uncertainty import uncertainty
+from deltaid.levels import ROUNDS, SETTLED
 from deltaid.model.corrections import Correction
 from deltaid.model.parameter_record import Parameter
 from deltaid.model.verdict import FEW, percent
@@ -37,11 +38,8 @@ from deltaid.recording.recording import PreparedRecording
 from deltaid.recording.windows import SampleBlock
 from deltaid.robot.parameter import PriorParameter
 
-# Relative standard deviation of torque constants before any recording, and the share of it below
-# which a gain counts as identified.
-SPREAD, _TOLD = 0.1, 0.5
-# Rounds at most, and the step below which gains have settled.
-_ROUNDS, _SETTLED = 8, 1e-5
+# Relative standard deviation of torque constants before any recording.
+SPREAD = 0.1
 # A change by torque constants that are 1 % off counts beyond so many standard deviations of a
 # parameter beside measured values.
 _MOVED = 0.5
@@ -123,7 +121,7 @@ class Gains(OfTorques):
                     f"{percent(self.common_spread)} as these differ{assumed}: a second recording "
                     "with a known load determines these too"
                 )
-            elif gain.std < _TOLD * SPREAD:
+            elif gain.std < 0.5 * SPREAD:
                 exact = ", which is 1 as far as this shows" if low <= 1.0 <= high else ""
                 text = f"{torque}, determined by {' and by '.join(absolute)}{exact}"
             else:
@@ -162,11 +160,11 @@ def gains(setup: Setup, progress: Progress) -> Setup:
         columns = Gains(dynamics, others, p, c, settings.prior_spread, alike, reference)
         return setup.all_repaired(gain=tuple(c.tolist())).changed(additions=(*others, columns))
 
-    for _ in range(_ROUNDS):
+    for _ in range(ROUNDS):
         now = corrected()
         problem = fit(dynamics, now.recordings, settings, additions=now.additions)
         step = problem.values[-dynamics.dof :]
-        if np.abs(step).max() < _SETTLED:
+        if np.abs(step).max() < SETTLED:
             break
         c = c * np.exp(step)
     reference = _agreeing(problem, np.log(c), alike)

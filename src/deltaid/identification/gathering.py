@@ -27,15 +27,13 @@ from deltaid.estimation.information import (
 from deltaid.estimation.objective import noise_level
 from deltaid.estimation.scatter import PlaceSums, Sums, Visits
 from deltaid.identification.measured_rows import FilteredRows, MeasuredRows
+from deltaid.levels import ROUNDS, SETTLED
 from deltaid.progress import Progress
 from deltaid.recording.recording import PreparedRecording
 from deltaid.recording.windows import Window
 from deltaid.sensors.weighings import Weighing, weighings
 
 _Columns = Dynamics | Extended | MeasuredRows
-
-# Rounds of `balanced` at most, and the relative step below which levels have settled.
-_ROUNDS, _SETTLED = 30, 1e-3
 
 
 @dataclass(frozen=True, eq=False)
@@ -216,7 +214,7 @@ def _levels(information: Information, sigma: float) -> Float[np.ndarray, " chann
     channels = slice(information.drives.stop, None)
     largest = information.torque_max[channels]
     levels = largest.copy()
-    for _ in range(_ROUNDS if information.channels else 0):
+    for _ in range(ROUNDS if information.channels else 0):
         now = replace(information, levels=levels)
         residual = np.linalg.norm(now.factors @ np.append(-now.problem.x, 1.0), axis=1)
         # Each channel's share of the degrees of freedom that the fit takes is given back.
@@ -224,6 +222,6 @@ def _levels(information: Information, sigma: float) -> Float[np.ndarray, " chann
         freedom = np.sum(leverage**2, axis=(1, 2)) * now.weights
         rms = residual / np.sqrt(np.maximum(now.samples - freedom, 1.0))
         before, levels = levels, np.maximum(rms[channels], NOISE_FLOOR * largest) / sigma
-        if np.allclose(levels, before, rtol=_SETTLED, atol=0):
+        if np.allclose(levels, before, rtol=SETTLED, atol=0):
             break
     return levels

@@ -24,7 +24,7 @@ from deltaid.sensors.rows import SensorRows
 from deltaid.sensors.weighings import Weighing, weighings
 
 # Many more than base parameters, so that random samples determine all that a motion can.
-_SAMPLES = 2000
+SAMPLES = 2000
 
 
 def random_motion_base(dynamics: Dynamics, seed: int = 0) -> BaseParameters:
@@ -76,7 +76,7 @@ def _base(
     added: Iterable[PriorParameter] = (),
 ) -> BaseParameters:
     motion = random_motion(dynamics.kinematics, np.random.default_rng(seed))
-    z, zd, zdd = motion.evaluate(np.linspace(0, motion.period, _SAMPLES))
+    z, zd, zdd = motion.evaluate(np.linspace(0, motion.period, SAMPLES))
     _, qd, qdd = dynamics.kinematics.drive_motion(z, zd, zdd)
     load = np.zeros_like(z)
     if dynamics.robot.load_drives:
@@ -84,9 +84,9 @@ def _base(
     entries = [entries_at(dynamics, z, qd, qdd, load)]
     for sensor in sensors:
         # Whatever it shows: its pose and gain are determined by something that is not constant.
-        reading = np.random.default_rng(0).standard_normal((len(sensor.channels), _SAMPLES))
+        reading = np.random.default_rng(0).standard_normal((len(sensor.channels), SAMPLES))
         entries.append(sensor.entries(z, qd, qdd, reading))
-    y = np.zeros((rows.dof, _SAMPLES))
+    y = np.zeros((rows.dof, SAMPLES))
     condensed = condense(chunks_of_drives(rows, np.vstack(entries), y), y, np.ones_like(y))
     information = collect(rows, [condensed], "samples", rows.dof - dynamics.dof)
     if known:

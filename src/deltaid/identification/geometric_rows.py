@@ -24,13 +24,13 @@ from deltaid.estimation.base_parameters import BaseParameters
 from deltaid.estimation.information import Information, active_columns
 from deltaid.estimation.problem import lengths
 from deltaid.identification.measured_rows import MeasuredRows
+from deltaid.recording.log import MOST_WINDOWS
 from deltaid.recording.recording import PreparedRecording
 from deltaid.robot.tolerances import Tolerances
 from deltaid.sensors.robot_sensors import sensor_errors
 
-# Of each recording at most so many windows and seconds of its beginning, and of these so many
-# samples.
-_WINDOWS, _SECONDS, _SAMPLES = 32, 40.0, 1500
+# Of each recording at most so many seconds of its beginning, and of these so many samples.
+_SECONDS, _SAMPLES = 40.0, 1500
 # Weight of all information relative to these samples, which may determine less.
 _BESIDE = 1e-3
 
@@ -158,7 +158,7 @@ def _beginning(
     """Entries, y and what counts of it in the first windows of a recording, at samples spread
     evenly, and z, q̇, q̈ there."""
     most, drives, parts = _SECONDS * recording.log.rate, np.arange(measured.drives), []
-    for window in islice(recording.brief.windows(dynamics.kinematics), _WINDOWS):
+    for window in islice(recording.brief.windows(dynamics.kinematics), MOST_WINDOWS):
         rows, samples = measured.filtered(window, recording, p), window.own
         counts = window.filtered(lambda w: w.weighted(np.ones_like(w.tau.T), drives))
         counts = np.vstack([counts, np.sqrt(rows.counted[measured.drives :])])

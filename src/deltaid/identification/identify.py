@@ -28,6 +28,7 @@ from deltaid.identification.study import Study
 from deltaid.identification.torque_error import TorqueError, torque_error
 from deltaid.identification.widening import with_widened_prior
 from deltaid.model.record import IdentifiedModel, Settings, above
+from deltaid.recording.log import MOST_WINDOWS
 from deltaid.recording.mapping import ColumnMappings
 from deltaid.recording.memory import RecordingLike
 from deltaid.recording.recording import PreparedRecording, open_recordings
@@ -38,9 +39,6 @@ from deltaid.shown import Plotted, Reported, Shown, Tabled
 
 if TYPE_CHECKING:
     from deltaid.identification.prediction import Validation
-
-# Windows of a recording, spread over all of it, that a model's torques are compared with.
-_COMPARED = 32
 
 
 @dataclass(frozen=True, repr=False)
@@ -141,7 +139,7 @@ def identify(
     carried = {load.name: load.p for load in loads}
     recordings = tuple(unloaded(r, carried).repaired(pulls=effects) for r in recordings)
     progress("comparing torques")
-    compared = [recording.sparser(_COMPARED) for recording in recordings]
+    compared = [recording.sparser(MOST_WINDOWS) for recording in recordings]
     errors = [torque_error(compiled(robot), problem.p, recording) for recording in compared]
     corrections = (
         correction

@@ -12,15 +12,16 @@ from jaxtyping import Bool, Float
 
 from deltaid.identification.expectation import NOISE, Expectation
 from deltaid.identification.expectation_source import Torques, joint_rates
+from deltaid.levels import STRONG
 from deltaid.recording.windows import Window
 
-# Thresholds of outliers in standard deviations; and of restless torque, in those of single samples.
-STRONG, ROUGH = 6.0, 12.0
+# Threshold of restless torque and of spikes, in standard deviations of single samples.
+ROUGH = 12.0
 # Samples of a mean that restless torque needs.
 _ENOUGH = 5
-# A spike exceeds so many standard deviations of single samples, for so many at most; several drives
-# at once have one only where it is over in less than this [s].
-_SPIKE, _LONGEST, _AT_ONCE = 12.0, 3, 3e-3
+# A spike lasts for so many samples at most; several drives at once have one only where it is over
+# in less than this [s].
+_LONGEST, _AT_ONCE = 3, 3e-3
 # Samples on either side of a spike, whose range it exceeds so many times.
 _BESIDE, _STEEP = 4, 3.0
 # Time whose scatter is evaluated together [s].
@@ -114,7 +115,7 @@ def _spikes(residual: Torques, expected: Expectation) -> Bool[np.ndarray, "dof s
     Both edges must be far steeper than what goes before and after, or the top of a hump would do.
     """
     (dof, samples), flags = residual.shape, np.zeros(residual.shape, dtype=bool)
-    limit, far = _SPIKE * expected.noise[:, None], _LONGEST + 1
+    limit, far = ROUGH * expected.noise[:, None], _LONGEST + 1
     apart = np.abs(residual[:, far:] - residual[:, :-far]) > limit
     if not np.any(apart[:, :-far] & apart[:, far:]):  # as nearly always
         return flags

@@ -25,32 +25,22 @@ from scipy.optimize import minimize
 from deltaid.dynamics.parameters import inertia_size, stated_spreads
 from deltaid.estimation.information import NOISE_FLOOR
 from deltaid.estimation.objective import prior_scale
-from deltaid.estimation.scatter import NORMAL, ROUNDING, correlations, inverse
+from deltaid.estimation.scatter import NORMAL, correlations, inverse
 from deltaid.identification.doubts import ambiguous
 from deltaid.identification.fit import FittedProblem
 from deltaid.identification.uncertainty import ConsistentRanges, Uncertainty, uncertainty
+from deltaid.levels import HARDLY, NEGLIGIBLE, ROUNDING
 from deltaid.model.parameter_record import BaseParameter, Origin, Parameter, PosteriorRecord, Share
 from deltaid.robot.inertia import MOMENTS_OF_INERTIA
 from deltaid.robot.parameter import ADDED
 
 # The data decides a parameter that it knows to less than this share of the prior's deviation.
 _SHRUNK = 0.5
-# A positive parameter below this share of its prior has fallen to its bound, and one whose body
-# leaves less room than this share of the prior below it is at the edge of consistency.
-_FELL = 1e-3
-# A share of a value that is rounding.
-_ROUNDING = 1e-9
 # How far a body may be from the symmetry of its description: its centre as a share of its radius of
 # gyration, its inertias as one of its mass times that squared.
 _ASYMMETRY = 0.3
-# Steps at most, their largest length, and the gradient at the end.
-_STEPS, _FAR, _AGREE = 200, 1e9, 1e-9
 # κ: by which share of a variance it may be missed for each unit of λ.
 _MISSED = 1e-3
-# Digits of the factor that are kept: the noise itself is known to two.
-_DIGITS = 7
-# A coefficient below this share of its row's largest term is rounding.
-_NEGLIGIBLE = 1e-9
 
 Matrix = Float[np.ndarray, "n n"]
 
@@ -137,12 +127,12 @@ class _Judge:
         if not self._visible[i]:
             # Whether it grew beyond the free variables to keep its body consistent.
             alone = self._reduction.A[i] @ self._problem.solution.x + self._reduction.p_0[i]
-            raised = value > alone + _ROUNDING * abs(alone)
+            raised = value > alone + NEGLIGIBLE * abs(alone)
             return self._around_prior(i, "consistency" if raised else "prior", prior_std)
         unit = np.eye(len(self._p))[i]
         low, high = self._ranges.ends(unit)
         ended, at_edge = np.isfinite(low) and np.isfinite(high), self._at_edge(i)
-        if at_edge and value < _FELL * self._reduction.p_reg[i]:
+        if at_edge and value < HARDLY * self._reduction.p_reg[i]:
             low = self._parameters[i].low
             high = high if ended else self._prior_interval(i, prior_std)[2]
             return self._parameter(i, "limit", max(high - value, value - low) / NORMAL, low, high)
@@ -211,7 +201,7 @@ class _Judge:
         factors, room = self._reduction.A[i][parts], self._room[parts]
         if np.any(factors < 0) or np.any(np.isnan(room)):
             return False
-        return bool(factors @ room < _FELL * (factors @ self._reduction.prior[parts]))
+        return bool(factors @ room < HARDLY * (factors @ self._reduction.prior[parts]))
 
     @cached_property
     def _room(self) -> np.ndarray:
@@ -250,13 +240,12 @@ def posterior_record(problem: FittedProblem) -> PosteriorRecord:
         wider={names[i]: float(w) for i, w in enumerate(reduction.wider[:n]) if w != 1},
         unseen=tuple(names[i] for i in np.setdiff1d(np.arange(n), problem.information.columns)),
         combinations=tuple(
-            {names[i]: float(row[i]) for i in np.flatnonzero(terms > _NEGLIGIBLE * terms.max())}
+            {names[i]: float(row[i]) for i in np.flatnonzero(terms > NEGLIGIBLE * terms.max())}
             for row, terms in zip(rows, np.abs(rows * scale[:n]), strict=True)
         ),
         values=tuple(values.tolist()),
         factor=tuple(
-            tuple(float(f"{value:.{_DIGITS - 1}e}") for value in row[: k + 1])
-            for k, row in enumerate(L)
+            tuple(float(f"{value:.6e}") for value in row[: k + 1]) for k, row in enumerate(L)
         ),
     )
 
@@ -310,7 +299,7 @@ def with_variances(V: Matrix, variances: Float[np.ndarray, " n"]) -> Matrix:
         method="trust-exact",
         jac=lambda lam: ratio - np.diag(covariance(lam)) + _MISSED * lam,
         hess=curvature,
-        options={"gtol": _AGREE, "maxiter": _STEPS, "max_trust_radius": _FAR},
+        options={"gtol": NEGLIGIBLE, "max_trust_radius": np.inf},
     )
     return level * covariance(solution.x) * np.outer(size, size)
 

@@ -23,13 +23,14 @@ from deltaid.identification.setup import WIND_UP, Progress, Setup
 from deltaid.identification.study import LOAD_CHANGE, Study
 from deltaid.model.corrections import Correction
 from deltaid.model.parameter_record import Parameter
+from deltaid.recording.log import FEW_WINDOWS
 from deltaid.recording.recording import PreparedRecording
 from deltaid.recording.windows import WINDOW
 
 # Lags known to no better than this (half a 95 % interval) are none that can be corrected [s].
-_UNKNOWN = 1e-3
-# Windows of a recording at least, and seconds, that are used; more hardly help.
-_WINDOWS, _SECONDS = 8, 12.0
+UNKNOWN = 1e-3
+# Seconds of a recording that are used; more hardly help.
+_SECONDS = 12.0
 # What a recording is corrected by that has no lags.
 _ON_TIME: dict[str, Any] = {"delay": (), "constants": (), "growth": None}
 # Windows of a recording at least that gears are searched in.
@@ -142,7 +143,7 @@ def without_doubtful_lags(setup: Setup, judged: Sequence[Parameter]) -> Setup:
 def _doubtful(lags: Sequence[Correction]) -> bool:
     ends = [(lag.low, lag.high) for lag in lags if lag.low is not None and lag.high is not None]
     zero = [low <= 0.0 <= high for low, high in ends]
-    return bool(ends) and (all(zero) or any(high - low > 2 * _UNKNOWN for low, high in ends))
+    return bool(ends) and (all(zero) or any(high - low > 2 * UNKNOWN for low, high in ends))
 
 
 def without_lags(additions: Sequence[Addition]) -> tuple[Addition, ...]:
@@ -151,7 +152,7 @@ def without_lags(additions: Sequence[Addition]) -> tuple[Addition, ...]:
 
 
 def traced(
-    setup: Setup, recording: PreparedRecording, cutoff: float | None, least: int = _WINDOWS
+    setup: Setup, recording: PreparedRecording, cutoff: float | None, least: int = FEW_WINDOWS
 ) -> Trace | None:
     """At least `least` windows of a recording; None where it cannot be differentiated."""
     windows = max(least, round(_SECONDS * recording.log.rate / WINDOW))

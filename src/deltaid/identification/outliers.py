@@ -21,29 +21,27 @@ from deltaid.estimation.traces import GAP
 from deltaid.identification.expectation import NOISE, Expectation, deviation
 from deltaid.identification.inspected_window import (
     ROUGH,
-    STRONG,
     InspectedWindow,
     inspected_window,
     together,
 )
+from deltaid.levels import NEVER, STRONG, SURE, UNLIKELY
 from deltaid.recording.filter import LowPass
 from deltaid.recording.masks.masks import runs_of
 from deltaid.recording.repairs import BACKLASH, SPIKE, LeftSpan
 from deltaid.recording.windows import Window
 
-# Where a stretch begins and ends, in standard deviations.
-_WEAK = 3.0
 # Where scatter is no noise, thresholds are at most so many times wider.
 _WIDEST = 3.0
-# Of what does not fit, thresholds stay as they are where no more than this share of the stretches
-# beyond them reaches only this part of them.
-_FEW, _NEARLY = 0.5, 0.5
+# Of what does not fit, thresholds stay as they are where no more than half of the stretches beyond
+# them reaches only this part of them.
+_NEARLY = 0.5
 # A stretch belongs to a change of sign within so much time [s] and this share of the low-pass's
-# period; so many must for a drive, this share of its stretches, by chance this unlikely.
-_NEAR, _PERIOD, _FEWEST, _OFTEN, _CHANCE = 6e-3, 0.6, 8, 0.5, 1e-6
-# Where one gear has play, fewer are enough for another: so many, by chance this unlikely. All
-# drives share its effect on the motion, up to so many times as far from a change of sign.
-_AS_WELL, _UNLIKELY, _ABOUT = 4, 1e-2, 2.0
+# period; so many must for a drive, half of its stretches, hardly by chance.
+_NEAR, _PERIOD, _FEWEST = 6e-3, 0.6, 8
+# Where one gear has play, fewer are enough for another. All drives share its effect on the motion,
+# up to so many times as far from a change of sign.
+_AS_WELL, _ABOUT = 4, 2.0
 # One that is so many times as large as those of play usually are is more than play; elsewhere one
 # that is larger than this, since torques also come near zero without a change of sign.
 _LARGER, _ELSEWHERE = 4.0, 1.5
@@ -149,7 +147,7 @@ def _outliers(expected: Expectation, windows: Iterable[InspectedWindow]) -> Outl
                 wide.join(_stretches(run, local * wider))
     narrow.end()
     wide.end()
-    apart = narrow.nearly <= _FEW * len(narrow.reaching)
+    apart = narrow.nearly <= 0.5 * len(narrow.reaching)
     course = narrow if expected.fits or apart else wide
     shortest = step * (expected.length // 2 - 0.5)
     kept = tuple(stretch for stretch in course.reaching if stretch.end - stretch.start >= shortest)
@@ -164,7 +162,7 @@ def _stretches(w: InspectedWindow, limits: OfDrives) -> list[OutlierStretch]:
     size = np.maximum(lasting, np.nan_to_num(w.rough) / ROUGH)
     taken, mean = np.nan_to_num(w.taken), np.nan_to_num(w.mean)
     stretches = list[OutlierStretch]()
-    for first, last in runs_of(np.any(size > _WEAK / STRONG, axis=0)).tolist():
+    for first, last in runs_of(np.any(size > SURE / STRONG, axis=0)).tolist():
         inside = slice(first, last + 1)
         sizes = size[:, inside].max(axis=1)
         if sizes.max() < _NEARLY and first > 0 and last < len(w.time) - 1:
@@ -238,5 +236,5 @@ def _recurs(peaks: Times, times: Times, near: float, duration: float) -> tuple[b
     share = min(1.0, (gaps.sum() + 2 * near) / duration)
     hits = int(_beside(peaks, times, near).sum())
     chance = float(bdtrc(hits - 1, len(peaks), share))  # of so many or more
-    often = hits >= max(_FEWEST, _OFTEN * len(peaks))
-    return often and chance < _CHANCE, hits >= _AS_WELL and chance < _UNLIKELY
+    often = hits >= max(_FEWEST, 0.5 * len(peaks))
+    return often and chance < NEVER, hits >= _AS_WELL and chance < UNLIKELY

@@ -15,6 +15,7 @@ from deltaid.errors import Doubt
 from deltaid.files import written_whole
 from deltaid.identification.loads import as_known
 from deltaid.identification.sources import model_filtered
+from deltaid.identification.study import FAR
 from deltaid.identification.torque_error import TorqueError, predicted_torques, torque_error
 from deltaid.model.model import Model, ModelLike, load
 from deltaid.model.record import IdentifiedModel, Verification
@@ -29,9 +30,9 @@ from deltaid.recording.recording import PreparedRecording
 from deltaid.recording.windows import Window
 from deltaid.shown import Plotted, Reported, Shown, Tabled
 
-# A drive is badly predicted when its error is so many times that of the identification, and more
-# than this share of its torque: friction that changes with temperature and speed stays below.
-_WORSE, _SHARE = 3.0, 0.1
+# A drive is badly predicted when its error is far above that of the identification, and more than
+# this share of its torque: friction that changes with temperature and speed stays below.
+_SHARE = 0.1
 # Share of the torque beyond which the error is, how much is missed, cause and next step.
 _LIKELIEST = (
     (
@@ -172,7 +173,7 @@ def misfit(model: ModelLike, error: TorqueError | Verification) -> tuple[str, ..
         return ()
     fit = model.identified.fit
     rms, nrmse = np.asarray(error.rms), np.asarray(error.nrmse)
-    bad = np.flatnonzero((rms > _WORSE * np.asarray(fit.rms)) & (nrmse > _SHARE))
+    bad = np.flatnonzero((rms > FAR * np.asarray(fit.rms)) & (nrmse > _SHARE))
     if not bad.size:
         return ()
     drives = ", ".join(model.robot.drives[i] for i in bad)

@@ -49,8 +49,9 @@ HIGHEST_CUTOFF = 30.0
 LOAD_CHANGE = "load-change"  # the kind of an effect that hides others
 # Drives whose lags differ do so by so many times `SMALL`.
 _AT_ONCE = 2.0
-# A residual is far above noise at so many times the noise and this share of the largest torque.
-_FAR, _SEEN = 3.0, 0.01
+# An error is far above another, such as that of noise alone, or off by far more than half an
+# interval, at so many times its size.
+FAR = 3.0
 # Degree of the smooth functions of one quantity.
 _SMOOTH = 8
 # Corrections that leave this share of a drive's torque are not those of what acts on it.
@@ -236,7 +237,7 @@ def rests(study: Study) -> tuple[Rest, ...]:
         follows = trend.surprise > SEEN and explained > least
         beyond = max(power - noise[drive] ** 2, explained if follows else 0.0)
         times = np.sqrt(power) / max(noise[drive], MISFIT_FLOOR * largest[drive])
-        is_far = times > _FAR and power > max(first_order[drive], (_SEEN * largest[drive]) ** 2)
+        is_far = times > FAR and power > max(first_order[drive], (ADEQUATE * largest[drive]) ** 2)
         part = np.sqrt(beyond) / max(float(study.fit.model[drive].std()), 1e-300)
         size = np.sqrt(beyond) / largest[drive]
         found = trend if follows else None

@@ -13,15 +13,15 @@ from deltaid.estimation.base_parameters import BaseParameters
 from deltaid.estimation.conic import definite, interior_point, svec
 from deltaid.estimation.information import NOISE_FLOOR, Information, triangle
 from deltaid.estimation.objective import prior_root, prior_scale
-from deltaid.estimation.problem import DEPENDENT
 from deltaid.estimation.reduction import Block
 from deltaid.estimation.scatter import Combinations, Each, Noise, half_width, inverse, quantile
 from deltaid.identification.fit import FittedProblem
+from deltaid.levels import NEGLIGIBLE
 from deltaid.model.parameter_record import Share
 
-# Others whose priors a parameter rests on are named until they make up this share of what priors
-# leave open, so many at most.
-_NAMED, _MOST = 0.7, 2
+# Others whose priors a parameter rests on are named, two at most, until they make up this share of
+# what priors leave open.
+_NAMED = 0.7
 # Of the solver, for gap and feasibility.
 _TOLERANCE = 1e-8
 # Where cones touch the ball, the solver's ends are as good as the root of its tolerance: a range is
@@ -93,7 +93,7 @@ class Uncertainty:
         """
         share = np.where(among, self.moves[:, i] ** 2, 0.0)
         share[i] = 0.0
-        order = np.argsort(-share, kind="stable")[:_MOST]
+        order = np.argsort(-share, kind="stable")[:2]
         before = np.append(0.0, np.cumsum(share[order])[:-1])
         return tuple(order[(before < _NAMED * share.sum()) & (share[order] > 0)].tolist())
 
@@ -175,7 +175,7 @@ class ConsistentRanges:
         size = np.linalg.norm(R, axis=0)
         scale = np.where(size > 0, 1.0 / np.where(size > 0, size, 1.0), self._reduction.scale)
         U, S, Vt = np.linalg.svd(R * scale)
-        self._rank = rank = int(np.sum(S / S[0] > DEPENDENT))
+        self._rank = rank = int(np.sum(S / S[0] > NEGLIGIBLE))
         # x = centre + map (v, a)
         determined = Vt[:rank].T / S[:rank]
         self._map = scale[:, None] * np.hstack([determined, Vt[rank:].T])

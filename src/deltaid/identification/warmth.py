@@ -18,9 +18,10 @@ from threadpoolctl import threadpool_limits
 
 from deltaid.estimation.additions import Addition, Own, Values
 from deltaid.estimation.problem import lengths
-from deltaid.identification.friction_choice import rows_for_friction
+from deltaid.identification.friction_choice import SEEN, rows_for_friction
 from deltaid.identification.friction_rows import FrictionRows
 from deltaid.identification.setup import Progress, Setup
+from deltaid.levels import FAINT
 from deltaid.model.corrections import Correction
 from deltaid.model.parameter_record import Parameter
 from deltaid.recording.recording import PreparedRecording
@@ -29,12 +30,8 @@ from deltaid.robot.parameter import PriorParameter
 
 # Time constants that are tried, as shares of the recording's time; the last is nearly a line.
 _CONSTANTS = np.geomspace(0.05, 2.0, 12)
-# Finer grids about the best: how far they reach, as ratios, and so many on each.
-_FINER, _NEAR = (1.4, 1.08), 9
-# As for terms of friction laws: how seldom chance explains as much [decades].
-_SEEN = 4.5
-# What is less of a column without all others has no direction.
-_DEPENDENT = 1e-6
+# How far finer grids about the best reach, as ratios.
+_FINER = (1.4, 1.08)
 # Coefficients that change; backwards they have others in a law for each direction.
 _CHANGING = [("friction", term) for term in ("viscous", "coulomb", "viscous_back", "coulomb_back")]
 
@@ -178,13 +175,13 @@ def _best(
         g |= {course.recording: course.values(motions[course.recording]) for course in courses}
         columns.append(rows.drive_rows.stack(rows.friction * np.concatenate(list(g.values()))))
     bare = rows.span.without(np.stack(columns, axis=1))
-    visible = np.linalg.norm(bare, axis=0) > _DEPENDENT * np.sqrt(len(bare))
+    visible = np.linalg.norm(bare, axis=0) > FAINT * np.sqrt(len(bare))
     if not visible.any():
         return None
     directions = np.where(visible, bare / lengths(bare), 0.0)
     best = int(np.argmax((directions.T @ rows.residual) ** 2))
     judged = rows.judged(directions[:, [best]], rows.residual, constants=min(len(tried) - 1, 1))
-    return best if judged.surprise > _SEEN and judged.is_large else None
+    return best if judged.surprise > SEEN and judged.is_large else None
 
 
 def _warming(
@@ -201,7 +198,7 @@ def _warming(
         best = _best(rows, motions, [(course,) for course in courses])
         if best is None:
             return None
-        course, shares = courses[best], shares[best] * np.geomspace(1 / spacing, spacing, _NEAR)
+        course, shares = courses[best], shares[best] * np.geomspace(1 / spacing, spacing, num=9)
     return course
 
 

@@ -36,6 +36,7 @@ from deltaid.estimation.information import triangle
 from deltaid.estimation.objective import parameter_scale, pose
 from deltaid.estimation.scatter import correlations, inverse, surprise
 from deltaid.identification.fit import FittedProblem, posed, settled, with_geometry
+from deltaid.levels import EXACT, ROUNDS
 from deltaid.model.corrections import Correction
 from deltaid.recording.recording import PreparedRecording
 
@@ -43,12 +44,10 @@ from deltaid.recording.recording import PreparedRecording
 # than the best by so little explain a recording as well; and that a body is off as a whole is so
 # much more likely than that one of its entries is (odds of e⁵).
 _SIGNIFICANT, CLOSE, _LIKELIER = 15.0, 2.0, 10.0
-# No prior is widened more, in all and in so many steps.
-_WIDEST, _STEPS = 1e5, 100
+# No prior is widened more.
+_WIDEST = 1e5
 # Factors that are tried for a body as a whole.
 _TRIED = tuple(float(factor) for factor in np.geomspace(1.5, 500.0, 13))
-# No base parameter counts as better known than to this share of its prior's standard deviation.
-_FLOOR = 1e-4
 _KINDS = ("inertia", "rotor", "spring", "sensor")
 # A tolerance of a sensor is doubted where chance alone is less likely than 10 to the minus this.
 _DOUBTED = 5.0
@@ -86,7 +85,7 @@ class PriorEvidence:
     def contradicted(self) -> dict[str, float]:
         """Entries whose prior the recording contradicts, with the factor of its spread."""
         s = np.ones(len(self.rows))
-        for _ in range(_STEPS):
+        for _ in range(ROUNDS):
             entry, body = _least(self._entries(s)), _least(self._bodies(s))
             likelier = body.gain >= max(_SIGNIFICANT, entry.gain - _LIKELIER)
             chosen = body if likelier else entry
@@ -181,7 +180,7 @@ def evidence(problem: FittedProblem) -> PriorEvidence:
     spread = problem.settings.prior_spread * reduction.factors(reduction.stated)
     scale = spread * parameter_scale(reduction.layout, reduction.p_reg)
     K, A = base.combination(), reduction.A * reduction.scale  # x in its own sizes
-    deviations = np.maximum(estimate.std, _FLOOR * np.linalg.norm(K * scale, axis=1))
+    deviations = np.maximum(estimate.std, EXACT * np.linalg.norm(K * scale, axis=1))
     half = inverse(estimate.noise.root)
     half *= (deviations / np.linalg.norm(half, axis=1))[:, None]
     groups: dict[tuple[str, str], list[int]] = {}

@@ -40,8 +40,8 @@ from deltaid.recording.recording import open_recordings
 
 # A force of whose prior spread torques leave less than this share is determined: half the digits.
 _DETERMINED = np.sqrt(np.finfo(float).eps)
-# Unknowns that make up more than this share of an open force are named, so many at most.
-_NAMED, _MOST = 0.05, 4
+# Unknowns that make up more than this share of an open force are named.
+_NAMED = 0.05
 Coefficients = Float[np.ndarray, " parameters"]
 
 
@@ -99,7 +99,7 @@ class Determinacy:
         if left <= _DETERMINED * whole or whole == 0:
             return Openness(0.0, ())
         share = (rest / left) ** 2
-        order = [k for k in np.argsort(-share) if share[k] > _NAMED][:_MOST]
+        order = [k for k in np.argsort(-share) if share[k] > _NAMED][:4]
         return Openness(NORMAL * left, tuple(self.unknowns.names[k] for k in order))
 
 

@@ -9,12 +9,10 @@ from jaxtyping import Float
 
 from deltaid.errors import DescriptionError
 from deltaid.kernel.llvm_ir import operations_unknown
+from deltaid.levels import NEGLIGIBLE
 from deltaid.mechanism.mechanism import Mechanism
 from deltaid.mechanism.regularity import written
 from deltaid.robot.description import RobotDescription
-
-# Thresholds of RᵀR − 1, and of the ratio of singular values of ∂q/∂z: rounding leaves 1e-15.
-_ORTHONORMAL, _SINGULAR = 1e-9, 1e-9
 
 # Random poses, besides the middle of the workspace, at which rotations are checked.
 _POSES = 8
@@ -91,7 +89,7 @@ class Checker:
         self._require_rigid(mechanism, robot, home)
         J = self._evaluated(mechanism.scaled_jacobian, home)
         sizes = np.linalg.svd(J, compute_uv=False) if np.isfinite(J).all() else np.zeros(1)
-        if not sizes[-1] > _SINGULAR * sizes[0]:
+        if not sizes[-1] > NEGLIGIBLE * sizes[0]:
             raise self.wrong(
                 f"the drives do not hold z in {_middle(home)}: ∂q/∂z is singular there; check the "
                 "drives' formulas, or move the workspace in the description"
@@ -119,7 +117,7 @@ class Checker:
                 R = self._evaluated(body.rotation.R, pose)
                 if not np.isfinite(R).all():  # out of reach
                     continue
-                if np.abs(R.T @ R - np.eye(3)).max() > _ORTHONORMAL or np.linalg.det(R) < 0:
+                if np.abs(R.T @ R - np.eye(3)).max() > NEGLIGIBLE or np.linalg.det(R) < 0:
                     raise self.wrong(
                         f"the rotation of body '{body.name}' is no rotation matrix (RᵀR = 1, "
                         f"det R = 1) at z = {written(pose)}"

@@ -2,7 +2,7 @@
 
 Everything follows from the poses of the moving bodies, so what is drawn is what is computed with.
 Only the distance between the two struts of a parallelogram is no number of the description, because
-it changes no motion; it is drawn as `_APART` of the platform's or base's size.
+it changes no motion; it is drawn as half of the platform's or base's size.
 """
 
 from dataclasses import dataclass
@@ -16,8 +16,6 @@ from deltaid.mechanism.mechanism import LimbBodies, Mechanism
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.platform import RigidPlatform
 
-# Drawn distance of undescribed parts, as a share of the size of their body.
-_APART = 0.5
 _BASE = "base"
 
 
@@ -84,7 +82,7 @@ def _drawn_by_user(robot: RobotDescription, mechanism: Mechanism) -> list[Segmen
 
 def drawn_spacing(robot: RobotDescription) -> float:
     """Distance between the two struts of a limb, where it is drawn but not described [m]."""
-    return _APART * _size(robot)
+    return 0.5 * _size(robot)
 
 
 def _size(robot: RobotDescription) -> float:

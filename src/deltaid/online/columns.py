@@ -14,21 +14,24 @@ from itertools import chain
 import numpy as np
 from jaxtyping import Float
 
-from deltaid.checks.evidence import CLEAR_LAG, evidence
+from deltaid.checks.evidence import evidence
 from deltaid.checks.lag import CLEAR
 from deltaid.checks.wiring.candidate import ALONG
 from deltaid.checks.wiring.wiring import checked_wiring
 from deltaid.effects.lag_columns import APART
+from deltaid.effects.lag_groups import SMALL
 from deltaid.errors import Doubt, RecordingError
 from deltaid.estimation.drive_rows import STRETCHES
 from deltaid.estimation.spectra import white_noise
+from deltaid.identification.column_stages import CLEAR_LAG
 from deltaid.identification.loads import declared_loads
 from deltaid.identification.setup import Setup
 from deltaid.identification.study import studied
+from deltaid.levels import STRONG
 from deltaid.model.model import Model
 from deltaid.model.settings import Settings
 from deltaid.model.verdict import Grade, listed
-from deltaid.recording.log import Log
+from deltaid.recording.log import FEW_WINDOWS, Log
 from deltaid.recording.mapping import ColumnMapping
 from deltaid.recording.memory import RecordingLike
 from deltaid.recording.recording import with_filter
@@ -36,8 +39,8 @@ from deltaid.recording.source import BATCH_ROWS
 from deltaid.recording.spectrum import spectrum_of
 from deltaid.recording.survey_checks import STRETCH
 
-# Harmless lag [s] and noise of a velocity [rad/s or m/s].
-_HARMLESS, _QUIET = 1e-4, 3e-3
+# Harmless noise of a velocity [rad/s or m/s].
+_QUIET = 3e-3
 
 
 def speeds_of(log: Log, model: Model) -> tuple[bool, tuple[float, ...], tuple[Doubt, ...]]:
@@ -50,7 +53,7 @@ def speeds_of(log: Log, model: Model) -> tuple[bool, tuple[float, ...], tuple[Do
         return False, tuple(made.tolist()), ()
     rows = _first(log)
     lag, noise = _lag(rows, log.rate, dof), white_noise(rows[:, 1 + dof : 1 + 2 * dof])
-    if np.abs(lag).max() > _HARMLESS:
+    if np.abs(lag).max() > SMALL:
         i = int(np.argmax(np.abs(lag)))
         what = f"comes {_in_words(lag[i])} against its position"
         cause = "the drive filters its velocity"
@@ -108,14 +111,12 @@ def _lag(
     total = np.maximum(power.sum(axis=0), np.finfo(float).tiny)
     lag = moment.sum(axis=0) / total
     deviation = np.sqrt(np.sum((moment - lag * power) ** 2, axis=0)) / total
-    return np.where(np.abs(lag) > CLEAR_LAG * deviation, lag, 0.0)
+    return np.where(np.abs(lag) > STRONG * deviation, lag, 0.0)
 
 
 # Judged elsewhere: the size of torques by the run, whose model knows it better than the prior, and
 # velocities (`speeds_of`).
 _ELSEWHERE = {"torque-unit", "velocity"}
-# Evaluated windows.
-_WINDOWS = 4
 
 
 def judged_wiring(
@@ -149,7 +150,7 @@ def _along(model: Model, opened: Log) -> Float[np.ndarray, " drives"]:
     """Correlation of recorded torques with the model's, drive by drive; 0 if undetermined."""
     dynamics, pairs = model.dynamics, [np.zeros((2, model.dynamics.dof, 0))]
     with suppress(RecordingError):  # later checks report the cause
-        for window in with_filter(opened).spread(dynamics.kinematics, _WINDOWS):
+        for window in with_filter(opened).spread(dynamics.kinematics, FEW_WINDOWS):
             wide = window.wide
             torque = dynamics.torque(wide.z, wide.qd, wide.qdd, model.p)
             pairs.append(np.stack([window.smoothed(x.T) for x in (wide.tau, torque)]))
@@ -158,9 +159,6 @@ def _along(model: Model, opened: Log) -> Float[np.ndarray, " drives"]:
     scale = np.sqrt(np.prod(np.sum(both**2, axis=2), axis=0))
     return np.sum(np.prod(both, axis=0), axis=1) / np.maximum(scale, np.finfo(float).tiny)
 
-
-# A lag is reported beyond so many half widths of its interval where no other cause explains more.
-_SURELY = 2.0
 
 Delay = Float[np.ndarray, " drives"]
 
@@ -183,7 +181,7 @@ def judged_lag(model: Model, log: Log, delay: Delay) -> tuple[Doubt, ...]:
     if study is None:
         return ()
     lag, drives = study.common if study.alike else study.each, model.robot.drives
-    surely = lag.interval * (CLEAR if study.hidden else _SURELY)
+    surely = lag.interval * (CLEAR if study.hidden else CLEAR_LAG)
     clear = np.abs(lag.values - delay) > np.maximum(APART, surely)
     if not clear.any():
         return ()

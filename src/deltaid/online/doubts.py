@@ -8,6 +8,7 @@ import numpy as np
 
 from deltaid.checks.signal import CLIPPED
 from deltaid.errors import Doubt
+from deltaid.levels import SURE
 from deltaid.model.model import Model
 from deltaid.model.verdict import listed, percent
 from deltaid.online.columns import judged_lag
@@ -24,9 +25,9 @@ from deltaid.recording.log import Log
 _SLIGHT, _STRANGE = 2.0, 5
 # Share of the time in contact that is no push.
 _ALWAYS = 0.2
-# Relative deviation of one drive's torques from the model's, that of all drives, and number of
-# standard deviations, beyond which torques are scaled differently.
-_GAIN, _COMMON, _CLEAR = 0.06, 0.03, 3.0
+# Relative deviation of one drive's torques from the model's, and that of all drives, beyond which
+# torques are scaled differently.
+_GAIN, _COMMON = 0.06, 0.03
 # Without a gripper's signal, torques may be larger by this share, and reach no such ratio to the
 # model's.
 _UNSIGNALLED, _FAR = 0.2, 2.0
@@ -164,10 +165,10 @@ def _of_contacts(seen: RunEvidence, touches: Sequence[Touch]) -> Iterator[Doubt]
 def _of_scale(replay: Replay, seen: RunEvidence) -> Iterator[Doubt]:
     (common, deviation), drives = seen.common, replay.log.columns.torque
     most = 0.0 if replay.has_gripper else _UNSIGNALLED  # an undetected load makes torques larger
-    apart = np.abs(seen.gain - common) > np.maximum(_COMMON, _CLEAR * seen.deviation)
+    apart = np.abs(seen.gain - common) > np.maximum(_COMMON, SURE * seen.deviation)
     gains, sure = np.append(seen.gain, common), np.append(seen.deviation, deviation)
     least = np.append([_GAIN] * len(drives), _COMMON)
-    *each, alike = np.maximum(1.0 - gains, gains - 1.0 - most) > np.maximum(least, _CLEAR * sure)
+    *each, alike = np.maximum(1.0 - gains, gains - 1.0 - most) > np.maximum(least, SURE * sure)
     bad = np.flatnonzero(each & (seen.deviation < _GAIN)).tolist()
     which = listed([f"{drives[i].column} is {seen.gain[i]:.3g} times" for i in bad])
     if alike and not apart.any():

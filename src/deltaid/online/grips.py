@@ -20,6 +20,7 @@ from dataclasses import dataclass
 import casadi as ca
 import numpy as np
 
+from deltaid.levels import UNLIKELY
 from deltaid.online.changes import EVERY, Change, Onsets
 from deltaid.online.graph import CycleFields
 from deltaid.online.instant import UNKNOWN
@@ -29,15 +30,15 @@ from deltaid.online.settings import SOON
 # Typical error of a signal [s]; prior weight of a signal in time, relative to one step of the other
 # times.
 _TYPICAL, _IN_TIME = 0.05, 3.0
-# A time is decided after this time [s], and with this probability that the load came.
-_AFTER, _SURE = 0.04, 0.99
+# A time is decided after this time [s], where the load surely came.
+_AFTER = 0.04
 # If the load surely came, but torques do not determine when, the mixture is used after so long [s].
 _SETTLED = 0.1
 # Least share of a load released before the signal that estimates contain, and relative deviation of
 # its mass.
 _MOVED, _ROUGH = 0.3, 0.1
 # Prior odds of a push before the signal against an early load, in units of χ²: one in a hundred.
-_PUSHED = -2 * np.log(1 - _SURE)
+_PUSHED = -2 * np.log(UNLIKELY)
 
 
 @dataclass(frozen=True, eq=False)
@@ -107,7 +108,7 @@ def grip_before(
     came = ca.sum2(weight) + 1e-12
     offset = ca.sum2(weight * off) / came
     spread = ca.sum2(weight * (off - offset) ** 2) / came
-    sure = ca.logic_and(came > _SURE, since + ca.fmin(offset, 0) > _AFTER)
+    sure = ca.logic_and(came > 1 - UNLIKELY, since + ca.fmin(offset, 0) > _AFTER)
     timed = ca.logic_and(was_open, ca.logic_and(sure, spread < EVERY**2))
     late = since > ca.if_else(sure, _SETTLED, SOON)
     over = ca.logic_or(late, ca.logic_or(gripper <= -0.5, differs))

@@ -9,6 +9,7 @@ import polars as pl
 from jaxtyping import Float
 
 from deltaid.errors import DescriptionError, Doubt
+from deltaid.levels import GRAVITY
 from deltaid.mechanism.one_or_many import numbered
 from deltaid.model.model import Model
 from deltaid.online.contact import least_force, threshold
@@ -20,7 +21,6 @@ from deltaid.online.replay import Replay
 from deltaid.online.settings import IDENTIFY_FIRST, OnlineSettings
 from deltaid.online.suspicion import Suspicion, measured_of
 from deltaid.robot.description import RobotDescription
-from deltaid.robot.part import GRAVITY
 
 # Largest number of rows of a series.
 _SERIES = 200_000

@@ -23,6 +23,7 @@ import numpy as np
 from jaxtyping import Float
 
 from deltaid.errors import RecordingError
+from deltaid.levels import FAINT
 from deltaid.recording.spectrum import HIGHEST, LOWEST_CUTOFF, apply
 
 # Stop-band attenuation 80 dB; transition from 0.6 to 1.4 times the cut-off. The pass band is flat
@@ -38,8 +39,6 @@ TOO_SHORT = (
     "give a longer one; without velocities and accelerations the filter's length is lost at either "
     "end"
 )
-# Least cut-off as a share of the sampling rate.
-_LOWEST = 1e-6
 # Least sampling rate at which positions can be differentiated [Hz].
 LOWEST_RATE = LOWEST_CUTOFF / HIGHEST
 # Least rate between the stages [Hz], the same as a multiple of the cut-off, and the stop-band
@@ -172,11 +171,11 @@ def samples_needed(cutoff: float, rate: float, where: str = "") -> int:
     Raises:
         RecordingError: the cut-off is above a tenth of the sampling rate, or below its least one.
     """
-    if not _LOWEST * rate <= cutoff <= HIGHEST * rate:
+    if not FAINT * rate <= cutoff <= HIGHEST * rate:
         raise RecordingError(
             f"a cut-off of {cutoff:g} Hz does not go with a sampling rate of {rate:g} Hz",
             where=where,
-            cure=f"choose one between {_LOWEST * rate:g} and {HIGHEST * rate:g} Hz",
+            cure=f"choose one between {FAINT * rate:g} and {HIGHEST * rate:g} Hz",
         )
     taps = _taps(_ATTENUATION, _TRANSITION * cutoff / rate)
     return 8 * ((taps + len(_FIRST) - 1) // 2)

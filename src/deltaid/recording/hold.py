@@ -22,11 +22,12 @@ import numpy as np
 from jaxtyping import Int
 from scipy.stats import chi2
 
+from deltaid.levels import NEVER, SURE
 from deltaid.recording.columns import Columns, Rows
 from deltaid.recording.delay import TORQUE_SIDE
 from deltaid.recording.table import padded, recut
 from deltaid.recording.time.signals import weights_at
-from deltaid.recording.windows import CERTAIN, WINDOW
+from deltaid.recording.windows import WINDOW
 
 # Updates of a group, fewest groups, and the least share of groups with regular updates.
 _GROUP, _GROUPS, _MOST = 16, 6, 0.8
@@ -34,12 +35,8 @@ _GROUP, _GROUPS, _MOST = 16, 6, 0.8
 _SHORTEST = 1.25
 # Longest hold of a log with noise [s]; prime factors of its rows, of which any hold has one.
 _LONGEST, _PRIMES = 0.012, (2, 3, 5, 7, 11, 13, 17, 19, 23)
-# Probability of a false hold; share of an update's rise that rises of other rows stay below.
-_SEEN, _LEFT = 1e-6, 0.5
 # Share of rows without a step of friction, and of rises of a phase without a jump.
 _USUAL = 0.9
-# Parts of a recording that must agree.
-_PARTS = 2
 
 Stretch = tuple[np.ndarray, np.ndarray]  # numbers of rows, and a drive's torque
 
@@ -153,8 +150,8 @@ def holds(stretches: Iterable[Iterable[Rows]], columns: Columns, rate: float) ->
         tau = [part[:, place] for part in parts]
         rows = _exact_period(tau)
         pairs = zip(numbers, tau, strict=True)
-        split = [[np.array_split(x, _PARTS) for x in pair] for pair in pairs]
-        halves = [[(n[k], y[k]) for n, y in split] for k in range(_PARTS)]
+        split = [[np.array_split(x, 2) for x in pair] for pair in pairs]
+        halves = [[(n[k], y[k]) for n, y in split] for k in range(2)]
         by_drive.append(Hold(rows) if rows else _noisy_hold(halves, round(_LONGEST * rate)))
     return tuple(by_drive)
 
@@ -222,7 +219,7 @@ def _phase_of(stretches: Sequence[Stretch], k: int) -> int | None:
     common = float(np.sum(c / variance) / np.sum(1 / variance))
     distance = float(np.sum((c - common) ** 2 / variance))
     update = int(np.argmax(c))
-    others = np.delete(np.abs(c) + CERTAIN * np.sqrt(variance), update)
-    if chi2.sf(distance, k - 1) > _SEEN ** (1 / _PARTS) or np.any(others > _LEFT * c[update]):
+    others = np.delete(np.abs(c) + SURE * np.sqrt(variance), update)
+    if chi2.sf(distance, k - 1) > NEVER**0.5 or np.any(others > 0.5 * c[update]):
         return None
     return update

@@ -28,8 +28,9 @@ from deltaid.recording.time.signals import longest_hole, segments
 from deltaid.recording.windows import WINDOW
 from deltaid.shown import Shown
 
-# An excerpt: its stretches, fewest windows and seconds together, and most windows.
-_STRETCHES, _WINDOWS, SECONDS, MOST_WINDOWS = 4, 3, 24.0, 32
+# An excerpt: its stretches, fewest windows and seconds together, and most windows; windows that are
+# enough where a signal is compared or a lag determined.
+_STRETCHES, _WINDOWS, SECONDS, MOST_WINDOWS, FEW_WINDOWS = 4, 3, 24.0, 32, 8
 # Least length of a stretch, in lengths of the filter.
 _LONG = 8
 # A log of no more than so many lengths of an excerpt is its own excerpt.

@@ -13,6 +13,7 @@ import numpy as np
 from jaxtyping import Float
 
 from deltaid.errors import RecordingError
+from deltaid.levels import SURE
 from deltaid.mechanism.kinematics import Kinematics
 from deltaid.recording.columns import Rows
 from deltaid.recording.filter import LowPass, design_low_pass
@@ -21,7 +22,7 @@ from deltaid.recording.masks.masks import RESTS
 from deltaid.recording.masks.stuck import FEWEST, STIFF
 from deltaid.recording.recording import PreparedRecording, with_filter
 from deltaid.recording.spectrum import HIGHEST, SEGMENT, SpectrumEstimate, spectrum_of
-from deltaid.recording.windows import CERTAIN, SampleBlock, Window
+from deltaid.recording.windows import SampleBlock, Window
 
 Drives = Float[np.ndarray, " drives"]
 End = Literal["first", "last"]
@@ -98,7 +99,7 @@ class PlanEnds:
         speed = np.minimum(
             np.abs(speed), np.maximum(np.sign(first) * (1.5 * first - 0.5 * second), 0)
         )
-        limit = RESTS * self.speed + np.minimum(CERTAIN * spread, UNSURE * self.speed)
+        limit = RESTS * self.speed + np.minimum(SURE * spread, UNSURE * self.speed)
         return not np.any((speed > limit) & (self.speed > 0))
 
     def period(self, cutoff: float) -> int:
@@ -110,14 +111,14 @@ class PlanEnds:
         (q, v, spread), (q_last, v_last, spread_last) = (
             self.state(end, cutoff) for end in ("first", "last")
         )
-        largest, unsure = self.speed / self.log.rate, CERTAIN * self.noise
+        largest, unsure = self.speed / self.log.rate, SURE * self.noise
         apart = {
             self.log.samples - 1: np.abs(q_last - q),
             self.log.samples: np.abs(q_last + v_last / self.log.rate - q),
         }
         closing = {rows: gap - UNSURE * largest - 2 * unsure for rows, gap in apart.items()}
         period = min(closing, key=lambda rows: closing[rows].max())
-        jump = np.abs(v_last - v) - 2 * RESTS * self.speed - CERTAIN * (spread + spread_last)
+        jump = np.abs(v_last - v) - 2 * RESTS * self.speed - SURE * (spread + spread_last)
         if closing[period].max() > 0:
             k = int(np.argmax(closing[period]))
             what = f"the drive is at {q_last[k]:.6g} in the last row and at {q[k]:.6g} in the first"
@@ -223,7 +224,7 @@ def _still_speed(recording: PreparedRecording) -> Drives:
     if recording.low_pass is None:  # a speed that changes no digit of a position in one row
         return digit * log.rate
     rounding = digit * np.abs(low_pass.first).sum()
-    return np.maximum(rounding, CERTAIN * ends.noise * low_pass.speed_gain)
+    return np.maximum(rounding, SURE * ends.noise * low_pass.speed_gain)
 
 
 def _too_short(log: Log, needed: int, end: End) -> RecordingError:

@@ -9,6 +9,8 @@ from functools import cache
 import numpy as np
 from jaxtyping import Bool, Float
 
+from deltaid.levels import FAINT
+
 # Largest cut-off as a share of the sampling rate: above, differences err by more than 1e-4.
 HIGHEST = 0.1
 # Least cut-off that is chosen by rule [Hz].
@@ -23,10 +25,8 @@ SEGMENT = 4096
 # Least ratio of a motion's power to the noise: 20 dB. Least ratio of an encoder's noise by its
 # steps to that in the upper half of the band, from which its noise counts as coloured.
 _ABOVE, _COLOURED = 100.0, 4.0
-# Share of the speeds' power within the bandwidth; bins by which the window widens a single wave.
-NEARLY_ALL, _WIDENED = 0.999, 2
-# A drive rests whose power is below this share of the largest: 0.1 % of its travel.
-_RESTS = 1e-6
+# Share of the speeds' power within the bandwidth.
+NEARLY_ALL = 0.999
 _BLACKMAN_HARRIS = np.array([0.35875, -0.48829, 0.14128, -0.01168])  # of cos 0, 2πk/n, 4πk/n, …
 
 
@@ -205,14 +205,14 @@ class SpectrumEstimate:
         total = speed.sum(axis=1, keepdims=True)
         share = np.cumsum((speed / np.where(total > 0, total, 1.0)).sum(axis=0))
         most = int(np.searchsorted(share, NEARLY_ALL * share[-1]))
-        return float(frequency[max(most - _WIDENED, 1)])
+        return float(frequency[max(most - 2, 1)])  # the window widens a wave by two bins
 
     @property
     def _above_noise(self) -> Bool[np.ndarray, "dof frequencies"]:
         """Frequencies at which a position exceeds its noise; none for a resting drive."""
         power = self.power.sum(axis=1, keepdims=True)
         loud = self.power > _ABOVE * self._noise_floor[:, None]
-        return loud & (power > _RESTS * power.max())
+        return loud & (power > FAINT * power.max())
 
 
 def spectrum_of(q: Float[np.ndarray, "samples dof"]) -> SpectrumEstimate:

@@ -20,14 +20,13 @@ from dataclasses import dataclass, fields
 import numpy as np
 from jaxtyping import Bool, Float, Int, Shaped
 
+from deltaid.levels import SURE
 from deltaid.mechanism.kinematics import Kinematics
 from deltaid.recording.columns import Columns, Rows
 from deltaid.recording.filter import LowPass
 from deltaid.recording.spectrum import apply, convolve
 from deltaid.recording.table import recut
 
-# Standard deviations from zero within which a speed may have either sign.
-CERTAIN = 3.0
 # Largest time between torques and positions of a row [s].
 _SAME = 1e-3
 # Samples of a window: many against the filter's length, few against memory, and no power of two,
@@ -66,7 +65,7 @@ class Directions:
         robot, apart = kinematics.robot, np.full(qd.shape[1], min(self.period, within))
         if self.smear:
             apart += self.period * np.array(self.smear)
-        known = np.abs(qd) > apart * np.abs(qdd) + CERTAIN * self.noise
+        known = np.abs(qd) > apart * np.abs(qdd) + SURE * self.noise
         known |= np.array([drive not in robot.friction for drive in robot.drives])
         passive = kinematics.passive_friction
         if passive.names:
@@ -74,7 +73,7 @@ class Directions:
             noise = np.linalg.norm(joints.slope * self.noise, axis=2)
             for k, moved_by in enumerate(passive.moved_by):
                 speed, rise = np.abs(joints.speed[:, k, None]), np.abs(joints.acceleration[:, k])
-                sure = speed > apart * rise[:, None] + CERTAIN * noise[:, k, None]
+                sure = speed > apart * rise[:, None] + SURE * noise[:, k, None]
                 known &= sure | ~moved_by
         return known
 

@@ -12,6 +12,7 @@ import numpy as np
 from jaxtyping import Float
 from pydantic import Field, model_validator
 
+from deltaid.levels import GRAVITY
 from deltaid.robot.body import Body
 from deltaid.robot.fitting_parts import require_parts_that_fit
 from deltaid.robot.friction import Friction
@@ -22,7 +23,6 @@ from deltaid.robot.measured import MeasuredTogether
 from deltaid.robot.own import OwnMechanism
 from deltaid.robot.parameter import SLIDING, TURNING, JointUnits
 from deltaid.robot.part import (
-    GRAVITY,
     TOOL_SPEED,
     Coordinate,
     Gravity,

@@ -135,13 +135,14 @@ def _tree(value: Any) -> Value:
     return value if isinstance(value, bool | int | float | str) else None
 
 
-LARGEST, _SMALLEST = 1e12, 1e-12  # so that no product of several is near overflow
+LARGEST = 1e12  # so that no product of several is near overflow
+_SMALLEST = 1.0 / LARGEST
 _LONGEST, _SHORTEST = 100.0, 1e-6  # m
 _HEAVIEST, _LIGHTEST = 1e6, 1e-9  # kg
 _FASTEST = 300.0  # m/s
 _STRONGEST = 100.0  # m/s², of gravity
-# Where nothing is stated: gravity [m/s²], largest tool speed [°/s] and acceleration [°/s²].
-GRAVITY, TOOL_SPEED, TOOL_ACCELERATION = 9.81, 1500.0, 30_000.0
+# Where nothing is stated: largest tool speed [°/s] and acceleration [°/s²].
+TOOL_SPEED, TOOL_ACCELERATION = 1500.0, 30_000.0
 
 
 def limited(low: float, high: float, refusal: str) -> AfterValidator:

@@ -31,8 +31,8 @@ from jaxtyping import Bool, Float, Int
 from deltaid.dynamics.dynamics import Dynamics
 from deltaid.dynamics.equations import beyond_rounding
 from deltaid.kernel.batch import BatchKernel
+from deltaid.levels import GRAVITY, WIDER
 from deltaid.robot.parameter import PriorParameter
-from deltaid.robot.part import GRAVITY
 from deltaid.robot.sensors import Sensor, SensorChannel, channels_of
 
 Motion = Float[np.ndarray, "samples dof"]
@@ -235,15 +235,11 @@ def is_of_pose(parameter: PriorParameter) -> bool:
     return parameter.symbol.startswith(("position", "rotation"))
 
 
-# Prior deviation of an undescribed offset, as a multiple of what the sensor measures at rest.
-_WIDE = 10.0
-
-
 def wide_force(dynamics: Dynamics) -> float:
     """Standard deviation of an unknown offset of a force [N]: ten times the robot's weight."""
     bodies, described = dynamics.kinematics.mechanism.bodies, dynamics.robot.bodies
     masses = (body.count * described[body.name].prior_parameters()[0] for body in bodies)
-    return float(_WIDE * GRAVITY * sum(masses))
+    return float(WIDER * GRAVITY * sum(masses))
 
 
 def wide_moment(dynamics: Dynamics, about: Float[np.ndarray, " 3"]) -> float:

@@ -152,8 +152,6 @@ def text_of(folder: Folder, run: FinishedRun, name: str) -> str:
     return path.read_text(encoding="utf-8") if path.is_file() else ""
 
 
-# Most parameters of a comparison: those that changed most, in standard deviations of both.
-_SHOWN = 12
 _KINDS = {"good": "good", "poor": "bad"}
 
 
@@ -215,7 +213,7 @@ def _parameters(folder: Folder, pair: Sequence[FinishedRun]) -> list[tuple[str, 
             *(f"{side[name].value:.4g} ({side[name].low:.3g} … {side[name].high:.3g})"
               for side in (left, right)),
         )
-        for name in sorted(shared, key=apart)[:_SHOWN]
+        for name in sorted(shared, key=apart)[:12]
     ]  # fmt: skip
 
 

@@ -147,8 +147,6 @@ _FAVICON = (
 )
 # Ports to try by default.
 PORTS = (*range(8090, 8110), 0)
-# Time before the state of a disconnected page is dropped [s], longer than a reload.
-_AWAY = 10.0
 
 
 async def _tell(guard: Guard, say: Callable[[str], None], page: Path | None) -> None:
@@ -215,7 +213,7 @@ def serve(path: Path, port: int, *, show: bool, say: Callable[[str], None]) -> N
             title="deltaid studio",
             favicon=_FAVICON,
             dark=None,
-            reconnect_timeout=_AWAY,
+            reconnect_timeout=10.0,  # s; longer than a reload
             show_welcome_message=False,
         )
         uvicorn.run(

@@ -26,8 +26,6 @@ _EVENT_COLUMNS = (
     "force on it x, y, z [N]",
     "|F| [N]",
 )
-# Most events of a page.
-_EVENTS = 200
 
 
 def corrected(corrections: Sequence[Correction]) -> str:
@@ -236,6 +234,6 @@ def put_right_tables(model: IdentifiedModel, most_events: int) -> tuple[Table, .
 
 def put_right_sections(model: IdentifiedModel | None) -> tuple[Section, ...]:
     """The chapter of a page on corrections; empty where there are none."""
-    tables = put_right_tables(model, _EVENTS) if model else ()
+    tables = put_right_tables(model, most_events=200) if model else ()
     chapter = Section("Corrections", tables, "what was detected, corrected and excluded")
     return (chapter,) if tables else ()

@@ -5,6 +5,7 @@ import plotly.graph_objects as go
 import polars as pl
 from jaxtyping import Bool, Float
 
+from deltaid.levels import FAINT
 from deltaid.motion.excitation.excite import Excitation, Exciter, LimitUse
 from deltaid.motion.excitation.plot import SAMPLES
 from deltaid.motion.excitation.run import Run, sample_run
@@ -16,9 +17,6 @@ from deltaid.view.numbers import number, percent
 from deltaid.view.page import Fact, Figure, Page, Section, Summary, Table, Text, Trust
 from deltaid.view.robots import robot_figure
 from deltaid.view.show import Card
-
-# Tolerance of a limit that the search has reached.
-_ROUNDING = 1e-6
 
 
 def excitation_page(result: Excitation) -> Page:
@@ -78,7 +76,7 @@ def excitation_page(result: Excitation) -> Page:
 
 def verdict(result: Excitation) -> Summary:
     """Whether the motion keeps its limits, and determines most base parameters at all."""
-    beyond = [limit.name for limit in result.limits if limit.share > 1 + _ROUNDING]
+    beyond = [limit.name for limit in result.limits if limit.share > 1 + FAINT]
     lasts = f"{result.run.duration:.1f} s from rest to rest"
     if beyond:
         return Summary(Trust.POOR, f"Poor: {lasts}, and beyond a limit of {', '.join(beyond)}.")

@@ -15,8 +15,8 @@ from deltaid.view.numbers import number, percent
 from deltaid.view.page import Figure, Section, Table, Text
 from deltaid.view.torques import grid, place
 
-# Points of a law at either sign of the speed, and dots of recordings, few enough not to hide it.
-_POINTS, _DOTS = 200, 1500
+# Dots of recordings, few enough not to hide a law.
+_DOTS = 1500
 
 
 def friction_section(model: ModelLike, comparisons: tuple[TorqueComparison, ...]) -> Section:
@@ -61,7 +61,7 @@ def _laws(model: Model, comparisons: tuple[TorqueComparison, ...]) -> Figure:
                 marker={"color": style.MEASURED, "size": 3, "opacity": 0.35},
             )
             traces.append(dots)
-        positive = np.geomspace(1e-3 * fastest, fastest, _POINTS)
+        positive = np.geomspace(1e-3 * fastest, fastest, num=200)
         speeds = np.concatenate([-positive[::-1], positive])
         dashed = {"color": style.PRIOR, "dash": "dash"}
         traces.append(_line("prior", speeds, law(robot, joint, speeds, prior), dashed))

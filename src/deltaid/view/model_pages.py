@@ -30,9 +30,6 @@ from deltaid.view.summary import (
 )
 from deltaid.view.torques import over_time, residual_blocks
 
-# Height of one drive's two plots in a notebook, and of everything around the plots [px].
-_DRIVE, _AROUND = 170, 90
-
 
 def identification_page(result: Identification, verification: Validation | None = None) -> Page:
     """The page of `deltaid identify`.
@@ -222,4 +219,4 @@ def validation_figure(value: Validation) -> go.Figure:
 
 def _torques(model: Model, recording: PreparedRecording) -> go.Figure:
     compared, drives = compare(model.dynamics, model.p, recording), model.robot.drive_units
-    return over_time(compared, drives).figure.update_layout(height=_DRIVE * len(drives) + _AROUND)
+    return over_time(compared, drives).figure.update_layout(height=170 * len(drives) + 90)

@@ -24,8 +24,6 @@ _EVERY = 4
 # Steps of a ray over the largest possible reach, which skip narrower gaps between two limits, and
 # halvings that locate its end within micrometres.
 _STEPS, _HALVINGS = 300, 20
-# Points inside the workspace, a power of two for the Sobol sequence.
-_POINTS = 2**14
 # Points along each side of a section: smooth contours in a second.
 _GRID = 161
 NOTHING = "nothing"
@@ -123,7 +121,7 @@ def survey(robot: AtRest) -> WorkspaceSurvey:
         box = np.column_stack([box, [turn.low, turn.high]])
         angles = (robot.home[3], turn.low, turn.high)
         edges = np.concatenate([np.insert(edges, 3, angle, axis=1) for angle in angles])
-    inside = qmc.scale(qmc.Sobol(len(box[0]), scramble=False).random(_POINTS), *box)
+    inside = qmc.scale(qmc.Sobol(len(box[0]), scramble=False).random(2**14), *box)
     poses = robot(inside[robot.robot.workspace.contains(inside[:, :3])])
     extremes = robot(edges)
     parts = extremes.only(extremes.stands), poses.only(poses.stands)

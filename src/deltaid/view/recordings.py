@@ -19,8 +19,6 @@ from deltaid.view.numbers import number
 from deltaid.view.page import Table
 from deltaid.view.show import Card
 
-# Most groups of columns of a figure.
-_GROUPS = 5
 _INDEX = re.compile(r"^(.*?)(?:\[?(\d+)\]?)$")
 
 
@@ -58,7 +56,7 @@ def recording_figure(value: Recording) -> go.Figure:
         if table[name].dtype.is_numeric() and name not in TIMES:
             match = _INDEX.match(name)
             groups.setdefault(match[1] if match else name, []).append(name)
-    shown = list(groups.items())[:_GROUPS]
+    shown = list(groups.items())[:5]
     if not shown:
         return go.Figure()
     titles = [style.label(title) for title, _ in shown]

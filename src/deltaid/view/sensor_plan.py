@@ -12,8 +12,8 @@ from deltaid.view.numbers import number, percent
 from deltaid.view.page import Table
 from deltaid.view.show import Card
 
-# Number of entries that are shown unasked, and the share of its prior that an entry has to fall to.
-_COLUMNS, _LEFT, _LEARNT = 7, 0.05, 0.97
+# Shares of its prior between which an entry that is shown unasked falls.
+_LEFT, _LEARNT = 0.05, 0.97
 
 
 def chosen_entries(plan: SensorPlan) -> tuple[str, ...]:
@@ -29,7 +29,7 @@ def chosen_entries(plan: SensorPlan) -> tuple[str, ...]:
         for k, name in enumerate(plan.unknowns.names)
         if name in free and plan.unknowns.prior[k] and _LEFT < share[k] < _LEARNT
     ]
-    return tuple(names[:_COLUMNS])
+    return tuple(names[:7])
 
 
 def untold(plan: SensorPlan) -> tuple[str, ...]:

@@ -12,9 +12,6 @@ from deltaid.view import style
 from deltaid.view.comparison import POINTS, TorqueComparison, even_rows
 from deltaid.view.page import Figure
 
-# Intervals of speed, and of the residual.
-_SPEED_BINS, _RESIDUAL_BINS = 30, 60
-
 Drives = dict[str, JointUnits]
 
 
@@ -115,7 +112,7 @@ def _histogram(c: TorqueComparison, drives: Drives) -> Figure:
     figure = grid(tuple(drives), 260).update_layout(bargap=0)
     for i in range(len(drives)):
         residual = c.residual[np.isfinite(c.residual[:, i]), i]
-        share, edges = np.histogram(residual, bins=_RESIDUAL_BINS, density=True)
+        share, edges = np.histogram(residual, bins=60, density=True)
         middle = 0.5 * (edges[1:] + edges[:-1])
         figure.add_bar(
             x=middle,
@@ -172,7 +169,7 @@ def _binned(speed: np.ndarray, residual: np.ndarray) -> tuple[np.ndarray, ...]:
     """Centres of speed intervals with enough samples, mean and standard deviation in each."""
     if not speed.size or np.ptp(speed) == 0:
         return speed[:0], speed[:0], speed[:0]
-    edges = np.histogram_bin_edges(speed, _SPEED_BINS)
+    edges = np.histogram_bin_edges(speed, bins=30)
     mean, spread, count = (
         stats.binned_statistic(speed, residual, what, edges)[0] for what in ("mean", "std", "count")
     )

@@ -9,10 +9,10 @@ import numpy as np
 from jaxtyping import Float
 from scipy.optimize import minimize_scalar
 
-from deltaid.checks.evidence import ROUNDS
 from deltaid.checks.priors import size_of
 from deltaid.checks.sensing.misfit import Map, Misfit
 from deltaid.checks.wiring.residual import UNIT
+from deltaid.levels import FEW_ROUNDS
 from deltaid.model.verdict import Grade, Proposal, Verdict, listed, percent
 from deltaid.robot.sensors import BaseWrench
 from deltaid.sensors.weighings import roll_pitch_yaw, rotation
@@ -129,7 +129,7 @@ def _orders() -> list[tuple[int, ...]]:
 def _rotation(misfit: Misfit) -> Float[np.ndarray, "3 3"]:
     """Any rotation of the axes: alternately the best rotation and the best parameters."""
     theta, R, y = misfit.by_torques, np.eye(3), misfit.moving
-    for _ in range(ROUNDS):
+    for _ in range(FEW_ROUNDS):
         expected = misfit.expected(theta)
         expected = expected - expected.mean(axis=1, keepdims=True)
         cross = sum(

@@ -16,12 +16,13 @@ import numpy as np
 from jaxtyping import Float, Int
 from scipy.linalg import block_diag
 
-from deltaid.checks.evidence import ROUNDS
 from deltaid.dynamics.dynamics import Dynamics
 from deltaid.dynamics.parameters import stated_spreads
 from deltaid.estimation.information import Information, entries_at, triangle
 from deltaid.estimation.problem import LinearProblem
+from deltaid.levels import EXACT, FEW_ROUNDS
 from deltaid.recording.columns import SensorChannels
+from deltaid.recording.log import FEW_WINDOWS
 from deltaid.recording.recording import PreparedRecording
 from deltaid.recording.time.signals import interpolate
 from deltaid.recording.windows import SampleBlock
@@ -30,12 +31,10 @@ from deltaid.robot.parameter import PRIOR_SPREAD
 from deltaid.sensors.robot_sensors import all_sensor_rows
 from deltaid.sensors.rows import SensorRows
 
-# Fixed parameters are known to this share of their size.
-_KNOWN = 1e-4
 # Deviations of real bodies from entries that symmetry makes zero unless they are free.
 _STRAIGHT = 0.02
-# Evaluated windows of a recording, and their samples together after the filter.
-_WINDOWS, _MOST = 6, 4000
+# Samples of the evaluated windows together after the filter.
+_MOST = 4000
 # Independent samples of a drive or a sensor.
 _COUNTED = 200.0
 # Errors of a good model: as shares of a channel's motion, of that of a drive or group, of its mean.
@@ -205,7 +204,7 @@ def lag_of(misfit: Misfit, unshifted: MapFit) -> SensorLag | None:
     if np.ptp(misfit.samples) > 1e-6:
         return None
     T, theta, delay, std = np.eye(len(misfit.noise)), unshifted.theta, 0.0, np.inf
-    for _ in range(ROUNDS):
+    for _ in range(FEW_ROUNDS):
         expected = misfit.expected(theta)
         slope = np.zeros_like(expected)
         for part in misfit.stretches():
@@ -240,7 +239,7 @@ def misfits(dynamics: Dynamics, recording: PreparedRecording) -> list[Misfit]:
             ]
         return np.vstack(parts)
 
-    windows = list(recording.spread(dynamics.kinematics, _WINDOWS))
+    windows = list(recording.spread(dynamics.kinematics, FEW_WINDOWS))
     every = max(1, -(-recording.log.samples // (recording.filter.thinned * _MOST)))
     parts = [window.filtered(measured)[:, ::every] for window in windows]
     parts = [part for part in parts if part.shape[1] > 1]
@@ -287,7 +286,7 @@ def _by_torques(dynamics: Dynamics, torques: Information) -> LinearProblem:
     for k, entry in enumerate(layout.parameters[: layout.coefficients.start]):
         free, symbol = robot.bodies[entry.owner].free, entry.symbol.replace("I", "S")
         if not free or (symbol in ZERO_UNLESS_FREE and symbol not in free):
-            std[k] = (_STRAIGHT if free else _KNOWN) * entry.scale
+            std[k] = (_STRAIGHT if free else EXACT) * entry.scale
     size, counted = torques.torque_rms(), np.minimum(_COUNTED / torques.samples, 1.0)
 
     def weighted(noise: Float[np.ndarray, " drives"]) -> LinearProblem:

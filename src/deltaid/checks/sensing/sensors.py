@@ -9,18 +9,18 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from deltaid.checks.evidence import CLEAR_LAG, UNRELATED, Evidence
+from deltaid.checks.evidence import UNRELATED, Evidence
 from deltaid.checks.sensing.guesses import Guess, best_guess, mapped, verdict_of
 from deltaid.checks.sensing.misfit import MapFit, Misfit, SensorLag, lag_of, misfits
+from deltaid.levels import STRONG, SURE
 from deltaid.model.verdict import Grade, Proposal, Verdict, percent
 from deltaid.robot.sensors import BaseWrench, Sensor
 
 # Misfit from which guesses are tried, and from which a sensor contradicts the torques even if no
 # guess explains it; share of a misfit that a guess may leave.
 _DOUBTED, _CONTRADICTS, _EXPLAINS = 0.15, 1.0, 0.2
-# Share that is left of a misfit without a delay; standard deviations that a stated tolerance or
-# noise allows.
-_BETTER, _ALLOWED = 0.9, 3.0
+# Share that is left of a misfit without a delay.
+_BETTER = 0.9
 # Clipped: so many rows, and this share of all, at the largest or the smallest number.
 _CLIPPED, _OFTEN = 20, 0.005
 
@@ -45,7 +45,7 @@ def _of_sensor(misfit: Misfit, sensors: Sequence[Misfit]) -> list[Verdict]:
             return [*verdicts, _late(misfit, late, as_mapped.Q)]
         if (against := _contradiction(misfit, sensors, as_mapped)) is not None:
             return [*verdicts, against]
-    least = np.inf if late is None else max(misfit.row, CLEAR_LAG * late.std)
+    least = np.inf if late is None else max(misfit.row, STRONG * late.std)
     if late is not None and late.Q < _BETTER * as_mapped.Q and abs(late.delay) > least:
         verdicts.append(_late(misfit, late, as_mapped.Q))
     rms = misfit.residual_rms(as_mapped)
@@ -103,12 +103,12 @@ def _contradiction(misfit: Misfit, sensors: Sequence[Misfit], as_mapped: MapFit)
 def _is_allowed(guess: Guess, sensor: Sensor) -> bool:
     """Whether a tolerance of the description covers it, so that a fit can correct it."""
     if guess.kind == "unit":
-        return bool(np.all(np.abs(guess.gains - 1) < _ALLOWED * sensor.gain_tolerance))
+        return bool(np.all(np.abs(guess.gains - 1) < SURE * sensor.gain_tolerance))
     if not isinstance(sensor, BaseWrench) or guess.kind not in ("rotated", "origin"):
         return False
     if guess.kind == "origin":
-        return float(np.abs(guess.offset).max()) < _ALLOWED * sensor.position_tolerance
-    return guess.angle < _ALLOWED * sensor.rotation_tolerance
+        return float(np.abs(guess.offset).max()) < SURE * sensor.position_tolerance
+    return guess.angle < SURE * sensor.rotation_tolerance
 
 
 def _clipped(misfit: Misfit) -> Iterator[Verdict]:
@@ -155,7 +155,7 @@ def _noisy(misfit: Misfit, rms: np.ndarray) -> Iterator[Verdict]:
     for group in misfit.groups:
         k = max(group, key=lambda i: times[i])
         channel, key = misfit.rows.channels[k], "noise"
-        if times[k] <= _ALLOWED:
+        if times[k] <= SURE:
             continue
         if isinstance(misfit.rows.sensor, BaseWrench):
             key = "force_noise" if channel.unit == "N" else "moment_noise"

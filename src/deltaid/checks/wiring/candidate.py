@@ -14,7 +14,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 from scipy.linalg import eigh
 
-from deltaid.checks.evidence import ROUNDS, UNRELATED
+from deltaid.checks.evidence import UNRELATED
 from deltaid.checks.wiring.residual import (
     AT_REST,
     FEWEST,
@@ -35,6 +35,7 @@ from deltaid.estimation.conic import Conic
 from deltaid.estimation.objective import LOG_DET, Objective, Quadratic, Regularizer, regularizer
 from deltaid.estimation.problem import Span
 from deltaid.estimation.reduction import Reduction, build_reduction
+from deltaid.levels import FEW_ROUNDS, LEVEL
 from deltaid.robot.description import RobotDescription
 
 # Share of the samples whose loops must close, and of those tried first.
@@ -50,9 +51,8 @@ SENSIBLE, _SENSIBLE_SCALED = (0.5, 0.5), (0.75, 0.25)
 # described.
 _AS_GOOD, _CERTAIN = 1.1, 10.0
 _SOLVER = Conic(tolerance=1e-7, largest_gap=1e-2)
-# Change of the noise level that ends rounds of fit and level; torque patterns per map that are
-# judged, and hypotheses that are fitted on all samples.
-_SETTLED, JUDGED = 0.05, 6
+# Torque patterns per map that are judged, and hypotheses that are fitted on all samples.
+JUDGED = 6
 
 # Possible units of position columns, by their factor to the joint's unit.
 TURNING = {np.pi / 180: "degrees", 2 * np.pi: "revolutions", 180 / np.pi: "radians"}
@@ -131,7 +131,7 @@ class WiringHypothesis:
     def fit(self) -> Consistent:
         residual, (_, samples, _), noise, best = self.residual, self._rows.shape, 0.02, IMPOSSIBLE
         reduction, regularizer = _prior(residual.dynamics, tuple(residual.columns.tolist()))
-        for _ in range(ROUNDS):
+        for _ in range(FEW_ROUNDS):
             # A constant torque has a prior of the usual size of offsets.
             constant = 1 - 1 / np.sqrt(1 + samples * (OFFSET / noise) ** 2)
             data = Quadratic.from_rows(self._without_constant(constant) / noise)
@@ -143,7 +143,7 @@ class WiringHypothesis:
             distance, noise = solution.objective - misfit, self._level(misfit * noise**2)
             score = float(-self._rows[:, :, 0].size * np.log(noise) - 0.5 * distance)
             best = Consistent(score, noise, distance)
-            if abs(np.log(noise / before)) < _SETTLED:
+            if abs(np.log(noise / before)) < LEVEL:
                 break
         return best
 

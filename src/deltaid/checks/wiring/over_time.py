@@ -18,7 +18,8 @@ from deltaid.checks.evidence import WRONG_SCALE, Evidence
 from deltaid.checks.wiring.candidate import ALONG, SENSIBLE
 from deltaid.checks.wiring.explained import RemappedRecording
 from deltaid.checks.wiring.residual import LEAST, Map, MapResidual, motion, residual
-from deltaid.estimation.problem import DEPENDENT, lengths
+from deltaid.estimation.problem import lengths
+from deltaid.levels import NEGLIGIBLE
 from deltaid.model.verdict import Grade, Verdict, listed
 
 # Rows that are compared; of more, some are skipped.
@@ -124,7 +125,7 @@ def _of_most_rows(
         errors = np.abs(tau - predicted)
         weights = 1.0 / np.hypot(1.0, errors / max(float(np.median(errors)), LEAST))
         A = weights[:, None] * under.Y / scale
-        p = np.linalg.lstsq(A, weights * tau, rcond=DEPENDENT)[0] / scale
+        p = np.linalg.lstsq(A, weights * tau, rcond=NEGLIGIBLE)[0] / scale
     return p
 
 

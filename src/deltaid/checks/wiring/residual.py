@@ -42,8 +42,9 @@ from deltaid.recording.survey_checks import off_course
 from deltaid.recording.time.clock import HIGHEST_RATE
 from deltaid.robot.parameter import PRIOR_SPREAD
 
-# The cut-off as a multiple of the frequency below which nearly all of the speeds' power lies.
-_ABOVE = 3.0
+# The cut-off as a multiple of the frequency below which nearly all of the speeds' power lies, and
+# lowest frequency of lines in a residual: below, model errors have some too.
+ABOVE = 3.0
 # Steps of friction need a grid that is fine whatever the cut-off [Hz].
 _SLOWEST = 20.0
 # A drive that is slow for so long [s] stands still; fewest samples that decide between hypotheses.
@@ -160,7 +161,7 @@ def _cutoff(q: Values, rate: float) -> float:
     fastest = frequency[np.argmax(power >= NEARLY_ALL * power[-1], axis=0)]
     # A resting drive has only noise, with its speeds at high frequencies.
     moving = max(fastest[fastest < HIGHEST_CUTOFF], default=HIGHEST_CUTOFF)
-    highest = min(HIGHEST * rate, HIGHEST_CUTOFF, _ABOVE * moving)
+    highest = min(HIGHEST * rate, HIGHEST_CUTOFF, ABOVE * moving)
     return float(min(max(LOWEST_CUTOFF, min(general, highest)), HIGHEST * rate))
 
 

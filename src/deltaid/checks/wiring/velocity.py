@@ -9,11 +9,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from deltaid.checks.evidence import CLEAR_LAG, Values
+from deltaid.checks.evidence import Values
 from deltaid.checks.wiring.explained import RemappedRecording
 from deltaid.checks.wiring.residual import UNIT, FilteredMotion, Map
 from deltaid.checks.wiring.zeros import BLOCKS
 from deltaid.effects.lag_columns import APART
+from deltaid.levels import STRONG
 from deltaid.model.verdict import Fault, Grade, Verdict
 
 # Correlation above which a column is a drive's velocity, and by which another drive's is better.
@@ -114,7 +115,7 @@ def velocity_verdicts(case: RemappedRecording) -> Iterator[Verdict]:
             f"(correlation {rate.correlation:.2g})"
         )
         yield _NOISE.judged(seen, names[rate.drive], rate.correlation)
-    late = [rate for rate in matched if abs(rate.lag) > max(APART, CLEAR_LAG * rate.lag_std)]
+    late = [rate for rate in matched if abs(rate.lag) > max(APART, STRONG * rate.lag_std)]
     latest = max(late or recorded, key=lambda rate: abs(rate.lag))
     lag = 1e3 * latest.lag
     if late and not lost:

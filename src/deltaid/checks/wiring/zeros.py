@@ -19,15 +19,16 @@ import numpy as np
 from jaxtyping import Float
 from scipy.special import chdtri, stdtrit
 
-from deltaid.checks.evidence import ROUNDS, Evidence
+from deltaid.checks.evidence import Evidence
 from deltaid.checks.wiring.candidate import WiringHypothesis
 from deltaid.checks.wiring.explained import RemappedRecording
 from deltaid.checks.wiring.residual import FilteredMotion, residual
 from deltaid.dynamics.dynamics import Dynamics
 from deltaid.dynamics.geometry import across, torque_slopes
 from deltaid.dynamics.parameters import prior_parameters
-from deltaid.estimation.problem import DEPENDENT, LinearProblem, Span
+from deltaid.estimation.problem import LinearProblem, Span
 from deltaid.estimation.scatter import CHANCE
+from deltaid.levels import FEW_ROUNDS, NEGLIGIBLE
 from deltaid.model.verdict import Grade, Proposal, Verdict, listed
 from deltaid.robot.parameter import PRIOR_SPREAD
 
@@ -80,7 +81,7 @@ class Shifts:
         """Observable columns of the direction of gravity; a planar robot has one."""
         angles = range(self.drives, self.drives + self.angles)
         largest = max((self.H[i, i] for i in angles), default=0.0)
-        return [i for i in angles if self.H[i, i] > DEPENDENT * largest]
+        return [i for i in angles if self.H[i, i] > NEGLIGIBLE * largest]
 
     @property
     def offsets(self) -> list[int]:
@@ -135,7 +136,7 @@ class Shifts:
         H, n = self.H[np.ix_(columns, columns)], len(chosen)
         scale = 1 / np.sqrt(np.maximum(np.diag(H), np.finfo(float).tiny))
         scales = np.outer(scale, scale)
-        inverse = np.linalg.pinv(H * scales, rcond=DEPENDENT) * scales
+        inverse = np.linalg.pinv(H * scales, rcond=NEGLIGIBLE) * scales
         s = self.scores[:, columns]
         centred, blocks = s - s.mean(axis=0), len(s)
         spread = centred.T @ centred * blocks / max(blocks - len(columns), 1)
@@ -147,14 +148,14 @@ class Shifts:
             return 0.0
         value, covariance = self.estimate(chosen, beside)
         values, vectors = np.linalg.eigh(covariance)
-        determined = values > DEPENDENT * values[-1]
+        determined = values > NEGLIGIBLE * values[-1]
         projected = vectors[:, determined].T @ value
         return float(np.sqrt(np.sum(projected**2 / values[determined]) / max(len(chosen), 1)))
 
     def gain(self, chosen: list[int]) -> float:
         """Share of the residual that these columns explain."""
         H, s = self.H[np.ix_(chosen, chosen)], self.scores[:, chosen].sum(axis=0)
-        return float(s @ np.linalg.pinv(H, rcond=DEPENDENT, hermitian=True) @ s / self.left)
+        return float(s @ np.linalg.pinv(H, rcond=NEGLIGIBLE, hermitian=True) @ s / self.left)
 
 
 def shifts(dynamics: Dynamics, motion: FilteredMotion, best: WiringHypothesis) -> Shifts:
@@ -225,7 +226,7 @@ def _zero(
 ) -> tuple[float, float]:
     """Error of one drive's zero and half its interval, by Gauss–Newton steps."""
     map, share = best.map, best.residual.share
-    for _ in range(ROUNDS):
+    for _ in range(FEW_ROUNDS):
         (step,), ((variance,),) = shift.estimate([drive])
         zeros = list(map.shift)
         zeros[drive] += float(np.clip(step, -_FARTHEST, _FARTHEST))

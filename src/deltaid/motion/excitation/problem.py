@@ -26,6 +26,7 @@ from scipy.special import logsumexp, softmax
 from deltaid.dynamics.dynamics import Dynamics
 from deltaid.dynamics.parameters import prior_parameters
 from deltaid.errors import DescriptionError
+from deltaid.levels import EXACT
 from deltaid.motion.excitation.graph import ExcitationGraph
 from deltaid.motion.excitation.settings import CriterionName
 from deltaid.motion.fourier import FourierMotion, Series, Vector
@@ -68,10 +69,6 @@ def criterion(
     return float(value), (V * slope) @ V.T
 
 
-# Share of an entry that is known well enough with.
-_ENOUGH = 1e-4
-
-
 def by_bodies(dynamics: Dynamics, noise: Float[np.ndarray, " dof"], samples: float) -> Judge:
     """½ log det of the covariance of all bodies' entries [nats] after a recording of a motion.
 
@@ -96,7 +93,7 @@ def by_bodies(dynamics: Dynamics, noise: Float[np.ndarray, " dof"], samples: flo
         rows = torque_rows(scene, torques(dynamics, p, planned))
         known = Knowledge(np.eye(len(entries.names))).and_rows(rows @ entries.W)
         known = known.and_rows(described_rows(scene)[0] @ entries.W)
-        return goal(BODIES, entries, scene, _ENOUGH).left(known)
+        return goal(BODIES, entries, scene, EXACT).left(known)
 
     return judge
 

@@ -24,7 +24,7 @@ from deltaid.recording.source import BATCH_ROWS
 from deltaid.shown import Shown
 
 # Ramps are tried as shares of the period, the shortest first, from so many phases of the motion.
-_RAMPS, _PHASES, _POINTS = (0.1, 0.2, 0.3, 0.5, 0.75, 1.0, 1.5, 2.0), 40, 400
+_RAMPS, _PHASES = (0.1, 0.2, 0.3, 0.5, 0.75, 1.0, 1.5, 2.0), 40
 # Use that counts as full on these points: the rest is for what lies between them.
 _FULL = 0.9998
 
@@ -78,7 +78,7 @@ def plan_run(problem: ExcitationProblem, motion: FourierMotion, repeats: int) ->
     phases, best = np.arange(_PHASES) * motion.period / _PHASES, np.inf
     for share, phase in product(_RAMPS, phases.tolist()):
         run = Run(motion, phase, share * motion.period, repeats)
-        ramp = np.linspace(0.0, run.ramp, _POINTS)
+        ramp = np.linspace(0.0, run.ramp, num=400)
         use = float(run_use(problem, run, np.append(ramp, run.duration - ramp)).max())
         if use <= _FULL:
             return run

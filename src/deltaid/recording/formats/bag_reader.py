@@ -27,8 +27,8 @@ _CURES = {
     ".mcap": "copy it again; if its recording was cut off, `mcap recover FILE -o NEW` repairs it",
 }
 _FOLDER_CURE = "copy it again; if its recording was cut off, `ros2 bag reindex FOLDER` repairs it"
-# Messages in memory at a time, and messages of a topic that determine its fields.
-_CHUNK, _FIRST = 4096, 100
+# Messages in memory at a time.
+_CHUNK = 4096
 JOINT_STATE = "sensor_msgs/msg/JointState"
 # Quantities of mappings, units of turning joints, and default names.
 QUANTITIES = {
@@ -200,7 +200,7 @@ def topics_of(bag: Bag) -> list[Topic]:
 
 
 def _topic(bag: Bag, name: str) -> Topic | None:
-    chunk = next(bag.messages([name]), [])[:_FIRST]
+    chunk = next(bag.messages([name]), [])[:100]
     if not chunk:
         return None
     raws, kind = [raw for _, _, raw in chunk], bag.topics[name]

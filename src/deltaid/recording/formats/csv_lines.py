@@ -34,8 +34,6 @@ NO_LINE_BREAK = Doubt(
     cause="the file was copied while it was being written, or the disk was full",
     cure="nothing is to be done if the file is whole; else remove the line",
 )
-# Most lines of text at the end.
-_LINES = 3
 
 
 class HeadLines:
@@ -76,7 +74,7 @@ class HeadLines:
         while part := self._file.read(_LONGEST_LINE):
             size, tail = size + len(part), (tail + part)[-_LONGEST_LINE:]
         stop, tag = len(tail), ""
-        for _ in range(_LINES):
+        for _ in range(3):
             filled = len(tail[:stop].rstrip())
             first = tail.rfind(b"\n", 0, filled) + 1
             line = tail[first:filled].decode("latin-1").strip()

@@ -28,8 +28,8 @@ _SIGNATURE = b"\x89HDF\r\n\x1a\n"
 _STARTS = (0, 512, 1024, 2048)
 # Largest chunk, which is unpacked as a whole [bytes]; zeros of that size need not be stored.
 _LARGEST_CHUNK = 1 << 30
-# Cache of each dataset's chunks, and largest slice of whole chunks [bytes].
-_CACHE, _HELD = 1 << 24, 1 << 27
+# Largest slice of whole chunks [bytes].
+_HELD = 1 << 27
 # Errors of h5py about damaged files.
 _DAMAGE = (
     OSError, RuntimeError, KeyError, ValueError, TypeError, AttributeError, OverflowError,
@@ -118,7 +118,7 @@ def _opened(path: Path) -> Generator[Any, None, None]:
     with readable(path), path.open("rb"):
         pass
     try:
-        with h5py.File(path, "r", rdcc_nbytes=_CACHE) as file:
+        with h5py.File(path, "r", rdcc_nbytes=1 << 24) as file:
             yield file
     except _DAMAGE as error:
         reason = first_line(error)

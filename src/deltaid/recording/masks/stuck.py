@@ -17,6 +17,7 @@ from itertools import chain
 import numpy as np
 from jaxtyping import Float
 
+from deltaid.levels import HARDLY
 from deltaid.recording.columns import Rows
 from deltaid.recording.masks.masks import NONE, Mask, Runs, as_runs, joined, runs_of
 
@@ -28,8 +29,6 @@ _EQUAL = 4
 _STAYS = 0.25
 # Least extreme at the end of a channel, as a share of the largest torque.
 _SMALL = 0.1
-# Largest difference from a limit of the description, as a share of it.
-_CLOSE = 1e-3
 # Least jump of positions in steps of the encoder, and in changes per row before and after.
 _STEPS, _FARTHER = 3.0, 1.5
 # Fewest and most rows on either side of a bridge, which are half its length; degree of the
@@ -84,7 +83,7 @@ class Extreme:
         (top, count), *others = self._levels.items()
         neighbours = max((n for _, n in others), default=count)
         often = count >= _EQUAL + _OFTEN * (neighbours - 1) and self._stayed <= _STAYS * self._moved
-        near = np.isfinite(self.limit) and abs(abs(top) - self.limit) <= _CLOSE * self.limit
+        near = np.isfinite(self.limit) and abs(abs(top) - self.limit) <= HARDLY * self.limit
         limited = near and count > neighbours
         is_end = abs(top) >= _SMALL * torque_max and (often or limited)
         return joined(np.concatenate(self._runs)) if is_end else NONE

@@ -22,15 +22,15 @@ from jaxtyping import Float
 
 from deltaid.dynamics.parameters import ParameterLayout
 from deltaid.grouping import grouped
+from deltaid.levels import FAINT
 from deltaid.mechanism.mechanism import Mechanism
 from deltaid.robot.body import body_in_words
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.inertia import PSEUDO_INERTIA_ENTRIES, RigidBody, inertia_parameters
 from deltaid.robot.platform import I4Platform, Par4Platform, RigidPlatform
 
-# Shares of a unit direction and distances [m] below these are zero. The weakest parameters of the
-# shipped robots make 1e-3 of the largest.
-ZERO, _APART = 1e-6, 1e-8
+# Distances [m] below this are zero.
+_APART = 1e-8
 
 Points = Float[np.ndarray, "samples 3"]
 Turns = Float[np.ndarray, "samples 3 3"]
@@ -89,7 +89,7 @@ def shared(a: Instance, b: Instance) -> Shared | None:
     M = np.concatenate([a.R, -b.R], axis=2).reshape(-1, 6) / np.sqrt(len(a.o))
     apart = (b.o - a.o).ravel() / np.sqrt(len(a.o))
     U, S, Vt = np.linalg.svd(M, full_matrices=False)
-    rank = int(np.sum(ZERO * S[0] < S))
+    rank = int(np.sum(FAINT * S[0] < S))
     r = Vt[:rank].T @ ((U.T @ apart)[:rank] / S[:rank])
     if np.abs(M @ r - apart).max() > _APART:
         return None
@@ -110,7 +110,7 @@ def move_alike(a: Instance, b: Instance) -> Shared | None:
     still = np.broadcast_to(np.eye(3), (len(a.o), 3, 3))
     M = np.concatenate([a.R] * turning[0] + [-b.R] * turning[1] + [-still], axis=2)
     M, apart = M.reshape(3 * len(a.o), -1), (b.o - a.o).ravel()
-    r, *_ = np.linalg.lstsq(M, apart, rcond=ZERO)
+    r, *_ = np.linalg.lstsq(M, apart, rcond=FAINT)
     if np.abs(M @ r - apart).max() > _APART:
         return None
     points = iter(np.split(r, sum(turning) + 1))
@@ -132,7 +132,7 @@ def _upright(free: Float[np.ndarray, "free 6"]) -> Float[np.ndarray, "free 6"]:
         if done == len(rows):
             break
         pivot = done + int(np.argmax(np.abs(rows[done:, column])))
-        if abs(rows[pivot, column]) < ZERO:
+        if abs(rows[pivot, column]) < FAINT:
             continue
         rows[[done, pivot]] = rows[[pivot, done]]
         eliminate(rows, done, column)
@@ -216,7 +216,7 @@ def _between(
     met = [pair for pair in pairs if pair is not None]
     if len(met) < len(pairs) or any(len(pair.along) != len(met[0].along) for pair in met):
         return
-    if np.ptp([pair.a for pair in met], axis=0).max() > ZERO:
+    if np.ptp([pair.a for pair in met], axis=0).max() > FAINT:
         return
     a, b = bodies[0].name, others[0].name
     counter = _moments([pair.b for pair in met], [pair.along_b for pair in met])
@@ -276,7 +276,7 @@ def _resting(
 ) -> list[tuple[str, np.ndarray]]:
     """Mass and moments of a body at points that never move, per kg of its instances."""
     met = [point for body in bodies if (point := shared(body, base)) is not None]
-    if len(met) < len(bodies) or np.ptp([point.a for point in met], axis=0).max() > ZERO:
+    if len(met) < len(bodies) or np.ptp([point.a for point in met], axis=0).max() > FAINT:
         return []
     per_kg = np.zeros((len(layout.parameters), 10))
     per_kg[layout.body(bodies[0].name)] = np.eye(10) / sum(body.count for body in bodies)

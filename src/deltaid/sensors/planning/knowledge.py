@@ -25,6 +25,7 @@ from deltaid.dynamics.parameters import parameter_layout, stated_spreads
 from deltaid.effects.geometry import opened
 from deltaid.estimation.information import triangle
 from deltaid.estimation.reduction import Reduction, build_reduction
+from deltaid.levels import HARDLY
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.parameter import PRIOR_SPREAD, PriorParameter
 
@@ -60,10 +61,6 @@ class Knowledge:
         half = G @ self.inverse
         gram = half @ half.T if len(half) < half.shape[1] else half.T @ half
         return 0.5 * float(np.linalg.slogdet(np.eye(len(gram)) + gram)[1])
-
-
-# An entry of M̄ below this share of √(M̄_ii M̄_jj) counts as zero.
-_ZERO = 1e-3
 
 
 @dataclass(frozen=True, eq=False)
@@ -112,7 +109,7 @@ def unknowns(
     reduction = build_reduction(opened(robot), np.arange(len(parameter_layout(robot).names)))
     variables, dof = reduction.variables, len(robot.drives)
     of_body = np.array([variable.kind == "inertia" for variable in variables])
-    sized = of_body & (np.abs(reduction.prior) >= _ZERO * reduction.scale)
+    sized = of_body & (np.abs(reduction.prior) >= HARDLY * reduction.scale)
     spread = _spreads(robot, reduction, prior_spread)
     gains = robot.drives if gain_spread > 0 else ()
     W = np.zeros((len(reduction.layout.names) + dof, len(variables) + len(gains)))

@@ -16,9 +16,9 @@ from jaxtyping import Bool, Float
 
 from deltaid.dynamics.dynamics import Dynamics
 from deltaid.dynamics.parameters import ParameterLayout
-from deltaid.estimation.problem import DEPENDENT
+from deltaid.levels import FAINT, NEGLIGIBLE
 from deltaid.mechanism.platform import with_turned_half
-from deltaid.sensors.planning.exchange import ZERO, Exchange, eliminate, exchanges, instances
+from deltaid.sensors.planning.exchange import Exchange, eliminate, exchanges, instances
 from deltaid.sensors.planning.rows import Extended, PlannedMotion
 from deltaid.sensors.planning.uses import Use
 
@@ -46,8 +46,8 @@ class Open:
             null: its null space; entries that its rows do not depend on may change.
         """
         basis, d = other.basis[null.seen], (self.direction / null.scale)[null.seen]
-        rest = d - basis @ np.linalg.lstsq(basis, d, rcond=ZERO)[0]
-        return bool(np.linalg.norm(rest) < ZERO * np.linalg.norm(d))
+        rest = d - basis @ np.linalg.lstsq(basis, d, rcond=FAINT)[0]
+        return bool(np.linalg.norm(rest) < FAINT * np.linalg.norm(d))
 
 
 @dataclass(frozen=True, eq=False)
@@ -81,21 +81,21 @@ def null_space(
     """Null space of rows over p, with names for its directions."""
     scale = np.array([parameter.scale for parameter in layout.parameters])
     norms = np.linalg.norm(rows * scale, axis=0)
-    seen = norms > DEPENDENT * norms.max(initial=0.0)
+    seen = norms > NEGLIGIBLE * norms.max(initial=0.0)
     to_p = scale[seen] / norms[seen]
     unit = rows[:, seen] * to_p
     _, S, Vt = np.linalg.svd(unit)
-    rank = int(np.sum(DEPENDENT * S[0] < S))
+    rank = int(np.sum(NEGLIGIBLE * S[0] < S))
     chosen, basis = list[Open](), np.zeros((len(to_p), 0))
     for exchange in (*exchanges, *_together(unit, to_p, seen, exchanges)):
         d = exchange.direction[seen] / to_p
         length = np.linalg.norm(d)
-        if length == 0 or np.linalg.norm(unit @ d) > ZERO * length:
+        if length == 0 or np.linalg.norm(unit @ d) > FAINT * length:
             continue
         rest = d / length
         for _ in range(2):  # the second pass makes it orthogonal to rounding
             rest = rest - basis @ (basis.T @ rest)
-        if np.linalg.norm(rest) > ZERO:
+        if np.linalg.norm(rest) > FAINT:
             basis = np.column_stack([basis, rest / np.linalg.norm(rest)])
             chosen.append(_open(exchange.words, exchange.direction, seen, layout))
     named = [free.direction[seen] / to_p for free in chosen]
@@ -118,11 +118,11 @@ def _together(
     for exchange in exchanges:
         d = exchange.direction[seen] / to_p
         length = float(np.linalg.norm(d))
-        if length > 0 and np.linalg.norm(unit @ d) > ZERO * length:
+        if length > 0 and np.linalg.norm(unit @ d) > FAINT * length:
             open_.append((exchange, unit @ d / length, length))
     for (exchange, a, long), (other, b, wide) in combinations(open_, 2):
         share = float(a @ b) / float(b @ b)
-        if np.linalg.norm(a - share * b) > ZERO * np.linalg.norm(a):
+        if np.linalg.norm(a - share * b) > FAINT * np.linalg.norm(a):
             continue
         direction = exchange.direction / long - share * other.direction / wide
         yield Exchange(f"{exchange.words} together with: {other.words}", direction)
@@ -133,7 +133,7 @@ def _open(
 ) -> Open:
     d = np.where(seen, direction, 0.0)
     share = np.abs(d) / np.array([parameter.scale for parameter in layout.parameters])
-    names = tuple(layout.names[k] for k in np.flatnonzero(share > ZERO * share.max()))
+    names = tuple(layout.names[k] for k in np.flatnonzero(share > FAINT * share.max()))
     return Open(words or f"a combination of {', '.join(names)}", names, d)
 
 
@@ -156,7 +156,7 @@ def _remaining(
         pivot = int(np.argmax(np.abs(rows[k]) * free))
         eliminate(rows, k, pivot)
         pivots.append(pivot)
-    yield from np.where(np.abs(rows[-count:]) > DEPENDENT, rows[-count:], 0.0)
+    yield from np.where(np.abs(rows[-count:]) > NEGLIGIBLE, rows[-count:], 0.0)
 
 
 TORQUES, DESCRIBED, PLAN = "torques", "described", "plan"

@@ -13,6 +13,7 @@ from jaxtyping import Float, Int
 
 from deltaid.dynamics.dynamics import Dynamics, Parameters
 from deltaid.estimation.information import triangle
+from deltaid.identification.generic_motion import SAMPLES
 from deltaid.identification.sources import model_filtered
 from deltaid.model.model import Model
 from deltaid.motion.fourier import FourierMotion
@@ -25,11 +26,6 @@ from deltaid.robot.parameter import PriorParameter
 from deltaid.robot.sensors import BaseWrench
 from deltaid.sensors.rows import SensorRows, is_of_pose
 from deltaid.sensors.weighings import Weighing
-
-# Samples of a plan, far more than a motion within limits has independent directions.
-_SAMPLES = 2000
-# Poses of it that show which points bodies share, and where forces are evaluated.
-_FEW = 12
 
 Samples = Float[np.ndarray, "samples dof"]
 
@@ -51,7 +47,7 @@ class PlannedMotion:
     @property
     def few(self) -> Int[np.ndarray, " few"]:
         """Samples that show geometry and forces, spread evenly."""
-        return np.linspace(0, len(self.z) - 1, _FEW).astype(int)
+        return np.linspace(0, len(self.z) - 1, num=12).astype(int)
 
 
 def generic_motion(dynamics: Dynamics, duration: float, seed: int) -> PlannedMotion:
@@ -64,7 +60,7 @@ def generic_motion(dynamics: Dynamics, duration: float, seed: int) -> PlannedMot
     return planned_along(
         dynamics,
         motion,
-        _SAMPLES,
+        SAMPLES,
         f"a random motion within the robot's limits, {duration:g} s (seed {seed})",
         duration,
     )
@@ -89,7 +85,7 @@ def motion_of_file(
     """
     log = open_log(given, dynamics.kinematics, columns, need_torque=False)
     recording = model_filtered(model, log, planned)
-    thin = slice(None, None, max(1, log.samples // _SAMPLES))
+    thin = slice(None, None, max(1, log.samples // SAMPLES))
     parts = [(part.part(thin), len(part.z)) for part in motion_of(recording, dynamics.kinematics)]
     z, qd, qdd = (
         np.concatenate([getattr(part, name) for part, _ in parts]) for name in ("z", "qd", "qdd")

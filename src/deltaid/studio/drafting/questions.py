@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 from deltaid.errors import DeltaidError
+from deltaid.levels import GRAVITY
 
 Answers = Mapping[str, float]
 Group = Literal["lengths", "masses", "motors", "tool", "friction", "workspace"]
@@ -116,8 +117,6 @@ class Question:
         return value
 
 
-# Standard gravity [m/s²].
-GRAVITY = 9.81  # not imported: help would read the whole room of robots
 # Platform acceleration of assumed motors [m/s²], and their strength as a multiple of one limb's
 # need.
 _ACCELERATION, _MORE = 40.0, 2.0

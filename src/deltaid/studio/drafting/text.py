@@ -5,10 +5,10 @@ import re
 from collections.abc import Iterable, Mapping
 from typing import NamedTuple
 
+from deltaid.levels import GRAVITY
 from deltaid.studio.drafting.bodies import bodies, stroke
 from deltaid.studio.drafting.draft import ASSUMED, Draft
 from deltaid.studio.drafting.questions import (
-    GRAVITY,
     LINEAR,
     QUESTIONS,
     TELESCOPE,
@@ -23,8 +23,6 @@ _HEAD = f"""\
 # Written by `deltaid new`. Lengths in m, masses in kg, angles in degrees where a key ends in _deg.
 # Nobody has measured what is "assumed": replace it where you can, and say in `sources` where from.
 """
-# Largest condition of motions of a new robot.
-_CONDITION = 5
 # Starts with a letter and is no keyword of YAML.
 _PLAIN = re.compile(
     r"(?!(?:true|false|null|yes|no|on|off|y|n)$)[A-Za-z][\w ,;.'()/+-]*", re.IGNORECASE
@@ -308,5 +306,5 @@ def _limits(draft: Draft) -> list[_Row]:
         _Row.answer(draft, "platform_speed", "top_speed", "m/s"),
         _Row.answer(draft, "platform_acceleration", "top_acceleration", "m/s²"),
         _Row.answer(draft, "strut_swing_deg", "swing"),
-        _Row("largest_condition", str(_CONDITION), note=singular, source=ASSUMED),
+        _Row("largest_condition", "5", note=singular, source=ASSUMED),
     ]

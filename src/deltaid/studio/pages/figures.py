@@ -28,8 +28,8 @@ Span = tuple[float, float]
 _COLOURS = ("#1f77b4", "#d9730d", "#2c9a55", "#a64ca6")
 _MEASURED = "#8a949e"
 _GRID = "rgba(128,128,128,.25)"
-# Height of a row of curves [px], and length of the title beside it.
-_HEIGHT, _LETTERS = 190, 26
+# Length of the title beside a row of curves.
+_LETTERS = 26
 
 
 def curves(seen: Preview, time: str = "time [s]") -> Options:
@@ -83,7 +83,7 @@ def _panels(
     time: str = "time [s]",
 ) -> Options:  # fmt: skip
     """Curves in rows with these titles, each with its name, line and row."""
-    plot = stacked(titles, height=_HEIGHT * len(titles) + 60, spacing=0.04, time=time)
+    plot = stacked(titles, height=190 * len(titles) + 60, spacing=0.04, time=time)
     plot.update_xaxes(gridcolor=_GRID, zeroline=False)
     plot.update_yaxes(gridcolor=_GRID, zeroline=False)
     for curve, trace in zip(curves, traces, strict=True):
