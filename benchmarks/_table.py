@@ -67,7 +67,7 @@ BEHIND: dict[str, Size] = {
     "bodies_weighed": {"rows": 12, "seeds": 100},
     "coverage_of_labels": {"rows": 12, "robots": 12},
     "readers": {"rows": 15, "samples": 1_000_000, "repeats": 3},
-    "real_drives": {"rows": 52, "kinds": 6, "seeds": 1},
+    "real_drives": {"rows": 52, "kinds": 6, "seeds": 2},
     "wiring": {"rows": 39, "kinds": 4, "seeds": 2},
 }
 
