@@ -146,15 +146,19 @@ def calibration_figure(calibration: Calibration) -> go.Figure:
     roots = {"before": known.G, "after": known.G @ calibration.fit.root}
     for k, (name, root) in enumerate(roots.items()):
         errors = 1e3 * calibration.places.errors(root)
+        bar = {"title": {"text": f"{name}, mm", "side": "top"}, "orientation": "h",
+               "y": 0.56 * (1 - k), "yanchor": "bottom"}  # fmt: skip
         figure.add_scatter3d(
             x=x, y=y, z=z, mode="markers", name=name,
             scene="scene" if k == 0 else "scene2",
-            marker={"size": 4, "color": errors, "colorscale": "Viridis", "cmin": 0,
-                    "colorbar": {"title": f"{name}, mm", "x": 0.45 + 0.55 * k, "len": 0.8}},
+            marker={"size": 4, "color": errors, "colorscale": "Viridis", "colorbar": bar,
+                    "cmin": 0, "cmax": errors.max()},
             text=[f"{error:.2g} mm" for error in errors], hoverinfo="text",
         )  # fmt: skip
-    half = [{"domain": {"x": [0.55 * k, 0.45 + 0.55 * k]}, "aspectmode": "data"} for k in (0, 1)]
-    return figure.update_layout(scene=half[0], scene2=half[1], showlegend=False, height=420)
+    # One above the other, for a narrow page has no room for both.
+    half = [{"domain": {"x": [0, 1], "y": [0.66 - 0.56 * k, 1 - 0.56 * k]}, "aspectmode": "data"}
+            for k in (0, 1)]  # fmt: skip
+    return figure.update_layout(scene=half[0], scene2=half[1], showlegend=False, height=760)
 
 
 def residual_figure(calibration: Calibration) -> go.Figure:
