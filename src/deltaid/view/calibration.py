@@ -147,7 +147,7 @@ def calibration_figure(calibration: Calibration) -> go.Figure:
     for k, (name, root) in enumerate(roots.items()):
         errors = 1e3 * calibration.places.errors(root)
         bar = {"title": {"text": f"{name}, mm", "side": "top"}, "orientation": "h",
-               "y": 0.56 * (1 - k), "yanchor": "bottom"}  # fmt: skip
+               "y": 0.56 * (1 - k), "yanchor": "bottom", "len": 0.8}  # fmt: skip
         figure.add_scatter3d(
             x=x, y=y, z=z, mode="markers", name=name,
             scene="scene" if k == 0 else "scene2",
@@ -156,7 +156,7 @@ def calibration_figure(calibration: Calibration) -> go.Figure:
             text=[f"{error:.2g} mm" for error in errors], hoverinfo="text",
         )  # fmt: skip
     # One above the other, for a narrow page has no room for both.
-    half = [{"domain": {"x": [0, 1], "y": [0.66 - 0.56 * k, 1 - 0.56 * k]}, "aspectmode": "data"}
+    half = [{"domain": {"x": [0, 1], "y": [0.7 - 0.56 * k, 1 - 0.56 * k]}, "aspectmode": "data"}
             for k in (0, 1)]  # fmt: skip
     return figure.update_layout(scene=half[0], scene2=half[1], showlegend=False, height=760)
 
