@@ -29,6 +29,14 @@ def recorded(samples: int = 1500, derivatives: bool = False, rate: float = 1000.
     return frame if derivatives else frame.select(names("t", "q", "tau"))
 
 
+def noisy(table: pl.DataFrame) -> pl.DataFrame:
+    """With torques as sensors give them: without noise they look computed."""
+    rng = np.random.default_rng(1)
+    return table.with_columns(
+        pl.col(f"tau{i}") + pl.Series(0.02 * rng.normal(size=len(table))) for i in (1, 2, 3)
+    )
+
+
 def true_parameters() -> np.ndarray:
     """Those of the robot that was recorded."""
     return _made()[2]

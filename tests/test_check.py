@@ -17,7 +17,7 @@ from deltaid.checks.verdicts import as_written, changes, mended
 from deltaid.errors import DescriptionError
 from deltaid.model.verdict import Grade, Verdict, worst
 from deltaid.robot.load import catalogue, described_in, load_robot, yaml_text
-from logs import recorded, tabled, write
+from logs import noisy, recorded, tabled, write
 from poor_priors import PLAIN
 from sweeps import swept
 
@@ -299,11 +299,3 @@ def test_a_refused_recording_of_several_is_named_once(tmp_path: Path) -> None:
     (verdict,) = check("clavel-delta3", logs).poor
     assert verdict.key == "refused"
     assert verdict.finding.count("100.csv") == 1
-
-
-def noisy(table: pl.DataFrame) -> pl.DataFrame:
-    """With torques as sensors give them: without noise they look computed."""
-    rng = np.random.default_rng(1)
-    return table.with_columns(
-        pl.col(f"tau{i}") + pl.Series(0.02 * rng.normal(size=len(table))) for i in (1, 2, 3)
-    )

@@ -132,9 +132,9 @@ def test_accelerations_that_the_filter_takes_are_said(every: int) -> None:
     assert found.without == (0, 0)
     assert coarse.error(found.table()).max() > 0.1
     (said,) = found.warnings
-    assert "the filter, 5 Hz for rows at 50 Hz, leaves out" in said
+    assert "the filter, 5 Hz for rows at 50 Hz, removes" in said
     (said,) = deltaid.torque(smooth(), thinned(jump(), every).frame()).warnings
-    assert "leaves out 100 % of drive" in said
+    assert "removes 100 % of drive" in said
     assert "or it jumps" in said
 
 

@@ -1,6 +1,7 @@
 """What values say of themselves at a prompt and in a notebook: short, safe, and of use."""
 
 import re
+from datetime import datetime
 from pathlib import Path
 
 import numpy as np
@@ -9,6 +10,8 @@ import polars as pl
 import pytest
 
 import deltaid
+from deltaid.fleets.fleet import Recorded
+from deltaid.fleets.gather_plan import GatherResult
 from deltaid.model.verdict import Grade
 from deltaid.sensors.planning.offers import shipped_offers
 from deltaid.view.show import _KINDS, Card
@@ -19,6 +22,7 @@ from logs import recorded
 NAME = "clavel-delta3"
 PRINTER = Path(__file__).parents[1] / "examples" / "printer"
 Z = np.array([0.05, 0.02, -0.95])
+GATHERED = GatherResult(Recorded("R1", datetime(2026, 1, 5), "monday.csv", NAME), "key")
 SHORT, LINES, WIDE = 600, 10, 110
 
 
@@ -54,7 +58,7 @@ def values(result, motion) -> dict[str, object]:
         "a surveyed recording": result.recordings[0],
         "a log": result.recordings[0].log,
         "a mapping": deltaid.ColumnMapping(position={"column": "q", "unit": "deg"}),
-        "a fleet": deltaid.FleetRun((), (), (), (), ()),
+        "a fleet": deltaid.FleetRun((GATHERED,), (), (), (), ()),
         "checks": deltaid.check(NAME, wrong, progress=False),
         "a check": result.verdicts[0],
         "a comparison": deltaid.validate(result, unseen),

@@ -11,7 +11,7 @@ import pytest
 import deltaid
 from deltaid.recording.recording import open_recordings
 from identified import identified
-from logs import arrays, recorded
+from logs import arrays, noisy, recorded
 
 NAME = "clavel-delta3"
 QUICK = {"friction": "described", "lag": "none", "compliance": "none", "events": False}
@@ -172,11 +172,12 @@ def test_mappings_are_taken_as_values_dictionaries_and_files(tmp_path: Path) -> 
 
 
 def test_cured_columns_are_the_cure() -> None:
-    wrong = recorded(3000).with_columns(pl.col("q1", "q2", "q3").degrees(), tau2=-pl.col("tau2"))
+    right = noisy(recorded(3000))
+    wrong = right.with_columns(pl.col("q1", "q2", "q3").degrees(), tau2=-pl.col("tau2"))
     checks = deltaid.check(NAME, wrong)
     assert checks.grade == "wrong"
     assert "{column: tau2, unit: N m, sign: -1}" in checks.cures
     cured = checks.cured_columns()
     assert deltaid.check(NAME, wrong, columns=cured).grade == "good"
     found = deltaid.validate(NAME, wrong, columns=cured).error.rms
-    np.testing.assert_allclose(found, deltaid.validate(NAME, recorded(3000)).error.rms, rtol=1e-9)
+    np.testing.assert_allclose(found, deltaid.validate(NAME, right).error.rms, rtol=1e-9)

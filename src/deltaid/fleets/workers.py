@@ -39,6 +39,8 @@ _Result = TypeVar("_Result")
 ALONE = Lock()
 # Largest number of tasks submitted to a scheduler: all of a fleet's year would slow it down.
 _AT_ONCE = 2000
+# Time limit of a scheduler's answer [s].
+_PATIENCE = 15
 _DEADLY = "workers die of it, of too little memory perhaps"
 # Errors of futures whose workers died: processes, and Dask.
 _DEATHS = ("BrokenProcessPool", "KilledWorker")
@@ -213,7 +215,7 @@ def open_workers(
     # Errors below replace Dask's messages about lost connections.
     logging.getLogger("distributed.client").setLevel(logging.CRITICAL)
     try:
-        connected = Client(scheduler, timeout=15, set_as_default=False)
+        connected = Client(scheduler, timeout=_PATIENCE, set_as_default=False)
     except (OSError, ValueError) as error:
         raise DeltaidError(
             f"no scheduler answers: {error or type(error).__name__}",

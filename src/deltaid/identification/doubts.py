@@ -78,7 +78,7 @@ def _grown(problem: FittedProblem) -> Iterator[str]:
     )
     cause = "the prior is too light or too small; weigh the body, or describe its size"
     if any(isinstance(addition, FreeTorque) for addition in problem.additions):
-        cause = "a part of what is unexplained passes for these moments; look for that first"
+        cause = "a part of what is unexplained passes for these moments; find that first"
     if names:
         yield (
             f"{names} to keep its body consistent, whose moments in the torques are too large for "

@@ -25,7 +25,6 @@ from deltaid.identification.outliers import (
     without_recurring,
 )
 from deltaid.identification.setup import Progress, Setup
-from deltaid.levels import FEW_ROUNDS
 from deltaid.mechanism.kinematics import Kinematics
 from deltaid.model.corrections import Correction
 from deltaid.recording.masks.masks import joined_times
@@ -57,8 +56,8 @@ _SHARP, _JOLTS = 0.25, 0.05
 # A drive below this share of its usual speed hardly moves; others' outliers below this share of its
 # own do not count.
 _SLOW, _ALONE = 0.15, 0.4
-# Lags below this [s] do no harm, others are allowed for: between these [s].
-_ON_TIME, _LAGS = 1e-3, (-0.012, 0.022)
+# Lags below this [s] do no harm, others are allowed for: between these [s], in so many rounds.
+_ON_TIME, _LAGS, _ROUNDS = 1e-3, (-0.012, 0.022), 3
 # A model fits where the residual scatters less than so many times what noise would.
 _MISFIT = 4.0
 # A stop ends within so much [s] of standing still.
@@ -212,7 +211,7 @@ def on_time(source: ExplainedRecording) -> Expectation | None:
     No lag is allowed for where that leaves a model that does not fit. None without enough data.
     """
     expected = first = expect(source)
-    for _ in range(FEW_ROUNDS):
+    for _ in range(_ROUNDS):
         if expected is None or np.all(np.abs(expected.lags) < _ON_TIME):
             break
         recording = source.recording

@@ -23,7 +23,7 @@ from deltaid.identification.expectation_source import (
     joint_rates,
     of_torques,
 )
-from deltaid.levels import HARDLY, ROUNDS, SETTLED
+from deltaid.levels import HARDLY, SETTLED
 from deltaid.recording.log import MOST_WINDOWS
 from deltaid.recording.windows import SampleBlock
 
@@ -31,8 +31,9 @@ from deltaid.recording.windows import SampleBlock
 _MEAN, _BLOCKS = 0.009, 1500
 # Scatter more than so many times that of noise is misfit.
 NOISE = 1.5
-# Sweeps with Huber's weights, before Tukey's; and the constants of both.
-_CONVEX, _HUBER, _TUKEY = 6, 1.345, 6.0
+# Sweeps: with Huber's weights, then with Tukey's, at most, which may exclude ever more; and the
+# constants of both.
+_CONVEX, _SWEEPS, _HUBER, _TUKEY = 6, 20, 1.345, 6.0
 # How the prior pulls in the first sweep, with the usual torque as noise; leverage that a row
 # has at most is 1 less this.
 _START, _LEAST = 0.1, 0.05
@@ -197,7 +198,7 @@ def _fitted(b: _Blocks, source: ExplainedRecording) -> tuple[np.ndarray, np.ndar
     spread = np.append(spread, b.nuisance.deviations)
     target, p, x = b.tau - b.Y @ prior, prior, np.zeros(len(spread))
     scale, root = np.full(len(torque), np.nan), b.counts / torque[:, None]
-    for sweep in range(ROUNDS):
+    for sweep in range(_SWEEPS):
         A = np.concatenate([b.Y, b.beside(p)], axis=2) * spread
         y, h = _ridge(A, target, root, 1.0 if sweep else _START)
         x = spread * y

@@ -58,7 +58,7 @@ def smoothed_away(recording: PreparedRecording, kinematics: Kinematics) -> list[
         return []
     seen = (
         f"{recording.path}: the filter, {low_pass.motion_cutoff:.3g} Hz for rows at {log.rate:.4g} "
-        f"Hz, leaves out {100 * shares[worst]:.0f} % of {kinematics.robot.drives[worst]}'s "
+        f"Hz, removes {100 * shares[worst]:.0f} % of {kinematics.robot.drives[worst]}'s "
         "acceleration"
     )
     cause = "rows are too far apart for the motion, or it jumps"
