@@ -95,9 +95,14 @@ def test_torques_of_other_rows_are_named_as_joined_wrongly(rows: int) -> None:
     assert "joined" in verdict.cause
 
 
-def test_torques_that_go_along_a_period_later_as_well_were_not_joined_there() -> None:
-    """A motion of 6.4 s is repeated, and a load comes in between."""
-    made = case("load-half-undeclared", "delta3", 0)
+@pytest.mark.parametrize(
+    ("row", "kind"), [("load-half-undeclared", "delta3"), ("contacts", "linear")]
+)
+def test_torques_that_go_along_a_period_later_as_well_were_not_joined_there(
+    row: str, kind: str
+) -> None:
+    """A motion of some seconds is repeated, and a load comes in between, or it is pushed."""
+    made = case(row, kind, 0)
     verdicts = checked_wiring(evidence(made.robot, made.logs[0]))
     assert "torque-lag" not in [verdict.key for verdict in bad(verdicts)]
 
