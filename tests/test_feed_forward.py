@@ -1,5 +1,6 @@
 """Feed-forward along plans of positions alone: every row, beside motions with known derivatives."""
 
+import re
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
@@ -115,6 +116,19 @@ def thinned(plan: Plan, every: int) -> Plan:
     return Plan(*(x[::every] for x in (plan.time, plan.q, plan.qd, plan.qdd)))
 
 
+def trapezoid() -> Plan:
+    """Along a line for half a second, whose speed rises, stays and falls in thirds, at 50 Hz."""
+    time, s = np.arange(26) / 50, np.arange(26) / 25
+    ends, way = np.minimum(s, 1 - s), np.array([0.24, -0.08, 0.1])
+    place = np.where(ends < 1 / 3, 2.25 * ends**2, 1.5 * ends - 0.25)
+    place = np.where(s > 0.5, 1 - place, place)
+    speed = np.minimum(4.5 * ends, 1.5) / 0.5
+    slope = np.where(ends < 1 / 3, 4.5, 0.0) * np.sign(0.5 - s) / 0.25
+    z, zd, zdd = ([-0.12, 0.03, -0.9] + place[:, None] * way, speed[:, None] * way,
+                  slope[:, None] * way)  # fmt: skip
+    return Plan(time, *robot().dynamics.kinematics.drive_motion(z, zd, zdd))
+
+
 def jump() -> Plan:
     """From one place to another in one row."""
     time = np.arange(500) / RATE
@@ -127,12 +141,15 @@ def test_accelerations_that_the_filter_takes_are_said(every: int) -> None:
     """Of a jump all; of rows far apart a part. Rows that are near enough are not."""
     fine = deltaid.torque(smooth(), thinned(point_to_point(0.5), every).frame())
     assert (fine.without, fine.warnings) == ((0, 0), ())
+    assert not deltaid.torque(smooth(), thinned(point_to_point(0.5), every).frame(1e-5)).warnings
     coarse = thinned(point_to_point(0.3), 20)
     found = deltaid.torque(smooth(), coarse.frame())
     assert found.without == (0, 0)
     assert coarse.error(found.table()).max() > 0.1
     (said,) = found.warnings
     assert "the filter, 5 Hz for rows at 50 Hz, removes" in said
+    (said,) = deltaid.torque(smooth(), trapezoid().frame()).warnings
+    assert re.search(r"removes 2\d % of drive", said)
     (said,) = deltaid.torque(smooth(), thinned(jump(), every).frame()).warnings
     assert "removes 100 % of drive" in said
     assert "or it jumps" in said

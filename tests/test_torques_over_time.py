@@ -164,13 +164,23 @@ def test_magnitudes_of_torques_are_no_change_of_their_sign() -> None:
     assert not any("magnitudes" in verdict.cause for verdict in verdicts)
 
 
-def test_a_torque_that_keeps_its_sign_is_no_magnitude() -> None:
-    """Of a robot unlike its description, whose prior asks for both."""
+def unlike(seed: int) -> pl.DataFrame:
+    """A recording of a robot with bodies up to twofold off its description."""
     robot = load_robot(NAME)
-    p = true_parameters(robot, np.random.default_rng([13, 5]))
-    table = simulated(robot, p, 13, duration=12.0)
+    p = true_parameters(robot, np.random.default_rng([seed, 5]))
+    return simulated(robot, p, seed, duration=12.0)
+
+
+def test_a_torque_that_keeps_its_sign_is_no_magnitude() -> None:
+    """Though the prior asks for both."""
+    table = unlike(13)
     assert (table["tau2"] < 0).all()
-    assert not bad(checked_wiring(evidence(robot, table, None)))
-    magnitudes = table.with_columns(pl.col("tau1", "tau2", "tau3").abs())
-    (verdict,) = bad(checked_wiring(evidence(robot, magnitudes, None)))
+    assert not bad(checked_wiring(evidence(load_robot(NAME), table, None)))
+
+
+@pytest.mark.parametrize("seed", [6, 13])
+def test_magnitudes_of_a_robot_unlike_its_description_are_named(seed: int) -> None:
+    """A fit to them explains most of them as well, for gravity is most of these torques."""
+    magnitudes = unlike(seed).with_columns(pl.col("tau1", "tau2", "tau3").abs())
+    (verdict,) = bad(checked_wiring(evidence(load_robot(NAME), magnitudes, None)))
     assert "holds magnitudes" in verdict.cause
