@@ -157,9 +157,9 @@ def _joined(case: RemappedRecording, course: _Course) -> Iterator[Verdict]:
     before, peak, after = mean[k - 1 : k + 2].tolist()
     place = k - half + 0.5 * (before - after) / min(before - 2 * peak + after, -_TINY)  # a parabola
     late, least = place * course.step, along[k].min()
-    if mean[half] > ALONG:
-        return  # at the end of a period of the motion torques go along as well
     without = max(float(course.as_recorded(k - half).mean()), float(mean[half]))
+    if without > ALONG:
+        return  # at the end of a period of the motion torques go along as well
     if abs(late) < _DELAY or least < SENSIBLE[0] or 1 - peak**2 > _CLEARER * (1 - without**2):
         return
     count = round(late / case.evidence.rows.step)
