@@ -129,7 +129,7 @@ def _change(cause: Cause) -> dict[str, float]:
     """How much more each parameter of the carrier is in the second of a load's two states."""
     alone = cause.fit.span.without(cause.first.columns)
     change = np.linalg.lstsq(alone, cause.fit.tau, rcond=1e-6)[0].tolist()
-    return dict(zip(_shown(cause.fit, cause.first.words), change, strict=False))
+    return dict(zip(_shown(cause.fit, cause.first.words), change, strict=True))
 
 
 def _mass(cause: Cause) -> float:

@@ -93,8 +93,8 @@ def _course(case: RemappedRecording) -> _Course | None:
     if under is None:
         return None
     one_sided = np.all(rows.tau >= 0, axis=0) | np.all(rows.tau <= 0, axis=0)
-    none = np.zeros_like(one_sided)
-    known = under.prior, *(_of_most_rows(under, drives) for drives in (none, one_sided))
+    fit = _of_most_rows(under, np.zeros_like(one_sided))
+    known = under.prior, fit, _of_most_rows(under, one_sided) if one_sided.any() else fit
     torques, drives = np.zeros((len(known), *moved.tau.T.shape)), np.flatnonzero(~under.still)
     for k, p in enumerate(known):
         torques[k][:, under.keep] = under.rows.of_drives(under.Y @ p)
