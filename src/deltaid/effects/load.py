@@ -51,9 +51,8 @@ class LoadChange(DescribedEffect):
                 if held is None:
                     continue
                 yield self._load(fit, body, mass, held)
-                shown = columns[:, columns.any(axis=0)]
-                if (better := refined(fit, shown, residual, held)) is not None:
-                    yield self._load(fit, body, shown, better)
+                if (better := refined(fit, columns, residual, held)) is not None:
+                    yield self._load(fit, body, columns, better)
 
         return candidates_in
 
@@ -129,7 +128,9 @@ def _change(cause: Cause) -> dict[str, float]:
     """How much more each parameter of the carrier is in the second of a load's two states."""
     alone = cause.fit.span.without(cause.first.columns)
     change = np.linalg.lstsq(alone, cause.fit.tau, rcond=1e-6)[0].tolist()
-    return dict(zip(_shown(cause.fit, cause.first.words), change, strict=True))
+    # The times fit the mass alone better than all of a load at times: then that is the only column.
+    shown = _shown(cause.fit, cause.first.words)[: len(change)]
+    return dict(zip(shown, change, strict=True))
 
 
 def _mass(cause: Cause) -> float:
