@@ -31,6 +31,8 @@ from deltaid.fleets.factor_record import (
     FactorRecord,
     RecordingBrief,
     RecordingFacts,
+    entries_of,
+    triangles_of,
 )
 from deltaid.forked import require_threads
 from deltaid.model.record import Settings
@@ -106,14 +108,18 @@ def write(file: FactorFile, path: Path, key: str = "") -> None:
     for groups in filter(None, (file.whole, file.geometry, file.groups)):
         for k, i in np.ndindex(len(groups), len(groups.factors)):
             R, sizes = groups.factors[i][k], (groups.samples[k, i], groups.torque_max[k, i])
-            numbers = R[np.triu_indices(len(R))]
+            (numbers,) = entries_of(R[None])
             exact = (numbers, None) if groups is file.whole else (None, numbers.astype("f4"))
             rows.append((groups.names[k], i, *sizes, *exact))
     table, buffer = pl.DataFrame(rows, schema=_SCHEMA, orient="row"), BytesIO()
     table.write_parquet(
         buffer,
         compression="zstd",
-        metadata={_KEY: file.record.model_dump_json(), _FROM: key, "checksum": EMPTY},
+        metadata={
+            _KEY: file.record.model_dump_json(exclude_none=True),
+            _FROM: key,
+            "checksum": EMPTY,
+        },
     )
     write_bytes(path, sealed(buffer.getvalue()))
 
@@ -171,9 +177,7 @@ def _groups(table: pl.DataFrame, sizes: tuple[int, ...], column: str) -> FactorG
     names = tuple(table["group"].to_list()[:: len(sizes)])
     numbers = table[column].explode().to_numpy().reshape(len(names), -1)
     ends = np.cumsum([n * (n + 1) // 2 for n in sizes])[:-1]
-    factors = tuple(np.zeros((len(names), n, n)) for n in sizes)
-    for R, part in zip(factors, np.split(numbers, ends, axis=1), strict=True):
-        R[:, *np.triu_indices(R.shape[1])] = part
+    factors = tuple(map(triangles_of, np.split(numbers, ends, axis=1)))
     counts = (table[key].to_numpy().reshape(len(names), -1) for key in ("samples", "torque_max"))
     return FactorGroups(names, factors, *counts)
 

@@ -1,6 +1,7 @@
 """Triangular factors of a recording's rows, whole and in groups; the record of a factor file, and
 its brief for fits of many recordings."""
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Annotated
@@ -87,6 +88,19 @@ class FactorGroups:
         return replace(
             self, factors=tuple(R.astype(np.float32).astype(float) for R in self.factors)
         )
+
+
+def entries_of(R: Float[np.ndarray, "groups n n"]) -> Float[np.ndarray, "groups entries"]:
+    """Entries of upper triangles, row by row."""
+    return R[:, *np.triu_indices(R.shape[1])]
+
+
+def triangles_of(entries: Float[np.ndarray, "groups entries"]) -> Float[np.ndarray, "groups n n"]:
+    """Upper triangles of n(n + 1)/2 entries each."""
+    n = math.isqrt(2 * entries.shape[1])
+    R = np.zeros((len(entries), n, n))
+    R[:, *np.triu_indices(n)] = entries
+    return R
 
 
 class KnownLag(Part):

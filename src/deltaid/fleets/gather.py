@@ -265,7 +265,8 @@ def record_of(
     return FactorRecord(
         deltaid=version("deltaid"),
         robot=robot,
-        model=model,
+        # Fits and drawings of models follow from the triangles.
+        model=model.changed(friction_curves=(), posterior=None),
         names=tuple(columns.place),
         felt=tuple(tuple(places.tolist()) for places in columns.felt),
         quantities=quantities,
