@@ -306,7 +306,7 @@ def test_gears_stand_in_the_place_of_a_load_where_they_leave_less(
         one = Mock(spec=Study, fit=Mock(), account=Mock())
         one.fit.rows.scale = np.full(3, scale)
         one.account.left = np.full(4, np.sqrt((1.0 - load) / 4))
-        one.account.found = [Mock(gain=load, candidate=Mock(kind="load-change"))]
+        one.account.detected = [Mock(gain=load, candidate=Mock(kind="load-change"))]
         return one
 
     before, after = study(1.0, 0.5), study(float(np.sqrt(gears_leave)), 0.0)

@@ -104,7 +104,7 @@ def _verdict(cause: Cause, recording: PreparedRecording) -> Verdict | None:
     share = cause.shares
     subject, drives = effect.subject(cause), cause.fit.drives
     size = share[drives.index(subject) if subject in drives else int(np.argmax(share))]
-    number, unit, seen = effect.seen(cause, subject, size)
+    number, unit, seen = effect.finding(cause, subject, size)
     proposals, grade = effect.proposals(cause, recording), graded(size, -np.inf, _MUCH)
     why, cure = effect.why(cause), effect.cure(cause)
     return Verdict(effect.key, grade, seen, subject, why, cure, proposals, number, unit)

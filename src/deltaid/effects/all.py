@@ -1,6 +1,6 @@
-"""All effects: those that a study searches, and those that the contest weighs.
+"""All effects: a study searches `EFFECTS` in the residual, the contest fits `UNKNOWNS` together.
 
-Deleting one's file and its lines leaves the others.
+To delete an effect, delete its file and its lines here; the others keep working.
 """
 
 from deltaid.effects.delay import Delay

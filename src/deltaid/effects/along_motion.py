@@ -14,6 +14,7 @@ with the place x of the platform, its velocity v, and its home x_0.
 from abc import abstractmethod
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from itertools import product
 from typing import ClassVar
 
 import numpy as np
@@ -41,7 +42,7 @@ Forces = Float[np.ndarray, "columns samples 3"]
 class AlongMotion(Addition):
     """Torques of a robot that are linear in their coefficients."""
 
-    drives: tuple[int, ...]  # which they act on; none at the platform
+    drives: tuple[int, ...]  # that they act on; empty for a force at the platform
     deviation: tuple[float, ...]  # prior standard deviation of each coefficient, drive by drive
     orders: tuple[float, ...] = ()  # of ripples, n of each drive [1/rad or 1/m]
     fastest: float = 0.0  # largest speed of the platform [m/s]
@@ -80,7 +81,7 @@ class AlongMotion(Addition):
 
 
 class AtDrives(AlongMotion):
-    """Columns of some drives' own torques."""
+    """Torques that act on some drives, each along its own position."""
 
     @property
     @abstractmethod
@@ -89,16 +90,12 @@ class AtDrives(AlongMotion):
 
     @abstractmethod
     def of_drive(self, k: int, q: Position) -> Float[np.ndarray, "columns samples"]:
-        """Columns of the k-th of the drives by its position."""
+        """Columns of the k-th of these drives at its positions q."""
 
     @property
     def coefficients(self) -> Iterable[tuple[str, str, str, float]]:
-        named, unit = (
-            [(owner, symbol) for owner in self.owners for symbol in self.symbols],
-            self.unit,
-        )
-        pairs = zip(named, self.deviation, strict=True)
-        return [(owner, symbol, unit, size) for (owner, symbol), size in pairs]
+        named = zip(product(self.owners, self.symbols), self.deviation, strict=True)
+        return [(owner, symbol, self.unit, size) for (owner, symbol), size in named]
 
     @property
     def pattern(self) -> tuple[np.ndarray, np.ndarray]:
@@ -111,7 +108,7 @@ class AtDrives(AlongMotion):
 
 
 class DriveSpring(AtDrives):
-    """k: a spring or balancer at each drive, about anywhere: friction's offset has the rest."""
+    """k: a spring or balancer at each drive; k q_0 is a part of the friction law's offset."""
 
     kind = "drive-spring"
     name = "drive-spring"
@@ -133,8 +130,8 @@ class DriveSpring(AtDrives):
         )  # fmt: skip
 
 
-def with_rests(robot: RobotDescription) -> RobotDescription:
-    """With an offset in each friction law, which has the force of a drive's spring at q = 0."""
+def with_offsets(robot: RobotDescription) -> RobotDescription:
+    """Add an offset to each drive's friction law, for the torque of its spring at q = 0."""
     laws = {
         joint: law.changed(offset=max(law.coulomb, np.finfo(float).tiny))
         for joint, law in robot.friction.items()
@@ -190,7 +187,7 @@ class AtPlatform(AlongMotion):
 
     @abstractmethod
     def forces(self, x: InWorld, v: InWorld) -> Forces:
-        """F for a coefficient of 1, one after the other."""
+        """F of each coefficient when it is 1 and the others are 0."""
 
     @property
     def coefficients(self) -> Iterable[tuple[str, str, str, float]]:
@@ -213,7 +210,7 @@ class AtPlatform(AlongMotion):
     def correction(
         self, value: float, judged: Sequence[Parameter], unit: str, text: str
     ) -> tuple[Correction, ...]:
-        """Its size, with the largest half width of an interval."""
+        """A correction of this size, as wide as the widest interval of the coefficients."""
         ends = [(x.low, x.high) for x in judged if x.low is not None and x.high is not None]
         half = max((high - low) / 2 for low, high in ends)
         return (
@@ -240,7 +237,7 @@ class ConstantForce(AtPlatform):
 
 
 class PlatformSpring(AtPlatform):
-    """K: a force that grows with the way from home, in any direction."""
+    """K: a force that grows with the distance from home, in any direction."""
 
     name = "platform-spring"
     symbols = tuple(f"K{i}{j}" for i in "xyz" for j in "xyz")
@@ -286,7 +283,7 @@ class FittedTorques:
 def fitted_effects(
     additions: Iterable[Addition], judged: Sequence[Parameter]
 ) -> tuple[FittedTorques, ...]:
-    """Those among the additions of a fit, by what it judged of all their parameters."""
+    """Effects among the additions of a fit, with the values of its judged parameters."""
     return tuple(
         FittedTorques(addition, tuple(entry.value for entry in parameters))
         for addition, parameters in of_each(tuple(additions), judged)

@@ -1,17 +1,17 @@
 """Compliances of gears by Gauss–Newton, with parameters and all effects that could mimic them.
 
-What a motor turns ahead of its link, s τ_g, changes what a model predicts by
+A motor turns ahead of its link by s τ_g, which changes the predicted torques to first order by
 
-    Δτ = ∂(Y p)/∂s · s,
+    Δτ = ∂(Y p)/∂s · s.
 
-to first order one more column of the regression for each s, by finite differences of torques over
-a motion turned back. How far follows from measured torques, the column from the model's: noise of
-the torques would be on both sides and look like a compliance. It is in the links' motion as well,
-times M s ω², more than the torques' own above the frequency at which gear and inertia resonate; so
-rows are filtered down to the band of the motion, half of that which a fit has.
+So each s is one more column of the regression, by finite differences over the links' motion. This
+motion follows from measured torques τ_g, but the column from the model's: noise of torques on both
+sides of the regression would look like a compliance. The same noise enters the links' motion times
+M s ω² and exceeds the torques' own above the resonance of gear and inertia. So rows are filtered to
+the band of the motion, half of that of a fit.
 
-Additional columns are the lag of every drive, and its friction as a free curve over its speed and
-what it carries: a law that the description lacks would look like a compliance.
+Each drive has additional columns for its lag and for friction as a free curve over speed and load:
+friction that the description lacks would look like a compliance.
 """
 
 from collections.abc import Sequence
@@ -26,6 +26,7 @@ from deltaid.dynamics.dynamics import Parameters
 from deltaid.effects.lag_columns import late
 from deltaid.effects.lag_groups import agree, common_lag
 from deltaid.effects.windings import (
+    USUAL,
     Compliance,
     Groups,
     Windings,
@@ -37,19 +38,19 @@ from deltaid.effects.windings import (
 )
 from deltaid.estimation.drive_rows import RecordingRows, TraceRows, stretch_starts
 from deltaid.estimation.traces import Trace
-from deltaid.levels import LIKELY, NEAR, SWEEPS
+from deltaid.levels import CERTAIN, LIKELY, NEAR, SWEEPS
 from deltaid.recording.windows import SampleBlock
 
-# Only compliances count that make the rows of most stretches of time better by so many standard
-# deviations: for those that are there, these are half as many as their sizes are.
-_BETTER = 2.5
-# The search stops after a first step below this, or of no likely size.
+# Compliances must make rows of stretches of time better by so many standard deviations: for real
+# ones this is half of their size in standard deviations, `CERTAIN`.
+_BETTER = 0.5 * CERTAIN
+# The search stops where the first step improves rows by less than this, or its size is unlikely.
 _HOPEFULLY_BETTER = 0.5 * _BETTER
-# How far gears wind up at most, as a share of a drive's range, to begin with.
-_SHARES = 1e-3 * 2.0 ** np.arange(7)
-# The same for any gear: beyond that the linearised winding means nothing.
+# Start values: windup at a drive's largest torque as a share of its range, from the usual one up.
+_SHARES = USUAL * 2.0 ** np.arange(7)
+# Largest windup of any gear, by the same share: beyond it the linearisation is meaningless.
 _SOFTEST = 4.0 * _SHARES[-1]
-# A gear that winds up by so many radians or metres at a drive's largest torque, for differences.
+# Step of finite differences: windup at a drive's largest torque [rad or m].
 LITTLE = 1e-4
 
 
@@ -57,18 +58,18 @@ LITTLE = 1e-4
 def compliances(
     traces: Sequence[Trace], wide: Sequence[Trace], rows: TraceRows, stated: Compliance
 ) -> Windup:
-    """Those of gears that measurably wind up, and those that are stated.
+    """Estimate compliances of gears that measurably wind up; keep those that are stated.
 
-    Noise of the torques is in the links' motion with the opposite sign: rows lose it where M s ω²
-    is about one, whatever the gear, so they have to become better by more than that. Few rows may
-    detect nothing else; in the whole band of a fit, where M s ω² is more, such gears make all rows
-    worse.
+    Noise of torques enters the links' motion with the opposite sign. Where M s ω² is about 1, any
+    compliance cancels a part of it, so rows must improve by more than that. With few rows this
+    cancellation may be all that is detected; in the whole band of a fit, where M s ω² is larger,
+    such a compliance makes rows worse.
 
     Args:
-        traces: of recordings of the same machine, in the band of the motion.
-        wide: the same in the whole band of a fit.
-        rows: of the fit that they are meant for.
-        stated: s where it is known, NaN where it is to be estimated.
+        traces: recordings of the same machine, in the band of the motion.
+        wide: the same recordings in the whole band of a fit.
+        rows: poses the regression.
+        stated: s where the description states it, NaN where it is to be estimated.
     """
     fit = _Fit(tuple(traces), rows, np.nan_to_num(stated))
     _, p = fitted(rows, traces)
@@ -97,8 +98,8 @@ def compliances(
 
 @dataclass(frozen=True, eq=False)
 class _Fit:
-    """Least squares over traces of motors, with gears that wind up, for `known` s of those whose is
-    stated, else 0."""
+    """Least squares over recordings of motors behind compliant gears; `known` is s as stated, or 0
+    where nothing is stated."""
 
     traces: tuple[Trace, ...]
     rows: TraceRows
@@ -112,8 +113,8 @@ class _Fit:
     def residuals(
         self, s: Compliance, p: Parameters
     ) -> tuple[list[Float[np.ndarray, "dof _"]], Parameters]:
-        """Residuals of each trace's rows with compliances, and p fitted with lags and friction, for
-        what motors take by other p."""
+        """Residuals of each trace's rows with compliances s, and p fitted with lags and friction;
+        the motors' own torques are those of the given p."""
         return fitted(self.rows, [winding.turned(s) for winding in self.windings(p)])
 
     def start(
@@ -122,8 +123,8 @@ class _Fit:
         residuals: list[Float[np.ndarray, "dof _"]],
         p: Parameters,
     ) -> tuple[Compliance, Parameters]:
-        """Compliances to begin with: equal windup, as a share of their drives' range, for rows have
-        several minima over it; from residuals of gears as they are known."""
+        """Start values, for rows have several minima over s: all free gears wind up by the same
+        share of their drives' ranges. `residuals` are those of the known compliances."""
         best, value = self.known, _size(residuals)
         for share in _SHARES:
             s = self.known + share * np.where(free, self._softer, 0.0)
@@ -134,15 +135,15 @@ class _Fit:
         return best, p
 
     def hopeful(self, S: Groups, p: Parameters) -> bool:
-        """Whether one step away from stiff gears, equal for identical limbs, may become
-        significant."""
+        """Whether one sweep from stiff gears, with one size for identical limbs, promises a
+        significant compliance."""
         gears = self.swept(_together(S, self._of_limbs(S)), self.known, p, 1)
         likely = bool(np.any(gears.sizes > LIKELY * gears.deviation))
         return likely and self.better(gears, _HOPEFULLY_BETTER)
 
     def pooled(self, gears: Windup) -> Windup:
-        """One size for the drives of identical limbs, unless each significantly has its own: a
-        fault of one drive's torques may look like a compliance that the others lack."""
+        """Fit one size for the drives of identical limbs, unless sizes differ significantly: a
+        fault in one drive's torques may look like a compliance that the others lack."""
         limbs = self._of_limbs(gears.groups)
         sizes, covariance = gears.sizes[limbs], gears.covariance[np.ix_(limbs, limbs)]
         if len(sizes) < 2 or (gears.significant[limbs].all() and not agree(sizes, covariance)):
@@ -159,7 +160,7 @@ class _Fit:
         return np.asarray(S[:count].any(axis=0))
 
     def swept(self, S: Groups, start: Compliance, p: Parameters, most: int = SWEEPS) -> Windup:
-        """s = known + S ε with the best ε, from a start on, in at most `most` sweeps."""
+        """Fit ε of s = known + S ε from start values, in at most `most` sweeps."""
         dof, count = S.shape
         sizes = np.linalg.lstsq(S, np.where(S.any(axis=1), start - self.known, 0.0), rcond=None)[0]
         little, first = LITTLE / (S.T @ self._largest), self.rows.size
@@ -182,12 +183,11 @@ class _Fit:
     def _of_links(
         self, winding: Windings, s: Compliance, steps: Groups, p: Parameters
     ) -> RecordingRows:
-        """Rows of the links' motion by measured torques, beside slopes over each size.
+        """Rows of the links' motion by measured torques, with a column for each size.
 
-        Instruments are the same columns by torques of the model, without the noise that measured
-        ones bring into the links' motion: along that of the motors, and along this turned back by
-        the model's torques, which is that of the links below the frequency at which gear and
-        inertia resonate.
+        Instruments are the same columns by the model's torques, free of the noise that measured
+        ones bring into the links' motion: once along the motors' motion, and once along the links'
+        motion by the model, which is right below the resonance of gear and inertia.
         """
 
         def sloped(winding: Windings, s: Compliance) -> RecordingRows:
@@ -200,10 +200,10 @@ class _Fit:
         return replace(sloped(winding.inner(2), s), instruments=clean)
 
     def better(self, gears: Windup, least: float = _BETTER) -> bool:
-        """Whether these compliances fit most stretches of time better, by at least so many
-        standard deviations, and by more than rows lose of noise."""
+        """Whether these compliances fit stretches of time better by `least` standard deviations
+        of their scatter, beyond the noise that they cancel."""
         residuals = [self.residuals(s, gears.p)[0] for s in (gears.values, self.known)]
-        # More noise excuses nothing, for what is left may be no noise of torques.
+        # A share above 1 does not count: the residual may be something else than noise of torques.
         left = np.minimum(self.left_of_noise(gears, residuals[1]), 1.0)[:, None]
         gains = list[np.ndarray]()
         for ours, theirs in zip(*residuals, strict=True):
@@ -217,8 +217,8 @@ class _Fit:
     def left_of_noise(
         self, gears: Windup, residuals: Sequence[Float[np.ndarray, "dof _"]]
     ) -> Float[np.ndarray, " dof"]:
-        """What rows behind these gears have of noise of the torques, as a share of what they have
-        behind those that are known; noise as large as residuals."""
+        """Noise of torques in the rows with these compliances, as a share of that with the known
+        ones, by simulated noise of the size of the residuals."""
         scale, rng = np.concatenate(residuals, axis=1).std(axis=1), np.random.default_rng(0)
 
         def errors(windings: Sequence[Windings], s: Compliance) -> np.ndarray:
@@ -242,18 +242,18 @@ class _Fit:
 
     @cached_property
     def _softer(self) -> Compliance:
-        """That of gears that wind up by a drive's whole range at its largest torque."""
+        """Compliance of gears that wind up by a drive's whole range at its largest torque."""
         inverse = self.rows.dynamics.kinematics.inverse
         parts = [inverse(w.z) for trace in self.traces for w in trace.stretches]
         return np.max([np.ptp(q, axis=0) for q in parts], axis=0) / self._largest
 
 
 def _together(S: Groups, pooled: Bool[np.ndarray, " groups"]) -> Float[np.ndarray, "dof together"]:
-    """Groups, some of them merged into the first."""
+    """Merge some groups into one, which comes first."""
     return np.column_stack([S[:, pooled].sum(axis=1), S[:, ~pooled]]) if pooled.any() else S
 
 
 def _size(residuals: Sequence[Float[np.ndarray, "dof _"]]) -> float:
-    """Logarithm of the size of residuals, all drives counting alike."""
+    """Sum of the logarithms of each drive's rms residual."""
     together = np.concatenate(residuals, axis=1)
     return float(np.sum(np.log(np.maximum(together.std(axis=1), np.finfo(float).tiny))))

@@ -1,21 +1,21 @@
-"""Torques that are recorded later than positions, or earlier: τ_meas(t) = τ(t − δ)."""
+"""Torques that are recorded later or earlier than positions: τ_meas(t) = τ(t − δ)."""
 
 from collections.abc import Iterable
 
 from deltaid.effects.effect import Effect
-from deltaid.effects.lag_columns import late, slopes
+from deltaid.effects.lag_columns import APART, late, slopes
 from deltaid.effects.point import EffectCandidate, RigidFit, StagedEffect, TracePoint
 from deltaid.estimation.drive_rows import ColumnsOfDrives
 
 
 class Delay(StagedEffect, Effect):
-    """A lag of all drives, or one a drive [s]; separate verdicts report its size. In the contest
-    what remains of each drive's."""
+    """A lag of all drives, or of each [s]; the contest has each drive's remaining lag. A verdict of
+    its own reports it (`checks.lag`)."""
 
     kind = "torque-lag"
     name = "lag"
     is_own = True
-    deviation = 3e-4
+    deviation = APART
 
     def columns(self, point: TracePoint) -> ColumnsOfDrives:
         return late(point.trace, point.p)

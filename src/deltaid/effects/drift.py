@@ -1,4 +1,4 @@
-"""Friction of one joint or of all that changes during a recording; an offset that does."""
+"""Friction or torque offsets that change during a recording."""
 
 from collections.abc import Iterable
 
@@ -13,14 +13,13 @@ from deltaid.model.verdict import percent
 
 # Time constants of warming up, as shares of the recording.
 _WARM = (0.1, 0.25, 0.6)
-# Standard deviations of how friction changes over a recording before any, as shares of it, by the
-# degree of the polynomial.
+# Prior standard deviations of friction's linear and quadratic change over a recording, as shares.
 _BENT = (0.1, 0.03)
 
 
 class Drift(StagedEffect, DescribedEffect):
-    """Friction that changes steadily or as in warming up, or an offset that does; in the contest a
-    share of each joint's friction that grows along a recording, and bends."""
+    """Friction or an offset that changes steadily or as in warming up. In the contest each joint's
+    friction changes along a recording by a polynomial of second degree."""
 
     kind = "drift"
     name = "friction-time"
@@ -46,7 +45,7 @@ class Drift(StagedEffect, DescribedEffect):
             for i, drive in enumerate(fit.drives):
                 yield EffectCandidate(self.kind, drive, offset[:, [i]], words)
 
-    def seen(self, cause: Cause, subject: str, share: float) -> tuple[float, str, str]:
+    def finding(self, cause: Cause, subject: str, share: float) -> tuple[float, str, str]:
         changes = f"{percent(share)} of {torque_of(subject)} changes with time"
         return 100 * share, "%", f"{changes}, {cause.first.words}, and is not explained"
 

@@ -1,9 +1,8 @@
-"""What an effect is: a physical cause of a difference between a recording and the rigid robot; and
-which effects a residual shows: those that explain more of it than chance, the best first.
+"""`Effect`, a physical cause of a difference between a recording and the rigid robot, and the
+search for effects in a residual, by the one that explains most beyond chance, step by step.
 
-Everything that is particular to a cause is in a file of its own; `deltaid.effects.all` lists them.
-A study asks each effect for its columns, `account` decides which explain more than chance; an
-effect that no other check judges words what was detected of it."""
+Each effect is in a file of its own; `deltaid.effects.all` lists them. A study asks all for columns,
+`account` decides which explain more than chance, and a `DescribedEffect` words its verdict."""
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
@@ -21,18 +20,16 @@ from deltaid.model.verdict import Proposal, percent
 from deltaid.recording.carried import Load
 from deltaid.recording.recording import PreparedRecording
 
-# A candidate is detected where chance gives one like it once in so many decades of recordings.
-SEEN = 6.0
-# A preferred candidate is taken where it explains nearly as much as the best; one that bends with
-# the place, such as a zero, only where the best has more columns and, unless that bends too, does
-# not leave less than half: to first order zeros may look like a drive's factor or offset.
+# A candidate is detected where chance explains as much once in 10^6 recordings; in decades.
+DETECTED = 6.0
+# Share of the best candidate's gain from which a preferred one takes its place.
 _NEARLY = 0.9
-# Of so many candidates the scatter is computed, and so many are taken at most.
+# Number of best candidates whose scatter is computed, and of candidates that are taken at most.
 _CLOSE, _ROUNDS = 4, 5
-# The share that a single drive explains of what all do, where it is about this one.
+# Share of what a cause explains from which it is that of a single drive.
 _MOSTLY = 0.7
-# A cause counts if it explains this share of all that is explained; smaller ones may be what the
-# first-order columns of another one leave.
+# Share of all that is explained from which a cause counts; less may be what the first-order columns
+# of another cause leave.
 SHARE = 0.15
 
 
@@ -41,8 +38,8 @@ class Contribution(Explanation):
     """What a candidate explains of a residual.
 
     Attributes:
-        surprise: minus the decimal logarithm of the probability that noise explains as much to one
-            of all that were tried.
+        surprise: minus the decimal logarithm of the probability that noise alone explains as much
+            by any of the candidates that were tried.
     """
 
     candidate: EffectCandidate
@@ -51,16 +48,16 @@ class Contribution(Explanation):
 
 @dataclass(frozen=True, eq=False)
 class Account:
-    """All effects of a residual, in the order they were detected.
+    """All effects that were detected in a residual.
 
     Attributes:
-        found: each with what it adds to those before.
+        detected: what each adds to those before it.
         span: of parameters and effects.
-        left: what remains.
-        first: how surprising each candidate is on its own, the best first.
+        left: the residual beside all of them.
+        first: what the best candidates explain alone, the most surprising first.
     """
 
-    found: tuple[Contribution, ...]
+    detected: tuple[Contribution, ...]
     span: Span
     left: Rows
     first: tuple[Contribution, ...]
@@ -73,19 +70,20 @@ def account(
     span: Span,
     residual: Rows,
 ) -> Account:
-    """Take the most surprising candidate, and again of what it leaves, until none is.
+    """Take the most surprising candidate, then that of the remaining residual, until none is
+    surprising.
 
     Args:
-        candidates: with columns that are known beforehand.
-        searched: those that depend on the residual.
+        candidates: those whose columns do not depend on the residual.
+        searched: makes candidates for a residual.
         groups: the stretch of time of each row.
-        span: what parameters explain.
-        residual: what they leave.
+        span: of the parameters.
+        residual: beside the parameters.
     """
     detected, first = list[Contribution](), tuple[Contribution, ...]()
 
     def unexplained(tried: Sequence[EffectCandidate]) -> list[Columns]:
-        """Columns of unit length, without what is explained."""
+        """Columns of unit length, less their part in the span."""
         return [span.without(candidate.columns / lengths(candidate.columns)) for candidate in tried]
 
     bare = unexplained(candidates)
@@ -100,7 +98,7 @@ def account(
         ]
         ranked = _ranked(trials, groups)
         first = first or tuple(ranked)
-        if not ranked or ranked[0].surprise < SEEN:
+        if not ranked or ranked[0].surprise < DETECTED:
             break
         detected.append(ranked[0])
         U, residual = ranked[0].directions, ranked[0].left
@@ -111,13 +109,13 @@ def account(
 
 @dataclass(frozen=True, eq=False)
 class _Trial:
-    """A candidate beside what has been explained.
+    """A candidate beside all that is explained already.
 
     Attributes:
-        A: its columns, less what has been explained, whose rank is `beside`.
-        basis: orthonormal combinations of them.
-        residual: what is to be explained.
-        tries: of how many candidates it is one, as a decimal logarithm.
+        A: its columns, less their part in the explained span.
+        basis: makes an orthonormal basis A @ basis of them.
+        beside: rank of the explained span.
+        tries: decimal logarithm of the number of candidates that it was chosen from.
     """
 
     candidate: EffectCandidate
@@ -148,7 +146,8 @@ class _Trial:
         return surprise(self.gain / level, self.rank) - self.tries
 
     def explained(self, groups: Int[np.ndarray, " rows"]) -> Contribution:
-        """With the noise by its scatter between stretches of time where that is larger."""
+        """What it explains, with the noise level by rows or, if larger, by scatter between
+        stretches of time."""
         U = self.A @ self.basis
         own = Explanation.by_columns(U, self.residual, groups, self.beside)
         more = self.surprise(max(self.noise, own.level))
@@ -156,17 +155,15 @@ class _Trial:
 
 
 def _ranked(trials: Sequence[_Trial], groups: Int[np.ndarray, " rows"]) -> list[Contribution]:
-    """What trials explain, the most surprising first.
-
-    One that explains hardly less with fewer columns goes first; so does a preferred one.
-    """
+    """What the best trials explain, the most surprising first; before it a preferred one, or one
+    with fewer columns, that explains hardly less."""
     if not trials:
         return []
     ranked = sorted(trials, key=lambda trial: -trial.surprise(trial.noise))
     best = ranked[0]
     ranked.sort(key=lambda trial: not _is_taken_before(trial, best))
     close = [trial.explained(groups) for trial in ranked[:_CLOSE]]
-    if close[0].candidate.is_preferred and close[0].surprise > SEEN:
+    if close[0].candidate.is_preferred and close[0].surprise > DETECTED:
         return close
     close.sort(key=lambda explained: -explained.surprise)
     simplest = _simplest(close, best.total, len(best.residual))
@@ -174,7 +171,11 @@ def _ranked(trials: Sequence[_Trial], groups: Int[np.ndarray, " rows"]) -> list[
 
 
 def _is_taken_before(trial: _Trial, best: _Trial) -> bool:
-    """Whether a preferred candidate explains enough to be taken in the place of the best."""
+    """Whether a candidate is preferred and explains nearly as much as the best.
+
+    One that bends with the place must have fewer columns than the best too and, unless this bends
+    as well, leave at most twice as much: to first order zeros look like a drive's factor or offset.
+    """
     if not trial.candidate.is_preferred or trial.gain < _NEARLY * best.gain:
         return False
     if not trial.candidate.bends:
@@ -184,11 +185,11 @@ def _is_taken_before(trial: _Trial, best: _Trial) -> bool:
 
 
 def _simplest(ranked: Sequence[Contribution], total: float, rows: int) -> Contribution:
-    """The first, or one of fewer columns that leaves hardly more (Bayesian information)."""
+    """The first, or one with fewer columns that leaves hardly more (Bayesian information)."""
     best = ranked[0]
     for explained in ranked[1:]:
         fewer = best.rank - explained.rank
-        if fewer > 0 and explained.surprise > SEEN:
+        if fewer > 0 and explained.surprise > DETECTED:
             more = (total - explained.gain) / max(total - best.gain, 1e-300)
             if rows * np.log(max(more, 1e-300)) < 2 * fewer * np.log(rows):
                 best = explained
@@ -197,41 +198,40 @@ def _simplest(ranked: Sequence[Contribution], total: float, rows: int) -> Contri
 
 @dataclass(frozen=True, eq=False)
 class Cause:
-    """An effect that was detected, with all that it explains."""
+    """A detected effect, with all that it explains."""
 
     kind: str
-    # fit, account: where, and beside what else
-    fit: RigidFit
-    account: Account
-    found: tuple[Contribution, ...]  # its candidates, in the order they were detected
-    rms: Float[np.ndarray, " dof"]  # of what it explains in each drive's torque [N m or N]
+    fit: RigidFit  # of the recording
+    account: Account  # of all effects that were detected there
+    detected: tuple[Contribution, ...]  # those of this effect, in the order of the account
+    rms: Float[np.ndarray, " dof"]  # of each drive's torque that it explains [N m or N]
 
     @property
     def first(self) -> EffectCandidate:
-        return self.found[0].candidate
+        return self.detected[0].candidate
 
     @property
     def shares(self) -> Float[np.ndarray, " dof"]:
-        """Of each drive's rms torque without its mean."""
+        """`rms` as a share of the standard deviation of each drive's torque."""
         return self.rms / np.maximum(self.fit.model.std(axis=1), 1e-300)
 
     @property
     def others(self) -> Span:
-        """What parameters and all other causes explain."""
+        """Span of the parameters and all other causes."""
         span = self.fit.span
-        for explained in self.account.found:
+        for explained in self.account.detected:
             if explained.candidate.kind != self.kind:
                 span = span.with_columns(explained.directions)
         return span
 
 
 def causes_of(fit: RigidFit, account: Account) -> list[Cause]:
-    """The effects of a residual that count."""
-    total = sum(part.gain for part in account.found)
+    """Detected effects that explain a large share, and more than errors of positions may."""
+    total = sum(part.gain for part in account.detected)
     least = POSITION_ERROR * np.abs(fit.model).max(axis=1)
     causes = []
-    for kind in dict.fromkeys(part.candidate.kind for part in account.found):
-        parts = tuple(part for part in account.found if part.candidate.kind == kind)
+    for kind in dict.fromkeys(part.candidate.kind for part in account.detected):
+        parts = tuple(part for part in account.detected if part.candidate.kind == kind)
         added = np.sum([part.directions @ (part.directions.T @ fit.tau) for part in parts], axis=0)
         rms = np.sqrt(np.mean(fit.rows.of_drives(added) ** 2, axis=1))
         if sum(part.gain for part in parts) > SHARE * total and np.any(rms > least):
@@ -240,23 +240,22 @@ def causes_of(fit: RigidFit, account: Account) -> list[Cause]:
 
 
 class Effect:
-    """A cause, called `kind`; another check judges it, unless it is a `DescribedEffect`."""
+    """A physical cause. A check of its own judges it, unless it is a `DescribedEffect`."""
 
     kind: ClassVar[str]
-    # whether nothing but the contest of causes corrects what it is of
-    is_contested: ClassVar[bool] = False
+    is_contested: ClassVar[bool] = False  # whether only the contest of causes can correct it
 
     def candidates(self, fit: RigidFit) -> Iterable[EffectCandidate]:
-        """Columns that it would add to the torques, to first order, known beforehand."""
+        """Columns that it adds to the torques, to first order."""
         return ()
 
     def search(self, fit: RigidFit) -> Callable[[Rows], Iterable[EffectCandidate]]:
-        """A search for columns in the residual torques."""
+        """The same where columns depend on the residual: a function of it."""
         return lambda residual: ()
 
     def held(self, cause: Cause, recording: PreparedRecording) -> Load | None:
-        """The load that a cause is, and when it is held; None for no load, or where that is not
-        known."""
+        """The load that this cause is, with the times it is held; None if it is none or these are
+        unknown."""
         return None
 
     def of_each(
@@ -269,30 +268,34 @@ class Effect:
 
 
 class DescribedEffect(Effect):
-    """A cause that a verdict on the residual is about."""
+    """An effect with a verdict on the residual: what was detected, the likeliest cause, the fix."""
 
-    likeliest: ClassVar[str] = ""  # its likeliest cause in words, where that is always the same
-    fix: ClassVar[str] = ""  # what to do about it
-    follows: ClassVar[str] = "the position"  # what torques follow, where `seen` says this
+    likeliest: ClassVar[str] = ""
+    fix: ClassVar[str] = ""
+    follows: ClassVar[str] = "the position"  # what the torques vary with
 
     @property
     def key(self) -> str:
         return self.kind
 
     def subject(self, cause: Cause) -> str:
-        """The drive or joint that it is about; empty for all."""
+        """The drive or joint with the effect; empty for all."""
         named = cause.first.subject
-        if named and all(part.candidate.subject in ("", named) for part in cause.found):
+        if named and all(part.candidate.subject in ("", named) for part in cause.detected):
             return named
         for trial in cause.account.first:
             if trial.candidate.kind == cause.kind and trial.candidate.subject:
-                mostly = trial.gain > _MOSTLY * cause.found[0].gain
+                mostly = trial.gain > _MOSTLY * cause.detected[0].gain
                 return trial.candidate.subject if mostly else ""
         return ""
 
-    def seen(self, cause: Cause, subject: str, share: float) -> tuple[float, str, str]:
-        """A number, its unit, and what was detected in words, for the drive or joint `subject` and
-        the share that it makes of the torque of the drive that has most of it."""
+    def finding(self, cause: Cause, subject: str, share: float) -> tuple[float, str, str]:
+        """A number, its unit, and a sentence on what was detected.
+
+        Args:
+            subject: the drive or joint; empty for all.
+            share: of the torque of the drive with the largest one.
+        """
         part = f"{percent(share)} of {torque_of(subject)} follows {self.follows}"
         return 100 * share, "%", f"{part} and is not explained: {cause.first.words}"
 

@@ -1,4 +1,4 @@
-"""Friction that viscous and Coulomb's do not describe: near rest, at speed, one way, by load."""
+"""Friction beside viscous and Coulomb's: near rest, at high speed, by direction, by load."""
 
 from collections.abc import Iterable, Sequence
 
@@ -11,8 +11,7 @@ from deltaid.effects.point import Deviations, EffectCandidate, RigidFit, StagedE
 from deltaid.estimation.drive_rows import ColumnsOfDrives
 
 _WAY, _LOAD = "friction that differs by direction", "friction that grows with the load"
-# Standard deviations before any recording, of friction beside viscous and Coulomb's as shares of
-# Coulomb's: over speed, by direction.
+# Prior standard deviations of friction over speed and by direction, as shares of Coulomb's.
 _CURVE, _ONE_WAY = 0.15, 0.1
 
 
@@ -52,7 +51,7 @@ class FrictionLaw(DescribedEffect):
 
 
 class FrictionOverSpeed(StagedEffect):
-    """Any curve over the speed of each joint."""
+    """Friction of each joint as a free curve over its speed."""
 
     name = "friction-curve"
 
@@ -66,7 +65,7 @@ class FrictionOverSpeed(StagedEffect):
 
 
 class FrictionByDirection(StagedEffect):
-    """What drives' friction has more one way than the other, constant and with the speed."""
+    """Friction of drives that differs by direction: a constant and a part that grows with speed."""
 
     name = "friction-direction"
 
@@ -80,7 +79,7 @@ class FrictionByDirection(StagedEffect):
 
 
 class FrictionByLoad(StagedEffect):
-    """A share of what a drive's gear carries."""
+    """Friction of drives as a share of the torque that their gears carry."""
 
     name = "friction-load"
     deviation = 0.03
@@ -90,7 +89,7 @@ class FrictionByLoad(StagedEffect):
 
 
 def _coulomb(point: TracePoint, joints: Sequence[FrictionJoint]) -> Float[np.ndarray, " joints"]:
-    """Coulomb's friction of joints, at least what the description says."""
+    """Coulomb friction of joints, at least as described."""
     described = point.dynamics.robot.friction
     sizes = [
         max(abs(point.size(f"coulomb.{joint.name}")), described[joint.name].coulomb)

@@ -1,4 +1,4 @@
-"""Drives whose torque is not what the recording calls 1 N m: a torque constant, a gear ratio."""
+"""Recorded torques of drives that are off by a factor: a wrong torque constant or gear ratio."""
 
 from collections.abc import Iterable
 
@@ -13,18 +13,18 @@ from deltaid.estimation.problem import scatter
 from deltaid.levels import SURE
 from deltaid.model.verdict import listed, percent
 
-# A drive's factor is odd where it is surely, this much, and this share of the
-# oddest one's away from the middle of all.
+# A drive's factor is odd where it differs from the median by at least this, by this share of the
+# largest difference, and by more than its uncertainty.
 _ODD, _BESIDE = 0.01, 0.25
-# Directions of factors below this share are excluded: one common to all is not identifiable.
+# Singular values of factors below this share count as zero: a common factor is not identifiable.
 _SHOWN = 1e-4
 
 
 class Gain(UnknownEffect, DescribedEffect):
     """A factor for one drive's torque, or for each.
 
-    In the contest τ_m,i = (1 + g_i) τ_i with Σ g_i = 0 over the drives of limbs: what is common to
-    all is not identifiable.
+    In the contest τ_m,i = (1 + g_i) τ_i with Σ g_i = 0 over the drives of limbs: a common factor
+    is not identifiable.
     """
 
     kind = "drive-gain"
@@ -49,7 +49,7 @@ class Gain(UnknownEffect, DescribedEffect):
         odd = list(odd_gains(cause))
         return listed(odd) if len(odd) < len(cause.fit.drives) else ""
 
-    def seen(self, cause: Cause, subject: str, share: float) -> tuple[float, str, str]:
+    def finding(self, cause: Cause, subject: str, share: float) -> tuple[float, str, str]:
         gains = odd_gains(cause)
         sizes = [
             f"{drive}'s {'torque is ' if k == 0 else ''}{percent(abs(gain))} too "
@@ -61,13 +61,13 @@ class Gain(UnknownEffect, DescribedEffect):
 
 
 def odd_gains(cause: Cause) -> dict[str, float]:
-    """By which share torques are too large, of the drives whose factor is not that of the others.
+    """By which share the torques are too large of each drive whose factor differs from others'.
 
-    Of a single drive against the others; of several against the mean of the limbs' drives, since
-    a factor common to all does not show.
+    A single drive is compared with the others, several with the mean of the limbs' drives, since a
+    common factor is not identifiable.
     """
     fit, drives = cause.fit, cause.fit.drives
-    named = {part.candidate.subject for part in cause.found}
+    named = {part.candidate.subject for part in cause.detected}
     factor, deviation = _factors(cause)
     apart = np.abs(factor / np.median(factor) - 1.0)
     least = np.maximum(SURE * deviation, max(_ODD, _BESIDE * float(apart.max())))
@@ -83,7 +83,7 @@ def odd_gains(cause: Cause) -> dict[str, float]:
 
 
 def _factors(cause: Cause) -> tuple[Float[np.ndarray, " dof"], Float[np.ndarray, " dof"]]:
-    """What each drive's torque is of the model's, up to a common factor, and its deviation."""
+    """Each drive's recorded torque over the model's, up to a common factor, and its deviation."""
     fit, span = cause.fit, cause.others
     columns = fit.rows.per_drive(fit.scaled_model)
     bare = span.without(columns)

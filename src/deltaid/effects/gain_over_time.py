@@ -1,7 +1,7 @@
 """Torque constants that drift along a recording, as magnets lose some of their field in the heat.
 
-A drive records τ_m = (1 + a s + b s²) τ with s = (t − t_0)/T from the beginning of a recording to
-its end: what counts is its torque constant as it was at the beginning.
+A drive records τ_m = (1 + a s + b s²) τ with s from 0 at the beginning of a recording to 1 at its
+end: torques are referred to the torque constant at the beginning.
 """
 
 from collections.abc import Iterable
@@ -23,7 +23,7 @@ class GainOverTime(UnknownEffect, DescribedEffect):
     corrects = "readings"
     deviation = 0.03  # magnets lose 0.1 to 0.2 % a kelvin, and motors warm up by some 30 K
     is_own = True
-    is_of_parts = False  # how warm motors get is no matter of tolerances
+    is_of_parts = False  # no tolerance of manufacture bounds how warm motors get
     kind = corrected_as = "torque-drift"
     is_contested = True
     unit = "%"
@@ -52,6 +52,6 @@ class GainOverTime(UnknownEffect, DescribedEffect):
             yield EffectCandidate(self.kind, "", columns.sum(axis=1)[:, None])
             yield from self.of_each(fit.drives, columns)
 
-    def seen(self, cause: Cause, subject: str, share: float) -> tuple[float, str, str]:
+    def finding(self, cause: Cause, subject: str, share: float) -> tuple[float, str, str]:
         change = f"{percent(share)} of {torque_of(subject)}"
         return 100 * share, "%", f"{change} grows or falls with time as the torque itself does"

@@ -1,4 +1,4 @@
-"""What is not as described: zeros, gear ratios, lengths, a tilt of the base, symmetry of bodies."""
+"""Errors of the description: zeros, gear ratios, lengths, tilt of the base, symmetry of bodies."""
 
 from collections.abc import Sequence
 from typing import get_args
@@ -20,12 +20,12 @@ from deltaid.model.corrections import Correction
 from deltaid.robot.body import Entry
 from deltaid.robot.description import RobotDescription
 
-# Lengths of a limb that may be off, and the place of each among a limb's symbols of growth.
+# Lengths of a limb that may be off, and the number of each among the symbols of a limb's lengths.
 _OF_LIMB = {"platform_radius": 0, "upper_arm": 1, "strut": 2}
 
 
 class Zeros(UnknownEffect):
-    """q = q_m + q_0: what drives' positions are more than recorded [rad or m]."""
+    """q = q_m + q_0: true positions less recorded ones [rad or m]."""
 
     name = corrected_as = "zero"
     text = "its zero is off: positions are this much more than recorded"
@@ -40,7 +40,7 @@ class Zeros(UnknownEffect):
 
 
 class GearRatios(UnknownEffect):
-    """q = (1 + r) q_m: the share that drives' motions are more than recorded."""
+    """q = (1 + r) q_m: true motion over recorded one, less 1."""
 
     name = corrected_as = "gear-ratio"
     unit, text = "%", "its gear ratio is off: it moves this share more than recorded"
@@ -56,8 +56,8 @@ class GearRatios(UnknownEffect):
 
 
 class Tilt(UnknownEffect):
-    """Turns of gravity about two axes across it [rad]; a base that leans more than its limit is
-    seen by eye, and is no error of mounting."""
+    """Turns of gravity about two axes across it [rad]; a tilt beyond the limit is visible by eye,
+    and no error of mounting."""
 
     name = "tilt"
     corrects = "robot"
@@ -90,7 +90,7 @@ class Tilt(UnknownEffect):
 
 
 class Lengths(UnknownEffect):
-    """What lengths of limbs are more than described [m]."""
+    """True lengths of limbs less described ones [m]."""
 
     name = corrected_as = "length"
     unit, text = "m", "it is this much longer than described"
@@ -109,7 +109,7 @@ class Lengths(UnknownEffect):
 
 
 def lengths_of(robot: RobotDescription) -> tuple[tuple[str, int, int], ...]:
-    """Lengths of limbs that are numbers of the description: name, limb, number of its symbol."""
+    """Lengths of limbs that the description states: name, limb, number of its symbol."""
     limbs = robot.limbs
     if limbs is None:
         return ()
@@ -120,8 +120,8 @@ def lengths_of(robot: RobotDescription) -> tuple[tuple[str, int, int], ...]:
 def reshaped(
     robot: RobotDescription, longer: Sequence[float], turned: Sequence[float]
 ) -> RobotDescription:
-    """The robot with lengths of `lengths_of` that are so much longer [m], its base turned by angles
-    about the axes of `Tilt` [rad]."""
+    """The robot with the lengths of `lengths_of` changed [m], and gravity turned about the axes of
+    `Tilt` [rad]."""
     changed: dict[str, object] = {}
     if any(turned):
         g = np.array(robot.gravity)
@@ -137,10 +137,10 @@ def reshaped(
 
 
 class Structure(UnknownEffect):
-    """First moments and products of bodies that a description takes to be zero [kg m, kg m²].
+    """First moments and products of inertia that a description sets to zero [kg m, kg m²].
 
-    A centre that is off by a share of a body's length, or an axis that is turned by as much, makes
-    this share of m ℓ and m ℓ².
+    A centre that is off by a share of a body's length ℓ changes them by this share of m ℓ; an axis
+    that is turned by as many radians, by this share of m ℓ².
     """
 
     name = "structure"
@@ -169,7 +169,7 @@ class Structure(UnknownEffect):
 
 
 def opened(robot: RobotDescription) -> RobotDescription:
-    """With all ten entries free of each body that is not known."""
+    """The robot with all ten entries free of each body that has free ones."""
     bodies = {
         name: body.model_copy(update={"free": get_args(Entry)}) if body.free else body
         for name, body in robot.bodies.items()
@@ -178,7 +178,7 @@ def opened(robot: RobotDescription) -> RobotDescription:
 
 
 def _left_out(point: TracePoint) -> tuple[Reduction, Int[np.ndarray, " entries"]]:
-    """The reduction of a robot with all entries, and which of them are zero in the description."""
+    """The reduction with all entries free, and the numbers of those the description excludes."""
     active, robot = active_columns(point.dynamics), point.dynamics.robot
     full, own = build_reduction(opened(robot), active), build_reduction(robot, active)
     off_diagonal = ("mc", "Sxy", "Syz", "Sxz")

@@ -1,4 +1,4 @@
-"""Joints with friction, and columns of torques that follow their speed and what gears carry."""
+"""Joints with friction, and columns of torques over their speed and the torque of their gears."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -24,46 +24,46 @@ _NEAR, _SQUARE, _FLAT = (
     "friction that grows with the square of speed",
     "friction that flattens with speed",
 )
-# Friction over the speed beside Coulomb's and viscous: shapes over x, the speed as a share of the
-# joint's largest. With these, any law is a free curve, Stribeck's to 7 % of its size.
+# Friction beside Coulomb's and viscous: functions of the speed as a share of the joint's largest.
+# Their sum fits any usual law, Stribeck's to 7 % of its size.
 SHAPES: tuple[tuple[Callable[[Speeds], Speeds], str], ...] = (
     *((_near(knee), _NEAR) for knee in (0.03, 0.06, 0.12, 0.24)),
     (np.square, _SQUARE),
     (np.sqrt, _FLAT),
 )
 
-# A column of a joint: from speed |v|, Coulomb's entries and what its gear carries, its entries.
+# Entries of a joint's column by |v|, entries of its Coulomb friction, and the torque of its gear.
 Shape = Callable[[np.ndarray, np.ndarray, np.ndarray], np.ndarray]
 
 
 @dataclass(frozen=True, eq=False)
 class FrictionJoint:
-    """A joint with friction that moves."""
+    """A joint with friction."""
 
     name: str
-    drive: int | None  # its number; None if it is no drive
-    # viscous, coulomb: its entries in the regressor
+    drive: int | None  # its number; None for a passive joint
+    # viscous, coulomb: numbers of its entries in the regressor
     viscous: np.ndarray
     coulomb: np.ndarray
-    drives: np.ndarray  # whose rows these are
+    drives: np.ndarray  # the drive in whose row each Coulomb entry is
     fastest: float = 0.0  # its largest speed [rad/s or m/s]
-    # inertia that its gear carries more than by the parameters of the rows, and its rotor has less
+    # inertia that counts as carried by its gear, beside that by the parameters [kg m² or kg]
     moved: float = 0.0
 
     def speed(self, entries: np.ndarray) -> np.ndarray:
-        """|v| by entries of the regressor, v ∂v/∂q̇ and sign(v) ∂v/∂q̇."""
+        """|v| by its entries of the regressor, v ∂v/∂q̇ and sign(v) ∂v/∂q̇."""
         viscous, coulomb = np.abs(entries[self.viscous]), np.abs(entries[self.coulomb])
         return viscous.max(axis=0) / np.maximum(coulomb.max(axis=0), 1e-300)
 
     def load(self, carried: np.ndarray, w: SampleBlock) -> np.ndarray:
-        """What its gear carries; zero for a passive joint."""
+        """The torque that its gear carries; zero for a passive joint."""
         if self.drive is None:
             return np.zeros(len(carried))
         return carried[:, self.drive] + self.moved * w.qdd[:, self.drive]
 
 
 def joints_of(dynamics: Dynamics) -> tuple[FrictionJoint, ...]:
-    """Joints with friction, their speeds unknown."""
+    """Joints with friction, without their largest speeds."""
     rows, columns = dynamics.regressor_pattern
     names, robot = np.array(dynamics.layout.names)[columns], dynamics.robot
     joints = list[FrictionJoint]()
@@ -79,7 +79,7 @@ def joints_of(dynamics: Dynamics) -> tuple[FrictionJoint, ...]:
 def joint_columns(
     trace: Trace, p: Parameters, shapes: Sequence[tuple[FrictionJoint, Shape]]
 ) -> ColumnsOfDrives:
-    """One filtered column for each shape of a joint, where gears carry what p says."""
+    """One filtered column for each shape of a joint, with the torques of gears by p."""
     none = np.zeros(0, dtype=int)
     drives = [none, *(joint.drives for joint, _ in shapes)]
     columns = [none, *(np.full(len(places), k) for k, places in enumerate(drives[1:]))]
@@ -109,12 +109,12 @@ def of_load(_v: np.ndarray, C: np.ndarray, load: np.ndarray) -> np.ndarray:
 
 
 def over_speed(joint: FrictionJoint, shape: Callable[[Speeds], Speeds]) -> Shape:
-    """Coulomb's entries times a shape over the speed as a share of the joint's largest."""
+    """Coulomb's entries times a function of the speed as a share of the joint's largest."""
     return lambda v, C, load: C * shape(v / joint.fastest)
 
 
 def of_term(term: FrictionTerm) -> Shape:
-    """A term: what changes its sign with the speed by Coulomb's entries, the rest as it is."""
+    """A friction term: its odd part over speed times Coulomb's entries, its even part alone."""
 
     def shape(v: np.ndarray, C: np.ndarray, load: np.ndarray) -> np.ndarray:
         forth, back = term.h(v, 1.0, load), term.h(-v, -1.0, load)
@@ -124,5 +124,5 @@ def of_term(term: FrictionTerm) -> Shape:
 
 
 def of_slope(term: FrictionTerm, constant: str) -> Shape:
-    """A term's change with the logarithm of a constant."""
+    """The derivative of a friction term by the logarithm of one of its constants."""
     return lambda v, C, load: C * term.slopes(v)[constant]

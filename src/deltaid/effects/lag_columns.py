@@ -18,7 +18,7 @@ import numpy as np
 from jaxtyping import Bool
 
 from deltaid.dynamics.dynamics import Parameters
-from deltaid.effects.lag_groups import LAG, LagGroup, Timing, common_lag
+from deltaid.effects.lag_groups import LAG, SMALL, LagGroup, Timing, common_lag
 from deltaid.estimation.additions import Addition, OfTorques, Own, Values
 from deltaid.estimation.drive_rows import ColumnsOfDrives, OfDrives, of_own_drives
 from deltaid.estimation.scatter import NORMAL
@@ -35,11 +35,11 @@ _FILTER = (
     "friction at reversals have its tails"
 )
 _PURE = "; it is all that makes them late"
-# Lags that differ by more [s] are reported to do so.
-APART = 3e-4
+# Lags that differ by more [s] do harm, and are reported to differ.
+APART = 2.0 * SMALL
 
 Ends = tuple[float | None, float | None]
-# From samples, −τ̇ of every drive, and what gives any x its rate ẋ: what a coefficient of 1 changes.
+# Change of the torques per unit of a coefficient, by samples, −τ̇ of every drive, and d/dt.
 Change = Callable[[SampleBlock, Values, Callable[[Values], Values]], Values]
 
 
@@ -58,18 +58,18 @@ class TimingColumn(NamedTuple):
 class TimingColumns(OfTorques):
     """How the torques of one recording are sampled, as columns of derivatives of the model's."""
 
-    recording: PreparedRecording  # which is sampled so
-    groups: tuple[LagGroup, ...]  # drives that are; others are not
+    recording: PreparedRecording
+    groups: tuple[LagGroup, ...]  # drives with a lag
     several: bool = False  # whether the fit has other recordings
 
     @property
     @abstractmethod
     def columns(self) -> Sequence[TimingColumn]:
-        """What is unknown of the sampling."""
+        """Unknown coefficients of the sampling."""
 
     @property
     def parameters(self) -> tuple[PriorParameter, ...]:
-        """Of each column, with the recording in its name where there are several."""
+        """One a column, with the recording in its name where there are several."""
         of_recording = f"@{self.recording.path}" if self.several else ""
         return tuple(
             PriorParameter("lag", column.owner + of_recording, "lag", column.unit, -np.inf, np.inf,
@@ -99,7 +99,8 @@ class TimingColumns(OfTorques):
         return recording.log.sha256 == self.recording.log.sha256
 
     def reversals(self, own: Own) -> Bool[np.ndarray, "dof steps"]:
-        """Whether a joint with friction turns round between a sample and the next, in whose row."""
+        """For each drive and pair of samples, whether a joint whose friction acts on this drive
+        turns round in between."""
         layout, (rows, columns) = self.dynamics.layout, self.dynamics.regressor_pattern
         viscous = np.isin(columns, np.arange(len(layout.names))[layout.viscous])
         turned = np.zeros((self.dynamics.dof, own.shape[1] - 1), dtype=bool)
@@ -116,16 +117,15 @@ class TimingColumns(OfTorques):
 
 @dataclass(frozen=True, eq=False)
 class LagColumns(TimingColumns):
-    """The lags of one recording's torques, each of one drive or of several that have the same; and
-    what remains of a timing: of time constants that are estimated beside lags, of a clock's rate.
+    """The lags of one recording's torques, one a group of drives, and what remains of its timing:
+    of time constants that are estimated beside lags, and of the rate of a clock.
 
-    If T is longer by ε and L as it is, the torque that is read changes by ε T τ̈ below the filter's
-    corner, the column of ε. Where lags grow at the rate ρ, what remains of it has the column
-    −(t − t_0) τ̇.
+    If T is longer by ε at the same L, the torque as read changes by ε T τ̈ below the filter's
+    corner, the column of ε. A lag that grows at the rate ρ has the column −(t − t_0) τ̇.
     """
 
-    unsure: tuple[int, ...] = ()  # drives whose lag may be that of a filter as well as a delay
-    timing: Timing | None = None  # what has been corrected beside delays
+    unsure: tuple[int, ...] = ()  # drives whose lag may be that of a filter or of a delay
+    timing: Timing | None = None  # filters and clock that have been corrected
 
     @property
     def columns(self) -> Sequence[TimingColumn]:
@@ -168,7 +168,7 @@ class LagColumns(TimingColumns):
         return columns
 
     def to_corrections(self, judged: Sequence[Parameter]) -> tuple[Correction, ...]:
-        """What has been applied plus what the fit adds to it."""
+        """Lags, time constants and rate: what has been corrected plus what the fit adds."""
         delays, values = [group.delay for group in self.groups], iter(judged)
         corrections = list[Correction]()
         spread = max(delays, default=0.0) - min(delays, default=0.0)
@@ -190,7 +190,7 @@ class LagColumns(TimingColumns):
 
     def _of_timing(self, timing: Timing, judged: Iterator[Parameter]) -> Iterator[Correction]:
         names = self.dynamics.robot.drives
-        for group in self.groups if timing.pure else ():  # whose lag is that of their filters
+        for group in self.groups if timing.pure else ():  # their lags are those of their filters
             drives = [i for i in group.drives if timing.constants[i] > 0]
             if not drives:
                 continue
@@ -216,7 +216,7 @@ class LagColumns(TimingColumns):
 
 @dataclass(frozen=True, eq=False)
 class UnknownLag(LagColumns):
-    """A lag that may be none and is hardly known: the fit has none, and intervals allow for it."""
+    """A lag that is hardly known and may be zero: the fit omits it, and intervals allow for it."""
 
     is_held = True
 
@@ -226,14 +226,14 @@ class UnknownLag(LagColumns):
 
 @dataclass(frozen=True, eq=False)
 class UnknownFilter(TimingColumns):
-    """Lags that may be those of filters: the fit has delays, and intervals allow for T = L."""
+    """Lags that may be those of filters: the fit takes them for delays, and intervals allow for
+    filters with T = L."""
 
     is_held = True
 
     @property
     def columns(self) -> Sequence[TimingColumn]:
-        """By how much a response is wider than that of a delay, T², one a group."""
-
+        """T² of each group: by how much a filter's response is wider than that of a delay."""
         return [
             TimingColumn(
                 group.drives,
@@ -247,26 +247,24 @@ class UnknownFilter(TimingColumns):
 
 
 def slopes(trace: Trace, p: Parameters, additions: Sequence[Addition] = ()) -> OfDrives:
-    """−τ̇ of the torques of p, filtered: by what a drive's torque changes for each second that it
-    comes late; p of the robot, then of additions."""
+    """−τ̇ of the torques of p, filtered: their change per second of lag. p has the parameters of
+    the robot, then of additions."""
     return timing_slopes(trace, p, additions, 0.0)[0]
 
 
 def late(trace: Trace, p: Parameters, additions: Sequence[Addition] = ()) -> ColumnsOfDrives:
-    """The same of each drive, in a column of its own."""
+    """The same slopes, each drive's in a column of its own."""
     return of_own_drives(slopes(trace, p, additions)[:, :, None])
 
 
 def timing_slopes(
     trace: Trace, p: Parameters, additions: Sequence[Addition], about: float
 ) -> tuple[OfDrives, OfDrives, OfDrives]:
-    """By what a drive's torque of p changes, filtered, for each second that it comes late, each
-    second that its filter's time constant is longer and its dead time shorter, and each second
-    that it comes later a second, t_0 = `about`:
+    """Filtered slopes of a drive's torque by L, by T at the same L, and by ρ, with t_0 = `about`:
 
         −ẏ,    d(y − y′)/dt,    −(t − t_0) ẏ,
 
-    y the torque behind the filter that the trace has, y′ that behind it twice."""
+    where y is the torque behind the trace's filter, and y′ that behind this filter twice."""
     drives, rate = np.arange(trace.dynamics.dof), trace.low_pass.rate
     by_p = replace(trace, load=p[: len(trace.dynamics.layout.names)])
     columns = LagColumns(trace.dynamics, tuple(additions), p, trace.recording, ())
@@ -287,8 +285,7 @@ def timing_slopes(
 def slope(tau: OfDrives, turned: Bool[np.ndarray, "dof steps"] | bool = False) -> OfDrives:
     """The rise of torques from sample to sample, without the steps of friction.
 
-    Central differences of at least two samples; next to a reversal, where a joint turned round
-    between a sample and the next, the difference of the side without a step.
+    Central differences; next to a reversal (`turned`), the difference on the side without a step.
     """
     steps = np.diff(tau, axis=1)
     total, number = (

@@ -1,12 +1,11 @@
 """Which drives have the same lag, or none, by Hotelling's T² of their estimates.
 
-Drives have as few lags as their estimates allow: none, if that is not contradicted, then one that
-all or some of them have, then more. A hypothesis is a matrix S, δ = S ε, that defines whose lags
-are equal and whose are zero; ε by generalised least squares. Covariances come from the scatter
-between stretches.
+Drives have as few different lags as their estimates allow: none, then one for all or some drives,
+then more. A hypothesis is a matrix S in δ = S ε, which defines whose lags are equal and whose are
+zero; ε follows by generalised least squares, covariances from the scatter between stretches.
 
-How torques of a recording are sampled, lags, filters and a clock, is its timing. Where a torque is
-late by L behind a filter of time constant T, the recording is read as τ = y + T ẏ, L − T later."""
+The lags, filters and clock of a recording's torques are its timing. Where a torque y is late by L
+behind a filter of time constant T, the recording is read as τ = y + T ẏ, L − T later."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -24,14 +23,14 @@ from deltaid.estimation.traces import Delay, Trace
 from deltaid.levels import UNLIKELY
 from deltaid.recording.delay import LagGrowth
 
-# How often what is zero is taken to be so by chance only.
+# Probability of rejecting a true hypothesis that some lags are equal or zero.
 _PROBABLE = 0.2
-# Lags [s] that need not be corrected; and that hardly matter, where twice as much does harm. Good
+# Lags [s] that need no correction; and that hardly matter, while twice as much does harm. Good
 # recordings of 15 s determine a lag to 5–20 µs, those of a few seconds to 0.1 ms.
 HARMLESS, SMALL = 2e-5, 1.5e-4
-# Drives beyond which only common lags and lags of single drives are distinguished.
+# Number of drives up to which all hypotheses are tried: 7 drives have 4140.
 _MANY = 6
-# Standard deviations of what lags [s], time constants [s] and rates of clocks may be.
+# Prior standard deviations of lags [s], time constants [s] and rates of clocks.
 LAG, _CONSTANT, _RATE = 0.01, 0.005, 1e-3
 
 Estimates = Float[np.ndarray, " n"]
@@ -45,28 +44,27 @@ class LagGroup:
     """Drives that have the same lag."""
 
     drives: tuple[int, ...]  # their numbers
-    delay: float  # what has been corrected already [s]
-    beside: float = 0.0  # the further lag by rows that no fit has [s]
+    delay: float  # lag that has been corrected already [s]
+    beside: float = 0.0  # additional lag that reversals, which no fit has, determine [s]
     deviation: float = np.inf  # its standard deviation; infinite if nothing is known [s]
-    # whether the fit may change it; where other rows contradict what is known, it may not
-    free: bool = True
+    free: bool = True  # whether the fit may change it; not where other rows contradict reversals
 
     def subjects(self, dynamics: Dynamics) -> tuple[str, ...]:
-        """Names of these drives; one that is empty for all of the robot's."""
+        """Names of these drives; one empty name for all of the robot's."""
         names = dynamics.robot.drives
         return ("",) if len(self.drives) == len(names) else tuple(names[i] for i in self.drives)
 
 
 def alone(dof: int) -> tuple[LagGroup, ...]:
-    """A lag for every drive, of which nothing is known."""
+    """One unknown lag for every drive."""
     return tuple(LagGroup((i,), 0.0) for i in range(dof))
 
 
 def chosen_groups(values: Estimates, covariance: Covariance) -> tuple[LagGroup, ...]:
     """The simplest hypothesis on lags [s] that their estimates do not contradict.
 
-    Of several that are as simple, the one with fewer drives without a lag is taken, then the one
-    that is contradicted least: a drive that hardly moves has the lag of the others.
+    Of equally simple ones, that with the fewest drives without a lag, then that with the least T²:
+    a drive that hardly moves gets the lag of the others.
     """
     dof = len(values)
     _, together = _fitted(values, covariance, np.ones((dof, 1)))
@@ -86,19 +84,19 @@ def chosen_groups(values: Estimates, covariance: Covariance) -> tuple[LagGroup, 
 
 
 def delays_of(groups: Sequence[LagGroup], dof: int) -> tuple[float, ...]:
-    """What has been corrected of each drive [s]."""
+    """The lag of each drive that has been corrected [s]."""
     delays = {drive: group.delay for group in groups for drive in group.drives}
     return tuple(delays.get(drive, 0.0) for drive in range(dof))
 
 
 def agree(values: Estimates, covariance: Covariance) -> bool:
-    """Whether estimates do not contradict that all are of the same size."""
+    """Whether estimates do not contradict that all are equal."""
     _, distance = _fitted(values, covariance, np.ones((len(values), 1)))
     return distance <= limit(len(values) - 1, UNLIKELY)
 
 
 def exceeded(values: Estimates, covariance: Covariance, rejected: float) -> bool:
-    """Whether zero is rejected for estimates, wrongly in this share of cases."""
+    """Whether T² rejects that all estimates are zero, at this error probability."""
     if not np.all(np.diag(covariance) > 0):
         return False
     _, distance = _fitted(values, covariance, np.zeros((len(values), 0)))
@@ -106,14 +104,14 @@ def exceeded(values: Estimates, covariance: Covariance, rejected: float) -> bool
 
 
 def limit(free: int, rejected: float) -> float:
-    """What T² with so many directions exceeds by chance in this share of cases."""
+    """The bound that T² of so many degrees of freedom exceeds by chance with this probability."""
     nu = STRETCHES - 1
     return free * nu / (nu - free + 1) * float(fdtri(free, nu - free + 1, 1 - rejected))
 
 
 def common_lag(values: Estimates, covariance: Covariance) -> tuple[float, float]:
-    """The lag that all drives have by generalised least squares, (1ᵀC⁻¹δ)/(1ᵀC⁻¹1), and its
-    standard deviation [s]."""
+    """The common lag by generalised least squares, (1ᵀC⁻¹δ)/(1ᵀC⁻¹1), and its standard deviation
+    [s]."""
     b, A = _whitened(values, covariance, np.ones((len(values), 1)))
     size = float(np.sum(A**2))
     return float(A[:, 0] @ b) / size, size**-0.5
@@ -122,7 +120,8 @@ def common_lag(values: Estimates, covariance: Covariance) -> tuple[float, float]
 def _whitened(
     values: Estimates, covariance: Covariance, S: Hypothesis
 ) -> tuple[Estimates, Hypothesis]:
-    """Estimates, and the columns of a hypothesis, in units in which estimates err as 1."""
+    """Estimates and the columns of a hypothesis, scaled so that errors are independent and of
+    variance 1."""
     scale = np.sqrt(np.diag(covariance))
     root = np.linalg.cholesky(covariance / np.outer(scale, scale))
     white = np.linalg.solve(root, np.column_stack([values, S]) / scale[:, None])
@@ -130,14 +129,15 @@ def _whitened(
 
 
 def _fitted(values: Estimates, covariance: Covariance, S: Hypothesis) -> tuple[Estimates, float]:
-    """S ε by generalised least squares, and T² of what it leaves."""
+    """S ε by generalised least squares, and T² of the residual."""
     b, A = _whitened(values, covariance, S)
     free = np.linalg.lstsq(A, b, rcond=None)[0]
     return S @ free, float(np.sum((b - A @ free) ** 2))
 
 
 def _contradicted(labels: tuple[int, ...], distance: float, together: float) -> bool:
-    """Whether T² rejects a hypothesis, by what it leaves and what one lag for all leaves."""
+    """Whether a hypothesis is rejected by its T², `distance`; `together` is that of one common
+    lag."""
     free = len(labels) - max(labels)
     if not any(labels):
         common = distance - together > limit(1, 0.5 * CHANCE)
@@ -147,7 +147,7 @@ def _contradicted(labels: tuple[int, ...], distance: float, together: float) -> 
 
 
 def _hypotheses(dof: int) -> list[tuple[int, ...]]:
-    """For each drive 0, no lag, or the number of its group; the simplest first."""
+    """For each drive the number of its group, or 0 for no lag; the simplest first."""
     if dof > _MANY:
         return [(0,) * dof, (1,) * dof, tuple(range(1, dof + 1))]
     labels: list[tuple[int, ...]] = [()]
@@ -157,7 +157,7 @@ def _hypotheses(dof: int) -> list[tuple[int, ...]]:
 
 
 def _complexity(labels: tuple[int, ...]) -> tuple[int, int]:
-    """How many lags there are, and how many drives have none."""
+    """Number of different lags, and of drives without one."""
     return max(labels), labels.count(0)
 
 
@@ -166,12 +166,11 @@ class Timing:
     """How a recording's torques are sampled."""
 
     lags: Delay  # L of each drive [s]
-    constants: Delay  # T of each drive's filter [s]; 0 where there is none
-    # rate, about: ρ and t_0 [s]; a rate of 0 where clocks agree
-    rate: float
-    about: float
-    covariance: Covariance  # of lags, constants and rate; zero for what is none
-    p: Parameters  # the parameters that go with them
+    constants: Delay  # T of each drive's filter [s]; 0 without a filter
+    rate: float  # ρ; 0 where clocks agree
+    about: float  # t_0 [s]
+    covariance: Covariance  # of lags, constants and rate; zero where these are not estimated
+    p: Parameters  # fitted with these
 
     @property
     def values(self) -> All:
@@ -179,13 +178,13 @@ class Timing:
 
     @property
     def pure(self) -> bool:
-        """Whether filters are all that makes torques late that passed one."""
+        """Whether filtered torques have no dead time beside: L = T."""
         filters = self.constants > 0
         return bool(np.all(self.lags[filters] == self.constants[filters]))
 
     @property
     def filters(self) -> list[int]:
-        """Drives whose time constants are not their lags."""
+        """Drives with a filter whose time constant is estimated beside the lag."""
         return [] if self.pure else np.flatnonzero(self.constants).tolist()
 
     @property
@@ -205,7 +204,7 @@ class Timing:
         return LagGrowth(self.rate, self.about, float(reach))
 
     def beside(self, trace: Trace) -> Trace:
-        """A trace as it came with torques beside their motion, the model's filtered as they are."""
+        """A trace with lags corrected, and the model's torques filtered like the recorded ones."""
         constants = tuple(self.constants.tolist()) if np.any(self.constants) else ()
         trace, delays = replace(trace, constants=constants), self.lags - self.constants
         if not self.rate and not np.any(delays):
@@ -215,11 +214,11 @@ class Timing:
 
 @dataclass(frozen=True, eq=False)
 class FreeTiming:
-    """What of a timing is estimated."""
+    """Which parts of a timing are estimated."""
 
-    filters: Bool[np.ndarray, " dof"]  # whose torques may have passed a filter
-    clock: bool  # whether torques may have a clock of their own
-    pure: bool = False  # whether filters are all that makes torques late, L = T
+    filters: Bool[np.ndarray, " dof"]  # drives whose torques may have passed a filter
+    clock: bool  # whether torques may have another clock than positions
+    pure: bool = False  # whether filters have no dead time beside: L = T
 
     @property
     def columns(self) -> Bool[np.ndarray, " all"]:
@@ -232,8 +231,8 @@ class FreeTiming:
         return np.repeat([LAG, _CONSTANT, _RATE], [dof, dof, 1])[self.columns]
 
     def steps(self, problem: LinearProblem, first: int) -> tuple[All, Covariance]:
-        """Steps of all values that a problem has from some column on, and their covariance; zero
-        for what is not estimated."""
+        """Steps of all values and their covariance, by the columns of a problem from `first` on;
+        zero where a value is not estimated."""
         own = np.flatnonzero(self.columns)
         places, count = slice(first, first + len(own)), len(self.columns)
         step, covariance = np.zeros(count), np.zeros((count, count))

@@ -1,12 +1,11 @@
 """Lags of all torque channels of several recordings, estimated together with the parameters.
 
-About lags δ that are known so far, p and the remaining lags, ε, come from one linear least squares
-with the prior of the parameters, as the fit has it but without cones; torques are read δ + ε later
-and it is repeated until ε is small. Rows at reversals are excluded and evaluated separately
-(`reversals`).
+Gauss–Newton: about the present lags δ, parameters p and remaining lags ε come from one linear least
+squares with the fit's prior but without its cones; then torques are read δ + ε later, until ε is
+small. Rows at reversals are excluded and evaluated separately (`reversals`).
 
-The prior makes it sharp: a drive's own columns, of a wrist above all, are nearly dependent and
-would take up what the lag explains (±0.7 ms for drive 4 of a 4-DOF Delta against ±0.04 ms).
+The prior is needed: a drive's own columns, above all of a wrist, are nearly dependent and would
+explain what the lag does (±0.7 ms for drive 4 of a 4-DOF Delta against ±0.04 ms with it).
 """
 
 from collections.abc import Sequence
@@ -27,9 +26,9 @@ from deltaid.estimation.scatter import quantile
 from deltaid.estimation.traces import Delay, Trace
 from deltaid.levels import ROUNDS, SURE
 
-# Lags that can be estimated [s].
+# Largest lag that is estimated [s].
 REACH = 0.02
-# Standard deviation of a lag that reversals show and other rows contradict [s].
+# Standard deviation that holds a lag at that of reversals where other rows contradict it [s].
 HELD = 1e-7
 
 Delays = Float[np.ndarray, "recordings dof"]
@@ -38,7 +37,7 @@ Covariances = Float[np.ndarray, "recordings dof dof"]
 
 @dataclass(frozen=True, eq=False)
 class Lag:
-    """By how much each drive's torque or rate comes late in a recording, and its deviation [s]."""
+    """The lag of each drive's torque or velocity in a recording, and its standard deviation [s]."""
 
     values: Delay
     deviation: Delay
@@ -55,25 +54,23 @@ class Lags:
 
     values: Delays  # [s]; positive where torques come late
     covariance: Covariances  # of each recording's [s²]
-    # steps, step_std: those that reversals show, and standard deviations, infinite for others [s]
-    steps: Delays
-    step_std: Delays
-    # whether the other rows agree; where they do not, something else is wrong
+    steps: Delays  # lags by reversals [s]
+    step_std: Delays  # their standard deviations; infinite where reversals determine none [s]
+    # whether the other rows agree with reversals; where they do not, something else is wrong
     agrees: Bool[np.ndarray, "recordings dof"]
-    # whether reversals show steps at once, which no filter lets through
-    abrupt: Bool[np.ndarray, "recordings dof"]
-    p: Parameters  # the parameters that go with them, of the robot and of additions
+    abrupt: Bool[np.ndarray, "recordings dof"]  # whether steps at reversals passed no filter
+    p: Parameters  # of the robot and of additions, fitted with these lags
 
     def each(self, k: int) -> Lag:
         return Lag(self.values[k], np.sqrt(np.diag(self.covariance[k])))
 
     def common(self, k: int) -> Lag:
-        """The lag that all its drives have, for every drive."""
+        """The common lag of all drives of the k-th recording."""
         value, deviation = common_lag(self.values[k], self.covariance[k])
         return Lag(np.full(len(self.values[k]), value), np.full(len(self.values[k]), deviation))
 
     def groups(self, k: int) -> tuple[LagGroup, ...]:
-        """Which drives of the k-th recording lag, by how much."""
+        """Drives of the k-th recording that have the same lag."""
         groups = list[LagGroup]()
         for group in chosen_groups(self.values[k], self.covariance[k]):
             drives = list(group.drives)
@@ -98,15 +95,15 @@ def estimate_lags(
 ) -> Lags:
     """One lag a drive and recording, with covariances.
 
-    Where reversals show a lag it is that of the reversals, which nothing else can imitate.
+    Where reversals determine a lag, they decide: nothing else looks like a lag there.
 
     Args:
-        traces: of the recordings, without reversals and with torques as they came.
+        traces: recordings without rows at reversals and without any lag corrected.
         additions: extra columns.
         spread: relative standard deviation of the prior.
-        start: lags to begin with [s]; none if not given.
-        turning: of the same recordings with positions of motors, which have the friction; traces
-            themselves if not given.
+        start: start values of the lags [s]; zero if not given.
+        turning: the same recordings with positions of motors, where friction acts; `traces` if not
+            given.
     """
     rows = TraceRows.for_dynamics(traces[0].dynamics, additions, spread)
     nothing = np.zeros((len(traces), rows.dynamics.dof))
@@ -119,7 +116,7 @@ def estimate_lags(
     steps, step_std, filtered, doubtful = (np.array(part) for part in zip(*reversals, strict=True))
     deviation = np.sqrt(np.diagonal(covariance, axis1=1, axis2=2))
     agrees = np.abs(steps - values) < SURE * np.hypot(step_std, deviation)
-    # A filter and friction that yields look alike; one that no other rows confirm does not count.
+    # Friction that yields before it slips looks like a filter: other rows must confirm the lag.
     yields = filtered & ~agrees
     step_std = np.where(yields, np.inf, step_std)
     known, own = np.isfinite(step_std), np.eye(rows.dynamics.dof)
@@ -127,15 +124,15 @@ def estimate_lags(
     if known.any():
         held = np.where(known, np.where(agrees, step_std, HELD), LAG)
         remaining, errors, p = _swept(rows, traces, steps, np.where(known, steps, 0.0), held, p)
-        # Both ways are independent: they share no row.
+        # Both estimates are independent: they share no row.
         by_steps, by_rows = step_std**-2.0, agrees * deviation**-2.0
         weight = by_steps + by_rows
         values = np.where(known, (by_steps * steps + by_rows * values) / weight, remaining)
         unknown = ~known[:, :, None] & ~known[:, None, :]
         covariance = errors * unknown + (known / weight)[:, :, None] * own
     if np.any(unsure := (doubtful | yields) & ~known):
-        # Steps contradict the law of friction, by which other rows may imitate a lag: the mean of
-        # what steps and rows beside any law say, which is known by how far these are apart.
+        # Steps contradict the friction law, so other rows may show a false lag: the mean of the
+        # lags by steps and by rows with free friction, with half their difference as deviation.
         freely, errors, _ = _swept(
             rows, traces, values, nothing, np.full_like(nothing, LAG), p, any_friction=True
         )
@@ -156,8 +153,8 @@ def _swept(
     *,
     any_friction: bool = False,
 ) -> tuple[Delays, Covariances, Parameters]:
-    """Lags from some on, given that they are `centre` ± `deviation`; covariances, and p; beside
-    any law of friction, if asked."""
+    """Lags from start values `delays` with the prior `centre` ± `deviation`, their covariances, and
+    p; beside columns of free friction, if asked."""
     sweep, every = 0, np.arange(delays.size).reshape(delays.shape)
     while True:
         pairs = zip(traces, delays, strict=True)

@@ -13,17 +13,17 @@ from deltaid.recording.carried import Load
 from deltaid.recording.recording import PreparedRecording
 from deltaid.robot.inertia import INERTIA_NAMES
 
-# What may be missing of a completely inspected recording at once [s].
+# Longest gap in the rows of a recording that counts as completely inspected [s].
 _GONE = 1.0
-# How far a span that lasts to the end of a recording goes beyond it [s].
+# How far a span that lasts to the end of a recording extends beyond it [s].
 _BEYOND = 0.01
 
 
 class LoadChange(DescribedEffect):
-    """Parameters of a body that change between two sets of values.
+    """Parameters of a body that change to and fro between two sets of values.
 
-    The times come from its mass alone at first; then times and all identifiable parameters of the
-    load are estimated by turns.
+    The first times come from its mass alone; then times and all identifiable parameters of the load
+    are estimated by turns.
     """
 
     kind = "load-change"
@@ -63,7 +63,7 @@ class LoadChange(DescribedEffect):
         times = tuple((0.5 * (time[changes] + time[changes + 1])).tolist())
         return EffectCandidate(self.kind, "", columns * rows, body, tries, times)
 
-    def seen(self, cause: Cause, subject: str, share: float) -> tuple[float, str, str]:
+    def finding(self, cause: Cause, subject: str, share: float) -> tuple[float, str, str]:
         first, mass, times = cause.first, abs(_mass(cause)), cause.first.detail
         when = ", ".join(f"{t:.2f}" for t in times[:4]) + (
             f" s and {len(times) - 4} times more" if len(times) > 4 else " s"
@@ -74,8 +74,8 @@ class LoadChange(DescribedEffect):
         return mass, "kg", f"the mass of {first.words} changes by {mass:.2g} kg, at {when}"
 
     def held(self, cause: Cause, recording: PreparedRecording) -> Load | None:
-        """The load and when it is held; None where not all of the recording was inspected, where a
-        load is declared already, or where it is none."""
+        """The load with its spans; None where not all of the recording was inspected, where a load
+        is declared already, or where only centre or inertia change."""
         first, time, log = cause.first, cause.fit.motion.time, recording.log
         start, end = log.clock.stamps(np.array([0, log.samples - 1])).tolist()
         if log.columns.loads or np.diff(time, prepend=start, append=end).max() > _GONE:
@@ -96,7 +96,7 @@ class LoadChange(DescribedEffect):
         return Load(spans=spans, body=None if first.words == carrier else first.words)
 
     def proposals(self, cause: Cause, recording: PreparedRecording) -> tuple[Proposal, ...]:
-        """Lines of a mapping that declare a load; none where it is not known when it is held."""
+        """Lines of a mapping that declare the load, where its spans are known."""
         load = self.held(cause, recording)
         if load is None:
             return ()
@@ -106,8 +106,8 @@ class LoadChange(DescribedEffect):
 
 
 def _holders(fit: RigidFit) -> dict[str, Columns]:
-    """The tool or, where there is none, the bodies that limbs carry, as far as their mass shows:
-    columns of those of their ten parameters that do, the mass first."""
+    """Columns of the identifiable parameters, the mass first, of each body that may hold a load:
+    the tool or, without a tool, the bodies that limbs carry."""
     robot, layout = fit.dynamics.robot, fit.dynamics.layout
     limbs = 0 if robot.limbs is None else robot.limbs.count
     arms = {name for i in range(limbs) for name in robot.limb_bodies(i)}
@@ -120,27 +120,27 @@ def _holders(fit: RigidFit) -> dict[str, Columns]:
 
 
 def _shown(fit: RigidFit, body: str) -> list[str]:
-    """Those of a body's ten parameters that torques show."""
+    """Those of a body's ten parameters that torques determine."""
     return [name for name in INERTIA_NAMES if fit.shows(f"{body}.{name}")]
 
 
 def _change(cause: Cause) -> dict[str, float]:
-    """How much more each parameter of the carrier is in the second of a load's two states."""
+    """Change of each parameter of the carrier from the first to the second of two states."""
     alone = cause.fit.span.without(cause.first.columns)
     change = np.linalg.lstsq(alone, cause.fit.tau, rcond=1e-6)[0].tolist()
-    # The times fit the mass alone better than all of a load at times: then that is the only column.
+    # A candidate by its mass alone has only the first column.
     shown = _shown(cause.fit, cause.first.words)[: len(change)]
     return dict(zip(shown, change, strict=True))
 
 
 def _mass(cause: Cause) -> float:
-    """How much heavier the robot is in the second of a load's two states [kg]."""
+    """Change of mass from the first to the second of two states [kg]."""
     return _change(cause)["m"]
 
 
 def _shifts(cause: Cause) -> bool:
-    """Whether what changes is no body that comes and goes: its mass would have to be farther away
-    than a limb reaches."""
+    """Whether the change is no load that comes and goes: for its moments, its mass would have to be
+    farther away than a limb reaches."""
     change, limbs = _change(cause), cause.fit.dynamics.robot.limbs
     if limbs is None:
         return False

@@ -1,9 +1,9 @@
-"""What a robot holds, as columns of the fit: the body that carries it, while it is held.
+"""Loads as columns of the fit.
 
-A load adds its ten parameters p_L to those of its carrier, so its columns are the carrier's times
-the state, 1 while it is held. What is unknown of it is free within its own cone, about a wide
-prior, and the same in all recordings that name it. The columns have p_L less what has been
-subtracted from the recordings already (`identification.loads`).
+A load adds its ten parameters p_L to those of the body that carries it, so its columns are those of
+this body while it is held, and zero otherwise. Its unknown entries are free within its own cone,
+about a wide prior, and the same in all recordings that name it. Coefficients are p_L less the part
+that has been subtracted from the recordings already (`identification.loads`).
 """
 
 from collections.abc import Sequence
@@ -32,27 +32,28 @@ from deltaid.robot.parameter import PriorParameter
 
 Ten = Float[np.ndarray, " 10"]
 
-# An unknown load is about as heavy as the body that carries it, and as dense as water [kg/m³];
-# deviations are compared with so many times this.
+# Prior density of a load, that of water [kg/m³]; and how many times as wide the prior deviation is
+# as a load as heavy as its carrier is large.
 _DENSITY, WIDE = 1000.0, 20.0
-# Entries of M̄ that are unknown where a load does not declare this.
+# Entries of M̄ that are unknown where a load does not declare the quantity.
 _ENTRIES = {
     "mass": ("m",),
     "centre": ("mcx", "mcy", "mcz"),
     "inertia": ("Sxx", "Syy", "Szz", "Sxy", "Syz", "Sxz"),
 }
-# A mass or gain that is known no better than this determines torques worse than torque constants.
+# Relative error up to which a known mass or gain fixes the scale of torques better than their
+# torque constants do.
 SURE = 0.02
 
 
 @dataclass(frozen=True, eq=False)
 class LoadColumns(Addition):
-    """A load that is held, declared or detected."""
+    """The columns of one load."""
 
-    load: Load  # what is declared of it
-    prior_spread: float  # of the fit, which all scales of parameters are relative to
-    taken: Ten  # p_L as far as it has been subtracted from the recordings
-    is_detected: bool = False  # whether no mapping declares it
+    load: Load  # as declared
+    prior_spread: float  # of the fit; scales of parameters are relative to it
+    taken: Ten  # part of p_L that has been subtracted from the recordings
+    is_detected: bool = False  # whether it was detected instead of declared
 
     @cached_property
     def body(self) -> str:
@@ -60,7 +61,7 @@ class LoadColumns(Addition):
 
     @cached_property
     def prior(self) -> Ten:
-        """p_L before any recording: a compact body, about its centre if that is known."""
+        """Prior p_L: a compact body about its centre, if that is known, else about the origin."""
         mass = self.load.mass or self.dynamics.robot.bodies[self.body].prior_parameters()[0]
         around = [2 * mass * _radius(mass) ** 2] * 3 + [0.0] * 3
         if (I := self.load.inertia) is not None:
@@ -88,7 +89,7 @@ class LoadColumns(Addition):
         )
 
     def carried(self, columns: Int[np.ndarray, " entries"]) -> Int[np.ndarray, " _"]:
-        """Which of the entries in some of the robot's columns are the carrier's."""
+        """Numbers of the entries that lie in the carrier's columns."""
         return np.flatnonzero(np.isin(columns, self._places))
 
     def held(self, w: SampleBlock, recording: PreparedRecording) -> Bool[np.ndarray, " samples"]:
@@ -129,17 +130,17 @@ class LoadColumns(Addition):
 
     @property
     def _kilogram(self) -> Ten:
-        """p of 1 kg at its centre, or in the frame's origin where that is not known."""
+        """p of 1 kg at the load's centre, or at the frame's origin where that is unknown."""
         return RigidBody.point(1.0, self.load.centre or (0.0, 0.0, 0.0)).p
 
     @cached_property
     def _visible(self) -> Bool[np.ndarray, " 10"]:
-        """Which of the carrier's ten parameters are identifiable by torques."""
+        """Which of the carrier's ten parameters torques determine."""
         return np.isin(self._places, self.dynamics.regressor_pattern[1])
 
     @cached_property
     def _entries(self) -> tuple[str, ...]:
-        """Entries of M̄ that are unknown and in an identifiable row."""
+        """Entries of M̄ that are unknown and in rows that torques determine."""
         visible = (entry_map() != 0)[self._visible].any(axis=0)
         pairs = zip(PSEUDO_INERTIA_ENTRIES.values(), visible, strict=True)
         rows = {i for (i, j), is_visible in pairs if i == j and is_visible}
@@ -177,7 +178,7 @@ class LoadColumns(Addition):
         )  # fmt: skip
 
     def whole(self, judged: Sequence[Parameter]) -> tuple[Parameter, ...]:
-        """Its parameters with their intervals, what had been subtracted added again."""
+        """Its parameters p_L with their intervals."""
         if self.is_fixed:
             pairs = zip(INERTIA_NAMES, INERTIA_UNITS, self.prior.tolist(), strict=True)
             return tuple(
@@ -192,5 +193,5 @@ class LoadColumns(Addition):
 
 
 def _radius(mass: float) -> float:
-    """Radius of gyration of something compact [m]."""
+    """Radius of gyration of a compact body [m]."""
     return 0.3 * (mass / _DENSITY) ** (1 / 3)

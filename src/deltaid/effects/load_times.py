@@ -1,4 +1,4 @@
-"""Times at which a load is picked up or put down, as a course between two levels (Viterbi)."""
+"""Times at which a load is picked up or put down, as a path between two levels (Viterbi)."""
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -7,19 +7,19 @@ from deltaid.effects.point import RigidFit
 from deltaid.estimation.problem import Columns, Rows
 from deltaid.levels import ROUNDS
 
-# Length of the windows in which a load is searched [s], and their largest number.
+# Length of the windows over which the search averages [s], and their largest number.
 _WINDOW, _WINDOWS = 0.1, 4000
-# A load is held for so long at least [s]; shorter ones are knocks.
+# Shortest time for which a load is held [s]; a shorter one is a knock.
 _HELD = 0.4
-# Shares of the windows that the search begins with as the lower level.
+# Start values of the search: shares of the windows that are at the lower level.
 _SPLITS = (0.02, 0.2, 0.5, 0.8, 0.98)
 
-# For each sample or window 0 or 1: the lower or higher of two levels.
+# For each sample or window 0 or 1, the lower or higher of two levels.
 Held = Int[np.ndarray, " samples"]
 
 
 def refined(fit: RigidFit, columns: Columns, residual: Rows, held: Held) -> Held | None:
-    """The course of a load and its coefficients by turns; None where it is not held long enough."""
+    """Times of a load, estimated by turns with its coefficients; None if held too short a time."""
     count = len(held)
     for _ in range(ROUNDS):
         is_held = np.tile(held, fit.dof)
@@ -27,7 +27,7 @@ def refined(fit: RigidFit, columns: Columns, residual: Rows, held: Held) -> Held
         theta = np.linalg.lstsq(bare, residual, rcond=1e-6)[0]
         remaining = residual - bare @ theta
         load = columns @ theta
-        # What the torques would be of, were parameters those that go with this load.
+        # Torques of the load, beside parameters that are fitted with it.
         torque = remaining + is_held * load
         gain = (load * (2 * torque - load)).reshape(fit.dof, -1).sum(axis=0)
         noise = float(remaining @ remaining) / len(remaining)
@@ -39,10 +39,10 @@ def refined(fit: RigidFit, columns: Columns, residual: Rows, held: Held) -> Held
 
 
 def two_levels(fit: RigidFit, column: Rows, residual: Rows) -> Held | None:
-    """For each sample 0 or 1, the lower or higher of two levels of a column's coefficient.
+    """Times at which a column's coefficient is at the higher of two levels; None without any.
 
-    Means of two levels by turns with the most likely course between them (Viterbi), where each
-    change costs as much as chance makes of one.
+    Levels are means, by turns with the most likely path between them (Viterbi); each change costs
+    as much as chance gains by one.
     """
     time = fit.motion.time
     step = float(np.median(np.diff(time)))
@@ -72,12 +72,12 @@ def two_levels(fit: RigidFit, column: Rows, residual: Rows) -> Held | None:
 
 
 def _is_long(course: Held, step: float) -> bool:
-    """Whether both levels last long enough, for seconds from one to the next."""
+    """Whether both levels last long enough in total; `step` is the time between samples [s]."""
     return bool(min(course.sum(), len(course) - course.sum()) * step >= _HELD)
 
 
 def _course(errors: Float[np.ndarray, "2 samples"], cost: float) -> Held:
-    """The course of least error between two levels, each change of which costs something."""
+    """The path between two levels with the least sum of errors and costs of changes."""
     count = errors.shape[1]
     came = np.zeros((2, count), dtype=int)
     total = errors[:, 0].copy()

@@ -9,7 +9,7 @@ from deltaid.effects.point import EffectCandidate, RigidFit
 
 
 class MissingFriction(Effect):
-    """Viscous and Coulomb friction; a verdict on the description reports it."""
+    """Viscous and Coulomb friction; the check of the description reports it."""
 
     kind = "friction-missing"
 

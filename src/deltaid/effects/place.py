@@ -1,15 +1,15 @@
-"""Torques that bend with the place of the platform: lengths, zeros, mounting, springs, cables."""
+"""Torques that vary with the place of the platform: lengths, zeros, mounting, springs, cables."""
 
 from collections.abc import Iterable
 
 import numpy as np
 
-from deltaid.effects.effect import SEEN, DescribedEffect
+from deltaid.effects.effect import DETECTED, DescribedEffect
 from deltaid.effects.point import EffectCandidate, RigidFit
 
 
 class PlaceDependence(DescribedEffect):
-    """Squares of the task coordinates, alone and times what the drive gives."""
+    """Polynomials of the task coordinates, alone and times the drive's torque."""
 
     kind = "geometry-or-cogging"
     is_contested = True
@@ -28,5 +28,5 @@ class PlaceDependence(DescribedEffect):
         words = "it bends with the place of the platform"
         for i, drive in enumerate(fit.drives):
             columns = np.stack([block[:, i] for block in blocks], axis=1)
-            yield EffectCandidate(self.kind, drive, columns, words, SEEN / dof, bends=True)
-        yield EffectCandidate(self.kind, "", np.hstack(blocks), words, SEEN, bends=True)
+            yield EffectCandidate(self.kind, drive, columns, words, DETECTED / dof, bends=True)
+        yield EffectCandidate(self.kind, "", np.hstack(blocks), words, DETECTED, bends=True)

@@ -1,7 +1,7 @@
-"""Where effects are linearised, and what an effect of the contest of causes has to provide.
+"""The point about which effects are linearised, and the interface of effects in the contest.
 
 `TracePoint` is a recording at given parameters, where slopes of its torques are taken. `RigidFit`
-is such a point after least squares without effects. `UnknownEffect` is one cause with unknown
+is such a point after least squares without effects. `UnknownEffect` is a cause with unknown
 coefficients: columns, prior, bounds, exact application, words.
 """
 
@@ -26,11 +26,12 @@ from deltaid.model.corrections import Correction, Kind
 from deltaid.recording.windows import SampleBlock
 from deltaid.robot.description import RobotDescription
 
-# Sweeps of a fit with a factor for each drive; directions below this share are excluded.
+# Gauss–Newton steps of a fit with a factor for each drive, and the share of the largest singular
+# value below which factors are not identifiable.
 _SWEEPS, _SHOWN = 3, 0.05
-# Speeds of a drive that rests are rounding below this [rad/s or m/s].
+# Speed below which motion is rounding [rad/s or m/s].
 _RESTS = 1e-9
-# What nobody described makes some such share of a drive's torque, before any recording [rms].
+# Prior size of an effect that nothing is known of, as a share of a drive's torque [rms].
 SIZE = 0.05
 
 Deviations = Float[np.ndarray, " coefficients"]
@@ -42,13 +43,13 @@ class EffectCandidate:
 
     kind: str
     subject: str  # the drive or joint; empty for all together
-    columns: Columns  # as rows of all drives
-    words: str = ""  # what the torque follows, for messages
-    tries: float = 0.0  # how many of its like it was chosen from, as a decimal logarithm
-    detail: tuple[float, ...] = ()  # further results, such as times
-    # whether it is taken where another explains little more: other checks judge it better
+    columns: Columns  # over the rows of all drives
+    words: str = ""  # for messages, such as what the torque varies with
+    tries: float = 0.0  # decimal logarithm of the number of candidates it was chosen from
+    detail: tuple[float, ...] = ()  # additional results, such as times
+    # whether it is taken where another explains little more, for a check of its own judges it
     is_preferred: bool = False
-    bends: bool = False  # whether it bends with the place of the platform
+    bends: bool = False  # whether it varies with the place of the platform
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,8 +58,8 @@ class TracePoint:
 
     trace: Trace
     p: Parameters
-    # fastest, highest: largest speed of each joint and torque of each drive, where those of other
-    # recordings count too
+    # fastest, highest: largest speed of each joint and torque of each drive over all recordings;
+    # empty if these of this recording count
     fastest: dict[str, float] = field(default_factory=dict[str, float], kw_only=True)
     highest: tuple[float, ...] = field(default=(), kw_only=True)
 
@@ -114,7 +115,7 @@ class TracePoint:
 
     @cached_property
     def slopes(self) -> TorqueSlopes:
-        """Of torques; friction keeps its direction."""
+        """Slopes of torques; friction keeps its direction."""
         w = self.motion
         return torque_slopes(self.dynamics, w.z, w.qd, w.qdd, self.p)
 
@@ -122,7 +123,7 @@ class TracePoint:
         return float(self.p[self.dynamics.layout.names.index(name)])
 
     def weighted(self, slopes: Sequence[np.ndarray]) -> ColumnsOfDrives:
-        """Columns of slopes at the filtered samples."""
+        """Slopes as columns, times the weights of the samples."""
         weights = self.motion.weights.T
         columns = [slope * weights for slope in slopes]
         return np.stack(columns, axis=2) if columns else np.zeros((*weights.shape, 0))
@@ -131,7 +132,7 @@ class TracePoint:
         return joint_columns(self.trace, self.p, shapes)
 
     def added(self, addition: Addition) -> ColumnsOfDrives:
-        """Columns of an addition that does not need the robot's."""
+        """Columns of an addition that do not depend on the robot's."""
 
         def entries(w: SampleBlock) -> Float[np.ndarray, "entries samples"]:
             return addition.entries(w, np.zeros((0, len(w.time))), self.trace.recording)
@@ -141,17 +142,16 @@ class TracePoint:
 
 @dataclass(frozen=True, eq=False)
 class RigidFit(TracePoint):
-    """A recording before its effects are known, at the parameters of least squares."""
+    """A recording at the parameters of least squares without effects."""
 
     Y: ColumnsOfDrives  # the active columns of its regressor, filtered
-    # rows, span: its samples as rows, and what these columns explain of them
-    rows: DriveRows
-    span: Span
+    rows: DriveRows  # weights and stacks samples as rows
+    span: Span  # of the columns Y as rows
     tau: Rows  # its torques as rows
 
     @cached_property
     def scaled_model(self) -> OfDrives:
-        """Torques of parameters that are fitted together with a factor for every drive.
+        """Torques of parameters that are fitted together with a factor g_i for every drive.
 
         τ_i = (1 + g_i) Y_i p, by Gauss–Newton. Hardly identifiable factors, such as one common to
         all, stay 1.
@@ -188,16 +188,16 @@ class UnknownEffect(ABC):
         deviation: prior standard deviation of each coefficient; 0 where `deviations` differ.
         corrected_as, unit, text: kind, unit and words of its corrections, one a subject; the
             drive's own unit where none is given, no correction where there is no text.
-        is_candidate: it is corrected where the rows need it. Otherwise it is a nuisance here, which
-            keeps others from explaining its torque, and a stage of its own corrects it.
-        is_positive: physics allows no coefficient below zero.
-        is_of_parts: a tolerance of manufacture or mounting bounds it to a few deviations.
-        is_own: each recording has coefficients of its own.
-        corrects: what its coefficients are applied to exactly: readings of the drives or the robot;
-            empty where they stay columns of the fit, or a stage of its own estimates them.
-        is_fitted: the final fit estimates it again, as parameters of the robot.
-        limit: norm of all coefficients above which it is a doubt instead of a correction: then the
-            description is wrong, or another cause mimics it.
+        is_candidate: whether the contest corrects it where the rows need it. Otherwise it is a
+            nuisance here, which keeps others from explaining its torque; another stage corrects it.
+        is_positive: whether coefficients cannot be negative.
+        is_of_parts: whether a tolerance of manufacture or mounting bounds it.
+        is_own: whether each recording has its own coefficients.
+        corrects: the readings of the drives or the robot, if these are corrected exactly; empty
+            where the columns stay in the fit, or another stage estimates the coefficients.
+        is_fitted: whether the final fit estimates it again, as parameters of the robot.
+        limit: largest norm of all coefficients; beyond it the effect is a doubt, not a correction:
+            the description is wrong, or another cause mimics it.
     """
 
     name: str
@@ -218,30 +218,31 @@ class UnknownEffect(ABC):
         """Slopes of the torques by its coefficients."""
 
     def deviations(self, point: TracePoint, columns: ColumnsOfDrives) -> Deviations:
-        """Prior standard deviations of its coefficients; where nothing is known, those whose torque
-        is `SIZE` of the drives' largest."""
+        """Prior standard deviations of its coefficients; without a `deviation`, those that make the
+        share `SIZE` of the drives' largest torques."""
         if self.deviation:
             return np.full(columns.shape[2], self.deviation)
         own = np.sqrt(np.mean((columns / point.largest[:, None, None]) ** 2, axis=(0, 1)))
         return SIZE / np.maximum(own, np.finfo(float).tiny ** 0.5)
 
     def stated(self, robot: RobotDescription) -> Deviations:
-        """Standard deviations by the tolerances that the description states; one zero without."""
+        """Standard deviations by tolerances of the description; zero where it states none."""
         return np.zeros(1)
 
     def is_possible(
         self, values: Deviations, covariance: Float[np.ndarray, "coefficients coefficients"]
     ) -> bool:
-        """Whether physics allows such coefficients; if not, they imitate another cause."""
+        """Whether physics allows such coefficients; if not, they mimic another cause."""
         return True
 
     def possible(self, values: Deviations) -> Deviations:
+        """The nearest coefficients that physics allows."""
         return np.maximum(values, 0.0) if self.is_positive else values
 
     def corrections(
         self, robot: RobotDescription, values: Deviations, half: Deviations
     ) -> tuple[Correction, ...]:
-        """What was corrected, for coefficients and half widths of their 95 % intervals."""
+        """Corrections by coefficients and half widths of their 95 % intervals."""
         if not self.text:
             return ()
         scale = 100.0 if self.unit == "%" else 1.0
@@ -254,7 +255,7 @@ class UnknownEffect(ABC):
         )  # fmt: skip
 
     def subjects(self, robot: RobotDescription) -> Sequence[str]:
-        """Whose coefficients these are: the drives', if not said otherwise."""
+        """Owners of the coefficients, by default the drives."""
         return robot.drives
 
     def doubt(self, values: Deviations) -> str:
@@ -263,7 +264,7 @@ class UnknownEffect(ABC):
 
 
 class StagedEffect(UnknownEffect):
-    """A nuisance of the contest that a stage of its own corrects."""
+    """A nuisance in the contest that another stage corrects."""
 
     is_candidate = False
 

@@ -1,23 +1,23 @@
-"""The lag of a torque as its steps show it, which friction makes where a drive turns round.
+"""The lag of a torque by its steps at reversals, where friction changes its sign.
 
-A reversal at t_k shows in a torque that is δ late as a step at t_k + δ. With u = t_n − t_k and what
-the model's torques about it but for that step, the residual is
+In a torque that is δ late, the reversal at t_k is a step at t_k + δ. With u = t_n − t_k, the torque
+less the model's without this step is
 
     r_n = o_k + J_k (α s(u − δ) + β u) + noise of level σ,
 
-J_k the model's step and s = ½ sgn; α and β, the same for all reversals of a drive, and o_k are what
-a wrong friction law would leave here. Given these,
+with the model's step J_k and s = ½ sgn. The offsets o_k of each reversal, and α and β of a drive,
+absorb a wrong friction law. Given these,
 
     log L(δ) = Σ_k Σ_{u > δ} α J_k (r_n − o_k − β J_k u) / σ² + const
 
-is a staircase whose stairs lie at other phases between two samples for each reversal, so δ is known
-far better than to a sample, and better than by other rows. What varies smoothly, as a wrong
-friction law, load or gain does, looks like a lag elsewhere but not here. A fit excludes these rows,
-so their result is added to it as the prior of the lag.
+is a step function of δ whose steps lie at different phases between two samples for each reversal,
+so δ is known far better than to a sample. Smooth errors, as of a friction law, load or gain, look
+like a lag in other rows but not here. A fit excludes these rows, so their result enters it as the
+prior of the lag.
 
 Behind a first-order filter of time constant T, s is ½ − exp(−(u − δ)/T) after the step, and the lag
-is δ + T; that is tried where the samples next to reversals are farther from a step than others, or
-show none. Where they still are, as where friction yields before it slips, nothing is reported.
+is δ + T. This is tried where samples next to reversals do not fit a sharp step. Where they do not
+fit a filter either, as where friction yields before it slips, reversals give no lag.
 """
 
 from collections.abc import Sequence
@@ -35,22 +35,22 @@ from deltaid.estimation.traces import Delay, Trace
 from deltaid.levels import SURE
 from deltaid.recording.windows import WINDOW, SampleBlock
 
-# Samples to either side of a reversal that are used beyond what may be lagged by; those nearer
-# than the second number may not count because the joint turns round.
+# Samples to either side of a reversal that are used beyond the range of lags; and samples next to
+# it that may have no weight, for masks exclude reversals.
 _AROUND, _MASKED = 8, 3
-# Half the range of the search about the known lag, and then about the located one [s].
+# Half the range of the first search about the known lag, and of the second about its result [s].
 _FAR, _NEAR = 0.012, 1.5e-3
-# How far samples next to a step, and to one behind a filter, may be from the model, in steps.
+# Largest misfit of samples next to a sharp step, and to one behind a filter, in steps.
 _SHARP, _ROUGH = 0.08, 0.15
-# Share of a sample by which torque and position of a row may be apart, whatever is recorded.
+# Share of a sample by which the instants of a row's torque and position may differ.
 _APART = 0.1
-# Steps at least, and the least part of their size that must be observed.
+# Least number of steps, and least α.
 _LEAST, _SEEN = 4, 0.3
-# Samples next to a step, and how many standard deviations their scatter may exceed others'.
+# Samples next to a step, and standard deviations by which their scatter must exceed others'.
 _NEXT, _EXCESS = 3, 4.0
-# Time constants of filters in samples, and how many of these and of lags are tried.
+# Range of time constants of filters in samples, and numbers of constants and lags that are tried.
 _CONSTANTS, _GRID = (0.1, 4.0), (8, 61)
-# Sum of squares of a step of 1 over these samples that is none of a slope.
+# Sum of squares of a step of 1 over the samples next to it, beside the best line; about.
 _OWN = 0.35
 _TINY = np.finfo(float).tiny
 
@@ -59,13 +59,12 @@ Torques = Float[np.ndarray, "dof _"]  # each stretch as long as it is
 
 
 class ReversalLags(NamedTuple):
-    """Lags of the drives of one recording as their reversals show them."""
+    """Lags of the drives of one recording by reversals."""
 
     values: Delay  # [s]
-    deviation: Delay  # their standard deviations; infinite where reversals show none [s]
-    filtered: Bool[np.ndarray, " dof"]  # whether the steps went through a filter
-    # whether there are steps that friction and a filter do not explain
-    doubtful: Bool[np.ndarray, " dof"]
+    deviation: Delay  # their standard deviations; infinite where reversals give no lag [s]
+    filtered: Bool[np.ndarray, " dof"]  # whether steps passed a filter
+    doubtful: Bool[np.ndarray, " dof"]  # whether steps fit neither a sharp step nor a filter
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,13 +72,13 @@ class Steps:
     """Samples about the steps of one drive."""
 
     after: Around  # u, the time of each sample after its reversal [s]
-    left: Around  # r, torques less those of the model without its step
+    left: Around  # r, torques less those of the model without its steps
     jump: Float[np.ndarray, " reversals"]  # J of each reversal
 
 
 @dataclass(frozen=True, eq=False)
 class Local:
-    """What remains of steps without o_k, α and β; and α."""
+    """The residual of steps after least squares, and α."""
 
     left: Around
     seen: float
@@ -88,8 +87,8 @@ class Local:
 def lags_of_reversals(
     trace: Trace, additions: Sequence[Addition], p: Parameters, known: Delay
 ) -> ReversalLags:
-    """The lag of every drive by its reversals, for those by all other rows, `known` [s], and the
-    parameters of robot and additions that go with them."""
+    """The lag of every drive by its reversals; `known` and p are lags [s] and parameters by all
+    other rows."""
     period, still = 1.0 / trace.low_pass.rate, np.zeros(len(known), dtype=bool)
     lags = ReversalLags(known.copy(), np.full(len(known), np.inf), still, still.copy())
     far, near = _FAR + period, _NEAR + period
@@ -118,7 +117,7 @@ def lags_of_reversals(
 def _modelled(
     trace: Trace, additions: Sequence[Addition], p: Parameters, stretch: SampleBlock
 ) -> tuple[Torques, Torques]:
-    """Torques of the model along a stretch, and what of them is friction of the drive itself."""
+    """Torques of the model along a stretch, and the part that is the drive's own friction."""
     layout, names = trace.dynamics.layout, trace.dynamics.robot.drives
     drives, columns = trace.pattern(additions)
     owners = {k: t.owner for k, t in enumerate(layout.parameters) if t.kind == "friction"}
@@ -167,10 +166,8 @@ def _about_reversals(
 
 
 def located(steps: Steps, known: float, reach: float) -> tuple[float, float] | None:
-    """Mean and standard deviation of where steps are, equally likely within reach before.
-
-    Twice, since α, β and o_k follow from the place. None where too little of a step is observed.
-    """
+    """Mean and standard deviation of the steps' time after reversals, with a uniform prior within
+    reach of the known lag. Repeated, since α, β and o_k depend on it. None where α is small."""
     if len(steps.jump) < _LEAST:
         return None
     residual = steps.left - steps.left.mean(axis=1, keepdims=True)
@@ -191,15 +188,13 @@ def sharp(after: Around, place: float) -> Around:
 
 
 def rounded(after: Around, place: float, constant: float) -> Around:
-    """A step of size 1 behind a filter; `place` counts its time constant in."""
+    """A step of size 1 behind a filter; `place` is δ + T."""
     return 0.5 - np.exp(-np.maximum(after - (place - constant), 0.0) / constant)
 
 
 def behind_filter(steps: Steps, known: float, period: float) -> tuple[float, float] | None:
-    """Mean and standard deviation of the lag where a first-order filter rounds the steps.
-
-    Over a grid of lags and time constants, all as likely before.
-    """
+    """Mean and standard deviation of the lag δ + T behind a first-order filter, with a uniform
+    prior over a grid of lags and time constants."""
     constants = period * np.geomspace(*_CONSTANTS, _GRID[0])
     places = known + np.linspace(-_NEAR, _NEAR + constants[-1], _GRID[1])
     trials = [[locally(steps, rounded(steps.after, lag, T)) for T in constants] for lag in places]
@@ -218,10 +213,8 @@ def behind_filter(steps: Steps, known: float, period: float) -> tuple[float, flo
 
 
 def misfit(local: Local, steps: Steps, place: float) -> float:
-    """By how much samples next to steps are farther from the model than others, in steps.
-
-    Zero where that may be chance.
-    """
+    """Excess misfit of samples next to steps over that of others, as a share of the step; zero
+    where it may be chance."""
     period = float(np.median(np.diff(steps.after, axis=1)))
     adjacent = np.abs(steps.after - place) < _NEXT * period
     near, far = np.mean(local.left[adjacent] ** 2), np.mean(local.left[~adjacent] ** 2)
@@ -231,21 +224,20 @@ def misfit(local: Local, steps: Steps, place: float) -> float:
 
 
 def is_abrupt(local: Local, steps: Steps, place: float) -> bool:
-    """Whether a step remains in the few samples next to it, fitted with a slope of their own.
+    """Whether the few samples next to a step still fit a step beside a slope of their own.
 
-    Friction that yields before it slips turns over many samples: from nearby, a slope.
+    Friction that yields before it slips changes over many samples: from nearby, it is a slope.
     """
     k = int(np.argmin(np.abs(steps.after.mean(axis=0) - place)))
     part = slice(max(0, k - _NEXT), k + _NEXT + 1)
     few = Steps(steps.after[:, part], steps.left[:, part], steps.jump)
     near = locally(few, sharp(few.after, place))
-    # Of a step and a slope: so much of a step is none of the slope's.
     scatter = np.sqrt(np.mean(near.left**2) / (_OWN * np.sum(steps.jump**2)))
     return local.seen - near.seen < max(0.5 * local.seen, SURE * float(scatter))
 
 
 def locally(steps: Steps, shape: Around) -> Local:
-    """Least squares of o_k, α and β for some shape of the step."""
+    """Least squares of o_k, α and β for a shape s of the step."""
     A = np.stack([shape, steps.after], axis=2) * steps.jump[:, None, None]
     A, b = (values - values.mean(axis=1, keepdims=True) for values in (A, steps.left))
     size = lengths(A.reshape(-1, 2))
@@ -256,14 +248,14 @@ def locally(steps: Steps, shape: Around) -> Local:
 def _posterior(
     steps: Steps, r: Around, seen: float, variance: float, known: float, reach: float
 ) -> tuple[float, float]:
-    """Mean and standard deviation of the place of the step, equally likely within reach before, by
-    what is left of its share that is seen."""
+    """Mean and standard deviation of δ by log L of the residuals r without o_k and β; `seen` is α,
+    the prior is uniform within reach of the known lag."""
     gain = seen * steps.jump[:, None] * r / max(variance, _TINY)
     order = np.argsort(steps.after.ravel())
     times, gain = steps.after.ravel()[order], gain.ravel()[order]
     inner = np.abs(times - known) < reach
     edges = np.concatenate([[known - reach], times[inner], [known + reach]])
-    # Beyond the last sample within reach the sum is the same for all.
+    # Samples beyond reach add the same to all.
     log = np.append(np.cumsum(gain[inner][::-1])[::-1], 0.0)
     width, middle = np.diff(edges), 0.5 * (edges[1:] + edges[:-1])
     share = width * np.exp(log - log.max())

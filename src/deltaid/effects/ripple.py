@@ -9,14 +9,14 @@ from deltaid.effects.point import EffectCandidate, RigidFit
 from deltaid.effects.ripple_search import waves_of
 from deltaid.estimation.problem import Rows
 
-# Waves of a ripple over a drive's stroke.
+# Numbers of waves over a drive's stroke that are searched.
 _COUNTS = np.arange(1.0, 81.0, 0.5)
 
 
 class PositionRipple(DescribedEffect):
     """For each drive the largest ripple in the residual.
 
-    One of k waves over the stroke passes the filter as far as its frequency, k q̇ / stroke, does.
+    The filter passes k waves over the stroke as far as their frequency, k q̇ / stroke.
     """
 
     kind = "ripple"

@@ -1,4 +1,4 @@
-"""Orders of ripples beside all that a contest has: the largest of each drive, again and again."""
+"""Search for the orders of the largest ripples beside all effects of a contest."""
 
 from collections.abc import Sequence
 
@@ -11,13 +11,12 @@ from deltaid.effects.point import Added, TracePoint
 from deltaid.estimation.scatter import surprise
 from deltaid.estimation.shrinkage import Shrunk
 
-# Waves over the stroke from which torque over the position is no spring, for it bends, and to which
-# it is searched; and how far apart orders are that are searched, in waves over the stroke.
+# Orders that are searched, in waves over the stroke: least (less looks like a spring), most, step.
 _LEAST, _MOST, _APART = 0.5, 160.0, 0.25
-# Of so many orders about the largest filtered columns are computed, between which those of all
-# others are interpolated to 1e-6: their phases differ by π/4 at most.
+# Number of orders whose filtered columns are computed near one order; all others are interpolated
+# to 1e-6, for phases differ by π/4 at most.
 _NODES = 7
-# Orders that pass the filter at a drive's usual speed by less than this share cannot be seen.
+# Least share of a ripple that must pass the filter at a drive's usual speed.
 _PASSED = 0.1
 
 Orders = Float[np.ndarray, " orders"]
@@ -28,8 +27,8 @@ OrdersOfDrives = Sequence[Float[np.ndarray, " _"]]
 def largest_ripples(
     points: Sequence[TracePoint], fit: Shrunk, least: float, searched: OrdersOfDrives
 ) -> list[tuple[int, float]]:
-    """The order of the largest ripple of each drive that has one so unlikely by chance [decades],
-    beside all that a fit has."""
+    """Drive and order of the largest ripple of each drive beside all groups of a fit, if it is
+    more surprising than `least` [decades]."""
     ripples = list[tuple[int, float]]()
     for i, orders in enumerate(searched):
         if len(orders) < 2:
@@ -45,10 +44,10 @@ def largest_ripples(
 def nearest_order(
     points: Sequence[TracePoint], fit: Shrunk, i: int, order: float, orders: Orders
 ) -> float:
-    """The order near another that explains most beside all that a fit has, by filtered columns.
+    """The order near another that explains most beside all groups of a fit, by filtered columns.
 
-    No longer a wave than any that is searched: torques along a shorter part of one are those of a
-    spring, with coefficients as large as that part is small.
+    It is not below the least order searched: along a shorter part of a wave, torques are those of a
+    spring, and coefficients grow without bound.
     """
     step = orders[1] - orders[0]
     near = np.linspace(max(order - step, orders[0]), order + step, num=41)
@@ -73,7 +72,7 @@ def waves_near(point: TracePoint, i: int, near: Orders) -> Float[np.ndarray, "sa
 
 
 def _blocks(points: Sequence[TracePoint], i: int) -> list[int]:
-    """Numbers of a drive's blocks, which follow each other recording by recording."""
+    """Numbers of a drive's blocks in all recordings."""
     return [k * point.dof + i for k, point in enumerate(points)]
 
 
@@ -88,7 +87,7 @@ def ripple_of(point: TracePoint, drive: int, order: float) -> Added:
 
 
 def searched_orders(points: Sequence[TracePoint]) -> OrdersOfDrives:
-    """Orders of ripples that each drive may show [1/rad or 1/m]."""
+    """Orders of ripples that are searched for each drive [1/rad or 1/m]."""
     return [_orders(points, i) for i in range(points[0].dof)]
 
 
@@ -105,7 +104,7 @@ def _orders(points: Sequence[TracePoint], i: int) -> Orders:
 
 
 def passed(point: TracePoint, i: int, orders: Orders) -> Float[np.ndarray, "orders samples"]:
-    """What the low-pass leaves of ripples of a drive of size 1: at the frequency n q̇ / 2π."""
+    """Share of a drive's ripples that passes the low-pass, at the frequency n q̇ / 2π."""
     low_pass = point.trace.low_pass
     frequency = np.fft.rfftfreq(1 << 14, 1 / low_pass.rate)
     response = np.abs(np.fft.rfft(low_pass.response, 1 << 14))

@@ -5,7 +5,7 @@ from collections.abc import Iterable
 import numpy as np
 from jaxtyping import Float
 
-from deltaid.effects.effect import SEEN, Cause, DescribedEffect
+from deltaid.effects.effect import DETECTED, Cause, DescribedEffect
 from deltaid.effects.point import Deviations, EffectCandidate, RigidFit, TracePoint, UnknownEffect
 from deltaid.estimation.drive_rows import ColumnsOfDrives, of_own_drives
 from deltaid.estimation.problem import Columns
@@ -19,15 +19,15 @@ from deltaid.robot.description import RobotDescription
 class Saturation(UnknownEffect, DescribedEffect):
     """A recorded torque τ_r of which the joint gets τ = τ_r (1 − β (τ_r/τ_max)²).
 
-    To first order in β, τ_r = Y p + β τ³/τ_max² with the torques τ of the model and their largest
-    size τ_max, where the joint lacks the share β. In the contest β_2, β_4 of each drive as of
-    `Readings`, with the columns τ_m u² and τ_m u⁴.
+    To first order in β, τ_r = Y p + β τ³/τ_max² with the model's torques τ and their largest size
+    τ_max. In the contest each drive has the coefficients β_2, β_4 of `Readings` with the columns
+    τ u² and τ u⁴, u = τ/τ_max.
     """
 
     name = "torque-constant"
     corrects = "readings"
     deviation = 0.05
-    is_of_parts = False  # how far motors are driven into saturation is no matter of tolerances
+    is_of_parts = False  # no tolerance of manufacture bounds how far motors saturate
     kind = corrected_as = "torque-constant"
     is_contested = True
     unit = "%"
@@ -49,17 +49,17 @@ class Saturation(UnknownEffect, DescribedEffect):
     def is_possible(
         self, values: Deviations, covariance: Float[np.ndarray, "coefficients coefficients"]
     ) -> bool:
-        """Torque constants fall with current, and do not rise again beyond chance up to its peak:
-        β_2 + 2 β_4 ≥ 0. Where they would, something else does."""
+        """Torque constants fall with current and do not rise again, beyond chance, up to its peak:
+        β_2 + 2 β_4 ≥ 0."""
         pairs, count = values.reshape(-1, 2), len(values) // 2
         lacking, falling = pairs.sum(axis=1), np.kron(np.eye(count), [1.0, 2.0])
         deviation = np.sqrt(np.diag(falling @ covariance @ falling.T))
         rising = np.sum(np.minimum(falling @ values / deviation, 0.0) ** 2)
         falls = float(np.sum(lacking * np.abs(lacking))) >= 0.0
-        return falls and surprise(float(rising), count) < SEEN
+        return falls and surprise(float(rising), count) < DETECTED
 
     def possible(self, values: Deviations) -> Deviations:
-        """Torques grow with current, up to the largest."""
+        """Reduced so that torques grow with current up to the largest."""
         u = np.linspace(0.0, 1.0, num=21)
         pairs = values.reshape(-1, 2)
         falls = (pairs @ np.stack([3.0 * u**2, 5.0 * u**4])).max(axis=1)
@@ -75,7 +75,7 @@ class Saturation(UnknownEffect, DescribedEffect):
     def candidates(self, fit: RigidFit) -> Iterable[EffectCandidate]:
         return self.of_each(fit.drives, _cubes(fit))
 
-    def seen(self, cause: Cause, subject: str, share: float) -> tuple[float, str, str]:
+    def finding(self, cause: Cause, subject: str, share: float) -> tuple[float, str, str]:
         fit, others = cause.fit, cause.others
         lacking = np.linalg.lstsq(others.without(_cubes(fit)), others.without(fit.tau))[0]
         worst = fit.drives.index(subject) if subject else int(np.argmax(np.abs(lacking)))

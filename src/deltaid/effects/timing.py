@@ -1,20 +1,18 @@
-"""How a recording's torques are sampled beside a delay: behind a filter, on a clock of their own.
+"""Filters of a recording's torques, and clocks of their own.
 
 A filter 1/(1 + T s) is to first order a delay of T. With the lag L = δ + T of a drive, δ its dead
 time, and the rate ρ by which lags grow,
 
     τ_meas(t) = y(t − L + T − ρ (t − t_0)),    T ẏ + y = τ,
 
-whose slopes by L, T and ρ are columns of a linear least squares about what is known so far
-(`timing_slopes`). Steps of friction decide about T: behind a filter they have tails. But friction
-that yields before it slips has tails as well, so what rows without them show must agree: those
-far from reversals have to contradict a pure delay, or the tails' T has to be the lag L that they
-show. Friction that warms up looks like a clock to first order, so its own columns, t − t_0 times
-the friction of joints, stand beside it.
+whose slopes by L, T and ρ (`timing_slopes`) are columns of Gauss–Newton. Steps of friction
+determine T: behind a filter they have tails. But friction that yields before it slips has tails as
+well, so rows far from reversals must confirm a filter: they contradict a pure delay, or their lag L
+equals the T of the tails. Friction that warms up looks like a clock to first order, so it has
+columns of its own, t − t_0 times the friction of joints.
 
-A filter or a clock is taken where chance gives one like it once in `SEEN` decades of recordings and
-where what is found can be one: no filter delays by more than the torque is late, and all torques
-have the same clock.
+A filter or a clock is taken where it is as unlikely by chance as `DETECTED` and is possible: no
+filter delays by more than the torque is late, and all torques have the same clock.
 """
 
 from dataclasses import replace
@@ -23,7 +21,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from deltaid.dynamics.dynamics import Parameters
-from deltaid.effects.effect import SEEN
+from deltaid.effects.effect import DETECTED
 from deltaid.effects.lag_columns import timing_slopes
 from deltaid.effects.lag_groups import HARMLESS, FreeTiming, Timing, exceeded
 from deltaid.estimation.drive_rows import ColumnsOfDrives, OfDrives, TraceRows, of_own_drives
@@ -34,11 +32,11 @@ from deltaid.levels import LIKELY, ROUNDS, SURE
 from deltaid.recording.masks.masks import least_about
 from deltaid.recording.windows import SampleBlock
 
-# Largest of each that is estimated [s, s, 1]; shortest time constant, in samples.
+# Largest lag [s], time constant [s] and rate that are estimated; shortest time constant [samples].
 _MOST, _SHORTEST = (0.03, 0.02, 5e-3), 0.5
-# So many time constants after a reversal nothing is left of a step.
+# Time constants after a reversal until its tail has vanished: to e⁻⁵.
 _TAIL = 5.0
-# Share of a time constant to which it and a lag must be known to say that they are equal.
+# Largest error of a time constant and a lag that can be called equal, as a share of the former.
 _KNOWN = 0.25
 
 Drives = Bool[np.ndarray, " dof"]
@@ -47,15 +45,18 @@ Drives = Bool[np.ndarray, " dof"]
 def other_than_delays(
     rows: TraceRows, trace: Trace, lags: Delay, abrupt: Drives, p: Parameters
 ) -> tuple[Timing | None, Drives]:
-    """Filters or a clock that a recording's torques have, None where there is neither; and whose
-    lags may be those of filters as well as delays.
+    """The timing of a recording with filters or a clock, None without these; and the drives whose
+    lags may be those of filters or of delays.
 
-    The trace has torques as they came, which have lags [s] and, of some drives, abrupt steps.
+    Args:
+        trace: without any lag corrected.
+        lags: of each drive [s].
+        abrupt: drives whose steps at reversals passed no filter.
     """
     dof = len(lags)
     about = float(np.concatenate([run.time for run in trace.stretches]).mean())
     none = Timing(lags, np.zeros(dof), 0.0, about, np.zeros((2 * dof + 1,) * 2), p)
-    # Steps at once, all over a recording, leave no room for a clock.
+    # Sharp steps at the same lag all over a recording exclude another clock.
     clock = 2 * int(np.count_nonzero(abrupt)) < dof and _may_be_clock(rows, trace, none)
     free = FreeTiming((lags > 1.0 / trace.low_pass.rate) & ~abrupt, clock)
     unsure = np.zeros(dof, bool)
@@ -74,7 +75,7 @@ def other_than_delays(
 
 
 def _simplest(rows: TraceRows, trace: Trace, timing: Timing, free: FreeTiming) -> Timing:
-    """The same without dead times where all filters do without: their T is known as well as L."""
+    """The timing without dead times, if no filter needs one: then T is known as well as L."""
     dead, covariance = _dead_times(timing, free.filters)
     if not len(dead) or exceeded(dead, covariance, CHANCE):
         return timing
@@ -99,7 +100,7 @@ def _may_be_clock(rows: TraceRows, trace: Trace, none: Timing) -> bool:
 
 
 def _swept(rows: TraceRows, trace: Trace, start: Timing, free: FreeTiming) -> Timing:
-    """Lags, time constants of some drives, and the rate of a clock, by Gauss and Newton."""
+    """Lags, time constants of some drives, and the rate of a clock, by Gauss–Newton."""
     timing, dof, own = start, len(start.lags), np.flatnonzero(free.filters)
     low = _SHORTEST / trace.low_pass.rate
     duration = float(trace.stretches[-1].time[-1] - trace.stretches[0].time[0])
@@ -123,7 +124,7 @@ def _swept(rows: TraceRows, trace: Trace, start: Timing, free: FreeTiming) -> Ti
 
 
 def _linear(rows: TraceRows, trace: Trace, timing: Timing, free: FreeTiming) -> LinearProblem:
-    """Least squares of x, of steps from what is found, and of friction that warms up."""
+    """Least squares of the parameters, steps of the timing, and friction that warms up."""
     late, longer, growing = timing_slopes(trace, timing.p, rows.additions, timing.about)
     if free.pure:
         late = late + longer * free.filters[:, None]
@@ -131,7 +132,7 @@ def _linear(rows: TraceRows, trace: Trace, timing: Timing, free: FreeTiming) -> 
     steps = np.concatenate([*own, growing[:, :, None]], axis=2)[:, :, free.columns]
     part = rows.of_trace(trace)
     warm = _warm(rows, trace, timing) if free.clock else np.zeros((*part.tau.shape, 0))
-    # Coefficients of friction that warms up are about such that it is of the size of torques.
+    # Priors: friction that warms up may be as large as the torques.
     rms = np.sqrt(np.mean(warm**2, axis=(0, 1)))
     sizes = np.sqrt(np.mean(part.tau**2)) / np.where(rms > 0, rms, 1.0)  # zero for a resting drive
     return rows.problem(
@@ -154,7 +155,7 @@ def _warm(rows: TraceRows, trace: Trace, timing: Timing) -> ColumnsOfDrives:
 
 
 def _filtered(rows: TraceRows, trace: Trace, timing: Timing, free: FreeTiming) -> Drives:
-    """Which drives' torques passed a filter: beyond chance, and so that all rows agree."""
+    """Drives whose torques passed a filter, beyond chance and confirmed far from reversals."""
     dof, row = len(timing.lags), 1.0 / trace.low_pass.rate
     kept = free.filters & (timing.constants > row)
     dead, errors = _dead_times(timing, np.ones(dof, bool))
@@ -174,7 +175,7 @@ def _filtered(rows: TraceRows, trace: Trace, timing: Timing, free: FreeTiming) -
     # v = T² of these rows alone, which is 0 for a delay; its slope by T is 2 T.
     slope = np.diag(2 * T)
     wide = exceeded(T**2 + 2 * T * more, slope @ of_constants @ slope, CHANCE)
-    # A lag that is the T of the tails is a coincidence for anything but a filter.
+    # Only behind a filter does the lag equal the T of the tails.
     dead = timing.lags[kept] + step[lags] - T
     variances = errors[np.ix_(lags, lags)] + timing.covariance[np.ix_(constants, constants)]
     known = np.all(np.sqrt(np.diag(variances)) < _KNOWN * T)
@@ -183,24 +184,24 @@ def _filtered(rows: TraceRows, trace: Trace, timing: Timing, free: FreeTiming) -
 
 
 def _seen(timing: Timing, chosen: Drives) -> Drives:
-    """Which of the chosen drives' time constants are beyond chance: together, and each by itself or
-    by being that of the others."""
+    """Which of the chosen drives have time constants beyond chance: all together, and each alone
+    or by agreeing with the others."""
     drives, dof, seen = np.flatnonzero(chosen), len(chosen), np.zeros(len(chosen), bool)
     covariance = timing.covariance[np.ix_(dof + drives, dof + drives)]
     T, variance = timing.constants[drives], np.diag(covariance)
-    if not len(drives) or not exceeded(T, covariance, 10**-SEEN):
+    if not len(drives) or not exceeded(T, covariance, 10**-DETECTED):
         return seen
     common = np.sum(T / variance) / np.sum(1 / variance)
     for k, drive in enumerate(drives.tolist()):
         own = variance[k].reshape(1, 1)
-        alone = exceeded(T[[k]], own, 10**-SEEN)
+        alone = exceeded(T[[k]], own, 10**-DETECTED)
         seen[drive] = alone or not exceeded(T[[k]] - common, own, CHANCE)
     return seen
 
 
 def _is_clock(rows: TraceRows, trace: Trace, timing: Timing) -> bool:
-    """Whether lags that grow are beyond chance, and those of all drives grow alike."""
-    if not exceeded(np.array([timing.rate]), timing.covariance[-1:, -1:], 10**-SEEN):
+    """Whether lags grow beyond chance, and by the same rate for all drives."""
+    if not exceeded(np.array([timing.rate]), timing.covariance[-1:, -1:], 10**-DETECTED):
         return False
     corrected, dof = timing.beside(trace), len(timing.lags)
     late, _, growing = timing_slopes(corrected, timing.p, rows.additions, timing.about)

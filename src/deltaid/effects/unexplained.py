@@ -3,10 +3,9 @@
     τ_i = Y_i p + Σ c_abk T_a(x) T_b(u) T_k(s_i) + Σ_{j≠i} d_j s_j + Σ e_m T_m(t),
     0 < a + k ≤ 3 − b,    0 < m ≤ 3
 
-with Chebyshev's polynomials T, the place x of the drive within its range, its velocity u and the
-torques s of the model as shares of their largest, and the time t within the recording. They take
-what an unknown cause does, which effects would imitate, and bodies and friction are estimated
-beside them.
+with Chebyshev polynomials T of the drive's place x within its range, its velocity u, the model's
+torques s, each as a share of the largest, and the time t within the recording. They absorb the
+torque of an unknown cause, which effects, bodies and friction would mimic otherwise.
 """
 
 from collections.abc import Sequence
@@ -26,13 +25,13 @@ from deltaid.recording.recording import PreparedRecording
 from deltaid.recording.windows import SampleBlock
 from deltaid.robot.parameter import PRIOR_SPREAD, PriorParameter
 
-# The lowest degree of functions by which a torque constant changes with the size of a speed: u² s.
+# Largest degree: the least for a torque constant that changes with the size of the speed, u² s.
 _DEGREE = 3
 
 Times = Float[np.ndarray, " samples"]
 _QUANTITIES = ("place", "speed", "torque")
-# Degrees in place, velocity and torque; friction has columns of the velocity alone, and a factor
-# for all torques is not identifiable.
+# Degrees in place, velocity and torque, without those of the velocity alone, which friction has,
+# and without a factor of the torque, which is not identifiable.
 _DEGREES = tuple(
     (a, b, k)
     for a, b, k in product(range(_DEGREE + 1), repeat=3)
@@ -48,7 +47,7 @@ def _follows(degrees: tuple[int, ...]) -> str:
     return f"its {listed(names)}"
 
 
-# Degrees of the columns of each kind, by what they vary with.
+# Degrees of the columns by their kind, the quantities that they vary with.
 KINDS = {
     follows: tuple(degrees for degrees in _DEGREES if _follows(degrees) == follows)
     for follows in dict.fromkeys(map(_follows, _DEGREES))
@@ -60,7 +59,7 @@ class FreeTorque(OfTorques):
     """Columns of one kind, one drive after the other.
 
     Attributes:
-        kind: what they vary with.
+        kind: the quantities that they vary with.
         middle, half: of each drive's range [rad or m].
         fastest: the largest speed of each drive [rad/s or m/s].
         strongest: the largest torque of each drive [N m or N].
@@ -96,7 +95,7 @@ class FreeTorque(OfTorques):
         return self.along(q, w.qd, tau.T, _passed(recording, w.time))
 
     def along(self, q: InTask, qd: InTask, tau: InTask, passed: Times) -> Values:
-        """Entries by positions, velocities and torques of the drives, and the time that passed."""
+        """Entries by positions, velocities and torques of the drives, and time from −1 to 1."""
         shares = [(q - self.middle) / self.half, qd / self.fastest, tau / self.strongest]
         if self.kind == _OTHERS:
             return np.concatenate([np.delete(shares[2], i, axis=1).T for i in range(q.shape[1])])
@@ -109,12 +108,12 @@ class FreeTorque(OfTorques):
 
 
 def _passed(recording: PreparedRecording, time: Times) -> Times:
-    """From −1 at the beginning of a recording to 1 at its end."""
+    """Time from −1 at the beginning of a recording to 1 at its end."""
     return 2.0 * recording.drifting().share(time) - 1.0
 
 
 class Unexplained(Added):
-    """Free functions of all drives' torques, of one kind."""
+    """An effect with the columns of one kind of all drives."""
 
     addition: FreeTorque
 
@@ -146,16 +145,15 @@ class Unexplained(Added):
 
 
 def is_unexplained(name: str) -> bool:
-    """Whether an effect is one of these."""
     return name.startswith(UNEXPLAINED)
 
 
 def shares_of_torque(point: TracePoint, torques: OfDrives) -> Float[np.ndarray, " dof"]:
-    """What torques vary by as a share of what those of the drives do; 0 for a drive that rests."""
+    """Standard deviation of torques over that of the drives' torques; 0 for a drive that rests."""
     usual = point.model.std(axis=1)
     return np.divide(torques.std(axis=1), usual, out=np.zeros_like(usual), where=usual > 0)
 
 
 def in_words(share: float, drive: str, varies: str) -> str:
-    """A finding on a share of a drive's torque, with the clause that says what it varies with."""
+    """The words for a share of a drive's torque and the clause on what it varies with."""
     return f"{UNEXPLAINED}: {percent(share)} of {drive}'s torque, {varies}"

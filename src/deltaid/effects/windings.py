@@ -1,5 +1,5 @@
-"""Gears that wind up: what they carry in recordings in memory, the links' motion behind them, rows
-of it with lags and friction as a free curve; compliances, and what these are as corrections."""
+"""Gears that wind up: the torque that they carry, the links' motion behind them, rows along this
+motion with lags and free friction, and compliances with their words."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
@@ -29,17 +29,16 @@ from deltaid.recording.spectrum import HIGHEST
 from deltaid.recording.windows import SampleBlock
 from deltaid.robot.description import RobotDescription
 
-# The low-pass over what gears carry, as a multiple of that over rows.
+# Cut-off of the low-pass over the torque that gears carry, as a multiple of that over rows.
 _WIDER = 2.5
-# What a gear carries counts as known from this share of what its motor alone takes.
+# The torque that a gear carries counts as known from this share of its motor's own torque.
 _LOADED = 0.2
-# Columns of a drive's friction: shapes over its speed, one that grows with the load, two with time,
-# an offset and what differs by direction.
+# Numbers of a drive's free friction columns: over speed, with load, with time, by direction.
 _CAUSES = (len(SHAPES), 1, 2, 2)
 _FREE = sum(_CAUSES)
-# What gears usually wind up by at a drive's largest torque, as a share of the drive's range.
-_USUAL = 1e-3
-# A compliance looks like a lag from this correlation.
+# Usual windup of gears at a drive's largest torque, as a share of the drive's range.
+USUAL = 1e-3
+# A compliance is reported to look like a lag from this correlation.
 _ALIKE = 0.9
 
 Compliance = Float[np.ndarray, " dof"]
@@ -54,9 +53,11 @@ def motors_of(
     rate: float,
     compliance: Sequence[float] = (),
 ) -> Gears:
-    """Gears between links and motors with the friction and rotors of p, whose low-pass over what
-    they carry does not bend that over rows, of a cut-off [Hz] and a rate [1/s]; stiff, or of some
-    compliances as of `Gears`."""
+    """Gears whose motors have the friction and rotors of p, stiff or of given compliances.
+
+    Their low-pass is wide enough not to change rows behind a low-pass of the cut-off [Hz] at the
+    rate [1/s].
+    """
     names = (parameter.name for parameter in parameter_layout(robot).parameters)
     named = dict(zip(names, p.tolist(), strict=True))
     viscous, coulomb, rotor = (
@@ -69,20 +70,21 @@ def motors_of(
 
 @dataclass(frozen=True, eq=False)
 class Windings:
-    """A trace of the motors' motion, and what gears carry along it: τ_g, its rate, and the next."""
+    """A trace of the motors' motion, with the torque τ_g that gears carry along it."""
 
-    trace: Trace  # without the ends for which τ_g is not known
+    trace: Trace  # without the ends where τ_g is not known
     motors: Gears  # with their friction and rotors
-    carried: tuple[Float[np.ndarray, "3 _ dof"], ...]  # for each stretch (3, samples, drives)
+    # of each stretch τ_g and its first and second derivative by time
+    carried: tuple[Float[np.ndarray, "3 _ dof"], ...]
 
     @classmethod
     def measured(cls, trace: Trace, motors: Gears) -> "Windings":
-        """By the torques measured along a trace."""
+        """With τ_g by the measured torques."""
         return cls._along(trace, motors, lambda w: w.tau + w.carried - motors.of_motor(w.qd, w.qdd))
 
     @classmethod
     def modelled(cls, trace: Trace, motors: Gears, p: Parameters) -> "Windings":
-        """By the torques of p along a trace."""
+        """With τ_g by the model's torques for p."""
         carried = trace.dynamics.carried
         return cls._along(trace, motors, lambda w: carried(w.z, w.qd, w.qdd, p) + w.carried)
 
@@ -90,7 +92,7 @@ class Windings:
     def _along(
         cls, trace: Trace, motors: Gears, torque: Callable[[SampleBlock], np.ndarray]
     ) -> "Windings":
-        """A torque that gears carry and its derivatives, without the ends that filters take."""
+        """With `torque` and its derivatives as τ_g, without the ends that filters need."""
         low_pass = motors.low_pass(trace.low_pass.rate)
         taps = (low_pass.level, low_pass.first, low_pass.second)
         along = map(torque, trace.stretches)
@@ -101,29 +103,28 @@ class Windings:
     def _cut(
         cls, trace: Trace, motors: Gears, carried: Sequence[np.ndarray], lost: int
     ) -> "Windings":
-        """Stretches without ends that are lost, with what is carried in between; none for those
-        that nothing is left of."""
+        """Cut `lost` samples off both ends of each stretch, and drop stretches that end up empty;
+        `carried` is cut already."""
         pairs = zip(trace.stretches, carried, strict=True)
         stretches = tuple(w.part(slice(lost, -lost)) for w, c in pairs if c.shape[1] > 0)
         kept = tuple(c for c in carried if c.shape[1] > 0)
         return cls(replace(trace, stretches=stretches), motors, kept)
 
     def inner(self, times: int) -> "Windings":
-        """The same without the ends that a filter takes which is applied so many times."""
+        """The same without the ends that this many more passes of the filter need."""
         lost = times * self.motors.low_pass(self.trace.low_pass.rate).margin
         inner = [carried[:, lost:-lost] for carried in self.carried]
         return self._cut(self.trace, self.motors, inner, lost)
 
     @property
     def loaded(self) -> Bool[np.ndarray, " dof"]:
-        """Whose gears carry a good share of what their motors alone take; of others, how much is
-        carried is hardly known."""
+        """Which gears carry enough beside their motors' own torques for τ_g to be known."""
         carried = np.concatenate([stretch[0] for stretch in self.carried])
         of_motors = [self.motors.of_motor(w.qd, w.qdd) for w in self.trace.stretches]
         return carried.std(axis=0) > _LOADED * np.concatenate(of_motors).std(axis=0)
 
     def turned(self, compliance: Compliance) -> Trace:
-        """The motion of links behind gears that wind up."""
+        """The trace of the links' motion behind gears of this compliance."""
         kinematics, stretches = self.trace.dynamics.kinematics, list[SampleBlock]()
         if not np.any(compliance):
             return self.trace
@@ -135,8 +136,8 @@ class Windings:
         return replace(self.trace, stretches=tuple(stretches))
 
     def slopes(self, s: Compliance, steps: Groups, p: Parameters) -> ColumnsOfDrives:
-        """What predicted less measured torques of p change by over each size, by differences from
-        compliances s to those of one more step."""
+        """Slopes of predicted less measured torques over each size, by differences between
+        compliances s and s + step."""
         turned = [self.turned(s + step) for step in (0 * s, *steps.T)]
         before, *after = (trace.model(p) - trace.torques() for trace in turned)
         return np.stack([error - before for error in after], axis=2) / steps.max(axis=0)
@@ -145,13 +146,12 @@ class Windings:
 def rows_of(
     rows: TraceRows, trace: Trace, p: Parameters, *columns: Float[np.ndarray, "dof samples _"]
 ) -> RecordingRows:
-    """Rows of a trace with extra columns, those of friction behind, which grows with what gears
-    carry by p."""
+    """Rows of a trace with extra columns, followed by those of `free_friction`."""
     return rows.of_trace(trace).beside(*columns, free_friction(trace, p))
 
 
 def fitted(rows: TraceRows, traces: Sequence[Trace]) -> tuple[list[OfDrives], Parameters]:
-    """Residuals of each trace's rows fitted with lags and friction, and p."""
+    """Residuals of each trace's rows beside lags and free friction, and p."""
     parts = [rows_of(rows, trace, trace.load) for trace in traces]
     p, first = parameters(rows, parts), rows.size
     for k, (part, trace) in enumerate(zip(parts, traces, strict=True)):
@@ -162,8 +162,8 @@ def fitted(rows: TraceRows, traces: Sequence[Trace]) -> tuple[list[OfDrives], Pa
 
 
 def parameters(rows: TraceRows, parts: Sequence[RecordingRows]) -> Parameters:
-    """p of the robot with friction approximated as viscous and Coulomb's, which are hardly
-    identifiable with a free curve."""
+    """p of the robot from rows without free friction, beside which viscous and Coulomb friction
+    are hardly identifiable."""
     free = slice(-_FREE * len(parts[0].tau))
     plain = [
         RecordingRows(part.A[..., free], part.tau, tuple(Z[..., free] for Z in part.instruments))
@@ -173,8 +173,8 @@ def parameters(rows: TraceRows, parts: Sequence[RecordingRows]) -> Parameters:
 
 
 def free_friction(trace: Trace, p: Parameters) -> ColumnsOfDrives:
-    """Friction of each drive beside Coulomb's and viscous, in columns of its own: a
-    free curve, what grows with what its gear carries, by p, and what changes while it warms up."""
+    """Columns of each drive's friction beside viscous and Coulomb's: a free curve over speed, one
+    that grows with the torque its gear carries by p, with time, and by direction."""
     fastest = np.max([np.abs(w.qd).max(axis=0) for w in trace.stretches], axis=0)
     fastest = np.where(fastest > 0, fastest, 1.0)  # any, of a drive that rests all the time
     first, last = trace.stretches[0].time[0], trace.stretches[-1].time[-1]
@@ -191,8 +191,7 @@ def free_friction(trace: Trace, p: Parameters) -> ColumnsOfDrives:
 
 
 def friction_causes(dof: int) -> tuple[Int[np.ndarray, " columns"], ...]:
-    """Which columns of `free_friction` are those of the speed, of the load, of warming up and of
-    the direction, of all drives."""
+    """Numbers of the columns of `free_friction` over speed, load, time and direction."""
     first = np.arange(dof)[:, None] * _FREE
     parts = np.split(np.arange(_FREE), np.cumsum(_CAUSES)[:-1])
     return tuple((first + part).ravel() for part in parts)
@@ -200,15 +199,15 @@ def friction_causes(dof: int) -> tuple[Int[np.ndarray, " columns"], ...]:
 
 @dataclass(frozen=True, eq=False)
 class Windup:
-    """Compliances of all gears."""
+    """Compliances of all gears; drives of one group share an estimated size."""
 
     values: Compliance  # s of every drive [rad/(N m) or m/N]
-    groups: Groups  # which drives have each of the sizes that were searched, ones and zeros
-    # sizes, covariance: of these
+    groups: Groups  # 1 where a drive belongs to a group, else 0
+    # sizes, covariance: of the groups
     sizes: Sizes
     covariance: Float[np.ndarray, "groups groups"]
-    like_lag: Sizes  # how far the size of each correlates with its drives' lags, between 0 and 1
-    p: Parameters  # parameters of the robot that go with them
+    like_lag: Sizes  # largest correlation of each size with a lag of its drives, between 0 and 1
+    p: Parameters  # of the robot, fitted with these compliances
 
     @property
     def deviation(self) -> Sizes:
@@ -216,12 +215,12 @@ class Windup:
 
     @property
     def significant(self) -> Bool[np.ndarray, " groups"]:
-        """Which sizes are none by chance."""
+        """Which sizes are beyond chance."""
         return self.sizes > CERTAIN * self.deviation
 
     def estimated(self, deviation: Compliance) -> "Windup":
-        """The same with compliances that were estimated elsewhere, drive by drive, those of which
-        are 0 that are stated."""
+        """The same with the standard deviation of each drive's compliance as the contest estimated
+        it; 0 where it is stated."""
         drives = np.flatnonzero((self.values > 0) & (deviation > 0))
         own = np.diag(deviation[drives] ** 2)
         groups, unlike = np.eye(len(self.values))[:, drives], np.zeros(len(drives))
@@ -282,4 +281,4 @@ class WindUp(StagedEffect):
 
     def deviations(self, point: TracePoint, columns: ColumnsOfDrives) -> Deviations:
         """As gears usually wind up at the largest torque of each drive."""
-        return _USUAL * np.ptp(point.q, axis=0) / point.largest
+        return USUAL * np.ptp(point.q, axis=0) / point.largest

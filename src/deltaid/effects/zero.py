@@ -1,4 +1,4 @@
-"""Zeros of drives that are off, and a tilted base, which looks much the same."""
+"""Drives whose zeros are off, and a tilted base, which looks alike to first order."""
 
 from collections.abc import Iterable
 from dataclasses import replace
@@ -9,7 +9,7 @@ from deltaid.effects.point import EffectCandidate, RigidFit
 
 
 class Zero(Effect):
-    """The zero of a drive or of all; verdicts on wiring report how far they are off."""
+    """The zero of a drive or of all; the check of the wiring reports by how much it is off."""
 
     kind = "homing-or-tilt"
     is_contested = True

@@ -14,7 +14,7 @@ from threadpoolctl import threadpool_limits
 
 from deltaid.dynamics.dynamics import Parameters
 from deltaid.effects.along_motion import RippleColumns
-from deltaid.effects.effect import SEEN
+from deltaid.effects.effect import DETECTED
 from deltaid.effects.point import Added, Deviations, TracePoint, UnknownEffect
 from deltaid.effects.ripple_search import (
     OrdersOfDrives,
@@ -78,7 +78,7 @@ class Contest:
         contest, ripples = self, list[Added]()
         searched = searched_orders(self.points)
         while len(ripples) < _RIPPLES * self.points[0].dof:
-            found = largest_ripples(self.points, contest.shrunk, SEEN, searched)
+            found = largest_ripples(self.points, contest.shrunk, DETECTED, searched)
             if not found:
                 break
             ripples += [ripple_of(self.points[0], drive, order) for drive, order in found]
@@ -135,14 +135,14 @@ class Contest:
 
     def reduced(self) -> "Contest":
         """Without the effects that the rows do not need."""
-        return replace(self, shrunk=reduced(self.shrunk, SEEN))
+        return replace(self, shrunk=reduced(self.shrunk, DETECTED))
 
     def rivals(self, last: "Contest") -> dict[tuple[str, str], "Contest"]:
         """Contests that the rows do not separate from the reduced one, by the effect that was kept
         and the rival that replaces it."""
         return {
             pair: replace(self, shrunk=shrunk)
-            for pair, shrunk in rivals(self.shrunk, last.shrunk, SEEN).items()
+            for pair, shrunk in rivals(self.shrunk, last.shrunk, DETECTED).items()
         }
 
     def suspects(self, last: "Contest") -> dict[str, "Contest"]:

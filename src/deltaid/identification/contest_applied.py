@@ -7,7 +7,7 @@ import numpy as np
 
 from deltaid.dynamics.dynamics import Parameters
 from deltaid.effects.all import UNKNOWNS
-from deltaid.effects.along_motion import AtDrives, AtPlatform, DriveSpring, with_rests
+from deltaid.effects.along_motion import AtDrives, AtPlatform, DriveSpring, with_offsets
 from deltaid.effects.geometry import Structure, opened, reshaped
 from deltaid.effects.point import Added, UnknownEffect
 from deltaid.effects.unexplained import FreeTorque
@@ -82,7 +82,7 @@ def with_effects(now: Setup, outcome: ContestOutcome, last: Contest) -> Setup:
     if Structure.name in outcome.kept:
         now = now.with_robot(opened(now.robot))
     if DriveSpring.name in outcome.kept:
-        now = now.with_robot(with_rests(now.robot))
+        now = now.with_robot(with_offsets(now.robot))
     additions = list(without_lags(now.additions))
     for name in outcome.kept:
         unknown = last.unknown(name)

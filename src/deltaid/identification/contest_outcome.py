@@ -9,7 +9,7 @@ from scipy.special import expit
 
 from deltaid.dynamics.dynamics import Parameters, compiled
 from deltaid.effects.all import UNKNOWNS
-from deltaid.effects.effect import SEEN
+from deltaid.effects.effect import DETECTED
 from deltaid.effects.lag_groups import agree, common_lag
 from deltaid.effects.point import SIZE
 from deltaid.effects.unexplained import UNEXPLAINED, in_words, is_unexplained, shares_of_torque
@@ -43,7 +43,7 @@ def decided(before: ContestOutcome, last: Contest, *, may_wind_up: bool) -> Cont
     """
     kept, values, deviations = last.shrunk.candidates, dict(before.values), {}
     winds_up = (may_wind_up or before.winds_up) and (
-        last.shrunk.surprise(last.group(WIND_UP)) > SEEN
+        last.shrunk.surprise(last.group(WIND_UP)) > DETECTED
     )
     exact = (*kept, WIND_UP) if winds_up else kept
     for unknown in UNKNOWNS:

@@ -264,7 +264,7 @@ def _better_than_loads(setup: Setup, turned: Sequence[Study | None]) -> bool:
         before = setup.studies[k] if setup.is_disturbed(k) else None
         if before is None or after is None:
             continue
-        parts, residual = before.account.found, before.account.left
+        parts, residual = before.account.detected, before.account.left
         of_loads = sum(part.gain for part in parts if part.candidate.kind == LOAD_CHANGE)
         total = float(residual @ residual) + sum(part.gain for part in parts)
         if np.mean((after.fit.rows.scale / before.fit.rows.scale) ** 2) > 1.0 - of_loads / total:

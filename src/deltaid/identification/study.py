@@ -19,8 +19,8 @@ from threadpoolctl import threadpool_limits
 from deltaid.dynamics.dynamics import Dynamics, Parameters
 from deltaid.dynamics.parameters import prior_parameters
 from deltaid.effects.all import EFFECTS, effect_of
-from deltaid.effects.effect import SEEN, SHARE, Account, account, causes_of
-from deltaid.effects.lag_columns import slopes
+from deltaid.effects.effect import DETECTED, SHARE, Account, account, causes_of
+from deltaid.effects.lag_columns import APART, slopes
 from deltaid.effects.lag_groups import SMALL
 from deltaid.effects.lags import Lag, estimate_lags
 from deltaid.effects.point import EffectCandidate, RigidFit
@@ -47,8 +47,6 @@ from deltaid.robot.parameter import PRIOR_SPREAD
 # Largest cut-off of rows [Hz]; a higher one hardly helps.
 HIGHEST_CUTOFF = 30.0
 LOAD_CHANGE = "load-change"  # the kind of an effect that hides others
-# Drives whose lags differ do so by so many times `SMALL`.
-_AT_ONCE = 2.0
 # An error is far above another, such as that of noise alone, or off by far more than half an
 # interval, at so many times its size.
 FAR = 3.0
@@ -79,7 +77,7 @@ class Study:
         Lags, friction laws and gears then take what they can of it, and mean nothing. Gears that
         wind up may look like a load, and like other things as much.
         """
-        gains = [(part.candidate.kind == LOAD_CHANGE, part.gain) for part in self.account.found]
+        gains = [(part.candidate.kind == LOAD_CHANGE, part.gain) for part in self.account.detected]
         return sum(gain for load, gain in gains if load) > 0.5 * sum(gain for _, gain in gains)
 
 
@@ -106,16 +104,15 @@ def studied(
     rows = DriveRows(recording.log.torque_max, tau.shape[1]).by_misfit(explained, tau)
     fit, causes = _accounted(record, Y, rows)
     apart = np.abs(each.values - common.values)
-    apart_by = float(apart.max()) / _AT_ONCE
-    alike = _surprise(apart, each) < SEEN or apart_by < SMALL
+    alike = _surprise(apart, each) < DETECTED or float(apart.max()) < APART
     plain = _inertia(fit)
     study = Study(fit, causes, common, each, 0.0, alike, plain, on_time=plain)
     off = (common.values[0] / max(common.deviation[0], 1e-12)) ** 2
     late = max(surprise(off, 1), _surprise(each.values, each)) - 1.0
-    if late < SEEN or max(abs(common.values[0]), 0.0 if alike else apart_by) < SMALL:
+    if late < DETECTED or (alike and abs(common.values[0]) < SMALL):
         return study
     others = [trial.surprise for trial in causes.first if trial.candidate.kind != "torque-lag"]
-    first = causes.found[0].candidate.kind if causes.found else ""
+    first = causes.detected[0].candidate.kind if causes.detected else ""
     record = record.shifted((common if alike else each).values)
     Y = record.regressor(beside)
     rows = DriveRows(rows.scale, Y.shape[1])
@@ -234,7 +231,7 @@ def rests(study: Study) -> tuple[Rest, ...]:
         )
         explained = trend.share * power
         least = max(first_order[drive], (POSITION_ERROR * largest[drive]) ** 2)
-        follows = trend.surprise > SEEN and explained > least
+        follows = trend.surprise > DETECTED and explained > least
         beyond = max(power - noise[drive] ** 2, explained if follows else 0.0)
         times = np.sqrt(power) / max(noise[drive], MISFIT_FLOOR * largest[drive])
         is_far = times > FAR and power > max(first_order[drive], (ADEQUATE * largest[drive]) ** 2)
