@@ -1,4 +1,4 @@
-"""A fit as the model that a file keeps: values, intervals, what was done and what is doubtful."""
+"""Assembly of the identified model from a fit: values, intervals, corrections, warnings."""
 
 from collections.abc import Sequence
 from datetime import UTC, datetime
@@ -42,23 +42,20 @@ def assembled(
     """The model of a fit.
 
     Args:
-        error: its torque errors.
-        judged: its parameters, those of additions behind the robot's.
-        loads: what is held, as fitted.
-        readings: what drives read otherwise.
-        effects: what takes torques beside the robot.
-        corrections: what was corrected before it and by it, but for priors.
-        sources: the recordings behind it.
-        remarks: warnings about these.
-        choice: how friction laws were chosen, if they were.
-        outcome: of the contest that decided what was corrected.
+        error: torque errors of the fit.
+        judged: parameters of the robot, then of additions.
+        loads: as fitted.
+        readings: corrections of what drives record.
+        effects: additional torques that act on the robot.
+        corrections: made before the fit and by it, without widened priors.
+        sources: the recordings.
+        remarks: warnings about the recordings.
+        choice: of friction laws, if there was one.
+        outcome: of the contest of causes.
     """
-    count, layout, outcome = (
-        len(problem.p),
-        problem.layout,
-        outcome or ContestOutcome(problem.dynamics.robot),
-    )
-    # What determines the scale of a fit's torques and masses beside torque constants, in words.
+    count, layout = len(problem.p), problem.layout
+    outcome = outcome or ContestOutcome(problem.dynamics.robot)
+    # In words, what fixes the scale of torques and masses beside torque constants.
     facts = () if problem.information.facts is None else weighings(problem.dynamics.robot)
     known = [addition.witness for addition in problem.additions if addition.witness]
     absolute = (*known, *(fact.name for fact in facts))
@@ -74,7 +71,7 @@ def assembled(
             for body, M in moments.items()
         ),
         fit=_record(problem, error),
-        settings=settings.changed(intervals="linear"),  # models are drawn where checks are made
+        settings=settings.changed(intervals="linear"),  # only `checks` draws models
         posterior=posterior_record(problem),
         loads=loads,
         readings=readings,

@@ -1,19 +1,17 @@
-"""Columns of recordings as they are used: torques that drives hold between two updates are
-interpolated, recorded velocities and accelerations that come late give way to differentiated
-positions, and sensors take part, with what these and measured values make free.
+"""Stages for columns of recordings: torques that drives hold between two updates are interpolated,
+late velocities and accelerations are replaced by differentiated positions, and sensors join.
 
-With x a recorded rate, filtered as everything is, and y the one that follows from the positions,
+The lag δ of a recorded rate x against that of the positions, y, both filtered, is determined by
 
-    x(t) = y(t − δ)   →   x − y = −δ ½ (ẋ + ẏ)   to third order in δ,
+    x(t) = y(t − δ)   →   x − y = −δ ½ (ẋ + ẏ)   to third order in δ
 
-which a drive's velocity column shows to microseconds: no parameter and no torque is in the way.
-Where rates agree with positions in time, it makes no difference whether they are used (M and
-friction change by less than 0.003 % on six kinds of robot), and 2 ms of lag cost 5 % of M.
+to microseconds, without parameters or torques. Rates without a lag make no difference (M and
+friction change by less than 0.003 % on six kinds of robot); 2 ms of lag cost 5 % of M.
 
-What `free` excludes of a body costs a fit of torques nothing where torques do not determine it. A
-new row that does would take it for known exactly, and all intervals would be too narrow. So it
-varies around the prior as it was before the reduction. An entry that torques determine and that is
-not free is a statement of the description, and stays; so does a body with `free: []`.
+Entries of a body that `free` excludes do no harm while no row determines them. A sensor's row may:
+the fit would take them for exactly known, and intervals would be too narrow. So such entries become
+free, with their prior. Excluded entries that torques determine stay excluded, as the description
+states; so does a body with `free: []`.
 """
 
 from collections.abc import Sequence
@@ -43,7 +41,7 @@ from deltaid.robot.description import RobotDescription
 from deltaid.robot.inertia import PSEUDO_INERTIA_ENTRIES, entry_map
 from deltaid.sensors.weighings import weighings
 
-# Half widths of its interval that a clear lag is larger than.
+# A lag is clear above this many half widths of its 95 % interval.
 CLEAR_LAG = 2.0
 
 _HELD = (
@@ -53,7 +51,7 @@ _HELD = (
 
 
 def holds_filled(setup: Setup, progress: Progress) -> Setup:
-    """Recordings with torques between their updates."""
+    """Interpolate torques between the updates of drives."""
     if setup.settings.lag == "none":
         return setup
     progress("looking for repeated torques")
@@ -77,7 +75,7 @@ def holds_filled(setup: Setup, progress: Progress) -> Setup:
 
 
 def late_rates_left_out(setup: Setup, progress: Progress) -> Setup:
-    """Recordings without velocities and accelerations that lag behind their positions."""
+    """Exclude recorded velocities and accelerations that lag behind positions."""
     if setup.settings.lag == "none":
         return setup
     corrections, recordings = list[Correction](), list[PreparedRecording]()
@@ -93,14 +91,13 @@ def late_rates_left_out(setup: Setup, progress: Progress) -> Setup:
 
 
 def _without_rates(recording: PreparedRecording, cutoff: float | None) -> PreparedRecording:
-    """The recording with its positions differentiated."""
+    """The recording without velocities and accelerations: positions are differentiated."""
     columns = replace(recording.log.columns, velocity=(), acceleration=())
     return recording.changed(recording.cutoff or cutoff, columns=columns)
 
 
 def late_rate(recording: PreparedRecording, kinematics: Kinematics) -> Lag | None:
-    """The lag of recorded velocities, or else of accelerations; None where none is harmful and
-    significant."""
+    """The lag of recorded velocities, or else of accelerations, if harmful and significant."""
     columns, rate = recording.log.columns, recording.log.rate
     cutoff = recording.cutoff or recording.log.suggested_cutoff
     if not (columns.velocity or columns.acceleration) or cutoff is None:
@@ -132,7 +129,7 @@ def _lag(
     slope: Float[np.ndarray, "samples dof"],
     counts: Bool[np.ndarray, " samples"],
 ) -> Lag:
-    """δ of every drive by least squares, its deviation by scatter between stretches of time."""
+    """δ of each drive by least squares, its deviation by scatter between stretches of time."""
     groups = stretch_numbers(len(slope))
     power, moments = (
         group_sums(np.where(counts[:, None], terms, 0.0), groups)
@@ -145,7 +142,7 @@ def _lag(
 
 
 def _corrections(lag: Lag, recording: PreparedRecording, drives: Sequence[str]) -> list[Correction]:
-    """One for all drives if their lags may be equal, or one a drive."""
+    """One correction for all drives if their lags may be equal, else one a drive."""
     values, halves, subjects = lag.values, lag.interval, list(drives)
     if np.ptp(values) < max(HARMLESS, 0.05 * np.abs(values).max(), halves.max()):
         weights, subjects = 1.0 / np.maximum(halves, 1e-9) ** 2, [""]
@@ -167,7 +164,7 @@ def _corrections(lag: Lag, recording: PreparedRecording, drives: Sequence[str]) 
 
 
 def sensors_included(setup: Setup, progress: Progress) -> Setup:
-    """The sensors of the description that some recording has a column of, as part of the fit."""
+    """Add the described sensors that some recording has columns of to the fit."""
     robot, dynamics, spread = setup.robot, setup.dynamics, setup.settings.prior_spread
     recorded = {
         sensor.name for recording in setup.recordings for sensor in recording.log.columns.sensors
@@ -189,8 +186,12 @@ def with_new_entries(
     shown: Int[np.ndarray, " shown"],
     by_torques: Int[np.ndarray, " visible"],
 ) -> RobotDescription:
-    """A description in which all is free that only sensors and measured values determine: entries
-    of M̄ that the parameters consist of that these, `shown`, determine and torques do not."""
+    """The description with those entries of M̄ free that only sensors and measured values determine.
+
+    Args:
+        shown: numbers of the parameters that these determine.
+        by_torques: numbers of the parameters that torques determine.
+    """
     layout, bodies = parameter_layout(robot), dict(robot.bodies)
     new = np.isin(np.arange(len(layout.names)), np.setdiff1d(shown, by_torques))
     for name in layout.bodies:
@@ -204,7 +205,7 @@ def with_new_entries(
 
 
 def sensors_settled(setup: Setup, progress: Progress) -> Setup:
-    """Columns of gain and pose about what the fit gives, which is repeated until they stay."""
+    """Linearise sensors' gains and poses about the fitted values, by turns with the fit."""
     sensors = [sensor for sensor in setup.additions if isinstance(sensor, SensorAddition)]
     if not any(sensor.is_bilinear for sensor in sensors):
         return setup

@@ -1,8 +1,8 @@
 """One sweep of the contest of causes: bodies, friction and all effects in one linear fit.
 
-Each effect has a prior and columns, the slopes of the torques at the present estimate. All effects
-are shrunk together (`estimation.shrinkage`). At the end of a sweep those are dropped that the rows
-do not need beside all others; the rest is applied exactly, and the next sweep takes new slopes.
+Each effect has a prior and columns, the slopes of the torques at the present estimate. One fit
+shrinks all effects (`estimation.shrinkage`). Then effects that the rows do not need beside all
+others are dropped; the rest is applied exactly, and the next sweep takes new slopes.
 """
 
 from collections.abc import Collection, Sequence
@@ -29,14 +29,13 @@ from deltaid.estimation.problem import CauseColumns, Columns, NoiseBlock
 from deltaid.estimation.shrinkage import Shrunk
 from deltaid.estimation.traces import Trace
 
-# Orders of ripples that a drive has at most.
+# Most orders of ripples that a drive has.
 _RIPPLES = 3
-
-# Of each recording, whose samples differ in number.
-ColumnsOfRecording = Float[np.ndarray, "dof _ _"]
-
-# Of two fits, one is certain that is a hundred times as probable as the other.
+# Logarithm of the odds from which one of two fits is certain.
 _CERTAIN = float(np.log(100.0))
+
+# Columns of one recording; recordings differ in length.
+ColumnsOfRecording = Float[np.ndarray, "dof _ _"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,20 +67,20 @@ class Contest:
 
     @property
     def noise(self) -> float:
-        """Logarithm of the level of the noise, in the mean over the rows of all drives."""
+        """Logarithm of the noise level, as a mean over the rows of all drives."""
         rows = [len(block.b) for block in self.shrunk.blocks]
         return float(np.average(np.log(self.shrunk.sigma), weights=rows))
 
     def with_ripples(self) -> "Contest":
-        """With columns of ripples: the largest of each drive is added until none exceeds chance;
-        orders are refined beside all others."""
+        """With ripples: the largest of each drive is added until none exceeds chance; all orders
+        are refined each time."""
         contest, ripples = self, list[Added]()
         searched = searched_orders(self.points)
         while len(ripples) < _RIPPLES * self.points[0].dof:
-            found = largest_ripples(self.points, contest.shrunk, DETECTED, searched)
-            if not found:
+            largest = largest_ripples(self.points, contest.shrunk, DETECTED, searched)
+            if not largest:
                 break
-            ripples += [ripple_of(self.points[0], drive, order) for drive, order in found]
+            ripples += [ripple_of(self.points[0], drive, order) for drive, order in largest]
             rough = self._with(ripples)
             ripples = [rough._nearer(ripple, searched) for ripple in ripples]
             contest = self._with(ripples)
@@ -105,15 +104,14 @@ class Contest:
         return replace(self, unknowns=(*self.unknowns, *unknowns), shrunk=shrunk)
 
     def unexplained(self) -> tuple[Unexplained, ...]:
-        """Free functions of the drives' torques; none where the rows need none of them beside all
-        effects."""
+        """Free functions of the drives' torques, if the rows need any beside all effects."""
         free = tuple(Unexplained(self.points, kind) for kind in KINDS)
         kept = self._with(free).reduced().shrunk.candidates
         return free if any(map(is_unexplained, kept)) else ()
 
     def prefers(self, first: "Contest", other: "Contest") -> bool:
-        """Whether the rows are more probable with the effects that one reduced contest keeps than
-        with those of another."""
+        """Whether the rows are more probable with the effects of one reduced contest than with
+        those of another."""
         ends, missing = (first, other), dict[str, UnknownEffect]()
         for end in ends:
             new = (name for name in end.shrunk.candidates if name not in self.shrunk.candidates)
@@ -123,8 +121,8 @@ class Contest:
         return bool(evidence > of_other)
 
     def unexplained_torques(self) -> OfDrives | None:
-        """What only free functions explain of the drives' torques in the first recording; None
-        where these are dropped."""
+        """Torques of the drives in the first recording that only free functions explain; None
+        without free functions."""
         others = [name for name in self.shrunk.candidates if not is_unexplained(name)]
         if len(others) == len(self.shrunk.candidates):
             return None
@@ -138,7 +136,7 @@ class Contest:
         return replace(self, shrunk=reduced(self.shrunk, DETECTED))
 
     def rivals(self, last: "Contest") -> dict[tuple[str, str], "Contest"]:
-        """Contests that the rows do not separate from the reduced one, by the effect that was kept
+        """Contests that the rows do not separate from the reduced one `last`, by the kept effect
         and the rival that replaces it."""
         return {
             pair: replace(self, shrunk=shrunk)
@@ -146,26 +144,26 @@ class Contest:
         }
 
     def suspects(self, last: "Contest") -> dict[str, "Contest"]:
-        """Contests with one more effect than a reduced one, by this effect."""
+        """Contests with one more effect than the reduced one `last`, by this effect."""
         return {
             name: replace(self, shrunk=shrunk)
             for name, shrunk in suspects(self.shrunk, last.shrunk).items()
         }
 
     def odds(self, other: "Contest") -> float:
-        """Logarithm of how many times as probable rows are as with the effects of another."""
+        """Logarithm of the odds of the rows against those with the effects of another."""
         return self.shrunk.evidence - other.shrunk.evidence
 
     def is_certain(self, name: str, without: "Contest") -> bool:
-        """Whether rows are certainly more probable with an effect, by evidence and by scatter, and
-        it is larger than errors of positions are."""
+        """Whether an effect is certain by evidence and by scatter, and larger than errors of
+        positions."""
         group = self.group(name)
         by_chance = self.shrunk.surprise(group) * np.log(10.0)
         is_large = self.shrunk.size(group) > POSITION_ERROR
         return bool(is_large and min(self.odds(without), by_chance) > _CERTAIN)
 
     def follows(self, names: Collection[str]) -> list[Parameters]:
-        """Changes of the robot's parameters by one standard deviation each of independent errors of
+        """Changes of the robot's parameters by one standard deviation of each independent error of
         some effects."""
         groups = [group for group in self.shrunk.groups if group.name in names]
         count = len(self.rows.dynamics.layout.names)
@@ -174,7 +172,7 @@ class Contest:
 
 
 def start(rows: TraceRows, traces: Sequence[Trace]) -> Parameters:
-    """Parameters of the robot alone."""
+    """Parameters of the robot before any effect is known."""
     x = rows.problem([rows.of_trace(trace) for trace in traces]).x
     return rows.parameters(x)[: len(rows.dynamics.layout.names)]
 
@@ -186,13 +184,11 @@ def contest(
     unknowns: Sequence[UnknownEffect],
     applied: dict[str, Float[np.ndarray, " coefficients"]],
 ) -> Contest:
-    """One sweep.
+    """One sweep. An effect whose stated tolerance is wider than usual is not dropped.
 
     Args:
-        points: recordings at the parameters at which slopes are taken.
-        applied: coefficients that recordings and robot have been corrected by.
-
-    What the description states to be off by more than usual is not dropped.
+        points: recordings at the parameters about which effects are linearised.
+        applied: coefficients by which recordings and robot have been corrected.
     """
     parts = [rows.of_trace(point.trace) for point in points]
     columns, groups, first = [part.A for part in parts], list[CauseColumns](), rows.size
@@ -235,8 +231,8 @@ def contest(
 def _usual(
     unknown: UnknownEffect, points: Sequence[TracePoint], own: Sequence[ColumnsOfRecording]
 ) -> Deviations:
-    """Deviations by the first recording that shows a coefficient: of a drive that rests in one,
-    nothing is known there, and where it rests in all, any will do."""
+    """Prior deviations by the first recording in which a coefficient's column is not zero, as that
+    of a resting drive is; 1 where it is zero in all."""
     usual = np.ones(own[0].shape[2])
     for point, columns in zip(points[::-1], own[::-1], strict=True):
         is_shown = np.any(columns != 0, axis=(0, 1))
@@ -246,19 +242,19 @@ def _usual(
 
 
 def _side_by_side(own: Sequence[ColumnsOfRecording]) -> list[ColumnsOfRecording]:
-    """Columns that each recording has of its own."""
+    """Columns of each recording, padded with zeros for the coefficients of the others."""
     width = own[0].shape[2]
     ends = [(k * width, (len(own) - 1 - k) * width) for k in range(len(own))]
     return [np.pad(A, ((0, 0), (0, 0), end)) for A, end in zip(own, ends, strict=True)]
 
 
 def reduced(full: Shrunk, least: float) -> Shrunk:
-    """A fit with those candidates that rows need beside all others.
+    """A fit with the candidates that rows need beside all others.
 
-    The least surprising is dropped first, until all exceed `least` [decades]; then others take
-    the places of what is kept, one for one, where rows are more probable so. What is smaller than
-    that which no effect explains may be a part of it, and is dropped; where rows are more probable
-    so, not before all that is kept is surprising, for free functions explain others as well.
+    The least surprising is dropped first, until all exceed `least` [decades]; then kept candidates
+    are exchanged for others, one for one, while the rows become more probable. A candidate that is
+    smaller than the torque that no effect explains may be a part of it and is dropped, either from
+    the start or only once all others are surprising, whichever makes the rows more probable.
     """
     now = _eliminated(full, least, by_size=True)
     if any(map(is_unexplained, full.candidates)):
@@ -270,8 +266,8 @@ def reduced(full: Shrunk, least: float) -> Shrunk:
 
 
 def _eliminated(now: Shrunk, least: float, *, by_size: bool) -> Shrunk:
-    """Drops the least surprising until all exceed `least`, first what errors of positions may be,
-    and `by_size` what is smaller than that which no effect explains."""
+    """Drop the least surprising candidate until all exceed `least`. Those that errors of positions
+    may be count as not surprising, and with `by_size` those smaller than the unexplained torque."""
     while now.droppable:
         unexplained = [now.size(group) for group in now.groups if is_unexplained(group.name)]
         least_named = max(POSITION_ERROR, by_size * float(np.linalg.norm(unexplained)))
@@ -290,9 +286,8 @@ def _eliminated(now: Shrunk, least: float, *, by_size: bool) -> Shrunk:
 def rivals(
     full: Shrunk, now: Shrunk, least: float, more: float = -_CERTAIN
 ) -> dict[tuple[str, str], Shrunk]:
-    """Fits with another candidate in the place of one of those of `now` whose evidence is larger by
-    more than this, by the one that was kept and the one that takes its place; by default so nearly
-    as probable that rows do not separate both."""
+    """Fits with one candidate of `now` exchanged, by the kept candidate and the other one, whose
+    evidence exceeds that of `now` by `more`: by default, those that rows do not separate."""
     dropped = [
         name for name in full.candidates if not (name in now.candidates or is_unexplained(name))
     ]
@@ -310,7 +305,7 @@ def rivals(
 
 
 def suspects(full: Shrunk, now: Shrunk) -> dict[str, Shrunk]:
-    """Fits with one more candidate than `now`, by this one, where physics allows it."""
+    """Fits with one more candidate than `now`, by this candidate, where physics allows it."""
     dropped = [
         group.name for group in full.droppable
         if not (group.name in now.candidates or is_unexplained(group.name))

@@ -42,7 +42,7 @@ def without_contest(setup: Setup) -> Setup:
 
 
 def with_readings(bare: Setup, outcome: ContestOutcome, p: Parameters) -> Setup:
-    """Recordings with the readings corrected by an outcome."""
+    """The setup with readings of the recordings corrected by an outcome."""
     largest = np.max([recording.log.torque_max for recording in bare.recordings], axis=0)
     pairs = np.reshape(outcome.coefficients("torque-constant"), (-1, 2)).tolist()
     falling = tuple((a, b) for a, b in pairs)
@@ -71,7 +71,7 @@ def with_readings(bare: Setup, outcome: ContestOutcome, p: Parameters) -> Setup:
 
 
 def with_effects(now: Setup, outcome: ContestOutcome, last: Contest) -> Setup:
-    """With the robot corrected, effects that stay columns, corrections, and new studies."""
+    """The setup with the robot corrected, effects that stay columns, and new studies."""
     if outcome.coefficients("length") or outcome.coefficients("tilt"):
         robot = reshaped(
             outcome.described, outcome.coefficients("length"), outcome.coefficients("tilt")
@@ -90,7 +90,7 @@ def with_effects(now: Setup, outcome: ContestOutcome, last: Contest) -> Setup:
             group = last.group(name)
             alpha = last.shrunk.alpha[last.shrunk.groups.index(group)]
             if isinstance(unknown.addition, FreeTorque):
-                alpha = max(alpha, 1.0)  # bodies, whose priors were wider, may have had a part
+                alpha = max(alpha, 1.0)  # bodies had wider priors and may have absorbed a part
             scale = alpha * group.deviation
             assert isinstance(unknown.addition, _ADDED)
             addition = replace(unknown.addition, deviation=tuple(scale.tolist()))

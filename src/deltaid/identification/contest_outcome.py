@@ -35,11 +35,11 @@ SUSPECTED = "suspected"
 
 
 def decided(before: ContestOutcome, last: Contest, *, may_wind_up: bool) -> ContestOutcome:
-    """The outcome of a reduced sweep: steps added to what had been applied.
+    """The outcome of a reduced sweep: its steps added to the coefficients applied before.
 
     Args:
-        may_wind_up: whether gears may become compliant. With compliant gears rows near brakes are
-            excluded, without which a compliance that those rows ask for can vanish.
+        may_wind_up: whether gears may become compliant. Compliant gears exclude rows near brakes; a
+            compliance that only these rows show would come and go.
     """
     kept, values, deviations = last.shrunk.candidates, dict(before.values), {}
     winds_up = (may_wind_up or before.winds_up) and (
@@ -64,8 +64,8 @@ def decided(before: ContestOutcome, last: Contest, *, may_wind_up: bool) -> Cont
 
 
 def _wound(robot: RobotDescription, last: Contest, compliance: Coefficients) -> Coefficients:
-    """Compliances of gears: the same for identical limbs unless these contradict it, and none that
-    is within its standard deviation."""
+    """Compliances of gears, equal for identical limbs unless estimates contradict that; 0 within
+    one standard deviation."""
     group, count = last.group(WIND_UP), len(robot.identical_drives)
     if count:
         own = group.columns[:count]
@@ -85,11 +85,11 @@ def is_settled(before: ContestOutcome, after: ContestOutcome) -> bool:
 
 
 def doubted(outcome: ContestOutcome, full: Contest, last: Contest) -> ContestOutcome:
-    """With moves that widen intervals, and pairs of causes that rows do not separate.
+    """The outcome with moves that widen intervals, and pairs of causes that rows do not separate.
 
-    Each of n dropped effects widens intervals by what parameters move with it and by its own
-    uncertainty, times the root of its probability beside those that are kept. Before any row, its
-    odds are 1 : n, for hardly more than one of them acts.
+    Each of n dropped effects widens intervals by the change of parameters with it and by its own
+    uncertainty, times the root of its probability beside the kept effects. Its prior odds are
+    1 : n, for hardly more than one of them acts.
     """
     names, rivals = last.rows.dynamics.layout.names, full.rivals(last)
     suspects, torques = full.suspects(last), last.unexplained_torques()
@@ -99,8 +99,8 @@ def doubted(outcome: ContestOutcome, full: Contest, last: Contest) -> ContestOut
     for name, suspect in suspects.items():
         weight = np.sqrt(expit(suspect.odds(last) - np.log(len(suspects))))
         moves += [weight * (suspect.p - last.p), *(weight * m for m in suspect.follows([name]))]
-    if torques is not None:  # a share of them may be in proportion to those of the robot
-        doubt = _unexplained(last, torques)  # of which suspects may be a part
+    if torques is not None:  # they may be in proportion to the robot's torques
+        doubt = _unexplained(last, torques)  # suspects may be a part of these
         moves.append(float(shares_of_torque(last.points[0], torques).max()) * last.p)
     else:
         surprises = {
@@ -120,8 +120,8 @@ def doubted(outcome: ContestOutcome, full: Contest, last: Contest) -> ContestOut
 
 
 def _unexplained(last: Contest, torques: OfDrives) -> dict[str, str]:
-    """A doubt about torques that only free functions explain: of the drive with most of them, and
-    with what it varies, the function without which the rows are least probable."""
+    """A doubt about torques that only free functions explain: of the drive with the largest share,
+    and of the function that the rows need most."""
     shares = shares_of_torque(last.points[0], torques)
     drive = int(np.argmax(shares))
     name = last.points[0].drives[drive]
@@ -138,7 +138,7 @@ def _unexplained(last: Contest, torques: OfDrives) -> dict[str, str]:
 
 
 def _suspicion(surprises: Mapping[str, float]) -> dict[str, str]:
-    """A doubt about suspects, by how surprising each is [decades]."""
+    """A doubt about suspects, by the surprise of each [decades]."""
     if not surprises:
         return {}
     names = sorted(surprises, key=lambda name: -surprises[name])
@@ -154,7 +154,7 @@ def _suspicion(surprises: Mapping[str, float]) -> dict[str, str]:
 
 
 def _of_limits(outcome: ContestOutcome) -> dict[str, str]:
-    """Doubts about effects beyond their limits, without those about what else may act."""
+    """Doubts about effects beyond their limits."""
     others = {SUSPECTED, UNEXPLAINED}
     return {key: doubt for key, doubt in outcome.doubts.items() if key not in others}
 
@@ -186,8 +186,8 @@ def why_not(setup: Setup, beyond: Collection[str]) -> str:
 
 
 def overtaken(last: Contest, beside: Contest) -> str:
-    """Why free functions are refuted that take more from the model than what nobody described makes
-    of a drive's torque (95 %); empty where they do not."""
+    """Why free functions are refuted: they take a larger share of the model's torques than an
+    undescribed effect usually makes (95 %); empty where they do not."""
     point = beside.points[0]
     change = point.trace.model(beside.p) - point.trace.model(last.p)
     share = float(shares_of_torque(point, change).max())
@@ -217,6 +217,6 @@ def refuted(outcome: ContestOutcome, why: str, moves: Sequence[Parameters]) -> C
 
 
 def _named(effects: Collection[str], conjunction: str = "and") -> str:
-    """Their kinds in words, each once."""
+    """The kinds of these effects in words, each once."""
     kinds = dict.fromkeys(name.split(" of ")[0] for name in effects)
     return listed([cause_in_words(kind) for kind in kinds], conjunction)

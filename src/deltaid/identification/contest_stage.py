@@ -1,7 +1,7 @@
-"""The stage of the contest of causes: sweeps until what is applied settles, then corrections.
+"""The stage of the contest of causes: sweeps until coefficients settle, then corrections.
 
-Each sweep (`contest`) linearises all effects about the present estimate, drops what the rows do not
-need, and applies the rest exactly to readings or robot. Effects that stay columns join the fit.
+Each sweep (`contest`) linearises all effects about the present estimate, drops those that the rows
+do not need, and applies the others exactly to readings or robot. Some stay columns of the fit.
 """
 
 from collections.abc import Callable, Collection, Sequence
@@ -39,7 +39,7 @@ from deltaid.identification.setup import WIND_UP, ContestOutcome, Progress, Setu
 from deltaid.levels import SWEEPS, WIDER
 from deltaid.recording.repairs import Gears
 
-# Sweeps after which nothing more is added.
+# Sweeps after which no effect is added any more: from then on sweeps only drop effects.
 _DECIDED = 2
 
 
@@ -48,16 +48,16 @@ class _Sweeps:
     """The end of a series of sweeps.
 
     Attributes:
-        setup, outcome: with the effects that are kept.
+        setup, outcome: with the kept effects.
         full: the last sweep.
-        last: the last sweep, reduced to these.
+        last: the last sweep, reduced to the kept effects.
         plain: parameters before any sweep.
         moves: changes of the parameters by the corrections, and by effects beyond their limits.
         parts: errors of the description that any sweep kept.
         why_not: why these corrections are refuted; empty where they stand.
-        is_lost: the next sweep would need poses that the robot cannot reach, or has no row left.
-        over_all_rows: makes the last sweep with rows where a passive joint may turn either way;
-            None where these took part.
+        is_lost: whether the next sweep has poses out of reach, or no rows.
+        over_all_rows: makes the last sweep with the rows near turns of passive joints; None if no
+            rows were excluded there.
     """
 
     setup: Setup
@@ -72,7 +72,7 @@ class _Sweeps:
     over_all_rows: Callable[[], Contest] | None
 
     def counting(self, other: "_Sweeps") -> "_Sweeps":
-        """With intervals that count what another end changes."""
+        """The same with intervals that include the change of parameters by another end."""
         names = self.last.rows.dynamics.layout.names
         move = dict(zip(names, (other.last.p - self.last.p).tolist(), strict=True))
         outcome = replace(self.outcome, moves=(*self.outcome.moves, move))
@@ -83,13 +83,12 @@ class _Sweeps:
 def contested(setup: Setup, progress: Progress) -> Setup:
     """Correct the effects that the rows need beside all others, unless that has been done.
 
-    The first slopes are taken far from the solution. Where sweeps end at a refuted result, one
-    error of the description may have imitated the curvature of another. So sweeps are repeated
-    without these errors, and once more from where those settle; the best takes the place of the
-    first if it leaves as little noise. Where rows beside turns of passive joints did not decide
-    between several such errors, what all rows leave does. Where something is unexplained, sweeps
-    with free functions of the drives' torques take its place if the rows are more probable with
-    these.
+    The first slopes are taken far from the solution, where one error of the description may mimic
+    the curvature of another. So after a refuted result, sweeps are repeated without such errors,
+    and again from where those settle; the best replaces the first if it leaves as little noise.
+    Where rows far from turns of passive joints do not decide between several such errors, all rows
+    do. Where torque is unexplained, sweeps with free functions of the drives' torques replace the
+    result if the rows are more probable with them.
     """
     if setup.settings.effects == "none" or setup.outcome:
         return setup
@@ -114,14 +113,14 @@ def contested(setup: Setup, progress: Progress) -> Setup:
 
 
 def _is_better(other: _Sweeps, end: _Sweeps) -> bool:
-    """Whether other sweeps are not refuted and leave no more noise, but for chance (95 %)."""
+    """Whether other sweeps stand and leave no more noise, up to chance (95 %)."""
     chance = NORMAL * end.last.shrunk.noise_spread
     return not other.why_not and other.last.noise < end.last.noise + chance
 
 
 def _by_all_rows(bare: Setup, end: _Sweeps) -> _Sweeps:
-    """Sweeps with fewer errors of the description that leave less noise in all rows than chance
-    (95 %), where rows beside turns of passive joints did not decide between several of these."""
+    """Sweeps with fewer errors of the description, if these leave less noise in all rows beyond
+    chance (95 %); only where several were kept and rows near turns of passive joints excluded."""
     if not end.over_all_rows or end.why_not or len(end.parts) < 2:
         return end
     standing = [other for other in _barred(bare, end.parts) if not other.why_not]
@@ -132,12 +131,11 @@ def _by_all_rows(bare: Setup, end: _Sweeps) -> _Sweeps:
 
 
 def _beside_unexplained(bare: Setup, end: _Sweeps) -> _Sweeps:
-    """Sweeps with free functions of the drives' torques, where the rows need these, leave less
-    noise and are more probable so, or the others alone are refuted; intervals count the other
-    end.
+    """Sweeps with free functions of the drives' torques, if the rows need these, leave less noise
+    and are more probable, or only the others are refuted; intervals include the other end.
 
-    These sweeps begin with stiff gears: what was searched before may be a part of what is
-    unexplained, and takes more sweeps to vanish than to appear.
+    These sweeps begin with stiff gears: an earlier compliance may be a part of the unexplained
+    torque, and takes more sweeps to vanish than to appear.
     """
     if not (free := end.full.unexplained()):
         return end
@@ -153,14 +151,13 @@ def _beside_unexplained(bare: Setup, end: _Sweeps) -> _Sweeps:
 
 
 def _again(bare: Setup, parts: frozenset[str]) -> list[_Sweeps]:
-    """Sweeps without some errors of the description, and sweeps that begin where the best of them
-    settled."""
+    """Sweeps without some errors of the description, and sweeps from where the best settled."""
     ends = _barred(bare, parts)
     return [*(_sweeps(bare, since=end) for end in ends[:1]), *ends]
 
 
 def _barred(bare: Setup, parts: frozenset[str]) -> list[_Sweeps]:
-    """Sweeps with none or only one of these errors of the description, by the noise they leave."""
+    """Sweeps with none or only one of these errors of the description, least noise first."""
     all_but_one = [parts - {name} for name in sorted(parts)] if len(parts) > 1 else []
     ends = [_sweeps(bare, barred) for barred in (parts, *all_but_one) if barred]
     return sorted((end for end in ends if not end.is_lost), key=lambda end: end.last.noise)
@@ -172,17 +169,14 @@ def _sweeps(
     since: _Sweeps | None = None,
     free: Sequence[UnknownEffect] = (),
 ) -> _Sweeps:
-    """Sweep without some effects until what is applied settles or poses become unreachable, and
-    judge the result."""
+    """Sweep without the `barred` effects until coefficients settle or poses are out of reach, and
+    judge the result; `since` is the end to begin at, `free` are additional effects."""
     without = bare.changed(barred_effects=bare.barred_effects | barred)
     if since is None:
         now, before, p = without, _begun(bare), None
     else:
-        now, before, p = (
-            with_readings(without, since.outcome, since.last.p),
-            since.outcome,
-            since.last.p,
-        )
+        before, p = since.outcome, since.last.p
+        now = with_readings(without, before, p)
     traces = _traces(now)
     full, sweep = _swept(now, before, traces, p, 0, free), 0
     errors = _passive_errors(bare, before, full) if since is None else np.zeros(0)
@@ -228,7 +222,7 @@ def _sweeps(
 
 
 def _passive_errors(bare: Setup, before: ContestOutcome, first: Contest) -> OfPassive:
-    """Errors of speeds of passive joints with friction, by what a first sweep corrects."""
+    """Errors of the speeds of passive joints with friction, by the corrections of a first sweep."""
     unknown = np.zeros(len(bare.dynamics.kinematics.passive_friction.names))
     if not unknown.size:
         return unknown
@@ -240,8 +234,8 @@ def _passive_errors(bare: Setup, before: ContestOutcome, first: Contest) -> OfPa
 
 
 def swept_beside(setup: Setup, own: UnknownEffect, instead_of: Collection[str]) -> Contest | None:
-    """One sweep of all effects without dropping any, with `own` in place of those named; None where
-    no recording can be differentiated."""
+    """One sweep with the effect `own` in place of those named, nothing dropped; None where no
+    recording can be differentiated."""
     bare = without_contest(setup)
     bare = bare.changed(barred_effects=bare.barred_effects | frozenset(instead_of))
     traces = _traces(bare)
@@ -254,7 +248,7 @@ def _start(setup: Setup) -> Parameters:
 
 
 def _rows(setup: Setup) -> TraceRows:
-    # Otherwise effects would explain what contradicts a prior, which the fit widens and reports.
+    # With narrow priors, effects would explain rows that contradict one; the fit widens these.
     spread = WIDER * setup.settings.prior_spread
     return TraceRows.for_dynamics(setup.dynamics, without_lags(setup.additions), spread)
 
@@ -276,7 +270,7 @@ def _swept(
 
 
 def _begun(bare: Setup) -> ContestOutcome:
-    """The outcome before the first sweep: the compliance of gears that is applied already."""
+    """The outcome before the first sweep, with the compliance of gears applied already."""
     wound = {WIND_UP: np.array(gears[0].compliance)} if (gears := _gears(bare)) else {}
     return ContestOutcome(bare.robot, values=wound)
 
@@ -304,7 +298,7 @@ def _unknowns(point: TracePoint) -> tuple[UnknownEffect, ...]:
 def _allowed(
     unknowns: Sequence[UnknownEffect], before: ContestOutcome, sweep: int
 ) -> tuple[UnknownEffect, ...]:
-    """Effects that take part: later sweeps only drop, those beyond their limits are barred."""
+    """Effects that take part: not those beyond their limits, and in later sweeps only kept ones."""
     late = sweep >= _DECIDED
     return tuple(
         unknown for unknown in unknowns

@@ -1,4 +1,4 @@
-"""The whole job on a surrogate robot: truth, recording, identification, comparison (Sec. VII)."""
+"""A demonstration on a simulated robot: truth, recordings, identification, errors (Sec. VII)."""
 
 from collections.abc import Callable
 from dataclasses import dataclass

@@ -1,9 +1,9 @@
-"""What in a fit contradicts the data or the prior (wrong signs, units, geometry, priors, measured
-values), and causes that a recording does not separate, with how far parameters may be off by them.
+"""Doubts about a fit: contradictions between data, priors and measured values, and pairs of causes
+that a recording does not separate, with the errors of parameters that follow.
 
-A constant of a drive's friction, by an offset or by Coulomb's friction of each direction, is the
-same torque as an offset of what measures it: the truth lies anywhere between both. No limb ties a
-telescope's drive to the others, and its torque constant scales all that it turns.
+A constant torque of a drive's friction, an offset or different Coulomb friction by direction, is
+not distinguishable from an offset of the measured torque. A telescope's drive is not coupled to the
+others by limbs, so its torque constant scales all inertia and friction that it turns.
 """
 
 from collections.abc import Iterator
@@ -19,18 +19,17 @@ from deltaid.levels import WIDER
 from deltaid.model.corrections import Inseparable
 from deltaid.sensors.weighings import weighings
 
-# Standard deviations between a measured value and all else that are no chance, and what is left of
-# its row where all else determines it too.
+# Standard deviations from which a measured value contradicts the other rows; and the part 1 − h of
+# its row above which other rows determine it too.
 _NO_CHANCE, _REDUNDANT = 4.0, 1e-4
 
 
 def doubts(problem: FittedProblem) -> tuple[str, ...]:
-    """Sentences on what contradicts the data: what was detected, the likeliest cause, the fix.
+    """Sentences on contradictions: what was detected, the likeliest cause, the fix.
 
-    One cause shows in many ways: torques of another scale leave a misfit, contradict the prior and
-    make masses grow. So the first that is known is reported, and that a mass had to grow only
-    where nothing better is; and each measured value that recordings, other values or consistency
-    contradict.
+    One cause has many symptoms: torques of another scale leave a misfit, contradict the prior and
+    make masses grow. So only the first symptom is reported, the most telling first; and every
+    measured value that recordings, other values or consistency contradict.
     """
     negatives = against_motion(problem.dynamics, problem.information)
     if negatives:
@@ -38,7 +37,7 @@ def doubts(problem: FittedProblem) -> tuple[str, ...]:
     else:
         of_data = [*_misfit(problem), *_contradictions(problem), *_grown(problem)]
         of_data = of_data or list(_of_priors(problem))
-        # How many times the prior's torques the measured ones are, by least squares.
+        # Ratio of measured torques to the prior's, by least squares.
         rows = problem.information.of_drives.problem
         prior = rows.A @ problem.reduction.p_reg[problem.information.columns]
         square = float(prior @ prior)
@@ -67,7 +66,7 @@ def _misfit(problem: FittedProblem) -> Iterator[str]:
 
 
 def _grown(problem: FittedProblem) -> Iterator[str]:
-    """Entries that no torque shows and that consistency has made much larger than the prior."""
+    """Entries that no torque determines and consistency made much larger than the prior."""
     reduction, p = problem.reduction, problem.values
     held = ~np.any(reduction.A, axis=1)
     grown = np.flatnonzero(held & (reduction.p_reg > 0) & (p > FAR * reduction.p_reg))
@@ -87,7 +86,7 @@ def _grown(problem: FittedProblem) -> Iterator[str]:
 
 
 def _of_priors(problem: FittedProblem) -> Iterator[str]:
-    """Priors that recordings contradict by more than a description may be off."""
+    """Priors that had to be widened more than a description is ever off."""
     owners: dict[str, float] = {}
     for parameter in problem.layout.parameters:
         factor = problem.reduction.widened.get(parameter.name, 1.0)
@@ -102,15 +101,15 @@ def _of_priors(problem: FittedProblem) -> Iterator[str]:
 
 
 def _contradictions(problem: FittedProblem) -> Iterator[str]:
-    """The base parameter that a fit holds farthest from what the recording alone gives.
+    """The base parameter whose fitted value is farthest from that of the recording alone.
 
-    With the truth within the prior, or a prior as wide as it must be, the two differ by less than
-    the noise of the estimate. Where they do not, parameters that hang together with this one are
-    pulled along, out of intervals that take the rest of the description at its word.
+    With the truth within the prior, both agree up to the noise of the estimate. Otherwise the fit
+    also moves parameters that are correlated with this one, maybe out of their intervals, which
+    trust the description.
     """
     base, estimate = problem.base, problem.estimate
     by_noise, freedom = estimate.by_noise  # geometry shifts both sides alike
-    # How many times larger than the data's own the noise is that γ stands for (`default_gamma`).
+    # The noise level that γ assumes (`default_gamma`).
     assumed = np.sqrt(problem.objective.gamma * problem.information.mean_samples)
     assumed *= problem.settings.prior_spread
     excess = max(1.0, float(assumed / max(problem.noise, np.finfo(float).tiny)))
@@ -136,10 +135,10 @@ def _contradictions(problem: FittedProblem) -> Iterator[str]:
 def _of_measured(problem: FittedProblem) -> Iterator[str]:
     """Measured values that the recording contradicts.
 
-    Without the k-th fact, with the row a and leverage h = ‖R⁻ᵀa‖², least squares would give it the
-    residual r / (1 − h) in place of r, and what it is compared with errs by (uᵀs − h e) / (1 − h),
-    u = R⁻ᵀa. Where nothing else determines it (h = 1), physical consistency still may: then the fit
-    itself keeps away from it.
+    A value has the row a, u = R⁻ᵀa and the leverage h = ‖u‖². Least squares without it would leave
+    the residual r / (1 − h) in place of r, whose prediction has the error (uᵀs − h e) / (1 − h).
+    Where no other row determines the value (h = 1), physical consistency still may contradict it:
+    then the fitted value differs.
     """
     information, estimate = problem.information, problem.estimate
     if information.facts is None:
@@ -184,10 +183,7 @@ def inseparable(problem: FittedProblem, *, absolute: bool) -> Iterator[Inseparab
 
 
 def constants(problem: FittedProblem) -> dict[str, float]:
-    """The part of each drive's friction that does not change its sign with the speed [N m or N].
-
-    Only of drives whose law has one.
-    """
+    """The constant torque in each drive's friction, where its law has one [N m or N]."""
     laws = problem.dynamics.robot.friction
     values = dict(zip(problem.layout.names, problem.values.tolist(), strict=True))
     out = dict[str, float]()
@@ -201,7 +197,7 @@ def constants(problem: FittedProblem) -> dict[str, float]:
 
 
 def ambiguous(problem: FittedProblem) -> dict[str, float]:
-    """By how much a parameter changes where these constants are offsets of what was measured."""
+    """Changes of parameters if these constants are offsets of measured torques instead."""
     moved = {"offset": -1.0, "coulomb": -1.0, "coulomb_back": 1.0}
     return {
         f"{kind}.{drive}": sign * constant

@@ -1,13 +1,13 @@
-"""Contacts, pushes, spikes and stops that no model has: detected, classified, excluded.
+"""Stage that detects, classifies and excludes events: contacts, pushes, spikes and stops.
 
-Outliers of a recording (`outliers.py`) are excluded, with one exception. Friction that the
-description has no law for causes outliers as well, where a drive turns round: that is for the
-choice of friction laws. Gears with play cause them where their torque changes its sign; all of
-these changes are excluded, as backlash. What lasts, or fills much of a recording, is no event but a
-load or a model that does not fit, which other stages report.
+Outliers of a recording (`outliers.py`) are excluded, except where a drive turns round: there they
+may come from friction that the description lacks, and friction laws are chosen later. Gears with
+play cause outliers where their torque changes its sign; all such changes are excluded, as backlash.
+Outliers that last, or fill much of a recording, are no events but a load or a wrong model, which
+other stages report.
 
-Whether a recording has contacts at all is decided by its excerpt. One that an excerpt misses is
-detected in the pass that gathers what the fit needs; then all rows are inspected.
+An excerpt decides whether a recording has contacts at all. One outside the excerpt is detected in
+the pass that gathers the fit's rows (`Watch`); then all rows are inspected.
 """
 
 from collections.abc import Sequence
@@ -32,7 +32,7 @@ from deltaid.recording.recording import PreparedRecording
 from deltaid.recording.repairs import BACKLASH, CONTACT, JOLT, SPIKE, STOP, LeftSpan, Push
 from deltaid.recording.windows import Window
 
-# Reasons to exclude events, and their messages.
+# Messages by the reasons to exclude events.
 _TEXT = {
     CONTACT: "{times} torques exceed all that the motion asks for, as where something pushes the "
     "platform, {largest}",
@@ -43,24 +43,23 @@ _TEXT = {
     BACKLASH: "its gear has play: torques do not follow from the motion where its torque changes "
     "its sign, {spans} times. All drives' are excluded there",
 }
-# Time that is excluded before and after an outlier [s]; stretches of a contact may be so far apart
-# [s].
+# Time excluded before and after an outlier [s]; longest gap within a contact [s].
 _BESIDE, _ONE = 4e-3, 0.02
-# What lasts longer [s] is no event, nor what fills half of so long about it.
+# Longest event [s]; events that fill half of a window of this length are none either.
 _LONGEST = 1.0
-# Nor is anything where contacts fill this share of a recording.
+# Share of a recording from which outliers are no events.
 _MOST = 0.2
-# At a jolt the low-pass took so much off the motion that torques change by this share of the
-# outlier; where jolts fill more than this of a recording, its motion is like that.
+# Share of a jolt's outlier that motion above the low-pass explains, at least; and the share of a
+# recording from which jolts are its usual motion.
 _SHARP, _JOLTS = 0.25, 0.05
-# A drive below this share of its usual speed hardly moves; others' outliers below this share of its
-# own do not count.
+# A drive below this share of its usual speed hardly moves; it is alone if the outliers of others
+# are below this share of its own.
 _SLOW, _ALONE = 0.15, 0.4
-# Lags below this [s] do no harm, others are allowed for: between these [s], in so many rounds.
+# Lags that do no harm [s], range of lags that are corrected here [s], and rounds of correction.
 _ON_TIME, _LAGS, _ROUNDS = 1e-3, (-0.012, 0.022), 3
-# A model fits where the residual scatters less than so many times what noise would.
+# A model fits where the residual's scatter is below this multiple of noise.
 _MISFIT = 4.0
-# A stop ends within so much [s] of standing still.
+# Longest time between a stop and standing still [s].
 _STANDS = 0.1
 
 
@@ -86,18 +85,18 @@ def without_events(setup: Setup, progress: Progress) -> Setup:
 
 
 def with_events(recording: PreparedRecording) -> PreparedRecording:
-    """A recording with what has been excluded of it as an event."""
+    """A recording with its excluded events restored."""
     kept = tuple(span for span in recording.repairs.left_out if span.reason not in _TEXT)
     return recording.repaired(left_out=kept)
 
 
 def is_play(recording: PreparedRecording) -> bool:
-    """Whether anything of a recording is excluded because gears have play."""
+    """Whether rows of a recording are excluded because gears have play."""
     return any(span.reason == BACKLASH for span in recording.repairs.left_out)
 
 
 def without_play(setup: Setup) -> Setup:
-    """The same with what is excluded because gears have play."""
+    """The setup with rows restored that are excluded because gears have play."""
     for k, recording in enumerate(setup.recordings):
         spans = (span for span in recording.repairs.left_out if span.reason != BACKLASH)
         setup = setup.with_recording(k, recording.repaired(left_out=tuple(spans)))
@@ -105,7 +104,7 @@ def without_play(setup: Setup) -> Setup:
 
 
 def _is_excerpt_quiet(expected: Expectation) -> bool:
-    """Whether a model fits, and an excerpt that omits rows has no outliers."""
+    """Whether the model fits an excerpt, which omits rows, without outliers."""
     source, excerpt = expected.source, expected.source.recording.excerpt
     if excerpt is None or excerpt.whole or not expected.fits:
         return False
@@ -126,7 +125,7 @@ class Watch:
 
 
 def watched(setup: Setup) -> Setup:
-    """The same with a watch on recordings of which only an excerpt has been inspected."""
+    """The setup with a watch on recordings of which only an excerpt has been inspected."""
     for k in setup.glanced:
         recording = setup.recordings[k]
         expected = expect(ExplainedRecording(setup.dynamics, setup.additions, recording))
@@ -136,7 +135,7 @@ def watched(setup: Setup) -> Setup:
 
 
 def unwatched(setup: Setup) -> tuple[Setup, bool]:
-    """The same without, and whether anything was detected."""
+    """The setup without watches, and whether one detected anything."""
     watches = [recording.watch for recording in setup.recordings]
     detected = any(isinstance(watch, Watch) and watch.starts for watch in watches)
     without = tuple(replace(recording, watch=None) for recording in setup.recordings)
@@ -198,7 +197,7 @@ def events(expected: Expectation) -> tuple[LeftSpan, ...]:
         excluded.append(LeftSpan(stretch.start - margin, stretch.end + margin, reason, push=push))
     spans = list[LeftSpan]()
     for span in sorted(excluded, key=lambda span: span.first):
-        # By the stamps of torques, which come so much later than their motion.
+        # From times of the motion to stamps of torques, which are late.
         delays = [delay[i] for i in span.drives or range(len(delay))] if delay else [0.0]
         first, last = span.first + min(delays), span.last + max(delays)
         spans.append(replace(span, first=first, last=last))
@@ -206,10 +205,8 @@ def events(expected: Expectation) -> tuple[LeftSpan, ...]:
 
 
 def on_time(source: ExplainedRecording) -> Expectation | None:
-    """What is expected, with torques read later by lags that are not known yet.
-
-    No lag is allowed for where that leaves a model that does not fit. None without enough data.
-    """
+    """The expectation after rough correction of unknown lags, or the first one if that does not
+    fit; None without enough data."""
     expected = first = expect(source)
     for _ in range(_ROUNDS):
         if expected is None or np.all(np.abs(expected.lags) < _ON_TIME):
@@ -223,7 +220,7 @@ def on_time(source: ExplainedRecording) -> Expectation | None:
 
 
 def _is_friction(stretch: OutlierStretch, expected: Expectation) -> bool:
-    """Whether friction of one drive that hardly moves may be all there is."""
+    """Whether friction of one drive that hardly moves explains a stretch."""
     i = int(np.argmax(stretch.sizes))
     alone = np.all(np.delete(stretch.sizes, i) < _ALONE * stretch.sizes[i])
     within = abs(stretch.left[i]) <= expected.coulomb[i]
@@ -231,7 +228,7 @@ def _is_friction(stretch: OutlierStretch, expected: Expectation) -> bool:
 
 
 def _brief(stretches: Sequence[OutlierStretch], duration: float) -> list[OutlierStretch]:
-    """Those that are short, and not crowded; none where they fill much of a recording."""
+    """Short and uncrowded stretches; none where stretches fill much of a recording."""
     start, end = (np.array([getattr(x, name) for x in stretches]) for name in ("start", "end"))
     length, middle = end - start, 0.5 * (end + start)
     sums = np.append(0.0, np.cumsum(length))
@@ -244,7 +241,7 @@ def _brief(stretches: Sequence[OutlierStretch], duration: float) -> list[Outlier
 
 
 def _push(stretch: OutlierStretch, kinematics: Kinematics) -> Push:
-    """The force that residual torques r at the drives stand for, F = −Jᵀ r with J = ∂q/∂z.
+    """The force on the platform that explains residual torques r, F = −Jᵀ r with J = ∂q/∂z.
 
     Drives that hold against it do the work rᵀ δq = rᵀ J δz = −Fᵀ δz.
     """

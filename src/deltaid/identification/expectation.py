@@ -1,9 +1,9 @@
-"""What torques a recording's drives should have shown, by a fit that a push does not bend.
+"""Expected torques of a recording, by a robust fit that pushes do not bias.
 
-In short blocks of time, whose means take the place of the filter, torques are fitted by the robot's
-columns and nuisance columns (`expectation_source.py`), by iteratively reweighted least squares:
-Tukey's biweight gives no weight at all to what is far off. The residual is judged by its leverage,
-r / √(1 − h), or a sample that the fit has followed would look good.
+Means over short blocks of time replace the filter. Iteratively reweighted least squares fits them
+by the robot's columns and nuisance columns (`expectation_source.py`): Tukey's biweight gives no
+weight to outliers. Residuals are scaled by their leverage, r / √(1 − h), for rows of high leverage
+pull the fit towards themselves.
 """
 
 from collections.abc import Sequence
@@ -27,22 +27,21 @@ from deltaid.levels import HARDLY, SETTLED
 from deltaid.recording.log import MOST_WINDOWS
 from deltaid.recording.windows import SampleBlock
 
-# Time over which torques are averaged [s], and blocks that are fitted to, at most.
+# Time over which torques are averaged [s], and number of blocks that are fitted at most.
 _MEAN, _BLOCKS = 0.009, 1500
-# Scatter more than so many times that of noise is misfit.
+# Scatter above this multiple of noise is misfit.
 NOISE = 1.5
-# Sweeps: with Huber's weights, then with Tukey's, at most, which may exclude ever more; and the
-# constants of both.
+# Sweeps with Huber's weights, whose fit is convex, and all sweeps at most; tuning constants of
+# Huber's weights (95 % efficient) and of Tukey's, in standard deviations.
 _CONVEX, _SWEEPS, _HUBER, _TUKEY = 6, 20, 1.345, 6.0
-# How the prior pulls in the first sweep, with the usual torque as noise; leverage that a row
-# has at most is 1 less this.
+# Weight of the prior in the first sweep, where the usual torque counts as noise; least 1 − h.
 _START, _LEAST = 0.1, 0.05
-# Share of the samples below a drive's usual torque and speed.
+# Quantile of the torques and speeds of a drive that is its usual one.
 _LARGE = 0.9
-# Priors are drawn to with so many of their standard deviations, or with what makes this share of
-# the usual torque.
+# Widths of priors: in their standard deviations, at least so that they make this share of the
+# usual torque.
 _PRIOR, _EFFECT = 4.0, 0.1
-# Ranges of speed with equal parts of the blocks and separate scatter, each of so many at least.
+# Number of ranges of speed with separate scatter, and fewest blocks in one.
 _SPEEDS, _FEWEST = 8, 4
 
 OfBlocks = Float[np.ndarray, "dof blocks"]
@@ -50,7 +49,7 @@ OfBlocks = Float[np.ndarray, "dof blocks"]
 
 @dataclass(frozen=True, eq=False)
 class Expectation:
-    """Torques that a robot's motion asks for, and how far recorded ones scatter about them."""
+    """Expected torques of a motion, and the scatter of recorded ones about them."""
 
     source: ExplainedRecording
     p: Float[np.ndarray, " active"]  # parameters of the source's active columns
@@ -84,7 +83,7 @@ class Expectation:
 
     @property
     def misfit(self) -> Float[np.ndarray, " dof"]:
-        """How many times what noise would be the residual's mean scatters."""
+        """Scatter of the residual's mean as a multiple of that by noise alone."""
         return self.scale.min(axis=1) * np.sqrt(self.length) / self.noise
 
     @property
@@ -92,8 +91,8 @@ class Expectation:
         return bool(np.all(self.misfit <= NOISE))
 
     def compared(self, w: SampleBlock) -> tuple[Torques, Torques]:
-        """Recorded torques less expected ones at consecutive samples, NaN where they do not count;
-        and what gears carry of the expected ones: those without friction and rotors."""
+        """Recorded less expected torques at consecutive samples, NaN where they do not count; and
+        expected torques without the friction and rotors of motors, which gears carry."""
         values, motors = self.source.entries(w), ("friction", "rotor")
         tau = self.nuisance.added(w, self.source.torques(values, self.p), self.rate, self.x)
         of_motors = [entry.kind in motors for entry in self.source.parameters]
@@ -107,7 +106,7 @@ class Expectation:
 
 @threadpool_limits.wrap(limits=1, user_api="blas")  # for narrow matrices, threads only wait
 def expect(source: ExplainedRecording) -> Expectation | None:
-    """Fit a recording; of a long one its excerpt. None without enough data."""
+    """Fit a recording, or the excerpt of a long one; None without enough data."""
     recording, size = source.recording, _length(source.recording.log.rate)
     parts = [w.own for w in recording.brief.spread(source.dynamics.kinematics, MOST_WINDOWS)]
     parts = [w for w in parts if len(w.time) >= size]
@@ -123,13 +122,13 @@ def expect(source: ExplainedRecording) -> Expectation | None:
 
 
 def deviation(values: Float[np.ndarray, "drives samples"]) -> Float[np.ndarray, " drives"]:
-    """Standard deviation by the median size, without NaN; zero of a drive without any value."""
+    """Robust standard deviation by the median size, without NaN; zero without any value."""
     sizes = (np.abs(row[np.isfinite(row)]) for row in values)
     return np.array([ROBUST * np.median(row) if row.size else 0.0 for row in sizes])
 
 
 def _length(rate: float) -> int:
-    """Samples that are averaged: odd, so that their middle is one of them."""
+    """Number of samples that are averaged, odd to be centred at one."""
     return max(1, 2 * round(0.5 * (_MEAN * rate - 1)) + 1)
 
 
@@ -143,7 +142,7 @@ class _Blocks:
     friction: Float[np.ndarray, "dof blocks nuisances"]  # columns that follow from the motion
     tau: OfBlocks
     speed: OfBlocks
-    counts: Bool[np.ndarray, "dof blocks"]  # which of a drive's blocks do
+    counts: Bool[np.ndarray, "dof blocks"]  # whether most samples of a drive's block count
 
     @classmethod
     def cut(cls, source: ExplainedRecording, parts: Sequence[SampleBlock], size: int) -> "_Blocks":
@@ -221,8 +220,8 @@ def _ridge(
 ) -> tuple[Float[np.ndarray, " columns"], OfBlocks]:
     """y of min ‖root (A y − target)‖² + pull² ‖y‖², and the leverage h of each row.
 
-    The pull keeps the normal equations well conditioned, which take a third of the time of QR: with
-    that a whole identification would take 6 to 8 % longer.
+    The pull keeps the normal equations well conditioned. They take a third of the time of QR, with
+    which a whole identification would take 6 to 8 % longer.
     """
     n = A.shape[2]
     rows = (A * root[..., None]).reshape(-1, n)
@@ -235,9 +234,10 @@ def _ridge(
 def _by_speed(
     b: _Blocks, r: OfBlocks, scale: Float[np.ndarray, " dof"]
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Ends of ranges of speed, and scatter in each, no less than that of all.
+    """Ends of ranges of speed, and scatter in each, at least that of all.
 
-    More scatter at some speeds is friction, no event. Of a drive with too few blocks, none counts.
+    More scatter at some speeds comes from friction, not from events. For a drive with too few
+    blocks it is infinite.
     """
     ends, scales = np.zeros((len(r), _SPEEDS - 1)), np.full((len(r), _SPEEDS), np.inf)
     for i, (speed, counts) in enumerate(zip(np.abs(b.speed), b.counts, strict=True)):

@@ -1,9 +1,8 @@
-"""Whose torques are expected: a recording, and the columns that explain them.
+"""A recording and the columns that explain its torques, for their expectation.
 
-Nuisance columns extend the robot's by what its description may lack: other friction, lags, gains,
-offsets. A residual is large where somebody pushes, but also at low speed or in one direction,
-and wherever torques change fast if they come late; with these columns in the fit none of that looks
-like an event. They are drawn to zero and discarded afterwards.
+Nuisance columns stand for what the description may lack: other friction, lags, gains, offsets.
+Without them, residuals at low speed, in one direction or where late torques change fast would look
+like events. They have priors about zero and are discarded afterwards.
 """
 
 from dataclasses import dataclass
@@ -21,13 +20,12 @@ from deltaid.recording.recording import PreparedRecording
 from deltaid.recording.windows import Directions, SampleBlock
 from deltaid.robot.parameter import PriorParameter
 
-# Largest unknown lag of torques [s]; friction's direction is unknown for so long.
+# Largest unknown lag of torques [s], for which the direction of friction is unknown at a reversal.
 _APART = 5e-3
 # Columns of a joint: offset, friction that differs by direction, shapes of friction; of a drive's
 # torque: lag, load friction, gain.
 _OF_JOINT, _OF_TORQUE = len(SHAPES) + 2, 3
-# Standard deviations that nuisance coefficients are drawn to zero with: friction and offsets as
-# shares of the usual torque, lags [ms], load friction and gains.
+# Prior standard deviations of nuisance coefficients: lags [ms]; others as a share of the torque.
 _LAG, _SHARE = 4.0, 0.1
 
 Torques = Float[np.ndarray, "dof samples"]
@@ -47,7 +45,7 @@ class ExplainedRecording:
 
     @cached_property
     def active(self) -> Int[np.ndarray, " active"]:
-        """Columns that show in some torque."""
+        """Columns that torques depend on."""
         return active_columns(self.regressor)
 
     @cached_property
@@ -58,7 +56,7 @@ class ExplainedRecording:
 
     @cached_property
     def pattern(self) -> tuple[Int[np.ndarray, " entries"], Int[np.ndarray, " entries"]]:
-        """Drive of each entry, and place of its column among the active ones."""
+        """Drive of each entry, and number of its column among the active ones."""
         rows, columns = self.regressor.regressor_pattern
         return rows, np.searchsorted(self.active, columns)
 
@@ -71,7 +69,7 @@ class ExplainedRecording:
         return torques_of(self.pattern, self.dynamics.dof, values, p)
 
     def counts(self, w: SampleBlock) -> Bool[np.ndarray, "dof samples"]:
-        """Whether a drive's torque counts, and all directions of friction in it are known."""
+        """Whether a drive's torque counts and the directions of all friction in it are known."""
         known = Directions(np.inf, np.zeros(self.dynamics.dof)).known(
             self.dynamics.kinematics, w.z, w.qd, w.qdd, within=_APART
         )
@@ -80,10 +78,10 @@ class ExplainedRecording:
 
 @dataclass(frozen=True, eq=False)
 class Nuisance:
-    """Columns of what a description lacks: offsets and friction of joints, then those of torques.
+    """Nuisance columns: offsets and friction of joints, then those in proportion to torques.
 
-    Shapes of friction are scaled with a speed of each joint, drives first [rad/s or m/s], offsets
-    and friction with a torque of each drive [N m or N].
+    `speed` and `torque` are the usual ones of each joint (drives first) and drive, which scale the
+    columns of friction and offsets.
     """
 
     kinematics: Kinematics
@@ -96,7 +94,7 @@ class Nuisance:
         return np.append(np.full(_OF_JOINT * len(self.speed), _SHARE), of_torque)
 
     def friction(self, w: SampleBlock) -> Float[np.ndarray, "dof columns samples"]:
-        """What offset and shapes of friction of each joint make at the drives."""
+        """Torques at the drives of each joint's offset and shapes of friction."""
         speed, slope = joint_rates(self.kinematics, w)
         v = (speed / self.speed).T
         size, sign, offset = np.abs(v), np.sign(v), np.zeros_like(v)
@@ -111,7 +109,7 @@ class Nuisance:
     def added(
         self, w: SampleBlock, tau: Torques, rate: float, x: Float[np.ndarray, " columns"]
     ) -> Torques:
-        """Torques of the model with those of these columns, at samples of some rate [Hz]."""
+        """Torques of the model plus those of these columns, at samples of this rate [Hz]."""
         of_joints, of_drives = np.split(x, [_OF_JOINT * len(self.speed)])
         rise = np.gradient(tau, axis=1) * rate if len(w.time) > 1 else 0 * tau
         by_torque = of_torques(tau, rise, w.qd.T) * of_drives.reshape(-1, _OF_TORQUE, 1)

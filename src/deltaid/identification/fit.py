@@ -1,4 +1,4 @@
-"""A fit: posed from recordings, solved, and kept with all that judging it needs."""
+"""A fit: posed from recordings, solved, and kept with its evidence for intervals and doubts."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -25,8 +25,8 @@ from deltaid.progress import Progress
 from deltaid.recording.recording import PreparedRecording
 from deltaid.robot.description import RobotDescription
 
-# The change of shares of the load below which they have settled: where loads change their sign from
-# one round to the next, shares do so to some hundred-thousandths.
+# Change of load friction's share below which it has settled; where loads change sign from round to
+# round, it never settles below some 1e-5.
 _SETTLED = 1e-4
 CURE = (
     "likeliest a column counts the other way: check the sign of these torques and positions, then "
@@ -44,13 +44,11 @@ class Negative:
 
 
 def against_motion(dynamics: Dynamics, information: Information) -> tuple[Negative, ...]:
-    """The drives whose torques work against their motion: the sign of a column is wrong, or their
-    order.
+    """Drives whose torques work against their motion, by a wrong sign or order of columns.
 
-    Drive i's own rows of least squares, without prior and consistency, give the torque that it
-    takes to accelerate, M_ii at home, and to move at unit speed, f_i(1), both linear in p. In every
-    machine both are positive. A wrong sign of τ_i or q_i makes them negative, whatever the other
-    drives do.
+    Least squares over the rows of drive i alone, without prior and consistency, give its inertia
+    M_ii at home and its friction at unit speed, f_i(1), both linear in p. In every machine both are
+    positive. A wrong sign of τ_i or q_i makes them negative, whatever the other drives do.
     """
     negatives = []
     for i, drive in enumerate(dynamics.robot.drives):
@@ -59,9 +57,9 @@ def against_motion(dynamics: Dynamics, information: Information) -> tuple[Negati
             row_at_home(dynamics, i, qd, qdd)
             for qd, qdd in ((0 * e, 0 * e), (0 * e, e), (e, 0 * e), (-e, 0 * e))
         )
-        # Coriolis forces are the same both ways.
+        # Coriolis forces at q̇ and −q̇ are equal.
         probes = np.stack([quick - at_rest, 0.5 * (forth - back)])
-        # Columns beside the robot come last, and are no part of either.
+        # Columns of additions come last and have no part in it.
         added = max(0, int(information.columns[-1]) + 1 - probes.shape[1])
         probes = np.pad(probes, ((0, 0), (0, added)))[:, information.columns]
         problem = information.problem_of(i)
@@ -75,7 +73,7 @@ def against_motion(dynamics: Dynamics, information: Information) -> tuple[Negati
 
 
 def contradiction(negatives: tuple[Negative, ...], robot: RobotDescription) -> str:
-    """What torques and motion of these drives say of each other, as a sentence."""
+    """A sentence on the contradiction between torques and motion of these drives."""
     first, names = negatives[0], ", ".join(negative.drive for negative in negatives)
     units = robot.units(first.drive)
     text = f"an inertia of {first.inertia:.2g} {units.inertia}"
@@ -91,22 +89,22 @@ def contradiction(negatives: tuple[Negative, ...], robot: RobotDescription) -> s
 def row_at_home(
     dynamics: Dynamics, i: int, qd: Float[np.ndarray, " dof"], qdd: Float[np.ndarray, " dof"]
 ) -> Float[np.ndarray, " parameters"]:
-    """The row c with c p = τ_i of a motion at home; without friction that depends on load."""
+    """The row c with c p = τ_i at home for q̇ and q̈, without friction that depends on load."""
     home = dynamics.kinematics.home[None]
     return dynamics.regressor_at(home, qd[None], qdd[None], np.zeros_like(home))[0, i]
 
 
 @dataclass(frozen=True)
 class FittedProblem:
-    """A fit, what it was posed from, and its result.
+    """A fit with the data and settings it was posed from.
 
     Attributes:
-        gathered: the recordings' information, together, in stretches of time and by place.
-        base: which combinations of parameters the motion determines.
+        gathered: the recordings' information, in total, in stretches of time and by place.
+        base: combinations of parameters that the motion determines.
         estimate: their weighted least-squares values, without prior and consistency.
-        additions: what was fitted with the robot.
-        geometry: what the robot's tolerances do to base parameters, once that is known.
-        moves: what parameters, by name, move by where corrected causes are off as they may be.
+        additions: fitted with the robot.
+        geometry: changes of base parameters by the robot's tolerances; empty at first.
+        moves: changes of parameters, by name, by errors of corrected causes.
     """
 
     dynamics: Dynamics
@@ -126,7 +124,7 @@ class FittedProblem:
 
     @property
     def used(self) -> tuple[int, ...]:
-        """How many samples each recording gave after its filter, in the mean over the drives."""
+        """Number of filtered samples of each recording, as a mean over the drives."""
         return tuple(
             round(sum(block.mean_samples for block in part)) for part in self.gathered.parts
         )
@@ -160,11 +158,11 @@ def fit(
     progress: Progress = lambda _: None,
     additions: Sequence[Addition] = (),
 ) -> FittedProblem:
-    """Fit a robot's parameters to recordings, and those of additions with them.
+    """Fit the parameters of a robot and of additions to recordings.
 
     Raises:
-        IdentificationError: the fit cannot be posed, or its solver did not reach its end; with the
-            drives whose torques and motions contradict each other, if that is why.
+        IdentificationError: the fit cannot be posed, or the solver failed; with the drives whose
+            torques and motion contradict each other, if that is why.
     """
 
     def posed_with(load: Parameters | None) -> FittedProblem:
@@ -188,8 +186,7 @@ def fit(
 
 
 def with_geometry(problem: FittedProblem, recordings: Sequence[PreparedRecording]) -> FittedProblem:
-    """A fit whose intervals take in what the tolerances of the robot's geometry do, by the
-    recordings that it comes from."""
+    """The fit with intervals that include the tolerances of the robot's geometry."""
     base, information = problem.base, problem.information
     geometric = geometry(
         problem.dynamics, recordings, base, information, problem.values, problem.additions
@@ -201,8 +198,11 @@ def with_geometry(problem: FittedProblem, recordings: Sequence[PreparedRecording
 def settled(
     posed_with: Callable[[Parameters | None], FittedProblem], load: Parameters | None
 ) -> tuple[FittedProblem, bool]:
-    """A fit where friction that depends on load uses the torques of the fit before, until its
-    shares of the load stay as they are; and whether they do. Without load there is one round."""
+    """Repeat a fit with the loads of the one before, until load friction's shares settle.
+
+    Returns the fit and whether they do. With `load` None, no friction depends on load, and one fit
+    is enough.
+    """
     rounds, step = 0, np.zeros(1)
     while True:
         problem, rounds = posed_with(load), rounds + 1
@@ -215,7 +215,7 @@ def settled(
             return problem, True
         if rounds == ROUNDS:
             return problem, False
-        # Half of a step back, for |x| bends, and whole ones might go to and fro.
+        # Half a step where steps change direction: |x| is not smooth, and whole ones may oscillate.
         load = 0.5 * (load + problem.p) if np.sum(step * before) < 0 else problem.p
 
 
@@ -227,7 +227,7 @@ def posed(
     load: Parameters | None,
     progress: Progress = lambda _: None,
 ) -> FittedProblem:
-    """One round of a fit, with what gears carry by parameters `load`; errors as of `fit`."""
+    """One round of a fit, with the torques of gears by parameters `load`; errors as of `fit`."""
     gathered = gather_balanced(dynamics, recordings, additions, load, progress)
     progress("fitting")
     return fit_to(gathered, dynamics, settings, additions)
@@ -239,7 +239,7 @@ def fit_to(
     settings: Settings,
     additions: Sequence[Addition] = (),
 ) -> FittedProblem:
-    """A fit to what has been gathered; errors as of `fit`."""
+    """A fit to gathered information; errors as of `fit`."""
     information = gathered.information
     added = [(addition.parameters, addition.free) for addition in additions]
     reduction = build_reduction(dynamics.robot, information.columns, added, settings.prior_spread)

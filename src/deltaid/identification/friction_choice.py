@@ -1,20 +1,19 @@
-"""Which friction law each joint needs, decided by what the described one leaves of the torques.
+"""Choice of each joint's friction law by the residual of the described one.
 
-1. Rows of the recordings in memory, without what the robot's parameters and a lag of each drive
-   explain (`friction_rows`). If no further term of any joint explains more of them than chance,
-   everything stays as described.
-2. The term that is least likely by chance is added, and again to what it leaves. Terms of the
-   description stay: they are part of what the rows are without. Drives of identical limbs are of
-   one make: what one of them got need only be probable for the others (95 %).
-3. The constants of the terms that were added are refined together with all coefficients, positive
-   as they must be, by Gauss–Newton (`friction_constants`).
-4. What the refined laws can do without is dropped again. There is no second round: it would only
-   fit the noise.
-5. Drives of identical limbs get an offset beside others that have a constant, if that explains more
-   than chance.
+1. The residual is that of the recordings' rows beside the robot's parameters and a lag of each
+   drive (`friction_rows`). If no additional term of any joint explains more than chance, laws stay
+   as described.
+2. The most surprising term is added, then that of the remaining residual, and so on. Described
+   terms stay. Drives of identical limbs are alike: a term that one of them got need only be
+   probable for the others (95 %).
+3. Gauss–Newton refines the constants of added terms together with all coefficients, within their
+   bounds (`friction_constants`).
+4. Added terms that the refined laws do not need are dropped. There is no second round: it would
+   only fit noise.
+5. Where some drives of identical limbs have a constant, the others get an offset if that explains
+   more than chance.
 
-Chance is measured by the scatter of the rows between stretches of time, or by white noise where
-that is larger.
+Chance is the larger of scatter between stretches of time and white noise.
 """
 
 from collections.abc import Collection, Iterable, Mapping, Sequence
@@ -52,16 +51,15 @@ from deltaid.robot.description import RobotDescription
 from deltaid.robot.friction import Friction
 from deltaid.robot.friction_terms import law_in_words
 
-# A term is added where chance seldom explains as much to one of all that were tried; the number of
-# joints and kinds of terms takes 1.3 decades more.
-SEEN = SELDOM + 1.3
-# What chance explains in fewer than one of twenty recordings, in decades.
+# Least surprise of an added term [decades]: 1.3 more for some twenty joints and kinds of terms.
+SURPRISING = SELDOM + 1.3
+# Surprise that chance exceeds in one of twenty recordings [decades].
 _PROBABLE = surprise(NORMAL**2, 1)
 
 
 def rows_for_friction(setup: Setup, progress: Progress, clause: str) -> FrictionRows | None:
-    """Rows in which friction is searched; None where described laws are kept, undeclared loads come
-    and go, or recordings are too short, which the fit reports."""
+    """Rows in which friction is searched; None where described laws are kept, a load is undeclared,
+    or recordings are too short, which the fit reports."""
     if setup.settings.friction != "choose" or not setup.robot.friction:
         return None
     if any(setup.is_disturbed(k) for k in range(len(setup.recordings))):
@@ -75,7 +73,7 @@ def rows_for_friction(setup: Setup, progress: Progress, clause: str) -> Friction
 
 
 def chosen_friction(setup: Setup, progress: Progress) -> Setup:
-    """The friction laws that recordings ask for, unless those of the description are wanted."""
+    """The stage that chooses friction laws, unless described ones are to be kept."""
     rows = rows_for_friction(setup, progress, "the description lacks")
     if rows is None:
         return setup
@@ -110,7 +108,7 @@ def _corrections(
 
 @dataclass(frozen=True, eq=False)
 class _Step:
-    """The variant of an addition that explains most, and what it explains."""
+    """The variant of an additional term that explains most, with what it explains."""
 
     variant: Variant
     judged: JudgedColumns
@@ -128,7 +126,7 @@ class _Step:
 
     @property
     def least_surprise(self) -> float:
-        return _PROBABLE if self.is_shared else SEEN
+        return _PROBABLE if self.is_shared else SURPRISING
 
     def trial(self, *, useful: bool) -> FrictionTrial:
         return FrictionTrial(
@@ -143,7 +141,7 @@ class _Step:
 
 @dataclass(frozen=True, eq=False)
 class _TermSearch:
-    """Columns of variants and torques, both without what has been explained."""
+    """Columns of variants and torques, both less their explained part."""
 
     rows: FrictionRows
     bare: dict[Variant, Columns]
@@ -151,7 +149,7 @@ class _TermSearch:
 
     @classmethod
     def begun(cls, rows: FrictionRows, variants: Sequence[Variant]) -> "_TermSearch":
-        """Beside parameters, additions and lags."""
+        """The search beside parameters, additions and lags alone."""
         columns = rows.columns([(form.joint, shape) for form in variants for shape in form.shapes])
         ends = np.cumsum([len(variant.shapes) for variant in variants])[:-1]
         bare = np.split(rows.span.without(columns / lengths(columns)), ends, axis=1)
@@ -162,8 +160,7 @@ class _TermSearch:
         return _TermSearch(self.rows, bare, self.residual - U @ (U.T @ self.residual))
 
     def step(self, option: Sequence[Variant], others: Iterable[_Step] = ()) -> _Step | None:
-        """The variant of an addition that explains most beside other steps; None where none is
-        identifiable."""
+        """The variant of one term that explains most; None where none is identifiable."""
         most, best = -1.0, None
         for variant in option:
             A = self.bare[variant]
@@ -182,7 +179,7 @@ class _TermSearch:
 
 
 def shared_terms(robot: RobotDescription, terms: Iterable[JointTerm]) -> set[JointTerm]:
-    """Terms of drives of identical limbs, for the other drives of these."""
+    """The same terms for the other drives of identical limbs."""
     drives = robot.identical_drives
     return {
         (drive, kind) for joint, kind in terms if joint in drives
@@ -194,10 +191,10 @@ def shared_terms(robot: RobotDescription, terms: Iterable[JointTerm]) -> set[Joi
 def choose_friction(
     rows: FrictionRows, progress: Progress = lambda _: None, barred: Collection[JointTerm] = ()
 ) -> tuple[RobotDescription, FrictionChoice]:
-    """The robot with the friction laws that its recordings ask for, and how they were chosen."""
+    """The robot with the friction laws that its recordings need, and how they were chosen."""
     robot = rows.dynamics.robot
     steps, first = _extended(rows, barred)
-    # Gears carry what losses were fitted with.
+    # Gears keep the inertia that load friction was fitted with.
     loaded = [step.variant.joint for step in steps if step.variant.kind == "load"]
     rows = replace(rows, moved={joint.name: joint.moved for joint in loaded})
     kept, refit = _refined(rows, steps, progress)
@@ -212,7 +209,7 @@ def choose_friction(
 
 
 def _extended(rows: FrictionRows, barred: Collection[JointTerm]) -> tuple[list[_Step], list[_Step]]:
-    """Add what chance explains least until nothing is significant; and the first round's trials."""
+    """Add the most surprising term until none is significant; and the first round's trials."""
     left = [option for option in options(rows) if option[0].term not in barred]
     search = _TermSearch.begun(rows, [variant for option in left for variant in option])
     steps, first = list[_Step](), list[_Step]()
@@ -237,7 +234,7 @@ def _extended(rows: FrictionRows, barred: Collection[JointTerm]) -> tuple[list[_
 def _simplest(
     both: _Step, useful: Sequence[_Step], search: _TermSearch, steps: Sequence[_Step]
 ) -> _Step:
-    """An offset in place of a law for each direction, if what that has more is chance."""
+    """An offset in place of a law for each direction, if that explains no more than by chance."""
     for offset in useful:
         if offset.variant.term == (both.joint, "offset"):
             more = search.without(offset.judged.directions).step([both.variant], steps)
@@ -248,7 +245,7 @@ def _simplest(
 def _refined(
     rows: FrictionRows, steps: Sequence[_Step], progress: Progress
 ) -> tuple[list[_Step], Refined]:
-    """What is kept of the steps, and the laws that follow with refined constants."""
+    """Steps that are kept, and the laws with refined constants."""
     kept = list(steps)
     while kept:
         progress(f"refining friction laws of {len({step.joint for step in kept})} joints")
@@ -273,11 +270,11 @@ def _laws(
 
 
 def _with_constants(rows: FrictionRows, kept: Sequence[_Step], refit: Refined) -> Refined:
-    """With offsets of the limbs' other drives beside chosen constants, unless what they explain is
-    chance (95 %).
+    """Add offsets to the limbs' other drives beside chosen constants, unless they explain no more
+    than chance (95 %).
 
-    What is common to the constants of all hardly differs from the weight of the limbs, which would
-    take the constant of a drive without.
+    A constant common to all drives is like a weight of the limbs, which would otherwise absorb the
+    constant of a drive without an offset.
     """
     if not (offsets := missing_offsets(rows, refit.laws)):
         return refit
@@ -287,8 +284,8 @@ def _with_constants(rows: FrictionRows, kept: Sequence[_Step], refit: Refined) -
 
 
 def missing_offsets(rows: FrictionRows, laws: Mapping[str, Friction]) -> list[Variant]:
-    """Offsets of those drives of identical limbs that have no constant, where chosen laws of others
-    have."""
+    """Offsets of drives of identical limbs without a constant, where a chosen law of another has
+    one."""
     robot = rows.dynamics.robot
     drives, now = robot.identical_drives, dict(robot.friction) | dict(laws)
     missing = {drive for drive in drives if drive in now and not now[drive].has_constant}
@@ -299,8 +296,8 @@ def missing_offsets(rows: FrictionRows, laws: Mapping[str, Friction]) -> list[Va
 
 
 def _imitated(rows: FrictionRows, steps: Sequence[_Step], refit: Refined) -> _Step | None:
-    """One of two terms with constants that a joint got, where the other one alone can do as well
-    with constants of its own; None if all are needed."""
+    """One of a joint's two added terms with constants, if the other alone fits as well with refined
+    constants; None if all are needed."""
     curved = [step for step in steps if step.variant.constants]
     joints = [step.joint for step in curved]
     surprises = dict[_Step, float]()
@@ -314,10 +311,7 @@ def _imitated(rows: FrictionRows, steps: Sequence[_Step], refit: Refined) -> _St
 
 
 def _spare(rows: FrictionRows, steps: Sequence[_Step], refit: Refined) -> _Step | None:
-    """The step that refined laws can do without best; None if they need all.
-
-    Each is judged with all others, with the constants as they are now.
-    """
+    """The step that refined laws need least, judged beside all others; None if all are needed."""
     robot, forms = rows.dynamics.robot, dict[_Step, Variant]()
     for step in steps:
         shapes = shapes_of(robot, step.joint, refit.laws[step.joint], step.variant.kind)

@@ -1,18 +1,16 @@
 """Constants of friction laws, such as Stribeck's speed, fitted together with all coefficients.
 
-Gauss–Newton: with a term's change by the logarithms of its constants as further columns, everything
-is linear; coefficients stay positive by bounded least squares, logarithms of constants have a
-prior, and each step is limited. Rigid bodies and lags are free, and so projected out.
+Gauss–Newton: additional columns are the slopes of terms by the logarithms of their constants.
+Bounded least squares keeps coefficients positive, logarithms have a prior, and steps are limited.
+Rigid bodies and lags are free, and so projected out.
 
-In the fit, whole friction curves have intervals with constants counted as unknown. A law's speeds
-and exponents are not linear, so what a fit finds of coefficients alone is too sure of the curve.
-Its changes with the logarithms x of these constants are further columns of the fit,
+The fit's intervals of friction curves count constants, such as speeds and exponents, as unknown:
+with the logarithms x of these constants,
 
     τ_friction ≈ Σ c_k h_k(v) + Σ c_j ∂h_j/∂x_j δx_j,
 
-and the curve at a speed is one combination of all of them. In the fit itself constants stay what
-they were refined to (δx = 0), for a hardly known constant would leave the linear
-range; whoever judges the fit takes δx as free (`freed`).
+and the curve at a speed is a combination of all coefficients. The fit itself holds δx = 0, for a
+hardly known constant would leave the linear range; intervals take δx as free (`freed`).
 """
 
 from collections.abc import Collection, Mapping, Sequence
@@ -41,18 +39,15 @@ from deltaid.robot.friction import EXPONENTS, Friction
 from deltaid.robot.friction_terms import FrictionTerm
 from deltaid.robot.parameter import PriorParameter
 
-# The largest step of a logarithm.
+# Largest step of a logarithm.
 _LARGEST = 0.4
-# Once in so many decades of recordings chance may explain as much as what is then believed, such as
-# an exponent that is none of the usual ones.
+# Least surprise of an unusual result, such as an exponent that is none of the usual ones [decades].
 SELDOM = 3.5
-# Standard deviation of a logarithm about the mean of drives of one make; about its value by the
-# grid it is 1.
+# Prior standard deviation of a logarithm about the mean of alike drives; about its start it is 1.
 _UNLIKE = 0.25
-# Stribeck's speed stays within these shares of the joint's fastest.
+# Range of Stribeck's speed, as shares of the joint's largest.
 _SPEEDS = (0.003, 3.0)
-# Speeds of a curve begin at this share of the fastest, the least size of a term's prior at this
-# share of Coulomb's.
+# Least speed of a curve as a share of the largest; least prior of a term as a share of Coulomb's.
 _SMALL = 0.02
 
 # Joint, kind of term, name of the constant.
@@ -62,7 +57,7 @@ Speeds = Float[np.ndarray, " speeds"]
 
 @dataclass(frozen=True, eq=False)
 class Refined:
-    """Laws of the joints that were changed, priors of added terms their estimates."""
+    """Changed laws, with estimates as priors of added terms."""
 
     laws: dict[str, Friction]
     residual: Rows
@@ -74,12 +69,11 @@ class Refined:
 
 @threadpool_limits.wrap(limits=1, user_api="blas")  # for narrow matrices, threads only wait
 def refined(rows: FrictionRows, laws: Mapping[str, Friction]) -> Refined:
-    """Laws of some joints, beside rows of the robot as it is described, with the constants that fit
-    best.
+    """Laws of some joints with the constants that fit best.
 
-    The exponents of Stribeck's terms that were added are those of one of its two usual forms, for
-    all joints the same, unless other ones explain more than chance: how the term falls is
-    least identifiable, and a free exponent makes the rest of the curve less certain.
+    All added Stribeck terms have the exponent of one of the two usual forms, unless others explain
+    more than chance: the exponent is hardly identifiable, and a free one makes the rest of the
+    curve less certain.
     """
     free, described = _refined(rows, laws, ()), rows.dynamics.robot.friction
     added = {
@@ -100,7 +94,7 @@ def refined(rows: FrictionRows, laws: Mapping[str, Friction]) -> Refined:
 
 
 def surprise_of_more(rows: FrictionRows, more: Refined, less: Refined, freedom: int) -> float:
-    """How surprising it is by white noise what laws with some more constants explain [decades]."""
+    """Surprise, for white noise, of what laws with more constants explain in addition [decades]."""
     level = more.squares / max(len(rows.tau) - rows.span.rank, 1)
     return surprise(max(less.squares - more.squares, 0.0) / level, freedom)
 
@@ -137,8 +131,9 @@ def _fit(
     travel: Mapping[_Constant, float],
     usual: Collection[str],
 ) -> tuple[dict[FrictionTerm, float], dict[_Constant, float], Rows]:
-    """Coefficients of all terms, steps of the logarithms of constants that have made some `travel`,
-    and what is left without steps; Stribeck's exponents of `usual` joints stay."""
+    """Coefficients of all terms, steps of the logarithms of constants, and the residual without
+    steps. `travel` is how far logarithms have moved; Stribeck's exponents of `usual` joints stay.
+    """
     described, joints = rows.dynamics.robot, rows.joints
     terms = described.changed(friction=dict(described.friction) | dict(laws)).friction_terms
     before = set(described.friction_terms)
@@ -170,8 +165,7 @@ def _fit(
 
 
 def _unlike(constants: Sequence[_Constant], drives: Collection[str]) -> Float[np.ndarray, "n n"]:
-    """Differences of each constant from the mean of those that drives of one make have in its
-    place."""
+    """Rows for the difference of each constant from the mean of those of alike drives."""
     places = [(kind, name, joint if joint not in drives else "") for joint, kind, name in constants]
     alike = np.array([[other == place for other in places] for place in places])
     return np.eye(len(places)) - alike / alike.sum(axis=1, keepdims=True)
@@ -184,8 +178,8 @@ def _bounded(
     high: Float[np.ndarray, " n"],
     prior: Float[np.ndarray, " n"],
 ) -> Float[np.ndarray, " n"]:
-    """min ‖A x − b‖ over low ≤ x ≤ high, columns at unit length; near the prior where these are
-    dependent, as all friction and gains beside it are."""
+    """min ‖A x − b‖ over low ≤ x ≤ high; near the prior where columns are dependent, such as those
+    of friction and gains."""
     from scipy.optimize import lsq_linear  # slow to load, and seldom needed
 
     norms = lengths(A)
@@ -205,9 +199,9 @@ def moved(law: Friction, kind: str, name: str, step: float) -> Friction:
 
 @dataclass(frozen=True, eq=False)
 class LawConstants(Addition):
-    """Changes of a robot's friction with the constants of its laws, in logarithms."""
+    """Changes of a robot's friction with the logarithms of its laws' constants."""
 
-    is_held = True  # the constants are those of the law
+    is_held = True
 
     @property
     def constants(self) -> tuple[tuple[FrictionTerm, str], ...]:
@@ -238,7 +232,7 @@ class LawConstants(Addition):
 
 
 def freed(problem: FittedProblem) -> FittedProblem:
-    """A fit to be judged: its result, with what it holds unknown, such as constants of laws."""
+    """The fit with held coefficients, such as constants of laws, counted as unknown."""
     if not any(addition.is_held for addition in problem.additions):
         return problem
     added = [
@@ -257,9 +251,7 @@ def freed(problem: FittedProblem) -> FittedProblem:
 def friction_curves(
     problem: FittedProblem, fastest: Float[np.ndarray, " dof"]
 ) -> tuple[FrictionCurve, ...]:
-    """The friction of each joint that moves over its speed, with 95 % intervals.
-
-    Without what depends on load.
+    """Friction over the speed of each moving joint, without load friction, with 95 % intervals.
 
     Args:
         fastest: largest speed of each drive in the recordings [rad/s or m/s].

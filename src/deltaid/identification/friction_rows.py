@@ -1,8 +1,8 @@
-"""Recordings in memory as rows in which further friction terms are searched.
+"""Rows of recordings in which additional friction terms are searched.
 
-Rows are masked as the fit's are, reversals of joints included. What a friction law lacks and a lag
-of the torques look alike, so next to the robot's own columns there is one free lag for each drive
-of each recording: −τ̇ of the model. All columns that are searched are without what these explain.
+Rows near reversals are excluded, as in the fit. A missing friction term looks like a lag, so each
+drive of each recording has a free lag beside the robot's columns: −τ̇ of the model. Candidate
+columns are projected off all of these.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -42,20 +42,19 @@ from deltaid.robot.description import RobotDescription
 from deltaid.robot.friction import Friction, PowerLaw, Stribeck
 from deltaid.robot.friction_terms import friction_terms
 
-# Windows of all recordings together at least that are used.
+# Least number of windows that are used of all recordings together.
 _WINDOWS = 6
-# Rows keep what positions hold up to this frequency [Hz]: laws differ where joints turn round, and
-# in quick motions that is above what masses need.
+# Highest cut-off of rows [Hz]: laws differ near reversals, at higher frequencies than masses need.
 _CUTOFF = 50.0
-# First grids: exponents of the power law; Stribeck's speed as a share of the joint's own, and form.
+# Start values: exponents of the power law; Stribeck's speed as a share of the joint's largest.
 _EXPONENTS = (0.25, 0.5, 0.75, 1.5, 2.0, 3.0)
 _SPEEDS = tuple(np.geomspace(0.01, 1.0, 10).tolist())
 # Stribeck's usual exponents: Tustin's form and Gauss's.
 FORMS = (1.0, 2.0)
-# Size of a further term as a share of Coulomb's, before anything is known of it; a share of load.
+# Prior size of an additional term as a share of Coulomb's, and of load friction as a share of load.
 _SIZE, _LOAD = 0.3, 0.05
-# Shares of a rotor's inertia that may be its link's, as torques show their sum only and losses what
-# the gear carries; below zero the other way.
+# Shares of a rotor's inertia that are tried as its link's: torques determine only their sum, but
+# load friction the link's part. Negative shares are of the link's that is the rotor's.
 _SHARES = (0.0, -1.0, -0.5, 0.25, 0.5, 0.75, 1.0)
 
 _SHAPES: dict[AdditionKind, tuple[Shape, ...]] = {
@@ -67,19 +66,19 @@ _SHAPES: dict[AdditionKind, tuple[Shape, ...]] = {
 
 @dataclass(frozen=True, eq=False)
 class JudgedColumns:
-    """What columns explain of rows, against chance."""
+    """What columns explain of rows, compared with chance."""
 
-    directions: Columns  # the columns, orthonormal
-    gain: float  # by what share the squared error falls
-    times: float  # what they explain as a multiple of what chance explains, in amplitude
-    surprise: float  # how unlikely that is by chance, in decades
-    error: float  # what they leave, as a share of the drives' largest torques
-    is_large: bool  # whether they explain more than the error of differentiated positions
+    directions: Columns  # an orthonormal basis of them
+    gain: float  # share by which the squared error falls
+    times: float  # amplitude that they explain as a multiple of that by chance
+    surprise: float  # [decades]
+    error: float  # remaining rms error as a share of the drives' largest torques
+    is_large: bool  # whether they explain more than errors of differentiated positions
 
 
 @dataclass(frozen=True, eq=False)
 class FrictionRows:
-    """Rows of some recordings, one drive under the other, in units of each drive's noise."""
+    """Rows of some recordings, drive by drive, in units of each drive's noise."""
 
     dynamics: Dynamics
     points: tuple[TracePoint, ...]  # the recordings at parameters of least squares
@@ -89,9 +88,9 @@ class FrictionRows:
     # columns of additions, and of a lag for each drive of each recording
     extra: Float[np.ndarray, "rows extra"]
     drive_rows: DriveRows
-    span: Span  # what parameters and `extra` explain
+    span: Span  # of parameters and `extra`
     tau: Rows
-    p: Parameters  # by least squares; where torques leave these open, near the prior
+    p: Parameters  # by least squares, near the prior where torques do not determine them
     # `FrictionJoint.moved` of those drives where it is not zero
     moved: Mapping[str, float] = field(default_factory=dict[str, float])
 
@@ -101,7 +100,7 @@ class FrictionRows:
 
     @cached_property
     def rigid(self) -> Span:
-        """What lags, additions and all parameters but those of friction explain."""
+        """Span of lags, additions and all parameters but those of friction."""
         active, friction = active_columns(self.dynamics), self.dynamics.layout.friction
         Y = np.where((friction.start <= active) & (active < friction.stop), 0.0, self.Y)
         return Span.of_columns(self.drive_rows.stack(Y)).with_columns(self.extra)
@@ -122,7 +121,7 @@ class FrictionRows:
         return float(np.sqrt(np.mean(of_drives**2)))
 
     def judged(self, U: Columns, residual: Rows, constants: int) -> JudgedColumns:
-        """What orthonormal columns explain of rows, `constants` of them chosen beside."""
+        """What orthonormal columns explain of rows; `constants` were chosen with them."""
         own = Explanation.by_columns(U, residual, self.drive_rows.groups, self.span.rank)
         return JudgedColumns(
             directions=U,
@@ -150,7 +149,7 @@ class FrictionRows:
 def friction_rows(
     dynamics: Dynamics, recordings: Sequence[PreparedRecording], additions: Sequence[Addition] = ()
 ) -> FrictionRows:
-    """The rows of some recordings, for a fit with additions of which none is a lag.
+    """The rows of some recordings beside additions, of which none is a lag.
 
     Raises:
         RecordingError: a log is too short or too slow to be differentiated.
@@ -175,21 +174,21 @@ def friction_rows(
 
 
 def cutoff_of(recording: PreparedRecording) -> float | None:
-    """Of the rows [Hz]; None for the recording's own."""
+    """Cut-off of rows for friction [Hz]; None for the recording's own."""
     held = recording.motion_cutoff
     return None if held is None else max(recording.cutoff or 0.0, min(held, _CUTOFF))
 
 
 @dataclass(frozen=True, eq=False)
 class Variant:
-    """One form of an addition to a joint's law; of a described term, other constants."""
+    """One form of an additional term of a law, or of a change of a described term's constants."""
 
     joint: FrictionJoint
     kind: AdditionKind
-    more: dict[str, Any]  # what the law gets, as keys of `Friction`
-    shapes: tuple[Shape, ...]  # of the columns that show it
-    constants: int  # how many are chosen with it, beside its coefficients
-    positive: bool  # whether its coefficient must be
+    more: dict[str, Any]  # values of `Friction` that the law gets
+    shapes: tuple[Shape, ...]  # of its columns
+    constants: int  # number of constants that are chosen with it
+    positive: bool  # whether its coefficient must be positive
 
     @property
     def term(self) -> JointTerm:
@@ -217,7 +216,8 @@ def options(rows: FrictionRows) -> Iterator[list[Variant]]:
 
 
 def _changes(joint: FrictionJoint, law: Friction) -> dict[AdditionKind, list[dict[str, Any]]]:
-    """Forms of what a law may get, as keys of `Friction`; none where constants are others."""
+    """Values of `Friction` for each kind of additional term; an empty one for other constants of a
+    described term."""
     c, changes = law.coulomb, dict[AdditionKind, list[dict[str, Any]]]()
     if joint.drive is not None and law.both_ways:
         if law.offset is None:
@@ -241,7 +241,7 @@ def _changes(joint: FrictionJoint, law: Friction) -> dict[AdditionKind, list[dic
 def shapes_of(
     robot: RobotDescription, joint: str, law: Friction, kind: AdditionKind
 ) -> tuple[Shape, ...]:
-    """What shows an addition in a law: its terms, or slopes by constants of a described one."""
+    """Shapes of an additional term, or of a described term's slopes by its constants."""
     if kind in _SHAPES:
         return _SHAPES[kind]
     terms = friction_terms({joint: (law, robot.units(joint))})

@@ -1,17 +1,16 @@
-"""How large a drive's torque is that its recording calls 1 N m, where a known load determines it.
+"""Gains of drives: the joint's torque over the recorded one, where a known load determines it.
 
-A drive records what it believes its torque to be; with a torque constant that is off, the joint
-gets c_i times that. The noise is on what was recorded, so what is minimised is
+With a torque constant that is off, the joint gets c_i times the recorded torque. The noise is on
+the recorded torque, so the fit minimises
 
     Σ_i w_i ‖τ_meas,i − Y_i p / c_i‖²
 
-over p and c together (variable projection: p is the conic fit's for every c). About gains c that
-are known so far, c_i τ_meas,i = Y_i p − ε_i Y_i p₀ with the torques Y_i p₀ of the *model*: measured
-ones would put the noise on both sides. So gains are further columns of the fit, by turns, and
-certificate and intervals are the fit's own. Without anything known in N m the common scale of all c
-and p is free. Identical limbs determine the ratios of their drives' gains even then;
-where these explain more of a recording than anything else, Σ log c_i = 0 over these drives, or
-over all others where one drive alone differs.
+over p and c. About present gains c, c_i τ_meas,i = Y_i p − ε_i Y_i p₀ with the torques Y_i p₀ of
+the *model*: measured ones would have noise on both sides. So ε are additional columns of the fit,
+repeated until they vanish, and certificate and intervals are the fit's own. Without a quantity
+known in N m, the common scale of all c and p is free, but identical limbs determine the ratios of
+their drives' gains. Where the rows need these ratios, Σ log c_i = 0 over these drives, or over the
+others where a single drive differs.
 """
 
 from collections.abc import Iterable, Sequence
@@ -38,10 +37,10 @@ from deltaid.recording.recording import PreparedRecording
 from deltaid.recording.windows import SampleBlock
 from deltaid.robot.parameter import PriorParameter
 
-# Relative standard deviation of torque constants before any recording.
+# Prior standard deviation of torque constants, relative.
 SPREAD = 0.1
-# A change by torque constants that are 1 % off counts beyond so many standard deviations of a
-# parameter beside measured values.
+# Change of a parameter, in its standard deviations, by torque constants that are 1 % off, from
+# which it is reported.
 _MOVED = 0.5
 
 
@@ -49,12 +48,11 @@ _MOVED = 0.5
 class Gains(OfTorques):
     """Remaining logarithms of gains, ε, with the columns −Y_i p₀."""
 
-    # c that torques of the recordings have been multiplied by
-    gain: Float[np.ndarray, " dof"]
-    prior_spread: float  # of the fit, which all scales of parameters are relative to
-    # drives of whose gains only the ratios are identifiable; all gains if empty
+    gain: Float[np.ndarray, " dof"]  # c, by which torques of the recordings have been multiplied
+    prior_spread: float  # of the fit; scales of parameters are relative to it
+    # drives of which only ratios of gains are identifiable; empty if all gains are
     alike: tuple[int, ...] = ()
-    # those whose mean is taken to be right; all that are alike if empty
+    # drives whose mean gain is taken to be right; empty for all `alike`
     reference: tuple[int, ...] = ()
 
     @property
@@ -86,8 +84,8 @@ class Gains(OfTorques):
 
     @property
     def common_spread(self) -> float:
-        """Standard deviation of what n drives have in common, ln c̄ ± s/√n by the scatter s of their
-        ratios, as wide as Student's interval with n − 1 degrees of freedom."""
+        """Standard deviation of the common gain of n drives, s/√n by the scatter s of their
+        logarithms, widened to Student's interval with n − 1 degrees of freedom."""
         logarithms = np.log(self.gain[list(self.alike)])
         count = len(logarithms)
         wider = quantile(np.array([count - 1.0])) / quantile(np.array([np.inf]))
@@ -138,10 +136,8 @@ class Gains(OfTorques):
 
 
 def gains(setup: Setup, progress: Progress) -> Setup:
-    """Torque constants, where one of the additions is known in N m.
-
-    Else their ratios between the drives of limbs, where recordings are off by these above all.
-    """
+    """Stage for gains, where an addition is known in N m, or for their ratios between the drives of
+    limbs, where the contest kept these."""
     setup = setup.without(Gains).all_repaired(gain=())
     dynamics, settings, others = setup.dynamics, setup.settings, setup.additions
     absolute = any(addition.witness for addition in others)
@@ -177,8 +173,8 @@ def gains(setup: Setup, progress: Progress) -> Setup:
 def _agreeing(
     problem: FittedProblem, logarithms: Float[np.ndarray, " dof"], alike: tuple[int, ...]
 ) -> tuple[int, ...]:
-    """Drives whose gains agree where the one other does not: one torque constant is wrong more
-    often than all are, so that just their mean is right. None where there is no such drive."""
+    """The other drives where one gain differs and theirs agree: a single wrong torque constant is
+    likelier than several. Empty where there is no such drive."""
     if len(alike) < 3:
         return ()
     dof, middle = len(logarithms), np.median(logarithms[list(alike)])
@@ -192,8 +188,8 @@ def _agreeing(
 
 
 def moves_of_scale(problem: FittedProblem) -> tuple[dict[str, float], ...]:
-    """What parameters, by name, move by where the gains that drives have in common are off, which
-    nothing determines but the ratios of some: in proportion to themselves."""
+    """Changes of parameters, by name, by one standard deviation of an undetermined common gain: in
+    proportion to themselves."""
     if problem.dynamics.robot.tolerances.torque_constants:
         return ()  # intervals count what is stated
     names = problem.dynamics.layout.names
@@ -204,8 +200,8 @@ def moves_of_scale(problem: FittedProblem) -> tuple[dict[str, float], ...]:
 
 
 def shown_by_torques(additions: Sequence[Addition]) -> tuple[Addition, ...]:
-    """Additions without gains that only sensors determine, no load that torques carry: with these,
-    friction has no scale."""
+    """Additions without gains that only sensors determine and no load: beside these, friction has
+    no scale."""
     by_load = any(addition.witness and len(addition.pattern[0]) for addition in additions)
     return tuple(
         addition
@@ -215,11 +211,11 @@ def shown_by_torques(additions: Sequence[Addition]) -> tuple[Addition, ...]:
 
 
 def torque_scale(problem: FittedProblem) -> tuple[str, ...]:
-    """A sentence where measured values in kg meet torques whose scale is assumed to be right.
+    """A sentence where measured values in kg meet torques of unknown scale.
 
-    Torque constants that are all off by a share ε make all base parameters of torques larger by it.
-    By torques alone that is a matter of units, for whoever gives the drives what they recorded; but
-    a weighing is in kg, and other bodies then take up the difference, more of it than ε.
+    Torque constants that are all off by a share ε scale all base parameters. Without measured
+    values this does no harm, as commanded torques have the same scale; but a weighing is in kg, and
+    other bodies absorb the difference, by more than ε.
     """
     known = any(CONSTANTS in addition.determines for addition in problem.additions)
     stated = problem.dynamics.robot.tolerances.torque_constants

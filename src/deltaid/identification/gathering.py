@@ -1,6 +1,6 @@
 """One pass over recordings that gathers their information on the parameters, in constant memory.
 
-Windows are condensed to triangles apart from each other, on all cores, and added up in order.
+Windows are condensed to triangles independently, on all cores, and added up in order.
 """
 
 from collections.abc import Iterable, Iterator, Sequence
@@ -40,9 +40,9 @@ _Columns = Dynamics | Extended | MeasuredRows
 class Gathered:
     """The information of recordings of one robot."""
 
-    # for each recording its consecutive blocks of equal length, whose scatter gives intervals
+    # consecutive blocks of equal length of each recording, whose scatter gives intervals
     parts: tuple[tuple[Information, ...], ...]
-    # the same samples by place of the platform and drive (or channel) i, as [Y_i, τ_i]ᵀ[Y_i, τ_i]
+    # sums of [Y_i, τ_i]ᵀ[Y_i, τ_i] by place of the platform and drive (or channel) i
     places: Float[np.ndarray, "places rows augmented augmented"]
     information: Information  # everything together, with levels and facts once `balanced`
 
@@ -68,8 +68,7 @@ def gather_balanced(
     load: Parameters | None = None,
     progress: Progress = lambda _: None,
 ) -> Gathered:
-    """All that recordings and measured values say of a robot and of additions, `balanced`; as
-    `gather_all`."""
+    """Information of recordings and measured values, `balanced`; otherwise as `gather_all`."""
     known = weighings(dynamics.robot)
     rows = MeasuredRows(extended(dynamics, additions), known)
     return balanced(gather_all(rows, recordings, load, progress), known)
@@ -107,14 +106,12 @@ def gather(
 ) -> tuple[Information, ...]:
     """The information of one recording, in `count` consecutive blocks of equal length.
 
-    With a filter, the same filter goes over torques and regressor, and what remains is thinned to
-    the rate that the cut-off allows. `merge` puts the blocks together. `places`, if given, takes in
-    every sample as well. With a whitening Σ^-½ each sample's rows of all drives are mixed by it, so
-    that their noise has the covariance 1 where it had Σ.
+    A filter applies to torques and regressor alike, and its output is thinned to the rate that the
+    cut-off allows. `merge` adds up the blocks. `places`, if given, adds every sample by place. A
+    whitening Σ^-½ mixes each sample's rows of all drives, so that noise of covariance Σ becomes 1.
 
-    Friction that depends on load uses what gears carry by parameters `load`, and is linear about
-    these (`LoadSlope`). Without them it uses the measured torques, whose noise then stands on both
-    sides of the equation, and with it the motors' own friction.
+    Load friction uses the torques of gears by parameters `load`, and is linearised about these
+    (`LoadSlope`). Without them it uses measured torques, which have noise and the motors' friction.
 
     Raises:
         IdentificationError: the regressor is not finite somewhere.
@@ -191,10 +188,10 @@ def _cuts(start: int, count: int, length: int) -> Iterator[tuple[int, slice]]:
 def balanced(gathered: Gathered, weighings: Sequence[Weighing]) -> Gathered:
     """The same with channels of sensors weighted by their noise, and with weighings.
 
-    The fit weighs each drive by its largest torque, and σ̂ is the noise as a share of that. A
-    sensor's channel counts as 1 of what makes its own noise σ̂ too: its residual's root mean square
-    over σ̂, by turns with the residual (iterated generalised least squares). A fact cᵀp = v ± σ has
-    the row (σ̂/σ) [c, v]. Then all rows have the noise σ̂, and (15) is as probable as it was.
+    The fit scales each drive by its largest torque, and σ̂ is the noise as a share of that. The
+    scale of a sensor's channel is its residual's root mean square over σ̂, by turns with the
+    residual (iterated generalised least squares). A fact cᵀp = v ± σ has the row (σ̂/σ) [c, v]. So
+    all rows have the noise σ̂.
     """
     information = gathered.information
     if not (information.channels or weighings):
@@ -210,14 +207,14 @@ def balanced(gathered: Gathered, weighings: Sequence[Weighing]) -> Gathered:
 
 
 def _levels(information: Information, sigma: float) -> Float[np.ndarray, " channels"]:
-    """What each channel counts as 1 of."""
+    """The scale of each channel."""
     channels = slice(information.drives.stop, None)
     largest = information.torque_max[channels]
     levels = largest.copy()
     for _ in range(ROUNDS if information.channels else 0):
         now = replace(information, levels=levels)
         residual = np.linalg.norm(now.factors @ np.append(-now.problem.x, 1.0), axis=1)
-        # Each channel's share of the degrees of freedom that the fit takes is given back.
+        # Degrees of freedom that the fit takes from each channel.
         leverage = now.factors[:, :, :-1] @ now.problem.inverse
         freedom = np.sum(leverage**2, axis=(1, 2)) * now.weights
         rms = residual / np.sqrt(np.maximum(now.samples - freedom, 1.0))

@@ -23,7 +23,7 @@ from deltaid.sensors.robot_sensors import all_sensor_rows
 from deltaid.sensors.rows import SensorRows
 from deltaid.sensors.weighings import Weighing, weighings
 
-# Many more than base parameters, so that random samples determine all that a motion can.
+# Number of samples: many more than base parameters, so that they determine all that a motion can.
 SAMPLES = 2000
 
 
@@ -83,7 +83,7 @@ def _base(
         load = dynamics.carried(z, qd, qdd, prior_parameters(dynamics.robot))
     entries = [entries_at(dynamics, z, qd, qdd, load)]
     for sensor in sensors:
-        # Whatever it shows: its pose and gain are determined by something that is not constant.
+        # Any reading that is not constant determines pose and gain.
         reading = np.random.default_rng(0).standard_normal((len(sensor.channels), SAMPLES))
         entries.append(sensor.entries(z, qd, qdd, reading))
     y = np.zeros((rows.dof, SAMPLES))

@@ -1,13 +1,11 @@
-"""Geometry that a description may be off by, as rows of a fit.
+"""Effects of geometric tolerances on identified parameters, by linearisation.
 
-What a robot's tolerances do to identified parameters follows by linearisation. A machine whose
-lengths, zeros and mounting are off by δg has torques D δg that the description does not know of,
-D = dτ/dg (`dynamics.geometry`). Least squares takes them for
+Lengths, zeros and mounting that are off by δg add torques D δg, D = dτ/dg (`dynamics.geometry`).
+Least squares takes them for changes of the base parameters,
 
-    δp_B = (Y_BᵀWY_B)⁻¹ Y_BᵀW D δg
+    δp_B = (Y_BᵀWY_B)⁻¹ Y_BᵀW D δg.
 
-and the fit with a prior as much of these as of all other data. D is evaluated at the fitted
-parameters, at some samples spread over the beginning of the recordings.
+D is evaluated at the fitted parameters, at samples spread over the beginning of the recordings.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -29,22 +27,21 @@ from deltaid.recording.recording import PreparedRecording
 from deltaid.robot.tolerances import Tolerances
 from deltaid.sensors.robot_sensors import sensor_errors
 
-# Of each recording at most so many seconds of its beginning, and of these so many samples.
+# Length of a recording's beginning that is used [s], and largest number of samples of it.
 _SECONDS, _SAMPLES = 40.0, 1500
-# Weight of all information relative to these samples, which may determine less.
+# Weight of a recording's information beside these samples, which may not determine everything.
 _BESIDE = 1e-3
 
 
 @dataclass(frozen=True, eq=False)
 class Geometry:
-    """Quantities that may be off, and what one standard deviation of each shifts least-squares
-    base parameters by."""
+    """Quantities that may be off, and shifts of base parameters by their standard deviations."""
 
     names: tuple[str, ...]
     shifts: Float[np.ndarray, "base quantities"]
 
     def beside(self, base: BaseParameters, moves: Sequence[Mapping[str, float]]) -> "Geometry":
-        """With other causes, of which each moves parameters, by name, by one standard deviation."""
+        """With other causes, whose deviations change parameters by `moves`, by name."""
         names = base.layout.names
         parameters = np.array([[move.get(name, 0.0) for name in names] for move in moves])
         shifts = base.combination() @ parameters.reshape(-1, len(names)).T
@@ -54,7 +51,7 @@ class Geometry:
 
 @dataclass(frozen=True, eq=False)
 class GeometricRows:
-    """Some filtered samples, those of one drive after those of the other, weighted as in a fit."""
+    """Some filtered samples, drive by drive, weighted as in a fit."""
 
     Y: Float[np.ndarray, "rows columns"]  # active columns
     tau: Float[np.ndarray, " rows"]  # measured torques
@@ -62,7 +59,7 @@ class GeometricRows:
     names: tuple[str, ...]  # of the quantities
 
     def over(self, names: Sequence[str]) -> Float[np.ndarray, "rows named"]:
-        """D for more quantities; those that do nothing here are zero."""
+        """D for quantities by name; zero for those without an effect here."""
         known, nothing = dict(zip(self.names, self.D.T, strict=True)), np.zeros(len(self.tau))
         effects = [known.get(name, nothing) for name in names]
         return np.reshape(effects, (len(names), len(self.tau))).T
@@ -76,8 +73,12 @@ def geometry(
     values: Float[np.ndarray, " parameters"],
     additions: Sequence[Addition] = (),
 ) -> Geometry:
-    """What the tolerances of a robot's description do to base parameters from recordings, by their
-    information, at all fitted parameters, those of additions behind the robot's."""
+    """Shifts of base parameters by the tolerances of a robot's description.
+
+    Args:
+        information: of the recordings.
+        values: all fitted parameters, those of additions behind the robot's.
+    """
     if dynamics.robot.tolerances.exact:
         return Geometry((), np.zeros((base.rank, 0)))
     regressor, weights = extended(dynamics, additions), np.sqrt(information.weights)
@@ -97,7 +98,7 @@ def shifted(
     information: Information,
     additions: Sequence[Addition] = (),
 ) -> Geometry:
-    """Shifts of base parameters by what quantities do to some rows, as of `geometry`."""
+    """Shifts of base parameters by the quantities of some rows."""
     active = information.columns
     determined = tuple(start for addition in additions for start in addition.determines)
     all_names = dict.fromkeys(name for row in rows for name in row.names)
@@ -107,7 +108,7 @@ def shifted(
     total = replace(information, facts=None).weighted()[:, k]
     norms = lengths(total)  # 1 for those that measured values alone determine
     share = np.linalg.norm(Y / norms) / np.sqrt(base.rank)
-    # Measured values are of the machine as it is, so they constrain a shift as well.
+    # Measured values are those of the real machine, so they constrain shifts.
     facts = np.zeros((0, len(k))) if information.facts is None else information.facts[:, k]
     extra = share / norms * np.vstack([np.sqrt(_BESIDE) * total, facts])
     D = np.vstack([D, np.zeros((len(extra), len(names)))])
@@ -124,9 +125,14 @@ def geometric_rows(
     tolerances: Tolerances | None = None,
     active: Int[np.ndarray, " columns"] | None = None,
 ) -> Iterator[GeometricRows]:
-    """Samples spread evenly over the beginning of a recording, and the effects of tolerances there,
-    by default of the description's: of torques, then of each sensor; with the columns of torques,
-    or `active`, all fitted parameters, and weights of drives and channels of sensors."""
+    """Rows at samples spread evenly over the beginning of a recording: of torques, then of sensors.
+
+    Args:
+        values: all fitted parameters.
+        weights: of drives, then of channels of sensors.
+        tolerances: by default the description's.
+        active: columns that are kept; by default those that torques depend on.
+    """
     measured, p = MeasuredRows(regressor), values[: len(dynamics.layout.names)]
     entries, y, counts, motion = _beginning(measured, dynamics, recording, p)
     active = active_columns(regressor) if active is None else active
@@ -155,8 +161,8 @@ def geometric_rows(
 def _beginning(
     measured: MeasuredRows, dynamics: Dynamics, recording: PreparedRecording, p: Parameters
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, tuple[np.ndarray, np.ndarray, np.ndarray]]:
-    """Entries, y and what counts of it in the first windows of a recording, at samples spread
-    evenly, and z, q̇, q̈ there."""
+    """Entries, y, its weights, and z, q̇, q̈ at samples spread evenly over the first windows of a
+    recording."""
     most, drives, parts = _SECONDS * recording.log.rate, np.arange(measured.drives), []
     for window in islice(recording.brief.windows(dynamics.kinematics), MOST_WINDOWS):
         rows, samples = measured.filtered(window, recording, p), window.own

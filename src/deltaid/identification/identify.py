@@ -43,9 +43,14 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, repr=False)
 class Identification(Shown, Plotted, Tabled, Reported):
-    """An identified model with the evidence behind it: the fit that it comes from, the recordings
-    with their filters, studies of what each leaves, where it was studied as it was fitted, and of
-    those that hold a load that no mapping declares, by its name."""
+    """An identified model with its evidence.
+
+    Attributes:
+        problem: the fit that the model comes from.
+        recordings: with their filters and corrections.
+        studies: of each recording's residual; empty where corrections followed.
+        detected: studies that detected undeclared loads, by the loads' names.
+    """
 
     model: IdentifiedModel
     problem: FittedProblem
@@ -132,10 +137,8 @@ def identify(
     problem = with_widened_prior(with_geometry(problem, recordings), recordings)
     judged = judged_parameters(freed(problem))
     added = judged[len(problem.p) :]
-    loads, effects = (
-        found_loads(additions, added, held(recordings)),
-        fitted_effects(additions, added),
-    )
+    loads = found_loads(additions, added, held(recordings))
+    effects = fitted_effects(additions, added)
     carried = {load.name: load.p for load in loads}
     recordings = tuple(unloaded(r, carried).repaired(pulls=effects) for r in recordings)
     progress("comparing torques")
@@ -166,8 +169,8 @@ def identify(
 
 
 def _fitted(first: Setup, progress: Progress) -> tuple[Setup, FittedProblem]:
-    """The confirmed fit of a setup; without friction of load where that does not settle and only
-    the choice of laws has it."""
+    """The confirmed fit of a setup; without load friction if that was only chosen and does not
+    settle."""
     try:
         return _confirmed(first, progress)
     except UnsettledFrictionError:
@@ -180,12 +183,11 @@ def _fitted(first: Setup, progress: Progress) -> tuple[Setup, FittedProblem]:
 def _confirmed(
     first: Setup, progress: Progress, corrected: Setup | None = None
 ) -> tuple[Setup, FittedProblem]:
-    """The fit of a setup with all that is to be corrected in it; inspecting all rows where
-    excerpts missed anything, and without corrections that it does not confirm, and terms of
-    friction and effects that it puts at zero.
+    """The fit of a setup after all stages, repeated until nothing has to be taken back: events that
+    excerpts missed, doubtful lags, and friction terms and effects that the fit puts at zero.
 
     Args:
-        corrected: the setup before friction laws are chosen, where that is known already.
+        corrected: the setup before friction laws are chosen, if known already.
     """
 
     def fitted(setup: Setup) -> FittedProblem:
@@ -213,8 +215,8 @@ def _confirmed(
 def _moves_of_laws(
     setup: Setup, described_friction: Mapping[str, Friction], problem: FittedProblem
 ) -> tuple[dict[str, float], ...]:
-    """Where no known effect explains what acts on the robot, chosen friction laws may stand for a
-    part of it: what parameters, by name, move by with the described ones."""
+    """Changes of parameters, by name, with the described friction laws, where the contest is
+    refuted: chosen laws may absorb a part of an unknown effect."""
     robot = setup.robot.changed(friction=described_friction)
     if not (setup.outcome and setup.outcome.is_refuted) or setup.robot == robot:
         return ()
@@ -226,10 +228,7 @@ def _moves_of_laws(
 
 
 def _unchanged(setup: Setup) -> tuple[Study | None, ...]:
-    """Studies of recordings in which nothing has been corrected since, nor what gears carry.
-
-    They were studied with initial lags, which may have been dropped since.
-    """
+    """Studies of recordings that were not corrected since; initial lags may have been dropped."""
     if setup.corrections or setup.additions or setup.robot.load_drives or not setup.studies:
         return ()
     return tuple(

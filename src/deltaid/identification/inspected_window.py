@@ -1,7 +1,7 @@
-"""Samples of a window as outliers are searched among them: means, restlessness, spikes, signs.
+"""Quantities of a window's samples that outliers are searched in: means, roughness, spikes, signs.
 
-The residual's mean over 9 ms is compared with its usual scatter. Single outliers are spikes, and
-are searched first. Windows overlap, so that their cuts do not show.
+The residual's mean over 9 ms is compared with its usual scatter. Spikes, single outliers, are
+excluded first. Windows overlap, so that outliers at their ends are complete.
 """
 
 from collections.abc import Iterable, Iterator, Sequence
@@ -15,16 +15,15 @@ from deltaid.identification.expectation_source import Torques, joint_rates
 from deltaid.levels import STRONG
 from deltaid.recording.windows import Window
 
-# Threshold of restless torque and of spikes, in standard deviations of single samples.
+# Threshold of rough torque and of spikes, in standard deviations of single samples.
 ROUGH = 12.0
-# Samples of a mean that restless torque needs.
+# Fewest samples of a mean by which torque can be rough.
 _ENOUGH = 5
-# A spike lasts for so many samples at most; several drives at once have one only where it is over
-# in less than this [s].
+# Longest spike [samples]; longest spike of several drives at once [s].
 _LONGEST, _AT_ONCE = 3, 3e-3
-# Samples on either side of a spike, whose range it exceeds so many times.
+# Samples on either side of a spike, and by how many times it exceeds their range.
 _BESIDE, _STEEP = 4, 3.0
-# Time whose scatter is evaluated together [s].
+# Time over which scatter is evaluated [s].
 _TOGETHER = 4.0
 
 
@@ -36,12 +35,12 @@ class InspectedWindow:
     z: Torques  # task coordinates
     mean: Torques  # of the residual over 9 ms [N m or N]
     size: Torques  # the same in standard deviations
-    rough: Torques  # how restless the torque is, in standard deviations of single samples
+    rough: Torques  # scatter of the residual over 9 ms, in standard deviations of single samples
     spikes: Bool[np.ndarray, "dof samples"]
-    # where gears' torques change their sign, then where joints' speeds do
+    # whether torques of gears change their sign, then whether speeds of joints do
     signs: Bool[np.ndarray, "changes samples"]
-    taken: Torques  # of what the low-pass took off the motion [N m or N]
-    speed: Torques  # of the drives, as shares of their usual ones
+    taken: Torques  # of the motion that the low-pass removed [N m or N]
+    speed: Torques  # of the drives, as shares of the usual ones
 
     def part(self, samples: slice) -> "InspectedWindow":
         return InspectedWindow(*(getattr(self, item.name)[..., samples] for item in fields(self)))
@@ -76,10 +75,8 @@ def inspected_window(expected: Expectation, window: Window) -> InspectedWindow:
 
 
 def _taken_off(window: Window, expected: Expectation, mean: Torques) -> Torques:
-    """Torques of what the low-pass took off the motion, in the mean over the time of one.
-
-    Where a robot starts, stops or turns sharply, the filtered motion does so smoothly, and earlier.
-    """
+    """Torques of the motion that the low-pass removed, as at jolts: where a robot starts, stops or
+    turns sharply, the filtered motion does so smoothly and earlier."""
     source, wide, n = expected.source, window.wide, expected.length
     rate = _slope(window.off, max(1, n // 4), expected.rate)
     rise = _slope(rate, max(1, n // 2), expected.rate)
@@ -89,7 +86,7 @@ def _taken_off(window: Window, expected: Expectation, mean: Torques) -> Torques:
 
 
 def _slope(values: Float[np.ndarray, "samples dof"], k: int, rate: float) -> np.ndarray:
-    """Differences across k samples to either side, as a derivative; zero near the ends."""
+    """Derivative by differences across k samples to either side; zero near the ends."""
     out = np.zeros_like(values)
     if len(values) > 2 * k:
         out[k:-k] = (values[2 * k :] - values[: -2 * k]) * (0.5 * rate / k)
@@ -110,10 +107,8 @@ def _mean(values: Torques, n: int) -> tuple[Torques, Torques]:
 
 
 def _spikes(residual: Torques, expected: Expectation) -> Bool[np.ndarray, "dof samples"]:
-    """Single samples, or two or three, far above both sides.
-
-    Both edges must be far steeper than what goes before and after, or the top of a hump would do.
-    """
+    """One to three samples far from both sides; both edges must be far steeper than the residual
+    before and after, unlike those at the top of a hump."""
     (dof, samples), flags = residual.shape, np.zeros(residual.shape, dtype=bool)
     limit, far = ROUGH * expected.noise[:, None], _LONGEST + 1
     apart = np.abs(residual[:, far:] - residual[:, :-far]) > limit
@@ -138,7 +133,7 @@ def _spikes(residual: Torques, expected: Expectation) -> Bool[np.ndarray, "dof s
 
 
 def together(windows: Iterable[InspectedWindow]) -> Iterator[InspectedWindow]:
-    """Windows in groups of some seconds; a short rest belongs to the last."""
+    """Windows joined to groups of some seconds; a short rest belongs to the last group."""
     ready, waiting = list[InspectedWindow](), list[InspectedWindow]()
     for window in windows:
         waiting.append(window)

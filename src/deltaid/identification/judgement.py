@@ -1,16 +1,14 @@
-"""What decided each parameter of a fit, data, measured values, data with others' priors, prior, or
-consistency, and its interval by that.
+"""Which source decided each parameter of a fit (data, measured values, data with others' priors,
+prior, or consistency), its interval, and the normal distribution of the base parameters by data.
 
-And data's distribution of a robot's parameters, with all that was fitted with them averaged out.
-
-Base parameters err by R⁻¹ s (`scatter`), whose size comes from the scatter of the recording along
-each singular vector of R. Of all normal distributions whose deviations are those of the intervals,
-the one nearest to that (Kullback–Leibler) is taken,
+Base parameters have the error R⁻¹ s (`scatter`), with the covariance V_0 by the recording's scatter
+along each singular vector of R. Of all normal distributions with the deviations of the intervals,
+the one nearest to this (Kullback–Leibler) is taken,
 
     V⁻¹ = V_0⁻¹ + diag(λ)    with    V_ii = (half an interval / 1.96)².
 
-Scaling V_0 by rows and columns would have these deviations too, but would spoil sums that are known
-a hundred times better than their terms. Geometry is added with its own correlations.
+Scaling V_0 by rows and columns would have these deviations too, but spoil sums that are known a
+hundred times better than their terms. Geometry is added with its own correlations.
 
 Additions contribute K_a a with a ~ N(a_0, S): averaging over them adds K_a S K_aᵀ to V, and rows
 without the robot then determine, by their correlations, a part of the others' errors."""
@@ -34,22 +32,20 @@ from deltaid.model.parameter_record import BaseParameter, Origin, Parameter, Pos
 from deltaid.robot.inertia import MOMENTS_OF_INERTIA
 from deltaid.robot.parameter import ADDED
 
-# The data decides a parameter that it knows to less than this share of the prior's deviation.
+# Data decides a parameter if its deviation is below this share of the prior's.
 _SHRUNK = 0.5
-# How far a body may be from the symmetry of its description: its centre as a share of its radius of
-# gyration, its inertias as one of its mass times that squared.
+# Usual asymmetry of a body: of its centre as a share of its radius of gyration, of inertias as a
+# share of mass times this radius squared.
 _ASYMMETRY = 0.3
-# κ: by which share of a variance it may be missed for each unit of λ.
+# κ: share of a variance by which it may be missed per unit of λ.
 _MISSED = 1e-3
 
 Matrix = Float[np.ndarray, "n n"]
 
 
 def judged_parameters(problem: FittedProblem, first: int = 0) -> tuple[Parameter, ...]:
-    """The parameters of a fit from some on, with their intervals and what decided each.
-
-    Those of additions follow the robot's.
-    """
+    """The parameters of a fit from the `first` on, those of additions behind the robot's, with
+    intervals and the source that decided each."""
     judge = _Judge(problem)
     return tuple(judge.judged(i) for i in range(first, len(problem.layout.parameters)))
 
@@ -85,7 +81,7 @@ class _Judge:
         self._visible = np.isin(np.arange(len(self._p)), problem.information.columns)
         spread, scale = problem.settings.prior_spread, prior_scale(reduction)
         self._held_std = spread * scale
-        # The deviation of a prior that is wide enough for a value of this size.
+        # Deviation of the prior as widened, or of one that is wide enough for the fitted value.
         self._own_std = spread * np.maximum(
             scale / reduction.factors(reduction.widened), np.abs(self._p)
         )
@@ -117,15 +113,15 @@ class _Judge:
         return self._parameter(i, "data", std, value - half, value + half, share=share)
 
     def _of_free(self, i: int) -> Parameter:
-        """One that the fit may change.
+        """A free parameter of the robot.
 
-        Data alone decides where its range without any prior is narrow. Where it is not, but data
-        and priors together know the parameter well, torques show only a sum of it and others.
+        Data alone decides if the range without any prior is narrow. If it is not, but data and
+        priors together know the parameter well, torques determine only a sum of it and others.
         """
         value, std = float(self._p[i]), float(self._known.std[i])
         prior_std = float(self._known.prior_std[i])
         if not self._visible[i]:
-            # Whether it grew beyond the free variables to keep its body consistent.
+            # Consistency may have raised it above its value by the free variables.
             alone = self._reduction.A[i] @ self._problem.solution.x + self._reduction.p_0[i]
             raised = value > alone + NEGLIGIBLE * abs(alone)
             return self._around_prior(i, "consistency" if raised else "prior", prior_std)
@@ -155,8 +151,8 @@ class _Judge:
         return self._parameter(i, by, *self._prior_interval(i, std))
 
     def _prior_interval(self, i: int, std: float) -> tuple[float, float, float]:
-        """Standard deviation and ends of the prior's own interval. A moment of inertia, positive
-        and of a size that is known at most roughly, is log-normal."""
+        """Standard deviation and ends of the prior's interval; log-normal for a moment of inertia,
+        which is positive and known roughly."""
         prior, std = float(self._reduction.p_reg[i]), max(float(std), float(self._least_std[i]))
         if prior > 0 and self._parameters[i].symbol in MOMENTS_OF_INERTIA:
             factor = float(np.exp(NORMAL * np.sqrt(np.log1p((std / prior) ** 2))))
@@ -173,12 +169,9 @@ class _Judge:
         rests_on: tuple[str, ...] = (),
         share: Share | None = None,
     ) -> Parameter:
-        """One that rests on the priors of others, if it does; with what its interval comes from,
-        where data has a part in it."""
         parameter, value = self._parameters[i], float(self._p[i])
         if by != "prior":
-            # Ranges are those of the recording alone; where a fit holds what the recording would
-            # have otherwise, its estimate may be at their end.
+            # Ranges are those of the recording alone; the fitted value may be at their end.
             low, high = min(low, value - std), max(high, value + std)
         moved = self._moves.get(parameter.name, 0.0)
         low, high = min(low, low + moved), max(high, high + moved)
@@ -196,7 +189,7 @@ class _Judge:
         )
 
     def _at_edge(self, i: int) -> bool:
-        """Whether consistency alone keeps a moment or a coefficient from being smaller."""
+        """Whether only consistency keeps a moment or a coefficient from being smaller."""
         parts = np.flatnonzero(self._reduction.A[i])
         factors, room = self._reduction.A[i][parts], self._room[parts]
         if np.any(factors < 0) or np.any(np.isnan(room)):
@@ -205,7 +198,7 @@ class _Judge:
 
     @cached_property
     def _room(self) -> np.ndarray:
-        """How much smaller each variable on the diagonal of a block could be, all else as it is."""
+        """By how much each variable on the diagonal of a block could decrease, all others fixed."""
         room = np.full(self._reduction.size, np.nan)
         for block in self._reduction.blocks:
             # That of entry k is 1 / (M̄⁻¹)_kk, and M̄⁻¹ = L⁻ᵀL⁻¹ with M̄ = L Lᵀ.
@@ -251,12 +244,12 @@ def posterior_record(problem: FittedProblem) -> PosteriorRecord:
 
 
 def base_covariance(problem: FittedProblem) -> Matrix:
-    """Covariance of the base parameters' errors, with the deviations that their intervals have."""
+    """Covariance of the base parameters' errors, with the deviations of their intervals."""
     noise, shifts = problem.estimate.noise, problem.geometry.shifts
     of_geometry = np.sum(shifts**2, axis=1)
     white = NOISE_FLOOR * np.linalg.norm(inverse(noise.root), axis=1)
     variances = np.maximum((problem.estimate.interval / NORMAL) ** 2 - of_geometry, white**2)
-    # By noise with its own level in each direction that torques distinguish.
+    # Noise has its own level along each singular vector.
     size = np.linalg.norm(noise.root, axis=0)
     U, S, Vt = np.linalg.svd(noise.root / size)
     level = np.maximum(noise.deviations(U)[0], max(noise.sigma, NOISE_FLOOR))
@@ -267,9 +260,9 @@ def base_covariance(problem: FittedProblem) -> Matrix:
 def with_variances(V: Matrix, variances: Float[np.ndarray, " n"]) -> Matrix:
     """The covariance with these variances that is nearest to another one.
 
-    It minimises the convex function −log det(C⁻¹ + diag λ) + Σ λ_i r_i + ½ κ Σ λ_i², C the
-    correlations and r what is wanted over what is there, both over their common level. κ > 0 lets
-    variances be missed where having them would spoil sums that are known far better.
+    It minimises the convex function −log det(C⁻¹ + diag λ) + Σ λ_i r_i + ½ κ Σ λ_i² with the
+    correlations C and the ratios r of wanted and present variances, over their common level. κ > 0
+    lets variances be missed where meeting them would spoil sums that are known far better.
     """
     size = np.sqrt(np.diag(V))
     ratio = variances / size**2
@@ -283,14 +276,14 @@ def with_variances(V: Matrix, variances: Float[np.ndarray, " n"]) -> Matrix:
         return root.T @ root
 
     def value(lam: Float[np.ndarray, " n"]) -> float:
-        """But for log det C; infinite where there is no covariance."""
+        """The function without log det C; infinite where the sum is not positive definite."""
         values = np.linalg.eigvalsh(unit + (L.T * lam) @ L)
         if values[0] <= 0:
             return np.inf
         return float(lam @ ratio - np.log(values).sum() + 0.5 * _MISSED * lam @ lam)
 
     def curvature(lam: Float[np.ndarray, " n"]) -> Matrix:
-        """Also where there is no covariance: SciPy asks for it before it rejects a step."""
+        """Finite even where the value is not: SciPy asks for it before it rejects a step."""
         return (covariance(lam) ** 2 if np.isfinite(value(lam)) else 0.0) + _MISSED * unit
 
     solution = minimize(
@@ -307,7 +300,7 @@ def with_variances(V: Matrix, variances: Float[np.ndarray, " n"]) -> Matrix:
 def _given(
     b: Float[np.ndarray, " n"], V: Matrix, robots: np.ndarray
 ) -> tuple[Float[np.ndarray, " own"], Float[np.ndarray, "own own"]]:
-    """Rows of the robot, given those that are errors alone."""
+    """Distribution of the robot's base parameters, given the others, whose values are errors."""
     size, others = np.sqrt(np.diag(V)), ~robots
     C, b = correlations(V), b / size
     if others.any():

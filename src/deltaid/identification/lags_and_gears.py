@@ -1,5 +1,5 @@
-"""Torques are shifted by their lags, and what remains of lags becomes a part of the fit; positions
-of links follow from those of motors where gears wind up, by estimated or stated compliances."""
+"""Stages that read torques by their lags, with remaining lags as columns of the fit, and that
+compute positions of links behind gears that wind up, by estimated or stated compliances."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -27,23 +27,20 @@ from deltaid.recording.log import FEW_WINDOWS
 from deltaid.recording.recording import PreparedRecording
 from deltaid.recording.windows import WINDOW
 
-# Lags known to no better than this (half a 95 % interval) are none that can be corrected [s].
+# Half width of a 95 % interval from which a lag is too uncertain to be corrected [s].
 UNKNOWN = 1e-3
-# Seconds of a recording that are used; more hardly help.
+# Length of a recording that is used [s]; more hardly helps.
 _SECONDS = 12.0
-# What a recording is corrected by that has no lags.
+# Repairs of a recording without lags.
 _ON_TIME: dict[str, Any] = {"delay": (), "constants": (), "growth": None}
-# Windows of a recording at least that gears are searched in.
+# Least number of windows of a recording in which compliances are searched.
 _OF_GEARS = 2
-# The low-pass over their rows, as a share of that which a fit has.
+# Cut-off of these rows as a share of the fit's.
 _BAND = 0.5
 
 
 def lags_corrected(setup: Setup, progress: Progress) -> Setup:
-    """Torques of every recording without lags, with columns for what remains of these.
-
-    Lags of the setup are replaced, so the stage can be repeated after others.
-    """
+    """Correct lags of all torques, with columns for remaining lags; replaces earlier ones."""
     lag = setup.settings.lag
     setup = setup.without(TimingColumns).reported((), "lag")
     if lag == "none":
@@ -64,7 +61,7 @@ def lags_corrected(setup: Setup, progress: Progress) -> Setup:
 
 
 def _estimated(setup: Setup, traces: Sequence[tuple[PreparedRecording, Trace]]) -> Setup:
-    """With estimated lags corrected, filters and clocks as well where traces show these."""
+    """Correct estimated lags, and filters and clocks where traces have these."""
     additions, spread = setup.additions, setup.settings.prior_spread
     every, several = tuple(range(setup.dynamics.dof)), len(setup.recordings) > 1
     lags = estimate_lags(
@@ -101,7 +98,7 @@ def _timed(
     timing: Timing,
     beside: tuple[Addition, ...],
 ) -> tuple[dict[str, Any], list[Addition]]:
-    """Repairs by filters and one clock, and columns for what remains of lags, filters and clock."""
+    """Repairs by filters and a clock, and columns for remaining lags, time constants and rate."""
     groups, several = chosen_groups(timing.lags, timing.of_lags), len(setup.recordings) > 1
     delay = np.array(delays_of(groups, setup.dynamics.dof))
     if timing.pure:
@@ -117,8 +114,8 @@ def _timed(
 
 
 def without_doubtful_lags(setup: Setup, judged: Sequence[Parameter]) -> Setup:
-    """The same without lags that the fit itself does not confirm: their intervals all hold zero, or
-    are as wide as lags are. Something undeclared then looks like one.
+    """The setup without lags that the fit does not confirm: their intervals all include zero, or
+    are wide. Something undeclared may look like these lags.
 
     Args:
         judged: the parameters of all additions, as fitted.
@@ -128,7 +125,7 @@ def without_doubtful_lags(setup: Setup, judged: Sequence[Parameter]) -> Setup:
             continue
         recordings = [recording for recording in setup.recordings if addition.is_of(recording)]
         if any(r.repairs.constants or r.repairs.growth for r in recordings):
-            continue  # beyond chance, and so are their lags
+            continue  # filters and clocks are beyond chance, and so are these lags
         kept = tuple(
             other
             for other in setup.additions
@@ -147,14 +144,14 @@ def _doubtful(lags: Sequence[Correction]) -> bool:
 
 
 def without_lags(additions: Sequence[Addition]) -> tuple[Addition, ...]:
-    """Additions that are none of lags, filters and clocks."""
+    """Additions except those of lags, filters and clocks."""
     return tuple(addition for addition in additions if not isinstance(addition, TimingColumns))
 
 
 def traced(
     setup: Setup, recording: PreparedRecording, cutoff: float | None, least: int = FEW_WINDOWS
 ) -> Trace | None:
-    """At least `least` windows of a recording; None where it cannot be differentiated."""
+    """A trace of at least `least` windows; None where the recording cannot be differentiated."""
     windows = max(least, round(_SECONDS * recording.log.rate / WINDOW))
     load = prior_parameters(setup.robot)
     try:
@@ -191,9 +188,9 @@ def _fixed(setup: Setup, lag: tuple[float, ...]) -> Setup:
 
 
 def gears_turned_back(setup: Setup, progress: Progress) -> Setup:
-    """Positions of links in place of those of motors, where their gears wind up.
+    """Replace positions of motors by those of links, where gears wind up.
 
-    A contest weighs gears against all other effects, so its compliances stand where there was one.
+    Compliances of a contest, which weighs them against all other effects, are not searched again.
     """
     turned = _turned_back(setup, progress)
     gears = [recording.repairs.gears for recording in (*setup.recordings, *turned.recordings)]
@@ -201,15 +198,15 @@ def gears_turned_back(setup: Setup, progress: Progress) -> Setup:
 
 
 def estimated_anew(setup: Setup, progress: Progress) -> Setup:
-    """Gains, lags and gears, which other effects hide or look like, once these are known."""
+    """Estimate gains, lags and gears again once other effects, which look like them, are known."""
     return gears_turned_back(lags_corrected(gains(setup, progress), progress), progress)
 
 
 def _turned_back(setup: Setup, progress: Progress, *, search: bool = True) -> Setup:
-    """With stated gears and, if searched, those that are detected."""
+    """With stated compliances and, if `search`, detected ones."""
     setup = setup.all_repaired(gears=None).reported((), "compliance")
-    bare = setup.without(TimingColumns)  # lags are separate columns here
-    # In the band of the motion and in that of a fit, of all that have a filter.
+    bare = setup.without(TimingColumns)  # `compliances` has columns of lags
+    # Traces in the band of the motion and in that of a fit, of recordings with a filter.
     cutoffs = [(r, r.low_pass.cutoff) for r in bare.recordings if r.low_pass is not None]
     pairs = [
         [traced(bare, recording, share * cutoff, _OF_GEARS) for recording, cutoff in cutoffs]
@@ -250,7 +247,7 @@ def _turned_back(setup: Setup, progress: Progress, *, search: bool = True) -> Se
 
 
 def _weighed(setup: Setup) -> tuple[Compliance, Compliance]:
-    """Compliances that a contest of causes has found, and their standard deviations."""
+    """Compliances by the contest of causes, and their standard deviations."""
     none, outcome = np.zeros(setup.dynamics.dof), setup.outcome
     if outcome is None or not outcome.winds_up:
         return none, none
@@ -258,8 +255,8 @@ def _weighed(setup: Setup) -> tuple[Compliance, Compliance]:
 
 
 def _better_than_loads(setup: Setup, turned: Sequence[Study | None]) -> bool:
-    """Whether gears turned back leave less than a load would that seems to come and go, where one
-    does."""
+    """Whether compliant gears leave less residual than an undeclared load would, in each recording
+    that seems to have one."""
     for k, after in enumerate(turned):
         before = setup.studies[k] if setup.is_disturbed(k) else None
         if before is None or after is None:

@@ -32,14 +32,13 @@ from deltaid.recording.recording import PreparedRecording, open_recordings
 
 @dataclass(frozen=True)
 class BaseEstimate:
-    """Least-squares values p_B of the base parameters and how far they can be trusted.
+    """Least-squares values p_B of the base parameters with intervals.
 
     Attributes:
         method: the weight.
-        interval: half the widths of their 95 % intervals.
-        full: a vector p with these base parameters: representatives carry the values, the rest is
-            zero.
-        noise: what standard deviations and intervals come from.
+        interval: half widths of the 95 % intervals.
+        full: a vector p with these base parameters: representatives have the values, others are 0.
+        noise: from which standard deviations and intervals follow.
     """
 
     method: LeastSquaresMethod
@@ -55,7 +54,7 @@ class BaseEstimate:
         return self.noise.deviations(inverse(self.noise.root).T)
 
     def with_shifts(self, shifts: Float[np.ndarray, "base quantities"]) -> "BaseEstimate":
-        """The same with wider intervals, for quantities that shift p_B by their deviations."""
+        """The same with wider intervals, for quantities whose deviations shift p_B."""
         by_noise, freedom = self.by_noise
         std = np.hypot(by_noise, np.linalg.norm(shifts, axis=1))
         return replace(self, std=std, interval=half_width(std, by_noise, freedom))

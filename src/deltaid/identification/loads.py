@@ -1,12 +1,10 @@
-"""Loads: estimated roughly before the fit, and reported after it.
+"""Stages for loads: estimated roughly before the fit, with it, and reported after it.
 
-Before the fit, p_L is estimated roughly and its torques are subtracted from the recordings, so that
-other stages work on the robot alone; the columns of the fit (`effects.load_columns`) then have p_L
-less what was subtracted.
+Torques of the rough p_L are subtracted from the recordings, so that other stages see the robot
+alone; the columns of the fit (`effects.load_columns`) have the remaining part of p_L.
 
-Those that come and go and that no mapping declares are identified as if one did. A study says when,
-by the mass that the torques have more of. What the robot is without the load is then known from all
-of the recording; that it was there is a verdict.
+An undeclared load that comes and goes is identified as if declared, at the times that a study
+detects. So all of the recording determines the robot without it; a verdict reports the load.
 """
 
 from collections.abc import Sequence
@@ -43,10 +41,10 @@ from deltaid.recording.masks.masks import LOAD_CHANGES, joined_times
 from deltaid.recording.recording import PreparedRecording
 from deltaid.recording.repairs import LeftSpan
 
-# The longest recording whose rows are searched for a load's times [s]: they are held in memory.
+# Longest recording that is searched for a load's times [s]: its rows are held in memory.
 _LONGEST = 600.0
 
-# Of each recording its name, for messages, and the loads that it holds.
+# Name of each recording, for messages, and the loads that it holds.
 Held = Sequence[tuple[str, Sequence[Load]]]
 
 
@@ -55,7 +53,7 @@ def held(recordings: Sequence[PreparedRecording]) -> Held:
 
 
 def joined(holding: Held) -> tuple[Load, ...]:
-    """The loads of recordings, one of each name, with all that is declared of it.
+    """The loads of recordings, one of each name, with everything declared about it.
 
     Raises:
         RecordingError: two recordings contradict each other on one load.
@@ -76,7 +74,7 @@ def joined(holding: Held) -> tuple[Load, ...]:
 
 
 def declared_loads(setup: Setup, progress: Progress) -> Setup:
-    """Loads that mappings declare: known, or estimated roughly, and subtracted."""
+    """Subtract declared loads, as known or roughly estimated."""
     loads = joined(held(setup.recordings))
     if not loads:
         return setup
@@ -102,7 +100,7 @@ def unloaded(recording: PreparedRecording, loads: dict[str, Ten]) -> PreparedRec
 def found_loads(
     additions: Sequence[Addition], judged: Sequence[Parameter], holding: Held
 ) -> tuple[HeldLoad, ...]:
-    """Loads of a fit's additions, with what it judged of all additions' parameters."""
+    """Loads of a fit by its additions and their judged parameters."""
     names = [(Path(where).name, {load.name for load in loads}) for where, loads in holding]
     return tuple(
         HeldLoad(
@@ -117,10 +115,10 @@ def found_loads(
 
 
 def known_load(columns: LoadColumns, model: Model, where: str) -> Ten:
-    """p_L of a load as a model knows it, or as it is declared.
+    """p_L of a load by a model, or as declared.
 
     Raises:
-        RecordingError: neither.
+        RecordingError: neither gives it.
     """
     known = {load.name: load.p for load in model.identified.loads} if model.identified else {}
     name = columns.load.name
@@ -135,10 +133,10 @@ def known_load(columns: LoadColumns, model: Model, where: str) -> Ten:
 
 
 def as_known(recording: PreparedRecording, model: Model) -> PreparedRecording:
-    """A recording without the torques of loads that a model knows, or that are declared in full.
+    """A recording with the torques of its loads subtracted, by a model or as declared.
 
     Raises:
-        RecordingError: one of the loads is neither.
+        RecordingError: neither gives a load's parameters.
     """
     loads, none = recording.log.columns.loads, np.zeros(10)
     columns = [LoadColumns(model.dynamics, load, model.prior_spread, none) for load in loads]
@@ -148,8 +146,8 @@ def as_known(recording: PreparedRecording, model: Model) -> PreparedRecording:
 
 
 def _rough(setup: Setup, columns: Sequence[LoadColumns]) -> list[Ten]:
-    """p_L by the unconstrained minimum of (15): lags, contacts and friction laws are not known
-    yet, so consistency does not help."""
+    """p_L by the unconstrained minimum of (15): while lags, contacts and friction laws are unknown,
+    consistency does not help."""
     if all(column.is_fixed for column in columns):
         return [column.prior for column in columns]
     additions = (*setup.additions, *columns)
@@ -165,19 +163,19 @@ def _rough(setup: Setup, columns: Sequence[LoadColumns]) -> list[Ten]:
 
 
 def undeclared_loads(setup: Setup, progress: Progress) -> Setup:
-    """Loads that the residual of recordings has when gears have been turned back, weighed with what
-    the contest corrects beside them and without them; a stage."""
+    """Stage for undeclared loads: the contest is held beside detected loads and, unless all is
+    explained, without them; the better explanation is kept."""
     if setup.settings.effects == "none":
         return setup
     first, detected = setup, dict(setup.detected)
     for k, study in enumerate(setup.studies):
         recording = setup.recordings[k]
-        # Whether two recordings hold the same is not known.
+        # One name a recording: two may hold different loads.
         name = f"undeclared-{recording.log.sha256[:8]}"
         if study is None or name in setup.barred_effects:
             continue
-        if found := _detected(setup, study, recording):
-            study, load = found
+        if held_load := _detected(setup, study, recording):
+            study, load = held_load
             load = load.changed(name=name)
             holding = _holding(recording, load, 1.0 / study.fit.trace.low_pass.cutoff)
             setup, detected[load.name] = setup.with_recording(k, holding), study
@@ -197,7 +195,7 @@ def undeclared_loads(setup: Setup, progress: Progress) -> Setup:
     needed = _kept(beside)
     if not needed and _is_adequate(beside):
         return beside
-    # Changes of mass may be none at all.
+    # Other causes may look like a load.
     instead = contested(first.changed(studies=()), progress)
     kept = _kept(instead)
     if kept and _is_adequate(instead) and (kept <= needed or not _is_adequate(beside)):
@@ -206,8 +204,8 @@ def undeclared_loads(setup: Setup, progress: Progress) -> Setup:
 
 
 def _short(setup: Setup) -> frozenset[str]:
-    """Loads that were detected and are held, or let go, for so short that contacts and the changes
-    themselves fill most of it: no rows tell such a load from contacts."""
+    """Detected loads that are held, or not held, for such short times that exclusions fill most of
+    these: no rows distinguish such a load from contacts."""
     return frozenset(
         load.name
         for recording in setup.recordings
@@ -217,7 +215,7 @@ def _short(setup: Setup) -> frozenset[str]:
 
 
 def _is_filled(recording: PreparedRecording, held: Sequence[tuple[float, float]]) -> bool:
-    """Whether less than half of the time that is held, or between these times, is kept."""
+    """Whether more than half of the time in these spans, or between them, is excluded."""
     excluded = [(span.first, span.last) for span in recording.repairs.left_out]
     excluded = joined_times(np.reshape(excluded, (-1, 2)))
     between = [(last, first) for (_, last), (first, _) in pairwise(held)]
@@ -233,7 +231,7 @@ def _kept(setup: Setup) -> set[str]:
 
 
 def _is_adequate(setup: Setup) -> bool:
-    """Whether no load comes and goes beside those that are known, and little is unexplained."""
+    """Whether little torque is unexplained, and no unknown load comes and goes."""
     left = max((left_of_a_drive(study) for study in setup.studies if study), default=0.0)
     return left < ADEQUATE and not _is_disturbed(setup)
 
@@ -245,12 +243,12 @@ def _is_disturbed(setup: Setup) -> bool:
 def _detected(
     setup: Setup, study: Study, recording: PreparedRecording
 ) -> tuple[Study, Load] | None:
-    """What a recording holds and when, and the study of all of it that says so; None where no load
-    is detected, or where the recording is too long."""
+    """The undeclared load of a recording with its spans, and the study that detected it; None
+    without one, or where the recording is too long."""
     if recording.log.columns.loads:
         return None
     if (bare := with_events(recording)).repairs != recording.repairs:
-        # What is held for a short time looks like contacts.
+        # A load that is held for a short time looks like contacts.
         study = studied(setup.dynamics, bare) or study
     whole, cause = study, load_change(study)
     if cause is None:
@@ -263,13 +261,13 @@ def _detected(
 
 
 def load_change(study: Study) -> Cause | None:
-    """A load that comes and goes, as a study detected it."""
+    """The cause of a study that is a load that comes and goes."""
     causes = causes_of(study.fit, study.account)
     return next((cause for cause in causes if cause.kind == LOAD_CHANGE), None)
 
 
 def _holding(recording: PreparedRecording, load: Load, about: float) -> PreparedRecording:
-    """A recording with a load, without what is closer to its changes than they are known [s]."""
+    """A recording with a load, without rows closer to its changes than their uncertainty [s]."""
     columns, kept = recording.log.columns, recording.repairs.left_out
     log = replace(recording.log, columns=replace(columns, loads=(*columns.loads, load)))
     changes = [time for span in load.spans or () for time in span]

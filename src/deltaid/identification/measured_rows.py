@@ -1,8 +1,8 @@
 """All rows of a fit: the drives' torques, then sensors; and measured values.
 
-A sensor measures y = C p + D u of the robot and its own unknowns (`sensors.rows`). What the robot
-holds adds to it as to torques: a load's columns are its carrier's while it is held, and what has
-been subtracted from the torques is subtracted here.
+A sensor measures y = C p + D u with the unknowns u of its own (`sensors.rows`). Loads add to it as
+to torques: a load's columns are its carrier's while it is held, and the part of a load that was
+subtracted from the torques is subtracted from readings.
 """
 
 from collections.abc import Mapping, Sequence
@@ -33,11 +33,11 @@ PerRow = Float[np.ndarray, "rows samples"]
 
 @dataclass(frozen=True, eq=False)
 class SensorAddition(Addition):
-    """One sensor as part of a fit: its unknowns, which torques have no entry of, and its rows."""
+    """One sensor in a fit: its unknowns, which have no entries in torques, and its rows."""
 
-    rows: SensorRows  # what it shows of robot and unknowns
-    prior_spread: float  # of the fit, which all scales of parameters are relative to
-    # parameters by name about which gain and pose are linear; the prior if missing
+    rows: SensorRows  # by the robot's parameters and the sensor's unknowns
+    prior_spread: float  # of the fit; scales of parameters are relative to it
+    # parameters by name about which gain and pose are linearised; the prior if missing
     known: Mapping[str, float] = field(default_factory=dict[str, float])
 
     @classmethod
@@ -48,7 +48,7 @@ class SensorAddition(Addition):
         prior_spread: float,
         known: Mapping[str, float] | None = None,
     ) -> "SensorAddition":
-        """A sensor of a robot by its name in the description; `known` as there."""
+        """A sensor by its name in the description; `known` as of the class."""
         rows = sensor_rows(dynamics, name, dynamics.robot.sensors[name], prior_spread)
         columns = cls(dynamics, rows, prior_spread, known or {})
         if not columns.is_bilinear:
@@ -59,7 +59,7 @@ class SensorAddition(Addition):
 
     @property
     def is_bilinear(self) -> bool:
-        """Whether some columns depend on its expected reading, and so on other parameters."""
+        """Whether some columns depend on the expected reading, and so on parameters."""
         return any(entry.symbol == "gain" or is_of_pose(entry) for entry in self.rows.parameters)
 
     def on(self, dynamics: Dynamics) -> "SensorAddition":
@@ -125,8 +125,8 @@ class SensorPart:
             nothing = np.zeros((len(self.columns.rows.channels), len(w.time)))
             return nothing, nothing
         counts = np.isfinite(signals)
-        # What makes the torque of one drive useless, such as its own friction or clipping, does not
-        # reach a sensor; what makes all of them useless does.
+        # A cause that excludes one drive's torque, such as clipping, does not reach a sensor; one
+        # that excludes all drives does.
         return np.where(counts, signals, 0.0), counts * w.weights.max(axis=1, initial=0.0)
 
     def weighted(self, w: SampleBlock, recording: PreparedRecording) -> tuple[Values, PerRow]:
@@ -149,28 +149,27 @@ class SensorPart:
 
 @dataclass(frozen=True, eq=False)
 class LoadSlope:
-    """How friction that depends on load changes with what gears are taken to carry.
+    """Linearisation of load friction about the loads of gears.
 
-    Losses μ s |x| with x = X p and s = sign(q̇) are not linear. About the parameters p₀ of the fit
-    before, with x₀ = X p₀, they are
+    Losses μ s |x| with the load x = X p and s = sign(q̇) are not linear. About the parameters p₀ of
+    the fit before, with x₀ = X p₀,
 
         μ s |x| ≈ μ s |x₀| + μ₀ s sign(x₀) X (p − p₀),
 
-    so columns of what gears carry come 1 + μ₀ s sign(x₀) times, and torques are μ₀ s sign(x₀) x₀
-    more. Without the second term x₀ would stay at its prior where torques alone do not determine
-    what a gear carries: where only the sum of a rotor and what turns behind its gear is
-    identifiable.
+    so columns of loads are multiplied by 1 + μ₀ s sign(x₀), and μ₀ s sign(x₀) x₀ is added to
+    torques. Without the second term x₀ would stay at its prior where torques alone do not determine
+    a gear's load: where only the sum of a rotor and the inertia behind its gear is identifiable.
     """
 
     # μ₀ of each drive; zero where friction does not depend on load
     shares: Float[np.ndarray, " dof"]
     drives: Int[np.ndarray, " entries"]  # of each entry of the regressor
-    # which entries are of X: neither friction nor rotor of a drive's own motor
+    # whether an entry belongs to X: neither friction nor rotor of the drive's motor
     carried: Bool[np.ndarray, " entries"]
 
     @classmethod
     def about(cls, regressor: Extended, p: Parameters) -> "LoadSlope":
-        """At parameters p of the robot; entries of additions behind its own are not of X."""
+        """About parameters p of the robot; entries of additions do not belong to X."""
         robot = regressor.kinematics.robot
         layout, (drives, columns) = parameter_layout(robot), regressor.regressor_pattern
         of_links = [
@@ -182,7 +181,7 @@ class LoadSlope:
         return cls(shares, drives, np.isin(columns, of_links))
 
     def factor(self, w: SampleBlock, x: Float[np.ndarray, "samples dof"]) -> PerRow:
-        """μ₀ s sign(x₀) of each drive, where gears carry x₀."""
+        """μ₀ s sign(x₀) of each drive for loads x of gears."""
         return (self.shares * np.sign(w.qd) * np.sign(x)).T
 
     def scaled(self, entries: Values, factor: PerRow) -> Values:
@@ -194,7 +193,7 @@ class FilteredRows(NamedTuple):
 
     entries: Values  # in the order of the pattern
     y: PerRow  # torques, then readings
-    counted: PerRow  # how many samples each is worth
+    counted: PerRow  # number of samples that each counts for
 
 
 @dataclass(frozen=True, eq=False)
@@ -202,7 +201,7 @@ class MeasuredRows:
     """Rows and columns of a fit."""
 
     regressor: Extended  # the columns of torques
-    weighings: tuple[Weighing, ...] = ()  # what is known of p without a recording
+    weighings: tuple[Weighing, ...] = ()  # measured values of p
 
     @property
     def drives(self) -> int:

@@ -1,13 +1,12 @@
 """Stretches of a recording whose torques are outliers against a fit, in one pass.
 
 A stretch begins and ends where a drive's mean residual is within 3 standard deviations, and counts
-if it is beyond 6 somewhere (`inspected_window.py`). Both are wider where the scatter is no noise
-but a model that does not fit.
+if it exceeds 6 somewhere (`inspected_window.py`). Both thresholds are wider where scatter comes
+from a model that does not fit.
 
-Outliers may recur for a reason in a drive (`without_recurring`). Friction that the description has
-no law for causes them where a joint turns round, play where the torque that a gear carries changes
-its sign. There a motor runs ahead through its play, and all drives' torques follow from another
-motion, whether they are outliers or not.
+Outliers may recur because of a drive (`without_recurring`): missing friction terms cause them where
+a joint turns round, play where the torque of a gear changes its sign. There the motor runs ahead
+through the play, and the motion that all drives' torques are computed from is wrong.
 """
 
 from collections.abc import Iterable, Sequence
@@ -31,19 +30,19 @@ from deltaid.recording.masks.masks import runs_of
 from deltaid.recording.repairs import BACKLASH, SPIKE, LeftSpan
 from deltaid.recording.windows import Window
 
-# Where scatter is no noise, thresholds are at most so many times wider.
+# Largest factor by which thresholds are widened for a model that does not fit.
 _WIDEST = 3.0
-# Of what does not fit, thresholds stay as they are where no more than half of the stretches beyond
-# them reaches only this part of them.
+# Share of the threshold from which a stretch nearly reaches it. Thresholds are not widened if at
+# most half as many stretches nearly reach them as reach them.
 _NEARLY = 0.5
-# A stretch belongs to a change of sign within so much time [s] and this share of the low-pass's
-# period; so many must for a drive, half of its stretches, hardly by chance.
+# A stretch belongs to a change of sign within this time [s] plus this share of the low-pass's
+# period; the least number of such stretches of a drive that has play.
 _NEAR, _PERIOD, _FEWEST = 6e-3, 0.6, 8
-# Where one gear has play, fewer are enough for another. All drives share its effect on the motion,
-# up to so many times as far from a change of sign.
+# The same number where another gear has play; and the multiple of that time within which play of
+# one gear affects the other drives.
 _AS_WELL, _ABOUT = 4, 2.0
-# One that is so many times as large as those of play usually are is more than play; elsewhere one
-# that is larger than this, since torques also come near zero without a change of sign.
+# Largest size of a stretch of play over the usual one, near a change of sign and elsewhere, where
+# torques come near zero without a change.
 _LARGER, _ELSEWHERE = 4.0, 1.5
 
 OfDrives = Float[np.ndarray, " dof"]
@@ -56,14 +55,12 @@ class OutlierStretch:
 
     start: float  # when [s]
     end: float
-    # how far each drive's does at most, in units of the threshold that it had to reach
-    sizes: OfDrives
-    peak: float  # when that was [s]
+    sizes: OfDrives  # largest residual of each drive, in units of the threshold
+    peak: float  # time of the largest [s]
     z: OfDrives  # task coordinates there
     speed: OfDrives  # of the drives there, as shares of their usual ones
     left: OfDrives  # residual torques there, mean over 9 ms [N m or N]
-    # size of the torques of what the low-pass took off the motion there, as a share
-    sharp: float
+    sharp: float  # torques of the motion that the low-pass removed, as a share of the residual
 
     @property
     def size(self) -> float:
@@ -72,14 +69,13 @@ class OutlierStretch:
 
 @dataclass(frozen=True, eq=False)
 class Outliers:
-    """Outliers of a recording, and when drives might have caused them."""
+    """Outliers of a recording, and times at which drives may have caused them."""
 
     stretches: tuple[OutlierStretch, ...]  # in the order of time
     spikes: tuple[LeftSpan, ...]  # single samples of a drive
     inspected: float  # duration of the recording's windows [s]
-    # when the torque that a gear carries changes its sign, drive by drive [s]
-    turns: tuple[Times, ...]
-    # when a joint turns round, drives first, then passive joints with friction [s]
+    turns: tuple[Times, ...]  # changes of sign of the torque of each drive's gear [s]
+    # reversals of joints, drives first, then passive joints with friction [s]
     reversals: tuple[Times, ...]
 
     @property
@@ -89,9 +85,9 @@ class Outliers:
 
 @dataclass
 class JoinedStretches:
-    """Stretches along a recording, those no more than `gap` [s] apart as one.
+    """Stretches along a recording, joined where they are at most `gap` [s] apart.
 
-    Of those that fall short of the threshold no more is kept than the number that nearly reach it.
+    Only the number of stretches below the threshold that nearly reach it is kept.
     """
 
     gap: float
@@ -99,7 +95,7 @@ class JoinedStretches:
     nearly: int = 0
 
     def join(self, stretches: Iterable[OutlierStretch]) -> None:
-        """Add stretches; the first may go on where the last one ended."""
+        """Add stretches; the first may continue the last one."""
         for stretch in stretches:
             if self.reaching and stretch.start - (last := self.reaching[-1]).end <= self.gap:
                 larger = stretch if stretch.size > last.size else last
@@ -109,7 +105,7 @@ class JoinedStretches:
                 self.reaching.append(stretch)
 
     def end(self) -> None:
-        """End the last one, and drop it if it falls short: noise has many like it."""
+        """End the last stretch, and drop it below the threshold: noise has many like it."""
         if self.reaching and self.reaching[-1].size < 1.0:
             self.nearly += self.reaching.pop().size >= _NEARLY
 
@@ -166,7 +162,7 @@ def _stretches(w: InspectedWindow, limits: OfDrives) -> list[OutlierStretch]:
         inside = slice(first, last + 1)
         sizes = size[:, inside].max(axis=1)
         if sizes.max() < _NEARLY and first > 0 and last < len(w.time) - 1:
-            continue  # nor does it go on in the next window
+            continue  # it ends within this window
         k = first + int(np.argmax(np.sum(lasting[:, inside] ** 2, axis=0)))
         start, peak, end = w.time[[first, k, last]].tolist()
         # Copies: a view would keep all samples about it, for as long as the recording is inspected.
@@ -183,11 +179,11 @@ def without_recurring(
     low_pass: LowPass,
     margin: float,
 ) -> tuple[list[OutlierStretch], list[LeftSpan]]:
-    """Those of some stretches that have no reason in a drive, and all that play spoils.
+    """Stretches that neither friction nor play of a drive explains, and the spans of play.
 
     Args:
-        outliers: what the stretches are of.
-        margin: time about a change of sign, and about outliers there [s].
+        outliers: which the stretches belong to.
+        margin: time excluded about a change of sign, and about outliers there [s].
     """
     near, turns = _NEAR + _PERIOD / low_pass.motion_cutoff, outliers.turns
     peaks = np.array([stretch.peak for stretch in stretches])
@@ -222,19 +218,19 @@ def without_recurring(
 
 
 def _beside(peaks: Times, times: Times, near: float) -> Bool[np.ndarray, " _"]:
-    """Which peaks are near one of some ascending times."""
+    """Which peaks are near one of these ascending times."""
     after = np.append(times, np.inf)[np.searchsorted(times, peaks)]
     before = np.append(-np.inf, times)[np.searchsorted(times, peaks)]
     return np.minimum(after - peaks, peaks - before) <= near
 
 
 def _recurs(peaks: Times, times: Times, near: float, duration: float) -> tuple[bool, bool]:
-    """Whether peaks near some times are the rule; whether they may be, as for another drive."""
+    """Whether peaks recur near these times; and whether they do if another drive's recur."""
     if not len(peaks) or not len(times):
         return False, False
     gaps = np.minimum(np.diff(times), 2 * near)
     share = min(1.0, (gaps.sum() + 2 * near) / duration)
     hits = int(_beside(peaks, times, near).sum())
-    chance = float(bdtrc(hits - 1, len(peaks), share))  # of so many or more
+    chance = float(bdtrc(hits - 1, len(peaks), share))  # of as many or more
     often = hits >= max(_FEWEST, 0.5 * len(peaks))
     return often and chance < NEVER, hits >= _AS_WELL and chance < UNLIKELY

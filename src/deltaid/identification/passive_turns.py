@@ -1,8 +1,8 @@
-"""Rows beside reversals of passive joints with friction.
+"""Exclusion of rows near reversals of passive joints with friction.
 
-Friction of a passive joint steps where the joint reverses. On a robot that is not quite as
-described it reverses elsewhere: a drive that is off by 7 mrad turns the platform of a Par4 by 0.26
-rad. The step there, up to a sixth of the largest torque, has no slope by the error that moves it.
+Friction of a passive joint steps where the joint reverses. On a robot that differs from its
+description it reverses elsewhere: a zero that is off by 7 mrad turns the platform of a Par4 by 0.26
+rad. The step, up to a sixth of the largest torque, has no slope by such an error.
 """
 
 from collections.abc import Sequence
@@ -24,9 +24,9 @@ OfPassive = Float[np.ndarray, " passive"]
 
 
 def speed_errors(traces: Sequence[Trace], outcome: ContestOutcome) -> OfPassive:
-    """95 % bounds of speeds of passive joints, if their errors are as large as what zeros, gear
-    ratios and lengths of an outcome change; zero for a joint that is slower than that for half of
-    the time, where few rows would be left.
+    """95 % bounds of the errors of passive joints' speeds, if as large as their changes by the
+    zeros, gear ratios and lengths of an outcome; zero for a joint that is slower half of the time,
+    for few rows would remain.
 
     Args:
         traces: recordings as described.
@@ -47,7 +47,7 @@ def speed_errors(traces: Sequence[Trace], outcome: ContestOutcome) -> OfPassive:
 
 
 def without_turns(trace: Trace, errors: OfPassive) -> Trace:
-    """A trace without rows of drives that feel a passive joint which may turn either way."""
+    """A trace without rows of drives that a passive joint acts on which may turn either way."""
     if not errors.any():
         return trace
     kinematics = trace.dynamics.kinematics

@@ -1,5 +1,5 @@
-"""How well a model predicts the torques of another recording, `deltaid validate`, and torques along
-a planned motion."""
+"""Validation of a model on another recording (`deltaid validate`), and prediction of torques along
+a planned motion (`deltaid torque`)."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -30,10 +30,10 @@ from deltaid.recording.recording import PreparedRecording
 from deltaid.recording.windows import Window
 from deltaid.shown import Plotted, Reported, Shown, Tabled
 
-# A drive is badly predicted when its error is far above that of the identification, and more than
-# this share of its torque: friction that changes with temperature and speed stays below.
+# Least error of a badly predicted drive as a share of its torque: friction that changes with
+# temperature and speed stays below.
 _SHARE = 0.1
-# Share of the torque beyond which the error is, how much is missed, cause and next step.
+# Least error as a share of the torque, and the words for it: size, cause and next step.
 _LIKELIEST = (
     (
         1.2,
@@ -54,18 +54,18 @@ _LIKELIEST = (
         "identify from both recordings, or record under the same conditions",
     ),
 )
-# Of a drive that the identification left no rows of.
+# Cause and next step for a drive without rows in the identification.
 _RESTED = (
     "it did not move in the identification, whose model has its prior",
     "identify from a motion of all drives",
 )
-# A robot whose drives all are slower stands still [rad/s or m/s].
+# Speed below which a drive stands still [rad/s or m/s].
 _SLOW = 0.01
 _STANDS = (
     "the robot stands still, where friction balances whatever there is",
     "compare with a recording of a motion",
 )
-# Of rows without torques.
+# Next step for rows without torques.
 _CURE = "begin and end the motion at rest, or say --periodic if it goes on as it begins"
 
 
@@ -106,12 +106,12 @@ def validate(
     columns: MappingLike | None = None,
     keep_all: bool = False,
 ) -> Validation:
-    """Torque errors of a model on a recording it has not seen, and the surveyed recording.
+    """Torque errors of a model on another recording, and the surveyed recording.
 
-    What is returned unpacks as a pair, `error, log = validate(…)`, and knows more by name.
+    The result unpacks as a pair, `error, log = validate(…)`, and has more attributes.
 
     The recording is given as to `identify`. One without derivatives is filtered with the cut-off
-    that the model was identified with, and for a robot at its prior as for an identification.
+    of the model's identification, or, for a robot at its prior, as for an identification.
 
     Raises:
         RecordingError: the log cannot be used.
@@ -164,10 +164,7 @@ def remarks(model: ModelLike, log: Compared, error: TorqueError) -> tuple[str, .
 
 
 def misfit(model: ModelLike, error: TorqueError | Verification) -> tuple[str, ...]:
-    """A warning when a recording does not look like one of the model's robot; else nothing.
-
-    Of a robot at its prior nothing better can be expected.
-    """
+    """A warning when a recording does not look like one of the identified robot; else nothing."""
     model = load(model)
     if model.identified is None:
         return ()
@@ -217,7 +214,7 @@ class FeedForward(Shown, Tabled):
 
     @property
     def samples(self) -> int:
-        """How many rows there are: those of the motion, where these are evenly spaced."""
+        """Number of rows: that of the motion, where its rows are evenly spaced."""
         if self.recording.low_pass is None or self.recording.log.laid.steady:
             return self.recording.log.samples
         return sum(len(part) for part in self._computed())

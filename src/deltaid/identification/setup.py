@@ -1,5 +1,5 @@
-"""`Setup`, the value that stages pass on until a fit is posed, and the outcome of the contest of
-causes in it."""
+"""`Setup`, the value that stages take and return until a fit is posed, and `ContestOutcome`, the
+result of the contest of causes in it."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -21,7 +21,7 @@ from deltaid.robot.description import RobotDescription
 
 WIND_UP = "compliance"
 
-Coefficients = Float[np.ndarray, " _"]  # of each effect as many as it has
+Coefficients = Float[np.ndarray, " _"]  # of one effect
 # Key of the doubt that no known effect explains what acts on the robot, so nothing is corrected.
 REFUTED = "refuted"
 
@@ -34,10 +34,10 @@ class ContestOutcome:
         described: the robot as described.
         kept: names of the effects that the rows need.
         values, deviations: coefficients of effects that are applied exactly.
-        recordings: checksums of the recordings that took part; coefficients that each recording has
-            of its own stand in this order.
+        recordings: checksums of the recordings that took part, in the order of the coefficients
+            that each recording has of its own.
         moves: changes of the robot's parameters, by name, by one standard deviation of an effect,
-            or where a rival takes the place of one.
+            or by a rival in its place.
         inseparable: pairs of causes that the rows do not separate.
         doubts: sentences, by effect, about coefficients beyond their limits.
     """
@@ -53,7 +53,7 @@ class ContestOutcome:
 
     @property
     def read(self) -> dict[str, Coefficients]:
-        """Coefficients that recordings have been corrected by."""
+        """Coefficients by which readings of the recordings have been corrected."""
         robot = [unknown.name for unknown in UNKNOWNS if unknown.corrects == "robot"]
         return {name: values for name, values in self.values.items() if name not in robot}
 
@@ -94,11 +94,10 @@ class Setup:
         corrections: in the order in which they were made.
         barred, barred_effects: friction terms and effects that a fit has put at zero; they are not
             chosen again.
-        closely: every row is inspected for events, not only excerpts.
+        closely: whether every row is inspected for events, not only excerpts.
         glanced: numbers of the recordings of which only an excerpt was inspected.
-        studies: of each recording before undeclared causes are corrected; empty before
-            they are studied.
-        detected: the studies that detected undeclared loads, by the names of these.
+        studies: of each recording before undeclared causes are corrected; empty at first.
+        detected: studies that detected undeclared loads, by the loads' names.
         outcome: of the contest of causes.
     """
 
@@ -138,7 +137,7 @@ class Setup:
         return self.changed(additions=kept)
 
     def with_robot(self, robot: RobotDescription) -> "Setup":
-        """With another description, and additions rebuilt for its columns."""
+        """With another description; additions are rebuilt for its columns."""
         additions = tuple(addition.on(compiled(robot)) for addition in self.additions)
         return self.changed(robot=robot, additions=additions)
 
@@ -155,10 +154,10 @@ class Setup:
         return self.changed(recordings=(*before, recording, *after))
 
     def reported(self, corrections: Sequence[Correction], *instead_of: Kind) -> "Setup":
-        """With more corrections, which replace all earlier ones of some kinds."""
+        """With more corrections, which replace earlier ones of the kinds `instead_of`."""
         kept = (correction for correction in self.corrections if correction.kind not in instead_of)
         return self.changed(corrections=(*kept, *corrections))
 
 
-# One step towards a fit: it detects, corrects and reports one kind of cause.
+# A step towards a fit: it detects, corrects and reports one kind of cause.
 Stage = Callable[[Setup, Progress], Setup]

@@ -1,5 +1,5 @@
-"""A recording as the file of a model keeps it: what was corrected in it and excluded, reason by
-reason; and recordings corrected as those were that a model comes from."""
+"""Recordings in the file of a model, with their corrections and exclusions by reason; and other
+recordings corrected as those were that a model comes from."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import astuple, replace
@@ -31,16 +31,16 @@ from deltaid.recording.repairs import (
 
 _WHY = {str(reason): why for reason, why in WHY.items()} | WHY_REPAIRED
 _WHY_REVERSAL = "a joint turns round, and its friction with it, between two samples"
-# Reasons that stand in the list of events.
+# Reasons that a model file lists as events.
 _EVENTS = (CONTACT, STOP, SPIKE, JOLT)
-# Spans that are listed of one reason.
+# Most spans that a model file lists of one reason.
 _LISTED = 100
 
 
 def source(
     recording: PreparedRecording, used: int, error: TorqueError, drives: tuple[str, ...]
 ) -> Source:
-    """A recording that was compared with a model, and the samples `used` that its fit had of it."""
+    """The record of a recording that a model was compared with; the fit `used` so many samples."""
     log, repairs = recording.log, recording.repairs
     return Source(
         log=log.path.name,
@@ -64,17 +64,17 @@ def model_filtered(
     log: Log,
     filtered: Callable[[Log, float | None], PreparedRecording] = with_filter,
 ) -> PreparedRecording:
-    """A log that a model is compared with, filtered and corrected as the model's own recordings.
+    """A log, filtered and corrected like the recordings that a model comes from.
 
-    Gains and lags are those of the drives, so any recording of them has the same: a lag that is
-    estimated anew for each comparison would hide a wrong model. What was excluded from a
-    recording that the model comes from is excluded again.
+    Gains and lags are properties of the drives, so all recordings have the same: estimating a lag
+    for each comparison would hide a wrong model. From a recording that the model comes from, the
+    same rows are excluded again.
 
     Args:
-        filtered: gives the log its filter, with a cut-off or by its own.
+        filtered: gives the log its filter, with a cut-off or its own.
 
     Raises:
-        RecordingError: the cut-off does not go with the log's rate, or the log is too short.
+        RecordingError: the cut-off is too high for the log's rate, or the log is too short.
     """
     model = load(model)
     identified = model.identified
@@ -113,21 +113,21 @@ def model_filtered(
 
 
 def delays_of(model: Model, log: Log | None = None) -> Float[np.ndarray, " drives"]:
-    """By how much the torques of each drive come late [s]; in the mean over the recordings that the
-    model comes from, or in a log that is one of these."""
+    """The lag of each drive's torque [s], as a mean over the recordings that the model comes from,
+    or in a log that is one of these."""
     return _mean_of(_sources(model, log), "delay", model)
 
 
 def _mean_of(
     sources: Sequence[Source], name: Literal["delay", "filters"], model: Model
 ) -> Float[np.ndarray, " drives"]:
-    """Of a number of each drive over sources; zero where one has none."""
+    """Mean over sources of a number of each drive; zero counts where a source has none."""
     none = (0.0,) * len(model.robot.drives)
     return np.mean([getattr(source, name) or none for source in sources] or [none], axis=0)
 
 
 def _sources(model: Model, log: Log | None) -> tuple[Source, ...]:
-    """The very recording if the model comes from it, else all that it comes from."""
+    """The log itself if the model comes from it, else all recordings that it comes from."""
     sources = model.identified.sources if model.identified else ()
     same = tuple(source for source in sources if log is not None and source.sha256 == log.sha256)
     return same or sources
@@ -136,7 +136,7 @@ def _sources(model: Model, log: Log | None) -> tuple[Source, ...]:
 def left_out(
     log: Log, drives: Sequence[str], error: TorqueError, repairs: Repairs = NO_REPAIRS
 ) -> tuple[LeftOut, ...]:
-    """What a comparison of torques excluded from a log, the reasons in the order of time."""
+    """Exclusions from a log in a comparison of torques, by reason and drives."""
     groups: dict[tuple[str, tuple[int, ...]], list[Mask | LeftSpan]] = {}
     for span in (*log.masks, *repairs.left_out):
         groups.setdefault((span.reason, span.drives), []).append(span)
@@ -169,7 +169,7 @@ def left_out(
 
 
 def events(repairs: Repairs, drives: Sequence[str]) -> tuple[Event, ...]:
-    """All that acted on the robot apart from its drives; play in gears is no event."""
+    """Excluded events, such as contacts; play in gears is none."""
     return tuple(
         Event(
             reason=span.reason,
@@ -187,7 +187,7 @@ def events(repairs: Repairs, drives: Sequence[str]) -> tuple[Event, ...]:
 
 
 def _names(numbers: Sequence[int], drives: Sequence[str]) -> tuple[str, ...]:
-    """Of some drives; of all if none is given."""
+    """Names of drives by number; all of them without numbers."""
     return tuple(drives[i] for i in numbers or range(len(drives)))
 
 

@@ -1,9 +1,9 @@
-"""All steps that correct recordings and description before they are fitted, in their order; and
-what of their corrections the final fit puts at zero.
+"""All stages that correct recordings and description before the fit, in their order, and the terms
+and effects that the fit puts at zero.
 
-Laws are chosen by rows in which lags are free, and a fit may hold them: what explained a lag there
-is then at its bound. A law that does without such a term is chosen instead. So is a fit without an
-effect that others have made needless.
+Friction laws are chosen by rows with free lags, but the fit may hold lags: a term that explained a
+lag is then at its bound, and a law without it is chosen instead. An effect that others have made
+needless is removed likewise.
 """
 
 from collections.abc import Sequence
@@ -38,23 +38,23 @@ from deltaid.model.parameter_record import JointTerm
 
 
 def recordings_studied(setup: Setup, progress: Progress) -> Setup:
-    """Which causes the residual of each recording has, before lags and friction are corrected."""
+    """Study the residual of each recording before lags and friction are corrected."""
     progress("looking at what the description leaves")
     return setup.studied()
 
 
 def gears_searched(setup: Setup, progress: Progress) -> Setup:
-    """Gears turned back; those that were taken for play stay, for another search misses them
-    without the rows that are excluded behind them."""
+    """Search compliant gears, unless they have been found instead of play: another search misses
+    these without the rows that they exclude."""
     is_known = any(recording.repairs.gears for recording in setup.recordings)
     return setup if is_known else gears_turned_back(setup, progress)
 
 
 def wound_up_instead_of_play(setup: Setup, progress: Progress) -> Setup:
-    """Without play where gears that wind up leave none: a motor runs ahead of its link with either,
-    most of all where the torque that the gear carries changes its sign.
+    """Replace play by compliant gears where these leave no play: with either, a motor runs ahead of
+    its link, most of all where the gear's torque changes its sign.
 
-    Gears that wind up look like lags as well, so these are known again once the gears are.
+    Compliant gears look like lags as well, so lags are estimated again after them.
     """
     if not any(is_play(recording) for recording in setup.recordings):
         return setup
@@ -70,16 +70,16 @@ def wound_up_instead_of_play(setup: Setup, progress: Progress) -> Setup:
 
 
 def sharpened(setup: Setup, progress: Progress) -> Setup:
-    """Rows that friction laws were chosen by, where a law has a term for friction near rest.
+    """Raise the cut-off to that of the choice of friction laws, if a law has a term near rest.
 
-    Stribeck's lasts some milliseconds at each reversal; rows that keep no more than the motion asks
-    for confuse it with Coulomb's. The last stage: all others judge by the rows before.
+    Stribeck friction lasts some milliseconds at each reversal; with the usual cut-off it looks like
+    Coulomb's. The last stage: all others use the usual cut-off.
     """
     laws = setup.robot.friction.values()
     if setup.settings.cutoff is not None or not any(law.stribeck or law.hess_soom for law in laws):
         return setup
     try:
-        # Links behind gears that wind up have the torques' noise, more of it the faster.
+        # Motion behind compliant gears has noise of torques, which grows with frequency.
         recordings = (
             recording.changed(cutoff_of(recording))
             if recording.low_pass and recording.repairs.gears is None
@@ -132,23 +132,20 @@ def before_laws(setup: Setup, progress: Progress) -> Setup:
 
 
 def with_laws(setup: Setup, progress: Progress) -> Setup:
-    """The same after all others."""
+    """A setup after the remaining stages."""
     return after(setup, STAGES[STAGES.index(chosen_friction) :], progress)
 
 
 class Idle(NamedTuple):
-    """What a fit has no use for."""
+    """Friction terms and effects that a fit does not need."""
 
     terms: frozenset[JointTerm] = frozenset()
     effects: frozenset[str] = frozenset()
 
 
 def idle(setup: Setup, problem: FittedProblem) -> Idle:
-    """Chosen terms of one coefficient, and effects along the motion of any number, whose
-    coefficients may all be zero; and detected loads whose mass may be.
-
-    No ripples: each has an order of its own, which was searched because it is beyond chance.
-    """
+    """Chosen friction terms and effects along the motion whose coefficients may all be zero, and
+    detected loads whose mass may be. Ripples are always needed: their orders are beyond chance."""
     steps = setup.friction_choice.steps if setup.friction_choice else ()
     chosen = {(step.joint, step.addition) for step in steps if step.useful}
     terms = {

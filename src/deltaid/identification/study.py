@@ -1,9 +1,9 @@
-"""A recording searched for lags and effects: which causes its residual has, the largest first, and
-what no effect explains.
+"""Study of a recording: its lags, the causes in its residual, the largest first, and unexplained
+torque.
 
-Corrections ask a study which they may trust, and verdicts on a residual rest on it. What it leaves
-of a drive's torque is white noise and the rest; the rest is compared with smooth functions of what
-it might follow, beside all parameters and effects. Nothing is concluded about its cause.
+Stages and verdicts on the residual use studies. The residual of a drive's torque beside all causes
+is white noise and the rest; the rest is compared with smooth functions of speed, position and the
+like. No conclusion is drawn about its cause.
 """
 
 from collections.abc import Iterator, Sequence
@@ -46,13 +46,12 @@ from deltaid.robot.parameter import PRIOR_SPREAD
 
 # Largest cut-off of rows [Hz]; a higher one hardly helps.
 HIGHEST_CUTOFF = 30.0
-LOAD_CHANGE = "load-change"  # the kind of an effect that hides others
-# An error is far above another, such as that of noise alone, or off by far more than half an
-# interval, at so many times its size.
+LOAD_CHANGE = "load-change"  # kind of the effect that hides others
+# Ratio from which an error is far above another, such as noise, or half an interval.
 FAR = 3.0
 # Degree of the smooth functions of one quantity.
 _SMOOTH = 8
-# Corrections that leave this share of a drive's torque are not those of what acts on it.
+# Share of a drive's torque from which a residual shows that the wrong causes were corrected.
 ADEQUATE = 0.01
 
 
@@ -60,22 +59,21 @@ ADEQUATE = 0.01
 class Study:
     """A recording searched for all effects."""
 
-    fit: RigidFit  # the recording, with lags corrected if they are significant
-    account: Account  # the effects, at these lags
+    fit: RigidFit  # with lags corrected if they are significant
+    account: Account  # the effects, with these lags corrected
     common: Lag  # of all drives
     each: Lag  # of each drive
     late: float  # surprise of a significant lag; else 0
     alike: bool  # whether all drives have the same lag
-    plain: Float[np.ndarray, " dof"]  # M_ii at home of least squares without any of this
+    plain: Float[np.ndarray, " dof"]  # M_ii at home by least squares without lags and effects
     on_time: Float[np.ndarray, " dof"]  # the same with a significant lag corrected
     hidden: bool = False  # whether other causes explain better what looks like a lag
 
     @property
     def is_disturbed(self) -> bool:
-        """Whether a load that comes and goes explains more than all else together.
+        """Whether a load that comes and goes explains more than all other causes together.
 
-        Lags, friction laws and gears then take what they can of it, and mean nothing. Gears that
-        wind up may look like a load, and like other things as much.
+        Then estimates of lags, friction laws and gears are meaningless, for they absorb some of it.
         """
         gains = [(part.candidate.kind == LOAD_CHANGE, part.gain) for part in self.account.detected]
         return sum(gain for load, gain in gains if load) > 0.5 * sum(gain for _, gain in gains)
@@ -89,9 +87,10 @@ def studied(
     beside: Sequence[Addition] = (),
     seconds: float = SECONDS,
 ) -> Study | None:
-    """Study some seconds of a recording that has been fitted with additions `beside`; None where
-    nothing can be differentiated. By p friction that depends on load knows what gears carry, by the
-    prior where nothing better is known."""
+    """Study some seconds of a recording beside additions; None where it cannot be differentiated.
+
+    Load friction uses the torques of gears by p, or by the prior.
+    """
     load = prior_parameters(dynamics.robot) if p is None else p
     record = studied_trace(dynamics, recording, load, seconds)
     if record is None:
@@ -123,23 +122,21 @@ def studied(
 
 
 def _surprise(values: Float[np.ndarray, " dof"], lag: Lag) -> float:
-    """How surprising it is that drives are off by so much, by the deviations of their lags."""
+    """Surprise of these lags by their deviations [decades]."""
     return surprise(float(np.sum((values / np.maximum(lag.deviation, 1e-12)) ** 2)), len(values))
 
 
 def studied_trace(
     dynamics: Dynamics, recording: PreparedRecording, load: Parameters, seconds: float = SECONDS
 ) -> Trace | None:
-    """So many seconds of a recording in memory, `load` as of `Trace`; None where nothing can be
-    differentiated."""
+    """Some seconds of a recording, `load` as of `Trace`; None where it cannot be differentiated."""
     log, repairs = recording.log, recording.repairs
     cutoff = recording.motion_cutoff or log.motion_cutoff
     if cutoff is None:
         return None
     cutoff = min(cutoff, HIGHEST_CUTOFF)
     if repairs.gears is not None and recording.cutoff is not None:
-        # Links behind gears that wind up are known from torques, whose noise they have, the more
-        # of it the faster.
+        # Motion behind compliant gears has noise of torques, which grows with frequency.
         cutoff = min(cutoff, recording.cutoff)
     windows = max(1, -(-round(seconds * log.rate) // WINDOW))
     try:
@@ -151,8 +148,7 @@ def studied_trace(
 def _accounted(
     record: Trace, Y: ColumnsOfDrives, rows: DriveRows, *, lag: bool = False
 ) -> tuple[RigidFit, Account]:
-    """The effects of a recording, by what parameters and additions behind them explain; with a lag
-    that has been corrected, that is no effect."""
+    """The effects of a recording beside parameters and additions; a corrected `lag` is none."""
     fit = _rigid_fit(record, Y, rows)
     return fit, _account(fit, lag)
 
@@ -169,7 +165,7 @@ def _account(fit: RigidFit, lag: bool) -> Account:
 
 
 def _rigid_fit(record: Trace, Y: ColumnsOfDrives, rows: DriveRows) -> RigidFit:
-    """Least squares of a recording's parameters, with those of additions behind them in Y."""
+    """Least squares of a recording's parameters; in Y additions follow the robot."""
     Y_robot, Y_extra = np.split(Y, [len(active_columns(record.dynamics))], axis=2)
     span, tau = Span.of_columns(rows.stack(Y_robot)), rows.stack(record.torques())
     if Y_extra.size:
@@ -186,36 +182,36 @@ def _inertia(fit: RigidFit) -> Float[np.ndarray, " dof"]:
 
 
 def spoilt(study: Study) -> Float[np.ndarray, " dof"]:
-    """By which share M_ii at home is too large where a significant lag is not corrected."""
+    """Share by which an uncorrected significant lag makes M_ii at home too large."""
     return study.plain / np.where(study.on_time == 0, 1.0, study.on_time) - 1.0
 
 
 class Trend(NamedTuple):
-    """What a smooth function of some quantity explains of a drive's residual."""
+    """A smooth function of some quantity that explains a part of a drive's residual."""
 
     words: str
-    share: float  # of its power
-    surprise: float  # that chance would explain as much [decades]
+    share: float  # of the residual's power that it explains
+    surprise: float  # [decades]
 
 
 class Rest(NamedTuple):
-    """What neither parameters nor effects explain of a drive's torque."""
+    """The residual of a drive's torque beside parameters and effects."""
 
     drive: int
-    times: float  # its rms, in units of the noise
-    systematic: float  # its rms beyond the noise, as a share of the largest torque
-    part: float  # the same as a share of the rms torque without its mean
-    follows: Trend | None  # what it varies with; none if chance or the first order of an effect
-    is_far: bool  # whether it is far above noise, whatever it follows
+    times: float  # rms in units of the noise
+    systematic: float  # rms beyond the noise, as a share of the largest torque
+    part: float  # the same as a share of the standard deviation of the torque
+    follows: Trend | None  # None if it may be chance or a remainder of a linearised effect
+    is_far: bool  # whether it is far above noise
 
     @property
     def is_unexplained(self) -> bool:
-        """Whether it is more than noise and the first order of effects."""
+        """Whether it is more than noise and remainders of linearised effects."""
         return self.is_far or self.follows is not None
 
 
 def rests(study: Study) -> tuple[Rest, ...]:
-    """Of each drive; columns of effects that were detected hold to first order."""
+    """The rest of each drive."""
     low_pass, causes = study.fit.trace.low_pass, causes_of(study.fit, study.account)
     noise = white_noise(unexplained(study)) * low_pass.noise_gain
     residual = study.fit.rows.of_drives(study.account.left)
@@ -237,25 +233,22 @@ def rests(study: Study) -> tuple[Rest, ...]:
         is_far = times > FAR and power > max(first_order[drive], (ADEQUATE * largest[drive]) ** 2)
         part = np.sqrt(beyond) / max(float(study.fit.model[drive].std()), 1e-300)
         size = np.sqrt(beyond) / largest[drive]
-        found = trend if follows else None
-        rests.append(Rest(drive, float(times), float(size), float(part), found, bool(is_far)))
+        cause = trend if follows else None
+        rests.append(Rest(drive, float(times), float(size), float(part), cause, bool(is_far)))
     return tuple(rests)
 
 
 def beside_any_friction(study: Study) -> Study:
-    """The same beside friction of drives of any law, as long as none has been chosen."""
+    """The study beside free friction, for use before laws are chosen."""
     columns = study.fit.rows.stack(free_friction(study.fit.trace, study.fit.p))
     fit = replace(study.fit, span=study.fit.span.with_columns(columns))
     return replace(study, fit=fit, account=_account(fit, study.late > 0))
 
 
 def left_of_a_drive(study: Study) -> float:
-    """The largest share of a drive's torque that nothing explains, or only an effect that a contest
-    would have corrected.
-
-    What such effects have less than those that later stages correct, these may leave to first
-    order.
-    """
+    """The largest share of a drive's torque that nothing explains, or an effect that the contest
+    would have corrected; smaller effects of this kind may be remainders of those that later stages
+    correct."""
     causes = [
         (effect_of(cause).is_contested, float(cause.shares.max()))
         for cause in causes_of(study.fit, study.account)
@@ -277,14 +270,9 @@ def longest(study: Study) -> SampleBlock:
 
 
 def _trends(study: Study, drive: int) -> Iterator[Trend]:
-    """What smooth functions of a drive's own motion and torque, and of time, explain of its
-    residual."""
-    fit, left, span, name = (
-        study.fit,
-        study.account.left,
-        study.account.span,
-        study.fit.drives[drive],
-    )
+    """Smooth functions of a drive's motion and torque, and of time, that explain its residual."""
+    fit, left, span = study.fit, study.account.left, study.account.span
+    name = fit.drives[drive]
     quantities = {
         f"the speed of {name}": fit.motion.qd[:, drive],
         f"the position of {name}": fit.q[:, drive],

@@ -1,4 +1,4 @@
-"""How well a model predicts the torques of a recording, drive by drive, in constant memory."""
+"""Torque errors of a model on a recording, drive by drive, in constant memory."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -17,10 +17,10 @@ class TorqueError(Shown):
     """Torque errors of a model on a recording, one number a drive.
 
     Attributes:
-        rms: root mean square of measured minus predicted, both with the recording's weights and
-            through its filter; a sample whose noise the weights leave in part counts as that part.
-        nrmse: rms as a share of the measured torque's own root mean square.
-        rms_unfiltered: the same against the torque as recorded.
+        rms: root mean square of measured minus predicted torque, both weighted and filtered; a
+            sample counts for the part of its noise that the weights leave.
+        nrmse: rms as a share of the measured torque's root mean square.
+        rms_unfiltered: rms without the filter.
         covariance: mean of e eᵀ, of the filtered errors.
         turning: share of the samples that do not count because a joint turns round there.
         cutoff: the filter's cut-off [Hz]; None without a filter.
@@ -40,14 +40,14 @@ class TorqueError(Shown):
 class PredictedTorques:
     """Measured and predicted torques of consecutive samples, and the drives' speeds there.
 
-    Those through the filter are of every `LowPass.stride`-th sample, from the first on,
-    and have been multiplied by the weights before.
+    Filtered ones are multiplied by the weights first, and given for every `LowPass.stride`-th
+    sample from the first on.
 
     Attributes:
         weights: of the samples; no columns without torques.
-        carried: what held loads add to the prediction; no measured torque has it.
-        gain: the weights through the filter: what it leaves of a constant.
-        counted: how many samples each filtered one is worth (`Window.counted`).
+        carried: torques of held loads, in neither measured nor predicted torques.
+        gain: the filtered weights, by which a constant torque is multiplied.
+        counted: number of samples that each filtered one counts for (`Window.counted`).
     """
 
     time: Float[np.ndarray, " samples"]
@@ -67,7 +67,7 @@ def predict(
 ) -> Iterator[PredictedTorques]:
     """Predicted torques along a recording, window by window.
 
-    With a filter, its length is lost at either end of the recording.
+    A filter loses its length at either end of the recording.
     """
 
     def predicted(window: Window) -> PredictedTorques:
@@ -97,9 +97,9 @@ def predict(
 def predicted_torques(
     dynamics: Dynamics, p: Parameters, w: SampleBlock
 ) -> Float[np.ndarray, "samples dof"]:
-    """Y p, and what held loads add to friction that depends on load, Σ μ sign(q̇)(|x + x_L| − |x|).
+    """Y p, and the change of load friction by held loads, Σ μ sign(q̇)(|x + x_L| − |x|).
 
-    What loads take of the torques otherwise has been subtracted from them.
+    Other torques of loads have been subtracted from the recording.
     """
     tau, robot = dynamics.torque(w.z, w.qd, w.qdd, p), dynamics.robot
     if not w.carried.any() or not robot.load_drives:
@@ -114,10 +114,8 @@ def predicted_torques(
 
 
 def torque_error(dynamics: Dynamics, p: Parameters, recording: PreparedRecording) -> TorqueError:
-    """The torque errors of parameters p on a recording.
-
-    Of what has been filtered, samples as far apart as the cut-off allows say as much as all.
-    """
+    """The torque errors of parameters p on a recording, by filtered samples as far apart as the
+    cut-off allows."""
     dof = dynamics.dof
 
     def sums(window: Window) -> tuple[np.ndarray, ...]:

@@ -1,5 +1,5 @@
-"""How far identified parameters can be trusted, and what that comes from: given data and prior, and
-by data and physical consistency alone."""
+"""Uncertainty of identified parameters and its sources, given data and prior (`uncertainty`) or
+data and physical consistency alone (`ConsistentRanges`)."""
 
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -19,15 +19,14 @@ from deltaid.identification.fit import FittedProblem
 from deltaid.levels import NEGLIGIBLE
 from deltaid.model.parameter_record import Share
 
-# Others whose priors a parameter rests on are named, two at most, until they make up this share of
-# what priors leave open.
+# Share of the variance by priors that named other parameters must make up, two of them at most.
 _NAMED = 0.7
-# Of the solver, for gap and feasibility.
+# Tolerance of the solver for gap and feasibility.
 _TOLERANCE = 1e-8
-# Where cones touch the ball, the solver's ends are as good as the root of its tolerance: a range is
-# made longer by this share at both ends.
+# Share by which a range is extended at both ends: where cones touch the ball, its ends are as
+# accurate as the root of the tolerance.
 _ACCURACY = 1e-3
-# Share of t with which noise and geometry have all but vanished.
+# Share of t at which noise and geometry are negligible.
 _VANISHED = 1e-2
 _SOLVED = ("Solved", "AlmostSolved")
 
@@ -36,12 +35,11 @@ Coefficients = Float[np.ndarray, " parameters"]
 
 
 class Sources:
-    """Where the noise of a fitted value comes from: torques, sensors, or measured values.
+    """Shares of torques, sensors and measured values in the noise of a fitted value.
 
-    Least squares errs by R⁻¹ s, s the sum of the scores of all rows (`scatter`). Rows a have the
-    part uᵀH_a u of ‖u‖² of a combination uᵀs, H_a = (A R⁻¹)ᵀ(A R⁻¹), which is their weight among
-    all rows in the combination too: of two equal sources, the one with half the standard deviation
-    has four fifths of it.
+    Least squares has the error R⁻¹ s with the sum s of the scores of all rows (`scatter`). Rows A
+    have the part uᵀHu of ‖u‖² in a combination uᵀs, H = (A R⁻¹)ᵀ(A R⁻¹). This is also their weight:
+    of two equal sources, the one with half the standard deviation has four fifths.
     """
 
     def __init__(self, information: Information, base: BaseParameters, noise: Noise) -> None:
@@ -66,16 +64,15 @@ class Sources:
 
 @dataclass(frozen=True)
 class Uncertainty:
-    """How far the parameters p of a fit can be trusted, given data and prior.
+    """Uncertainty of the parameters p of a fit, given data and prior.
 
     Attributes:
         std, interval: standard deviation, and half the width of the 95 % interval.
-        prior_std: standard deviation given the prior alone, widened where it is.
+        prior_std: standard deviation given the prior alone, as widened.
         shares: of the variance: by noise of torques, of sensors and of measured values, by the
             prior, and by geometry.
-        moves: column i is by how many standard deviations of its own prior each parameter moves
-            along what priors leave open of parameter i.
-        follows: how far each parameter goes with least-squares base parameters.
+        moves: column i has the part of each parameter's prior in the deviation of parameter i.
+        follows: slopes of the parameters by least-squares base parameters.
     """
 
     std: Float[np.ndarray, " parameters"]
@@ -86,11 +83,8 @@ class Uncertainty:
     follows: Float[np.ndarray, "base parameters"]
 
     def rests_on(self, i: int, among: Bool[np.ndarray, " parameters"]) -> tuple[int, ...]:
-        """Other parameters, of some, whose priors make up most of what priors leave open of i.
-
-        The variance by the prior, cᵀ H⁻¹ P H⁻¹ c, is a sum over the parameters: the squares of
-        `moves`.
-        """
+        """Other parameters, out of `among`, whose priors make up most of the variance by priors of
+        parameter i, cᵀ H⁻¹ P H⁻¹ c: the sum of the squares of `moves`."""
         share = np.where(among, self.moves[:, i] ** 2, 0.0)
         share[i] = 0.0
         order = np.argsort(-share, kind="stable")[:2]
@@ -101,18 +95,18 @@ class Uncertainty:
 def uncertainty(
     problem: FittedProblem, combinations: Float[np.ndarray, "n parameters"] | None = None
 ) -> Uncertainty:
-    """Deviations of the minimiser of (15) from the truth, by noise, by the prior and by geometry;
-    of combinations of parameters, or of each alone.
+    """Deviations of the minimiser of (15) from the truth, by noise, prior and geometry, for
+    combinations of parameters or each parameter.
 
-    Minimising J maximises a posterior whose negative logarithm is s J / (2 σ̂²). With its Hessian
-    H = D + P, D from the data and P from the prior, x errs by H⁻¹ (g + P (x_prior − x)), where g is
-    what the noise adds to the gradient. The variance by the prior is cᵀ H⁻¹ P H⁻¹ c for a
-    combination cᵀx; that by the noise comes from the scatter of the recording (`scatter`), and for
-    white noise would be cᵀ H⁻¹ D H⁻¹ c. Where a body touches the edge of consistency this reaches
-    beyond it. Geometry that is off shifts least squares by δp_B, and x by H⁻¹ D δp_B.
+    Minimising J maximises a posterior whose negative logarithm is s J / (2 σ̂²), with the Hessian
+    H = D + P by data and prior. The error of x is H⁻¹ (g + P (x_prior − x)), with the noise g of
+    the gradient. For a combination cᵀx, the variance by the prior is cᵀ H⁻¹ P H⁻¹ c; that by noise
+    comes from the scatter of the recording (`scatter`), and for white noise is cᵀ H⁻¹ D H⁻¹ c.
+    Geometric errors shift least squares by δp_B, and x by H⁻¹ D δp_B. Physical consistency is
+    ignored: a deviation may exceed it.
 
-    A sharp sum of two parameters does not make the two known: each keeps the part by the prior of
-    the other, and is as good as that (`ConsistentRanges` does without). Errors as of `prior_root`.
+    Two parameters with a well-known sum depend on each other's priors; `ConsistentRanges` does
+    without priors. Errors as of `prior_root`.
     """
     objective, reduction, noise = problem.objective, problem.reduction, problem.estimate.noise
     samples, sigma = problem.information.mean_samples, max(problem.noise, NOISE_FLOOR)
@@ -152,17 +146,16 @@ class ConsistentRanges:
 
         ‖R x − b‖² ≤ m² + t² ,
 
-    R and b the rows of data in units of the noise behind this very combination, judged by the
-    scatter of the recording as for all intervals (`scatter`), m² the least left side over
-    consistent x, and t Student's quantile. Where the recording determines c·p, this is the 95 %
-    interval of least squares; where it shows only a sum of c·p with something else, the other's
-    prior has no part in it.
+    with the rows R, b of data in units of this combination's noise by the scatter of the recording
+    (`scatter`), the least left side m² over consistent x, and Student's quantile t. Where the
+    recording determines c·p, this is the 95 % interval of least squares; where it determines only a
+    sum, priors of the other terms have no part in the range.
 
-    With R = U S Vᵀ and x = V_1 S⁻¹ (v + U_1ᵀb) + V_2 a, the data is a ball ‖v‖ ≤ r and what it does
-    not determine is a, free but for the cones: a linear function over a ball and cones (Clarabel).
+    With R = U S Vᵀ and x = V_1 S⁻¹ (v + U_1ᵀb) + V_2 a, data is a ball ‖v‖ ≤ r, and a is free
+    within the cones: a linear function over a ball and cones is minimised (Clarabel).
 
-    Shares of the squared width: what stays when noise and geometry all but vanish is what the
-    recording does not show, and the rest parts as their variances.
+    Of the squared width, the part that remains with negligible noise and geometry is what the
+    recording does not determine; these share the rest by their variances.
     """
 
     def __init__(self, problem: FittedProblem) -> None:
@@ -192,7 +185,7 @@ class ConsistentRanges:
         self._rows, self._right = np.concatenate(rows), np.concatenate(right)
 
     def ends(self, c: Coefficients) -> tuple[float, float]:
-        """Least and largest c·p; infinite where neither recording nor consistency ends it."""
+        """Least and largest c·p; infinite where neither recording nor consistency bounds it."""
         c_x = self._reduction.A.T @ c
         cost = self._map.T @ c_x
         middle = float(c_x @ self._centre + c @ self._reduction.p_0)
@@ -201,7 +194,7 @@ class ConsistentRanges:
         return middle + low - more, middle + high + more
 
     def share(self, c: Coefficients, low: float, high: float) -> Share:
-        """What the range of c·p, which must end, comes from."""
+        """Shares of the sources of the range of c·p, which must be finite."""
         cost = self._map.T @ (self._reduction.A.T @ c)
         t, by_noise = self._reach(cost)
         width = (high - low) / (1.0 + 2.0 * _ACCURACY)
@@ -222,8 +215,8 @@ class ConsistentRanges:
         return (self._scores @ cost[: self._rank])[:, None]
 
     def _reach(self, cost: Vector) -> tuple[float, float]:
-        """t, in units of white noise: scatter and geometry make a combination more uncertain; and
-        the share of noise in its variance."""
+        """t with scatter and geometry, in units of white noise, and the share of noise in the
+        variance."""
         U = self._in_scores(cost)
         size = float(np.linalg.norm(U))
         if size == 0:
@@ -261,10 +254,9 @@ class ConsistentRanges:
     def _cone(
         self, block: Block, determined: Bool[np.ndarray, " n"]
     ) -> tuple[np.ndarray, np.ndarray, object] | None:
-        """Rows, right side and cone of M_b(x) ⪰ 0, seen from its prior.
+        """Rows, right side and cone of M_b(x) ⪰ 0, relative to its prior.
 
-        A moment that the recording does not show can always be made large enough, so its row is
-        excluded.
+        A moment that the recording does not determine can be as large as needed, so it has no row.
         """
         diagonal = np.diag(block.index)
         inner = np.ix_(*[np.flatnonzero((diagonal < 0) | determined[diagonal])] * 2)

@@ -4,9 +4,8 @@ Viscous and Coulomb friction of each joint grow with a course g(t) of the record
 
     τ ≈ Y p + Σ (a_v ϑ̇ + a_c sign(ϑ̇)) g(t) ∂ϑ/∂q,
 
-the recorded temperature, or exp(−t / T) with one time constant for all joints. g has no mean over
-the samples that count, so p is the friction of the mean over the recording, which is what a model
-without temperature can have.
+the recorded temperature, or exp(−t / T) with one time constant for all joints. The mean of g over
+the samples is zero, so p has the mean friction of the recording.
 """
 
 from collections.abc import Sequence
@@ -18,7 +17,7 @@ from threadpoolctl import threadpool_limits
 
 from deltaid.estimation.additions import Addition, Own, Values
 from deltaid.estimation.problem import lengths
-from deltaid.identification.friction_choice import SEEN, rows_for_friction
+from deltaid.identification.friction_choice import SURPRISING, rows_for_friction
 from deltaid.identification.friction_rows import FrictionRows
 from deltaid.identification.setup import Progress, Setup
 from deltaid.levels import FAINT
@@ -28,11 +27,11 @@ from deltaid.recording.recording import PreparedRecording
 from deltaid.recording.windows import SampleBlock
 from deltaid.robot.parameter import PriorParameter
 
-# Time constants that are tried, as shares of the recording's time; the last is nearly a line.
+# Time constants that are tried, as shares of the recording's duration; the last is nearly linear.
 _CONSTANTS = np.geomspace(0.05, 2.0, 12)
-# How far finer grids about the best reach, as ratios.
+# Ranges of finer grids about the best constant, as ratios.
 _FINER = (1.4, 1.08)
-# Coefficients that change; backwards they have others in a law for each direction.
+# Friction coefficients that change; a law for each direction has two more.
 _CHANGING = [("friction", term) for term in ("viscous", "coulomb", "viscous_back", "coulomb_back")]
 
 
@@ -41,11 +40,10 @@ class Course:
     """g(t) of one recording."""
 
     recording: PreparedRecording
-    start: float  # when it began [s]
+    start: float  # of the recording [s]
     constant: float | None  # T [s]; None where a temperature is recorded
-    mean: float  # of the temperature or of the exponential, which is taken off
-    # from the first to the last, or of a temperature from the lowest to the highest
-    span: float
+    mean: float  # of the temperature or exponential, which is subtracted
+    span: float  # change from beginning to end, or from lowest to highest temperature
 
     def values(self, w: SampleBlock) -> Float[np.ndarray, " samples"]:
         if self.constant is None:
@@ -56,10 +54,10 @@ class Course:
 
 @dataclass(frozen=True, eq=False)
 class Warmth(Addition):
-    """Changes of all joints' friction along recordings, the same in all for the same course."""
+    """Changes of all joints' friction along recordings, with the same coefficients in all."""
 
-    courses: tuple[Course, ...]  # of the change in each recording that has them
-    several: bool = False  # whether the fit has others
+    courses: tuple[Course, ...]  # one a recording with these changes
+    several: bool = False  # whether the fit has other recordings
     is_corrected = True
 
     @property
@@ -116,7 +114,7 @@ class Warmth(Addition):
 
     @property
     def _changing(self) -> list[int]:
-        """Places of viscous and Coulomb friction among the robot's parameters."""
+        """Numbers of viscous and Coulomb friction among the robot's parameters."""
         parameters = enumerate(self.dynamics.layout.parameters)
         return [k for k, entry in parameters if (entry.kind, entry.symbol) in _CHANGING]
 
@@ -126,11 +124,9 @@ class Warmth(Addition):
 
 
 def changing_friction(setup: Setup, progress: Progress) -> Setup:
-    """Friction that changes along recordings, where they show it beyond chance.
-
-    With a recorded temperature, else with one time constant. Earlier results are estimated anew:
-    another law may explain them.
-    """
+    """Stage for friction that changes along recordings beyond chance, with a recorded temperature,
+    else with one time constant; it replaces its earlier result, which another friction law may
+    explain."""
     bare = setup.without(Warmth)
     rows = rows_for_friction(bare, progress, "changes with time")
     return setup if rows is None else bare.changed(additions=(*bare.additions, *_changes(rows)))
@@ -138,10 +134,8 @@ def changing_friction(setup: Setup, progress: Progress) -> Setup:
 
 @threadpool_limits.wrap(limits=1, user_api="blas")  # for narrow matrices, threads only wait
 def _changes(rows: FrictionRows) -> list[Warmth]:
-    changes, motions = (
-        list[Warmth](),
-        {point.trace.recording: point.motion for point in rows.points},
-    )
+    changes = list[Warmth]()
+    motions = {point.trace.recording: point.motion for point in rows.points}
     known = {
         recording: temperature(recording, w) for recording, w in motions.items()
         if recording.log.columns.temperature is not None
@@ -165,9 +159,9 @@ def _best(
     motions: dict[PreparedRecording, SampleBlock],
     tried: Sequence[tuple[Course, ...]],
 ) -> int | None:
-    """Number of the courses with which friction as a whole changes most; None if that is chance.
+    """Number of the courses by which friction as a whole changes most; None if that is chance.
 
-    A course is slow against the filter's memory, so it may come after the filter.
+    A course is slow compared with the filter, so it may multiply filtered columns.
     """
     columns = []
     for courses in tried:
@@ -181,7 +175,7 @@ def _best(
     directions = np.where(visible, bare / lengths(bare), 0.0)
     best = int(np.argmax((directions.T @ rows.residual) ** 2))
     judged = rows.judged(directions[:, [best]], rows.residual, constants=min(len(tried) - 1, 1))
-    return best if judged.surprise > SEEN and judged.is_large else None
+    return best if judged.surprise > SURPRISING and judged.is_large else None
 
 
 def _warming(

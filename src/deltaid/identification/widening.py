@@ -1,14 +1,14 @@
-"""Priors that a recording contradicts: which of them, and by how much they must be widened.
+"""Widening of priors that a recording contradicts.
 
-Before the recording, the base parameters b that it alone will give are normal about K p_prior with
-the covariance
+Before the recording, its least-squares base parameters b are normal about K p_prior with the
+covariance
 
     C = N + K A P⁻¹ Aᵀ Kᵀ,    P = Σ_j r_j r_jᵀ / s_j²
 
-where N is their own uncertainty (noise and geometry), r_j x is how many of its stated standard
-deviations entry j of p = A x + p_0 is away from its prior, and s_j ≥ 1 how many times wider than
-stated that prior is. The s of largest evidence log N(b; K p_prior, C) explain the recording best
-(empirical Bayes, type-II maximum likelihood). Making one of them larger adds κ u uᵀ to C, with
+where N is their uncertainty by noise and geometry, r_j x the distance of entry j of p = A x + p_0
+from its prior in stated standard deviations, and s_j ≥ 1 the factor by which this prior is widened.
+The s of largest evidence log N(b; K p_prior, C) explain the recording best (empirical Bayes,
+type-II maximum likelihood). A larger s_j adds κ u uᵀ to C, with
 
     u = K A P⁻¹ r/s,   a = uᵀC⁻¹u,   q = uᵀC⁻¹(b − K p_prior)
     twice the gain of log evidence = κ q² / (1 + κ a) − log(1 + κ a)
@@ -17,8 +17,7 @@ which is largest at 1 + κ a = q²/a, so entries are taken one by one while one 
 Tipping and Faul 2003), or all of a body together (another density), or its moments of inertia
 (another size). Of those that gain nearly the same, the one that needs the least widening is taken.
 Friction is identifiable without prior. Tolerances of a sensor's pose, gain and zero are priors too:
-where one is contradicted, q²/a of its entry, with s = 1 for it, is χ² of one degree of freedom had
-the description held.
+if the description holds, q²/a of an entry, with s = 1 for it, is χ² of one degree of freedom.
 """
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -40,16 +39,16 @@ from deltaid.levels import EXACT, ROUNDS
 from deltaid.model.corrections import Correction
 from deltaid.recording.recording import PreparedRecording
 
-# A factor counts when twice the logarithm of the evidence grows by so much. Entries that gain less
-# than the best by so little explain a recording as well; and that a body is off as a whole is so
-# much more likely than that one of its entries is (odds of e⁵).
+# Gains in twice the logarithm of the evidence: the least for a factor to count; the difference up
+# to which two entries explain a recording alike; and the prior odds, e⁵, of a body that is off as a
+# whole against a single entry.
 _SIGNIFICANT, CLOSE, _LIKELIER = 15.0, 2.0, 10.0
-# No prior is widened more.
+# Largest factor of a prior.
 _WIDEST = 1e5
 # Factors that are tried for a body as a whole.
 _TRIED = tuple(float(factor) for factor in np.geomspace(1.5, 500.0, 13))
 _KINDS = ("inertia", "rotor", "spring", "sensor")
-# A tolerance of a sensor is doubted where chance alone is less likely than 10 to the minus this.
+# Surprise from which a tolerance of a sensor is doubted [decades].
 _DOUBTED = 5.0
 # What may be wrong with a sensor, by the first word of its unknown.
 _CAUSES = {
@@ -62,7 +61,7 @@ Factors = Float[np.ndarray, " rows"]
 
 
 class _Wider(NamedTuple):
-    """Some entries whose prior may be widened: by which factor, and what it gains."""
+    """A factor for the priors of some entries, and its gain of evidence."""
 
     at: list[int]
     factor: float
