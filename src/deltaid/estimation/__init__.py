@@ -1,1 +1,1 @@
-"""Linear least squares as a value: columns, rows in groups, what is known before."""
+"""Linear least squares as a value: columns, rows in groups, priors; solvers and intervals."""

@@ -33,15 +33,12 @@ _Value = TypeVar("_Value")
 
 @dataclass(frozen=True, eq=False)
 class Addition(ABC):
-    """Further columns, which some recordings of a fit or all have.
+    """Additional columns, linear in their parameters; zero in recordings without them."""
 
-    Those of other recordings are zero. Values of `Extended` are linear in their parameters.
-    """
-
-    dynamics: Dynamics  # of the robot that they are beside
-    # whether the fit holds its parameters, which count as unknown in its judgement
+    dynamics: Dynamics  # of the robot
+    # whether the fit holds its parameters, while intervals count them as unknown
     is_held: ClassVar[bool] = False
-    # whether it is an effect that the fit corrects, which no study of the residual finds
+    # whether it is an effect that the fit corrects, so that studies take it as known
     is_corrected: ClassVar[bool] = False
 
     @property
@@ -55,8 +52,8 @@ class Addition(ABC):
 
     @abstractmethod
     def entries(self, w: SampleBlock, own: Own, recording: PreparedRecording) -> Values:
-        """The entries along consecutive samples w of a recording, at the full rate; `own` are those
-        of the robot's regressor there, in the order of its pattern."""
+        """The entries along consecutive samples w of a recording, at the full rate; `own` are the
+        entries of the robot's regressor there."""
 
     def on(self, dynamics: Dynamics) -> "Addition":
         """The same for a robot with other friction laws."""
@@ -64,7 +61,7 @@ class Addition(ABC):
 
     @property
     def free(self) -> Free:
-        """Free parameters of the fit: all, or none where they are held."""
+        """Free parameters of the fit: all, or none if they are held."""
         if not self.is_held:
             return free_coefficients(self.parameters)
         n = len(self.parameters)
@@ -77,7 +74,7 @@ class Addition(ABC):
 
     @property
     def witness(self) -> str | None:
-        """Its name where it is known in kg or N m, so that it determines the scale of torques."""
+        """Words for a quantity known in kg or N m, which fixes the scale of torques."""
         return None
 
     def to_corrections(self, judged: Sequence[Parameter]) -> tuple[Correction, ...]:
@@ -87,13 +84,13 @@ class Addition(ABC):
 
 @dataclass(frozen=True, eq=False)
 class OfTorques(Addition):
-    """Columns that follow from the torques of a robot and of additions beside it."""
+    """Columns that depend on the torques of a robot and of other additions."""
 
-    beside: tuple[Addition, ...]
-    p: Parameters  # of both, in their order
+    beside: tuple[Addition, ...]  # the other additions
+    p: Parameters  # of the robot, then of these
 
     def on(self, dynamics: Dynamics) -> "OfTorques":
-        """The same where friction laws have come or gone: coefficients that p₀ lacks are zero."""
+        """The same for a robot with other friction laws; coefficients of new terms are zero."""
         if dynamics is self.dynamics:
             return self
         known = dict(zip(self._names, self.p.tolist(), strict=True))
@@ -107,7 +104,7 @@ class OfTorques(Addition):
         return [*self.dynamics.layout.names, *added]
 
     def torques(self, w: SampleBlock, own: Own, recording: PreparedRecording) -> Values:
-        """τ of each drive, with that of loads, which goes through the drives like the rest."""
+        """τ of each drive, with the torques of loads."""
         values = np.vstack([own, *(term.entries(w, own, recording) for term in self.beside)])
         return w.carried.T + torques_of(self._columns, self.dynamics.dof, values, self.p)
 
@@ -119,11 +116,10 @@ class OfTorques(Addition):
 
 @dataclass(frozen=True, eq=False)
 class Extended:
-    """The columns of a regressor, perhaps with more than the robot's `own` number, then those of
-    additions, in their order."""
+    """The columns of a robot's regressor, then those of additions."""
 
     regressor: Regressor
-    own: int
+    own: int  # number of the robot's columns
     additions: tuple[Addition, ...]
 
     @property
@@ -137,7 +133,7 @@ class Extended:
     @property
     def regressor_pattern(self) -> tuple[np.ndarray, np.ndarray]:
         """Drive and column of every entry that is not always zero."""
-        return self._pattern
+        return self._pattern  # a property for type checkers: protocols have one
 
     @cached_property
     def _pattern(self) -> tuple[np.ndarray, np.ndarray]:
@@ -150,7 +146,7 @@ class Extended:
         return drives, columns
 
     def carried(self, z: Motion, qd: Motion, qdd: Motion, p: Parameters) -> Motion:
-        """What the robot's gears carry, for its parameters or those of all columns."""
+        """Torques that gears carry, by parameters of the robot or of all columns."""
         return self.regressor.carried(z, qd, qdd, p[: self.own])
 
 
@@ -163,7 +159,7 @@ def extended(dynamics: Dynamics, additions: Sequence[Addition] = ()) -> Extended
 def of_each(
     additions: Sequence[_Added], values: Iterable[_Value]
 ) -> Iterator[tuple[_Added, tuple[_Value, ...]]]:
-    """Each addition with its own of values that stand in the order of their parameters."""
+    """Each addition with its part of values in the order of all additions' parameters."""
     rest = iter(values)
     return ((addition, tuple(islice(rest, len(addition.parameters)))) for addition in additions)
 
@@ -181,7 +177,7 @@ def torques_of(
 def entries(
     regressor: Extended, w: SampleBlock, load: Motion, recording: PreparedRecording
 ) -> Values:
-    """Entries of Y along some samples of a recording, in the order of the regressor's pattern;
-    `load` is for friction that depends on it."""
+    """Entries of Y along some samples of a recording, in the order of the pattern; `load` is the
+    torque of gears that load friction uses."""
     own = entries_at(regressor.regressor, w.z, w.qd, w.qdd, load)
     return np.vstack([own, *(more.entries(w, own, recording) for more in regressor.additions)])

@@ -18,8 +18,9 @@ from deltaid.levels import NEGLIGIBLE, ROUNDING
 from deltaid.robot.parameter import ADDED
 from deltaid.shown import Shown
 
-# Additional columns may nearly depend on the robot's: below this share they are undetermined.
+# Independent share of its length below which an addition's column is not identifiable.
 _HARDLY = 1e-5
+# Order in which bodies become representatives.
 _PREFERENCE = ("P", "SB", "MP", "HP", "EE", "MB", "R", "U", "C", "TL", "TU", "S")
 
 
@@ -56,7 +57,7 @@ class BaseParameters(Shown):
 
     layout: ParameterLayout
     groups: tuple[BaseGroup, ...]  # one for each base parameter
-    invisible: tuple[int, ...]  # parameters that no torque shows
+    invisible: tuple[int, ...]  # parameters that no torque depends on
     condition: float  # of the base regressor, columns scaled to unit length
 
     @property
@@ -90,8 +91,8 @@ def base_parameters(information: Information, layout: ParameterLayout) -> BasePa
     """The base parameters that some motion determines.
 
     Raises:
-        IdentificationError: the rank is not the number of representatives; the motion leaves some
-            parameter on the edge of being determined.
+        IdentificationError: the rank is not the number of representatives, for the motion hardly
+            excites some parameter.
     """
     Y = information.weighted(np.ones(len(information.factors)))[:, :-1]
     if information.facts is not None:
@@ -111,7 +112,7 @@ def base_parameters(information: Information, layout: ParameterLayout) -> BasePa
         )
     others = np.setdiff1d(np.arange(len(columns)), chosen)
     K, *_ = np.linalg.lstsq(scaled[:, chosen], scaled[:, others], rcond=None)
-    # A coefficient counts by what it does to the torque, so in scaled columns.
+    # A coefficient counts by its effect on torques, so in scaled columns.
     counts, K = np.abs(K) > NEGLIGIBLE, K * norms[others] / norms[chosen, None]
     order = np.argsort(chosen)
     groups = (

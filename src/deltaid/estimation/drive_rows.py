@@ -1,5 +1,5 @@
-"""Filtered samples of all drives as rows of a linear problem, one drive under the other; those of
-recordings in memory, over the free parameters of a fit with their prior."""
+"""Filtered samples as rows of a linear problem, drive by drive (`DriveRows`), and rows of traces
+over the free parameters of a fit with their prior (`TraceRows`)."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -17,12 +17,12 @@ from deltaid.estimation.reduction import Reduction, build_reduction
 from deltaid.estimation.traces import Trace
 from deltaid.levels import NEGLIGIBLE
 
-# Stretches of time that a recording is cut into: enough to judge by their scatter, each still much
-# longer than the filter's memory.
+# Number of stretches of a recording whose scatter gives intervals: many, but each much longer than
+# the filter's memory.
 STRETCHES = 40
-# No recording fits a model better than to this share of its largest torque.
+# Least misfit of any recording, as a share of its largest torque.
 MISFIT_FLOOR = 1e-5
-# What makes less of a drive's largest torque may be the error of differentiated positions.
+# Torque that errors of differentiated positions may make, as a share of a drive's largest torque.
 POSITION_ERROR = 3e-4
 
 OfDrives = Float[np.ndarray, "dof samples"]
@@ -31,8 +31,7 @@ ColumnsOfDrives = Float[np.ndarray, "dof samples _"]
 
 @dataclass(frozen=True, eq=False)
 class DriveRows:
-    """How samples of drives stand under each other, each drive's divided by its scale, such as its
-    noise [N m or N]."""
+    """Stacks samples drive by drive, divided by each drive's scale, such as noise [N m or N]."""
 
     scale: Float[np.ndarray, " dof"]
     samples: int
@@ -59,7 +58,7 @@ class DriveRows:
         return (x.T / self.scale).T.reshape(-1, *x.shape[2:])
 
     def per_drive(self, x: OfDrives) -> Columns:
-        """Something of every drive, one column a drive that is zero for all others."""
+        """One column a drive, zero in the rows of other drives."""
         return self.stack(of_own_drives(x[:, :, None]))
 
     def of_drives(self, rows: Float[np.ndarray, " rows"]) -> OfDrives:
@@ -67,14 +66,14 @@ class DriveRows:
 
     @cached_property
     def groups(self) -> Int[np.ndarray, " rows"]:
-        """The stretch of time of each row; those of all drives at a time are in one."""
+        """The stretch of time of each row; rows of all drives at one time are in one stretch."""
         return np.tile(stretch_numbers(self.samples), len(self.scale))
 
     def problem(
         self, A: ColumnsOfDrives, b: OfDrives, instruments: Sequence[ColumnsOfDrives] = ()
     ) -> LinearProblem:
-        """Least squares of columns, grouped by stretches of time; each set of instruments has the
-        columns of A without the noise that these share with b."""
+        """Least squares, grouped by stretches of time; each set of instruments has columns like
+        those of A, but without the noise that these share with b."""
         Z = np.hstack([self.stack(columns) for columns in instruments]) if instruments else None
         return LinearProblem(self.stack(A), self.stack(b), self.groups, Z)
 
@@ -88,7 +87,7 @@ def of_own_drives(own: Float[np.ndarray, "dof samples own"]) -> ColumnsOfDrives:
 
 
 def stretch_starts(samples: int) -> Int[np.ndarray, " stretches"]:
-    """First samples of `STRETCHES` stretches of time of one length, or of as many as samples."""
+    """First samples of `STRETCHES` stretches of equal length; of fewer for fewer samples."""
     return np.unique(np.arange(STRETCHES) * samples // STRETCHES)
 
 
@@ -116,8 +115,8 @@ class RecordingRows:
 
 @dataclass(frozen=True, eq=False)
 class TraceRows:
-    """What rows of traces are over: the free parameters x of a fit with additions, p = A x + p_0,
-    and what is known of them, by a prior of relative standard deviation `spread`."""
+    """Poses rows of traces over the free parameters x of a fit with additions, p = A x + p_0, with
+    a prior of relative standard deviation `spread`."""
 
     dynamics: Dynamics
     additions: tuple[Addition, ...]
@@ -144,7 +143,7 @@ class TraceRows:
         return RecordingRows(Y @ self.reduction.A[active], tau)
 
     def prior(self, width: int) -> tuple[Columns, Rows]:
-        """What is known of parameters, as rows D x = d over so many columns."""
+        """The prior as rows D x = d over `width` columns."""
         known = regularizer(self.reduction).quadratic
         D = np.pad(known.R / self.spread, ((0, 0), (0, width - self.size)))
         return D, known.b / self.spread
@@ -155,8 +154,8 @@ class TraceRows:
         mean: Float[np.ndarray, " beside"] | None = None,
         deviation: Float[np.ndarray, " beside"] | None = None,
     ) -> LinearProblem:
-        """Least squares over recordings with the same columns together, with the prior of the
-        parameters, and mean and deviation of the first additional columns where known."""
+        """Least squares over recordings with the same columns, with the prior of the parameters and
+        that of the first additional columns, mean ± deviation, if given."""
         width = recordings[0].A.shape[2]
         D, d = self.prior(width)
         if mean is not None and deviation is not None:
@@ -165,12 +164,13 @@ class TraceRows:
         return LinearProblem.together([rows.problem for rows in recordings]).with_known(D, d)
 
     def parameters(self, x: Float[np.ndarray, " columns"]) -> Parameters:
-        """p of the robot and of additions, for x with additional columns."""
+        """p of the robot and of additions, by x; additional columns are ignored."""
         return self.reduction.A @ x[: self.size] + self.reduction.p_0
 
 
 def parameters_of(dynamics: Dynamics, span: Span, b: Rows) -> Parameters:
-    """p of least squares, for the span of the active columns; zero where nothing is shown."""
+    """p of least squares by the span of the active columns; zero where torques do not depend on
+    it."""
     p = np.zeros(len(dynamics.layout.names))
     p[active_columns(dynamics)] = span.coefficients(b)
     return p

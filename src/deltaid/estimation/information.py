@@ -1,11 +1,10 @@
-"""Everything a fit needs from any number of samples: triangular factors of [Ȳ, τ̄], one a drive.
+"""The information of any number of samples: triangular factors of [Ȳ, τ̄], one a drive, then one a
+channel of sensors.
 
-Channels of sensors have factors too, behind those of the drives.
-
-For drive i let A_i = [Y_i, τ_i] hold its rows of all samples. Its QR factor R_i with
-R_iᵀ R_i = A_iᵀ A_i is all that least squares, (15) and the torque error of any p ever use. Factors
-of chunks stack and factor again (tall-skinny QR), so memory stays constant, results add up over
-chunks, logs and machines, and no digits are lost to normal equations.
+Let A_i = [Y_i, τ_i] have the rows of drive i of all samples. Least squares, (15) and the torque
+error of any p need only its QR factor R_i with R_iᵀ R_i = A_iᵀ A_i. Factors of chunks are stacked
+and factored again (tall-skinny QR), so memory stays constant, results add up over chunks, logs and
+machines, and no digits are lost to normal equations.
 """
 
 from collections.abc import Iterable
@@ -20,9 +19,9 @@ from deltaid.dynamics.dynamics import Parameters, Regressor
 from deltaid.errors import IdentificationError
 from deltaid.estimation.problem import LinearProblem
 
-# Noise of torques is at least this share of the largest one.
+# Least noise of torques, as a share of the largest one.
 NOISE_FLOOR = 1e-6
-# Entries of a matrix that is factored at once: it stays in the cache.
+# Entries of a matrix that is factored at once, so that it stays in the cache.
 _PANEL = 60_000
 
 
@@ -48,18 +47,16 @@ Motion = Float[np.ndarray, "samples dof"]
 class Information:
     """Information on the parameters in a recording."""
 
-    # positions in p of what the factors' columns stand for; all others have no effect
-    columns: Int[np.ndarray, " columns"]
+    columns: Int[np.ndarray, " columns"]  # numbers in p of the factors' columns
     # for each drive, then for each channel of sensors, F with FᵀF = [Y_i, τ_i]ᵀ[Y_i, τ_i]
     factors: Float[np.ndarray, "rows augmented augmented"]
-    # of each; one whose noise the weights of a recording leave in part counts as that part
+    # number of each; a sample counts for the part of its noise that a recording's weights leave
     samples: PerRow
     torque_max: PerRow  # largest |τ| of each
-    channels: int = 0  # how many of the factors, the last ones, are of sensors
-    # what each channel counts as 1 of, so that its noise is σ̂ like that of torques over their
-    # largest (`balance`); none before that is known
+    channels: int = 0  # number of the last factors that are of sensors
+    # scale of each channel, in which its noise is σ̂ (`gathering.balanced`); None before
     levels: Float[np.ndarray, " channels"] | None = None
-    # rows [c, v] of what is known without any sample, cᵀp = v, in the same measure
+    # rows [c, v] of measured values, cᵀp = v, scaled to the noise σ̂
     facts: Float[np.ndarray, "facts augmented"] | None = None
 
     @property
@@ -77,21 +74,21 @@ class Information:
 
     @property
     def mean_samples(self) -> float:
-        """s, the number of samples in the mean over the drives."""
+        """s, the mean number of samples over the drives."""
         return float(self.samples[self.drives].mean())
 
     @property
     def weights(self) -> PerRow:
-        """W_τ = diag(τ_max)⁻², 0 for a drive of which nothing is used, such as one at rest; behind
-        it those of the channels of sensors by their noise."""
+        """W_τ = diag(τ_max)⁻², 0 for a drive without torques, then those of channels of sensors by
+        their levels."""
         sizes, used = self.torque_max.copy(), self.torque_max > 0
         if self.levels is not None:
             sizes[self.drives.stop :] = self.levels
         return np.where(used, np.where(used, sizes, 1.0) ** -2.0, 0.0)
 
     def weighted(self, weights: PerRow | None = None) -> Float[np.ndarray, "augmented augmented"]:
-        """Factor of W^½ [Ȳ, τ̄] with one weight a drive or channel: rows i times √weights_i. With
-        the weights of the fit, which are the default, facts are among the rows."""
+        """Factor of W^½ [Ȳ, τ̄] with one weight a drive or channel. With the fit's weights, the
+        default, facts are included."""
         facts = self.facts if weights is None else None
         scaled = self.factors * np.sqrt(self.weights if weights is None else weights)[:, None, None]
         rows = scaled.reshape(-1, scaled.shape[2])
@@ -99,11 +96,11 @@ class Information:
 
     @property
     def problem(self) -> LinearProblem:
-        """Least squares of everything, with the weights of the fit."""
+        """Least squares of all rows with the fit's weights."""
         return LinearProblem.of_triangle(self.weighted(), self.rows)
 
     def problem_of(self, i: int) -> LinearProblem:
-        """That of one drive or channel alone, in its own unit."""
+        """Least squares of one drive or channel alone, in its own unit."""
         return LinearProblem.of_triangle(self.factors[i], float(self.samples[i]))
 
     def rms(self, p: Parameters) -> PerRow:
@@ -117,8 +114,8 @@ class Information:
 
 @dataclass(frozen=True, eq=False)
 class Condensed:
-    """Some samples as triangles R of their rows, which is all that adds up: one a chunk (a drive's
-    rows of [Y, τ]), with the columns it stands in; samples and torque_max as of `Information`."""
+    """Some samples as triangles, one of each chunk (a drive's rows of [Y, τ]) with its columns;
+    samples and torque_max as of `Information`."""
 
     triangles: tuple[tuple[Int[np.ndarray, " _"], Float[np.ndarray, "_ _"]], ...]
     samples: Float[np.ndarray, " dof"]
@@ -126,8 +123,8 @@ class Condensed:
 
 
 def condense(chunks: Iterable[Chunk], tau: Rows, counted: Rows) -> Condensed:
-    """Triangles of some samples' chunks, each put together piece by piece; `counted` is what each
-    sample is worth, as `samples` says."""
+    """Triangles of some samples' chunks, factored piece by piece; `counted` is the part that each
+    sample counts for."""
     triangles = []
     for columns, rows in chunks:
         n, samples = rows.shape
@@ -141,8 +138,11 @@ def condense(chunks: Iterable[Chunk], tau: Rows, counted: Rows) -> Condensed:
 def collect(
     regressor: ExplainingColumns, parts: Iterable[Condensed], where: str, channels: int = 0
 ) -> Information:
-    """The information of condensed samples, taken in one after the other; `channels` as there. An
-    IdentificationError says in what the regressor is not finite somewhere, by `where`."""
+    """The information of condensed samples, added up in order; `channels` as of `Information`.
+
+    Raises:
+        IdentificationError: the regressor is not finite somewhere in `where`.
+    """
     columns, dof = active_columns(regressor), regressor.dof
     n = len(columns) + 1
     factors, samples, torque_max = np.zeros((dof, n, n)), np.zeros(dof), np.zeros(dof)
@@ -181,8 +181,8 @@ def merge(parts: Iterable[Information]) -> Information:
 
 
 def active_columns(regressor: ExplainingColumns) -> Int[np.ndarray, " columns"]:
-    """Parameters whose column of Y is not zero by structure, or that are known without any sample,
-    in the order of p."""
+    """Parameters whose column of Y is not zero by structure, or that have measured values, in the
+    order of p."""
     known = getattr(regressor, "known_columns", np.zeros(0, dtype=int))
     return np.unique(np.concatenate([regressor.regressor_pattern[1], known]))
 
@@ -207,5 +207,5 @@ def triangle(A: Float[np.ndarray, "*many rows n"]) -> Float[np.ndarray, "*many r
 def entries_at(
     regressor: Regressor, z: Motion, qd: Motion, qdd: Motion, load: Motion | None = None
 ) -> Float[np.ndarray, "entries samples"]:
-    """Entries of Y of a robot alone, in the order of its pattern; no other file evaluates them."""
+    """Entries of Y of a robot, in the order of its pattern; only this function evaluates them."""
     return regressor.sparse_regressor(z, qd, qdd, load).values

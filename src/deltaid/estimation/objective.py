@@ -1,9 +1,8 @@
-"""The objective (15) as a function of the free variables x, from the information alone, as settings
-ask for it; its solver and solution.
+"""The objective (15) as a function of the free variables x, posed from information and settings,
+with the interfaces of solvers and solutions.
 
-How far x is from the prior, the second term, has three metrics. All are without unit and agree to
-second order for a parameter that changes by a small share ε of itself: ε². Gradients and Hessians
-are exact.
+Its second term, the distance of x from the prior, has three metrics. All are without unit and agree
+to second order: ε² for a parameter that changes by a small share ε. Derivatives are exact.
 """
 
 from collections.abc import Callable
@@ -49,10 +48,9 @@ class Quadratic:
 
 @dataclass(frozen=True)
 class Divergence:
-    """A function Σ φ(λ_i) of eigenvalues, zero at 1 only, with φ′ and φ″; `convex` says whether it
-    is so in the matrix that has these eigenvalues."""
+    """A function Σ φ(λ_i) of eigenvalues, zero at 1 only, with φ′ and φ″."""
 
-    convex: bool
+    convex: bool  # in the matrix with these eigenvalues
     values: Callable[[Eigenvalues], Eigenvalues]
     slope: Callable[[Eigenvalues], Eigenvalues]
     curvature: Callable[[Eigenvalues], Eigenvalues]
@@ -139,15 +137,15 @@ class Regularizer:
 
 
 def regularizer(reduction: Reduction, divergence: Divergence | None = None) -> Regularizer:
-    """How far x is from the prior.
+    """The distance of x from the prior.
 
     ‖p − p_reg‖² with W_p = diag(p_reg)⁻² as in (15), over all entries of p that x can change. An
     entry with p_reg = 0 has the scale m·ℓ (first moments) or m·ℓ² (products), where ℓ is the
     body's radius of gyration about the link frame, ℓ² = tr Σ / m.
 
-    With a divergence, this in place of it over the blocks that must be positive definite; first
-    moments of a body whose mass is completed stand in no block. A block's prior is as wide as that
-    of the widest entry of p that it is part of.
+    A divergence replaces this over the blocks that must be positive definite; first moments of a
+    body whose mass is completed belong to no block. A block's prior is as wide as that of the
+    widest entry of p that it affects.
     """
     D, weights = reduction.A.copy(), list[float]()
     for block in reduction.blocks if divergence else ():
@@ -169,15 +167,14 @@ METRICS: dict[RegularizerName, Divergence | None] = {
 
 
 def prior_scale(reduction: Reduction) -> Float[np.ndarray, " parameters"]:
-    """|p_reg|, and for entries that are zero there m·ℓ or m·ℓ² of their body, or their own size;
-    so many times that as the prior is widened."""
+    """Scale of each entry of p (`parameter_scale`) times the factor of its prior's width."""
     return reduction.wider * parameter_scale(reduction.layout, reduction.p_reg)
 
 
 def parameter_scale(
     layout: ParameterLayout, p_reg: Float[np.ndarray, " parameters"]
 ) -> Float[np.ndarray, " parameters"]:
-    """The same for any prior."""
+    """|p_reg| or, for entries that are zero there, m·ℓ or m·ℓ² of the body, or their own scale."""
     scale = np.abs(p_reg)
     for i, size in layout.signed.items():
         scale[i] = size
@@ -190,8 +187,11 @@ def parameter_scale(
 
 
 def prior_root(scaled: Matrix) -> Matrix:
-    """R with RᵀR = the curvature of a prior, in units of the variables; an IdentificationError
-    where the prior's sizes are too far apart for the arithmetic."""
+    """R with RᵀR = the curvature of a prior, in units of the variables.
+
+    Raises:
+        IdentificationError: the prior's sizes differ too much for floating point.
+    """
     try:
         return np.linalg.cholesky(scaled).T
     except np.linalg.LinAlgError:
@@ -222,7 +222,7 @@ class Objective:
 
 @dataclass(frozen=True)
 class Solution:
-    """A minimiser x of the objective and how good it is."""
+    """A minimiser x of the objective with its certificate."""
 
     x: Vector
     objective: float  # J(x)
@@ -246,14 +246,13 @@ class Solver(Protocol):
         """A minimiser of J.
 
         Raises:
-            IdentificationError: the objective is not one for this solver, or it did not reach its
-                end.
+            IdentificationError: the solver does not support this objective, or did not converge.
         """
         ...
 
 
 def pose(information: Information, reduction: Reduction, settings: Settings) -> Objective:
-    """Objective (15) for some information, with γ given or by maximum a posteriori."""
+    """Objective (15) for some information, with the settings' γ or that by maximum a posteriori."""
     return Objective(
         reduction,
         data_term(information, reduction),
@@ -271,8 +270,8 @@ def data_term(information: Information, reduction: Reduction) -> Quadratic:
 
 
 def noise_level(information: Information) -> float:
-    """σ̂ of the weighted torques, as a share of τ_max, whatever the parameters: the residual of the
-    unconstrained least squares over all columns, with its degrees of freedom."""
+    """σ̂ of the weighted torques, as a share of τ_max: the residual of unconstrained least squares
+    over all columns, by its degrees of freedom."""
     return information.of_drives.problem.noise
 
 

@@ -2,25 +2,23 @@
 
     log π(x) = −½ ‖L⁻¹ (K p(x) − b)‖² − ρ(x) / (2 spread²),   p(x) = A x + p_0,   M_b(x) ≻ 0
 
-L, K, b are what data says (`PosteriorRecord`) and ρ is the regulariser of the fit. Free are the
-variables of the fit, and masses and second moments that no torque determines and the fit leaves at
-their prior. Bodies with `free: []` and structural zeros stay.
+L, K, b are the record of the data (`PosteriorRecord`), and ρ is the fit's regulariser. Free are the
+variables of the fit, and masses and second moments that no torque determines, which the fit
+leaves at their prior. Bodies with `free: []` and structural zeros are fixed.
 
-With a quadratic ρ the posterior is a normal distribution on the cones. Else ρ's curvature at the
-prior stands in the normal distribution, and the rest of ρ is a factor beside it.
+With a quadratic ρ the posterior is a normal distribution on the cones. Otherwise the normal
+distribution has ρ's curvature at the prior, and the rest of ρ is a factor.
 
-Drawn from by elliptical slice sampling, many chains at once.
+Samples are drawn by elliptical slice sampling, many chains at once. From a point y inside the
+cones, a point ν ~ N(0, 1) is drawn, then angles on the ellipse y cos θ + ν sin θ until its point
+lies inside (Murray, Adams and MacKay 2010). The interval of angles shrinks towards y, so this ends,
+and it leaves the distribution exactly invariant. On the ellipse, entries of the blocks are
+combinations of those of y and ν, so a trial needs no matrix product.
 
-From a point y inside, another one ν ~ N(0, 1) is drawn, and an angle on the ellipse
-y cos θ + ν sin θ until the point there lies inside (Murray, Adams and MacKay 2010): an interval of
-angles shrinks towards y, so that an end is always found, and the distribution stays as it is
-exactly. On the ellipse all entries of the blocks are combinations of those of y and ν, so a trial
-costs no product of matrices.
-
-Where data would like a body to be one that cannot exist, the distribution is a thin layer at an
-edge, and no ellipse across it is long; most directions meet no edge at all. So axes are turned to
-those of the curvature of −Σ log det M_b. Steps along each axis that soon meets an edge, in some of
-those chosen at random, in all that meet none, and in what is not alone take turns."""
+Where data contradicts consistency, the distribution is a thin layer at an edge, across which no
+ellipse is long; most directions meet no edge. So axes are turned to those of the curvature of
+−Σ log det M_b. Steps alternate: along each axis that soon meets an edge, along random parts of the
+axes that meet one, along all free axes, and along all axes without steps of their own."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -47,16 +45,15 @@ from deltaid.model.record import IdentifiedModel
 from deltaid.robot.inertia import PSEUDO_INERTIA_ENTRIES, pseudo_inertia
 
 _OF_ROWS = ("Sxx", "Syy", "Szz", "m")
-# An axis has steps of its own above the first curvature, and is next to free below the second one.
+# Curvature above which an axis has steps of its own, and below which it counts as free.
 _ALONE, _FREE = 0.3, 0.05
-# All others take steps together in so many parts, chosen anew each time.
+# Number of random parts in which axes that are not free take steps together.
 _PARTS = 4
-# After so many steps entries are computed anew, before rounding adds up.
+# Number of steps after which entries are recomputed, before rounding errors add up.
 _ANEW = 50
-# Trials on an ellipse; an interval shrinks by half in each.
+# Most trials on an ellipse; each halves the interval on average.
 _TRIALS = 200
-# Chains begin where a ray from the model, so many times longer than the distribution is wide, ends
-# or meets the edge.
+# Standard deviations of the rays from the model at whose ends, or at the edge, chains begin.
 _WIDER = 2.0
 
 Points = Float[np.ndarray, "points n"]
@@ -82,8 +79,8 @@ class Cones:
 
     @classmethod
     def in_prior_units(cls, reduction: Reduction, mean: Vector, root: Matrix) -> "Cones":
-        """Those of x = mean + root·y, as the fit has them, each seen from its prior; coefficients
-        have blocks for their upper bounds too."""
+        """The fit's blocks for x = mean + root·y, each relative to its prior; coefficients with an
+        upper bound have a second block."""
         blocks = [
             (variables, fixed - INTERIOR * np.eye(len(fixed)), per_variable)
             for variables, fixed, per_variable in (block.normalised for block in reduction.blocks)
@@ -121,8 +118,8 @@ class Cones:
         return inside
 
     def curvature(self, y: Vector) -> Matrix:
-        """Second derivative of −Σ log det M_b at a point inside, from where a direction of
-        curvature h meets an edge after some 1/√h."""
+        """Second derivative of −Σ log det M_b at a point inside: along a direction of curvature h,
+        an edge is about 1/√h away."""
         entries = self.constant + self.slopes @ y
         H = np.zeros((len(y), len(y)))
         for places in self.groups:
@@ -188,7 +185,7 @@ def density(model: IdentifiedModel, where: str = "") -> Density:
 
 
 def _reduction(model: IdentifiedModel, record: PosteriorRecord) -> Reduction:
-    """That of the fit, with moments free that no torque shows."""
+    """The reduction of the fit, with masses and moments free that no torque determines."""
     visible = np.flatnonzero(~np.isin(model.layout.names, record.unseen))
     completed = build_reduction(model.robot, visible).completed
     bodies = {
@@ -231,7 +228,7 @@ def _spectral_rest(
 
 
 class Chains:
-    """So many chains that walk over a posterior."""
+    """Markov chains over a posterior."""
 
     def __init__(self, density: Density, count: int, rng: np.random.Generator) -> None:
         self.density, self.count, self.rng = density, count, rng
@@ -240,7 +237,7 @@ class Chains:
         self.turn()
 
     def turn(self) -> None:
-        """Choose axes anew, by the middle of where chains are; before draws that count."""
+        """Choose axes by the mean of the chains' points; only before draws that count."""
         y = self.y.T
         cones = self.density.cones
         values, vectors = np.linalg.eigh(cones.curvature(y.mean(axis=1)))
@@ -314,7 +311,7 @@ class Chains:
         return self.density.log_factor((self._turn @ y).T)
 
     def _starts(self) -> OfChains:
-        """OfChains inside that lie farther apart than the distribution does, about the model."""
+        """Points inside the cones, about the model, that are spread wider than the distribution."""
         cones, centre = self.density.cones, _inner(self.density)
         rays = _WIDER * self.rng.standard_normal((len(centre), self.count))
         entries, along = cones.constant + cones.slopes @ centre, cones.slopes @ rays
@@ -328,7 +325,7 @@ class Chains:
 
 
 def _inner(density: Density) -> Float[np.ndarray, " n"]:
-    """The model, a little way towards its prior where it touches the edge."""
+    """The model, moved slightly towards its prior if it touches the edge."""
     cones = density.cones
     for share in (0.0, *np.geomspace(1e-9, 1.0, 19)):
         y = density.fitted + share * (density.prior - density.fitted)

@@ -1,11 +1,10 @@
-"""Models drawn from a posterior, or a refusal where the draws could not be trusted; intervals of
-parameters from them, which feel edges of consistency; limbs that differ within a tolerance.
+"""Models drawn from a posterior, refused where chains have not converged; intervals of parameters
+from them, which respect consistency; limbs that differ within a tolerance.
 
-Whether chains have forgotten where they began, and how many independent draws theirs are worth, is
-told by R̂ and effective sample size after Vehtari, Gelman, Simpson, Carpenter and Bürkner (2021):
-chains are split in halves and values replaced by normal scores of their ranks. R̂ compares halves
-with all; so that it sees differences of spread too, the larger one of values and of their distances
-from the median is taken.
+Convergence is judged by R̂ and effective sample size after Vehtari, Gelman, Simpson, Carpenter and
+Bürkner (2021): chains are split in halves and values replaced by normal scores of their ranks. R̂
+compares halves with all; the larger R̂ of values and of their distances from the median is taken, so
+that differences of spread count too.
 """
 
 import numpy as np
@@ -25,15 +24,15 @@ from deltaid.model.samples import Samples
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.inertia import inertia_parameters, pseudo_inertia
 
-# Chains, draws of each at least, rounds before and between draws.
+# Number of chains, least draws of each, rounds before the first and between draws.
 _CHAINS, _DRAWS, _BEFORE, _BETWEEN = 256, 32, 10, 3
-# Target R̂ and share of effective draws; the walk doubles so many times to reach them.
+# Target R̂ and share of effective draws; number of times that rounds are doubled to reach them.
 _AIMED, _LONGER = (1.04, 0.4), 4
-# Beyond these, draws are refused.
+# Limits of both beyond which draws are refused.
 _LARGEST_RHAT, _LEAST_SHARE = 1.05, 0.1
-# Models that quantiles are taken of: the ends of an interval are then off by some 3 % of its width.
+# Number of models for intervals, whose ends then err by some 3 % of their width.
 _MODELS = 8000
-# Of a 95 % interval.
+# Quantiles of a 95 % interval.
 _ENDS = (0.025, 0.975)
 
 Draws = Float[np.ndarray, "draws chains quantities"]
@@ -85,7 +84,7 @@ def draw(model: Model, n: int, seed: int = 0, limb_tolerance: float = 0.0) -> Sa
 
 
 def _settled(chains: Chains, draws: int, model: Model) -> Walked:
-    """Draws of chains that have forgotten where they began, their effective number and R̂."""
+    """Draws of converged chains, their effective number and R̂."""
     y, size, factor = _walked(chains, draws, _BETWEEN)
     for k in range(1, _LONGER + 1):
         if factor.max() < _AIMED[0] and size.min() > _AIMED[1] * y[..., 0].size:
@@ -122,10 +121,9 @@ def _walked(chains: Chains, draws: int, between: int) -> Walked:
 
 
 def with_posterior_intervals(model: IdentifiedModel) -> IdentifiedModel:
-    """The model with intervals and deviations of its parameters as drawn models have them.
+    """The model with intervals and deviations of its parameters by drawn models.
 
-    What is held has no spread, and keeps what it had. Labels, base parameters, loads and friction
-    curves stay.
+    Fixed parameters, labels, base parameters, loads and friction curves are unchanged.
 
     Raises:
         IdentificationError: draws could not be trusted.
@@ -152,7 +150,7 @@ def rhat(draws: Draws) -> Each:
 
 
 def effective_size(draws: Draws) -> Each:
-    """How many independent draws tell as much of the middle of the distribution."""
+    """Number of independent draws that determine the distribution's centre as well."""
     z = _scores(draws)
     length, chains, _ = z.shape
     spectrum = np.abs(np.fft.rfft(z - z.mean(axis=0), n=2 * length, axis=0)) ** 2
@@ -161,7 +159,7 @@ def effective_size(draws: Draws) -> Each:
     total = covariance[0] + z.mean(axis=0).var(axis=0, ddof=1)
     correlation = 1.0 - (within - covariance) / total
     correlation[0] = 1.0
-    # Geyer: sums of neighbours are positive and fall, as far as noise lets one see.
+    # Geyer: sums of neighbouring autocorrelations are positive and decrease, but for noise.
     pairs = correlation[: length // 2 * 2].reshape(-1, 2, z.shape[2]).sum(axis=1)
     positive = np.logical_and.accumulate(pairs > 0, axis=0)
     pairs = np.minimum.accumulate(np.where(positive, pairs, 0.0), axis=0)
@@ -170,7 +168,7 @@ def effective_size(draws: Draws) -> Each:
 
 
 def _spread(z: Halves) -> Each:
-    """By how much halves together spread more than each."""
+    """Ratio of the spread of all halves together to that of each."""
     length = len(z)
     within, between = z.var(axis=0, ddof=1).mean(axis=0), z.mean(axis=0).var(axis=0, ddof=1)
     return np.sqrt((length - 1) / length + between / within)
@@ -186,7 +184,7 @@ def _scores(draws: Draws) -> Halves:
 
 
 def with_own_limbs(robot: RobotDescription) -> RobotDescription:
-    """The same robot with bodies of each limb's own; an error if it has no limbs of one kind."""
+    """The robot with separate bodies in each limb; an error if it has no identical limbs."""
     limbs = robot.limbs
     if limbs is None or not limbs.identical or limbs.count < 2:
         raise DescriptionError(

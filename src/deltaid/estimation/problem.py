@@ -2,14 +2,14 @@
 
     A x = b + e,    D x = d + e₀,    Var e₀ = 1
 
-Rows are in groups g, stretches of time, and those of the prior in none. x is the minimiser
-of ‖A x − b‖² + ‖D x − d‖² or, where columns share noise with b, that of ‖Qᵀ(A x − b)‖² + … with Q
-an orthonormal basis of instruments Z, columns without that noise. It errs by Σ_g s_g with the
-scores s_g = K_gᵀ e_g, K the rows' influence on x. Torques are not white, so the scatter of s_g
-gives the covariance, or white noise of the same size where that is more (Liang and Zeger 1986).
+Rows belong to groups g, stretches of time; those of the prior to none. x minimises
+‖A x − b‖² + ‖D x − d‖² or, where columns share noise with b, ‖Qᵀ(A x − b)‖² + … with an orthonormal
+basis Q of instruments Z, columns without that noise. Its error is Σ_g s_g with the scores
+s_g = K_gᵀ e_g and the rows' influence K on x. Noise of torques is not white, so the covariance is
+that by the scatter of s_g, or by white noise if this is larger (Liang and Zeger 1986).
 
-Groups of columns with priors of their own and blocks of rows of one noise level are what a shrunk
-fit is posed from (`shrinkage`)."""
+`CauseColumns`, columns with a prior of their own, and `NoiseBlock`, rows of one noise level, pose a
+shrunk fit (`shrinkage`)."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
@@ -21,9 +21,9 @@ from threadpoolctl import threadpool_limits
 
 from deltaid.levels import FAINT, HARDLY, NEGLIGIBLE
 
-# The group of the prior's rows.
+# Group number of the prior's rows.
 KNOWN = -1
-# Rows whose sums show noise that is not white, and by how much it may exceed white noise.
+# Number of rows whose sums show slow noise, and its largest variance over that of white noise.
 _SLOW, _REDDEST = 8, 30.0
 
 Columns = Float[np.ndarray, "rows columns"]
@@ -32,16 +32,16 @@ Rows = Float[np.ndarray, " rows"]
 
 @dataclass(frozen=True, eq=False)
 class Span:
-    """The span of columns A = Q S, rank decided by singular values of columns of unit length."""
+    """The span of columns; its rank is by singular values of the columns at unit length."""
 
-    Q: Float[np.ndarray, "rows rank"]  # orthonormal columns
-    # takes Qᵀb to the x of least squares that is shortest in units of the columns
+    Q: Float[np.ndarray, "rows rank"]  # orthonormal basis
+    # maps Qᵀb to the least-squares x of least norm in units of the columns
     inverse: Float[np.ndarray, "columns rank"]
 
     @classmethod
     @threadpool_limits.wrap(limits=1, user_api="blas")  # for narrow matrices, threads only wait
     def of_columns(cls, A: Columns) -> "Span":
-        """That of some columns; one that is zero has the coefficient zero."""
+        """The span of columns A; zero columns have the coefficient zero."""
         norms = lengths(A)
         Q, R = np.linalg.qr(A / norms)
         U, s, Vt = np.linalg.svd(R, full_matrices=False)
@@ -57,7 +57,7 @@ class Span:
         return A - self.Q @ (self.Q.T @ A)
 
     def coefficients(self, b: Rows) -> Float[np.ndarray, " columns"]:
-        """x of least squares for some right side."""
+        """x of least squares for a right side."""
         return self.inverse @ (self.Q.T @ b)
 
     def with_directions(self, U: Columns) -> "Span":
@@ -78,8 +78,8 @@ def lengths(A: Columns) -> Float[np.ndarray, " columns"]:
 
 
 def independent(A: Columns) -> Float[np.ndarray, "columns rank"]:
-    """Orthonormal combinations of unit columns that others are projected out of, without directions
-    of nearly zero length."""
+    """Combinations V for which A V is orthonormal, for unit columns less their part in a span;
+    directions that are nearly in that span are dropped."""
     values, vectors = np.linalg.eigh(A.T @ A)
     used = values > HARDLY**2
     return vectors[:, used] / np.sqrt(values[used])
@@ -89,23 +89,21 @@ def independent(A: Columns) -> Float[np.ndarray, "columns rank"]:
 class LinearProblem:
     """Rows A x = b, each divided by the standard deviation of its noise."""
 
-    A: Columns  # A, b: columns and right side
+    A: Columns
     b: Rows
-    # of each row; `KNOWN` for the prior, whose noise is 1
-    groups: Int[np.ndarray, " rows"]
-    # instruments; the columns themselves where they have no noise
+    groups: Int[np.ndarray, " rows"]  # of each row; `KNOWN` for the prior, whose noise is 1
+    # instruments; None where the columns have no noise
     Z: Float[np.ndarray, "rows instruments"] | None = None
-    # how many measured values the rows of groups stand for, where these have been condensed
-    values: float | None = None
+    values: float | None = None  # number of measured values in condensed rows
 
     @classmethod
     def of_triangle(cls, R: Columns, values: float) -> "LinearProblem":
-        """Rows of so many values, condensed to R with RᵀR = [A b]ᵀ[A b], in one group."""
+        """Rows of so many measured values in one group, condensed to R with RᵀR = [A b]ᵀ[A b]."""
         return cls(R[:, :-1], R[:, -1], np.zeros(len(R), dtype=int), values=values)
 
     @classmethod
     def together(cls, problems: Sequence["LinearProblem"]) -> "LinearProblem":
-        """All rows of problems over the same columns, with groups of their own."""
+        """All rows of problems over the same columns; their groups stay separate."""
         groups, first = [], 0
         for part in problems:
             groups.append(np.where(part.groups == KNOWN, KNOWN, part.groups + first))
@@ -140,7 +138,7 @@ class LinearProblem:
 
     @cached_property
     def inverse(self) -> Float[np.ndarray, "columns rank"]:
-        """Takes Qᵀb to x."""
+        """Maps Qᵀb to x."""
         if self.Z is None:
             return self.span.inverse
         norms = lengths(self.A)
@@ -148,7 +146,7 @@ class LinearProblem:
 
     @cached_property
     def x(self) -> Float[np.ndarray, " columns"]:
-        """The minimiser; of several the shortest in units of the columns."""
+        """The minimiser; of several, that of least norm in units of the columns."""
         return self.inverse @ (self.span.Q.T @ self.b)
 
     @cached_property
@@ -157,7 +155,7 @@ class LinearProblem:
 
     @property
     def noise(self) -> float:
-        """Standard deviation of white noise that would leave the residual."""
+        """Standard deviation of white noise by the residual."""
         return float(np.linalg.norm(self.residual) / np.sqrt(self.freedom))
 
     @property
@@ -183,7 +181,7 @@ class LinearProblem:
         return np.asarray(np.linalg.qr(np.column_stack([self.A, self.b]), mode="r"))
 
     def covariance(self, entries: slice = slice(None)) -> Float[np.ndarray, "columns columns"]:
-        """Of some entries of x, by the scatter between groups and the prior."""
+        """Covariance of entries of x, by the scatter between groups and the prior."""
         influence = self.span.Q @ self.inverse[entries].T
         rows = self.groups != KNOWN
         prior = influence[~rows]
@@ -213,12 +211,13 @@ def group_sums(
 
 @dataclass(frozen=True, eq=False)
 class Explanation:
-    """What orthonormal columns explain of rows, beside others.
+    """What orthonormal columns explain of rows beside others.
 
     Attributes:
-        gain: the sum of squares, of which chance explains `level` with each column: the variance of
-            the noise along them by its scatter between groups, or white if that is larger.
-        left: what remains.
+        gain: explained sum of squares.
+        left: the remaining rows.
+        level: sum of squares that one column explains by chance: the noise along the columns by
+            scatter between groups, or white noise if larger.
     """
 
     directions: Columns
@@ -234,7 +233,7 @@ class Explanation:
     def by_columns(
         cls, U: Columns, residual: Rows, groups: Int[np.ndarray, " rows"], rank: int
     ) -> "Explanation":
-        """By columns U beside others of some rank, without which they and the residual are."""
+        """By columns U beside others of this rank, whose part U and the residual lack."""
         scores = U.T @ residual
         left, freedom = residual - U @ scores, max(len(residual) - rank - U.shape[1], 1)
         s = group_sums(U * left[:, None], groups)
@@ -245,16 +244,16 @@ class Explanation:
 
 @dataclass(frozen=True, eq=False)
 class CauseColumns:
-    """Columns that one cause has.
+    """The columns of one cause.
 
     Attributes:
         deviation: prior standard deviation of each coefficient.
-        mean: of the prior, minus what has been applied already.
-        is_candidate: whether it is corrected; else it only keeps others from explaining it.
-        may_be_dropped: whether a candidate goes where rows do not need it.
-        is_positive: whether x less the mean, all that is applied, is at least zero by physics.
-        is_possible: whether physics allows such values of x less the mean, with this covariance; a
-            candidate whose estimate it does not allow stands for something else, and is dropped.
+        mean: prior mean of each step: minus the coefficients that have been applied already.
+        is_candidate: whether it can be corrected; otherwise it is a nuisance.
+        may_be_dropped: whether a candidate is dropped if rows do not need it.
+        is_positive: whether coefficients, x less the mean, cannot be negative.
+        is_possible: whether physics allows such coefficients, given their covariance; otherwise a
+            candidate mimics another cause and is dropped.
     """
 
     name: str
@@ -269,17 +268,17 @@ class CauseColumns:
     )
 
     def allows(self, x: Float[np.ndarray, " n"], covariance: Float[np.ndarray, "n n"]) -> bool:
-        """Whether physics allows all that is applied.
+        """Whether physics allows the coefficients.
 
-        Slopes are known where coefficients were before: a step of x is off by as much as itself, or
-        effects that bend would go before they have settled.
+        A step of x counts as uncertain by its own size, since slopes are those before it; otherwise
+        nonlinear effects would be dropped before they settle.
         """
         step = x[self.columns]
         own = covariance[np.ix_(self.columns, self.columns)] + np.outer(step, step)
         return self.is_possible(step - self.mean, own)
 
     def held(self, x: Float[np.ndarray, " n"]) -> "CauseColumns":
-        """With coefficients at zero where physics allows no less than x has."""
+        """With coefficients held at zero where they would be negative but cannot."""
         below = self.is_positive & (x[self.columns] < self.mean)
         return replace(self, deviation=np.where(below, FAINT * self.deviation, self.deviation))
 
@@ -289,9 +288,9 @@ class NoiseBlock:
     """Rows A x = b of one noise level.
 
     Attributes:
-        stretches: of time, of each row.
-        largest: the largest measured value beside them.
-        independent: share of the rows whose noise is independent, behind a low-pass.
+        stretches: the stretch of time of each row.
+        largest: the largest measured value.
+        independent: share of the rows with independent noise, behind a low-pass.
     """
 
     A: Columns

@@ -1,10 +1,10 @@
-"""Which parameters the fit may change (Sec. VI a–g), as an affine map and a product of cones.
+"""The free variables of a fit (Sec. VI a–g), as an affine map and a product of cones.
 
 The free variables x are entries of the bodies' pseudo-inertia matrices (12), friction coefficients
-and rotor inertias. p = A x + p_0. Physical consistency of x is: every block M_b(x), affine in x, is
-positive definite. A block is a principal part of a body's M̄ whose entries hang together, or a
-coefficient that may not have either sign. Diagonal entries that are neither free nor visible in any
-torque are excluded from the blocks and completed afterwards, for they can be made large enough.
+and rotor inertias, p = A x + p_0. x is physically consistent if every block M_b(x), affine in x, is
+positive definite. A block is a principal submatrix of a body's M̄ with connected entries, or a
+coefficient that must be positive. Diagonal entries that are neither free nor in any torque belong
+to no block: they can be as large as needed, and are completed afterwards.
 """
 
 from collections.abc import Collection, Iterator, Mapping, Sequence
@@ -33,10 +33,10 @@ from deltaid.robot.inertia import (
 )
 from deltaid.robot.parameter import PRIOR_SPREAD, ParameterKind, PriorParameter
 
-# ε: how far inside its cone every body stays, as a share of its prior. Far below any accuracy, far
-# above rounding, so that results are strictly consistent. All solvers search {M̄ ≻ ε M̄_prior}.
+# ε: all solvers search {M̄ ≻ ε M̄_prior}. Far below any accuracy and far above rounding, so that
+# results are strictly consistent.
 INTERIOR = 1e-6
-# A completed mass or second moment exceeds the least that keeps its body consistent by this share.
+# Share by which a completed mass or moment exceeds the least that keeps its body consistent.
 _COMPLETION_MARGIN = 0.05
 
 # Variables of a block, its constant part, and its slope along each variable.
@@ -73,8 +73,7 @@ class Block:
 
 @dataclass(frozen=True, eq=False)
 class Free:
-    """What a fit may change of some consecutive entries of p: p = A x + p_0, as of `Reduction`,
-    blocks counting from 0."""
+    """Free variables of some consecutive entries of p, p = A x + p_0, with their blocks."""
 
     variables: tuple[PriorParameter, ...]
     A: Float[np.ndarray, "entries n"]
@@ -83,7 +82,7 @@ class Free:
 
 
 def free_coefficients(parameters: Sequence[PriorParameter]) -> Free:
-    """Coefficients that are free one by one, positive unless they are signed."""
+    """Independent free coefficients, positive unless signed."""
     blocks = tuple(
         Block(np.array([[k]]), np.zeros((1, 1)), entry.prior * np.eye(1))
         for k, entry in enumerate(parameters)
@@ -99,8 +98,11 @@ def free_body(
     free: Collection[str],
     is_visible: Bool[np.ndarray, " 10"],
 ) -> tuple[Free, tuple[int, ...]]:
-    """What is free of ten parameters, of which torques show the visible ones, and rows of M̄ to
-    complete; entries of M̄ that are not free keep the values of the consistent prior p_reg."""
+    """Free variables of a body's ten parameters, and rows of M̄ to complete.
+
+    Torques depend on the visible parameters. Entries of M̄ that are not free keep the values of the
+    consistent prior p_reg.
+    """
     M, to_p = pseudo_inertia(p_reg), entry_map()
     variables, columns, completed = list[PriorParameter](), list[np.ndarray](), list[int]()
     index, p_0 = np.full((4, 4), -1), np.zeros(10)
@@ -132,7 +134,7 @@ def _blocks(
 
 
 def connected(linked: Bool[np.ndarray, "n n"]) -> list[Int[np.ndarray, " _"]]:
-    """Rows of a symmetric matrix that hang together, by the entries that link two of them."""
+    """Connected rows of a symmetric matrix, by the entries that link two rows."""
     steps = linked.astype(int) + np.eye(len(linked), dtype=int)
     together = np.linalg.matrix_power(steps, len(linked)) > 0
     return [np.flatnonzero(part) for part in np.unique(together, axis=0)[::-1]]
@@ -150,9 +152,9 @@ class Reduction:
     blocks: tuple[Block, ...]  # what must be positive definite
     p_reg: Float[np.ndarray, " parameters"]  # p at the prior, reduced
     completed: dict[str, tuple[int, ...]]  # rows of each body's M̄ whose diagonal is completed
-    # spread of the prior over that of the fit, for entries of p that have one of their own
+    # stated prior spread over that of the fit, of entries of p where it is stated
     stated: Mapping[str, float] = field(default_factory=dict[str, float])
-    # how many times wider than stated it is, for those that the recording contradicts (`widening`)
+    # factor by which a prior is widened, of entries that the recording contradicts (`widening`)
     widened: Mapping[str, float] = field(default_factory=dict[str, float])
 
     @property
@@ -161,12 +163,12 @@ class Reduction:
 
     @cached_property
     def names(self) -> tuple[str, ...]:
-        """Of the free variables, such as 'S.mcx', 'EE.Sxx', 'viscous.drive1'."""
+        """Names of the free variables, such as 'S.mcx', 'EE.Sxx', 'viscous.drive1'."""
         return tuple(variable.name for variable in self.variables)
 
     @property
     def wider(self) -> Float[np.ndarray, " parameters"]:
-        """How many times wider than by the spread of the fit the prior of each entry of p is."""
+        """Width of the prior of each entry of p over that by the spread of the fit."""
         return self.factors(self.stated) * self.factors(self.widened)
 
     def factors(self, named: Mapping[str, float]) -> Float[np.ndarray, " parameters"]:
@@ -183,8 +185,11 @@ class Reduction:
         return np.array([variable.scale for variable in self.variables])
 
     def parameters(self, x: Float[np.ndarray, " n"]) -> Float[np.ndarray, " parameters"]:
-        """p for free variables x, with the completed entries of every body made consistent; an
-        IdentificationError where x is not."""
+        """p for free variables x, with completed entries.
+
+        Raises:
+            IdentificationError: x is not consistent.
+        """
         p = self.A @ x + self.p_0
         for body in self.layout.bodies:
             part = self.layout.body(body)
@@ -206,9 +211,12 @@ def build_reduction(
     additions: Sequence[tuple[Sequence[PriorParameter], Free]] = (),
     spread: float = PRIOR_SPREAD,
 ) -> Reduction:
-    """The reduction of a described robot, from the parameters whose regressor column is not zero,
-    groups of parameters behind those of the robot with what is free of them, and the spread of the
-    prior where the description gives none.
+    """The reduction of a described robot.
+
+    Args:
+        visible: numbers of the parameters that torques depend on.
+        additions: parameters of each addition, with their free variables.
+        spread: of the prior, where the description states none.
 
     Raises:
         IdentificationError: the prior is not consistent after the reduction.

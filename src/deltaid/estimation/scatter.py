@@ -1,20 +1,20 @@
-"""Torque noise parameter by parameter, from the scatter between groups.
+"""Variances of fitted parameters from the scatter between groups of samples.
 
-Least squares errs by R⁻¹ s with s = Qᵀe, where Q R is the weighted base regressor and e the noise.
-For a combination of errors, uᵀs, white noise of level σ gives the variance σ²‖u‖². Torques are not
-that kind: a filter and friction correlate them in time, drives differ, ripple comes with the pose.
-So the samples are put in groups g, whose own contributions s_g = Q_gᵀ ê from the residuals ê
-scatter as the noise has it, correlated inside a group or not, with whatever level:
+Least squares has the error R⁻¹ s with s = Qᵀe, where Q R is the weighted base regressor and e the
+noise. For white noise of level σ, a combination uᵀs has the variance σ²‖u‖². Torque noise is not
+white: a filter and friction correlate it in time, drives differ, ripple repeats with the pose. So
+samples belong to groups g, and the scatter of their contributions s_g = Q_gᵀ ê, by residuals ê, has
+the noise's level and its correlation within groups:
 
     v(u) = ‖u‖² Σ_g (uᵀs_g)² / t(u),    t(u) = tr Ω(u),    ν(u) = (tr Ω)² / tr Ω²
 
 Ω_gh = uᵀ(δ_gh H_g − H_g H_h)u with H_g = Q_gᵀQ_g; Ω σ² is the covariance of the uᵀs_g for white
-noise, after the fit has taken its share of e. So v is unbiased then, and by Satterthwaite's rule it
-is distributed as σ²‖u‖² χ²_ν/ν: intervals take Student's t with ν degrees of freedom (Bell and
+noise, reduced by the fit. So v is unbiased for white noise, and by Satterthwaite's rule it is
+distributed as σ²‖u‖² χ²_ν/ν: intervals use Student's t with ν degrees of freedom (Bell and
 McCaffrey 2002; Imbens and Kolesár 2016).
 
-Facts, whose noise is known, are in no group: H_0 = 1 − Σ_g H_g is theirs, they add σ̂² uᵀH_0 u, and
-uᵀ(1 − H_0)u stands for ‖u‖² above.
+Facts, whose noise is known, belong to no group: with H_0 = 1 − Σ_g H_g, they add σ̂² uᵀH_0 u, and
+uᵀ(1 − H_0)u replaces ‖u‖² above.
 """
 
 from collections.abc import Iterable
@@ -28,15 +28,15 @@ from scipy.special import gammaincc, gammaln, ndtri, stdtrit
 from deltaid.estimation.information import Chunk
 from deltaid.levels import FAINT, NEGLIGIBLE, ROUNDING
 
-# Degrees of freedom where facts alone determine.
+# Degrees of freedom where only facts determine a combination.
 _SURE = 1e9
-# Significance level of a test: how often it finds a difference where there is only noise.
+# Significance level of a test: its probability of rejecting a true hypothesis.
 CHANCE = 1e-3
-# Half the width of a 95 % interval in standard deviations, where these are known: `quantile` of ∞.
+# Half width of a 95 % interval in known standard deviations: `quantile` of ∞.
 NORMAL = 1.959963984540054
 # Standard deviation of a normal distribution over its median magnitude.
 ROBUST = 1.0 / ndtri(0.75)
-# Noise that is so many times smaller than the standard deviation does not matter.
+# Ratio of a standard deviation to its part by noise from which this part does not matter.
 _HARDLY = 100.0
 
 
@@ -51,13 +51,12 @@ Sums = Float[np.ndarray, "groups augmented augmented"]
 class PlaceSums:
     """Running sums of [Y, τ]ᵀ[Y, τ] by place; `add` the `visits` of all samples, then read `sums`.
 
-    An error that comes with the pose (torque ripple, a wrong length, friction that changes along
-    the way) repeats whenever the robot comes back, so stretches of time agree although all are
-    wrong alike. Samples of the same place, whenever it was visited, keep such errors together.
+    An error that depends on the pose (torque ripple, a wrong length) repeats whenever the robot
+    returns, so stretches of time agree although all are wrong. Groups by place keep such errors
+    together.
 
-    Places are parts of a box [m], lowest and highest corner, along each axis. A sample has a row
-    for each drive (or channel), and [Y, τ] so many augmented columns. Finer places than thirds of
-    the box part errors that belong together, coarser ones are too few to see a scatter.
+    Places are parts of a box [m], given by its lowest and highest corner, along each axis. Finer
+    places than thirds of the box separate errors that belong together; coarser ones are too few.
     """
 
     def __init__(
@@ -105,7 +104,7 @@ class PlaceSums:
 
 @dataclass(frozen=True)
 class Scatter:
-    """Shares H_g, scores s_g and σ̂ of groups; with that of facts, shares add up to 1."""
+    """Shares H_g, scores s_g and σ̂; the shares of groups and facts add up to 1."""
 
     shares: Float[np.ndarray, "groups n n"]
     scores: Float[np.ndarray, "groups n"]
@@ -124,7 +123,7 @@ class Scatter:
         omega[:, diagonal, diagonal] += own
         t = np.trace(omega, axis1=1, axis2=2)
         t = np.where(t > FAINT * size, t, np.nan)
-        hardly = size <= FAINT * whole  # is by groups
+        hardly = size <= FAINT * whole  # groups hardly contribute
         v = np.where(hardly, 0.0, size * np.sum((self.scores @ U) ** 2, axis=0) / t)
         nu = np.where(hardly, 1.0, np.maximum(t**2 / np.sum(omega**2, axis=(1, 2)), 1.0))
         if not facts.any():
@@ -134,13 +133,13 @@ class Scatter:
 
 @dataclass(frozen=True)
 class Noise:
-    """The noise of a fit: its white level, and the scatter that is believed instead, if any."""
+    """The noise of a fit: its white level, and the scatter that is used instead, if any."""
 
     root: Float[np.ndarray, "n n"]  # R; errors of the fit are R⁻¹ s
     sigma: float  # level of the residual, for white noise
-    freedom: float  # its degrees of freedom
-    scatter: Scatter | None = None  # between groups of samples; None if there are no groups
-    groups: str = "none"  # what these are: 'time', 'place', or 'none'
+    freedom: float  # degrees of freedom of sigma
+    scatter: Scatter | None = None  # between groups of samples; None without groups
+    groups: str = "none"  # kind of the groups: 'time', 'place', or 'none'
 
     def deviations(self, U: Combinations) -> tuple[Each, Each]:
         """Standard deviations of uᵀs for the columns of U, and their degrees of freedom."""
@@ -165,11 +164,11 @@ def observe(
     freedom: float,
     groupings: Iterable[tuple[str, Sums]],
 ) -> Noise:
-    """The noise behind a fit of some values, by the grouping whose scatter is largest on the whole.
+    """The noise behind a fit, by the grouping with the largest scatter.
 
-    Groups that part errors which belong together scatter too little, never too much, apart from
-    chance; so among several groupings of the same samples, Y the base regressor, the one with the
-    largest variances, in the mean of their logarithms over all values, is believed.
+    Groups that separate correlated errors scatter too little and, apart from chance, never too
+    much. So of several groupings of the same samples, that with the largest mean logarithm of the
+    variances of all values is used.
     """
     best, largest = Noise(root, sigma, freedom), -np.inf
     U = inverse(root).T
@@ -201,11 +200,11 @@ def inverse(root: Float[np.ndarray, "n n"]) -> Float[np.ndarray, "n n"]:
 
 
 def correlations(V: Float[np.ndarray, "n n"]) -> Float[np.ndarray, "n n"]:
-    """Of a covariance, positive definite although rounding may have made it singular."""
+    """Correlations of a covariance, positive definite even if rounding has made it singular."""
     size = np.sqrt(np.diag(V))
     return V / np.outer(size, size) + ROUNDING * np.eye(len(V))
 
 
 def quantile(nu: Each) -> Each:
-    """Student's t that 97.5 % stay below: half the width of a 95 % interval."""
+    """Student's 97.5 % quantile: half width of a 95 % interval in standard deviations."""
     return stdtrit(nu, 0.975)

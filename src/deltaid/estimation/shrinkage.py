@@ -3,9 +3,9 @@
     min Σ_i ‖A_i x − b_i‖²/σ_i² + ‖D x − d‖² + Σ_g ‖x_g / (α_g s_g)‖²
 
 over blocks of rows i, such as those of a drive, and groups of columns g with prior standard
-deviations s_g. σ_i and α_g maximise the evidence (MacKay, Neural Computation 4, 1992): with γ_g the
-well-determined directions of a group, α_g² ← (‖x_g/s_g‖² + ε) / (γ_g + 1), so that a group which
-data does not ask for vanishes. The price of a group is by how much the minimum grows without it.
+deviations s_g. σ_i and α_g maximise the evidence (MacKay, Neural Computation 4, 1992): with the
+number γ_g of well-determined directions of a group, α_g² ← (‖x_g/s_g‖² + ε) / (γ_g + 1), so a group
+that data does not need vanishes. The price of a group is the increase of the minimum without it.
 """
 
 from collections.abc import Collection, Sequence
@@ -24,12 +24,12 @@ from deltaid.levels import FAINT, LEVEL, ROUNDING, ROUNDS
 # Columns of one of several groups, whose numbers differ.
 OfGroup = Float[np.ndarray, "_ _"]
 
-# Scales of priors: a group that is not needed shrinks towards the lowest; none is much larger than
-# it usually is, or groups that look alike grow against each other.
+# Range of the scales α of priors: the least for a group that is not needed; the largest, or groups
+# with similar columns would grow against each other.
 _LOW, _HIGH = 1e-2, 3.0
-# Pull of a scale towards zero where data says nothing, as a share of one direction.
+# ε, which keeps the scale of a group without effect above zero.
 _PULL = 1e-2
-# Of the square of a column that is tried, the share that stays its own where others explain all.
+# Least share of a tried column's square that counts as independent of all others.
 _ALIKE = 1e-2
 
 
@@ -38,13 +38,13 @@ class Shrunk:
     """The minimiser with its scales of priors and noise.
 
     Attributes:
-        blocks: rows, each block with a noise level of its own.
-        D, d: rows of what is known.
-        groups: of columns that are shrunk; other columns have the prior D only.
-        alpha: of each group.
+        blocks: rows, each block with its own noise level.
+        D, d: rows of the prior.
+        groups: columns that are shrunk; others have only the prior D.
+        alpha: scale of each group's prior.
         sigma: noise of each block.
-        given: noise, and K x = r of rows and of what is known for it, without the priors of groups,
-            where these have been put together already.
+        given: cached sigma with the normal equations K, r of blocks and prior for it, without the
+            priors of groups.
     """
 
     blocks: tuple[NoiseBlock, ...]
@@ -59,7 +59,7 @@ class Shrunk:
     def fitted(
         cls, blocks: Sequence[NoiseBlock], D: Columns, d: Rows, groups: Sequence[CauseColumns]
     ) -> "Shrunk":
-        """The maximum of evidence, from scales of 1 and the noise of all columns free."""
+        """The maximum of evidence, starting from scales and noise of 1."""
         start = cls(tuple(blocks), D, d, tuple(groups), np.ones(len(groups)), np.ones(len(blocks)))
         now = start._settled()
         bounded = tuple(group.held(now.x) for group in now.groups)
@@ -71,7 +71,7 @@ class Shrunk:
         return replace(now, groups=bounded)._settled()
 
     def _settled(self, *, noise: bool = True) -> "Shrunk":
-        """With scales, and the noise unless that is kept, at their fixed point."""
+        """With scales and, unless kept, noise at their fixed point."""
         now = self
         for _ in range(ROUNDS):
             sigma = now._noise if noise else now.sigma
@@ -110,7 +110,7 @@ class Shrunk:
 
     @cached_property
     def _factor(self) -> tuple[Float[np.ndarray, "n n"], Float[np.ndarray, " n"]]:
-        """L with L Lᵀ = the precision of x in units of `size`, and these."""
+        """L with L Lᵀ = the precision of x in units of `size`, and this size."""
         size = 1.0 / np.sqrt(np.diag(self._precision))
         scaled = self._precision * np.outer(size, size)
         return np.linalg.cholesky(scaled + ROUNDING * np.eye(len(size))), size
@@ -137,7 +137,7 @@ class Shrunk:
     def _with_priors(
         self, groups: Sequence[CauseColumns]
     ) -> tuple[Float[np.ndarray, "n n"], Float[np.ndarray, " n"]]:
-        """K x = r with the priors of some groups."""
+        """K, r with the priors of these groups."""
         _, K, r = (values.copy() for values in self._normal)
         for group, alpha in zip(self.groups, self.alpha, strict=True):
             if group in groups:
@@ -159,31 +159,30 @@ class Shrunk:
         return np.sqrt(np.diag(self.covariance)[group.columns]) * np.sqrt(self.level(group))
 
     def price(self, group: CauseColumns) -> float:
-        """What the minimum grows by without a group, x_gᵀ C_gg⁻¹ x_g."""
+        """Increase of the minimum without a group, x_gᵀ C_gg⁻¹ x_g."""
         own = self.covariance[np.ix_(group.columns, group.columns)]
         x = self.x[group.columns] - group.mean
         return float(x @ np.linalg.solve(own, x))
 
     def surprise(self, group: CauseColumns) -> float:
-        """Of the price of a group, by the scatter of its rows [decades]."""
+        """Surprise of a group's price by the scatter of its rows [decades]."""
         return surprise(self.price(group) / self.level(group), len(group.columns))
 
     def is_beyond(self, group: CauseColumns, stated: Float[np.ndarray, " k"]) -> bool:
-        """Whether rows ask for more of a group than the largest scale of its prior, and of standard
-        deviations that are stated besides."""
+        """Whether a group exceeds the largest scale of its prior, and of `stated` deviations."""
         x = np.abs(self.x[group.columns] - group.mean)
         is_stated = np.sqrt(np.mean(x**2)) <= _HIGH * np.sqrt(np.mean(stated**2))
         return bool(self.alpha[self.groups.index(group)] >= _HIGH and not is_stated)
 
     def size(self, group: CauseColumns) -> float:
-        """RMS of what no other column explains of a group, as a share of the largest value."""
+        """RMS of the part of a group that only it explains, as a share of the largest value."""
         shares = [s / block.largest for s, block in zip(self.sigma, self.blocks, strict=True)]
         rows = sum(len(block.b) for block in self.blocks)
         return float(np.sqrt(self.price(group) / rows * np.mean(np.square(shares))))
 
     def level(self, group: CauseColumns) -> float:
-        """Variance of the noise along a group's columns by its scatter between stretches, as a
-        multiple of the white noise's, and at least that."""
+        """Variance of the noise along a group's columns by scatter between stretches, over that of
+        white noise; at least 1."""
         scatter = white = 0.0
         for block, sigma in zip(self.blocks, self.sigma, strict=True):
             influence = block.A @ self.covariance[:, group.columns] / sigma
@@ -197,11 +196,11 @@ class Shrunk:
     def rows_of(
         self, group: CauseColumns, count: int
     ) -> tuple[Float[np.ndarray, "rows count"], Float[np.ndarray, " rows"]]:
-        """A and b, with A x = b in units of the noise all that rows say of the first coefficients
-        of a group, whatever all other columns are.
+        """Rows A x = b, in units of noise, on the first coefficients of a group, with all other
+        columns projected out.
 
-        That noise is by scatter, or by what the fit leaves where that is more. Of the group's other
-        coefficients the prior counts as stated, of these none.
+        The noise is by scatter, or by residuals if larger. The prior of the first coefficients does
+        not count, that of the group's others does as stated.
         """
         own, rest = group.columns[:count], group.columns[count:]
         K, r = self._with_priors([other for other in self.groups if other is not group])
@@ -213,7 +212,7 @@ class Shrunk:
         )
         half = solve_triangular(L, K[np.ix_(others, own)] * size[:, None], lower=True)
         right = solve_triangular(L, r[others] * size, lower=True)
-        # in units of the prior, where eigenvalues below rounding say nothing
+        # in units of the prior, without eigenvalues below rounding
         unit = group.deviation[:count]
         S = (K[np.ix_(own, own)] - half.T @ half) * np.outer(unit, unit)
         w, V = np.linalg.eigh(S)
@@ -224,8 +223,8 @@ class Shrunk:
 
     @property
     def _unfitted(self) -> float:
-        """Variance of the noise by residuals, Σ e² / (independent rows − those that the fit took),
-        as a multiple of what is assumed."""
+        """Variance of the noise by residuals, Σ e² / (independent rows − degrees of freedom of the
+        fit), over the assumed one."""
         square = free = 0.0
         for block, sigma in zip(self.blocks, self.sigma, strict=True):
             taken = np.sum((self._root @ block.A.T) ** 2) / sigma**2
@@ -234,7 +233,7 @@ class Shrunk:
         return square / max(free, 1.0)
 
     def without(self, names: Collection[str]) -> "Shrunk":
-        """The same where the coefficients of some groups are the means of their priors."""
+        """The same with the coefficients of some groups fixed at the means of their priors."""
         kept = [k for k, group in enumerate(self.groups) if group.name not in names]
         dropped = [group for group in self.groups if group.name in names]
         if not dropped:
@@ -257,7 +256,7 @@ class Shrunk:
     def with_groups(
         self, candidates: Sequence[tuple[str, Sequence[OfGroup], Float[np.ndarray, " _"]]]
     ) -> "Shrunk":
-        """The same with more candidates: a name, columns for each block, and deviations of each."""
+        """The same with more candidates: name, columns for each block, deviations."""
         groups, first = list(self.groups), len(self.x)
         for name, _, deviation in candidates:
             places = np.arange(first, first + len(deviation))
@@ -274,8 +273,8 @@ class Shrunk:
     def explained(
         self, numbers: Sequence[int], sets: Sequence[Float[np.ndarray, "_ sets k"]]
     ) -> Float[np.ndarray, " sets"]:
-        """What sets of k more columns would explain of some blocks beside all others, each set by
-        itself, as a sum of squares in units of these blocks' residuals.
+        """Sum of squares that each set of k additional columns alone would explain of some blocks,
+        in units of these blocks' mean squared residuals.
 
         Args:
             numbers: of the blocks.
@@ -299,7 +298,7 @@ class Shrunk:
 
     @cached_property
     def evidence(self) -> float:
-        """Logarithm of the probability of the rows, but for a constant."""
+        """Logarithm of the probability of the rows, up to a constant."""
         cost = float(np.sum((self.D @ self.x - self.d) ** 2))
         L, size = self._factor
         volume = 2.0 * float(np.sum(np.log(np.diag(L) / size)))
@@ -317,17 +316,17 @@ class Shrunk:
 
     @property
     def droppable(self) -> tuple[CauseColumns, ...]:
-        """Candidates that rows may do without."""
+        """Candidates that may be dropped."""
         return tuple(group for group in self.groups if group.is_candidate and group.may_be_dropped)
 
     def of_candidates(self, names: Collection[str]) -> "Shrunk":
-        """The same with some candidates only, and the noise that all of them leave."""
+        """The same with only these candidates, at the noise that all of them leave."""
         out = [name for name in self.candidates if name not in names]
         return self.without(out)._settled(noise=False)
 
     def follows(self, groups: Collection[CauseColumns]) -> Float[np.ndarray, "n k"]:
-        """What x moves by where coefficients of some groups are off as they may be: the columns are
-        of independent causes, one standard deviation each."""
+        """Changes of x by errors of some groups' coefficients: one column for a standard deviation
+        of each independent error."""
         columns = np.concatenate([np.zeros(0, dtype=int), *(group.columns for group in groups)])
         own = self.covariance[np.ix_(columns, columns)]
         size = np.sqrt(np.diag(own))

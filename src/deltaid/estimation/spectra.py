@@ -5,22 +5,22 @@ from jaxtyping import Complex, Float
 
 from deltaid.recording.spectrum import blackman_harris
 
-# Rows that a spectrum is made of at most, and at least.
+# Most and least rows of a spectrum.
 _MOST, _LEAST = 1 << 16, 16
 # Samples of a stretch in which noise is measured.
 _SHORT = 32
-# A line of a motion stands so far above the noise; this share of the speed's power is below its
-# highest frequency.
+# Least power of a motion's line over noise; share of the speed's power below the bandwidth.
 _ABOVE, _BELOW = 30.0, 0.99
-# Lines below this share of a position's highest are no motion: steps of the encoder, lost rows.
+# Least power of a line over a position's highest; less comes from encoder steps and lost rows.
 _MOVES = 1e-4
-# Numbers lie on a grid where so many of their distances are multiples of the least, within so much.
+# Numbers lie on a grid if this share of their distances are multiples of the least, within this
+# share of it.
 _ON_GRID, _OFF = 0.98, 0.05
-# A grid of more steps over the whole range is indistinguishable from floating point.
+# Largest number of steps over the whole range: more are indistinguishable from floating point.
 _FINEST = 1e7
-# Distances are compared with the least one as long as they are so many times larger at most.
+# Largest distance that is compared with the least one, as a multiple of it.
 _FEW = 20.0
-# Samples of a stretch for jitter, and stretches at least.
+# Samples of a stretch for jitter, and least number of stretches.
 _STRETCH, _FEWEST = 64, 10
 
 Signals = Float[np.ndarray, "rows channels"]
@@ -64,9 +64,9 @@ def density(x: Signals, rate: float, length: int) -> tuple[np.ndarray, np.ndarra
 
 
 def white_noise(x: Signals) -> Float[np.ndarray, " channels"]:
-    """Standard deviation of the white noise that the upper half of the band shows.
+    """Standard deviation of white noise by the upper half of the band.
 
-    A median over short stretches, so that steps of friction, of which few have one, do not count.
+    A median over short stretches, so that the few with steps of friction do not count.
     """
     parts = x[: len(x) // _SHORT * _SHORT].reshape(-1, _SHORT, x.shape[1])
     line = np.linspace(-1.0, 1.0, _SHORT)
@@ -82,7 +82,7 @@ def white_noise(x: Signals) -> Float[np.ndarray, " channels"]:
 
 
 def step_of(x: Float[np.ndarray, " rows"]) -> float:
-    """The step that numbers are whole multiples of, but for a constant; 0 if there is none."""
+    """The step that numbers are whole multiples of, up to a constant; 0 without one."""
     reach = float(np.ptp(x))
     if reach == 0:
         return 0.0

@@ -1,5 +1,5 @@
-"""A recording in memory: motion and torques at the full rate, for checks and lags that need them
-repeatedly, shifted in time or with additional columns, through the same low-pass and thinning."""
+"""A recording in memory (`Trace`): motion and torques at the full rate, to be shifted in time or to
+get additional columns before low-pass and thinning."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields, replace
@@ -21,9 +21,9 @@ from deltaid.recording.recording import PreparedRecording
 from deltaid.recording.spectrum import apply
 from deltaid.recording.windows import WINDOW, SampleBlock
 
-# Time constants after which a filter has forgotten its beginning.
+# Time constants after which the initial state of a filter does not matter: e⁻¹⁰.
 _FORGOTTEN = 10.0
-# A time step this much longer than the usual one ends a stretch.
+# Longest time step within a stretch, over the usual one.
 GAP = 1.5
 
 Values = Float[np.ndarray, "channels samples"]
@@ -35,12 +35,11 @@ class Trace:
     """A recording's motion and torques in memory."""
 
     dynamics: Dynamics
-    load: Parameters  # parameters by which friction that depends on load knows what gears carry
-    # runs of samples without a gap; motion filtered, torques as recorded
-    stretches: tuple[SampleBlock, ...]
+    load: Parameters  # by which load friction computes the torques of gears
+    stretches: tuple[SampleBlock, ...]  # runs without a gap; motion filtered, torques as recorded
     low_pass: LowPass
     recording: PreparedRecording
-    # of first-order filters that torques of the model go through, as those of drives [s]
+    # time constants of each drive's first-order filter, which the model's torques pass too [s]
     constants: tuple[float, ...] = ()
 
     def filtered(
@@ -49,10 +48,10 @@ class Trace:
         drives: Int[np.ndarray, " channels"],
         margin: int = 0,
     ) -> Values:
-        """m(t) x(t), low-passed and thinned, for x by `quantity` and the weight m of a drive for
-        each channel; x is wrong in `margin` samples at either end.
+        """m(t) x(t), low-passed and thinned, for x by `quantity` and the weight m of each channel's
+        drive.
 
-        Block by block, so that the full rate is never in memory for many channels.
+        Evaluated in blocks to save memory; x is wrong in `margin` samples at either end of one.
         """
         low_pass, parts = self.low_pass, [np.zeros((len(drives), 0))]
         support = len(low_pass.lead) + low_pass.stride * (len(low_pass.smooth) - 1)
@@ -77,7 +76,7 @@ class Trace:
         count: int,
         margin: int = 0,
     ) -> Float[np.ndarray, "dof thinned columns"]:
-        """Entries as of `filtered` in columns of all drives, by the drive and column of each."""
+        """Entries as of `filtered`, placed by the drive and column of each."""
         rows, columns = pattern
         entries = self.filtered(quantity, rows, margin)
         out = np.zeros((self.dynamics.dof, entries.shape[1], count))
@@ -111,7 +110,7 @@ class Trace:
         return np.vstack([own, *(more.entries(w, own, self.recording) for more in additions)])
 
     def behind(self, x: Values, drives: Int[np.ndarray, " channels"]) -> Values:
-        """Channels of drives behind the filters of these, 1 / (1 + T s), from a steady state on."""
+        """Channels behind the filters of their drives, 1 / (1 + T s), from a steady state on."""
         for i, constant in enumerate(self.constants):
             if constant:
                 own = drives == i
@@ -124,14 +123,14 @@ class Trace:
 
     @property
     def settling(self) -> int:
-        """Samples that filters take to forget how they began, and those that slopes need."""
+        """Samples until the initial state of filters does not matter, and two for slopes."""
         return 2 + int(np.ceil(_FORGOTTEN * max(self.constants, default=0.0) * self.low_pass.rate))
 
     def shifted(
         self, delay: Delay, constants: Delay | None = None, growth: LagGrowth | None = None
     ) -> "Trace":
-        """The same with torques of `delay` [s] later beside each sample, as `Repairs` does it, with
-        `constants` of filters that torques passed [s] and a growth of delays with time."""
+        """The same with torques read `delay` [s] later, as `Repairs` does; `constants` are those of
+        filters to invert [s], `growth` is that of delays with time."""
         rate, filters = self.low_pass.rate, () if constants is None else constants.tolist()
         parts = (
             _shifted(run, Shift.of_delays(delay.tolist(), rate, filters, growth), rate)
@@ -147,7 +146,7 @@ class Trace:
         )
 
     def motion(self) -> SampleBlock:
-        """The motion at the filtered and thinned samples, with the weights that are left there."""
+        """The motion at the filtered and thinned samples, with filtered weights."""
         low_pass, parts = self.low_pass, []
         middle = low_pass.lead_half + low_pass.stride * low_pass.half
         for run in self.stretches:
@@ -165,18 +164,19 @@ def trace(
     cutoff: float | None,
     windows: int | None = None,
 ) -> Trace:
-    """A recording in memory; of a long one at most so many windows (`WINDOW` rows each) from all of
-    its time; filtered by a cut-off [Hz], None for the log's own.
+    """A recording in memory, or so many windows of `WINDOW` rows spread over a long one.
 
-    Speeds and accelerations come from the positions, even where recorded, so that their errors have
-    no influence. Reversals do not count: steps of friction are known to half a sample only.
+    It is filtered by a cut-off [Hz], None for the log's own.
+
+    Velocities and accelerations come from positions, even where recorded, so that their errors have
+    no influence. Reversals do not count: steps of friction are known only to half a sample.
 
     Raises:
         RecordingError: the log is too short or too slow to be differentiated.
     """
     log = recording.log
     columns = replace(log.columns, velocity=(), acceleration=())
-    # What a log masks stays masked either way; this is about its reversals only.
+    # `keep_all` concerns reversals only; masks of the log stay.
     recording = recording.brief.changed(cutoff, columns=columns, keep_all=False)
     assert recording.low_pass is not None  # positions alone are always filtered
     windows_kept = recording.spread(dynamics.kinematics, windows or MOST_WINDOWS)
@@ -199,10 +199,10 @@ def trace(
 
 
 def _shifted(stretch: SampleBlock, shift: Shift, rate: float) -> SampleBlock:
-    """Samples with their torques later; weights exclude reversals near their old places."""
+    """Samples with torques read later; weights exclude reversals where they were before."""
     before, after = shift.reach
     motion, dof = (stretch.z, stretch.qd, stretch.qdd, stretch.carried), stretch.z.shape[1]
-    # What loads take is taken out where they are held, not where their torques were recorded.
+    # Torques of loads belong to the time of the motion, not to that of recorded torques.
     torques = stretch.tau + stretch.carried
     wide = np.hstack([stretch.time[:, None], *motion, torques, stretch.weights])
     if len(wide) <= before + after:
