@@ -43,7 +43,7 @@ _ENTRIES = {
 }
 # Relative error up to which a known mass or gain fixes the scale of torques better than their
 # torque constants do.
-SURE = 0.02
+WELL_KNOWN = 0.02
 
 
 @dataclass(frozen=True, eq=False)
@@ -154,7 +154,7 @@ class LoadColumns(Addition):
     @property
     def witness(self) -> str | None:
         mass, tolerance = self.load.mass, self.load.mass_tolerance or 0.0
-        is_known = mass is not None and tolerance <= SURE * mass
+        is_known = mass is not None and tolerance <= WELL_KNOWN * mass
         return "what the known load weighs and how it resists" if is_known else None
 
     def to_corrections(self, judged: Sequence[Parameter]) -> tuple[Correction, ...]:

@@ -15,7 +15,7 @@ from jaxtyping import Bool, Float, Int
 
 from deltaid.dynamics.dynamics import Dynamics, Parameters
 from deltaid.dynamics.parameters import parameter_layout
-from deltaid.effects.load_columns import SURE, LoadColumns
+from deltaid.effects.load_columns import WELL_KNOWN, LoadColumns
 from deltaid.estimation.additions import Addition, Extended, Own, Values, entries
 from deltaid.estimation.information import active_columns
 from deltaid.model.corrections import Correction
@@ -79,7 +79,7 @@ class SensorAddition(Addition):
 
     @property
     def witness(self) -> str | None:
-        is_sure = self.dynamics.robot.sensors[self.rows.name].gain_tolerance <= SURE
+        is_sure = self.dynamics.robot.sensors[self.rows.name].gain_tolerance <= WELL_KNOWN
         return f"sensor {self.rows.name}" if is_sure else None
 
     def to_corrections(self, judged: Sequence[Parameter]) -> tuple[Correction, ...]:
