@@ -1,4 +1,4 @@
-"""The command `check`: all checks in order, without an identification."""
+"""The function `check`: all checks in order, without an identification."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace

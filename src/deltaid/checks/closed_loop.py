@@ -26,7 +26,7 @@ from deltaid.recording.recording import PreparedRecording
 
 # Rows of a segment of the spectra, and least number of segments.
 _LENGTH, SEGMENTS = 512, 8
-# Band inspected: multiple of the positions' cut-off, and share of the rate.
+# Ends of the inspected band: multiple of the positions' cut-off, and share of the rate.
 _ABOVE, _BELOW = 2.0, 0.4
 # Share of samples with an undetected friction reversal that biases parameters: 0.8 % biased
 # friction by 0.4 %, 2.4 % by 5 %.

@@ -1,11 +1,11 @@
-"""Torques that a model made: nothing that is measured is explained so well."""
+"""Check for torques that a model computed: measured ones are never explained so well."""
 
 import numpy as np
 
 from deltaid.identification.study import Study
 from deltaid.model.verdict import Fault, Verdict, listed, percent
 
-# Below this share of a drive's largest torque no gear repeats itself, and no sensor measures.
+# Residual as a share of a drive's largest torque that no measured torque falls below.
 _EXACT = 1e-4
 _COMPUTED = Fault(
     "residual",
@@ -17,8 +17,8 @@ _COMPUTED = Fault(
 
 
 def computed_torques(study: Study) -> Verdict | None:
-    """A verdict on torques that the model explains better than any that are measured; None where
-    there are none."""
+    """A verdict on torques that the model explains better than any measured ones; None without
+    such torques."""
     model, drives = study.fit.model, np.array(study.fit.drives)
     left = study.fit.rows.of_drives(study.account.left)
     largest, moves = np.abs(model).max(axis=1), model.any(axis=1)

@@ -45,9 +45,9 @@ _CUT = Fault(
     "is wrong",
 )
 _HOLDS = Fault("torque-limit", "of the limit")
-# m. The smallest Deltas have arms and struts of some 20 mm together, the largest of 4 m.
+# Least length of arm and strut together [m]: the smallest Deltas have some 20 mm.
 _DWARF = 0.005
-# Largest ratio of a limb's length to that of a part that matters.
+# Largest ratio of a limb's length to another length of the robot.
 _SMALL = 250.0
 _METRES = Fault("length-unit", "m")
 # Sizes of a gravity that is given in g, not in m/s²: no place on a planet or moon has them.
@@ -153,7 +153,7 @@ def _numbers(value: object, path: str) -> Iterator[Length]:
 
 
 def checked_friction(robot: RobotDescription) -> Verdict:
-    """Whether every drive has a friction law."""
+    """Verdict on drives without a friction law."""
     missing = [drive for drive in robot.drives if drive not in robot.friction]
     if not missing:
         return _FRICTION.good(f"described of {listed(robot.friction_joints)}")
@@ -186,7 +186,7 @@ def _law(robot: RobotDescription, drive: str) -> dict[str, float]:
 
 
 def checked_limits(robot: RobotDescription) -> Verdict:
-    """Whether limits are given, and which defaults apply."""
+    """Verdict on missing limits, and on defaults that apply instead."""
     defaults, limits = [k for k in _DEFAULTS if k not in robot.model_fields_set], robot.drive_limits
     seen = [f"{k} is not given: {getattr(robot, k):g} {_DEFAULTS[k]} acts" for k in defaults]
     free = [drive for drive in robot.drives if drive not in limits or not limits[drive].effort]

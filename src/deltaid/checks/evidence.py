@@ -48,17 +48,16 @@ _UNITS = {
     ("N*m", 1e-3): "mN*m",
     ("N", 1e-3): "mN",
 }
-# Rows that hypotheses are tried on: enough for any motion, few enough to try a hundred.
+# Most rows that hypotheses are tried on: enough for any motion, few enough for a hundred trials.
 _MOST = 1 << 18
-# Squares of larger numbers' slopes may overflow; a recording is refused for them.
+# Largest usable number: squares of the slopes of larger ones may overflow.
 _OVERFLOWS = np.finfo(float).max ** 0.25
-# What is so many times larger or smaller than described is wrong.
+# Ratio to the described quantity from which a quantity is wrong.
 WRONG_SCALE = 4.0
-# A robot whose drives all move less stands still [rad or m]; noise of encoders is smaller.
+# Range below which a drive stands still [rad or m], above the noise of encoders.
 _STILL = 1e-3
-# Correlation with the expected signal below which a column holds another one.
+# Correlation with the expected signal below which a column holds another signal.
 UNRELATED = 0.2
-
 
 # New values of keys of entries, by drive.
 Values = dict[int, dict[str, object]]

@@ -132,7 +132,8 @@ def identify(
 
 
 def _first(record: Evidence, judged: tuple[Verdict, ...], force: bool) -> tuple[Verdict, ...]:
-    """Verdicts that may refuse a recording, which those do whose proposals explain it better."""
+    """Verdicts before the fit; a wrong one refuses the recording, if its proposal explains it
+    better."""
     if worst(judged) is Grade.WRONG:
         judged = confirmed(record, judged)
         _refuse(judged, record, force)
@@ -140,8 +141,8 @@ def _first(record: Evidence, judged: tuple[Verdict, ...], force: bool) -> tuple[
 
 
 def _refuse(verdicts: Iterable[Verdict], subject: RobotDescription | Evidence, force: bool) -> None:
-    """Raise the first wrong verdict, unless forced to go on, with the lines that its files should
-    get: of a mapping lines to paste, of a description values by path."""
+    """Raise the first wrong verdict as an error, unless forced to go on, with the proposed lines of
+    the mapping or values of the description."""
     for verdict in () if force else verdicts:
         if verdict.grade is not Grade.WRONG:
             continue

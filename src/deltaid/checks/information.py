@@ -30,14 +30,13 @@ from deltaid.motion.random_motion import INSTANTS, random_motion
 from deltaid.motion.surrogate import SensorNoise
 from deltaid.recording.masks.masks import RESTS
 
-# A base parameter is identifiable below the first share of the prior's standard deviation, and not
-# above the second.
+# Shares of the prior's standard deviation below which a base parameter is identifiable, and above
+# which it is not.
 _WELL, _NOT = 0.3, 0.9
-# An excitation is poor if a quarter of the parameters are so many times less certain than after a
-# motion of the same length within the robot's limits.
+# Ratio of standard deviations to those after a motion of the same length within the robot's limits
+# from which, in a quarter of the parameters, an excitation is poor.
 _POOR = 6.0
-# How much slower the slow motion is that a recording is compared with, and number of random motions
-# that make the usual one.
+# Factor by which the slow motion of comparison is slower; number of motions in the usual one.
 _SLOWER, _USUAL = 20.0, 3
 _HIDDEN = Fault(
     "base-parameters",

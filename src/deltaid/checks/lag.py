@@ -12,12 +12,12 @@ from deltaid.identification.study import Study, spoilt
 from deltaid.model.verdict import Fault, Grade, Verdict, graded, listed, percent
 from deltaid.recording.recording import PreparedRecording
 
-# A lag is wrong instead of doubtful where it biases an inertia by this share.
+# Bias of an inertia from which a lag is wrong instead of doubtful, as a share.
 _SPOILT = 0.05
-# A lag that biases no inertia by this share is not reported.
+# Least bias of an inertia by a lag that is reported, as a share.
 _HARMS = 0.003
-# With an interval wider than what lags differ by, a lag must be so many times as large: slow
-# motions determine it at reversals alone, where encoder steps and friction near rest interfere.
+# Least ratio of a lag to its interval, where this is wider than `APART`: slow motions determine
+# lags only at reversals, where encoder steps and friction near rest interfere.
 CLEAR = 4.0
 _LAG = Fault("torque-lag", "ms")
 

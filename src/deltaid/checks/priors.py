@@ -14,16 +14,16 @@ from deltaid.robot.inertia import RigidBody
 from deltaid.robot.parameter import PRIOR_SPREAD
 from deltaid.sensors.weighings import Weighing, weighings
 
-# kg/m³. Osmium has 22,600; foam some 30.
+# Largest and least density [kg/m³]: osmium has 22,600, foam some 30.
 _DENSEST, _LIGHTEST = 23_000.0, 10.0
-# Largest mass over the cube of arm and strut together [kg/m³]: a solid steel block with a side of a
-# sixth of their length is doubtful.
+# Largest mass over the cube of the length of arm and strut [kg/m³]: a solid steel block with a side
+# of a sixth of this length is doubtful.
 _HEAVY = 7850.0 / 6**3
-# Shares of a body's extent: no centre of mass or radius of gyration lies farther out, and that of
-# an arm or a strut never so near to its first joint.
+# Largest distance of a centre of mass and radius of gyration, and least radius of gyration of an
+# arm or a strut about its first joint, as shares of the body's extent.
 _OUTSIDE, _INSIDE = 1.5, 0.02
-# A measured value so many of the prior's standard deviations away is in another unit, where it is
-# also so many times larger or smaller that a recording would be refused.
+# Distance from the prior in standard deviations beyond which a measured value that is also `FACTOR`
+# times larger is in another unit.
 _SPREADS = 30.0
 _UNITS = {"kg": "grams", "kg m²": "kg mm², kg cm² or g m²"}
 _MASS = Fault("prior-scale", "kg", "a mass in grams")

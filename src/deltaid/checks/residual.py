@@ -27,12 +27,12 @@ from deltaid.identification.study import ADEQUATE, Study, longest, rests, unexpl
 from deltaid.model.verdict import Fault, Grade, Verdict, graded, listed, percent
 from deltaid.recording.recording import PreparedRecording
 
-# A cause is wrong instead of doubtful where it makes this share of a drive's torque.
+# Share of a drive's torque from which a cause is wrong instead of doubtful.
 _MUCH = 0.1
-# A line exceeds its neighbours within a quarter of its frequency so many times, is narrower than
-# a tenth of it.
+# Least power of a line over its neighbours; their distance and its largest width, as shares of its
+# frequency.
 _STANDS, _NEAR, _NARROW = 12.0, 0.25, 0.1
-# Seconds of a spectrum's segment.
+# Length of a spectrum's segment [s].
 _SECONDS = 2.0
 _DECLARE = (
     "declare it in the mapping (load: {spans: …}, or the gripper's column), which says exactly when"
@@ -97,7 +97,7 @@ def detected_load(study: Study) -> Verdict:
 
 
 def _verdict(cause: Cause, recording: PreparedRecording) -> Verdict | None:
-    """None where another check judges the effect."""
+    """The verdict on an effect; None where a check of its own judges it."""
     effect = effect_of(cause)
     if not isinstance(effect, DescribedEffect):
         return None
@@ -150,9 +150,8 @@ def _line(
 
 
 def _rest(study: Study, *, rings: bool) -> Verdict:
-    """Residual that neither parameters nor effects explain, for the drive with most of it; a
-    resonance (`rings`) explains it. Where there is less of it than of any measurement, a model made
-    the torques."""
+    """Verdict on the unexplained residual of the drive with most of it; a resonance (`rings`)
+    explains it, and a residual below any measurement shows computed torques."""
     if (computed := computed_torques(study)) is not None:
         return computed
     every = sorted(rests(study), key=lambda rest: rest.systematic, reverse=True)

@@ -16,16 +16,14 @@ from deltaid.recording.source import INCOMPLETE
 from deltaid.recording.time.clock import HIGHEST_RATE, JITTER
 from deltaid.recording.time.doubts import places_of, restarted, rows_are, slowed, stood
 
-# Samples per period of the motion's bandwidth below which a recording is doubtful, and wrong.
-# Differentiated signals need more: the filter passes six hundredths of the rate.
+# Samples per period of the motion's bandwidth below which a recording is doubtful, and wrong; more
+# where positions are differentiated, whose filter passes six hundredths of the rate.
 _DIFFERENTIATED, _TAKEN = (16.0, 10.0), (5.0, 2.5)
-# Steps as a share of what they are of, which as large ones hide: the encoder's of accelerations, a
-# torque's of its root mean square.
+# Largest step of an encoder as a share of the accelerations, of a torque as a share of its rms.
 _COARSE = 0.1
-# Steps of the encoder over a stroke below which it is too coarse, whatever the filter does.
+# Least number of encoder steps over a stroke, whatever the filter does.
 _FEW = 250.0
-# Share of the rows that are lost, such as at a torque's largest or smallest number, and of those at
-# rest, that is reported.
+# Share of rows from which saturated torques, and rest, are reported.
 CLIPPED, _RESTING = 0.002, 0.2
 # Noise as a share of the largest torque (drives have 0.3 to 3 %), and share of a channel's power
 # above which it is noise only.

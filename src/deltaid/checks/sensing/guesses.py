@@ -19,7 +19,7 @@ from deltaid.sensors.weighings import roll_pitch_yaw, rotation
 
 Kind = Literal["unit", "sign", "order", "exchanged", "turned", "rotated", "origin"]
 
-# Scales tried, as powers of ten, and how near to a unit, or to one, a scale counts as that.
+# Scales tried, as powers of ten; largest deviation of a scale from a unit, or from 1.
 _POWERS, _NEAR = np.linspace(-4.5, 4.5, 46), 0.2
 # Factor by which a guess with more freedom must leave less.
 _FREEDOM: dict[Kind, float] = {
@@ -39,7 +39,7 @@ _UNITS = {
         "daN*m": 10.0,
     },
 }  # fmt: skip
-# Axes turned by less [rad], and an origin that is nearer [m], are doubtful instead of wrong.
+# Turn of axes [rad] and shift of the origin [m] below which a frame is doubtful instead of wrong.
 _SLIGHTLY, _NEARBY = 0.09, 0.02
 _AXES = "xyz"
 

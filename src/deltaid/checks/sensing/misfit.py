@@ -31,13 +31,13 @@ from deltaid.robot.parameter import PRIOR_SPREAD
 from deltaid.sensors.robot_sensors import all_sensor_rows
 from deltaid.sensors.rows import SensorRows
 
-# Deviations of real bodies from entries that symmetry makes zero unless they are free.
+# Prior deviation of entries that symmetry makes zero, as a share of their scale.
 _STRAIGHT = 0.02
-# Samples of the evaluated windows together after the filter.
+# Most filtered samples of all evaluated windows.
 _MOST = 4000
-# Independent samples of a drive or a sensor.
+# Number of independent samples that a drive or a sensor counts for.
 _COUNTED = 200.0
-# Errors of a good model: as shares of a channel's motion, of that of a drive or group, of its mean.
+# Errors of a good model, as shares of a channel's motion, of a drive's or group's, of its mean.
 _OF_CHANNEL, _OF_GROUP, _OF_MEAN = 0.08, 0.02, 0.005
 # Prior deviation of a delay [s].
 _DELAY = 0.05

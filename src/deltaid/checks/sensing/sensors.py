@@ -17,11 +17,11 @@ from deltaid.model.verdict import Grade, Proposal, Verdict, percent
 from deltaid.robot.sensors import BaseWrench, Sensor
 
 # Misfit from which guesses are tried, and from which a sensor contradicts the torques even if no
-# guess explains it; share of a misfit that a guess may leave.
+# guess explains it; largest remaining share of a misfit with a guess.
 _DOUBTED, _CONTRADICTS, _EXPLAINS = 0.15, 1.0, 0.2
-# Share that is left of a misfit without a delay.
+# Largest remaining share of a misfit with a delay that is reported.
 _BETTER = 0.9
-# Clipped: so many rows, and this share of all, at the largest or the smallest number.
+# Least number and share of rows at the largest or smallest number of a clipped sensor.
 _CLIPPED, _OFTEN = 20, 0.005
 
 

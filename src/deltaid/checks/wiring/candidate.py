@@ -2,8 +2,8 @@
 
     −2 log L = N log σ² + ‖W(E u − Y p)‖²/σ² + d²(p, p₀),   p in its cones,
 
-with the entropic distance d² to the prior: with a wrong sign, only impossible masses explain a poor
-motion. W scales rows by each drive's recorded torque, so units do not matter.
+with the entropic distance d² to the prior: with a wrong sign, only impossible masses could explain
+the torques of a poor motion. W scales rows by each drive's recorded torque, so units do not matter.
 """
 
 from collections.abc import Iterable, Iterator
@@ -38,20 +38,19 @@ from deltaid.estimation.reduction import Reduction, build_reduction
 from deltaid.levels import FEW_ROUNDS, LEVEL
 from deltaid.robot.description import RobotDescription
 
-# Share of the samples whose loops must close, and of those tried first.
+# Least share of samples whose loops close, in all samples and in the few that are tried first.
 CLOSED, MOSTLY_CLOSED = 0.98, 0.9
-# Units need no search with this residual share, and with such correlations with the prior's
-# torques, for drives that are tied to others and loose ones.
+# Largest residual share with which units need no search, and least correlations with the prior's
+# torques, of drives that are tied to others and of loose ones.
 LITTLE, ALONG, ALONG_LOOSE = 0.05, 0.85, 0.6
-# Least correlation with the prior's torques and largest residual of a hypothesis to consider, and
-# of one with factors of positions.
+# Least correlation with the prior's torques and largest residual share of a plausible hypothesis,
+# and of one with factors of positions.
 SENSIBLE, _SENSIBLE_SCALED = (0.5, 0.5), (0.75, 0.25)
-# Hypotheses whose likelihoods are within this factor per row, or this log likelihood, are equally
-# good: noise is not white, and no model exact. A robot within this distance of the prior is as
-# described.
+# Largest likelihood ratio per row and log likelihood ratio of equally good hypotheses: noise is not
+# white, and no model exact. The latter is also the largest distance d² of a robot as described.
 _AS_GOOD, _CERTAIN = 1.1, 10.0
 _SOLVER = Conic(tolerance=1e-7, largest_gap=1e-2)
-# Torque patterns per map that are judged, and hypotheses that are fitted on all samples.
+# Number of torque patterns per map that are judged, and of hypotheses fitted on all samples.
 JUDGED = 6
 
 # Possible units of position columns, by their factor to the joint's unit.

@@ -1,10 +1,10 @@
 """Torques over time: columns that were joined at another row, magnitudes in place of torques, and
 stretches whose torques have another sign, unit or order than the rest.
 
-Torques u(t) that were joined at another row go with those of the prior at a lag. In a stretch with
-another sign or unit u ≈ g f, and in the rest u ≈ h f, with the torques f(t) of a fit that follows
-the larger part; the stretch for which these leave least is judged by g/h. Where columns have other
-drives' torques in a stretch, f is in another order there.
+Torques u(t) that were joined at another row correlate with those of the prior at a lag. With
+another sign or unit in a stretch, u ≈ g f there and u ≈ h f in the rest, where f(t) are the torques
+of a fit to the larger part; the stretch with the least residual is judged by g/h. If columns have
+other drives' torques in a stretch, f is in another order there.
 """
 
 from collections.abc import Iterator, Sequence
@@ -22,13 +22,13 @@ from deltaid.estimation.problem import lengths
 from deltaid.levels import NEGLIGIBLE
 from deltaid.model.verdict import Grade, Verdict, listed
 
-# Rows that are compared; of more, some are skipped.
+# Most rows that are compared; of a longer recording, rows are skipped.
 _MOST = 20_000
-# No drive's torque is so late [s]; no lag is searched where the best columns leave so little; a lag
-# or another order must leave so much less than none.
+# Least lag [s], larger than that of any drive; residual share of the best columns below which no
+# lag is searched; largest share of the residual that may remain with a lag or another order.
 _DELAY, _EXPLAINED, _CLEARER = 0.15, 0.1, 0.5
-# Ends of stretches that are tried; least length of a stretch and of the rest [s]; rounds of the
-# fit.
+# Number of ends of stretches that are tried; least length of a stretch and of the rest [s]; rounds
+# of the fit.
 _ENDS, _SHORTEST, _ROUNDS = 300, 1.0, 10
 _TINY = np.finfo(float).tiny
 
@@ -39,8 +39,8 @@ Inside = Bool[np.ndarray, " samples"]
 
 @dataclass(frozen=True, eq=False)
 class _Course:
-    """Torques of moving drives over time, as recorded; those of the prior, of a fit and of one to
-    torques that are recorded without their signs are zero where they are unknown."""
+    """Torques of moving drives over time: recorded, and by the prior, a fit, and a fit to recorded
+    magnitudes; the last three are zero where unknown."""
 
     drives: Int[np.ndarray, " moving"]
     time: Float[np.ndarray, " samples"]
@@ -48,27 +48,27 @@ class _Course:
     fitted: Torques
     unsigned: Torques
     recorded: Torques
-    one_sided: Bool[np.ndarray, " moving"]  # whether all recorded ones have the same sign
-    blurred: int  # samples on either side of one that filters mix with it, most of it
+    one_sided: Bool[np.ndarray, " moving"]  # whether all recorded torques have the same sign
+    blurred: int  # samples on either side that the filter mixes with one
 
     @property
     def step(self) -> float:
         return float(self.time[1] - self.time[0])
 
     def along(self, lag: int) -> OfDrives:
-        """Correlations where recorded torques come so many samples late."""
+        """Correlations with the prior's torques if recorded ones are this many samples late."""
         n = len(self.time)
         f = self.prior[:, max(0, -lag) : n - max(0, lag)]
         return _gain(f, self.recorded[:, self._shared(lag)])[1]
 
     def as_recorded(self, lag: int) -> OfDrives:
-        """Correlations without a lag, of the torques that a lag compares: a motion that is repeated
-        goes along a period later as well, of rows that nothing disturbs."""
+        """Correlations without a lag over the same torques: in undisturbed rows, torques of a
+        repeated motion also correlate a period later."""
         rows = self._shared(lag)
         return _gain(self.prior[:, rows], self.recorded[:, rows])[1]
 
     def _shared(self, lag: int) -> slice:
-        """Torques whose positions were recorded as well if they come so many samples late."""
+        """Torques whose positions are in the recording if they are this many samples late."""
         return slice(max(0, lag), len(self.time) + min(0, lag))
 
 
@@ -115,8 +115,8 @@ def _course(case: RemappedRecording) -> _Course | None:
 def _of_most_rows(
     under: MapResidual, unsigned: Bool[np.ndarray, " drives"]
 ) -> Float[np.ndarray, " columns"]:
-    """Parameters of the larger part of the rows: those of errors with Cauchy's distribution, whose
-    scale is their median, from the prior on. Torques of `unsigned` drives have the model's sign."""
+    """Parameters that fit the larger part of the rows: for errors with a Cauchy distribution scaled
+    by their median, starting at the prior. Torques of `unsigned` drives get the model's sign."""
     tau, p, scale = under.rows.stack(under.tau.T), under.prior, lengths(under.Y)
     turned = np.repeat(unsigned, len(tau) // len(unsigned))
     for _ in range(_ROUNDS):
@@ -159,7 +159,7 @@ def _joined(case: RemappedRecording, course: _Course) -> Iterator[Verdict]:
     late, least = place * course.step, along[k].min()
     without = max(float(course.as_recorded(k - half).mean()), float(mean[half]))
     if without > ALONG:
-        return  # at the end of a period of the motion torques go along as well
+        return  # torques of a repeated motion correlate a period later as well
     if abs(late) < _DELAY or least < SENSIBLE[0] or 1 - peak**2 > _CLEARER * (1 - without**2):
         return
     count = round(late / case.evidence.rows.step)
@@ -180,8 +180,8 @@ def _joined(case: RemappedRecording, course: _Course) -> Iterator[Verdict]:
 
 @dataclass(frozen=True, eq=False)
 class _Stretch:
-    """Part of a course: its first sample and the one behind its last, and the drive of the course
-    whose torque each column has there, where the rest has them in order."""
+    """A part of a course from `first` to before `last`; `order` has the drive whose torque each
+    column holds there."""
 
     course: _Course
     first: int
@@ -190,7 +190,7 @@ class _Stretch:
 
     @classmethod
     def best(cls, course: _Course, orders: Sequence[tuple[int, ...]]) -> "_Stretch":
-        """The one for which scaled torques of the fit leave least, drives in one of some orders."""
+        """The stretch and order with the least residual of scaled torques of the fit."""
         n, f = len(course.time), course.fitted
         u = np.where(f, course.recorded, 0.0)
         ends = np.linspace(0, n, min(n, _ENDS) + 1).astype(int)
@@ -219,7 +219,7 @@ class _Stretch:
 
     @property
     def parts(self) -> tuple[Inside, Inside]:
-        """Its samples and those of the rest which filters do not mix."""
+        """Samples of the stretch and of the rest that the filter does not mix."""
         n = len(self.course.time)
         blurred, place = self.course.blurred + n // _ENDS, np.arange(n)
         inner = (place >= self.first + blurred) & (place < self.last - blurred)
@@ -228,7 +228,7 @@ class _Stretch:
 
     @property
     def moved(self) -> Int[np.ndarray, " columns"]:
-        """Columns that have another drive's torque, where these go with that alone."""
+        """Columns that hold another drive's torque, if they clearly correlate with that."""
         f, u, order = self.course.fitted, self.course.recorded, np.array(self.order)
         inner, outer = self.parts
         moved = np.flatnonzero(order != np.arange(len(order)))
@@ -240,7 +240,7 @@ class _Stretch:
         return moved[: len(moved) * bool(sure[moved].all())]
 
     def rows(self, record: Evidence) -> str:
-        """From where to where in words."""
+        """First and last row in words."""
         rows = np.searchsorted(record.rows.time, self.course.time[[self.first, self.last - 1]])
         start, end = (record.table.row_name(record.table.first_row + int(row)) for row in rows)
         start = f"about {start}" if self.course.fitted[:, : self.first].any() else "the first row"
@@ -295,6 +295,6 @@ def _stretch(case: RemappedRecording, course: _Course) -> Iterator[Verdict]:
 
 
 def _gain(f: Torques, u: Torques) -> tuple[OfDrives, OfDrives]:
-    """Factors of torques f that come nearest to u, and their correlations."""
+    """Factors of torques f that fit u best, and their correlations."""
     fu, ff, uu = (np.sum(product, axis=1) for product in (f * u, f**2, u**2))
     return fu / np.maximum(ff, _TINY), fu / np.sqrt(np.maximum(ff * uu, _TINY))

@@ -42,21 +42,21 @@ from deltaid.recording.survey_checks import off_course
 from deltaid.recording.time.clock import HIGHEST_RATE
 from deltaid.robot.parameter import PRIOR_SPREAD
 
-# The cut-off as a multiple of the frequency below which nearly all of the speeds' power lies, and
-# lowest frequency of lines in a residual: below, model errors have some too.
+# Largest cut-off, and lowest frequency of lines in a residual, over the frequency below which
+# nearly all of the speeds' power lies: below it, model errors have lines too.
 ABOVE = 3.0
-# Steps of friction need a grid that is fine whatever the cut-off [Hz].
+# Least cut-off for the grid of regressors [Hz]: steps of friction need a fine one.
 _SLOWEST = 20.0
-# A drive that is slow for so long [s] stands still; fewest samples that decide between hypotheses.
+# Time after which a slow drive stands still [s]; fewest samples that decide between hypotheses.
 _REST, FEWEST = 0.1, 40
-# Consecutive missing rows that are bridged by straight lines; more end a stretch.
+# Most consecutive missing rows that are interpolated; more end a stretch.
 _BRIDGED = 10
 # Weight of a drive at rest, whose torque static friction makes arbitrary.
 AT_REST = 1e-3
 # Least residual share of a machine's torques under any model, and usual offset of a drive's torque
 # as a share of its torques.
 LEAST, OFFSET = 0.003, 0.1
-# Numbers larger or smaller by this factor are in another unit.
+# Factor from which numbers are in another unit.
 UNIT = 2.5
 # Grid of α²/σ², the squared deviation of parameters from their prior over that of noise; the usual
 # deviation is known to a factor of e.

@@ -29,11 +29,11 @@ from deltaid.checks.wiring.candidate import (
 from deltaid.checks.wiring.residual import FilteredMotion, Map, residual
 from deltaid.dynamics.dynamics import Dynamics
 
-# Samples that hypotheses are tried on, and number of fitted ones.
+# Number of samples that hypotheses are tried on, and of hypotheses that are fitted.
 SAMPLES, _FITTED = 120, 16
 # Range of motor position factors, and number of them whose loops are tried.
 SMALLEST, _LARGEST, _CLOSING = 1 / 3000, 1 / 1.5, 48
-# The longest lead of a linear drive [m per rad]: half a metre per revolution.
+# Longest lead of a linear drive [m per rad]: half a metre per revolution.
 _LONGEST = 0.5 / (2 * np.pi)
 # Range of named units about the best factor, and the step of its refinement.
 _NAMED, _FINE = (0.7, 1.4), 1.04

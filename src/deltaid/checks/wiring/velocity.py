@@ -17,9 +17,9 @@ from deltaid.effects.lag_columns import APART
 from deltaid.levels import STRONG
 from deltaid.model.verdict import Fault, Grade, Verdict
 
-# Correlation above which a column is a drive's velocity, and by which another drive's is better.
+# Least correlation of a velocity column with a drive's velocity; least advantage of another drive.
 _TOGETHER, _BETTER = 0.9, 0.05
-# A scale so far from 1 is wrong, doubtful.
+# Factors between a scale and 1 from which it is wrong, and doubtful.
 _WRONG, _DOUBTFUL = 1.2, 1.02
 _TURNING = {180 / np.pi: "degrees per second", 30 / np.pi: "rpm",
             np.pi / 180: "rad/s, and not in degrees", np.pi / 30: "rad/s, and not rpm"}  # fmt: skip

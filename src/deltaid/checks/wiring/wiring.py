@@ -31,9 +31,9 @@ from deltaid.recording.resolution import extra_drives
 
 # Part of the stretch to search on, if it has enough samples.
 _PART = {"longest": 6.0, "oversampled": 10.0}
-# Two columns are one signal if 1 − ρ² is below the first; drives move differently, and must have
-# different torques, if that of their positions exceeds the second. Torques of drives that move
-# alike, up and down, have a larger ρ² than the third.
+# 1 − ρ² below which two columns are one signal; 1 − ρ² of positions above which drives move
+# differently and must have different torques; least ρ² of torques of drives that move alike, up and
+# down.
 _COPIED, _UNLIKE, _APART = np.finfo(float).eps ** 0.5, 1e-5, 0.75
 
 

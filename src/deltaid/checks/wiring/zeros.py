@@ -32,14 +32,14 @@ from deltaid.levels import FEW_ROUNDS, NEGLIGIBLE
 from deltaid.model.verdict import Grade, Proposal, Verdict, listed
 from deltaid.robot.parameter import PRIOR_SPREAD
 
-# Blocks of time.
+# Number of blocks of time whose scatter gives uncertainties.
 BLOCKS = 24
 # Standard deviations from zero below which a cause is not needed.
 _NEEDED = float(stdtrit(BLOCKS - 1, 1 - CHANCE / 2))
 # Least share of the residual that zeros or gravity must explain.
 _LITTLE = 0.005
-# Largest errors of zeros [rad or m] that slopes determine. Drives are homed and bases are level
-# within the second: a larger tilt is a wrongly described mounting, or a force that pulls at the
+# Largest error of a zero that slopes determine [rad or m]; error within which drives are homed and
+# bases level [rad or m]. A larger tilt is a wrongly described mounting or a force that pulls at the
 # platform, and is not written without inspection.
 _FARTHEST, LEVELLED = 0.5, 0.05
 
