@@ -10,7 +10,7 @@ from scipy import stats
 
 from deltaid.checks.wiring.zeros import BLOCKS as OF_ZEROS
 from deltaid.checks.wiring.zeros import Shifts
-from deltaid.effects.effect import account
+from deltaid.effects.account import account
 from deltaid.effects.point import EffectCandidate
 from deltaid.estimation.drive_rows import STRETCHES, DriveRows
 from deltaid.estimation.problem import LinearProblem, Span

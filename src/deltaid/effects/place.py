@@ -4,7 +4,8 @@ from collections.abc import Iterable
 
 import numpy as np
 
-from deltaid.effects.effect import DETECTED, DescribedEffect
+from deltaid.effects.account import DETECTED
+from deltaid.effects.effect import DescribedEffect
 from deltaid.effects.point import EffectCandidate, RigidFit
 
 

@@ -5,7 +5,8 @@ from collections.abc import Iterable
 import numpy as np
 from jaxtyping import Float
 
-from deltaid.effects.effect import DETECTED, Cause, DescribedEffect
+from deltaid.effects.account import DETECTED
+from deltaid.effects.effect import Cause, DescribedEffect
 from deltaid.effects.point import Deviations, EffectCandidate, RigidFit, TracePoint, UnknownEffect
 from deltaid.estimation.drive_rows import ColumnsOfDrives, of_own_drives
 from deltaid.estimation.problem import Columns

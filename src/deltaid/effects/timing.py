@@ -21,7 +21,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from deltaid.dynamics.dynamics import Parameters
-from deltaid.effects.effect import DETECTED
+from deltaid.effects.account import DETECTED
 from deltaid.effects.lag_columns import timing_slopes
 from deltaid.effects.lag_groups import HARMLESS, FreeTiming, Timing, exceeded
 from deltaid.estimation.drive_rows import ColumnsOfDrives, OfDrives, TraceRows, of_own_drives

@@ -13,8 +13,8 @@ from jaxtyping import Float
 from threadpoolctl import threadpool_limits
 
 from deltaid.dynamics.dynamics import Parameters
+from deltaid.effects.account import DETECTED
 from deltaid.effects.along_motion import RippleColumns
-from deltaid.effects.effect import DETECTED
 from deltaid.effects.point import Added, Deviations, TracePoint, UnknownEffect
 from deltaid.effects.ripple_search import (
     OrdersOfDrives,

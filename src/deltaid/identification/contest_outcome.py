@@ -8,8 +8,8 @@ import numpy as np
 from scipy.special import expit
 
 from deltaid.dynamics.dynamics import Parameters, compiled
+from deltaid.effects.account import DETECTED
 from deltaid.effects.all import UNKNOWNS
-from deltaid.effects.effect import DETECTED
 from deltaid.effects.lag_groups import agree, common_lag
 from deltaid.effects.point import SIZE
 from deltaid.effects.unexplained import UNEXPLAINED, in_words, is_unexplained, shares_of_torque

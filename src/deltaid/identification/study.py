@@ -18,8 +18,9 @@ from threadpoolctl import threadpool_limits
 
 from deltaid.dynamics.dynamics import Dynamics, Parameters
 from deltaid.dynamics.parameters import prior_parameters
+from deltaid.effects.account import DETECTED, Account, account
 from deltaid.effects.all import EFFECTS, effect_of
-from deltaid.effects.effect import DETECTED, SHARE, Account, account, causes_of
+from deltaid.effects.effect import SHARE, causes_of
 from deltaid.effects.lag_columns import APART, slopes
 from deltaid.effects.lag_groups import SMALL
 from deltaid.effects.lags import Lag, estimate_lags
