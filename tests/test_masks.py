@@ -132,6 +132,19 @@ def test_saturation_is_found_drive_by_drive_and_at_both_ends() -> None:
     assert not np.any(between[:, 1])
 
 
+@pytest.mark.parametrize("every", [2, 4])
+def test_saturation_of_torques_that_are_held_between_updates(every) -> None:
+    rng = np.random.default_rng(5)
+    one = interrupted(CLAVEL, rng, seconds=6.0).measured(rng, 17, 0.02, 20)
+    held = replace(one, tau=one.tau[np.arange(len(one.tau)) // every * every])
+    assert not searched(held)
+    end = 0.6 * held.tau[:, 0].max()
+    clipped = replace(held, tau=np.minimum(held.tau, [end, np.inf, np.inf]))
+    found = searched(clipped)
+    assert {(mask.reason, mask.drives) for mask in found} == {("saturated torque", (0,))}
+    assert np.all(within(left_out(found, 0), np.flatnonzero(held.tau[:, 0] >= end)))
+
+
 def test_a_limit_of_the_description_needs_less_evidence() -> None:
     rng = np.random.default_rng(6)
     one = interrupted(CLAVEL, rng, seconds=3.0).measured(rng, 17, 0.02, 20)

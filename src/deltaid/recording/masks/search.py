@@ -202,10 +202,12 @@ class MaskSearch:
         block = np.vstack([self._before, values]) if self._before.size else values
         rest.add(block[:, 1 : 1 + n], block[:, -n:], self._row - len(block))
         self._before = block[-rest.overlap :]
-        new = self._stale.add(values[:, 1:], rest.steps)
+        self._stale.add(values[:, 1:], rest.steps)
+        changes = np.diff(block[:, -n:], axis=0, prepend=np.nan) != 0
+        updated = np.any(changes, axis=1)[-len(values) :]
         for (top, bottom), torque in zip(self._ends, values[:, -n:].T, strict=True):
-            top.add(torque, new, first)
-            bottom.add(-torque, new, first)
+            top.add(torque, updated, first)
+            bottom.add(-torque, updated, first)
 
     def runs(self) -> list[Exclusion]:
         rest, everyone = self._rest, tuple(range(self._dof))

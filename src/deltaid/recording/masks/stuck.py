@@ -4,7 +4,8 @@ Samples at the end of a torque channel are equal, and far more frequent than by 
 with noise reaches its extreme once. In coarse steps it may do so often, but then it reaches the
 next steps as often; a sine, whose peak is flat, reaches its extreme 2.4 times as often at most. If
 steps are so coarse that the torque stays on them elsewhere too, an extreme counts only at the
-drive's described limit.
+drive's described limit. Rows in which all drives hold their torques until the next update do not
+count as staying.
 
 Equal rows alone do not prove that the logger repeated one: a robot at rest has them, and so do
 coarse steps at a high rate. Held rows end with a jump as long as the travel of all of them.
@@ -50,9 +51,10 @@ class Extreme:
     _moved: int = 0
     _stayed: int = 0
 
-    def add(self, torque: Float[np.ndarray, " rows"], new: np.ndarray, row: int) -> None:
-        """Add rows; only `new` ones, which do not repeat the one before, are counted."""
-        before, counted = self.level, torque[new]
+    def add(self, torque: Float[np.ndarray, " rows"], updated: np.ndarray, row: int) -> None:
+        """Add rows; only `updated` ones are counted, where some drive's torque is another than in
+        the row before."""
+        before, counted = self.level, torque[updated]
         for _ in range(_NEXT_TO + 1):
             if not counted.size:
                 break
@@ -64,7 +66,7 @@ class Extreme:
         if self.level > before:
             self._runs.clear()
         at = torque == self.level
-        elsewhere = new[1:] & ~at[1:] & (torque[1:] > torque.min())
+        elsewhere = updated[1:] & ~at[1:] & (torque[1:] > torque.min())
         stays = int(np.count_nonzero(elsewhere & (torque[1:] == torque[:-1])))
         self._stayed += stays
         self._moved += int(np.count_nonzero(elsewhere)) - stays
