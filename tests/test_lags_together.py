@@ -25,7 +25,7 @@ RATE, NOTHING = 250.0, np.full(3, np.inf)
 
 
 @cache
-def recording(dead: float = 2e-3, constant: float = 0.0) -> Trace:
+def recording(dead: float = 2e-3, constant: float = 0.0, noise: float = 0.02) -> Trace:
     """Five seconds of a robot whose torques come late, and through a filter; reversals left out."""
     dynamics, rng = compiled(load_robot("clavel-delta3")), np.random.default_rng(3)
     motion, t = random_motion(dynamics.kinematics, rng, period=2.3), np.arange(1250) / RATE
@@ -38,7 +38,7 @@ def recording(dead: float = 2e-3, constant: float = 0.0) -> Trace:
     if constant:
         a = np.exp(-1 / (RATE * every * constant))
         tau = lfilter([1 - a], [1, -a], tau, axis=0)[::every]
-    tau = tau + 0.02 * rng.standard_normal(q.shape)
+    tau = tau + noise * rng.standard_normal(q.shape)
     one = with_filter(open_log(tabled(t=t, q=q, tau=tau), dynamics.kinematics), 12.0)
     load = prior_parameters(dynamics.robot)
     return trace(dynamics, one, load, cutoff=12.0)
@@ -55,6 +55,14 @@ def test_reversals_tell_a_lag_and_whether_there_is_a_filter(dead: float, constan
     assert found.deviation.max() < 5e-4  # an eighth of a sample
     assert found.filtered.tolist() == [constant > 0] * 3
     assert not found.doubtful.any()
+
+
+@pytest.mark.parametrize("constant", [0.0, 3.3e-3])
+def test_a_filter_whose_tails_are_in_noise_is_no_step_at_once(constant: float) -> None:
+    p = prior_parameters(compiled(load_robot("clavel-delta3")).robot)
+    found = lags_of_reversals(recording(0.0, constant, noise=2.0), (), p, np.full(3, constant))
+    np.testing.assert_array_less(np.abs(found.values - constant), 2 * found.deviation)
+    assert found.filtered.tolist() == [constant > 0] * 3
 
 
 @pytest.fixture

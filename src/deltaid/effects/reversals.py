@@ -16,8 +16,8 @@ like a lag in other rows but not here. A fit excludes these rows, so their resul
 prior of the lag.
 
 Behind a first-order filter of time constant T, s is ½ − exp(−(u − δ)/T) after the step, and the lag
-is δ + T. This is tried where samples next to reversals do not fit a sharp step. Where they do not
-fit a filter either, as where friction yields before it slips, reversals give no lag.
+is δ + T. This is tried where samples next to reversals do not fit a sharp step, or fit a filter
+better. Where they fit neither, as where friction yields before it slips, reversals give no lag.
 """
 
 from collections.abc import Sequence
@@ -26,6 +26,7 @@ from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Bool, Float
+from scipy.special import logsumexp
 
 from deltaid.dynamics.dynamics import Parameters
 from deltaid.effects.lag_columns import slope
@@ -105,6 +106,7 @@ def lags_of_reversals(
         local = locally(steps, sharp(steps.after, place[0]))
         off = misfit(local, steps, place[0])
         at_once = off < _SHARP and is_abrupt(local, steps, place[0])
+        at_once = at_once and (off > 0 or not is_rounded(local, steps, place[0], period))
         if not at_once and (place := behind_filter(steps, rough[0], period)) is None:
             lags.doubtful[i] = True
             continue
@@ -190,6 +192,22 @@ def sharp(after: Around, place: float) -> Around:
 def rounded(after: Around, place: float, constant: float) -> Around:
     """A step of size 1 behind a filter; `place` is δ + T."""
     return 0.5 - np.exp(-np.maximum(after - (place - constant), 0.0) / constant)
+
+
+def is_rounded(local: Local, steps: Steps, place: float, period: float) -> bool:
+    """Whether steps behind a filter of any time constant are more probable than sharp ones, all
+    constants as probable before. A filtered step looks sharp in noise, and then seems earlier by up
+    to its constant."""
+    misses = np.array([
+        min(
+            float(np.sum(locally(steps, rounded(steps.after, place + late, T)).left ** 2))
+            for late in np.linspace(0.0, T, _GRID[0])
+        )
+        for T in period * np.geomspace(*_CONSTANTS, _GRID[0])
+    ])  # fmt: skip
+    variance = max(float(misses.min()) / steps.left.size, _TINY)
+    gain = (float(np.sum(local.left**2)) - misses) / (2 * variance)
+    return bool(logsumexp(gain) > np.log(len(gain)))
 
 
 def behind_filter(steps: Steps, known: float, period: float) -> tuple[float, float] | None:
