@@ -1,2 +1,1 @@
-"""Batch evaluation of symbolic graphs: CasADi compiled to LLVM vector code, millions of samples a
-second."""
+"""Batch evaluation of CasADi graphs as LLVM vector code: millions of samples per second."""

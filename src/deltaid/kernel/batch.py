@@ -1,15 +1,14 @@
 """Batch kernel: one SX graph, compiled in the process and evaluated for any number of samples.
 
 No C compiler is needed: LLVM comes with llvmlite. Arrays hold samples in columns, shape
-(entries, samples), which is also what a column-major factorisation wants to read.
+(entries, samples), so a column-major factorisation reads their transpose without a copy.
 
 A recurrence is a graph from state and inputs to next state and outputs, run sample after sample.
-The kernel's loop then reads its state where the sample before wrote it: all rows lie in one
-array, and outputs are one column further on than inputs.
+All its rows lie in one array, and outputs are one column to the right of inputs, so each sample
+reads the state that the previous one wrote.
 
-Kernels are compiled for this machine's processor, or a plainer one on request. Results for
-different processors differ by rounding, so two machines give two sets of bits. Tests and studies
-ask for another processor to see what that changes.
+Kernels are compiled for this machine's processor, or for a level of `DELTAID_KERNEL_CPU`. Results
+of different processors differ by rounding; tests and studies set the level to measure that.
 """
 
 import ctypes
@@ -34,16 +33,16 @@ from deltaid.kernel import llvm_ir, store
 from deltaid.kernel.llvm_ir import KERNEL_NAME, LIBM_NAMES, vector_ir
 from deltaid.parallel import cores
 
-# Samples of a block: few enough for the cache, and no power of two, because rows a power of two
+# Samples per block: few enough for the cache, and not a power of two, because rows a power of two
 # apart compete for the same cache lines.
 BLOCK = 2000
-# Blocks that justify another thread.
+# Blocks per thread from which another thread pays.
 _SHARE = 8
 
 _POINTER, _INT = ctypes.c_void_p, ctypes.c_int64
 
 VARIABLE = "DELTAID_KERNEL_CPU"
-# Levels of the x86-64 psABI: doubles in a vector, and features that a processor of the level has.
+# Levels of the x86-64 psABI: doubles per vector, and the features that a level requires.
 _LEVELS = {
     "x86-64-v2": (4, ("sse4.2", "popcnt")),
     "x86-64-v3": (4, ("avx2", "fma", "bmi2")),
@@ -53,12 +52,12 @@ _LEVELS = {
 
 @dataclass(frozen=True)
 class Target:
-    """Target of machine code.
+    """Processor that machine code is compiled for.
 
     Attributes:
-        cpu: name of the processor, as LLVM knows it.
-        features: of it, beyond those that its name stands for.
-        width: samples (doubles) that one instruction works on.
+        cpu: LLVM's name of the processor.
+        features: LLVM's features in addition to those that the name implies.
+        width: samples (doubles) per instruction.
     """
 
     cpu: str
@@ -70,7 +69,7 @@ def target() -> Target:
     """This machine's processor, or the level that `DELTAID_KERNEL_CPU` names.
 
     Raises:
-        DescriptionError: there is no such level, or this machine does not have it.
+        DescriptionError: the level does not exist, or this machine does not support it.
     """
     return _target(os.environ.get(VARIABLE, ""))
 
@@ -92,16 +91,15 @@ def _target(level: str) -> Target:
 
 
 class BatchKernel:
-    """A CasADi function of a batched and a uniform input, evaluated over samples in columns.
+    """CasADi function of a batched and a uniform input, evaluated over samples in columns.
 
     Args:
         batched: SX inputs that differ from sample to sample, stacked.
         output: SX expression; its dense column-major entries become the output's rows.
         uniform: SX inputs that all samples share (parameters), stacked.
 
-    The same code runs for every sample whatever the batch size or the number of threads, so equal
-    inputs give equal bits. Results agree with CasADi's own evaluator to rounding; `function` is
-    that evaluator.
+    Results do not depend on the batch size or the number of threads: equal inputs give equal bits.
+    They agree with CasADi's evaluator (`function`) to rounding.
     """
 
     def __init__(self, batched: ca.SX, output: ca.SX, uniform: ca.SX | None = None) -> None:
@@ -114,7 +112,7 @@ class BatchKernel:
 
     @functools.cached_property
     def function(self) -> ca.Function:
-        """CasADi's own evaluator of the same graph, common subexpressions merged."""
+        """CasADi's evaluator of the same graph, with common subexpressions merged."""
         return _once(self._graph)
 
     def __call__(
@@ -123,7 +121,11 @@ class BatchKernel:
         uniform: Float[np.ndarray, " n_uniform"] | None = None,
         threads: int | None = None,
     ) -> Float[np.ndarray, "n_out samples"]:
-        """Evaluate all samples, on all free cores or on so many `threads`."""
+        """Evaluate all samples, on `threads` threads at most, by default on all free cores.
+
+        Raises:
+            ValueError: the number of inputs is not that of the kernel.
+        """
         x, given = np.asarray(x, dtype=float), np.zeros(0) if uniform is None else uniform
         shared = np.ascontiguousarray(given, dtype=float)
         if (len(x), shared.shape) != (self.n_in, (self.n_uniform,)):
@@ -149,10 +151,9 @@ class BatchKernel:
         out: Float[np.ndarray, "n_out samples"],
         starts: range,
     ) -> None:
-        """Evaluate some blocks of samples, one after the other, through buffers that stay in the
-        cache.
+        """Evaluate the blocks that begin at `starts`, through buffers that stay in the cache.
 
-        The last block's end is padded with its last sample up to the vector width.
+        The last block is padded with its last sample to a multiple of the vector width.
         """
         length = min(BLOCK, x.shape[1])
         length += -length % self._width
@@ -175,12 +176,12 @@ class BatchKernel:
 
 
 class RowKernel(BatchKernel):
-    """The same for several vectors of inputs and several outputs, with one sample a row.
+    """Batch kernel with several vectors of inputs, several outputs, and one sample per row.
 
     Args:
         inputs: vectors that differ from sample to sample.
         outputs: vectors, and matrices as lists of their columns (`ca.horzsplit`).
-        uniform: as of `BatchKernel`.
+        uniform: as in `BatchKernel`.
     """
 
     def __init__(
@@ -197,7 +198,7 @@ class RowKernel(BatchKernel):
     def rows(
         self, *inputs: np.ndarray, uniform: Float[np.ndarray, " n_uniform"] | None = None
     ) -> tuple[np.ndarray, ...]:
-        """Each output for all samples: (samples, entries), of a matrix (samples, rows, columns)."""
+        """Each output: a vector as (samples, entries), a matrix as (samples, rows, columns)."""
         out = self(np.hstack(inputs).T, uniform=uniform).T
         parts = zip(np.split(out, self._ends, axis=1), self._shapes, strict=True)
         return tuple(x.reshape(-1, *shape).swapaxes(1, 2) if shape else x for x, shape in parts)
@@ -206,25 +207,27 @@ class RowKernel(BatchKernel):
 def row_kernel(
     part: str, graph: Callable[[Any], tuple[Any, ...]]
 ) -> functools.cached_property[RowKernel]:
-    """An attribute of a class: a kernel of the symbols in a `part` of it, compiled on first use.
+    """Cached property of a class: a kernel that is compiled on first use.
 
     Args:
-        graph: arguments of `RowKernel` from these symbols.
+        part: attribute of the class that holds the symbols.
+        graph: returns the arguments of `RowKernel` for these symbols.
     """
     symbols = attrgetter(part)
     return functools.cached_property(lambda owner: RowKernel(*graph(symbols(owner))))
 
 
 class CompiledKernel:
-    """Machine code of a function, from the store or compiled and kept there.
+    """Machine code of a function, loaded from the cache or compiled and saved there.
 
     Args:
-        graph: batched and uniform inputs, one dense output.
-        width: samples an instruction.
-        apart: whether what `call` reads and writes is different memory.
+        graph: function of batched and uniform inputs with one dense output.
+        width: samples per instruction.
+        apart: whether `call` reads and writes different memory.
 
     Attributes:
-        call: (out, stride of out, in, stride of in, uniform, number of samples).
+        call: machine code with arguments (out, stride of out, in, stride of in, uniform, number of
+            samples).
     """
 
     def __init__(self, graph: ca.Function, width: int, *, apart: bool = True) -> None:
@@ -241,7 +244,7 @@ class CompiledKernel:
 
 
 def _once(graph: ca.Function) -> ca.Function:
-    """The function with common subexpressions merged."""
+    """Merge common subexpressions of a function."""
     inputs = graph.sx_in()
     return ca.Function("f", inputs, ca.cse(graph.call(inputs)))
 
@@ -260,7 +263,7 @@ def _initialise() -> None:
 
 @functools.cache
 def _circumstances(cpu: Target) -> tuple[str | bytes, ...]:
-    """Everything that machine code depends on besides its graph."""
+    """Everything else that the machine code of a graph depends on."""
     versions = [version(package) for package in ("deltaid", "casadi", "llvmlite")]
     return (
         *versions,
@@ -293,13 +296,13 @@ def _machine() -> llvm.TargetMachine:
 
 
 class Recurrence:
-    """x_{k+1}, y_k = f(x_k, u_k) for one sample after the other.
+    """Recurrence x_{k+1}, y_k = f(x_k, u_k), evaluated sample after sample.
 
     Args:
         state: symbols x.
         inputs: symbols u.
-        following: x_{k+1} of both, a dense column.
-        outputs: y_k of both, a dense column.
+        following: x_{k+1} as a dense column of x and u.
+        outputs: y_k as a dense column of x and u.
     """
 
     def __init__(self, state: ca.SX, inputs: ca.SX, following: ca.SX, outputs: ca.SX) -> None:

@@ -1,9 +1,9 @@
-"""LLVM vector code of a CasADi SX function, a few samples per instruction.
+"""LLVM vector code of a CasADi SX function, several samples per instruction.
 
 The function's instruction list is straight-line code on scalars. Each scalar becomes a vector
-<W x double> that holds the same quantity of W neighbouring samples, and the whole list the body of
-one loop over the samples. Samples lie in columns: entry k of an input or output is contiguous over
-samples, `stride` doubles from entry k+1. `uniform` inputs are the same for all samples.
+<W x double> that holds the same quantity of W neighbouring samples, and the list becomes the body
+of a loop over samples. Samples lie in columns: entry k of an input or output is contiguous over
+samples, `stride` doubles before entry k+1. `uniform` inputs are the same for all samples.
 """
 
 import struct
@@ -13,7 +13,7 @@ import casadi as ca
 
 KERNEL_NAME = "kernel"
 
-# Functions without a vector form are called for each sample; their addresses come from libm.
+# Functions without a vector form: libm's are called for each sample.
 LIBM_UNARY = {
     ca.OP_SIN: "sin",
     ca.OP_COS: "cos",
@@ -72,12 +72,12 @@ attributes #0 = {{ nounwind "prefer-vector-width"="{bits}" "min-legal-vector-wid
 """
 
 
-# An instruction: operation, slots that it reads and writes, and its constant.
+# An instruction: operation, slots that it reads, slots that it writes, constant.
 Step = tuple[int, list[int], list[int], float]
 
 
 def steps_of(f: ca.Function) -> list[Step]:
-    """The instructions of an SX function, in their order."""
+    """Instructions of an SX function, in order."""
     steps = [(f.instruction_id(k), k) for k in range(f.n_instructions())]
     constants = {k: f.instruction_constant(k) for op, k in steps if op == ca.OP_CONST}
     return [
@@ -92,7 +92,7 @@ def vector_ir(function: ca.Function, width: int, *, apart: bool = True) -> str:
     Args:
         function: an SX function with two dense inputs, batched and uniform, and one dense output.
         width: samples per vector instruction; `n` must be a multiple of it.
-        apart: whether `in` and `out` are different memory.
+        apart: whether `in` and `out` never overlap in memory.
 
     Raises:
         NotImplementedError: the function has one of `operations_unknown`.
@@ -101,7 +101,7 @@ def vector_ir(function: ca.Function, width: int, *, apart: bool = True) -> str:
 
 
 class _Emitter:
-    """Walks the instruction list once and keeps the SSA value of every work-vector slot."""
+    """Translates the instruction list once, keeping the SSA value of every work-vector slot."""
 
     def __init__(self, function: ca.Function, width: int) -> None:
         self._function = function
@@ -140,7 +140,7 @@ class _Emitter:
             self._slots[outputs[0]] = self._operation(op, [self._slots[i] for i in inputs])
 
     def _operation(self, op: int, args: list[str]) -> str:
-        """One scalar operation on all lanes; returns the value's name."""
+        """Emit one scalar operation on all lanes; returns the name of its value."""
         V, operands = self._vector, ", ".join(args)
         if op in _ARITHMETIC:
             return self._value(f"{_ARITHMETIC[op]} contract {V} {operands}")
@@ -177,7 +177,7 @@ class _Emitter:
         return self._value(f"select <{self._width} x i1> {mask}, {V} {a}, {V} {zero}")
 
     def _truth(self, comparison: str) -> str:
-        """A comparison as 0.0 or 1.0, the way CasADi counts."""
+        """Emit a comparison as 0.0 or 1.0, as CasADi defines it."""
         mask = self._value(comparison)
         return self._value(f"uitofp <{self._width} x i1> {mask} to {self._vector}")
 
@@ -208,7 +208,7 @@ class _Emitter:
         return self._value(f"getelementptr double, ptr %{array}, i64 {offset}")
 
     def _constant(self, value: float) -> str:
-        """A splat constant, written by its bits so that nothing is rounded."""
+        """A constant in all lanes, written as bits so that nothing is rounded."""
         (bits,) = struct.unpack("<Q", struct.pack("<d", value))
         return f"<{', '.join([f'double 0x{bits:016X}'] * self._width)}>"
 
@@ -231,7 +231,7 @@ class _Emitter:
         return name
 
 
-# Each gets the emitter, the vector's type and its arguments.
+# Operations composed of several instructions; arguments: emitter, vector type, operands.
 _WRITTEN_OUT: dict[int, Callable[..., str]] = {
     ca.OP_ASSIGN: lambda e, V, a: a,
     ca.OP_NEG: lambda e, V, a: e._value(f"fneg {V} {a}"),
@@ -251,7 +251,7 @@ _KNOWN = {
 
 
 def operation_name(op: int) -> str:
-    """CasADi's own name of an operation, such as 'erfinv'."""
+    """CasADi's name of an operation, such as 'erfinv'."""
     names = (name for name, value in vars(ca).items() if name.startswith("OP_") and value == op)
     return next(names, f"OP_{op}").removeprefix("OP_").lower()
 

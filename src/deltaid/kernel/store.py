@@ -1,8 +1,8 @@
 """Disk cache of compiled kernels.
 
-An entry is the machine code of one graph for one CPU, named by the checksum of everything that it
-depends on. It begins with its own checksum: damaged entries are compiled again. The least recently
-used entries are removed automatically.
+An entry is the machine code of one graph for one CPU, named by a checksum of everything that the
+code depends on. It begins with a checksum of its content, so damaged entries are compiled again.
+The least recently used entries are removed automatically.
 """
 
 import hashlib
@@ -17,14 +17,14 @@ from deltaid.files import write_bytes
 VARIABLE = "DELTAID_KERNEL_CACHE"
 _OFF, _SUFFIX = "off", ".kernel"
 _DIGEST = hashlib.sha256().digest_size
-# Size of all entries together [bytes]; those of a robot take about one megabyte.
+# Largest size of all entries together [bytes]; those of a robot take about one megabyte.
 _LARGEST = 128 << 20
-# One save in so many removes old entries, because listing them takes as long as a compilation.
+# Every sixteenth save, at random, removes old entries: listing them takes as long as a compilation.
 _LOOKS = 16
 
 
 def key(*parts: str | bytes) -> str:
-    """Name of an entry that follows from some parts."""
+    """Name of the entry for the parts that it depends on: their SHA-256."""
     whole = hashlib.sha256()
     for part in parts:
         data = part.encode() if isinstance(part, str) else part
@@ -33,15 +33,13 @@ def key(*parts: str | bytes) -> str:
 
 
 def switch_off() -> None:
-    """Disable the cache in this process and in those that it starts."""
+    """Disable the cache in this process and its children."""
     os.environ[VARIABLE] = _OFF
 
 
 def folder() -> Path | None:
-    """The cache folder; None where there is none.
-
-    `DELTAID_KERNEL_CACHE` names a folder of one's own, or is `off`.
-    """
+    """Cache folder, from `DELTAID_KERNEL_CACHE` if that is set; None if it is `off` or the user has
+    no home."""
     asked = os.environ.get(VARIABLE, "")
     if asked:
         return None if asked.lower() == _OFF else Path(asked)
@@ -50,7 +48,7 @@ def folder() -> Path | None:
 
 
 def load(name: str) -> bytes | None:
-    """An entry; None where it is missing or damaged."""
+    """Content of an entry; None if it is missing or damaged."""
     if (place := folder()) is None:
         return None
     data = b""
@@ -65,8 +63,7 @@ def load(name: str) -> bytes | None:
 
 
 def save(name: str, content: bytes) -> None:
-    """Store an entry, or nothing where the system's own folder cannot be written or the disk is
-    full.
+    """Store an entry; store nothing if the default folder is not writable or the disk is full.
 
     Raises:
         DeltaidError: the folder that `DELTAID_KERNEL_CACHE` names cannot be written.
@@ -90,9 +87,9 @@ def save(name: str, content: bytes) -> None:
 
 
 def _make_room(place: Path) -> None:
-    """Remove the entries used longest ago until the total size is within the limit.
+    """Remove the least recently used entries until the total size is within the limit.
 
-    Another process may do so at the same time, so any of them may be gone already.
+    Another process may remove entries at the same time.
     """
     entries = []
     for path in place.glob(f"*{_SUFFIX}"):
@@ -109,7 +106,7 @@ def _make_room(place: Path) -> None:
 
 
 def _caches() -> Path | None:
-    """The system's cache folder; None for a user without a home."""
+    """The operating system's cache folder; None for a user without a home."""
     try:
         home = Path.home()
     except RuntimeError:
