@@ -1,1 +1,1 @@
-"""The description a user writes, the shipped catalogue, and priors from shapes."""
+"""Robot descriptions, the catalogue that ships with the package, and priors from shapes."""

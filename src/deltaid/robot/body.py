@@ -1,6 +1,6 @@
-"""Bodies as a user describes them: priors, and which of the ten parameters may change.
+"""Bodies of a description: the prior, and which of the ten inertia parameters are identified.
 
-Priors are numbers, or shapes (Sec. VIII A): cylinders, tubes and points.
+Priors are numbers or shapes (Sec. VIII A): cylinders, tubes and points.
 """
 
 import re
@@ -77,7 +77,7 @@ Shape = Annotated[HollowCylinder | PointMass, Field(discriminator="shape")]
 
 Entry = Literal["m", "mcx", "mcy", "mcz", "Sxx", "Syy", "Szz", "Sxy", "Syz", "Sxz"]
 
-# Bodies by their short names.
+# Names of bodies in words.
 _BODIES = {
     "U": "upper arm",
     "C": "carriage",
@@ -92,7 +92,7 @@ _BODIES = {
     "TL": "lower telescope bar",
     "EE": "end effector",
 }
-# A body of one limb: its name with the limb's number.
+# Name of a body of one limb, where limbs are not identical: a letter and the limb's number.
 NUMBERED = re.compile(r"([USC])(\d+)")
 
 
@@ -120,7 +120,7 @@ class ExplicitInertia(Part):
 
     @classmethod
     def from_parameters(cls, p: Float[np.ndarray, " 10"]) -> "ExplicitInertia":
-        """A body from its ten inertia parameters."""
+        """Body with these ten inertia parameters."""
         m, x, y, z, *inertia = (float(value) for value in p)
         tensor = InertiaTensor(**dict(zip(InertiaTensor.model_fields, inertia, strict=True)))
         return cls(mass=m, first_moment=(x, y, z), inertia=tensor)
@@ -169,18 +169,18 @@ class Body(Part):
         return self
 
     def prior_parameters(self) -> Float[np.ndarray, " 10"]:
-        """The ten prior inertia parameters p_reg, before the reduction by `free`."""
+        """Prior inertia parameters p_reg, before the reduction by `free`."""
         return _parameters(self.prior)
 
     def reduced_prior(self) -> Float[np.ndarray, " 10"]:
-        """The prior with first moments and products set to zero that `free` excludes.
+        """Prior with the first moments and products that `free` excludes set to zero.
 
-        Bodies without thickness are made barely solid (`RigidBody.with_thickness`).
+        A body without thickness gets a small one (`RigidBody.with_thickness`).
         """
         return reduced_prior(self.prior, self.free)
 
 
-# First moments and products, which are zero where they are not free.
+# First moments and products: zero unless they are free.
 ZERO_UNLESS_FREE = ("mcx", "mcy", "mcz", "Sxy", "Syz", "Sxz")
 
 
@@ -199,7 +199,7 @@ def _parameters(prior: Prior) -> Float[np.ndarray, " 10"]:
 
 
 def body_in_words(name: str) -> str:
-    """'upper arm' of U, 'upper arm 2' of U2; the name itself of a body of an own mechanism."""
+    """Body in words: 'upper arm' for U, 'upper arm 2' for U2, else its name."""
     if numbered := NUMBERED.fullmatch(name):
         return f"{_BODIES[numbered[1]]} {numbered[2]}"
     return _BODIES.get(name, name)

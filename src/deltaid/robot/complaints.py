@@ -1,4 +1,4 @@
-"""Turns validation errors of pydantic into sentences with the line and key of a YAML file."""
+"""Sentences for pydantic's validation errors, with line and key of the YAML file."""
 
 import json
 from collections.abc import Iterator
@@ -10,7 +10,7 @@ from pydantic import BaseModel, ValidationError
 from deltaid.errors import nearest
 from deltaid.robot.yaml_tree import Entry, child
 
-# Complaints listed in one message.
+# Largest number of complaints in a message: a user fixes a few at a time.
 _MOST = 5
 _REASONS = {
     "missing": "is missing",
@@ -30,10 +30,10 @@ _REASONS = {
     "too_long": "must have at most {max_length} entries, not {actual_length}",
 }
 
-# Errors about a value of the wrong kind. Each branch of a union reports one.
+# Errors about a value of the wrong type. Each branch of a union reports one.
 _KINDS = ("float_type", "int_type", "string_type", "tuple_type", "model_type", "dict_type")
 
-# Errors whose reason names the value, or that have none.
+# Errors whose reason already names the value, or that have no value.
 _NAME_VALUE = (
     "missing", "extra_forbidden", "value_error", "string_too_short", "too_short", "too_long",
 )  # fmt: skip
@@ -41,11 +41,11 @@ _NAME_VALUE = (
 
 @dataclass(frozen=True)
 class _Complaint:
-    line: int  # 0 if there is none
+    line: int  # 0 if the value is from no file
     path: tuple[str, ...]
     reason: str
-    value: str = ""  # the refused value, where it is short
-    of_kind: bool = False
+    value: str = ""  # ', not …' with the refused value, shortened
+    of_kind: bool = False  # whether the value has the wrong type
 
     def __str__(self) -> str:
         text = f"{self.reason}{self.value}"
@@ -55,9 +55,9 @@ class _Complaint:
 
 
 def complaints(tree: Entry, error: ValidationError, model: type[BaseModel]) -> str:
-    """All errors as 'line 12, limbs.strut: is missing; …', at most the first few.
+    """Describe the first errors, as 'line 12, limbs.strut: is missing; …'.
 
-    Values that come from no file have line 0, which is not shown.
+    Values from no file have line 0, which is not shown.
     """
     located = [_locate(tree, dict(item), model) for item in error.errors(include_url=False)]
     outer = {
@@ -69,9 +69,9 @@ def complaints(tree: Entry, error: ValidationError, model: type[BaseModel]) -> s
 
 
 def _join_unions(located: list[_Complaint]) -> list[_Complaint]:
-    """One complaint per place. Reasons of a union's branches are joined by 'or'.
+    """Join the reasons of a union's branches by 'or', into one complaint per place.
 
-    Branches that accept the kind of the value take precedence over those that refuse it.
+    Branches that accept the type of the value take precedence over those that refuse it.
     """
     by_place: dict[tuple[int, tuple[str, ...]], list[_Complaint]] = {}
     for c in located:
@@ -90,7 +90,7 @@ def _locate(tree: Entry, item: dict[str, Any], model: type[BaseModel]) -> _Compl
     place, kind = tree, item["type"]
     for key in item["loc"]:
         entry = child(place.value, key)
-        if entry is not None:  # else the key is the name of a union's branch, not of the file
+        if entry is not None:  # else the key names a branch of a union and is not in the file
             place = entry
             path.append(str(key)[:60])
     if kind == "missing":
@@ -106,7 +106,7 @@ def _locate(tree: Entry, item: dict[str, Any], model: type[BaseModel]) -> _Compl
 
 
 def _at_named_key(place: Entry, complaint: _Complaint) -> _Complaint:
-    """The complaint at the key that its reason begins with, such as 'springs.drive1 has …'."""
+    """Move a complaint to the key that its reason begins with, such as 'springs.drive1 has …'."""
     first, _, rest = complaint.reason.partition(" ")
     path = first.split(".")
     for key in path:
@@ -125,7 +125,7 @@ def _reason(item: dict[str, Any]) -> str:
 
 
 def _value(item: dict[str, Any]) -> str:
-    """The refused value as ', not 0'; empty where the reason names it, or where it is no scalar."""
+    """The refused value, as ', not 0'; empty if the reason names it, or if it is no scalar."""
     value = item.get("input")
     if item["type"] in _NAME_VALUE or not isinstance(value, bool | int | float | str | None):
         return ""
@@ -134,7 +134,7 @@ def _value(item: dict[str, Any]) -> str:
 
 
 def _suggestion(key: str, model: type[BaseModel]) -> str:
-    known = set(_keys(model.model_json_schema())) - {key}  # valid in another place
+    known = set(_keys(model.model_json_schema())) - {key}  # the key may be valid elsewhere
     hint = nearest(key, known, cutoff=0.75)
     return f"; {hint.strip()}" if hint else ""
 

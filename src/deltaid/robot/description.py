@@ -1,7 +1,7 @@
-"""The description of a robot: geometry, bodies with priors and reductions, friction, limits.
+"""Description of a robot: geometry, bodies with priors and reductions, friction, limits.
 
-All lengths are metres, angles degrees where the key ends in `_deg`, everything else SI. Frames are
-those of `docs/conventions.md`.
+Keys that end in `_deg` are in degrees, all others in SI units. `docs/conventions.md` defines the
+frames.
 """
 
 from dataclasses import dataclass
@@ -54,7 +54,7 @@ class Spring(Part):
 
 @dataclass(frozen=True)
 class TurnLimits:
-    """Range of the tool's angle ψ [rad], largest speed [rad/s] and acceleration [rad/s²]."""
+    """Limits of the tool's angle ψ [rad], its speed [rad/s] and its acceleration [rad/s²]."""
 
     low: float
     high: float
@@ -139,20 +139,20 @@ class RobotDescription(Shown, Plotted, Reported, Part):
 
     @property
     def drives(self) -> tuple[str, ...]:
-        """Names of the drives, in the order of q."""
+        """Names of all drives, in the order of q."""
         n = len(self._drive_kinds) + (self.telescope is not None)
         return tuple(f"drive{i + 1}" for i in range(n))
 
     @property
     def identical_drives(self) -> tuple[str, ...]:
-        """Names of the drives of identical limbs, which are of one make; they come first."""
+        """Names of the drives of identical limbs, which come first in q; empty if limbs differ."""
         if self.limbs is None or not self.limbs.identical:
             return ()
         return self.drives[: self.limbs.count]
 
     @property
     def body_names(self) -> tuple[str, ...]:
-        """Names of the bodies, in the order of p."""
+        """Names of all bodies, in the order of p."""
         if self.mechanism is not None:
             return self.mechanism.bodies
         count = self.limbs.count if self.limbs is not None else 0
@@ -165,41 +165,41 @@ class RobotDescription(Shown, Plotted, Reported, Part):
 
     @property
     def load_carrier(self) -> str:
-        """The body that carries a load: EE, or P where there is no EE; empty where a user's
-        mechanism has neither."""
+        """Name of the body that carries a load: EE, else P; empty if a user-defined mechanism has
+        neither."""
         return next((name for name in ("EE", "P") if name in self.body_names), "")
 
     def limb_bodies(self, limb: int) -> tuple[str, str]:
-        """Names of the driven body and the strut of limb 0, 1, …"""
+        """Names of the driven body and of the struts of a limb (0, 1, …)."""
         own = "" if self.limbs is None or self.limbs.identical else str(limb + 1)
         driven = "U" if self._drive_kinds[limb] == "rotary" else "C"
         return f"{driven}{own}", f"S{own}"
 
     @property
     def limb_geometry(self) -> tuple[LimbGeometry, ...]:
-        """Geometry of each limb; none for a user's own mechanism."""
+        """Geometry of each limb; empty for a user-defined mechanism."""
         return self.limbs.geometry() if self.limbs is not None else ()
 
     @property
     def _drive_kinds(self) -> tuple[JointKind, ...]:
-        """Kind of each drive, the telescope's excepted."""
+        """Kind of each drive, except the telescope's."""
         if self.mechanism is not None:
             return self.mechanism.drives
         return (self.limbs.drive,) * self.limbs.count if self.limbs is not None else ()
 
     @property
     def platform_turns(self) -> bool:
-        """Whether ψ is a coordinate of the platform, and not of a telescope."""
+        """Whether the platform turns the tool by ψ itself, without a telescope."""
         if self.mechanism is not None:
             return self.mechanism.task.turn is not None
         return not isinstance(self.platform, RigidPlatform)
 
     def limits_of(self, drive: str) -> DriveLimits:
-        """Limits of a drive; all None if none are described."""
+        """Limits of a drive; all are None if the description has none."""
         return self.drive_limits.get(drive, DriveLimits())
 
     def is_linear(self, joint: str) -> bool:
-        """Whether a joint slides: coordinates in m and forces in N instead of rad and N m."""
+        """Whether a joint slides: its units are m and N instead of rad and N m."""
         if self.mechanism is not None and joint in self.mechanism.joints:
             return self.mechanism.joints[joint] == "linear"
         if joint == "platform":
@@ -231,7 +231,7 @@ class RobotDescription(Shown, Plotted, Reported, Part):
 
     @property
     def turn(self) -> "TurnLimits":
-        """Limits of the tool's angle ψ."""
+        """Range, speed and acceleration limits of the tool's angle ψ."""
         p = self.mechanism or self.platform
         if self.platform_turns and not isinstance(p, RigidPlatform):
             low, high = np.deg2rad(p.angle_deg)
@@ -244,19 +244,24 @@ class RobotDescription(Shown, Plotted, Reported, Part):
 
     @property
     def task(self) -> Task:
-        """The task coordinates z."""
+        """Names of the task coordinates z."""
         return self.mechanism.task if self.mechanism else Task(NAMES[: len(self.drives)])
 
     @property
     def home(self) -> Float[np.ndarray, " dof"]:
-        """The middle of the workspace as z [m, rad]; ψ of a platform in the middle of its range."""
+        """Middle of the workspace as z [m, rad]; ψ is the middle of the platform's range, or 0."""
         middle = 0.5 * (self.turn.low + self.turn.high) if self.platform_turns else 0.0
         return self.within(middle)[0]
 
     def within(
         self, middle: float, half: float = 0.0
     ) -> tuple[Float[np.ndarray, " dof"], Float[np.ndarray, " dof"]]:
-        """Middle and half extents of z in a box inside the workspace, with the given ones of ψ."""
+        """Middle and half extents of z [m, rad] in a box inside the workspace.
+
+        Args:
+            middle: middle of ψ [rad].
+            half: half extent of ψ [rad].
+        """
         centre, size = map(self.task.of_point, self.workspace.inner_box)
         turns = self.task.turn is not None
         return np.append(centre, [middle] * turns), np.append(size, [half] * turns)
@@ -268,7 +273,7 @@ class RobotDescription(Shown, Plotted, Reported, Part):
 
     @cached_property
     def friction_terms(self) -> tuple[FrictionTerm, ...]:
-        """All terms of all friction laws in the order of p: by kind, then by joint."""
+        """Terms of all friction laws in the order of p: by kind, then by joint."""
         laws = {joint: (self.friction[joint], self.units(joint)) for joint in self.friction_joints}
         return friction_terms(laws)
 
@@ -278,7 +283,7 @@ class RobotDescription(Shown, Plotted, Reported, Part):
         return tuple(joint for joint in self.joints if joint in self.springs)
 
     def spring_rest(self, joint: str) -> float:
-        """Joint coordinate where a spring has no force [rad or m]."""
+        """Joint coordinate at which a spring has no force [rad or m]."""
         spring = self.springs[joint]
         if self.is_linear(joint):
             return spring.rest or 0.0
@@ -286,7 +291,7 @@ class RobotDescription(Shown, Plotted, Reported, Part):
 
     @cached_property
     def load_drives(self) -> tuple[str, ...]:
-        """Names of the drives whose friction depends on their own torque."""
+        """Names of the drives whose friction depends on the load of their gear."""
         return tuple(term.joint for term in self.friction_terms if term.of_load)
 
     @property

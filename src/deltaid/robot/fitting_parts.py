@@ -1,4 +1,4 @@
-"""Checks that the parts of a description fit together, and that limbs of its lengths close."""
+"""Checks that the parts of a description agree, and that its limbs reach the workspace."""
 
 import re
 from collections.abc import Collection, Mapping
@@ -17,10 +17,10 @@ if TYPE_CHECKING:
 
 
 def require_parts_that_fit(robot: "RobotDescription") -> None:
-    """Refuse parts that contradict each other or that the robot lacks.
+    """Refuse parts that contradict each other, or that refer to something the robot lacks.
 
     Raises:
-        ValueError: with the key.
+        ValueError: names the key.
     """
     _check_drives(robot)
     _check_workspace(robot)
@@ -105,12 +105,13 @@ def _require_among(key: str, given: Collection[str], allowed: tuple[str, ...]) -
 
 
 def open_limb(robot: "RobotDescription") -> str:
-    """Why a limb cannot hold the platform in the middle of the workspace; empty if all can.
+    """Reason why a limb cannot reach the middle of the workspace; empty if all limbs can.
 
-    A rotary limb reaches from |L − l| to L + l around its motor axis, L and l projected along
-    that axis; a linear one as far from its rail as its strut is long.
+    In the plane across its motor axis, a rotary limb reaches from |L − l| to L + l, with the arm's
+    length L and the strut's projected length l; a linear limb reaches one strut's length from its
+    rail.
     """
-    if robot.limbs is None:  # a user's own mechanism is checked when it is built
+    if robot.limbs is None:  # a user-defined mechanism is checked when it is built
         return ""
     home = robot.home
     for i, limb in enumerate(robot.limb_geometry):
@@ -131,7 +132,7 @@ def open_limb(robot: "RobotDescription") -> str:
 
 
 _NAME = re.compile(r"[A-Za-z_][A-Za-z0-9_-]{0,39}")
-# Default names of other columns of a log, and of a load.
+# Default names of the other columns of a log, and of a load.
 _OF_LOGS = re.compile(r"t|time|load|(?:q|qd|qdd|tau)[0-9]*")
 
 
@@ -171,7 +172,7 @@ def _check_sensors(robot: "RobotDescription") -> None:
 
 
 def _check_value(where: str, measured: Measured, bodies: Mapping[str, Body]) -> None:
-    """Refuse a measured value of entries that are not free."""
+    """Refuse a measured value that depends only on entries that are not free."""
     if all(not body.free for body in bodies.values()):
         known = f"{'is' if len(bodies) == 1 else 'are'} known (free: [])"
         raise ValueError(
@@ -195,7 +196,7 @@ def _check_value(where: str, measured: Measured, bodies: Mapping[str, Body]) -> 
 
 
 def _check_name(robot: "RobotDescription", name: str) -> None:
-    """Refuse a sensor's name that headers, mappings or parameters cannot have."""
+    """Refuse a sensor's name that headers cannot hold or that something else has."""
     if not _NAME.fullmatch(name):
         raise ValueError(
             f"sensors has the name '{name[:50]}': begin with a letter, then letters, digits, _ and "

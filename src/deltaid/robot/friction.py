@@ -1,18 +1,18 @@
-"""Friction laws of a joint as a user writes them: sums of terms, each linear in one coefficient.
+"""Friction laws of a description: sums of terms, each linear in one coefficient.
 
 With the joint's speed v and s = sign(v), the friction torque (a force in a sliding joint) is
 
-    viscous·v + coulomb·s                        the law of the paper, always present
-    + viscous_back, coulomb_back                 take their place for v < 0
-    + offset                                     constant, of either sign: a bias of the measurement
-    + power·s·|v|^exponent                       lubricants: exponent below 1 flattens with speed
+    viscous·v + coulomb·s                        the paper's law, always present
+    + viscous_back, coulomb_back                 replace viscous and coulomb for v < 0
+    + offset                                     constant of either sign: a bias of the measurement
+    + power·s·|v|^exponent                       lubricants: an exponent below 1 flattens with speed
     + stribeck·s·exp(−(|v|/speed)^exponent)      more friction near rest
-    + hess_soom·s/(1 + (v/speed)²)               the same in the form of Hess and Soom
+    + hess_soom·s/(1 + (v/speed)²)               more friction near rest, by Hess and Soom
     + load·s·|x|                                 a gear's loss: a share of its load
 
-where x is the drive's torque on the link's side, without friction and rotor of the motor.
-Every coefficient but the offset is positive, so friction dissipates energy. A new term is a key of
-`Friction` and a class in `friction_terms.py`.
+where x is the drive's torque on the link's side of the gear, without friction and rotor inertia.
+All coefficients but the offset are positive, so friction dissipates energy. To add a term, add a
+key to `Friction` and a class to `friction_terms.py`.
 """
 
 from typing import Annotated
@@ -21,7 +21,7 @@ from pydantic import Field, model_validator
 
 from deltaid.robot.part import Part, Positive
 
-# Below, a power is Coulomb friction; above, an end stop.
+# Range of exponents: below it, a power law is Coulomb friction; above it, an end stop.
 EXPONENTS = (0.05, 5.0)
 Exponent = Annotated[float, Field(ge=EXPONENTS[0], le=EXPONENTS[1])]
 
@@ -91,15 +91,15 @@ class Friction(Part):
 
     @property
     def plain(self) -> "Friction":
-        """The law of the paper alone, viscous and Coulomb."""
+        """Law with viscous and Coulomb friction alone, as in the paper."""
         return Friction(viscous=self.viscous, coulomb=self.coulomb)
 
     @property
     def has_constant(self) -> bool:
-        """Whether forward and backward differ by a constant, as by an offset of the measurement."""
+        """Whether forward and backward friction may differ by a constant, such as an offset."""
         return self.offset is not None or not self.both_ways
 
     @property
     def both_ways(self) -> bool:
-        """Whether both directions have the same coefficients."""
+        """Whether both directions share their coefficients."""
         return self.coulomb_back is None

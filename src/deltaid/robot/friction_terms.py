@@ -13,26 +13,27 @@ from jaxtyping import Float
 from deltaid.robot.friction import Friction
 from deltaid.robot.parameter import TURNING, JointUnits, PriorParameter
 
-# A complex step whose square is lost in rounding, and a squared speed [rad²/s², m²/s²] that keeps
-# powers of |v| differentiable at rest.
+# Size of complex steps, whose square is lost in rounding; and a squared speed [rad²/s² or m²/s²]
+# that keeps powers of |v| differentiable at rest.
 _ROUNDING = float(np.finfo(float).eps)
 
 Speeds = Float[np.ndarray, " *shape"]
 
-# Terms that all laws have; `law_in_words` names them together.
+# Viscous and Coulomb terms, which `law_in_words` names together.
 _PLAIN = ("viscous", "coulomb", "viscous_back", "coulomb_back")
 
 
 @dataclass(frozen=True)
 class FrictionTerm(ABC):
-    """One term of one joint's law, coefficient · h(v): one column of the regressor.
+    """A term of a joint's friction law, coefficient · h(v): one column of the regressor.
 
     Attributes:
         joint: name of the joint.
-        unit: of the coefficient.
-        size: typical size of the coefficient: its prior, or for an offset the value described.
+        unit: unit of the coefficient.
+        size: prior of the coefficient; for an offset, whose prior is 0, its described size.
         one_sided: whether viscous or Coulomb friction acts at positive speed only.
-        exponent, speed: constants of the term, if it has any.
+        exponent: constant of the term, without unit, if it has one.
+        speed: constant of the term [rad/s or m/s], if it has one.
     """
 
     joint: str
@@ -43,16 +44,16 @@ class FrictionTerm(ABC):
     speed: float = 1.0
 
     kind: ClassVar[str]
-    # Unit of the coefficient, and the term in words where that is not `kind`; both with constants.
+    # Formats with the term's constants: unit of the coefficient, and words if not those of `kind`.
     unit_form: ClassVar[str] = "{force}"
     saying: ClassVar[str] = ""
     # Whether h(v) is continuous at rest, v = 0.
     continuous: ClassVar[bool] = False
     # Whether h depends on the load of the gear.
     of_load: ClassVar[bool] = False
-    # Names of its constants.
+    # Names of the term's constants.
     constants: ClassVar[tuple[str, ...]] = ()
-    # Whether negative speed can have a coefficient of its own.
+    # Whether negative speed may have another coefficient.
     has_back: ClassVar[bool] = False
     # Bounds of the coefficient.
     low: ClassVar[float] = 0.0
@@ -60,7 +61,7 @@ class FrictionTerm(ABC):
 
     @classmethod
     def of_law(cls, joint: str, law: Friction, units: JointUnits) -> "FrictionTerm | None":
-        """The term of this kind in a joint's law; None if it has none."""
+        """Term of this kind in a joint's law; None if the law has none."""
         stated = getattr(law, cls.kind)
         if stated is None:
             return None
@@ -72,7 +73,7 @@ class FrictionTerm(ABC):
 
     @abstractmethod
     def h(self, v: Any, s: Any, load: Any) -> Any:
-        """Friction for a coefficient of 1, for numbers, arrays or CasADi symbols.
+        """Friction for a coefficient of 1, by numbers, arrays or CasADi symbols.
 
         Args:
             v: speed of the joint [rad/s or m/s].
@@ -85,7 +86,7 @@ class FrictionTerm(ABC):
         return self.h(v, np.sign(v), 0.0)
 
     def slopes(self, v: Speeds) -> dict[str, Speeds]:
-        """∂h/∂ln c of each constant c, by a complex step, which has no rounding."""
+        """Slopes ∂h/∂ln c for each constant c, by complex steps, which lose no digits."""
         slopes = dict[str, Speeds]()
         for name in self.constants:
             moved = copy(self)
@@ -95,12 +96,12 @@ class FrictionTerm(ABC):
 
     @property
     def words(self) -> str:
-        """The term in words, with its constants."""
+        """Term in words, with its constants."""
         return self.saying.format(**vars(self)) or self.kind
 
     @property
     def parameter(self) -> PriorParameter:
-        """Its coefficient as a parameter."""
+        """Coefficient of the term as a parameter with its prior."""
         prior = 0.0 if self.low < 0 else self.size
         bounds = (self.low, self.high)
         return PriorParameter(
@@ -108,7 +109,7 @@ class FrictionTerm(ABC):
         )
 
     def in_law(self, coefficient: float) -> dict[str, Any]:
-        """This term with another coefficient, as the entry of a law."""
+        """Key and value of this term in a description's law, with this coefficient."""
         constants = {name: getattr(self, name) for name in self.constants}
         return {self.kind: {"coefficient": coefficient, **constants} if constants else coefficient}
 
@@ -192,7 +193,7 @@ class _Load(FrictionTerm):
         return s * abs(load)
 
 
-# In the order of p.
+# Kinds of terms, in the order of p.
 TERMS: tuple[type[FrictionTerm], ...] = (
     _Viscous, _Coulomb, _ViscousBack, _CoulombBack, _Offset, _Power, _Stribeck, _HessSoom,
     _Load,
@@ -214,13 +215,13 @@ def friction_terms(laws: Mapping[str, tuple[Friction, JointUnits]]) -> tuple[Fri
 
 
 def at_rest(law: Friction) -> float:
-    """Largest friction near rest, without its load-dependent part [N m or N]."""
+    """Largest friction near rest without its load-dependent term [N m or N]."""
     terms = friction_terms({"": (law, TURNING)})
     return max(sum(abs(float(term.size * term.h(0.0, s, 0.0))) for term in terms) for s in (-1, 1))
 
 
 def law_in_words(law: Friction) -> str:
-    """A law in words, such as 'viscous + Coulomb + Stribeck (speed 0.3, exponent 1)'."""
+    """Friction law in words, such as 'viscous + Coulomb + Stribeck (speed 0.3, exponent 1)'."""
     plain = "viscous + Coulomb" if law.both_ways else "viscous + Coulomb, each direction its own"
     terms = friction_terms({"": (law, TURNING)})
     return " + ".join([plain, *(term.words for term in terms if term.kind not in _PLAIN)])

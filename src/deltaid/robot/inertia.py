@@ -1,4 +1,4 @@
-"""The ten inertia parameters of a rigid body and its 4×4 pseudo-inertia matrix.
+"""Ten inertia parameters of a rigid body, and its 4×4 pseudo-inertia matrix.
 
 A body's parameters are ordered as in eq. (4) of the paper,
 
@@ -12,11 +12,12 @@ is −∫xy dm. The pseudo-inertia matrix (12) is
 
 and the body exists physically if and only if M̄ is positive definite.
 
-MuJoCo, URDF and most CAD programs want the tensor about the centre of mass c, by Steiner's rule
+MuJoCo, URDF and most CAD programs need the tensor about the centre of mass c in axes parallel to
+the link frame, by Steiner's rule
 
-    Θ_C = Θ_B − m (c·c I − c cᵀ),
+    Θ_C = Θ − m (c·c I − c cᵀ).
 
-in axes parallel to the link frame. Entries off the diagonal carry the minus sign everywhere.
+Its off-diagonal entries have the minus sign, too.
 """
 
 from collections.abc import Collection, Sequence
@@ -30,7 +31,7 @@ InertiaName = Literal["m", "mcx", "mcy", "mcz", "Ixx", "Iyy", "Izz", "Ixy", "Iyz
 INERTIA_NAMES: tuple[InertiaName, ...] = get_args(InertiaName)
 INERTIA_UNITS = ("kg",) + ("kg m",) * 3 + ("kg m²",) * 6
 MOMENTS_OF_INERTIA = INERTIA_NAMES[4:7]
-# A body's mass and moments of inertia; the other entries may be negative.
+# Parameters of a body that are positive: mass and moments of inertia.
 POSITIVE_NAMES = (INERTIA_NAMES[0], *MOMENTS_OF_INERTIA)
 
 # Independent entries of M̄ and their indices: x, y, z are rows 0–2, the mass is row 3.
@@ -47,12 +48,12 @@ PSEUDO_INERTIA_ENTRIES = {
     "Sxz": (0, 2),
 }
 
-# Entries of Σ with the places in p that have the same entries of Θ.
+# Indices of an entry of Σ, and the index in p of the same entry of Θ.
 _SECOND_MOMENTS = (((0, 0), 4), ((1, 1), 5), ((2, 2), 6), ((0, 1), 7), ((1, 2), 8), ((0, 2), 9))
 
 
 def pseudo_inertia(p: Float[np.ndarray, "*batch 10"]) -> Float[np.ndarray, "*batch 4 4"]:
-    """The matrix M̄(p), eq. (12)."""
+    """Pseudo-inertia matrix M̄(p), eq. (12)."""
     p = np.asarray(p, dtype=float)
     M = np.zeros((*p.shape[:-1], 4, 4))
     half_trace = 0.5 * (p[..., 4] + p[..., 5] + p[..., 6])
@@ -64,7 +65,7 @@ def pseudo_inertia(p: Float[np.ndarray, "*batch 10"]) -> Float[np.ndarray, "*bat
 
 
 def inertia_parameters(M: Float[np.ndarray, "*batch 4 4"]) -> Float[np.ndarray, "*batch 10"]:
-    """The inverse of `pseudo_inertia`: p with Θ = tr(Σ) I − Σ."""
+    """Inverse of `pseudo_inertia`: p with Θ = tr(Σ) I − Σ."""
     M = np.asarray(M, dtype=float)
     p = np.empty((*M.shape[:-2], 10))
     trace = M[..., 0, 0] + M[..., 1, 1] + M[..., 2, 2]
@@ -76,7 +77,7 @@ def inertia_parameters(M: Float[np.ndarray, "*batch 4 4"]) -> Float[np.ndarray, 
 
 
 def entry_map() -> Float[np.ndarray, "10 10"]:
-    """The linear map from the entries of M̄, in the order of PSEUDO_INERTIA_ENTRIES, to p."""
+    """Matrix that maps the entries of M̄, in the order of PSEUDO_INERTIA_ENTRIES, to p."""
     k, (i, j) = np.arange(10), np.transpose(list(PSEUDO_INERTIA_ENTRIES.values()))
     units = np.zeros((10, 4, 4))
     units[k, i, j] = units[k, j, i] = 1.0
@@ -86,9 +87,9 @@ def entry_map() -> Float[np.ndarray, "10 10"]:
 def consistency(p: Float[np.ndarray, "*batch 10"]) -> Float[np.ndarray, "*batch"]:
     """Distance of a body from the boundary of physical consistency, without unit.
 
-    The smallest eigenvalue of M̄ after scaling rows and columns to a unit diagonal: positive if and
-    only if the body is consistent, 1 for a body with its centre of mass at the origin and principal
-    axes along the frame, negative infinity if a diagonal entry is not positive.
+    It is the smallest eigenvalue of M̄ after scaling rows and columns to a unit diagonal: positive
+    if and only if the body is consistent, 1 if its centre of mass is at the origin and its
+    principal axes are along the frame, −∞ if a diagonal entry is not positive.
     """
     M = pseudo_inertia(p)
     d = np.diagonal(M, axis1=-2, axis2=-1)
@@ -103,38 +104,38 @@ Vector = Sequence[float] | Float[np.ndarray, " 3"]
 
 @dataclass(frozen=True, eq=False)
 class RigidBody:
-    """A rigid body by its ten parameters about a link frame's origin; parameters of parts add up.
+    """Rigid body with ten parameters about a link frame's origin; parameters of parts add up.
 
     Attributes:
-        p: m, first moment and inertia tensor in the order above [kg, kg m, kg m²].
+        p: m, first moment and inertia tensor in this module's order [kg, kg m, kg m²].
     """
 
     p: Float[np.ndarray, " 10"]
 
     @classmethod
     def of_moments(cls, m: float, mc: Vector, Sigma: Float[np.ndarray, "3 3"]) -> "RigidBody":
-        """A mass m [kg], its first moment [kg m] and second moments Σ = ∫ r rᵀ dm [kg m²]."""
+        """Body with mass m [kg], first moment mc [kg m] and second moments Σ = ∫ r rᵀ dm [kg m²]."""
         M = np.empty((4, 4))
         M[:3, :3], M[:3, 3], M[3, :3], M[3, 3] = Sigma, mc, mc, m
         return cls(inertia_parameters(M))
 
     @classmethod
     def centred(cls, m: float, c: Vector, Sigma_C: Float[np.ndarray, "3 3"]) -> "RigidBody":
-        """A mass m [kg] centred at c [m], whose second moments about c are Σ_C = ∫ r rᵀ dm."""
+        """Body with mass m [kg], centre of mass c [m] and second moments Σ_C about c [kg m²]."""
         c = np.asarray(c)
         return cls.of_moments(m, m * c, Sigma_C + m * np.outer(c, c))
 
     @classmethod
     def point(cls, m: float, c: Vector) -> "RigidBody":
-        """A mass m [kg] at a point c [m]."""
+        """Mass m [kg] at a point c [m]."""
         return cls.centred(m, c, np.zeros((3, 3)))
 
     def transformed(self, T: Float[np.ndarray, "4 4"]) -> "RigidBody":
-        """The body whose points are (r, 1) → T (r, 1), M̄ → T M̄ Tᵀ: stretched with a diagonal T."""
+        """Body whose points (r, 1) are mapped to T (r, 1), so M̄ becomes T M̄ Tᵀ."""
         return RigidBody(inertia_parameters(T @ pseudo_inertia(self.p) @ T.T))
 
     def without(self, entries: Collection[str]) -> "RigidBody":
-        """The body whose entries of M̄ of these names (`PSEUDO_INERTIA_ENTRIES`) are zero."""
+        """Body with these entries of M̄ (`PSEUDO_INERTIA_ENTRIES`) set to zero."""
         M = pseudo_inertia(self.p)
         for name in entries:
             i, j = PSEUDO_INERTIA_ENTRIES[name]
@@ -142,7 +143,7 @@ class RigidBody:
         return RigidBody(inertia_parameters(M))
 
     def moved(self, R: Float[np.ndarray, "3 3"], d: Float[np.ndarray, " 3"]) -> "RigidBody":
-        """The body in a frame in which its link frame is rotated by R and shifted by d [m]."""
+        """Body in a frame in which its link frame is rotated by R and shifted by d [m]."""
         T = np.eye(4)
         T[:3, :3], T[:3, 3] = R, d
         return self.transformed(T)
@@ -180,10 +181,10 @@ class RigidBody:
         return float(np.sqrt(max(np.trace(pseudo_inertia(self.p)[:3, :3]), 0.0) / self.p[0]))
 
     def with_thickness(self) -> "RigidBody":
-        """A body without thickness (plate, line, point) made barely solid; any other one unchanged.
+        """Body with a small thickness added if it has none (plate, line, point), else unchanged.
 
-        Adds m (ℓ/1000)² to the three second moments, with ℓ its radius of gyration (at least
-        1 mm), which changes no moment of inertia of the size of m ℓ² by more than 2e-6 of itself.
+        Adds m (ℓ/1000)² to the three second moments, with its radius of gyration ℓ (at least 1 mm).
+        This changes moments of inertia of size m ℓ² by less than 2e-6 of their values.
         """
         if self.p[0] <= 0 or consistency(self.p) > 1e-6:
             return self
@@ -193,7 +194,7 @@ class RigidBody:
 
     @property
     def why_inconsistent(self) -> str:
-        """Which physical condition is violated, as a sentence; empty for a consistent body."""
+        """Physical condition that the body violates, as a sentence; empty if it is consistent."""
         if consistency(self.p) > 0:
             return ""
         if self.p[0] <= 0:
@@ -213,7 +214,7 @@ class RigidBody:
 
     @property
     def why_not_physical(self) -> str:
-        """Why no body has these parameters; empty for one that can exist.
+        """Reason why no body can have these parameters; empty if one can.
 
         Checks the pseudo-inertia matrix (12), and the tensor about the centre of mass as programs
         that read it do: positive definite, principal moments within the triangle inequality.

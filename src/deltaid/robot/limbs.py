@@ -1,9 +1,9 @@
-"""Limbs of a Delta-like robot as a user describes them, and the geometry of each.
+"""Limbs of a description, and the geometry of each.
 
-A limb is a drive (an upper arm on a motor, or a carriage on a rail), then a parallelogram of struts
-to a joint of the platform. Its frame L has x outwards in direction `azimuth_deg`, y along the motor
-axis and z up; with `tilt_deg` the frame is then turned about its own x axis (rotary drive, motor
-axis out of the horizontal) or its rail about y (linear drive, rail out of the vertical).
+A limb is a drive (an upper arm on a motor, or a carriage on a rail) and a parallelogram of struts
+from there to a joint of the platform. Its frame L has x outwards in direction `azimuth_deg`, y
+along the motor axis and z up. `tilt_deg` turns L about its x axis (rotary drive: tilts the motor
+axis out of the horizontal), or the rail about y of L (linear drive: tilts it out of the vertical).
 """
 
 from dataclasses import dataclass
@@ -17,7 +17,7 @@ from deltaid.robot.part import Axis, Coordinate, JointKind, Length, Part, Point,
 
 Angle = Annotated[float, Field(ge=-180.0, le=180.0)]
 
-# Lengths and angles may be given once for all limbs or as a list, one a limb.
+# Lengths and angles: one value for all limbs, or a list with one value per limb.
 Lengths = Length | tuple[Length, ...]
 Radii = Radius | tuple[Radius, ...]
 Angles = Angle | tuple[Angle, ...]
@@ -29,14 +29,15 @@ class LimbGeometry:
 
     Attributes:
         R_WL: rotation from the limb's frame L to the world.
-        base: a point A of the motor axis in the arm's plane, or of the rail where q = 0 [m].
-        attachment: from the point of its platform part to the strut joints' middle [m].
+        base: point A of the motor axis in the plane of the arm, or of the rail at q = 0 [m].
+        attachment: from the point of the platform part to the middle of the strut joints [m].
         rail: direction of positive q of a linear drive, in L.
-        upper_arm, strut: lengths [m]; the arm's is 0 for a linear drive.
+        upper_arm: length of the arm [m]; 0 for a linear drive.
+        strut: length of the struts [m].
         struts: number of struts.
-        spacing: distance of the two struts [m]; None if unknown, or for a single strut.
-        outwards: whether the elbow points outwards (rotary), or the carriage stands above the
-            platform's joint along the rail (linear): the limb's working mode.
+        outwards: working mode: whether the elbow points outwards (rotary), or the carriage is
+            above the platform's joint along the rail (linear).
+        spacing: distance between the two struts [m]; None if unknown, or for a single strut.
     """
 
     drive: JointKind
@@ -51,7 +52,7 @@ class LimbGeometry:
     spacing: float | None = None
 
     def fitting_struts(self, held: Float[np.ndarray, " 3"]) -> tuple[float, float]:
-        """Shortest and longest strut between the drive and a point in the world [m]."""
+        """Shortest and longest strut that can join the drive to a point `held` in the world [m]."""
         p = self.R_WL.T @ (held - self.base)
         if self.drive == "linear":
             return float(np.linalg.norm(p - (self.rail @ p) * self.rail)), np.inf
@@ -153,7 +154,7 @@ class Limbs(Part):
         return self
 
     def _check_places(self) -> None:
-        """Refuse limbs in the same place, and directions in radians."""
+        """Refuse coincident limbs, directions in radians, and limbs too short to close."""
         if self.base_points is None and self.platform_points is None:
             angles = np.sort(np.mod(self.azimuth_deg, 360.0))
             gaps = np.diff(np.append(angles, angles[0] + 360.0))
@@ -161,7 +162,7 @@ class Limbs(Part):
                 raise ValueError(
                     "two limbs point the same way; azimuth_deg needs distinct directions"
                 )
-            # Directions in radians lie within 2π.
+            # Directions that are given in radians lie within 2π "degrees".
             if self.count > 1 and gaps.max() > 360.0 - 2 * np.pi:
                 raise ValueError(
                     f"all limbs point the same way within {360.0 - gaps.max():.3g}°; azimuth_deg "
@@ -216,7 +217,7 @@ def _parallel(a: LimbGeometry, b: LimbGeometry) -> bool:
 
 
 def rotation(axis: Axis, angle_deg: float) -> Float[np.ndarray, "3 3"]:
-    """Rotation by an angle about one axis, right-handed."""
+    """Matrix of a right-handed rotation by an angle about one axis."""
     c, s = np.cos(np.deg2rad(angle_deg)), np.sin(np.deg2rad(angle_deg))
     k = "xyz".index(axis)
     i, j = (k + 1) % 3, (k + 2) % 3

@@ -1,8 +1,8 @@
 """Limits of a robot: its task coordinates, workspace and drive limits.
 
 The task z consists of coordinates of the platform point r and the angle ψ of a tool. A Delta has
-z = (x, y, z) or (x, y, z, ψ). A user's own mechanism may have fewer: a planar one (x, z), a sled
-(x), a turntable (ψ). Coordinates of r along which it does not move are 0.
+z = (x, y, z) or (x, y, z, ψ). A user-defined mechanism may have fewer: (x, z) if planar, (x) for a
+sled, (ψ) for a turntable. The other coordinates of r are then 0.
 """
 
 from dataclasses import dataclass
@@ -30,18 +30,18 @@ UNITS = {"x": "m", "y": "m", "z": "m", "psi": "rad"}
 
 @dataclass(frozen=True)
 class Task:
-    """The entries of z, in their order: some of x, y and z, then ψ if the tool turns."""
+    """Coordinates of z in order: some of x, y and z, then ψ if the tool turns."""
 
     names: tuple[TaskName, ...]
 
     @property
     def axes(self) -> tuple[int, ...]:
-        """World axes 0, 1, 2 along which the point moves; they come first in z."""
+        """World axes (0, 1, 2) along which the point moves; their coordinates come first in z."""
         return tuple(NAMES.index(name) for name in self.names if name != "psi")
 
     @property
     def turn(self) -> int | None:
-        """Index of ψ in z; None for a robot that does not turn its tool."""
+        """Index of ψ in z; None if the robot does not turn its tool."""
         return self.names.index("psi") if "psi" in self.names else None
 
     @property
@@ -50,7 +50,7 @@ class Task:
         return slice(0, len(self.axes))
 
     def point(self, z: Float[np.ndarray, "*rows dof"]) -> Float[np.ndarray, "*rows 3"]:
-        """The platform point r in the world [m]."""
+        """Platform point r in the world frame [m]."""
         if self.axes == (0, 1, 2):
             return z[..., :3]
         r = np.zeros((*z.shape[:-1], 3))
@@ -58,7 +58,7 @@ class Task:
         return r
 
     def of_point(self, r: Shaped[np.ndarray, "*rows 3"]) -> Float[np.ndarray, "*rows moves"]:
-        """Entries of z of a point in the world."""
+        """Coordinates of a world point, or a world vector, that belong to z."""
         return r[..., self.axes]
 
 

@@ -1,4 +1,4 @@
-"""Reads YAML files into validated models, with the line of each error; the robot catalogue."""
+"""Robot catalogue, and YAML files read as validated models, with the line of each error."""
 
 import json
 import os
@@ -22,10 +22,12 @@ from deltaid.robot.yaml_tree import MOST_NODES, Entry, child, plain, read_tree
 _Model = TypeVar("_Model", bound=BaseModel)
 
 _CATALOGUE = resources.files("deltaid.robot") / "catalogue"
-# Bytes. A model file has some 15 kB; a much larger file is a log, which takes YAML minutes.
+# Largest file [bytes]. A model file has about 15 kB; much larger ones are logs, whose parsing as
+# YAML takes minutes.
 LARGEST_FILE = 1 << 20
-# Top-level key that every model file has and no robot file.
+# Top-level key that every model file has and no robot file has.
 _OF_MODELS = re.compile(r"^[\"']?parameters[\"']?\s*:", re.MULTILINE)
+# Names of the schema (`deltaid schema KIND`) of models other than robots.
 _KINDS = {
     "ColumnMapping": "columns",
     "IdentifiedModel": "model",
@@ -35,7 +37,7 @@ _KINDS = {
 }
 
 
-# Fixes of an empty file, by kind.
+# Fixes of an empty file by its kind.
 _STARTS = {
     "columns": "`deltaid columns` writes a mapping",
     "robot": "`deltaid robots clavel-delta3` prints a robot to start from, and "
@@ -49,10 +51,10 @@ def catalogue() -> tuple[str, ...]:
 
 
 def catalogue_text(name: str) -> str:
-    """The description file of a catalogue robot.
+    """Text of a catalogue robot's description file.
 
     Raises:
-        DescriptionError: no such robot.
+        DescriptionError: the catalogue has no such robot.
     """
     if name not in catalogue():
         raise _unknown(name)
@@ -61,7 +63,7 @@ def catalogue_text(name: str) -> str:
 
 @runtime_checkable
 class HasRobot(Protocol):
-    """Anything with a description: a model, its dynamics."""
+    """Object that has a description, such as a model or its dynamics."""
 
     @property
     def robot(self) -> RobotDescription:
@@ -69,16 +71,15 @@ class HasRobot(Protocol):
         ...
 
 
-# A robot: its description, by value or as a dictionary; an object that has one; a catalogue name; a
-# file.
+# A robot: a description, an object that has one, a dictionary, a catalogue name, or a file's path.
 RobotLike = RobotDescription | HasRobot | Mapping[str, Any] | str | Path
 
 
 def described(robot: RobotLike) -> RobotDescription:
-    """Description of a robot given in any form.
+    """Description of a robot that is given in any form.
 
     Raises:
-        DescriptionError: no such robot or file, or the file does not describe a robot.
+        DescriptionError: no such robot or file, or it does not describe a robot.
     """
     if isinstance(robot, RobotDescription):
         return robot
@@ -91,10 +92,10 @@ def described(robot: RobotLike) -> RobotDescription:
 
 
 def require_name(robot: object) -> None:
-    """Refuse what is neither a name nor a path.
+    """Refuse anything but a name or a path.
 
     Raises:
-        DescriptionError: it is something else.
+        DescriptionError: `robot` is something else.
     """
     if not isinstance(robot, str | Path):
         raise DescriptionError(
@@ -106,13 +107,13 @@ def require_name(robot: object) -> None:
 
 
 class _ModelFile(BaseModel):
-    """A saved model, of which only the robot is read."""
+    """Model file of which only the robot is read."""
 
     robot: RobotDescription
 
 
 def load_robot(robot: str | Path) -> RobotDescription:
-    """The description of a catalogue robot (by name), or of a file of a robot or a model (by path).
+    """Description of a catalogue robot (by name), or from a robot or model file (by path).
 
     Raises:
         DescriptionError: no such robot or file, or the file does not describe a robot.
@@ -129,23 +130,24 @@ def load_robot(robot: str | Path) -> RobotDescription:
 
 
 def described_in(text: str, where: str) -> RobotDescription:
-    """The description that a robot file's text holds.
+    """Description in the text of a robot file.
 
     Raises:
-        DescriptionError: it does not describe a robot.
+        DescriptionError: the text does not describe a robot.
     """
     return _usable(parse(text, RobotDescription, where=where), text, where)
 
 
 def holds_a_model(text: str) -> bool:
-    """Whether YAML text has the key `parameters`, which every model file has and no robot file."""
+    """Whether YAML text is that of a model file, which has the key `parameters`."""
     return bool(_OF_MODELS.search(text))
 
 
 def _usable(robot: RobotDescription, text: str, where: str) -> RobotDescription:
-    """The robot bound to its mechanism file, unless its limbs cannot close.
+    """Robot bound to its mechanism file.
 
-    Errors name a line if there is a text.
+    Raises:
+        DescriptionError: a limb cannot reach the workspace; with its line if there is a text.
     """
     if reason := open_limb(robot):
         limbs = child(_tree(text, where).value, "limbs") if text else None
@@ -161,10 +163,10 @@ def _usable(robot: RobotDescription, text: str, where: str) -> RobotDescription:
 
 
 def bound(robot: RobotDescription, where: str) -> RobotDescription:
-    """A description tied to the Python file that the user has named, if it needs one.
+    """Description bound to the Python file that the user has named, if it needs one.
 
     Raises:
-        DescriptionError: it needs a file, but none or another one has been named.
+        DescriptionError: it needs a file, but the user has named none or another one.
     """
     if robot.mechanism is None:
         return robot
@@ -191,10 +193,10 @@ def save_yaml(value: BaseModel, path: Path) -> None:
 
 
 def plain_data(text: str, where: str) -> dict[str, Any]:
-    """The keys and values of YAML text, before any validation.
+    """Keys and values of YAML text, before any validation.
 
     Raises:
-        DescriptionError: it is no YAML, or has no keys with values.
+        DescriptionError: the text is not YAML, or has no keys with values.
     """
     return plain(_tree(text, where), where)
 
@@ -205,11 +207,11 @@ def parse(text: str, model: type[_Model], *, where: str, most: int = MOST_NODES)
     Numbers must be written as numbers: '0.5' in quotes, 0,5 and true are refused.
 
     Args:
-        where: the text's name in messages.
-        most: nodes that it may have.
+        where: name of the text in messages.
+        most: largest number of nodes.
 
     Raises:
-        DescriptionError: with the line, the key and the reason of every complaint.
+        DescriptionError: the text is invalid; with line, key and reason of the first errors.
     """
     kind = _KINDS.get(model.__name__, "robot")
     tree = _tree(text, where, most, kind)
@@ -225,10 +227,10 @@ def parse(text: str, model: type[_Model], *, where: str, most: int = MOST_NODES)
 
 
 def read_text(path: Path) -> str:
-    """The text of a description, mapping or model.
+    """Text of a file of a description, mapping or model.
 
     Raises:
-        DescriptionError: it cannot be read, is not UTF-8, or is too large.
+        DescriptionError: the file cannot be read, is not UTF-8, or is too large.
     """
     data = b""
     try:

@@ -1,6 +1,6 @@
 """Values of bodies measured by other means than a recording: a scale, an edge, a pendulum.
 
-Each value is linear in the ten parameters of its bodies, so it is a row of the fit.
+Each value is linear in the ten parameters of its bodies and adds a row to the fit.
 """
 
 from typing import Annotated, Literal, get_args
@@ -16,7 +16,11 @@ _QUANTITIES: tuple[MeasuredQuantity, ...] = get_args(MeasuredQuantity)
 
 
 def require_axis(quantity: str, axis: str | Vector | None, choices: str) -> None:
-    """Refuse an axis of a mass, a missing axis of other quantities, and a zero vector."""
+    """Refuse an axis with a mass, a missing axis with other quantities, and a zero vector.
+
+    Raises:
+        ValueError: names the fault.
+    """
     if quantity == "mass" and axis is not None:
         raise ValueError("a mass has no axis; leave it out")
     if quantity != "mass" and axis is None:
@@ -51,7 +55,7 @@ class Measured(Part):
 
     @property
     def quantity(self) -> MeasuredQuantity:
-        """What is measured."""
+        """Name of the measured quantity."""
         return next(key for key in _QUANTITIES if getattr(self, key) is not None)
 
     @property
@@ -94,7 +98,7 @@ class MeasuredTogether(Measured):
 
     @property
     def placed(self) -> tuple[Placed, ...]:
-        """The bodies and their poses."""
+        """Measured bodies and their poses."""
         if isinstance(self.of, str):
             return (Placed(body=self.of),)
         if isinstance(self.of, dict):

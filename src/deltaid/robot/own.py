@@ -1,8 +1,8 @@
-"""A user's own mechanism, as far as a description states it.
+"""User-defined mechanism in a description.
 
-The geometry is a function in a Python file (`mechanism.user_code`). The description states
-what must be known without running it: drives, bodies, joints, the checksum of the file. A
-description never runs a file: the user names it on the command line or by `use_mechanism`.
+The geometry is a function in a Python file (`mechanism.user_code`). The description states what
+must be known without running it: drives, bodies, joints, the checksum of the file. A description
+never runs a file: the user names it on the command line or by `use_mechanism`.
 """
 
 from collections.abc import Callable
@@ -29,7 +29,7 @@ Name = Annotated[str, Field(pattern=r"^[A-Za-z][A-Za-z0-9_]{0,30}$")]
 
 @dataclass(frozen=True)
 class NamedFile:
-    """A Python file that the user has named, its SHA-256, and the function that it defines."""
+    """Python file that the user has named, its SHA-256, and the function that it defines."""
 
     path: str
     sha256: str
@@ -89,22 +89,22 @@ class OwnMechanism(Part):
 
     @property
     def task(self) -> Task:
-        """What z consists of."""
+        """Names of the task coordinates z."""
         return Task(self.coordinates or NAMES[: len(self.drives)])
 
 
 def name_file(file: NamedFile) -> None:
-    """Set the file that the user has named, in place of an earlier one."""
+    """Set the file that the user has named; it replaces an earlier one."""
     _named[:] = [file]
 
 
 def named_file() -> NamedFile | None:
-    """The Python file that the user has named last, if there is one."""
+    """Python file that the user has named last; None if none."""
     return _named[0] if _named else None
 
 
 def with_named_file(own: OwnMechanism, where: str) -> OwnMechanism:
-    """The mechanism with the checksum of the file that the user has named.
+    """Mechanism with the checksum of the file that the user has named.
 
     Raises:
         DescriptionError: no file has been named, or the description belongs to another one.

@@ -1,4 +1,4 @@
-"""Entries of the parameter vector p with unit, bounds and prior; units of joints."""
+"""Parameters of p with unit, bounds and prior; units of joints."""
 
 from dataclasses import dataclass
 from typing import Literal, get_args
@@ -11,7 +11,7 @@ ADDED: tuple[AddedKind, ...] = get_args(AddedKind)
 ParameterKind = Literal["inertia", "friction", "spring", "rotor"] | AddedKind
 _OF_BODIES = ("inertia", "load")
 
-# Relative standard deviation of a prior by default.
+# Default standard deviation of a prior, as a share of its value.
 PRIOR_SPREAD = 0.5
 
 
@@ -20,13 +20,13 @@ class PriorParameter:
     """One parameter of a robot with its prior.
 
     Attributes:
-        kind: such as 'inertia' or 'friction'.
-        owner: name of its body or joint.
-        symbol: its name there: 'mcx', 'Ixx', 'viscous', 'rotor'.
-        unit: of its value.
+        kind: group of parameters, such as 'inertia' or 'friction'.
+        owner: name of the body or joint.
+        symbol: name of the parameter there, such as 'mcx', 'Ixx', 'viscous' or 'rotor'.
+        unit: unit of the value.
         low, high: bounds; the value lies strictly between them.
-        prior: its value in the description, after the reduction.
-        scale: unit of deviations: |prior|, or a typical size if that is zero.
+        prior: value in the description, after the reduction.
+        scale: |prior|, or a typical size if that is zero, in this unit.
         spread: standard deviation of the prior as a share of `scale`.
     """
 
@@ -42,18 +42,18 @@ class PriorParameter:
 
     @property
     def name(self) -> str:
-        """'U.mcx' for an entry of a body, 'viscous.drive1' for a coefficient of a joint."""
+        """Name: 'U.mcx' for an entry of a body, 'viscous.drive1' for a coefficient of a joint."""
         first, second = self.owner, self.symbol
         return f"{first}.{second}" if self.kind in _OF_BODIES else f"{second}.{first}"
 
     @property
     def label(self) -> str:
-        """The name in formulas: 'mcx_U', 'viscous.drive1'."""
+        """Name in formulas, such as 'mcx_U' or 'viscous.drive1'."""
         return f"{self.symbol}_{self.owner}" if self.kind in _OF_BODIES else self.name
 
     @property
     def signed(self) -> bool:
-        """Whether it may be negative."""
+        """Whether the value may be negative."""
         return self.low < 0
 
     @property
@@ -71,13 +71,13 @@ class JointUnits:
     """Words and units of a joint.
 
     Attributes:
-        motion: 'angle' or 'position'.
-        coordinate: unit of the joint's coordinate in files and arrays.
+        motion: word for the coordinate, 'angle' or 'position'.
+        coordinate: unit of the coordinate in files and arrays.
         shown: unit of the coordinate in figures.
         per_shown: factor from `coordinate` to `shown`.
-        effort: 'torque' or 'force'.
-        force: its unit.
-        stiffness: unit of a spring.
+        effort: word for what acts on the joint, 'torque' or 'force'.
+        force: unit of this torque or force.
+        stiffness: unit of a spring's stiffness.
         inertia: unit of a rotor inertia reduced to the joint.
     """
 

@@ -21,7 +21,7 @@ _Part = TypeVar("_Part", bound="Part")
 
 
 class _Fixed(dict[str, Any]):
-    """A dictionary of a description, which refuses changes: nothing computed would follow them."""
+    """Immutable dictionary of a description: computed values would not follow a change."""
 
     def _refuse(self: Any, *_: Any, **__: Any) -> NoReturn:
         raise DescriptionError(
@@ -42,31 +42,31 @@ class Part(Named, BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
     def __init__(self, /, **values: Any) -> None:
-        """Keys and values as in a file.
+        """Validate keys and values as in a file.
 
         Raises:
-            DescriptionError: there is no such key, one is missing, or cannot have that value.
+            DescriptionError: a key is unknown or missing, or its value is invalid.
         """
         try:
             super().__init__(**values)
         except ValidationError as error:
             raise _refusal(error, values, type(self), type(self).__name__) from None
 
-    # pydantic builds nested parts itself, so that its errors have their place
+    # With this mark pydantic builds nested parts itself, and its errors keep their paths.
     vars()["__init__"].__pydantic_base_init__ = True
 
     def model_post_init(self, _context: Any, /) -> None:
-        """Fix the dictionaries, as pydantic does not."""
+        """Make the dictionaries immutable, which pydantic does not."""
         for key, value in vars(self).items():
             if isinstance(value, dict):
                 vars(self)[key] = _Fixed(value)
 
     @classmethod
     def from_dict(cls: type[_Part], values: Mapping[str, Any], where: str) -> _Part:
-        """The part that a dictionary describes, validated as a file is.
+        """Build the part from a dictionary, validated like a file.
 
         Raises:
-            DescriptionError: a file could not hold these values, or they are refused.
+            DescriptionError: values cannot be written to a file, or are invalid.
         """
         try:
             text = json.dumps(values, default=_as_json)
@@ -82,10 +82,10 @@ class Part(Named, BaseModel):
             raise _refusal(error, json.loads(text), cls, where) from None
 
     def changed(self: _Part, **updates: Any) -> _Part:
-        """A copy with other values under some keys, validated as if read from a file.
+        """Copy with other values of some keys, validated as if read from a file.
 
         Raises:
-            DescriptionError: there is no such key, or it cannot have that value.
+            DescriptionError: a key is unknown, or its value is invalid.
         """
         values = {key: getattr(self, key) for key in self.model_fields_set} | updates
         try:
@@ -98,7 +98,7 @@ class Part(Named, BaseModel):
     def model_copy(
         self: _Part, *, update: Mapping[str, Any] | None = None, deep: bool = False
     ) -> _Part:
-        """A copy, validated as `changed` does, which pydantic's own `model_copy` does not do."""
+        """Copy, validated as by `changed`; pydantic's `model_copy` does not validate."""
         copy = super().model_copy(deep=deep)
         return copy.changed(**update) if update else copy
 
@@ -117,7 +117,7 @@ def _refusal(
 
 
 def _as_json(value: Any) -> Any:
-    """NumPy arrays and numbers as lists and numbers, parts as dictionaries."""
+    """Convert NumPy arrays to lists, NumPy scalars to numbers and parts to dictionaries."""
     if isinstance(value, BaseModel):
         return value.model_dump(mode="json", exclude_none=True)
     if hasattr(value, "tolist"):
@@ -135,18 +135,24 @@ def _tree(value: Any) -> Value:
     return value if isinstance(value, bool | int | float | str) else None
 
 
-LARGEST = 1e12  # so that no product of several is near overflow
+# Bounds of any number: products of several stay far from overflow and underflow.
+LARGEST = 1e12
 _SMALLEST = 1.0 / LARGEST
-_LONGEST, _SHORTEST = 100.0, 1e-6  # m
-_HEAVIEST, _LIGHTEST = 1e6, 1e-9  # kg
-_FASTEST = 300.0  # m/s
-_STRONGEST = 100.0  # m/s², of gravity
-# Where nothing is stated: largest tool speed [°/s] and acceleration [°/s²].
+# Bounds beyond any such robot, which detect wrong units.
+_LONGEST, _SHORTEST = 100.0, 1e-6  # lengths [m]
+_HEAVIEST, _LIGHTEST = 1e6, 1e-9  # masses [kg]
+_FASTEST = 300.0  # speeds [m/s]
+_STRONGEST = 100.0  # gravity [m/s²]
+# Default limits of a tool's speed [°/s] and acceleration [°/s²].
 TOOL_SPEED, TOOL_ACCELERATION = 1500.0, 30_000.0
 
 
 def limited(low: float, high: float, refusal: str) -> AfterValidator:
-    """Refuse numbers outside of limits, zero excepted; `refusal` has a field for the number."""
+    """Validator that refuses numbers outside limits, except zero.
+
+    Args:
+        refusal: message with a format field for the number.
+    """
 
     def check(value: float) -> float:
         if value and not low <= value <= high:
@@ -157,10 +163,10 @@ def limited(low: float, high: float, refusal: str) -> AfterValidator:
 
 
 def require_increasing(part: Part, *names: str) -> None:
-    """Refuse ranges that do not rise, which a schema cannot express.
+    """Refuse ranges whose first bound is not below the second; a schema cannot express this.
 
     Raises:
-        ValueError: with the key.
+        ValueError: names the key.
     """
     for name in names:
         bounds = getattr(part, name)
@@ -175,7 +181,7 @@ def _gravity(value: tuple[float, float, float]) -> tuple[float, float, float]:
 
 
 def schema_limits(**limits: Any) -> Any:
-    """Limits of validators as JSON Schema, for editors."""
+    """Field that states a validator's limits in the JSON Schema, for editors."""
     return Field(json_schema_extra=limits)
 
 
@@ -190,7 +196,7 @@ Positive = Annotated[
 NotNegative = Annotated[float, Field(ge=0, le=LARGEST)]
 Coordinate = Annotated[float, Field(ge=-LARGEST, le=LARGEST)]
 Length = Annotated[float, Field(gt=0), _LENGTH, schema_limits(minimum=_SHORTEST, maximum=_LONGEST)]
-# May be zero.
+# A length that may be zero.
 Radius = Annotated[
     float,
     Field(ge=0),
@@ -215,7 +221,7 @@ Speed = Annotated[
 ]
 Vector = tuple[Coordinate, Coordinate, Coordinate]
 Point = tuple[Position, Position, Position]
-# Lowest and highest.
+# Lowest and highest value [m; degrees].
 Range = tuple[Position, Position]
 AngleRange = tuple[Coordinate, Coordinate]
 _Pull = Annotated[Coordinate, schema_limits(minimum=-_STRONGEST, maximum=_STRONGEST)]

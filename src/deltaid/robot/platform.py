@@ -1,6 +1,6 @@
-"""Platforms of Delta-like robots, and the telescope of a 4-DOF Delta, as a user describes them.
+"""Platforms of a description, and the telescope of a 4-DOF Delta.
 
-With r the platform point, u(θ) = (cos θ, sin θ, 0) and d_i fixed, limb i holds the point
+With the platform point r, u(θ) = (cos θ, sin θ, 0) and constant d_i, limb i holds the point
 
     rigid   r + d_i                  only translates (Clavel 1988)
     h4      r ± h u(θ) + d_i         two side bars on a turning middle bar (Pierrot, Company 1999)
@@ -29,10 +29,10 @@ from deltaid.robot.part import (
     require_increasing,
 )
 
-# JSON Schema, for editors, of what `_check` below refuses.
+# `_check` below refuses other values with a message; editors read the limits in the JSON Schema.
 Ratio = Annotated[float, Field(ge=-1e3, le=1e3, json_schema_extra={"not": {"const": 0}})]
 LimbNumber = Annotated[int, Field(json_schema_extra={"minimum": 1, "maximum": 4})]
-# `_check` below refuses other numbers with a message of its own.
+# The same for `Telescope`.
 Stroke = Annotated[float, Field(json_schema_extra={"exclusiveMinimum": 0.0})]
 
 
@@ -46,7 +46,7 @@ class RigidPlatform(Part):
     kind: Literal["rigid"] = Field(default="rigid", description="one body that translates")
     bodies: ClassVar[tuple[str, ...]] = ("P",)
     slides: ClassVar[bool] = False
-    # Whether the force of each strut of a pair follows from the motion, however stiff struts are.
+    # Whether the force in each strut of a pair follows from the motion, whatever their stiffness.
     determines_struts: ClassVar[bool] = True
 
 
@@ -86,14 +86,14 @@ class _Articulated(Part, ABC):
     @property
     @abstractmethod
     def arm(self) -> float:
-        """How far a part moves with the platform's own joint: h or L/2 [m], or one half."""
+        """Distance of a part from the platform point, h or L/2 [m]; for i4 its share of s, ½."""
 
     def half(self, psi: float) -> Float[np.ndarray, " 3"]:
-        """From the platform point to the point of the first part [m] for a tool angle [rad]."""
+        """Vector from the platform point to the point of the first part [m] at a tool angle [rad]."""
         return self.arm * _direction(psi / self.ratio)
 
     def on_first(self, limb: int) -> bool:
-        """Whether limb 0, 1, … holds the first part."""
+        """Whether a limb (0, 1, …) holds the first part."""
         return limb + 1 in self.first
 
 
@@ -161,7 +161,7 @@ class I4Platform(_Articulated):
         return self.arm * psi / self.ratio * self.direction
 
 
-# Names of joints without a drive: of a platform with parts, of a telescope.
+# Names of the joints without a drive: the platform's, and the telescope's.
 PASSIVE_JOINTS = ("platform", "slide")
 
 Platform = Annotated[

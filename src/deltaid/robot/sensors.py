@@ -1,7 +1,7 @@
-"""Sensors in addition to the drives' torques, as a user describes them, and their channels.
+"""Additional sensors of a description, and their channels.
 
-Noise, biases and tolerances are one standard deviation each. A recording's mapping names a
-sensor's columns.
+Noise, biases and tolerances are one standard deviation each. A recording's mapping names the
+columns of a sensor.
 """
 
 from dataclasses import dataclass
@@ -82,9 +82,9 @@ class SensorChannel:
     """One channel of a sensor.
 
     Attributes:
-        name: default name of its column: 'plate.fx', 'gauge1'.
+        name: default name of its column, such as 'plate.fx' or 'gauge1'.
         unit: N or N m.
-        noise: its standard deviation.
+        noise: standard deviation of its noise, in this unit.
     """
 
     name: str
@@ -93,7 +93,7 @@ class SensorChannel:
 
 
 def channels_of(robot: "RobotDescription", name: str, sensor: Sensor) -> tuple[SensorChannel, ...]:
-    """Channels of a sensor, which need not be in the robot's description, in column order."""
+    """Channels of a sensor in column order; the robot's description need not have the sensor."""
     if isinstance(sensor, BaseWrench):
         kinds = ("f", "N", sensor.force_noise), ("m", "N m", sensor.moment_noise)
         return tuple(

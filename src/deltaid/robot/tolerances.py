@@ -1,6 +1,6 @@
-"""Tolerances of a robot's geometry, as a user states them.
+"""Tolerances of a description: of geometry, gravity's direction and torque constants.
 
-Every number is one standard deviation: about a third of all machines are further off.
+Each is one standard deviation: about a third of all machines deviate more.
 """
 
 from typing import Annotated
@@ -9,10 +9,11 @@ from pydantic import Field
 
 from deltaid.robot.part import Part, limited, schema_limits
 
-# Larger tolerances are in a wrong unit: millimetres, degrees, per cent.
+# Largest tolerances of lengths [m], angles [rad] and shares: larger ones are in a wrong unit
+# (millimetres, degrees, per cent).
 _LONG, _WIDE, _UNSURE = 0.05, 0.2, 0.5
-# Defaults of a well-made robot: parts to a tenth of a millimetre, encoders set with a gauge, base
-# levelled with a machinist's level [m; rad or m; rad].
+# Defaults of a well-made robot: parts to a tenth of a millimetre [m], zeros set with a gauge [rad
+# or m], base levelled with a machinist's level [rad].
 _LENGTH, _ZERO, _TILT = 5e-5, 1e-4, 2e-4
 
 
@@ -32,7 +33,7 @@ ShareTolerance = Annotated[
     schema_limits(minimum=0.0, maximum=_UNSURE),
 ]
 
-# Kinds of lengths that may have a tolerance of their own.
+# Kinds of lengths whose tolerance may be given by name.
 LENGTHS = ("base_radius", "platform_radius", "upper_arm", "strut", "platform", "telescope")
 
 

@@ -1,8 +1,8 @@
 """Writes plain data as YAML, and replaces values of a YAML file by path, such as `torque[1].sign`.
 
-Comments, order and numbers stay. The text is edited between the marks of the YAML parser and parsed
-again. Where the result differs from the intended data (shared anchors, replaced blocks),
-ruamel.yaml rewrites the file, which keeps comments and order, but not the layout.
+Edits keep comments, order and the digits of numbers. They replace text between the parser's marks
+and parse the result. If it is not the intended data (shared anchors, replaced blocks), ruamel.yaml
+rewrites the file, which keeps comments and order, but not the layout.
 """
 
 import copy
@@ -23,13 +23,13 @@ from deltaid.robot.yaml_tree import plain, read_tree
 
 Data = dict[str, Any]
 
-# Lists of mappings with at least so many entries are written one entry per line, as JSON.
+# Length from which a list of mappings is written as one line of JSON per entry, which is faster.
 _LONG = 50
 
 
 def yaml_text(data: Data) -> str:
-    """Plain data as YAML, with innermost lists and mappings, and entries of long lists, on one line
-    each."""
+    """Plain data as YAML; each innermost list or mapping and each entry of a long list is on one
+    line."""
     yaml, text, short = YAML(), io.StringIO(), dict(data)
     yaml.default_flow_style = None
     yaml.width = 100
@@ -46,7 +46,8 @@ def yaml_text(data: Data) -> str:
 
 
 def _json_lines(entries: list[Any]) -> str:
-    """Items as lines of JSON, which is YAML and faster to write; empty if JSON cannot hold them."""
+    """Mappings as lines of JSON, which is valid YAML; empty if some entry is not a mapping or has
+    characters that YAML does not allow."""
     lines = [f"- {json.dumps(entry, ensure_ascii=False)}" for entry in entries]
     is_yaml = all(isinstance(entry, dict) for entry in entries)
     is_yaml &= all(line.isprintable() for line in lines)
@@ -54,9 +55,9 @@ def _json_lines(entries: list[Any]) -> str:
 
 
 def _quoted(value: Any) -> Any:
-    """Text in quotes where it would not survive without.
+    """Quote text that would not be read back equal.
 
-    That is text with line breaks or control characters, or with a leading question mark or colon,
+    This is text with line breaks or control characters, or with a leading question mark or colon,
     which the writer leaves plain and the parser reads as the mark of a key or value.
     """
     if isinstance(value, dict):
@@ -68,11 +69,11 @@ def _quoted(value: Any) -> Any:
 
 
 class _LayoutError(Exception):
-    """A value that cannot be edited in place."""
+    """Raised for a value that cannot be edited in place."""
 
 
 def mended(data: Data, proposed: Mapping[str, object]) -> Data:
-    """The data with values replaced by path, such as `torque[1].sign`; None removes a key."""
+    """Copy of the data with values replaced by path; None removes a key."""
     data = copy.deepcopy(data)
     for path, value in proposed.items():
         *parents, last = steps_of(path)
@@ -87,18 +88,18 @@ def mended(data: Data, proposed: Mapping[str, object]) -> Data:
 
 
 def steps_of(path: str) -> list[Any]:
-    """'torque[1].sign' as ['torque', 1, 'sign']."""
+    """Split a path: 'torque[1].sign' gives ['torque', 1, 'sign']."""
     return [int(step) if step.isdigit() else step for step in re.findall(r"[^.\[\]]+", path)]
 
 
 def edited(text: str, proposed: Mapping[str, object], wanted: Data, where: str) -> str:
-    """The text of a file with values replaced by path.
+    """Text of a YAML file with values replaced by path.
 
     Args:
-        text: of the file.
+        text: the file's present text.
         proposed: values by path; None removes a key.
-        wanted: the intended content, from which missing top-level keys are taken.
-        where: the file's name in messages.
+        wanted: the intended data, from which missing top-level keys are taken.
+        where: name of the file in messages.
 
     Raises:
         DescriptionError: the text is not YAML.
@@ -193,7 +194,7 @@ def _removed(text: str, parent: MappingNode, key: object) -> str:
 
 
 def _end(node: Node) -> int:
-    """Index of a node's last character; the end mark of a block lies before the next node."""
+    """Index after a node's last character; the end mark of a block is only at the next node."""
     if not isinstance(node, CollectionNode) or node.flow_style or not node.value:
         return node.end_mark.index
     last = node.value[-1]

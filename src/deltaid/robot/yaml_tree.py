@@ -1,7 +1,7 @@
 """Reads YAML text as plain values, each with its line.
 
-Only the library's parser is used. Its events are resolved here, by the core schema of YAML 1.2
-without tags: no text can name a type, run a constructor or contain itself.
+ruamel.yaml parses the text to events. This module resolves them by the core schema of YAML 1.2
+without tags, so no text can name a type, run a constructor or contain itself.
 """
 
 import functools
@@ -32,8 +32,8 @@ from deltaid.errors import DescriptionError, quoted
 Scalar = bool | int | float | str | None
 Value = Scalar | list["Entry"] | dict[str, "Entry"]
 
-# A model file has some 700 nodes, and 50 more a recording. Aliases may refer to aliases, so a short
-# text can have billions.
+# Limits of nodes and of levels. A model file has about 700 nodes and 50 per recording; aliases of
+# aliases can expand a short text to billions.
 MOST_NODES, _DEEPEST = 20_000, 30
 _WORDS: dict[str, Scalar] = {
     **dict.fromkeys(("", "~", "null", "Null", "NULL")),
@@ -51,19 +51,19 @@ _MERGE = "<<"
 
 @dataclass(frozen=True)
 class Entry:
-    """A value with the line of its key or item, from 1; of the merge (<<) for merged ones."""
+    """A value with the line of its key or item, from 1; merged keys have the line of the merge (<<)."""
 
     line: int
     value: Value
 
 
-@functools.lru_cache(maxsize=16)  # most of the time to load a robot is parsing
+@functools.lru_cache(maxsize=16)  # parsing takes most of the time to load a robot
 def read_tree(text: str, where: str, most: int = MOST_NODES) -> Entry | None:
-    """The document of a YAML text; None if it is empty. Shared between calls: do not change it.
+    """Document of a YAML text; None if it is empty. Calls share it, so do not change it.
 
     Args:
-        where: the text's name in messages.
-        most: nodes that it may have.
+        where: name of the text in messages.
+        most: largest number of nodes.
 
     Raises:
         DescriptionError: the text is not YAML, has tags, keys that are not words, references to
@@ -73,7 +73,7 @@ def read_tree(text: str, where: str, most: int = MOST_NODES) -> Entry | None:
 
 
 def child(value: Value, key: object) -> Entry | None:
-    """The entry of a mapping's key or of a list's index."""
+    """Entry at a key of a mapping or an index of a list; None if there is none."""
     if isinstance(value, dict):
         return value.get(str(key))
     if isinstance(value, list) and isinstance(key, int) and key < len(value):
@@ -82,10 +82,10 @@ def child(value: Value, key: object) -> Entry | None:
 
 
 def plain(tree: Entry, where: str, most: int = MOST_NODES) -> Any:
-    """The tree as lists, dictionaries and scalars, with references expanded.
+    """Convert a tree to lists, dictionaries and scalars, with references expanded.
 
     Raises:
-        DescriptionError: it has more than `most` nodes.
+        DescriptionError: the result has more than `most` nodes or too many levels.
     """
     nodes = 0
 
@@ -141,7 +141,7 @@ class _Composer:
             value = self._list(depth)
         else:
             value = self._mapping(depth)
-        if event.anchor:  # only now, so that nothing can contain itself
+        if event.anchor:  # set after its value, so that nothing can contain itself
             self._anchors[event.anchor] = value
         return value
 
@@ -169,7 +169,7 @@ class _Composer:
         return entries | {key: entry for key, entry in merged.items() if key not in entries}
 
     def _merged(self, value: Value, event: Event) -> dict[str, Entry]:
-        """Entries of one or several mappings; earlier ones take precedence."""
+        """Merge the entries of one or several mappings; earlier ones take precedence."""
         sources = [entry.value for entry in value] if isinstance(value, list) else [value]
         merged: dict[str, Entry] = {}
         for source in sources:
@@ -186,7 +186,7 @@ class _Composer:
             raise _too_much(self._where)
 
     def _text(self, event: ScalarEvent) -> str:
-        """Text of a scalar, with surrogate pairs of JSON combined."""
+        """Text of a scalar, with JSON's surrogate pairs combined."""
         if event.value.isascii():
             return event.value
         try:
@@ -210,7 +210,7 @@ class _Composer:
 
 
 def _events(text: str, where: str) -> Iterator[Event]:
-    """Events of the parser; its errors get their line, if known."""
+    """Events of the parser; its errors become `DescriptionError` with their line, if known."""
     try:
         yield from YAML(typ="safe", pure=True).parse(text)
     except MarkedYAMLError as error:
