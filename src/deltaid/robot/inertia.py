@@ -114,7 +114,7 @@ class RigidBody:
 
     @classmethod
     def of_moments(cls, m: float, mc: Vector, Sigma: Float[np.ndarray, "3 3"]) -> "RigidBody":
-        """Body with mass m [kg], first moment mc [kg m] and second moments Σ = ∫ r rᵀ dm [kg m²]."""
+        """Body with mass m [kg], first moment mc [kg m], second moments Σ = ∫ r rᵀ dm [kg m²]."""
         M = np.empty((4, 4))
         M[:3, :3], M[:3, 3], M[3, :3], M[3, 3] = Sigma, mc, mc, m
         return cls(inertia_parameters(M))

@@ -89,7 +89,7 @@ class _Articulated(Part, ABC):
         """Distance of a part from the platform point, h or L/2 [m]; for i4 its share of s, ½."""
 
     def half(self, psi: float) -> Float[np.ndarray, " 3"]:
-        """Vector from the platform point to the point of the first part [m] at a tool angle [rad]."""
+        """Vector from platform point to the first part's point [m] at a tool angle [rad]."""
         return self.arm * _direction(psi / self.ratio)
 
     def on_first(self, limb: int) -> bool:

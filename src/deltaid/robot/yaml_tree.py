@@ -51,7 +51,7 @@ _MERGE = "<<"
 
 @dataclass(frozen=True)
 class Entry:
-    """A value with the line of its key or item, from 1; merged keys have the line of the merge (<<)."""
+    """A value with the line of its key or item, from 1; for a merged key that of the merge (<<)."""
 
     line: int
     value: Value
